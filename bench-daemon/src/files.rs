@@ -218,3 +218,13 @@ pub(crate) fn write_augmented(
 pub(crate) fn write_chart(folder: &Path, name: &str, chart: &Chart) -> Result<(), Failure> {
     write_picture(folder, name, |path| plot::chart(chart, path))
 }
+
+/// Reads a model of any kind from a file.
+pub(crate) fn read_model(path: &Path, band_hz: Option<(f64, f64)>) -> Result<GivenModel, String> {
+    let text = std::fs::read_to_string(path).map_err(|error| error.to_string())?;
+    let name = path.file_stem().map_or_else(
+        || "model".to_owned(),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
+    GivenModel::from_json(&text, &name, band_hz).map_err(|error| error.to_string())
+}

@@ -1,7 +1,8 @@
 //! Report of a run: one HTML file without external parts, which opens on any machine.
 //!
-//! Style and figures are inside the file; it loads nothing and runs no script. It is readable on a
-//! phone and follows the reader's dark mode. What the words and numbers are is the caller's; here
+//! Style and figures are inside the file; it loads nothing, and runs no script but those that the
+//! caller gives it, which its policy names by their hashes. It is readable on a phone and follows
+//! the reader's dark mode. What the words and numbers are is the caller's; here
 //! they are only set, and escaped.
 
 use std::fmt::Write;
@@ -46,6 +47,23 @@ pub struct Figure {
     pub caption: String,
 }
 
+/// A part that is drawn by scripts within the file. Without scripts its words stand there.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Scripted {
+    /// The heading.
+    pub heading: String,
+    /// What stands there, for a reader without scripts too.
+    pub words: String,
+    /// Style of the part.
+    pub style: String,
+    /// Scripts, run in order; the last one draws into the element `scripted`.
+    pub scripts: Vec<String>,
+    /// Policy (CSP) that allows these scripts and no others.
+    pub policy: String,
+    /// JSON, found as the text of the element `scripted-data`.
+    pub data: String,
+}
+
 /// Contents of a report, in the order in which they are shown.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Report {
@@ -53,6 +71,8 @@ pub struct Report {
     pub title: String,
     /// The outcome in sentences, the most important first.
     pub verdicts: Vec<Verdict>,
+    /// Part that is drawn by scripts, before the plots.
+    pub scripted: Option<Scripted>,
     /// Plots.
     pub figures: Vec<Figure>,
     /// Tables.
@@ -123,28 +143,47 @@ impl Report {
             "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
         <meta name=\"color-scheme\" content=\"light dark\">\n",
         );
+        let style = match &self.scripted {
+            Some(scripted) => {
+                push(
+                    &mut html,
+                    format_args!(
+                        "<meta http-equiv=\"Content-Security-Policy\" content=\"{}\">\n",
+                        escape(&scripted.policy)
+                    ),
+                );
+                scripted.style.as_str()
+            }
+            None => "",
+        };
         push(
             &mut html,
             format_args!(
-                "<title>{title}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n\
+                "<title>{title}</title>\n<style>{STYLE}{style}</style>\n</head>\n<body>\n<main>\n\
                 <h1>{title}</h1>\n"
             ),
         );
         self.push_verdicts(&mut html);
+        self.push_contents(&mut html);
+        if let Some(scripted) = &self.scripted {
+            scripted.push(&mut html);
+        }
+        if !self.figures.is_empty() {
+            html.push_str("<h2 id=\"figures\">Figures</h2>\n");
+        }
         let mut figures = 0;
         for figure in &self.figures {
             figure.push(&mut html, &mut figures)?;
         }
+        if !self.tables.is_empty() {
+            html.push_str("<h2 id=\"tables\">Tables</h2>\n");
+        }
         self.tables.iter().for_each(|t| t.push(&mut html));
-        for section in self
-            .sections
-            .iter()
-            .filter(|section| !section.parts.is_empty())
-        {
+        for (number, section) in self.filled().enumerate() {
             push(
                 &mut html,
                 format_args!(
-                    "<h2{}>{}</h2>\n",
+                    "<h2 id=\"section-{number}\"{}>{}</h2>\n",
                     if section.new_page {
                         " class=\"new-page\""
                     } else {
@@ -159,7 +198,7 @@ impl Report {
                 .try_for_each(|part| part.push(&mut html, &mut figures))?;
         }
         if !self.provenance.is_empty() {
-            html.push_str("<h2>Provenance</h2>\n");
+            html.push_str("<h2 id=\"provenance\">Provenance</h2>\n");
             push_fields(&mut html, &self.provenance);
         }
         for (name, text) in &self.files {
@@ -174,6 +213,49 @@ impl Report {
         }
         html.push_str("</main>\n</body>\n</html>\n");
         Ok(html)
+    }
+
+    /// Sections with something in them.
+    fn filled(&self) -> impl Iterator<Item = &Section> {
+        self.sections
+            .iter()
+            .filter(|section| !section.parts.is_empty())
+    }
+
+    /// Links to the headings, where there are enough to get lost.
+    fn push_contents(&self, html: &mut String) {
+        let mut all: Vec<(String, &str)> = Vec::new();
+        if let Some(scripted) = &self.scripted {
+            all.push(("scripted-part".to_owned(), &scripted.heading));
+        }
+        let fixed = [
+            ("figures", "Figures", self.figures.is_empty()),
+            ("tables", "Tables", self.tables.is_empty()),
+        ];
+        all.extend(
+            fixed
+                .iter()
+                .filter(|one| !one.2)
+                .map(|one| (one.0.to_owned(), one.1)),
+        );
+        let sections = self.filled().enumerate();
+        all.extend(
+            sections.map(|(number, one)| (format!("section-{number}"), one.heading.as_str())),
+        );
+        if !self.provenance.is_empty() {
+            all.push(("provenance".to_owned(), "Provenance"));
+        }
+        if all.len() < 3 {
+            return;
+        }
+        html.push_str("<nav aria-label=\"Contents\"><ul>\n");
+        for (id, heading) in all {
+            push(
+                html,
+                format_args!("<li><a href=\"#{id}\">{}</a></li>\n", escape(heading)),
+            );
+        }
+        html.push_str("</ul></nav>\n");
     }
 
     fn push_verdicts(&self, html: &mut String) {
@@ -197,6 +279,25 @@ impl Report {
             );
         }
         html.push_str("</ul>\n");
+    }
+}
+
+impl Scripted {
+    fn push(&self, html: &mut String) {
+        // Within a script element `<` would begin a tag, also in a string.
+        let data = self.data.replace('<', "\\u003c");
+        push(
+            html,
+            format_args!(
+                "<h2 id=\"scripted-part\">{}</h2>\n<p>{}</p>\n<div id=\"scripted\"></div>\n\
+                <script type=\"application/json\" id=\"scripted-data\">{data}</script>\n",
+                escape(&self.heading),
+                escape(&self.words)
+            ),
+        );
+        for script in &self.scripts {
+            push(html, format_args!("<script>{script}</script>\n"));
+        }
     }
 }
 
@@ -453,7 +554,38 @@ mod tests {
             }],
             provenance: vec![("seed".into(), "7".into()), ("config".into(), "a'b".into())],
             files: vec![("a.toml".into(), "k = \"<v>\"".into())],
+            scripted: None,
         }
+    }
+
+    #[test]
+    fn headings_are_listed_and_led_to() {
+        let html = report().to_html().unwrap();
+        for id in ["figures", "tables", "section-0", "provenance"] {
+            assert_eq!(html.matches(&format!("href=\"#{id}\"")).count(), 1, "{id}");
+            assert_eq!(html.matches(&format!("<h2 id=\"{id}\"")).count(), 1, "{id}");
+        }
+        assert!(!Report::default().to_html().unwrap().contains("<nav"));
+    }
+
+    #[test]
+    fn data_cannot_end_the_script_that_holds_it() {
+        let scripted = Scripted {
+            heading: "Spectra".into(),
+            data: "{\"name\": \"</script><b>\"}".into(),
+            scripts: vec!["draw()".into()],
+            policy: "default-src 'none'".into(),
+            ..Scripted::default()
+        };
+        let html = Report {
+            scripted: Some(scripted),
+            ..report()
+        }
+        .to_html()
+        .unwrap();
+        assert_eq!(html.matches("</script>").count(), 2, "data and one script");
+        assert!(html.contains("\\u003c/script>"));
+        assert!(html.contains("content=\"default-src &#39;none&#39;\""));
     }
 
     #[test]

@@ -148,7 +148,7 @@ pub fn convert(args: &ConvertArgs) -> Result<(), Failure> {
                 .map(model_args::band)
                 .transpose()?;
             let fail = |error: String| Failure::Usage(format!("{}: {error}", file.display()));
-            let read = model_args::read_model(file, band_hz).map_err(fail)?;
+            let read = files::read_model(file, band_hz).map_err(fail)?;
             args.to.of_model().map_or(Ok(()), |goal| {
                 let given = Given {
                     model: read,

@@ -10,7 +10,6 @@ use std::path::{Path, PathBuf};
 
 use analysis::{
     diagnosis::{Outcome, Verdict, report},
-    report::{Part, Section},
     run_folder::{self, SUMS},
 };
 
@@ -21,6 +20,7 @@ use judged::{Looked, accept};
 use super::model_args::ModelArgs;
 use crate::{
     config::Experiment,
+    figures::story::{Chapter, STORY, Story},
     files,
     investigate::next_experiment::{Setting, experiment_file},
     run::Finished,
@@ -344,31 +344,6 @@ fn page(
     page.to_html().map_err(|error| failed(&error))
 }
 
-/// The file of the report's words.
-pub const STORY: &str = "story.json";
-
-/// The words of the report, for a page that shows them its own way.
-#[derive(Debug, serde::Serialize, serde::Deserialize)]
-pub struct Story {
-    /// The verdict, as in `diagnosis.json`.
-    pub verdict: String,
-    /// The same in a sentence.
-    pub summary: String,
-    /// In the order of the report.
-    pub sections: Vec<Chapter>,
-}
-
-/// A section of the report without its pictures and tables.
-#[derive(Debug, serde::Serialize, serde::Deserialize)]
-pub struct Chapter {
-    /// Its heading.
-    pub heading: String,
-    /// Its paragraphs and points.
-    pub text: Vec<String>,
-    /// Its names with what is said of them.
-    pub fields: Vec<(String, String)>,
-}
-
 fn story(outcome: &Outcome) -> Result<String, Failure> {
     let failed = |error: &dyn std::fmt::Display| Failure::Analysis(error.to_string());
     let diagnosis = &outcome.diagnosis;
@@ -381,25 +356,6 @@ fn story(outcome: &Outcome) -> Result<String, Failure> {
     };
     let text = serde_json::to_string_pretty(&story).map_err(|error| failed(&error))?;
     Ok(text + "\n")
-}
-
-impl From<Section> for Chapter {
-    fn from(section: Section) -> Self {
-        let mut chapter = Self {
-            heading: section.heading,
-            text: Vec::new(),
-            fields: Vec::new(),
-        };
-        for part in section.parts {
-            match part {
-                Part::Text(text) => chapter.text.push(text),
-                Part::List(points) => chapter.text.extend(points),
-                Part::Fields(_, fields) => chapter.fields.extend(fields),
-                Part::Table(_) | Part::Figure(_) | Part::Verbatim(_) => {}
-            }
-        }
-        chapter
-    }
 }
 
 /// Report, pictures, and the augmented model where there is one.

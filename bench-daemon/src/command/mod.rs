@@ -9,7 +9,6 @@ pub mod demo;
 pub mod diagnose;
 pub mod doctor;
 pub mod effects;
-pub(crate) mod erm_text;
 pub mod fit;
 pub mod guardian;
 pub mod identify;

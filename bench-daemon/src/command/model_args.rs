@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 
 use analysis::given::GivenModel;
 
-use super::erm_text;
 use crate::{
-    files, investigate::dataset::NamedFile, safety::failure::Failure, support::present::quoted,
+    config::erm_text, files, investigate::dataset::NamedFile, safety::failure::Failure,
+    support::present::quoted,
 };
 
 /// Name of a model that was typed.
@@ -95,7 +95,7 @@ impl ModelArgs {
 
     fn read_file(&self, path: &Path) -> Result<GivenModel, Failure> {
         let band_hz = self.ladder_band_hz.as_deref().map(band).transpose()?;
-        read_model(path, band_hz)
+        files::read_model(path, band_hz)
             .map_err(|error| Failure::Usage(format!("--model {}: {error}", path.display())))
     }
 
@@ -110,7 +110,7 @@ impl ModelArgs {
     /// A file that is no model.
     pub(super) fn read_named(&self, file: &NamedFile) -> Result<GivenModel, Failure> {
         let band_hz = self.ladder_band_hz.as_deref().map(band).transpose()?;
-        read_model(&file.path, band_hz).map_err(|error| {
+        files::read_model(&file.path, band_hz).map_err(|error| {
             let found = file.path.display();
             let reason = format!("expected a model of `fit`, `joint` or a run; {found}: {error}");
             file.complain(reason).into()
@@ -136,16 +136,6 @@ impl ModelArgs {
         }
         text
     }
-}
-
-/// Reads a model of any kind from a file.
-pub(crate) fn read_model(path: &Path, band_hz: Option<(f64, f64)>) -> Result<GivenModel, String> {
-    let text = std::fs::read_to_string(path).map_err(|error| error.to_string())?;
-    let name = path.file_stem().map_or_else(
-        || "model".to_owned(),
-        |stem| stem.to_string_lossy().into_owned(),
-    );
-    GivenModel::from_json(&text, &name, band_hz).map_err(|error| error.to_string())
 }
 
 /// Reads `LOW,HIGH`.

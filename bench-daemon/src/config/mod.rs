@@ -5,6 +5,7 @@
 mod bench;
 mod campaign;
 mod check;
+pub(crate) mod erm_text;
 mod interlock;
 mod limits;
 mod multisine;

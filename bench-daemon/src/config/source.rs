@@ -454,7 +454,10 @@ mod tests {
             "in/b/y.toml"
         );
         assert_eq!(x.open(&path("also.toml")).unwrap().text(), "also.toml");
-        assert_eq!(x.open(&x.relative("../b/new.toml")).unwrap().text(), "new text");
+        assert_eq!(
+            x.open(&x.relative("../b/new.toml")).unwrap().text(),
+            "new text"
+        );
         for name in [
             "../../out.toml",
             "../b/link.toml",

@@ -29,12 +29,16 @@ impl Extent {
     fn step(&mut self, step: &Step) {
         let span_s = step.expected_s();
         match step {
-            Step::Discharge { current_a, until_v, .. } => {
+            Step::Discharge {
+                current_a, until_v, ..
+            } => {
                 self.current(0.0, *current_a);
                 widen(&mut self.voltage_v, *until_v);
                 self.out_c += current_a * span_s;
             }
-            Step::Charge { current_a, until_v, .. } => {
+            Step::Charge {
+                current_a, until_v, ..
+            } => {
                 self.current(*current_a, 0.0);
                 widen(&mut self.voltage_v, *until_v);
                 self.into_c += current_a * span_s;
@@ -60,11 +64,15 @@ impl Extent {
         let (into_a, out_a) = leg.most_a();
         self.current(into_a, out_a);
         match leg.flow {
-            Flow::Discharge { until_v, charge_c, .. } => {
+            Flow::Discharge {
+                until_v, charge_c, ..
+            } => {
                 widen(&mut self.voltage_v, until_v);
                 self.out_c += charge_c.unwrap_or(out_a * span_s);
             }
-            Flow::Charge { limit_v, charge_c, .. } => {
+            Flow::Charge {
+                limit_v, charge_c, ..
+            } => {
                 widen(&mut self.voltage_v, limit_v);
                 self.into_c += charge_c.unwrap_or(into_a * span_s);
             }
@@ -96,12 +104,34 @@ mod tests {
     #[test]
     fn the_extremes_of_all_steps_count() {
         let steps = vec![
-            Step::HoldTemperature { setpoint_c: 25.0, within_k: 0.1, max_s: 60.0 },
-            Step::Discharge { current_a: 5.0, until_v: 3.5, max_s: 60.0 },
-            Step::Charge { current_a: 3.0, limit_v: 4.2, until_v: 3.8, max_s: 60.0 },
-            Step::Sine { index: 0, freq_hz: 1.0, amplitude_a: 4.0, wait_s: 1.0, settings: test_settings() },
+            Step::HoldTemperature {
+                setpoint_c: 25.0,
+                within_k: 0.1,
+                max_s: 60.0,
+            },
+            Step::Discharge {
+                current_a: 5.0,
+                until_v: 3.5,
+                max_s: 60.0,
+            },
+            Step::Charge {
+                current_a: 3.0,
+                limit_v: 4.2,
+                until_v: 3.8,
+                max_s: 60.0,
+            },
+            Step::Sine {
+                index: 0,
+                freq_hz: 1.0,
+                amplitude_a: 4.0,
+                wait_s: 1.0,
+                settings: test_settings(),
+            },
         ];
-        let stages = vec![Stage { purpose: Purpose::SocReset, steps }];
+        let stages = vec![Stage {
+            purpose: Purpose::SocReset,
+            steps,
+        }];
         let extent = Plan { stages }.extent();
         assert_eq!((extent.charge_a, extent.discharge_a), (4.0, 5.0));
         assert_eq!(extent.voltage_v, Some((3.5, 3.8)));

@@ -1,48 +1,34 @@
-//! Analyses that people ask for over the API: fits, tests and diagnoses of runs. Each is a command
-//! of this program, run by a process of its own, one after the other, so that neither the server
-//! nor a run waits for it. Its record, its log and its results lie in a folder of its own.
+//! Analyses that people ask for over the API: fits, tests and diagnoses of runs. The record of each,
+//! its output and its results lie in a folder of its own; [`super::analyst`] does them.
 
 mod arguments;
 mod story;
 
 use std::{
-    fs::File,
-    os::unix::fs::OpenOptionsExt,
     path::{Path, PathBuf},
-    process::Stdio,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::{Mutex, MutexGuard, PoisonError},
 };
 
 use analysis::dataset::write_atomically;
 use instruments::clock;
-use nix::{
-    sys::signal::{Signal, kill},
-    unistd::Pid,
-};
 use serde::{Deserialize, Serialize};
-use tokio::{process::Command, sync::Notify};
+use tokio::sync::Notify;
 use utoipa::ToSchema;
 
-use super::Server;
-use crate::{
-    operator::progress::{PROGRESS_LINE, PROGRESS_VARIABLE},
-    support::confined_path,
-};
+use super::{hub::Hub, settings::Settings};
+use crate::{operator::progress::PROGRESS_LINE, support::confined_path};
+pub(super) use arguments::arguments;
 pub use arguments::{Kind, Options, Request};
 pub use story::Story;
 
-/// Exit code of a diagnosis of data that cannot be diagnosed: it is a result.
-const INVALID: i32 = 12;
 /// Analyses that may wait.
 const MOST_WAITING: usize = 100;
 /// Analyses that are told.
 const MOST_TOLD: usize = 200;
-/// Time between two looks at the log of a process, s.
-const LOOK_S: f64 = 0.5;
-/// Time that a process has to end when it is cancelled, s.
-const PATIENCE_S: f64 = 3.0;
-/// End of a log that is read, bytes.
+/// End of an output that is read, bytes.
 const TAIL: usize = 64 * 1024;
+/// File of what its process wrote.
+pub(super) const OUTPUT: &str = "output.txt";
 
 /// State of an analysis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -145,12 +131,12 @@ pub enum AnalysisError {
 /// All analyses of a server.
 #[derive(Debug)]
 pub struct Analyses {
-    folder: PathBuf,
+    pub(super) folder: PathBuf,
     all: Mutex<Vec<Analysis>>,
     /// Something waits.
-    more: Notify,
+    pub(super) more: Notify,
     /// The one in work is to end.
-    cancel: Notify,
+    pub(super) cancel: Notify,
 }
 
 impl Analyses {
@@ -179,7 +165,8 @@ impl Analyses {
         }
     }
 
-    fn lock(&self) -> MutexGuard<'_, Vec<Analysis>> {
+    /// All of them, the latest last.
+    pub(super) fn lock(&self) -> MutexGuard<'_, Vec<Analysis>> {
         self.all.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -189,13 +176,15 @@ impl Analyses {
     }
 
     /// One by its name, with its results.
-    pub fn read(&self, server: &Server, id: &str) -> Option<WithResults> {
+    pub fn read(&self, settings: &Settings, id: &str) -> Option<WithResults> {
         let analysis = self.lock().iter().find(|one| one.id == id).cloned()?;
         let results = self.results(id);
         let found = confined_path::list(&results).unwrap_or_default();
-        let files = found.into_iter().map(|(path, bytes)| ResultFile { path, bytes });
+        let files = found
+            .into_iter()
+            .map(|(path, bytes)| ResultFile { path, bytes });
         let stories = if analysis.kind == Kind::Diagnose {
-            story::all(server, &analysis, &results)
+            story::all(settings, &analysis, &results)
         } else {
             Vec::new()
         };
@@ -213,7 +202,7 @@ impl Analyses {
 
     /// Last lines of its process.
     pub fn log(&self, id: &str) -> Vec<String> {
-        let text = tail(&self.folder.join(id).join("log.txt"));
+        let text = tail(&self.folder.join(id).join(OUTPUT));
         let lines = text.lines().filter(|line| !line.starts_with(PROGRESS_LINE));
         lines.map(str::to_owned).collect()
     }
@@ -222,18 +211,27 @@ impl Analyses {
     ///
     /// # Errors
     /// [`AnalysisError`].
-    pub fn submit(&self, server: &Server, request: Request, by: &str) -> Result<Analysis, AnalysisError> {
+    pub fn submit(
+        &self,
+        settings: &Settings,
+        hub: &Hub,
+        request: Request,
+        by: &str,
+    ) -> Result<Analysis, AnalysisError> {
         let mut all = self.lock();
         if all.iter().filter(|one| one.state == State::Waiting).count() >= MOST_WAITING {
             let text = format!("expected at most {MOST_WAITING} analyses that wait, found as many");
             return Err(AnalysisError::Conflict(text));
         }
-        let latest = all.iter().filter_map(|one| one.id.rsplit('-').next()?.parse().ok()).max();
+        let latest = all
+            .iter()
+            .filter_map(|one| one.id.rsplit('-').next()?.parse().ok())
+            .max();
         let id = format!("{}-{}", request.kind.name(), latest.unwrap_or(0_u64) + 1);
         let out = self.results(&id);
-        let arguments = arguments::arguments(server, &request, &out)?;
+        let arguments = arguments(settings, &request, &out)?;
         let analysis = Analysis {
-            id: id.clone(),
+            id,
             kind: request.kind,
             runs: request.runs,
             spectra: request.spectra,
@@ -252,7 +250,7 @@ impl Analyses {
         all.push(analysis.clone());
         drop(all);
         self.more.notify_one();
-        server.hub.tell("analysis", &analysis);
+        hub.tell("analysis", &analysis);
         Ok(analysis)
     }
 
@@ -261,25 +259,31 @@ impl Analyses {
         let folder = self.folder.join(&analysis.id);
         std::fs::create_dir_all(&folder).map_err(|error| failed(&error))?;
         let text = serde_json::to_string_pretty(analysis).map_err(|error| failed(&error))?;
-        write_atomically(&folder.join("analysis.json"), text.as_bytes()).map_err(|error| failed(&error))
+        write_atomically(&folder.join("analysis.json"), text.as_bytes())
+            .map_err(|error| failed(&error))
     }
 
     /// Ends an analysis that waits or is in work.
     ///
     /// # Errors
     /// [`AnalysisError`].
-    pub fn cancel(&self, server: &Server, id: &str) -> Result<Analysis, AnalysisError> {
-        let state = self.lock().iter().find(|one| one.id == id).map(|one| one.state);
+    pub fn cancel(&self, hub: &Hub, id: &str) -> Result<Analysis, AnalysisError> {
+        let state = self
+            .lock()
+            .iter()
+            .find(|one| one.id == id)
+            .map(|one| one.state);
         match state {
             None => return Err(AnalysisError::Unknown(id.to_owned())),
             Some(State::Waiting) => {}
             Some(State::InWork) => self.cancel.notify_one(),
             Some(_) => {
-                let text = "expected an analysis that waits or is in work, found one that has ended";
+                let text =
+                    "expected an analysis that waits or is in work, found one that has ended";
                 return Err(AnalysisError::Conflict(text.to_owned()));
             }
         }
-        self.change(server, id, |one| {
+        self.change(hub, id, |one| {
             one.state = State::Cancelled;
             one.ended_unix_s = Some(clock::unix_time_s());
             one.left_s = None;
@@ -288,163 +292,42 @@ impl Analyses {
     }
 
     /// Changes one, keeps and tells it.
-    fn change(&self, server: &Server, id: &str, change: impl FnOnce(&mut Analysis)) -> Option<Analysis> {
+    pub(super) fn change(
+        &self,
+        hub: &Hub,
+        id: &str,
+        change: impl FnOnce(&mut Analysis),
+    ) -> Option<Analysis> {
         let mut all = self.lock();
         let one = all.iter_mut().find(|one| one.id == id)?;
         change(one);
         let changed = one.clone();
-        drop(all);
+        // Kept before another change: the file is that of the latest.
         if let Err(error) = self.keep(&changed) {
             tracing::error!("{error}");
         }
-        server.hub.tell("analysis", &changed);
+        drop(all);
+        hub.tell("analysis", &changed);
         Some(changed)
     }
 
-    fn next(&self, server: &Server) -> Option<Analysis> {
-        let waiting = self.lock().iter().find(|one| one.state == State::Waiting)?.id.clone();
-        self.change(server, &waiting, |one| {
+    /// Begins the one that has waited longest.
+    pub(super) fn next(&self, hub: &Hub) -> Option<Analysis> {
+        let waiting = self
+            .lock()
+            .iter()
+            .find(|one| one.state == State::Waiting)?
+            .id
+            .clone();
+        self.change(hub, &waiting, |one| {
             one.state = State::InWork;
             one.began_unix_s = Some(clock::unix_time_s());
         })
     }
 }
 
-/// Does one analysis after the other, for ever.
-pub async fn work(server: Arc<Server>) {
-    loop {
-        match server.analyses.next(&server) {
-            Some(analysis) => one(&server, &analysis).await,
-            None => server.analyses.more.notified().await,
-        }
-    }
-}
-
-async fn one(server: &Server, analysis: &Analysis) {
-    let analyses = &server.analyses;
-    let outcome = process(server, analysis).await;
-    analyses.change(server, &analysis.id, |one| {
-        one.left_s = None;
-        if one.state != State::InWork {
-            return;
-        }
-        one.ended_unix_s = Some(clock::unix_time_s());
-        (one.state, one.message) = match outcome {
-            Ok(message) => (State::Done, message),
-            Err(message) => (State::Failed, Some(message)),
-        };
-        if one.state == State::Done {
-            one.progress.done = Some(1.0);
-        }
-    });
-}
-
-/// Runs the process; gives a remark on its results.
-async fn process(server: &Server, analysis: &Analysis) -> Result<Option<String>, String> {
-    let failed = |error: &dyn std::fmt::Display| error.to_string();
-    let folder = server.analyses.folder.join(&analysis.id);
-    let request = Request {
-        kind: analysis.kind,
-        runs: analysis.runs.clone(),
-        spectra: analysis.spectra.clone(),
-        options: analysis.options.clone(),
-    };
-    let arguments = arguments::arguments(server, &request, &folder.join("out"))
-        .map_err(|error| failed(&error))?;
-    let path = folder.join("log.txt");
-    let log = File::options()
-        .create(true)
-        .append(true)
-        .mode(0o640)
-        .open(&path)
-        .map_err(|error| failed(&error))?;
-    let errors = log.try_clone().map_err(|error| failed(&error))?;
-    // The cores are the runs' first.
-    let threads = std::thread::available_parallelism().map_or(1, |cores| cores.get().div_ceil(2));
-    let mut child = Command::new("nice")
-        .arg("-n10")
-        .arg(&server.program)
-        .args(&arguments)
-        .current_dir(&folder)
-        .stdin(Stdio::null())
-        .stdout(log)
-        .stderr(errors)
-        .process_group(0)
-        .kill_on_drop(true)
-        .env("RAYON_NUM_THREADS", threads.to_string())
-        .env("POLARS_MAX_THREADS", threads.to_string())
-        .env(PROGRESS_VARIABLE, "lines")
-        .env_remove("NOTIFY_SOCKET")
-        .env_remove("WATCHDOG_USEC")
-        .spawn()
-        .map_err(|error| failed(&error))?;
-    let group = Pid::from_raw(-child.id().and_then(|id| i32::try_from(id).ok()).unwrap_or(0));
-    let status = loop {
-        tokio::select! {
-            status = child.wait() => break status.map_err(|error| failed(&error))?,
-            () = server.analyses.cancel.notified() => {
-                // A process that is gone needs none.
-                let _ = kill(group, Signal::SIGTERM);
-                if server.clock.deadline(std::time::Duration::from_secs_f64(PATIENCE_S), child.wait()).await.is_err() {
-                    let _ = kill(group, Signal::SIGKILL);
-                }
-            }
-            () = server.clock.sleep_s(LOOK_S) => look(server, analysis, &path),
-        }
-    };
-    look(server, analysis, &path);
-    let text = tail(&path);
-    let last = text.lines().rev().find_map(|line| line.strip_prefix("eis-bench: "));
-    match status.code() {
-        Some(0) => Ok(None),
-        Some(INVALID) => Ok(last.map(str::to_owned)),
-        _ => Err(last.map_or_else(|| format!("its process ended with {status}"), str::to_owned)),
-    }
-}
-
-/// Reads how far a process is, and tells it where it has changed.
-fn look(server: &Server, analysis: &Analysis, log: &Path) {
-    let text = tail(log);
-    let Some(words) = text.lines().rev().find_map(|line| line.strip_prefix(PROGRESS_LINE)) else {
-        return;
-    };
-    let known = server.analyses.lock().iter().any(|one| {
-        one.id == analysis.id && one.progress.words == words && one.state == State::InWork
-    });
-    if known {
-        return;
-    }
-    let elapsed_s = clock::unix_time_s() - analysis.began_unix_s.unwrap_or_else(clock::unix_time_s);
-    server.analyses.change(server, &analysis.id, |one| {
-        let done = share(words);
-        one.left_s = done.filter(|done| *done > 0.0).map(|done| elapsed_s * (1.0 - done) / done);
-        one.progress = Progress { done, words: words.to_owned() };
-    });
-}
-
-/// The share in words such as `searches: 3 of 12`.
-fn share(words: &str) -> Option<f64> {
-    let (before, after) = words.rsplit_once(" of ")?;
-    let done: f64 = before.rsplit(' ').next()?.parse().ok()?;
-    let of: f64 = after.split(' ').next()?.parse().ok()?;
-    (of > 0.0 && done <= of).then(|| done / of)
-}
-
 /// The end of a text file.
-fn tail(path: &Path) -> String {
+pub(super) fn tail(path: &Path) -> String {
     let bytes = std::fs::read(path).unwrap_or_default();
     String::from_utf8_lossy(&bytes[bytes.len().saturating_sub(TAIL)..]).into_owned()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_share_is_read_where_the_words_count() {
-        assert_eq!(share("searches: 3 of 12"), Some(0.25));
-        assert_eq!(share("demo, 4 RC: 12 of 12 starts"), Some(1.0));
-        assert_eq!(share("the ranking of effects"), None);
-        assert_eq!(share("13 of 12"), None);
-    }
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use analysis::{
     dataset::{Capture, read_capture},
-    run_folder::{self, CAMPAIGN, CAPTURES},
+    run_folder::{self, CAMPAIGN, CAPTURES, SPECTRA},
     sine::{self, FitOptions, Record},
 };
 use serde::Serialize;
@@ -78,7 +78,10 @@ pub struct AmplitudeView {
 /// The folder of the captures of a spectrum.
 fn folder_of(run: &Path, spectrum: &str) -> String {
     let name = spectrum.trim_start_matches("raw_");
-    if let Some(name) = name.strip_prefix("spectra/") {
+    let of_campaign = name
+        .strip_prefix(SPECTRA)
+        .and_then(|rest| rest.strip_prefix('/'));
+    if let Some(name) = of_campaign {
         return campaign_run(run, name).unwrap_or_else(|| name.to_owned());
     }
     match name.strip_prefix("spectrum") {
@@ -96,7 +99,11 @@ fn campaign_run(run: &Path, name: &str) -> Option<String> {
     let wanted = run_folder::campaign_spectrum(name);
     let runs = campaign["runs"].as_array()?;
     let number = runs.iter().find(|run| run["file"] == wanted.as_str())?["number"].as_u64()?;
-    Some(if number == 1 { "cell".to_owned() } else { format!("cell_{number}") })
+    Some(if number == 1 {
+        "cell".to_owned()
+    } else {
+        format!("cell_{number}")
+    })
 }
 
 /// The last record of a point, as its path in the run folder.
@@ -122,7 +129,9 @@ pub fn view(run: &Path, spectrum: &str, freq_hz: f64) -> Result<CaptureView, Str
     let file = confined_path::open(run, &path).ok_or_else(missing)?;
     let bytes = file.metadata().map_err(|error| error.to_string())?.len();
     if bytes > LARGEST {
-        return Err(format!("{path}: expected at most {LARGEST} bytes for a picture, found {bytes}"));
+        return Err(format!(
+            "{path}: expected at most {LARGEST} bytes for a picture, found {bytes}"
+        ));
     }
     drop(file);
     let capture = read_capture(&run.join(&path)).map_err(|error| error.to_string())?;
@@ -131,8 +140,14 @@ pub fn view(run: &Path, spectrum: &str, freq_hz: f64) -> Result<CaptureView, Str
 
 fn of(capture: &Capture, path: String) -> Result<CaptureView, String> {
     let (channels, interval_s) = (capture.channels(), capture.meta.interval_s);
-    let record = Record { channels: &channels, interval_s };
-    let options = FitOptions { harmonics: HARMONICS.to_vec(), ..FitOptions::default() };
+    let record = Record {
+        channels: &channels,
+        interval_s,
+    };
+    let options = FitOptions {
+        harmonics: HARMONICS.to_vec(),
+        ..FitOptions::default()
+    };
     let fit = sine::fit_known_frequency(&record, capture.meta.freq_hz, &options)
         .map_err(|error| format!("{path}: {error}"))?;
     let mut views = Vec::new();
@@ -140,7 +155,10 @@ fn of(capture: &Capture, path: String) -> Result<CaptureView, String> {
     for (number, (codes, meta)) in capture.codes.iter().zip(&capture.meta.channels).enumerate() {
         let name = format!("channel {}", number + 1);
         let volts: Vec<f64> = codes.iter().map(|code| meta.scale.volts(*code)).collect();
-        let model = |k: usize| fit.value_v(number, k as f64 * interval_s).unwrap_or(f64::NAN);
+        let model = |k: usize| {
+            fit.value_v(number, k as f64 * interval_s)
+                .unwrap_or(f64::NAN)
+        };
         let shown = extremes(&volts, MOST);
         let of_shown = |value: &dyn Fn(usize) -> f64| shown.iter().map(|k| value(*k)).collect();
         let channel = &fit.channels[number];
@@ -157,9 +175,17 @@ fn of(capture: &Capture, path: String) -> Result<CaptureView, String> {
         });
         let lines = sine::amplitudes(&volts, interval_s);
         let heights: Vec<f64> = lines.iter().map(|line| line.1).collect();
-        let kept: Vec<(f64, f64)> = extremes(&heights, MOST).into_iter().map(|k| lines[k]).collect();
+        let kept: Vec<(f64, f64)> = extremes(&heights, MOST)
+            .into_iter()
+            .map(|k| lines[k])
+            .collect();
         let (freq_hz, amplitude) = kept.into_iter().unzip();
-        amplitudes.push(AmplitudeView { name, unit: "V", freq_hz, amplitude });
+        amplitudes.push(AmplitudeView {
+            name,
+            unit: "V",
+            freq_hz,
+            amplitude,
+        });
     }
     Ok(CaptureView {
         freq_hz: capture.meta.freq_hz,
@@ -189,9 +215,17 @@ fn extremes(values: &[f64], most: usize) -> Vec<usize> {
             number * length + best
         };
         let (low, high) = (place(|a, b| a < b), place(|a, b| a > b));
-        if low == high { vec![low] } else { vec![low.min(high), low.max(high)] }
+        if low == high {
+            vec![low]
+        } else {
+            vec![low.min(high), low.max(high)]
+        }
     };
-    values.chunks(length).enumerate().flat_map(of_stretch).collect()
+    values
+        .chunks(length)
+        .enumerate()
+        .flat_map(of_stretch)
+        .collect()
 }
 
 #[cfg(test)]
@@ -214,8 +248,14 @@ mod tests {
         let run = tempfile::tempdir().unwrap();
         let campaign = r#"{"runs":[{"number":7,"file":"spectra/B_2.csv"}]}"#;
         std::fs::write(run.path().join(CAMPAIGN), campaign).unwrap();
-        let found = ["raw_shunt", "spectrum", "spectrum_2", "spectrum_fake_cell", "spectra/B_2"]
-            .map(|name| folder_of(run.path(), name));
+        let found = [
+            "raw_shunt",
+            "spectrum",
+            "spectrum_2",
+            "spectrum_fake_cell",
+            "spectra/B_2",
+        ]
+        .map(|name| folder_of(run.path(), name));
         assert_eq!(found, ["shunt", "cell", "cell_2", "fake_cell", "cell_7"]);
     }
 }

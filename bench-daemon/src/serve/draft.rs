@@ -1,6 +1,8 @@
 //! Drafts of experiments: what a text would do on a bench, or the field that is not as expected.
 //! Touches nothing.
 
+use std::path::Path;
+
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -41,20 +43,19 @@ pub struct Margin {
     margin: f64,
 }
 
+/// From the least to the greatest value.
+type Range = std::ops::RangeInclusive<f64>;
+
 impl Margin {
-    fn of(
-        (quantity, unit): (&'static str, &'static str),
-        (planned_least, planned_greatest): (f64, f64),
-        (least, greatest): (f64, f64),
-    ) -> Self {
+    fn of(quantity: &'static str, unit: &'static str, planned: &Range, limits: &Range) -> Self {
         Self {
             quantity,
             unit,
-            planned_least,
-            planned_greatest,
-            least,
-            greatest,
-            margin: (planned_least - least).min(greatest - planned_greatest),
+            planned_least: *planned.start(),
+            planned_greatest: *planned.end(),
+            least: *limits.start(),
+            greatest: *limits.end(),
+            margin: (planned.start() - limits.start()).min(limits.end() - planned.end()),
         }
     }
 }
@@ -63,8 +64,16 @@ impl Margin {
 ///
 /// # Errors
 /// The first mistake.
-pub fn submission(settings: &Settings, text: &str, bench: Option<&str>) -> Result<Submission, Mistake> {
-    let request = ExperimentRequest { name: "submitted", text: Some(text), bench };
+pub fn submission(
+    settings: &Settings,
+    text: &str,
+    bench: Option<&str>,
+) -> Result<Submission, Mistake> {
+    let request = ExperimentRequest {
+        name: "submitted",
+        text: Some(text),
+        bench,
+    };
     Submission::new(settings, request).map_err(Mistake::from)
 }
 
@@ -77,12 +86,34 @@ impl From<Refused> for Mistake {
     }
 }
 
+/// The key of an experiment that names a file in this folder.
+fn key_of(path: &Path) -> Option<&'static str> {
+    match path.parent()?.file_name()?.to_str()? {
+        "cells" => Some("cell"),
+        "benches" => Some("bench"),
+        _ => None,
+    }
+}
+
 impl From<ConfigError> for Mistake {
     fn from(error: ConfigError) -> Self {
-        match error {
-            ConfigError::Field { line, field, reason, .. } => {
-                Self { field, message: reason, line: Some(line) }
-            }
+        match &error {
+            // In a file that the draft names: told whole, at the key that names it.
+            ConfigError::Field { path, .. } if key_of(path).is_some() => Self {
+                field: key_of(path).unwrap_or_default().to_owned(),
+                message: error.to_string(),
+                line: None,
+            },
+            ConfigError::Field {
+                line,
+                field,
+                reason,
+                ..
+            } => Self {
+                field: field.clone(),
+                message: reason.clone(),
+                line: Some(*line),
+            },
             other => Self::whole(other.to_string()),
         }
     }
@@ -91,7 +122,11 @@ impl From<ConfigError> for Mistake {
 impl Mistake {
     /// About the whole text.
     pub fn whole(message: String) -> Self {
-        Self { field: String::new(), message, line: None }
+        Self {
+            field: String::new(),
+            message,
+            line: None,
+        }
     }
 
     /// In one line.
@@ -109,16 +144,28 @@ pub fn margins(submission: &Submission) -> Vec<Margin> {
     let extent = procedure::plan(&submission.experiment).extent();
     let limits = &submission.experiment.cell.limits;
     let mut margins = Vec::new();
-    let currents = (-extent.discharge_a, extent.charge_a);
-    if currents != (0.0, 0.0) {
-        margins.push(Margin::of(("Current", "A"), currents, (-limits.discharge_a, limits.charge_a)));
+    if (extent.discharge_a, extent.charge_a) != (0.0, 0.0) {
+        let planned = -extent.discharge_a..=extent.charge_a;
+        let limits = -limits.discharge_a..=limits.charge_a;
+        margins.push(Margin::of("Current", "A", &planned, &limits));
     }
-    if let Some(voltage_v) = extent.voltage_v {
-        margins.push(Margin::of(("Cell voltage", "V"), voltage_v, (limits.min_v, limits.max_v)));
+    if let Some((least, greatest)) = extent.voltage_v {
+        let limits = limits.min_v..=limits.max_v;
+        margins.push(Margin::of(
+            "Cell voltage",
+            "V",
+            &(least..=greatest),
+            &limits,
+        ));
     }
-    if let Some(temperature_c) = extent.temperature_c {
-        let limits = (limits.min_c, limits.max_c);
-        margins.push(Margin::of(("Cell temperature", "°C"), temperature_c, limits));
+    if let Some((least, greatest)) = extent.temperature_c {
+        let limits = limits.min_c..=limits.max_c;
+        margins.push(Margin::of(
+            "Cell temperature",
+            "°C",
+            &(least..=greatest),
+            &limits,
+        ));
     }
     margins
 }

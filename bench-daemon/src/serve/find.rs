@@ -144,12 +144,20 @@ impl Finder {
         jobs.iter().map(|job| self.card(places, job)).collect()
     }
 
+    /// One run.
+    pub fn of(&self, places: Places<'_>, job: &Job) -> Card {
+        self.card(places, job).0
+    }
+
     fn card(&self, places: Places<'_>, job: &Job) -> (Card, String) {
         let run = &job.item.run;
         let ended = job.ended.as_ref().map(|ended| ended.unix_s);
         let known = || {
             let known = self.ended.lock().unwrap_or_else(PoisonError::into_inner);
-            known.get(run).filter(|card| card.ended_unix_s == ended).cloned()
+            known
+                .get(run)
+                .filter(|card| card.ended_unix_s == ended)
+                .cloned()
         };
         let mut card = ended.and_then(|_| known()).unwrap_or_else(|| {
             let card = made(places.data, job);
@@ -190,7 +198,14 @@ impl Finder {
         let most = wanted.most.map_or(MOST, usize::from);
         let more = (found.len() > most).then(|| found[most - 1].run.clone());
         found.truncate(most);
-        Found { found, more, number, cells, benches, tags }
+        Found {
+            found,
+            more,
+            number,
+            cells,
+            benches,
+            tags,
+        }
     }
 
     /// All cells of all runs, by name.
@@ -222,10 +237,15 @@ impl Finder {
         if runs.is_empty() {
             return None;
         }
-        let of_cell = runs.iter().flat_map(|card| &card.cells).filter(|one| one.name == cell);
+        let of_cell = runs
+            .iter()
+            .flat_map(|card| &card.cells)
+            .filter(|one| one.name == cell);
         let serials: BTreeSet<String> = of_cell.filter_map(|one| one.serial.clone()).collect();
-        let mut history: Vec<Moment> =
-            runs.iter().flat_map(|card| moments(places.data, card, cell)).collect();
+        let mut history: Vec<Moment> = runs
+            .iter()
+            .flat_map(|card| moments(places.data, card, cell))
+            .collect();
         history.sort_by(|a, b| a.unix_s.total_cmp(&b.unix_s));
         Some(CellHistory {
             cell: cell.to_owned(),
@@ -243,7 +263,8 @@ impl Wanted {
             wanted.as_deref().is_none_or(|wanted| wanted == found)
         };
         let cell = |wanted: &String| {
-            let named = |cell: &RunCell| cell.name == *wanted || cell.serial.as_ref() == Some(wanted);
+            let named =
+                |cell: &RunCell| cell.name == *wanted || cell.serial.as_ref() == Some(wanted);
             card.cells.iter().any(named)
         };
         same(&self.bench, &card.bench)
@@ -252,21 +273,37 @@ impl Wanted {
             && self.cell.as_ref().is_none_or(cell)
             && self.from_s.is_none_or(|from| card.submitted_unix_s >= from)
             && self.to_s.is_none_or(|to| card.submitted_unix_s < to)
-            && self.text.as_deref().is_none_or(|text| card.says(notes, text))
+            && self
+                .text
+                .as_deref()
+                .is_none_or(|text| card.says(notes, text))
     }
 }
 
 impl Card {
     /// Whether every word stands somewhere in what is known of the run.
     fn says(&self, notes: &str, words: &str) -> bool {
-        let mut all = [&self.run, &self.bench, &self.experiment, &self.by, &self.how]
-            .map(String::as_str)
-            .join("\n");
+        let mut all = [
+            &self.run,
+            &self.bench,
+            &self.experiment,
+            &self.by,
+            &self.how,
+        ]
+        .map(String::as_str)
+        .join("\n");
         for cell in &self.cells {
-            all.push_str(&format!("\n{}\n{}", cell.name, cell.serial.as_deref().unwrap_or_default()));
+            all.push_str(&format!(
+                "\n{}\n{}",
+                cell.name,
+                cell.serial.as_deref().unwrap_or_default()
+            ));
         }
         let all = format!("{all}\n{}\n{notes}", self.tags.join("\n")).to_lowercase();
-        words.to_lowercase().split_whitespace().all(|word| all.contains(word))
+        words
+            .to_lowercase()
+            .split_whitespace()
+            .all(|word| all.contains(word))
     }
 }
 
@@ -283,7 +320,10 @@ fn made(data: &Path, job: &Job) -> Card {
         Some(ended) => (ended.how.clone(), RunVerdict::Doubtful),
     };
     let files = spectra::stamps(&folder);
-    let corrected = files.keys().filter(|file| !run_folder::is_raw(file)).count();
+    let corrected = files
+        .keys()
+        .filter(|file| !run_folder::is_raw(file))
+        .count();
     Card {
         run: job.item.run.clone(),
         bench: job.item.bench.clone(),
@@ -294,7 +334,11 @@ fn made(data: &Path, job: &Job) -> Card {
         how,
         verdict,
         cells: cells_of(&folder, experiment.as_ref()),
-        spectra: if corrected > 0 { corrected } else { files.len() },
+        spectra: if corrected > 0 {
+            corrected
+        } else {
+            files.len()
+        },
         campaign: campaign.is_some(),
         tags: Vec::new(),
         notes: 0,
@@ -303,12 +347,19 @@ fn made(data: &Path, job: &Job) -> Card {
 
 /// Temperature of the cell before its first sweep, °C.
 pub fn temperature_c(folder: &Path) -> Option<f64> {
-    index(folder)?.sweeps.iter().find(|sweep| sweep.fixture == "cell")?.temperature_c
+    index(folder)?
+        .sweeps
+        .iter()
+        .find(|sweep| sweep.fixture == "cell")?
+        .temperature_c
 }
 
 /// The cells of a run that was begun here.
 pub fn cells_of_run(data: &Path, run: &str) -> Vec<RunCell> {
-    cells_of(&data.join("runs").join(run), experiment_of(data, run).as_ref())
+    cells_of(
+        &data.join("runs").join(run),
+        experiment_of(data, run).as_ref(),
+    )
 }
 
 /// The experiment of a run as it was submitted.
@@ -324,11 +375,16 @@ fn cells_of(folder: &Path, experiment: Option<&toml::Value>) -> Vec<RunCell> {
     let named = experiment.and_then(|value| value.get("campaign")?.get("cells")?.as_array());
     if let Some(named) = named {
         let cell = |value: &toml::Value| {
-            Some(RunCell { name: text(value, "name")?, serial: text(value, "serial") })
+            Some(RunCell {
+                name: text(value, "name")?,
+                serial: text(value, "serial"),
+            })
         };
         return named.iter().filter_map(cell).collect();
     }
-    let index = index(folder).map(|index| index.cell).filter(|name| !name.is_empty());
+    let index = index(folder)
+        .map(|index| index.cell)
+        .filter(|name| !name.is_empty());
     let file = || {
         let path = text(experiment?, "cell")?;
         Path::new(&path).file_stem()?.to_str().map(str::to_owned)
@@ -423,7 +479,11 @@ fn moments(data: &Path, card: &Card, cell: &str) -> Vec<Moment> {
             unix_s: started.map_or(card.submitted_unix_s, |start| start + sweep.start_time_s),
             bench: card.bench.clone(),
             spectrum: spectrum.name.clone(),
-            verdict: if sweep.flagged.is_empty() { RunVerdict::Good } else { RunVerdict::Doubtful },
+            verdict: if sweep.flagged.is_empty() {
+                RunVerdict::Good
+            } else {
+                RunVerdict::Doubtful
+            },
             r_high_ohm: high.re_ohm,
             r_high_sigma_ohm: high.re_sigma_ohm,
             at_high_hz: high.freq_hz,
@@ -449,7 +509,10 @@ fn crossing(spectrum: &Spectrum) -> Option<Point> {
             freq_hz: (mix(low.freq_hz.ln(), high.freq_hz.ln())).exp(),
             re_ohm: mix(low.re_ohm, high.re_ohm),
             im_ohm: 0.0,
-            re_sigma_ohm: low.re_sigma_ohm.zip(high.re_sigma_ohm).map(|(a, b)| a.max(b)),
+            re_sigma_ohm: low
+                .re_sigma_ohm
+                .zip(high.re_sigma_ohm)
+                .map(|(a, b)| a.max(b)),
             ..high.clone()
         })
     });
@@ -498,7 +561,13 @@ pub fn campaign(data: &Path, run: &str) -> Option<Matrix> {
         .ok()
         .and_then(|text| serde_json::from_str(&text).ok())
         .unwrap_or_default();
-    let judged = |file: &str| judged["runs"].as_array()?.iter().find(|run| run["file"] == file).cloned();
+    let judged = |file: &str| {
+        judged["runs"]
+            .as_array()?
+            .iter()
+            .find(|run| run["file"] == file)
+            .cloned()
+    };
     let going = jobs::read(data, run).is_some_and(|job| job.ended.is_none());
     let mut runs: Vec<MatrixRun> = Vec::new();
     for (place, cell) in cells.iter().enumerate() {
@@ -507,10 +576,21 @@ pub fn campaign(data: &Path, run: &str) -> Option<Matrix> {
             let file = run_folder::campaign_spectrum(&name);
             let found = folder.join(&file).is_file();
             let judged = judged(&file);
-            let text = |key: &str| judged.as_ref().and_then(|run| run[key].as_str().map(str::to_owned));
+            let text = |key: &str| {
+                judged
+                    .as_ref()
+                    .and_then(|run| run[key].as_str().map(str::to_owned))
+            };
             let mut words: Vec<String> = text("validity").into_iter().collect();
-            let notes = judged.as_ref().and_then(|run| run["notes"].as_array().cloned());
-            words.extend(notes.iter().flatten().filter_map(|note| note.as_str().map(str::to_owned)));
+            let notes = judged
+                .as_ref()
+                .and_then(|run| run["notes"].as_array().cloned());
+            words.extend(
+                notes
+                    .iter()
+                    .flatten()
+                    .filter_map(|note| note.as_str().map(str::to_owned)),
+            );
             let good = |run: &serde_json::Value| {
                 if run["validity"] == "good" && run["soc_missed"] != true {
                     RunVerdict::Good
@@ -519,7 +599,11 @@ pub fn campaign(data: &Path, run: &str) -> Option<Matrix> {
                 }
             };
             runs.push(MatrixRun {
-                number: if robin { (repeat - 1) * cells.len() + place } else { place * repeats + repeat - 1 } + 1,
+                number: if robin {
+                    (repeat - 1) * cells.len() + place
+                } else {
+                    place * repeats + repeat - 1
+                } + 1,
                 cell: cell.name.clone(),
                 repeat,
                 state: if found { "done" } else { "to do" },
@@ -531,10 +615,18 @@ pub fn campaign(data: &Path, run: &str) -> Option<Matrix> {
     }
     runs.sort_by_key(|run| run.number);
     // Runs may be reordered; the first that is not there is the next where nobody did.
-    if let Some(next) = runs.iter_mut().find(|run| run.state == "to do").filter(|_| going) {
+    if let Some(next) = runs
+        .iter_mut()
+        .find(|run| run.state == "to do")
+        .filter(|_| going)
+    {
         next.state = "in work";
     }
-    Some(Matrix { cells, repeats, runs })
+    Some(Matrix {
+        cells,
+        repeats,
+        runs,
+    })
 }
 
 #[cfg(test)]
@@ -551,7 +643,10 @@ mod tests {
             ended_unix_s: None,
             how: "in work".to_owned(),
             verdict: RunVerdict::InWork,
-            cells: vec![RunCell { name: "A".to_owned(), serial: Some("P45B-17".to_owned()) }],
+            cells: vec![RunCell {
+                name: "A".to_owned(),
+                serial: Some("P45B-17".to_owned()),
+            }],
             spectra: 0,
             campaign: false,
             tags: vec!["aged".to_owned()],
@@ -562,15 +657,34 @@ mod tests {
     #[test]
     fn every_condition_counts_and_words_are_sought_everywhere() {
         let met = |wanted: Wanted| wanted.is_met(&card("thesis-3"), "Swollen at the seam");
-        let text = |text: &str| Wanted { text: Some(text.to_owned()), ..Wanted::default() };
+        let text = |text: &str| Wanted {
+            text: Some(text.to_owned()),
+            ..Wanted::default()
+        };
         assert!(met(Wanted::default()) && met(text("P45b THESIS seam aged")));
         assert!(!met(text("seam panasonic")));
-        let cell = |cell: &str| Wanted { cell: Some(cell.to_owned()), ..Wanted::default() };
+        let cell = |cell: &str| Wanted {
+            cell: Some(cell.to_owned()),
+            ..Wanted::default()
+        };
         assert!(met(cell("A")) && met(cell("P45B-17")) && !met(cell("P45B")));
-        assert!(met(Wanted { from_s: Some(100.0), to_s: Some(100.1), ..Wanted::default() }));
-        assert!(!met(Wanted { to_s: Some(100.0), ..Wanted::default() }));
-        assert!(!met(Wanted { verdict: Some(RunVerdict::Good), ..Wanted::default() }));
-        assert!(!met(Wanted { tag: Some("new".to_owned()), ..Wanted::default() }));
+        assert!(met(Wanted {
+            from_s: Some(100.0),
+            to_s: Some(100.1),
+            ..Wanted::default()
+        }));
+        assert!(!met(Wanted {
+            to_s: Some(100.0),
+            ..Wanted::default()
+        }));
+        assert!(!met(Wanted {
+            verdict: Some(RunVerdict::Good),
+            ..Wanted::default()
+        }));
+        assert!(!met(Wanted {
+            tag: Some("new".to_owned()),
+            ..Wanted::default()
+        }));
     }
 
     #[test]
@@ -583,8 +697,16 @@ mod tests {
             im_sigma_ohm: None,
             verdict: None,
         };
-        let points = vec![point(1.0, 3.0, -1.0), point(100.0, 2.0, -0.25), point(10_000.0, 1.0, 0.75)];
-        let mut spectrum = Spectrum { name: "s".to_owned(), corrected: true, points };
+        let points = vec![
+            point(1.0, 3.0, -1.0),
+            point(100.0, 2.0, -0.25),
+            point(10_000.0, 1.0, 0.75),
+        ];
+        let mut spectrum = Spectrum {
+            name: "s".to_owned(),
+            corrected: true,
+            points,
+        };
         let found = crossing(&spectrum).unwrap();
         assert!((found.re_ohm - 1.75).abs() < 1e-12 && (found.freq_hz - 316.227_766).abs() < 1e-3);
         spectrum.points.pop();

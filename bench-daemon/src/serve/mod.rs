@@ -12,6 +12,7 @@
 //! (the one thread that begins and watches), [`stop`], [`http`].
 
 pub mod analyses;
+pub mod analyst;
 pub mod audit;
 pub mod capture;
 pub mod draft;
@@ -24,6 +25,8 @@ pub mod live;
 pub mod locks;
 pub mod models;
 pub mod notebook;
+pub mod notices;
+pub mod notify;
 pub mod pack;
 pub mod proof;
 pub mod queue;
@@ -37,6 +40,7 @@ pub mod stop;
 pub mod submission;
 pub mod supervisor;
 pub mod systemd;
+pub mod targets;
 pub mod timeline;
 pub mod token;
 pub mod transcript_monitor;
@@ -108,7 +112,8 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     tokio::select! {
         () = listener.accept(&server) => {}
         () = refresh => {}
-        () = analyses::work(server.clone()) => {}
+        () = analyst::work(server.clone()) => {}
+        () = notify::work(server.clone()) => {}
         () = stop.requested() => {}
     }
     notify.say("STOPPING=1");

@@ -96,8 +96,17 @@ impl Notebook {
     pub fn read(&self, about: About<'_>) -> Entries {
         let text = std::fs::read_to_string(self.path(about)).unwrap_or_default();
         let mut entries = Entries::default();
-        let lines = text.lines().filter_map(|line| serde_json::from_str(line).ok());
-        for Line { unix_s, by, text, tags, .. } in lines {
+        let lines = text
+            .lines()
+            .filter_map(|line| serde_json::from_str(line).ok());
+        for Line {
+            unix_s,
+            by,
+            text,
+            tags,
+            ..
+        } in lines
+        {
             if let Some(text) = text {
                 entries.notes.push(Note { unix_s, by, text });
             }
@@ -153,7 +162,11 @@ impl Notebook {
         let path = self.path(about);
         let _one = self.writes.lock().unwrap_or_else(PoisonError::into_inner);
         std::fs::create_dir_all(path.parent().unwrap_or(&self.folder))?;
-        let mut file = OpenOptions::new().create(true).append(true).mode(0o640).open(&path)?;
+        let mut file = OpenOptions::new()
+            .create(true)
+            .append(true)
+            .mode(0o640)
+            .open(&path)?;
         writeln!(file, "{}", serde_json::to_string(&line)?)?;
         file.sync_data()
     }
@@ -171,15 +184,23 @@ mod tests {
         assert_eq!(book.read(cell), Entries::default());
         book.note(cell, "ann", "swollen").unwrap();
         book.note(cell, "ben", "line 1\nline 2").unwrap();
-        book.tag(cell, "ann", &["a".to_owned(), "b".to_owned()]).unwrap();
+        book.tag(cell, "ann", &["a".to_owned(), "b".to_owned()])
+            .unwrap();
         book.tag(cell, "ann", &["b".to_owned()]).unwrap();
         let entries = Notebook::of(folder.path()).read(cell);
-        let texts: Vec<&str> = entries.notes.iter().map(|note| note.text.as_str()).collect();
+        let texts: Vec<&str> = entries
+            .notes
+            .iter()
+            .map(|note| note.text.as_str())
+            .collect();
         assert_eq!(texts, ["swollen", "line 1\nline 2"]);
         assert_eq!(entries.notes[1].by, "ben");
         assert_eq!(entries.tags, ["b"]);
         // Nothing was written beside the folder of the notes.
         let names = |path: &Path| std::fs::read_dir(path).unwrap().count();
-        assert_eq!((names(folder.path()), names(&folder.path().join("notes"))), (1, 1));
+        assert_eq!(
+            (names(folder.path()), names(&folder.path().join("notes"))),
+            (1, 1)
+        );
     }
 }

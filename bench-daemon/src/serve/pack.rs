@@ -2,13 +2,15 @@
 //! asked while somebody drags.
 
 use std::{
+    cmp::Ordering,
     path::Path,
     sync::{Mutex, PoisonError},
 };
 
 use analysis::{
     forward::{
-        Beyond, CellWindow, Demand, Interpolation, OcvSource, Profile, SimOptions, Simulation, simulate,
+        Beyond, CellWindow, Demand, Interpolation, OcvSource, Profile, SimOptions, Simulation,
+        simulate,
     },
     given::GivenModel,
     ocv::OcvCurve,
@@ -18,11 +20,10 @@ use analysis::{
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Server, find, jobs, submission};
+use super::{find, jobs, settings::Settings, submission};
 use crate::{
-    command::{erm_text, model_args::read_model},
-    config::{Source, resolve_cell},
-    files,
+    config::{Source, erm_text, resolve_cell},
+    files::{self, read_model},
     support::confined_path,
 };
 
@@ -42,7 +43,12 @@ const NEAR_K: f64 = 2.0;
 /// Text of a profile of the repository.
 macro_rules! profile {
     ($name:literal) => {
-        include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/data/profiles/", $name, ".csv"))
+        include_str!(concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../fixtures/data/profiles/",
+            $name,
+            ".csv"
+        ))
     };
 }
 /// Measured power of a legged robot over time (see `fixtures/data/profiles/README.md`), W.
@@ -131,8 +137,10 @@ pub struct UnderLoad {
     highest_a: f64,
     /// Heat in the resistances, J.
     heat_j: f64,
-    /// Smaller distance of the voltage to its limits, V; negative beyond one.
+    /// Lowest voltage above the lower limit, V; negative below it.
     margin_v: f64,
+    /// Highest voltage below the upper limit, V; negative above it.
+    margin_high_v: f64,
     /// Distance of the current to its limit, A; negative beyond it; none without a limit.
     margin_a: Option<f64>,
     /// All power could be had, and every limit was kept.
@@ -165,12 +173,12 @@ pub struct RunModel {
 pub struct LastModel(Mutex<Option<(String, String, GivenModel)>>);
 
 /// All models of runs, of the latest run first.
-pub fn models(server: &Server) -> Vec<RunModel> {
+pub fn models(settings: &Settings) -> Vec<RunModel> {
     let of_run = |job: jobs::Job| {
         let run = job.item.run;
-        let folder = server.runs().join(&run);
+        let folder = settings.runs().join(&run);
         let temperature_c = find::temperature_c(&folder);
-        let curve = ocv(server, &run).is_some();
+        let curve = ocv(settings, &run).is_some();
         (1..=9_usize).rev().filter_map(move |order| {
             let file = run_folder::model(order);
             let model = read_model(&folder.join(&file), None).ok()?;
@@ -184,7 +192,7 @@ pub fn models(server: &Server) -> Vec<RunModel> {
             })
         })
     };
-    jobs::all(&server.settings.data)
+    jobs::all(&settings.data)
         .into_iter()
         .filter(|job| job.ended.as_ref().is_some_and(|ended| ended.finished))
         .take(MOST_RUNS)
@@ -196,14 +204,18 @@ pub fn models(server: &Server) -> Vec<RunModel> {
 fn profile(load: &Load) -> Result<Profile, String> {
     let scale = load.scale.unwrap_or(1.0);
     if !(scale > 0.0 && scale <= LARGEST_SCALE) {
-        return Err(format!("scale: expected a factor above 0, at most {LARGEST_SCALE}, found {scale}"));
+        return Err(format!(
+            "scale: expected a factor above 0, at most {LARGEST_SCALE}, found {scale}"
+        ));
     }
     if load.profile == "constant" {
         let power_w = load
             .power_w
             .ok_or("power_w: expected a power for the constant profile, found none")?;
         let profile = Profile::constant(Demand::Power, power_w, CONSTANT_S);
-        return profile.map(|profile| profile.scaled(scale)).map_err(|error| error.to_string());
+        return profile
+            .map(|profile| profile.scaled(scale))
+            .map_err(|error| error.to_string());
     }
     let Some((name, text)) = PROFILES.iter().find(|(name, _)| *name == load.profile) else {
         let names: Vec<&str> = PROFILES.iter().map(|(name, _)| *name).collect();
@@ -224,7 +236,11 @@ fn profile(load: &Load) -> Result<Profile, String> {
 }
 
 /// The model, and the temperature at which it was measured.
-fn model(server: &Server, wanted: &CellModel) -> Result<(GivenModel, Option<f64>), String> {
+fn model(
+    settings: &Settings,
+    last: &LastModel,
+    wanted: &CellModel,
+) -> Result<(GivenModel, Option<f64>), String> {
     match wanted {
         CellModel::Typed { erm } => {
             let erm = erm_text::parse(erm).map_err(|error| format!("model.erm: {error}"))?;
@@ -232,17 +248,20 @@ fn model(server: &Server, wanted: &CellModel) -> Result<(GivenModel, Option<f64>
             Ok((model.map_err(|error| format!("model.erm: {error}"))?, None))
         }
         CellModel::OfRun { run, name } => {
-            let folder = confined_path::folder(&server.runs(), run)
+            let folder = confined_path::folder(&settings.runs(), run)
                 .ok_or_else(|| format!("model.run: expected a run, found {run:?}"))?;
             let temperature_c = find::temperature_c(&folder);
-            let mut last = server.last_model.0.lock().unwrap_or_else(PoisonError::into_inner);
-            if let Some((_, _, model)) = last.as_ref().filter(|last| (&last.0, &last.1) == (run, name)) {
+            let mut known = last.0.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some((_, _, model)) = known
+                .as_ref()
+                .filter(|last| (&last.0, &last.1) == (run, name))
+            {
                 return Ok((model.clone(), temperature_c));
             }
             let model = of_file(&folder, name)?;
-            let curve = model.ocv.clone().or_else(|| ocv(server, run));
+            let curve = model.ocv.clone().or_else(|| ocv(settings, run));
             let model = model.with_ocv(curve);
-            *last = Some((run.clone(), name.clone(), model.clone()));
+            *known = Some((run.clone(), name.clone(), model.clone()));
             Ok((model, temperature_c))
         }
     }
@@ -252,14 +271,16 @@ fn of_file(folder: &Path, name: &str) -> Result<GivenModel, String> {
     let file = format!("{name}.json");
     let known = run_folder::is_model(&file) && confined_path::open(folder, &file).is_some();
     if !known {
-        return Err(format!("model.name: expected a model of the run, found {name:?}"));
+        return Err(format!(
+            "model.name: expected a model of the run, found {name:?}"
+        ));
     }
     read_model(&folder.join(&file), None).map_err(|error| format!("model.name: {error}"))
 }
 
 /// The open-circuit voltage that the cell's file tells.
-fn ocv(server: &Server, run: &str) -> Option<OcvCurve> {
-    let file = submission::cell_file(&server.settings.data, run)?;
+fn ocv(settings: &Settings, run: &str) -> Option<OcvCurve> {
+    let file = submission::cell_file(&settings.data, run)?;
     resolve_cell(&Source::read(&file).ok()?).ok()?.ocv
 }
 
@@ -267,54 +288,64 @@ fn ocv(server: &Server, run: &str) -> Option<OcvCurve> {
 ///
 /// # Errors
 /// In words that name the field.
-pub fn under_load(server: &Server, load: &Load) -> Result<UnderLoad, String> {
+pub fn under_load(settings: &Settings, last: &LastModel, load: &Load) -> Result<UnderLoad, String> {
     for (field, count) in [("series", load.series), ("parallel", load.parallel)] {
         if !(1..=MOST_CELLS).contains(&count) {
-            return Err(format!("{field}: expected 1 to {MOST_CELLS}, found {count}"));
+            return Err(format!(
+                "{field}: expected 1 to {MOST_CELLS}, found {count}"
+            ));
         }
     }
     let profile = profile(load)?;
-    let (given, measured_c) = model(server, &load.model)?;
+    let (given, measured_c) = model(settings, last, &load.model)?;
     let ocv = match (&given.ocv, load.ocv_v) {
         (Some(curve), _) => OcvSource::Curve(curve.clone()),
         (None, Some(ocv_v)) => OcvSource::Constant(ocv_v),
         (None, None) => {
-            return Err("ocv_v: expected an open-circuit voltage, for the model knows no curve".to_owned());
+            return Err(
+                "ocv_v: expected an open-circuit voltage, for the model knows no curve".to_owned(),
+            );
         }
     };
     let pack = Pack::new(load.series, load.parallel, 0.0).map_err(|error| error.to_string())?;
     let model = files::sim_model(&given, ocv, pack).map_err(|error| error.to_string())?;
     let state = match (load.soc, load.ocv_v) {
         (Some(soc), None) => model.rest(soc).map_err(|error| format!("soc: {error}"))?,
-        (None, Some(ocv_v)) => model.rest_at(ocv_v).map_err(|error| format!("ocv_v: {error}"))?,
+        (None, Some(ocv_v)) => model
+            .rest_at(ocv_v)
+            .map_err(|error| format!("ocv_v: {error}"))?,
         _ => return Err("soc, ocv_v: expected one of them".to_owned()),
     };
     let series = f64::from(load.series);
-    let window_v = (
-        load.voltage_min_v.unwrap_or(CellWindow::THESIS.low_v * series),
-        load.voltage_max_v.unwrap_or(CellWindow::THESIS.high_v * series),
-    );
-    if !(window_v.0 < window_v.1) {
+    let window = CellWindow {
+        low_v: load
+            .voltage_min_v
+            .unwrap_or(CellWindow::THESIS.low_v * series),
+        high_v: load
+            .voltage_max_v
+            .unwrap_or(CellWindow::THESIS.high_v * series),
+    };
+    if window.low_v.partial_cmp(&window.high_v) != Some(Ordering::Less) {
         return Err(format!(
             "voltage_min_v, voltage_max_v: expected a lower below a higher voltage, found {} and {} V",
-            window_v.0, window_v.1
+            window.low_v, window.high_v
         ));
     }
     let options = SimOptions {
         beyond: Beyond::Stop,
         max_step_s: profile.duration_s() / ROWS,
         window: CellWindow {
-            low_v: window_v.0 / series,
-            high_v: window_v.1 / series,
+            low_v: window.low_v / series,
+            high_v: window.high_v / series,
         },
         ..SimOptions::default()
     };
     let run = simulate(&model, &state, &profile, &options).map_err(|error| error.to_string())?;
-    let mut cautions = given.warnings.clone();
+    let mut cautions = given.warnings;
     if let Some(wanted_c) = load.temperature_c {
         cautions.extend(temperature(wanted_c, measured_c));
     }
-    Ok(told(run, window_v, load.current_max_a, cautions))
+    Ok(told(run, window, load.current_max_a, cautions))
 }
 
 /// A remark where the cells are to be at another temperature than that of the measurement.
@@ -331,9 +362,18 @@ fn temperature(wanted_c: f64, measured_c: Option<f64>) -> Option<String> {
     }
 }
 
-fn told(run: Simulation, window_v: (f64, f64), current_max_a: Option<f64>, cautions: Vec<String>) -> UnderLoad {
+/// The answer; `window` is that of the pack.
+fn told(
+    run: Simulation,
+    window: CellWindow,
+    current_max_a: Option<f64>,
+    cautions: Vec<String>,
+) -> UnderLoad {
     let Simulation { summary, trace, .. } = run;
-    let margin_v = (summary.min_ccv_v - window_v.0).min(window_v.1 - summary.max_ccv_v);
+    let (margin_v, margin_high_v) = (
+        window.margin_low_v(summary.min_ccv_v),
+        window.margin_high_v(summary.max_ccv_v),
+    );
     let highest_a = summary.peak_current_a.max(-summary.lowest_current_a);
     let margin_a = current_max_a.map(|limit| limit - highest_a);
     let words = if let Some(first) = summary.infeasible.first() {
@@ -343,19 +383,29 @@ fn told(run: Simulation, window_v: (f64, f64), current_max_a: Option<f64>, cauti
         )
     } else if margin_v < 0.0 {
         format!(
-            "lowest {:.1} V at {:.2} s: {:.1} V beyond a limit of the voltage",
+            "lowest {:.1} V at {:.2} s: {:.1} V below the limit",
             summary.min_ccv_v, summary.min_ccv_time_s, -margin_v
         )
+    } else if margin_high_v < 0.0 {
+        format!(
+            "highest {:.1} V at {:.2} s: {:.1} V above the limit",
+            summary.max_ccv_v, summary.max_ccv_time_s, -margin_high_v
+        )
     } else if let Some(margin_a) = margin_a.filter(|margin| *margin < 0.0) {
-        format!("greatest {highest_a:.0} A: {:.0} A above the limit of the current", -margin_a)
+        format!(
+            "greatest {highest_a:.0} A: {:.0} A above the limit of the current",
+            -margin_a
+        )
     } else {
         format!(
-            "lowest {:.1} V at {:.2} s: {margin_v:.1} V within the limits",
+            "lowest {:.1} V at {:.2} s: {margin_v:.1} V above the limit",
             summary.min_ccv_v, summary.min_ccv_time_s
         )
     };
     UnderLoad {
-        kept: summary.feasible && margin_v >= 0.0 && margin_a.is_none_or(|margin| margin >= 0.0),
+        kept: summary.feasible
+            && margin_v.min(margin_high_v) >= 0.0
+            && margin_a.is_none_or(|margin| margin >= 0.0),
         time_s: trace.time_s,
         power_w: trace.power_w,
         voltage_v: trace.ccv_v,
@@ -366,6 +416,7 @@ fn told(run: Simulation, window_v: (f64, f64), current_max_a: Option<f64>, cauti
         highest_a,
         heat_j: summary.heat_j,
         margin_v,
+        margin_high_v,
         margin_a,
         words,
         cautions,
@@ -379,7 +430,9 @@ mod tests {
     #[test]
     fn every_profile_can_be_read_and_another_one_is_refused() {
         let load = |name: &str| Load {
-            model: CellModel::Typed { erm: "6 mΩ".to_owned() },
+            model: CellModel::Typed {
+                erm: "6 mΩ".to_owned(),
+            },
             series: 16,
             parallel: 3,
             soc: None,
@@ -397,15 +450,25 @@ mod tests {
             assert_eq!(found.time_s.len(), text.lines().count() - 1, "{name}");
         }
         let message = profile(&load("running")).unwrap_err();
-        assert!(message.starts_with("profile: expected one of walking, "), "{message}");
+        assert!(
+            message.starts_with("profile: expected one of walking, "),
+            "{message}"
+        );
         let message = profile(&load("constant")).unwrap_err();
-        assert!(message.starts_with("power_w: expected a power"), "{message}");
+        assert!(
+            message.starts_with("power_w: expected a power"),
+            "{message}"
+        );
     }
 
     #[test]
     fn another_temperature_than_measured_is_told() {
         assert_eq!(temperature(25.5, Some(25.0)), None);
-        assert!(temperature(-10.0, Some(25.0)).unwrap().contains("measured at 25.0 °C"));
+        assert!(
+            temperature(-10.0, Some(25.0))
+                .unwrap()
+                .contains("measured at 25.0 °C")
+        );
         assert!(temperature(25.0, None).is_some());
     }
 }

@@ -18,6 +18,7 @@ use super::{
     hub::Hub,
     live::{Live, StopReport},
     notebook::Notebook,
+    notices::Notices,
     pack::LastModel,
     queue::Queue,
     session::Sessions,
@@ -50,6 +51,8 @@ pub struct Server {
     pub analyses: Analyses,
     /// The model that the pack explorer has asked for last.
     pub last_model: LastModel,
+    /// Notices to people who are not at the page.
+    pub notices: Notices,
     /// Sessions of browsers.
     pub sessions: Sessions,
     /// Notes and tags.
@@ -126,6 +129,7 @@ impl Server {
             timelines: Timelines::default(),
             analyses: Analyses::open(&settings.data),
             last_model: LastModel::default(),
+            notices: Notices::default(),
             sessions: Sessions::default(),
             notebook: Notebook::of(&settings.data),
             finder: Finder::default(),
@@ -185,6 +189,6 @@ impl Server {
 
     /// Folder of the runs.
     pub fn runs(&self) -> PathBuf {
-        self.settings.data.join("runs")
+        self.settings.runs()
     }
 }

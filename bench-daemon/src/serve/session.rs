@@ -42,7 +42,9 @@ impl Sessions {
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         all.retain(|_, session| session.until_s > now_s);
         if all.len() >= MOST {
-            let oldest = all.iter().min_by(|a, b| a.1.until_s.total_cmp(&b.1.until_s));
+            let oldest = all
+                .iter()
+                .min_by(|a, b| a.1.until_s.total_cmp(&b.1.until_s));
             let oldest = oldest.map(|(number, _)| number.clone());
             oldest.map(|number| all.remove(&number));
         }
@@ -71,7 +73,8 @@ impl Sessions {
 
 /// The number of the session among the cookies of a request.
 pub fn number(cookies: &str) -> Option<&str> {
-    let named = |pair: &'_ str| -> bool { pair.split_once('=').is_some_and(|(name, _)| name == COOKIE) };
+    let named =
+        |pair: &'_ str| -> bool { pair.split_once('=').is_some_and(|(name, _)| name == COOKIE) };
     let pair = cookies.split(';').map(str::trim).find(|pair| named(pair))?;
     pair.split_once('=').map(|(_, number)| number)
 }
@@ -90,7 +93,10 @@ mod tests {
     #[test]
     fn a_session_ends_by_itself_and_when_it_is_ended() {
         let sessions = Sessions::default();
-        let (a, b) = (sessions.begin("eb_1", 0.0).unwrap(), sessions.begin("eb_1", 10.0).unwrap());
+        let (a, b) = (
+            sessions.begin("eb_1", 0.0).unwrap(),
+            sessions.begin("eb_1", 10.0).unwrap(),
+        );
         assert_ne!(a, b);
         assert_eq!(sessions.token_sha256(&a, 1.0), Some(hash::sha256("eb_1")));
         assert_eq!(sessions.token_sha256(&a, LONGEST_S), None);

@@ -6,14 +6,16 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use jiff::civil::Time;
 use serde::Deserialize;
 
+use super::targets::{Email, Encryption, Targets};
 use crate::{
     config::{
         self, ConfigError, Source, load_bench,
         quantity::{Duration, Quantity},
     },
-    support::confined_path::plain,
+    support::{confined_path::plain, loopback::names_loopback},
 };
 
 /// File of a server as it is typed.
@@ -33,6 +35,9 @@ struct Raw {
     tls: Option<RawTls>,
     /// Reverse proxy in front of the server, which encrypts and may ask who somebody is.
     proxy: Option<RawProxy>,
+    /// Notices to people who are not at the page.
+    #[serde(default)]
+    notify: RawNotify,
     /// Bounds of the server.
     #[serde(default)]
     limits: RawLimits,
@@ -58,6 +63,42 @@ struct RawProxy {
     /// Name under which browsers reach the proxy over TLS, such as `bench.lab.example`, with its
     /// port where it is not 443. Requests for this host are answered besides those for this machine.
     host: String,
+}
+
+/// Notices of trips, of benches that are not verified off, and of ends of runs.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawNotify {
+    /// Address that each notice is posted to as JSON: `https://…`, or `http://` on this machine.
+    webhook: Option<String>,
+    /// Local time in which ends of runs are kept and told together at its end, such as
+    /// `22:00-06:00`. Trips are told at any time. Left out: none.
+    quiet: Option<String>,
+    /// Each notice as an e-mail.
+    email: Option<RawEmail>,
+}
+
+/// E-mail by SMTP.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawEmail {
+    /// Host and port of the mail server, such as `smtp.lab.example:465`.
+    server: String,
+    /// Encryption of the connection; `none` to this machine only.
+    #[serde(default = "tls")]
+    encryption: Encryption,
+    /// User at the mail server. Left out: none is asked for.
+    user: Option<String>,
+    /// Path of a file that holds the password, from the folder of this file.
+    password_file: Option<String>,
+    /// Address of the sender.
+    from: String,
+    /// Addresses of the receivers, at least one.
+    to: Vec<String>,
+}
+
+fn tls() -> Encryption {
+    Encryption::Tls
 }
 
 /// Bounds of a server.
@@ -101,6 +142,8 @@ pub struct Settings {
     pub tls: Option<(PathBuf, PathBuf)>,
     /// Name under which browsers reach a reverse proxy in front of it, over TLS.
     pub proxy_host: Option<String>,
+    /// Where notices go.
+    pub notify: Targets,
     /// Its bounds.
     pub limits: Limits,
     /// So long a run has to end by itself after a stop, s, before it is ended.
@@ -173,6 +216,7 @@ impl Settings {
         }
         let limits = &raw.limits;
         Ok(Self {
+            notify: targets(&source, &raw.notify)?,
             proxy_host,
             listen,
             data: absolute(source.relative(&raw.data)),
@@ -210,10 +254,103 @@ impl Settings {
         })
     }
 
+    /// Folder of the runs.
+    pub fn runs(&self) -> PathBuf {
+        self.data.join("runs")
+    }
+
     /// A bench by its name.
     pub fn bench(&self, name: &str) -> Option<&config::Bench> {
         self.benches.iter().find(|bench| bench.name == name)
     }
+}
+
+/// Where notices go, checked.
+fn targets(source: &Source, raw: &RawNotify) -> Result<Targets, ConfigError> {
+    if let Some(address) = &raw.webhook {
+        let (scheme, rest) = address.split_once("://").unwrap_or(("", address));
+        let host = rest.split('/').next().unwrap_or_default();
+        let name = host.rsplit_once(':').map_or(host, |(name, _)| name);
+        let allowed = scheme == "https" || (scheme == "http" && names_loopback(name));
+        if !allowed || name.is_empty() || host.contains('@') {
+            let reason = format!(
+                "expected an address https://HOST/PATH, or http:// on this machine, found {address:?}"
+            );
+            return Err(source.complain("notify.webhook", reason));
+        }
+    }
+    let quiet = raw.quiet.as_deref().map(|text| {
+        let time = |text: &str| Time::strptime("%H:%M", text.trim()).ok();
+        let (from, to) = text.split_once('-')?;
+        Some((time(from)?, time(to)?))
+    });
+    if quiet == Some(None) {
+        let reason = format!(
+            "expected two local times such as 22:00-06:00, found {:?}",
+            raw.quiet.as_deref().unwrap_or_default()
+        );
+        return Err(source.complain("notify.quiet", reason));
+    }
+    Ok(Targets {
+        webhook: raw.webhook.clone(),
+        email: raw
+            .email
+            .as_ref()
+            .map(|raw| email(source, raw))
+            .transpose()?,
+        quiet: quiet.flatten(),
+    })
+}
+
+fn email(source: &Source, raw: &RawEmail) -> Result<Email, ConfigError> {
+    let complain =
+        |key: &str, reason: String| source.complain(&format!("notify.email.{key}"), reason);
+    let server = raw
+        .server
+        .rsplit_once(':')
+        .and_then(|(host, port)| Some((host, port.parse().ok()?)));
+    let (host, port) = server.filter(|(host, _)| is_host(host)).ok_or_else(|| {
+        let reason = format!(
+            "expected a host and a port such as smtp.lab.example:465, found {:?}",
+            raw.server
+        );
+        complain("server", reason)
+    })?;
+    if raw.encryption == Encryption::None && !names_loopback(host) {
+        let reason =
+            format!("expected `tls` or `starttls` to another machine ({host}), found `none`");
+        return Err(complain("encryption", reason));
+    }
+    let mailbox = |key: &str, text: &String| {
+        text.parse().map_err(|error| {
+            complain(
+                key,
+                format!("expected an address such as bench@lab.example, found {text:?}: {error}"),
+            )
+        })
+    };
+    if raw.to.is_empty() {
+        return Err(complain(
+            "to",
+            "expected at least one address, found none".to_owned(),
+        ));
+    }
+    Ok(Email {
+        host: host.to_owned(),
+        port,
+        encryption: raw.encryption,
+        user: raw.user.clone(),
+        password_file: raw
+            .password_file
+            .as_ref()
+            .map(|path| absolute(source.relative(path))),
+        from: mailbox("from", &raw.from)?,
+        to: raw
+            .to
+            .iter()
+            .map(|text| mailbox("to", text))
+            .collect::<Result<_, _>>()?,
+    })
 }
 
 /// Letters, digits, dots and dashes, and a port.

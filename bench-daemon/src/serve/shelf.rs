@@ -93,7 +93,9 @@ pub struct Shelved {
 #[derive(Debug, thiserror::Error)]
 pub enum ShelfError {
     /// Somebody else was faster.
-    #[error("expected the text that is there now (SHA-256 {found}), found another one: it was changed meanwhile")]
+    #[error(
+        "expected the text that is there now (SHA-256 {found}), found another one: it was changed meanwhile"
+    )]
     Changed {
         /// Checksum of what is there.
         found: String,
@@ -159,7 +161,11 @@ fn names(folder: &Path, ending: &str) -> Vec<String> {
 /// All files of a kind, by name.
 pub fn list(settings: &Settings, kind: Kind) -> Vec<Listed> {
     let mut all = if kind == Kind::Benches {
-        settings.benches.iter().map(|bench| bench.name.clone()).collect()
+        settings
+            .benches
+            .iter()
+            .map(|bench| bench.name.clone())
+            .collect()
     } else {
         let mut all = names(&settings.configs.join(kind.folder()), ".toml");
         all.extend(names(&settings.data.join("files").join(kind.folder()), ""));
@@ -170,13 +176,22 @@ pub fn list(settings: &Settings, kind: Kind) -> Vec<Listed> {
     all.into_iter()
         .map(|name| {
             let versions = kept(settings, kind, &name).len();
-            Listed { name, edited: versions > 0, versions }
+            Listed {
+                name,
+                edited: versions > 0,
+                versions,
+            }
         })
         .collect()
 }
 
 /// A file; the version of this number, else the latest. None where there is no such file.
-pub fn read(settings: &Settings, kind: Kind, name: &str, version: Option<usize>) -> Option<Shelved> {
+pub fn read(
+    settings: &Settings,
+    kind: Kind,
+    name: &str,
+    version: Option<usize>,
+) -> Option<Shelved> {
     if !plain(name) {
         return None;
     }
@@ -190,7 +205,10 @@ pub fn read(settings: &Settings, kind: Kind, name: &str, version: Option<usize>)
         },
         text,
     });
-    let all: Vec<Kept> = first.into_iter().chain(kept(settings, kind, name)).collect();
+    let all: Vec<Kept> = first
+        .into_iter()
+        .chain(kept(settings, kind, name))
+        .collect();
     let wanted = match version {
         Some(number) => all.iter().find(|kept| kept.version.version == number)?,
         None => all.last()?,
@@ -206,11 +224,18 @@ pub fn read(settings: &Settings, kind: Kind, name: &str, version: Option<usize>)
 ///
 /// # Errors
 /// [`ShelfError`].
-pub fn write(settings: &Settings, kind: Kind, name: &str, change: Change<'_>) -> Result<(), ShelfError> {
+pub fn write(
+    settings: &Settings,
+    kind: Kind,
+    name: &str,
+    change: Change<'_>,
+) -> Result<(), ShelfError> {
     let now = read(settings, kind, name, None);
     let found = now.as_ref().map(|now| now.sha256.as_str());
     if found != change.was_sha256 {
-        return Err(ShelfError::Changed { found: found.unwrap_or("none").to_owned() });
+        return Err(ShelfError::Changed {
+            found: found.unwrap_or("none").to_owned(),
+        });
     }
     let number = kept(settings, kind, name).len() + 1;
     if number > MOST_VERSIONS {
@@ -230,7 +255,8 @@ pub fn write(settings: &Settings, kind: Kind, name: &str, change: Change<'_>) ->
     let failed = |error: &dyn std::fmt::Display| ShelfError::Io(error.to_string());
     std::fs::create_dir_all(&folder).map_err(|error| failed(&error))?;
     let text = serde_json::to_string_pretty(&kept).map_err(|error| failed(&error))?;
-    write_atomically(&folder.join(file_name(number)), text.as_bytes()).map_err(|error| failed(&error))
+    write_atomically(&folder.join(file_name(number)), text.as_bytes())
+        .map_err(|error| failed(&error))
 }
 
 /// The latest texts of all files that were changed here, by their paths in the folder of the
@@ -243,5 +269,7 @@ pub fn changed(settings: &Settings) -> Copies {
             Some((Path::new(kind.folder()).join(format!("{name}.toml")), text))
         })
     };
-    of_kind(Kind::Experiments).chain(of_kind(Kind::Cells)).collect()
+    of_kind(Kind::Experiments)
+        .chain(of_kind(Kind::Cells))
+        .collect()
 }

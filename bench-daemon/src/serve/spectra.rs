@@ -6,11 +6,11 @@ use std::{collections::BTreeMap, os::unix::fs::MetadataExt, path::Path};
 use analysis::{
     dataset::{FLAGS, read_spectrum_csv},
     run_folder::{self, SPECTRA},
-    spectrum::ImpedancePoint,
 };
 use serde::Serialize;
 use utoipa::ToSchema;
 
+pub use crate::figures::curves::Point;
 use crate::support::confined_path;
 
 /// A spectrum.
@@ -22,37 +22,6 @@ pub struct Spectrum {
     pub corrected: bool,
     /// In the order of their frequencies.
     pub points: Vec<Point>,
-}
-
-/// A point of a spectrum.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-pub struct Point {
-    /// Frequency, Hz.
-    pub freq_hz: f64,
-    /// Real part, Ω.
-    pub re_ohm: f64,
-    /// Imaginary part, Ω; negative for a capacitive one.
-    pub im_ohm: f64,
-    /// Standard uncertainty of the real part, Ω; none where it is not known.
-    pub re_sigma_ohm: Option<f64>,
-    /// Standard uncertainty of the imaginary part, Ω.
-    pub im_sigma_ohm: Option<f64>,
-    /// Why the quality gate refused it; none for an accepted point.
-    pub verdict: Option<String>,
-}
-
-impl From<&ImpedancePoint> for Point {
-    fn from(point: &ImpedancePoint) -> Self {
-        let sigma = |variance: f64| Some(variance.sqrt()).filter(|sigma| sigma.is_finite());
-        Self {
-            freq_hz: point.freq_hz,
-            re_ohm: point.z_ohm.re,
-            im_ohm: point.z_ohm.im,
-            re_sigma_ohm: sigma(point.covariance.re_re),
-            im_sigma_ohm: sigma(point.covariance.im_im),
-            verdict: None,
-        }
-    }
 }
 
 /// Files of spectra with their stamps.
@@ -117,8 +86,14 @@ pub fn read(run: &Path, file: &str) -> Option<Spectrum> {
 fn flags(text: &str) -> Vec<&str> {
     let mut lines = text.lines().filter(|line| !line.starts_with('#'));
     let header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
-    let column = header.iter().position(|name| *name == FLAGS.trim_start_matches(','));
-    let of_row = |line| column.and_then(|column| str::split(line, ',').nth(column)).unwrap_or_default();
+    let column = header
+        .iter()
+        .position(|name| *name == FLAGS.trim_start_matches(','));
+    let of_row = |line| {
+        column
+            .and_then(|column| str::split(line, ',').nth(column))
+            .unwrap_or_default()
+    };
     lines.map(of_row).collect()
 }
 

@@ -33,7 +33,12 @@ struct Row {
     voltage_v: f64,
     current_a: f64,
     temperature_c: f64,
+    /// Charge into the cell since the first row, C.
+    charge_c: f64,
 }
+
+/// Between two readings of the current that lie further apart nothing is known to have flowed, s.
+const CHARGE_GAP_S: f64 = 30.0;
 
 impl From<ReadingRow<'_>> for Row {
     fn from(row: ReadingRow<'_>) -> Self {
@@ -42,6 +47,7 @@ impl From<ReadingRow<'_>> for Row {
             voltage_v: row.voltage_v.unwrap_or(f64::NAN),
             current_a: row.current_a.unwrap_or(f64::NAN),
             temperature_c: row.temperature_c.unwrap_or(f64::NAN),
+            charge_c: 0.0,
         }
     }
 }
@@ -54,6 +60,24 @@ struct Known {
     /// Bytes of the file that are read: whole lines.
     bytes: u64,
     rows: Vec<Row>,
+    /// Time and current of the last reading of the current.
+    current: Option<(f64, f64)>,
+}
+
+impl Known {
+    /// Adds a row, with the charge up to it.
+    fn push(&mut self, mut row: Row) {
+        row.charge_c = self.rows.last().map_or(0.0, |last| last.charge_c);
+        if !row.current_a.is_nan() {
+            if let Some((time_s, current_a)) = self.current
+                && (0.0..=CHARGE_GAP_S).contains(&(row.time_s - time_s))
+            {
+                row.charge_c += 0.5 * (current_a + row.current_a) * (row.time_s - time_s);
+            }
+            self.current = Some((row.time_s, row.current_a));
+        }
+        self.rows.push(row);
+    }
 }
 
 /// Readings of the runs that were asked for last, so that of a file that grows only what is new is
@@ -88,6 +112,9 @@ pub struct Readings {
     current_a: Vec<Option<f64>>,
     /// Surface temperature of the cell, °C.
     temperature_c: Vec<Option<f64>>,
+    /// Charge through the meter since the first reading, C, positive into the cell: its readings
+    /// joined by lines, where they lie no more than 30 s apart.
+    charge_c: Vec<f64>,
     /// Rows of this part in the file.
     rows: usize,
     /// Every one of them is told.
@@ -139,6 +166,7 @@ impl Timelines {
                 readings.voltage_v.push(read(row.voltage_v));
                 readings.current_a.push(read(row.current_a));
                 readings.temperature_c.push(read(row.temperature_c));
+                readings.charge_c.push(row.charge_c);
             }
         }
         let mut events = String::new();
@@ -181,6 +209,7 @@ fn fresh<'a>(known: &'a mut VecDeque<Known>, folder: &Path) -> Option<&'a Known>
         inode: meta.ino(),
         bytes: 0,
         rows: Vec::new(),
+        current: None,
     });
     let mut bytes = Vec::new();
     file.seek(SeekFrom::Start(one.bytes)).ok()?;
@@ -192,8 +221,8 @@ fn fresh<'a>(known: &'a mut VecDeque<Known>, folder: &Path) -> Option<&'a Known>
         .map_or(0, |at| at + 1);
     let text = String::from_utf8_lossy(&bytes[..whole]);
     // The head is no row: it has no time.
-    one.rows
-        .extend(text.lines().filter_map(ReadingRow::parse).map(Row::from));
+    let rows = text.lines().filter_map(ReadingRow::parse).map(Row::from);
+    rows.for_each(|row| one.push(row));
     one.bytes += whole as u64;
     known.push_front(one);
     known.truncate(KEPT_RUNS);
@@ -254,6 +283,7 @@ mod tests {
             } else {
                 f64::NAN
             },
+            charge_c: 0.0,
         }
     }
 
@@ -293,6 +323,8 @@ mod tests {
         assert_eq!(times(&whole), [1.0, 2.0, 3.0]);
         let read = timelines.read(folder.path(), &whole, 100).unwrap();
         assert_eq!(read.current_a, [Some(0.0), None, Some(1.0)]);
+        // A line from 0 A at 1 s to 1 A at 3 s; a reading without a current is passed over.
+        assert_eq!(read.charge_c, [0.0, 0.0, 1.0]);
         assert!(read.whole && read.rows == 3 && read.end_s == 3.0);
         let part = Part {
             from_s: Some(1.5),

@@ -120,6 +120,11 @@ impl Browser {
         self.say("/execute/sync", &json!({ "script": text, "args": [] }))
     }
 
+    /// What a script calls its last argument with.
+    fn script_async(&self, text: &str) -> Value {
+        self.say("/execute/async", &json!({ "script": text, "args": [] }))
+    }
+
     /// The text of an element that is shown.
     fn text(&self, css: &str) -> String {
         let script = format!(
@@ -203,11 +208,23 @@ impl Browser {
         panic!("{css}: expected {wanted:?}, found {last:?}");
     }
 
-    /// Marks in the Nyquist plot.
-    fn marks(&self) -> u64 {
-        self.script("return document.querySelectorAll('#nyquist .mark').length")
-            .as_u64()
-            .unwrap()
+    /// What axe-core finds against WCAG 2.2 AA on the page as it is now; none where axe-core is not
+    /// at hand (`EIS_BENCH_AXE` names its file).
+    #[track_caller]
+    fn assert_accessible(&self, name: &str) {
+        let Some(path) = std::env::var_os("EIS_BENCH_AXE") else {
+            eprintln!("{name}: not looked at by axe-core: EIS_BENCH_AXE names no file of it");
+            return;
+        };
+        let axe = fs::read_to_string(path).unwrap();
+        self.script(&format!("{axe}; window.axe = axe;"));
+        let found = self.script_async(
+            "const done = arguments[arguments.length - 1];
+            const tags = ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa'];
+            axe.run(document, { runOnly: tags }).then((found) => done(found.violations.map((one) =>
+                `${one.id}: ${one.nodes[0].html.slice(0, 200)}`)));",
+        );
+        assert_eq!(found, serde_json::json!([]), "{name}");
     }
 
     /// The whole page at one size, and that nothing sticks out at its side.
@@ -296,15 +313,19 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     browser.wait("#state", "Idle");
     browser.wait("#link", "connected");
     browser.pictures("idle");
+    browser.assert_accessible("idle");
     browser.click("#showplan");
     browser.wait("#plan", "EIS sweep of the cell");
     browser.click("#submit button[type=submit]");
     browser.wait("#said", "demo-1 is in the queue");
     browser.wait("#state", "Running");
-    browser.wait_points("#legend", "shunt (", 3);
-    let few = browser.marks();
-    browser.wait_points("#legend", "spectrum (", 4);
-    assert!(browser.marks() >= few.min(4), "{few}, {}", browser.marks());
+    browser.wait_points(".cv-legend", "shunt (", 3);
+    browser.wait_points(".cv-legend", "spectrum (", 4);
+    let drawn = browser.script("return document.querySelectorAll('.cv-plot .cv-mark').length");
+    assert!(
+        drawn.as_u64().unwrap() >= 3,
+        "Nyquist, |Z| and phase: {drawn}"
+    );
     for words in ["EIS sweep of the cell", "of 12,", "about"] {
         assert!(
             browser.text("#runbody").contains(words),
@@ -323,6 +344,7 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
         browser.text("#limits")
     );
     browser.pictures("running");
+    browser.assert_accessible("running");
     // The first run comes to its end, the second is stopped.
     browser.wait("#runs", "✓ finished");
     browser.wait("#reading", "old reading");
@@ -331,8 +353,9 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
         "figures old"
     );
     browser.pictures("finished");
+    browser.assert_accessible("finished");
     browser.click("#submit button[type=submit]");
-    browser.wait_points("#legend", "fake cell (", 2);
+    browser.wait_points(".cv-legend", "fake cell (", 2);
     browser.click("#stop");
     browser.wait("#stopped", "every output is off, read back");
     ports.assert_outputs_off();
@@ -344,6 +367,7 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     browser.wait("#state", "Idle");
     browser.wait("#held", "stopped by local");
     browser.pictures("stopped");
+    browser.assert_accessible("stopped");
     // On a phone what can be done about a run is within the window.
     browser.size(PHONE);
     let right = browser.script(
@@ -355,9 +379,10 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     // Two runs over each other.
     browser.click("#runs tr:nth-child(1) input");
     browser.click("#runs tr:nth-child(2) input");
-    browser.wait("#legend", "demo-1: spectrum (12 points)");
-    browser.wait("#legend", "demo-2: ");
+    browser.wait(".cv-legend", "demo-1: spectrum (12 points)");
+    browser.wait(".cv-legend", "demo-2: ");
     browser.pictures("compared");
+    browser.assert_accessible("compared");
     // With the keyboard alone.
     browser.click("#held button");
     browser.click("#submit button[type=submit]");
@@ -404,7 +429,7 @@ fn a_run_is_seen_over_time_and_a_stretch_of_it_exactly() {
             .as_u64()
             .unwrap()
     };
-    assert_eq!(count("#strips canvas"), 3);
+    assert_eq!(count("#strips canvas"), 4);
     let words = browser.text("#timesaid");
     for part in [
         "voltage -0.0",
@@ -421,15 +446,12 @@ fn a_run_is_seen_over_time_and_a_stretch_of_it_exactly() {
             .contains("stage, EIS sweep of the cell")
     );
     browser.pictures("time");
-    // The nearest point is told in a line of its own, and stays when the plot is drawn anew.
-    browser.script(
-        "const box = document.querySelector('#nyquist .mark').getBoundingClientRect();
-        document.querySelector('#nyquist').dispatchEvent(new PointerEvent('pointermove', {
-            clientX: box.left + 9, clientY: box.top + 9, bubbles: true }));
-        window.dispatchEvent(new Event('resize'));",
-    );
-    browser.wait("#pointsaid", " Hz: ");
-    browser.wait("#pointsaid", ", ±σ ");
+    browser.assert_accessible("time");
+    // A point is told in a line of its own, and stays when the plot is drawn anew.
+    browser.keys(".cv-area", "\u{e014}");
+    browser.wait(".cv-status", " Hz; Re ");
+    browser.script("window.dispatchEvent(new Event('resize'))");
+    browser.wait(".cv-status", " ± ");
     let whole = browser.text("#timesaid");
     browser.script(DRAW_OVER);
     browser.wait_until("#timesaid", "a part, exactly", |now| {
@@ -471,10 +493,7 @@ fn the_button_in_the_tenth_tab_is_heard_as_soon_as_in_the_first() {
     };
     stop_beside_load("in the tenth tab of a browser", open, |_| {
         browser.wait("#state", "Running");
-        let took = browser.say(
-            "/execute/async",
-            &json!({ "script": STOP_AND_WAIT, "args": [] }),
-        );
+        let took = browser.script_async(STOP_AND_WAIT);
         1e-3 * took.as_f64().unwrap()
     });
 }
@@ -642,11 +661,12 @@ fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     let clear = token(&files, "cat", "clear-trip");
     let mut served = Served::start(&files);
     browser.go(&served.url(), DESKTOP);
-    browser.wait("#login", "Token");
+    browser.wait("#login", "Sign in");
     // The button is there before anything else, and says why it cannot.
     browser.click("#stop");
-    browser.wait("#said", "The stop was refused: log in first");
+    browser.wait("#said", "The stop was refused: sign in first");
     browser.pictures("login");
+    browser.assert_accessible("login");
     browser.keys("#token", "eb_wrong\u{e007}");
     browser.wait("#loginsaid", "expected a token of this server");
     browser.keys("#token", &format!("{clear}\u{e007}"));
@@ -654,17 +674,15 @@ fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     browser.click("#stop");
     browser.wait("#stopped", "every output is off, read back");
     browser.click("#leave");
-    browser.wait("#login", "Token");
+    browser.wait("#login", "Sign in");
     browser.keys("#token", &format!("{look}\u{e007}"));
     browser.wait("#state", "Idle");
-    assert_eq!(
-        browser.text("#submit"),
-        "",
-        "who may only look is not offered to submit"
-    );
+    browser.wait("#maynot", "needs the scope energise; yours has: read");
+    let offered = browser.script("return document.querySelector('#submit [type=submit]').disabled");
+    assert_eq!(offered, true, "who may only look cannot submit");
     assert_ne!(browser.text("#stop"), "", "everybody may stop");
     browser.click("#leave");
-    browser.wait("#login", "Token");
+    browser.wait("#login", "Sign in");
     browser.keys("#token", &format!("{all}\u{e007}"));
     browser.wait("#state", "Idle");
     browser.click("#held button");
@@ -673,6 +691,7 @@ fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     browser.wait("#trip", "temperature");
     browser.wait("#runs", "✕");
     browser.pictures("tripped");
+    browser.assert_accessible("tripped");
     // Nothing is cleared before a person has said what was found.
     browser.click("#trip button");
     assert!(browser.text("#trip").contains("demo is latched"));
@@ -684,4 +703,5 @@ fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     served.process.0.wait().unwrap();
     browser.wait("#link", "connection lost");
     browser.pictures("lost");
+    browser.assert_accessible("lost");
 }

@@ -32,7 +32,9 @@ pub fn amplitudes(samples: &[f64], interval_s: f64) -> Vec<(f64, f64)> {
         .enumerate()
         .map(|(k, value)| Complex64::from((value - mean) * window(k)))
         .collect();
-    FftPlanner::new().plan_fft_forward(count).process(&mut values);
+    FftPlanner::new()
+        .plan_fft_forward(count)
+        .process(&mut values);
     let weight: f64 = (0..count).map(window).sum();
     let resolution_hz = 1.0 / (count as f64 * interval_s);
     (1..=count / 2)

@@ -18,8 +18,8 @@ pub struct DiagnoseArgs {
     /// another is wanted [default: `ocv` of dataset.toml]
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
-    /// Write `diagnosis.html`, `diagnosis.json`, `diagnosis.md` with its pictures and, where
-    /// effects were added, `model_augmented.json` and, where no name is certain,
+    /// Write `diagnosis.html`, `diagnosis.json`, `diagnosis.md` with its pictures, `story.json` and,
+    /// where effects were added, `model_augmented.json` and, where no name is certain,
     /// `model_predictive.json` into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,

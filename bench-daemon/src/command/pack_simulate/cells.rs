@@ -316,7 +316,7 @@ impl Row<'_> {
     /// The model of a cell, and its capacity over that of the pack's curve.
     fn model(&self, path: &str) -> Result<(Erm, f64), Failure> {
         let folder = self.table.path.parent().unwrap_or_else(|| Path::new(""));
-        let file = super::super::model_args::read_model(&folder.join(path), None)
+        let file = files::read_model(&folder.join(path), None)
             .map_err(|error| self.fail("model", &format!("a model file ({error})")))?;
         let setup = self.table.setup;
         let erm = super::cell(&file, setup.ocv)?;

@@ -79,8 +79,10 @@ fn range(values: impl Iterator<Item = f64>, digits: usize, unit: &str) -> Option
 
 /// The day of a time since 1970, as ISO 8601 writes it.
 fn date(unix_s: f64) -> String {
-    chrono::DateTime::from_timestamp(unix_s.floor() as i64, 0)
-        .map_or_else(|| "unknown".to_owned(), |at| at.date_naive().to_string())
+    jiff::Timestamp::from_second(unix_s.floor() as i64).map_or_else(
+        |_| "unknown".to_owned(),
+        |at| at.to_zoned(jiff::tz::TimeZone::UTC).date().to_string(),
+    )
 }
 
 #[cfg(test)]

@@ -4,8 +4,8 @@ use analysis::{
     budget::Budget,
     fit::ErmFit,
     plot::{self, ImpedancePlot, PlotError, Series, SeriesStyle},
-    report::{Figure, Level, Report, Table, Verdict},
-    run_folder::{MANIFEST, PLOTS, REPORT, SUMS},
+    report::{Figure, Level, Report, Scripted, Table, Verdict},
+    run_folder::{self, MANIFEST, PLOTS, REPORT, SUMS},
     spectrum::{ImpedancePoint, Spectrum},
 };
 use num_complex::Complex64;
@@ -20,9 +20,13 @@ use super::{
 use crate::{
     config::Experiment,
     doctor::fixture_check,
-    figures::impedance::{bode_plot, model_curves},
+    figures::{
+        curves::{Curve, ModelOver, Point, scripted},
+        impedance::{bode_plot, model_curves},
+    },
     files,
     journal::ConfigCopy,
+    measure::SweepPoint,
     record::Recorder,
     run::{Measured, manifest},
     safety::failure::Failure,
@@ -104,7 +108,73 @@ pub(super) fn write(
             records,
         ])
         .chain(shown.tables);
-    page(recorder, experiment, verdicts, figures, tables.collect())
+    let scripted = Some(looked_into(measured, fits));
+    page(
+        recorder,
+        experiment,
+        Page {
+            verdicts,
+            scripted,
+            figures,
+            tables: tables.collect(),
+        },
+    )
+}
+
+/// The corrected spectra with the models that were fitted to all of them, to look into.
+fn looked_into(measured: &Measured, fits: &[ErmFit]) -> Scripted {
+    let named = measured
+        .names()
+        .into_iter()
+        .zip(measured.spectra())
+        .zip(&measured.points);
+    let curve =
+        |(index, ((name, spectrum), points)): (usize, ((String, &Spectrum), &Vec<SweepPoint>))| {
+            let name = if name.is_empty() {
+                "spectrum".to_owned()
+            } else {
+                name
+            };
+            let flagged = |point: (&ImpedancePoint, &SweepPoint)| {
+                let words: Vec<String> = point.1.failing.iter().map(ToString::to_string).collect();
+                Point {
+                    verdict: Some(words.join("; ")).filter(|words| !words.is_empty()),
+                    ..Point::from(point.0)
+                }
+            };
+            let mut points: Vec<Point> = spectrum.points.iter().zip(points).map(flagged).collect();
+            points.sort_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz));
+            Curve {
+                id: name.clone(),
+                name,
+                index,
+                corrected: true,
+                points,
+            }
+        };
+    let curves: Vec<Curve> = named.enumerate().map(curve).collect();
+    let over = |curve: &Curve| {
+        let mut models: Vec<ModelOver> = fits
+            .iter()
+            .map(|fit| {
+                let file = run_folder::model(fit.erm.branches.len());
+                ModelOver::new(fit, &file, &curve.id, &curve.points)
+            })
+            .collect();
+        // The highest order is shown first.
+        models.reverse();
+        models
+    };
+    let models: Vec<ModelOver> = curves.iter().flat_map(over).collect();
+    scripted(&curves, &models)
+}
+
+/// Contents of the page of a run.
+struct Page {
+    verdicts: Vec<Verdict>,
+    scripted: Option<Scripted>,
+    figures: Vec<Figure>,
+    tables: Vec<Table>,
 }
 
 /// The page of a run that swept nothing, or controls only.
@@ -122,16 +192,25 @@ pub(super) fn without_sweeps(
     }
     let mut verdicts = verdicts(recorder, measured);
     verdicts.extend(noted(recorder, &[]));
-    page(recorder, experiment, verdicts, figures, tables)
+    page(
+        recorder,
+        experiment,
+        Page {
+            verdicts,
+            scripted: None,
+            figures,
+            tables,
+        },
+    )
 }
 
-fn page(
-    recorder: &Recorder,
-    experiment: &Experiment,
-    verdicts: Vec<Verdict>,
-    figures: Vec<Figure>,
-    tables: Vec<Table>,
-) -> Result<(), Failure> {
+fn page(recorder: &Recorder, experiment: &Experiment, contents: Page) -> Result<(), Failure> {
+    let Page {
+        verdicts,
+        scripted,
+        figures,
+        tables,
+    } = contents;
     let title = format!(
         "{}: {} on bench {}",
         experiment.name, experiment.cell.name, experiment.bench.name
@@ -145,6 +224,7 @@ fn page(
     let report = Report {
         title,
         verdicts,
+        scripted,
         figures,
         tables,
         provenance: provenance(recorder, experiment, &copies)?,

@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 
 use super::AnalysisError;
 use crate::{
-    serve::{Server, find, jobs, spectra, submission},
+    serve::{find, jobs, settings::Settings, spectra, submission},
     support::confined_path,
 };
 
@@ -89,31 +89,36 @@ fn unfit<T>(text: impl Into<String>) -> Result<T, AnalysisError> {
 ///
 /// # Errors
 /// [`AnalysisError::Unfit`] in words that name the field.
-pub(super) fn arguments(
-    server: &Server,
+pub(crate) fn arguments(
+    settings: &Settings,
     request: &Request,
     out: &Path,
 ) -> Result<Vec<String>, AnalysisError> {
     if request.runs.is_empty() || request.runs.len() > MOST_RUNS {
-        return unfit(format!("runs: expected 1 to {MOST_RUNS}, found {}", request.runs.len()));
+        return unfit(format!(
+            "runs: expected 1 to {MOST_RUNS}, found {}",
+            request.runs.len()
+        ));
     }
     if request.runs.len() > 1 && !request.spectra.is_empty() {
         return unfit("spectra: expected one run to choose them from, found several");
     }
     for run in &request.runs {
-        if confined_path::folder(&server.runs(), run).is_none() {
-            return unfit(format!("runs: expected names of runs that have begun, found {run:?}"));
+        if confined_path::folder(&settings.runs(), run).is_none() {
+            return unfit(format!(
+                "runs: expected names of runs that have begun, found {run:?}"
+            ));
         }
     }
     let mut arguments = vec![request.kind.name().to_owned()];
     match request.kind {
         Kind::Fit => fit(&request.options, &mut arguments)?,
         Kind::Kk => kk(&request.options, &mut arguments)?,
-        Kind::Diagnose => return diagnose(server, request, out),
+        Kind::Diagnose => return diagnose(settings, request, out),
     }
     arguments.push(format!("--out={}", out.display()));
     arguments.push("--".to_owned());
-    arguments.extend(inputs(server, request, out)?);
+    arguments.extend(inputs(settings, request, out)?);
     Ok(arguments)
 }
 
@@ -122,7 +127,9 @@ fn fit(options: &Options, arguments: &mut Vec<String>) -> Result<(), AnalysisErr
     if let Some(circuit) = &options.circuit {
         let plain = |c: char| c.is_ascii_graphic() || c == ' ';
         if circuit.is_empty() || circuit.len() > LONGEST_CIRCUIT || !circuit.chars().all(plain) {
-            return unfit(format!("options.circuit: expected 1 to {LONGEST_CIRCUIT} ASCII characters"));
+            return unfit(format!(
+                "options.circuit: expected 1 to {LONGEST_CIRCUIT} ASCII characters"
+            ));
         }
         if options.rc.is_some() {
             return unfit("options.rc: expected no orders beside a circuit");
@@ -130,9 +137,13 @@ fn fit(options: &Options, arguments: &mut Vec<String>) -> Result<(), AnalysisErr
         arguments.push(format!("--circuit={circuit}"));
     }
     if let Some(rc) = &options.rc {
-        let orders = rc.split(',').all(|order| matches!(order.trim().parse::<u8>(), Ok(1..=9)));
+        let orders = rc
+            .split(',')
+            .all(|order| matches!(order.trim().parse::<u8>(), Ok(1..=9)));
         if !orders && rc != "all" && rc != "auto" {
-            return unfit(format!("options.rc: expected orders such as 1,2,3, `all` or `auto`, found {rc:?}"));
+            return unfit(format!(
+                "options.rc: expected orders such as 1,2,3, `all` or `auto`, found {rc:?}"
+            ));
         }
         arguments.push(format!("--rc={rc}"));
     }
@@ -157,7 +168,11 @@ fn kk(options: &Options, arguments: &mut Vec<String>) -> Result<(), AnalysisErro
     Ok(())
 }
 
-fn diagnose(server: &Server, request: &Request, out: &Path) -> Result<Vec<String>, AnalysisError> {
+fn diagnose(
+    settings: &Settings,
+    request: &Request,
+    out: &Path,
+) -> Result<Vec<String>, AnalysisError> {
     only(&request.options, &["order", "cell"])?;
     let ([run], true) = (request.runs.as_slice(), request.spectra.is_empty()) else {
         return unfit(format!(
@@ -166,25 +181,27 @@ fn diagnose(server: &Server, request: &Request, out: &Path) -> Result<Vec<String
             request.runs.len()
         ));
     };
-    let folder = server.runs().join(run);
+    let folder = settings.runs().join(run);
     let model = model_of(&folder, request.options.order)?;
     let mut arguments = vec![
         Kind::Diagnose.name().to_owned(),
         format!("--model={}", model.display()),
         format!("--out={}", out.display()),
     ];
-    let cells = find::cells_of_run(&server.settings.data, run);
+    let cells = find::cells_of_run(&settings.data, run);
     if let Some(cell) = &request.options.cell {
         if !cells.iter().any(|known| known.name == *cell) {
-            return unfit(format!("options.cell: expected a cell of the run, found {cell:?}"));
+            return unfit(format!(
+                "options.cell: expected a cell of the run, found {cell:?}"
+            ));
         }
         arguments.push(format!("--specimen={cell}"));
     }
     // The next experiment is written for one cell.
     if (cells.len() <= 1 || request.options.cell.is_some())
-        && let Some(job) = jobs::read(&server.settings.data, run)
-        && let Some(bench) = server.settings.bench(&job.item.bench)
-        && let Some(cell) = submission::cell_file(&server.settings.data, run)
+        && let Some(job) = jobs::read(&settings.data, run)
+        && let Some(bench) = settings.bench(&job.item.bench)
+        && let Some(cell) = submission::cell_file(&settings.data, run)
     {
         arguments.push(format!("--bench={}", bench.path.display()));
         arguments.push(format!("--cell={}", cell.display()));
@@ -196,7 +213,9 @@ fn diagnose(server: &Server, request: &Request, out: &Path) -> Result<Vec<String
 
 /// The run's model of an order, or of the highest.
 fn model_of(folder: &Path, order: Option<u8>) -> Result<PathBuf, AnalysisError> {
-    let all = (1..=9_u8).rev().filter(|rc| order.is_none_or(|order| order == *rc));
+    let all = (1..=9_u8)
+        .rev()
+        .filter(|rc| order.is_none_or(|order| order == *rc));
     let path = all
         .map(|rc| folder.join(run_folder::model(usize::from(rc))))
         .find(|path| path.is_file());
@@ -210,27 +229,46 @@ fn model_of(folder: &Path, order: Option<u8>) -> Result<PathBuf, AnalysisError> 
 
 /// Refuses options of another kind.
 fn only(options: &Options, allowed: &[&str]) -> Result<(), AnalysisError> {
-    let given = serde_json::to_value(options).map_err(|error| AnalysisError::Io(error.to_string()))?;
-    let other = given.as_object().and_then(|all| all.keys().find(|key| !allowed.contains(&key.as_str())));
+    let given =
+        serde_json::to_value(options).map_err(|error| AnalysisError::Io(error.to_string()))?;
+    let other = given
+        .as_object()
+        .and_then(|all| all.keys().find(|key| !allowed.contains(&key.as_str())));
     match other {
-        Some(key) => unfit(format!("options.{key}: expected one of {}, found another", allowed.join(", "))),
+        Some(key) => unfit(format!(
+            "options.{key}: expected one of {}, found another",
+            allowed.join(", ")
+        )),
         None => Ok(()),
     }
 }
 
 /// The spectra: of one run where they lie; of several as copies under names that tell the run.
-fn inputs(server: &Server, request: &Request, out: &Path) -> Result<Vec<String>, AnalysisError> {
+fn inputs(
+    settings: &Settings,
+    request: &Request,
+    out: &Path,
+) -> Result<Vec<String>, AnalysisError> {
     let mut found = Vec::new();
     for run in &request.runs {
-        let folder = server.runs().join(run);
+        let folder = settings.runs().join(run);
         let files = files(&folder, &request.spectra)?;
         if files.is_empty() {
-            return unfit(format!("runs: expected runs with a corrected spectrum of a cell, found none in {run}"));
+            return unfit(format!(
+                "runs: expected runs with a corrected spectrum of a cell, found none in {run}"
+            ));
         }
-        found.extend(files.into_iter().map(|file| (run, folder.join(&file), file)));
+        found.extend(
+            files
+                .into_iter()
+                .map(|file| (run, folder.join(&file), file)),
+        );
     }
     if request.runs.len() == 1 {
-        return Ok(found.into_iter().map(|(_, path, _)| path.display().to_string()).collect());
+        return Ok(found
+            .into_iter()
+            .map(|(_, path, _)| path.display().to_string())
+            .collect());
     }
     let copies = out.with_file_name("in");
     let failed = |error: std::io::Error| AnalysisError::Io(error.to_string());
@@ -253,7 +291,9 @@ fn files(folder: &Path, wanted: &[String]) -> Result<Vec<String>, AnalysisError>
             if known.contains_key(&file) {
                 Ok(file)
             } else {
-                unfit(format!("spectra: expected names of spectra of the run, found {name:?}"))
+                unfit(format!(
+                    "spectra: expected names of spectra of the run, found {name:?}"
+                ))
             }
         };
         return wanted.iter().map(file).collect();
@@ -262,7 +302,10 @@ fn files(folder: &Path, wanted: &[String]) -> Result<Vec<String>, AnalysisError>
         .and_then(|file| serde_json::from_reader::<_, analysis::dataset::RunIndex>(file).ok());
     let sweeps = index.into_iter().flat_map(|index| index.sweeps);
     let of_cells = sweeps.filter(|sweep| sweep.fixture == "cell" && sweep.corrected);
-    Ok(of_cells.map(|sweep| sweep.file).filter(|file| known.contains_key(file)).collect())
+    Ok(of_cells
+        .map(|sweep| sweep.file)
+        .filter(|file| known.contains_key(file))
+        .collect())
 }
 
 /// As a person would type it.
@@ -285,20 +328,39 @@ mod tests {
 
     #[test]
     fn options_of_another_kind_are_refused() {
-        let options = Options { drt: Some(true), ..Options::default() };
+        let options = Options {
+            drt: Some(true),
+            ..Options::default()
+        };
         let message = fit(&options, &mut Vec::new()).unwrap_err().to_string();
-        assert_eq!(message, "options.drt: expected one of rc, circuit, objective, found another");
+        assert_eq!(
+            message,
+            "options.drt: expected one of rc, circuit, objective, found another"
+        );
     }
 
     #[test]
     fn what_is_typed_stays_one_argument() {
         let mut arguments = Vec::new();
         let circuit = Some("R0-p(R1,C1) --seed 3".to_owned());
-        fit(&Options { circuit, ..Options::default() }, &mut arguments).unwrap();
+        fit(
+            &Options {
+                circuit,
+                ..Options::default()
+            },
+            &mut arguments,
+        )
+        .unwrap();
         assert_eq!(arguments, ["--circuit=R0-p(R1,C1) --seed 3"]);
-        assert_eq!(in_words(&arguments), "eis-bench '--circuit=R0-p(R1,C1) --seed 3'");
+        assert_eq!(
+            in_words(&arguments),
+            "eis-bench '--circuit=R0-p(R1,C1) --seed 3'"
+        );
         for rc in ["", "0", "1,,2", "all;rm", "12"] {
-            let options = Options { rc: Some(rc.to_owned()), ..Options::default() };
+            let options = Options {
+                rc: Some(rc.to_owned()),
+                ..Options::default()
+            };
             assert!(fit(&options, &mut Vec::new()).is_err(), "{rc:?}");
         }
     }

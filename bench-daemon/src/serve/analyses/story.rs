@@ -7,8 +7,8 @@ use utoipa::ToSchema;
 
 use super::Analysis;
 use crate::{
-    command::diagnose::{Chapter, STORY, Story as Told},
-    serve::{Server, submission},
+    figures::story::{Chapter, STORY, Story as Told},
+    serve::{settings::Settings, submission},
     support::confined_path,
 };
 
@@ -56,13 +56,13 @@ pub(super) struct Next {
 }
 
 /// The stories of all cells of a diagnosis.
-pub(super) fn all(server: &Server, analysis: &Analysis, results: &Path) -> Vec<Story> {
+pub(super) fn all(settings: &Settings, analysis: &Analysis, results: &Path) -> Vec<Story> {
     let files = confined_path::list(results).unwrap_or_default();
     let stories = files.into_iter().filter_map(|(path, _)| {
         let folder = path.strip_suffix(STORY)?.trim_end_matches('/').to_owned();
         let told: Told = serde_json::from_reader(confined_path::open(results, &path)?).ok()?;
         let cell = Some(folder.clone()).filter(|folder| !folder.is_empty());
-        let next = experiment(server, analysis, &results.join(&folder));
+        let next = experiment(settings, analysis, &results.join(&folder));
         Some(of(&told, cell, next))
     });
     stories.collect()
@@ -79,15 +79,23 @@ fn of(told: &Told, cell: Option<String>, experiment: Option<(String, String)>) -
     let short = |title: &str| {
         let fields = chapter("In short").map(|one| &one.fields);
         let field = fields.into_iter().flatten().find(|(name, _)| name == title);
-        field.map(|(title, text)| Passage { title: title.clone(), text: text.clone() })
+        field.map(|(title, text)| Passage {
+            title: title.clone(),
+            text: text.clone(),
+        })
     };
     let passages = |heading: &str| -> Vec<Passage> {
         let said = |chapter: &Chapter| {
-            let text = chapter.text.iter().map(|text| (chapter.heading.clone(), text.clone()));
+            let text = chapter
+                .text
+                .iter()
+                .map(|text| (chapter.heading.clone(), text.clone()));
             text.chain(chapter.fields.clone()).collect::<Vec<_>>()
         };
         let all = chapter(heading).map(said).unwrap_or_default();
-        all.into_iter().map(|(title, text)| Passage { title, text }).collect()
+        all.into_iter()
+            .map(|(title, text)| Passage { title, text })
+            .collect()
     };
     let mut parts = [
         ("What disagrees", "Where"),
@@ -95,7 +103,10 @@ fn of(told: &Told, cell: Option<String>, experiment: Option<(String, String)>) -
         ("To predict now", "How sure"),
     ]
     .map(|(question, heading)| {
-        short(question).into_iter().chain(passages(heading)).collect::<Vec<Passage>>()
+        short(question)
+            .into_iter()
+            .chain(passages(heading))
+            .collect::<Vec<Passage>>()
     });
     let [places, what, how_sure] = parts.each_mut().map(std::mem::take);
     let (experiment, name) = experiment.unzip();
@@ -114,18 +125,25 @@ fn of(told: &Told, cell: Option<String>, experiment: Option<(String, String)>) -
         what,
         how_sure,
         next: next.into_iter().collect(),
-        caution: caution.into_iter().flatten().map(|passage| passage.text).collect(),
+        caution: caution
+            .into_iter()
+            .flatten()
+            .map(|passage| passage.text)
+            .collect(),
     }
 }
 
 /// The recommended experiment, with the bench and the cell that the run's own experiment names, and
 /// its name.
-fn experiment(server: &Server, analysis: &Analysis, folder: &Path) -> Option<(String, String)> {
+fn experiment(settings: &Settings, analysis: &Analysis, folder: &Path) -> Option<(String, String)> {
     let text = std::fs::read_to_string(folder.join("next_experiment.toml")).ok()?;
     let run = analysis.runs.first()?;
-    let frozen = submission::frozen(&server.settings.data.join("submitted").join(run))?;
+    let frozen = submission::frozen(&settings.data.join("submitted").join(run))?;
     let own: toml::Value = toml::from_str(&std::fs::read_to_string(frozen).ok()?).ok()?;
-    let comments: Vec<&str> = text.lines().take_while(|line| line.starts_with('#')).collect();
+    let comments: Vec<&str> = text
+        .lines()
+        .take_while(|line| line.starts_with('#'))
+        .collect();
     let mut next: toml::Table = toml::from_str(&text).ok()?;
     for key in ["bench", "cell"] {
         next.insert(key.to_owned(), own.get(key)?.clone());
@@ -144,7 +162,10 @@ mod tests {
         let chapter = |heading: &str, text: &[&str], fields: &[(&str, &str)]| Chapter {
             heading: heading.to_owned(),
             text: text.iter().map(|&text| text.to_owned()).collect(),
-            fields: fields.iter().map(|&(a, b)| (a.to_owned(), b.to_owned())).collect(),
+            fields: fields
+                .iter()
+                .map(|&(a, b)| (a.to_owned(), b.to_owned()))
+                .collect(),
         };
         let short = [
             ("What disagrees", "after steps"),
@@ -163,15 +184,29 @@ mod tests {
         };
         let story = of(&told, None, Some(("text".to_owned(), "next".to_owned())));
         let told = |passages: &[Passage]| -> Vec<(String, String)> {
-            passages.iter().map(|one| (one.title.clone(), one.text.clone())).collect()
+            passages
+                .iter()
+                .map(|one| (one.title.clone(), one.text.clone()))
+                .collect()
         };
         let pairs = |all: &[(&str, &str)]| -> Vec<(String, String)> {
-            all.iter().map(|&(a, b)| (a.to_owned(), b.to_owned())).collect()
+            all.iter()
+                .map(|&(a, b)| (a.to_owned(), b.to_owned()))
+                .collect()
         };
         assert_eq!(story.verdict, "missing");
-        assert_eq!(told(&story.r#where), pairs(&[("What disagrees", "after steps"), ("Where", "5 to 60 s")]));
-        assert_eq!(told(&story.what), pairs(&[("What is missing", "diffusion")]));
-        assert_eq!(told(&story.how_sure), pairs(&[("How sure", "9 σ"), ("Rivals", "none")]));
+        assert_eq!(
+            told(&story.r#where),
+            pairs(&[("What disagrees", "after steps"), ("Where", "5 to 60 s")])
+        );
+        assert_eq!(
+            told(&story.what),
+            pairs(&[("What is missing", "diffusion")])
+        );
+        assert_eq!(
+            told(&story.how_sure),
+            pairs(&[("How sure", "9 σ"), ("Rivals", "none")])
+        );
         assert_eq!(story.next[0].experiment.as_deref(), Some("text"));
         assert_eq!(story.caution, ["the noise"]);
     }

@@ -62,7 +62,12 @@ pub async fn submit(
     Json(request): Json<Request>,
 ) -> Result<(StatusCode, Json<Analysis>), Refusal> {
     aside(move || {
-        let analysis = app.server.analyses.submit(&app.server, request, &caller.name)?;
+        let analysis = app.server.analyses.submit(
+            &app.server.settings,
+            &app.server.hub,
+            request,
+            &caller.name,
+        )?;
         Ok((StatusCode::CREATED, Json(analysis)))
     })
     .await
@@ -83,8 +88,10 @@ pub async fn detail(
     Path(id): Path<String>,
 ) -> Result<Json<WithResults>, Refusal> {
     aside(move || {
-        let found = app.server.analyses.read(&app.server, &id);
-        found.map(Json).ok_or_else(|| Refusal::not_found("an analysis", &id))
+        let found = app.server.analyses.read(&app.server.settings, &id);
+        found
+            .map(Json)
+            .ok_or_else(|| Refusal::not_found("an analysis", &id))
     })
     .await
 }
@@ -103,12 +110,14 @@ pub async fn cancel(
     State(app): State<App>,
     Path(id): Path<String>,
 ) -> Result<Json<Analysis>, Refusal> {
-    aside(move || Ok(Json(app.server.analyses.cancel(&app.server, &id)?))).await
+    aside(move || Ok(Json(app.server.analyses.cancel(&app.server.hub, &id)?))).await
 }
 
 fn known(app: &App, id: &str) -> Result<(), Refusal> {
     let known = plain(id) && app.server.analyses.list().iter().any(|one| one.id == id);
-    known.then_some(()).ok_or_else(|| Refusal::not_found("an analysis", id))
+    known
+        .then_some(())
+        .ok_or_else(|| Refusal::not_found("an analysis", id))
 }
 
 /// Last lines of the process of an analysis.
@@ -149,7 +158,8 @@ pub async fn file(
     aside(move || {
         known(&app, &id)?;
         let missing = || Refusal::not_found("a file of the results", &path);
-        let file = confined_path::open(&app.server.analyses.results(&id), &path).ok_or_else(missing)?;
+        let file =
+            confined_path::open(&app.server.analyses.results(&id), &path).ok_or_else(missing)?;
         sent(file, LONGEST)
     })
     .await
@@ -160,7 +170,10 @@ pub async fn file(
 /// # Errors
 /// A file that is too long or cannot be read.
 pub(super) fn sent(file: std::fs::File, longest: u64) -> Result<Response, Refusal> {
-    let length = file.metadata().map_err(|error| Refusal::machine(&error))?.len();
+    let length = file
+        .metadata()
+        .map_err(|error| Refusal::machine(&error))?
+        .len();
     if length > longest {
         return Err(Refusal::conflict(format!(
             "expected a file of at most {longest} bytes, found {length}: copy it from the disk"

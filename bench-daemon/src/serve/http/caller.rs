@@ -100,7 +100,12 @@ fn who(parts: &Parts, app: &App) -> Result<(Token, Option<String>), Refusal> {
         };
         return Ok((local, None));
     }
-    let text = |name| parts.headers.get(name).and_then(|value| value.to_str().ok());
+    let text = |name| {
+        parts
+            .headers
+            .get(name)
+            .and_then(|value| value.to_str().ok())
+    };
     if let Some(header) = text(header::AUTHORIZATION) {
         let secret = header
             .split_once(' ')
@@ -109,15 +114,27 @@ fn who(parts: &Parts, app: &App) -> Result<(Token, Option<String>), Refusal> {
             .ok_or_else(nothing_shown)?;
         return shown(parts, app, secret);
     }
-    let number = text(header::COOKIE).and_then(session::number).ok_or_else(nothing_shown)?;
+    let number = text(header::COOKIE)
+        .and_then(session::number)
+        .ok_or_else(nothing_shown)?;
     let now_s = app.server.clock.now_s();
-    let sha256 = app.server.sessions.token_sha256(number, now_s).ok_or_else(session_ended)?;
+    let sha256 = app
+        .server
+        .sessions
+        .token_sha256(number, now_s)
+        .ok_or_else(session_ended)?;
     if !parts.method.is_safe() && !parts.headers.contains_key(PROOF_HEADER) {
         let message = format!("expected a header `{PROOF_HEADER}` with a session, found none");
         return Err(Refusal::new(StatusCode::FORBIDDEN, "forged", message));
     }
-    let token = app.server.tokens.whose_sha256(&sha256).map_err(unavailable)?;
-    token.map(|token| (token, Some(sha256))).ok_or_else(session_ended)
+    let token = app
+        .server
+        .tokens
+        .whose_sha256(&sha256)
+        .map_err(unavailable)?;
+    token
+        .map(|token| (token, Some(sha256)))
+        .ok_or_else(session_ended)
 }
 
 fn nothing_shown() -> Refusal {
@@ -143,7 +160,11 @@ pub(super) fn shown(
     app: &App,
     secret: &str,
 ) -> Result<(Token, Option<String>), Refusal> {
-    let whose = app.server.tokens.whose(secret).map_err(|error| Refusal::machine(&error))?;
+    let whose = app
+        .server
+        .tokens
+        .whose(secret)
+        .map_err(|error| Refusal::machine(&error))?;
     if let Some(token) = whose {
         return Ok((token, Some(hash::sha256(secret))));
     }

@@ -72,7 +72,9 @@ impl NewNote {
     fn checked(self) -> Result<String, Refusal> {
         let text = self.text.trim().to_owned();
         let count = text.chars().count();
-        let strange = text.chars().any(|c| c.is_control() && c != '\n' && c != '\t');
+        let strange = text
+            .chars()
+            .any(|c| c.is_control() && c != '\n' && c != '\t');
         if count == 0 || count > LONGEST_NOTE || strange {
             return Err(unfit(format!(
                 "text: expected 1 to {LONGEST_NOTE} characters without control characters, found {count}"
@@ -84,12 +86,16 @@ impl NewNote {
 
 impl Tags {
     fn checked(mut self) -> Result<Vec<String>, Refusal> {
-        self.tags.iter_mut().for_each(|tag| *tag = tag.trim().to_owned());
+        self.tags
+            .iter_mut()
+            .for_each(|tag| *tag = tag.trim().to_owned());
         self.tags.sort();
         self.tags.dedup();
         let plain = |tag: &&String| {
             !(1..=LONGEST_TAG).contains(&tag.chars().count())
-                || !tag.chars().all(|c| c.is_alphanumeric() || matches!(c, '-' | '_'))
+                || !tag
+                    .chars()
+                    .all(|c| c.is_alphanumeric() || matches!(c, '-' | '_'))
         };
         if let Some(tag) = self.tags.iter().find(plain) {
             return Err(unfit(format!(
@@ -109,7 +115,9 @@ impl Tags {
 /// A run that was begun here, in work, waiting or ended.
 fn known_run(app: &App, run: &str) -> Result<(), Refusal> {
     let found = confined_path::plain(run) && jobs::read(&app.server.settings.data, run).is_some();
-    found.then_some(()).ok_or_else(|| Refusal::not_found("a run", run))
+    found
+        .then_some(())
+        .ok_or_else(|| Refusal::not_found("a run", run))
 }
 
 fn known_cell(app: &App, cell: &str) -> Result<CellHistory, Refusal> {
@@ -184,7 +192,10 @@ pub async fn note_run(
     let text = note.checked()?;
     aside(move || {
         known_run(&app, &run)?;
-        let note = app.server.notebook.note(About::Run(&run), &caller.name, &text);
+        let note = app
+            .server
+            .notebook
+            .note(About::Run(&run), &caller.name, &text);
         let note = note.map_err(|error| Refusal::machine(&error))?;
         Ok((StatusCode::CREATED, Json(note)))
     })
@@ -210,7 +221,10 @@ pub async fn tag_run(
     let tags = tags.checked()?;
     aside(move || {
         known_run(&app, &run)?;
-        let kept = app.server.notebook.tag(About::Run(&run), &caller.name, &tags);
+        let kept = app
+            .server
+            .notebook
+            .tag(About::Run(&run), &caller.name, &tags);
         kept.map_err(|error| Refusal::machine(&error))?;
         Ok(Json(Tags { tags }))
     })
@@ -234,7 +248,9 @@ pub async fn campaign(
     aside(move || {
         known_run(&app, &run)?;
         let matrix = find::campaign(&app.server.settings.data, &run);
-        matrix.map(Json).ok_or_else(|| Refusal::not_found("a campaign", &run))
+        matrix
+            .map(Json)
+            .ok_or_else(|| Refusal::not_found("a campaign", &run))
     })
     .await
 }
@@ -257,7 +273,9 @@ pub async fn models(
     let folder = run_folder(&app, &run)?;
     aside(move || {
         let found = models::over(&folder, &of.spectrum);
-        found.map(Json).ok_or_else(|| Refusal::not_found("a spectrum of the run", &of.spectrum))
+        found
+            .map(Json)
+            .ok_or_else(|| Refusal::not_found("a spectrum of the run", &of.spectrum))
     })
     .await
 }
@@ -279,7 +297,8 @@ pub async fn capture(
 ) -> Result<Json<CaptureView>, Refusal> {
     let folder = run_folder(&app, &run)?;
     aside(move || {
-        let known = crate::serve::spectra::stamps(&folder).contains_key(&format!("{}.csv", of.spectrum));
+        let known =
+            crate::serve::spectra::stamps(&folder).contains_key(&format!("{}.csv", of.spectrum));
         if !known {
             return Err(Refusal::not_found("a spectrum of the run", &of.spectrum));
         }
@@ -362,7 +381,10 @@ pub async fn note_cell(
     let text = note.checked()?;
     aside(move || {
         known_cell(&app, &cell)?;
-        let note = app.server.notebook.note(About::Cell(&cell), &caller.name, &text);
+        let note = app
+            .server
+            .notebook
+            .note(About::Cell(&cell), &caller.name, &text);
         let note = note.map_err(|error| Refusal::machine(&error))?;
         Ok((StatusCode::CREATED, Json(note)))
     })

@@ -236,7 +236,13 @@ mod tests {
             if let Some(origin) = origin {
                 headers.insert(header::ORIGIN, origin.parse().unwrap());
             }
-            same_host(&headers, &Uri::from_static("/"), loopback, Some("proxy.example")).is_ok()
+            same_host(
+                &headers,
+                &Uri::from_static("/"),
+                loopback,
+                Some("proxy.example"),
+            )
+            .is_ok()
         };
         for host in [
             "localhost",

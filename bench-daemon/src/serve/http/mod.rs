@@ -10,6 +10,7 @@ pub mod events;
 pub mod find;
 pub mod guard;
 pub mod metrics;
+pub mod notices;
 pub mod openapi;
 pub mod pack;
 mod page;
@@ -47,9 +48,14 @@ pub fn router(app: &App) -> Router {
         .route("/experiments", get(queue::experiments))
         .route("/experiments/{experiment}/plan", get(queue::plan))
         .route("/analyses", get(analyses::list).post(analyses::submit))
-        .route("/analyses/{id}", get(analyses::detail).delete(analyses::cancel))
+        .route(
+            "/analyses/{id}",
+            get(analyses::detail).delete(analyses::cancel),
+        )
         .route("/analyses/{id}/log", get(analyses::log))
         .route("/analyses/{id}/files/{*path}", get(analyses::file))
+        .route("/notices", get(notices::list))
+        .route("/notices/test", post(notices::test))
         .route("/pack", post(pack::under_load))
         .route("/pack/models", get(pack::models))
         .route("/schemas/{kind}", get(shelf::schema))
@@ -63,14 +69,20 @@ pub fn router(app: &App) -> Router {
         .route("/runs/find", get(find::runs))
         .route("/runs/{run}", get(runs::detail))
         .route("/runs/{run}/experiment", get(shelf::of_run))
-        .route("/runs/{run}/notes", get(find::run_notes).post(find::note_run))
+        .route(
+            "/runs/{run}/notes",
+            get(find::run_notes).post(find::note_run),
+        )
         .route("/runs/{run}/tags", put(find::tag_run))
         .route("/runs/{run}/campaign", get(find::campaign))
         .route("/runs/{run}/models", get(find::models))
         .route("/runs/{run}/capture", get(find::capture))
         .route("/cells", get(find::cells))
         .route("/cells/{cell}", get(find::cell))
-        .route("/cells/{cell}/notes", get(find::cell_notes).post(find::note_cell))
+        .route(
+            "/cells/{cell}/notes",
+            get(find::cell_notes).post(find::note_cell),
+        )
         .route("/runs/{run}/spectra", get(runs::spectra))
         .route("/runs/{run}/fits", get(runs::fits))
         .route("/runs/{run}/readings", get(runs::readings))

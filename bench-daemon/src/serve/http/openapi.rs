@@ -10,7 +10,9 @@ use utoipa::{
     },
 };
 
-use super::{analyses, benches, events, find, metrics, pack, problem, queue, runs, session, shelf};
+use super::{
+    analyses, benches, events, find, metrics, notices, pack, problem, queue, runs, session, shelf,
+};
 
 #[derive(OpenApi)]
 #[openapi(
@@ -65,6 +67,8 @@ use super::{analyses, benches, events, find, metrics, pack, problem, queue, runs
         analyses::cancel,
         analyses::log,
         analyses::file,
+        notices::list,
+        notices::test,
         pack::under_load,
         pack::models,
         session::begin,
@@ -117,10 +121,15 @@ impl Modify for Common {
             .build();
         components.add_security_scheme("token", SecurityScheme::Http(scheme));
         for item in document.paths.paths.values_mut() {
-            [&mut item.get, &mut item.post, &mut item.put, &mut item.delete]
-                .into_iter()
-                .flatten()
-                .for_each(refusals);
+            [
+                &mut item.get,
+                &mut item.post,
+                &mut item.put,
+                &mut item.delete,
+            ]
+            .into_iter()
+            .flatten()
+            .for_each(refusals);
         }
     }
 }

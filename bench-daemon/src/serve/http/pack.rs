@@ -20,7 +20,7 @@ pub async fn under_load(
     Json(load): Json<Load>,
 ) -> Result<Json<UnderLoad>, Refusal> {
     aside(move || {
-        pack::under_load(&app.server, &load)
+        pack::under_load(&app.server.settings, &app.server.last_model, &load)
             .map(Json)
             .map_err(|words| Refusal::of(StatusCode::UNPROCESSABLE_ENTITY, words))
     })
@@ -39,5 +39,5 @@ pub async fn models(
     _caller: Reader,
     State(app): State<App>,
 ) -> Result<Json<Vec<RunModel>>, Refusal> {
-    aside(move || Ok(Json(pack::models(&app.server)))).await
+    aside(move || Ok(Json(pack::models(&app.server.settings)))).await
 }

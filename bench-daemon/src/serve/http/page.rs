@@ -51,6 +51,7 @@ const OWN: &[(&str, &str)] = own![
     "run.js",
     "cell.js",
     "notes.js",
+    "notices.js",
     "analysis.js",
     "story.js",
     "pack.js",
@@ -73,7 +74,7 @@ struct PageFile {
 }
 
 impl PageFile {
-    fn of((path, text): (&'static str, &'static str)) -> Self {
+    fn of(path: &'static str, text: &'static str) -> Self {
         let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
         // Writing to memory cannot fail.
         let _ = encoder.write_all(text.as_bytes());
@@ -113,8 +114,10 @@ impl PageFile {
     }
 }
 
-static FILES: LazyLock<Vec<PageFile>> =
-    LazyLock::new(|| OWN.iter().chain(VENDOR).copied().map(PageFile::of).collect());
+static FILES: LazyLock<Vec<PageFile>> = LazyLock::new(|| {
+    let all = OWN.iter().chain(VENDOR);
+    all.map(|(path, text)| PageFile::of(path, text)).collect()
+});
 
 /// Where they are found.
 pub(super) fn routes() -> Router<App> {

@@ -139,7 +139,9 @@ impl From<Refused> for Refusal {
     fn from(refused: Refused) -> Self {
         match refused {
             Refused::Unknown(_) => Self::of(StatusCode::NOT_FOUND, refused.to_string()),
-            Refused::Unfit(_) | Refused::Mistake(_) => Self::of(StatusCode::UNPROCESSABLE_ENTITY, refused.to_string()),
+            Refused::Unfit(_) | Refused::Mistake(_) => {
+                Self::of(StatusCode::UNPROCESSABLE_ENTITY, refused.to_string())
+            }
             Refused::Kept(_) => Self::machine(&refused),
         }
     }
@@ -167,7 +169,9 @@ pub async fn list(_caller: Reader, State(app): State<App>) -> Json<QueueNow> {
 )]
 pub async fn experiments(_caller: Reader, State(app): State<App>) -> Json<Vec<Offered>> {
     let all = shelf::list(&app.server.settings, shelf::Kind::Experiments);
-    let offered = |file: shelf::Listed| Offered { experiment: file.name };
+    let offered = |file: shelf::Listed| Offered {
+        experiment: file.name,
+    };
     Json(all.into_iter().map(offered).collect())
 }
 

@@ -29,6 +29,7 @@ use super::{
 };
 use crate::{
     serve::{
+        find::Card,
         jobs::{self, Job},
         live::RunNow,
         queue::{Item, Kind, Wanted},
@@ -55,6 +56,8 @@ pub struct Run {
     now: RunNow,
     /// It was interrupted, and can go on.
     resumable: bool,
+    /// The same as a line of a list, with its cells and tags; none for a run that was not begun here.
+    card: Option<Card>,
 }
 
 /// A file of a run.
@@ -147,7 +150,11 @@ pub async fn detail(
         let mut watch = Watch::new(&folder);
         watch.look();
         let resumable = !going && watch.experiment().is_some() && watch.ended() != Some("finished");
+        let card = job
+            .as_ref()
+            .map(|job| app.server.finder.of(app.server.places(), job));
         Ok(Json(Run {
+            card,
             job,
             now: watch.now(Some(run), going),
             resumable,

@@ -40,7 +40,9 @@ pub struct SignedIn {
 
 /// Ends the session that a request shows, whatever comes of it: a number is never used again.
 fn end_old(app: &App, headers: &HeaderMap) {
-    let cookies = headers.get(header::COOKIE).and_then(|value| value.to_str().ok());
+    let cookies = headers
+        .get(header::COOKIE)
+        .and_then(|value| value.to_str().ok());
     if let Some(number) = cookies.and_then(session::number) {
         app.server.sessions.end(number);
     }

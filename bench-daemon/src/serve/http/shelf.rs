@@ -216,7 +216,9 @@ fn told(
         .ok_or_else(|| Refusal::not_found("a file", name))?;
     // The guardian and `eis-bench safe` read the bench's own file: it must be one for all.
     let why_not = (kind == Kind::Benches).then(|| {
-        let path = settings.bench(name).map(|bench| bench.path.display().to_string());
+        let path = settings
+            .bench(name)
+            .map(|bench| bench.path.display().to_string());
         format!(
             "the file of a bench is read by its guardian too: change it on its machine, at {}, and \
              start the server again",
@@ -254,7 +256,9 @@ pub async fn write(
 ) -> Result<Json<ShelfFile>, Refusal> {
     let why = new.why.trim().to_owned();
     if why.is_empty() || why.chars().count() > LONGEST_WHY || why.chars().any(char::is_control) {
-        return Err(unfit(format!("why: expected 1 to {LONGEST_WHY} characters in one line")));
+        return Err(unfit(format!(
+            "why: expected 1 to {LONGEST_WHY} characters in one line"
+        )));
     }
     if !plain(&name) || name.len() > LONGEST_NAME {
         return Err(unfit(format!(
@@ -269,15 +273,17 @@ pub async fn write(
                 return Err(Refusal::conflict(file.why_not.unwrap_or_default()));
             }
             Kind::Cells => {
-                let path = settings.configs.join(kind.folder()).join(format!("{name}.toml"));
+                let path = settings
+                    .configs
+                    .join(kind.folder())
+                    .join(format!("{name}.toml"));
                 let fence = Fence {
                     below: settings.configs.clone(),
                     also: Vec::new(),
                     instead: shelf::changed(settings),
                 };
                 let source = Source::fenced(&path, new.text.clone(), &fence.into());
-                resolve_cell(&source)
-                    .map_err(|error| unfit(format!("text: {}", Mistake::from(error).in_words())))?;
+                resolve_cell(&source).map_err(|error| unfit(format!("text: {error}")))?;
             }
             Kind::Experiments => {
                 // On the bench that it names, where that is one of this server's; else on the first.
@@ -361,7 +367,9 @@ pub async fn of_run(
 ) -> Result<Json<OfRun>, Refusal> {
     aside(move || {
         let data = &app.server.settings.data;
-        let job = Some(&run).filter(|run| plain(run)).and_then(|run| jobs::read(data, run));
+        let job = Some(&run)
+            .filter(|run| plain(run))
+            .and_then(|run| jobs::read(data, run));
         let item = job.ok_or_else(|| Refusal::not_found("a run", &run))?.item;
         let path = submission::frozen(&data.join("submitted").join(&run));
         let text = path.and_then(|path| std::fs::read_to_string(path).ok());

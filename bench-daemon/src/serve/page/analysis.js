@@ -13,7 +13,6 @@ const WORDS = {
     fit: ["Fit", "A model of the impedance: resistances and RC branches, or a circuit, with uncertainties."],
     kk: ["Kramers–Kronig", "May the spectra be believed? Tells drift, non-linearity and noise; with DRT on request."],
     diagnose: ["Diagnosis", "Where simulation and measurement disagree, what is missing, how sure that is, what next."],
-    investigate: ["Investigation", "Diagnoses and queues the recommended experiments until the question is decided."],
   },
   options: "Options",
   noOptions: "This kind has no options. It queues experiments by itself: current will flow.",
@@ -352,7 +351,7 @@ function beginForm(mine, query, put) {
   const pick = (now) => {
     options.show(now);
     spectra.node.hidden = !OF_SPECTRA.includes(now);
-    const reason = refusal(ctx, now === "investigate" ? "energise" : "operate");
+    const reason = refusal(ctx, "operate");
     submit.disabled = Boolean(reason);
     why.hidden = !reason;
     text(why, reason);
@@ -447,7 +446,6 @@ function optionFields(query) {
     ],
     kk: [tick(WORDS.drt, WORDS.drtHelp, drt)],
     diagnose: [field(WORDS.order, WORDS.orderHelp, order)],
-    investigate: [el("p", { class: "note" }, WORDS.noOptions)],
   };
   const groups = KINDS.map((kind) => [kind, el("div", {}, ...parts[kind])]);
   const node = el("fieldset", {}, el("legend", {}, WORDS.options), ...groups.map(([, group]) => group));
@@ -463,7 +461,6 @@ function optionFields(query) {
     }),
     kk: () => ({ drt: drt.checked }),
     diagnose: () => (spare(order) ? { order: Number(spare(order)) } : {}),
-    investigate: () => ({}),
   };
   const mistake = (kind) => {
     if (!rules[kind]) return null;

@@ -20,6 +20,7 @@ import {
   text,
   when,
 } from "./bench.js";
+import { tellHere } from "./notices.js";
 import { drawTime, fitTime } from "./time.js";
 
 const known = {
@@ -455,6 +456,7 @@ const MODULES = {
   analyses: "/analysis.js",
   analysis: "/analysis.js",
   pack: "/pack.js",
+  notices: "/notices.js",
 };
 
 const context = {
@@ -562,6 +564,7 @@ function heard(kind, data) {
       drawSpectra();
     if (data.bench === known.bench) drawStrips(false);
   }
+  if (kind === "notice") tellHere(data);
   if (kind === "stop") stopped(data);
   if (kind === "queue") {
     known.queue = data;
@@ -619,6 +622,8 @@ async function begin() {
     return;
   }
   $("views").hidden = false;
+  // A part of the page may ask which benches there are.
+  await attempt(refresh);
   await route();
   listen(known.who, heard, link);
 }

@@ -118,7 +118,7 @@ export function drawNow(live) {
     reading && !fresh ? "old reading" : "",
   );
   for (const part of ["reading", "limits"]) $(part).classList.toggle("old", Boolean(reading) && !fresh);
-  $("limits").replaceChildren(...live.limits.map(bar));
+  $("limits").replaceChildren(...live.limits.map((limit) => bar(limit, live.trip)));
 }
 
 function figures(list, rows, remark) {
@@ -140,8 +140,19 @@ function figures(list, rows, remark) {
   );
 }
 
-// Where a value lies between its limits, with the margin in words.
-function bar(limit) {
+// Where a value lies between its limits, with the margin in words. The quantity that has tripped the
+// bench says so, with the value that was read then.
+function bar(limit, trip) {
+  if (!trip || trip.quantity !== limit.quantity || trip.value === null) return meter(limit);
+  const node = meter({ ...limit, value: trip.value });
+  const words = node.querySelector("span:last-of-type");
+  words.className = "bad";
+  words.textContent = `▲ tripped at ${fixed(trip.value, 3)} ${trip.unit || limit.unit}`;
+  node.querySelector(".meter").classList.add("bad");
+  return node;
+}
+
+function meter(limit) {
   const { quantity, unit, value, least, greatest, margin } = limit;
   const low = least === null ? Math.min(0, value ?? 0) : least;
   const digits = unit === "V" ? 3 : 1;
@@ -159,17 +170,17 @@ function bar(limit) {
         ? `▲ beyond by ${fixed(-margin, digits)} ${by}`
         : `${level === "near" ? "▲ only " : ""}${fixed(margin, digits)} ${by} left to the cell's ${end} limit`;
   const at = value === null ? null : Math.max(0, Math.min(100, (100 * (value - low)) / (greatest - low)));
-  const meter = el("div", { class: `meter ${level}`, role: "img", "aria-label": `${quantity}: ${words} of ${range}` });
+  const scale = el("div", { class: `meter ${level}`, role: "img", "aria-label": `${quantity}: ${words} of ${range}` });
   if (at !== null) {
     const needle = el("i", {});
     needle.style.setProperty("left", `${at}%`);
-    meter.append(needle);
+    scale.append(needle);
   }
   return el(
     "div",
     { class: "limit" },
     el("span", {}, quantity),
-    meter,
+    scale,
     el("span", { class: level }, words),
     el("small", {}, unit === "A" ? `${range}; the step in work is judged tighter` : range),
   );

@@ -81,7 +81,6 @@ const WORDS = {
     reading: "The text is being read …",
     unreadable: "The form waits: the text of the file cannot be read. Put it right, or take it back.",
     large: "A number of this file has more digits than a form can keep exactly. Only its text can be edited.",
-    unchecked: (why) => `The server does not turn files of this kind into a form and back (${why}). Edit the text.`,
     takeBack: "Take the text back to that of the form",
   },
   readOnly: (why) => `Only to be read: ${why}`,
@@ -98,6 +97,7 @@ const WORDS = {
     titleFile: "Check",
     going: "Being checked …",
     fine: "✓ No mistake found.",
+    readable: "✓ It can be read. The server checks it when it is saved.",
     fineFor: (time) => `✓ No mistake found; about ${time}.`,
     wrong: "▲ There is a mistake: see above the form.",
     failed: (why) => `✕ Not checked: ${why}`,
@@ -128,8 +128,8 @@ const WORDS = {
     select: "The text is marked: copy it with the keys of your system.",
     save: "Save as file",
     comments:
-      "The form writes the file anew: comments of the text are no longer in it. To keep them, take the text back " +
-      "and edit it instead.",
+      "This change could not be written into the text as it was: the file is written anew, without its comments. " +
+      "To keep them, take the text back and edit it instead.",
     before: "Undo what was changed in the form: the text with its comments",
     waits: "The text follows as soon as the form has no mistake.",
   },
@@ -165,7 +165,6 @@ const WORDS = {
     button: "Save a new version",
     reasonWhy: "Say why.",
     reasonSame: "Nothing is changed.",
-    reasonWaits: "It is being checked.",
     sending: "Being saved …",
     done: "✓ Saved.",
     refused: (why) => `✕ Not saved: ${why}`,
@@ -214,7 +213,6 @@ const address = (...parts) => `#/${parts.map(encodeURIComponent).join("/")}`;
 const reasonOf = (error) => error.message || String(error);
 // An answer of the server, not a connection that broke.
 const isRefusal = (error) => error instanceof view.ctx.Refused;
-const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 
 // ---- drafts that are kept -----------------------------------------------------------------------
 
@@ -230,7 +228,7 @@ function stored(path) {
 
 // At once with each change: a page can go away at any time.
 function keep() {
-  const typed = { source: view.source, text: view.text, before: view.before, bench: view.bench };
+  const typed = { source: view.source, text: view.text, base: view.base, bench: view.bench };
   const more = { at: Date.now() / 1e3, seed: view.seed, why: view.why, was: view.was };
   const aside = schema.putAside(view.model);
   try {
@@ -365,6 +363,9 @@ function quantityBox(node, attributes, label) {
     ...attributes,
     onchange: (event) => {
       schema.type(node, event.target.value);
+      // Where nothing is taken over nothing is checked anew: whoever leaves the box to press a button
+      // must find it as it was.
+      if (event.target.value === node.text) return;
       event.target.value = node.text;
       drawUnits();
       changed();
@@ -722,7 +723,6 @@ function showMistakes() {
 
 // A change of the form: it is what counts from now on.
 function changed() {
-  if (view.source === "text" && /(^|[\s\]"'])#/m.test(view.text)) view.before = view.text;
   view.source = "form";
   touched(WAIT_MS);
 }
@@ -731,7 +731,6 @@ function changed() {
 function typed(words) {
   view.source = "text";
   view.text = words;
-  view.before = null;
   view.typedText = true;
   touched(WAIT_MS);
 }
@@ -751,10 +750,19 @@ function soon(wait) {
   drawState();
 }
 
-function question() {
-  const said = view.source === "text" ? { text: view.text } : { value: schema.valueOf(view.model).value };
-  if (view.kind === "experiments") return { ...said, bench: view.bench || null };
-  return { ...said, bench: null, kind: SCHEMAS[view.kind] };
+const ask = (said) => view.ctx.post("/drafts", { ...said, bench: (view.kind === "experiments" && view.bench) || null });
+
+// A change of the form is written into the text that was read last, so that its comments stay; where
+// the text then says something else, the server writes it anew.
+async function draft() {
+  if (view.source === "text") return ask({ text: view.text });
+  const { value } = schema.valueOf(view.model);
+  const patched = view.base && schema.patch(view.base.text, view.base.value, value);
+  const [mine, asked] = [view, view.asked];
+  const answer = patched ? await ask({ text: patched }) : null;
+  if (view !== mine || view.asked !== asked) return null;
+  if (answer && schema.equal(answer.value, value)) return { ...answer, kept: true };
+  return ask({ value });
 }
 
 async function check() {
@@ -763,12 +771,12 @@ async function check() {
   mine.wrong = mine.source === "form" ? schema.valueOf(mine.model).wrong : [];
   if (mine.wrong.length) return settle("wrong");
   try {
-    const answer = await mine.ctx.post("/drafts", question());
+    const answer = await draft();
     if (view !== mine || asked !== mine.asked) return undefined;
     accept(answer);
   } catch (error) {
     if (view !== mine || asked !== mine.asked) return undefined;
-    refused(error);
+    unchecked(error);
   }
   return undefined;
 }
@@ -782,27 +790,38 @@ function settle(state) {
 
 // The latest answer. A text that could be read becomes the form.
 function accept(answer) {
-  view.answer = { ...answer, mistakes: answer.mistakes || [] };
-  if (view.source === "form") view.text = answer.text;
-  else if (view.typedText && isReadable(answer)) {
-    view.typedText = false;
-    if (!same(schema.valueOf(view.model).value, answer.value)) become(answer.value);
-  }
+  view.answer = judged(answer);
+  if (view.source === "form") {
+    view.text = answer.text;
+    view.bare = !answer.kept && Boolean(view.base) && /(^|[\s\]"'])#/m.test(view.base.text);
+  } else if (isReadable(answer)) readText(answer);
   settle("checked");
 }
 
-const isReadable = ({ value, mistakes }) =>
-  value !== null && typeof value === "object" && !(mistakes || []).some((one) => one.field === "(syntax)");
+function readText({ value }) {
+  view.base = { text: view.text, value };
+  view.bare = false;
+  if (!view.typedText) return;
+  view.typedText = false;
+  if (!schema.equal(schema.valueOf(view.model).value, value)) become(value);
+}
+
+const isReadable = ({ value }) => value !== null && typeof value === "object";
+
+// Every draft is judged as an experiment. Of a cell or a bench, what counts is whether it can be read;
+// the rest is judged when it is saved.
+function judged(answer) {
+  if (view.kind === "experiments" || !isReadable(answer)) return answer;
+  return { ...answer, mistakes: [], plan: null, margins: [] };
+}
 
 function become(value) {
   view.model = schema.modelOf(view.schema, value);
   drawForm();
 }
 
-function refused(error) {
-  view.why_not_checked = reasonOf(error);
-  // A server that knows drafts of experiments only: cells and benches are edited as texts.
-  if (view.kind !== "experiments" && isRefusal(error) && [400, 404, 422].includes(error.status)) view.textOnly = true;
+function unchecked(error) {
+  view.notChecked = reasonOf(error);
   settle("failed");
 }
 
@@ -811,15 +830,15 @@ function refused(error) {
 function statusWords() {
   const { answer } = view;
   if (view.state === "waits") return WORDS.check.going;
-  if (view.state === "failed") return WORDS.check.failed(view.why_not_checked);
+  if (view.state === "failed") return WORDS.check.failed(view.notChecked);
   if (view.state === "wrong" || answer.mistakes.length) return WORDS.check.wrong;
+  if (view.kind !== "experiments") return WORDS.check.readable;
   return answer.plan ? WORDS.check.fineFor(duration(answer.plan.expected_s)) : WORDS.check.fine;
 }
 
 // Why the form cannot be used now, or nothing.
 function formWaits() {
   if (view.large) return WORDS.stale.large;
-  if (view.textOnly) return WORDS.stale.unchecked(view.why_not_checked);
   if (view.source !== "text" || !view.typedText) return "";
   return view.state === "waits" ? WORDS.stale.reading : WORDS.stale.unreadable;
 }
@@ -853,7 +872,7 @@ function drawText() {
   // A text that lacks the last change goes nowhere.
   for (const act of fileActs) act.disabled = behind;
   fileWaits.hidden = !(view.source === "form" && (view.state === "wrong" || view.state === "failed"));
-  comments.hidden = !(view.source === "form" && view.before);
+  comments.hidden = !(view.source === "form" && view.bare);
 }
 
 const ampHours = (coulombs) => `${(coulombs / 3600).toPrecision(3)} Ah`;
@@ -983,7 +1002,7 @@ function filePanel() {
   parts.fileWaits = el("p", { class: "note", hidden: true }, WORDS.file.waits);
   const back = () => {
     parts.area.focus();
-    typed(view.before);
+    typed(view.base.text);
   };
   const comments = [el("p", {}, WORDS.file.comments), button(WORDS.file.before, back)];
   parts.comments = el("div", { class: "note", hidden: true }, ...comments);
@@ -1026,7 +1045,7 @@ function submitReason() {
 function saveReason() {
   const scope = view.readOnly ? WORDS.readOnly(view.file.why_not) : scopeReason();
   if (scope) return scope;
-  const reason = view.textOnly ? "" : checkReason();
+  const reason = checkReason();
   if (reason) return reason;
   if (view.text === view.file.text && !view.conflict) return WORDS.save.reasonSame;
   return view.why.trim() ? "" : WORDS.save.reasonWhy;
@@ -1180,10 +1199,26 @@ async function save(was) {
     if (view === mine) saved(file, sent.text);
   } catch (error) {
     if (view !== mine) return;
-    if (isRefusal(error) && error.status === 409) await conflict();
-    else said("bad", (isRefusal(error) ? WORDS.save.refused : WORDS.save.lost)(reasonOf(error)));
+    await notSaved(error);
   }
   if (view === mine) busy("");
+}
+
+async function notSaved(error) {
+  if (!isRefusal(error)) return said("bad", WORDS.save.lost(reasonOf(error)));
+  if (error.status === 409) return conflict(error);
+  const mistake = error.status === 422 ? mistakeOf(error.message) : null;
+  if (mistake && view.state === "checked") {
+    view.answer.mistakes = [mistake];
+    settle("checked");
+  }
+  return said("bad", WORDS.save.refused(reasonOf(error)));
+}
+
+// The field that a refusal names, as in `text: line 3, capacity: expected …`.
+function mistakeOf(words) {
+  const found = /^text: (?:line (\d+), )?([\w.-]+|\([\w ]+\)): (.*)$/s.exec(words);
+  return found && { line: found[1] ? Number(found[1]) : null, field: found[2], message: found[3] };
 }
 
 // What was typed while the answer was on its way stays, as a change of the new version.
@@ -1206,7 +1241,7 @@ function takeFile(file) {
 
 // The text and the form of a file, as if nothing had been typed.
 function show(words, value) {
-  Object.assign(view, { source: "text", text: words, before: null, typedText: false });
+  Object.assign(view, { source: "text", text: words, typedText: false });
   become(value);
   soon(0);
 }
@@ -1218,11 +1253,13 @@ function closeConflict() {
 }
 
 // Somebody else was faster: both texts are kept, and a person decides.
-async function conflict() {
+async function conflict(error) {
   const mine = view;
   const theirs = await mine.ctx.get(pathOf(mine.kind, mine.name)).catch(() => null);
   if (view !== mine) return;
   if (!theirs) return said("bad", WORDS.save.conflict);
+  // It was refused for another reason.
+  if (theirs.sha256 === view.was) return said("bad", WORDS.save.refused(reasonOf(error)));
   view.conflict = theirs;
   const last = newestFirst(theirs.versions)[0];
   const by = last ? el("p", {}, WORDS.save.conflictLast(person(last.by), when(last.unix_s), last.why)) : null;
@@ -1364,7 +1401,7 @@ function versionsPanel() {
 // ---- the parts of the page ----------------------------------------------------------------------
 
 function benchSelect() {
-  const names = view.ctx.benches();
+  const names = view.benches;
   const choices = names.includes(view.bench) ? names : ["", ...names];
   const onchange = (event) => {
     view.bench = event.target.value;
@@ -1422,16 +1459,18 @@ function newView(parent, path, ctx) {
   const body = el("div", {}, el("p", { role: "status" }, WORDS.loading));
   parent.replaceChildren(el("div", { class: "fm-view" }, title, links, body));
   view = { ctx, path, title, links, body, parts: {}, known: {}, marked: [], wrong: [], asked: 0, showMistakes };
-  Object.assign(view, { bench: ctx.bench() || "", seed: "", why: "", was: null, before: null, file: null, name: "" });
+  Object.assign(view, { bench: "", seed: "", why: "", was: null, base: null, file: null, name: "" });
   return view;
 }
 
 // What is begun with: a text and its value, or an empty form; before that, a draft that was kept.
 async function begin(mine, kind, load) {
   try {
-    const [known, first] = await Promise.all([mine.ctx.get(`/schemas/${SCHEMAS[kind]}`), load()]);
+    const asked = [mine.ctx.get(`/schemas/${SCHEMAS[kind]}`), benchNames(mine.ctx), load()];
+    const [known, benches, first] = await Promise.all(asked);
     if (view !== mine) return;
-    Object.assign(mine, { kind, schema: known, readOnly: false });
+    const bench = mine.ctx.bench() || (benches.length === 1 ? benches[0] : "");
+    Object.assign(mine, { kind, schema: known, readOnly: false, benches, bench });
     if (first.file) takeFile(first.file);
     const draft = stored(mine.path);
     if (draft && !mine.readOnly) offer(draft, first);
@@ -1439,6 +1478,12 @@ async function begin(mine, kind, load) {
   } catch (error) {
     if (view === mine) failed(error, () => begin(mine, kind, load));
   }
+}
+
+// A page that was opened at this address does not know its benches yet.
+async function benchNames(ctx) {
+  const known = ctx.benches();
+  return known.length ? known : (await ctx.get("/benches")).map(({ bench }) => bench);
 }
 
 function failed(error, again) {
@@ -1450,16 +1495,16 @@ function fresh(first) {
   view.model = schema.modelOf(view.schema, first.value);
   const source = first.text === undefined ? "form" : "text";
   Object.assign(view, { source, text: first.text || "", typedText: Boolean(first.unread) });
-  if (first.bench && view.ctx.benches().includes(first.bench)) view.bench = first.bench;
+  if (first.bench && view.benches.includes(first.bench)) view.bench = first.bench;
   drawAll();
   if (first.unread) keep();
 }
 
 function resume(draft) {
   view.model = schema.takeUp(view.schema, draft.aside);
-  const { source, text: words, before, typedText, seed, why, was } = draft;
-  const bench = view.ctx.benches().includes(draft.bench) ? draft.bench : "";
-  Object.assign(view, { source, text: words, before, typedText, seed, why, was, bench });
+  const { source, text: words, base, typedText, seed, why, was } = draft;
+  const bench = view.benches.includes(draft.bench) ? draft.bench : "";
+  Object.assign(view, { source, text: words, base, typedText, seed, why, was, bench });
   drawAll();
 }
 

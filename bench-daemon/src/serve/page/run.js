@@ -133,9 +133,6 @@ const TAG = /^[\p{L}\p{N}_-]{1,40}$/u;
 const MOST_TAGS = 20;
 // So many spectra can be told from each other in one plot.
 const MOST_CURVES = 12;
-// A card is looked for among so many found ones, page by page.
-const ASKED = 100;
-const PAGES = 5;
 const LOG_LINES = 200;
 
 let view = null;
@@ -152,17 +149,11 @@ const orNone = (ctx, asked, none) =>
 // ---- what it is ---------------------------------------------------------------------------------
 
 // What the search knows of this run: its cells, its verdict and its tags. No other request tells it.
+// Its cells and tags, with all tags that exist.
 async function findCard(ctx, run) {
-  let after = null;
-  for (let page = 0; page < PAGES; page += 1) {
-    const got = await ctx.get(`/runs/find?${query({ text: run, most: ASKED, ...(after ? { after } : {}) })}`);
-    const card = got.found.find((one) => one.run === run);
-    if (card || !got.more) return { card: card || null, tags: got.tags };
-    after = got.more;
-  }
-  return { card: null, tags: [] };
+  const [told, found] = await Promise.all([ctx.get(`/runs/${encodeURIComponent(run)}`), ctx.get("/runs/find?most=1")]);
+  return { card: told.card, tags: found.tags };
 }
-
 function state({ job, now }) {
   if (job && job.ended) return outcome(job.ended);
   if (now && now.going) return WORDS.inWork;

@@ -409,6 +409,99 @@ export function takeUp(schema, aside) {
   return model;
 }
 
+// ---- a change within a text ---------------------------------------------------------------------
+
+// A value as it stands in a file, as far as it is simple.
+const VALUE = /^(?:"(?:[^"\\\n]|\\.)*"|'[^'\n]*'|\[[^[\]#]*\]|[^\s#,[{"']+)/;
+const HEAD = /^\s*(\[\[?)\s*([^[\]]+?)\s*\]\]?\s*(?:#.*)?$/;
+const PLAIN_KEY = /^[\w-]+$/;
+
+const sorted = (_, value) =>
+  isTable(value) ? Object.fromEntries(Object.entries(value).sort(([a], [b]) => (a < b ? -1 : 1))) : value;
+
+// Whether two values say the same, in whatever order their keys stand.
+export const equal = (a, b) => JSON.stringify(a, sorted) === JSON.stringify(b, sorted);
+
+const isPlain = (value) => (Array.isArray(value) ? value.every(isPlain) : !isTable(value));
+
+function changesOf(was, now, path) {
+  return [...new Set([...Object.keys(was), ...Object.keys(now)])].flatMap((key) => {
+    const [old, next] = [was, now].map((table) => (Object.hasOwn(table, key) ? table[key] : undefined));
+    if (equal(old, next)) return [];
+    if (isTable(old) && isTable(next)) return changesOf(old, next, [...path, key]);
+    return [{ path, key, old, next }];
+  });
+}
+
+// The tables of a text: their paths, and their lines without the head.
+function tablesOf(all) {
+  const found = [{ path: "", from: 0 }];
+  all.forEach((line, at) => {
+    const head = HEAD.exec(line);
+    if (head) found.push({ path: head[2], from: at + 1, many: head[1] === "[[" });
+  });
+  return found.map((one, place) => ({ ...one, to: place + 1 < found.length ? found[place + 1].from - 1 : all.length }));
+}
+
+// The place of the last line that says something: comments behind it belong to what follows.
+const lastSaid = (body) => body.findLastIndex((line) => line.trim() && !line.trim().startsWith("#"));
+
+// Writes a key anew within the lines of its table, takes it out, or puts it behind the last one.
+function changeKey(body, key, next) {
+  const written = next === undefined ? null : `${key} = ${JSON.stringify(next)}`;
+  const text = body.join("\n");
+  const found = new RegExp(`^[ \\t]*${key}[ \\t]*=[ \\t]*`, "m").exec(text);
+  if (!found) {
+    const last = lastSaid(body);
+    return written === null ? null : [...body.slice(0, last + 1), written, ...body.slice(last + 1)];
+  }
+  const from = found.index + found[0].length;
+  const value = VALUE.exec(text.slice(from));
+  if (!value) return null;
+  const rest = text.slice(from + value[0].length);
+  if (written !== null) return `${text.slice(0, from)}${JSON.stringify(next)}${rest}`.split("\n");
+  return `${text.slice(0, found.index)}${rest.replace(/^[^\n]*\n?/, "")}`.split("\n");
+}
+
+function newTable(path, table) {
+  const entries = Object.entries(table);
+  if (!entries.every(([key]) => PLAIN_KEY.test(key))) return null;
+  const plain = entries.filter(([, value]) => isPlain(value));
+  const inner = entries.filter(([, value]) => isTable(value)).map(([key, value]) => newTable(`${path}.${key}`, value));
+  if (inner.includes(null) || plain.length + inner.length < entries.length) return null;
+  const own = plain.map(([key, value]) => `${key} = ${JSON.stringify(value)}`);
+  return ["", `[${path}]`, ...own, ...inner.flat()];
+}
+
+function changeOne(all, { path, key, old, next }) {
+  const name = [...path, key].join(".");
+  if (![...path, key].every((part) => PLAIN_KEY.test(part))) return null;
+  if (old === undefined && isTable(next)) {
+    const made = newTable(name, next);
+    return made && [...all.join("\n").trimEnd().split("\n"), ...made, ""];
+  }
+  if (isTable(old) && next === undefined) {
+    const gone = tablesOf(all).filter((one) => one.path === name || one.path.startsWith(`${name}.`));
+    const ends = gone.map(({ from, to }) => [from - 1, from + lastSaid(all.slice(from, to))]);
+    return gone.length ? all.filter((_, at) => !ends.some(([first, last]) => at >= first && at <= last)) : null;
+  }
+  if (![old, next].every((value) => value === undefined || isPlain(value))) return null;
+  const table = tablesOf(all).find((one) => one.path === path.join(".") && !one.many);
+  const body = table && changeKey(all.slice(table.from, table.to), key, next);
+  return body ? [...all.slice(0, table.from), ...body, ...all.slice(table.to)] : null;
+}
+
+// A text in which only what differs is written anew, so that its comments stay; null where that is
+// not simple. Whoever uses it reads it again and looks whether it says what it should.
+export function patch(text, was, now) {
+  let all = text.split("\n");
+  for (const change of changesOf(was, now, [])) {
+    all = changeOne(all, change);
+    if (!all) return null;
+  }
+  return all.join("\n");
+}
+
 // ---- lines of two texts -------------------------------------------------------------------------
 
 // Beyond this many pairs of lines, what differs is told as a whole.

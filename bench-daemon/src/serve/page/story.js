@@ -187,7 +187,11 @@ function enlarge(frame, name) {
 
 // The pictures come one after the other: a browser gives each host few connections, and the stop needs one.
 export async function drawPictures(parent, ctx, analysis, what, going) {
-  const pictures = analysis.files.filter((one) => isPicture(one.path)).map((one) => picture(one.path, what));
+  const drawn = new Set(analysis.files.map((one) => one.path).filter((path) => /\.svg$/i.test(path)));
+  // The same as SVG is sharper, and smaller.
+  const twice = (path) => drawn.has(path.replace(/\.png$/i, ".svg")) && !drawn.has(path);
+  const files = analysis.files.filter((one) => isPicture(one.path) && !twice(one.path));
+  const pictures = files.map((one) => picture(one.path, what));
   if (!pictures.length) return;
   parent.append(
     el("h3", {}, WORDS.pictures),

@@ -14,7 +14,10 @@ const STRIPS = [
   ["voltage_v", "Voltage / V", 4, "--c0"],
   ["current_a", "Current / A (charge +)", 3, "--c1"],
   ["temperature_c", "Cell temperature / °C", 2, "--c2"],
+  ["charge_mah", "Charge since the beginning / mAh", 2, "--c3"],
 ];
+// Of one ampere-hour, C.
+const AH_C = 3600;
 const QUANTITIES = { voltage_v: "V", current_a: "A", temperature_c: "°C" };
 
 const shown = { run: "", part: "recent", zoom: null, asked: 0, told: null, charts: [], limits: [] };
@@ -145,7 +148,7 @@ function words(told) {
     : "no reading";
   return (
     `${span}; voltage ${of(told.voltage_v, 4, "V")}; current ${of(told.current_a, 3, "A")}; ` +
-    `temperature ${of(told.temperature_c, 2, "°C")}. ` +
+    `temperature ${of(told.temperature_c, 2, "°C")}; charge ${of(told.charge_mah, 2, "mAh")}. ` +
     `${told.rows} readings${told.whole ? "" : ", thinned: every peak is kept"}.`
   );
 }
@@ -204,6 +207,7 @@ export async function drawTime(get, run, limits) {
     if (!shown.told) shown.told = await get(`/runs/${run}/readings?most=8`);
     const told = await get(`/runs/${run}/readings?${query()}`);
     if (asked !== shown.asked || shown.run !== run) return;
+    told.charge_mah = told.charge_c.map((charge) => (1000 * charge) / AH_C);
     shown.told = told;
     draw(choose);
   } catch {

@@ -5,7 +5,7 @@
 
 use analysis::model::{Erm, RcBranch};
 
-use crate::config::quantity::{Capacitance, Dimension, Duration, Quantity, Resistance};
+use super::quantity::{Capacitance, Dimension, Duration, Quantity, Resistance};
 
 /// Reads a typed model; branches stay in the order in which they were typed.
 ///

@@ -1,0 +1,97 @@
+//! The latest notices, and what came of each.
+
+use std::{
+    collections::{BTreeMap, VecDeque},
+    sync::{Mutex, MutexGuard, PoisonError},
+};
+
+use instruments::clock;
+use serde::Serialize;
+use utoipa::ToSchema;
+
+/// Notices that are remembered.
+const REMEMBERED: usize = 100;
+
+/// Subject of a notice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum About {
+    /// A bench has tripped and is latched.
+    Trip,
+    /// Nobody has verified that the outputs of a bench are off.
+    Unverified,
+    /// A run has ended.
+    End,
+    /// Somebody tries whether notices arrive.
+    Test,
+}
+
+impl About {
+    /// Whether it is told in quiet hours.
+    pub fn is_urgent(self) -> bool {
+        self != Self::End
+    }
+}
+
+/// A notice.
+#[derive(Debug, Clone, Serialize, ToSchema)]
+pub struct Notice {
+    /// Its number since the server began.
+    pub number: u64,
+    /// When, s since 1970.
+    pub unix_s: f64,
+    /// Subject.
+    pub about: About,
+    /// The bench; none for a test.
+    pub bench: Option<String>,
+    /// One line.
+    pub title: String,
+    /// The rest.
+    pub text: String,
+    /// What came of it, by target.
+    pub outcome: BTreeMap<&'static str, String>,
+}
+
+/// Notices of a server.
+#[derive(Debug, Default)]
+pub struct Notices {
+    latest: Mutex<VecDeque<Notice>>,
+}
+
+impl Notices {
+    fn lock(&self) -> MutexGuard<'_, VecDeque<Notice>> {
+        self.latest.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The latest first.
+    pub fn list(&self) -> Vec<Notice> {
+        self.lock().iter().rev().cloned().collect()
+    }
+
+    /// Remembers a notice that is to be sent.
+    pub fn add(&self, about: About, bench: Option<&str>, title: String, text: String) -> Notice {
+        let mut latest = self.lock();
+        let notice = Notice {
+            number: latest.back().map_or(1, |notice| notice.number + 1),
+            unix_s: clock::unix_time_s(),
+            about,
+            bench: bench.map(str::to_owned),
+            title,
+            text,
+            outcome: BTreeMap::new(),
+        };
+        latest.push_back(notice.clone());
+        if latest.len() > REMEMBERED {
+            latest.pop_front();
+        }
+        notice
+    }
+
+    /// What came of a notice at a target.
+    pub fn outcome(&self, number: u64, target: &'static str, words: String) {
+        let mut latest = self.lock();
+        if let Some(notice) = latest.iter_mut().find(|notice| notice.number == number) {
+            notice.outcome.insert(target, words);
+        }
+    }
+}

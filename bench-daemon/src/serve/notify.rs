@@ -1,0 +1,335 @@
+//! Notices to people who are not at the page: by a webhook and by e-mail. A run does not wait for
+//! them, and neither does the server.
+//!
+//! Told are trips and latches, benches whose outputs nobody has verified off, and ends of runs. In
+//! quiet hours what can wait is kept and told together at their end.
+
+use std::{collections::BTreeMap, sync::Arc, time::Duration};
+
+use jiff::{Zoned, civil::Time};
+use lettre::{
+    Message, SmtpTransport, Transport,
+    transport::smtp::{
+        authentication::Credentials,
+        client::{Tls, TlsParameters},
+    },
+};
+use serde::Serialize;
+
+use super::{
+    Server,
+    jobs::Job,
+    live::{BenchState, Live},
+    notices::{About, Notice},
+    targets::{Email, Encryption},
+};
+
+/// Waits before the second and later tries, s.
+const AGAIN_S: [f64; 4] = [2.0, 10.0, 60.0, 600.0];
+/// A receiver may take so long, s.
+const PATIENCE: Duration = Duration::from_secs(20);
+/// Time between two looks at what waits for the end of quiet hours, s.
+const LOOK_S: f64 = 20.0;
+/// A bench is told to be without a verified end once it is so for this long, s: after a run its
+/// process is looked at first.
+const SETTLED_S: f64 = 10.0;
+
+/// The body of a webhook.
+#[derive(Debug, Serialize)]
+struct Hook<'a> {
+    schema: &'static str,
+    #[serde(flatten)]
+    notice: &'a Notice,
+}
+
+/// Sends a notice that somebody tries; gives what came of it.
+pub async fn test(server: &Arc<Server>, by: &str) -> Notice {
+    let text = format!("{by} tried whether notices arrive.");
+    let notice = server
+        .notices
+        .add(About::Test, None, "eis-bench: a test".to_owned(), text);
+    send(server, std::slice::from_ref(&notice), 0).await;
+    let mut all = server.notices.list();
+    all.retain(|one| one.number == notice.number);
+    all.pop().unwrap_or(notice)
+}
+
+/// Watches the benches and tells what happens, for ever.
+pub async fn work(server: Arc<Server>) {
+    let mut wake = server.hub.wake();
+    let mut number = server.hub.latest();
+    let mut seen = Seen::default();
+    seen.benches(&server, true);
+    let mut kept: Vec<Notice> = Vec::new();
+    loop {
+        wake.mark_unchanged();
+        let mut fresh = seen.benches(&server, false);
+        loop {
+            let told = server.hub.after(number);
+            let Some(last) = told.events.last() else {
+                break;
+            };
+            number = last.number;
+            let runs = told.events.iter().filter(|event| event.kind == "run");
+            fresh.extend(runs.filter_map(|event| ended(&server, &event.data)));
+        }
+        for notice in fresh {
+            server.hub.tell("notice", &notice);
+            if notice.about.is_urgent()
+                || !is_quiet(server.settings.notify.quiet, Zoned::now().time())
+            {
+                start(&server, vec![notice]);
+            } else {
+                server.notices.outcome(
+                    notice.number,
+                    "quiet hours",
+                    "kept until their end".to_owned(),
+                );
+                kept.push(notice);
+            }
+        }
+        if !kept.is_empty() && !is_quiet(server.settings.notify.quiet, Zoned::now().time()) {
+            start(&server, std::mem::take(&mut kept));
+        }
+        if server.hub.closed() {
+            std::future::pending::<()>().await;
+        }
+        tokio::select! {
+            _ = wake.changed() => {}
+            () = server.clock.sleep_s(LOOK_S) => {}
+        }
+    }
+}
+
+/// Sends beside what comes next.
+fn start(server: &Arc<Server>, notices: Vec<Notice>) {
+    let server = server.clone();
+    tokio::spawn(async move { send(&server, &notices, AGAIN_S.len()).await });
+}
+
+/// What is known of the benches.
+#[derive(Debug, Default)]
+struct Seen {
+    trips: BTreeMap<String, f64>,
+    unverified: BTreeMap<String, (f64, bool)>,
+}
+
+impl Seen {
+    /// New trips, and benches that have been without a verified end for a while.
+    fn benches(&mut self, server: &Server, first: bool) -> Vec<Notice> {
+        let live: Vec<Live> = server.live().values().cloned().collect();
+        let mut fresh = Vec::new();
+        for bench in live {
+            if let Some(trip) = &bench.trip {
+                let known = self.trips.insert(bench.bench.clone(), trip.unix_s);
+                if known != Some(trip.unix_s) && !first {
+                    let step = trip.step.as_ref().map(|step| format!(", in step “{step}”"));
+                    let text = format!(
+                        "{}{}. Found by the {}. Look at the bench and at the cell.",
+                        trip.cause,
+                        step.unwrap_or_default(),
+                        trip.by
+                    );
+                    let title = format!("{} is latched", bench.bench);
+                    fresh.push(
+                        server
+                            .notices
+                            .add(About::Trip, Some(&bench.bench), title, text),
+                    );
+                }
+            }
+            if bench.state != BenchState::Unknown {
+                self.unverified.remove(&bench.bench);
+                continue;
+            }
+            let now_s = server.clock.now_s();
+            let (since_s, told) = self
+                .unverified
+                .entry(bench.bench.clone())
+                .or_insert((now_s, first));
+            if !*told && now_s - *since_s >= SETTLED_S {
+                *told = true;
+                let title = format!(
+                    "{}: nobody has verified that its outputs are off",
+                    bench.bench
+                );
+                let text = "Look at the bench, and switch it off: eis-bench safe.".to_owned();
+                fresh.push(
+                    server
+                        .notices
+                        .add(About::Unverified, Some(&bench.bench), title, text),
+                );
+            }
+        }
+        fresh
+    }
+}
+
+/// The notice of a run that has ended.
+fn ended(server: &Server, data: &str) -> Option<Notice> {
+    let job: Job = serde_json::from_str(data).ok()?;
+    let ended = job.ended?;
+    let title = format!("{} on {}: {}", job.item.run, job.item.bench, ended.how);
+    let text = format!("Submitted by {}.", job.item.by);
+    Some(
+        server
+            .notices
+            .add(About::End, Some(&job.item.bench), title, text),
+    )
+}
+
+/// Whether a time lies in quiet hours, which may go over midnight.
+fn is_quiet(quiet: Option<(Time, Time)>, now: Time) -> bool {
+    quiet.is_some_and(|(from, to)| {
+        if from <= to {
+            from <= now && now < to
+        } else {
+            from <= now || now < to
+        }
+    })
+}
+
+/// Sends notices to every target, each by itself; of several one message.
+async fn send(server: &Arc<Server>, notices: &[Notice], again: usize) {
+    let targets = &server.settings.notify;
+    let hook = targets.webhook.clone().map(|address| {
+        let bodies = notices.iter().map(|notice| {
+            let hook = Hook {
+                schema: "eis-bench/notice",
+                notice,
+            };
+            serde_json::to_string(&hook).unwrap_or_default()
+        });
+        (address, bodies.collect::<Vec<_>>())
+    });
+    let post = async {
+        let Some((address, bodies)) = hook else {
+            return;
+        };
+        for (notice, body) in notices.iter().zip(bodies) {
+            let address = address.clone();
+            let work = move || post_once(&address, &body);
+            tried(server, &[notice.number], "webhook", again, work).await;
+        }
+    };
+    let mail = async {
+        let Some(email) = targets.email.clone() else {
+            return;
+        };
+        let numbers: Vec<u64> = notices.iter().map(|notice| notice.number).collect();
+        let notices = notices.to_vec();
+        let work = move || mail_once(&email, &notices);
+        tried(server, &numbers, "e-mail", again, work).await;
+    };
+    tokio::join!(post, mail);
+}
+
+/// Tries, and tries again where it failed.
+async fn tried(
+    server: &Arc<Server>,
+    numbers: &[u64],
+    target: &'static str,
+    again: usize,
+    work: impl Fn() -> Result<(), String> + Clone + Send + 'static,
+) {
+    for number in 0..=again {
+        let work = work.clone();
+        let outcome = tokio::task::spawn_blocking(work).await;
+        let outcome = outcome.unwrap_or_else(|error| Err(error.to_string()));
+        let words = match &outcome {
+            Ok(()) => "sent".to_owned(),
+            Err(error) => format!("not sent, try {}: {error}", number + 1),
+        };
+        for notice in numbers {
+            server.notices.outcome(*notice, target, words.clone());
+        }
+        match outcome {
+            Ok(()) => return,
+            Err(error) => tracing::warn!("a notice by {target} was not sent: {error}"),
+        }
+        match AGAIN_S.get(number).filter(|_| number < again) {
+            Some(pause_s) => server.clock.sleep_s(*pause_s).await,
+            None => return,
+        }
+    }
+}
+
+fn post_once(address: &str, body: &str) -> Result<(), String> {
+    let config = ureq::Agent::config_builder()
+        .timeout_global(Some(PATIENCE))
+        .max_redirects(0)
+        .build();
+    let agent: ureq::Agent = config.into();
+    agent
+        .post(address)
+        .header("Content-Type", "application/json")
+        .send(body)
+        .map(|_| ())
+        .map_err(|error| error.to_string())
+}
+
+fn mail_once(email: &Email, notices: &[Notice]) -> Result<(), String> {
+    let failed = |error: &dyn std::fmt::Display| error.to_string();
+    let tls = || TlsParameters::new(email.host.clone()).map_err(|error| failed(&error));
+    let mut transport = SmtpTransport::builder_dangerous(&email.host)
+        .port(email.port)
+        .timeout(Some(PATIENCE))
+        .tls(match email.encryption {
+            Encryption::Tls => Tls::Wrapper(tls()?),
+            Encryption::Starttls => Tls::Required(tls()?),
+            Encryption::None => Tls::None,
+        });
+    if let Some(user) = &email.user {
+        let password = email
+            .password_file
+            .as_ref()
+            .map(std::fs::read_to_string)
+            .transpose();
+        let password = password
+            .map_err(|error| failed(&error))?
+            .unwrap_or_default();
+        transport = transport.credentials(Credentials::new(
+            user.clone(),
+            password.trim_end().to_owned(),
+        ));
+    }
+    let (subject, text) = match notices {
+        [one] => (one.title.clone(), one.text.clone()),
+        several => {
+            let lines = several
+                .iter()
+                .map(|one| format!("{}\n{}\n", one.title, one.text));
+            (
+                format!("{} notices", several.len()),
+                lines.collect::<Vec<_>>().join("\n"),
+            )
+        }
+    };
+    let mut message = Message::builder()
+        .from(email.from.clone())
+        .subject(format!("eis-bench: {subject}"));
+    for to in &email.to {
+        message = message.to(to.clone());
+    }
+    let message = message.body(text).map_err(|error| failed(&error))?;
+    transport
+        .build()
+        .send(&message)
+        .map(|_| ())
+        .map_err(|error| failed(&error))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quiet_hours_may_go_over_midnight() {
+        let at = |hour| Time::constant(hour, 30, 0, 0);
+        let night = Some((at(21), at(5)));
+        let found = [20, 21, 23, 0, 4, 5, 12].map(|hour| is_quiet(night, at(hour)));
+        assert_eq!(found, [false, true, true, true, true, false, false]);
+        assert!(is_quiet(Some((at(1), at(5))), at(4)) && !is_quiet(Some((at(1), at(5))), at(5)));
+        assert!(!is_quiet(None, at(0)));
+    }
+}
