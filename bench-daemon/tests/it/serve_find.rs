@@ -37,17 +37,17 @@ fn a_run_is_found_by_what_is_known_and_written_of_it() {
     assert_eq!(found("from_s=1e12"), 0);
     assert_eq!(found("text=swollen"), 0);
     let note = json!({ "text": "cell looks <b>swollen</b>\nat the seam" }).to_string();
-    let notes = format!("/runs/demo-1/notes");
-    let kept = served.post(&notes, &note).expect(201).json();
+    let notes = "/runs/demo-1/notes";
+    let kept = served.post(notes, &note).expect(201).json();
     assert_eq!(kept["by"], "local");
     assert_eq!(
-        served.get(&notes)[0]["text"],
+        served.get(notes)[0]["text"],
         "cell looks <b>swollen</b>\nat the seam"
     );
     assert_eq!(found("text=swollen"), 1);
     for text in ["", "  ", "a\u{1b}[2J"] {
         let answer = served
-            .post(&notes, &json!({ "text": text }).to_string())
+            .post(notes, &json!({ "text": text }).to_string())
             .expect(422);
         assert!(
             answer
@@ -57,10 +57,10 @@ fn a_run_is_found_by_what_is_known_and_written_of_it() {
             answer.text()
         );
     }
-    let tags = format!("/runs/demo-1/tags");
+    let tags = "/runs/demo-1/tags";
     put(
         &served,
-        &tags,
+        tags,
         &json!({ "tags": ["aged", "Zelle-Ä", "aged"] }),
     )
     .expect(200);
@@ -70,7 +70,7 @@ fn a_run_is_found_by_what_is_known_and_written_of_it() {
         (&card["tags"], &card["notes"]),
         (&json!(["Zelle-Ä", "aged"]), &json!(1))
     );
-    let answer = put(&served, &tags, &json!({ "tags": ["a b"] })).expect(422);
+    let answer = put(&served, tags, &json!({ "tags": ["a b"] })).expect(422);
     assert!(
         answer.text().contains("tags: expected 1 to 40 letters"),
         "{}",
@@ -187,10 +187,10 @@ fn a_draft_says_what_it_would_do_or_which_field_is_wrong() {
     let files = Files::demo();
     config(&files, "");
     let served = Served::start(&files);
-    let drafts = format!("/drafts");
+    let drafts = "/drafts";
     let text = files.text(EXPERIMENT);
     let draft = served
-        .post(&drafts, &json!({ "text": text }).to_string())
+        .post(drafts, &json!({ "text": text }).to_string())
         .expect(200)
         .json();
     assert_eq!(draft["mistakes"], json!([]));
@@ -208,14 +208,14 @@ fn a_draft_says_what_it_would_do_or_which_field_is_wrong() {
     // The values make a text that means the same.
     let value = draft["value"].clone();
     let again = served
-        .post(&drafts, &json!({ "value": value }).to_string())
+        .post(drafts, &json!({ "value": value }).to_string())
         .expect(200)
         .json();
     assert_eq!((&again["value"], &again["plan"]), (&value, &draft["plan"]));
-    let mut wrong = value.clone();
+    let mut wrong = value;
     wrong["eis"]["amplitude"] = json!("100 A");
     let told = served
-        .post(&drafts, &json!({ "value": wrong }).to_string())
+        .post(drafts, &json!({ "value": wrong }).to_string())
         .expect(200)
         .json();
     assert_eq!(told["mistakes"][0]["field"], "eis.amplitude");
@@ -225,14 +225,14 @@ fn a_draft_says_what_it_would_do_or_which_field_is_wrong() {
     );
     assert_eq!(told["plan"], Value::Null);
     let told = served
-        .post(&drafts, &json!({ "text": "name = " }).to_string())
+        .post(drafts, &json!({ "text": "name = " }).to_string())
         .expect(200)
         .json();
     assert_eq!(
         (&told["value"], told["mistakes"].as_array().unwrap().len()),
         (&Value::Null, 1)
     );
-    served.post(&drafts, "{}").expect(422);
+    served.post(drafts, "{}").expect(422);
     // Nothing of this lies anywhere.
     assert!(!files.path("data/submitted").join("demo-1").exists());
 }
@@ -242,24 +242,24 @@ fn files_are_changed_with_history_and_are_read_by_what_is_submitted_later() {
     let files = Files::demo();
     config(&files, "");
     let served = Served::start(&files);
-    let path = format!("/files/cells/p45b");
-    let first = served.get(&path);
+    let path = "/files/cells/p45b";
+    let first = served.get(path);
     let text = first["text"]
         .as_str()
         .unwrap()
         .replace("voltage_max = \"4.2 V\"", "voltage_max = \"4.1 V\"");
     let change =
         |text: &str, why: &str, was: &Value| json!({ "text": text, "why": why, "was_sha256": was });
-    put(&served, &path, &change(&text, "", &first["sha256"])).expect(422);
+    put(&served, path, &change(&text, "", &first["sha256"])).expect(422);
     let bad = text.replace("4.1 V", "41 V");
-    let answer = put(&served, &path, &change(&bad, "x", &first["sha256"])).expect(422);
+    let answer = put(&served, path, &change(&bad, "x", &first["sha256"])).expect(422);
     assert!(answer.text().contains("voltage_max"), "{}", answer.text());
-    let second = put(&served, &path, &change(&text, "gentler", &first["sha256"]))
+    let second = put(&served, path, &change(&text, "gentler", &first["sha256"]))
         .expect(200)
         .json();
     assert_eq!(second["versions"][1]["why"], "gentler");
     // Who has not seen it does not write over it.
-    put(&served, &path, &change(&text, "again", &first["sha256"])).expect(409);
+    put(&served, path, &change(&text, "again", &first["sha256"])).expect(409);
     assert_eq!(
         served.get(&format!("{path}?version=0"))["text"],
         first["text"]
@@ -279,10 +279,10 @@ fn files_are_changed_with_history_and_are_read_by_what_is_submitted_later() {
         .text(EXPERIMENT)
         .replace("\"4.2 V\"", "\"4.1 V\"")
         .replace("\"demo\"", "\"gentle\"");
-    let path = format!("/files/experiments/gentle");
+    let path = "/files/experiments/gentle";
     put(
         &served,
-        &path,
+        path,
         &change(&experiment, "for the changed cell", &Value::Null),
     )
     .expect(200);
