@@ -2,6 +2,8 @@
 //! its output and its results lie in a folder of its own; [`super::analyst`] does them.
 
 mod arguments;
+mod error;
+mod record;
 mod story;
 
 use std::{
@@ -11,7 +13,7 @@ use std::{
 
 use analysis::dataset::write_atomically;
 use instruments::clock;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use tokio::sync::Notify;
 use utoipa::ToSchema;
 
@@ -19,6 +21,8 @@ use super::{hub::Hub, settings::Settings};
 use crate::{operator::progress::PROGRESS_LINE, support::confined_path};
 pub(super) use arguments::arguments;
 pub use arguments::{Kind, Options, Request};
+pub use error::AnalysisError;
+pub use record::{Analysis, Progress, State};
 pub use story::Story;
 
 /// Analyses that may wait.
@@ -29,66 +33,6 @@ const MOST_TOLD: usize = 200;
 const TAIL: usize = 64 * 1024;
 /// File of what its process wrote.
 pub(super) const OUTPUT: &str = "output.txt";
-
-/// State of an analysis.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum State {
-    /// Others come first.
-    Waiting,
-    /// Its process runs.
-    #[serde(rename = "in work")]
-    InWork,
-    /// It has results.
-    Done,
-    /// It has none.
-    Failed,
-    /// Somebody has ended it.
-    Cancelled,
-}
-
-/// How far an analysis is.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Progress {
-    /// Share that is done, where the command counts.
-    pub done: Option<f64>,
-    /// What it is doing.
-    pub words: String,
-}
-
-/// An analysis.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Analysis {
-    /// Its name.
-    pub id: String,
-    /// Its kind.
-    pub kind: Kind,
-    /// The runs.
-    pub runs: Vec<String>,
-    /// The spectra, where not all are meant.
-    #[serde(default)]
-    pub spectra: Vec<String>,
-    /// Options.
-    pub options: Options,
-    /// Who asked for it.
-    pub by: String,
-    /// When, s since 1970.
-    pub submitted_unix_s: f64,
-    /// When its process began, s since 1970.
-    pub began_unix_s: Option<f64>,
-    /// When it ended, s since 1970.
-    pub ended_unix_s: Option<f64>,
-    /// State.
-    pub state: State,
-    /// How far it is.
-    pub progress: Progress,
-    /// Time left, s; none where nobody knows.
-    pub left_s: Option<f64>,
-    /// Why it has no results; a remark on them.
-    pub message: Option<String>,
-    /// The same on a command line.
-    pub command: String,
-}
 
 /// An analysis with its results.
 #[derive(Debug, Serialize, ToSchema)]
@@ -109,23 +53,6 @@ pub struct ResultFile {
     pub path: String,
     /// Its length.
     pub bytes: u64,
-}
-
-/// Why an analysis is not taken or not cancelled.
-#[derive(Debug, thiserror::Error)]
-pub enum AnalysisError {
-    /// It cannot be done as it is asked for.
-    #[error("{0}")]
-    Unfit(String),
-    /// No such analysis.
-    #[error("expected the name of an analysis, found {0:?}")]
-    Unknown(String),
-    /// Not as things are.
-    #[error("{0}")]
-    Conflict(String),
-    /// The file system.
-    #[error("{0}")]
-    Io(String),
 }
 
 /// All analyses of a server.

@@ -705,3 +705,202 @@ fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     browser.pictures("lost");
     browser.assert_accessible("lost");
 }
+
+/// Marks the link or button that is shown under this name, or begins with it.
+const FIND: &str = "
+    const [name] = arguments;
+    const all = [...document.querySelectorAll('a, button, summary')];
+    const fits = (node) => {
+        const text = (node.getAttribute('aria-label') || node.textContent).trim();
+        return node.checkVisibility() && !node.disabled && (text === name || text.startsWith(name));
+    };
+    document.querySelectorAll('[data-found]').forEach((node) => delete node.dataset.found);
+    // Within the part that is open first, for a bench may have the name of a run.
+    const found = all.filter(fits).find((node) => node.closest('#view')) || all.find(fits);
+    if (found) found.dataset.found = 'yes';
+    return Boolean(found);
+";
+
+/// Whether the focus is on what was marked.
+const FOCUSED: &str = "return Boolean(document.activeElement.dataset.found)";
+
+/// Most controls that somebody has to pass to come to one, by Tab.
+const MOST_STOPS: usize = 300;
+
+impl Browser {
+    /// Presses keys, wherever the focus is.
+    fn press(&self, key: &str) {
+        let keys = json!([{ "type": "keyDown", "value": key }, { "type": "keyUp", "value": key }]);
+        let source = json!({ "type": "key", "id": "keys", "actions": keys });
+        self.say("/actions", &json!({ "actions": [source] }));
+    }
+
+    /// Takes the link or button of a name, by mouse or by keyboard alone.
+    #[track_caller]
+    fn take(&self, name: &str, by_keyboard: bool) {
+        let found =
+            || self.say("/execute/sync", &json!({ "script": FIND, "args": [name] })) == true;
+        crate::support::poll(name, || found().then_some(()));
+        if !by_keyboard {
+            return self.click("[data-found]");
+        }
+        for _ in 0..MOST_STOPS {
+            if self.script(FOCUSED) == true {
+                return self.press("\u{e007}");
+            }
+            self.press("\u{e004}");
+            // What has been drawn anew meanwhile is marked anew.
+            found();
+        }
+        self.picture("failed", DESKTOP);
+        panic!("{name}: not reached by Tab");
+    }
+}
+
+fn a_newcomers_way(dark: bool, size: (u32, u32), by_keyboard: bool) {
+    let Some(browser) = Browser::start(dark) else {
+        return;
+    };
+    let files = Files::short(4);
+    let ports = Ports::serve(&files, 10.0, 1);
+    config(&files, "");
+    let served = Served::start(&files);
+    let name = |step: &str| {
+        let way = if by_keyboard { "keyboard" } else { "mouse" };
+        format!("way-{way}-{step}")
+    };
+    let look = |step: &str| {
+        browser.picture(&name(step), size);
+        browser.assert_accessible(&name(step));
+    };
+    let take = |name: &str| browser.take(name, by_keyboard);
+    browser.go(&served.url(), size);
+    browser.wait("#state", "Idle");
+    look("begin");
+    // An experiment from a form, with its plan.
+    take("New experiment");
+    browser.wait("#view", "Begin with an experiment of this server");
+    look("new");
+    take("demo");
+    browser.wait(".fm-side", "No mistake found");
+    look("form");
+    take("Submit …");
+    browser.wait(".fm-confirm", "current will flow");
+    look("confirm");
+    take("Yes, submit to demo");
+    browser.wait(".fm-side", "demo-1");
+    // It is watched, paused, and goes on; then it is stopped.
+    browser.script("location.hash = '#demo'");
+    browser.wait("#state", "Running");
+    browser.wait_points("#runbody", "point ", 2);
+    look("running");
+    take("Pause after this step");
+    browser.wait("#state", "Paused");
+    look("paused");
+    take("Go on");
+    browser.wait("#state", "Running");
+    take("■ STOP");
+    browser.wait("#stopped", "every output is off, read back");
+    ports.assert_outputs_off();
+    look("stopped");
+    take("Let the queue go on");
+    // The same again, from the run.
+    take("Runs");
+    browser.wait("#view", "demo-1");
+    look("runs");
+    take("demo-1");
+    browser.wait("#view", "Repeat as it was");
+    look("run");
+    take("Repeat as it was");
+    browser.wait(".fm-side", "No mistake found");
+    take("Submit …");
+    take("Yes, submit to demo");
+    browser.wait(".fm-side", "demo-2");
+    browser.script("location.hash = '#/run/demo-2'");
+    browser.wait("#view", "✓ finished");
+    // What does its model lack, and what would tell?
+    take("Diagnose");
+    browser.wait("#view", "Cannot tell");
+    browser.wait("#view", "What to do next");
+    look("diagnosis");
+    take("Show its plan");
+    browser.wait("#view", "Margins");
+    take("Queue it");
+    browser.wait("#view", "Yes, queue it on demo");
+    look("next");
+    take("Yes, queue it on demo");
+    browser.wait("#view", "Queued on demo as");
+    take("■ STOP");
+    browser.wait("#stopped", "every output is off, read back");
+}
+
+#[test]
+#[ignore = "long drill"]
+fn a_newcomer_comes_to_the_queued_next_experiment_by_mouse() {
+    a_newcomers_way(false, DESKTOP, false);
+}
+
+#[test]
+#[ignore = "long drill"]
+fn a_newcomer_comes_to_the_queued_next_experiment_by_keyboard_on_a_phone_in_the_dark() {
+    a_newcomers_way(true, PHONE, true);
+}
+
+#[test]
+#[ignore = "drill"]
+fn every_part_of_the_page_is_accessible_with_what_people_have_written_in_it() {
+    let Some(browser) = Browser::start(false) else {
+        return;
+    };
+    let files = Files::demo();
+    config(&files, "");
+    let served = Served::start(&files);
+    served.ended(&crate::serve_support::submit(
+        &served,
+        r#"{"experiment":"demo"}"#,
+    ));
+    let script = "<img src=x onerror=document.title='run'>\"'`";
+    let note = json!({ "text": script }).to_string();
+    served.post("/runs/demo-1/notes", &note).expect(201);
+    served
+        .post("/cells/Molicel%20P45B/notes", &note)
+        .expect(201);
+    for kind in ["fit", "kk", "diagnose"] {
+        let body = json!({ "kind": kind, "runs": ["demo-1"] }).to_string();
+        served.post("/analyses", &body).expect(201);
+    }
+    for (place, (address, words)) in [
+        ("#demo", "Idle"),
+        ("#/new", "Begin with"),
+        ("#/new/experiment/demo", "No mistake found"),
+        ("#/runs", "demo-1"),
+        ("#/run/demo-1", "onerror"),
+        ("#/run/demo-1?spectrum=spectrum&freq_hz=300", "channel 4"),
+        ("#/cells", "Molicel"),
+        ("#/cell/Molicel%20P45B", "onerror"),
+        ("#/analyses", "kk-2"),
+        ("#/analysis/fit-1", "✓ done"),
+        ("#/analysis/kk-2", "✓ done"),
+        ("#/analysis/diagnose-3", "Cannot tell"),
+        ("#/pack", "Lowest voltage"),
+        ("#/files", "p45b"),
+        ("#/files/cells/p45b", "Capacity"),
+        ("#/files/benches/demo", "Only to be read"),
+        ("#/notices", "No notice yet"),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        browser.go(&format!("{}/{address}", served.url()), DESKTOP);
+        browser.script("location.reload()");
+        browser.wait("body", words);
+        let name = format!("part-{place:02}");
+        browser.pictures(&name);
+        browser.assert_accessible(&name);
+        assert_ne!(
+            browser.script("return document.title"),
+            "run",
+            "{address}: a script ran"
+        );
+    }
+}

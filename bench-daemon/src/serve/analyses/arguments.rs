@@ -7,7 +7,7 @@ use analysis::run_folder::{self, INDEX};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::AnalysisError;
+use super::error::AnalysisError;
 use crate::{
     serve::{find, jobs, settings::Settings, spectra, submission},
     support::confined_path,

@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::Analysis;
+use super::record::Analysis;
 use crate::{
     figures::story::{Chapter, STORY, Story as Told},
     serve::{settings::Settings, submission},

@@ -17,6 +17,7 @@ mod page;
 pub mod problem;
 pub mod queue;
 pub mod runs;
+mod sent;
 pub mod session;
 pub mod shelf;
 

@@ -21,11 +21,11 @@ use utoipa::ToSchema;
 
 use super::{
     App,
-    analyses::sent,
     aside::aside,
     benches::Most,
     caller::{Energiser, Operator, Reader},
     problem::Refusal,
+    sent::sent,
 };
 use crate::{
     serve::{

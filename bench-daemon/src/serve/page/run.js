@@ -48,8 +48,9 @@ const WORDS = {
   acts: "What to do with it",
   repeat: "Repeat as it was",
   analyses: { diagnose: "Diagnose", fit: "Fit", kk: "Kramers–Kronig" },
-  analysisOf: (name) => `Diagnose, fit and Kramers–Kronig take the spectrum that is chosen: ${name}.`,
-  analysisOfRun: "Diagnose, fit and Kramers–Kronig take all spectra of the run that are corrected.",
+  analysisOf: (name) =>
+    `Fit and Kramers–Kronig take the spectrum that is chosen: ${name}; a diagnosis takes all that its cell has.`,
+  analysisOfRun: "Fit and Kramers–Kronig take all spectra of the run that are corrected.",
   noSpectrum: "There is no spectrum yet.",
   spectra: "Spectra",
   choose: "Spectrum",
@@ -235,7 +236,12 @@ function drawActs() {
 async function analyse(kind) {
   const mine = view;
   const one = only();
-  const body = { kind, runs: [mine.run], ...(one ? { spectra: [one.name] } : {}), options: ANALYSES[kind] };
+  // A diagnosis takes the whole run: of a campaign the cell whose spectrum is chosen.
+  const place = mine.campaign && one ? mine.campaign.runs.find((run) => run.spectrum === one.name) : null;
+  const body =
+    kind === "diagnose"
+      ? { kind, runs: [mine.run], options: place ? { cell: place.cell } : {} }
+      : { kind, runs: [mine.run], ...(one ? { spectra: [one.name] } : {}), options: ANALYSES[kind] };
   const begun = await mine.ctx.attempt(() => mine.ctx.post("/analyses", body));
   if (begun && view === mine) mine.ctx.go(address("analysis", begun.id));
 }
@@ -852,7 +858,18 @@ function takeSpectra([spectra, campaign]) {
   view.campaign = campaign;
   view.asked.clear();
   text(view.spectraNone, WORDS.noSpectrum);
+  if (view.wanted && spectra.some((one) => one.name === view.wanted.name)) view.chosen = view.wanted.name;
   drawSpectra();
+  openWanted();
+}
+
+// The point that the address names, once.
+function openWanted() {
+  const one = view.wanted && view.spectra.find((found) => found.name === view.wanted.name);
+  const point = one && one.points.find((found) => found.freq_hz === view.wanted.freq_hz);
+  if (!point) return;
+  view.wanted = null;
+  showCapture({ spectrum: one.name }, point);
 }
 
 function build(parent) {
@@ -893,6 +910,8 @@ export async function open(parent, where, ctx) {
   // Models of each spectrum; and of which they are asked for since something has changed.
   Object.assign(view, { models: new Map(), asked: new Set() });
   Object.assign(view, { card: null, tagsKnown: [], byHand: false, calm: calmly(() => load().catch(() => {})) });
+  const name = where.query.get("spectrum");
+  view.wanted = name ? { name, freq_hz: Number(where.query.get("freq_hz")) } : null;
   build(parent);
   const mine = view;
   await ctx.attempt(async () => (await exists()) && view === mine && load());

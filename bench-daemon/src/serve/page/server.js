@@ -51,11 +51,11 @@ const ABSENCE_MS = SILENCE_MS + 15000;
 const BEAT_MS = 5000;
 
 // Calls `on(kind, data)` for each event, and `link(state)` as the connection comes and goes. All
-// tabs of a browser with the same session, which is that of `who`, share one stream: the tab that holds the lock listens and
-// passes on what it hears, and that it tries where it hears nothing; when it is closed, the next
-// one takes over. From a tab that says nothing any more, for a browser may freeze a tab that nobody
-// looks at, the lock is taken. So there is never a second stream, for a browser gives each host few
-// connections, and the stop needs one.
+// tabs of a browser with the same session, which is that of `who`, share one stream: the tab that
+// holds the lock listens and passes on what it hears, and that it tries where it hears nothing; when
+// it is closed, the next one takes over. From a tab that says nothing any more, for a browser may
+// freeze a tab that nobody looks at, the lock is taken. So there is never a second stream, for a
+// browser gives each host few connections, and the stop needs one.
 export async function listen(who, on, link) {
   if (!navigator.locks || !window.BroadcastChannel) return stream(on, link);
   const name = `events of ${who}`;

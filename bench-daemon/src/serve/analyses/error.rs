@@ -1,0 +1,18 @@
+//! Reasons why an analysis is not taken or not cancelled.
+
+/// Why an analysis is not taken or not cancelled.
+#[derive(Debug, thiserror::Error)]
+pub enum AnalysisError {
+    /// It cannot be done as it is asked for.
+    #[error("{0}")]
+    Unfit(String),
+    /// No such analysis.
+    #[error("expected the name of an analysis, found {0:?}")]
+    Unknown(String),
+    /// Not as things are.
+    #[error("{0}")]
+    Conflict(String),
+    /// The file system.
+    #[error("{0}")]
+    Io(String),
+}
