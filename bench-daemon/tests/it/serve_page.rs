@@ -147,6 +147,11 @@ impl Browser {
     /// found, it is looked for again.
     #[track_caller]
     fn click(&self, css: &str) {
+        // Not behind the head of the page, which stays where it is.
+        let middle = format!(
+            "const e = document.querySelector({css:?}); if (e) e.scrollIntoView({{ block: 'center' }})"
+        );
+        self.script(&middle);
         for _ in 0..50 {
             let answer = exchange(
                 &self.driver,
@@ -449,7 +454,7 @@ fn a_run_is_seen_over_time_and_a_stretch_of_it_exactly() {
     browser.assert_accessible("time");
     // A point is told in a line of its own, and stays when the plot is drawn anew.
     browser.keys(".cv-area", "\u{e014}");
-    browser.wait(".cv-status", " Hz; Re ");
+    browser.wait(".cv-status", "Hz; Re ");
     browser.script("window.dispatchEvent(new Event('resize'))");
     browser.wait(".cv-status", " ± ");
     let whole = browser.text("#timesaid");
@@ -824,7 +829,6 @@ fn a_newcomers_way(dark: bool, size: (u32, u32), by_keyboard: bool) {
     browser.wait("#view", "What to do next");
     look("diagnosis");
     take("Show its plan");
-    browser.wait("#view", "Margins");
     take("Queue it");
     browser.wait("#view", "Yes, queue it on demo");
     look("next");
@@ -886,14 +890,19 @@ fn every_part_of_the_page_is_accessible_with_what_people_have_written_in_it() {
         ("#/files", "p45b"),
         ("#/files/cells/p45b", "Capacity"),
         ("#/files/benches/demo", "Only to be read"),
-        ("#/notices", "No notice yet"),
+        ("#/notices", "demo-1 on demo: finished"),
     ]
     .into_iter()
     .enumerate()
     {
         browser.go(&format!("{}/{address}", served.url()), DESKTOP);
         browser.script("location.reload()");
-        browser.wait("body", words);
+        let part = if address.starts_with("#/") {
+            "#view"
+        } else {
+            "#state"
+        };
+        browser.wait(part, words);
         let name = format!("part-{place:02}");
         browser.pictures(&name);
         browser.assert_accessible(&name);

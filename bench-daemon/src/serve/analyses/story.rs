@@ -133,8 +133,12 @@ fn of(told: &Told, cell: Option<String>, experiment: Option<(String, String)>) -
     }
 }
 
-/// The recommended experiment, with the bench and the cell that the run's own experiment names, and
-/// its name.
+/// Sections of the run's own experiment that hold for the recommended one too: orders that its
+/// points can bear, and the controls, without which its spectrum is not corrected.
+const KEPT: [&str; 2] = ["fit", "fixture_check"];
+
+/// The recommended experiment, with the bench, the cell, the fits and the controls of the run's own
+/// experiment, and its name.
 fn experiment(settings: &Settings, analysis: &Analysis, folder: &Path) -> Option<(String, String)> {
     let text = std::fs::read_to_string(folder.join("next_experiment.toml")).ok()?;
     let run = analysis.runs.first()?;
@@ -147,6 +151,13 @@ fn experiment(settings: &Settings, analysis: &Analysis, folder: &Path) -> Option
     let mut next: toml::Table = toml::from_str(&text).ok()?;
     for key in ["bench", "cell"] {
         next.insert(key.to_owned(), own.get(key)?.clone());
+    }
+    if next.contains_key("eis") {
+        for key in KEPT {
+            if let (false, Some(value)) = (next.contains_key(key), own.get(key)) {
+                next.insert(key.to_owned(), value.clone());
+            }
+        }
     }
     let name = next.get("name")?.as_str()?.to_owned();
     let text = toml::to_string_pretty(&next).ok()?;

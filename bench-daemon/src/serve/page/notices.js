@@ -25,6 +25,7 @@ const WORDS = {
     Object.entries(notice.outcome)
       .map(([target, words]) => `${target}: ${words}`)
       .join("; ") || "not sent yet",
+  nowhere: "nowhere to send it",
 };
 
 const CHOICE = "notices";
@@ -63,13 +64,14 @@ async function refresh() {
     [WORDS.quiet, now.quiet || WORDS.none],
   ];
   fill(parts.facts, ...rows.flatMap(([name, value]) => [el("dt", {}, name), el("dd", {}, value)]));
+  const isTold = now.webhook || now.email.length;
   const row = (notice) =>
     el(
       "tr",
       {},
       el("td", {}, when(notice.unix_s)),
       el("td", {}, el("b", {}, notice.title), ` ${notice.text}`),
-      el("td", {}, WORDS.sent(notice)),
+      el("td", {}, isTold ? WORDS.sent(notice) : WORDS.nowhere),
     );
   const head = el("tr", {}, ...WORDS.head.map((name) => el("th", { scope: "col" }, name)));
   const table = el("table", {}, el("thead", {}, head), el("tbody", {}, ...now.latest.map(row)));

@@ -24,6 +24,7 @@ const WORDS = {
   title: (run) => `Run ${run}`,
   looking: "Looking …",
   missing: (run) => `There is no run ${run} on this server.`,
+  waits: (run) => `${run} waits in the queue, or is just beginning: it is shown as soon as it has begun.`,
   facts: "What it is",
   fact: {
     state: "State",
@@ -899,8 +900,13 @@ async function exists() {
     return true;
   } catch (error) {
     if (!(error instanceof mine.ctx.Refused) || error.status !== 404) throw error;
-    if (view === mine) for (const one of [...mine.root.children].slice(1)) one.remove();
-    if (view === mine) mine.root.append(el("p", { class: "bad", role: "alert" }, WORDS.missing(mine.run)));
+    const { items } = await mine.ctx.get("/queue");
+    if (view !== mine) return false;
+    // It has no folder before it has begun.
+    mine.waits = items.some((item) => item.run === mine.run);
+    for (const one of [...mine.root.children].slice(1)) one.remove();
+    const words = mine.waits ? WORDS.waits(mine.run) : WORDS.missing(mine.run);
+    mine.root.append(el("p", mine.waits ? { role: "status" } : { class: "bad", role: "alert" }, words));
     return false;
   }
 }
@@ -910,6 +916,11 @@ export async function open(parent, where, ctx) {
   // Models of each spectrum; and of which they are asked for since something has changed.
   Object.assign(view, { models: new Map(), asked: new Set() });
   Object.assign(view, { card: null, tagsKnown: [], byHand: false, calm: calmly(() => load().catch(() => {})) });
+  view.again = () => {
+    close();
+    parent.replaceChildren();
+    return open(parent, where, ctx);
+  };
   const name = where.query.get("spectrum");
   view.wanted = name ? { name, freq_hz: Number(where.query.get("freq_hz")) } : null;
   build(parent);
@@ -918,7 +929,8 @@ export async function open(parent, where, ctx) {
 }
 
 export function heard(kind, data) {
-  if (!view) return;
+  if (!view) return undefined;
+  if (view.waits) return kind === "live" || kind === "run" ? view.again() : undefined;
   const ours = kind === "run" ? data.item.run === view.run : kind === "hello" || kind === "lost";
   if (ours) view.calm.now();
   if (kind === "live" && view.info && data.run && data.run.run === view.run) {
@@ -926,6 +938,7 @@ export function heard(kind, data) {
     drawFacts();
   }
   if (kind === "spectrum" && data.run === view.run) grown(data.spectrum);
+  return undefined;
 }
 
 // A sweep has a point more, or a spectrum has come: what else has come with it is asked for.
