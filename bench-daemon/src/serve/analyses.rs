@@ -20,7 +20,7 @@ use utoipa::ToSchema;
 use super::{hub::Hub, settings::Settings};
 use crate::{operator::progress::PROGRESS_LINE, support::confined_path};
 pub(super) use arguments::arguments;
-pub use arguments::{Kind, Options, Request};
+pub use arguments::{AnalysisKind, Options, Request};
 pub use error::AnalysisError;
 pub use record::{Analysis, Progress, State};
 pub use story::Story;
@@ -110,7 +110,7 @@ impl Analyses {
         let files = found
             .into_iter()
             .map(|(path, bytes)| ResultFile { path, bytes });
-        let stories = if analysis.kind == Kind::Diagnose {
+        let stories = if analysis.kind == AnalysisKind::Diagnose {
             story::all(settings, &analysis, &results)
         } else {
             Vec::new()

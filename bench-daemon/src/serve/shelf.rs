@@ -21,10 +21,10 @@ use crate::{
 /// Most versions of a file.
 const MOST_VERSIONS: usize = 1000;
 
-/// Kind of a file.
+/// FileKind of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Kind {
+pub enum FileKind {
     /// Course of a measurement.
     Experiments,
     /// Limits of a cell, and facts of it.
@@ -33,7 +33,7 @@ pub enum Kind {
     Benches,
 }
 
-impl Kind {
+impl FileKind {
     /// Name of its folder.
     pub fn folder(self) -> &'static str {
         match self {
@@ -121,13 +121,13 @@ pub struct Change<'a> {
     pub was_sha256: Option<&'a str>,
 }
 
-fn folder_of(settings: &Settings, kind: Kind, name: &str) -> PathBuf {
+fn folder_of(settings: &Settings, kind: FileKind, name: &str) -> PathBuf {
     settings.data.join("files").join(kind.folder()).join(name)
 }
 
 /// The file of the configuration, without what was changed here.
-fn original(settings: &Settings, kind: Kind, name: &str) -> Option<String> {
-    if kind == Kind::Benches {
+fn original(settings: &Settings, kind: FileKind, name: &str) -> Option<String> {
+    if kind == FileKind::Benches {
         return std::fs::read_to_string(&settings.bench(name)?.path).ok();
     }
     let file = format!("{}/{name}.toml", kind.folder());
@@ -135,7 +135,7 @@ fn original(settings: &Settings, kind: Kind, name: &str) -> Option<String> {
 }
 
 /// Versions that were made here, the oldest first.
-fn kept(settings: &Settings, kind: Kind, name: &str) -> Vec<Kept> {
+fn kept(settings: &Settings, kind: FileKind, name: &str) -> Vec<Kept> {
     let folder = folder_of(settings, kind, name);
     let read = |number: usize| {
         let text = std::fs::read_to_string(folder.join(file_name(number))).ok()?;
@@ -159,8 +159,8 @@ fn names(folder: &Path, ending: &str) -> Vec<String> {
 }
 
 /// All files of a kind, by name.
-pub fn list(settings: &Settings, kind: Kind) -> Vec<Listed> {
-    let mut all = if kind == Kind::Benches {
+pub fn list(settings: &Settings, kind: FileKind) -> Vec<Listed> {
+    let mut all = if kind == FileKind::Benches {
         settings
             .benches
             .iter()
@@ -188,7 +188,7 @@ pub fn list(settings: &Settings, kind: Kind) -> Vec<Listed> {
 /// A file; the version of this number, else the latest. None where there is no such file.
 pub fn read(
     settings: &Settings,
-    kind: Kind,
+    kind: FileKind,
     name: &str,
     version: Option<usize>,
 ) -> Option<Shelved> {
@@ -226,7 +226,7 @@ pub fn read(
 /// [`ShelfError`].
 pub fn write(
     settings: &Settings,
-    kind: Kind,
+    kind: FileKind,
     name: &str,
     change: Change<'_>,
 ) -> Result<(), ShelfError> {
@@ -262,14 +262,14 @@ pub fn write(
 /// The latest texts of all files that were changed here, by their paths in the folder of the
 /// configuration.
 pub fn changed(settings: &Settings) -> Copies {
-    let of_kind = |kind: Kind| {
+    let of_kind = |kind: FileKind| {
         let names = names(&settings.data.join("files").join(kind.folder()), "");
         names.into_iter().filter_map(move |name| {
             let text = kept(settings, kind, &name).pop()?.text;
             Some((Path::new(kind.folder()).join(format!("{name}.toml")), text))
         })
     };
-    of_kind(Kind::Experiments)
-        .chain(of_kind(Kind::Cells))
+    of_kind(FileKind::Experiments)
+        .chain(of_kind(FileKind::Cells))
         .collect()
 }

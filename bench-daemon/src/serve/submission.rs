@@ -61,7 +61,7 @@ pub struct Submission {
 
 /// The text of an experiment by its name.
 fn text_of(settings: &Settings, name: &str) -> Result<String, Refused> {
-    shelf::read(settings, shelf::Kind::Experiments, name, None)
+    shelf::read(settings, shelf::FileKind::Experiments, name, None)
         .map(|file| file.text)
         .ok_or_else(|| Refused::Unknown(name.to_owned()))
 }

@@ -18,10 +18,10 @@ const MOST_RUNS: usize = 50;
 /// Longest circuit, characters.
 const LONGEST_CIRCUIT: usize = 500;
 
-/// Kind of an analysis.
+/// AnalysisKind of an analysis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Kind {
+pub enum AnalysisKind {
     /// Fit of the extended Randles model or of a circuit.
     Fit,
     /// Kramers–Kronig and other tests.
@@ -30,7 +30,7 @@ pub enum Kind {
     Diagnose,
 }
 
-impl Kind {
+impl AnalysisKind {
     /// The command.
     pub fn name(self) -> &'static str {
         match self {
@@ -70,7 +70,7 @@ pub struct Options {
 #[serde(deny_unknown_fields)]
 pub struct Request {
     /// Its kind.
-    pub kind: Kind,
+    pub kind: AnalysisKind,
     /// The runs, 1 to 50; a diagnosis takes one.
     pub runs: Vec<String>,
     /// Names of spectra of the run, where not all of its cells are meant; of one run only.
@@ -112,9 +112,9 @@ pub(crate) fn arguments(
     }
     let mut arguments = vec![request.kind.name().to_owned()];
     match request.kind {
-        Kind::Fit => fit(&request.options, &mut arguments)?,
-        Kind::Kk => kk(&request.options, &mut arguments)?,
-        Kind::Diagnose => return diagnose(settings, request, out),
+        AnalysisKind::Fit => fit(&request.options, &mut arguments)?,
+        AnalysisKind::Kk => kk(&request.options, &mut arguments)?,
+        AnalysisKind::Diagnose => return diagnose(settings, request, out),
     }
     arguments.push(format!("--out={}", out.display()));
     arguments.push("--".to_owned());
@@ -184,7 +184,7 @@ fn diagnose(
     let folder = settings.runs().join(run);
     let model = model_of(&folder, request.options.order)?;
     let mut arguments = vec![
-        Kind::Diagnose.name().to_owned(),
+        AnalysisKind::Diagnose.name().to_owned(),
         format!("--model={}", model.display()),
         format!("--out={}", out.display()),
     ];

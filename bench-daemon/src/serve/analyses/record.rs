@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::arguments::{Kind, Options};
+use super::arguments::{AnalysisKind, Options};
 
 /// State of an analysis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -37,7 +37,7 @@ pub struct Analysis {
     /// Its name.
     pub id: String,
     /// Its kind.
-    pub kind: Kind,
+    pub kind: AnalysisKind,
     /// The runs.
     pub runs: Vec<String>,
     /// The spectra, where not all are meant.

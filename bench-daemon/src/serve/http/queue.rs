@@ -168,7 +168,7 @@ pub async fn list(_caller: Reader, State(app): State<App>) -> Json<QueueNow> {
     security(("token" = ["read"]))
 )]
 pub async fn experiments(_caller: Reader, State(app): State<App>) -> Json<Vec<Offered>> {
-    let all = shelf::list(&app.server.settings, shelf::Kind::Experiments);
+    let all = shelf::list(&app.server.settings, shelf::FileKind::Experiments);
     let offered = |file: shelf::Listed| Offered {
         experiment: file.name,
     };

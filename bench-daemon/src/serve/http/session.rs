@@ -12,7 +12,7 @@ use utoipa::ToSchema;
 use super::{
     App,
     caller::{Named, shown},
-    problem::Refusal,
+    problem::{Problem, Refusal},
 };
 use crate::serve::{
     session::{self, LONGEST_S},
@@ -59,7 +59,11 @@ fn encrypted(app: &App) -> bool {
     path = "/api/v1/session",
     tag = "access",
     request_body = SignIn,
-    responses((status = 200, body = SignedIn))
+    responses(
+        (status = 200, body = SignedIn),
+        (status = 401, body = Problem, description = "A token of nobody."),
+        (status = 503, body = Problem, description = "The machine does not let it.")
+    )
 )]
 pub async fn begin(State(app): State<App>, request: Request) -> Result<Response, Refusal> {
     let (parts, body) = request.into_parts();

@@ -21,7 +21,7 @@ use crate::{
         draft::{self, Margin, Mistake},
         jobs,
         settings::Settings,
-        shelf::{self, Change, Kind, Listed, ShelfError, Version},
+        shelf::{self, Change, FileKind, Listed, ShelfError, Version},
         submission,
     },
     support::confined_path::plain,
@@ -176,14 +176,14 @@ pub async fn schema(
     get,
     path = "/api/v1/files/{kind}",
     tag = "files",
-    params(("kind" = Kind, Path)),
+    params(("kind" = FileKind, Path)),
     responses((status = 200, body = [Listed])),
     security(("token" = ["read"]))
 )]
 pub async fn list(
     _caller: Reader,
     State(app): State<App>,
-    Path(kind): Path<Kind>,
+    Path(kind): Path<FileKind>,
 ) -> Result<Json<Vec<Listed>>, Refusal> {
     aside(move || Ok(Json(shelf::list(&app.server.settings, kind)))).await
 }
@@ -193,14 +193,14 @@ pub async fn list(
     get,
     path = "/api/v1/files/{kind}/{name}",
     tag = "files",
-    params(("kind" = Kind, Path), ("name" = String, Path), OfVersion),
+    params(("kind" = FileKind, Path), ("name" = String, Path), OfVersion),
     responses((status = 200, body = ShelfFile)),
     security(("token" = ["read"]))
 )]
 pub async fn read(
     _caller: Reader,
     State(app): State<App>,
-    Path((kind, name)): Path<(Kind, String)>,
+    Path((kind, name)): Path<(FileKind, String)>,
     Query(of): Query<OfVersion>,
 ) -> Result<Json<ShelfFile>, Refusal> {
     aside(move || told(&app.server.settings, kind, &name, of.version).map(Json)).await
@@ -208,14 +208,14 @@ pub async fn read(
 
 fn told(
     settings: &Settings,
-    kind: Kind,
+    kind: FileKind,
     name: &str,
     version: Option<usize>,
 ) -> Result<ShelfFile, Refusal> {
     let file = shelf::read(settings, kind, name, version)
         .ok_or_else(|| Refusal::not_found("a file", name))?;
     // The guardian and `eis-bench safe` read the bench's own file: it must be one for all.
-    let why_not = (kind == Kind::Benches).then(|| {
+    let why_not = (kind == FileKind::Benches).then(|| {
         let path = settings
             .bench(name)
             .map(|bench| bench.path.display().to_string());
@@ -243,7 +243,7 @@ fn told(
     put,
     path = "/api/v1/files/{kind}/{name}",
     tag = "files",
-    params(("kind" = Kind, Path), ("name" = String, Path)),
+    params(("kind" = FileKind, Path), ("name" = String, Path)),
     request_body = NewVersion,
     responses((status = 200, body = ShelfFile)),
     security(("token" = ["energise"]))
@@ -251,7 +251,7 @@ fn told(
 pub async fn write(
     caller: Energiser,
     State(app): State<App>,
-    Path((kind, name)): Path<(Kind, String)>,
+    Path((kind, name)): Path<(FileKind, String)>,
     Json(new): Json<NewVersion>,
 ) -> Result<Json<ShelfFile>, Refusal> {
     let why = new.why.trim().to_owned();
@@ -268,11 +268,11 @@ pub async fn write(
     aside(move || {
         let settings = &app.server.settings;
         match kind {
-            Kind::Benches => {
+            FileKind::Benches => {
                 let file = told(settings, kind, &name, None)?;
                 return Err(Refusal::conflict(file.why_not.unwrap_or_default()));
             }
-            Kind::Cells => {
+            FileKind::Cells => {
                 let path = settings
                     .configs
                     .join(kind.folder())
@@ -285,7 +285,7 @@ pub async fn write(
                 let source = Source::fenced(&path, new.text.clone(), &fence.into());
                 resolve_cell(&source).map_err(|error| unfit(format!("text: {error}")))?;
             }
-            Kind::Experiments => {
+            FileKind::Experiments => {
                 // On the bench that it names, where that is one of this server's; else on the first.
                 let first = settings.benches.first().map(|bench| bench.name.clone());
                 draft::submission(settings, &new.text, None)

@@ -279,7 +279,9 @@ export function drawOverview(benches, chosen) {
   const item = (one) => {
     const [sign] = STATES[one.state] || ["?"];
     const left = one.run && one.run.going && one.run.left_s !== null ? `, ${duration(one.run.left_s)} left` : "";
-    const proof = one.state === "running" ? "" : one.verified ? ", outputs verified off" : ", outputs NOT verified";
+    // While a run or a stop is at work nothing is claimed of the outputs.
+    const rests = ["idle", "latched", "unknown"].includes(one.state);
+    const proof = !rests ? "" : one.verified ? ", outputs verified off" : ", outputs NOT verified";
     const words = `${sign} ${one.bench}: ${one.trip ? `latched, ${one.trip.cause}` : one.state}${left}${proof}`;
     const here = one.bench === chosen && !location.hash.startsWith("#/");
     return el(
