@@ -7,12 +7,17 @@ mod record;
 mod story;
 
 use std::{
+    io::{Read, Seek, SeekFrom},
     path::{Path, PathBuf},
     sync::{Mutex, MutexGuard, PoisonError},
 };
 
 use analysis::dataset::write_atomically;
 use instruments::clock;
+use nix::{
+    sys::signal::{Signal, kill},
+    unistd::Pid,
+};
 use serde::Serialize;
 use tokio::sync::Notify;
 use utoipa::ToSchema;
@@ -30,7 +35,7 @@ const MOST_WAITING: usize = 100;
 /// Analyses that are told.
 const MOST_TOLD: usize = 200;
 /// End of an output that is read, bytes.
-const TAIL: usize = 64 * 1024;
+const TAIL: u64 = 64 * 1024;
 /// File of what its process wrote.
 pub(super) const OUTPUT: &str = "output.txt";
 
@@ -64,6 +69,8 @@ pub struct Analyses {
     pub(super) more: Notify,
     /// The one in work is to end.
     pub(super) cancel: Notify,
+    /// Group of the process at work.
+    pub(super) group: Mutex<Option<i32>>,
 }
 
 impl Analyses {
@@ -77,19 +84,32 @@ impl Analyses {
         };
         let mut all: Vec<Analysis> = entries.filter_map(read).collect();
         all.sort_by(|a, b| a.submitted_unix_s.total_cmp(&b.submitted_unix_s));
-        for one in &mut all {
-            if one.state == State::InWork {
+        let now_s = clock::unix_time_s();
+        let left: Vec<String> = all
+            .iter_mut()
+            .filter(|one| one.state == State::InWork)
+            .map(|one| {
                 one.state = State::Failed;
                 one.message = Some("its server ended before it".to_owned());
                 one.left_s = None;
-            }
-        }
-        Self {
+                one.ended_unix_s = Some(now_s);
+                one.id.clone()
+            })
+            .collect();
+        let opened = Self {
             folder,
             all: Mutex::new(all),
             more: Notify::new(),
             cancel: Notify::new(),
+            group: Mutex::default(),
+        };
+        for one in opened.lock().iter().filter(|one| left.contains(&one.id)) {
+            if let Err(error) = opened.keep(one) {
+                tracing::error!("{error}");
+            }
+            end_left(one.pid, &opened.results(&one.id));
         }
+        opened
     }
 
     /// All of them, the latest last.
@@ -172,6 +192,7 @@ impl Analyses {
             left_s: None,
             message: None,
             command: arguments::in_words(&arguments),
+            pid: None,
         };
         self.keep(&analysis)?;
         all.push(analysis.clone());
@@ -195,27 +216,47 @@ impl Analyses {
     /// # Errors
     /// [`AnalysisError`].
     pub fn cancel(&self, hub: &Hub, id: &str) -> Result<Analysis, AnalysisError> {
-        let state = self
-            .lock()
-            .iter()
-            .find(|one| one.id == id)
-            .map(|one| one.state);
-        match state {
-            None => return Err(AnalysisError::Unknown(id.to_owned())),
-            Some(State::Waiting) => {}
-            Some(State::InWork) => self.cancel.notify_one(),
-            Some(_) => {
-                let text =
-                    "expected an analysis that waits or is in work, found one that has ended";
-                return Err(AnalysisError::Conflict(text.to_owned()));
-            }
+        let mut all = self.lock();
+        let found = all.iter_mut().find(|one| one.id == id);
+        let one = found.ok_or_else(|| AnalysisError::Unknown(id.to_owned()))?;
+        if !matches!(one.state, State::Waiting | State::InWork) {
+            let text = "expected an analysis that waits or is in work, found one that has ended";
+            return Err(AnalysisError::Conflict(text.to_owned()));
         }
-        self.change(hub, id, |one| {
-            one.state = State::Cancelled;
-            one.ended_unix_s = Some(clock::unix_time_s());
-            one.left_s = None;
-        })
-        .ok_or_else(|| AnalysisError::Unknown(id.to_owned()))
+        one.state = State::Cancelled;
+        one.ended_unix_s = Some(clock::unix_time_s());
+        one.left_s = None;
+        let changed = one.clone();
+        self.keep(&changed)?;
+        drop(all);
+        // Whoever does it looks whether its own is the one.
+        self.cancel.notify_one();
+        hub.tell("analysis", &changed);
+        Ok(changed)
+    }
+
+    /// Whether an analysis is still to be done.
+    pub fn is_in_work(&self, id: &str) -> bool {
+        let all = self.lock();
+        all.iter()
+            .any(|one| one.id == id && one.state == State::InWork)
+    }
+
+    /// Whether there is one of this name.
+    pub fn exists(&self, id: &str) -> bool {
+        self.lock().iter().any(|one| one.id == id)
+    }
+
+    /// Ends the process at work, with the server.
+    pub fn end(&self) {
+        let group = self
+            .group
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        if let Some(group) = group {
+            let _ = kill(Pid::from_raw(-group), Signal::SIGTERM);
+        }
     }
 
     /// Changes one, keeps and tells it.
@@ -240,21 +281,41 @@ impl Analyses {
 
     /// Begins the one that has waited longest.
     pub(super) fn next(&self, hub: &Hub) -> Option<Analysis> {
-        let waiting = self
-            .lock()
-            .iter()
-            .find(|one| one.state == State::Waiting)?
-            .id
-            .clone();
-        self.change(hub, &waiting, |one| {
-            one.state = State::InWork;
-            one.began_unix_s = Some(clock::unix_time_s());
-        })
+        let mut all = self.lock();
+        let one = all.iter_mut().find(|one| one.state == State::Waiting)?;
+        one.state = State::InWork;
+        one.began_unix_s = Some(clock::unix_time_s());
+        let begun = one.clone();
+        if let Err(error) = self.keep(&begun) {
+            tracing::error!("{error}");
+        }
+        drop(all);
+        hub.tell("analysis", &begun);
+        Some(begun)
+    }
+}
+
+/// Ends a process that an earlier server has left behind: the one of this number, where its command
+/// line names the folder of the results.
+fn end_left(pid: Option<i32>, results: &Path) {
+    let Some(pid) = pid.filter(|pid| *pid > 1) else {
+        return;
+    };
+    let line = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+    if String::from_utf8_lossy(&line).contains(&*results.to_string_lossy()) {
+        let _ = kill(Pid::from_raw(-pid), Signal::SIGTERM);
     }
 }
 
 /// The end of a text file.
 pub(super) fn tail(path: &Path) -> String {
-    let bytes = std::fs::read(path).unwrap_or_default();
-    String::from_utf8_lossy(&bytes[bytes.len().saturating_sub(TAIL)..]).into_owned()
+    let read = || -> std::io::Result<Vec<u8>> {
+        let mut file = std::fs::File::open(path)?;
+        let length = file.metadata()?.len();
+        file.seek(SeekFrom::Start(length.saturating_sub(TAIL)))?;
+        let mut bytes = Vec::new();
+        file.take(TAIL).read_to_end(&mut bytes)?;
+        Ok(bytes)
+    };
+    String::from_utf8_lossy(&read().unwrap_or_default()).into_owned()
 }

@@ -2,7 +2,12 @@
 //! of its own, one after the other, so that neither the server nor a run waits for it.
 
 use std::{
-    fs::File, os::unix::fs::OpenOptionsExt, path::Path, process::Stdio, sync::Arc, time::Duration,
+    fs::File,
+    os::unix::fs::OpenOptionsExt,
+    path::Path,
+    process::Stdio,
+    sync::{Arc, PoisonError},
+    time::Duration,
 };
 
 use instruments::clock;
@@ -93,25 +98,38 @@ async fn process(server: &Server, analysis: &Analysis) -> Result<Option<String>,
         .env_remove("WATCHDOG_USEC")
         .spawn()
         .map_err(|error| failed(&error))?;
-    let group = Pid::from_raw(
-        -child
-            .id()
-            .and_then(|id| i32::try_from(id).ok())
-            .unwrap_or(0),
-    );
+    let analyses = &server.analyses;
+    let pid = child
+        .id()
+        .and_then(|id| i32::try_from(id).ok())
+        .unwrap_or(0);
+    let group = Pid::from_raw(-pid);
+    *analyses
+        .group
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner) = Some(pid);
+    analyses.change(&server.hub, &analysis.id, |one| one.pid = Some(pid));
+    let mut told_to_end = false;
     let status = loop {
-        tokio::select! {
-            status = child.wait() => break status.map_err(|error| failed(&error))?,
-            () = server.analyses.cancel.notified() => {
-                // A process that is gone needs none.
-                let _ = kill(group, Signal::SIGTERM);
-                if server.clock.deadline(PATIENCE, child.wait()).await.is_err() {
-                    let _ = kill(group, Signal::SIGKILL);
-                }
+        // A wake that was meant for an earlier one ends nothing.
+        if !told_to_end && !analyses.is_in_work(&analysis.id) {
+            told_to_end = true;
+            let _ = kill(group, Signal::SIGTERM);
+            if server.clock.deadline(PATIENCE, child.wait()).await.is_err() {
+                let _ = kill(group, Signal::SIGKILL);
             }
+        }
+        tokio::select! {
+            status = child.wait() => break status.map_err(|error| failed(&error)),
+            () = analyses.cancel.notified() => {}
             () = server.clock.sleep_s(LOOK_S) => look(server, analysis, &path),
         }
     };
+    *analyses
+        .group
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner) = None;
+    let status = status?;
     look(server, analysis, &path);
     let text = tail(&path);
     let last = text

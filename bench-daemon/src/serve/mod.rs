@@ -95,6 +95,16 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     let notify = systemd::Notify::from_environment();
     let listener = http::Listener::bind(&server).await?;
     let supervisor = supervisor::start(&server)?;
+    // A disk that hangs holds up neither the listener nor a stop: these have threads of their own.
+    let handle = tokio::runtime::Handle::current();
+    let (analyst, teller) = (server.clone(), server.clone());
+    let of_analyst = handle.clone();
+    std::thread::Builder::new()
+        .name("analyst".to_owned())
+        .spawn(move || of_analyst.block_on(analyst::work(analyst)))?;
+    std::thread::Builder::new()
+        .name("notices".to_owned())
+        .spawn(move || handle.block_on(notify::work(teller)))?;
     say!("listening on {}", listener.url());
     notify.say("READY=1");
     let refresh = async {
@@ -112,10 +122,9 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     tokio::select! {
         () = listener.accept(&server) => {}
         () = refresh => {}
-        () = analyst::work(server.clone()) => {}
-        () = notify::work(server.clone()) => {}
         () = stop.requested() => {}
     }
+    server.analyses.end();
     notify.say("STOPPING=1");
     tracing::info!("stopping; runs in work go on by themselves");
     server.hub.close();

@@ -4,7 +4,7 @@
 use std::{
     fs::OpenOptions,
     io::Write,
-    os::unix::fs::OpenOptionsExt,
+    os::unix::fs::{FileExt, OpenOptionsExt},
     path::{Path, PathBuf},
     sync::{Mutex, PoisonError},
 };
@@ -29,6 +29,8 @@ pub enum About<'a> {
     Run(&'a str),
     /// A cell.
     Cell(&'a str),
+    /// A bench.
+    Bench(&'a str),
 }
 
 /// A note.
@@ -85,6 +87,7 @@ impl Notebook {
     fn path(&self, about: About<'_>) -> PathBuf {
         match about {
             About::Run(run) => self.folder.join("runs").join(format!("{run}.jsonl")),
+            About::Bench(bench) => self.folder.join("benches").join(format!("{bench}.jsonl")),
             About::Cell(cell) => {
                 let name = &hash::sha256(cell)[..24];
                 self.folder.join("cells").join(format!("{name}.jsonl"))
@@ -94,7 +97,8 @@ impl Notebook {
 
     /// All that was written about a run or a cell.
     pub fn read(&self, about: About<'_>) -> Entries {
-        let text = std::fs::read_to_string(self.path(about)).unwrap_or_default();
+        let bytes = std::fs::read(self.path(about)).unwrap_or_default();
+        let text = String::from_utf8_lossy(&bytes);
         let mut entries = Entries::default();
         let lines = text
             .lines()
@@ -151,7 +155,7 @@ impl Notebook {
         text: Option<String>,
         tags: Option<Vec<String>>,
     ) -> std::io::Result<()> {
-        let (About::Run(name) | About::Cell(name)) = about;
+        let (About::Run(name) | About::Cell(name) | About::Bench(name)) = about;
         let line = Line {
             unix_s: note.unix_s,
             by: note.by.clone(),
@@ -164,10 +168,24 @@ impl Notebook {
         std::fs::create_dir_all(path.parent().unwrap_or(&self.folder))?;
         let mut file = OpenOptions::new()
             .create(true)
+            .read(true)
             .append(true)
             .mode(0o640)
             .open(&path)?;
-        writeln!(file, "{}", serde_json::to_string(&line)?)?;
+        let before = file.metadata()?.len();
+        let mut text = format!("{}\n", serde_json::to_string(&line)?);
+        // A line that a full disk has torn does not take the next one with it.
+        if before > 0 {
+            let mut last = [0];
+            file.read_exact_at(&mut last, before - 1)?;
+            if last != *b"\n" {
+                text.insert(0, '\n');
+            }
+        }
+        if let Err(error) = file.write_all(text.as_bytes()) {
+            file.set_len(before)?;
+            return Err(error);
+        }
         file.sync_data()
     }
 }
@@ -196,6 +214,16 @@ mod tests {
         assert_eq!(texts, ["swollen", "line 1\nline 2"]);
         assert_eq!(entries.notes[1].by, "ben");
         assert_eq!(entries.tags, ["b"]);
+        // A torn line loses itself and nothing else.
+        let path = book.path(cell);
+        let torn = [
+            std::fs::read(&path).unwrap(),
+            b"{\"unix_s\": 1, \xff".to_vec(),
+        ]
+        .concat();
+        std::fs::write(&path, torn).unwrap();
+        book.note(cell, "ann", "after it").unwrap();
+        assert_eq!(book.read(cell).notes.len(), 3);
         // Nothing was written beside the folder of the notes.
         let names = |path: &Path| std::fs::read_dir(path).unwrap().count();
         assert_eq!(

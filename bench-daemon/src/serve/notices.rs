@@ -7,6 +7,7 @@ use std::{
 
 use instruments::clock;
 use serde::Serialize;
+use tokio::sync::Semaphore;
 use utoipa::ToSchema;
 
 /// Notices that are remembered.
@@ -53,9 +54,26 @@ pub struct Notice {
 }
 
 /// Notices of a server.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Notices {
     latest: Mutex<VecDeque<Notice>>,
+    /// Places for notices that are just being sent.
+    pub sending: Semaphore,
+    /// A test is under way.
+    pub testing: Semaphore,
+}
+
+/// Notices that are sent at the same time.
+const AT_ONCE: usize = 4;
+
+impl Default for Notices {
+    fn default() -> Self {
+        Self {
+            latest: Mutex::default(),
+            sending: Semaphore::new(AT_ONCE),
+            testing: Semaphore::new(1),
+        }
+    }
 }
 
 impl Notices {

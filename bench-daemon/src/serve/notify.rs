@@ -4,7 +4,11 @@
 //! Told are trips and latches, benches whose outputs nobody has verified off, and ends of runs. In
 //! quiet hours what can wait is kept and told together at their end.
 
-use std::{collections::BTreeMap, sync::Arc, time::Duration};
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, atomic::Ordering},
+    time::Duration,
+};
 
 use jiff::{Zoned, civil::Time};
 use lettre::{
@@ -29,7 +33,9 @@ const AGAIN_S: [f64; 4] = [2.0, 10.0, 60.0, 600.0];
 /// A receiver may take so long, s.
 const PATIENCE: Duration = Duration::from_secs(20);
 /// Time between two looks at what waits for the end of quiet hours, s.
-const LOOK_S: f64 = 20.0;
+const LOOK_S: f64 = 5.0;
+/// Time between two questions whether the benches have been looked at, s.
+const FIRST_S: f64 = 0.1;
 /// A bench is told to be without a verified end once it is so for this long, s: after a run its
 /// process is looked at first.
 const SETTLED_S: f64 = 10.0;
@@ -59,6 +65,10 @@ pub async fn work(server: Arc<Server>) {
     let mut wake = server.hub.wake();
     let mut number = server.hub.latest();
     let mut seen = Seen::default();
+    // What was there before this server is what its first look finds.
+    while server.counts.looks.load(Ordering::Relaxed) == 0 {
+        server.clock.sleep_s(FIRST_S).await;
+    }
     seen.benches(&server, true);
     let mut kept: Vec<Notice> = Vec::new();
     loop {
@@ -110,7 +120,8 @@ fn start(server: &Arc<Server>, notices: Vec<Notice>) {
 /// What is known of the benches.
 #[derive(Debug, Default)]
 struct Seen {
-    trips: BTreeMap<String, f64>,
+    /// Causes of the trips that are there, by bench.
+    trips: BTreeMap<String, String>,
     unverified: BTreeMap<String, (f64, bool)>,
 }
 
@@ -121,8 +132,9 @@ impl Seen {
         let mut fresh = Vec::new();
         for bench in live {
             if let Some(trip) = &bench.trip {
-                let known = self.trips.insert(bench.bench.clone(), trip.unix_s);
-                if known != Some(trip.unix_s) && !first {
+                // One that cannot be read has another time at each look.
+                let known = self.trips.insert(bench.bench.clone(), trip.cause.clone());
+                if known.as_ref() != Some(&trip.cause) && !first {
                     let step = trip.step.as_ref().map(|step| format!(", in step “{step}”"));
                     let text = format!(
                         "{}{}. Found by the {}. Look at the bench and at the cell.",
@@ -137,8 +149,14 @@ impl Seen {
                             .add(About::Trip, Some(&bench.bench), title, text),
                     );
                 }
+            } else {
+                self.trips.remove(&bench.bench);
             }
-            if bench.state != BenchState::Unknown {
+            let at_work = matches!(
+                bench.state,
+                BenchState::Running | BenchState::Paused | BenchState::Stopping
+            );
+            if bench.verified || at_work {
                 self.unverified.remove(&bench.bench);
                 continue;
             }
@@ -146,7 +164,7 @@ impl Seen {
             let (since_s, told) = self
                 .unverified
                 .entry(bench.bench.clone())
-                .or_insert((now_s, first));
+                .or_insert((now_s, false));
             if !*told && now_s - *since_s >= SETTLED_S {
                 *told = true;
                 let title = format!(
@@ -234,7 +252,10 @@ async fn tried(
 ) {
     for number in 0..=again {
         let work = work.clone();
+        // A receiver that hangs holds few threads.
+        let permit = server.notices.sending.acquire().await;
         let outcome = tokio::task::spawn_blocking(work).await;
+        drop(permit);
         let outcome = outcome.unwrap_or_else(|error| Err(error.to_string()));
         let words = match &outcome {
             Ok(()) => "sent".to_owned(),

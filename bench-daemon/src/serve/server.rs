@@ -97,16 +97,20 @@ impl Server {
     /// A data folder that cannot be made, read or written; another server that uses it.
     pub fn open(settings: Settings) -> Result<Self, Failure> {
         let tokens = Tokens::of(&settings.data);
-        if !settings.listen.ip().is_loopback()
+        if !settings.is_of_this_machine()
             && tokens
                 .all()
                 .map_err(|error| Failure::Usage(error.to_string()))?
                 .is_empty()
         {
             return Err(Failure::Usage(format!(
-                "expected at least one token to listen beyond this machine (on {}), found none: \
+                "expected at least one token to listen beyond this machine (on {}{}), found none: \
                 `eis-bench token add` makes one",
-                settings.listen
+                settings.listen,
+                settings
+                    .proxy_host
+                    .as_ref()
+                    .map_or_else(String::new, |host| format!(", as {host}"))
             )));
         }
         let queue =
@@ -143,13 +147,13 @@ impl Server {
         })
     }
 
-    /// Whether everybody on this machine may do everything: it listens nowhere else, and there is
-    /// no token at all.
+    /// Whether everybody on this machine may do everything: it is reached from nowhere else, and there
+    /// is no token at all.
     ///
     /// # Errors
     /// Tokens that cannot be read.
     pub fn open_to_all(&self) -> Result<bool, TokenError> {
-        Ok(self.settings.listen.ip().is_loopback() && self.tokens.all()?.is_empty())
+        Ok(self.settings.is_of_this_machine() && self.tokens.all()?.is_empty())
     }
 
     /// The queue.

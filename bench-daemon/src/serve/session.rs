@@ -18,8 +18,8 @@ pub const COOKIE: &str = "eis_bench_session";
 pub const PROOF_HEADER: &str = "x-eis-bench";
 /// Longest session, s (NIST SP 800-63B, 4.2.3: to show the token again after 12 h at most).
 pub const LONGEST_S: f64 = 12.0 * 3600.0;
-/// Most sessions; the oldest is ended for a new one.
-const MOST: usize = 1000;
+/// Most sessions of a token; its oldest is ended for a new one.
+const MOST: usize = 20;
 
 /// A session.
 #[derive(Debug, Clone)]
@@ -41,15 +41,18 @@ impl Sessions {
         let number = token::random()?;
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         all.retain(|_, session| session.until_s > now_s);
-        if all.len() >= MOST {
-            let oldest = all
-                .iter()
-                .min_by(|a, b| a.1.until_s.total_cmp(&b.1.until_s));
-            let oldest = oldest.map(|(number, _)| number.clone());
-            oldest.map(|number| all.remove(&number));
+        let token_sha256 = hash::sha256(token);
+        let mut own: Vec<(f64, String)> = all
+            .iter()
+            .filter(|(_, session)| session.token_sha256 == token_sha256)
+            .map(|(number, session)| (session.until_s, number.clone()))
+            .collect();
+        own.sort_by(|a, b| b.0.total_cmp(&a.0));
+        for (_, number) in own.iter().skip(MOST - 1) {
+            all.remove(number);
         }
         let session = Session {
-            token_sha256: hash::sha256(token),
+            token_sha256,
             until_s: now_s + LONGEST_S,
         };
         all.insert(hash::sha256(&number), session);
@@ -102,6 +105,18 @@ mod tests {
         assert_eq!(sessions.token_sha256(&a, LONGEST_S), None);
         sessions.end(&b);
         assert_eq!(sessions.token_sha256(&b, 11.0), None);
+        let many: Vec<String> = (0..25)
+            .map(|k| sessions.begin("eb_2", f64::from(k)).unwrap())
+            .collect();
+        let left = many
+            .iter()
+            .filter(|one| sessions.token_sha256(one, 30.0).is_some())
+            .count();
+        assert_eq!(left, MOST, "of another token");
+        assert!(
+            sessions.token_sha256(&a, 30.0).is_some()
+                && sessions.token_sha256(&many[0], 30.0).is_none()
+        );
         assert_eq!(sessions.token_sha256("chosen by somebody else", 1.0), None);
     }
 

@@ -254,6 +254,11 @@ impl Settings {
         })
     }
 
+    /// It is reached from this machine only: it listens nowhere else, and no proxy passes others on.
+    pub fn is_of_this_machine(&self) -> bool {
+        self.listen.ip().is_loopback() && self.proxy_host.is_none()
+    }
+
     /// Folder of the runs.
     pub fn runs(&self) -> PathBuf {
         self.data.join("runs")

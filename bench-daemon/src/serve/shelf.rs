@@ -21,7 +21,7 @@ use crate::{
 /// Most versions of a file.
 const MOST_VERSIONS: usize = 1000;
 
-/// FileKind of a file.
+/// Kind of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum FileKind {
@@ -134,14 +134,44 @@ fn original(settings: &Settings, kind: FileKind, name: &str) -> Option<String> {
     std::io::read_to_string(confined_path::open(&settings.configs, &file)?).ok()
 }
 
-/// Versions that were made here, the oldest first.
-fn kept(settings: &Settings, kind: FileKind, name: &str) -> Vec<Kept> {
+/// Numbers of the versions that were made here, rising.
+fn numbers(settings: &Settings, kind: FileKind, name: &str) -> Result<Vec<usize>, ShelfError> {
     let folder = folder_of(settings, kind, name);
-    let read = |number: usize| {
-        let text = std::fs::read_to_string(folder.join(file_name(number))).ok()?;
-        serde_json::from_str(&text).ok()
+    let entries = match std::fs::read_dir(&folder) {
+        Ok(entries) => entries,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(ShelfError::Io(format!("{}: {error}", folder.display()))),
     };
-    (1..=MOST_VERSIONS).map_while(read).collect()
+    let number = |name: std::ffi::OsString| name.to_str()?.strip_suffix(".json")?.parse().ok();
+    let mut numbers: Vec<usize> = entries
+        .flatten()
+        .filter_map(|entry| number(entry.file_name()))
+        .collect();
+    numbers.sort_unstable();
+    Ok(numbers)
+}
+
+/// A version that was made here. One that cannot be read is an error: the one before it may have
+/// wider limits.
+fn version(
+    settings: &Settings,
+    kind: FileKind,
+    name: &str,
+    number: usize,
+) -> Result<Kept, ShelfError> {
+    let path = folder_of(settings, kind, name).join(file_name(number));
+    let failed =
+        |error: &dyn std::fmt::Display| ShelfError::Io(format!("{}: {error}", path.display()));
+    let text = std::fs::read_to_string(&path).map_err(|error| failed(&error))?;
+    serde_json::from_str(&text).map_err(|error| failed(&error))
+}
+
+/// Versions that were made here, the oldest first.
+fn kept(settings: &Settings, kind: FileKind, name: &str) -> Result<Vec<Kept>, ShelfError> {
+    let all = numbers(settings, kind, name)?;
+    all.into_iter()
+        .map(|number| version(settings, kind, name, number))
+        .collect()
 }
 
 fn file_name(number: usize) -> String {
@@ -175,7 +205,7 @@ pub fn list(settings: &Settings, kind: FileKind) -> Vec<Listed> {
     all.dedup();
     all.into_iter()
         .map(|name| {
-            let versions = kept(settings, kind, &name).len();
+            let versions = numbers(settings, kind, &name).map_or(0, |all| all.len());
             Listed {
                 name,
                 edited: versions > 0,
@@ -186,14 +216,17 @@ pub fn list(settings: &Settings, kind: FileKind) -> Vec<Listed> {
 }
 
 /// A file; the version of this number, else the latest. None where there is no such file.
+///
+/// # Errors
+/// A version that cannot be read.
 pub fn read(
     settings: &Settings,
     kind: FileKind,
     name: &str,
     version: Option<usize>,
-) -> Option<Shelved> {
+) -> Result<Option<Shelved>, ShelfError> {
     if !plain(name) {
-        return None;
+        return Ok(None);
     }
     let first = original(settings, kind, name).map(|text| Kept {
         version: Version {
@@ -207,17 +240,17 @@ pub fn read(
     });
     let all: Vec<Kept> = first
         .into_iter()
-        .chain(kept(settings, kind, name))
+        .chain(kept(settings, kind, name)?)
         .collect();
     let wanted = match version {
-        Some(number) => all.iter().find(|kept| kept.version.version == number)?,
-        None => all.last()?,
+        Some(number) => all.iter().find(|kept| kept.version.version == number),
+        None => all.last(),
     };
-    Some(Shelved {
+    Ok(wanted.map(|wanted| Shelved {
         text: wanted.text.clone(),
         sha256: wanted.version.sha256.clone(),
         versions: all.iter().map(|kept| kept.version.clone()).collect(),
-    })
+    }))
 }
 
 /// Adds a version. The caller has checked its text, and lets nobody else do this meanwhile.
@@ -230,14 +263,16 @@ pub fn write(
     name: &str,
     change: Change<'_>,
 ) -> Result<(), ShelfError> {
-    let now = read(settings, kind, name, None);
+    let now = read(settings, kind, name, None)?;
     let found = now.as_ref().map(|now| now.sha256.as_str());
     if found != change.was_sha256 {
         return Err(ShelfError::Changed {
             found: found.unwrap_or("none").to_owned(),
         });
     }
-    let number = kept(settings, kind, name).len() + 1;
+    let number = numbers(settings, kind, name)?
+        .last()
+        .map_or(1, |last| last + 1);
     if number > MOST_VERSIONS {
         return Err(ShelfError::Full);
     }
@@ -261,15 +296,57 @@ pub fn write(
 
 /// The latest texts of all files that were changed here, by their paths in the folder of the
 /// configuration.
-pub fn changed(settings: &Settings) -> Copies {
-    let of_kind = |kind: FileKind| {
-        let names = names(&settings.data.join("files").join(kind.folder()), "");
-        names.into_iter().filter_map(move |name| {
-            let text = kept(settings, kind, &name).pop()?.text;
-            Some((Path::new(kind.folder()).join(format!("{name}.toml")), text))
-        })
-    };
-    of_kind(FileKind::Experiments)
-        .chain(of_kind(FileKind::Cells))
-        .collect()
+///
+/// # Errors
+/// A version that cannot be read.
+pub fn changed(settings: &Settings) -> Result<Copies, ShelfError> {
+    let mut copies = Copies::new();
+    for kind in [FileKind::Experiments, FileKind::Cells] {
+        for name in names(&settings.data.join("files").join(kind.folder()), "") {
+            if let Some(last) = numbers(settings, kind, &name)?.last() {
+                let text = version(settings, kind, &name, *last)?.text;
+                copies.insert(Path::new(kind.folder()).join(format!("{name}.toml")), text);
+            }
+        }
+    }
+    Ok(copies)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_version_that_cannot_be_read_brings_no_older_one_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let bench = concat!(env!("CARGO_MANIFEST_DIR"), "/../configs/benches/demo.toml");
+        let text = format!(
+            "listen = \"127.0.0.1:0\"\ndata = \"data\"\nconfigs = \".\"\nbenches = [{bench:?}]\n"
+        );
+        std::fs::write(folder.path().join("serve.toml"), text).unwrap();
+        let settings = Settings::load(&folder.path().join("serve.toml")).unwrap();
+        let add = |text: &str, was: Option<&str>| {
+            let change = Change {
+                text,
+                by: "ann",
+                why: "x",
+                was_sha256: was,
+            };
+            write(&settings, FileKind::Cells, "c", change)
+        };
+        add("one", None).unwrap();
+        add("two", Some(&hash::sha256("one"))).unwrap();
+        assert_eq!(
+            changed(&settings)
+                .unwrap()
+                .into_values()
+                .collect::<Vec<_>>(),
+            ["two"]
+        );
+        let path = folder_of(&settings, FileKind::Cells, "c").join(file_name(2));
+        std::fs::write(path, "torn").unwrap();
+        assert!(changed(&settings).is_err());
+        assert!(read(&settings, FileKind::Cells, "c", None).is_err());
+        assert!(add("three", Some(&hash::sha256("one"))).is_err());
+    }
 }

@@ -61,8 +61,9 @@ pub struct Submission {
 
 /// The text of an experiment by its name.
 fn text_of(settings: &Settings, name: &str) -> Result<String, Refused> {
-    shelf::read(settings, shelf::FileKind::Experiments, name, None)
-        .map(|file| file.text)
+    let file = shelf::read(settings, shelf::FileKind::Experiments, name, None)
+        .map_err(|error| Refused::Kept(error.to_string()))?;
+    file.map(|file| file.text)
         .ok_or_else(|| Refused::Unknown(name.to_owned()))
 }
 
@@ -90,7 +91,7 @@ impl Submission {
         let fence = Arc::new(Fence {
             below: settings.configs.clone(),
             also,
-            instead: shelf::changed(settings),
+            instead: shelf::changed(settings).map_err(|error| Refused::Kept(error.to_string()))?,
         });
         let unfit = |error: &dyn std::fmt::Display| Refused::Unfit(error.to_string());
         let experiment = resolve_experiment(Source::fenced(&path, text, &fence), Some(&bench.path))

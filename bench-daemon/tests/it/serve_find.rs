@@ -592,3 +592,22 @@ fn a_session_cannot_be_forged_fixed_or_used_after_its_end() {
     token(&files, "ben", "read");
     get(&third).expect(401);
 }
+
+#[test]
+fn who_lets_a_queue_go_on_and_why_is_kept() {
+    let files = Files::demo();
+    config(&files, "");
+    let served = Served::start(&files);
+    served
+        .post("/benches/demo/hold", r#"{"why":"cell is warm"}"#)
+        .expect(200);
+    served
+        .post("/benches/demo/release", r#"{"why":"it has cooled down"}"#)
+        .expect(200);
+    let notes = served.get("/benches/demo/notes");
+    assert_eq!(
+        notes[0]["text"],
+        "released: it has cooled down; it was held: cell is warm (local)"
+    );
+    assert_eq!(notes[0]["by"], "local");
+}

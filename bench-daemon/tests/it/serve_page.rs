@@ -389,6 +389,7 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     browser.pictures("compared");
     browser.assert_accessible("compared");
     // With the keyboard alone.
+    browser.keys("#why", "looked at");
     browser.click("#held button");
     browser.click("#submit button[type=submit]");
     browser.wait("#state", "Running");
@@ -669,7 +670,7 @@ fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     browser.wait("#login", "Sign in");
     // The button is there before anything else, and says why it cannot.
     browser.click("#stop");
-    browser.wait("#said", "The stop was refused: sign in first");
+    browser.wait("#stopsaid", "The stop was refused: sign in first");
     browser.pictures("login");
     browser.assert_accessible("login");
     browser.keys("#token", "eb_wrong\u{e007}");
@@ -690,6 +691,7 @@ fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     browser.wait("#login", "Sign in");
     browser.keys("#token", &format!("{all}\u{e007}"));
     browser.wait("#state", "Idle");
+    browser.keys("#why", "looked at");
     browser.click("#held button");
     browser.wait("#said", "The queue goes on");
     browser.click("#submit button[type=submit]");
@@ -808,6 +810,9 @@ fn a_newcomers_way(dark: bool, size: (u32, u32), by_keyboard: bool) {
     browser.wait("#stopped", "every output is off, read back");
     ports.assert_outputs_off();
     look("stopped");
+    let asked = browser.script("return document.querySelector('#why').required");
+    assert_eq!(asked, true, "nobody lets a queue go on without a word");
+    browser.keys("#why", "looked at: it was stopped on purpose");
     take("Let the queue go on");
     // The same again, from the run.
     take("Runs");

@@ -1,7 +1,10 @@
 //! The command line of an analysis. What a peer has written is checked, and never begins an
 //! argument.
 
-use std::path::{Path, PathBuf};
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
 
 use analysis::run_folder::{self, INDEX};
 use serde::{Deserialize, Serialize};
@@ -18,7 +21,7 @@ const MOST_RUNS: usize = 50;
 /// Longest circuit, characters.
 const LONGEST_CIRCUIT: usize = 500;
 
-/// AnalysisKind of an analysis.
+/// Kind of an analysis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum AnalysisKind {
@@ -103,6 +106,9 @@ pub(crate) fn arguments(
     if request.runs.len() > 1 && !request.spectra.is_empty() {
         return unfit("spectra: expected one run to choose them from, found several");
     }
+    if request.runs.iter().collect::<BTreeSet<_>>().len() < request.runs.len() {
+        return unfit("runs: expected different runs, found one twice");
+    }
     for run in &request.runs {
         if confined_path::folder(&settings.runs(), run).is_none() {
             return unfit(format!(
@@ -137,9 +143,17 @@ fn fit(options: &Options, arguments: &mut Vec<String>) -> Result<(), AnalysisErr
         arguments.push(format!("--circuit={circuit}"));
     }
     if let Some(rc) = &options.rc {
-        let orders = rc
-            .split(',')
-            .all(|order| matches!(order.trim().parse::<u8>(), Ok(1..=9)));
+        let digit = |order: &str| {
+            order
+                .parse::<u8>()
+                .ok()
+                .filter(|order| (1..=8).contains(order))
+        };
+        let parsed: Option<Vec<u8>> = rc.split(',').map(digit).collect();
+        let plain = rc.chars().all(|c| c.is_ascii_digit() || c == ',');
+        let different =
+            |orders: Vec<u8>| orders.iter().collect::<BTreeSet<_>>().len() == orders.len();
+        let orders = plain && parsed.is_some_and(different);
         if !orders && rc != "all" && rc != "auto" {
             return unfit(format!(
                 "options.rc: expected orders such as 1,2,3, `all` or `auto`, found {rc:?}"
@@ -356,7 +370,7 @@ mod tests {
             in_words(&arguments),
             "eis-bench '--circuit=R0-p(R1,C1) --seed 3'"
         );
-        for rc in ["", "0", "1,,2", "all;rm", "12"] {
+        for rc in ["", "0", "9", "1,,2", "1,1", "+1", "all;rm", "12"] {
             let options = Options {
                 rc: Some(rc.to_owned()),
                 ..Options::default()

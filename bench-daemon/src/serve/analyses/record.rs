@@ -63,4 +63,7 @@ pub struct Analysis {
     pub message: Option<String>,
     /// The same on a command line.
     pub command: String,
+    /// Number of its process, once it has begun.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pid: Option<i32>,
 }

@@ -42,8 +42,8 @@ impl From<AnalysisError> for Refusal {
     responses((status = 200, body = [Analysis])),
     security(("token" = ["read"]))
 )]
-pub async fn list(_caller: Reader, State(app): State<App>) -> Json<Vec<Analysis>> {
-    Json(app.server.analyses.list())
+pub async fn list(_caller: Reader, State(app): State<App>) -> Result<Json<Vec<Analysis>>, Refusal> {
+    aside(move || Ok(Json(app.server.analyses.list()))).await
 }
 
 /// Takes an analysis of runs. It begins when those before it have ended; events `analysis` tell how
@@ -114,7 +114,7 @@ pub async fn cancel(
 }
 
 fn known(app: &App, id: &str) -> Result<(), Refusal> {
-    let known = plain(id) && app.server.analyses.list().iter().any(|one| one.id == id);
+    let known = plain(id) && app.server.analyses.exists(id);
     known
         .then_some(())
         .ok_or_else(|| Refusal::not_found("an analysis", id))

@@ -46,6 +46,7 @@ pub fn router(app: &App) -> Router {
         .route("/benches/{bench}/trips/clear", post(benches::clear))
         .route("/benches/{bench}/hold", post(queue::hold))
         .route("/benches/{bench}/release", post(queue::release))
+        .route("/benches/{bench}/notes", get(queue::notes))
         .route("/experiments", get(queue::experiments))
         .route("/experiments/{experiment}/plan", get(queue::plan))
         .route("/analyses", get(analyses::list).post(analyses::submit))

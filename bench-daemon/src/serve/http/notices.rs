@@ -75,5 +75,10 @@ pub async fn test(caller: Operator, State(app): State<App>) -> Result<Json<Notic
             "expected a webhook or an e-mail in [notify] of the server's file, found none",
         ));
     }
+    let Ok(_one) = app.server.notices.testing.try_acquire() else {
+        return Err(Refusal::conflict(
+            "expected one test at a time, found one under way",
+        ));
+    };
     Ok(Json(notify::test(&app.server, &caller.name).await))
 }

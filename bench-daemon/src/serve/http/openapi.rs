@@ -38,6 +38,7 @@ use super::{
         queue::reorder,
         queue::hold,
         queue::release,
+        queue::notes,
         runs::list,
         runs::detail,
         runs::spectra,

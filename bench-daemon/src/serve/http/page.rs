@@ -44,6 +44,7 @@ const OWN: &[(&str, &str)] = own![
     "bench.js",
     "server.js",
     "time.js",
+    "tour.js",
     "curves.js",
     "forms.js",
     "schema.js",

@@ -18,6 +18,7 @@ use super::{
 use crate::{
     procedure,
     serve::{
+        notebook::{About, Note},
         queue::{Item, Kind, QueueError, Wanted},
         queue_now::QueueNow,
         shelf,
@@ -327,22 +328,68 @@ pub async fn hold(
     Ok(Json(QueueNow::of(&app.server)))
 }
 
-/// Releases the queue of a bench, so that waiting runs may begin: that lets current flow.
+/// Releases the queue of a bench, so that waiting runs may begin: that lets current flow. Who does it
+/// and why is kept with the bench.
 #[utoipa::path(
     post,
     path = "/api/v1/benches/{bench}/release",
     tag = "queue",
     params(("bench" = String, Path)),
+    request_body = Option<Why>,
     responses((status = 200, body = QueueNow)),
     security(("token" = ["energise"]))
 )]
 pub async fn release(
-    _caller: Energiser,
+    caller: Energiser,
     State(app): State<App>,
     Path(bench): Path<String>,
+    why: Option<Json<Why>>,
 ) -> Result<Json<QueueNow>, Refusal> {
     known(&app, &bench)?;
-    app.server.queue().release(&bench)?;
-    app.server.tell_queue();
-    Ok(Json(QueueNow::of(&app.server)))
+    let why = why.and_then(|why| why.0.why).unwrap_or_default();
+    let why: String = why.chars().filter(|c| !c.is_control()).take(200).collect();
+    aside(move || {
+        let held = app.server.queue().held(&bench).map(str::to_owned);
+        let text = format!(
+            "released: {}; it was held: {}",
+            said(&why),
+            said(&held.unwrap_or_default())
+        );
+        let kept = app
+            .server
+            .notebook
+            .note(About::Bench(&bench), &caller.name, &text);
+        kept.map_err(|error| Refusal::machine(&error))?;
+        app.server.queue().release(&bench)?;
+        app.server.tell_queue();
+        Ok(Json(QueueNow::of(&app.server)))
+    })
+    .await
+}
+
+/// Words, or that there are none.
+fn said(words: &str) -> &str {
+    if words.trim().is_empty() {
+        "no reason given"
+    } else {
+        words
+    }
+}
+
+/// What was written about a bench, such as who released its queue and why; the latest last.
+#[utoipa::path(
+    get,
+    path = "/api/v1/benches/{bench}/notes",
+    tag = "queue",
+    params(("bench" = String, Path)),
+    responses((status = 200, body = [Note])),
+    security(("token" = ["read"]))
+)]
+pub async fn notes(
+    _caller: Reader,
+    State(app): State<App>,
+    Path(bench): Path<String>,
+) -> Result<Json<Vec<Note>>, Refusal> {
+    known(&app, &bench)?;
+    aside(move || Ok(Json(app.server.notebook.read(About::Bench(&bench)).notes))).await
 }

@@ -15,7 +15,7 @@ use super::{
     problem::{Problem, Refusal},
 };
 use crate::serve::{
-    session::{self, LONGEST_S},
+    session::{self, LONGEST_S, PROOF_HEADER},
     token::{Scope, TokenError},
 };
 
@@ -71,8 +71,8 @@ pub async fn begin(State(app): State<App>, request: Request) -> Result<Response,
     let Json(sign_in): Json<SignIn> = Json::from_request(again, &app)
         .await
         .map_err(|error| Refusal::of(error.status(), error.body_text()))?;
-    end_old(&app, &parts.headers);
     let (token, _) = shown(&parts, &app, sign_in.token.trim())?;
+    end_old(&app, &parts.headers);
     if let Some(named) = parts.extensions.get::<Named>() {
         let _ = named.0.set(token.name.clone());
     }
@@ -97,8 +97,13 @@ pub async fn begin(State(app): State<App>, request: Request) -> Result<Response,
     tag = "access",
     responses((status = 204))
 )]
-pub async fn end(State(app): State<App>, headers: HeaderMap) -> Response {
+pub async fn end(State(app): State<App>, headers: HeaderMap) -> Result<Response, Refusal> {
+    if !headers.contains_key(PROOF_HEADER) {
+        let message = format!("expected a header `{PROOF_HEADER}`, found none");
+        return Err(Refusal::new(StatusCode::FORBIDDEN, "forged", message));
+    }
     end_old(&app, &headers);
     let cookie = session::cookie(None, encrypted(&app));
-    (StatusCode::NO_CONTENT, [(header::SET_COOKIE, cookie)]).into_response()
+    let head = [(header::SET_COOKIE, cookie)];
+    Ok((StatusCode::NO_CONTENT, head).into_response())
 }

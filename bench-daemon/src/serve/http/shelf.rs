@@ -213,6 +213,7 @@ fn told(
     version: Option<usize>,
 ) -> Result<ShelfFile, Refusal> {
     let file = shelf::read(settings, kind, name, version)
+        .map_err(|error| Refusal::machine(&error))?
         .ok_or_else(|| Refusal::not_found("a file", name))?;
     // The guardian and `eis-bench safe` read the bench's own file: it must be one for all.
     let why_not = (kind == FileKind::Benches).then(|| {
@@ -280,7 +281,7 @@ pub async fn write(
                 let fence = Fence {
                     below: settings.configs.clone(),
                     also: Vec::new(),
-                    instead: shelf::changed(settings),
+                    instead: shelf::changed(settings).map_err(|error| Refusal::machine(&error))?,
                 };
                 let source = Source::fenced(&path, new.text.clone(), &fence.into());
                 resolve_cell(&source).map_err(|error| unfit(format!("text: {error}")))?;

@@ -22,6 +22,7 @@ import {
 } from "./bench.js";
 import { tellHere } from "./notices.js";
 import { drawTime, fitTime } from "./time.js";
+import { drawTour, noteTour } from "./tour.js";
 
 const known = {
   benches: new Map(),
@@ -60,6 +61,30 @@ async function attempt(work, done) {
   }
 }
 
+// What a stop has to say stays until a person has read it, or a stop has gone well.
+function stopSays(words, bad = true) {
+  const banner = $("stopsaid");
+  banner.hidden = !words;
+  if (!words) return;
+  banner.className = `banner ${bad ? "bad" : "fine"}`;
+  const close = el("button", { type: "button", onclick: () => stopSays("") }, "Close this message");
+  banner.replaceChildren(el("strong", {}, words), " ", close);
+}
+
+// Of several benches each by its name, the worst first; the banner of the shown one has the rest.
+function tellStops(reports) {
+  if (reports.length < 2 && known.bench) return stopSays("");
+  const fine = (report) => report.verified || report.simulated;
+  const words = (report) =>
+    report.verified
+      ? `${report.bench}: every output is off, read back`
+      : report.simulated
+        ? `${report.bench}: simulated within the run's process, which has ended`
+        : `▲ ${report.bench}: STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH`;
+  const sorted = [...reports].sort((a, b) => Number(fine(a)) - Number(fine(b)));
+  return stopSays(`Stopped. ${sorted.map(words).join("; ")}.`, !reports.every(fine));
+}
+
 // ---- the stop -----------------------------------------------------------------------------------
 
 // Stops the bench that is shown, or all of them. A request that hangs is given up after some
@@ -76,32 +101,29 @@ async function stop(all) {
     try {
       const reports = one ? [await stopNow(`/benches/${one}/stop`)] : await stopNow("/stop");
       reports.forEach(stopped);
-      say("");
+      tellStops(reports);
       miss(reports);
       break;
     } catch (error) {
       const waited = Math.round((Date.now() - began) / 1000);
       if (error instanceof Refused && (error.status === 401 || error.status === 403)) {
-        say(
+        stopSays(
           `The stop was refused: sign in first (${error.message}). ` +
             "Without a token: the emergency switch, or on the machine: eis-bench safe",
-          true,
         );
         break;
       }
       if (error instanceof Refused && error.status < 500 && error.status !== 429) {
-        say(
+        stopSays(
           `The stop was refused: ${error.message}. NOTHING WAS STOPPED, and it is not sent again. ` +
             "Use the emergency switch, or on the machine: eis-bench safe",
-          true,
         );
         break;
       }
       const why = error.name === "TimeoutError" ? "no answer yet" : error.message;
-      say(
+      stopSays(
         `No word after ${waited} s that the bench is off (${why}). The stop is sent again. ` +
           "Use the emergency switch, or on the machine: eis-bench safe",
-        true,
       );
       if (error.name !== "TimeoutError") await new Promise((done) => setTimeout(done, 500));
     }
@@ -111,7 +133,7 @@ async function stop(all) {
 }
 
 // Where there are several benches, the button says which one it stops.
-const stopLabel = (all) => (all ? "■ STOP ALL" : known.benches.size > 1 ? `■ STOP ${known.bench}` : "■ STOP");
+const stopLabel = (all) => (all || !known.bench ? "■ STOP ALL" : known.benches.size > 1 ? `■ STOP ${known.bench}` : "■ STOP");
 
 // On such a bench a current may flow.
 const loud = (bench) =>
@@ -150,7 +172,7 @@ document.addEventListener("keydown", (event) => {
     const again = event.timeStamp - escaped < 1500;
     escaped = again ? 0 : event.timeStamp;
     if (again) stop(false);
-    else say("Esc once more within 1.5 s stops the bench.");
+    else say(`Esc once more within 1.5 s: ${stopLabel(false)}`);
   } else if (event.key === "S" && event.shiftKey && !event.ctrlKey && !event.altKey && !event.metaKey && !typing) {
     stop(false);
   }
@@ -279,21 +301,27 @@ function drawQueue() {
   const why = known.queue.held[known.bench];
   $("held").hidden = !why;
   if (why) {
-    const release = may("energise")
-      ? el(
-          "button",
-          {
-            type: "button",
-            onclick: () =>
-              attempt(
-                () => post(`/benches/${known.bench}/release`),
-                () => "The queue goes on.",
-              ),
-          },
-          "Let the queue go on",
-        )
-      : null;
-    fill($("held"), `❚❚ Nothing is begun on ${known.bench}: ${why}. `, release || "");
+    const reason = el("input", { id: "why", maxlength: 200, required: true, autocomplete: "off" });
+    const release = el(
+      "form",
+      {
+        class: "acts",
+        onsubmit: (event) => {
+          event.preventDefault();
+          attempt(
+            () => post(`/benches/${known.bench}/release`, { why: $("why").value.trim() }),
+            () => "The queue goes on.",
+          );
+        },
+      },
+      el("label", {}, "What was found, and why it may go on ", reason),
+      el("button", { type: "submit", disabled: !may("energise") }, "Let the queue go on"),
+      may("energise") ? "" : el("span", { class: "quiet" }, lacks("energise")),
+    );
+    // Drawn anew only where it says something else: what is typed stays.
+    const words = `❚❚ Nothing is begun on ${known.bench}: ${why}. `;
+    if ($("held").dataset.words !== words) $("held").replaceChildren(words, release);
+    $("held").dataset.words = words;
   }
 }
 
@@ -338,6 +366,7 @@ function drawHistory() {
     );
   };
   fill($("runs"), ...known.runs.slice(0, 20).map(row));
+  drawTour(known.runs);
 }
 
 async function compare(run, on) {
@@ -403,7 +432,7 @@ function drawActs() {
 function draw() {
   const now = live();
   if (!now) return;
-  document.title = `${now.state === "latched" ? "▲ " : now.state === "running" ? "▶ " : ""}${now.bench} – eis-bench`;
+  if ($("main").hidden === false) document.title = `${now.state === "latched" ? "▲ " : now.state === "running" ? "▶ " : ""}${now.bench} – eis-bench`;
   drawNow(now);
   drawRun(
     now,
@@ -419,12 +448,12 @@ function draw() {
     choose,
   );
   drawMiss();
-  drawTrip(now, (one, found) =>
+  const clear = (one, found) =>
     attempt(
       () => post(`/benches/${one.bench}/trips/clear`, { cause: one.trip.cause, found }),
       () => `${one.bench} is cleared.`,
-    ),
-  );
+    );
+  drawTrip(now, clear, may("clear-trip") ? "" : lacks("clear-trip"));
   // What a stop has shown is no longer so once something runs again, or has tripped since.
   const over =
     now.state === "running" || now.state === "paused" || (now.trip && now.stop && now.trip.unix_s > now.stop.unix_s);
@@ -471,6 +500,12 @@ const context = {
   go: (hash) => go(hash),
   benches: () => [...known.benches.keys()],
   bench: () => known.bench,
+  // Whoever looks at a run that goes means its bench, when they stop.
+  watch: (bench) => {
+    if (!known.benches.has(bench)) return;
+    known.bench = bench;
+    draw();
+  },
 };
 
 const view = { module: null, opened: 0 };
@@ -483,22 +518,17 @@ function go(hash) {
 // What the address names: `#/run/demo-3?…` a part, anything else a bench.
 function address() {
   const [path, query] = location.hash.slice(2).split("?");
-  const plain = (part) => {
-    try {
-      return decodeURIComponent(part);
-    } catch {
-      return part;
-    }
-  };
   return { path: path.split("/").map(plain), query: new URLSearchParams(query || "") };
 }
 
 async function route() {
+  if (!$("login").hidden || !may("read")) return;
   const opened = (view.opened += 1);
+  noteTour();
   if (view.module && view.module.close) view.module.close();
   view.module = null;
   const part = location.hash.startsWith("#/") ? address() : null;
-  const source = part && MODULES[part.path[0]];
+  const source = part && Object.hasOwn(MODULES, part.path[0]) && MODULES[part.path[0]];
   $("main").hidden = Boolean(source);
   $("view").hidden = !source;
   $("view").replaceChildren();
@@ -509,20 +539,36 @@ async function route() {
     if (known.benches.has(addressed())) known.bench = addressed();
     $("stopped").hidden = true;
     await attempt(refresh);
+    // Whoever comes from another part begins at the top of this one.
+    if (opened > 1) $("now-h").focus({ preventScroll: true });
     return;
   }
-  const module = await import(source);
-  if (opened !== view.opened) return;
-  view.module = module;
   const parent = el("div", { class: "view" });
-  $("view").append(parent);
-  await attempt(() => module.open(parent, part, context));
+  try {
+    const module = await import(source);
+    if (opened !== view.opened) return;
+    view.module = module;
+    $("view").append(parent);
+    await module.open(parent, part, context);
+  } catch (error) {
+    say(error instanceof Refused ? `Refused: ${error.message}` : `Not reached: ${error.message}`, true);
+    return;
+  }
   const heading = parent.querySelector("h2");
-  if (heading) document.title = `${heading.textContent} – eis-bench`;
+  if (heading && opened === view.opened) document.title = `${heading.textContent} – eis-bench`;
 }
 
 // The bench that the address names: `#demo`.
-const addressed = () => decodeURIComponent(location.hash.slice(1));
+const addressed = () => (location.hash.startsWith("#/") ? "" : plain(location.hash.slice(1)));
+
+// An address that is broken names nothing.
+function plain(part) {
+  try {
+    return decodeURIComponent(part);
+  } catch {
+    return "";
+  }
+}
 
 // Shows another bench; each has an address of its own, which can be sent.
 const choose = (bench) => go(`#${encodeURIComponent(bench)}`);
@@ -541,7 +587,12 @@ async function refresh() {
   [known.queue, known.runs] = [queue, runs];
   $("stopall").hidden = benches.length < 2;
   const before = $("experiment").value;
-  fill($("experiment"), ...offered.map((one) => el("option", { selected: one.experiment === before }, one.experiment)));
+  const names = offered.map((one) => one.experiment);
+  if (names.join() !== [...$("experiment").options].map((one) => one.value).join()) {
+    $("experiment").replaceChildren(...names.map((name) => el("option", {}, name)));
+    // What was chosen stays chosen; nothing else chooses.
+    $("experiment").value = names.includes(before) ? before : names[0] || "";
+  }
   known.spectra.clear();
   const wanted = new Set(known.chosen);
   if (live().run && live().run.run) wanted.add(live().run.run);
@@ -553,9 +604,18 @@ async function refresh() {
   drawStrips(true);
 }
 
+// After a while without the server: somebody else may have signed in, and a part may not have come.
+async function again() {
+  const who = await attempt(() => get("/whoami"));
+  if (who && (who.name !== known.who || who.scopes.join() !== known.scopes.join())) location.reload();
+  await attempt(refresh);
+  if (!view.module && location.hash.startsWith("#/")) route();
+}
+
 function heard(kind, data) {
   if (view.module && view.module.heard) view.module.heard(kind, data);
-  if (kind === "hello" || kind === "lost") attempt(refresh);
+  if (kind === "hello") again();
+  if (kind === "lost") attempt(refresh);
   if (kind === "live") {
     const before = known.benches.get(data.bench);
     known.benches.set(data.bench, data);
@@ -624,8 +684,8 @@ async function begin() {
   $("views").hidden = false;
   // A part of the page may ask which benches there are.
   await attempt(refresh);
-  await route();
   listen(known.who, heard, link);
+  await route();
 }
 
 $("stop").addEventListener("click", () => stop(false));
@@ -640,6 +700,8 @@ $("leave").addEventListener("click", async () => {
   location.reload();
 });
 window.addEventListener("hashchange", route);
+// A plan belongs to what it was made for.
+$("experiment").addEventListener("change", () => ($("plan").hidden = true));
 $("login").addEventListener("submit", async (event) => {
   event.preventDefault();
   const token = $("token").value.trim();

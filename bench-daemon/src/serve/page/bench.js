@@ -26,7 +26,9 @@ export function fill(parent, ...children) {
   if (parent.isEqualNode(next)) return;
   // Whoever goes by keyboard stays where they were: at the control of the same name, else at the first.
   // A box has no text of its own, but a label.
-  const named = (control) => control.getAttribute("aria-label") || control.textContent;
+  // A link is what it leads to.
+  const named = (control) =>
+    control.getAttribute("href") || control.getAttribute("aria-label") || control.textContent;
   const held = parent.contains(document.activeElement) ? named(document.activeElement) : null;
   parent.replaceChildren(...next.childNodes);
   if (held === null) return;
@@ -352,7 +354,7 @@ export function drawMissed(benches, close) {
 }
 
 // Nobody clears without saying who looked and what they found: it is kept with the trip.
-function clearing(live, clear) {
+function clearing(live, clear, lacks) {
   const said = el("input", {
     id: "found",
     required: true,
@@ -370,11 +372,12 @@ function clearing(live, clear) {
       },
     },
     el("label", {}, "Who looked, and what was found ", said),
-    el("button", { type: "submit" }, "I have looked: clear"),
+    el("button", { type: "submit", disabled: Boolean(lacks) }, "I have looked: clear"),
+    lacks ? el("span", {}, lacks) : "",
   );
 }
 
-export function drawTrip(live, clear) {
+export function drawTrip(live, clear, lacks) {
   const banner = $("trip");
   banner.hidden = !live.trip;
   if (!live.trip) return;
@@ -385,7 +388,7 @@ export function drawTrip(live, clear) {
     el("strong", {}, `▲ ${live.bench} is latched. `),
     `${live.trip.cause}${live.trip.step ? `, in step “${live.trip.step}”` : ""}. ` +
       `Found by the ${live.trip.by}, ${when(live.trip.unix_s)}. Look at the bench and at the cell. `,
-    clearing(live, clear),
+    clearing(live, clear, lacks),
   );
 }
 
@@ -396,12 +399,12 @@ export function drawStop(report) {
   const head = !report.over
     ? `■ Stopping ${report.bench} …`
     : report.simulated
-      ? "✓ Stopped: this bench is simulated within the run's process, and that has ended. " +
+      ? `✓ Stopped ${report.bench}: it is simulated within the run's process, and that has ended. ` +
         "There is no output to read back."
       : report.verified
         ? `✓ Stopped ${report.bench}: every output is off, read back.`
         : `▲ ${report.bench} STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH.`;
-  const key = `${report.unix_s} ${report.over} ${report.steps.length}`;
+  const key = `${report.bench} ${report.unix_s} ${report.over} ${report.verified} ${report.steps.length}`;
   if (banner.dataset.key === key) return;
   banner.dataset.key = key;
   banner.className = `banner ${!report.over ? "note" : report.verified || report.simulated ? "fine" : "bad"}`;

@@ -37,7 +37,12 @@ export const tellsHere = () =>
   Boolean(window.Notification) && Notification.permission === "granted" && localStorage.getItem(CHOICE) === "on";
 
 export function tellHere(notice) {
-  if (tellsHere()) new Notification(notice.title, { body: notice.text, tag: `eis-bench ${notice.number}` });
+  if (!tellsHere()) return;
+  try {
+    new Notification(notice.title, { body: notice.text, tag: `eis-bench ${notice.number}` });
+  } catch {
+    // Some browsers of phones tell through a service worker only.
+  }
 }
 
 function drawHere() {

@@ -850,6 +850,7 @@ function takeInfo([info, { card, tags }]) {
   view.info = info;
   view.card = card;
   view.tagsKnown = tags;
+  if (card && info.now && info.now.going) view.ctx.watch(card.bench);
   drawFacts();
   drawTags();
 }
@@ -917,9 +918,13 @@ export async function open(parent, where, ctx) {
   Object.assign(view, { models: new Map(), asked: new Set() });
   Object.assign(view, { card: null, tagsKnown: [], byHand: false, calm: calmly(() => load().catch(() => {})) });
   view.again = () => {
+    const held = document.activeElement;
     close();
     parent.replaceChildren();
-    return open(parent, where, ctx);
+    const opened = open(parent, where, ctx);
+    // Nobody asked to be taken elsewhere.
+    if (held && held.isConnected) held.focus({ preventScroll: true });
+    return opened;
   };
   const name = where.query.get("spectrum");
   view.wanted = name ? { name, freq_hz: Number(where.query.get("freq_hz")) } : null;
@@ -930,7 +935,10 @@ export async function open(parent, where, ctx) {
 
 export function heard(kind, data) {
   if (!view) return undefined;
-  if (view.waits) return kind === "live" || kind === "run" ? view.again() : undefined;
+  if (view.waits) {
+    const told = kind === "live" ? data.run && data.run.run : kind === "run" ? data.item.run : "";
+    return told === view.run ? view.again() : undefined;
+  }
   const ours = kind === "run" ? data.item.run === view.run : kind === "hello" || kind === "lost";
   if (ours) view.calm.now();
   if (kind === "live" && view.info && data.run && data.run.run === view.run) {
