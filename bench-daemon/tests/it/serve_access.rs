@@ -395,6 +395,31 @@ fn wrong_tokens_are_counted() {
 }
 
 #[test]
+fn a_server_behind_a_proxy_wants_tokens() {
+    let files = Files::short(2);
+    let path = config(&files, "[proxy]\nhost = \"bench.lab.example\"");
+    let message = program(&["serve".as_ref(), path.as_os_str()]);
+    let message = message.expect_code(2).message().to_owned();
+    assert!(
+        message.contains("expected at least one token to listen beyond this machine")
+            && message.contains("bench.lab.example"),
+        "{message}"
+    );
+    let secret = token(&files, "ann", "read");
+    let served = Served::start(&files);
+    let asked = |host: &str, more: &str| {
+        let request = format!(
+            "GET /api/v1/whoami HTTP/1.1\r\nHost: {host}\r\nConnection: close{more}\r\n\r\n"
+        );
+        served.raw(request.as_bytes()).status
+    };
+    assert_eq!(asked("bench.lab.example", ""), 401);
+    let bearer = format!("\r\nAuthorization: Bearer {secret}");
+    assert_eq!(asked("bench.lab.example", &bearer), 200);
+    assert_eq!(asked("evil.example", &bearer), 403);
+}
+
+#[test]
 fn a_server_beyond_this_machine_wants_tokens_and_a_certificate() {
     let files = Files::short(2);
     let beyond = |more: &str| {

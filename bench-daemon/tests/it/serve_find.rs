@@ -569,15 +569,19 @@ fn a_session_cannot_be_forged_fixed_or_used_after_its_end() {
     let stop = format!("POST /api/v1/stop HTTP/1.1\r\nCookie: {cookie}");
     asked(&served, &stop, "").expect(403);
     sign_in("\r\nOrigin: https://evil.example", &secret).expect(403);
+    // A wrong token ends nothing.
+    sign_in(&format!("\r\nCookie: {cookie}"), "eb_wrong").expect(401);
+    get(&cookie).expect(200);
     // Signing in again ends the session before; signing out ends it, and so does revoking the token.
     let second = cookie_of(&sign_in(&format!("\r\nCookie: {cookie}"), &secret).expect(200));
     get(&cookie).expect(401);
-    asked(
-        &served,
-        &format!("DELETE /api/v1/session HTTP/1.1\r\nCookie: {second}"),
-        "",
-    )
-    .expect(204);
+    let sign_out = |more: &str| {
+        let head = format!("DELETE /api/v1/session HTTP/1.1\r\nCookie: {second}{more}");
+        asked(&served, &head, "")
+    };
+    sign_out("").expect(403);
+    get(&second).expect(200);
+    sign_out("\r\nX-Eis-Bench: page").expect(204);
     get(&second).expect(401);
     let third = cookie_of(&sign_in("", &secret).expect(200));
     get(&third).expect(200);

@@ -133,7 +133,10 @@ async function stop(all) {
 }
 
 // Where there are several benches, the button says which one it stops.
-const stopLabel = (all) => (all || !known.bench ? "■ STOP ALL" : known.benches.size > 1 ? `■ STOP ${known.bench}` : "■ STOP");
+function stopLabel(all) {
+  if (all || !known.bench) return "■ STOP ALL";
+  return known.benches.size > 1 ? `■ STOP ${known.bench}` : "■ STOP";
+}
 
 // On such a bench a current may flow.
 const loud = (bench) =>
@@ -432,7 +435,8 @@ function drawActs() {
 function draw() {
   const now = live();
   if (!now) return;
-  if ($("main").hidden === false) document.title = `${now.state === "latched" ? "▲ " : now.state === "running" ? "▶ " : ""}${now.bench} – eis-bench`;
+  const sign = now.state === "latched" ? "▲ " : now.state === "running" ? "▶ " : "";
+  if (!$("main").hidden) document.title = `${sign}${now.bench} – eis-bench`;
   drawNow(now);
   drawRun(
     now,
