@@ -47,7 +47,7 @@ pub struct WithResults {
     pub analysis: Analysis,
     /// Files of results.
     pub files: Vec<ResultFile>,
-    /// What a diagnosis says, for each cell.
+    /// Story of a diagnosis, for each cell.
     pub stories: Vec<Story>,
 }
 
@@ -69,8 +69,6 @@ pub struct Analyses {
     pub(super) more: Notify,
     /// The one in work is to end.
     pub(super) cancel: Notify,
-    /// Group of the process at work.
-    pub(super) group: Mutex<Option<i32>>,
 }
 
 impl Analyses {
@@ -101,7 +99,6 @@ impl Analyses {
             all: Mutex::new(all),
             more: Notify::new(),
             cancel: Notify::new(),
-            group: Mutex::default(),
         };
         for one in opened.lock().iter().filter(|one| left.contains(&one.id)) {
             if let Err(error) = opened.keep(one) {
@@ -249,25 +246,22 @@ impl Analyses {
 
     /// Ends the process at work, with the server.
     pub fn end(&self) {
-        let group = self
-            .group
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .take();
-        if let Some(group) = group {
-            let _ = kill(Pid::from_raw(-group), Signal::SIGTERM);
+        let all = self.lock();
+        let in_work = all.iter().find(|one| one.state == State::InWork);
+        if let Some(pid) = in_work.and_then(|one| one.pid) {
+            let _ = kill(Pid::from_raw(-pid), Signal::SIGTERM);
         }
     }
 
-    /// Changes one, keeps and tells it.
-    pub(super) fn change(
+    /// Changes the first that fits, keeps and tells it.
+    fn change_where(
         &self,
         hub: &Hub,
-        id: &str,
+        fits: impl Fn(&Analysis) -> bool,
         change: impl FnOnce(&mut Analysis),
     ) -> Option<Analysis> {
         let mut all = self.lock();
-        let one = all.iter_mut().find(|one| one.id == id)?;
+        let one = all.iter_mut().find(|one| fits(one))?;
         change(one);
         let changed = one.clone();
         // Kept before another change: the file is that of the latest.
@@ -279,19 +273,18 @@ impl Analyses {
         Some(changed)
     }
 
+    /// Changes the one of this name, keeps and tells it.
+    pub(super) fn change(&self, hub: &Hub, id: &str, change: impl FnOnce(&mut Analysis)) {
+        self.change_where(hub, |one| one.id == id, change);
+    }
+
     /// Begins the one that has waited longest.
     pub(super) fn next(&self, hub: &Hub) -> Option<Analysis> {
-        let mut all = self.lock();
-        let one = all.iter_mut().find(|one| one.state == State::Waiting)?;
-        one.state = State::InWork;
-        one.began_unix_s = Some(clock::unix_time_s());
-        let begun = one.clone();
-        if let Err(error) = self.keep(&begun) {
-            tracing::error!("{error}");
-        }
-        drop(all);
-        hub.tell("analysis", &begun);
-        Some(begun)
+        let waits = |one: &Analysis| one.state == State::Waiting;
+        self.change_where(hub, waits, |one| {
+            one.state = State::InWork;
+            one.began_unix_s = Some(clock::unix_time_s());
+        })
     }
 }
 

@@ -2,12 +2,7 @@
 //! of its own, one after the other, so that neither the server nor a run waits for it.
 
 use std::{
-    fs::File,
-    os::unix::fs::OpenOptionsExt,
-    path::Path,
-    process::Stdio,
-    sync::{Arc, PoisonError},
-    time::Duration,
+    fs::File, os::unix::fs::OpenOptionsExt, path::Path, process::Stdio, sync::Arc, time::Duration,
 };
 
 use instruments::clock;
@@ -104,10 +99,6 @@ async fn process(server: &Server, analysis: &Analysis) -> Result<Option<String>,
         .and_then(|id| i32::try_from(id).ok())
         .unwrap_or(0);
     let group = Pid::from_raw(-pid);
-    *analyses
-        .group
-        .lock()
-        .unwrap_or_else(PoisonError::into_inner) = Some(pid);
     analyses.change(&server.hub, &analysis.id, |one| one.pid = Some(pid));
     let mut told_to_end = false;
     let status = loop {
@@ -120,16 +111,11 @@ async fn process(server: &Server, analysis: &Analysis) -> Result<Option<String>,
             }
         }
         tokio::select! {
-            status = child.wait() => break status.map_err(|error| failed(&error)),
+            status = child.wait() => break status.map_err(|error| failed(&error))?,
             () = analyses.cancel.notified() => {}
             () = server.clock.sleep_s(LOOK_S) => look(server, analysis, &path),
         }
     };
-    *analyses
-        .group
-        .lock()
-        .unwrap_or_else(PoisonError::into_inner) = None;
-    let status = status?;
     look(server, analysis, &path);
     let text = tail(&path);
     let last = text

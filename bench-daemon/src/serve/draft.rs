@@ -24,7 +24,7 @@ pub struct Mistake {
     line: Option<usize>,
 }
 
-/// What a plan asks for beside a limit of the cell.
+/// Demand of a plan beside a limit of the cell.
 #[derive(Debug, PartialEq, Serialize, ToSchema)]
 pub struct Margin {
     /// The quantity.
@@ -139,7 +139,7 @@ impl Mistake {
     }
 }
 
-/// What the plan of a submission asks for beside the limits of its cell.
+/// Demands of the plan of a submission beside the limits of its cell.
 pub fn margins(submission: &Submission) -> Vec<Margin> {
     let extent = procedure::plan(&submission.experiment).extent();
     let limits = &submission.experiment.cell.limits;

@@ -122,7 +122,7 @@ pub struct Found {
     pub tags: Vec<String>,
 }
 
-/// What is remembered of runs that have ended, by name.
+/// Cards of runs that have ended, by name.
 #[derive(Debug, Default)]
 pub struct Finder {
     ended: Mutex<BTreeMap<String, Card>>,
@@ -309,7 +309,7 @@ impl Card {
 
 fn made(data: &Path, job: &Job) -> Card {
     let folder = data.join("runs").join(&job.item.run);
-    let experiment = experiment_of(data, &job.item.run);
+    let experiment = submission::value_of_run(data, &job.item.run);
     let campaign = experiment.as_ref().and_then(|value| value.get("campaign"));
     let (how, verdict) = match &job.ended {
         None => ("in work".to_owned(), RunVerdict::InWork),
@@ -358,14 +358,8 @@ pub fn temperature_c(folder: &Path) -> Option<f64> {
 pub fn cells_of_run(data: &Path, run: &str) -> Vec<RunCell> {
     cells_of(
         &data.join("runs").join(run),
-        experiment_of(data, run).as_ref(),
+        submission::value_of_run(data, run).as_ref(),
     )
-}
-
-/// The experiment of a run as it was submitted.
-fn experiment_of(data: &Path, run: &str) -> Option<toml::Value> {
-    let path = submission::frozen(&data.join("submitted").join(run))?;
-    toml::from_str(&std::fs::read_to_string(path).ok()?).ok()
 }
 
 /// The cells that an experiment names one by one, or else the one that the folder or the file of
@@ -422,7 +416,7 @@ pub struct CellHistory {
     serials: Vec<String>,
     /// Its spectra in the order of time.
     history: Vec<Moment>,
-    /// What people have written about it.
+    /// Notes of people about it.
     notes: Vec<super::notebook::Note>,
     /// Its runs, the latest first.
     runs: Vec<Card>,
@@ -552,7 +546,7 @@ pub struct MatrixRun {
 /// The campaign of a run; none where it is none.
 pub fn campaign(data: &Path, run: &str) -> Option<Matrix> {
     let folder = data.join("runs").join(run);
-    let experiment = experiment_of(data, run)?;
+    let experiment = submission::value_of_run(data, run)?;
     let campaign = experiment.get("campaign")?;
     let cells = cells_of(&folder, Some(&experiment));
     let repeats = usize::try_from(campaign.get("repeats")?.as_integer()?).ok()?;

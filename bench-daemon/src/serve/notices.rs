@@ -49,7 +49,7 @@ pub struct Notice {
     pub title: String,
     /// The rest.
     pub text: String,
-    /// What came of it, by target.
+    /// Outcome by target.
     pub outcome: BTreeMap<&'static str, String>,
 }
 
@@ -105,7 +105,7 @@ impl Notices {
         notice
     }
 
-    /// What came of a notice at a target.
+    /// Notes the outcome of a notice at a target.
     pub fn outcome(&self, number: u64, target: &'static str, words: String) {
         let mut latest = self.lock();
         if let Some(notice) = latest.iter_mut().find(|notice| notice.number == number) {

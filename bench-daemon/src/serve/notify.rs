@@ -117,7 +117,7 @@ fn start(server: &Arc<Server>, notices: Vec<Notice>) {
     tokio::spawn(async move { send(&server, &notices, AGAIN_S.len()).await });
 }
 
-/// What is known of the benches.
+/// Benches as they were seen last.
 #[derive(Debug, Default)]
 struct Seen {
     /// Causes of the trips that are there, by bench.

@@ -116,7 +116,7 @@ pub enum CellModel {
     },
 }
 
-/// What the load does.
+/// Effect of the load.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct UnderLoad {
     /// Time, s.
@@ -147,7 +147,7 @@ pub struct UnderLoad {
     kept: bool,
     /// The same in a sentence.
     words: String,
-    /// What is not known or not meant.
+    /// Limits of the answer.
     cautions: Vec<String>,
 }
 

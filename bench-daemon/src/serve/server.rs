@@ -57,7 +57,7 @@ pub struct Server {
     pub sessions: Sessions,
     /// Notes and tags.
     pub notebook: Notebook,
-    /// What is known of runs that have ended.
+    /// Cards of runs that have ended.
     pub finder: Finder,
     queue: Mutex<Queue>,
     shelf: Mutex<()>,

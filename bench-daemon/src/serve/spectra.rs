@@ -82,7 +82,7 @@ pub fn read(run: &Path, file: &str) -> Option<Spectrum> {
     })
 }
 
-/// What the gate has refused of each row; nothing where the table has no such column.
+/// Reasons of the gate for each row; nothing where the table has no such column.
 fn flags(text: &str) -> Vec<&str> {
     let mut lines = text.lines().filter(|line| !line.starts_with('#'));
     let header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();

@@ -153,10 +153,22 @@ pub fn frozen(folder: &Path) -> Option<PathBuf> {
         .map(|entry| entry.path())
 }
 
+/// Text of the experiment of a run as it was submitted, with its path.
+pub fn of_run(data: &Path, run: &str) -> Option<(PathBuf, String)> {
+    let path = frozen(&data.join("submitted").join(run))?;
+    let text = std::fs::read_to_string(&path).ok()?;
+    Some((path, text))
+}
+
+/// The same as values.
+pub fn value_of_run(data: &Path, run: &str) -> Option<toml::Value> {
+    toml::from_str(&of_run(data, run)?.1).ok()
+}
+
 /// The file of the cell of a run as it was submitted.
 pub fn cell_file(data: &Path, run: &str) -> Option<PathBuf> {
-    let path = frozen(&data.join("submitted").join(run))?;
-    let experiment: toml::Value = toml::from_str(&std::fs::read_to_string(&path).ok()?).ok()?;
+    let (path, text) = of_run(data, run)?;
+    let experiment: toml::Value = toml::from_str(&text).ok()?;
     let cell = experiment.get("cell")?.as_str()?;
     path.parent()?.join(cell).canonicalize().ok()
 }

@@ -27,7 +27,7 @@ pub enum State {
 pub struct Progress {
     /// Share that is done, where the command counts.
     pub done: Option<f64>,
-    /// What it is doing.
+    /// Present action.
     pub words: String,
 }
 

@@ -12,7 +12,7 @@ use crate::{
     support::confined_path,
 };
 
-/// What a diagnosis says.
+/// Words of a diagnosis.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Story {
     /// The cell, where the run has several.
@@ -23,13 +23,13 @@ pub struct Story {
     sentence: String,
     /// Where simulation and measurement disagree.
     r#where: Vec<Passage>,
-    /// What is missing.
+    /// Missing effects.
     what: Vec<Passage>,
     /// How sure that is.
     how_sure: Vec<Passage>,
-    /// What to do next.
+    /// Next steps.
     next: Vec<Next>,
-    /// What not to trust.
+    /// Cautions.
     caution: Vec<String>,
 }
 
@@ -42,7 +42,7 @@ pub(super) struct Passage {
     text: String,
 }
 
-/// What to do next.
+/// Next steps.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct Next {
     /// The title.
@@ -142,8 +142,7 @@ const KEPT: [&str; 2] = ["fit", "fixture_check"];
 fn experiment(settings: &Settings, analysis: &Analysis, folder: &Path) -> Option<(String, String)> {
     let text = std::fs::read_to_string(folder.join("next_experiment.toml")).ok()?;
     let run = analysis.runs.first()?;
-    let frozen = submission::frozen(&settings.data.join("submitted").join(run))?;
-    let own: toml::Value = toml::from_str(&std::fs::read_to_string(frozen).ok()?).ok()?;
+    let own = submission::value_of_run(&settings.data, run)?;
     let comments: Vec<&str> = text
         .lines()
         .take_while(|line| line.starts_with('#'))

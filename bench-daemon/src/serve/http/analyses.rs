@@ -26,7 +26,7 @@ const LONGEST: u64 = 64 * 1024 * 1024;
 impl From<AnalysisError> for Refusal {
     fn from(error: AnalysisError) -> Self {
         match error {
-            AnalysisError::Unfit(text) => Self::of(StatusCode::UNPROCESSABLE_ENTITY, text),
+            AnalysisError::Unfit(text) => Self::unfit(text),
             AnalysisError::Unknown(_) => Self::of(StatusCode::NOT_FOUND, error.to_string()),
             AnalysisError::Conflict(text) => Self::conflict(text),
             AnalysisError::Io(_) => Self::machine(&error),

@@ -13,6 +13,7 @@ use super::{
     aside::aside,
     caller::{Operator, Reader},
     problem::Refusal,
+    runs::folder,
 };
 use crate::{
     serve::{
@@ -64,10 +65,6 @@ pub struct OfPoint {
     freq_hz: f64,
 }
 
-fn unfit(text: String) -> Refusal {
-    Refusal::of(StatusCode::UNPROCESSABLE_ENTITY, text)
-}
-
 impl NewNote {
     fn checked(self) -> Result<String, Refusal> {
         let text = self.text.trim().to_owned();
@@ -76,7 +73,7 @@ impl NewNote {
             .chars()
             .any(|c| c.is_control() && c != '\n' && c != '\t');
         if count == 0 || count > LONGEST_NOTE || strange {
-            return Err(unfit(format!(
+            return Err(Refusal::unfit(format!(
                 "text: expected 1 to {LONGEST_NOTE} characters without control characters, found {count}"
             )));
         }
@@ -98,12 +95,12 @@ impl Tags {
                     .all(|c| c.is_alphanumeric() || matches!(c, '-' | '_'))
         };
         if let Some(tag) = self.tags.iter().find(plain) {
-            return Err(unfit(format!(
+            return Err(Refusal::unfit(format!(
                 "tags: expected 1 to {LONGEST_TAG} letters, digits, `-` and `_` each, found {tag:?}"
             )));
         }
         if self.tags.len() > MOST_TAGS {
-            return Err(unfit(format!(
+            return Err(Refusal::unfit(format!(
                 "tags: expected at most {MOST_TAGS}, found {}",
                 self.tags.len()
             )));
@@ -127,10 +124,6 @@ fn known_cell(app: &App, cell: &str) -> Result<CellHistory, Refusal> {
     found.ok_or_else(|| Refusal::not_found("a cell that a run has measured", cell))
 }
 
-fn run_folder(app: &App, run: &str) -> Result<std::path::PathBuf, Refusal> {
-    confined_path::folder(&app.server.runs(), run).ok_or_else(|| Refusal::not_found("a run", run))
-}
-
 /// Runs that meet every condition, the latest first.
 #[utoipa::path(
     get,
@@ -152,7 +145,7 @@ pub async fn runs(
     aside(move || Ok(Json(app.server.finder.find(app.server.places(), &wanted)))).await
 }
 
-/// What people have written about a run, the latest last.
+/// Notes of people about a run, the latest last.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{run}/notes",
@@ -270,7 +263,7 @@ pub async fn models(
     Path(run): Path<String>,
     Query(of): Query<OfSpectrum>,
 ) -> Result<Json<Vec<ModelOver>>, Refusal> {
-    let folder = run_folder(&app, &run)?;
+    let folder = folder(&app, &run)?;
     aside(move || {
         let found = models::over(&folder, &of.spectrum);
         found
@@ -295,7 +288,7 @@ pub async fn capture(
     Path(run): Path<String>,
     Query(of): Query<OfPoint>,
 ) -> Result<Json<CaptureView>, Refusal> {
-    let folder = run_folder(&app, &run)?;
+    let folder = folder(&app, &run)?;
     aside(move || {
         let known =
             crate::serve::spectra::stamps(&folder).contains_key(&format!("{}.csv", of.spectrum));
@@ -341,7 +334,7 @@ pub async fn cell(
     aside(move || known_cell(&app, &cell).map(Json)).await
 }
 
-/// What people have written about a cell, the latest last.
+/// Notes of people about a cell, the latest last.
 #[utoipa::path(
     get,
     path = "/api/v1/cells/{cell}/notes",

@@ -1,6 +1,6 @@
 //! Routes of the pack explorer.
 
-use axum::{Json, extract::State, http::StatusCode};
+use axum::{Json, extract::State};
 
 use super::{App, aside::aside, caller::Reader, problem::Refusal};
 use crate::serve::pack::{self, Load, RunModel, UnderLoad};
@@ -22,7 +22,7 @@ pub async fn under_load(
     aside(move || {
         pack::under_load(&app.server.settings, &app.server.last_model, &load)
             .map(Json)
-            .map_err(|words| Refusal::of(StatusCode::UNPROCESSABLE_ENTITY, words))
+            .map_err(Refusal::unfit)
     })
     .await
 }

@@ -50,6 +50,11 @@ impl Refusal {
         )
     }
 
+    /// A body that is JSON, but not what is expected.
+    pub fn unfit(message: impl Into<String>) -> Self {
+        Self::of(StatusCode::UNPROCESSABLE_ENTITY, message)
+    }
+
     /// Not as things are.
     pub fn conflict(message: impl Into<String>) -> Self {
         Self::of(StatusCode::CONFLICT, message)

@@ -376,7 +376,7 @@ fn said(words: &str) -> &str {
     }
 }
 
-/// What was written about a bench, such as who released its queue and why; the latest last.
+/// Notes about a bench, such as who released its queue and why; the latest last.
 #[utoipa::path(
     get,
     path = "/api/v1/benches/{bench}/notes",

@@ -99,7 +99,7 @@ pub struct Conveyed {
     message: String,
 }
 
-fn folder(app: &App, run: &str) -> Result<PathBuf, Refusal> {
+pub(super) fn folder(app: &App, run: &str) -> Result<PathBuf, Refusal> {
     confined_path::folder(&app.server.runs(), run).ok_or_else(|| Refusal::not_found("a run", run))
 }
 

@@ -3,7 +3,6 @@
 use axum::{
     Json,
     extract::{Path, Query, State},
-    http::StatusCode,
 };
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
@@ -84,18 +83,18 @@ pub struct NewDraft {
     bench: Option<String>,
 }
 
-/// What a draft would do.
+/// Effect of a draft.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Draft {
     /// Its text.
     text: String,
     /// Its values; null where the text is no TOML.
     value: serde_json::Value,
-    /// What is not as expected: the first such field.
+    /// The first field that is not as expected.
     mistakes: Vec<Mistake>,
     /// The plan, where there is no mistake.
     plan: Option<Planned>,
-    /// What the plan asks for beside the limits of the cell.
+    /// Demands of the plan beside the limits of the cell.
     margins: Vec<Margin>,
 }
 
@@ -112,10 +111,6 @@ pub struct OfRun {
     value: serde_json::Value,
 }
 
-fn unfit(text: impl Into<String>) -> Refusal {
-    Refusal::of(StatusCode::UNPROCESSABLE_ENTITY, text.into())
-}
-
 /// A text as values; null where it is no TOML.
 fn value_of(text: &str) -> serde_json::Value {
     let value: Option<toml::Value> = toml::from_str(text).ok();
@@ -128,9 +123,9 @@ fn value_of(text: &str) -> serde_json::Value {
 fn text_of(mut value: serde_json::Value) -> Result<String, Refusal> {
     without_nulls(&mut value);
     if !value.is_object() {
-        return Err(unfit("value: expected an object"));
+        return Err(Refusal::unfit("value: expected an object"));
     }
-    toml::to_string_pretty(&value).map_err(|error| unfit(format!("value: {error}")))
+    toml::to_string_pretty(&value).map_err(|error| Refusal::unfit(format!("value: {error}")))
 }
 
 fn without_nulls(value: &mut serde_json::Value) {
@@ -257,12 +252,12 @@ pub async fn write(
 ) -> Result<Json<ShelfFile>, Refusal> {
     let why = new.why.trim().to_owned();
     if why.is_empty() || why.chars().count() > LONGEST_WHY || why.chars().any(char::is_control) {
-        return Err(unfit(format!(
+        return Err(Refusal::unfit(format!(
             "why: expected 1 to {LONGEST_WHY} characters in one line"
         )));
     }
     if !plain(&name) || name.len() > LONGEST_NAME {
-        return Err(unfit(format!(
+        return Err(Refusal::unfit(format!(
             "expected a name of at most {LONGEST_NAME} letters, digits, `-` and `_`, found {name:?}"
         )));
     }
@@ -284,14 +279,14 @@ pub async fn write(
                     instead: shelf::changed(settings).map_err(|error| Refusal::machine(&error))?,
                 };
                 let source = Source::fenced(&path, new.text.clone(), &fence.into());
-                resolve_cell(&source).map_err(|error| unfit(format!("text: {error}")))?;
+                resolve_cell(&source).map_err(|error| Refusal::unfit(format!("text: {error}")))?;
             }
             FileKind::Experiments => {
                 // On the bench that it names, where that is one of this server's; else on the first.
                 let first = settings.benches.first().map(|bench| bench.name.clone());
                 draft::submission(settings, &new.text, None)
                     .or_else(|_| draft::submission(settings, &new.text, first.as_deref()))
-                    .map_err(|mistake| unfit(format!("text: {}", mistake.in_words())))?;
+                    .map_err(|mistake| Refusal::unfit(format!("text: {}", mistake.in_words())))?;
             }
         }
         let change = Change {
@@ -328,7 +323,7 @@ pub async fn draft(
         let text = match (new.text, new.value) {
             (Some(text), None) => text,
             (None, Some(value)) => text_of(value)?,
-            _ => return Err(unfit("expected either `text` or `value`")),
+            _ => return Err(Refusal::unfit("expected either `text` or `value`")),
         };
         let found = draft::submission(&app.server.settings, &text, new.bench.as_deref());
         let value = value_of(&text);
@@ -372,8 +367,7 @@ pub async fn of_run(
             .filter(|run| plain(run))
             .and_then(|run| jobs::read(data, run));
         let item = job.ok_or_else(|| Refusal::not_found("a run", &run))?.item;
-        let path = submission::frozen(&data.join("submitted").join(&run));
-        let text = path.and_then(|path| std::fs::read_to_string(path).ok());
+        let text = submission::of_run(data, &run).map(|(_, text)| text);
         let text = text.ok_or_else(|| Refusal::not_found("the experiment of the run", &run))?;
         Ok(Json(OfRun {
             name: item.experiment,
