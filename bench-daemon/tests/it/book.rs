@@ -1,9 +1,10 @@
-//! The documentation: where its links lead, how long its sentences are, and whether the commands
-//! of its tutorials run.
+//! The documentation: where its links lead, how long its sentences are, whether its commands run,
+//! and whose addresses its examples name.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
     fs,
+    net::{Ipv4Addr, TcpListener},
     os::unix::fs::symlink,
     path::{Path, PathBuf},
     process::{Command, Stdio},
@@ -236,30 +237,122 @@ pub(super) fn words(sentence: &str) -> usize {
         .count()
 }
 
-/// The commands of a tutorial: its blocks of `sh`, one after the other.
-fn commands(text: &str) -> String {
-    let mut commands = String::new();
+/// A fenced block: its language, and its lines.
+struct Fence<'a> {
+    language: &'a str,
+    lines: Vec<&'a str>,
+}
+
+fn fences(text: &str) -> Vec<Fence<'_>> {
+    let mut fences = Vec::new();
     let mut inside = false;
     for line in text.lines() {
-        if is_fence(line) {
-            inside = !inside && line == "```sh";
-        } else if inside {
-            commands.push_str(line);
+        if is_fence(line.trim()) {
+            inside = !inside;
+            if inside {
+                let language = line.trim().trim_start_matches(['`', '~']);
+                let lines = Vec::new();
+                fences.push(Fence { language, lines });
+            }
+        } else if let Some(fence) = fences.last_mut().filter(|_| inside) {
+            fence.lines.push(line);
+        }
+    }
+    fences
+}
+
+/// The commands of a page: its blocks of `sh`, one after the other.
+fn commands(text: &str) -> String {
+    let mut commands = String::new();
+    for fence in fences(text) {
+        if fence.language == "sh" {
+            commands.push_str(&fence.lines.join("\n"));
             commands.push('\n');
         }
     }
     commands
 }
 
-/// Plays the commands of a tutorial in a folder that looks like the root of the repository.
-fn play(tutorial: &str) {
-    let text = read(&root().join("docs").join(tutorial));
-    let commands = commands(&text);
-    assert!(!commands.is_empty(), "{tutorial} has no commands");
-    let folder = tempfile::tempdir().unwrap();
-    for name in ["configs", "fixtures"] {
-        symlink(root().join(name), folder.path().join(name)).unwrap();
+/// The page of this name: in the folder `docs`, but for the README.
+fn page(name: &str) -> PathBuf {
+    let folder = if name == "README.md" { "." } else { "docs" };
+    root().join(folder).join(name)
+}
+
+/// The README and the pages in `docs`, by name.
+fn pages() -> Vec<String> {
+    let docs = docs();
+    let names = docs.iter().map(|page| name(page).to_owned());
+    std::iter::once("README.md".to_owned())
+        .chain(names)
+        .collect()
+}
+
+/// Functions of bash that the commands of a page are played with. A command that serves runs beside
+/// those that follow, once it has told its address, and is ended behind the last one.
+const PRELUDE: &str = r#"
+served=()
+until_ctrl_c() {
+    local told="served${#served[@]}.txt"
+    : > "$told"
+    "$@" > "$told" 2>&1 &
+    served+=($!)
+    until grep -q 127.0.0.1 "$told"; do
+        kill -0 $! || { cat "$told"; return 1; }
+        sleep 0.1
+    done
+}
+trap 'for one in "${served[@]}"; do kill "$one" && wait "$one" || true; done' EXIT
+command -v curl > /dev/null || curl() { echo "there is no curl, not played: $*"; }
+"#;
+
+/// The port of the server in the examples.
+const PORT: &str = "7420";
+
+/// The script that bash plays for the commands of a page. A command runs beside the others where
+/// its comment begins with `until Ctrl-C`.
+fn script(commands: &str) -> String {
+    let mut script = PRELUDE.to_owned();
+    for line in commands.lines() {
+        if line.contains("# until Ctrl-C") {
+            script.push_str("until_ctrl_c ");
+        }
+        script.push_str(&as_installed(line));
+        script.push('\n');
     }
+    script
+}
+
+/// The command with `eis-bench` for `cargo run --`, as the README has it.
+fn as_installed(command: &str) -> String {
+    command.replace("cargo run -- ", "eis-bench ")
+}
+
+fn free_port() -> String {
+    let listener = TcpListener::bind(("127.0.0.1", 0)).unwrap();
+    listener.local_addr().unwrap().port().to_string()
+}
+
+/// Makes a folder look like the root of the repository. `configs` is a copy, for the server writes
+/// beside it. The port is a free one, for a server may run on this machine already.
+fn bare_clone(folder: &Path, port: &str) {
+    symlink(root().join("fixtures"), folder.join("fixtures")).unwrap();
+    let copied = Command::new("cp")
+        .arg("-R")
+        .args([root().join("configs"), folder.join("configs")])
+        .status()
+        .unwrap();
+    assert!(copied.success());
+    let server = folder.join("configs/serve.toml");
+    fs::write(&server, read(&server).replace(PORT, port)).unwrap();
+}
+
+/// Plays the commands of a page in a folder that looks like the root of the repository.
+fn play(name: &str) {
+    let commands = commands(&read(&page(name)));
+    assert!(!commands.is_empty(), "{name} has no commands");
+    let (folder, port) = (tempfile::tempdir().unwrap(), free_port());
+    bare_clone(folder.path(), &port);
     let programs = folder.path().join("programs");
     fs::create_dir(&programs).unwrap();
     symlink(env!("CARGO_BIN_EXE_eis-bench"), programs.join("eis-bench")).unwrap();
@@ -268,15 +361,17 @@ fn play(tutorial: &str) {
     )
     .unwrap();
     let output = Command::new("bash")
-        .args(["-euo", "pipefail", "-c", &commands])
+        .args(["-euo", "pipefail", "-c"])
+        .arg(script(&commands).replace(PORT, &port))
         .current_dir(folder.path())
         .env("PATH", path)
+        .env("HOME", folder.path())
         .stdin(Stdio::null())
         .output()
         .unwrap();
     assert!(
         output.status.success(),
-        "{tutorial}: {}\nstandard output:\n{}\nstandard error:\n{}",
+        "{name}: {}\nstandard output:\n{}\nstandard error:\n{}",
         output.status,
         String::from_utf8_lossy(&output.stdout),
         String::from_utf8_lossy(&output.stderr)
@@ -389,8 +484,35 @@ fn pages_are_read_as_github_and_mdbook_read_them() {
     assert_eq!(commands(page), "[p](q)\n");
 }
 
+/// Pages with a drill of their own, for each takes half a minute or more.
+const ALONE: [&str; 5] = [
+    "README.md",
+    "diagnosis.md",
+    "transports.md",
+    "tutorial-bench.md",
+    "tutorial-spectrum.md",
+];
+
+#[test]
+#[ignore = "drill"]
+fn the_commands_of_the_readme_run_in_a_bare_clone() {
+    play("README.md");
+}
+
+#[test]
+#[ignore = "drill"]
+fn the_commands_of_the_page_on_diagnosis_run_in_a_bare_clone() {
+    play("diagnosis.md");
+}
+
 #[test]
 #[ignore = "long drill"]
+fn the_commands_of_the_page_on_transports_run_in_a_bare_clone() {
+    play("transports.md");
+}
+
+#[test]
+#[ignore = "drill"]
 fn the_commands_of_the_tutorial_from_a_bench_to_a_model_run_in_a_bare_clone() {
     play("tutorial-bench.md");
 }
@@ -401,24 +523,211 @@ fn the_commands_of_the_tutorial_from_a_spectrum_to_a_pack_run_in_a_bare_clone() 
     play("tutorial-spectrum.md");
 }
 
-/// Pages whose commands need nothing but the repository, and take a minute together.
-const PLAYED: [&str; 8] = [
-    "dataset.md",
-    "fit.md",
-    "formats.md",
-    "pack-and-sop.md",
-    "replay.md",
-    "simulate.md",
-    "tables.md",
-    "diagnosis.md",
+#[test]
+#[ignore = "drill"]
+fn the_commands_of_all_other_pages_run_in_a_bare_clone() {
+    for name in pages() {
+        let has_commands = !commands(&read(&page(&name))).is_empty();
+        if has_commands && !ALONE.contains(&name.as_str()) {
+            play(&name);
+        }
+    }
+}
+
+/// Blocks that are not played, by page and first command, and the reason.
+struct NotPlayed {
+    reason: &'static str,
+    blocks: &'static [&'static str],
+}
+
+const NOT_PLAYED: [NotPlayed; 5] = [
+    NotPlayed {
+        reason: "it builds or installs what the tests have built",
+        blocks: &[
+            "install.md: cargo install --path bench-daemon --locked",
+            "python.md: pip install ./python",
+            "tutorial-bench.md: cargo build",
+            "tutorial-spectrum.md: cargo build",
+        ],
+    },
+    NotPlayed {
+        reason: "it plays the tests, this one among them",
+        blocks: &[
+            "README.md: cargo test --workspace",
+            "README.md: cargo test --workspace -- --ignored",
+            "drivers.md: cargo test -p instruments -p instruments-drivers -p instruments-mock -p fixtures",
+            "extend.md: EIS_BENCH_WRITE_REFERENCE=1 cargo test -p bench-daemon --test it reference",
+            "extend.md: cargo test -p analysis-effects -p fixtures -p study -p bench-daemon \
+             -- effects hidden names reference",
+            "extend.md: cargo test -p analysis-files -p bench-daemon --lib formats",
+            "transports.md: EIS_BENCH_FUZZ=10000000 cargo test -p instruments --test it fuzz -- --nocapture",
+        ],
+    },
+    NotPlayed {
+        reason: "it measures for minutes to hours",
+        blocks: &[
+            "attacks.md: cargo bench --profile dev -p bench-daemon --bench attacks -- --out attacks.md",
+            "coverage.md: cargo bench --profile dev -p bench-daemon --bench coverage -- demo --drawn \
+             --seeds 100 --from 1 --out FOLDER",
+            "speed.md: python3 -m venv benches/peers/.venv \
+             && benches/peers/.venv/bin/pip install -r benches/peers/requirements.txt",
+            "thresholds.md: fixtures/study/sensitivity/sensitivity.py --seed 987123 --out table.md \\",
+            "thresholds.md: fixtures/study/sensitivity/sensitivity.py --seed 987123 --out table.md \\",
+            "thresholds.md: fixtures/study/sensitivity/sensitivity.py --seed 987123 --out table.md \\",
+        ],
+    },
+    NotPlayed {
+        reason: "it needs instruments; the simulated ones are asked on the same page",
+        blocks: &[
+            "bring-up.md: eis-bench identify configs/benches/thesis.toml",
+            "bring-up.md: eis-bench doctor configs/benches/thesis.toml",
+        ],
+    },
+    NotPlayed {
+        reason: "it needs a bench outside its process; transports.md does it to served instruments",
+        blocks: &[
+            "safety.md: eis-bench clear configs/benches/mine.toml",
+            "safety.md: eis-bench safe configs/benches/mine.toml",
+        ],
+    },
 ];
 
 #[test]
-#[ignore = "drill"]
-fn the_commands_of_the_pages_run_in_a_bare_clone() {
-    for page in PLAYED {
-        play(page);
+fn a_block_of_commands_is_played_or_has_a_reason() {
+    let mut unplayed = Vec::new();
+    for name in pages() {
+        for fence in fences(&read(&page(&name))) {
+            let first = fence.lines.first().copied().unwrap_or_default();
+            let (command, prompt) = match first.strip_prefix("$ ") {
+                Some(command) => (command, true),
+                None => (first, false),
+            };
+            match fence.language {
+                "console" => {
+                    assert!(prompt, "{name}: expected `$ ` before {first:?}");
+                    let command = command.split("  #").next().unwrap().trim_end();
+                    unplayed.push(format!("{name}: {command}"));
+                }
+                "sh" => assert!(!prompt, "{name}: expected no `$ ` before {command:?}"),
+                "text" | "toml" | "python" | "nginx" => assert!(
+                    !fence.lines.iter().any(|line| line.starts_with("$ ")),
+                    "{name}: expected `sh` or `console` for {first:?}, found {:?}",
+                    fence.language
+                ),
+                other => panic!("{name}: expected a language that is known, found {other:?}"),
+            }
+        }
     }
+    assert!(NOT_PLAYED.iter().all(|group| !group.reason.is_empty()));
+    let mut known = NOT_PLAYED
+        .iter()
+        .flat_map(|group| group.blocks)
+        .collect::<Vec<_>>();
+    known.sort();
+    unplayed.sort();
+    assert_eq!(unplayed.iter().collect::<Vec<_>>(), known);
+}
+
+#[test]
+fn a_command_in_a_sentence_that_names_a_file_of_the_repository_is_played() {
+    let played: String = pages()
+        .iter()
+        .map(|name| as_installed(&commands(&read(&page(name)))))
+        .collect();
+    for name in pages() {
+        for block in blocks(&read(&page(&name))) {
+            for code in block.text.split('`').skip(1).step_by(2).map(as_installed) {
+                let names_a_file = code.split(' ').skip(1).any(|word| {
+                    word.contains('/') && !word.starts_with('/') && root().join(word).exists()
+                });
+                assert!(
+                    !(code.starts_with("eis-bench ") && names_a_file)
+                        || played.lines().any(|line| line.starts_with(&code)),
+                    "{name}:{}: expected `{code}` in a block of `sh` of a page",
+                    block.line
+                );
+            }
+        }
+    }
+}
+
+/// The files below a folder, or the file itself.
+fn files_below(path: &Path) -> Vec<PathBuf> {
+    if !path.is_dir() {
+        return vec![path.to_owned()];
+    }
+    fs::read_dir(path)
+        .unwrap()
+        .flat_map(|entry| files_below(&entry.unwrap().path()))
+        .collect()
+}
+
+/// Tells whether the address is this machine, or one that documentation may name (RFC 5737).
+fn is_nobodys(address: Ipv4Addr) -> bool {
+    address.is_loopback() || address.is_unspecified() || address.is_documentation()
+}
+
+/// The addresses of a text that may be somebody's, and the names of hosts that may be.
+fn addresses_of_others(text: &str) -> Vec<&str> {
+    let numbers = text
+        .split(|c: char| !c.is_ascii_digit() && c != '.')
+        .map(|number| number.trim_matches('.'))
+        .filter(|number| {
+            number
+                .parse::<Ipv4Addr>()
+                .is_ok_and(|address| !is_nobodys(address))
+        });
+    let names = ["tcp://", "tcp:", "vxi11:", "hislip:"]
+        .into_iter()
+        .flat_map(|scheme| text.split(scheme).skip(1))
+        .filter_map(|behind| {
+            behind
+                .split(|c: char| !c.is_ascii_alphanumeric() && !".-".contains(c))
+                .next()
+        })
+        .filter(|host| host.contains('.') && !host.ends_with(".example"))
+        .filter(|host| host.trim_matches('.').parse::<Ipv4Addr>().is_err());
+    numbers.chain(names).collect()
+}
+
+#[test]
+fn no_example_names_the_address_of_somebody() {
+    let places = [
+        "README.md",
+        "ARCHITECTURE.md",
+        "CHANGELOG.md",
+        "docs",
+        "configs",
+        "packaging",
+        "bench-daemon/src/serve/page",
+        "bench-daemon/tests",
+        "python/README.md",
+        "python/lib",
+        "python/notebooks",
+        "tests",
+    ];
+    let mut found = Vec::new();
+    for file in places
+        .iter()
+        .flat_map(|place| files_below(&root().join(place)))
+    {
+        let Ok(text) = fs::read_to_string(&file) else {
+            continue;
+        };
+        for address in addresses_of_others(&text) {
+            found.push(format!("{}: {address}", file.display()));
+        }
+    }
+    assert!(
+        found.is_empty(),
+        "expected addresses such as 192.0.2.20 and names such as scope.lab.example, found\n{}",
+        found.join("\n")
+    );
+    // Written without points, for this file is among those that are looked at.
+    let pointed = |text: &str| text.replace('_', ".");
+    let text = pointed("at 8_8_8_8_ and tcp://scope_lab:5025, not tcp://a_example:1");
+    let expected = ["8_8_8_8", "scope_lab"].map(pointed);
+    assert_eq!(addresses_of_others(&text), expected);
 }
 
 #[test]

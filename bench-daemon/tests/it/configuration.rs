@@ -92,7 +92,7 @@ fn a_campaign_of_more_cells_than_the_simulated_bench_has_is_refused_before_anyth
 #[test]
 fn two_instruments_cannot_share_a_gpib_adapter() {
     let bench = "benches/demo.toml";
-    for (generator, scope) in [("10.0.0.9", "10.0.0.9"), ("localhost", "127.0.0.1")] {
+    for (generator, scope) in [("192.0.2.9", "192.0.2.9"), ("localhost", "127.0.0.1")] {
         let folder = altered(
             bench,
             "\"memory:generator\"",
