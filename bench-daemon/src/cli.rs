@@ -18,8 +18,8 @@ const GROUPS: [(&str, &[&str]); 7] = [
     (
         "A bench",
         &[
-            "run", "resume", "pause", "go-on", "abort", "reorder", "plan", "identify", "doctor",
-            "safe", "clear", "mock",
+            "run", "resume", "pause", "go-on", "abort", "reorder", "answer", "plan", "identify",
+            "doctor", "safe", "clear", "mock",
         ],
     ),
     ("Spectra and records", &["fit", "kk", "ocv", "joint"]),
@@ -138,6 +138,8 @@ enum Command {
     Abort(command::run_control::FolderArgs),
     /// Ask a campaign to play the named runs next.
     Reorder(command::run_control::ReorderArgs),
+    /// Show the question of a run that waits for a person, or confirm that the fixture is changed.
+    Answer(command::answer::AnswerArgs),
     /// Print what an experiment would do, step by step, with its duration. Touches nothing.
     Plan(command::plan::PlanArgs),
     /// Serve the simulated instruments of a bench on real ports until stopped.
@@ -246,6 +248,7 @@ pub fn main() -> ExitCode {
         Command::GoOn(args) => command::run_control::send_action(&args, RunAction::GoOn),
         Command::Abort(args) => command::run_control::send_action(&args, RunAction::Abort),
         Command::Reorder(args) => command::run_control::reorder(&args),
+        Command::Answer(args) => command::answer::answer(&args),
         Command::Plan(args) => command::plan::plan(&args),
         Command::Mock(args) => command::mock::mock(&args),
         Command::Identify(args) => command::identify::identify(&args),

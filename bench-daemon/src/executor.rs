@@ -1,6 +1,7 @@
 //! Executes the steps of a checked plan with the instruments, and writes readings and records. The
 //! caller brings the bench into safe state afterwards, whatever the outcome.
 
+mod ask;
 mod burst;
 mod crest;
 mod cross_check;
@@ -153,9 +154,7 @@ impl<'a> Executor<'a> {
                 _ => None,
             };
             self.person.progress.begin(&stage.title(), step);
-            self.rig
-                .interlock
-                .begin(allowance, self.rig.clock.machine_s());
+            self.rig.allow(allowance);
             if let Step::Mount(other) = *step {
                 fixture = other;
             }
@@ -279,13 +278,7 @@ impl<'a> Executor<'a> {
             // Whoever put it there need not be asked again.
             None if self.rig.setup.person_clamps
                 && self.position.mounted == Some((fixture, self.position.specimen.clone())) => {}
-            None if self.rig.setup.person_clamps => {
-                let _person = self.rig.clock.wait(None);
-                tokio::select! {
-                    mounted = self.person.operator.mount(fixture, self.position.specimen.as_deref()) => mounted?,
-                    ended = self.rig.asked_to_end() => return Err(ended),
-                }
-            }
+            None if self.rig.setup.person_clamps => self.ask(fixture).await?,
             // Without a jig only the cell is ever asked for: it is what is in there.
             None => {}
         }

@@ -22,7 +22,10 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::{
-    bench::state_readback::InstrumentReadback, interlock::Reading, measure::SweepPoint,
+    bench::state_readback::InstrumentReadback,
+    interlock::Reading,
+    measure::SweepPoint,
+    operator::question::{Answer, Question},
     support::crash_point::Drill,
 };
 
@@ -117,6 +120,11 @@ pub enum Entry {
     Paused,
     /// The run goes on on request.
     GoneOn,
+    /// A person is asked to change the fixture, every output off; the number of this line is that
+    /// of the question.
+    Asked(Question),
+    /// Somebody has confirmed the change.
+    Answered(Answer),
     /// The run ended by itself or was ended; `finished` when nothing is left to do.
     Ended {
         /// How.
@@ -250,6 +258,20 @@ impl Durable for Unsynced {
     }
 }
 
+/// The question that nobody has answered yet, with its number.
+pub fn pending_question(lines: &[Line]) -> Option<(u64, &Question)> {
+    let last = lines.iter().rev().find(|line| {
+        matches!(
+            line.entry,
+            Entry::Asked(_) | Entry::Answered(_) | Entry::Ended { .. } | Entry::Resumed { .. }
+        )
+    })?;
+    match &last.entry {
+        Entry::Asked(question) => Some((last.number, question)),
+        _ => None,
+    }
+}
+
 /// A journal that is being written.
 pub struct Journal {
     path: PathBuf,
@@ -344,11 +366,11 @@ impl Journal {
         self.drill = drill;
     }
 
-    /// Appends an entry; it is on disk when this returns.
+    /// Appends an entry, which is on disk when this returns; the number of its line.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn write(&mut self, entry: Entry) -> Result<(), JournalError> {
+    pub fn write(&mut self, entry: Entry) -> Result<u64, JournalError> {
         self.drill.journal();
         if self.broken {
             return Err(self.error("cannot be written")(io::Error::other(
@@ -373,7 +395,7 @@ impl Journal {
         self.file.sync().map_err(self.error("cannot be synced"))?;
         (self.next, self.broken) = (self.next + 1, false);
         self.drill.journal();
-        Ok(())
+        Ok(line.number)
     }
 
     fn error(&self, what: &'static str) -> impl Fn(io::Error) -> JournalError + use<> {

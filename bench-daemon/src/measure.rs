@@ -4,5 +4,9 @@ pub mod harmonics_and_drift;
 pub mod point;
 pub mod quality;
 
+/// Harmonics that are fitted besides the sinusoid: a cell, a supply or an amplifier driven too far
+/// shows in these first.
+pub const HARMONICS: [u32; 2] = [2, 3];
+
 pub use harmonics_and_drift::{Bend, HarmonicsAndDrift};
 pub use point::{Spent, SweepPoint};

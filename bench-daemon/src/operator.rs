@@ -1,13 +1,22 @@
-//! The person at the bench, asked on the terminal to change the fixture.
+//! The person at the bench, asked to change the fixture: on the terminal of the run, or through the
+//! run folder, where a command or the page answers.
 
 pub mod progress;
+pub mod question;
 pub mod run_control;
 
-use std::io::{BufRead, IsTerminal};
+use std::{
+    io::{BufRead, IsTerminal},
+    path::Path,
+};
 
-use instruments::fixture::Fixture;
+use crate::support::{account::who, terminal::remark};
+use question::{Answer, Question};
 
-use crate::{plan::Specimen, support::terminal::remark};
+/// With this variable set to [`BY_FOLDER`], questions are answered through the run folder.
+pub const OPERATOR_VARIABLE: &str = "EIS_BENCH_OPERATOR";
+/// Value of [`OPERATOR_VARIABLE`].
+pub const BY_FOLDER: &str = "run-folder";
 
 /// A person who could not be asked, or did not confirm.
 #[derive(Debug, thiserror::Error)]
@@ -15,7 +24,8 @@ pub enum OperatorError {
     /// No terminal.
     #[error(
         "a person must change the fixture ([instruments.jig] model = \"person\"), but standard \
-        input is no terminal: run on one"
+        input is no terminal: run on one, or set {OPERATOR_VARIABLE}={BY_FOLDER} and answer with \
+        `eis-bench answer` or on the page"
     )]
     NoTerminal,
     /// The input ended before the change was confirmed.
@@ -28,119 +38,85 @@ pub enum OperatorError {
 pub enum Operator {
     /// On the terminal.
     Terminal,
+    /// Through the run folder.
+    Folder,
     /// There is nobody.
     Nobody,
 }
 
 impl Operator {
-    /// The terminal, where there is one.
+    /// The run folder where that is wanted, else the terminal, where there is one.
     pub fn detect() -> Self {
-        if std::io::stdin().is_terminal() {
+        if std::env::var_os(OPERATOR_VARIABLE).is_some_and(|value| value == BY_FOLDER) {
+            Self::Folder
+        } else if std::io::stdin().is_terminal() {
             Self::Terminal
         } else {
             Self::Nobody
         }
     }
 
-    /// Asks for a fixture, for a certain cell where there are several, and waits until it is
-    /// confirmed. Every output is off.
+    /// Asks the question of this number, and waits until somebody confirms.
     ///
     /// # Errors
     /// Nobody there; not confirmed.
-    pub async fn mount(
+    pub async fn ask(
         &self,
-        fixture: Fixture,
-        specimen: Option<&Specimen>,
-    ) -> Result<(), OperatorError> {
-        if *self == Self::Nobody {
-            return Err(OperatorError::NoTerminal);
-        }
-        let text = request(fixture, specimen);
-        // Waiting for a person blocks a thread of its own; the bench is off meanwhile.
-        let ask = move || {
-            let mut line = String::new();
-            remark!(
-                "\n{text}\nAll outputs are off, but an output that is off is no open switch: mind \
-                the terminals. Type `done` when it is so:"
-            );
-            // The end of the input is an answer too: nobody is there any more.
-            while std::io::stdin()
-                .lock()
-                .read_line(&mut line)
-                .is_ok_and(|read| read > 0)
-            {
-                if line.trim() == "done" {
-                    return Ok(());
-                }
-                remark!(
-                    "expected `done`, found {:?}; Ctrl-C stops the run",
-                    line.trim()
-                );
-                line.clear();
+        question: &Question,
+        number: u64,
+        folder: &Path,
+    ) -> Result<Answer, OperatorError> {
+        match self {
+            Self::Nobody => Err(OperatorError::NoTerminal),
+            Self::Folder => question::answered(folder, number, question)
+                .await
+                .ok_or(OperatorError::NotConfirmed),
+            Self::Terminal => {
+                on_terminal(question).await?;
+                Ok(Answer {
+                    question: number,
+                    by: who(),
+                    serial: None,
+                })
             }
-            Err(OperatorError::NotConfirmed)
-        };
-        tokio::task::spawn_blocking(ask)
-            .await
-            .unwrap_or(Err(OperatorError::NotConfirmed))
+        }
     }
 }
 
-/// Request to the operator. A control begins with taking the cell out: a bar or a copper dummy
-/// clamped across a cell is a dead short.
-fn request(fixture: Fixture, specimen: Option<&Specimen>) -> String {
-    let text = match (fixture, specimen) {
-        (Fixture::Cell, None) => {
-            "Clamp the cell into the jig, nothing else beside it, voltage probes C3 (−) and C4 (+) \
-            on its Kelvin contacts."
-        }
-        (Fixture::Cell, Some(specimen)) => {
-            return format!(
-                "Clamp {specimen} into the jig, no other cell and nothing else beside it, voltage \
-                probes C3 (−) and C4 (+) on its Kelvin contacts."
-            );
-        }
-        (Fixture::Shunt, _) => {
-            "Take the cell out of the jig. Close the current path there with copper (the fake \
-            cell, or a short bar) and put the voltage probes \
-             C3 and C4 on the shunt, beside C1 and C2."
-        }
-        (Fixture::FakeCell, _) => {
-            "Take the cell out of the jig. Clamp the fake cell in its place, voltage probes C3 (−) \
-            and C4 (+) on its Kelvin contacts."
-        }
-        (Fixture::Short, _) => {
-            "Take the cell out of the jig. Clamp the short bar in its place, voltage probes C3 (−) \
-            and C4 (+) on its Kelvin contacts."
-        }
-    };
-    text.to_owned()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_control_is_asked_for_without_the_cell_and_the_shunt_without_a_fake_cell_that_may_not_exist()
-     {
-        for control in [Fixture::Shunt, Fixture::FakeCell, Fixture::Short] {
-            assert!(
-                request(control, None).starts_with("Take the cell out of the jig. "),
-                "{}",
-                request(control, None)
-            );
-        }
-        assert!(request(Fixture::Cell, None).starts_with("Clamp the cell into the jig"));
-        assert!(request(Fixture::Shunt, None).contains("or a short bar"));
-        let specimen = Specimen {
-            number: 2,
-            name: "B".to_owned(),
-            serial: Some("P45B-17".to_owned()),
-        };
-        assert!(
-            request(Fixture::Cell, Some(&specimen))
-                .starts_with("Clamp cell B (serial number P45B-17) into the jig, no other cell")
+/// Asks on the terminal, and waits until it is confirmed there. Every output is off.
+///
+/// # Errors
+/// No terminal; not confirmed.
+pub async fn on_terminal(question: &Question) -> Result<(), OperatorError> {
+    if !std::io::stdin().is_terminal() {
+        return Err(OperatorError::NoTerminal);
+    }
+    let text = question.text.clone();
+    // Waiting for a person blocks a thread of its own; the bench is off meanwhile.
+    let ask = move || {
+        let mut line = String::new();
+        remark!(
+            "\n{text}\nAll outputs are off, but an output that is off is no open switch: mind \
+            the terminals. Type `done` when it is so:"
         );
-    }
+        // The end of the input is an answer too: nobody is there any more.
+        while std::io::stdin()
+            .lock()
+            .read_line(&mut line)
+            .is_ok_and(|read| read > 0)
+        {
+            if line.trim() == "done" {
+                return Ok(());
+            }
+            remark!(
+                "expected `done`, found {:?}; Ctrl-C stops the run",
+                line.trim()
+            );
+            line.clear();
+        }
+        Err(OperatorError::NotConfirmed)
+    };
+    tokio::task::spawn_blocking(ask)
+        .await
+        .unwrap_or(Err(OperatorError::NotConfirmed))
 }

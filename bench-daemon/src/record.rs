@@ -2,7 +2,8 @@
 //! begun.
 //!
 //! `config/` the files that were read · `manifest.json` what ran · `events.csv` every step with
-//! bench time · `readings.csv` every reading (at the end also `readings.parquet`) ·
+//! bench time · `readings.csv` every reading (at the end also `readings.parquet`) · `bath.csv`
+//! readings of the chiller · `envelope.csv` bounds of the readings in each step ·
 //! `captures/FIXTURE/…parquet` raw ADC codes · `raw_FIXTURE.csv` impedances before correction ·
 //! `correction.json` · `spectrum.csv`, `.parquet` · `spectrum_2.csv` … further sweeps ·
 //! `series_TRACE_REPEAT.bdf.csv` traces · `traces.json` which sweeps and traces there are, and
@@ -25,7 +26,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use analysis::{dataset::RunIndex, run_folder};
+use analysis::{
+    dataset::RunIndex,
+    run_folder::{self, BathRow},
+};
 use instruments::{clock::Clock, transcript::Tap};
 use serde::Serialize;
 
@@ -41,7 +45,7 @@ pub use names::{CaptureFile, sweep_name};
 pub(crate) use names::{capture_of, code_scale};
 
 use crate::{
-    interlock::Reading,
+    interlock::{Limits, Reading},
     journal::{Entry, Journal, PointDone},
     measure::SweepPoint,
     support::crash_point::Drill,
@@ -134,6 +138,14 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written, a transcript since the last step included.
     pub fn journal(&mut self, entry: Entry) -> Result<(), RecordError> {
+        self.numbered(entry).map(|_| ())
+    }
+
+    /// As [`Self::journal`]; the number of the line.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn numbered(&mut self, entry: Entry) -> Result<u64, RecordError> {
         if matches!(entry, Entry::Intent { .. }) {
             for (path, tap) in &self.taps {
                 tap.take_error()
@@ -180,6 +192,28 @@ impl Recorder {
     /// A file that cannot be written.
     pub fn reading(&mut self, phase: &str, reading: &Reading) -> Result<(), RecordError> {
         self.tables.reading(&self.folder, phase, reading)
+    }
+
+    /// Writes down what the chiller has told, and the setpoint that holds. A gap in this table is
+    /// not worth the end of a run: where the folder cannot be written, the next reading ends it.
+    pub fn bath(&mut self, bath_c: Option<f64>, setpoint_c: Option<f64>) {
+        let row = BathRow {
+            time_s: self.clock.now_s(),
+            bath_c: bath_c.filter(|celsius| celsius.is_finite()),
+            setpoint_c,
+        };
+        if let Err(error) = self.tables.bath(&self.folder, &row) {
+            tracing::error!("{error}");
+        }
+    }
+
+    /// Writes down the limits of each reading from now on, where they are others than before. As
+    /// [`Self::bath`], it ends no run.
+    pub fn envelope(&mut self, limits: &Limits) {
+        let time_s = self.clock.now_s();
+        if let Err(error) = self.tables.envelope(&self.folder, time_s, limits) {
+            tracing::error!("{error}");
+        }
     }
 
     /// Writes all readings again as one table with full digits, at the end of a run.

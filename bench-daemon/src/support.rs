@@ -1,5 +1,6 @@
 //! Helpers that know nothing of a bench: paths, addresses, hashes, terminal, log.
 
+pub mod account;
 pub mod addresses;
 pub mod compare;
 pub mod confined_path;

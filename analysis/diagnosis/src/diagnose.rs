@@ -28,6 +28,7 @@ use analysis_effects::{
     contract::{Effect, Facts},
     effects::catalogue,
 };
+use analysis_fit::fit::PROGRAM;
 use analysis_model::model::Erm;
 use analysis_numeric::linalg::{cholesky, cholesky_substitute};
 use num_complex::Complex64;
@@ -162,6 +163,7 @@ pub(crate) fn diagnose_with(
     let mut d = Diagnosis {
         schema: DIAGNOSIS_SCHEMA,
         schema_version: DIAGNOSIS_SCHEMA_VERSION,
+        program: PROGRAM,
         data_set: set.name.clone(),
         model: model.name.clone(),
         verdict: Verdict::Unexplained,

@@ -63,6 +63,8 @@ pub struct Diagnosis {
     pub schema: &'static str,
     /// [`DIAGNOSIS_SCHEMA_VERSION`].
     pub schema_version: u32,
+    /// Program and version that wrote it.
+    pub program: &'static str,
     /// Name of the data set.
     pub data_set: String,
     /// Name of the model.

@@ -3,12 +3,16 @@
 //!
 //! The tables of numbers have their columns in [`crate::dataset`], which reads and writes them.
 
+mod bath;
+mod envelope;
 mod events;
 mod readings;
 
 use std::path::Path;
 
-pub use analysis_fit::fit::{MODEL_SCHEMA, MODEL_SCHEMA_VERSION};
+pub use analysis_fit::fit::{MODEL_SCHEMA, MODEL_SCHEMA_VERSION, PROGRAM};
+pub use bath::{BATH_COLUMNS, BathRow};
+pub use envelope::{Between, ENVELOPE_COLUMNS, EnvelopeRow};
 pub use events::{EVENT_COLUMNS, Event, EventRow, OUTPUT_ON};
 pub use readings::{READING_COLUMNS, ReadingRow};
 
@@ -24,10 +28,16 @@ pub const EVENTS: &str = "events.csv";
 pub const READINGS: &str = "readings.csv";
 /// The same at the end of the run, with all digits.
 pub const READINGS_PARQUET: &str = "readings.parquet";
+/// Readings of the chiller and its setpoints, [`BATH_COLUMNS`].
+pub const BATH: &str = "bath.csv";
+/// Bounds of the readings in each step, [`ENVELOPE_COLUMNS`].
+pub const ENVELOPE: &str = "envelope.csv";
 /// The log.
 pub const LOG: &str = "log.txt";
 /// Run control request of a person for a run that is going on.
 pub const RUN_CONTROL: &str = "wishes.json";
+/// Answer of a person to a question of a run that is going on.
+pub const ANSWER: &str = "answer.json";
 /// Which sweeps and traces there are ([`crate::dataset::RunIndex`]).
 pub const INDEX: &str = "traces.json";
 /// The hashes of all other files.

@@ -1,6 +1,10 @@
-//! `eis-bench config`: files to begin with, their schema, and whether they are right.
+//! `eis-bench config`: files to begin with, their schema, whether they are right, and a proposed
+//! bench file that is put in force.
 
-use crate::command::printed::say_json;
+use crate::command::{
+    printed::say_json,
+    take::{self, TakeArgs},
+};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -64,6 +68,10 @@ enum Act {
         #[arg(long)]
         json: bool,
     },
+    /// Put a bench file in force that was proposed on the page of a server: print every key that
+    /// changes, and write the file once that is confirmed. Refused while the bench is in use, latched
+    /// or not verified off. The file that was in force stays a version.
+    Take(TakeArgs),
 }
 
 /// Outcome of a check.
@@ -75,10 +83,10 @@ struct Checked {
     mistake: Option<String>,
 }
 
-/// Writes, prints or checks.
+/// Writes, prints, checks or puts in force.
 ///
 /// # Errors
-/// A folder that cannot be written; after all were read, a file that is wrong.
+/// A folder that cannot be written; after all were read, a file that is wrong; those of [`take::take`].
 pub fn config(args: &ConfigArgs) -> Result<(), Failure> {
     match &args.act {
         Act::New { folder } => {
@@ -92,6 +100,7 @@ pub fn config(args: &ConfigArgs) -> Result<(), Failure> {
             Ok(())
         }
         Act::Check { files, json } => check(files, *json),
+        Act::Take(args) => take::take(args),
     }
 }
 

@@ -350,6 +350,7 @@ fn story(outcome: &Outcome) -> Result<String, Failure> {
     let report = report::html(diagnosis, &[]).map_err(|error| failed(&error))?;
     let verdict = serde_json::to_value(diagnosis.verdict).map_err(|error| failed(&error))?;
     let story = Story {
+        program: diagnosis.program.to_owned(),
         verdict: verdict.as_str().unwrap_or_default().to_owned(),
         summary: diagnosis.summary.clone(),
         sections: report.sections.into_iter().map(Chapter::from).collect(),

@@ -21,17 +21,17 @@ use crate::{
         self, COPPER_WINDOW_V, Check, Examination, Findings, Instrument, Outcome, REPORT, Report,
         Texts, Verdict,
     },
-    operator::Operator,
     operator::progress::Progress,
+    operator::{Operator, on_terminal, question::Question},
     plan::{Plan, fixture_name},
     run::{StopSignals, caught, nobody_drives},
     safety::bench_lease::BenchLease,
     safety::failure::Failure,
     safety::guardian::{Charge, GuardianError},
-    safety::state::{self, Lock, State},
+    safety::state::{Lock, State},
     sim::Simulation,
-    support::hash,
     support::terminal::{remark, say},
+    support::{account, hash},
 };
 
 /// Arguments of `doctor`.
@@ -131,7 +131,7 @@ pub fn doctor(args: &DoctorArgs) -> Result<(), Failure> {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         bench: config.name.clone(),
         config_sha256: hash::sha256(source.text()),
-        operator: args.operator.clone().unwrap_or_else(state::who),
+        operator: args.operator.clone().unwrap_or_else(account::who),
         date: crate::support::present::utc(unix_s),
         unix_s,
         fixture: fixture.map(|fixture| fixture_name(fixture).to_owned()),
@@ -522,8 +522,7 @@ impl Visit<'_> {
             return Ok(());
         }
         let _person = self.clock.wait(None);
-        Ok(Operator::detect()
-            .mount(fixture, None)
+        Ok(on_terminal(&Question::new(fixture, None, true))
             .await
             .map_err(crate::executor::ExecuteError::from)?)
     }

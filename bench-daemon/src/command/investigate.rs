@@ -102,17 +102,11 @@ fn budget(args: &InvestigateArgs) -> Result<Budget, Failure> {
         minutes: args.budget_minutes,
         charge_ah: args.budget_ah,
     };
-    if !(budget.minutes >= 0.0 && budget.charge_ah >= 0.0) {
-        let text = format!(
-            "expected a budget of 0 or more, found {} min and {} Ah",
-            budget.minutes, budget.charge_ah
-        );
-        return Err(Failure::Usage(text));
-    }
+    let budget = budget.checked().map_err(Failure::Usage)?;
     if args.yes {
         return Ok(budget);
     }
-    if Operator::detect() == Operator::Nobody {
+    if Operator::detect() != Operator::Terminal {
         return Err(Failure::Usage(
             "expected the budget to be confirmed: give --yes, standard input is no terminal"
                 .to_owned(),

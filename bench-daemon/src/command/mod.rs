@@ -1,5 +1,6 @@
 //! Commands of the command line, one file per command.
 
+pub mod answer;
 pub mod batch;
 pub mod clear;
 pub mod config;
@@ -34,6 +35,7 @@ pub mod serve;
 pub mod shell;
 pub mod simulate;
 pub mod sop;
+pub mod take;
 pub mod token;
 pub mod units;
 pub mod verify;

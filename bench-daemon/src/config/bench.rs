@@ -34,6 +34,8 @@ pub struct Bench {
     pub history: Option<BenchHistory>,
     /// The file that this was read from.
     pub path: PathBuf,
+    /// SHA-256 of its text.
+    pub sha256: String,
     /// Where its state is kept: who runs it, and why it must not be run.
     pub state_folder: PathBuf,
     /// The process that watches over it.

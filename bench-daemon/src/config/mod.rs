@@ -34,6 +34,7 @@ pub use multisine::{Band, Multisine};
 pub use ocv_soc::OcvSoc;
 pub(crate) use resolve::resolve_cell;
 pub use resolve::{load_experiment, resolve_experiment};
+pub(crate) use resolve_bench::resolve_bench;
 pub use resolve_bench::{load_any_bench, load_bench};
 pub use section::{
     Acceptance, Cell, Eis, Fit, FixtureCheck, Order, SocReset, Temperature, Tolerance,

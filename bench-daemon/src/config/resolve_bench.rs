@@ -16,7 +16,7 @@ use super::{
     Bench, ConfigError, Doctor, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring,
     bench::is_local, raw_bench, simulation, source::in_field,
 };
-use crate::support::addresses::meet;
+use crate::support::{addresses::meet, hash};
 
 /// Reads a bench.
 ///
@@ -46,7 +46,7 @@ pub fn load_any_bench(path: &Path) -> Result<Bench, ConfigError> {
 }
 
 /// A bench, checked.
-pub(super) fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
+pub(crate) fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
     let raw: raw_bench::Bench = source.parse()?;
     let instruments = resolve_instruments(source, &raw.instruments)?;
     check_addresses(source, &instruments)?;
@@ -88,6 +88,7 @@ pub(super) fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
     let state_folder = state_folder(source, &raw);
     Ok(Bench {
         name: raw.name,
+        sha256: hash::sha256(source.text()),
         instruments,
         wiring: Wiring {
             generator_channel: wiring.generator_channel,

@@ -88,6 +88,7 @@ impl Rig<'_> {
         }
     }
 
+    /// The bath's temperature, which the run folder tells too; none without a chiller that runs.
     async fn bath_c(&mut self) -> Option<f64> {
         let chiller = self
             .bench
@@ -95,11 +96,10 @@ impl Rig<'_> {
             .chiller
             .as_mut()
             .filter(|_| self.temperatures.chiller_runs)?;
-        chiller
-            .temperature()
-            .await
-            .ok()
-            .map(|celsius| celsius.value())
+        let bath_c = chiller.temperature().await.ok()?.value();
+        self.recorder
+            .bath(Some(bath_c), self.temperatures.setpoint_c);
+        Some(bath_c)
     }
 
     /// A bath that holds the cell is not far from it. While nothing can flow, or the temperature is

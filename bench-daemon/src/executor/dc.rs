@@ -217,6 +217,8 @@ impl Executor<'_> {
             }
         }
         self.rig.temperatures.chiller_runs = true;
+        self.rig.temperatures.setpoint_c = Some(setpoint_c);
+        self.rig.recorder.bath(None, Some(setpoint_c));
         if self.rig.temperatures.thermostat.is_none() {
             self.person.progress.bath(setpoint_c);
         }

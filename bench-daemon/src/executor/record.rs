@@ -10,7 +10,7 @@ use instruments::{fixture::Fixture, scope::Waveform};
 use super::ExecuteError;
 use crate::{
     measure::{
-        HarmonicsAndDrift, SweepPoint,
+        HARMONICS, HarmonicsAndDrift, SweepPoint,
         harmonics_and_drift::fit_harmonics_and_drift,
         quality::{Failing, measure},
     },
@@ -19,9 +19,6 @@ use crate::{
 
 /// Fewest periods that a record must hold.
 const MIN_RECORD_PERIODS: f64 = 2.0;
-/// Harmonics that are fitted besides the sinusoid: a cell, a supply or an amplifier driven too far
-/// shows in these first.
-const HARMONICS: [u32; 2] = [2, 3];
 /// Distortion from which on a point is noted, as a share.
 const MUCH_DISTORTION: f64 = 0.01;
 /// Standard deviations from which on distortion is no noise.

@@ -111,6 +111,8 @@ pub(super) struct Temperatures {
     pub(super) logger_ready: bool,
     /// The chiller was started here, and is to go on running.
     pub(super) chiller_runs: bool,
+    /// Setpoint of the bath, °C.
+    pub(super) setpoint_c: Option<f64>,
     /// The loop of a bath that has none of its own.
     pub(super) thermostat: Option<Thermostat>,
 }

@@ -187,6 +187,12 @@ impl Rig<'_> {
     /// From now on the allowance of a step holds.
     pub(super) fn begin(&mut self, fixture: Fixture, step: &Step) {
         let allowance = self.allowance(fixture, step);
+        self.allow(allowance);
+    }
+
+    /// From now on an allowance holds, and the run folder tells its limits.
+    pub(super) fn allow(&mut self, allowance: Allowance) {
+        self.recorder.envelope(&allowance.limits);
         self.interlock.begin(allowance, self.clock.machine_s());
     }
 
@@ -577,6 +583,7 @@ impl Rig<'_> {
             Err(LinkError::Unexpected { .. }) => None,
             Err(failed) => return Err(error(failed).into()),
         };
+        self.recorder.bath(reading_c, self.temperatures.setpoint_c);
         match thermostat.step(reading_c, self.clock.now_s()) {
             Action::Pulse(seconds) => Ok(chiller.pulse(seconds).await.map_err(error)?),
             Action::Fault(fault) => {

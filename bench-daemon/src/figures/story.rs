@@ -8,6 +8,9 @@ pub(crate) const STORY: &str = "story.json";
 /// The words of the report, for a page that shows them its own way.
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Story {
+    /// Program and version that wrote it; empty in files of before.
+    #[serde(default)]
+    pub program: String,
     /// The verdict, as in `diagnosis.json`.
     pub verdict: String,
     /// The same in a sentence.

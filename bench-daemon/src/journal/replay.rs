@@ -140,6 +140,8 @@ impl JournalReplay {
             | Entry::Resumed { .. }
             | Entry::Safe
             | Entry::Paused
+            | Entry::Asked(_)
+            | Entry::Answered(_)
             | Entry::GoneOn => {}
         }
     }

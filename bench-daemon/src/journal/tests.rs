@@ -27,9 +27,9 @@ fn written() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     in_virtual_time(|clock| {
         let mut journal = Journal::create(folder.path(), &clock).unwrap();
-        entries()
-            .into_iter()
-            .for_each(|entry| journal.write(entry).unwrap());
+        entries().into_iter().for_each(|entry| {
+            journal.write(entry).unwrap();
+        });
     });
     folder
 }

@@ -8,7 +8,9 @@ use std::{
 
 use analysis::{
     dataset::{self, RunIndex},
-    run_folder::{CAPTURES, EVENT_COLUMNS, EVENTS, INDEX, LOG, READINGS, TRANSCRIPTS},
+    run_folder::{
+        BATH, CAPTURES, ENVELOPE, EVENT_COLUMNS, EVENTS, INDEX, LOG, READINGS, TRANSCRIPTS,
+    },
     spectrum::ImpedancePoint,
 };
 use instruments::clock::Clock;
@@ -38,7 +40,7 @@ impl Recorder {
         replay: &JournalReplay,
     ) -> Result<Self, RecordError> {
         let journal = Journal::reopen(folder, &clock, read)?;
-        for name in [EVENTS, READINGS, LOG] {
+        for name in [EVENTS, READINGS, BATH, ENVELOPE, LOG] {
             cut_torn_line(&folder.join(name))?;
         }
         let events = folder.join(EVENTS);
@@ -275,6 +277,8 @@ mod tests {
         let growing = [
             "events.csv",
             "readings.csv",
+            "bath.csv",
+            "envelope.csv",
             "log.txt",
             "transcripts/load.txt",
         ];

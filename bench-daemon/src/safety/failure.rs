@@ -31,6 +31,11 @@ pub(crate) fn pasted(path: &Path) -> String {
 /// How [`Failure::Refused`] begins.
 pub const GATE_REFUSED: &str = "the quality gate refused";
 
+/// Exit code of [`Failure::Refused`].
+pub const REFUSED_CODE: u8 = 11;
+/// Exit code of [`Failure::Invalid`].
+pub const INVALID_CODE: u8 = 12;
+
 /// Why a command ended without its result.
 #[derive(Debug, thiserror::Error)]
 pub enum Failure {
@@ -192,8 +197,8 @@ impl Failure {
             ) => 3,
             Self::Guardian(_) => 9,
             Self::Differs(_) => 10,
-            Self::Refused { .. } => 11,
-            Self::Invalid(_) => 12,
+            Self::Refused { .. } => REFUSED_CODE,
+            Self::Invalid(_) => INVALID_CODE,
             Self::Interrupted(_) => 130,
         }
     }

@@ -25,9 +25,9 @@ use serde::Serialize;
 pub use files::{Holder, OpenRun, Settled};
 use files::{Latch, json, make, named_holder, open, read, remove};
 pub use latched::Latched;
-pub use process::{began, is_stopped, pid, who};
+pub use process::{began, is_stopped, pid};
 
-use crate::config;
+use crate::{config, support::account};
 use error::io;
 pub use error::{StateError, VARIABLE};
 
@@ -315,7 +315,7 @@ impl State {
         token: Option<&str>,
         found: Option<&str>,
     ) -> Result<(), StateError> {
-        let who = token.map_or_else(process::who, |name| format!("{name}, by token"));
+        let who = token.map_or_else(account::who, |name| format!("{name}, by token"));
         self.remember(&serde_json::json!({
             "what": "cleared",
             "who": who,

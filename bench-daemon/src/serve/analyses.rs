@@ -3,13 +3,16 @@
 
 mod arguments;
 mod error;
+mod joined;
 mod record;
 mod story;
 
 use std::{
-    io::{Read, Seek, SeekFrom},
     path::{Path, PathBuf},
-    sync::{Mutex, MutexGuard, PoisonError},
+    sync::{
+        Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
 use analysis::dataset::write_atomically;
@@ -22,22 +25,22 @@ use serde::Serialize;
 use tokio::sync::Notify;
 use utoipa::ToSchema;
 
-use super::{hub::Hub, settings::Settings};
+use super::{hub::Hub, investigations::Investigations, settings::Settings};
 use crate::{operator::progress::PROGRESS_LINE, support::confined_path};
-pub(super) use arguments::arguments;
+use arguments::arguments;
 pub use arguments::{AnalysisKind, Options, Request};
 pub use error::AnalysisError;
 pub use record::{Analysis, Progress, State};
-pub use story::Story;
+pub use story::{Conclusion, Recommended, Story};
 
 /// Analyses that may wait.
 const MOST_WAITING: usize = 100;
 /// Analyses that are told.
 const MOST_TOLD: usize = 200;
-/// End of an output that is read, bytes.
-const TAIL: u64 = 64 * 1024;
 /// File of what its process wrote.
 pub(super) const OUTPUT: &str = "output.txt";
+/// File of the arguments of its process.
+const ARGUMENTS: &str = "arguments.json";
 
 /// An analysis with its results.
 #[derive(Debug, Serialize, ToSchema)]
@@ -64,7 +67,13 @@ pub struct ResultFile {
 #[derive(Debug)]
 pub struct Analyses {
     pub(super) folder: PathBuf,
+    /// Diagnoses and experiments in turn.
+    pub investigations: Investigations,
     all: Mutex<Vec<Analysis>>,
+    /// Lets one be taken after the other.
+    turn: Mutex<()>,
+    /// The server ends, and the process at work with it.
+    ending: AtomicBool,
     /// Something waits.
     pub(super) more: Notify,
     /// The one in work is to end.
@@ -96,7 +105,10 @@ impl Analyses {
             .collect();
         let opened = Self {
             folder,
+            investigations: Investigations::open(data),
             all: Mutex::new(all),
+            turn: Mutex::default(),
+            ending: AtomicBool::new(false),
             more: Notify::new(),
             cancel: Notify::new(),
         };
@@ -121,7 +133,7 @@ impl Analyses {
 
     /// One by its name, with its results.
     pub fn read(&self, settings: &Settings, id: &str) -> Option<WithResults> {
-        let analysis = self.lock().iter().find(|one| one.id == id).cloned()?;
+        let analysis = self.find(id)?;
         let results = self.results(id);
         let found = confined_path::list(&results).unwrap_or_default();
         let files = found
@@ -146,7 +158,7 @@ impl Analyses {
 
     /// Last lines of its process.
     pub fn log(&self, id: &str) -> Vec<String> {
-        let text = tail(&self.folder.join(id).join(OUTPUT));
+        let text = confined_path::tail(&self.folder.join(id), OUTPUT);
         let lines = text.lines().filter(|line| !line.starts_with(PROGRESS_LINE));
         lines.map(str::to_owned).collect()
     }
@@ -162,18 +174,10 @@ impl Analyses {
         request: Request,
         by: &str,
     ) -> Result<Analysis, AnalysisError> {
-        let mut all = self.lock();
-        if all.iter().filter(|one| one.state == State::Waiting).count() >= MOST_WAITING {
-            let text = format!("expected at most {MOST_WAITING} analyses that wait, found as many");
-            return Err(AnalysisError::Conflict(text));
-        }
-        let latest = all
-            .iter()
-            .filter_map(|one| one.id.rsplit('-').next()?.parse().ok())
-            .max();
-        let id = format!("{}-{}", request.kind.name(), latest.unwrap_or(0_u64) + 1);
-        let out = self.results(&id);
-        let arguments = arguments(settings, &request, &out)?;
+        // Numbers are given once, and who looks at the list waits for no file that is read here.
+        let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
+        let id = self.next_id(request.kind)?;
+        let arguments = arguments(settings, &request, &self.results(&id))?;
         let analysis = Analysis {
             id,
             kind: request.kind,
@@ -191,21 +195,63 @@ impl Analyses {
             command: arguments::in_words(&arguments),
             pid: None,
         };
+        self.write(&analysis.id, ARGUMENTS, &arguments)?;
         self.keep(&analysis)?;
-        all.push(analysis.clone());
-        drop(all);
+        self.lock().push(analysis.clone());
         self.more.notify_one();
         hub.tell("analysis", &analysis);
         Ok(analysis)
     }
 
+    /// The name of the next one.
+    fn next_id(&self, kind: AnalysisKind) -> Result<String, AnalysisError> {
+        let all = self.lock();
+        if all.iter().filter(|one| one.state == State::Waiting).count() >= MOST_WAITING {
+            let text = format!("expected at most {MOST_WAITING} analyses that wait, found as many");
+            return Err(AnalysisError::Conflict(text));
+        }
+        let latest = all
+            .iter()
+            .filter_map(|one| one.id.rsplit('-').next()?.parse().ok())
+            .max();
+        Ok(format!("{}-{}", kind.name(), latest.unwrap_or(0_u64) + 1))
+    }
+
     fn keep(&self, analysis: &Analysis) -> Result<(), AnalysisError> {
+        self.write(&analysis.id, "analysis.json", analysis)
+    }
+
+    /// Writes a file of an analysis, whole or not at all.
+    fn write(&self, id: &str, name: &str, content: &impl Serialize) -> Result<(), AnalysisError> {
         let failed = |error: &dyn std::fmt::Display| AnalysisError::Io(error.to_string());
-        let folder = self.folder.join(&analysis.id);
+        let folder = self.folder.join(id);
         std::fs::create_dir_all(&folder).map_err(|error| failed(&error))?;
-        let text = serde_json::to_string_pretty(analysis).map_err(|error| failed(&error))?;
-        write_atomically(&folder.join("analysis.json"), text.as_bytes())
-            .map_err(|error| failed(&error))
+        let text = serde_json::to_string_pretty(content).map_err(|error| failed(&error))?;
+        write_atomically(&folder.join(name), text.as_bytes()).map_err(|error| failed(&error))
+    }
+
+    /// Arguments of the process of an analysis, as they were made when it was taken.
+    ///
+    /// # Errors
+    /// In words: a file that cannot be read.
+    pub(super) fn arguments(&self, id: &str) -> Result<Vec<String>, String> {
+        let path = self.folder.join(id).join(ARGUMENTS);
+        let fail = |error: &dyn std::fmt::Display| {
+            let path = path.display();
+            format!("{path}: expected the arguments of the analysis: {error}; begin it again")
+        };
+        let text = std::fs::read_to_string(&path).map_err(|error| fail(&error))?;
+        serde_json::from_str(&text).map_err(|error| fail(&error))
+    }
+
+    /// One by its name.
+    pub fn find(&self, id: &str) -> Option<Analysis> {
+        self.lock().iter().find(|one| one.id == id).cloned()
+    }
+
+    /// What a diagnosis of one cell has come to; none where it has no results.
+    pub fn conclusion(&self, settings: &Settings, analysis: &Analysis) -> Option<Conclusion> {
+        story::conclusion(settings, analysis, &self.results(&analysis.id))
     }
 
     /// Ends an analysis that waits or is in work.
@@ -244,8 +290,14 @@ impl Analyses {
         self.lock().iter().any(|one| one.id == id)
     }
 
+    /// Whether the server ends: an analysis that fails now was ended with it.
+    pub fn is_ending(&self) -> bool {
+        self.ending.load(Ordering::SeqCst)
+    }
+
     /// Ends the process at work, with the server.
     pub fn end(&self) {
+        self.ending.store(true, Ordering::SeqCst);
         let all = self.lock();
         let in_work = all.iter().find(|one| one.state == State::InWork);
         if let Some(pid) = in_work.and_then(|one| one.pid) {
@@ -298,17 +350,4 @@ fn end_left(pid: Option<i32>, results: &Path) {
     if String::from_utf8_lossy(&line).contains(&*results.to_string_lossy()) {
         let _ = kill(Pid::from_raw(-pid), Signal::SIGTERM);
     }
-}
-
-/// The end of a text file.
-pub(super) fn tail(path: &Path) -> String {
-    let read = || -> std::io::Result<Vec<u8>> {
-        let mut file = std::fs::File::open(path)?;
-        let length = file.metadata()?.len();
-        file.seek(SeekFrom::Start(length.saturating_sub(TAIL)))?;
-        let mut bytes = Vec::new();
-        file.take(TAIL).read_to_end(&mut bytes)?;
-        Ok(bytes)
-    };
-    String::from_utf8_lossy(&read().unwrap_or_default()).into_owned()
 }

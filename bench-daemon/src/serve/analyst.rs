@@ -14,12 +14,14 @@ use tokio::process::Command;
 
 use super::{
     Server,
-    analyses::{Analysis, OUTPUT, Progress, Request, State, arguments as analysis_arguments, tail},
+    analyses::{Analysis, OUTPUT, Progress, State},
 };
-use crate::operator::progress::{PROGRESS_LINE, PROGRESS_VARIABLE};
+use crate::{
+    operator::progress::{PROGRESS_LINE, PROGRESS_VARIABLE},
+    safety::failure::INVALID_CODE,
+    support::confined_path::tail,
+};
 
-/// Exit code of a diagnosis of data that cannot be diagnosed: it is a result.
-const INVALID: i32 = 12;
 /// Time between two looks at the output of a process, s.
 const LOOK_S: f64 = 0.5;
 /// Time that a process has to end when it is cancelled.
@@ -58,20 +60,12 @@ async fn one(server: &Server, analysis: &Analysis) {
 async fn process(server: &Server, analysis: &Analysis) -> Result<Option<String>, String> {
     let failed = |error: &dyn std::fmt::Display| error.to_string();
     let folder = server.analyses.folder.join(&analysis.id);
-    let request = Request {
-        kind: analysis.kind,
-        runs: analysis.runs.clone(),
-        spectra: analysis.spectra.clone(),
-        options: analysis.options.clone(),
-    };
-    let arguments = analysis_arguments(&server.settings, &request, &folder.join("out"))
-        .map_err(|error| failed(&error))?;
-    let path = folder.join(OUTPUT);
+    let arguments = server.analyses.arguments(&analysis.id)?;
     let log = File::options()
         .create(true)
         .append(true)
         .mode(0o640)
-        .open(&path)
+        .open(folder.join(OUTPUT))
         .map_err(|error| failed(&error))?;
     let errors = log.try_clone().map_err(|error| failed(&error))?;
     // The cores are the runs' first.
@@ -113,25 +107,26 @@ async fn process(server: &Server, analysis: &Analysis) -> Result<Option<String>,
         tokio::select! {
             status = child.wait() => break status.map_err(|error| failed(&error))?,
             () = analyses.cancel.notified() => {}
-            () = server.clock.sleep_s(LOOK_S) => look(server, analysis, &path),
+            () = server.clock.sleep_s(LOOK_S) => look(server, analysis, &folder),
         }
     };
-    look(server, analysis, &path);
-    let text = tail(&path);
+    look(server, analysis, &folder);
+    let text = tail(&folder, OUTPUT);
     let last = text
         .lines()
         .rev()
         .find_map(|line| line.strip_prefix("eis-bench: "));
     match status.code() {
         Some(0) => Ok(None),
-        Some(INVALID) => Ok(last.map(str::to_owned)),
+        // Data that cannot be diagnosed are a result.
+        Some(code) if code == i32::from(INVALID_CODE) => Ok(last.map(str::to_owned)),
         _ => Err(last.map_or_else(|| format!("its process ended with {status}"), str::to_owned)),
     }
 }
 
 /// Reads how far a process is, and tells it where it has changed.
-fn look(server: &Server, analysis: &Analysis, log: &Path) {
-    let text = tail(log);
+fn look(server: &Server, analysis: &Analysis, folder: &Path) {
+    let text = tail(folder, OUTPUT);
     let Some(words) = text
         .lines()
         .rev()

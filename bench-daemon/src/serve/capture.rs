@@ -11,14 +11,12 @@ use analysis::{
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::support::confined_path;
+use crate::{measure::HARMONICS, support::confined_path};
 
 /// Largest file that is opened for a picture, bytes.
 const LARGEST: u64 = 64 * 1024 * 1024;
 /// Samples of a picture, at most; each stretch is told by its least and greatest.
 const MOST: usize = 2000;
-/// Harmonics that are fitted beside the sinusoid, as in a sweep.
-const HARMONICS: [u32; 2] = [2, 3];
 
 /// Record of a point.
 #[derive(Debug, Serialize, ToSchema)]

@@ -1,16 +1,21 @@
-//! Drafts of experiments: what a text would do on a bench, or the field that is not as expected.
-//! Touches nothing.
+//! Drafts of files: what an experiment would do on a bench, or the field that is not as expected,
+//! and the keys in which two texts differ. Touches nothing.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use toml::Value;
 use utoipa::ToSchema;
 
 use super::{
     settings::Settings,
+    shelf::{self, FileKind},
     submission::{ExperimentRequest, Refused, Submission},
 };
-use crate::{config::ConfigError, procedure};
+use crate::{
+    config::{ConfigError, Fence, Source, resolve_bench, resolve_cell},
+    procedure,
+};
 
 /// A field that is not as expected.
 #[derive(Debug, PartialEq, Serialize, ToSchema)]
@@ -77,6 +82,73 @@ pub fn submission(
     Submission::new(settings, request).map_err(Mistake::from)
 }
 
+/// Whether a text may stand in the place of a file.
+///
+/// # Errors
+/// The first mistake.
+pub fn check(settings: &Settings, kind: FileKind, name: &str, text: &str) -> Result<(), Mistake> {
+    match kind {
+        FileKind::Experiments => {
+            // On the bench that it names, where that is one of this server's; else on the first.
+            let first = settings.benches.first().map(|bench| bench.name.as_str());
+            submission(settings, text, None)
+                .or_else(|_| submission(settings, text, first))
+                .map(|_| ())
+        }
+        FileKind::Cells => check_cell(settings, name, text),
+        FileKind::Benches => check_bench(settings, name, text),
+    }
+}
+
+/// A text at a path; what it names is read in the folder of the configuration, and `also` there.
+fn fenced(
+    settings: &Settings,
+    path: &Path,
+    text: &str,
+    also: Vec<PathBuf>,
+) -> Result<Source, Mistake> {
+    let instead = shelf::changed(settings).map_err(|error| Mistake::whole(error.to_string()))?;
+    let fence = Fence {
+        below: settings.configs.clone(),
+        also,
+        instead,
+    };
+    Ok(Source::fenced(path, text.to_owned(), &fence.into()))
+}
+
+fn check_cell(settings: &Settings, name: &str, text: &str) -> Result<(), Mistake> {
+    let folder = settings.configs.join(FileKind::Cells.folder());
+    let path = folder.join(format!("{name}.toml"));
+    let source = fenced(settings, &path, text, Vec::new())?;
+    resolve_cell(&source)
+        .map(|_| ())
+        .map_err(|error| Mistake::within(&path, error))
+}
+
+fn check_bench(settings: &Settings, name: &str, text: &str) -> Result<(), Mistake> {
+    let bench = settings.bench(name).ok_or_else(|| {
+        Mistake::whole(format!("expected a bench of this server, found {name:?}"))
+    })?;
+    let scenario = bench.simulation.iter().map(|section| &section.scenario);
+    let also = scenario.chain([&bench.path]).cloned().collect();
+    let source = fenced(settings, &bench.path, text, also)?;
+    let within = |error| Mistake::within(&bench.path, error);
+    let proposed = resolve_bench(&source).map_err(within)?;
+    if proposed.name != bench.name {
+        let reason = format!(
+            "expected {:?}, the name of this bench, found {:?}",
+            bench.name, proposed.name
+        );
+        return Err(within(source.complain("name", reason)));
+    }
+    if let Some(simulation) = &proposed.simulation {
+        source
+            .open(&simulation.scenario)
+            .map_err(|error| within(source.complain("simulation.scenario", error.to_string())))?;
+    }
+    Ok(())
+}
+
 impl From<Refused> for Mistake {
     fn from(refused: Refused) -> Self {
         match refused {
@@ -120,6 +192,23 @@ impl From<ConfigError> for Mistake {
 }
 
 impl Mistake {
+    /// In the text that stands at a path. A mistake in a file that it names is told whole.
+    fn within(own: &Path, error: ConfigError) -> Self {
+        match error {
+            ConfigError::Field {
+                path,
+                line,
+                field,
+                reason,
+            } if path == own => Self {
+                field,
+                message: reason,
+                line: Some(line),
+            },
+            other => Self::whole(other.to_string()),
+        }
+    }
+
     /// About the whole text.
     pub fn whole(message: String) -> Self {
         Self {
@@ -168,4 +257,105 @@ pub fn margins(submission: &Submission) -> Vec<Margin> {
         ));
     }
     margins
+}
+
+/// A key whose value differs between two texts.
+#[derive(Debug, PartialEq, Eq, Serialize, ToSchema)]
+pub struct KeyChange {
+    /// The key, from the top, such as `wiring.command_trim`; tables of a list by their number, from
+    /// 1.
+    pub key: String,
+    /// Its value before, TOML; null where the key was not there.
+    pub was: Option<String>,
+    /// Its value after that, TOML; null where the key is no longer there.
+    pub now: Option<String>,
+}
+
+/// Keys in which two texts differ; none where one of both is no TOML.
+pub fn key_changes(was: &str, now: &str) -> Option<Vec<KeyChange>> {
+    let table = |text| toml::from_str(text).ok().map(Value::Table);
+    let (was, now) = (table(was)?, table(now)?);
+    let mut found = Vec::new();
+    compare("", Some(&was), Some(&now), &mut found);
+    Some(found)
+}
+
+fn compare(key: &str, was: Option<&Value>, now: Option<&Value>, found: &mut Vec<KeyChange>) {
+    if was == now {
+        return;
+    }
+    let both = parts(was).zip(parts(now));
+    let Some((old, new)) = both.filter(|(old, new)| !(old.is_empty() && new.is_empty())) else {
+        let text = |value: Option<&Value>| value.map(ToString::to_string);
+        found.push(KeyChange {
+            key: key.to_owned(),
+            was: text(was),
+            now: text(now),
+        });
+        return;
+    };
+    let added = new.iter().filter(|(name, _)| of(&old, name).is_none());
+    for (name, _) in old.iter().chain(added) {
+        let inner = if key.is_empty() {
+            name.clone()
+        } else {
+            format!("{key}.{name}")
+        };
+        compare(&inner, of(&old, name), of(&new, name), found);
+    }
+}
+
+/// Values of a table, or of a list of tables, by name; nothing of what is not there, and none of
+/// any other value.
+fn parts(value: Option<&Value>) -> Option<Parts<'_>> {
+    match value {
+        None => Some(Vec::new()),
+        Some(Value::Table(table)) => {
+            let part = |(name, value): (&String, _)| (name.clone(), value);
+            Some(table.iter().map(part).collect())
+        }
+        Some(Value::Array(all)) if !all.is_empty() && all.iter().all(Value::is_table) => {
+            let part = |(place, value): (usize, _)| ((place + 1).to_string(), value);
+            Some(all.iter().enumerate().map(part).collect())
+        }
+        Some(_) => None,
+    }
+}
+
+type Parts<'a> = Vec<(String, &'a Value)>;
+
+fn of<'a>(parts: &Parts<'a>, name: &str) -> Option<&'a Value> {
+    let found = parts.iter().find(|(one, _)| one == name);
+    found.map(|(_, value)| *value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn change(key: &str, was: Option<&str>, now: Option<&str>) -> KeyChange {
+        KeyChange {
+            key: key.to_owned(),
+            was: was.map(str::to_owned),
+            now: now.map(str::to_owned),
+        }
+    }
+
+    #[test]
+    fn keys_that_differ_are_told_with_both_values() {
+        let was = "name = \"a\"\n[w]\ntrim = 1.0\nscale = [1, 2]\n[[x]]\nn = 1\n[old]\nk = 2\n";
+        let now = "# said anew\nname = \"a\"\n[w]\nscale = [1, 3]\ntrim = 1.0\n[[x]]\nn = 1\n\
+                   [[x]]\nn = true\n[new]\n";
+        assert_eq!(
+            key_changes(was, now).unwrap(),
+            [
+                change("w.scale", Some("[1, 2]"), Some("[1, 3]")),
+                change("x.2.n", None, Some("true")),
+                change("old.k", Some("2"), None),
+                change("new", None, Some("{}")),
+            ]
+        );
+        assert_eq!(key_changes(was, was), Some(Vec::new()));
+        assert_eq!(key_changes(was, "name = "), None);
+    }
 }

@@ -20,6 +20,7 @@ use super::{
     spectra::{self, Point, Spectrum},
     submission,
 };
+use crate::safety::failure::REFUSED_CODE;
 
 /// How many runs are told at once where nobody asks for more or fewer.
 const MOST: usize = 100;
@@ -311,10 +312,11 @@ fn made(data: &Path, job: &Job) -> Card {
     let folder = data.join("runs").join(&job.item.run);
     let experiment = submission::value_of_run(data, &job.item.run);
     let campaign = experiment.as_ref().and_then(|value| value.get("campaign"));
+    let refused = Some(i32::from(REFUSED_CODE));
     let (how, verdict) = match &job.ended {
         None => ("in work".to_owned(), RunVerdict::InWork),
         Some(ended) if !ended.finished => (ended.how.clone(), RunVerdict::Failed),
-        Some(ended) if ended.how == "finished" && ended.code != Some(11) => {
+        Some(ended) if ended.how == "finished" && ended.code != refused => {
             (ended.how.clone(), RunVerdict::Good)
         }
         Some(ended) => (ended.how.clone(), RunVerdict::Doubtful),

@@ -28,6 +28,8 @@ pub struct Live {
     pub instruments: Vec<InstrumentNow>,
     /// Why it is latched, if it is.
     pub trip: Option<TripNow>,
+    /// Change of the fixture that a person is asked for; the run waits for the answer.
+    pub question: Option<QuestionNow>,
     /// Report of the last stop.
     pub stop: Option<StopReport>,
     /// Nothing runs, and no run has left an output of which nobody has verified that it is off.
@@ -47,6 +49,8 @@ pub enum BenchState {
     Running,
     /// A run waits on request, every output off.
     Paused,
+    /// A run waits for a person who is to change the fixture, every output off.
+    Asking,
     /// It is being switched off.
     Stopping,
     /// A person has to look at it and to clear it.
@@ -92,6 +96,23 @@ pub struct RunNow {
     pub time: String,
     /// Everything was off and read back at the last entry of the journal.
     pub safe: bool,
+}
+
+/// A change of the fixture that a person is asked for.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct QuestionNow {
+    /// Its number in the run, which the answer names.
+    pub number: u64,
+    /// In words.
+    pub text: String,
+    /// Name of the cell, where there are several.
+    pub cell: Option<String>,
+    /// Its serial number, where it has one: an answer with another one is refused.
+    pub serial: Option<String>,
+    /// It is asked on the terminal of the run, and answered nowhere else.
+    pub on_terminal: bool,
+    /// Bench time at which it was asked, s.
+    pub asked_s: f64,
 }
 
 /// A point in work.

@@ -20,6 +20,9 @@ pub mod find;
 pub mod follow;
 pub mod http;
 pub mod hub;
+pub mod imported;
+pub mod investigations;
+pub mod investigator;
 pub mod jobs;
 pub mod live;
 pub mod locks;
@@ -97,11 +100,14 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     let supervisor = supervisor::start(&server)?;
     // A disk that hangs holds up neither the listener nor a stop: these have threads of their own.
     let handle = tokio::runtime::Handle::current();
-    let (analyst, teller) = (server.clone(), server.clone());
-    let of_analyst = handle.clone();
+    let (analyst, teller, player) = (server.clone(), server.clone(), server.clone());
+    let (of_analyst, of_player) = (handle.clone(), handle.clone());
     std::thread::Builder::new()
         .name("analyst".to_owned())
         .spawn(move || of_analyst.block_on(analyst::work(analyst)))?;
+    std::thread::Builder::new()
+        .name("investigator".to_owned())
+        .spawn(move || of_player.block_on(investigator::work(player)))?;
     std::thread::Builder::new()
         .name("notices".to_owned())
         .spawn(move || handle.block_on(notify::work(teller)))?;

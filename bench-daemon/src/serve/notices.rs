@@ -6,7 +6,7 @@ use std::{
 };
 
 use instruments::clock;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use tokio::sync::Semaphore;
 use utoipa::ToSchema;
 
@@ -14,13 +14,15 @@ use utoipa::ToSchema;
 const REMEMBERED: usize = 100;
 
 /// Subject of a notice.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum About {
     /// A bench has tripped and is latched.
     Trip,
     /// Nobody has verified that the outputs of a bench are off.
     Unverified,
+    /// A person is to change the fixture of a bench, and a run waits for it.
+    Question,
     /// A run has ended.
     End,
     /// Somebody tries whether notices arrive.
@@ -28,14 +30,15 @@ pub enum About {
 }
 
 impl About {
-    /// Whether it is told in quiet hours.
+    /// Whether it is told in quiet hours: a bench that waits with every output off waits until
+    /// morning.
     pub fn is_urgent(self) -> bool {
-        self != Self::End
+        !matches!(self, Self::End | Self::Question)
     }
 }
 
 /// A notice.
-#[derive(Debug, Clone, Serialize, ToSchema)]
+#[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
 pub struct Notice {
     /// Its number since the server began.
     pub number: u64,
@@ -50,7 +53,7 @@ pub struct Notice {
     /// The rest.
     pub text: String,
     /// Outcome by target.
-    pub outcome: BTreeMap<&'static str, String>,
+    pub outcome: BTreeMap<String, String>,
 }
 
 /// Notices of a server.
@@ -109,7 +112,7 @@ impl Notices {
     pub fn outcome(&self, number: u64, target: &'static str, words: String) {
         let mut latest = self.lock();
         if let Some(notice) = latest.iter_mut().find(|notice| notice.number == number) {
-            notice.outcome.insert(target, words);
+            notice.outcome.insert(target.to_owned(), words);
         }
     }
 }

@@ -6,10 +6,12 @@
 
 use std::{
     collections::BTreeMap,
+    path::PathBuf,
     sync::{Arc, atomic::Ordering},
     time::Duration,
 };
 
+use analysis::dataset::write_atomically;
 use jiff::{Zoned, civil::Time};
 use lettre::{
     Message, SmtpTransport, Transport,
@@ -70,7 +72,7 @@ pub async fn work(server: Arc<Server>) {
         server.clock.sleep_s(FIRST_S).await;
     }
     seen.benches(&server, true);
-    let mut kept: Vec<Notice> = Vec::new();
+    let mut kept = Kept::read(&server);
     loop {
         wake.mark_unchanged();
         let mut fresh = seen.benches(&server, false);
@@ -98,8 +100,9 @@ pub async fn work(server: Arc<Server>) {
                 kept.push(notice);
             }
         }
-        if !kept.is_empty() && !is_quiet(server.settings.notify.quiet, Zoned::now().time()) {
-            start(&server, std::mem::take(&mut kept));
+        if !kept.notices.is_empty() && !is_quiet(server.settings.notify.quiet, Zoned::now().time())
+        {
+            start(&server, kept.take());
         }
         if server.hub.closed() {
             std::future::pending::<()>().await;
@@ -107,6 +110,49 @@ pub async fn work(server: Arc<Server>) {
         tokio::select! {
             _ = wake.changed() => {}
             () = server.clock.sleep_s(LOOK_S) => {}
+        }
+    }
+}
+
+/// Notices that wait for the end of quiet hours. They are on the disk too, so that they outlive the
+/// server; one that died while it sent them sends them again.
+struct Kept {
+    path: PathBuf,
+    notices: Vec<Notice>,
+}
+
+impl Kept {
+    /// What an earlier server has kept.
+    fn read(server: &Server) -> Self {
+        let path = server.settings.data.join("notices.json");
+        let earlier: Vec<Notice> = std::fs::read_to_string(&path)
+            .ok()
+            .and_then(|text| serde_json::from_str(&text).ok())
+            .unwrap_or_default();
+        let again = |notice: Notice| {
+            let Notice { about, bench, .. } = &notice;
+            let (title, text) = (notice.title.clone(), notice.text.clone());
+            server.notices.add(*about, bench.as_deref(), title, text)
+        };
+        let notices = earlier.into_iter().map(again).collect();
+        Self { path, notices }
+    }
+
+    fn push(&mut self, notice: Notice) {
+        self.notices.push(notice);
+        self.write();
+    }
+
+    fn take(&mut self) -> Vec<Notice> {
+        let notices = std::mem::take(&mut self.notices);
+        self.write();
+        notices
+    }
+
+    fn write(&self) {
+        let text = serde_json::to_string(&self.notices).unwrap_or_default();
+        if let Err(error) = write_atomically(&self.path, text.as_bytes()) {
+            tracing::error!("{error}");
         }
     }
 }
@@ -123,6 +169,8 @@ struct Seen {
     /// Causes of the trips that are there, by bench.
     trips: BTreeMap<String, String>,
     unverified: BTreeMap<String, (f64, bool)>,
+    /// Questions that were told: the run, and the number of the question, by bench.
+    questions: BTreeMap<String, (Option<String>, u64)>,
 }
 
 impl Seen {
@@ -152,9 +200,13 @@ impl Seen {
             } else {
                 self.trips.remove(&bench.bench);
             }
+            fresh.extend(self.question(server, &bench));
             let at_work = matches!(
                 bench.state,
-                BenchState::Running | BenchState::Paused | BenchState::Stopping
+                BenchState::Running
+                    | BenchState::Paused
+                    | BenchState::Asking
+                    | BenchState::Stopping
             );
             if bench.verified || at_work {
                 self.unverified.remove(&bench.bench);
@@ -180,6 +232,27 @@ impl Seen {
             }
         }
         fresh
+    }
+
+    /// A question that was not told yet; after a restart it is told once more, for nobody knows
+    /// whether it was.
+    fn question(&mut self, server: &Server, bench: &Live) -> Option<Notice> {
+        let Some(question) = &bench.question else {
+            self.questions.remove(&bench.bench);
+            return None;
+        };
+        let run = bench.run.as_ref().and_then(|run| run.run.clone());
+        let now = (run, question.number);
+        if self.questions.insert(bench.bench.clone(), now.clone()) == Some(now) {
+            return None;
+        }
+        let title = format!("{} waits for a person", bench.bench);
+        let text = format!(
+            "{} Every output is off. Answer on the page of the bench, or with `eis-bench answer`.",
+            question.text
+        );
+        let notices = &server.notices;
+        Some(notices.add(About::Question, Some(&bench.bench), title, text))
     }
 }
 

@@ -1,8 +1,14 @@
 //! Files of the configuration as people change them over the API. The folder of the configuration
 //! is never written: a changed file is a version in the data folder, with who changed it and why,
 //! and the latest version is read in the place of the file. No version is ever taken away.
+//!
+//! A version of a bench is read in the place of nothing: its guardian and `eis-bench safe` read the
+//! bench's own file. It is a proposal, until `eis-bench config take` writes it into that file.
 
-use std::path::{Path, PathBuf};
+use std::{
+    fs::File,
+    path::{Path, PathBuf},
+};
 
 use analysis::dataset::write_atomically;
 use instruments::clock;
@@ -11,7 +17,7 @@ use utoipa::ToSchema;
 
 use super::settings::Settings;
 use crate::{
-    config::Copies,
+    config::{self, Copies},
     support::{
         confined_path::{self, plain},
         hash,
@@ -20,6 +26,8 @@ use crate::{
 
 /// Most versions of a file.
 const MOST_VERSIONS: usize = 1000;
+/// File in the folder of a submission: the SHA-256 of the bench file that its plan was checked with.
+pub const BENCH_SHA256: &str = "bench.sha256";
 
 /// Kind of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
@@ -53,6 +61,23 @@ pub struct Listed {
     edited: bool,
     /// Number of its versions here.
     versions: usize,
+    /// Of a bench: the version that is proposed and not in force; null where there is none.
+    proposed: Option<usize>,
+}
+
+/// How a version came to be.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum VersionKind {
+    /// Written by a person; of a bench, a proposal.
+    #[default]
+    Written,
+    /// Of a bench: the text in force was written once more, so that nothing is proposed.
+    Withdrawn,
+    /// Of a bench: its file, before another text was put in force.
+    Before,
+    /// Of a bench: the text was put in force, and became its file.
+    Taken,
 }
 
 /// A version of a file.
@@ -68,6 +93,9 @@ pub struct Version {
     pub why: String,
     /// SHA-256 of its text.
     pub sha256: String,
+    /// How it came to be.
+    #[serde(default)]
+    pub kind: VersionKind,
 }
 
 /// A version with its text, as it is kept.
@@ -87,6 +115,10 @@ pub struct Shelved {
     pub sha256: String,
     /// All versions, the oldest first.
     pub versions: Vec<Version>,
+    /// Text of the file of the configuration, where there is one.
+    pub original: Option<String>,
+    /// Of a bench: the version that is proposed and not in force, where there is one.
+    pub proposed: Option<usize>,
 }
 
 /// Why a file is not changed.
@@ -121,8 +153,34 @@ pub struct Change<'a> {
     pub was_sha256: Option<&'a str>,
 }
 
+/// A version of a bench that is put in force.
+#[derive(Debug, Clone, Copy)]
+pub struct Taking<'a> {
+    /// Its number.
+    pub version: usize,
+    /// Its text.
+    pub text: &'a str,
+    /// The text in force until now.
+    pub before: &'a str,
+    /// Who does it.
+    pub by: &'a str,
+}
+
+/// A version that is to be kept.
+#[derive(Clone, Copy)]
+struct New<'a> {
+    kind: VersionKind,
+    text: &'a str,
+    by: &'a str,
+    why: &'a str,
+}
+
+fn kind_folder(settings: &Settings, kind: FileKind) -> PathBuf {
+    settings.data.join("files").join(kind.folder())
+}
+
 fn folder_of(settings: &Settings, kind: FileKind, name: &str) -> PathBuf {
-    settings.data.join("files").join(kind.folder()).join(name)
+    kind_folder(settings, kind).join(name)
 }
 
 /// The file of the configuration, without what was changed here.
@@ -198,7 +256,7 @@ pub fn list(settings: &Settings, kind: FileKind) -> Vec<Listed> {
             .collect()
     } else {
         let mut all = names(&settings.configs.join(kind.folder()), ".toml");
-        all.extend(names(&settings.data.join("files").join(kind.folder()), ""));
+        all.extend(names(&kind_folder(settings, kind), ""));
         all
     };
     all.sort();
@@ -207,6 +265,7 @@ pub fn list(settings: &Settings, kind: FileKind) -> Vec<Listed> {
         .map(|name| {
             let versions = numbers(settings, kind, &name).map_or(0, |all| all.len());
             Listed {
+                proposed: proposed(settings, kind, &name),
                 name,
                 edited: versions > 0,
                 versions,
@@ -215,7 +274,38 @@ pub fn list(settings: &Settings, kind: FileKind) -> Vec<Listed> {
         .collect()
 }
 
-/// A file; the version of this number, else the latest. None where there is no such file.
+/// Number of the version of a bench that is proposed and not in force.
+fn proposed(settings: &Settings, kind: FileKind, name: &str) -> Option<usize> {
+    if kind != FileKind::Benches {
+        return None;
+    }
+    read(settings, kind, name, None).ok()??.proposed
+}
+
+/// The file of the configuration among the versions of a file.
+fn first(all: &[Kept]) -> Option<&Kept> {
+    all.iter().find(|kept| kept.version.version == 0)
+}
+
+/// The last version that somebody made of a bench, where it is a proposal whose text is not in
+/// force.
+fn open_proposal(all: &[Kept]) -> Option<&Kept> {
+    let in_force = first(all).map(|kept| &kept.version.sha256);
+    let last = all
+        .iter()
+        .rfind(|kept| kept.version.kind != VersionKind::Before)?;
+    let Version {
+        version,
+        kind,
+        sha256,
+        ..
+    } = &last.version;
+    let is_open = *version > 0 && *kind == VersionKind::Written && Some(sha256) != in_force;
+    is_open.then_some(last)
+}
+
+/// A file; the version of this number, else the latest. The latest of a bench is the one that is
+/// proposed, else its file. None where there is no such file.
 ///
 /// # Errors
 /// A version that cannot be read.
@@ -228,32 +318,48 @@ pub fn read(
     if !plain(name) {
         return Ok(None);
     }
-    let first = original(settings, kind, name).map(|text| Kept {
+    let file = original(settings, kind, name).map(|text| Kept {
         version: Version {
             version: 0,
             unix_s: None,
             by: "file of the configuration".to_owned(),
             why: String::new(),
             sha256: hash::sha256(&text),
+            kind: VersionKind::Written,
         },
         text,
     });
-    let all: Vec<Kept> = first
+    let all: Vec<Kept> = file
         .into_iter()
         .chain(kept(settings, kind, name)?)
         .collect();
+    let open = open_proposal(&all).filter(|_| kind == FileKind::Benches);
     let wanted = match version {
         Some(number) => all.iter().find(|kept| kept.version.version == number),
+        None if kind == FileKind::Benches => open.or_else(|| first(&all)),
         None => all.last(),
     };
     Ok(wanted.map(|wanted| Shelved {
         text: wanted.text.clone(),
         sha256: wanted.version.sha256.clone(),
         versions: all.iter().map(|kept| kept.version.clone()).collect(),
+        original: first(&all).map(|kept| kept.text.clone()),
+        proposed: open.map(|kept| kept.version.version),
     }))
 }
 
-/// Adds a version. The caller has checked its text, and lets nobody else do this meanwhile.
+/// Lets no other process make a version of a file of a kind, as long as it is kept.
+fn alone(settings: &Settings, kind: FileKind) -> Result<File, ShelfError> {
+    let path = kind_folder(settings, kind);
+    let failed = |error: std::io::Error| ShelfError::Io(format!("{}: {error}", path.display()));
+    std::fs::create_dir_all(&path).map_err(failed)?;
+    let folder = File::open(&path).map_err(failed)?;
+    folder.lock().map_err(failed)?;
+    Ok(folder)
+}
+
+/// Adds a version. The caller has checked its text, and lets nobody else of this process do this
+/// meanwhile.
 ///
 /// # Errors
 /// [`ShelfError`].
@@ -263,6 +369,7 @@ pub fn write(
     name: &str,
     change: Change<'_>,
 ) -> Result<(), ShelfError> {
+    let _alone = alone(settings, kind)?;
     let now = read(settings, kind, name, None)?;
     let found = now.as_ref().map(|now| now.sha256.as_str());
     if found != change.was_sha256 {
@@ -270,28 +377,124 @@ pub fn write(
             found: found.unwrap_or("none").to_owned(),
         });
     }
-    let number = numbers(settings, kind, name)?
-        .last()
-        .map_or(1, |last| last + 1);
-    if number > MOST_VERSIONS {
+    let original = now.and_then(|now| now.original);
+    let is_in_force = kind == FileKind::Benches && original.as_deref() == Some(change.text);
+    let new = New {
+        kind: if is_in_force {
+            VersionKind::Withdrawn
+        } else {
+            VersionKind::Written
+        },
+        text: change.text,
+        by: change.by,
+        why: change.why,
+    };
+    add(settings, kind, name, new)
+}
+
+/// Number of the version that is made next, where there is room for so many.
+fn next_number(
+    settings: &Settings,
+    kind: FileKind,
+    name: &str,
+    room: usize,
+) -> Result<usize, ShelfError> {
+    let last = numbers(settings, kind, name)?.last().copied().unwrap_or(0);
+    if last + room > MOST_VERSIONS {
         return Err(ShelfError::Full);
     }
+    Ok(last + 1)
+}
+
+/// Writes a version. Whoever calls this is alone with the folder.
+fn add(settings: &Settings, kind: FileKind, name: &str, new: New<'_>) -> Result<(), ShelfError> {
+    let number = next_number(settings, kind, name, 1)?;
     let kept = Kept {
         version: Version {
             version: number,
             unix_s: Some(clock::unix_time_s()),
-            by: change.by.to_owned(),
-            why: change.why.to_owned(),
-            sha256: hash::sha256(change.text),
+            by: new.by.to_owned(),
+            why: new.why.to_owned(),
+            sha256: hash::sha256(new.text),
+            kind: new.kind,
         },
-        text: change.text.to_owned(),
+        text: new.text.to_owned(),
     };
-    let folder = folder_of(settings, kind, name);
     let failed = |error: &dyn std::fmt::Display| ShelfError::Io(error.to_string());
-    std::fs::create_dir_all(&folder).map_err(|error| failed(&error))?;
     let text = serde_json::to_string_pretty(&kept).map_err(|error| failed(&error))?;
+    let folder = folder_of(settings, kind, name);
+    std::fs::create_dir_all(&folder).map_err(|error| failed(&error))?;
     write_atomically(&folder.join(file_name(number)), text.as_bytes())
         .map_err(|error| failed(&error))
+}
+
+/// Keeps the text in force of a bench where no version holds it, lets the file be written, and
+/// remembers who put which version in force. Nobody makes a version meanwhile.
+///
+/// # Errors
+/// [`ShelfError`]; where the file could not be written, that of `put`.
+pub fn take<E: From<ShelfError>>(
+    settings: &Settings,
+    name: &str,
+    taking: Taking<'_>,
+    put: impl FnOnce() -> Result<(), E>,
+) -> Result<(), E> {
+    let kind = FileKind::Benches;
+    let _alone = alone(settings, kind)?;
+    // One for the text before, and one for the text that is taken.
+    next_number(settings, kind, name, 2)?;
+    let before = hash::sha256(taking.before);
+    let is_kept = kept(settings, kind, name)?
+        .iter()
+        .any(|kept| kept.version.sha256 == before);
+    if !is_kept {
+        let new = New {
+            kind: VersionKind::Before,
+            text: taking.before,
+            by: taking.by,
+            why: "file in force before",
+        };
+        add(settings, kind, name, new)?;
+    }
+    put()?;
+    let new = New {
+        kind: VersionKind::Taken,
+        text: taking.text,
+        by: taking.by,
+        why: &format!("version {} put in force", taking.version),
+    };
+    Ok(add(settings, kind, name, new)?)
+}
+
+/// Words for a bench whose file is another one than the server read at its start.
+pub fn restart(bench: &str) -> String {
+    format!("the file of the bench {bench} was changed since the server began: restart the server")
+}
+
+/// Why nothing may be begun on a bench: its file is another one than the server read at its start.
+pub fn restart_needed(bench: &config::Bench) -> Option<String> {
+    match std::fs::read_to_string(&bench.path) {
+        Ok(text) if hash::sha256(&text) == bench.sha256 => None,
+        Ok(_) => Some(restart(&bench.name)),
+        Err(error) => Some(format!("{}: {error}", bench.path.display())),
+    }
+}
+
+/// Why a submitted run must not be begun: the file of its bench is another one than the server read
+/// at its start, or than the plan of the run was checked with.
+pub fn why_not_begun(data: &Path, bench: &config::Bench, run: &str) -> Option<String> {
+    let replanned = || {
+        let path = data.join("submitted").join(run).join(BENCH_SHA256);
+        let planned = std::fs::read_to_string(path).ok()?;
+        (planned.trim() != bench.sha256).then(|| {
+            format!(
+                "{run} was planned with another file of the bench {}: take it out of the queue and \
+                submit it again",
+                bench.name
+            )
+        })
+    };
+    restart_needed(bench).or_else(replanned)
 }
 
 /// The latest texts of all files that were changed here, by their paths in the folder of the
@@ -302,7 +505,7 @@ pub fn write(
 pub fn changed(settings: &Settings) -> Result<Copies, ShelfError> {
     let mut copies = Copies::new();
     for kind in [FileKind::Experiments, FileKind::Cells] {
-        for name in names(&settings.data.join("files").join(kind.folder()), "") {
+        for name in names(&kind_folder(settings, kind), "") {
             if let Some(last) = numbers(settings, kind, &name)?.last() {
                 let text = version(settings, kind, &name, *last)?.text;
                 copies.insert(Path::new(kind.folder()).join(format!("{name}.toml")), text);
@@ -316,24 +519,37 @@ pub fn changed(settings: &Settings) -> Result<Copies, ShelfError> {
 mod tests {
     use super::*;
 
+    const BENCH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../configs/benches/demo.toml");
+
+    /// A server of one bench, whose file may be changed.
+    fn settings(folder: &Path) -> Settings {
+        std::fs::copy(BENCH, folder.join("demo.toml")).unwrap();
+        let text = "listen = \"127.0.0.1:0\"\ndata = \"data\"\nconfigs = \".\"\n\
+                    benches = [\"demo.toml\"]\n";
+        std::fs::write(folder.join("serve.toml"), text).unwrap();
+        Settings::load(&folder.join("serve.toml")).unwrap()
+    }
+
+    fn add_as_ann(
+        settings: &Settings,
+        kind: FileKind,
+        text: &str,
+        was: Option<&str>,
+    ) -> Result<(), ShelfError> {
+        let change = Change {
+            text,
+            by: "ann",
+            why: "x",
+            was_sha256: was,
+        };
+        write(settings, kind, "demo", change)
+    }
+
     #[test]
     fn a_version_that_cannot_be_read_brings_no_older_one_back() {
         let folder = tempfile::tempdir().unwrap();
-        let bench = concat!(env!("CARGO_MANIFEST_DIR"), "/../configs/benches/demo.toml");
-        let text = format!(
-            "listen = \"127.0.0.1:0\"\ndata = \"data\"\nconfigs = \".\"\nbenches = [{bench:?}]\n"
-        );
-        std::fs::write(folder.path().join("serve.toml"), text).unwrap();
-        let settings = Settings::load(&folder.path().join("serve.toml")).unwrap();
-        let add = |text: &str, was: Option<&str>| {
-            let change = Change {
-                text,
-                by: "ann",
-                why: "x",
-                was_sha256: was,
-            };
-            write(&settings, FileKind::Cells, "c", change)
-        };
+        let settings = settings(folder.path());
+        let add = |text: &str, was: Option<&str>| add_as_ann(&settings, FileKind::Cells, text, was);
         add("one", None).unwrap();
         add("two", Some(&hash::sha256("one"))).unwrap();
         assert_eq!(
@@ -343,10 +559,69 @@ mod tests {
                 .collect::<Vec<_>>(),
             ["two"]
         );
-        let path = folder_of(&settings, FileKind::Cells, "c").join(file_name(2));
+        let path = folder_of(&settings, FileKind::Cells, "demo").join(file_name(2));
         std::fs::write(path, "torn").unwrap();
         assert!(changed(&settings).is_err());
-        assert!(read(&settings, FileKind::Cells, "c", None).is_err());
+        assert!(read(&settings, FileKind::Cells, "demo", None).is_err());
         assert!(add("three", Some(&hash::sha256("one"))).is_err());
+    }
+
+    #[test]
+    fn a_version_of_a_bench_is_a_proposal_until_it_is_taken() {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = settings(folder.path());
+        let path = folder.path().join("demo.toml");
+        let before = std::fs::read_to_string(&path).unwrap();
+        let shown = || {
+            let file = read(&settings, FileKind::Benches, "demo", None);
+            file.unwrap().unwrap()
+        };
+        assert_eq!((shown().text, shown().proposed), (before.clone(), None));
+        add_as_ann(&settings, FileKind::Benches, "new", Some(&shown().sha256)).unwrap();
+        assert_eq!((shown().text.as_str(), shown().proposed), ("new", Some(1)));
+        assert_eq!(shown().original.as_ref(), Some(&before));
+        add_as_ann(&settings, FileKind::Benches, &before, Some(&shown().sha256)).unwrap();
+        assert_eq!((shown().text, shown().proposed), (before.clone(), None));
+        add_as_ann(&settings, FileKind::Benches, "new", Some(&shown().sha256)).unwrap();
+        assert_eq!(restart_needed(&settings.benches[0]), None);
+        let taking = Taking {
+            version: 3,
+            text: "new",
+            before: &before,
+            by: "bob",
+        };
+        // A file that cannot be written stays in force, and the proposal stays one.
+        let failed = || Err(ShelfError::Io("full".to_owned()));
+        assert!(take(&settings, "demo", taking, failed).is_err());
+        assert_eq!(shown().versions.len(), 4, "the file is version 0 and 2");
+        assert_eq!(shown().proposed, Some(3));
+        let put = || std::fs::write(&path, "new").map_err(|e| ShelfError::Io(e.to_string()));
+        take(&settings, "demo", taking, put).unwrap();
+        let kinds: Vec<_> = shown().versions.iter().map(|one| one.kind).collect();
+        assert_eq!(
+            kinds[2..],
+            [
+                VersionKind::Withdrawn,
+                VersionKind::Written,
+                VersionKind::Taken
+            ]
+        );
+        assert_eq!((shown().text.as_str(), shown().proposed), ("new", None));
+        assert!(restart_needed(&settings.benches[0]).is_some());
+    }
+
+    #[test]
+    fn a_run_that_was_planned_with_another_bench_file_is_not_begun() {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = settings(folder.path());
+        let bench = &settings.benches[0];
+        let submitted = settings.data.join("submitted/demo-1");
+        std::fs::create_dir_all(&submitted).unwrap();
+        let why = || why_not_begun(&settings.data, bench, "demo-1");
+        assert_eq!(why(), None);
+        std::fs::write(submitted.join(BENCH_SHA256), &bench.sha256).unwrap();
+        assert_eq!(why(), None);
+        std::fs::write(submitted.join(BENCH_SHA256), "another").unwrap();
+        assert!(why().unwrap().contains("submit it again"));
     }
 }

@@ -11,7 +11,7 @@ use analysis::dataset::write_atomically;
 
 use super::{settings::Settings, shelf};
 use crate::{
-    config::{self, ConfigError, Experiment, Fence, Jig, Source, resolve_experiment},
+    config::{self, ConfigError, Experiment, Fence, Source, resolve_experiment},
     procedure,
 };
 
@@ -96,6 +96,9 @@ impl Submission {
         let unfit = |error: &dyn std::fmt::Display| Refused::Unfit(error.to_string());
         let experiment = resolve_experiment(Source::fenced(&path, text, &fence), Some(&bench.path))
             .map_err(Refused::Mistake)?;
+        if experiment.bench.sha256 != bench.sha256 {
+            return Err(Refused::Unfit(shelf::restart(&bench.name)));
+        }
         if experiment.name.len() > LONGEST_NAME {
             return Err(Refused::Unfit(format!(
                 "expected a name of at most {LONGEST_NAME} letters, found {}",
@@ -105,13 +108,6 @@ impl Submission {
         let plan = procedure::plan(&experiment)
             .check(&experiment.cell.limits)
             .map_err(|error| unfit(&format!("the plan is refused: {error}")))?;
-        if matches!(experiment.bench.instruments.jig, Some(Jig::Person))
-            && needs_a_person(&experiment)
-        {
-            let text = "a person must change the fixture of this bench, and is asked on a \
-            terminal: run it there, with `eis-bench run`";
-            return Err(Refused::Unfit(text.to_owned()));
-        }
         let (expected_s, longest_s) = (plan.plan().expected_s(), plan.plan().longest_s());
         Ok(Self {
             experiment,
@@ -141,7 +137,10 @@ impl Submission {
             }
             write_atomically(&path, source.text().as_bytes()).map_err(|error| kept(&error))?;
         }
-        Ok(())
+        // What the bench was when the plan was checked: a run on another one is not begun.
+        let sha256 = &self.experiment.bench.sha256;
+        write_atomically(&folder.join(shelf::BENCH_SHA256), sha256.as_bytes())
+            .map_err(|error| kept(&error))
     }
 }
 
@@ -217,12 +216,4 @@ fn chosen<'a>(
             known()
         ))
     })
-}
-
-fn needs_a_person(experiment: &Experiment) -> bool {
-    experiment.fixture_check.is_some()
-        || experiment
-            .campaign
-            .as_ref()
-            .is_some_and(|campaign| campaign.cells.len() > 1)
 }

@@ -32,19 +32,18 @@ use super::{
     locks,
     proof::Proof,
     queue::{Item, Kind, Process},
+    shelf,
     spectra::{self, Spectrum, Stamps},
     submission,
     watch::Watch,
 };
 use crate::{
     config,
-    safety::failure::{Failure, GATE_REFUSED},
+    operator::{BY_FOLDER, OPERATOR_VARIABLE},
+    safety::failure::{Failure, GATE_REFUSED, REFUSED_CODE},
     safety::state::{Holder, State},
 };
 pub use identity::{Answer, Identity};
-
-/// Exit code of a finished run whose quality gate has refused points.
-const GATED: i32 = 11;
 
 /// Time between two looks, s.
 const LOOK_S: f64 = 0.2;
@@ -109,6 +108,8 @@ struct SupervisedBench {
     manifest: Vec<Identity>,
     stamps: Stamps,
     told: (Live, f64),
+    /// Why nothing is begun until the server is restarted.
+    restart: Option<String>,
 }
 
 impl SupervisedBench {
@@ -130,10 +131,12 @@ impl SupervisedBench {
             manifest: Vec::new(),
             stamps: Stamps::new(),
             told: (Live::default(), f64::NEG_INFINITY),
+            restart: None,
         })
     }
 
     fn look(&mut self, server: &Server) {
+        self.restart = shelf::restart_needed(&self.bench);
         self.reap(server);
         self.begin(server);
         let going = self.follow(server);
@@ -159,8 +162,9 @@ impl SupervisedBench {
         watch.look();
         let word = last_word(&log_of(server, &item.run));
         let how = how_it_ended(watch.ended(), word);
-        let finished =
-            watch.ended() == Some("finished") && code.is_none_or(|code| code == 0 || code == GATED);
+        // With points that its quality gate has refused, a run is finished all the same.
+        let as_finished = |code: i32| code == 0 || code == i32::from(REFUSED_CODE);
+        let finished = watch.ended() == Some("finished") && code.is_none_or(as_finished);
         self.over(
             server,
             &item,
@@ -224,6 +228,13 @@ impl SupervisedBench {
             // It was begun, and the server died before it could write that down.
             let pid = locks::holder(&folder.join(JOURNAL)).unwrap_or(0);
             self.begun(server, &item, pid, last_stop);
+            return;
+        }
+        if let Some(why) = shelf::why_not_begun(&server.settings.data, &self.bench, &item.run) {
+            if let Err(error) = server.queue().hold(&self.bench.name, &why) {
+                tracing::error!("{error}");
+            }
+            server.tell_queue();
             return;
         }
         match command(server, &item, &self.bench)
@@ -361,7 +372,8 @@ impl SupervisedBench {
         let now_s = server.clock.now_s();
         let urgent = live.state != self.told.0.state
             || live.stop != self.told.0.stop
-            || live.trip != self.told.0.trip;
+            || live.trip != self.told.0.trip
+            || live.question != self.told.0.question;
         if live == self.told.0 || (!urgent && now_s - self.told.1 < TELL_S) {
             return;
         }
@@ -423,8 +435,14 @@ impl SupervisedBench {
         let proof = self.proof(going, last);
         let unproven = !going && (self.left_open() || (self.died() && proof.is_none()));
         let paused = self.watch.as_ref().is_some_and(|(_, watch)| watch.paused());
+        let question = self
+            .watch
+            .as_ref()
+            .and_then(|(_, watch)| watch.question())
+            .filter(|_| going);
         let state = match (stop.as_ref().is_some_and(|stop| !stop.over), going) {
             (true, _) => BenchState::Stopping,
+            (false, true) if question.is_some() => BenchState::Asking,
             (false, true) if paused => BenchState::Paused,
             (false, true) => BenchState::Running,
             (false, false) if trip.is_some() => BenchState::Latched,
@@ -448,7 +466,11 @@ impl SupervisedBench {
         Live {
             bench: self.bench.name.clone(),
             state,
-            held: server.queue().held(&self.bench.name).map(str::to_owned),
+            held: server
+                .queue()
+                .held(&self.bench.name)
+                .map(str::to_owned)
+                .or_else(|| self.restart.clone()),
             run: self
                 .watch
                 .as_ref()
@@ -458,6 +480,7 @@ impl SupervisedBench {
             limits,
             instruments: self.instruments(server, proof.as_ref(), !going && self.died()),
             trip: trip.map(Into::into),
+            question,
             verified: !going && !unproven && last.is_none_or(StopReport::proven),
             stop,
         }
@@ -600,6 +623,7 @@ fn command(server: &Server, item: &Item, bench: &config::Bench) -> Result<Comman
         .stdout(log)
         .stderr(errors)
         .process_group(0)
+        .env(OPERATOR_VARIABLE, BY_FOLDER)
         .env_remove("NOTIFY_SOCKET")
         .env_remove("WATCHDOG_USEC");
     Ok(command)

@@ -18,7 +18,7 @@ use run_files::RunFiles;
 use run_plan::{RunPlan, points};
 
 use super::{
-    live::{PointNow, ReadingNow, RunNow, Soc},
+    live::{PointNow, QuestionNow, ReadingNow, RunNow, Soc},
     transcript_monitor::TranscriptMonitor,
 };
 use crate::{
@@ -115,6 +115,8 @@ impl Watch {
             Entry::Point(point) => self.position.end_step(point.stage, point.step, true),
             Entry::StageDone { stage } => self.position.end_stage(stage),
             Entry::Paused
+            | Entry::Asked(_)
+            | Entry::Answered(_)
             | Entry::GoneOn
             | Entry::Resumed { .. }
             | Entry::Ended { .. }
@@ -152,6 +154,19 @@ impl Watch {
     /// It waits on request.
     pub fn paused(&self) -> bool {
         self.condition.paused
+    }
+
+    /// The question that waits for a person.
+    pub fn question(&self) -> Option<QuestionNow> {
+        let asked = self.condition.question.as_ref()?;
+        Some(QuestionNow {
+            number: asked.number,
+            text: asked.question.text.clone(),
+            cell: asked.question.cell.clone(),
+            serial: asked.question.serial.clone(),
+            on_terminal: asked.question.on_terminal,
+            asked_s: asked.asked_s,
+        })
     }
 
     /// How it ended, if it did.

@@ -3,10 +3,13 @@
 
 use std::{
     fs::File,
-    io,
+    io::{self, Read, Seek, SeekFrom},
     os::{fd::AsRawFd, unix::fs::OpenOptionsExt},
     path::{Component, Path, PathBuf},
 };
+
+/// End of a log that is read, bytes.
+const TAIL_BYTES: u64 = 64 * 1024;
 
 /// Opens a regular file below a folder for reading; `None` for anything else.
 ///
@@ -30,6 +33,20 @@ pub fn open(root: &Path, name: &str) -> Option<File> {
         .ok()?;
     let lies = std::fs::read_link(format!("/proc/self/fd/{}", file.as_raw_fd())).ok()?;
     (file.metadata().ok()?.is_file() && lies.starts_with(&root)).then_some(file)
+}
+
+/// The end of a text file below a folder; empty where it cannot be read.
+pub fn tail(root: &Path, name: &str) -> String {
+    let read = || {
+        let mut file = open(root, name)?;
+        let length = file.metadata().ok()?.len();
+        let start = SeekFrom::Start(length.saturating_sub(TAIL_BYTES));
+        file.seek(start).ok()?;
+        let mut bytes = Vec::new();
+        file.take(TAIL_BYTES).read_to_end(&mut bytes).ok()?;
+        Some(String::from_utf8_lossy(&bytes).into_owned())
+    };
+    read().unwrap_or_default()
 }
 
 /// The folder of this name directly below another; `None` where there is none, or a link in its

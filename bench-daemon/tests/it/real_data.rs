@@ -146,7 +146,9 @@ fn curves_and_models_beside_the_tables_are_what_the_commands_make() {
         let tables = project(&format!("fixtures/data/cells/{tables}"));
         let folder = tempfile::tempdir().unwrap();
         make(folder.path(), words, |name| format!("{tables}/{name}"));
-        let met = crate::support::json(&folder.path().join("made").join(file));
+        let mut met = crate::support::json(&folder.path().join("made").join(file));
+        // The next version makes the same from the same tables.
+        met.as_object_mut().unwrap().remove("program");
         let stored = crate::support::json(&Path::new(&tables).join(file));
         assert_alike(&met, &stored, &format!("{tables}/{file}"));
     }

@@ -1,6 +1,9 @@
 //! What people do with runs over the API: find them, write notes, look at the record behind a point,
 //! change files, analyse, explore packs.
 
+use std::{fs, path::Path};
+
+use analysis::formats;
 use serde_json::{Value, json};
 
 use crate::{
@@ -291,11 +294,6 @@ fn files_are_changed_with_history_and_are_read_by_what_is_submitted_later() {
     assert!(data(&files, "submitted/gentle-1/cells/p45b.toml").contains("4.1 V"));
     let of_run = served.get("/runs/gentle-1/experiment");
     assert_eq!(of_run["value"]["soc_reset"]["charge_voltage"], "4.1 V");
-    // The guardian reads a bench's file too: it stays one for all.
-    let bench = served.get("/files/benches/demo");
-    assert_eq!(bench["editable"], false);
-    let body = change(bench["text"].as_str().unwrap(), "x", &bench["sha256"]);
-    put(&served, "/files/benches/demo", &body).expect(409);
     for name in ["..%2Fx", "a.b", "%2Fetc"] {
         let answer = put(
             &served,
@@ -614,4 +612,132 @@ fn who_lets_a_queue_go_on_and_why_is_kept() {
         "released: it has cooled down; it was held: cell is warm (local)"
     );
     assert_eq!(notes[0]["by"], "local");
+}
+
+/// What is said of the bytes of a file of this name.
+fn bytes_of(name: &str) -> String {
+    format!("name={name} HTTP/1.1\r\nContent-Type: application/octet-stream")
+}
+
+/// Posts the bytes of a file to be read, with more lines in the head.
+fn send_file(served: &Served, head: &str, bytes: &[u8]) -> crate::serve_support::Answer {
+    let lines = format!(
+        "POST /api/v1/spectra/read?{head}\r\nHost: {}\r\nConnection: close\r\n\
+        Content-Length: {}\r\n\r\n",
+        served.address,
+        bytes.len()
+    );
+    served.raw(&[lines.as_bytes(), bytes].concat())
+}
+
+#[test]
+fn a_file_of_another_program_is_read_to_be_compared_and_not_kept() {
+    let files = Files::demo();
+    config(&files, "");
+    let served = Served::start(&files);
+    let vendors = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/data/spectra/vendors");
+    let names = [
+        "autolab.txt",
+        "biologic.mpr",
+        "biologic.mpt",
+        "gamry.DTA",
+        "impedance_py.csv",
+        "sheets.xlsx",
+        "zahner.ism",
+        "zplot.z",
+    ];
+    for name in names {
+        let path = vendors.join(name);
+        let bytes = fs::read(&path).unwrap();
+        let told = send_file(&served, &bytes_of(name), &bytes)
+            .expect(200)
+            .json();
+        let expected = formats::read_file(&path).unwrap();
+        let notes = told["notes"].as_array().unwrap();
+        assert_eq!(notes.len(), expected.notes.len(), "{name}: {notes:?}");
+        let spectra = told["spectra"].as_array().unwrap();
+        assert_eq!(spectra.len(), expected.spectra.len(), "{name}");
+        for (one, expected) in spectra.iter().zip(&expected.spectra) {
+            assert_eq!(one["name"], json!(expected.spectrum.name));
+            let points = one["points"].as_array().unwrap();
+            assert_eq!(points.len(), expected.spectrum.points.len(), "{name}");
+            for (point, expected) in points.iter().zip(&expected.spectrum.points) {
+                let same = |key: &str, value: f64| {
+                    let found = number(&point[key]);
+                    assert!(
+                        (found - value).abs() <= 1e-12 * value.abs(),
+                        "{name}: {key}"
+                    );
+                };
+                same("freq_hz", expected.freq_hz);
+                same("re_ohm", expected.z_ohm.re);
+                same("im_ohm", expected.z_ohm.im);
+            }
+        }
+    }
+    let kept = fs::read_dir(files.path("data")).unwrap();
+    for entry in kept {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        assert!(!names.contains(&name.as_str()), "{name}");
+    }
+}
+
+#[test]
+fn a_file_that_cannot_be_compared_is_refused_with_its_name() {
+    let files = Files::demo();
+    config(&files, "");
+    let served = Served::start(&files);
+    let refused = |head: &str, bytes: &[u8], status: u16| {
+        let answer = send_file(&served, head, bytes).expect(status).json();
+        answer["message"].as_str().unwrap().to_owned()
+    };
+    let message = refused(&bytes_of("broken.csv"), b"hello,world\n1,2\n", 422);
+    assert!(
+        message.starts_with("broken.csv, line 1: expected three numbers"),
+        "{message}"
+    );
+    let message = refused(&bytes_of("empty.csv"), b"", 422);
+    assert!(message.starts_with("empty.csv: expected"), "{message}");
+    for name in ["..%2Fx.csv", "a%2Fb.csv", "", "a%0Ab.csv"] {
+        let message = refused(&bytes_of(name), b"1,2,3\n", 400);
+        assert!(message.starts_with("name: expected"), "{message}");
+    }
+    let message = refused("name=a.csv HTTP/1.1", b"1,2,3\n", 415);
+    assert_eq!(
+        message,
+        "Content-Type: expected application/octet-stream, found none"
+    );
+    // Longer than other bodies may be, and read all the same.
+    let mut text = "# a comment\n".repeat(30_000);
+    text += "freq_hz,z_re_ohm,z_im_ohm\n10,0.02,-0.001\n1,0.03,-0.002\n";
+    let answer = send_file(&served, &bytes_of("long.csv"), text.as_bytes()).expect(200);
+    assert_eq!(answer.json()["spectra"][0]["points"][0]["freq_hz"], 1.0);
+    let too_long = format!(
+        "POST /api/v1/spectra/read?{}\r\nHost: {}\r\nContent-Length: 8000001\r\n\r\n",
+        bytes_of("long.csv"),
+        served.address
+    );
+    let answer = served.raw(too_long.as_bytes()).expect(413);
+    assert_eq!(answer.json()["code"], "too_large");
+}
+
+#[test]
+fn a_file_is_read_for_whoever_may_look_and_for_no_page_of_elsewhere() {
+    let files = Files::demo();
+    config(&files, "");
+    let secret = token(&files, "ann", "read");
+    let served = Served::start(&files);
+    let body = json!({ "token": secret }).to_string();
+    let sign_in = "POST /api/v1/session HTTP/1.1\r\nContent-Type: application/json";
+    let cookie = cookie_of(&asked(&served, sign_in, &body).expect(200));
+    let send = |more: &str| {
+        let head = format!("{}{more}", bytes_of("a.csv"));
+        let text = b"freq_hz,z_re_ohm,z_im_ohm\n10,0.02,-0.001\n1,0.03,-0.002\n";
+        send_file(&served, &head, text)
+    };
+    assert_eq!(send("").expect(401).json()["code"], "unauthorised");
+    let session = format!("\r\nCookie: {cookie}");
+    assert_eq!(send(&session).expect(403).json()["code"], "forged");
+    send(&format!("{session}\r\nX-Eis-Bench: page")).expect(200);
+    send(&format!("\r\nAuthorization: Bearer {secret}")).expect(200);
 }

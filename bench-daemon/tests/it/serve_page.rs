@@ -435,7 +435,7 @@ fn a_run_is_seen_over_time_and_a_stretch_of_it_exactly() {
             .as_u64()
             .unwrap()
     };
-    assert_eq!(count("#strips canvas"), 4);
+    assert_eq!(count("#strips canvas"), 5);
     let words = browser.text("#timesaid");
     for part in [
         "voltage -0.0",
@@ -445,12 +445,19 @@ fn a_run_is_seen_over_time_and_a_stretch_of_it_exactly() {
     ] {
         assert!(words.contains(part), "{part}: {words}");
     }
+    let key = browser.text("#timekey");
+    for sign in ["stage", "point", "step", "end", "bound of the step"] {
+        assert!(key.contains(sign), "{sign}: {key}");
+    }
     browser.click("#time summary");
-    assert!(
-        browser
-            .text("#timemarks")
-            .contains("stage, EIS sweep of the cell")
-    );
+    let marks = browser.text("#timemarks");
+    for mark in [
+        "stage, EIS sweep of the cell",
+        "point, cell, ",
+        "end, finished",
+    ] {
+        assert!(marks.contains(mark), "{mark}: {marks}");
+    }
     browser.pictures("time");
     browser.assert_accessible("time");
     // A point is told in a line of its own, and stays when the plot is drawn anew.
@@ -878,6 +885,8 @@ fn every_part_of_the_page_is_accessible_with_what_people_have_written_in_it() {
         let body = json!({ "kind": kind, "runs": ["demo-1"] }).to_string();
         served.post("/analyses", &body).expect(201);
     }
+    let wanted = r#"{"run":"demo-1","budget_minutes":1,"budget_ah":1}"#;
+    served.post("/investigations", wanted).expect(201);
     for (place, (address, words)) in [
         ("#demo", "Idle"),
         ("#/new", "Begin with"),
@@ -891,10 +900,11 @@ fn every_part_of_the_page_is_accessible_with_what_people_have_written_in_it() {
         ("#/analysis/fit-1", "✓ done"),
         ("#/analysis/kk-2", "✓ done"),
         ("#/analysis/diagnose-3", "Cannot tell"),
+        ("#/analysis/investigation-1", "Ended:"),
         ("#/pack", "Lowest voltage"),
         ("#/files", "p45b"),
         ("#/files/cells/p45b", "Capacity"),
-        ("#/files/benches/demo", "Only to be read"),
+        ("#/files/benches/demo", "The file in force is shown"),
         ("#/notices", "demo-1 on demo: finished"),
     ]
     .into_iter()

@@ -10,6 +10,7 @@ use super::super::{
     BaseModel, DataSetError, DiagnosisOptions, Outcome, diagnose::diagnose_with, guards::Guards,
 };
 use super::{Check, Reason, gate};
+use analysis_fit::fit::PROGRAM;
 
 /// Diagnoses a data set if the gate lets it pass; else the verdict is [`Verdict::Invalid`].
 /// `unreadable` are the runs that no data could be read of.
@@ -99,6 +100,7 @@ fn refused(set: &DataSet, model: &BaseModel, reasons: &[Reason], notes: Vec<Stri
     Diagnosis {
         schema: DIAGNOSIS_SCHEMA,
         schema_version: DIAGNOSIS_SCHEMA_VERSION,
+        program: PROGRAM,
         data_set: set.name.clone(),
         model: model.name.clone(),
         verdict: Verdict::Invalid,

@@ -9,9 +9,11 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 use polars::prelude::{
-    CsvWriter, DataFrame, ParquetReader, ParquetWriter, PolarsError, SerReader, SerWriter,
+    CsvWriter, DataFrame, KeyValueMetadata, ParquetReader, ParquetWriter, PolarsError, SerReader,
+    SerWriter,
 };
 
+use analysis_fit::fit::PROGRAM;
 use analysis_fit::rows::{ResultColumn, ResultRow};
 
 use super::error::BatchError;
@@ -135,8 +137,10 @@ impl Parts {
     fn as_parquet(&self, file: &File, count: usize) -> Result<(), BatchError> {
         let failed = |source| parquet(&self.plan.out, "write the table", source);
         let schema = frame(&self.plan.columns, &[]).map_err(failed)?;
+        let program = vec![("program".to_owned(), PROGRAM.to_owned())];
         let mut writer = ParquetWriter::new(BufWriter::new(file))
             .set_parallel(false)
+            .with_key_value_metadata(Some(KeyValueMetadata::from_static(program)))
             .batched(schema.schema())
             .map_err(failed)?;
         for part in 0..count {

@@ -14,6 +14,8 @@ use polars::prelude::{
     DataFrame, KeyValueMetadata, ParquetReader, ParquetWriter, PolarsError, SerReader,
 };
 
+use analysis_fit::fit::PROGRAM;
+
 use super::disk::{io_error, write_atomically};
 use super::{ColumnSpec, DatasetError};
 
@@ -47,6 +49,7 @@ pub(super) fn write_frame(
         .iter()
         .map(about)
         .chain(more)
+        .chain([("program".to_owned(), PROGRAM.to_owned())])
         .chain([("checksum".to_owned(), blank)])
         .collect();
     let mut bytes = Vec::new();

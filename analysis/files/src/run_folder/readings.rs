@@ -21,16 +21,13 @@ pub struct ReadingRow<'a> {
 impl<'a> ReadingRow<'a> {
     /// The row, without the end of its line.
     pub fn row(&self) -> String {
-        let cell = |value: Option<f64>, digits: usize| {
-            value.map_or_else(String::new, |value| format!("{value:.digits$}"))
-        };
         format!(
             "{:.3},{},{},{},{}",
             self.time_s,
             self.phase,
-            cell(self.voltage_v, 6),
-            cell(self.current_a, 6),
-            cell(self.temperature_c, 4)
+            told(self.voltage_v, 6),
+            told(self.current_a, 6),
+            told(self.temperature_c, 4)
         )
     }
 
@@ -60,8 +57,13 @@ impl<'a> ReadingRow<'a> {
     }
 }
 
+/// The cell of a value with so many digits behind the point; empty without one.
+pub(super) fn told(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(String::new, |value| format!("{value:.digits$}"))
+}
+
 /// A finite number.
-fn number(cell: &str) -> Option<f64> {
+pub(super) fn number(cell: &str) -> Option<f64> {
     cell.parse::<f64>().ok().filter(|value| value.is_finite())
 }
 

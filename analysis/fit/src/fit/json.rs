@@ -5,7 +5,7 @@ use super::addition::{Addition, augmented};
 use super::minima::LocalMinimum;
 use super::options::Objective;
 use super::result::ErmFit;
-use super::schema::{JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION};
+use super::schema::{JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION, PROGRAM};
 use super::uncertainty::ErmSigma;
 use super::warning::Warnings;
 use analysis_effects::{augmented::Augmented, contract::Facts};
@@ -118,6 +118,9 @@ pub struct ModelFile {
     pub schema: String,
     /// 2 with additions, 1 without.
     pub schema_version: u32,
+    /// Program and version that wrote it; empty in files of before.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub program: String,
     /// Name of the cell or model.
     pub name: String,
     /// Number of RC branches.
@@ -193,6 +196,7 @@ impl ModelFile {
     pub fn new(name: &str, fit: ErmFit, spectra: Vec<String>, pack: Option<PackModel>) -> Self {
         Self {
             schema: MODEL_SCHEMA.to_owned(),
+            program: PROGRAM.to_owned(),
             schema_version: PLAIN_VERSION,
             name: name.to_owned(),
             rc: fit.erm.branches.len(),
@@ -300,6 +304,7 @@ impl ModelFile {
     #[must_use]
     pub fn with_additions(mut self, erm: Erm, facts: Facts, additions: Vec<Addition>) -> Self {
         self.schema_version = MODEL_SCHEMA_VERSION;
+        self.program = PROGRAM.to_owned();
         self.rc = erm.branches.len();
         self.dc_resistance_ohm = erm.dc_resistance_ohm();
         self.time_constants_s = erm.time_constants_s();

@@ -56,7 +56,7 @@ pub use order::{MOST_AUTO, OrderOptions, OrderSelection, select_order};
 pub use profile::{Interval, Profile, profiles};
 pub use request::{ErmAnswer, ErmRequest, Prepared};
 pub use result::ErmFit;
-pub use schema::{JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION};
+pub use schema::{JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION, PROGRAM};
 pub use slope::{Slope, SlopeError};
 pub use spread::{CellSpread, ParameterSpread, QuantitySpread, cell_spread};
 pub use storage::ChargeStorage;

@@ -1,5 +1,7 @@
 //! The schema of a model file, and why a text is none.
 
+/// Program and version that write a file; every file with a schema names them.
+pub const PROGRAM: &str = concat!("eis-bench ", env!("CARGO_PKG_VERSION"));
 /// Name of the model file's schema.
 pub const MODEL_SCHEMA: &str = "eis-bench/model";
 /// Version of the model file's schema; readers refuse a newer one. 2 has additions, which a reader

@@ -20,14 +20,13 @@ use crate::{
         Source,
         quantity::{Duration, Frequency, Quantity, Resistance},
     },
+    measure::HARMONICS,
     record::RecordError,
     safety::failure::Failure,
     support::present::significant,
     support::terminal::say,
 };
 
-/// Harmonics that are fitted besides the sinusoid.
-const HARMONICS: [u32; 2] = [2, 3];
 /// Harmonics of the mains that are fitted.
 const MAINS_ORDERS: u32 = 3;
 

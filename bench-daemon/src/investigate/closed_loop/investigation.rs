@@ -3,34 +3,8 @@
 use analysis::diagnosis::{Diagnosis, NextExperiment, Verdict};
 use serde::Serialize;
 
+use super::rule::{Budget, End};
 use crate::{safety::failure::Failure, support::present::significant};
-
-/// Budget after the first campaign.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Budget {
-    /// Time on the bench, min.
-    pub minutes: f64,
-    /// Charge moved in either direction, Ah.
-    pub charge_ah: f64,
-}
-
-/// How an investigation ends.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum End {
-    /// The missing effect has a name.
-    Explained,
-    /// Nothing is missing.
-    AtNoiseFloor,
-    /// The data cannot be used.
-    Invalid,
-    /// No run of the menu that this bench can play and that was not played yet would tell more.
-    NoExperiment,
-    /// The rest of the budget does not pay for a run that might tell more.
-    Budget,
-    /// A run that was asked for ended early.
-    Stopped,
-}
 
 /// Reason why a run was not played in the end, the one that is nearest to be played first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use analysis::{
     dataset::RunIndex,
-    diagnosis::{Planned, PlannedRun, RunData},
+    diagnosis::{Fixture, Planned, PlannedRun, Run, RunData},
     fit::RefusedPoint,
     run_folder::INDEX,
 };
@@ -16,6 +16,9 @@ use crate::{
     safety::failure::Failure,
 };
 
+/// Name of the recommended run that measures the first one of the campaign once more.
+const SENTINEL: &str = "sentinel_repeat";
+
 /// The run folders that are joined.
 #[derive(Clone, Copy)]
 pub(super) struct Folders<'a> {
@@ -25,6 +28,23 @@ pub(super) struct Folders<'a> {
     pub(super) later: &'a Path,
 }
 
+/// An experiment after the campaign.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Later<'a> {
+    /// Its run folder.
+    pub(crate) folder: &'a Path,
+    /// Start of its first run since that of the campaign's, s.
+    pub(crate) start_s: f64,
+}
+
+/// Names of an experiment that is joined.
+struct Names<'a> {
+    /// That of the experiment.
+    experiment: &'a str,
+    /// That before the names of its runs.
+    prefix: &'a str,
+}
+
 /// Adds the runs of an experiment to those before it: they come later, and repeat what the plan
 /// says that they repeat.
 pub(super) fn add(
@@ -32,16 +52,80 @@ pub(super) fn add(
     folders: Folders<'_>,
     planned: &[PlannedRun],
 ) -> Result<(), Failure> {
-    let folder = folders.later;
+    let later = Later {
+        folder: folders.later,
+        start_s: begin_s(folders.later)? - begin_s(folders.first)?,
+    };
+    join(loaded, later, |run, names| {
+        let swept = is_sweep(run);
+        let alike = || {
+            planned
+                .iter()
+                .filter(|plan| matches!(plan.what, Planned::Eis { .. }) == swept)
+        };
+        let plan = alike()
+            .find(|plan| run.repeat_group == plan.repeat_group)
+            .or(alike().next());
+        match plan {
+            // What repeats nothing of the campaign repeats itself alone: an earlier experiment of
+            // this name found another cell.
+            Some(plan) if plan.repeat_group == plan.name => {
+                format!("{}_{}", names.prefix, plan.name)
+            }
+            Some(plan) => plan.repeat_group.clone(),
+            None => run.repeat_group.clone(),
+        }
+    })
+}
+
+/// Adds the runs of a recommended experiment whose plan is not at hand. Its file names the group
+/// of a record; of sweeps, those of the sentinel alone repeat the campaign.
+///
+/// # Errors
+/// A run folder that cannot be read.
+pub(crate) fn add_played(loaded: &mut Loaded, later: Later<'_>) -> Result<(), Failure> {
+    let records = loaded.set.runs.iter().filter(|run| !is_sweep(run));
+    let known: Vec<String> = records.map(|run| run.repeat_group.clone()).collect();
+    let cells = loaded.set.runs.iter().filter(|run| is_of_cell(run));
+    let first = cells
+        .filter(|run| is_sweep(run))
+        .min_by_key(|run| run.order)
+        .map(|run| run.repeat_group.clone());
+    join(loaded, later, |run, names| {
+        let repeated = first
+            .as_ref()
+            .filter(|_| is_sweep(run) && names.experiment == SENTINEL);
+        let own = &run.repeat_group;
+        match repeated {
+            Some(group) => group.clone(),
+            None if !is_sweep(run) && known.contains(own) => own.clone(),
+            None => format!("{}_{own}", names.prefix),
+        }
+    })
+}
+
+fn is_sweep(run: &Run) -> bool {
+    matches!(run.data, RunData::Eis(_))
+}
+
+fn is_of_cell(run: &Run) -> bool {
+    matches!(run.fixture, Fixture::Cell(_))
+}
+
+/// Adds the runs of an experiment, each to the group that `group` gives.
+fn join(
+    loaded: &mut Loaded,
+    later: Later<'_>,
+    group: impl Fn(&Run, &Names<'_>) -> String,
+) -> Result<(), Failure> {
     let refused_points = loaded.refused.iter().any(|point| point.fitted);
     let mut more = read_as(
-        folder,
+        later.folder,
         Reading {
             known: loaded.set.calibration,
             refused_points,
         },
     )?;
-    let later_s = begin_s(folder)? - begin_s(folders.first)?;
     let orders = loaded
         .set
         .runs
@@ -49,31 +133,19 @@ pub(super) fn add(
         .map(|run| run.order + 1)
         .max()
         .unwrap_or(0);
-    let prefix = folder
+    let prefix = later
+        .folder
         .file_name()
         .map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    let names = Names {
+        experiment: &more.set.name,
+        prefix: &prefix,
+    };
     for run in &mut more.set.runs {
         run.name = format!("{prefix}_{}", run.name);
         run.order += orders;
-        run.start_s += later_s;
-        let swept = matches!(run.data, RunData::Eis(_));
-        let alike = || {
-            planned
-                .iter()
-                .filter(|plan| matches!(plan.what, Planned::Eis { .. }) == swept)
-        };
-        if let Some(plan) = alike()
-            .find(|plan| run.repeat_group == plan.repeat_group)
-            .or(alike().next())
-        {
-            // What repeats nothing of the campaign repeats itself alone: an earlier experiment of
-            // this name found another cell.
-            run.repeat_group = if plan.repeat_group == plan.name {
-                format!("{prefix}_{}", plan.name)
-            } else {
-                plan.repeat_group.clone()
-            };
-        }
+        run.start_s += later.start_s;
+        run.repeat_group = group(run, &names);
     }
     loaded.set.runs.extend(more.set.runs);
     loaded.problems.extend(more.problems);

@@ -10,6 +10,7 @@ mod follow_up;
 mod investigation;
 mod join;
 mod page;
+mod rule;
 
 use std::{
     path::{Path, PathBuf},
@@ -19,7 +20,7 @@ use std::{
 use analysis::{
     diagnosis::{
         self, BaseModel, BenchLimits, Diagnosis, DiagnosisOptions, NextExperiment, Outcome,
-        PlannedRun, Playable, Verdict, gate,
+        PlannedRun, Playable, gate,
     },
     fit::{Bounds, CellSweeps, FitOptions, ModelFile, OrderOptions, fit_erm, select_order},
     ocv::OcvCurve,
@@ -38,15 +39,13 @@ use crate::{
     },
     safety::failure::Failure,
 };
-pub use investigation::{Budget, End, FollowUpRun, Investigation, NotPlayed, Step, WhyNot};
+pub use investigation::{FollowUpRun, Investigation, NotPlayed, Step, WhyNot};
+pub(crate) use join::{Later, add_played};
 pub(crate) use page::not_played_text;
+pub use rule::{Budget, End, MOST_AGAIN, MOST_RUNS, most_played, settled, verdict_named};
 
 /// Name of the schema of `investigation.json`.
 const SCHEMA: &str = "eis-bench/investigation";
-/// Runs that a diagnosis may ask for, at most.
-const MOST_RUNS: usize = 6;
-/// Times that the same run may be asked for.
-const MOST_AGAIN: usize = 2;
 /// Highest order that is tried where the experiment states none.
 const MOST_RC: usize = 6;
 /// Part of a limit that planned currents use: what is driven scatters around what is commanded.
@@ -86,10 +85,7 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
         session,
         model,
         loaded: read_dataset(&first)?,
-        spent: Budget {
-            minutes: 0.0,
-            charge_ah: 0.0,
-        },
+        spent: Budget::default(),
         refused: measured.refused(),
     };
     let (mut outcome, mut menu) = workspace.diagnose(&[])?;
@@ -240,10 +236,7 @@ impl Workspace<'_> {
             Site::new(self.experiment, &self.loaded.set, &self.model.ocv),
             bought.to_vec(),
         );
-        let (minutes_left, ah_left) = (
-            self.means.budget.minutes - self.spent.minutes,
-            self.means.budget.charge_ah - self.spent.charge_ah,
-        );
+        let left = self.means.budget.less(self.spent);
         Arc::new(move |name, runs| {
             let charge_ah: f64 = runs.iter().map(PlannedRun::charge_ah).sum();
             let found = match site
@@ -255,14 +248,9 @@ impl Workspace<'_> {
                     Err((WhyNot::Played, format!("played {MOST_AGAIN} times")))
                 }
                 Err(reason) => Err((WhyNot::Limit, reason)),
-                Ok((_, minutes)) if minutes > minutes_left || charge_ah > ah_left => {
-                    let left = format!(
-                        "takes {minutes:.0} min and {charge_ah:.2} Ah; left are {minutes_left:.0} \
-                        min and {ah_left:.2} Ah"
-                    );
-                    Err((WhyNot::Cost, left))
-                }
-                Ok(_) => Ok(()),
+                Ok((_, minutes)) => left
+                    .shortfall(Budget { minutes, charge_ah })
+                    .map_or(Ok(()), |lack| Err((WhyNot::Cost, lack))),
             };
             let allowed = found.is_ok();
             if let Ok(mut menu) = menu.lock() {
@@ -286,19 +274,10 @@ impl Workspace<'_> {
         menu: MenuOutcome,
         steps: &[Step],
     ) -> Result<(NextExperiment, Experiment), Ended> {
-        let diagnosis = &outcome.diagnosis;
-        let (end, text) = match diagnosis.verdict {
-            Verdict::Explained => (End::Explained, "what was missing has a name"),
-            Verdict::AtNoiseFloor => (
-                End::AtNoiseFloor,
-                "nothing is missing that these repeats could show",
-            ),
-            Verdict::Invalid => (End::Invalid, "the data cannot be used"),
-            Verdict::Mostly | Verdict::Ambiguous | Verdict::Unexplained => {
-                return self.next_open(outcome, menu, steps);
-            }
-        };
-        Err(Ended::without_runs(end, text))
+        match settled(outcome.diagnosis.verdict) {
+            Some((end, text)) => Err(Ended::without_runs(end, text)),
+            None => self.next_open(outcome, menu, steps),
+        }
     }
 
     /// As [`Self::next`], while a question is open.
@@ -328,8 +307,7 @@ impl Workspace<'_> {
             });
         };
         if steps.len() > MOST_RUNS {
-            let text = format!("{MOST_RUNS} runs were played, which is the most");
-            return Err(Ended::without_runs(End::Budget, text));
+            return Err(Ended::without_runs(End::Budget, most_played()));
         }
         let site = Site::new(self.experiment, &self.loaded.set, &self.model.ocv);
         let planned = site.and_then(|site| site.experiment(&outcome.next_runs));
@@ -360,8 +338,10 @@ impl Workspace<'_> {
         let start_s = self.session.now_s();
         self.refused += self.session.run(experiment, folder)?.measured.refused();
         let minutes = (self.session.now_s() - start_s) / 60.0;
-        self.spent.minutes += minutes;
-        self.spent.charge_ah += next.charge_ah;
+        self.spent = self.spent.plus(Budget {
+            minutes,
+            charge_ah: next.charge_ah,
+        });
         join::add(
             &mut self.loaded,
             join::Folders {

@@ -26,15 +26,6 @@ fn field(pid: i32, number: usize) -> Option<String> {
         .map(str::to_owned)
 }
 
-/// The person at the machine, by the name of their account.
-pub fn who() -> String {
-    let uid = nix::unistd::Uid::current();
-    nix::unistd::User::from_uid(uid)
-        .ok()
-        .flatten()
-        .map_or_else(|| format!("uid {uid}"), |user| user.name)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

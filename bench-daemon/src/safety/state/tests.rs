@@ -199,7 +199,7 @@ fn the_first_cause_stays_until_a_person_clears_it_and_all_are_remembered() {
         .collect();
     assert_eq!(whats, ["latched", "latched", "cleared"]);
     assert!(
-        history.contains(&format!("\"who\":\"{}\"", process::who())),
+        history.contains(&format!("\"who\":\"{}\"", account::who())),
         "{history}"
     );
 }

@@ -10,7 +10,7 @@ use analysis::run_folder::{self, INDEX};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::error::AnalysisError;
+use super::{error::AnalysisError, joined::joined};
 use crate::{
     serve::{find, jobs, settings::Settings, spectra, submission},
     support::confined_path,
@@ -74,7 +74,8 @@ pub struct Options {
 pub struct Request {
     /// Its kind.
     pub kind: AnalysisKind,
-    /// The runs, 1 to 50; a diagnosis takes one.
+    /// The runs, 1 to 50. A diagnosis takes a campaign, and behind it experiments of the same cell
+    /// that were recommended after it: they are one data set.
     pub runs: Vec<String>,
     /// Names of spectra of the run, where not all of its cells are meant; of one run only.
     #[serde(default)]
@@ -92,7 +93,7 @@ fn unfit<T>(text: impl Into<String>) -> Result<T, AnalysisError> {
 ///
 /// # Errors
 /// [`AnalysisError::Unfit`] in words that name the field.
-pub(crate) fn arguments(
+pub(super) fn arguments(
     settings: &Settings,
     request: &Request,
     out: &Path,
@@ -188,12 +189,8 @@ fn diagnose(
     out: &Path,
 ) -> Result<Vec<String>, AnalysisError> {
     only(&request.options, &["order", "cell"])?;
-    let ([run], true) = (request.runs.as_slice(), request.spectra.is_empty()) else {
-        return unfit(format!(
-            "runs: expected one run to diagnose, without a choice of spectra, found {}: a campaign \
-            is one run",
-            request.runs.len()
-        ));
+    let ([run, later @ ..], true) = (request.runs.as_slice(), request.spectra.is_empty()) else {
+        return unfit("spectra: expected no choice of spectra for a diagnosis, found one");
     };
     let folder = settings.runs().join(run);
     let model = model_of(&folder, request.options.order)?;
@@ -202,6 +199,18 @@ fn diagnose(
         format!("--model={}", model.display()),
         format!("--out={}", out.display()),
     ];
+    let mut data = folder;
+    if !later.is_empty() {
+        if request.options.cell.is_some() {
+            return unfit(
+                "options.cell: expected no choice of a cell with several runs, found one",
+            );
+        }
+        let set = joined(settings, &request.runs, &out.with_file_name("in"))?;
+        let ocv = set.ocv.map(|path| format!("--ocv={}", path.display()));
+        arguments.extend(ocv);
+        data = set.folder;
+    }
     let cells = find::cells_of_run(&settings.data, run);
     if let Some(cell) = &request.options.cell {
         if !cells.iter().any(|known| known.name == *cell) {
@@ -221,7 +230,7 @@ fn diagnose(
         arguments.push(format!("--cell={}", cell.display()));
     }
     arguments.push("--".to_owned());
-    arguments.push(folder.display().to_string());
+    arguments.push(data.display().to_string());
     Ok(arguments)
 }
 

@@ -2,12 +2,14 @@
 
 use std::path::Path;
 
+use analysis::diagnosis::Verdict;
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::record::Analysis;
 use crate::{
     figures::story::{Chapter, STORY, Story as Told},
+    investigate::closed_loop::verdict_named,
     serve::{settings::Settings, submission},
     support::confined_path,
 };
@@ -53,6 +55,41 @@ pub(super) struct Next {
     experiment: Option<String>,
     /// Its name.
     name: Option<String>,
+}
+
+/// What a diagnosis of one cell has come to.
+#[derive(Debug)]
+pub struct Conclusion {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// The same in a sentence.
+    pub sentence: String,
+    /// Recommended experiment, where there is one that this server can run.
+    pub next: Option<Recommended>,
+}
+
+/// A recommended experiment.
+#[derive(Debug)]
+pub struct Recommended {
+    /// Its name.
+    pub name: String,
+    /// Its text, TOML.
+    pub text: String,
+}
+
+/// What a diagnosis of one cell has come to; none where it has no results.
+pub(super) fn conclusion(
+    settings: &Settings,
+    analysis: &Analysis,
+    results: &Path,
+) -> Option<Conclusion> {
+    let told: Told = serde_json::from_reader(confined_path::open(results, STORY)?).ok()?;
+    let next = experiment(settings, analysis, results);
+    Some(Conclusion {
+        verdict: verdict_named(&told.verdict)?,
+        sentence: told.summary,
+        next: next.map(|(text, name)| Recommended { name, text }),
+    })
 }
 
 /// The stories of all cells of a diagnosis.
@@ -184,6 +221,7 @@ mod tests {
             ("What to do next", "a longer pulse"),
         ];
         let told = Told {
+            program: String::new(),
             verdict: "explained".to_owned(),
             summary: "It is diffusion.".to_owned(),
             sections: vec![

@@ -2,8 +2,10 @@
 
 use std::sync::Arc;
 
+use tokio::sync::Semaphore;
+
 use super::{
-    super::Server,
+    super::{Server, imported},
     guard::{self, Rate},
 };
 
@@ -18,6 +20,8 @@ pub struct App {
     pub guesses: Arc<Rate>,
     /// Attempts of peers without a token, as far as they are written down.
     pub strangers: Arc<Rate>,
+    /// Places for files of spectra that are just being read.
+    pub imports: Arc<Semaphore>,
 }
 
 impl App {
@@ -31,6 +35,7 @@ impl App {
             rate,
             guesses: few(),
             strangers: few(),
+            imports: Arc::new(Semaphore::new(imported::AT_ONCE)),
         }
     }
 }

@@ -47,8 +47,8 @@ impl Drop for Listener {
 }
 
 /// Everything that changes: `live` (a bench), `spectrum`, `run`, `queue`, `stop`, `analysis`,
-/// `notice`; first `hello`, and `lost` where some were missed: then ask for the present state. With the header
-/// `Last-Event-ID` it goes on behind that event.
+/// `investigation`, `notice`; first `hello`, and `lost` where some were missed: then ask for the
+/// present state. With the header `Last-Event-ID` it goes on behind that event.
 #[utoipa::path(
     get,
     path = "/api/v1/events",

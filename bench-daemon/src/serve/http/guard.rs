@@ -3,10 +3,10 @@
 
 mod rate;
 
-use std::{net::IpAddr, time::Duration};
+use std::net::IpAddr;
 
 use axum::{
-    body::{Body, HttpBody, to_bytes},
+    body::{Body, to_bytes},
     extract::{Request, State},
     http::{HeaderMap, HeaderValue, Method, StatusCode, Uri, header},
     middleware::Next,
@@ -15,6 +15,7 @@ use axum::{
 
 use super::{
     App,
+    body::{self, BodyBounds},
     caller::{Named, Peer},
     problem::{Code, Refusal},
 };
@@ -95,45 +96,17 @@ async fn admit(app: &App, peer: IpAddr, request: Request) -> Result<Request, Ref
         app.server.settings.listen.ip().is_loopback(),
         app.server.settings.proxy_host.as_deref(),
     )?;
+    // Nobody without a token may send a body that is as large as a file.
+    if body::is_file(request.method(), request.uri()) {
+        return Ok(request);
+    }
     let (parts, body) = request.into_parts();
-    let too_large = || {
-        Refusal::of(
-            StatusCode::PAYLOAD_TOO_LARGE,
-            format!(
-                "expected a body of at most {} bytes, found a longer one",
-                limits.body_bytes
-            ),
-        )
+    let bounds = BodyBounds {
+        most: limits.body_bytes,
+        patience_s: limits.patience_s,
     };
-    if body.size_hint().lower() > limits.body_bytes as u64 {
-        return Err(too_large());
-    }
-    let patience = Duration::from_secs_f64(limits.patience_s);
-    match app
-        .server
-        .clock
-        .deadline(patience, to_bytes(body, limits.body_bytes))
-        .await
-    {
-        Ok(Ok(bytes)) => Ok(Request::from_parts(parts, Body::from(bytes))),
-        Ok(Err(error)) if is_length(&error) => Err(too_large()),
-        Ok(Err(_)) => Err(Refusal::of(
-            StatusCode::BAD_REQUEST,
-            "expected a whole body, found a broken one",
-        )),
-        Err(_) => {
-            let message = format!(
-                "expected the whole body within {} s, found a part of it",
-                limits.patience_s
-            );
-            Err(Refusal::of(StatusCode::REQUEST_TIMEOUT, message))
-        }
-    }
-}
-
-fn is_length(error: &axum::Error) -> bool {
-    std::error::Error::source(error)
-        .is_some_and(|source| source.to_string().contains("length limit"))
+    let bytes = body::whole(&app.server.clock, body, bounds).await?;
+    Ok(Request::from_parts(parts, Body::from(bytes)))
 }
 
 /// Pages of elsewhere must not speak with this server through a browser: neither under a name of

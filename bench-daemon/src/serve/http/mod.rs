@@ -4,11 +4,14 @@ pub mod analyses;
 mod app;
 mod aside;
 pub mod benches;
+mod body;
 pub mod caller;
 mod connection;
 pub mod events;
 pub mod find;
 pub mod guard;
+pub mod imported;
+pub mod investigations;
 pub mod metrics;
 pub mod notices;
 pub mod openapi;
@@ -56,6 +59,12 @@ pub fn router(app: &App) -> Router {
         )
         .route("/analyses/{id}/log", get(analyses::log))
         .route("/analyses/{id}/files/{*path}", get(analyses::file))
+        .route(
+            "/investigations",
+            get(investigations::list).post(investigations::begin),
+        )
+        .route("/investigations/{id}", get(investigations::detail))
+        .route("/investigations/{id}/cancel", post(investigations::cancel))
         .route("/notices", get(notices::list))
         .route("/notices/test", post(notices::test))
         .route("/pack", post(pack::under_load))
@@ -79,6 +88,7 @@ pub fn router(app: &App) -> Router {
         .route("/runs/{run}/campaign", get(find::campaign))
         .route("/runs/{run}/models", get(find::models))
         .route("/runs/{run}/capture", get(find::capture))
+        .route("/spectra/read", post(imported::read))
         .route("/cells", get(find::cells))
         .route("/cells/{cell}", get(find::cell))
         .route(
@@ -93,6 +103,7 @@ pub fn router(app: &App) -> Router {
         .route("/runs/{run}/files/{*path}", get(runs::file))
         .route("/runs/{run}/pause", post(runs::pause))
         .route("/runs/{run}/go-on", post(runs::go_on))
+        .route("/runs/{run}/answer", post(runs::answer))
         .route("/runs/{run}/order", post(runs::order))
         .route("/runs/{run}/resume", post(runs::resume))
         .route("/audit", get(benches::audit))

@@ -11,7 +11,8 @@ use utoipa::{
 };
 
 use super::{
-    analyses, benches, events, find, metrics, notices, pack, problem, queue, runs, session, shelf,
+    analyses, benches, events, find, imported, investigations, metrics, notices, pack, problem,
+    queue, runs, session, shelf,
 };
 
 #[derive(OpenApi)]
@@ -49,6 +50,7 @@ use super::{
         runs::file,
         runs::pause,
         runs::go_on,
+        runs::answer,
         runs::order,
         runs::resume,
         find::runs,
@@ -58,6 +60,7 @@ use super::{
         find::campaign,
         find::models,
         find::capture,
+        imported::read,
         find::cells,
         find::cell,
         find::cell_notes,
@@ -68,6 +71,10 @@ use super::{
         analyses::cancel,
         analyses::log,
         analyses::file,
+        investigations::list,
+        investigations::begin,
+        investigations::detail,
+        investigations::cancel,
         notices::list,
         notices::test,
         pack::under_load,

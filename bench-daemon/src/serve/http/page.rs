@@ -43,6 +43,7 @@ const OWN: &[(&str, &str)] = own![
     "app.js",
     "bench.js",
     "server.js",
+    "question.js",
     "time.js",
     "tour.js",
     "curves.js",

@@ -1,12 +1,6 @@
 //! Routes of runs: state, spectra, fits, readings and files, and run control requests.
 
-use std::{
-    collections::BTreeMap,
-    io::{Read, Seek, SeekFrom},
-    path::PathBuf,
-    process::Stdio,
-    time::Duration,
-};
+use std::{collections::BTreeMap, path::PathBuf, process::Stdio, time::Duration};
 
 use analysis::run_folder::{LOG, READINGS};
 use axum::{
@@ -44,8 +38,8 @@ use crate::{
 const RUN_CONTROL_DEADLINE: Duration = Duration::from_secs(20);
 /// Longest file that is sent, bytes: captures are copied from the disk instead.
 const LONGEST: u64 = 256 * 1024 * 1024;
-/// How much of a log is shown, bytes.
-const LOG_BYTES: u64 = 64 * 1024;
+/// Longest serial number of a cell, characters.
+const LONGEST_SERIAL: usize = 100;
 
 /// A run in full.
 #[derive(Debug, Serialize, ToSchema)]
@@ -89,6 +83,18 @@ impl Log {
 pub struct CampaignOrder {
     /// These come next, in this order.
     runs: Vec<u32>,
+}
+
+/// Confirmation that the fixture was changed as asked.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FixtureChanged {
+    /// Number of the question.
+    question: u64,
+    /// Serial number that was read from the cell, by eye or by a scanner; refused where it is not
+    /// that of the cell asked for.
+    #[schema(max_length = 100)]
+    serial: Option<String>,
 }
 
 /// Run control request that was passed on.
@@ -257,30 +263,17 @@ pub async fn log(
     let (folder, most) = (folder(&app, &run)?, most.or(200)?);
     aside(move || {
         let logs = app.server.settings.data.join("logs");
-        let mut lines = tail(&folder, LOG);
-        lines.extend(tail(&logs, &format!("{run}.log")));
+        let name = format!("{run}.log");
+        let ends = [(&folder, LOG), (&logs, name.as_str())];
+        let ends = ends.map(|(folder, name)| confined_path::tail(folder, name));
+        let mut lines: Vec<String> = ends
+            .iter()
+            .flat_map(|end| end.lines().map(str::to_owned))
+            .collect();
         lines.drain(..lines.len().saturating_sub(most));
         Ok(Json(Log { lines }))
     })
     .await
-}
-
-fn tail(folder: &std::path::Path, name: &str) -> Vec<String> {
-    let read = || {
-        let mut file = confined_path::open(folder, name)?;
-        let length = file.metadata().ok()?.len();
-        file.seek(SeekFrom::Start(length.saturating_sub(LOG_BYTES)))
-            .ok()?;
-        let mut bytes = Vec::new();
-        file.take(LOG_BYTES).read_to_end(&mut bytes).ok()?;
-        Some(
-            String::from_utf8_lossy(&bytes)
-                .lines()
-                .map(str::to_owned)
-                .collect(),
-        )
-    };
-    read().unwrap_or_default()
 }
 
 /// The files of a run.
@@ -338,14 +331,14 @@ async fn send_request(
     app: &App,
     run: &str,
     word: &'static str,
-    more: &[u32],
+    more: &[String],
 ) -> Result<Json<Conveyed>, Refusal> {
     let folder = folder(app, run)?;
     let mut command = tokio::process::Command::new(&app.server.program);
     command
         .arg(word)
         .arg(folder)
-        .args(more.iter().map(u32::to_string))
+        .args(more)
         .stdin(Stdio::null())
         .kill_on_drop(true)
         .env_remove("NOTIFY_SOCKET");
@@ -426,7 +419,39 @@ pub async fn order(
             "runs: expected 1 to 1000 numbers",
         ));
     }
-    send_request(&app, &run, "reorder", &order.runs).await
+    let numbers: Vec<String> = order.runs.iter().map(u32::to_string).collect();
+    send_request(&app, &run, "reorder", &numbers).await
+}
+
+/// Answers the question of a run: the fixture is changed as asked. That lets current flow.
+#[utoipa::path(
+    post,
+    path = "/api/v1/runs/{run}/answer",
+    tag = "runs",
+    params(("run" = String, Path)),
+    request_body = FixtureChanged,
+    responses((status = 200, body = Conveyed)),
+    security(("token" = ["energise"]))
+)]
+pub async fn answer(
+    caller: Energiser,
+    State(app): State<App>,
+    Path(run): Path<String>,
+    Json(answer): Json<FixtureChanged>,
+) -> Result<Json<Conveyed>, Refusal> {
+    let mut words = vec![
+        "--done".to_owned(),
+        format!("--question={}", answer.question),
+        format!("--by={}", caller.name),
+    ];
+    if let Some(serial) = answer.serial.map(|serial| serial.trim().to_owned()) {
+        if serial.is_empty() || serial.chars().count() > LONGEST_SERIAL {
+            let text = format!("serial: expected 1 to {LONGEST_SERIAL} letters, or none");
+            return Err(Refusal::of(StatusCode::UNPROCESSABLE_ENTITY, text));
+        }
+        words.push(format!("--serial={serial}"));
+    }
+    send_request(&app, &run, "answer", &words).await
 }
 
 /// Puts a run that was interrupted into the queue again, to go on where it was: that lets current

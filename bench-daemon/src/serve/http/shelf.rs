@@ -15,9 +15,9 @@ use super::{
     queue::Planned,
 };
 use crate::{
-    config::{Fence, Source, resolve_cell, schema},
+    config::schema,
     serve::{
-        draft::{self, Margin, Mistake},
+        draft::{self, KeyChange, Margin, Mistake},
         jobs,
         settings::Settings,
         shelf::{self, Change, FileKind, Listed, ShelfError, Version},
@@ -31,7 +31,8 @@ const LONGEST_WHY: usize = 1000;
 /// Longest name of a file, characters.
 const LONGEST_NAME: usize = 60;
 
-/// A file with its history.
+/// A file with its history. Of a bench the text is the one that is proposed, where there is one,
+/// else the one in force; version 0 is the file in force.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct ShelfFile {
     /// Its name.
@@ -44,10 +45,14 @@ pub struct ShelfFile {
     sha256: String,
     /// All versions, the oldest first.
     versions: Vec<Version>,
-    /// It can be changed over the API.
-    editable: bool,
-    /// Why it cannot.
-    why_not: Option<String>,
+    /// Keys in which the text differs from the file of the configuration; of a bench that is the
+    /// file in force. Null where there is no such file, or one of both is no TOML.
+    changes: Option<Vec<KeyChange>>,
+    /// Of a bench: the version that is proposed and not in force; null where there is none.
+    proposed: Option<usize>,
+    /// Of a bench: why nothing is begun on it until the server is restarted; null where nothing
+    /// hinders.
+    restart: Option<String>,
 }
 
 /// A version of a file that is to be made.
@@ -71,7 +76,7 @@ pub struct OfVersion {
     version: Option<usize>,
 }
 
-/// An experiment that is being written.
+/// A file that is being written.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NewDraft {
@@ -81,6 +86,10 @@ pub struct NewDraft {
     value: Option<serde_json::Value>,
     /// The bench; left out: the one that the experiment names.
     bench: Option<String>,
+    /// Kind of the file; left out: an experiment. A cell and a bench have no plan.
+    kind: Option<FileKind>,
+    /// Name of the file of a cell or a bench.
+    name: Option<String>,
 }
 
 /// Effect of a draft.
@@ -96,6 +105,18 @@ pub struct Draft {
     plan: Option<Planned>,
     /// Demands of the plan beside the limits of the cell.
     margins: Vec<Margin>,
+}
+
+impl Draft {
+    fn without_plan(text: String, value: serde_json::Value, mistake: Option<Mistake>) -> Self {
+        Self {
+            text,
+            value,
+            mistakes: mistake.into_iter().collect(),
+            margins: Vec::new(),
+            plan: None,
+        }
+    }
 }
 
 /// The experiment of a run.
@@ -210,31 +231,33 @@ fn told(
     let file = shelf::read(settings, kind, name, version)
         .map_err(|error| Refusal::machine(&error))?
         .ok_or_else(|| Refusal::not_found("a file", name))?;
-    // The guardian and `eis-bench safe` read the bench's own file: it must be one for all.
-    let why_not = (kind == FileKind::Benches).then(|| {
-        let path = settings
-            .bench(name)
-            .map(|bench| bench.path.display().to_string());
-        format!(
-            "the file of a bench is read by its guardian too: change it on its machine, at {}, and \
-             start the server again",
-            path.unwrap_or_default()
-        )
-    });
+    let bench = settings.bench(name).filter(|_| kind == FileKind::Benches);
+    let changes = |was: &String| draft::key_changes(was, &file.text);
     Ok(ShelfFile {
         name: name.to_owned(),
+        changes: file.original.as_ref().and_then(changes),
+        proposed: file.proposed,
+        restart: bench.and_then(shelf::restart_needed),
         value: value_of(&file.text),
         text: file.text,
         sha256: file.sha256,
         versions: file.versions,
-        editable: why_not.is_none(),
-        why_not,
     })
 }
 
-/// Makes a new version of an experiment or a cell, once it is checked. The file of the
-/// configuration is not changed; the version is read in its place, by what is submitted from then
-/// on.
+/// A name that a file may have.
+fn named(name: &str) -> Result<(), Refusal> {
+    if plain(name) && name.len() <= LONGEST_NAME {
+        return Ok(());
+    }
+    Err(Refusal::unfit(format!(
+        "expected a name of at most {LONGEST_NAME} letters, digits, `-` and `_`, found {name:?}"
+    )))
+}
+
+/// Makes a new version of a file, once it is checked. The file of the configuration is not changed.
+/// A version of an experiment or a cell is read in its place, by what is submitted from then on. A
+/// version of a bench is a proposal: `eis-bench config take`, at the machine, puts it in force.
 #[utoipa::path(
     put,
     path = "/api/v1/files/{kind}/{name}",
@@ -256,39 +279,16 @@ pub async fn write(
             "why: expected 1 to {LONGEST_WHY} characters in one line"
         )));
     }
-    if !plain(&name) || name.len() > LONGEST_NAME {
-        return Err(Refusal::unfit(format!(
-            "expected a name of at most {LONGEST_NAME} letters, digits, `-` and `_`, found {name:?}"
-        )));
+    if kind != FileKind::Benches {
+        named(&name)?;
     }
     aside(move || {
         let settings = &app.server.settings;
-        match kind {
-            FileKind::Benches => {
-                let file = told(settings, kind, &name, None)?;
-                return Err(Refusal::conflict(file.why_not.unwrap_or_default()));
-            }
-            FileKind::Cells => {
-                let path = settings
-                    .configs
-                    .join(kind.folder())
-                    .join(format!("{name}.toml"));
-                let fence = Fence {
-                    below: settings.configs.clone(),
-                    also: Vec::new(),
-                    instead: shelf::changed(settings).map_err(|error| Refusal::machine(&error))?,
-                };
-                let source = Source::fenced(&path, new.text.clone(), &fence.into());
-                resolve_cell(&source).map_err(|error| Refusal::unfit(format!("text: {error}")))?;
-            }
-            FileKind::Experiments => {
-                // On the bench that it names, where that is one of this server's; else on the first.
-                let first = settings.benches.first().map(|bench| bench.name.clone());
-                draft::submission(settings, &new.text, None)
-                    .or_else(|_| draft::submission(settings, &new.text, first.as_deref()))
-                    .map_err(|mistake| Refusal::unfit(format!("text: {}", mistake.in_words())))?;
-            }
+        if kind == FileKind::Benches && settings.bench(&name).is_none() {
+            return Err(Refusal::not_found("a bench", &name));
         }
+        draft::check(settings, kind, &name, &new.text)
+            .map_err(|mistake| Refusal::unfit(format!("text: {}", mistake.in_words())))?;
         let change = Change {
             text: &new.text,
             by: &caller.name,
@@ -305,7 +305,8 @@ pub async fn write(
     .await
 }
 
-/// Says what an experiment would do on a bench, or what is not as expected in it. Touches nothing.
+/// Says what an experiment would do on a bench, or what is not as expected in it, in a cell or in a
+/// bench. Touches nothing.
 #[utoipa::path(
     post,
     path = "/api/v1/drafts",
@@ -325,8 +326,17 @@ pub async fn draft(
             (None, Some(value)) => text_of(value)?,
             _ => return Err(Refusal::unfit("expected either `text` or `value`")),
         };
-        let found = draft::submission(&app.server.settings, &text, new.bench.as_deref());
+        let settings = &app.server.settings;
         let value = value_of(&text);
+        if let Some(kind) = new.kind.filter(|kind| *kind != FileKind::Experiments) {
+            let name = new.name.unwrap_or_default();
+            if settings.bench(&name).is_none() {
+                named(&name)?;
+            }
+            let mistake = draft::check(settings, kind, &name, &text).err();
+            return Ok(Json(Draft::without_plan(text, value, mistake)));
+        }
+        let found = draft::submission(settings, &text, new.bench.as_deref());
         Ok(Json(match found {
             Ok(submission) => Draft {
                 text,
@@ -335,13 +345,7 @@ pub async fn draft(
                 margins: draft::margins(&submission),
                 plan: Some(Planned::of(&submission)),
             },
-            Err(mistake) => Draft {
-                text,
-                value,
-                mistakes: vec![mistake],
-                margins: Vec::new(),
-                plan: None,
-            },
+            Err(mistake) => Draft::without_plan(text, value, Some(mistake)),
         }))
     })
     .await

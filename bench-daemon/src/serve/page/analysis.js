@@ -1,8 +1,17 @@
 // Analyses of runs: begin one, see how far all are, and read what one has found.
 "use strict";
 
-import { duration, el, person, text, when } from "./bench.js";
-import { drawFiles, drawPictures, drawResults, drawStory } from "./story.js";
+import { duration, el, fill, person, text, when } from "./bench.js";
+import {
+  drawFiles,
+  drawPictures,
+  drawResults,
+  drawStory,
+  investigationForm,
+  investigationState,
+  investigationUse,
+  investigationView,
+} from "./story.js";
 
 const WORDS = {
   title: "Analyses",
@@ -104,6 +113,11 @@ const WORDS = {
   noMessage: "The server gives no reason; see the log.",
   wasCancelled: "■ The analysis was cancelled.",
   unknown: (id) => `The analysis ${id} could not be loaded.`,
+  investigations: "Investigations",
+  investigation: "Investigation until it is clear",
+  investigationOf: (one) => `Investigation of ${one.run}`,
+  investigationBy: (one) => ` by ${person(one.by)}, ${when(one.submitted_unix_s)}; ${investigationUse(one).join(", ")}`,
+  endSure: "Cancel it? An experiment that waits is taken out of the queue; one that runs goes on to its end.",
 };
 
 const KINDS = Object.keys(WORDS.kinds);
@@ -123,19 +137,38 @@ let ids = 0;
 const nameOf = (analysis) => WORDS.one(analysis);
 const isOver = (analysis) => OVER.includes(analysis.state);
 const at = (id) => `/analyses/${encodeURIComponent(id)}`;
+const atInvestigation = (id) => `/investigations/${encodeURIComponent(id)}`;
+const isInvestigation = (id) => /^investigation-\d+$/.test(id);
 const newId = () => `an-${(ids += 1)}`;
+
+// What the button that cancels is about.
+const OF_ANALYSIS = {
+  name: nameOf,
+  sure: WORDS.cancelSure,
+  end: (ctx, id) => ctx.remove(at(id)),
+  isOver,
+};
+const OF_INVESTIGATION = {
+  name: WORDS.investigationOf,
+  sure: WORDS.endSure,
+  end: (ctx, id) => ctx.post(`${atInvestigation(id)}/cancel`, {}),
+  isOver: (one) => Boolean(one.ended),
+};
 
 export async function open(parent, address, ctx) {
   const root = el("div", { class: "an-view" });
   parent.append(root);
   view = { root, ctx };
-  if (address.path[0] === "analysis") await openOne(view, address.path[1] || "");
+  const id = address.path[0] === "analysis" ? address.path[1] || "" : null;
+  if (id !== null && isInvestigation(id)) await openInvestigation(view, id);
+  else if (id !== null) await openOne(view, id);
   else await openAll(view, address.query);
 }
 
 export function heard(kind, data) {
   if (!view) return;
   if (kind === "analysis") view.told(data);
+  if (kind === "investigation" && view.toldOf) view.toldOf(data);
   if (kind === "hello" || kind === "lost") view.reload();
 }
 
@@ -160,16 +193,59 @@ async function openAll(mine, query) {
   const heading = title(WORDS.title);
   const list = analysesTable(mine);
   const form = beginForm(mine, query, (analysis) => list.put(analysis));
+  const investigations = investigationList(mine);
   mine.told = list.put;
-  mine.reload = list.load;
+  mine.toldOf = investigations.put;
+  mine.reload = () => Promise.all([list.load(), investigations.load()]);
   mine.over = form.over;
+  const run = query.get("investigate");
+  const asked = run
+    ? el("section", {}, el("h3", {}, WORDS.investigation), investigationForm(mine.ctx, run, true))
+    : "";
   mine.root.append(
     heading,
+    asked,
     el("section", {}, el("h3", {}, WORDS.begin), form.node),
+    investigations.node,
     el("section", {}, el("h3", {}, WORDS.all), list.node),
   );
   heading.focus();
-  await Promise.all([form.begin(), list.load()]);
+  await Promise.all([form.begin(), mine.reload()]);
+}
+
+// Investigations, the latest first; nothing where there is none.
+function investigationList(mine) {
+  const list = el("ul", { "aria-label": WORDS.investigations });
+  const node = el("section", { hidden: true }, el("h3", {}, WORDS.investigations), list);
+  const known = new Map();
+  const draw = () => {
+    const all = [...known.values()].sort((one, other) => other.submitted_unix_s - one.submitted_unix_s);
+    node.hidden = !all.length;
+    fill(list, ...all.slice(0, SHOWN).map(investigationItem));
+  };
+  const put = (one) => {
+    known.set(one.id, one);
+    draw();
+  };
+  const load = async () => {
+    const all = await mine.ctx.attempt(() => mine.ctx.get("/investigations"));
+    if (!all || view !== mine) return;
+    all.forEach((one) => known.set(one.id, one));
+    draw();
+  };
+  return { node, put, load };
+}
+
+function investigationItem(one) {
+  const href = `#/analysis/${encodeURIComponent(one.id)}`;
+  const [words] = investigationState(one);
+  return el(
+    "li",
+    {},
+    el("a", { href }, WORDS.investigationOf(one)),
+    WORDS.investigationBy(one),
+    el("small", {}, ` ${words}`),
+  );
 }
 
 // The rows are changed in place: whoever is at a button or has scrolled stays there while events arrive.
@@ -287,23 +363,24 @@ function progressBar(name) {
 }
 
 // The button that cancels; it asks once, in its own place. `next` gets the focus when there is nothing to cancel.
-function canceller(ctx, first, next, put) {
+function canceller(ctx, first, next, put, about = OF_ANALYSIS) {
   const id = newId();
   const why = refusal(ctx, "operate");
-  const button = el("button", { type: "button", "aria-label": WORDS.cancelOf(nameOf(first)) }, WORDS.cancel);
+  const name = about.name(first);
+  const button = el("button", { type: "button", "aria-label": WORDS.cancelOf(name) }, WORDS.cancel);
   button.disabled = Boolean(why);
   const reason = el("small", { id, hidden: !why }, why);
   if (why) button.setAttribute("aria-describedby", id);
   const yes = el("button", { type: "button" }, WORDS.cancelYes);
   const no = el("button", { type: "button" }, WORDS.cancelNo);
-  const said = el("span", {}, WORDS.cancelSure);
-  const group = { class: "an-ask", role: "group", "aria-label": WORDS.cancelOf(nameOf(first)), hidden: true };
+  const said = el("span", {}, about.sure);
+  const group = { class: "an-ask", role: "group", "aria-label": WORDS.cancelOf(name), hidden: true };
   const ask = el("div", group, said, yes, no);
   const node = el("div", {}, button, reason, ask);
   const asking = (on) => {
     [ask.hidden, button.hidden] = [!on, on];
     yes.disabled = no.disabled = false;
-    text(said, WORDS.cancelSure);
+    text(said, about.sure);
   };
   button.addEventListener("click", () => {
     asking(true);
@@ -317,8 +394,8 @@ function canceller(ctx, first, next, put) {
     yes.disabled = no.disabled = true;
     text(said, WORDS.cancelling);
     const answer = await ctx.attempt(
-      () => ctx.remove(at(first.id)),
-      () => WORDS.cancelled(nameOf(first)),
+      () => about.end(ctx, first.id),
+      () => WORDS.cancelled(name),
     );
     if (answer && answer.id === first.id && answer.state) put(answer);
     if (node.hidden || answer) return;
@@ -326,7 +403,7 @@ function canceller(ctx, first, next, put) {
     button.focus();
   });
   const update = (analysis) => {
-    if (node.hidden || !isOver(analysis)) return;
+    if (node.hidden || !about.isOver(analysis)) return;
     const held = node.contains(document.activeElement) || !ask.hidden;
     node.hidden = true;
     if (held) next.focus();
@@ -603,6 +680,7 @@ async function openOne(mine, id) {
   heading.focus();
   let [page, newer] = [null, null];
   const put = (analysis) => {
+    if (mine.heardOf) mine.heardOf(analysis);
     if (analysis.id !== id || view !== mine) return;
     newer = analysis;
     if (!page) {
@@ -623,11 +701,82 @@ async function openOne(mine, id) {
       const analysis = await mine.ctx.get(at(id));
       // An event that came meanwhile is newer.
       if (!newer) put(analysis);
+      if (mine.loadOf) mine.loadOf();
     } catch (error) {
       if (view === mine && !page) notFound(mine, heading, body, id, error.message);
     }
   };
   await mine.reload();
+}
+
+// An investigation by itself: its steps, and the button that cancels it.
+async function openInvestigation(mine, id) {
+  const heading = title(WORDS.loading);
+  const body = el("section", {});
+  mine.root.append(heading, el("p", {}, el("a", { href: "#/analyses" }, `← ${WORDS.back}`)), body);
+  heading.focus();
+  let [page, newer] = [null, null];
+  mine.told = (analysis) => page && page.heard(analysis);
+  mine.toldOf = (one) => {
+    if (one.id !== id || view !== mine) return;
+    newer = one;
+    if (!page) {
+      page = investigationPart(mine, one, heading);
+      body.replaceChildren(page.node);
+    }
+    text(heading, WORDS.investigationOf(one));
+    page.update(one);
+  };
+  mine.reload = async () => {
+    newer = null;
+    try {
+      const one = await mine.ctx.get(atInvestigation(id));
+      // An event that came meanwhile is newer.
+      if (!newer) mine.toldOf(one);
+    } catch (error) {
+      if (view === mine && !page) notFound(mine, heading, body, id, error.message);
+    }
+  };
+  await mine.reload();
+}
+
+function investigationPart(mine, first, next) {
+  const shown = investigationView(first);
+  const cancel = canceller(mine.ctx, first, next, mine.toldOf, OF_INVESTIGATION);
+  const node = el("div", {}, shown.node, el("div", { class: "acts" }, cancel.node));
+  const update = (one) => {
+    shown.update(one);
+    cancel.update(one);
+  };
+  cancel.update(first);
+  return { node, update, heard: shown.heard };
+}
+
+// Beside a diagnosis: the investigation that it belongs to, or that goes on about its run; else the form.
+function investigationBeside(mine, analysis, heading) {
+  const run = analysis.runs[0];
+  const body = el("div", {});
+  const node = el("section", {}, el("h3", {}, WORDS.investigation), body);
+  let [page, shown] = [null, null];
+  const isOurs = (one) => one.steps.some((step) => step.analysis === analysis.id) || (!one.ended && one.run === run);
+  const put = (one) => {
+    if (view !== mine || (shown ? shown !== one.id : !isOurs(one))) return;
+    if (!page) {
+      shown = one.id;
+      page = investigationPart(mine, one, heading);
+      body.replaceChildren(page.node);
+    }
+    page.update(one);
+    // After its end another one may be begun, with another budget.
+    if (one.ended && body.children.length === 1) body.append(investigationForm(mine.ctx, run, false));
+  };
+  const load = async () => {
+    const all = await mine.ctx.get("/investigations").catch(() => []);
+    if (view !== mine) return;
+    all.filter(isOurs).slice(0, 1).forEach(put);
+    if (!page && !body.hasChildNodes()) body.append(investigationForm(mine.ctx, run, false));
+  };
+  return { node, put, load, heard: (one) => page && page.heard(one) };
 }
 
 function notFound(mine, heading, body, id, message) {
@@ -645,13 +794,20 @@ function analysisPage(mine, first, heading) {
   const cancel = canceller(mine.ctx, first, heading, mine.put);
   const log = logView(mine, first.id);
   const found = el("div", { class: "an-view" });
+  const beside = first.kind === "diagnose" ? investigationBeside(mine, first, heading) : null;
   const node = el(
     "div",
     { class: "an-view" },
     el("section", {}, state, failure, progress.node, facts.node, el("div", { class: "acts" }, cancel.node)),
     found,
+    beside ? beside.node : "",
     el("section", {}, commandLine(first), log.node, measured(mine, first)),
   );
+  if (beside) {
+    mine.toldOf = beside.put;
+    mine.heardOf = beside.heard;
+    mine.loadOf = beside.load;
+  }
   let drawn = "";
   const update = (analysis) => {
     text(state, WORDS.states[analysis.state] || analysis.state);

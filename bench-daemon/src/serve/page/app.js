@@ -1,7 +1,7 @@
 // The page: what it knows, what it asks for, and what the keys do.
 "use strict";
 
-import { Refused, file, get, listen, post, put, remove, signIn, signOut, stopNow } from "./server.js";
+import { Refused, file, get, listen, onSession, post, put, remove, signIn, signOut, stopNow } from "./server.js";
 import {
   $,
   drawInstruments,
@@ -21,13 +21,87 @@ import {
   when,
 } from "./bench.js";
 import { tellHere } from "./notices.js";
+import { drawQuestion } from "./question.js";
 import { drawTime, fitTime } from "./time.js";
 import { drawTour, noteTour } from "./tour.js";
 
+const WORDS = {
+  title: (what) => `${what} – eis-bench`,
+  titleSigns: { latched: "▲ ", asking: "? ", running: "▶ " },
+  refused: (why) => `Refused: ${why}`,
+  notReached: (why) => `Not reached: ${why}`,
+  close: "Close this message",
+  link: {
+    up: "● connected",
+    down: "○ connection lost: what is shown is old",
+    refused: "✕ the token is refused",
+    trying: "○ not reached, trying again",
+    stopOnly: "● this token shows nothing; STOP works",
+  },
+  ended: "The session has ended.",
+  who: (name, scopes) => `${name}: ${scopes || "STOP only"}`,
+  lacks: (scope, scopes) => `needs the scope ${scope}; yours has: ${scopes || "none"}`,
+  maySubmit: (lacks) => `To submit, the token ${lacks}.`,
+  stop: "■ STOP",
+  stopBench: (bench) => `■ STOP ${bench}`,
+  stopAll: "■ STOP ALL",
+  stopping: (tries) => (tries === 1 ? "■ STOPPING …" : `■ STOPPING, TRY ${tries} …`),
+  escape: (stop) => `Esc once more within 1.5 s: ${stop}`,
+  stops: (reports) => `Stopped. ${reports.join("; ")}.`,
+  stoppedOff: (bench) => `${bench}: every output is off, read back`,
+  stoppedSimulated: (bench) => `${bench}: simulated within the run's process, which has ended`,
+  stoppedUnverified: (bench) => `▲ ${bench}: STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH`,
+  stopSignIn: (why) =>
+    `The stop was refused: sign in first (${why}). ` +
+    "Without a token: the emergency switch, or on the machine: eis-bench safe",
+  stopRefused: (why) =>
+    `The stop was refused: ${why}. NOTHING WAS STOPPED, and it is not sent again. ` +
+    "Use the emergency switch, or on the machine: eis-bench safe",
+  stopUnheard: (waited, why) =>
+    `No word after ${waited} s that the bench is off (${why}). The stop is sent again. ` +
+    "Use the emergency switch, or on the machine: eis-bench safe",
+  noAnswer: "no answer yet",
+  curveOf: (run, name) => `${run}: ${name}`,
+  empty: "Empty.",
+  inQueue: (item, time, who) =>
+    `${item.run} on ${item.bench}, ${item.kind === "resume" ? "to go on, " : ""}` +
+    `about ${time} of bench time, by ${who}`,
+  atWork: "▶ in work: ",
+  takeOut: "Take out",
+  takenOut: (run) => `${run} was taken out.`,
+  first: "First",
+  held: (bench, why) => `❚❚ Nothing is begun on ${bench}: ${why}. `,
+  heldWhy: "What was found, and why it may go on ",
+  release: "Let the queue go on",
+  released: "The queue goes on.",
+  inWork: "▶ in work",
+  compare: "Compare",
+  compareRun: (run) => `Compare ${run}`,
+  bench: "Bench",
+  submitted: "Submitted",
+  by: "By",
+  report: "Report",
+  goOn: "Go on",
+  waitsToGoOn: (run) => `${run} waits to go on.`,
+  pause: "Pause after this step",
+  cleared: (bench) => `${bench} is cleared.`,
+  answered: (count) => `${count} instruments answered.`,
+  queued: (run) => `${run} is in the queue.`,
+  plan: ({ experiment, bench }, expected, longest) =>
+    `${experiment} on ${bench}: about ${expected} of bench time, at most ${longest}.`,
+  planStage: (purpose, time) => `${purpose}, about ${time}`,
+};
+
+// So long the stream has at the start, before the page asks without it, ms.
+const FIRST_MS = 2000;
+
 const known = {
+  asked: false,
   benches: new Map(),
   bench: "",
+  who: "",
   scopes: [],
+  link: "",
   queue: { items: [], held: {} },
   runs: [],
   spectra: new Map(),
@@ -49,6 +123,13 @@ function say(words, bad) {
   text($("said"), words || "");
 }
 
+// The server does not know who asks, or not any more.
+const isUnknown = (error) => error instanceof Refused && (error.status === 401 || error.status === 403);
+
+function sayError(error) {
+  say(error instanceof Refused ? WORDS.refused(error.message) : WORDS.notReached(error.message), true);
+}
+
 // Does something that the server may refuse, and says so.
 async function attempt(work, done) {
   try {
@@ -56,7 +137,7 @@ async function attempt(work, done) {
     say(done ? done(result) : "");
     return result;
   } catch (error) {
-    say(error instanceof Refused ? `Refused: ${error.message}` : `Not reached: ${error.message}`, true);
+    sayError(error);
     return null;
   }
 }
@@ -67,7 +148,7 @@ function stopSays(words, bad = true) {
   banner.hidden = !words;
   if (!words) return;
   banner.className = `banner ${bad ? "bad" : "fine"}`;
-  const close = el("button", { type: "button", onclick: () => stopSays("") }, "Close this message");
+  const close = el("button", { type: "button", onclick: () => stopSays("") }, WORDS.close);
   banner.replaceChildren(el("strong", {}, words), " ", close);
 }
 
@@ -77,12 +158,12 @@ function tellStops(reports) {
   const fine = (report) => report.verified || report.simulated;
   const words = (report) =>
     report.verified
-      ? `${report.bench}: every output is off, read back`
+      ? WORDS.stoppedOff(report.bench)
       : report.simulated
-        ? `${report.bench}: simulated within the run's process, which has ended`
-        : `▲ ${report.bench}: STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH`;
+        ? WORDS.stoppedSimulated(report.bench)
+        : WORDS.stoppedUnverified(report.bench);
   const sorted = [...reports].sort((a, b) => Number(fine(a)) - Number(fine(b)));
-  return stopSays(`Stopped. ${sorted.map(words).join("; ")}.`, !reports.every(fine));
+  return stopSays(WORDS.stops(sorted.map(words)), !reports.every(fine));
 }
 
 // ---- the stop -----------------------------------------------------------------------------------
@@ -97,7 +178,7 @@ async function stop(all) {
   const one = all ? "" : known.bench;
   const began = Date.now();
   for (let tries = 1; ; tries += 1) {
-    text(button, tries === 1 ? "■ STOPPING …" : `■ STOPPING, TRY ${tries} …`);
+    text(button, WORDS.stopping(tries));
     try {
       const reports = one ? [await stopNow(`/benches/${one}/stop`)] : await stopNow("/stop");
       reports.forEach(stopped);
@@ -106,25 +187,15 @@ async function stop(all) {
       break;
     } catch (error) {
       const waited = Math.round((Date.now() - began) / 1000);
-      if (error instanceof Refused && (error.status === 401 || error.status === 403)) {
-        stopSays(
-          `The stop was refused: sign in first (${error.message}). ` +
-            "Without a token: the emergency switch, or on the machine: eis-bench safe",
-        );
+      if (isUnknown(error)) {
+        stopSays(WORDS.stopSignIn(error.message));
         break;
       }
       if (error instanceof Refused && error.status < 500 && error.status !== 429) {
-        stopSays(
-          `The stop was refused: ${error.message}. NOTHING WAS STOPPED, and it is not sent again. ` +
-            "Use the emergency switch, or on the machine: eis-bench safe",
-        );
+        stopSays(WORDS.stopRefused(error.message));
         break;
       }
-      const why = error.name === "TimeoutError" ? "no answer yet" : error.message;
-      stopSays(
-        `No word after ${waited} s that the bench is off (${why}). The stop is sent again. ` +
-          "Use the emergency switch, or on the machine: eis-bench safe",
-      );
+      stopSays(WORDS.stopUnheard(waited, error.name === "TimeoutError" ? WORDS.noAnswer : error.message));
       if (error.name !== "TimeoutError") await new Promise((done) => setTimeout(done, 500));
     }
   }
@@ -134,8 +205,8 @@ async function stop(all) {
 
 // Where there are several benches, the button says which one it stops.
 function stopLabel(all) {
-  if (all || !known.bench) return "■ STOP ALL";
-  return known.benches.size > 1 ? `■ STOP ${known.bench}` : "■ STOP";
+  if (all || !known.bench) return WORDS.stopAll;
+  return known.benches.size > 1 ? WORDS.stopBench(known.bench) : WORDS.stop;
 }
 
 // On such a bench a current may flow.
@@ -175,7 +246,7 @@ document.addEventListener("keydown", (event) => {
     const again = event.timeStamp - escaped < 1500;
     escaped = again ? 0 : event.timeStamp;
     if (again) stop(false);
-    else say(`Esc once more within 1.5 s: ${stopLabel(false)}`);
+    else say(WORDS.escape(stopLabel(false)));
   } else if (event.key === "S" && event.shiftKey && !event.ctrlKey && !event.altKey && !event.metaKey && !typing) {
     stop(false);
   }
@@ -210,7 +281,7 @@ function curves() {
         id: `${run} ${one.name}`,
         run,
         file: one.name,
-        name: runs.length > 1 ? `${run}: ${named(one.name)}` : named(one.name),
+        name: runs.length > 1 ? WORDS.curveOf(run, named(one.name)) : named(one.name),
         points: one.points,
         corrected: one.corrected,
       });
@@ -258,6 +329,7 @@ const TIME_MS = 2000;
 let timed = 0;
 
 function drawStrips(now) {
+  if ($("main").hidden) return;
   const at = Date.now();
   if (!now && at - timed < TIME_MS) return;
   timed = at;
@@ -275,10 +347,8 @@ function drawQueue() {
   fill(
     $("items"),
     ...(items.length ? items : [null]).map((item) => {
-      if (!item) return el("li", { class: "quiet" }, "Empty.");
-      const words =
-        `${item.run} on ${item.bench}, ${item.kind === "resume" ? "to go on, " : ""}` +
-        `about ${duration(item.expected_s)} of bench time, by ${person(item.by)}`;
+      if (!item) return el("li", { class: "quiet" }, WORDS.empty);
+      const words = WORDS.inQueue(item, duration(item.expected_s), person(item.by));
       const cancel =
         !item.process && may("operate")
           ? el(
@@ -288,17 +358,17 @@ function drawQueue() {
                 onclick: () =>
                   attempt(
                     () => remove(`/queue/${item.id}`),
-                    () => `${item.run} was taken out.`,
+                    () => WORDS.takenOut(item.run),
                   ),
               },
-              "Take out",
+              WORDS.takeOut,
             )
           : null;
       const first =
         cancel && waiting[0] !== item
-          ? el("button", { type: "button", onclick: () => attempt(() => move(item)) }, "First")
+          ? el("button", { type: "button", onclick: () => attempt(() => move(item)) }, WORDS.first)
           : null;
-      return el("li", {}, item.process ? el("b", {}, "▶ in work: ") : "", words, " ", first, cancel);
+      return el("li", {}, item.process ? el("b", {}, WORDS.atWork) : "", words, " ", first, cancel);
     }),
   );
   const why = known.queue.held[known.bench];
@@ -313,16 +383,16 @@ function drawQueue() {
           event.preventDefault();
           attempt(
             () => post(`/benches/${known.bench}/release`, { why: $("why").value.trim() }),
-            () => "The queue goes on.",
+            () => WORDS.released,
           );
         },
       },
-      el("label", {}, "What was found, and why it may go on ", reason),
-      el("button", { type: "submit", disabled: !may("energise") }, "Let the queue go on"),
+      el("label", {}, WORDS.heldWhy, reason),
+      el("button", { type: "submit", disabled: !may("energise") }, WORDS.release),
       may("energise") ? "" : el("span", { class: "quiet" }, lacks("energise")),
     );
     // Drawn anew only where it says something else: what is typed stays.
-    const words = `❚❚ Nothing is begun on ${known.bench}: ${why}. `;
+    const words = WORDS.held(known.bench, why);
     if ($("held").dataset.words !== words) $("held").replaceChildren(words, release);
     $("held").dataset.words = words;
   }
@@ -331,16 +401,16 @@ function drawQueue() {
 function drawHistory() {
   const row = (job) => {
     const run = job.item.run;
-    const how = !job.ended ? "▶ in work" : outcome(job.ended);
+    const how = !job.ended ? WORDS.inWork : outcome(job.ended);
     const box = el("input", {
       type: "checkbox",
-      "aria-label": `Compare ${run}`,
+      "aria-label": WORDS.compareRun(run),
       checked: known.chosen.includes(run),
       onchange: (event) => compare(run, event.target.checked),
     });
     const acts = [];
     if (job.ended && job.ended.finished)
-      acts.push(el("button", { type: "button", onclick: () => keep(run, "report.html") }, "Report"));
+      acts.push(el("button", { type: "button", onclick: () => keep(run, "report.html") }, WORDS.report));
     if (job.ended && !job.ended.finished && may("energise"))
       acts.push(
         el(
@@ -350,20 +420,20 @@ function drawHistory() {
             onclick: () =>
               attempt(
                 () => post(`/runs/${run}/resume`),
-                () => `${run} waits to go on.`,
+                () => WORDS.waitsToGoOn(run),
               ),
           },
-          "Go on",
+          WORDS.goOn,
         ),
       );
     return el(
       "tr",
       {},
-      el("td", { "data-name": "Compare" }, box),
+      el("td", { "data-name": WORDS.compare }, box),
       el("th", { scope: "row" }, el("a", { href: `#/run/${encodeURIComponent(run)}` }, run)),
-      el("td", { "data-name": "Bench" }, job.item.bench),
-      el("td", { "data-name": "Submitted" }, when(job.item.submitted_unix_s)),
-      el("td", { "data-name": "By" }, person(job.item.by)),
+      el("td", { "data-name": WORDS.bench }, job.item.bench),
+      el("td", { "data-name": WORDS.submitted }, when(job.item.submitted_unix_s)),
+      el("td", { "data-name": WORDS.by }, person(job.item.by)),
       el("td", {}, how),
       el("td", {}, ...acts),
     );
@@ -406,7 +476,7 @@ function drawActs() {
                 (r) => r.said,
               ),
           },
-          "Go on",
+          WORDS.goOn,
         ),
       );
     else if (live().state === "running" && may("operate"))
@@ -421,7 +491,7 @@ function drawActs() {
                 (r) => r.said,
               ),
           },
-          "Pause after this step",
+          WORDS.pause,
         ),
       );
   }
@@ -435,8 +505,7 @@ function drawActs() {
 function draw() {
   const now = live();
   if (!now) return;
-  const sign = now.state === "latched" ? "▲ " : now.state === "running" ? "▶ " : "";
-  if (!$("main").hidden) document.title = `${sign}${now.bench} – eis-bench`;
+  if (!$("main").hidden) document.title = WORDS.title(`${WORDS.titleSigns[now.state] || ""}${now.bench}`);
   drawNow(now);
   drawRun(
     now,
@@ -455,12 +524,18 @@ function draw() {
   const clear = (one, found) =>
     attempt(
       () => post(`/benches/${one.bench}/trips/clear`, { cause: one.trip.cause, found }),
-      () => `${one.bench} is cleared.`,
+      () => WORDS.cleared(one.bench),
     );
   drawTrip(now, clear, may("clear-trip") ? "" : lacks("clear-trip"));
+  const answered = (question, serial) =>
+    attempt(
+      () => post(`/runs/${now.run.run}/answer`, { question: question.number, ...(serial ? { serial } : {}) }),
+      (r) => r.said,
+    );
+  drawQuestion(now, answered, may("energise") ? "" : lacks("energise"));
   // What a stop has shown is no longer so once something runs again, or has tripped since.
   const over =
-    now.state === "running" || now.state === "paused" || (now.trip && now.stop && now.trip.unix_s > now.stop.unix_s);
+    ["running", "paused", "asking"].includes(now.state) || (now.trip && now.stop && now.trip.unix_s > now.stop.unix_s);
   if (over) $("stopped").hidden = true;
   else if (now.stop) stopped(now.stop);
   drawRights();
@@ -472,10 +547,10 @@ function drawRights() {
   $("identify").title = may("operate") ? "" : lacks("operate");
   for (const control of $("submit").querySelectorAll("button[type=submit]")) control.disabled = !may("energise");
   $("maynot").hidden = may("energise");
-  text($("maynot"), may("energise") ? "" : `To submit, the token ${lacks("energise")}.`);
+  text($("maynot"), may("energise") ? "" : WORDS.maySubmit(lacks("energise")));
 }
 
-const lacks = (scope) => `needs the scope ${scope}; yours has: ${known.scopes.join(", ") || "none"}`;
+const lacks = (scope) => WORDS.lacks(scope, known.scopes.join(", "));
 
 // ---- parts of the page --------------------------------------------------------------------------
 
@@ -525,8 +600,15 @@ function address() {
   return { path: path.split("/").map(plain), query: new URLSearchParams(query || "") };
 }
 
-async function route() {
-  if (!$("login").hidden || !may("read")) return;
+// Shows what the address names now. Of a bench that was not shown not everything is known: it is asked for.
+function route() {
+  if (!may("read")) return;
+  show();
+  if (!$("main").hidden) attempt(refresh);
+}
+
+// Opens the part that the address names, or makes room for a bench.
+async function show() {
   const opened = (view.opened += 1);
   noteTour();
   if (view.module && view.module.close) view.module.close();
@@ -542,7 +624,8 @@ async function route() {
   if (!source) {
     if (known.benches.has(addressed())) known.bench = addressed();
     $("stopped").hidden = true;
-    await attempt(refresh);
+    // The stop means this bench from now on, and says so.
+    draw();
     // Whoever comes from another part begins at the top of this one.
     if (opened > 1) $("now-h").focus({ preventScroll: true });
     return;
@@ -555,11 +638,11 @@ async function route() {
     $("view").append(parent);
     await module.open(parent, part, context);
   } catch (error) {
-    say(error instanceof Refused ? `Refused: ${error.message}` : `Not reached: ${error.message}`, true);
+    sayError(error);
     return;
   }
   const heading = parent.querySelector("h2");
-  if (heading && opened === view.opened) document.title = `${heading.textContent} – eis-bench`;
+  if (heading && opened === view.opened) document.title = WORDS.title(heading.textContent);
 }
 
 // The bench that the address names: `#demo`.
@@ -577,7 +660,7 @@ function plain(part) {
 // Shows another bench; each has an address of its own, which can be sent.
 const choose = (bench) => go(`#${encodeURIComponent(bench)}`);
 
-async function refresh() {
+async function ask() {
   const [benches, queue, runs, offered] = await Promise.all([
     get("/benches"),
     get("/queue"),
@@ -601,6 +684,10 @@ async function refresh() {
   const wanted = new Set(known.chosen);
   if (live().run && live().run.run) wanted.add(live().run.run);
   await Promise.all([...wanted].map((run) => load(run).catch(() => {})));
+  known.asked = true;
+}
+
+function drawAll() {
   draw();
   drawQueue();
   drawHistory();
@@ -608,12 +695,32 @@ async function refresh() {
   drawStrips(true);
 }
 
-// After a while without the server: somebody else may have signed in, and a part may not have come.
+async function refresh() {
+  await ask();
+  drawAll();
+}
+
+// Once the stream is there, at the start and whenever it comes back, everything is asked for. What the
+// address names is shown then, where nothing is shown yet, or where a part has not come.
 async function again() {
-  const who = await attempt(() => get("/whoami"));
+  await attempt(ask);
+  const isEmpty = $("main").hidden && !view.module;
+  if (isEmpty && may("read")) show();
+  drawAll();
+}
+
+// A stream that does not come is no reason to show nothing, nor is an answer that does not come.
+async function insist() {
+  if (known.asked || !may("read")) return;
+  await again();
+  setTimeout(insist, FIRST_MS);
+}
+
+// Somebody else may have signed in, or nobody be signed in any more: then the page begins anew.
+async function recognise() {
+  const nobody = { name: "", scopes: [] };
+  const who = await get("/whoami").catch((error) => (isUnknown(error) ? nobody : null));
   if (who && (who.name !== known.who || who.scopes.join() !== known.scopes.join())) location.reload();
-  await attempt(refresh);
-  if (!view.module && location.hash.startsWith("#/")) route();
 }
 
 function heard(kind, data) {
@@ -647,18 +754,20 @@ function heard(kind, data) {
 }
 
 function link(state) {
-  const words = {
-    up: "● connected",
-    down: "○ connection lost: what is shown is old",
-    refused: "✕ the token is refused",
-  };
-  text($("link"), words[state]);
+  // The scopes of a token may have changed while nothing was heard.
+  if (state === "up" && known.link === "down") recognise();
+  known.link = state;
+  text($("link"), WORDS.link[state]);
   $("link").className = `chip ${state}`;
   document.body.classList.toggle("stale", state !== "up");
-  if (state === "refused") login("The session has ended.");
+  if (state === "up") heard("hello", {});
+  if (state === "refused") login(WORDS.ended);
 }
 
 function login(words) {
+  Object.assign(known, { who: "", scopes: [], asked: false });
+  if (view.module && view.module.close) view.module.close();
+  view.module = null;
   $("login").hidden = false;
   $("main").hidden = $("view").hidden = $("views").hidden = true;
   text($("loginsaid"), words || "");
@@ -672,24 +781,21 @@ async function begin() {
     known.bench ||= who.benches.length === 1 ? who.benches[0] : "";
     known.who = who.name;
     $("leave").hidden = $("who").hidden = who.name === "local";
-    text($("who"), `${who.name}: ${who.scopes.join(", ") || "STOP only"}`);
+    text($("who"), WORDS.who(who.name, who.scopes.join(", ")));
   } catch (error) {
-    if (error instanceof Refused && (error.status === 401 || error.status === 403))
-      return login("");
-    text($("link"), "○ not reached, trying again");
+    if (isUnknown(error)) return login("");
+    text($("link"), WORDS.link.trying);
     setTimeout(begin, 1000);
     return;
   }
   $("login").hidden = true;
   if (!may("read")) {
-    text($("link"), "● this token shows nothing; STOP works");
+    text($("link"), WORDS.link.stopOnly);
     return;
   }
   $("views").hidden = false;
-  // A part of the page may ask which benches there are.
-  await attempt(refresh);
   listen(known.who, heard, link);
-  await route();
+  setTimeout(insist, FIRST_MS);
 }
 
 $("stop").addEventListener("click", () => stop(false));
@@ -704,6 +810,7 @@ $("leave").addEventListener("click", async () => {
   location.reload();
 });
 window.addEventListener("hashchange", route);
+onSession(recognise);
 // A plan belongs to what it was made for.
 $("experiment").addEventListener("change", () => ($("plan").hidden = true));
 $("login").addEventListener("submit", async (event) => {
@@ -720,7 +827,7 @@ $("login").addEventListener("submit", async (event) => {
 $("identify").addEventListener("click", () =>
   attempt(
     () => post(`/benches/${known.bench}/identify`),
-    (found) => found.trouble || `${found.answers.length} instruments answered.`,
+    (found) => found.trouble || WORDS.answered(found.answers.length),
   ),
 );
 $("submit").addEventListener("submit", (event) => {
@@ -729,7 +836,7 @@ $("submit").addEventListener("submit", (event) => {
   if ($("seed").value !== "") body.seed = Number($("seed").value);
   attempt(
     () => post("/queue", body),
-    (item) => `${item.run} is in the queue.`,
+    (item) => WORDS.queued(item.run),
   );
 });
 $("showplan").addEventListener("click", async () => {
@@ -740,17 +847,12 @@ $("showplan").addEventListener("click", async () => {
     el(
       "li",
       {},
-      `${stage.purpose}, about ${duration(stage.expected_s)}`,
+      WORDS.planStage(stage.purpose, duration(stage.expected_s)),
       el("ol", {}, ...stage.steps.map((step) => el("li", {}, step))),
     ),
   );
   $("plan").replaceChildren(
-    el(
-      "p",
-      {},
-      `${plan.experiment} on ${plan.bench}: about ${duration(plan.expected_s)} of bench time, ` +
-        `at most ${duration(plan.longest_s)}.`,
-    ),
+    el("p", {}, WORDS.plan(plan, duration(plan.expected_s), duration(plan.longest_s))),
     el("ol", {}, ...stages),
   );
 });

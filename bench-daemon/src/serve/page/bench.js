@@ -1,6 +1,112 @@
 // A bench as it is now, drawn into the page. Nothing here speaks with the server.
 "use strict";
 
+const WORDS = {
+  unknown: "–",
+  seconds: (s) => `${s} s`,
+  minutes: (min, s) => `${min} min ${s} s`,
+  hours: (h, min) => `${h} h ${min} min`,
+  noDuration: "unknown",
+  somebody: "somebody on this machine",
+  roles: { supply4q: "bipolar supply" },
+  states: {
+    unknown: ["?", "Unknown: nobody has verified that every output is off"],
+    idle: ["○", "Idle: nothing runs"],
+    running: ["▶", "Running: current may flow"],
+    paused: ["❚❚", "Paused: every output off"],
+    asking: ["?", "Waits for a person to change the fixture: every output off"],
+    stopping: ["■", "Stopping …"],
+    latched: ["▲", "Latched: a person has to look"],
+  },
+  noState: "?",
+  state: (sign, words) => `${sign} ${words}`,
+  unread: ["▶", "Running: every output says that it is off, no current was read yet"],
+  allOff: ["▶", "Running: every output is off"],
+  flows: (amps) => ["▲", `Running: ${amps} A flow, though every output says that it is off`],
+  voltage: "Cell voltage",
+  voltageOf: (fixture) => `Voltage (${fixture})`,
+  current: "Current",
+  charge: "charge",
+  discharge: "discharge",
+  temperature: "Cell temperature",
+  soc: "State of charge",
+  share: (percent) => `${percent} %`,
+  socFrom: "from the voltage at rest",
+  noSoc: "not known yet",
+  oldReading: "old reading",
+  noReading: "no reading",
+  tripped: (value, unit) => `▲ tripped at ${value} ${unit}`,
+  range: (least, greatest, unit) => `${least} to ${greatest} ${unit}`,
+  noLeast: "…",
+  beyond: (margin, unit) => `▲ beyond by ${margin} ${unit}`,
+  left: (margin, unit, end, isNear) => `${isNear ? "▲ only " : ""}${margin} ${unit} left to the cell's ${end} limit`,
+  upper: "upper",
+  lower: "lower",
+  meter: (quantity, words, range) => `${quantity}: ${words} of ${range}`,
+  tighter: (range) => `${range}; the step in work is judged tighter`,
+  failed: (how) => `✕ ${how}`,
+  finished: "✓ finished",
+  finishedBut: (how) => `✓ finished, but ${how}`,
+  gateRefused: "✓ finished, but the quality gate refused points",
+  noRun: "No run yet. Submit an experiment below.",
+  noEnd: "its process ended without a word",
+  point: (number, of, hz) => `point ${number} of ${of}, ${hz} Hz`,
+  progress: "share of the plan that is done",
+  experiment: "Experiment",
+  experimentOf: (experiment, run) => `${experiment}${run ? ` (${run})` : ""}`,
+  stage: "Stage",
+  place: (number, of, words) => `${number} of ${of}: ${words}`,
+  beginning: "beginning",
+  step: "Step",
+  pointInWork: "Point in work",
+  points: "Points",
+  pointsDone: (done, of) => `${done} of ${of} finished`,
+  timeLeft: "Time left, by the clock",
+  noTimeLeft: "unknown",
+  about: (time) => `about ${time}`,
+  outputOn: "● ON",
+  outputOff: "○ off",
+  answered: (time) => `answered ${time} ago`,
+  lastRun: "in the last run",
+  notAsked: "not asked",
+  otherModel: (model) => `${model} ✕ another model answers`,
+  modelNotAsked: (model) => `${model} (not asked yet)`,
+  readBackBy: (who) => `read back by ${who}`,
+  provers: { guardian: "the guardian", stop: "the stop" },
+  safe: "eis-bench safe",
+  trouble: (words) => `▲ ${words}`,
+  overview: (sign, bench, state, left, proof) => `${sign} ${bench}: ${state}${left}${proof}`,
+  overviewTrip: (cause) => `latched, ${cause}`,
+  overviewLeft: (time) => `, ${time} left`,
+  verifiedOff: ", outputs verified off",
+  notVerified: ", outputs NOT verified",
+  warning: "▲ ",
+  otherTrip: (bench, cause) => `${bench} is latched: ${cause}`,
+  otherUnknown: (bench) => `${bench}: nobody has verified that its outputs are off`,
+  otherStop: (bench) => `${bench} was stopped, but not verified: LOOK AT THE BENCH`,
+  show: (bench) => `Show ${bench}`,
+  missed: (benches) => `▲ NOT stopped: ${benches}. `,
+  missedOne: (bench, state) => `${bench} (${state})`,
+  missedLatched: "latched, its outputs are not verified",
+  missedHint: "STOP ALL stops every bench. ",
+  close: "Close this message",
+  looked: "Who looked, and what was found ",
+  lookedHint: "name; what was found and done",
+  clear: "I have looked: clear",
+  trip: (bench) => `▲ ${bench} is latched. `,
+  tripWhy: ({ cause, step, by }, time) =>
+    `${cause}${step ? `, in step “${step}”` : ""}. Found by the ${by}, ${time}. Look at the bench and at the cell. `,
+  stopping: (bench) => `■ Stopping ${bench} …`,
+  stoppedSimulated: (bench) =>
+    `✓ Stopped ${bench}: it is simulated within the run's process, and that has ended. ` +
+    "There is no output to read back.",
+  stopped: (bench) => `✓ Stopped ${bench}: every output is off, read back.`,
+  stoppedUnverified: (bench) => `▲ ${bench} STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH.`,
+  stoppedBy: (who, time) => ` By ${who}, ${time}.`,
+  stopSteps: "What was done and read back",
+  output: (isVerified, words) => `${isVerified ? "○" : "▲"} ${words}`,
+};
+
 export const $ = (id) => document.getElementById(id);
 
 export function el(name, attributes, ...children) {
@@ -42,36 +148,26 @@ export function fill(parent, ...children) {
 }
 
 export function duration(seconds) {
-  if (seconds === null || seconds === undefined) return "unknown";
+  if (seconds === null || seconds === undefined) return WORDS.noDuration;
+  const two = (number) => String(number).padStart(2, "0");
   const s = Math.round(seconds);
-  if (s < 60) return `${s} s`;
-  if (s < 3600) return `${Math.floor(s / 60)} min ${String(s % 60).padStart(2, "0")} s`;
-  return `${Math.floor(s / 3600)} h ${String(Math.floor((s % 3600) / 60)).padStart(2, "0")} min`;
+  if (s < 60) return WORDS.seconds(s);
+  if (s < 3600) return WORDS.minutes(Math.floor(s / 60), two(s % 60));
+  return WORDS.hours(Math.floor(s / 3600), two(Math.floor((s % 3600) / 60)));
 }
 
 // Local time, the same everywhere: 2026-11-22 08:22:35.
 export function when(unix_s) {
-  if (!unix_s) return "–";
+  if (!unix_s) return WORDS.unknown;
   const at = new Date(1e3 * unix_s);
   return new Date(at - 60000 * at.getTimezoneOffset()).toISOString().slice(0, 19).replace("T", " ");
 }
 
 // Who did something: without tokens nobody has a name.
-export const person = (who) => (who === "local" ? "somebody on this machine" : who);
-
-const ROLES = { supply4q: "bipolar supply" };
+export const person = (who) => (who === "local" ? WORDS.somebody : who);
 
 const fixed = (value, digits) =>
-  value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "−");
-
-const STATES = {
-  unknown: ["?", "Unknown: nobody has verified that every output is off"],
-  idle: ["○", "Idle: nothing runs"],
-  running: ["▶", "Running: current may flow"],
-  paused: ["❚❚", "Paused: every output off"],
-  stopping: ["■", "Stopping …"],
-  latched: ["▲", "Latched: a person has to look"],
-};
+  value === null || value === undefined ? WORDS.unknown : value.toFixed(digits).replace("-", "−");
 
 // Through these a current can flow; a bath that runs is no current.
 const DRIVES = ["supply4q", "generator", "load", "supply"];
@@ -82,42 +178,44 @@ const NO_CURRENT_A = 0.1;
 // What is not known may be a current.
 function running(live) {
   const drives = live.instruments.filter((one) => DRIVES.includes(one.role));
-  if (!drives.length || drives.some((one) => one.output !== false)) return STATES.running;
+  if (!drives.length || drives.some((one) => one.output !== false)) return WORDS.states.running;
   const amps = live.reading && live.reading.fresh ? live.reading.current_a : null;
-  if (amps === null || amps === undefined)
-    return ["▶", "Running: every output says that it is off, no current was read yet"];
-  if (Math.abs(amps) < NO_CURRENT_A) return ["▶", "Running: every output is off"];
-  return ["▲", `Running: ${fixed(Math.abs(amps), 2)} A flow, though every output says that it is off`];
+  if (amps === null || amps === undefined) return WORDS.unread;
+  if (Math.abs(amps) < NO_CURRENT_A) return WORDS.allOff;
+  return WORDS.flows(fixed(Math.abs(amps), 2));
 }
 
+// Sign and words of a state.
+const stateOf = (state) => WORDS.states[state] || [WORDS.noState, state];
+
 export function drawNow(live) {
-  const [sign, words] = live.state === "running" ? running(live) : STATES[live.state] || ["?", live.state];
+  const [sign, words] = live.state === "running" ? running(live) : stateOf(live.state);
   $("state").className = `state ${live.state}`;
-  text($("state"), `${sign} ${words}`);
+  text($("state"), WORDS.state(sign, words));
   const reading = live.reading;
   const fresh = reading && reading.fresh;
-  const soc = live.soc ? `${(100 * live.soc.share).toFixed(1)} %` : "–";
+  const soc = live.soc ? WORDS.share((100 * live.soc.share).toFixed(1)) : WORDS.unknown;
   const control = reading && reading.fixture !== "cell";
   figures(
     $("reading"),
     [
-      [control ? `Voltage (${reading.fixture})` : "Cell voltage", fixed(reading && reading.voltage_v, 4), "V"],
+      [control ? WORDS.voltageOf(reading.fixture) : WORDS.voltage, fixed(reading && reading.voltage_v, 4), "V"],
       [
-        "Current",
+        WORDS.current,
         fixed(reading && reading.current_a, 3),
         "A",
         !fresh
           ? ""
           : reading && reading.current_a > 0.05
-            ? "charge"
+            ? WORDS.charge
             : reading && reading.current_a < -0.05
-              ? "discharge"
+              ? WORDS.discharge
               : "",
       ],
-      ["Cell temperature", fixed(reading && reading.temperature_c, 2), "°C"],
-      ["State of charge", soc, "", live.soc && !fresh ? "" : live.soc ? "from the voltage at rest" : "not known yet"],
+      [WORDS.temperature, fixed(reading && reading.temperature_c, 2), "°C"],
+      [WORDS.soc, soc, "", live.soc && !fresh ? "" : live.soc ? WORDS.socFrom : WORDS.noSoc],
     ],
-    reading && !fresh ? "old reading" : "",
+    reading && !fresh ? WORDS.oldReading : "",
   );
   for (const part of ["reading", "limits"]) $(part).classList.toggle("old", Boolean(reading) && !fresh);
   $("limits").replaceChildren(...live.limits.map((limit) => bar(limit, live.trip)));
@@ -134,7 +232,7 @@ function figures(list, rows, remark) {
           "dd",
           {},
           el("b", {}, value),
-          unit && value !== "–" ? ` ${unit}` : "",
+          unit && value !== WORDS.unknown ? ` ${unit}` : "",
           el("small", {}, more || remark || ""),
         ),
       ),
@@ -149,7 +247,7 @@ function bar(limit, trip) {
   const node = meter({ ...limit, value: trip.value });
   const words = node.querySelector("span:last-of-type");
   words.className = "bad";
-  words.textContent = `▲ tripped at ${fixed(trip.value, 3)} ${trip.unit || limit.unit}`;
+  words.textContent = WORDS.tripped(fixed(trip.value, 3), trip.unit || limit.unit);
   node.querySelector(".meter").classList.add("bad");
   return node;
 }
@@ -158,21 +256,22 @@ function meter(limit) {
   const { quantity, unit, value, least, greatest, margin } = limit;
   const low = least === null ? Math.min(0, value ?? 0) : least;
   const digits = unit === "V" ? 3 : 1;
-  const range = `${least === null ? "…" : fixed(least, digits)} to ${fixed(greatest, digits)} ${unit}`;
+  const range = WORDS.range(least === null ? WORDS.noLeast : fixed(least, digits), fixed(greatest, digits), unit);
   const share = margin === null ? 1 : margin / ((greatest - low) / 2);
   const level = margin !== null && margin < 0 ? "bad" : share < 0.1 ? "near" : "fine";
   const by = unit === "°C" ? "K" : unit;
-  const end = least === null || greatest - value <= value - least ? "upper" : "lower";
+  const end = least === null || greatest - value <= value - least ? WORDS.upper : WORDS.lower;
   const words =
     margin === null
       ? value === null
-        ? "no reading"
-        : "old reading"
+        ? WORDS.noReading
+        : WORDS.oldReading
       : margin < 0
-        ? `▲ beyond by ${fixed(-margin, digits)} ${by}`
-        : `${level === "near" ? "▲ only " : ""}${fixed(margin, digits)} ${by} left to the cell's ${end} limit`;
+        ? WORDS.beyond(fixed(-margin, digits), by)
+        : WORDS.left(fixed(margin, digits), by, end, level === "near");
   const at = value === null ? null : Math.max(0, Math.min(100, (100 * (value - low)) / (greatest - low)));
-  const scale = el("div", { class: `meter ${level}`, role: "img", "aria-label": `${quantity}: ${words} of ${range}` });
+  const told = WORDS.meter(quantity, words, range);
+  const scale = el("div", { class: `meter ${level}`, role: "img", "aria-label": told });
   if (at !== null) {
     const needle = el("i", {});
     needle.style.setProperty("left", `${at}%`);
@@ -184,51 +283,48 @@ function meter(limit) {
     el("span", {}, quantity),
     scale,
     el("span", { class: level }, words),
-    el("small", {}, unit === "A" ? `${range}; the step in work is judged tighter` : range),
+    el("small", {}, unit === "A" ? WORDS.tighter(range) : range),
   );
 }
 
 // How a run ended that this server began.
 export function outcome(ended) {
-  if (!ended.finished) return `✕ ${ended.how}`;
-  if (ended.how !== "finished") return `✓ finished, but ${ended.how}`;
+  if (!ended.finished) return WORDS.failed(ended.how);
+  if (ended.how !== "finished") return WORDS.finishedBut(ended.how);
   // So older servers wrote it down.
-  return ended.code === 11 ? "✓ finished, but the quality gate refused points" : "✓ finished";
+  return ended.code === 11 ? WORDS.gateRefused : WORDS.finished;
 }
 
 export function drawRun(live, job, body) {
   const run = live.run;
   if (!run) {
-    body.replaceChildren(el("p", { class: "quiet" }, "No run yet. Submit an experiment below."));
+    body.replaceChildren(el("p", { class: "quiet" }, WORDS.noRun));
     return;
   }
-  const point = run.point
-    ? `point ${run.point.number} of ${run.point.of}, ${Number(run.point.freq_hz.toPrecision(4))} Hz`
-    : "";
-  const known = job && job.ended && run.ended === "finished" ? outcome(job.ended) : "✓ finished";
-  const ended = run.going
-    ? null
-    : run.ended === "finished"
-      ? known
-      : `✕ ${run.ended || "its process ended without a word"}`;
+  const point = run.point ? WORDS.point(run.point.number, run.point.of, Number(run.point.freq_hz.toPrecision(4))) : "";
+  const known = job && job.ended && run.ended === "finished" ? outcome(job.ended) : WORDS.finished;
+  const ended = run.going ? null : run.ended === "finished" ? known : WORDS.failed(run.ended || WORDS.noEnd);
   const percent = Math.round(100 * run.done);
-  const progress = el("progress", { max: 100, value: percent, "aria-label": "share of the plan that is done" });
+  const progress = el("progress", { max: 100, value: percent, "aria-label": WORDS.progress });
+  const timeLeft = run.left_s === null ? WORDS.noTimeLeft : WORDS.about(duration(run.left_s));
   const rows = [
-    ["Experiment", `${run.experiment}${run.run ? ` (${run.run})` : ""}`],
-    ["Stage", run.stage_number ? `${run.stage_number} of ${run.stages}: ${run.stage}` : "beginning"],
+    [WORDS.experiment, WORDS.experimentOf(run.experiment, run.run)],
+    [WORDS.stage, run.stage_number ? WORDS.place(run.stage_number, run.stages, run.stage) : WORDS.beginning],
     [
-      "Step",
-      run.step_number && run.going ? `${run.step_number} of ${run.steps}: ${run.step.replace(/\s+/g, " ")}` : "–",
+      WORDS.step,
+      run.step_number && run.going
+        ? WORDS.place(run.step_number, run.steps, run.step.replace(/\s+/g, " "))
+        : WORDS.unknown,
     ],
-    ["Point in work", run.going && point ? point : "–"],
-    ["Points", `${run.points_done} of ${run.points} finished`],
-    ["Time left, by the clock", run.going ? (run.left_s === null ? "unknown" : `about ${duration(run.left_s)}`) : "–"],
+    [WORDS.pointInWork, run.going && point ? point : WORDS.unknown],
+    [WORDS.points, WORDS.pointsDone(run.points_done, run.points)],
+    [WORDS.timeLeft, run.going ? timeLeft : WORDS.unknown],
   ];
   body.replaceChildren(
-    el("div", { class: "progress" }, progress, el("b", {}, `${percent} %`)),
+    el("div", { class: "progress" }, progress, el("b", {}, WORDS.share(percent))),
     el("dl", { class: "facts" }, ...rows.flatMap(([name, value]) => [el("dt", {}, name), el("dd", {}, value)])),
     ...(ended
-      ? [el("p", { class: run.ended !== "finished" ? "bad" : known === "✓ finished" ? "good" : "" }, ended)]
+      ? [el("p", { class: run.ended !== "finished" ? "bad" : known === WORDS.finished ? "good" : "" }, ended)]
       : []),
   );
 }
@@ -240,31 +336,28 @@ export function drawInstruments(live) {
     ...live.instruments.map((one) => {
       const output =
         one.output === true
-          ? el("b", { class: "on" }, "● ON")
+          ? el("b", { class: "on" }, WORDS.outputOn)
           : one.output === false
-            ? el("span", { class: "off" }, "○ off")
-            : "–";
-      const age =
-        one.answered_s === null ? "–" : going ? `${duration(Math.max(0, now - one.answered_s))} ago` : "last run";
-      const who = one.identity
-        ? `${one.model}${one.recognised === false ? " ✕ another model answers" : ""}`
-        : `${one.model} (not asked yet)`;
-      const by =
-        one.output_by === "guardian" ? "the guardian" : one.output_by === "stop" ? "the stop" : "eis-bench safe";
-      const proven = one.output_by ? `read back by ${by}` : null;
-      const answer = proven
-        ? proven
+            ? el("span", { class: "off" }, WORDS.outputOff)
+            : WORDS.unknown;
+      const who = !one.identity
+        ? WORDS.modelNotAsked(one.model)
+        : one.recognised === false
+          ? WORDS.otherModel(one.model)
+          : one.model;
+      const answer = one.output_by
+        ? WORDS.readBackBy(WORDS.provers[one.output_by] || WORDS.safe)
         : one.trouble
-          ? `▲ ${one.trouble}`
+          ? WORDS.trouble(one.trouble)
           : one.answered_s === null
-            ? "not asked"
+            ? WORDS.notAsked
             : going
-              ? `answered ${age}`
-              : "in the last run";
+              ? WORDS.answered(duration(Math.max(0, now - one.answered_s)))
+              : WORDS.lastRun;
       return el(
         "tr",
         { class: one.trouble ? "trouble" : "" },
-        el("th", { scope: "row", title: one.role }, ROLES[one.role] || one.role),
+        el("th", { scope: "row", title: one.role }, WORDS.roles[one.role] || one.role),
         el("td", {}, output, el("small", {}, answer)),
         el("td", { title: one.identity || "" }, who, el("small", {}, one.address)),
       );
@@ -273,18 +366,20 @@ export function drawInstruments(live) {
 }
 
 // The worst is first: a person looks there.
-const WORST = ["latched", "unknown", "stopping", "running", "paused", "idle"];
+const WORST = ["latched", "unknown", "stopping", "asking", "running", "paused", "idle"];
 
 // All benches in a line, each with its address.
 export function drawOverview(benches, chosen) {
   const rank = (one) => (WORST.indexOf(one.state) + WORST.length + 1) % (WORST.length + 1);
   const item = (one) => {
-    const [sign] = STATES[one.state] || ["?"];
-    const left = one.run && one.run.going && one.run.left_s !== null ? `, ${duration(one.run.left_s)} left` : "";
+    const [sign] = stateOf(one.state);
+    const hasEnd = one.run && one.run.going && one.run.left_s !== null;
+    const left = hasEnd ? WORDS.overviewLeft(duration(one.run.left_s)) : "";
     // While a run or a stop is at work nothing is claimed of the outputs.
     const rests = ["idle", "latched", "unknown"].includes(one.state);
-    const proof = !rests ? "" : one.verified ? ", outputs verified off" : ", outputs NOT verified";
-    const words = `${sign} ${one.bench}: ${one.trip ? `latched, ${one.trip.cause}` : one.state}${left}${proof}`;
+    const proof = !rests ? "" : one.verified ? WORDS.verifiedOff : WORDS.notVerified;
+    const state = one.trip ? WORDS.overviewTrip(one.trip.cause) : one.state;
+    const words = WORDS.overview(sign, one.bench, state, left, proof);
     const here = one.bench === chosen && !location.hash.startsWith("#/");
     return el(
       "li",
@@ -313,10 +408,10 @@ export function drawOthers(others, choose) {
   const words = loud.map((one) => [
     one.bench,
     one.trip
-      ? `${one.bench} is latched: ${one.trip.cause}`
+      ? WORDS.otherTrip(one.bench, one.trip.cause)
       : one.state === "unknown"
-        ? `${one.bench}: nobody has verified that its outputs are off`
-        : `${one.bench} was stopped, but not verified: LOOK AT THE BENCH`,
+        ? WORDS.otherUnknown(one.bench)
+        : WORDS.otherStop(one.bench),
   ]);
   const banner = $("others");
   banner.hidden = !words.length;
@@ -328,9 +423,9 @@ export function drawOthers(others, choose) {
       el(
         "p",
         {},
-        el("strong", {}, "▲ "),
+        el("strong", {}, WORDS.warning),
         `${text} `,
-        el("button", { type: "button", onclick: () => choose(bench) }, `Show ${bench}`),
+        el("button", { type: "button", onclick: () => choose(bench) }, WORDS.show(bench)),
       ),
     ),
   );
@@ -341,15 +436,15 @@ export function drawOthers(others, choose) {
 export function drawMissed(benches, close) {
   const banner = $("missed");
   const words = benches
-    .map((one) => `${one.bench} (${one.state === "latched" ? "latched, its outputs are not verified" : one.state})`)
+    .map((one) => WORDS.missedOne(one.bench, one.state === "latched" ? WORDS.missedLatched : one.state))
     .join(", ");
   banner.hidden = !words;
   if (banner.dataset.key === words) return;
   banner.dataset.key = words;
   banner.replaceChildren(
-    el("strong", {}, `▲ NOT stopped: ${words}. `),
-    "STOP ALL stops every bench. ",
-    el("button", { type: "button", onclick: close }, "Close this message"),
+    el("strong", {}, WORDS.missed(words)),
+    WORDS.missedHint,
+    el("button", { type: "button", onclick: close }, WORDS.close),
   );
 }
 
@@ -360,7 +455,7 @@ function clearing(live, clear, lacks) {
     required: true,
     maxlength: 1000,
     autocomplete: "off",
-    placeholder: "name; what was found and done",
+    placeholder: WORDS.lookedHint,
   });
   return el(
     "form",
@@ -371,8 +466,8 @@ function clearing(live, clear, lacks) {
         clear(live, said.value.trim());
       },
     },
-    el("label", {}, "Who looked, and what was found ", said),
-    el("button", { type: "submit", disabled: Boolean(lacks) }, "I have looked: clear"),
+    el("label", {}, WORDS.looked, said),
+    el("button", { type: "submit", disabled: Boolean(lacks) }, WORDS.clear),
     lacks ? el("span", {}, lacks) : "",
   );
 }
@@ -385,9 +480,8 @@ export function drawTrip(live, clear, lacks) {
   if (banner.dataset.key === key) return;
   banner.dataset.key = key;
   banner.replaceChildren(
-    el("strong", {}, `▲ ${live.bench} is latched. `),
-    `${live.trip.cause}${live.trip.step ? `, in step “${live.trip.step}”` : ""}. ` +
-      `Found by the ${live.trip.by}, ${when(live.trip.unix_s)}. Look at the bench and at the cell. `,
+    el("strong", {}, WORDS.trip(live.bench)),
+    WORDS.tripWhy(live.trip, when(live.trip.unix_s)),
     clearing(live, clear, lacks),
   );
 }
@@ -397,30 +491,29 @@ export function drawStop(report) {
   banner.hidden = !report;
   if (!report) return;
   const head = !report.over
-    ? `■ Stopping ${report.bench} …`
+    ? WORDS.stopping(report.bench)
     : report.simulated
-      ? `✓ Stopped ${report.bench}: it is simulated within the run's process, and that has ended. ` +
-        "There is no output to read back."
+      ? WORDS.stoppedSimulated(report.bench)
       : report.verified
-        ? `✓ Stopped ${report.bench}: every output is off, read back.`
-        : `▲ ${report.bench} STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH.`;
+        ? WORDS.stopped(report.bench)
+        : WORDS.stoppedUnverified(report.bench);
   const key = `${report.bench} ${report.unix_s} ${report.over} ${report.verified} ${report.steps.length}`;
   if (banner.dataset.key === key) return;
   banner.dataset.key = key;
   banner.className = `banner ${!report.over ? "note" : report.verified || report.simulated ? "fine" : "bad"}`;
   banner.replaceChildren(
     el("strong", {}, head),
-    ` By ${person(report.by)}, ${when(report.unix_s)}.`,
+    WORDS.stoppedBy(person(report.by), when(report.unix_s)),
     el(
       "details",
       { open: report.over && !report.verified && !report.simulated },
-      el("summary", {}, "What was done and read back"),
+      el("summary", {}, WORDS.stopSteps),
       el(
         "ul",
         {},
         ...report.steps.map((step) => el("li", {}, step)),
         ...report.outputs.map((output) =>
-          el("li", { class: output.verified ? "" : "bad" }, `${output.verified ? "○" : "▲"} ${output.text}`),
+          el("li", { class: output.verified ? "" : "bad" }, WORDS.output(output.verified, output.text)),
         ),
       ),
     ),
@@ -435,7 +528,7 @@ export function drawStop(report) {
                 banner.dataset.gone = String(report.unix_s);
               },
             },
-            "Close this message",
+            WORDS.close,
           ),
         ]
       : []),

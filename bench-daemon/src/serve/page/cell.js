@@ -11,7 +11,6 @@ import {
   curve,
   keyed,
   named,
-  plot,
   runCells,
   runHeads,
   shelf,
@@ -19,6 +18,7 @@ import {
   verdict,
 } from "./find.js";
 import { notes } from "./notes.js";
+import { comparing } from "./run.js";
 
 const WORDS = {
   title: (name) => `Cell ${name}`,
@@ -309,7 +309,7 @@ function preferred() {
 async function drawSpectra() {
   const mine = view;
   const chosen = mine.history.filter((one) => mine.ticked.has(keyOf(one)));
-  mine.panel ||= plot(mine.spectraHolder);
+  mine.panel ||= comparing(mine.ctx, mine.spectraHolder);
   const turn = (mine.turn += 1);
   const late = setTimeout(() => text(mine.spectraSaid, WORDS.loading), LATE_MS);
   const got = await Promise.all(chosen.map((one) => mine.shelf.of(one.run).catch(() => [])));

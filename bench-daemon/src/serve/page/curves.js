@@ -17,6 +17,15 @@
     model: "Model",
     compare: "Compare",
     compareWith: "Compare with",
+    compareFile: "Compare with a file …",
+    fileHint: "A file of a spectrum, such as .csv, .DTA, .mpt, .mpr, .z, .ism or .xlsx; it can be dropped here too",
+    files: "Files that are compared",
+    takeOut: "Take out {file}",
+    fileOf: "{file}: {name}",
+    reading: "{file} is being read …",
+    fileRead: "{file}: {count} spectra; {name} is shown and compared, the others are in the list.",
+    fileReadOne: "{file}: its spectrum is shown and compared.",
+    fileFailed: "{file} cannot be compared: {why}",
     none: "none",
     logMagnitude: "|Z| logarithmic",
     logFrequency: "Frequency logarithmic",
@@ -74,6 +83,8 @@
   // How far off, px, a point may be pointed at; how deep one may zoom; and by how much with one press.
   const REACH = 40;
   const DEEPEST = 500;
+  // Sources of a curve: a control, a file that somebody has brought.
+  const [CONTROL, FILE] = ["control", "file"];
   const STEP = 1.5;
   const MARGIN = { left: 62, right: 12, top: 24, bottom: 42 };
 
@@ -171,21 +182,26 @@
   const usable = (p) => p.freq_hz > 0 && Number.isFinite(p.re_ohm) && Number.isFinite(p.im_ohm);
 
   // After six curves the colours come again, with other marks.
-  function own(given, place, control) {
+  function own(given, place, source) {
     const index = given.index ?? place;
     const look = { colour: index % LOOKS, mark: (index + Math.floor(index / LOOKS)) % LOOKS };
-    return { id: given.id, name: given.name, given, control, ...look, points: given.points.filter(usable) };
+    return { id: given.id, name: given.name, given, source, ...look, points: given.points.filter(usable) };
   }
 
   // Controls are curves too, but lie far from a cell's: they are hidden until somebody asks for them.
-  function take(s, { curves, models, controls }) {
+  // So are all but the first curve of a file, which may hold many.
+  function take(s, given) {
+    const { curves, models, controls } = given;
     const before = new Set(s.curves.map((one) => one.id));
-    s.curves = [...curves.map((one, k) => own(one, k, false)), ...(controls || []).map((one, k) => own(one, k, true))];
+    const shown = [...curves.map((one, k) => own(one, k)), ...(controls || []).map((one, k) => own(one, k, CONTROL))];
+    const brought = s.files.flatMap((file) => file.curves);
+    s.given = given;
+    s.curves = [...shown, ...brought.map((one, k) => own(one, curves.length + k, FILE))];
     s.models = models || [];
-    for (const one of s.curves) if (one.control && !s.seen.has(one.id)) s.hidden.add(one.id);
+    for (const one of s.curves) if (one.source && !s.seen.has(one.id)) s.hidden.add(one.id);
     s.curves.forEach((one) => s.seen.add(one.id));
     // What was zoomed into says nothing about other curves.
-    if (!s.curves.some((one) => before.has(one.id))) s.views = { near: null, band: null };
+    if (!shown.some((one) => before.has(one.id))) s.views = { near: null, band: null };
   }
 
   const curveOf = (s, id) => s.curves.find((one) => one.id === id);
@@ -755,7 +771,9 @@
   }
 
   function enter(s) {
-    if (s.active && s.onPoint) s.onPoint(curveOf(s, s.active.id).given, activePoint(s));
+    if (!s.active || !s.onPoint) return;
+    const one = curveOf(s, s.active.id);
+    if (one.source !== FILE) s.onPoint(one.given, activePoint(s));
   }
 
   const filled = (s) => s.shown.filter((one) => one.points.length);
@@ -822,10 +840,16 @@
     const [model, modelLabel] = select(words.model, (value) => (s.wanted = value));
     const [first, firstLabel] = select(words.compare, (value) => (s.base = value));
     const [second, secondLabel] = select(words.compareWith, (value) => (s.against = value));
-    second.addEventListener("change", () => say(s.said, s.compared.textContent));
+    second.addEventListener("change", () => {
+      // A curve of a file is asked for by that.
+      const one = curveOf(s, second.value);
+      if (one && one.source === FILE && s.hidden.delete(one.id)) draw(s);
+      say(s.said, s.compared.textContent);
+    });
     const paper = el("input", { type: "checkbox", checked: "" });
     const save = (kind, make) => button(put(words.save, { kind }), () => download(s, kind, make));
     s.tools = { model, modelLabel, first, firstLabel, second, secondLabel, paper };
+    s.tools.files = el("span", { class: "cv-choice", hidden: "" });
     s.tools.magnitude = toggle(words.logMagnitude, "magnitude");
     s.tools.frequency = toggle(words.logFrequency, "frequency");
     return el(
@@ -839,6 +863,7 @@
       modelLabel,
       firstLabel,
       secondLabel,
+      s.tools.files,
       save("SVG", () => sheet(s).text),
       save("PNG", () => picture(s)),
       save("CSV", () => csv(s)),
@@ -1020,6 +1045,96 @@
     }
   }
 
+  // ---- files that somebody brings ---------------------------------------------------------------
+
+  // Called what it is called in its file, behind the file's name; the only one like the file.
+  function curvesOf(s, file, spectra) {
+    const called = (name) => (name.startsWith(`${file}#`) ? name.slice(file.length + 1) : name);
+    const name = (one) => (spectra.length > 1 ? put(s.words.fileOf, { file, name: called(one.name) }) : file);
+    return spectra.map((one, k) => ({ ...one, id: JSON.stringify(["file", file, k]), name: name(one) }));
+  }
+
+  // Shows and compares the first spectrum of a file; what the same file had before goes.
+  function bring(s, file, { spectra, notes }) {
+    takeOut(s, file);
+    const curves = curvesOf(s, file, spectra);
+    s.files.push({ name: file, curves });
+    s.against = curves[0].id;
+    take(s, s.given);
+    s.hidden.delete(s.against);
+    draw(s);
+    const words = curves.length > 1 ? s.words.fileRead : s.words.fileReadOne;
+    const told = put(words, { file, count: curves.length, name: curves[0].name });
+    say(s.said, s.compared.textContent);
+    return [told, ...notes].join("\n");
+  }
+
+  function takeOut(s, file) {
+    const found = s.files.find((one) => one.name === file);
+    if (!found) return;
+    s.files = s.files.filter((one) => one !== found);
+    const gone = new Set(found.curves.map((one) => one.id));
+    if (gone.has(s.against)) s.against = null;
+    if (gone.has(s.base)) s.base = null;
+    for (const id of gone) s.seen.delete(id);
+    take(s, s.given);
+  }
+
+  // One after the other; a file that cannot be read leaves what is shown as it is.
+  async function readAll(s, files) {
+    const lines = [];
+    for (const file of files) {
+      say(s.fileSaid, [...lines, put(s.words.reading, { file: file.name })].join("\n"));
+      try {
+        lines.push(bring(s, file.name, await s.read(file)));
+      } catch (error) {
+        const why = error.message;
+        lines.push(why.startsWith(file.name) ? why : put(s.words.fileFailed, { file: file.name, why }));
+      }
+      say(s.fileSaid, lines.join("\n"));
+      drawFiles(s);
+    }
+  }
+
+  function drawFiles(s) {
+    const out = (event, file) => {
+      takeOut(s, file.name);
+      draw(s);
+      drawFiles(s);
+      say(s.fileSaid, "");
+      s.tools.files.querySelector("button").focus();
+    };
+    d3.select(s.fileList)
+      .selectAll("button")
+      .data(s.files, (file) => file.name)
+      .join((entered) => entered.append(() => el("button", { type: "button" })).on("click", out))
+      .each((file, k, nodes) => say(nodes[k], put(s.words.takeOut, { file: file.name })));
+  }
+
+  // Offers to compare with files; `read` makes the spectra of one, or tells why not.
+  function offerFiles(s, read) {
+    const { words } = s;
+    s.read = read;
+    const input = el("input", { type: "file", multiple: "", hidden: "" });
+    input.addEventListener("change", () => {
+      const files = [...input.files];
+      // The same file may be chosen again, for it may have changed.
+      input.value = "";
+      readAll(s, files);
+    });
+    const ask = { type: "button", title: words.fileHint, onclick: () => input.click() };
+    const button = el("button", ask, words.compareFile);
+    s.tools.files.append(button, input);
+    s.tools.files.hidden = false;
+    const held = (event) => [...(event.dataTransfer || { types: [] }).types].includes("Files");
+    const over = (event) => {
+      s.root.classList.toggle("cv-drop", event.type === "dragover" && held(event));
+      if (held(event)) event.preventDefault();
+    };
+    for (const kind of ["dragover", "dragleave", "drop"]) s.root.addEventListener(kind, over);
+    s.root.addEventListener("drop", (event) => held(event) && readAll(s, [...event.dataTransfer.files]));
+  }
+
   // ---- the panel --------------------------------------------------------------------------------
 
   let panels = 0;
@@ -1038,8 +1153,11 @@
     s.compared = el("p", { class: "cv-compared" });
     s.said = el("p", { class: "cv-said", role: "status" });
     makeTable(s);
+    s.fileList = el("div", { class: "cv-files", role: "group", "aria-label": words.files });
+    s.fileSaid = el("p", { class: "cv-filesaid", role: "status" });
     const told = [s.status, s.compared, s.said, el("p", { class: "cv-hint", id }, hint)];
-    s.root = el("div", { class: "cv" }, makeTools(s), s.legend, s.notes, s.area, ...told, s.details);
+    const files = [s.fileList, s.fileSaid];
+    s.root = el("div", { class: "cv" }, makeTools(s), ...files, s.legend, s.notes, s.area, ...told, s.details);
     parent.append(s.root);
     // A report has nobody who calls `fit`, and a page that was hidden had no width.
     new ResizeObserver(() => s.area.clientWidth !== s.width && later(s)).observe(s.area);
@@ -1052,6 +1170,9 @@
       number: (panels += 1),
       curves: [],
       models: [],
+      given: { curves: [] },
+      files: [],
+      read: null,
       seen: new Set(),
       hidden: new Set(),
       log: { magnitude: false, frequency: true },
@@ -1070,7 +1191,7 @@
       take(s, given);
       draw(s);
     };
-    return { show, fit: () => draw(s) };
+    return { show, fit: () => draw(s), offerFiles: (read) => offerFiles(s, read) };
   }
 
   window.eisCurves = { panel };

@@ -28,6 +28,7 @@ const WORDS = {
   files: {
     edited: (n) => `edited here, ${n} ${n === 1 ? "version" : "versions"}`,
     asInstalled: "never edited here",
+    proposed: (n) => `▲ version ${n} is proposed, not in force`,
     use: "Use it for a run",
     all: "All files",
   },
@@ -83,7 +84,21 @@ const WORDS = {
     large: "A number of this file has more digits than a form can keep exactly. Only its text can be edited.",
     takeBack: "Take the text back to that of the form",
   },
-  readOnly: (why) => `Only to be read: ${why}`,
+  force: {
+    head: (n) => `▲ Version ${n} is proposed, not in force`,
+    by: (who, at, why) => `By ${who}, ${at}: ${why}`,
+    shown: "The form shows the proposed version. The bench, its guardian and its runs use the file in force.",
+    title: "Keys that differ from the file in force",
+    columns: ["Key", "In force", "Proposed"],
+    absent: "left out",
+    none: "No key differs: comments, or the order of keys.",
+    take: "A person at the machine puts it in force, while nothing runs on the bench:",
+    command: (bench, n) => `eis-bench config take SERVER.toml ${bench} --version ${n}`,
+    server: "SERVER.toml is the file that this server was started with. Then the server is started again.",
+    withdraw: "To withdraw it, take version 0 back and save that.",
+    fine: "✓ The file in force is shown. What is saved here is a proposal: it changes nothing on the bench.",
+    restart: (why) => `▲ ${why}. Until then nothing is begun on this bench.`,
+  },
   mistakes: {
     head: (n) => `▲ ${n === 1 ? "A mistake" : `${n} mistakes`}`,
     line: (n) => ` (line ${n} of the text)`,
@@ -97,7 +112,6 @@ const WORDS = {
     titleFile: "Check",
     going: "Being checked …",
     fine: "✓ No mistake found.",
-    readable: "✓ It can be read. The server checks it when it is saved.",
     fineFor: (time) => `✓ No mistake found; about ${time}.`,
     wrong: "▲ There is a mistake: see above the form.",
     failed: (why) => `✕ Not checked: ${why}`,
@@ -161,12 +175,16 @@ const WORDS = {
   },
   save: {
     title: "Save",
+    propose: "Propose",
     why: "Why (it is kept with the version)",
     button: "Save a new version",
+    proposeButton: "Save as a proposal",
     reasonWhy: "Say why.",
     reasonSame: "Nothing is changed.",
     sending: "Being saved …",
     done: "✓ Saved.",
+    proposed: (n) => `✓ Saved as version ${n}. It is proposed, not in force.`,
+    withdrawn: "✓ Saved. It is the file in force: nothing is proposed any more.",
     refused: (why) => `✕ Not saved: ${why}`,
     lost: (why) => `▲ No answer (${why}): it is NOT known whether it was saved. Load the page again to see.`,
     conflict: "▲ Not saved: somebody else has saved this file meanwhile. Your text is kept.",
@@ -180,6 +198,8 @@ const WORDS = {
     none: "This file was never edited on this server.",
     head: ["Version", "When", "By", "Why", ""],
     now: " (now)",
+    inForce: " (in force)",
+    proposed: " (proposed, not in force)",
     look: "Look",
     compare: "Compare",
     back: "Take back",
@@ -292,7 +312,6 @@ function textBox(node, attributes) {
     autocomplete: "off",
     spellcheck: "false",
     placeholder: placeholder(node),
-    readonly: view.readOnly,
     inputmode: numeric ? "decimal" : null,
     oninput: (event) => {
       node.text = event.target.value;
@@ -320,7 +339,7 @@ function selectBox(node, choices, attributes, then = () => {}) {
     then();
     changed();
   };
-  return el("select", { disabled: view.readOnly, onchange, ...attributes }, ...options(node, choices));
+  return el("select", { onchange, ...attributes }, ...options(node, choices));
 }
 
 function switchBox(node, attributes) {
@@ -347,7 +366,6 @@ function choiceBox(node, attributes) {
 function quantityBox(node, attributes, label) {
   const unit = el("select", {
     "aria-label": WORDS.form.unit(label),
-    disabled: view.readOnly,
     onchange: (event) => {
       node.unit = event.target.value;
       changed();
@@ -382,7 +400,6 @@ function listBox(node, attributes) {
   const area = el("textarea", {
     rows: 8,
     spellcheck: "false",
-    readonly: view.readOnly,
     ...attributes,
     oninput: (event) => {
       node.text = event.target.value;
@@ -449,7 +466,7 @@ function itemActs(node, place, depth) {
   const last = node.items.length - 1;
   const act = (name, off, onclick) => {
     const label = WORDS.form.act(WORDS.form[name], what);
-    const more = { disabled: off || view.readOnly, "aria-label": label, "data-act": `${name} ${node.key}` };
+    const more = { disabled: off, "aria-label": label, "data-act": `${name} ${node.key}` };
     return button(WORDS.form[name], onclick, more);
   };
   const move = (to, name, back) => () => {
@@ -480,7 +497,7 @@ function addButton(node, depth) {
     const first = places.get(item).box.querySelector("input, select, textarea");
     if (first) first.focus();
   };
-  const more = { disabled: view.readOnly, "aria-label": WORDS.form.addTo(node.label) };
+  const more = { "aria-label": WORDS.form.addTo(node.label) };
   return button(`+ ${WORDS.form.add}`, onclick, more);
 }
 
@@ -527,7 +544,6 @@ function switchOf(node, depth) {
   const box = el("input", {
     type: "checkbox",
     checked: node.on,
-    disabled: view.readOnly,
     "aria-label": `${WORDS.form.use}: ${node.label}`,
     onchange: () => {
       schema.switchTo(node, box.checked);
@@ -750,7 +766,12 @@ function soon(wait) {
   drawState();
 }
 
-const ask = (said) => view.ctx.post("/drafts", { ...said, bench: (view.kind === "experiments" && view.bench) || null });
+// An experiment is judged on a bench, any other file by its kind.
+function ask(said) {
+  const { kind, name, bench } = view;
+  const on = kind === "experiments" ? { bench: bench || null } : { kind, name };
+  return view.ctx.post("/drafts", { ...said, ...on });
+}
 
 // A change of the form is written into the text that was read last, so that its comments stay; where
 // the text then says something else, the server writes it anew.
@@ -790,7 +811,7 @@ function settle(state) {
 
 // The latest answer. A text that could be read becomes the form.
 function accept(answer) {
-  view.answer = judged(answer);
+  view.answer = answer;
   if (view.source === "form") {
     view.text = answer.text;
     view.bare = !answer.kept && Boolean(view.base) && /(^|[\s\]"'])#/m.test(view.base.text);
@@ -807,13 +828,6 @@ function readText({ value }) {
 }
 
 const isReadable = ({ value }) => value !== null && typeof value === "object";
-
-// Every draft is judged as an experiment. Of a cell or a bench, what counts is whether it can be read;
-// the rest is judged when it is saved.
-function judged(answer) {
-  if (view.kind === "experiments" || !isReadable(answer)) return answer;
-  return { ...answer, mistakes: [], plan: null, margins: [] };
-}
 
 function become(value) {
   view.model = schema.modelOf(view.schema, value);
@@ -832,7 +846,6 @@ function statusWords() {
   if (view.state === "waits") return WORDS.check.going;
   if (view.state === "failed") return WORDS.check.failed(view.notChecked);
   if (view.state === "wrong" || answer.mistakes.length) return WORDS.check.wrong;
-  if (view.kind !== "experiments") return WORDS.check.readable;
   return answer.plan ? WORDS.check.fineFor(duration(answer.plan.expected_s)) : WORDS.check.fine;
 }
 
@@ -868,7 +881,7 @@ function drawText() {
   const behind = view.source === "form" && view.state !== "checked";
   // Only what is different is written: the cursor stays where it is.
   if (area.value !== view.text) area.value = view.text;
-  area.readOnly = view.readOnly || behind;
+  area.readOnly = behind;
   // A text that lacks the last change goes nowhere.
   for (const act of fileActs) act.disabled = behind;
   fileWaits.hidden = !(view.source === "form" && (view.state === "wrong" || view.state === "failed"));
@@ -1043,9 +1056,7 @@ function submitReason() {
 }
 
 function saveReason() {
-  const scope = view.readOnly ? WORDS.readOnly(view.file.why_not) : scopeReason();
-  if (scope) return scope;
-  const reason = checkReason();
+  const reason = scopeReason() || checkReason();
   if (reason) return reason;
   if (view.text === view.file.text && !view.conflict) return WORDS.save.reasonSame;
   return view.why.trim() ? "" : WORDS.save.reasonWhy;
@@ -1161,7 +1172,8 @@ function submitted(item, bench) {
 function savePanel() {
   const parts = view.parts;
   parts.reason = el("p", { id: id("reason"), class: "quiet" });
-  parts.go = button(WORDS.save.button, () => save(view.was), { "aria-describedby": parts.reason.id });
+  const words = isBench() ? WORDS.save.proposeButton : WORDS.save.button;
+  parts.go = button(words, () => save(view.was), { "aria-describedby": parts.reason.id });
   parts.said = el("div", { role: "status" });
   parts.conflict = el("div", { hidden: true });
   parts.why = el("input", {
@@ -1169,7 +1181,6 @@ function savePanel() {
     autocomplete: "off",
     maxlength: 1000,
     required: true,
-    readonly: view.readOnly,
     value: view.why,
     oninput: (event) => {
       view.why = event.target.value;
@@ -1179,7 +1190,7 @@ function savePanel() {
   });
   const why = el("label", { class: "fm-why" }, WORDS.save.why, WORDS.form.required, parts.why);
   return [
-    el("h3", { class: "fm-h" }, WORDS.save.title),
+    el("h3", { class: "fm-h" }, isBench() ? WORDS.save.propose : WORDS.save.title),
     el("div", { class: "acts" }, why, parts.go),
     parts.reason,
     parts.said,
@@ -1230,13 +1241,18 @@ function saved(file, sent) {
   if (later) keep();
   else show(file.text, file.value);
   drawVersions();
-  said("good", WORDS.save.done);
+  drawForce();
+  said("good", doneWords(file));
+}
+
+function doneWords({ proposed }) {
+  if (!isBench()) return WORDS.save.done;
+  return known(proposed) ? WORDS.save.proposed(proposed) : WORDS.save.withdrawn;
 }
 
 function takeFile(file) {
   view.file = file;
   view.was = file.sha256;
-  view.readOnly = !file.editable;
 }
 
 // The text and the form of a file, as if nothing had been typed.
@@ -1269,6 +1285,7 @@ async function conflict(error) {
     closeConflict();
     show(theirs.text, theirs.value);
     drawVersions();
+    drawForce();
     view.parts.why.focus();
   };
   view.parts.conflict.replaceChildren(
@@ -1285,6 +1302,59 @@ async function conflict(error) {
   view.parts.conflict.hidden = false;
   drawVersions(theirs);
   said("bad", WORDS.save.conflict);
+}
+
+// ---- the file of a bench in force ---------------------------------------------------------------
+
+const isBench = () => view.kind === "benches";
+
+function changesTable(changes, own) {
+  if (!changes.length) return el("p", { class: "quiet" }, WORDS.force.none);
+  const { columns, absent } = WORDS.force;
+  const cell = (value, name) =>
+    el("td", { "data-name": name }, value === null ? el("span", { class: "quiet" }, absent) : el("code", {}, value));
+  const row = ({ key, was, now }) =>
+    el(
+      "tr",
+      {},
+      el("th", { scope: "row", "data-name": columns[0] }, el("code", {}, key)),
+      cell(was, columns[1]),
+      cell(now, columns[2]),
+    );
+  const table = el(
+    "table",
+    { class: "fm-changes" },
+    el("thead", {}, el("tr", {}, ...columns.map((name) => el("th", { scope: "col" }, name)))),
+    el("tbody", {}, ...changes.map(row)),
+  );
+  return el("div", { class: "scroll stack", role: "region", "aria-labelledby": own, tabindex: "0" }, table);
+}
+
+// What is proposed, by whom, and how it differs from the file in force.
+function proposal({ proposed, versions, changes }) {
+  const one = versions.find(({ version }) => version === proposed);
+  const own = id("force");
+  return el(
+    "div",
+    { class: "note" },
+    el("p", {}, el("strong", {}, WORDS.force.head(proposed))),
+    one ? el("p", {}, WORDS.force.by(person(one.by), when(one.unix_s), one.why)) : null,
+    el("p", {}, WORDS.force.shown),
+    el("h3", { id: own, class: "fm-h" }, WORDS.force.title),
+    changesTable(changes || [], own),
+    el("p", {}, WORDS.force.take),
+    el("pre", { class: "fm-pre fm-command" }, WORDS.force.command(view.name, proposed)),
+    el("p", { class: "quiet" }, WORDS.force.server, " ", WORDS.force.withdraw),
+  );
+}
+
+function drawForce() {
+  const { force } = view.parts;
+  if (!force) return;
+  const { file } = view;
+  const restart = file.restart ? el("p", { class: "bad", role: "alert" }, WORDS.force.restart(file.restart)) : null;
+  const words = known(file.proposed) ? proposal(file) : el("p", { class: "quiet" }, WORDS.force.fine);
+  force.replaceChildren(...[restart, words].filter(Boolean));
 }
 
 // ---- versions -----------------------------------------------------------------------------------
@@ -1353,22 +1423,28 @@ function takeBack(version, old) {
   return oldPanel(WORDS.versions.replace(version), acts);
 }
 
+// What a version is now: of a bench, the file itself is in force, and at most one is proposed.
+function standing({ version }, isNow) {
+  if (!isBench()) return isNow ? WORDS.versions.now : "";
+  if (version === 0) return WORDS.versions.inForce;
+  return version === view.file.proposed ? WORDS.versions.proposed : "";
+}
+
 function versionRow(one, isNow) {
   const { head } = WORDS.versions;
-  const act = (label, work, off) =>
+  const act = (label, work) =>
     button(label, () => ofVersion(one.version, (old) => work(one.version, old)), {
-      disabled: off,
       "aria-label": `${label}: ${WORDS.versions.lookAt(one.version)}`,
     });
   const acts = [
     act(WORDS.versions.look, look),
     act(WORDS.versions.compare, compare),
-    act(WORDS.versions.back, takeBack, view.readOnly),
+    act(WORDS.versions.back, takeBack),
   ];
   return el(
     "tr",
     {},
-    el("th", { scope: "row", "data-name": head[0] }, `${one.version}${isNow ? WORDS.versions.now : ""}`),
+    el("th", { scope: "row", "data-name": head[0] }, `${one.version}${standing(one, isNow)}`),
     el("td", { "data-name": head[1] }, when(one.unix_s)),
     el("td", { "data-name": head[2] }, person(one.by)),
     el("td", { "data-name": head[3] }, one.why),
@@ -1443,13 +1519,14 @@ function drawAll() {
   parts.takeBack = button(WORDS.stale.takeBack, back);
   parts.waits = el("p", { class: "note", hidden: true }, parts.waitsWords, " ", parts.takeBack);
   parts.form = el("div", { class: "fm-form" });
-  const notes = view.readOnly ? el("p", { class: "note" }, WORDS.readOnly(view.file.why_not)) : null;
-  const left = [notes, parts.kept, parts.mistakes, parts.waits, parts.form, view.file ? versionsPanel() : null];
+  parts.force = isBench() ? el("div", { class: "fm-force" }) : null;
+  const left = [parts.force, parts.kept, parts.mistakes, parts.waits, parts.form, view.file ? versionsPanel() : null];
   const side = el("div", { class: "fm-side" }, filePanel(), checkPanel());
   parts.grid = el("div", { class: "fm-two" }, el("div", { class: "fm-left" }, ...left), side);
   view.body.replaceChildren(parts.grid);
   drawForm();
   if (view.file) drawVersions();
+  drawForce();
   soon(0);
 }
 
@@ -1470,10 +1547,10 @@ async function begin(mine, kind, load) {
     const [known, benches, first] = await Promise.all(asked);
     if (view !== mine) return;
     const bench = mine.ctx.bench() || (benches.length === 1 ? benches[0] : "");
-    Object.assign(mine, { kind, schema: known, readOnly: false, benches, bench });
+    Object.assign(mine, { kind, schema: known, benches, bench });
     if (first.file) takeFile(first.file);
     const draft = stored(mine.path);
-    if (draft && !mine.readOnly) offer(draft, first);
+    if (draft) offer(draft, first);
     else fresh(first);
   } catch (error) {
     if (view === mine) failed(error, () => begin(mine, kind, load));
@@ -1612,7 +1689,10 @@ async function openFiles(mine, only) {
   if (only) mine.links.replaceChildren(link("#/files", WORDS.files.all));
   const answers = await lists(mine, ...kinds.map((kind) => `/files/${kind}`));
   if (view !== mine) return;
-  const state = ({ edited, versions }) => (edited ? WORDS.files.edited(versions) : WORDS.files.asInstalled);
+  const state = ({ edited, versions, proposed }) => {
+    if (known(proposed)) return WORDS.files.proposed(proposed);
+    return edited ? WORDS.files.edited(versions) : WORDS.files.asInstalled;
+  };
   const item = (kind) => (one) =>
     el("li", {}, link(address("files", kind, one.name), one.name), " ", el("span", { class: "quiet" }, state(one)));
   const cards = kinds.map((kind, place) => orWhy(WORDS.kinds[kind], answers[place], (all) => all, item(kind)));

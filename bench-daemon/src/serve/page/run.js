@@ -49,10 +49,13 @@ const WORDS = {
   acts: "What to do with it",
   repeat: "Repeat as it was",
   analyses: { diagnose: "Diagnose", fit: "Fit", kk: "Kramers–Kronig" },
+  investigate: "Investigate until it is clear…",
   analysisOf: (name) =>
     `Fit and Kramers–Kronig take the spectrum that is chosen: ${name}; a diagnosis takes all that its cell has.`,
   analysisOfRun: "Fit and Kramers–Kronig take all spectra of the run that are corrected.",
   noSpectrum: "There is no spectrum yet.",
+  fileTooLong: (bytes) => `expected at most ${MOST_FILE_BYTES} bytes, found ${bytes}`,
+  notReached: (why) => `the server was not reached (${why})`,
   spectra: "Spectra",
   choose: "Spectrum",
   all: (n) => `all ${n} that are corrected`,
@@ -136,6 +139,9 @@ const MOST_TAGS = 20;
 // So many spectra can be told from each other in one plot.
 const MOST_CURVES = 12;
 const LOG_LINES = 200;
+// The longest file of spectra that the server reads; and how long it may take over a slow line.
+const MOST_FILE_BYTES = 8e6;
+const FILE_PATIENCE_MS = 60000;
 
 let view = null;
 
@@ -220,7 +226,10 @@ function acts() {
   );
   view.actsSaid = el("p", { id: "fd-actsaid", class: "quiet fd-line" }, why || WORDS.noSpectrum);
   const repeat = el("button", { type: "button", onclick: () => ctx.go(address("new", "run", run)) }, WORDS.repeat);
-  return section("fd-acts", WORDS.acts, el("div", { class: "acts" }, repeat, ...view.analyse), view.actsSaid);
+  const form = `#/analyses?investigate=${encodeURIComponent(run)}`;
+  const investigate = el("a", { href: form }, WORDS.investigate);
+  const all = el("div", { class: "acts" }, repeat, ...view.analyse, investigate);
+  return section("fd-acts", WORDS.acts, all, view.actsSaid);
 }
 
 function drawActs() {
@@ -299,7 +308,7 @@ async function drawSpectra() {
   drawCampaign();
   drawActs();
   if (!mine.spectra.length) return;
-  mine.panel ||= plot(mine.holder, showCapture);
+  mine.panel ||= comparing(mine.ctx, mine.holder, showCapture);
   const one = only();
   showCurves(one ? mine.models.get(one.name) : []);
   // What is as read is not fitted.
@@ -334,6 +343,32 @@ function spectraSection() {
   const choose = el("div", { class: "acts" }, el("label", {}, WORDS.choose, view.select));
   view.spectraBody = el("div", { hidden: true }, choose, view.spectraSaid, view.holder);
   return section("fd-spectra", WORDS.spectra, view.spectraNone, view.spectraBody);
+}
+
+// The spectra of a file that somebody has brought, which the server reads and does not keep.
+function fileReader(ctx) {
+  return async (file) => {
+    if (file.size > MOST_FILE_BYTES) throw new Error(WORDS.fileTooLong(file.size));
+    const init = {
+      method: "POST",
+      // A page of elsewhere cannot send the second one.
+      headers: { "Content-Type": "application/octet-stream", "X-Eis-Bench": "page" },
+      body: file,
+      signal: AbortSignal.timeout(FILE_PATIENCE_MS),
+    };
+    const response = await fetch(`/api/v1/spectra/read?${query({ name: file.name })}`, init).catch((error) => {
+      throw new Error(WORDS.notReached(error.message));
+    });
+    if (response.ok) return response.json();
+    throw new ctx.Refused(response.status, await response.json().catch(() => ({})));
+  };
+}
+
+// The panel of the spectra, which are compared with files too.
+export function comparing(ctx, holder, onPoint) {
+  const panel = plot(holder, onPoint);
+  if (panel.offerFiles) panel.offerFiles(fileReader(ctx));
+  return panel;
 }
 
 // ---- the campaign -------------------------------------------------------------------------------

@@ -2,11 +2,16 @@
 // the stream of events, which comes back by itself where it was cut off.
 "use strict";
 
-export const server = { lastId: "" };
+const WORDS = {
+  // Of a refusal without a message.
+  status: (status) => `status ${status}`,
+};
+
+const server = { lastId: "" };
 
 export class Refused extends Error {
   constructor(status, problem) {
-    super(problem.message || `status ${status}`);
+    super(problem.message || WORDS.status(status));
     this.status = status;
     this.code = problem.code;
   }
@@ -38,10 +43,33 @@ export const post = async (path, body) => (await asked("POST", path, body)).json
 export const stopNow = async (path) => (await asked("POST", path, undefined, STOP_MS)).json();
 export const put = async (path, body) => (await asked("PUT", path, body)).json();
 export const remove = async (path) => (await asked("DELETE", path)).json();
-// The token is shown once, for a session.
-export const signIn = (token) => post("/session", { token });
-export const signOut = () => asked("DELETE", "/session");
 export const file = async (path) => (await asked("GET", path)).blob();
+
+// A channel to the other tabs; null where the browser has none or denies it. STOP works without.
+function channelOf(name) {
+  try {
+    return new BroadcastChannel(name);
+  } catch {
+    return null;
+  }
+}
+
+// All tabs of a browser have one session: the tab that begins or ends it tells the others.
+const session = channelOf("session");
+
+// The token is shown once, for a session.
+export async function signIn(token) {
+  await post("/session", { token });
+  session?.postMessage({});
+}
+
+export async function signOut() {
+  await asked("DELETE", "/session");
+  session?.postMessage({});
+}
+
+// Calls `changed()` when another tab has begun or ended the session.
+export const onSession = (changed) => session?.addEventListener("message", changed);
 
 // Whoever hears nothing for so long is no longer connected, whatever the system says: the server speaks every 15 s.
 const SILENCE_MS = 40000;
@@ -50,28 +78,28 @@ const SILENCE_MS = 40000;
 const ABSENCE_MS = SILENCE_MS + 15000;
 const BEAT_MS = 5000;
 
-// Calls `on(kind, data)` for each event, and `link(state)` as the connection comes and goes. All
-// tabs of a browser with the same session, which is that of `who`, share one stream: the tab that
-// holds the lock listens and passes on what it hears, and that it tries where it hears nothing; when
-// it is closed, the next one takes over. From a tab that says nothing any more, for a browser may
-// freeze a tab that nobody looks at, the lock is taken. So there is never a second stream, for a
-// browser gives each host few connections, and the stop needs one.
+// Calls `on(kind, data)` for each event, and `link(state)` as the connection comes and goes. What was
+// before `link("up")` is not told: ask for it then. All tabs of a browser with the same session, which
+// is that of `who`, share one stream: the tab that holds the lock listens and passes on what it hears,
+// and that it tries where it hears nothing; when it is closed, the next one takes over. From a tab that
+// says nothing any more, for a browser may freeze a tab that nobody looks at, the lock is taken. So
+// there is never a second stream, for a browser gives each host few connections, and the stop needs one.
 export async function listen(who, on, link) {
-  if (!navigator.locks || !window.BroadcastChannel) return stream(on, link);
+  // Where a session before this one has come to is nothing to this one.
+  server.lastId = "";
   const name = `events of ${who}`;
+  const channel = navigator.locks ? channelOf(name) : null;
+  if (!channel) return stream(on, link);
   const tab = {
     on,
     link,
-    channel: new BroadcastChannel(name),
+    channel,
     leads: false,
     state: "down",
     heard: Date.now(),
     over: new AbortController(),
   };
   tab.channel.onmessage = ({ data }) => hear(tab, data);
-  // Who comes later asks for what it has missed.
-  tab.channel.postMessage({ ask: true });
-  on("hello", {});
   let steal = false;
   while (!tab.over.signal.aborted) steal = await turn(tab, name, steal);
   tab.channel.close();
@@ -102,6 +130,8 @@ function hear(tab, data) {
 // Waits for the lock, or takes it, and listens for all as long as it is not taken from this tab;
 // whether it is to be taken in the next turn.
 async function turn(tab, name, steal) {
+  // Who listens for all says whether it is connected.
+  tab.channel.postMessage({ ask: true });
   const waits = new AbortController();
   const robbed = new AbortController();
   const over = () => waits.abort();
@@ -120,6 +150,8 @@ async function turn(tab, name, steal) {
     return false;
   } catch (error) {
     if (error.name !== "AbortError") throw error;
+    // What the tab heard that has taken the lock, this one has not.
+    if (!waits.signal.aborted) linked(tab, "down");
     return waits.signal.aborted;
   } finally {
     clearInterval(watch);
@@ -219,5 +251,6 @@ function dispatch(block, on) {
     else if (line.startsWith("event: ")) kind = line.slice(7);
     else if (line.startsWith("data: ")) data += line.slice(6);
   }
-  if (data) on(kind, JSON.parse(data));
+  // The server's greeting says no more than the connection itself.
+  if (data && kind !== "hello") on(kind, JSON.parse(data));
 }

@@ -1,8 +1,8 @@
 // What an analysis has found: the story of a diagnosis with the experiments that it recommends, pictures, numbers as
-// tables, and all files.
+// tables, and all files. And an investigation, which plays these experiments by itself: its form and its steps.
 "use strict";
 
-import { duration, el, text } from "./bench.js";
+import { duration, el, fill, person, text, when } from "./bench.js";
 
 const WORDS = {
   verdicts: {
@@ -656,4 +656,233 @@ async function send(card, draft, buttons) {
   card.said.replaceChildren(WORDS.queued(item.run, draft.bench), link);
   card.queue.disabled = true;
   return link.focus();
+}
+
+// ---- an investigation ---------------------------------------------------------------------------
+
+// Rule of the server, for the words: experiments at most, and the same one at most.
+const [MOST_RUNS, MOST_AGAIN] = [6, 2];
+
+const TOLD = {
+  open: "Investigate until it is clear…",
+  title: (run) => `Investigate ${run} until it is clear`,
+  about: "Diagnoses and recommended experiments in turn, without asking again.",
+  may: "What it may do",
+  mays: (run) => [
+    `Diagnose ${run}.`,
+    "While a question is open: put the recommended experiment at the end of the queue. " +
+      "It begins when the bench is free: current will flow.",
+    "Diagnose all its runs together, and so on: " +
+      `at most ${MOST_RUNS} experiments, the same one at most ${MOST_AGAIN} times.`,
+  ],
+  ends: "When it ends",
+  endings: [
+    "The verdict is clear, or no experiment would tell more.",
+    "The next experiment would take more than is left of the budget: it is not queued.",
+    "A run does not come to its end, or the bench is stopped, held or latched. It never goes on by itself then.",
+    "Somebody cancels it: an experiment that waits is taken out of the queue, one that runs goes on to its end.",
+  ],
+  bench: "Bench of its experiments",
+  own: "that of the run",
+  minutes: "Bench time, min",
+  charge: "Charge in either direction, Ah",
+  budget: "Budget of all its experiments together",
+  wrong: "Budget: write a number of 0 or more in both fields.",
+  begin: "Begin: current will flow",
+  no: "Do not begin",
+  sending: "It is being begun …",
+  unknown: "✕ It is not known whether it was begun: look at all analyses first.",
+  needs: (has) => `Investigating needs the scope energise; your token has ${has}.`,
+  states: {
+    diagnosing: "▶ Diagnosing all data so far",
+    waiting_for_bench: "○ Its experiment waits for the bench",
+    measuring: "▶ Its experiment is measured",
+  },
+  ended: {
+    explained: ["✓", "good"],
+    at_noise_floor: ["✓", "good"],
+    no_experiment: ["?", "note"],
+    budget: ["■", "note"],
+    stopped: ["■", "note"],
+    cancelled: ["■", "note"],
+    invalid: ["✕", "bad"],
+    failed: ["✕", "bad"],
+  },
+  end: (sign, why, time) => `${sign} Ended: ${why} (${time}).`,
+  by: (one) => `On ${one.bench}. Begun by ${person(one.by)}, ${when(one.submitted_unix_s)}.`,
+  time: "Bench time used",
+  amount: "Charge used",
+  ofMinutes: (spent, all) => `${Math.round(spent)} of ${digits(all)} min`,
+  ofCharge: (spent, all) => `${spent.toFixed(2)} of ${digits(all)} Ah`,
+  steps: "Steps",
+  first: "The run that it began with: ",
+  experiment: (name) => `Experiment ${name}: `,
+  planned: (price) => `Planned: ${Math.round(price.minutes)} min, ${price.charge_ah.toFixed(2)} Ah.`,
+  took: (spent) => ` It took ${Math.round(spent.minutes)} min.`,
+  diagnosis: "Diagnosis",
+  underWay: ": not ready yet",
+  verdict: (step) => `: ${step.verdict}. ${step.summary}`,
+};
+
+const isInvestigationOver = (one) => Boolean(one.ended);
+
+// Words for the state of an investigation, with their level.
+export function investigationState(one) {
+  if (!one.ended) return [TOLD.states[one.state] || one.state, ""];
+  const [sign, level] = TOLD.ended[one.ended.end] || ["■", "note"];
+  return [TOLD.end(sign, one.ended.why, when(one.ended.unix_s)), level];
+}
+
+export function investigationUse(one) {
+  return [
+    TOLD.ofMinutes(one.spent.minutes, one.budget.minutes),
+    TOLD.ofCharge(one.spent.charge_ah, one.budget.charge_ah),
+  ];
+}
+
+const typedNumber = (input) => {
+  const value = Number(input.value.trim().replace(",", "."));
+  return input.value.trim() !== "" && Number.isFinite(value) && value >= 0 ? value : null;
+};
+
+function labelled(label, control) {
+  return el("label", { class: "an-field" }, label, control);
+}
+
+// The button, and what it asks for before anything is begun.
+export function investigationForm(ctx, run, isOpen) {
+  const id = `an-investigate-${(cards += 1)}`;
+  const may = ctx.may("energise");
+  const has = ["read", "operate", "energise", "clear-trip"].filter((scope) => ctx.may(scope));
+  const why = el("p", { class: "quiet", id, hidden: may }, may ? "" : TOLD.needs(has.join(", ") || WORDS.none));
+  const open = el("button", { type: "button", "aria-expanded": "false", disabled: !may }, TOLD.open);
+  if (!may) open.setAttribute("aria-describedby", id);
+  const typed = { type: "text", inputmode: "decimal", autocomplete: "off", required: true };
+  const minutes = el("input", { ...typed, value: "240" });
+  const charge = el("input", { ...typed, value: "20" });
+  const names = ctx.benches().map((name) => el("option", { value: name }, name));
+  const bench = el("select", {}, el("option", { value: "" }, TOLD.own), ...names);
+  const wrong = el("p", { class: "bad", role: "alert", hidden: true });
+  const said = el("p", { role: "status" });
+  // No button of the form submits it: who holds Enter down begins nothing.
+  const begin = el("button", { type: "button" }, TOLD.begin);
+  const no = el("button", { type: "button" }, TOLD.no);
+  const list = (words) => el("ul", {}, ...words.map((one) => el("li", {}, one)));
+  const budget = el(
+    "fieldset",
+    {},
+    el("legend", {}, TOLD.budget),
+    labelled(TOLD.minutes, minutes),
+    labelled(TOLD.charge, charge),
+  );
+  const form = el(
+    "form",
+    { class: "an-form an-confirm", novalidate: true, hidden: true, "aria-label": TOLD.title(run) },
+    el("p", {}, el("b", {}, TOLD.title(run))),
+    el("div", {}, el("h4", {}, TOLD.may), list(TOLD.mays(run)), el("h4", {}, TOLD.ends), list(TOLD.endings)),
+    budget,
+    labelled(TOLD.bench, bench),
+    wrong,
+    el("div", { class: "acts" }, begin, no),
+  );
+  const show = (on) => {
+    form.hidden = !on;
+    open.setAttribute("aria-expanded", String(on));
+  };
+  const fields = { minutes, charge, bench, wrong, said, begin, no };
+  open.addEventListener("click", () => {
+    show(form.hidden);
+    if (!form.hidden) minutes.focus();
+  });
+  no.addEventListener("click", () => {
+    show(false);
+    open.focus();
+  });
+  begin.addEventListener("click", () => beginInvestigation(ctx, run, fields));
+  form.addEventListener("submit", (event) => event.preventDefault());
+  if (isOpen && may) show(true);
+  return el("div", {}, el("p", { class: "quiet" }, TOLD.about), el("div", { class: "acts" }, open), why, form, said);
+}
+
+async function beginInvestigation(ctx, run, { minutes, charge, bench, wrong, said, begin, no }) {
+  const numbers = [minutes, charge].map(typedNumber);
+  [minutes, charge].forEach((input, place) => input.setAttribute("aria-invalid", String(numbers[place] === null)));
+  const isWrong = numbers.includes(null);
+  wrong.hidden = !isWrong;
+  text(wrong, isWrong ? TOLD.wrong : "");
+  if (isWrong) return (numbers[0] === null ? minutes : charge).focus();
+  begin.disabled = no.disabled = true;
+  text(said, TOLD.sending);
+  const body = { run, bench: bench.value || null, budget_minutes: numbers[0], budget_ah: numbers[1] };
+  let unknown = false;
+  const one = await ctx.attempt(() =>
+    ctx.post("/investigations", body).catch((error) => {
+      unknown = !(error instanceof ctx.Refused);
+      throw error;
+    }),
+  );
+  begin.disabled = no.disabled = false;
+  text(said, unknown ? TOLD.unknown : "");
+  if (!one) return begin.focus();
+  return ctx.go(`#/analysis/${encodeURIComponent(one.id)}`);
+}
+
+// How much of the budget is spent, as a bar and in words.
+function useRow(name) {
+  const bar = el("progress", { max: 1, "aria-label": name });
+  const words = el("b", {});
+  const node = el("div", { class: "an-progress" }, el("small", {}, name), bar, words);
+  const update = (spent, all, shown) => {
+    bar.value = all > 0 ? Math.min(1, spent / all) : 1;
+    text(words, shown);
+  };
+  return { node, update };
+}
+
+const address = (part, name) => `#/${part}/${encodeURIComponent(name)}`;
+
+function investigationStep(step) {
+  const played = step.experiment;
+  const item = el(
+    "li",
+    {},
+    el("b", {}, played ? TOLD.experiment(played.name) : TOLD.first),
+    el("a", { href: address("run", step.run) }, step.run),
+  );
+  if (played) {
+    const took = played.spent ? TOLD.took(played.spent) : "";
+    item.append(el("p", { class: "quiet" }, `${TOLD.planned(played.expected)}${took}`));
+  }
+  if (step.analysis) {
+    const link = el("a", { href: address("analysis", step.analysis) }, `${TOLD.diagnosis} ${step.analysis}`);
+    item.append(el("p", {}, link, step.verdict ? TOLD.verdict(step) : TOLD.underWay));
+  }
+  return item;
+}
+
+// The steps of an investigation with what they have used; `heard` tells how far its diagnosis is.
+export function investigationView(first) {
+  const state = el("p", { class: "an-state", role: "status" });
+  const progress = el("p", { class: "quiet" });
+  const [time, amount] = [useRow(TOLD.time), useRow(TOLD.amount)];
+  const steps = el("ol", { class: "an-steps", "aria-label": TOLD.steps });
+  const node = el("div", {}, state, progress, el("p", {}, TOLD.by(first)), time.node, amount.node, steps);
+  let now = first;
+  const update = (one) => {
+    now = one;
+    const [words, level] = investigationState(one);
+    text(state, words);
+    state.className = `an-state ${level}`;
+    progress.hidden = isInvestigationOver(one) || one.state !== "diagnosing";
+    const [minutes, charge] = investigationUse(one);
+    time.update(one.spent.minutes, one.budget.minutes, minutes);
+    amount.update(one.spent.charge_ah, one.budget.charge_ah, charge);
+    fill(steps, ...one.steps.map(investigationStep));
+  };
+  const heard = (analysis) => {
+    const last = now.steps[now.steps.length - 1];
+    if (last && analysis.id === last.analysis) text(progress, analysis.progress.words);
+  };
+  update(first);
+  return { node, update, heard };
 }

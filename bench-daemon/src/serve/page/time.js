@@ -1,8 +1,8 @@
-// A run over time: voltage, current and temperature as strips with one time, their limits, and the
-// steps of the run. Drawn by uPlot; numbers are those of the server, thinned without losing a peak.
+// A run over time: voltage, current, temperature, chiller and charge as strips with one time, their limits, the bounds
+// of the step, and what happened. Drawn by uPlot; numbers are those of the server, thinned without losing a peak.
 "use strict";
 
-import { $, duration, el } from "./bench.js";
+import { $, duration, el, fill } from "./bench.js";
 
 const uPlot = window.uPlot;
 const RECENT_S = 300;
@@ -10,19 +10,107 @@ const MOST = 2000;
 const HEIGHT = 190;
 // Between two readings that lie further apart than this, or 20 times the usual, no line is drawn, s.
 const GAP_S = 30;
-const STRIPS = [
-  ["voltage_v", "Voltage / V", 4, "--c0"],
-  ["current_a", "Current / A (charge +)", 3, "--c1"],
-  ["temperature_c", "Cell temperature / °C", 2, "--c2"],
-  ["charge_mah", "Charge since the beginning / mAh", 2, "--c3"],
-];
 // Of one ampere-hour, C.
 const AH_C = 3600;
-const QUANTITIES = { voltage_v: "V", current_a: "A", temperature_c: "°C" };
+// Rows of the table of what happened, the latest.
+const TOLD = 50;
+// Bounds of the step are in sight where they lie beyond the readings by no more than this share of the strip.
+const BOUNDS_SHARE = 0.5;
+// Room above the readings for the letters, as a share of the strip.
+const LETTER_SHARE = 0.12;
+// A letter closer to another one than this is left out, and a tick of a step is so long, CSS px.
+const LETTER_PX = 15;
+const TICK_PX = 7;
+// Between two lines of the hatching of a pause, CSS px.
+const HATCH_PX = 10;
 
-const shown = { run: "", part: "recent", zoom: null, asked: 0, told: null, charts: [], limits: [] };
+const WORDS = {
+  none: "–",
+  strips: {
+    voltage_v: "Voltage / V",
+    current_a: "Current / A (charge +)",
+    temperature_c: "Cell temperature / °C",
+    bath_c: "Chiller, bath / °C",
+    charge_mah: "Charge since the beginning / mAh",
+  },
+  time: "time / s",
+  setpoint: "setpoint / °C",
+  notRead: "not read",
+  noReading: "no reading",
+  nothingYet: "No reading yet.",
+  span: (from, to) => `${from} to ${to} of bench time`,
+  between: (low, high, unit) => `${low} to ${high} ${unit}`,
+  at: (value) => `, setpoint ${value} °C`,
+  said: (span, of) =>
+    `${span}; voltage ${of.voltage_v}; current ${of.current_a}; temperature ${of.temperature_c}; ` +
+    `chiller ${of.bath_c}; charge ${of.charge_mah}.`,
+  rows: (rows, whole) => ` ${rows} readings${whole ? "" : ", thinned: every peak is kept"}.`,
+  kinds: {
+    stage: "stage",
+    step: "step",
+    point: "point",
+    check: "check",
+    again: "again",
+    note: "note",
+    request: "request",
+    pause: "pause",
+    go_on: "goes on",
+    resumed: "resumed",
+    trip: "trip",
+    end: "end",
+  },
+  key: "Signs in the strips",
+  limit: "limit of the cell",
+  bound: "bound of the step",
+  tables: "The strips as a table",
+  numbers: "Values in this part of the run, and the bounds at its end",
+  quantity: "Quantity",
+  least: "Least",
+  greatest: "Greatest",
+  last: "Last",
+  limits: "Limits of the cell",
+  bounds: "Bounds of the step",
+  happened: "What happened, the latest",
+  when: "Bench time",
+  sign: "Sign",
+  what: "What",
+  paused: (text, lasted) => `${text}; waits for ${lasted}`,
+};
+
+// Key, ink, unit, digits; the setpoint of the chiller is a second line.
+const STRIPS = [
+  { key: "voltage_v", ink: "--c0", unit: "V", digits: 4 },
+  { key: "current_a", ink: "--c1", unit: "A", digits: 3 },
+  { key: "temperature_c", ink: "--c2", unit: "°C", digits: 2 },
+  { key: "bath_c", ink: "--c4", unit: "°C", digits: 2, setpoint: "--c5" },
+  { key: "charge_mah", ink: "--c3", unit: "mAh", digits: 2 },
+];
+// Quantities that have limits and bounds.
+const BOUNDED = ["voltage_v", "current_a", "temperature_c"];
+// Letter, ink and dashes of what happened. Those that come first keep their letter where there is no room for all.
+const SIGNS = {
+  trip: ["T", "--bad", []],
+  pause: ["P", "--note", []],
+  go_on: ["G", "--note", []],
+  end: ["E", "--ink", []],
+  resumed: ["D", "--note", [3, 3]],
+  request: ["R", "--note", [3, 3]],
+  stage: ["S", "--quiet", []],
+  check: ["C", "--note", [3, 3]],
+  again: ["A", "--note", [3, 3]],
+  note: ["N", "--note", [3, 3]],
+  point: ["•", "--accent", [1, 3]],
+};
+const LIMIT_DASH = [8, 4];
+const BOUND_DASH = [2, 3];
+
+const shown = { run: "", part: "recent", zoom: null, asked: 0, told: null, times: new Map(), charts: [], limits: [] };
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const lastOf = (list) => list[list.length - 1];
+const isNumber = (value) => value !== null && value !== undefined;
+const fixed = (value, digits) => (isNumber(value) ? value.toFixed(digits) : WORDS.none);
+const kindOf = (mark) => WORDS.kinds[mark.kind] || mark.kind;
 
 // What is asked for: the last minutes, the whole run, or a stretch that was chosen with the mouse.
 function query() {
@@ -32,47 +120,187 @@ function query() {
   return `most=${MOST}`;
 }
 
-// Lines across a strip: limits of the cell, and where stages and steps begin.
-function marks(key) {
-  return {
-    hooks: {
-      draw: [
-        (chart) => {
-          const { ctx, bbox } = chart;
-          ctx.save();
-          ctx.beginPath();
-          ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
-          ctx.clip();
-          ctx.lineWidth = devicePixelRatio;
-          for (const mark of shown.told.marks) {
-            if (mark.kind === "step") continue;
-            const x = Math.round(chart.valToPos(mark.time_s, "x", true));
-            ctx.strokeStyle = colour(mark.kind === "stage" ? "--quiet" : "--note");
-            ctx.setLineDash(mark.kind === "stage" ? [] : [3, 3]);
-            ctx.beginPath();
-            ctx.moveTo(x, bbox.top);
-            ctx.lineTo(x, bbox.top + bbox.height);
-            ctx.stroke();
-          }
-          ctx.setLineDash([8, 4]);
-          ctx.strokeStyle = colour("--bad");
-          for (const limit of shown.limits.filter((one) => one.unit === QUANTITIES[key]))
-            for (const value of [limit.least, limit.greatest]) {
-              if (value === null || value === undefined) continue;
-              const y = Math.round(chart.valToPos(value, "y", true));
-              ctx.beginPath();
-              ctx.moveTo(bbox.left, y);
-              ctx.lineTo(bbox.left + bbox.width, y);
-              ctx.stroke();
-            }
-          ctx.restore();
-        },
-      ],
-    },
-  };
+// ---- signs in a strip ---------------------------------------------------------------------------
+
+// Draws within the area of a strip.
+function inside(chart, draw) {
+  const { ctx, bbox } = chart;
+  ctx.save();
+  ctx.beginPath();
+  ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+  ctx.clip();
+  ctx.lineWidth = devicePixelRatio;
+  draw(ctx, bbox);
+  ctx.restore();
 }
 
-function strip(parent, [key, title, digits, ink], choose) {
+const dashed = (ctx, dashes) => ctx.setLineDash(dashes.map((length) => length * devicePixelRatio));
+
+// One path for all lines: a strip may have some thousands.
+function lines(ctx, list) {
+  ctx.beginPath();
+  for (const [x0, y0, x1, y1] of list) {
+    ctx.moveTo(x0, y0);
+    ctx.lineTo(x1, y1);
+  }
+  ctx.stroke();
+}
+
+// Pauses lie behind the readings, hatched.
+function bands(chart) {
+  if (!shown.told) return;
+  inside(chart, (ctx, { left, top, width, height }) => {
+    ctx.strokeStyle = colour("--note");
+    ctx.fillStyle = colour("--noteground");
+    for (const pause of shown.told.pauses) {
+      const from = Math.max(left, chart.valToPos(pause.from_s, "x", true));
+      const to = Math.min(left + width, chart.valToPos(pause.to_s, "x", true));
+      if (to <= from) continue;
+      ctx.save();
+      ctx.beginPath();
+      ctx.rect(from, top, to - from, height);
+      ctx.clip();
+      ctx.fillRect(from, top, to - from, height);
+      const slants = [];
+      for (let x = from - height; x < to; x += HATCH_PX * devicePixelRatio)
+        slants.push([x, top + height, x + height, top]);
+      ctx.globalAlpha = 0.35;
+      lines(ctx, slants);
+      ctx.restore();
+    }
+  });
+}
+
+// Where something of a kind happened, rounded to a pixel and each only once.
+function places(chart, kind, { left, width }) {
+  const all = new Set();
+  for (const time_s of shown.times.get(kind) || []) {
+    const x = Math.round(chart.valToPos(time_s, "x", true));
+    if (x >= left && x <= left + width) all.add(x);
+  }
+  return [...all];
+}
+
+// Times of the marks by kind: each strip asks for them whenever it is drawn.
+function timesByKind(marks) {
+  const all = new Map();
+  for (const { kind, time_s } of marks) {
+    if (!all.has(kind)) all.set(kind, []);
+    all.get(kind).push(time_s);
+  }
+  return all;
+}
+
+function letter(ctx, text, x, y, ink) {
+  const size = LETTER_PX * devicePixelRatio;
+  ctx.fillStyle = colour("--card");
+  ctx.fillRect(x - size / 2, y, size, size);
+  ctx.strokeStyle = ink;
+  ctx.strokeRect(x - size / 2, y, size, size);
+  ctx.fillStyle = ink;
+  ctx.font = `bold ${11 * devicePixelRatio}px system-ui, sans-serif`;
+  ctx.textAlign = "center";
+  ctx.textBaseline = "middle";
+  ctx.fillText(text, x, y + size / 2);
+}
+
+// Upright lines where something happened, with a letter at the top; a tick where there is no room for it: thousands of
+// dashed lines would take long to draw, and hide the readings.
+function events(chart, ctx, box) {
+  const bottom = box.top + box.height;
+  const [tick, near] = [TICK_PX * devicePixelRatio, LETTER_PX * devicePixelRatio];
+  const ticks = places(chart, "step", box).map((x) => [x, bottom - tick, x, bottom]);
+  const signed = [];
+  for (const [kind, [sign, ink, dashes]] of Object.entries(SIGNS)) {
+    const tall = [];
+    for (const x of places(chart, kind, box)) {
+      // At the edge of the strip the letter stays in it.
+      const middle = Math.min(Math.max(x, box.left + near / 2 + 1), box.left + box.width - near / 2 - 1);
+      const isFree = signed.every((other) => Math.abs(other.middle - middle) >= near);
+      if (isFree) signed.push({ sign, middle, ink: colour(ink) });
+      if (isFree || kind === "trip") tall.push([x, box.top, x, bottom]);
+      else ticks.push([x, box.top, x, box.top + tick]);
+    }
+    ctx.strokeStyle = colour(ink);
+    ctx.lineWidth = (kind === "trip" ? 2.5 : 1) * devicePixelRatio;
+    dashed(ctx, dashes);
+    lines(ctx, tall);
+  }
+  ctx.lineWidth = devicePixelRatio;
+  dashed(ctx, []);
+  ctx.strokeStyle = colour("--quiet");
+  lines(ctx, ticks);
+  for (const { sign, middle, ink } of signed) letter(ctx, sign, middle, box.top + devicePixelRatio, ink);
+}
+
+const limitsOf = ({ unit, key }) =>
+  BOUNDED.includes(key) ? shown.limits.filter((one) => one.unit === unit) : [];
+
+// The limits of the cell over the whole strip, and the bounds of each step while they hold.
+function limits(chart, ctx, box, one) {
+  const y = (value) => Math.round(chart.valToPos(value, "y", true));
+  const right = box.left + box.width;
+  const across = limitsOf(one).flatMap((limit) => [limit.least, limit.greatest]);
+  dashed(ctx, LIMIT_DASH);
+  ctx.strokeStyle = colour("--bad");
+  lines(ctx, across.filter(isNumber).map((value) => [box.left, y(value), right, y(value)]));
+  if (!BOUNDED.includes(one.key)) return;
+  const held = [];
+  for (const key of ["least", "greatest"]) {
+    for (const envelope of shown.told.envelopes) {
+      const value = envelope[one.key][key];
+      if (!isNumber(value)) continue;
+      const from = Math.max(box.left, Math.round(chart.valToPos(envelope.from_s, "x", true)));
+      const to = Math.min(right, Math.round(chart.valToPos(envelope.to_s, "x", true)));
+      const last = lastOf(held);
+      // Steps shorter than a pixel, or with the same bound, are one line.
+      if (last && last[1] === y(value) && last[2] >= from) last[2] = Math.max(last[2], to);
+      else held.push([from, y(value), to, y(value)]);
+    }
+  }
+  dashed(ctx, BOUND_DASH);
+  ctx.lineWidth = 1.5 * devicePixelRatio;
+  ctx.strokeStyle = colour("--ink");
+  lines(ctx, held);
+}
+
+const signs = (one) => ({
+  hooks: {
+    drawClear: [bands],
+    draw: [
+      (chart) => {
+        if (!shown.told) return;
+        inside(chart, (ctx, box) => {
+          ctx.save();
+          limits(chart, ctx, box, one);
+          ctx.restore();
+          events(chart, ctx, box);
+        });
+      },
+    ],
+  },
+});
+
+// ---- strips -------------------------------------------------------------------------------------
+
+// From the least to the greatest reading, and to bounds of the step that are not far from them.
+function range(one, low, high) {
+  if (!isNumber(low) || !isNumber(high)) return [low, high];
+  let [least, greatest] = uPlot.rangeNum(low, high, 0.1, true);
+  const beyond = BOUNDS_SHARE * (greatest - least);
+  const pad = 0.05 * (greatest - least);
+  const [lowest, highest] = [least - beyond, greatest + beyond];
+  const envelopes = BOUNDED.includes(one.key) && shown.told ? shown.told.envelopes : [];
+  for (const envelope of envelopes) {
+    const bounds = envelope[one.key];
+    if (isNumber(bounds.least) && bounds.least >= lowest) least = Math.min(least, bounds.least - pad);
+    if (isNumber(bounds.greatest) && bounds.greatest <= highest)
+      greatest = Math.max(greatest, bounds.greatest + pad);
+  }
+  return [least, greatest + LETTER_SHARE * (greatest - least)];
+}
+
+function strip(parent, one, choose) {
   const holder = el("div", { class: "strip" });
   parent.append(holder);
   const axis = () => ({
@@ -81,27 +309,33 @@ function strip(parent, [key, title, digits, ink], choose) {
     ticks: { stroke: () => colour("--grid") },
     font: "12px system-ui, sans-serif",
   });
+  const line = (label, ink) => ({
+    label,
+    stroke: () => colour(ink),
+    width: 1.5,
+    value: (_, value) => fixed(value, one.digits),
+  });
+  // So few that a line would hide which there are.
+  const points = { show: (chart) => chart.data[0].length < 40, size: 5 };
+  const series = [
+    { label: WORDS.time, value: (_, value) => fixed(value, 1) },
+    { ...line(WORDS.strips[one.key], one.ink), points },
+  ];
+  if (one.setpoint) {
+    const paths = uPlot.paths.stepped({ align: 1 });
+    series.push({ ...line(WORDS.setpoint, one.setpoint), dash: [6, 3], paths, points: { show: false } });
+  }
   const options = {
     width: Math.max(260, holder.clientWidth),
     height: HEIGHT,
     cursor: { sync: { key: "time" }, drag: { x: true, y: false, setScale: false } },
-    scales: { x: { time: false } },
-    series: [
-      { label: "time / s", value: (_, value) => (value === null ? "–" : value.toFixed(1)) },
-      {
-        label: title,
-        stroke: () => colour(ink),
-        width: 1.5,
-        // So few that a line would hide which there are.
-        points: { show: (chart) => chart.data[0].length < 40, size: 5 },
-        value: (_, value) => (value === null || value === undefined ? "–" : value.toFixed(digits)),
-      },
-    ],
+    scales: { x: { time: false }, y: { range: (_, low, high) => range(one, low, high) } },
+    series,
     axes: [
       { ...axis(), size: 32 },
       { ...axis(), size: 60 },
     ],
-    plugins: [marks(key)],
+    plugins: [signs(one)],
     hooks: {
       setSelect: [
         (chart) => {
@@ -112,19 +346,24 @@ function strip(parent, [key, title, digits, ink], choose) {
       ],
     },
   };
-  const chart = new uPlot(options, [[], []], holder);
+  const chart = new uPlot(options, series.map(() => []), holder);
   chart.over.addEventListener("dblclick", () => choose(null));
-  shown.charts.push({ key, chart, holder });
+  shown.charts.push({ one, chart, holder });
+}
+
+// Readings further apart than this are not joined, s.
+function gapOf(times) {
+  const usual = (lastOf(times) - times[0]) / Math.max(1, times.length - 1);
+  return Math.max(GAP_S, 20 * usual);
 }
 
 // The readings of one quantity; where it was not read for long, nothing is drawn.
 function line(told, key) {
   const [times, values] = [[], []];
-  const usual = (told.time_s[told.time_s.length - 1] - told.time_s[0]) / Math.max(1, told.time_s.length - 1);
-  const gap = Math.max(GAP_S, 20 * usual);
+  const gap = gapOf(told.time_s);
   told.time_s.forEach((time, k) => {
     if (told[key][k] === null) return;
-    const last = times[times.length - 1];
+    const last = lastOf(times);
     if (times.length && time - last > gap) {
       times.push((last + time) / 2);
       values.push(null);
@@ -135,52 +374,156 @@ function line(told, key) {
   return [times, values];
 }
 
-// What is told beside the strips, for whoever does not see them.
-function words(told) {
-  const of = (values, digits, unit) => {
-    const read = values.filter((value) => value !== null);
-    if (!read.length) return "not read";
-    const [low, high] = [Math.min(...read), Math.max(...read)];
-    return `${low.toFixed(digits)} to ${high.toFixed(digits)} ${unit}`;
+// The bath and its setpoint, which holds where nothing is read, and up to the end of the part.
+function bathLines({ bath }, end_s) {
+  const [times, read, set] = [[], [], []];
+  const push = (time, value, setpoint) => {
+    times.push(time);
+    read.push(value);
+    set.push(setpoint);
   };
-  const span = told.time_s.length
-    ? `${duration(told.time_s[0])} to ${duration(told.time_s[told.time_s.length - 1])} of bench time`
-    : "no reading";
-  return (
-    `${span}; voltage ${of(told.voltage_v, 4, "V")}; current ${of(told.current_a, 3, "A")}; ` +
-    `temperature ${of(told.temperature_c, 2, "°C")}; charge ${of(told.charge_mah, 2, "mAh")}. ` +
-    `${told.rows} readings${told.whole ? "" : ", thinned: every peak is kept"}.`
-  );
+  const gap = gapOf(bath.time_s);
+  bath.time_s.forEach((time, k) => {
+    const last = lastOf(times);
+    if (times.length && time - last > gap) push((last + time) / 2, null, lastOf(set));
+    push(time, bath.bath_c[k], bath.setpoint_c[k]);
+  });
+  if (times.length && lastOf(times) < end_s) push(end_s, null, lastOf(set));
+  return [times, read, set];
 }
 
 // As wide as there is room; needs no server.
 export function fitTime() {
   for (const { chart, holder } of shown.charts) {
+    if (holder.hidden) continue;
     const width = Math.max(260, holder.clientWidth);
     if (Math.abs(chart.width - width) > 1) chart.setSize({ width, height: HEIGHT });
   }
 }
 
-function draw(choose) {
-  const { told } = shown;
-  const parent = $("strips");
-  if (!shown.charts.length) STRIPS.forEach((one) => strip(parent, one, choose));
-  fitTime();
-  for (const { key, chart } of shown.charts) {
+// ---- beside the strips --------------------------------------------------------------------------
+
+const valuesOf = (told, { key }) => (key === "bath_c" ? told.bath.bath_c : told[key]).filter(isNumber);
+
+function spread(values, { digits, unit }) {
+  if (!values.length) return WORDS.notRead;
+  return WORDS.between(fixed(Math.min(...values), digits), fixed(Math.max(...values), digits), unit);
+}
+
+// What is told beside the strips, for whoever does not see them.
+function words(told) {
+  const of = Object.fromEntries(STRIPS.map((one) => [one.key, spread(valuesOf(told, one), one)]));
+  const setpoint = lastOf(told.bath.setpoint_c);
+  if (isNumber(setpoint)) of.bath_c += WORDS.at(fixed(setpoint, 2));
+  const span = told.time_s.length
+    ? WORDS.span(duration(told.time_s[0]), duration(lastOf(told.time_s)))
+    : WORDS.noReading;
+  return WORDS.said(span, of) + WORDS.rows(told.rows, told.whole);
+}
+
+// Letters and lines of the strips in words: of what happened only what is in sight.
+function legend(told) {
+  const kinds = new Set(told.marks.map((mark) => mark.kind));
+  const item = (sign, text) => el("li", {}, sign, ` ${text}`);
+  const rows = Object.entries(SIGNS)
+    .filter(([kind]) => kinds.has(kind))
+    .map(([kind, [sign]]) => item(el("b", { class: `strip-sign strip-${kind}` }, sign), WORDS.kinds[kind]));
+  if (kinds.has("step")) rows.push(item(el("i", { class: "strip-line strip-step" }), WORDS.kinds.step));
+  if (told.pauses.length && !kinds.has("pause"))
+    rows.push(item(el("b", { class: "strip-sign strip-pause" }, SIGNS.pause[0]), WORDS.kinds.pause));
+  if (shown.limits.length) rows.push(item(el("i", { class: "strip-line" }), WORDS.limit));
+  if (told.envelopes.length) rows.push(item(el("i", { class: "strip-line strip-bound" }), WORDS.bound));
+  return rows;
+}
+
+function table(id, caption, heads) {
+  const row = el("tr", {}, ...heads.map((head) => el("th", { scope: "col" }, head)));
+  const body = el("tbody", { id });
+  return el("table", {}, el("caption", {}, caption), el("thead", {}, row), body);
+}
+
+const cells = (list) => list.map((value) => el("td", {}, value));
+
+// Least, greatest and last value of each quantity, its limits, and its bounds at the end.
+function numbers(told) {
+  const envelope = lastOf(told.envelopes);
+  const pair = (bounds, digits) =>
+    bounds ? `${fixed(bounds.least, digits)} … ${fixed(bounds.greatest, digits)}` : WORDS.none;
+  return STRIPS.map((one) => {
+    const values = valuesOf(told, one);
+    const extremes = values.length ? [Math.min(...values), Math.max(...values)] : [null, null];
+    const bounded = BOUNDED.includes(one.key);
+    const row = [...extremes, lastOf(values)].map((value) => fixed(value, one.digits));
+    row.push(pair(limitsOf(one)[0], one.digits));
+    row.push(pair(bounded && envelope ? envelope[one.key] : null, one.digits));
+    return el("tr", {}, el("th", { scope: "row" }, WORDS.strips[one.key]), ...cells(row));
+  });
+}
+
+// What happened, without steps, which are many; a pause with how long the run waits.
+function happened(told) {
+  const text = (mark) => {
+    const pause = mark.kind === "pause" && told.pauses.find((one) => one.from_s === mark.time_s);
+    const of = `${kindOf(mark)}, ${mark.text}`;
+    return pause ? WORDS.paused(of, duration(pause.to_s - pause.from_s)) : of;
+  };
+  const marks = told.marks.filter((mark) => mark.kind !== "step").slice(-TOLD);
+  const sign = (mark) => (SIGNS[mark.kind] || [WORDS.none])[0];
+  return marks.map((mark) => el("tr", {}, ...cells([duration(mark.time_s), sign(mark), text(mark)])));
+}
+
+// The key above the strips, and the tables below them, are made with the strips.
+function frame(parent) {
+  parent.before(el("ul", { id: "timekey", class: "strip-key", "aria-label": WORDS.key }));
+  const { quantity, least, greatest, last, limits, bounds } = WORDS;
+  const values = table("timenumbers", WORDS.numbers, [quantity, least, greatest, last, limits, bounds]);
+  const marks = table("timehappened", WORDS.happened, [WORDS.when, WORDS.sign, WORDS.what]);
+  const scroll = (attributes, child) => el("div", { class: "scroll", tabindex: "0", ...attributes }, child);
+  const list = $("timemarks");
+  const summary = el("summary", {}, WORDS.tables);
+  list.closest("details").after(el("details", { class: "strip-tables" }, summary, scroll({}, values)));
+  list.replaceWith(scroll({ id: "timemarks", class: "scroll strip-marks" }, marks));
+}
+
+// What happened in this part is in sight: a run ends, and trips, some seconds after its last reading.
+function stretch({ time_s, marks }) {
+  const times = [time_s[0], lastOf(time_s), marks[0]?.time_s, lastOf(marks)?.time_s].filter(isNumber);
+  if (!times.length) return [0, 1];
+  const [start, end] = [Math.min(...times), Math.max(...times)];
+  return [start, end > start ? end : start + 1];
+}
+
+// Each strip in a task of its own, so that none of them keeps the page from answering.
+async function drawStrips(told) {
+  const [start, end] = stretch(told);
+  for (const { one, chart } of shown.charts) {
     // The same stretch of time in all of them.
-    chart.setData(line(told, key), false);
-    const [first, last] = [told.time_s[0], told.time_s[told.time_s.length - 1]];
+    chart.setData(one.key === "bath_c" ? bathLines(told, end) : line(told, one.key), false);
     chart.batch(() => {
       chart.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
-      chart.setScale("x", { min: first ?? 0, max: last > first ? last : (first ?? 0) + 1 });
+      chart.setScale("x", { min: start, max: end });
     });
+    await new Promise((done) => setTimeout(done));
+    // Newer readings have come meanwhile, or another run.
+    if (shown.told !== told) return;
   }
+}
+
+async function draw(choose) {
+  const { told } = shown;
+  const parent = $("strips");
+  if (!shown.charts.length) {
+    frame(parent);
+    STRIPS.forEach((one) => strip(parent, one, choose));
+  }
+  for (const { one, holder } of shown.charts) holder.hidden = one.key === "bath_c" && !told.bath.time_s.length;
+  fitTime();
   $("timesaid").textContent = words(told);
   $("zoomout").hidden = !shown.zoom;
-  const rows = told.marks.filter((mark) => mark.kind !== "step").slice(-50);
-  $("timemarks").replaceChildren(
-    ...rows.map((mark) => el("li", {}, `${duration(mark.time_s)}: ${mark.kind}, ${mark.text}`)),
-  );
+  fill($("timekey"), ...legend(told));
+  fill($("timenumbers"), ...numbers(told));
+  fill($("timehappened"), ...happened(told));
+  await drawStrips(told);
 }
 
 // Shows a run; `get` asks the server. Called again as often as one likes: what is asked for is the
@@ -209,9 +552,10 @@ export async function drawTime(get, run, limits) {
     if (asked !== shown.asked || shown.run !== run) return;
     told.charge_mah = told.charge_c.map((charge) => (1000 * charge) / AH_C);
     shown.told = told;
-    draw(choose);
+    shown.times = timesByKind(told.marks);
+    await draw(choose);
   } catch {
     // A run that has no reading yet; whoever calls says when the server is lost.
-    if (asked === shown.asked && !shown.told) $("timesaid").textContent = "No reading yet.";
+    if (asked === shown.asked && !shown.told) $("timesaid").textContent = WORDS.nothingYet;
   }
 }

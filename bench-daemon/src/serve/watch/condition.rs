@@ -1,12 +1,25 @@
 //! Condition of a run's process: whether it waits, is safe, or has ended.
 
-use crate::journal::{Entry, Line};
+use crate::{
+    journal::{Entry, Line},
+    operator::question::Question,
+};
+
+/// A question as it was asked.
+#[derive(Debug, Clone)]
+pub(super) struct Asked {
+    pub(super) number: u64,
+    pub(super) question: Question,
+    pub(super) asked_s: f64,
+}
 
 /// Condition by the last entries of the journal.
 #[derive(Debug, Default)]
 pub(super) struct Condition {
     /// It waits on request.
     pub(super) paused: bool,
+    /// Question that waits for an answer.
+    pub(super) question: Option<Asked>,
     /// Everything was off and read back at the last entry.
     pub(super) safe: bool,
     /// How it ended, if it did.
@@ -19,8 +32,18 @@ impl Condition {
     /// Takes the next entry of the journal.
     pub(super) fn take(&mut self, line: &Line) {
         self.ended = None;
-        self.safe = matches!(line.entry, Entry::Safe | Entry::Paused)
+        self.safe = matches!(line.entry, Entry::Safe | Entry::Paused | Entry::Asked(_))
             || (self.safe && matches!(line.entry, Entry::Note(_) | Entry::Ended { .. }));
+        if let Entry::Asked(question) = &line.entry {
+            self.question = Some(Asked {
+                number: line.number,
+                question: question.clone(),
+                asked_s: line.time_s,
+            });
+        } else if !matches!(line.entry, Entry::Note(_)) {
+            // Nothing else is written while a person is waited for.
+            self.question = None;
+        }
         match &line.entry {
             Entry::Paused => self.paused = true,
             Entry::GoneOn => self.paused = false,

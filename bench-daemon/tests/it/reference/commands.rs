@@ -122,8 +122,18 @@ fn returned_codes() -> BTreeSet<u8> {
     let file = syn::parse_file(&read("bench-daemon/src/safety/failure.rs")).unwrap();
     let mut codes = Codes(BTreeSet::new());
     for item in &file.items {
-        if let Item::Impl(item) = item {
-            codes.visit_item_impl(item);
+        match item {
+            Item::Impl(item) => codes.visit_item_impl(item),
+            Item::Const(named) if named.ident.to_string().ends_with("_CODE") => {
+                if let syn::Expr::Lit(syn::ExprLit {
+                    lit: syn::Lit::Int(code),
+                    ..
+                }) = &*named.expr
+                {
+                    codes.0.insert(code.base10_parse().unwrap());
+                }
+            }
+            _ => {}
         }
     }
     codes.0

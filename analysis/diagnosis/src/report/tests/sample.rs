@@ -2,6 +2,7 @@
 
 use crate::outcome::*;
 use analysis_effects::contract::{Facts, Group};
+use analysis_fit::fit::PROGRAM;
 use analysis_model::model::Erm;
 use num_complex::Complex64;
 
@@ -175,6 +176,7 @@ pub(super) fn explained() -> Diagnosis {
     Diagnosis {
         schema: DIAGNOSIS_SCHEMA,
         schema_version: DIAGNOSIS_SCHEMA_VERSION,
+        program: PROGRAM,
         data_set: "p45b-bench-7".into(),
         model: "p45b-3rc".into(),
         verdict: Verdict::Explained,

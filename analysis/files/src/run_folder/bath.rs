@@ -1,0 +1,53 @@
+//! The rows of `bath.csv`.
+
+use super::readings::{number, told};
+
+/// The columns of `bath.csv`.
+pub const BATH_COLUMNS: &str = "time_s,bath_c,setpoint_c";
+
+/// One row of `bath.csv`: a reading of the chiller, or a change of its setpoint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BathRow {
+    /// Bench time, s.
+    pub time_s: f64,
+    /// Temperature of the bath as the chiller tells it, °C; none where it was not read.
+    pub bath_c: Option<f64>,
+    /// Setpoint of the bath, °C; none where nothing was set.
+    pub setpoint_c: Option<f64>,
+}
+
+impl BathRow {
+    /// The row, without the end of its line.
+    pub fn row(&self) -> String {
+        let [bath, setpoint] = [self.bath_c, self.setpoint_c].map(|value| told(value, 4));
+        format!("{:.3},{bath},{setpoint}", self.time_s)
+    }
+
+    /// Reads a row. What is no finite number was not read; a row without a time is none.
+    pub fn parse(row: &str) -> Option<Self> {
+        let mut cells = row.split(',').map(number);
+        Some(Self {
+            time_s: cells.next()??,
+            bath_c: cells.next()?,
+            setpoint_c: cells.next()?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_row_comes_back_and_the_head_is_none() {
+        let row = BathRow {
+            time_s: 1.5,
+            bath_c: None,
+            setpoint_c: Some(25.0),
+        };
+        assert_eq!(row.row(), "1.500,,25.0000");
+        assert_eq!(BathRow::parse(&row.row()), Some(row));
+        assert_eq!(BathRow::parse(BATH_COLUMNS), None);
+        assert_eq!(BathRow::parse("1.500,24.9"), None);
+    }
+}

@@ -1,0 +1,239 @@
+//! Questions to the person at the bench that are answered through the run folder, by a command or by
+//! the page: the run writes the question into its journal and waits for a small file.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+};
+
+use analysis::{
+    dataset::{self, DatasetError},
+    run_folder::ANSWER,
+};
+use instruments::{
+    clock::{Clock, TimeMode},
+    fixture::Fixture,
+};
+use serde::{Deserialize, Serialize};
+
+use crate::plan::Specimen;
+
+/// Time between two looks for the answer, s on the wall: a person notices no less.
+const LOOK_S: f64 = 0.5;
+
+/// A change of the fixture that a person is asked for. Every output is off.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Question {
+    /// In words.
+    pub text: String,
+    /// What is to be in the jig.
+    pub fixture: Fixture,
+    /// Name of the cell, where there are several.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cell: Option<String>,
+    /// Its serial number, where it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub serial: Option<String>,
+    /// It is asked on the terminal of the run, and answered nowhere else.
+    pub on_terminal: bool,
+}
+
+impl Question {
+    /// Asks for a fixture, for a certain cell where there are several. A control begins with taking
+    /// the cell out: a bar or a copper dummy clamped across a cell is a dead short.
+    pub fn new(fixture: Fixture, specimen: Option<&Specimen>, on_terminal: bool) -> Self {
+        let specimen = specimen.filter(|_| fixture == Fixture::Cell);
+        Self {
+            text: text(fixture, specimen),
+            fixture,
+            cell: specimen.map(|specimen| specimen.name.clone()),
+            serial: specimen.and_then(|specimen| specimen.serial.clone()),
+            on_terminal,
+        }
+    }
+
+    /// Refuses an answer with another serial number than that of the cell. One without any is taken:
+    /// not every cell carries its number where it can be read.
+    ///
+    /// # Errors
+    /// The two numbers, in words.
+    pub fn check(&self, answer: &Answer) -> Result<(), String> {
+        match (&self.serial, &answer.serial) {
+            (Some(asked), Some(found)) if asked.trim() != found.trim() => Err(format!(
+                "serial: expected {asked:?}, found {found:?}: this is another cell"
+            )),
+            (None, Some(found)) => Err(format!(
+                "serial: expected none, for no cell with a serial number is asked for, found \
+                {found:?}"
+            )),
+            _ => Ok(()),
+        }
+    }
+}
+
+fn text(fixture: Fixture, specimen: Option<&Specimen>) -> String {
+    let text = match (fixture, specimen) {
+        (Fixture::Cell, None) => {
+            "Clamp the cell into the jig, nothing else beside it, voltage probes C3 (−) and C4 (+) \
+            on its Kelvin contacts."
+        }
+        (Fixture::Cell, Some(specimen)) => {
+            return format!(
+                "Clamp {specimen} into the jig, no other cell and nothing else beside it, voltage \
+                probes C3 (−) and C4 (+) on its Kelvin contacts."
+            );
+        }
+        (Fixture::Shunt, _) => {
+            "Take the cell out of the jig. Close the current path there with copper (the fake \
+            cell, or a short bar) and put the voltage probes \
+             C3 and C4 on the shunt, beside C1 and C2."
+        }
+        (Fixture::FakeCell, _) => {
+            "Take the cell out of the jig. Clamp the fake cell in its place, voltage probes C3 (−) \
+            and C4 (+) on its Kelvin contacts."
+        }
+        (Fixture::Short, _) => {
+            "Take the cell out of the jig. Clamp the short bar in its place, voltage probes C3 (−) \
+            and C4 (+) on its Kelvin contacts."
+        }
+    };
+    text.to_owned()
+}
+
+/// Confirmation that the fixture was changed as asked.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Answer {
+    /// Number of the question: that of its line in the journal.
+    pub question: u64,
+    /// Who answers.
+    pub by: String,
+    /// Serial number that was read from the cell, where it was.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub serial: Option<String>,
+}
+
+impl Answer {
+    /// Writes the answer into a run folder.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn write(&self, folder: &Path) -> Result<(), DatasetError> {
+        let text = serde_json::to_string(self).unwrap_or_default();
+        dataset::write_atomically(&folder.join(ANSWER), text.as_bytes())
+    }
+
+    /// Takes the answer to a question out of a run folder. One to another question, or of another
+    /// cell, is none.
+    fn take(folder: &Path, number: u64, question: &Question) -> Option<Self> {
+        let path = folder.join(ANSWER);
+        let text = std::fs::read_to_string(&path).ok()?;
+        let _ = std::fs::remove_file(&path);
+        let answer: Self = serde_json::from_str(&text)
+            .inspect_err(|error| tracing::warn!("{ANSWER}: {error}: ignored"))
+            .ok()?;
+        if answer.question != number {
+            tracing::warn!("{ANSWER}: to question {}, ignored", answer.question);
+            return None;
+        }
+        question
+            .check(&answer)
+            .inspect_err(|error| tracing::warn!("{ANSWER}: {error}: ignored"))
+            .ok()?;
+        Some(answer)
+    }
+}
+
+/// A wait that ends with whoever waits.
+struct Waits(Arc<AtomicBool>);
+
+impl Drop for Waits {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Waits for the answer in a run folder, on the wall whatever bench time does. Nothing where the
+/// system has no thread for it.
+pub(super) async fn answered(folder: &Path, number: u64, question: &Question) -> Option<Answer> {
+    let ended = Waits(Arc::default());
+    let (over, question, folder): (_, _, PathBuf) =
+        (ended.0.clone(), question.clone(), folder.to_owned());
+    // A thread of its own: the clock of a run in virtual time stands still while it works.
+    let look = move || {
+        let runtime = Clock::runtime(TimeMode::Real).ok()?;
+        runtime.block_on(async {
+            let clock = Clock::start(TimeMode::Real);
+            while !over.load(Ordering::Relaxed) {
+                if let Some(answer) = Answer::take(&folder, number, &question) {
+                    return Some(answer);
+                }
+                clock.sleep_s(LOOK_S).await;
+            }
+            None
+        })
+    };
+    tokio::task::spawn_blocking(look).await.ok().flatten()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn second() -> Specimen {
+        Specimen {
+            number: 2,
+            name: "B".to_owned(),
+            serial: Some("P45B-17".to_owned()),
+        }
+    }
+
+    fn answer(question: u64, serial: Option<&str>) -> Answer {
+        Answer {
+            question,
+            by: "Ada".to_owned(),
+            serial: serial.map(str::to_owned),
+        }
+    }
+
+    #[test]
+    fn a_control_is_asked_for_without_the_cell_and_the_shunt_without_a_fake_cell_that_may_not_exist()
+     {
+        let request = |fixture, specimen| Question::new(fixture, specimen, false).text;
+        let second = second();
+        for control in [Fixture::Shunt, Fixture::FakeCell, Fixture::Short] {
+            let text = request(control, Some(&second));
+            assert!(text.starts_with("Take the cell out of the jig. "), "{text}");
+        }
+        assert!(request(Fixture::Cell, None).starts_with("Clamp the cell into the jig"));
+        assert!(request(Fixture::Shunt, None).contains("or a short bar"));
+        assert!(
+            request(Fixture::Cell, Some(&second))
+                .starts_with("Clamp cell B (serial number P45B-17) into the jig, no other cell")
+        );
+    }
+
+    #[test]
+    fn only_the_answer_to_this_question_with_this_cell_counts() {
+        let folder = tempfile::tempdir().unwrap();
+        let question = Question::new(Fixture::Cell, Some(&second()), false);
+        let taken = |answer: &Answer| {
+            answer.write(folder.path()).unwrap();
+            Answer::take(folder.path(), 7, &question)
+        };
+        assert_eq!(taken(&answer(6, None)), None);
+        assert_eq!(taken(&answer(7, Some("P45B-71"))), None);
+        let right = answer(7, Some(" P45B-17 "));
+        assert_eq!(taken(&right), Some(right));
+        assert_eq!(
+            Answer::take(folder.path(), 7, &question),
+            None,
+            "taken once"
+        );
+        let short = Question::new(Fixture::Short, Some(&second()), false);
+        assert!(short.check(&answer(7, Some("P45B-17"))).is_err());
+    }
+}

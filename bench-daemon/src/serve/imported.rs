@@ -1,0 +1,99 @@
+//! Spectra of a file that somebody sends, to be compared with those of a run. Nothing of it is
+//! kept.
+
+use std::{collections::BTreeMap, path::Path};
+
+use analysis::{formats::parse_file, run_folder, spectrum::SourcedSpectrum};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::spectra::{Point, Spectrum};
+
+/// Longest file, bytes: a spectrum of a thousand points has some 100 kB in any format that is read.
+pub const LONGEST: usize = 8_000_000;
+/// Files that are read at the same time: so many are in memory.
+pub const AT_ONCE: usize = 2;
+/// Most points of a file: in JSON a point has some 150 bytes, so that an answer has at most 3 MB.
+pub const MOST_POINTS: usize = 20_000;
+
+/// Spectra of a file.
+#[derive(Debug, PartialEq, Serialize, ToSchema)]
+pub struct ImportedSpectra {
+    /// In the order of the file, in the shape of those of a run.
+    pub spectra: Vec<Spectrum>,
+    /// How they were read: by what they were told apart, what was left out or taken for granted.
+    pub notes: Vec<String>,
+}
+
+/// Reads the bytes of a file; its name serves names and messages only.
+///
+/// # Errors
+/// A file that is not of a known format, or has more than [`MOST_POINTS`]: it is named, with what
+/// was expected and found.
+pub fn read(name: &str, bytes: &[u8]) -> Result<ImportedSpectra, String> {
+    let read = parse_file(Path::new(name), bytes).map_err(|error| error.to_string())?;
+    let points = read.spectra.iter().map(|one| one.spectrum.points.len());
+    let points: usize = points.sum();
+    if points > MOST_POINTS {
+        return Err(format!(
+            "{name}: expected at most {MOST_POINTS} points to be compared, found {points}"
+        ));
+    }
+    Ok(ImportedSpectra {
+        spectra: read.spectra.iter().map(shown).collect(),
+        notes: read.notes,
+    })
+}
+
+/// A spectrum in the shape of those of a run, with what the quality gate has said of its points.
+fn shown(sourced: &SourcedSpectrum) -> Spectrum {
+    let flagged = sourced.flagged.iter();
+    let refused: BTreeMap<u64, String> = flagged
+        .map(|point| (point.freq_hz.to_bits(), point.reasons.join("; ")))
+        .collect();
+    let spectrum = &sourced.spectrum;
+    let mut points: Vec<Point> = spectrum.points.iter().map(Point::from).collect();
+    for point in &mut points {
+        point.verdict = refused.get(&point.freq_hz.to_bits()).cloned();
+    }
+    points.sort_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz));
+    Spectrum {
+        name: spectrum.name.clone(),
+        corrected: !run_folder::is_raw(&spectrum.name),
+        points,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HEAD: &str = "freq_hz,z_re_ohm,z_im_ohm,flags\n";
+
+    #[test]
+    fn refused_points_tell_why_and_the_lowest_frequency_is_first() {
+        let text = format!("{HEAD}10,0.02,-0.001,\n1,0.03,-0.002,noise: expected less; drift\n");
+        let spectra = read("cell.csv", text.as_bytes()).unwrap().spectra;
+        assert_eq!((spectra.len(), spectra[0].name.as_str()), (1, "cell"));
+        let points = &spectra[0].points;
+        assert_eq!([points[0].freq_hz, points[1].freq_hz], [1.0, 10.0]);
+        assert_eq!(
+            points[0].verdict.as_deref(),
+            Some("noise: expected less; drift")
+        );
+        assert_eq!(points[1].verdict, None);
+        let raw = read("raw_cell.csv", text.as_bytes()).unwrap();
+        assert!(spectra[0].corrected && !raw.spectra[0].corrected);
+    }
+
+    #[test]
+    fn more_points_than_can_be_compared_are_refused() {
+        let rows = (0..=MOST_POINTS).map(|k| format!("{},0.02,-0.001,\n", 1 + k));
+        let text = format!("{HEAD}{}", rows.collect::<String>());
+        let error = read("long.csv", text.as_bytes()).unwrap_err();
+        assert_eq!(
+            error,
+            "long.csv: expected at most 20000 points to be compared, found 20001"
+        );
+    }
+}
