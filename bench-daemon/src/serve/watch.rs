@@ -190,7 +190,8 @@ impl Watch {
             _ => None,
         };
         let expected = self.position.expected(&self.run.plan, self.latest_s);
-        let is_known = going && expected.total_s > 0.0;
+        // A person may take as long as that takes.
+        let is_known = going && expected.total_s > 0.0 && self.condition.question.is_none();
         RunNow {
             run,
             experiment: self.run.name.clone(),

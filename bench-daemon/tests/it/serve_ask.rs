@@ -8,8 +8,8 @@ use crate::{
     support::{BENCH, EXPERIMENT, Files, Ports, SCENARIO, command, poll},
 };
 
-/// Two cells that a person clamps, a point each.
-fn files() -> Files {
+/// Two cells that a person clamps, a few points each.
+pub(crate) fn files() -> Files {
     Files::short(2)
         .without(EXPERIMENT, "fixture_check")
         .append(

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use crate::{
     serve_stop::stop_beside_load,
-    serve_support::{Served, config, exchange, token},
+    serve_support::{Served, config, exchange, submit, token},
     support::{Files, Ports, Running, poll},
 };
 
@@ -860,6 +860,41 @@ fn a_newcomer_comes_to_the_queued_next_experiment_by_mouse() {
 #[ignore = "long drill"]
 fn a_newcomer_comes_to_the_queued_next_experiment_by_keyboard_on_a_phone_in_the_dark() {
     a_newcomers_way(true, PHONE, true);
+}
+
+#[test]
+#[ignore = "drill"]
+fn a_person_clamps_two_cells_and_answers_on_the_phone() {
+    let Some(browser) = Browser::start(true) else {
+        return;
+    };
+    let files = crate::serve_ask::files();
+    let _ports = Ports::serve(&files, 50.0, 1);
+    config(&files, "");
+    let served = Served::start(&files);
+    browser.go(&served.url(), PHONE);
+    browser.wait("#link", "connected");
+    let run = submit(&served, r#"{"experiment":"demo"}"#);
+    browser.wait("#question", "Clamp cell A (serial number S-1)");
+    browser.wait("#state", "Waits for a person");
+    browser.wait("#overview", "waits for a person");
+    browser.pictures("asking");
+    browser.size(PHONE);
+    browser.assert_accessible("asking");
+    browser.click("#question button");
+    browser.wait("#question", "First tick that it is done.");
+    browser.keys("#question-serial", "S-2");
+    browser.click("#question-done");
+    browser.click("#question button");
+    browser.wait("#said", "this is another cell");
+    browser.script("document.querySelector('#question-serial').value = ''");
+    browser.keys("#question-serial", "S-1\n");
+    browser.wait("#question", "Clamp cell B into the jig");
+    browser.click("#question-done");
+    browser.click("#question button");
+    assert_eq!(served.ended(&run)["finished"], true);
+    browser.wait("#state", "Idle");
+    assert_eq!(browser.text("#question"), "");
 }
 
 #[test]

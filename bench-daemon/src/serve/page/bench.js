@@ -76,6 +76,7 @@ const WORDS = {
   safe: "eis-bench safe",
   trouble: (words) => `▲ ${words}`,
   overview: (sign, bench, state, left, proof) => `${sign} ${bench}: ${state}${left}${proof}`,
+  overviewAsking: "waits for a person",
   overviewTrip: (cause) => `latched, ${cause}`,
   overviewLeft: (time) => `, ${time} left`,
   verifiedOff: ", outputs verified off",
@@ -378,7 +379,8 @@ export function drawOverview(benches, chosen) {
     // While a run or a stop is at work nothing is claimed of the outputs.
     const rests = ["idle", "latched", "unknown"].includes(one.state);
     const proof = !rests ? "" : one.verified ? WORDS.verifiedOff : WORDS.notVerified;
-    const state = one.trip ? WORDS.overviewTrip(one.trip.cause) : one.state;
+    const plain = one.state === "asking" ? WORDS.overviewAsking : one.state;
+    const state = one.trip ? WORDS.overviewTrip(one.trip.cause) : plain;
     const words = WORDS.overview(sign, one.bench, state, left, proof);
     const here = one.bench === chosen && !location.hash.startsWith("#/");
     return el(
