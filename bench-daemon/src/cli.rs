@@ -154,6 +154,9 @@ enum Command {
     Safe(command::safe::SafeArgs),
     /// Show why a bench is latched, and let it run again after a person has looked.
     Clear(command::clear::ClearArgs),
+    /// Read the spectra of a file on standard input, with bounds of memory and time.
+    #[command(hide = true)]
+    ReadSpectra(crate::serve::imported::ReadSpectraArgs),
     /// Watch over the process that started it; a run does that by itself.
     #[command(hide = true)]
     Guardian(command::guardian::GuardianArgs),
@@ -249,6 +252,7 @@ pub fn main() -> ExitCode {
         Command::Abort(args) => command::run_control::send_action(&args, RunAction::Abort),
         Command::Reorder(args) => command::run_control::reorder(&args),
         Command::Answer(args) => command::answer::answer(&args),
+        Command::ReadSpectra(args) => crate::serve::imported::command(&args),
         Command::Plan(args) => command::plan::plan(&args),
         Command::Mock(args) => command::mock::mock(&args),
         Command::Identify(args) => command::identify::identify(&args),

@@ -1,15 +1,21 @@
 //! `eis-bench answer`: shows the question of a run that waits for a person, and answers it.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
+use instruments::clock::{Clock, TimeMode};
 
 use crate::{
-    journal::{self, pending_question},
+    journal::{self, Entry, pending_question},
     operator::question::Answer,
     safety::failure::Failure,
     support::{account::who, terminal::say},
 };
+
+/// Looks for the entry of an answer, and the time between two of them, s: together twice as long as
+/// a slow bench needs to be read back as off.
+const LOOKS: usize = 40;
+const LOOK_S: f64 = 0.25;
 
 /// Arguments of `answer`.
 #[derive(Debug, Args)]
@@ -17,9 +23,9 @@ pub struct AnswerArgs {
     /// The run folder.
     pub folder: PathBuf,
     /// The fixture is changed as asked: the run may go on, and let current flow.
-    #[arg(long)]
+    #[arg(long, requires = "question")]
     pub done: bool,
-    /// Number of the question that is answered: refused where another one waits.
+    /// Number of the question that is answered: refused where another one waits meanwhile.
     #[arg(long, value_name = "N", requires = "done")]
     pub question: Option<u64>,
     /// Serial number read from the cell: refused where it is not that of the cell asked for.
@@ -48,7 +54,9 @@ pub fn answer(args: &AnswerArgs) -> Result<(), Failure> {
     }
     if !args.done {
         say!("question {number}: {}", question.text);
-        say!("every output is off; with --done the run goes on");
+        let folder = args.folder.display();
+        say!("every output is off; when it is changed as asked:");
+        say!("eis-bench answer {folder} --done --question {number}");
         return Ok(());
     }
     if let Some(other) = args.question.filter(|other| *other != number) {
@@ -64,6 +72,32 @@ pub fn answer(args: &AnswerArgs) -> Result<(), Failure> {
     answer
         .write(&args.folder)
         .map_err(|error| usage(error.to_string()))?;
-    say!("the run goes on");
+    if taken(&args.folder, number)? {
+        say!("the answer is taken: the run goes on");
+    } else {
+        say!("the answer is handed over; the run has not taken it yet");
+    }
     Ok(())
+}
+
+/// Waits until a run has taken the answer to a question; it looks twice a second.
+fn taken(folder: &Path, number: u64) -> Result<bool, Failure> {
+    let is_taken = || {
+        let lines = journal::read(folder).map(|read| read.lines);
+        lines.is_ok_and(|lines| {
+            lines.iter().rev().any(
+                |line| matches!(&line.entry, Entry::Answered(answer) if answer.question == number),
+            )
+        })
+    };
+    Clock::runtime(TimeMode::Real)?.block_on(async {
+        let clock = Clock::start(TimeMode::Real);
+        for _ in 0..LOOKS {
+            if is_taken() {
+                return Ok(true);
+            }
+            clock.sleep_s(LOOK_S).await;
+        }
+        Ok(false)
+    })
 }

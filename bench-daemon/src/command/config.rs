@@ -135,7 +135,14 @@ fn check(files: &[PathBuf], json: bool) -> Result<(), Failure> {
         for one in &checked {
             match &one.mistake {
                 Some(mistake) => say!("{mistake}"),
-                None => say!("{}: a {} that is right", one.file.display(), one.kind),
+                None => {
+                    let article = if one.kind.starts_with('e') { "an" } else { "a" };
+                    say!(
+                        "{}: {article} {} that is right",
+                        one.file.display(),
+                        one.kind
+                    );
+                }
             }
         }
     }

@@ -522,7 +522,7 @@ impl Visit<'_> {
             return Ok(());
         }
         let _person = self.clock.wait(None);
-        Ok(on_terminal(&Question::new(fixture, None, true))
+        Ok(on_terminal(&Question::new(fixture, None, ""))
             .await
             .map_err(crate::executor::ExecuteError::from)?)
     }

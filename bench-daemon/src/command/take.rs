@@ -178,8 +178,17 @@ fn in_words(change: &KeyChange) -> String {
     )
 }
 
+/// Everything but the letters of files is escaped: marks that turn the direction of a line around
+/// hide what is put in force.
 fn printable(text: &str) -> String {
-    let plain = |c: char| if c.is_control() { ' ' } else { c };
+    let is_plain = |c: char| c.is_ascii_graphic() || c == ' ' || "µμΩ°²³·−äöüÄÖÜß".contains(c);
+    let plain = |c: char| {
+        if is_plain(c) {
+            c.to_string()
+        } else {
+            c.escape_unicode().to_string()
+        }
+    };
     text.chars().map(plain).collect()
 }
 

@@ -13,8 +13,6 @@ use crate::{
 
 /// Seconds between two looks while the run waits.
 const PAUSE_POLL_S: f64 = 5.0;
-/// The same while a person is waited for, who may have asked for the end instead.
-const PERSON_POLL_S: f64 = 1.0;
 
 impl Rig<'_> {
     /// Ends the run on request in the middle of a step of which nothing is kept but its end,
@@ -39,21 +37,6 @@ impl Rig<'_> {
             Ok(())
         } else {
             self.paused(false).map(|_| ())
-        }
-    }
-
-    /// Waits for a request to end while a person changes the fixture, with every output off:
-    /// without end where none comes, for a person may take as long as that takes.
-    pub(super) async fn asked_to_end(&self) -> ExecuteError {
-        loop {
-            if self.clock.mode() == TimeMode::Virtual {
-                // Nobody is asked in virtual time, whose sleeps would take none.
-                return std::future::pending().await;
-            }
-            self.clock.sleep_s(PERSON_POLL_S).await;
-            if let Err(ended) = self.handle_abort() {
-                return ended;
-            }
         }
     }
 

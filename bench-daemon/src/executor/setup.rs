@@ -9,6 +9,8 @@ use crate::{
 /// so that it is no instruction: it says how a command reaches the cell, and what is refused
 /// whatever was commanded.
 pub(super) struct Setup {
+    /// Name of the cell.
+    pub(super) cell: String,
     /// Limits of the cell.
     pub(super) limits: Limits,
     /// Settings of the interlock.
@@ -25,6 +27,7 @@ impl Setup {
     /// Takes what describes bench and cell out of an experiment.
     pub(super) fn of(experiment: &Experiment) -> Self {
         Self {
+            cell: experiment.cell.name.clone(),
             limits: experiment.cell.limits,
             interlock: experiment.cell.interlock,
             wiring: experiment.bench.wiring.clone(),

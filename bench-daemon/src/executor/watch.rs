@@ -546,7 +546,7 @@ impl Rig<'_> {
         Ok(self.temperatures.last_c)
     }
 
-    async fn watch_chiller(&mut self) -> Result<(), ExecuteError> {
+    pub(super) async fn watch_chiller(&mut self) -> Result<(), ExecuteError> {
         let error = self.bench.error("chiller");
         let Some(chiller) = self
             .bench
@@ -567,7 +567,7 @@ impl Rig<'_> {
     /// Holds a bath that has no loop of its own: reads it once in a window and gives a pulse. A
     /// reading that cannot be believed is none; a board that does not answer, or whose relays do
     /// not follow, is an error.
-    async fn regulate(&mut self) -> Result<(), ExecuteError> {
+    pub(super) async fn regulate(&mut self) -> Result<(), ExecuteError> {
         let (error, now_s) = (self.bench.error("chiller"), self.clock.now_s());
         let Some(thermostat) = self
             .temperatures

@@ -23,13 +23,15 @@ use crate::plan::Specimen;
 
 /// Time between two looks for the answer, s on the wall: a person notices no less.
 const LOOK_S: f64 = 0.5;
+/// Longest name or serial number, characters.
+const LONGEST_TEXT: usize = 100;
 
 /// A change of the fixture that a person is asked for. Every output is off.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Question {
     /// In words.
     pub text: String,
-    /// What is to be in the jig.
+    /// Fixture that is to be in the jig.
     pub fixture: Fixture,
     /// Name of the cell, where there are several.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -42,28 +44,42 @@ pub struct Question {
 }
 
 impl Question {
-    /// Asks for a fixture, for a certain cell where there are several. A control begins with taking
-    /// the cell out: a bar or a copper dummy clamped across a cell is a dead short.
-    pub fn new(fixture: Fixture, specimen: Option<&Specimen>, on_terminal: bool) -> Self {
+    /// Asks for a fixture, for a certain cell where the experiment names them one by one, else for
+    /// one of the kind `cell`. A control begins with taking the cell out: a bar or a copper dummy
+    /// clamped across a cell is a dead short.
+    pub fn new(fixture: Fixture, specimen: Option<&Specimen>, cell: &str) -> Self {
         let specimen = specimen.filter(|_| fixture == Fixture::Cell);
         Self {
-            text: text(fixture, specimen),
+            text: text(fixture, specimen, cell),
             fixture,
             cell: specimen.map(|specimen| specimen.name.clone()),
             serial: specimen.and_then(|specimen| specimen.serial.clone()),
-            on_terminal,
+            on_terminal: false,
         }
     }
 
-    /// Refuses an answer with another serial number than that of the cell. One without any is taken:
-    /// not every cell carries its number where it can be read.
+    /// Refuses an answer with another serial number than that of the cell, or with a text that
+    /// breaks a line. One without a serial number is taken: not every cell carries its number where
+    /// it can be read.
     ///
     /// # Errors
-    /// The two numbers, in words.
+    /// In words: the two numbers, or the text.
     pub fn check(&self, answer: &Answer) -> Result<(), String> {
+        let texts = [("by", Some(&answer.by)), ("serial", answer.serial.as_ref())];
+        for (field, text) in texts {
+            let is_plain = |text: &&String| {
+                let count = text.trim().chars().count();
+                (1..=LONGEST_TEXT).contains(&count) && !text.contains(char::is_control)
+            };
+            if let Some(text) = text.filter(|text| !is_plain(text)) {
+                return Err(format!(
+                    "{field}: expected 1 to {LONGEST_TEXT} characters in one line, found {text:?}"
+                ));
+            }
+        }
         match (&self.serial, &answer.serial) {
             (Some(asked), Some(found)) if asked.trim() != found.trim() => Err(format!(
-                "serial: expected {asked:?}, found {found:?}: this is another cell"
+                "this is another cell: serial: expected {asked:?}, found {found:?}"
             )),
             (None, Some(found)) => Err(format!(
                 "serial: expected none, for no cell with a serial number is asked for, found \
@@ -74,11 +90,13 @@ impl Question {
     }
 }
 
-fn text(fixture: Fixture, specimen: Option<&Specimen>) -> String {
+fn text(fixture: Fixture, specimen: Option<&Specimen>, cell: &str) -> String {
     let text = match (fixture, specimen) {
         (Fixture::Cell, None) => {
-            "Clamp the cell into the jig, nothing else beside it, voltage probes C3 (−) and C4 (+) \
-            on its Kelvin contacts."
+            return format!(
+                "Clamp the cell under test ({cell}) into the jig, nothing else beside it, voltage \
+                probes C3 (−) and C4 (+) on its Kelvin contacts."
+            );
         }
         (Fixture::Cell, Some(specimen)) => {
             return format!(
@@ -171,6 +189,10 @@ pub(super) async fn answered(folder: &Path, number: u64, question: &Question) ->
                 if let Some(answer) = Answer::take(&folder, number, &question) {
                     return Some(answer);
                 }
+                if !folder.is_dir() {
+                    tracing::error!("{}: expected the run folder, found none", folder.display());
+                    return None;
+                }
                 clock.sleep_s(LOOK_S).await;
             }
             None
@@ -202,13 +224,13 @@ mod tests {
     #[test]
     fn a_control_is_asked_for_without_the_cell_and_the_shunt_without_a_fake_cell_that_may_not_exist()
      {
-        let request = |fixture, specimen| Question::new(fixture, specimen, false).text;
+        let request = |fixture, specimen| Question::new(fixture, specimen, "P45B").text;
         let second = second();
         for control in [Fixture::Shunt, Fixture::FakeCell, Fixture::Short] {
             let text = request(control, Some(&second));
             assert!(text.starts_with("Take the cell out of the jig. "), "{text}");
         }
-        assert!(request(Fixture::Cell, None).starts_with("Clamp the cell into the jig"));
+        assert!(request(Fixture::Cell, None).starts_with("Clamp the cell under test (P45B) into"));
         assert!(request(Fixture::Shunt, None).contains("or a short bar"));
         assert!(
             request(Fixture::Cell, Some(&second))
@@ -219,13 +241,15 @@ mod tests {
     #[test]
     fn only_the_answer_to_this_question_with_this_cell_counts() {
         let folder = tempfile::tempdir().unwrap();
-        let question = Question::new(Fixture::Cell, Some(&second()), false);
+        let question = Question::new(Fixture::Cell, Some(&second()), "P45B");
         let taken = |answer: &Answer| {
             answer.write(folder.path()).unwrap();
             Answer::take(folder.path(), 7, &question)
         };
         assert_eq!(taken(&answer(6, None)), None);
-        assert_eq!(taken(&answer(7, Some("P45B-71"))), None);
+        for serial in ["P45B-71", "P45B-17\n", " ", &"7".repeat(101)] {
+            assert_eq!(taken(&answer(7, Some(serial))), None, "{serial:?}");
+        }
         let right = answer(7, Some(" P45B-17 "));
         assert_eq!(taken(&right), Some(right));
         assert_eq!(
@@ -233,7 +257,7 @@ mod tests {
             None,
             "taken once"
         );
-        let short = Question::new(Fixture::Short, Some(&second()), false);
+        let short = Question::new(Fixture::Short, Some(&second()), "P45B");
         assert!(short.check(&answer(7, Some("P45B-17"))).is_err());
     }
 }

@@ -249,7 +249,7 @@ impl Analyses {
         self.lock().iter().find(|one| one.id == id).cloned()
     }
 
-    /// What a diagnosis of one cell has come to; none where it has no results.
+    /// Conclusion of a diagnosis of one cell; none where it has no results.
     pub fn conclusion(&self, settings: &Settings, analysis: &Analysis) -> Option<Conclusion> {
         story::conclusion(settings, analysis, &self.results(&analysis.id))
     }

@@ -1,13 +1,19 @@
 //! Spectra of a file that somebody sends, to be compared with those of a run. Nothing of it is
 //! kept.
+//!
+//! A file may be made to take more memory or time than there is, a packed one above all. It is
+//! therefore read by a process of its own with bounds of both, the hidden command `read-spectra`:
+//! what that needs too much of ends that process, and neither the server nor a run.
 
-use std::{collections::BTreeMap, path::Path};
+use std::{collections::BTreeMap, io::Read, path::Path};
 
 use analysis::{formats::parse_file, run_folder, spectrum::SourcedSpectrum};
+use nix::sys::resource::{Resource, setrlimit};
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::spectra::{Point, Spectrum};
+use crate::{safety::failure::Failure, support::terminal::say};
 
 /// Longest file, bytes: a spectrum of a thousand points has some 100 kB in any format that is read.
 pub const LONGEST: usize = 8_000_000;
@@ -15,6 +21,57 @@ pub const LONGEST: usize = 8_000_000;
 pub const AT_ONCE: usize = 2;
 /// Most points of a file: in JSON a point has some 150 bytes, so that an answer has at most 3 MB.
 pub const MOST_POINTS: usize = 20_000;
+
+/// Memory of the process that reads a file, bytes of address space: the largest file takes less
+/// than a tenth of it.
+const MEMORY: u64 = 2 << 30;
+/// Processor time of it, s: the largest file takes 3 s in a build for tests.
+const PROCESSOR_S: u64 = 20;
+/// So long it is waited for, s.
+pub const WAIT_S: f64 = 60.0;
+
+/// Arguments of `read-spectra`.
+#[derive(Debug, clap::Args)]
+pub struct ReadSpectraArgs {
+    /// Name of the file; its bytes come on standard input.
+    pub name: String,
+}
+
+/// Reads a file on standard input within the bounds, and prints its spectra as JSON.
+///
+/// # Errors
+/// A file that is not of a known format.
+pub fn command(args: &ReadSpectraArgs) -> Result<(), Failure> {
+    for (resource, bound) in [
+        (Resource::RLIMIT_AS, MEMORY),
+        (Resource::RLIMIT_CPU, PROCESSOR_S),
+        (Resource::RLIMIT_CORE, 0),
+    ] {
+        setrlimit(resource, bound, bound).map_err(std::io::Error::from)?;
+    }
+    let mut bytes = Vec::new();
+    std::io::stdin().lock().read_to_end(&mut bytes)?;
+    let spectra = read(&args.name, &bytes).map_err(Failure::Usage)?;
+    let text = serde_json::to_string(&spectra).map_err(std::io::Error::from)?;
+    say!("{text}");
+    Ok(())
+}
+
+/// Reason why a process has read no file, by its end and its last words.
+pub fn refusal(name: &str, code: Option<i32>, errors: &str) -> String {
+    let word = errors
+        .lines()
+        .rev()
+        .find_map(|line| line.strip_prefix("eis-bench: "));
+    match (code, word) {
+        (Some(2), Some(word)) => word.to_owned(),
+        _ => format!(
+            "{name}: expected a file that can be read with {} GiB and within {PROCESSOR_S} s, found \
+            one that needs more, or that cannot be read at all",
+            MEMORY >> 30
+        ),
+    }
+}
 
 /// Spectra of a file.
 #[derive(Debug, PartialEq, Serialize, ToSchema)]

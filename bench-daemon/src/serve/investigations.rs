@@ -101,10 +101,16 @@ impl Investigations {
 
     /// The name of the next one.
     pub(super) fn next_id(&self) -> String {
-        let all = self.lock();
-        let latest = all
-            .iter()
-            .filter_map(|one| one.id.rsplit('-').next()?.parse().ok())
+        // By the files: a record that could not be read is not written over.
+        let files = std::fs::read_dir(&self.folder)
+            .into_iter()
+            .flatten()
+            .flatten();
+        let latest = files
+            .filter_map(|file| {
+                let name = file.file_name().into_string().ok()?;
+                name.strip_suffix(".json")?.rsplit('-').next()?.parse().ok()
+            })
             .max();
         format!("investigation-{}", latest.unwrap_or(0_u64) + 1)
     }
@@ -126,6 +132,12 @@ impl Investigations {
     /// As [`Self::keep`]: then it is not shown.
     pub(super) fn put(&self, hub: &Hub, one: &Investigation) -> Result<(), String> {
         self.keep(one)?;
+        self.show(hub, one);
+        Ok(())
+    }
+
+    /// Shows and tells one as it is now.
+    pub(super) fn show(&self, hub: &Hub, one: &Investigation) {
         let mut all = self.lock();
         match all.iter_mut().find(|known| known.id == one.id) {
             Some(known) => known.clone_from(one),
@@ -133,7 +145,6 @@ impl Investigations {
         }
         drop(all);
         hub.tell("investigation", one);
-        Ok(())
     }
 }
 

@@ -93,9 +93,14 @@ fn advance(server: &Server, before: &Investigation) {
     }
 }
 
+/// Keeps what was done. Where that cannot be written the investigation ends: it would do the same
+/// again.
 fn put(server: &Server, one: &Investigation) {
-    if let Err(error) = server.analyses.investigations.put(&server.hub, one) {
+    let investigations = &server.analyses.investigations;
+    if let Err(error) = investigations.put(&server.hub, one) {
         tracing::error!("{}: {error}", one.id);
+        let why = format!("its record cannot be written: {error}");
+        investigations.show(&server.hub, &one.clone().closed(End::Failed, &why));
     }
 }
 
@@ -245,6 +250,9 @@ fn play(server: &Server, one: &mut Investigation, recommended: &Recommended) -> 
         return Err(Ending::of(End::Budget, why));
     }
     may_energise(server, &one.by)?;
+    if let Some(why) = other_cell(server, one) {
+        return Err(Ending::of(End::Stopped, why));
+    }
     let experiment = FollowUp {
         name: name.clone(),
         place: 0,
@@ -299,6 +307,25 @@ fn may_energise(server: &Server, by: &str) -> Result<(), Ending> {
     Err(Ending::of(End::Stopped, why))
 }
 
+/// Why the cell in the jig may be another one than that of an investigation: the last run on its
+/// bench is none of its own, and was of a cell with another name or serial number. Cells that no
+/// experiment names one by one are told apart by their kind only.
+fn other_cell(server: &Server, one: &Investigation) -> Option<String> {
+    let data = &server.settings.data;
+    let last = jobs::all(data)
+        .into_iter()
+        .find(|job| job.item.bench == one.bench)?;
+    let run = &last.item.run;
+    let is_own = one.steps.iter().any(|step| step.run == *run);
+    if is_own || find::cells_of_run(data, run) == find::cells_of_run(data, &one.run) {
+        return None;
+    }
+    Some(format!(
+        "expected the cell of {} in the jig of {}, found a run of another cell since: {run}",
+        one.run, one.bench
+    ))
+}
+
 /// The investigation with its experiment at the end of the queue.
 ///
 /// # Errors
@@ -331,7 +358,7 @@ fn handed_over(
         .map_err(|error| error.to_string())?;
     // The record names the run before the queue does. A server that dies in between has queued
     // nothing, and the next one sees that: nothing is queued twice.
-    server.analyses.investigations.keep(&handed)?;
+    server.analyses.investigations.put(&server.hub, &handed)?;
     let wanted = Wanted {
         kind: Kind::Run,
         experiment: submission.experiment.name.clone(),
@@ -481,6 +508,9 @@ pub fn begin(
         ended: None,
         run,
     };
+    if let Some(why) = other_cell(server, &one) {
+        return Err(AnalysisError::Conflict(why));
+    }
     let analysis = asked(server, &one)?;
     one.steps
         .iter_mut()

@@ -7,7 +7,7 @@
 use std::{
     collections::BTreeMap,
     path::PathBuf,
-    sync::{Arc, atomic::Ordering},
+    sync::{Arc, Mutex, PoisonError, atomic::Ordering},
     time::Duration,
 };
 
@@ -72,7 +72,8 @@ pub async fn work(server: Arc<Server>) {
         server.clock.sleep_s(FIRST_S).await;
     }
     seen.benches(&server, true);
-    let mut kept = Kept::read(&server);
+    let kept = Kept::read(&server);
+    let mut told_at_end = false;
     loop {
         wake.mark_unchanged();
         let mut fresh = seen.benches(&server, false);
@@ -100,9 +101,12 @@ pub async fn work(server: Arc<Server>) {
                 kept.push(notice);
             }
         }
-        if !kept.notices.is_empty() && !is_quiet(server.settings.notify.quiet, Zoned::now().time())
-        {
-            start(&server, kept.take());
+        let quiet = is_quiet(server.settings.notify.quiet, Zoned::now().time());
+        if quiet {
+            told_at_end = false;
+        } else if !told_at_end {
+            told_at_end = true;
+            tell_kept(&server, &kept);
         }
         if server.hub.closed() {
             std::future::pending::<()>().await;
@@ -114,15 +118,16 @@ pub async fn work(server: Arc<Server>) {
     }
 }
 
-/// Notices that wait for the end of quiet hours. They are on the disk too, so that they outlive the
-/// server; one that died while it sent them sends them again.
+/// Notices that wait for the end of quiet hours. They are on the disk too, until they are sent, so
+/// that they outlive the server.
+#[derive(Clone)]
 struct Kept {
     path: PathBuf,
-    notices: Vec<Notice>,
+    notices: Arc<Mutex<Vec<Notice>>>,
 }
 
 impl Kept {
-    /// What an earlier server has kept.
+    /// Those that an earlier server has kept.
     fn read(server: &Server) -> Self {
         let path = server.settings.data.join("notices.json");
         let earlier: Vec<Notice> = std::fs::read_to_string(&path)
@@ -134,27 +139,64 @@ impl Kept {
             let (title, text) = (notice.title.clone(), notice.text.clone());
             server.notices.add(*about, bench.as_deref(), title, text)
         };
-        let notices = earlier.into_iter().map(again).collect();
+        let notices = Arc::new(Mutex::new(earlier.into_iter().map(again).collect()));
         Self { path, notices }
     }
 
-    fn push(&mut self, notice: Notice) {
-        self.notices.push(notice);
-        self.write();
-    }
-
-    fn take(&mut self) -> Vec<Notice> {
-        let notices = std::mem::take(&mut self.notices);
-        self.write();
-        notices
-    }
-
-    fn write(&self) {
-        let text = serde_json::to_string(&self.notices).unwrap_or_default();
-        if let Err(error) = write_atomically(&self.path, text.as_bytes()) {
-            tracing::error!("{error}");
+    fn change<T>(&self, change: impl FnOnce(&mut Vec<Notice>) -> T) -> T {
+        let mut notices = self.notices.lock().unwrap_or_else(PoisonError::into_inner);
+        let before = notices.len();
+        let outcome = change(&mut notices);
+        if notices.len() != before {
+            let text = serde_json::to_string(&*notices).unwrap_or_default();
+            if let Err(error) = write_atomically(&self.path, text.as_bytes()) {
+                tracing::error!("{error}");
+            }
         }
+        outcome
     }
+
+    /// Keeps one; a question in the place of the one that its bench asked before.
+    fn push(&self, notice: Notice) {
+        self.change(|all| {
+            if notice.about == About::Question {
+                all.retain(|one| one.about != About::Question || one.bench != notice.bench);
+            }
+            all.push(notice);
+        });
+    }
+
+    /// Those that are still to be told: a question that was answered is not.
+    fn due(&self, server: &Server) -> Vec<Notice> {
+        let live = server.live();
+        let waits = |notice: &Notice| {
+            let bench = notice.bench.as_ref().and_then(|bench| live.get(bench));
+            notice.about != About::Question || bench.is_some_and(|bench| bench.question.is_some())
+        };
+        self.change(|all| {
+            all.retain(|notice| waits(notice));
+            all.clone()
+        })
+    }
+
+    /// Forgets those that were sent.
+    fn sent(&self, sent: &[Notice]) {
+        let is_sent = |one: &Notice| sent.iter().any(|other| other.number == one.number);
+        self.change(|all| all.retain(|one| !is_sent(one)));
+    }
+}
+
+/// Sends what was kept, beside what comes next, and forgets it once it is sent.
+fn tell_kept(server: &Arc<Server>, kept: &Kept) {
+    let due = kept.due(server);
+    if due.is_empty() {
+        return;
+    }
+    let (server, kept) = (server.clone(), kept.clone());
+    tokio::spawn(async move {
+        send(&server, &due, AGAIN_S.len()).await;
+        kept.sent(&due);
+    });
 }
 
 /// Sends beside what comes next.

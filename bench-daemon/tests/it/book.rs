@@ -545,6 +545,15 @@ const NOT_PLAYED: [NotPlayed; 5] = [
         reason: "it builds or installs what the tests have built",
         blocks: &[
             "install.md: cargo install --path bench-daemon --locked",
+            "install.md: packaging/build --target x86_64-unknown-linux-musl \
+             --target aarch64-unknown-linux-musl",
+            "install.md: podman load -i eis-bench-0.1.0-amd64.oci.tar",
+            "install.md: sha256sum --check --ignore-missing SHA256SUMS",
+            "install.md: sudo -u eis-bench eis-bench token add /etc/eis-bench/serve.toml lab-pc \
+             --scope read,operate",
+            "install.md: sudo apt install ./eis-bench_0.1.0_amd64.deb",
+            "install.md: sudo apt remove eis-bench",
+            "install.md: tar -xzf eis-bench-0.1.0-amd64.tar.gz",
             "python.md: pip install ./python",
             "tutorial-bench.md: cargo build",
             "tutorial-spectrum.md: cargo build",

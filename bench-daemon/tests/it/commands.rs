@@ -48,7 +48,7 @@ fn the_files_to_begin_with_are_right_and_are_not_written_over() {
     let (code, out, err) = eis_bench(&words);
     assert_eq!(code, 0, "{out}{err}");
     for kind in ["experiment", "bench", "server"] {
-        assert!(out.contains(&format!(": a {kind} that is right")), "{out}");
+        assert!(out.contains(&format!(" {kind} that is right")), "{out}");
     }
     let (code, _, err) = eis_bench(&["config", "new", &new]);
     assert!(

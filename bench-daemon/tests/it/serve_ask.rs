@@ -1,11 +1,13 @@
 //! Questions to the person at the bench, asked and answered over the API: a campaign of two cells
 //! that somebody clamps, and the notice that they are waited for.
 
+use std::ffi::OsStr;
+
 use serde_json::{Value, json};
 
 use crate::{
     serve_support::{Served, config, submit, token},
-    support::{BENCH, EXPERIMENT, Files, Ports, SCENARIO, command, poll},
+    support::{BENCH, EXPERIMENT, Files, Ports, SCENARIO, command, poll, program},
 };
 
 /// Two cells that a person clamps, a few points each.
@@ -79,7 +81,7 @@ fn a_person_answers_from_elsewhere_and_the_wrong_cell_is_refused() {
         &served,
         &run,
         "",
-        &json!({"question": number, "serial": " "}),
+        &json!({"question": number, "serial": "S\u{0}1"}),
     );
     assert_eq!(status, 422, "{text}");
     let (status, text) = answered(
@@ -101,14 +103,19 @@ fn a_person_answers_from_elsewhere_and_the_wrong_cell_is_refused() {
         shown.contains("Clamp cell B into the jig, no other cell"),
         "{shown}"
     );
-    let done = command(&[
-        "answer".as_ref(),
-        folder.as_os_str(),
-        "--done".as_ref(),
-        "--by".as_ref(),
-        "Ada".as_ref(),
-    ]);
-    assert!({ done }.status().unwrap().success());
+    assert!(shown.contains("--done --question "), "{shown}");
+    let number = second["question"]["number"].to_string();
+    let done = |number: Option<&str>| {
+        let mut words: Vec<&OsStr> = vec!["answer".as_ref(), folder.as_os_str()];
+        words.extend(["--done", "--by", "Ada"].map(OsStr::new));
+        if let Some(number) = number {
+            words.extend(["--question", number].map(OsStr::new));
+        }
+        program(&words)
+    };
+    done(None).expect_code(2);
+    let told = done(Some(&number));
+    assert!(told.stdout.contains("is taken"), "{}", told.stdout);
     let ended = poll("the end", || {
         let now = served.get(&format!("/runs/{run}"));
         now["job"]["ended"].is_object().then_some(now)
@@ -118,7 +125,13 @@ fn a_person_answers_from_elsewhere_and_the_wrong_cell_is_refused() {
     for words in ["answered: local, serial number S-1", "answered: Ada"] {
         assert!(events.contains(words), "{words} in {events}");
     }
-    let (status, _) = answered(&served, &run, "", &json!({"question": number}));
+    let readings = files.text(&format!("data/runs/{run}/readings.csv"));
+    assert!(
+        readings.contains(",asking,"),
+        "nobody has watched: {readings}"
+    );
+    let late = answered(&served, &run, "", &json!({"question": 1}));
+    let status = late.0;
     assert_eq!(status, 409, "nobody asks any more");
 }
 

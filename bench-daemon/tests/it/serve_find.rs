@@ -614,7 +614,7 @@ fn who_lets_a_queue_go_on_and_why_is_kept() {
     assert_eq!(notes[0]["by"], "local");
 }
 
-/// What is said of the bytes of a file of this name.
+/// Answer to the bytes of a file of this name.
 fn bytes_of(name: &str) -> String {
     format!("name={name} HTTP/1.1\r\nContent-Type: application/octet-stream")
 }
@@ -628,6 +628,23 @@ fn send_file(served: &Served, head: &str, bytes: &[u8]) -> crate::serve_support:
         bytes.len()
     );
     served.raw(&[lines.as_bytes(), bytes].concat())
+}
+
+#[test]
+fn a_file_that_would_take_all_memory_ends_neither_the_server_nor_another_request() {
+    let files = Files::demo();
+    config(&files, "");
+    let served = Served::start(&files);
+    // Two cells in opposite corners of the largest sheet that there is: 549 GB as a full table.
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/extent.xlsx");
+    let bytes = fs::read(data).unwrap();
+    let refused = send_file(&served, &bytes_of("extent.xlsx"), &bytes).expect(422);
+    assert!(
+        refused.text().contains("found one that needs more"),
+        "{}",
+        refused.text()
+    );
+    served.get("/benches/demo");
 }
 
 #[test]

@@ -446,7 +446,7 @@ fn a_run_is_seen_over_time_and_a_stretch_of_it_exactly() {
         assert!(words.contains(part), "{part}: {words}");
     }
     let key = browser.text("#timekey");
-    for sign in ["stage", "point", "step", "end", "bound of the step"] {
+    for sign in ["stage", "point", "step", "end", "limit of this step"] {
         assert!(key.contains(sign), "{sign}: {key}");
     }
     browser.click("#time summary");
@@ -833,16 +833,34 @@ fn a_newcomers_way(dark: bool, size: (u32, u32), by_keyboard: bool) {
     take("Submit …");
     take("Yes, submit to demo");
     browser.wait(".fm-side", "demo-2");
-    browser.script("location.hash = '#/run/demo-2'");
-    browser.wait("#view", "✓ finished");
-    // What does its model lack, and what would tell?
-    take("Diagnose");
-    browser.wait("#view", "Cannot tell");
-    browser.wait("#view", "What to do next");
-    look("diagnosis");
-    take("Show its plan");
-    take("Queue it");
-    browser.wait("#view", "Yes, queue it on demo");
+    let mut run = 2;
+    loop {
+        browser.script(&format!("location.hash = '#/run/demo-{run}'"));
+        browser.wait("#view", "✓ finished");
+        // What does its model lack, and what would tell?
+        take("Diagnose");
+        browser.wait("#view", "Cannot tell");
+        browser.wait("#view", "What to do next");
+        look("diagnosis");
+        take("Show its plan");
+        take("Queue it");
+        browser.wait_until("#view", "a plan, or why there is none", |text| {
+            text.contains("Yes, queue it on demo") || text.contains("There is no plan")
+        });
+        if browser.text("#view").contains("Yes, queue it on demo") {
+            break;
+        }
+        // One spectrum in twenty has noise that looks like an effect, and a sweep is recommended
+        // that is too slow for a simulated bench: then the run is repeated.
+        assert!(run < 5, "no experiment that can be queued after {run} runs");
+        run += 1;
+        browser.script(&format!("location.hash = '#/run/demo-{}'", run - 1));
+        take("Repeat as it was");
+        browser.wait(".fm-side", "No mistake found");
+        take("Submit …");
+        take("Yes, submit to demo");
+        browser.wait(".fm-side", &format!("demo-{run}"));
+    }
     look("next");
     take("Yes, queue it on demo");
     browser.wait("#view", "Queued on demo as");
@@ -886,7 +904,7 @@ fn a_person_clamps_two_cells_and_answers_on_the_phone() {
     browser.keys("#question-serial", "S-2");
     browser.click("#question-done");
     browser.click("#question button");
-    browser.wait("#said", "this is another cell");
+    browser.wait("#question", "this is another cell");
     browser.script("document.querySelector('#question-serial').value = ''");
     browser.keys("#question-serial", "S-1\n");
     browser.wait("#question", "Clamp cell B into the jig");

@@ -143,7 +143,18 @@ fn run_folders_of_every_version_are_verified_and_their_results_read() {
     for version in versions() {
         let (files, _) = unpacked(&version);
         let run = files.path("data/runs/demo-1");
-        program(&["verify".as_ref(), run.as_os_str()]).expect_code(0);
+        // Every file is as it was written, and every number comes out again. Reports and pictures are
+        // drawn by the program that verifies.
+        let told = program(&["verify".as_ref(), run.as_os_str()]).stdout;
+        assert!(
+            told.contains("against SHA256SUMS: all as they were"),
+            "{told}"
+        );
+        let differ = told.lines().filter(|line| line.starts_with("  "));
+        for line in differ {
+            let drawn = ["  report.html:", "  plots/"];
+            assert!(drawn.iter().any(|name| line.starts_with(name)), "{told}");
+        }
         let model = run.join("model_1rc.json");
         let told: Value = serde_json::from_str(&fs::read_to_string(&model).unwrap()).unwrap();
         assert_eq!(told["program"], format!("eis-bench {version}"));

@@ -76,7 +76,7 @@ impl Budget {
         }
     }
 
-    /// What is left of it.
+    /// The rest of it.
     pub fn less(self, spent: Self) -> Self {
         Self {
             minutes: self.minutes - spent.minutes,

@@ -57,7 +57,7 @@ pub(super) struct Next {
     name: Option<String>,
 }
 
-/// What a diagnosis of one cell has come to.
+/// Conclusion of a diagnosis of one cell.
 #[derive(Debug)]
 pub struct Conclusion {
     /// The verdict.
@@ -77,7 +77,7 @@ pub struct Recommended {
     pub text: String,
 }
 
-/// What a diagnosis of one cell has come to; none where it has no results.
+/// Conclusion of a diagnosis of one cell; none where it has no results.
 pub(super) fn conclusion(
     settings: &Settings,
     analysis: &Analysis,

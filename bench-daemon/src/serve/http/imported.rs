@@ -1,25 +1,24 @@
 //! Route of spectra of a file that somebody sends.
 
-use std::{ffi::OsStr, path::Path, time::Duration};
+use std::{ffi::OsStr, path::Path, process::Stdio, time::Duration};
 
 use axum::{
-    Json,
     body::Body,
     extract::{Query, State},
     http::{HeaderMap, StatusCode, header},
+    response::{IntoResponse, Response},
 };
 use serde::Deserialize;
-use tokio::sync::OwnedSemaphorePermit;
+use tokio::{io::AsyncWriteExt, sync::OwnedSemaphorePermit};
 use utoipa::IntoParams;
 
 use super::{
     App,
-    aside::aside,
     body::{self, BodyBounds},
     caller::Reader,
     problem::{Problem, Refusal},
 };
-use crate::serve::imported::{self, AT_ONCE, ImportedSpectra, LONGEST};
+use crate::serve::imported::{self, AT_ONCE, ImportedSpectra, LONGEST, WAIT_S};
 
 /// Longest name, bytes: NAME_MAX of Linux.
 const LONGEST_NAME: usize = 255;
@@ -73,7 +72,7 @@ pub async fn read(
     Query(file): Query<FileNamed>,
     headers: HeaderMap,
     body: Body,
-) -> Result<Json<ImportedSpectra>, Refusal> {
+) -> Result<Response, Refusal> {
     let name = file.plain()?;
     of_bytes(&headers)?;
     let place = place(&app).await?;
@@ -82,14 +81,47 @@ pub async fn read(
         patience_s: app.server.settings.limits.patience_s,
     };
     let bytes = body::whole(&app.server.clock, body, bounds).await?;
-    aside(move || {
-        // Held until it is read, even where nobody waits for the answer any more.
-        let _place = place;
-        imported::read(&name, &bytes)
-            .map(Json)
-            .map_err(Refusal::unfit)
-    })
-    .await
+    let spectra = by_process(&app, &name, &bytes).await;
+    drop(place);
+    Ok(([(header::CONTENT_TYPE, "application/json")], spectra?).into_response())
+}
+
+/// Lets a process of its own read a file; the spectra as JSON.
+async fn by_process(app: &App, name: &str, bytes: &[u8]) -> Result<Vec<u8>, Refusal> {
+    let failed = |error: std::io::Error| Refusal::machine(&error);
+    let mut child = tokio::process::Command::new(&app.server.program)
+        .args(["read-spectra", "--", name])
+        // A thread of the pools needs address space.
+        .envs([("POLARS_MAX_THREADS", "1"), ("RAYON_NUM_THREADS", "1")])
+        .env_remove("NOTIFY_SOCKET")
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .kill_on_drop(true)
+        .spawn()
+        .map_err(failed)?;
+    let input = child.stdin.take();
+    let feed = async move {
+        if let Some(mut input) = input {
+            // One that ends early has said why.
+            let _ = input.write_all(bytes).await;
+        }
+    };
+    let whole = async { tokio::join!(feed, child.wait_with_output()).1 };
+    let wait = Duration::from_secs_f64(WAIT_S);
+    let output = app.server.clock.deadline(wait, whole).await;
+    let output = output
+        .map_err(|error| Refusal::machine(&error))?
+        .map_err(failed)?;
+    if output.status.success() {
+        return Ok(output.stdout);
+    }
+    let errors = String::from_utf8_lossy(&output.stderr);
+    Err(Refusal::unfit(imported::refusal(
+        name,
+        output.status.code(),
+        &errors,
+    )))
 }
 
 /// Refuses a body that is said to be something else than bytes.

@@ -337,7 +337,7 @@ async fn send_request(
     let mut command = tokio::process::Command::new(&app.server.program);
     command
         .arg(word)
-        .arg(folder)
+        .arg(&folder)
         .args(more)
         .stdin(Stdio::null())
         .kill_on_drop(true)
@@ -360,7 +360,9 @@ async fn send_request(
         .rev()
         .find_map(|line| line.strip_prefix("eis-bench: "))
         .unwrap_or("the request was refused");
-    Err(Refusal::conflict(why))
+    // Whoever asks knows the run by its name, and nothing of this machine's folders.
+    let prefix = format!("{}: ", folder.display());
+    Err(Refusal::conflict(why.strip_prefix(&prefix).unwrap_or(why)))
 }
 
 /// Lets a run wait without any current from the next point on.
@@ -445,8 +447,9 @@ pub async fn answer(
         format!("--by={}", caller.name),
     ];
     if let Some(serial) = answer.serial.map(|serial| serial.trim().to_owned()) {
-        if serial.is_empty() || serial.chars().count() > LONGEST_SERIAL {
-            let text = format!("serial: expected 1 to {LONGEST_SERIAL} letters, or none");
+        let is_long = serial.chars().count() > LONGEST_SERIAL;
+        if serial.is_empty() || is_long || serial.contains(char::is_control) {
+            let text = format!("serial: expected 1 to {LONGEST_SERIAL} characters, or none");
             return Err(Refusal::of(StatusCode::UNPROCESSABLE_ENTITY, text));
         }
         words.push(format!("--serial={serial}"));

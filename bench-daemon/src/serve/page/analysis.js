@@ -112,7 +112,8 @@ const WORDS = {
   failed: "✕ The analysis failed",
   noMessage: "The server gives no reason; see the log.",
   wasCancelled: "■ The analysis was cancelled.",
-  unknown: (id) => `The analysis ${id} could not be loaded.`,
+  unknown: (noun, id) => `The ${noun} ${id} could not be loaded.`,
+  nouns: { analysis: "analysis", investigation: "investigation" },
   investigations: "Investigations",
   investigation: "Investigation until it is clear",
   investigationOf: (one) => `Investigation of ${one.run}`,
@@ -780,7 +781,7 @@ function investigationBeside(mine, analysis, heading) {
 }
 
 function notFound(mine, heading, body, id, message) {
-  text(heading, WORDS.unknown(id));
+  text(heading, WORDS.unknown(isInvestigation(id) ? WORDS.nouns.investigation : WORDS.nouns.analysis, id));
   const again = el("button", { type: "button", onclick: () => mine.reload() }, WORDS.again);
   body.replaceChildren(el("p", { class: "bad", role: "alert" }, WORDS.failedLoad(message)), again);
 }

@@ -27,7 +27,7 @@ import { drawTour, noteTour } from "./tour.js";
 
 const WORDS = {
   title: (what) => `${what} – eis-bench`,
-  titleSigns: { latched: "▲ ", asking: "? ", running: "▶ " },
+  titleSigns: { latched: "▲ ", asking: "◆ ", running: "▶ " },
   refused: (why) => `Refused: ${why}`,
   notReached: (why) => `Not reached: ${why}`,
   close: "Close this message",
@@ -37,8 +37,11 @@ const WORDS = {
     refused: "✕ the token is refused",
     trying: "○ not reached, trying again",
     stopOnly: "● this token shows nothing; STOP works",
+    connecting: "connecting …",
+    nobody: "○ not signed in",
   },
   ended: "The session has ended.",
+  unknownToken: (why) => `This token is not known here: typed wrong, ended, or taken back (${why}).`,
   who: (name, scopes) => `${name}: ${scopes || "STOP only"}`,
   lacks: (scope, scopes) => `needs the scope ${scope}; yours has: ${scopes || "none"}`,
   maySubmit: (lacks) => `To submit, the token ${lacks}.`,
@@ -62,6 +65,7 @@ const WORDS = {
     "Use the emergency switch, or on the machine: eis-bench safe",
   noAnswer: "no answer yet",
   curveOf: (run, name) => `${run}: ${name}`,
+  noAddress: (hash, bench) => `There is nothing at ${hash}: ${bench} is shown.`,
   empty: "Empty.",
   inQueue: (item, time, who) =>
     `${item.run} on ${item.bench}, ${item.kind === "resume" ? "to go on, " : ""}` +
@@ -87,6 +91,8 @@ const WORDS = {
   cleared: (bench) => `${bench} is cleared.`,
   answered: (count) => `${count} instruments answered.`,
   queued: (run) => `${run} is in the queue.`,
+  answerTaken: "Answer taken.",
+  runEnded: (run, how) => `${run}: ${how}`,
   plan: ({ experiment, bench }, expected, longest) =>
     `${experiment} on ${bench}: about ${expected} of bench time, at most ${longest}.`,
   planStage: (purpose, time) => `${purpose}, about ${time}`,
@@ -108,15 +114,20 @@ const known = {
   models: new Map(),
   chosen: [],
   missed: [],
+  // The run whose question was answered here.
+  answered: "",
 };
 
 const may = (scope) => known.scopes.includes(scope);
 const live = () => known.benches.get(known.bench);
 
 let silence = 0;
+// What is said of an answer, of the end of a run or of an address is taken back where it is no longer so.
+let saidOf = "";
 
-function say(words, bad) {
+function say(words, bad, of = "") {
   clearTimeout(silence);
+  saidOf = of;
   if (words && !bad) silence = setTimeout(() => say(""), 10000);
   $("said").hidden = !words;
   $("said").className = `banner ${bad ? "bad" : "note"}`;
@@ -126,8 +137,11 @@ function say(words, bad) {
 // The server does not know who asks, or not any more.
 const isUnknown = (error) => error instanceof Refused && (error.status === 401 || error.status === 403);
 
-function sayError(error) {
-  say(error instanceof Refused ? WORDS.refused(error.message) : WORDS.notReached(error.message), true);
+const failure = (error) =>
+  error instanceof Refused ? WORDS.refused(error.message) : WORDS.notReached(error.message);
+
+function sayError(error, of) {
+  say(failure(error), true, of);
 }
 
 // Does something that the server may refuse, and says so.
@@ -527,18 +541,44 @@ function draw() {
       () => WORDS.cleared(one.bench),
     );
   drawTrip(now, clear, may("clear-trip") ? "" : lacks("clear-trip"));
-  const answered = (question, serial) =>
-    attempt(
-      () => post(`/runs/${now.run.run}/answer`, { question: question.number, ...(serial ? { serial } : {}) }),
-      (r) => r.said,
-    );
-  drawQuestion(now, answered, may("energise") ? "" : lacks("energise"));
+  const send = (question, serial) => answer(now, question, serial);
+  drawQuestion(now, send, may("energise") ? "" : lacks("energise"));
   // What a stop has shown is no longer so once something runs again, or has tripped since.
   const over =
     ["running", "paused", "asking"].includes(now.state) || (now.trip && now.stop && now.trip.unix_s > now.stop.unix_s);
   if (over) $("stopped").hidden = true;
   else if (now.stop) stopped(now.stop);
   drawRights();
+}
+
+// Answers a question of a bench; gives why it was refused, or nothing.
+async function answer({ bench, run }, question, serial) {
+  try {
+    await post(`/runs/${run.run}/answer`, { question: question.number, ...(serial ? { serial } : {}) });
+  } catch (error) {
+    return failure(error);
+  }
+  known.answered = run.run;
+  say(WORDS.answerTaken, false, "answer");
+  // The question goes, and with it what has the focus. Whoever is elsewhere, or at the next question, stays there.
+  const next = live() && live().question;
+  const isHere = document.activeElement === document.body || $("question").contains(document.activeElement);
+  if (isHere && bench === known.bench && (!next || next.number === question.number)) $("now-h").focus();
+  return "";
+}
+
+// Of a bench that does something else now, what was said before is no longer so.
+function unsay(before, now) {
+  if (now.bench !== known.bench || !before || before.state === now.state) return;
+  if (saidOf === "answer" || (saidOf === "end" && ["running", "asking"].includes(now.state))) say("");
+}
+
+// Whoever has answered a question of a run is told when it does not come to its end.
+function sayEnd({ item, ended }) {
+  if (!ended || item.run !== known.answered) return;
+  known.answered = "";
+  // A stop tells of itself.
+  if (!ended.finished && $("stopped").hidden) say(WORDS.runEnded(item.run, outcome(ended)), true, "end");
 }
 
 // What one may not do is shown, and why.
@@ -610,6 +650,7 @@ function route() {
 // Opens the part that the address names, or makes room for a bench.
 async function show() {
   const opened = (view.opened += 1);
+  if (saidOf) say("");
   noteTour();
   if (view.module && view.module.close) view.module.close();
   view.module = null;
@@ -619,10 +660,16 @@ async function show() {
   $("view").hidden = !source;
   $("view").replaceChildren();
   for (const link of $("views").querySelectorAll("a"))
-    if (source && link.hash.slice(2) === part.path[0]) link.setAttribute("aria-current", "page");
-    else link.removeAttribute("aria-current");
+    if (source && link.hash.slice(2) === part.path[0]) {
+      link.setAttribute("aria-current", "page");
+      // On a narrow screen the links are a row that scrolls.
+      const row = link.closest("ul");
+      row.scrollLeft = link.offsetLeft - row.offsetLeft - row.clientWidth / 3;
+    } else link.removeAttribute("aria-current");
   if (!source) {
     if (known.benches.has(addressed())) known.bench = addressed();
+    else if (known.asked && location.hash.length > 1 && location.hash !== "#/")
+      say(WORDS.noAddress(location.hash, known.bench), true, "address");
     $("stopped").hidden = true;
     // The stop means this bench from now on, and says so.
     draw();
@@ -730,6 +777,7 @@ function heard(kind, data) {
   if (kind === "live") {
     const before = known.benches.get(data.bench);
     known.benches.set(data.bench, data);
+    unsay(before, data);
     draw();
     if (data.bench === known.bench && before && (before.run && before.run.run) !== (data.run && data.run.run))
       drawSpectra();
@@ -745,6 +793,7 @@ function heard(kind, data) {
     known.runs = [data, ...known.runs.filter((job) => job.item.run !== data.item.run)];
     drawHistory();
     draw();
+    sayEnd(data);
   }
   if (kind === "spectrum" && data.run) {
     if (!known.spectra.has(data.run)) known.spectra.set(data.run, new Map());
@@ -769,6 +818,9 @@ function login(words) {
   if (view.module && view.module.close) view.module.close();
   view.module = null;
   $("login").hidden = false;
+  text($("link"), WORDS.link.nobody);
+  $("link").className = "chip";
+  $("leave").hidden = $("who").hidden = true;
   $("main").hidden = $("view").hidden = $("views").hidden = true;
   text($("loginsaid"), words || "");
   $("token").focus();
@@ -789,6 +841,7 @@ async function begin() {
     return;
   }
   $("login").hidden = true;
+  text($("link"), WORDS.link.connecting);
   if (!may("read")) {
     text($("link"), WORDS.link.stopOnly);
     return;
@@ -820,7 +873,7 @@ $("login").addEventListener("submit", async (event) => {
   try {
     await signIn(token);
   } catch (error) {
-    return login(error.message);
+    return login(error.status === 401 ? WORDS.unknownToken(error.message) : error.message);
   }
   return begin();
 });

@@ -14,7 +14,7 @@ const WORDS = {
     idle: ["○", "Idle: nothing runs"],
     running: ["▶", "Running: current may flow"],
     paused: ["❚❚", "Paused: every output off"],
-    asking: ["?", "Waits for a person to change the fixture: every output off"],
+    asking: ["◆", "Waits for a person to change the fixture: every output off"],
     stopping: ["■", "Stopping …"],
     latched: ["▲", "Latched: a person has to look"],
   },
@@ -155,6 +155,15 @@ export function duration(seconds) {
   if (s < 60) return WORDS.seconds(s);
   if (s < 3600) return WORDS.minutes(Math.floor(s / 60), two(s % 60));
   return WORDS.hours(Math.floor(s / 3600), two(Math.floor((s % 3600) / 60)));
+}
+
+// Digits after the point that the ticks of an axis need: a step of 2.5 needs one, a step of 20 none.
+export function decimals(step) {
+  for (let digits = 0; digits < 9; digits += 1) {
+    const scaled = step * 10 ** digits;
+    if (scaled > 0.5 && Math.abs(scaled - Math.round(scaled)) < 1e-6 * scaled) return digits;
+  }
+  return 9;
 }
 
 // Local time, the same everywhere: 2026-11-22 08:22:35.

@@ -44,7 +44,7 @@
     hint:
       "Point at a curve to read the nearest point. Drag, pinch, or Ctrl and wheel move and zoom. Keys: left and " +
       "right go along a curve, up and down to another one, +, − and 0 zoom.",
-    nothing: "No point is told yet.",
+    nothing: "No point selected.",
     hintEnter: "A click or Enter chooses the point.",
     nyquist: "Nyquist plot: minus imaginary part over real part, the same scale on both axes",
     bode: "Bode plot: magnitude and phase over frequency",
@@ -69,7 +69,9 @@
     doubted: "not accepted: {why}",
     compared:
       "{first} − {second}: {low} to {high}, {count} points ({between} of them interpolated over log frequency). " +
-      "Largest difference: {size} at {freq} (Re {re}, Im {im}). Beyond 2σ in Re or Im: {beyond} of {known}.",
+      "Largest difference: {size} at {freq} (Re {re}, Im {im}). {judged}",
+    beyond: "Beyond 2σ in Re or Im: {beyond} of {known}.",
+    unjudged: "σ is not known in both: not judged.",
     nothingCommon: "{first} and {second} have no frequency range in common.",
     nothingAccepted: "{first} − {second}: no point that was accepted in both.",
     table: "The points as a table",
@@ -287,6 +289,7 @@
     const ohms = (value) => `${minus(Number((value / SIZES[unit]).toFixed(places)).toFixed(places))} ${unit}`;
     const far = (row, part) => Math.abs(row[`${part}_ohm`]) > 2 * row[`${part}_sigma_ohm`];
     const judged = rows.filter(known);
+    const beyond = judged.filter((row) => far(row, "re") || far(row, "im")).length;
     return put(s.words.compared, {
       ...names,
       low: frequency(low),
@@ -297,8 +300,7 @@
       freq: frequency(most.freq_hz),
       re: ohms(most.re_ohm),
       im: ohms(most.im_ohm),
-      beyond: judged.filter((row) => far(row, "re") || far(row, "im")).length,
-      known: judged.length,
+      judged: judged.length ? put(s.words.beyond, { beyond, known: judged.length }) : s.words.unjudged,
     });
   }
 

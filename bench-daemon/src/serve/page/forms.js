@@ -95,7 +95,7 @@ const WORDS = {
     take: "A person at the machine puts it in force, while nothing runs on the bench:",
     command: (bench, n) => `eis-bench config take SERVER.toml ${bench} --version ${n}`,
     server: "SERVER.toml is the file that this server was started with. Then the server is started again.",
-    withdraw: "To withdraw it, take version 0 back and save that.",
+    withdraw: "To withdraw it: under Versions press Take back at version 0, then Save as a proposal.",
     fine: "✓ The file in force is shown. What is saved here is a proposal: it changes nothing on the bench.",
     restart: (why) => `▲ ${why}. Until then nothing is begun on this bench.`,
   },

@@ -2,20 +2,23 @@
 // done. It is drawn anew only when another question waits, so that nothing typed or ticked is lost.
 "use strict";
 
-import { $, el, fill } from "./bench.js";
+import { $, el, fill, text } from "./bench.js";
 
 const WORDS = {
-  title: (bench) => `${bench} waits for you`,
-  safe: "Every output is off. An output that is off is no open switch: mind the terminals.",
+  title: (bench, isReader) => `${bench} waits for ${isReader ? "a person at the jig" : "you"}`,
+  safe: "Every output is off. An output that is off can still conduct: do not short the terminals.",
   terminal: "It is asked on the terminal where the run was begun: answer there.",
   serial: (serial) => `Serial number on the cell, typed or scanned (asked for: ${serial})`,
-  optional: "Left empty, nobody has checked it.",
-  done: "It is so: I have changed the fixture as asked, and nobody's hands are in the jig.",
+  optional: "If empty, the cell is not checked.",
+  done: "I have changed the fixture as asked; no hands are in the jig.",
   go: "Go on: current may flow",
   first: "First tick that it is done.",
+  sending: "The answer is sent …",
+  readOnly: (lacks) => `To answer, the token ${lacks}.`,
 };
 
-// Draws the question of a bench into `#question`; `send(question, serial)` answers it, `lacks` says why one may not.
+// Draws the question of a bench into `#question`; `send(question, serial)` answers it, and gives
+// what was refused, or nothing; `lacks` says why one may not.
 export function drawQuestion(live, send, lacks) {
   const place = $("question");
   const question = live.question;
@@ -27,13 +30,13 @@ export function drawQuestion(live, send, lacks) {
     fill(place);
     return;
   }
-  const heading = el("h2", {}, WORDS.title(live.bench));
-  const text = el("p", {}, el("b", {}, question.text));
+  const heading = el("h2", {}, WORDS.title(live.bench, Boolean(lacks)));
+  const task = el("p", {}, el("b", {}, question.text));
   if (question.on_terminal) {
-    fill(place, heading, text, el("p", {}, WORDS.terminal));
+    fill(place, heading, task, el("p", {}, WORDS.terminal));
     return;
   }
-  fill(place, heading, text, el("p", {}, WORDS.safe), answer(question, send, lacks));
+  fill(place, heading, task, el("p", {}, WORDS.safe), answer(question, send, lacks));
 }
 
 function answer(question, send, lacks) {
@@ -47,12 +50,29 @@ function answer(question, send, lacks) {
     disabled: off,
     "aria-describedby": "question-optional",
   });
-  const said = el("p", { role: "alert" }, lacks);
-  const onsubmit = (event) => {
+  const said = el("p", { role: "alert" }, off ? WORDS.readOnly(lacks) : "");
+  const say = (words, isBad) => {
+    said.className = isBad ? "bad" : "";
+    text(said, words);
+  };
+  const go = el("button", { type: "submit", disabled: off }, WORDS.go);
+  const onsubmit = async (event) => {
     event.preventDefault();
-    said.textContent = done.checked ? "" : WORDS.first;
-    if (done.checked) send(question, serial.value.trim() || null);
-    else done.focus();
+    // Who presses twice answers once, also while the question is still in sight.
+    if (go.getAttribute("aria-disabled")) return;
+    if (!done.checked) {
+      say(WORDS.first, true);
+      done.focus();
+      return;
+    }
+    say(WORDS.sending, false);
+    go.setAttribute("aria-disabled", "true");
+    const why = await send(question, serial.value.trim() || null);
+    // What is refused is told here, where one looks: above, the header may hide it.
+    say(why, true);
+    if (!why) return;
+    go.removeAttribute("aria-disabled");
+    (question.serial ? serial : done).focus();
   };
   const named = [
     el("label", { for: "question-serial" }, WORDS.serial(question.serial)),
@@ -63,8 +83,8 @@ function answer(question, send, lacks) {
     "form",
     { onsubmit },
     ...(question.serial ? named : []),
-    el("p", {}, el("label", {}, done, ` ${WORDS.done}`)),
-    el("div", { class: "acts" }, el("button", { type: "submit", disabled: off }, WORDS.go)),
+    el("label", { class: "tick" }, done, el("span", {}, WORDS.done)),
     said,
+    el("div", { class: "acts" }, go),
   );
 }

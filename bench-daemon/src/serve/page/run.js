@@ -2,7 +2,7 @@
 // and what people say about it.
 "use strict";
 
-import { $, duration, el, fill, outcome, person, text, when } from "./bench.js";
+import { $, decimals, duration, el, fill, outcome, person, text, when } from "./bench.js";
 import {
   address,
   begin,
@@ -783,11 +783,10 @@ function drawCapture(box, got) {
 
 const ink = (name) => () => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
-// As many digits as tell one tick from the next; on a log axis most ticks have no label.
+// On a log axis most ticks have no label.
 function labels(log) {
-  const digits = (step) => Math.max(0, Math.min(9, -Math.floor(Math.log10(step) + 1e-9)));
   const power = (value) => (value < 1e-3 || value >= 1e5 ? value.toExponential(0) : String(value));
-  const label = log ? power : (value, step) => value.toFixed(digits(step));
+  const label = log ? power : (value, step) => value.toFixed(decimals(step));
   return (_, ticks, axis, space, step) =>
     ticks.map((value) => (value === null ? "" : label(value, step).replaceAll("-", "−")));
 }
@@ -867,9 +866,12 @@ async function load() {
       if (view === mine) take(got);
     });
   const ask = (name, none) => orNone(ctx, ctx.get(path(name)), none);
-  const spectra = Promise.all([ask("spectra", []), ask("campaign", null)]);
+  const info = Promise.all([ctx.get(path()), findCard(ctx, run)]);
+  // Only of a campaign there are places: elsewhere the server has nothing to say.
+  const campaign = info.then(([, { card }]) => (card && !card.campaign ? null : ask("campaign", null)));
+  const spectra = Promise.all([ask("spectra", []), campaign]);
   await Promise.all([
-    part(Promise.all([ctx.get(path()), findCard(ctx, run)]), takeInfo),
+    part(info, takeInfo),
     part(spectra, takeSpectra),
     part(ask("files", []), (got) => {
       mine.files = got;

@@ -670,7 +670,7 @@ const TOLD = {
   may: "What it may do",
   mays: (run) => [
     `Diagnose ${run}.`,
-    "While a question is open: put the recommended experiment at the end of the queue. " +
+    "While the verdict is not clear: put the recommended experiment at the end of the queue. " +
       "It begins when the bench is free: current will flow.",
     "Diagnose all its runs together, and so on: " +
       `at most ${MOST_RUNS} experiments, the same one at most ${MOST_AGAIN} times.`,

@@ -2,7 +2,7 @@
 // of the step, and what happened. Drawn by uPlot; numbers are those of the server, thinned without losing a peak.
 "use strict";
 
-import { $, duration, el, fill } from "./bench.js";
+import { $, decimals, duration, el, fill } from "./bench.js";
 
 const uPlot = window.uPlot;
 const RECENT_S = 300;
@@ -38,6 +38,7 @@ const WORDS = {
   notRead: "not read",
   noReading: "no reading",
   nothingYet: "No reading yet.",
+  nothingHere: "No reading in this part of the run.",
   span: (from, to) => `${from} to ${to} of bench time`,
   between: (low, high, unit) => `${low} to ${high} ${unit}`,
   at: (value) => `, setpoint ${value} °C`,
@@ -61,7 +62,7 @@ const WORDS = {
   },
   key: "Signs in the strips",
   limit: "limit of the cell",
-  bound: "bound of the step",
+  bound: "limit of this step",
   tables: "The strips as a table",
   numbers: "Values in this part of the run, and the bounds at its end",
   quantity: "Quantity",
@@ -69,8 +70,8 @@ const WORDS = {
   greatest: "Greatest",
   last: "Last",
   limits: "Limits of the cell",
-  bounds: "Bounds of the step",
-  happened: "What happened, the latest",
+  bounds: "Limits of the steps",
+  happened: "What happened, the latest first",
   when: "Bench time",
   sign: "Sign",
   what: "What",
@@ -109,7 +110,11 @@ const shown = { run: "", part: "recent", zoom: null, asked: 0, told: null, times
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const lastOf = (list) => list[list.length - 1];
 const isNumber = (value) => value !== null && value !== undefined;
-const fixed = (value, digits) => (isNumber(value) ? value.toFixed(digits) : WORDS.none);
+// Nothing is told as −0.
+const fixed = (value, digits) =>
+  isNumber(value) ? value.toFixed(digits).replace(/^-(?=[0.]*$)/, "") : WORDS.none;
+// With the sign for minus, as in tables and strips.
+const minus = (value, digits) => fixed(value, digits).replace("-", "−");
 const kindOf = (mark) => WORDS.kinds[mark.kind] || mark.kind;
 
 // What is asked for: the last minutes, the whole run, or a stretch that was chosen with the mouse.
@@ -300,6 +305,8 @@ function range(one, low, high) {
   return [least, greatest + LETTER_SHARE * (greatest - least)];
 }
 
+const labels = (_chart, ticks, _axis, _space, step) => ticks.map((value) => minus(value, decimals(step)));
+
 function strip(parent, one, choose) {
   const holder = el("div", { class: "strip" });
   parent.append(holder);
@@ -313,7 +320,7 @@ function strip(parent, one, choose) {
     label,
     stroke: () => colour(ink),
     width: 1.5,
-    value: (_, value) => fixed(value, one.digits),
+    value: (_, value) => minus(value, one.digits),
   });
   // So few that a line would hide which there are.
   const points = { show: (chart) => chart.data[0].length < 40, size: 5 };
@@ -333,7 +340,7 @@ function strip(parent, one, choose) {
     series,
     axes: [
       { ...axis(), size: 32 },
-      { ...axis(), size: 60 },
+      { ...axis(), size: 60, values: labels },
     ],
     plugins: [signs(one)],
     hooks: {
@@ -412,6 +419,7 @@ function spread(values, { digits, unit }) {
 
 // What is told beside the strips, for whoever does not see them.
 function words(told) {
+  if (!told.time_s.length && !told.bath.time_s.length) return shown.zoom ? WORDS.nothingHere : WORDS.nothingYet;
   const of = Object.fromEntries(STRIPS.map((one) => [one.key, spread(valuesOf(told, one), one)]));
   const setpoint = lastOf(told.bath.setpoint_c);
   if (isNumber(setpoint)) of.bath_c += WORDS.at(fixed(setpoint, 2));
@@ -448,12 +456,12 @@ const cells = (list) => list.map((value) => el("td", {}, value));
 function numbers(told) {
   const envelope = lastOf(told.envelopes);
   const pair = (bounds, digits) =>
-    bounds ? `${fixed(bounds.least, digits)} … ${fixed(bounds.greatest, digits)}` : WORDS.none;
+    bounds ? `${minus(bounds.least, digits)} … ${minus(bounds.greatest, digits)}` : WORDS.none;
   return STRIPS.map((one) => {
     const values = valuesOf(told, one);
     const extremes = values.length ? [Math.min(...values), Math.max(...values)] : [null, null];
     const bounded = BOUNDED.includes(one.key);
-    const row = [...extremes, lastOf(values)].map((value) => fixed(value, one.digits));
+    const row = [...extremes, lastOf(values)].map((value) => minus(value, one.digits));
     row.push(pair(limitsOf(one)[0], one.digits));
     row.push(pair(bounded && envelope ? envelope[one.key] : null, one.digits));
     return el("tr", {}, el("th", { scope: "row" }, WORDS.strips[one.key]), ...cells(row));
@@ -467,7 +475,7 @@ function happened(told) {
     const of = `${kindOf(mark)}, ${mark.text}`;
     return pause ? WORDS.paused(of, duration(pause.to_s - pause.from_s)) : of;
   };
-  const marks = told.marks.filter((mark) => mark.kind !== "step").slice(-TOLD);
+  const marks = told.marks.filter((mark) => mark.kind !== "step").slice(-TOLD).reverse();
   const sign = (mark) => (SIGNS[mark.kind] || [WORDS.none])[0];
   return marks.map((mark) => el("tr", {}, ...cells([duration(mark.time_s), sign(mark), text(mark)])));
 }
@@ -516,7 +524,8 @@ async function draw(choose) {
     frame(parent);
     STRIPS.forEach((one) => strip(parent, one, choose));
   }
-  for (const { one, holder } of shown.charts) holder.hidden = one.key === "bath_c" && !told.bath.time_s.length;
+  const timesOf = ({ key }) => (key === "bath_c" ? told.bath.time_s : told.time_s);
+  for (const { one, holder } of shown.charts) holder.hidden = !timesOf(one).length;
   fitTime();
   $("timesaid").textContent = words(told);
   $("zoomout").hidden = !shown.zoom;
@@ -524,6 +533,14 @@ async function draw(choose) {
   fill($("timenumbers"), ...numbers(told));
   fill($("timehappened"), ...happened(told));
   await drawStrips(told);
+}
+
+// What the run before has left in the strips and tables is not of this one.
+function empty() {
+  $("timesaid").textContent = WORDS.nothingYet;
+  if (!shown.charts.length) return;
+  for (const { holder } of shown.charts) holder.hidden = true;
+  for (const id of ["timekey", "timenumbers", "timehappened"]) fill($(id));
 }
 
 // Shows a run; `get` asks the server. Called again as often as one likes: what is asked for is the
@@ -556,6 +573,6 @@ export async function drawTime(get, run, limits) {
     await draw(choose);
   } catch {
     // A run that has no reading yet; whoever calls says when the server is lost.
-    if (asked === shown.asked && !shown.told) $("timesaid").textContent = WORDS.nothingYet;
+    if (asked === shown.asked && !shown.told) empty();
   }
 }
