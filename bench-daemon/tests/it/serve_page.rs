@@ -850,8 +850,8 @@ fn a_newcomers_way(dark: bool, size: (u32, u32), by_keyboard: bool) {
         if browser.text("#view").contains("Yes, queue it on demo") {
             break;
         }
-        // One spectrum in twenty has noise that looks like an effect, and a sweep is recommended
-        // that is too slow for a simulated bench: then the run is repeated.
+        // The noise of a few points may look like an effect, for which a sweep is recommended that
+        // is too slow for a simulated bench: then the run is repeated.
         assert!(run < 5, "no experiment that can be queued after {run} runs");
         run += 1;
         browser.script(&format!("location.hash = '#/run/demo-{}'", run - 1));
