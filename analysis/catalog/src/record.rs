@@ -259,8 +259,8 @@ pub enum CatalogEventKind {
 }
 
 impl CatalogEventKind {
-    /// Its word in tables.
-    pub(crate) fn label(self) -> &'static str {
+    /// Its word in tables and answers.
+    pub fn label(self) -> &'static str {
         match self {
             Self::Trip => "trip",
             Self::Resumed => "resumed",

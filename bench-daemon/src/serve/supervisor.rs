@@ -206,6 +206,7 @@ impl SupervisedBench {
         {
             tracing::error!("{error}");
         }
+        server.catalog.refresh();
         server.hub.tell("run", &job);
         server.tell_queue();
     }

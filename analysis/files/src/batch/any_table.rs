@@ -49,12 +49,27 @@ impl TableColumn {
     }
 }
 
+/// The text of a CSV of columns, which must have the same length.
+///
+/// # Errors
+/// [`BatchError`]: columns of different lengths.
+pub fn csv_text(columns: &[TableColumn]) -> Result<String, BatchError> {
+    let bytes = encoded(Path::new("the table"), columns, false)?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
+
 /// Writes columns as a table: Parquet for a file named `.parquet`, else CSV. All must have the same
 /// length.
 ///
 /// # Errors
 /// [`BatchError`]: columns of different lengths, a file that cannot be written.
 pub fn write_table(path: &Path, columns: &[TableColumn]) -> Result<(), BatchError> {
+    let is_parquet = path.extension().is_some_and(|end| end == "parquet");
+    let bytes = encoded(path, columns, is_parquet)?;
+    Ok(write_atomically(path, &bytes)?)
+}
+
+fn encoded(path: &Path, columns: &[TableColumn], is_parquet: bool) -> Result<Vec<u8>, BatchError> {
     let failed = |source| BatchError::Parquet {
         path: path.to_path_buf(),
         action: "write the table",
@@ -64,7 +79,7 @@ pub fn write_table(path: &Path, columns: &[TableColumn]) -> Result<(), BatchErro
     let columns = columns.iter().map(TableColumn::column).collect();
     let mut frame = DataFrame::new(height, columns).map_err(failed)?;
     let mut bytes = Vec::new();
-    if path.extension().is_some_and(|end| end == "parquet") {
+    if is_parquet {
         let writer = ParquetWriter::new(&mut bytes);
         writer.finish(&mut frame).map_err(failed)?;
     } else {
@@ -72,7 +87,7 @@ pub fn write_table(path: &Path, columns: &[TableColumn]) -> Result<(), BatchErro
             .finish(&mut frame)
             .map_err(failed)?;
     }
-    Ok(write_atomically(path, &bytes)?)
+    Ok(bytes)
 }
 
 #[cfg(test)]
