@@ -8,8 +8,8 @@ use serde::Serialize;
 
 use crate::{
     Catalog, CatalogError,
-    query::Filter,
-    record::{CatalogFit, CatalogParameter},
+    query::{Filter, Order},
+    record::{CatalogFit, CatalogParameter, TimeSource},
 };
 
 /// Fits of a cell that are looked at, at most.
@@ -58,43 +58,49 @@ impl Catalog {
             most: MOST_FITS,
             ..filter.clone()
         };
-        let fits = self.fits(&all)?;
-        let rc = rc.or_else(|| common_order(&fits));
-        let orders: BTreeSet<u32> = fits.iter().map(|fit| fit.rc).collect();
-        let mut points = Vec::new();
-        for fit in fits.into_iter().filter(|fit| Some(fit.rc) == rc) {
-            let diffusion = self.diffusion(&fit.run)?;
-            points.push(AgeingPoint { fit, diffusion });
-        }
+        let orders = self.orders(&all)?;
+        let rc = match rc {
+            Some(rc) => Some(rc),
+            None => common_order(&orders, self.runs_with_fits(&all)?),
+        };
+        let fits = match rc {
+            Some(rc) => self.fits(&all, Some(rc))?,
+            None => Vec::new(),
+        };
+        let mut diffusion = self.diffusion()?;
+        let point = |fit: CatalogFit| AgeingPoint {
+            diffusion: diffusion.remove(&fit.run).unwrap_or_default(),
+            fit,
+        };
+        let points = fits.into_iter().map(point).collect();
         let cell = filter.cell.as_ref().or(filter.serial.as_ref());
         Ok(Ageing {
             cell: cell.cloned().unwrap_or_default(),
             rc,
-            orders: orders.into_iter().collect(),
+            orders: orders.iter().map(|order| order.rc).collect(),
             points,
         })
     }
 
-    fn diffusion(&self, run: &str) -> Result<Vec<CatalogParameter>, CatalogError> {
-        let all = self
-            .diagnoses(run)?
-            .into_iter()
-            .flat_map(|one| one.parameters);
-        let is_diffusion = |one: &CatalogParameter| DIFFUSION.contains(&one.effect.as_str());
-        Ok(all.filter(is_diffusion).collect())
+    /// Parameters of diffusion that diagnoses name, by run.
+    fn diffusion(&self) -> Result<BTreeMap<String, Vec<CatalogParameter>>, CatalogError> {
+        let mut all: BTreeMap<String, Vec<CatalogParameter>> = BTreeMap::new();
+        for one in self.diagnoses_of_runs()? {
+            let is_diffusion = |one: &CatalogParameter| DIFFUSION.contains(&one.effect.as_str());
+            let named = one.parameters.into_iter().filter(is_diffusion);
+            all.entry(one.run.unwrap_or_default())
+                .or_default()
+                .extend(named);
+        }
+        Ok(all)
     }
 }
 
 /// The greatest order that every run has; else the one that most runs have, the greatest of those.
-fn common_order(fits: &[CatalogFit]) -> Option<u32> {
-    let runs: BTreeSet<&str> = fits.iter().map(|fit| fit.run.as_str()).collect();
-    let mut having: BTreeMap<u32, BTreeSet<&str>> = BTreeMap::new();
-    for fit in fits {
-        having.entry(fit.rc).or_default().insert(&fit.run);
-    }
-    let of_all = having.iter().rev().find(|(_, of)| of.len() == runs.len());
-    let of_most = || having.iter().max_by_key(|(rc, of)| (of.len(), **rc));
-    of_all.or_else(of_most).map(|(rc, _)| *rc)
+fn common_order(orders: &[Order], runs: u32) -> Option<u32> {
+    let of_all = orders.iter().rev().find(|order| order.runs == runs);
+    let of_most = || orders.iter().max_by_key(|order| (order.runs, order.rc));
+    of_all.or_else(of_most).map(|order| order.rc)
 }
 
 /// A quantity over the points; none where it is not known.
@@ -138,9 +144,17 @@ impl Ageing {
             .iter()
             .filter(|quantity| quantity.values.iter().any(Option::is_some));
         let panels = known.map(|quantity| quantity.panel(&days)).collect();
+        let of_files = self
+            .points
+            .iter()
+            .any(|one| one.fit.time_source == TimeSource::File);
+        let remark = match of_files {
+            true => "; runs in virtual time stand at the time of their files",
+            false => "",
+        };
         let subtitle = match self.rc {
             Some(rc) => format!(
-                "{} models with {rc} RC pairs; bars are one standard uncertainty",
+                "{} models with {rc} RC pairs; bars are one standard uncertainty{remark}",
                 self.points.len()
             ),
             None => String::new(),
@@ -160,10 +174,10 @@ impl Ageing {
             over("DC resistance / mΩ", 1, &|fit| {
                 Some(milli(fit.dc_resistance_ohm, fit.dc_resistance_sigma_ohm))
             }),
-            over("slowest pair / mΩ", 2, &|fit| {
+            over("slowest pair R / mΩ", 2, &|fit| {
                 Some(milli(fit.slow_r_ohm?, fit.slow_r_sigma_ohm))
             }),
-            over("slowest pair / s", 3, &|fit| {
+            over("slowest pair τ / s", 3, &|fit| {
                 Some(Value::scaled(fit.slow_tau_s?, fit.slow_tau_sigma_s, 1.0))
             }),
         ];

@@ -20,7 +20,7 @@ const SETTINGS: &str = "PRAGMA cache_size = -8000; PRAGMA temp_store = FILE;";
 /// Settings of one that writes: questions go on beside it, and a crash loses no more than the last
 /// batch, which the next scan reads again.
 const WRITING: &str = "PRAGMA journal_mode = WAL; PRAGMA synchronous = NORMAL; \
-    PRAGMA wal_autocheckpoint = 2000;";
+    PRAGMA wal_autocheckpoint = 8000;";
 
 /// A catalogue.
 #[derive(Debug)]

@@ -88,10 +88,11 @@ impl Catalog {
     /// # Errors
     /// [`CatalogError`].
     pub fn export_fits(&self, path: &Path, filter: &Filter) -> Result<Exported, CatalogError> {
-        let fits = self.fits(&Filter {
+        let all = Filter {
             most: MOST_FITS,
             ..filter.clone()
-        })?;
+        };
+        let fits = self.fits(&all, None)?;
         write_table(path, &fit_columns(&fits))?;
         Ok(Exported {
             rows: fits.len(),

@@ -108,6 +108,15 @@ pub struct RunShown {
     pub diagnoses: Vec<CatalogDiagnosis>,
 }
 
+/// A number of RC pairs, and how many runs have such a fit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Order {
+    /// Number of RC pairs.
+    pub(crate) rc: u32,
+    /// Number of runs.
+    pub(crate) runs: u32,
+}
+
 /// A place in the order of an answer.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Cursor {
@@ -325,14 +334,7 @@ impl Catalog {
             let values = [name, serial].map(|text| Value::Text(text.to_owned()));
             question.add("(c.name, c.serial) > (?, ?)", &values);
         }
-        let text = question
-            .text(
-                "c.name, c.serial, count(*), min(c.started_unix_s), max(c.started_unix_s) \
-                FROM run_cell c",
-                "c.name, c.serial",
-                filter.most() + 1,
-            )
-            .replace(" ORDER BY", " GROUP BY c.name, c.serial ORDER BY");
+        let text = question.text("c.* FROM cell c", "c.name, c.serial", filter.most() + 1);
         let mut cells = self.ask(&text, &question.values, |row| {
             Ok(CellFound {
                 cell: row.get(0)?,
@@ -409,11 +411,52 @@ impl Catalog {
         })
     }
 
-    /// The fits that meet every condition, in the order of time; with or without a cell.
+    /// The fits that meet every condition, in the order of time; of one number of RC pairs where
+    /// `rc` says so. Words and places do not count.
     ///
     /// # Errors
     /// [`CatalogError`].
-    pub fn fits(&self, filter: &Filter) -> Result<Vec<CatalogFit>, CatalogError> {
+    pub fn fits(&self, filter: &Filter, rc: Option<u32>) -> Result<Vec<CatalogFit>, CatalogError> {
+        let mut question = self.of_fits(filter)?;
+        if let Some(rc) = rc {
+            question.add("f.rc = ?", &[Value::Integer(rc.into())]);
+        }
+        let order = "f.started_unix_s, f.run, f.file";
+        let text = question.text("f.* FROM fit f", order, filter.most());
+        self.ask(&text, &question.values, fit_of)
+    }
+
+    /// Numbers of RC pairs of the fits that meet every condition, each with the number of runs that
+    /// have such a fit.
+    ///
+    /// # Errors
+    /// [`CatalogError`].
+    pub(crate) fn orders(&self, filter: &Filter) -> Result<Vec<Order>, CatalogError> {
+        let question = self.of_fits(filter)?;
+        let select = "f.rc, count(DISTINCT f.run) FROM fit f";
+        let text = question
+            .text(select, "f.rc", usize::MAX >> 1)
+            .replace(" ORDER BY", " GROUP BY f.rc ORDER BY");
+        self.ask(&text, &question.values, |row| {
+            Ok(Order {
+                rc: row.get(0)?,
+                runs: row.get(1)?,
+            })
+        })
+    }
+
+    /// Number of the runs that have a fit that meets every condition.
+    ///
+    /// # Errors
+    /// [`CatalogError`].
+    pub(crate) fn runs_with_fits(&self, filter: &Filter) -> Result<u32, CatalogError> {
+        let question = self.of_fits(filter)?;
+        let text = question.text("count(DISTINCT f.run) FROM fit f", "1", 1);
+        let found = self.ask(&text, &question.values, |row| row.get(0))?;
+        Ok(found.first().copied().unwrap_or_default())
+    }
+
+    fn of_fits(&self, filter: &Filter) -> Result<Question, CatalogError> {
         let mut question = Question::default();
         let (cell, serial) = self.cell_and_serial(filter)?;
         question.add_text("f.cell = ?", cell.as_ref());
@@ -426,19 +469,16 @@ impl Catalog {
                 &[Value::Text(verdict.label().to_owned())],
             );
         }
-        let order = "f.started_unix_s, f.run, f.file";
-        let text = question.text("f.* FROM fit f", order, filter.most());
-        self.ask(&text, &question.values, fit_of)
+        Ok(question)
     }
 
-    /// The diagnoses of a run.
+    /// The diagnoses that are known to be of a run.
     ///
     /// # Errors
     /// [`CatalogError::Sql`].
-    pub fn diagnoses(&self, run: &str) -> Result<Vec<CatalogDiagnosis>, CatalogError> {
-        let key = [Value::Text(run.to_owned())];
-        let text = "SELECT * FROM diagnosis WHERE run = ?1 ORDER BY folder";
-        self.ask(text, &key, diagnosis_of)
+    pub(crate) fn diagnoses_of_runs(&self) -> Result<Vec<CatalogDiagnosis>, CatalogError> {
+        let text = "SELECT * FROM diagnosis WHERE run IS NOT NULL ORDER BY run, folder";
+        self.ask(text, &[], diagnosis_of)
     }
 
     /// Name and serial number of the cell that is wanted: what is given as a cell may be a serial

@@ -131,6 +131,9 @@ impl Catalog {
         if !writer.scanned.stopped {
             writer.mark_missing(&roots)?;
         }
+        if writer.scanned.read > 0 {
+            store::count_cells(&self.connection).map_err(sql(&self.path, "count the cells"))?;
+        }
         self.run(
             "PRAGMA optimize; PRAGMA wal_checkpoint(TRUNCATE);",
             "tidy it up",
@@ -153,6 +156,7 @@ impl Catalog {
         for run in &runs {
             store::remove(&self.connection, run).map_err(&failed)?;
         }
+        store::count_cells(&self.connection).map_err(&failed)?;
         Ok(runs.len())
     }
 

@@ -7,7 +7,7 @@ pub const VERSION: i32 = 1;
 
 /// Tables and indexes. `run_key` finds runs by the name or a serial number of a cell, `run_text` by
 /// words; both repeat what questions filter by, so that no other table is read for a run that is
-/// not wanted. No number of a row is ever part of an answer.
+/// not wanted. `cell` is made of `run_cell` at the end of a scan. No number of a row is ever part of an answer.
 pub(crate) const TABLES: &str = "
 CREATE TABLE root (folder TEXT PRIMARY KEY) WITHOUT ROWID;
 CREATE TABLE run (
@@ -29,12 +29,10 @@ CREATE TABLE run_key (
   key TEXT NOT NULL, started_unix_s REAL NOT NULL, run TEXT NOT NULL, bench TEXT NOT NULL,
   verdict TEXT NOT NULL, PRIMARY KEY (key, started_unix_s, run)
 ) WITHOUT ROWID;
-CREATE INDEX run_key_run ON run_key (run);
 CREATE TABLE run_text (
   started_unix_s REAL NOT NULL, run TEXT NOT NULL, bench TEXT NOT NULL, verdict TEXT NOT NULL,
   text TEXT NOT NULL, PRIMARY KEY (started_unix_s, run)
 ) WITHOUT ROWID;
-CREATE INDEX run_text_run ON run_text (run);
 CREATE TABLE run_cell (
   name TEXT NOT NULL, serial TEXT NOT NULL, started_unix_s REAL NOT NULL, run TEXT NOT NULL,
   scanned_serial TEXT, model TEXT, PRIMARY KEY (name, serial, started_unix_s, run)
@@ -42,6 +40,10 @@ CREATE TABLE run_cell (
 CREATE INDEX run_cell_run ON run_cell (run);
 CREATE INDEX run_cell_serial ON run_cell (serial);
 CREATE INDEX run_cell_scanned ON run_cell (scanned_serial);
+CREATE TABLE cell (
+  name TEXT NOT NULL, serial TEXT NOT NULL, runs INTEGER NOT NULL, first_unix_s REAL NOT NULL,
+  last_unix_s REAL NOT NULL, PRIMARY KEY (name, serial)
+) WITHOUT ROWID;
 CREATE TABLE spectrum (
   run TEXT NOT NULL, file TEXT NOT NULL, name TEXT NOT NULL, bench TEXT NOT NULL,
   cell TEXT NOT NULL, fixture TEXT NOT NULL, corrected INTEGER NOT NULL, repeat INTEGER NOT NULL,
@@ -61,7 +63,7 @@ CREATE TABLE fit (
   slow_r_sigma_ohm REAL, slow_tau_s REAL, slow_tau_sigma_s REAL, time_constants_s TEXT NOT NULL,
   rms_ohm REAL NOT NULL, reduced_chi2 REAL, points INTEGER NOT NULL, PRIMARY KEY (run, file)
 ) WITHOUT ROWID;
-CREATE INDEX fit_cell ON fit (cell, started_unix_s, run, file);
+CREATE INDEX fit_cell ON fit (cell, rc, started_unix_s, run, file);
 CREATE TABLE event (
   run TEXT NOT NULL, line INTEGER NOT NULL, time_s REAL NOT NULL, kind TEXT NOT NULL,
   text TEXT NOT NULL, by TEXT, PRIMARY KEY (run, line)

@@ -6,11 +6,17 @@ use crate::record::{
     CatalogDiagnosis, CatalogEvent, CatalogFit, CatalogRun, CatalogSpectrum, Folder,
 };
 
-/// Tables that hold rows of a run.
+/// What takes a run out of all tables. The first two find their rows by those of the tables that
+/// follow: an index by run alone would cost each scan more than it saves.
 const OF_RUN: [&str; 7] = [
+    "DELETE FROM run_key WHERE run = ?1 \
+     AND started_unix_s = (SELECT started_unix_s FROM run WHERE run = ?1) \
+     AND key IN (SELECT name FROM run_cell WHERE run = ?1 \
+     UNION SELECT serial FROM run_cell WHERE run = ?1 \
+     UNION SELECT scanned_serial FROM run_cell WHERE run = ?1)",
+    "DELETE FROM run_text WHERE run = ?1 \
+     AND started_unix_s = (SELECT started_unix_s FROM run WHERE run = ?1)",
     "DELETE FROM run WHERE run = ?1",
-    "DELETE FROM run_key WHERE run = ?1",
-    "DELETE FROM run_text WHERE run = ?1",
     "DELETE FROM run_cell WHERE run = ?1",
     "DELETE FROM spectrum WHERE run = ?1",
     "DELETE FROM fit WHERE run = ?1",
@@ -226,6 +232,14 @@ fn put_event(connection: &Connection, run: &str, event: &CatalogEvent) -> rusqli
         event.by
     ])?;
     Ok(())
+}
+
+/// Counts the runs of each cell anew.
+pub(crate) fn count_cells(connection: &Connection) -> rusqlite::Result<()> {
+    connection.execute_batch(
+        "BEGIN IMMEDIATE; DELETE FROM cell; INSERT INTO cell SELECT name, serial, count(*), \
+         min(started_unix_s), max(started_unix_s) FROM run_cell GROUP BY name, serial; COMMIT;",
+    )
 }
 
 /// Puts a diagnosis in, in the place of the one that its folder held before.
