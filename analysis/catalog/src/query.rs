@@ -243,7 +243,12 @@ impl Catalog {
             );
         }
         for word in words {
-            question.add("instr(t.text, ?) > 0", &[Value::Text(word.to_owned())]);
+            let word = Value::Text(word.to_owned());
+            question.add(
+                "(instr(t.name, ?) > 0 \
+                 OR t.phrase IN (SELECT phrase FROM phrase WHERE instr(text, ?) > 0))",
+                &[word.clone(), word],
+            );
         }
         if let Some(serial) = &filter.serial {
             let serial = Value::Text(serial.clone());

@@ -7,7 +7,8 @@ pub const VERSION: i32 = 1;
 
 /// Tables and indexes. `run_key` finds runs by the name or a serial number of a cell, `run_text` by
 /// words; both repeat what questions filter by, so that no other table is read for a run that is
-/// not wanted. `cell` is made of `run_cell` at the end of a scan. No number of a row is ever part of an answer.
+/// not wanted. What many runs share stands in `phrase` once, so that a word is sought in little
+/// text. `cell` is made of `run_cell` at the end of a scan. No number of a row is ever part of an answer.
 pub(crate) const TABLES: &str = "
 CREATE TABLE root (folder TEXT PRIMARY KEY) WITHOUT ROWID;
 CREATE TABLE run (
@@ -31,8 +32,9 @@ CREATE TABLE run_key (
 ) WITHOUT ROWID;
 CREATE TABLE run_text (
   started_unix_s REAL NOT NULL, run TEXT NOT NULL, bench TEXT NOT NULL, verdict TEXT NOT NULL,
-  text TEXT NOT NULL, PRIMARY KEY (started_unix_s, run)
+  name TEXT NOT NULL, phrase INTEGER NOT NULL, PRIMARY KEY (started_unix_s, run)
 ) WITHOUT ROWID;
+CREATE TABLE phrase (phrase INTEGER PRIMARY KEY, text TEXT NOT NULL UNIQUE);
 CREATE TABLE run_cell (
   name TEXT NOT NULL, serial TEXT NOT NULL, started_unix_s REAL NOT NULL, run TEXT NOT NULL,
   scanned_serial TEXT, model TEXT, PRIMARY KEY (name, serial, started_unix_s, run)

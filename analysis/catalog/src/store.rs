@@ -37,6 +37,7 @@ pub(crate) fn put(connection: &Connection, folder: &Folder, known: bool) -> rusq
         remove(connection, &folder.run.run)?;
     }
     put_run(connection, folder)?;
+    put_words(connection, &folder.run)?;
     put_keys(connection, &folder.run)?;
     for spectrum in &folder.spectra {
         put_spectrum(connection, spectrum)?;
@@ -100,9 +101,9 @@ fn json(value: &impl serde::Serialize) -> String {
     serde_json::to_string(value).unwrap_or_default()
 }
 
-/// All that words are sought in, in small letters.
-fn text(run: &CatalogRun) -> String {
-    let own = [&run.name, &run.bench, &run.experiment].map(String::as_str);
+/// What words are sought in beside the name, in small letters: many runs share it.
+fn phrase(run: &CatalogRun) -> String {
+    let own = [&run.bench, &run.experiment].map(String::as_str);
     let more = [&run.operator, &run.how].map(|text| text.as_deref().unwrap_or_default());
     let cells = run.cells.iter().flat_map(|cell| {
         let more = [&cell.serial, &cell.scanned_serial, &cell.model];
@@ -114,17 +115,29 @@ fn text(run: &CatalogRun) -> String {
     all.join("\n").to_lowercase()
 }
 
-fn put_keys(connection: &Connection, run: &CatalogRun) -> rusqlite::Result<()> {
-    let verdict = run.verdict.label();
-    let mut words =
-        connection.prepare_cached("INSERT INTO run_text VALUES (?1, ?2, ?3, ?4, ?5)")?;
+/// Puts the words of a run in.
+fn put_words(connection: &Connection, run: &CatalogRun) -> rusqlite::Result<()> {
+    let phrase = phrase(run);
+    let mut phrases =
+        connection.prepare_cached("INSERT OR IGNORE INTO phrase (text) VALUES (?1)")?;
+    phrases.execute([&phrase])?;
+    let mut words = connection.prepare_cached(
+        "INSERT INTO run_text VALUES (?1, ?2, ?3, ?4, ?5, \
+         (SELECT phrase FROM phrase WHERE text = ?6))",
+    )?;
     words.execute(params![
         run.started_unix_s,
         run.run,
         run.bench,
-        verdict,
-        text(run)
+        run.verdict.label(),
+        run.name.to_lowercase(),
+        phrase
     ])?;
+    Ok(())
+}
+
+fn put_keys(connection: &Connection, run: &CatalogRun) -> rusqlite::Result<()> {
+    let verdict = run.verdict.label();
     let mut into = connection
         .prepare_cached("INSERT OR REPLACE INTO run_cell VALUES (?1, ?2, ?3, ?4, ?5, ?6)")?;
     let mut keys =
