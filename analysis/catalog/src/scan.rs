@@ -292,17 +292,17 @@ fn diagnosis(known: &Catalog, folder: &Path) -> Message {
     if before.is_some_and(|before| before.stamp == stamp) {
         return Message::SameDiagnosis(name);
     }
-    let one = Box::new(read_diagnosis(folder, name));
+    let one = Box::new(read_diagnosis(folder, &name));
     Message::Diagnosis { one, stamp }
 }
 
-fn read_diagnosis(folder: &Path, name: String) -> CatalogDiagnosis {
+fn read_diagnosis(folder: &Path, name: &str) -> CatalogDiagnosis {
     let read = fs::read(folder.join(DIAGNOSIS)).map_err(|error| error.to_string());
     let read = read.and_then(|text| {
         serde_json::from_slice::<DiagnosisFile>(&text).map_err(|error| error.to_string())
     });
     let damaged = |reason: String| CatalogDiagnosis {
-        folder: name.clone(),
+        folder: name.to_owned(),
         run: None,
         data_set: String::new(),
         model: String::new(),
@@ -316,7 +316,7 @@ fn read_diagnosis(folder: &Path, name: String) -> CatalogDiagnosis {
         Err(reason) => return damaged(reason),
     };
     CatalogDiagnosis {
-        folder: name.clone(),
+        folder: name.to_owned(),
         run: run_of(folder, &file.data_set),
         data_set: file.data_set,
         model: file.model,

@@ -107,7 +107,8 @@ fn a_catalogue_that_is_deleted_and_built_again_says_the_same() {
             let run = run["run"].as_str().unwrap();
             at.json(&["show", "DB", run])
         });
-        (found.clone(), shown.collect::<Vec<_>>())
+        let shown: Vec<Value> = shown.collect();
+        (found, shown)
     };
     let before = all(&at);
     let again = at.json(&["scan", "DB"]);
