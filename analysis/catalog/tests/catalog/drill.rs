@@ -113,7 +113,7 @@ fn questions(path: &Path, number: usize) {
     let text = |text: String| Some(text);
     let cell = |k: usize| format!("C{:02}", k % 100);
     ask(path, "latest runs", |catalog, _| {
-        runs(Filter::default())(catalog)
+        runs(Filter::default())(catalog);
     });
     ask(path, "runs of a cell", |catalog, k| {
         runs(Filter {
@@ -166,7 +166,7 @@ fn questions(path: &Path, number: usize) {
         drop(catalog.spectra(&filter).unwrap());
     });
     ask(path, "cells", |catalog, _| {
-        drop(catalog.cells(&Filter::default()).unwrap())
+        drop(catalog.cells(&Filter::default()).unwrap());
     });
     ask(path, "a run", |catalog, k| {
         let name = Made::of(k * number / QUESTIONS).name();
