@@ -112,6 +112,26 @@ impl Catalog {
     ) -> Result<Scanned, CatalogError> {
         let roots = self.resolved(roots)?;
         self.remember(&roots)?;
+        self.scan_below(&roots, options)
+    }
+
+    /// Reads what has changed in some folders of a root, which the scans before have read whole.
+    ///
+    /// # Errors
+    /// As [`Self::scan`].
+    pub fn scan_again(
+        &self,
+        folders: &[PathBuf],
+        options: &ScanOptions<'_>,
+    ) -> Result<Scanned, CatalogError> {
+        self.scan_below(&self.resolved(folders)?, options)
+    }
+
+    fn scan_below(
+        &self,
+        roots: &[PathBuf],
+        options: &ScanOptions<'_>,
+    ) -> Result<Scanned, CatalogError> {
         let looker = Self::open(&self.path)?;
         let mut writer = Writer::of(self);
         std::thread::scope(|scope| {
@@ -124,12 +144,11 @@ impl Catalog {
             }
             // Readers that have all gone end the one that looks, and it them.
             drop(works);
-            let roots = &roots;
             scope.spawn(move || look(&looker, Walk::of(roots), options, &work, &messages));
             writer.write(&received, options.stop)
         })?;
         if !writer.scanned.stopped {
-            writer.mark_missing(&roots)?;
+            writer.mark_missing(roots)?;
         }
         if writer.scanned.read > 0 {
             store::count_cells(&self.connection).map_err(sql(&self.path, "count the cells"))?;

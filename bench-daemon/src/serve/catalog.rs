@@ -1,5 +1,6 @@
 //! The catalogue of the server's own runs and diagnoses. It is brought up to date by a thread of its
-//! own, at the start and after the end of each run and analysis; requests only read it.
+//! own: whole at the start, and what is new after the end of each run and analysis. Requests only
+//! read it.
 
 use std::{
     fs,
@@ -7,36 +8,36 @@ use std::{
     sync::{
         Mutex, PoisonError,
         atomic::{AtomicBool, Ordering},
-        mpsc::{Receiver, SyncSender, sync_channel},
+        mpsc::{Receiver, Sender, channel},
     },
 };
 
 use analysis::catalog::{
     Catalog, CatalogError,
-    scan::{Beside, ScanOptions},
+    scan::{Beside, ScanOptions, Scanned},
 };
 
 use super::jobs;
 
 /// The catalogue in the data folder.
 const FILE: &str = "catalog.sqlite";
-/// Folders there that are scanned.
-const SCANNED: [&str; 2] = ["runs", "analyses"];
+/// Folders there that are scanned: of runs, and of diagnoses among the analyses.
+const RUNS: &str = "runs";
+const ANALYSES: &str = "analyses";
 
 /// Keeps the catalogue of a data folder.
 #[derive(Debug)]
 pub struct CatalogKeeper {
     data: PathBuf,
-    wake: SyncSender<()>,
-    wakes: Mutex<Option<Receiver<()>>>,
+    wake: Sender<PathBuf>,
+    wakes: Mutex<Option<Receiver<PathBuf>>>,
     stop: AtomicBool,
 }
 
 impl CatalogKeeper {
     /// The keeper of a data folder; nothing is scanned yet.
     pub fn of(data: &Path) -> Self {
-        // One that waits is enough: a scan that begins later sees all that has come before.
-        let (wake, wakes) = sync_channel(1);
+        let (wake, wakes) = channel();
         Self {
             data: data.to_path_buf(),
             wake,
@@ -45,15 +46,25 @@ impl CatalogKeeper {
         }
     }
 
-    /// Asks for a scan; it does not wait for it.
-    pub fn refresh(&self) {
-        let _ = self.wake.try_send(());
+    /// Asks for a scan of the folder of a run, and does not wait for it.
+    pub fn refresh_run(&self, run: &str) {
+        self.refresh(self.data.join(RUNS).join(run));
+    }
+
+    /// Asks for a scan of the folder of an analysis.
+    pub fn refresh_analysis(&self, id: &str) {
+        self.refresh(self.data.join(ANALYSES).join(id));
+    }
+
+    fn refresh(&self, folder: PathBuf) {
+        // Without a thread that scans there is nobody to be told.
+        let _ = self.wake.send(folder);
     }
 
     /// Ends the scan at its next run, and the thread with it.
     pub fn end(&self) {
         self.stop.store(true, Ordering::Relaxed);
-        self.refresh();
+        self.refresh(PathBuf::new());
     }
 
     /// Opens the catalogue to be asked.
@@ -69,7 +80,7 @@ impl CatalogKeeper {
         &self.data
     }
 
-    /// Scans now and whenever that is asked for, until the end.
+    /// Scans everything now, and a folder whenever that is asked for, until the end.
     pub fn work(&self) {
         let taken = self
             .wakes
@@ -77,13 +88,19 @@ impl CatalogKeeper {
             .unwrap_or_else(PoisonError::into_inner)
             .take();
         let Some(wakes) = taken else { return };
-        loop {
-            if let Err(error) = self.scan() {
+        let told = |scanned: Result<(), CatalogError>| {
+            if let Err(error) = scanned {
                 tracing::warn!("the catalogue stays as it is: {error}");
             }
-            let ended = wakes.recv().is_err();
-            if ended || self.stop.load(Ordering::Relaxed) {
+        };
+        told(self.scan());
+        while let Ok(folder) = wakes.recv() {
+            if self.stop.load(Ordering::Relaxed) {
                 return;
+            }
+            // What did not begin has no folder.
+            if folder.is_dir() {
+                told(self.scan_again(folder));
             }
         }
     }
@@ -92,27 +109,40 @@ impl CatalogKeeper {
         self.data.join(FILE)
     }
 
-    fn scan(&self) -> Result<(), CatalogError> {
-        let catalog = match Catalog::make(&self.file()) {
-            // It is the server's own and never the only copy: a damaged one is built again.
+    /// Opens the catalogue to be written. It is the server's own and never the only copy: a damaged
+    /// one is built again.
+    fn make(&self) -> Result<Catalog, CatalogError> {
+        match Catalog::make(&self.file()) {
             Err(CatalogError::Sql { source, .. }) => {
                 tracing::warn!("the catalogue is built again: {source}");
                 let _ = fs::remove_file(self.file());
-                Catalog::make(&self.file())?
+                Catalog::make(&self.file())
             }
-            made => made?,
-        };
-        let roots: Vec<PathBuf> = SCANNED
-            .iter()
-            .map(|name| self.data.join(name))
-            .filter(|root| root.is_dir())
-            .collect();
+            made => made,
+        }
+    }
+
+    fn scan(&self) -> Result<(), CatalogError> {
+        let roots = [RUNS, ANALYSES].map(|name| self.data.join(name));
+        let roots: Vec<PathBuf> = roots.into_iter().filter(|root| root.is_dir()).collect();
+        self.scan_with(|catalog, options| catalog.scan(&roots, options))
+    }
+
+    fn scan_again(&self, folder: PathBuf) -> Result<(), CatalogError> {
+        self.scan_with(|catalog, options| catalog.scan_again(&[folder], options))
+    }
+
+    fn scan_with(
+        &self,
+        scan: impl FnOnce(&Catalog, &ScanOptions<'_>) -> Result<Scanned, CatalogError>,
+    ) -> Result<(), CatalogError> {
+        let catalog = self.make()?;
         let beside = |folder: &Path| self.beside(folder);
         let options = ScanOptions {
             beside: &beside,
             stop: &self.stop,
         };
-        let scanned = catalog.scan(&roots, &options)?;
+        let scanned = scan(&catalog, &options)?;
         tracing::debug!("catalogue: {} runs, {} read", scanned.runs, scanned.read);
         Ok(())
     }

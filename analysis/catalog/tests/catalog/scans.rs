@@ -75,6 +75,22 @@ fn a_vanished_folder_is_marked_and_taken_out_on_request_only() {
 }
 
 #[test]
+fn one_folder_is_scanned_again_without_the_others() {
+    let place = Place::with(&few());
+    place.scan();
+    Made::of(12).write(&place.runs);
+    let folder = Made::of(13).write(&place.runs);
+    let catalog = Catalog::make(&place.catalog).unwrap();
+    let scanned = catalog
+        .scan_again(&[folder], &ScanOptions::plain())
+        .unwrap();
+    assert_eq!((scanned.runs, scanned.read, scanned.vanished), (1, 1, 0));
+    let names = place.names(&Filter::default());
+    assert_eq!((names.len(), names[0].as_str()), (13, "run000013"));
+    assert_eq!(catalog.roots().unwrap().len(), 1);
+}
+
+#[test]
 fn a_root_that_is_not_there_changes_nothing() {
     let place = Place::with(&few());
     place.scan();
