@@ -21,6 +21,7 @@
 //!   other programs; [`batch`]: tables of many spectra; [`table`]: tables that a person writes;
 //!   [`thinning`]: frames to rows.
 //! * `analysis-diagnosis` – [`diagnosis`]: which effect is missing.
+//! * `analysis-catalog` – [`catalog`]: questions across run folders.
 //!
 //! From the text of a spectrum to the power of a pack:
 //!
@@ -57,6 +58,7 @@
 //! * `draw`: SVG and PNG; builds plotters. Without it plots can be described, and drawing one is an
 //!   error.
 //! * `diagnosis`: which effect is missing.
+//! * `catalog`: questions across run folders; builds SQLite.
 //!
 //! Fits, tests of validity, circuits and simulation alone: `default-features = false`, 54 crates.
 //!
@@ -70,6 +72,8 @@
 //!
 //! Knows no sockets, no clock, no async runtime, no instrument and no simulated truth.
 
+#[cfg(feature = "catalog")]
+pub use analysis_catalog as catalog;
 #[cfg(feature = "diagnosis")]
 pub use analysis_diagnosis as diagnosis;
 pub use analysis_effects::{augmented, contract, effects};

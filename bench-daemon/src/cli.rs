@@ -28,7 +28,7 @@ const GROUPS: [(&str, &[&str]); 7] = [
         &["dataset", "diagnose", "investigate", "effects"],
     ),
     ("A cell or a pack under load", &["simulate", "pack", "sop"]),
-    ("Files", &["convert", "replay", "verify"]),
+    ("Files", &["convert", "replay", "verify", "catalog"]),
     (
         "Server and shell",
         &["serve", "token", "completions", "man"],
@@ -82,6 +82,9 @@ Examples:
   Yesterday's captures through today's analysis, and whether a folder is what it was:
     eis-bench replay runs/thesis
     eis-bench verify runs/thesis
+  All runs below a folder, and a cell over its runs:
+    eis-bench catalog scan runs.sqlite runs
+    eis-bench catalog ageing runs.sqlite --cell P45B-17 --out FOLDER
   A spectrum for ZView, a time series for the Battery Data Alliance's tools, a model for a \
 controller:
     eis-bench convert SPECTRUM.csv --to zview --out FOLDER
@@ -192,6 +195,8 @@ enum Command {
     Replay(command::replay::ReplayArgs),
     /// Compare a run folder with its hashes, and recompute every number from its captures.
     Verify(command::verify::VerifyArgs),
+    /// Build a catalogue of run folders, and ask it across runs and benches.
+    Catalog(command::catalog::CatalogArgs),
     /// Serve benches over HTTP, with a queue, a page and an API, until stopped.
     Serve(command::serve::ServeArgs),
     /// Tokens that open a server's API.
@@ -274,6 +279,7 @@ pub fn main() -> ExitCode {
         Command::Convert(args) => command::convert::convert(&args),
         Command::Replay(args) => command::replay::replay(&args),
         Command::Verify(args) => command::verify::verify(&args),
+        Command::Catalog(args) => command::catalog::catalog(&args),
         Command::Serve(args) => command::serve::serve(&args),
         Command::Token(args) => command::token::token(&args),
         Command::Demo(args) => command::demo::demo(&args),
@@ -337,6 +343,7 @@ mod tests {
             "convert",
             "replay",
             "verify",
+            "catalog",
             "sop",
             "Examples:",
             "Exit codes:",

@@ -44,6 +44,8 @@ pub const INDEX: &str = "traces.json";
 pub const SUMS: &str = "SHA256SUMS";
 /// The report.
 pub const REPORT: &str = "report.html";
+/// Verdict and numbers of a diagnosis, in a folder of its own.
+pub const DIAGNOSIS: &str = "diagnosis.json";
 /// The correction by the controls.
 pub const CORRECTION: &str = "correction.json";
 /// How the controls came out.

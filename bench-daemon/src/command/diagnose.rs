@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use analysis::{
     diagnosis::{Outcome, Verdict, report},
-    run_folder::{self, SUMS},
+    run_folder::{self, DIAGNOSIS, SUMS},
 };
 
 pub use args::DiagnoseArgs;
@@ -321,7 +321,7 @@ fn page(
         ),
         (
             "everything in numbers".to_owned(),
-            "diagnosis.json beside this page".to_owned(),
+            format!("{DIAGNOSIS} beside this page"),
         ),
         (
             if judged.within.is_some() {
@@ -362,7 +362,7 @@ fn story(outcome: &Outcome) -> Result<String, Failure> {
 /// Report, pictures, and the augmented model where there is one.
 fn write(folder: &Path, outcome: &Outcome, judged: &Judged) -> Result<(), Failure> {
     files::make_folder(folder)?;
-    files::write_text(folder, "diagnosis.json", &(json(outcome)? + "\n"))?;
+    files::write_text(folder, DIAGNOSIS, &(json(outcome)? + "\n"))?;
     let d = &outcome.diagnosis;
     let pictures = report::pictures(d, &outcome.curves);
     files::write_pictures(folder, &pictures)?;

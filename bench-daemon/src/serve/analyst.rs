@@ -54,6 +54,7 @@ async fn one(server: &Server, analysis: &Analysis) {
             one.progress.done = Some(1.0);
         }
     });
+    server.catalog.refresh_analysis(&analysis.id);
 }
 
 /// Runs the process; gives a remark on its results.

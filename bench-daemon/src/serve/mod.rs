@@ -15,6 +15,7 @@ pub mod analyses;
 pub mod analyst;
 pub mod audit;
 pub mod capture;
+pub mod catalog;
 pub mod draft;
 pub mod find;
 pub mod follow;
@@ -105,6 +106,10 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     std::thread::Builder::new()
         .name("analyst".to_owned())
         .spawn(move || of_analyst.block_on(analyst::work(analyst)))?;
+    let keeper = server.catalog.clone();
+    std::thread::Builder::new()
+        .name("catalog".to_owned())
+        .spawn(move || keeper.work())?;
     std::thread::Builder::new()
         .name("investigator".to_owned())
         .spawn(move || of_player.block_on(investigator::work(player)))?;
@@ -131,6 +136,7 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
         () = stop.requested() => {}
     }
     server.analyses.end();
+    server.catalog.end();
     notify.say("STOPPING=1");
     tracing::info!("stopping; runs in work go on by themselves");
     server.hub.close();

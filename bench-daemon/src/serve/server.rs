@@ -4,7 +4,7 @@ use std::{
     collections::BTreeMap,
     path::PathBuf,
     sync::{
-        Mutex, MutexGuard, PoisonError,
+        Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicU64, Ordering},
     },
 };
@@ -14,6 +14,7 @@ use instruments::clock::{self, Clock, TimeMode};
 use super::{
     analyses::Analyses,
     audit::Audit,
+    catalog::CatalogKeeper,
     find::{Finder, Places},
     hub::Hub,
     live::{Live, StopReport},
@@ -59,6 +60,8 @@ pub struct Server {
     pub notebook: Notebook,
     /// Cards of runs that have ended.
     pub finder: Finder,
+    /// The catalogue of runs and diagnoses.
+    pub catalog: Arc<CatalogKeeper>,
     queue: Mutex<Queue>,
     shelf: Mutex<()>,
     live: Mutex<BTreeMap<String, Live>>,
@@ -137,6 +140,7 @@ impl Server {
             sessions: Sessions::default(),
             notebook: Notebook::of(&settings.data),
             finder: Finder::default(),
+            catalog: Arc::new(CatalogKeeper::of(&settings.data)),
             queue: Mutex::new(queue),
             shelf: Mutex::default(),
             live: Mutex::new(live.collect()),

@@ -206,6 +206,7 @@ impl SupervisedBench {
         {
             tracing::error!("{error}");
         }
+        server.catalog.refresh_run(&item.run);
         server.hub.tell("run", &job);
         server.tell_queue();
     }

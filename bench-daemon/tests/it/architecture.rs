@@ -11,7 +11,7 @@ fn manifest(krate: &str) -> toml::Table {
 }
 
 /// Folders of the crates, each after those that it may depend on.
-const FOLDERS: [&str; 20] = [
+const FOLDERS: [&str; 21] = [
     "analysis/numeric",
     "analysis/plot",
     "analysis/signal",
@@ -21,6 +21,7 @@ const FOLDERS: [&str; 20] = [
     "analysis/forward",
     "analysis/files",
     "analysis/diagnosis",
+    "analysis/catalog",
     "analysis",
     "instruments/domain",
     "instruments/scpi",
@@ -97,9 +98,14 @@ fn the_arrows_between_the_crates_are_these_and_no_others() {
         ("analysis-diagnosis", "analysis-numeric"),
         ("analysis-diagnosis", "analysis-plot"),
         ("analysis-diagnosis", "analysis-signal"),
+        ("analysis-catalog", "analysis-files"),
+        ("analysis-catalog", "analysis-fit"),
+        ("analysis-catalog", "analysis-plot"),
+        ("analysis-catalog", "analysis-signal"),
         // Tests of fits read files of others and simulate.
         ("analysis-fit", "analysis-files"),
         ("analysis-fit", "analysis-forward"),
+        ("analysis", "analysis-catalog"),
         ("analysis", "analysis-diagnosis"),
         ("analysis", "analysis-effects"),
         ("analysis", "analysis-files"),
@@ -235,13 +241,14 @@ fn hidden_cases_name_nothing_of_the_analysis() {
     assert!(read > 10, "{read} files");
 }
 
-/// Libraries that only one crate may use: tables of files by polars, pictures by plotters, serial
-/// ports by tokio-serial, the device side of SCPI by scpi.
+/// Libraries that only one crate may use: tables of files by polars, pictures by plotters,
+/// catalogues by rusqlite, serial ports by tokio-serial, the device side of SCPI by scpi.
 #[test]
 fn some_libraries_have_one_user_each() {
     for (library, user) in [
         ("polars", "analysis/files"),
         ("plotters", "analysis/plot"),
+        ("rusqlite", "analysis/catalog"),
         ("tokio-serial", "instruments/link"),
         ("scpi", "instruments/mock"),
     ] {

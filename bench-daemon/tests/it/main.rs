@@ -17,6 +17,7 @@ mod bench_lease;
 mod benches;
 mod book;
 mod campaign;
+mod catalog;
 mod commands;
 mod configuration;
 mod convert;

@@ -5,6 +5,7 @@
 //! killed goes on where it was, and puts them together into one Parquet or CSV table. [`read_models`]
 //! takes the models out of such a table again.
 
+mod any_table;
 mod columns;
 mod csv;
 mod error;
@@ -18,6 +19,7 @@ mod written;
 #[cfg(test)]
 mod tests;
 
+pub use any_table::{Cells, TableColumn, csv_text, write_table};
 pub use error::BatchError;
 pub use long_form::{LongForm, TableSpectrum};
 pub use models::{TableModel, is_table_of_models, read_models};

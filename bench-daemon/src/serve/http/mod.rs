@@ -6,6 +6,7 @@ mod aside;
 pub mod benches;
 mod body;
 pub mod caller;
+pub mod catalog;
 mod connection;
 pub mod events;
 pub mod find;
@@ -89,6 +90,10 @@ pub fn router(app: &App) -> Router {
         .route("/runs/{run}/models", get(find::models))
         .route("/runs/{run}/capture", get(find::capture))
         .route("/spectra/read", post(imported::read))
+        .route("/catalog/runs", get(catalog::runs))
+        .route("/catalog/spectra", get(catalog::spectra))
+        .route("/catalog/cells", get(catalog::cells))
+        .route("/catalog/ageing", get(catalog::ageing))
         .route("/cells", get(find::cells))
         .route("/cells/{cell}", get(find::cell))
         .route(

@@ -11,8 +11,8 @@ use utoipa::{
 };
 
 use super::{
-    analyses, benches, events, find, imported, investigations, metrics, notices, pack, problem,
-    queue, runs, session, shelf,
+    analyses, benches, catalog, events, find, imported, investigations, metrics, notices, pack,
+    problem, queue, runs, session, shelf,
 };
 
 #[derive(OpenApi)]
@@ -61,6 +61,10 @@ use super::{
         find::models,
         find::capture,
         imported::read,
+        catalog::runs,
+        catalog::spectra,
+        catalog::cells,
+        catalog::ageing,
         find::cells,
         find::cell,
         find::cell_notes,

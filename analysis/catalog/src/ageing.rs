@@ -1,0 +1,235 @@
+//! A cell over its runs: series resistance, resistance at zero frequency and diffusion over time,
+//! each with its uncertainty.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use analysis_plot::{AxisSpec, Chart, Panel, Trace, TraceStyle};
+use serde::Serialize;
+
+use crate::{
+    Catalog, CatalogError,
+    query::{Filter, Order},
+    record::{CatalogFit, CatalogParameter, TimeSource},
+};
+
+/// Fits of a cell that are looked at, at most.
+const MOST_FITS: usize = 100_000;
+/// Effects whose parameters tell of diffusion, as the catalogue of effects names them.
+const DIFFUSION: [&str; 3] = ["diffusion", "warburg", "electrolyte_depletion"];
+/// Seconds of a day.
+const DAY_S: f64 = 86_400.0;
+/// Milliohms of an ohm.
+const MILLI: f64 = 1.0e3;
+
+/// A cell at a time.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct AgeingPoint {
+    /// The fit.
+    #[serde(flatten)]
+    pub fit: CatalogFit,
+    /// Parameters of diffusion that a diagnosis of the run names.
+    pub diffusion: Vec<CatalogParameter>,
+}
+
+/// A cell over its runs.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Ageing {
+    /// The cell, as it was asked for.
+    pub cell: String,
+    /// Number of RC pairs of the models, the same for all: only then do their numbers compare.
+    pub rc: Option<u32>,
+    /// Numbers of RC pairs that models of the cell have.
+    pub orders: Vec<u32>,
+    /// In the order of time.
+    pub points: Vec<AgeingPoint>,
+}
+
+impl Catalog {
+    /// A cell over its runs, by models of one order: `rc`, else the greatest that every run of the
+    /// cell has, else the one that most runs have. Of the conditions all but words and places
+    /// count.
+    ///
+    /// # Errors
+    /// [`CatalogError`].
+    pub fn ageing(&self, filter: &Filter, rc: Option<u32>) -> Result<Ageing, CatalogError> {
+        let all = Filter {
+            most: MOST_FITS,
+            ..filter.clone()
+        };
+        let orders = self.orders(&all)?;
+        let rc = match rc {
+            Some(rc) => Some(rc),
+            None => common_order(&orders, self.runs_with_fits(&all)?),
+        };
+        let fits = match rc {
+            Some(rc) => self.fits(&all, Some(rc))?,
+            None => Vec::new(),
+        };
+        let mut diffusion = self.diffusion()?;
+        let point = |fit: CatalogFit| AgeingPoint {
+            diffusion: diffusion.remove(&fit.run).unwrap_or_default(),
+            fit,
+        };
+        let points = fits.into_iter().map(point).collect();
+        let cell = filter.cell.as_ref().or(filter.serial.as_ref());
+        Ok(Ageing {
+            cell: cell.cloned().unwrap_or_default(),
+            rc,
+            orders: orders.iter().map(|order| order.rc).collect(),
+            points,
+        })
+    }
+
+    /// Parameters of diffusion that diagnoses name, by run.
+    fn diffusion(&self) -> Result<BTreeMap<String, Vec<CatalogParameter>>, CatalogError> {
+        let mut all: BTreeMap<String, Vec<CatalogParameter>> = BTreeMap::new();
+        for one in self.diagnoses_of_runs()? {
+            let is_diffusion = |one: &CatalogParameter| DIFFUSION.contains(&one.effect.as_str());
+            let named = one.parameters.into_iter().filter(is_diffusion);
+            all.entry(one.run.unwrap_or_default())
+                .or_default()
+                .extend(named);
+        }
+        Ok(all)
+    }
+}
+
+/// The greatest order that every run has; else the one that most runs have, the greatest of those.
+fn common_order(orders: &[Order], runs: u32) -> Option<u32> {
+    let of_all = orders.iter().rev().find(|order| order.runs == runs);
+    let of_most = || orders.iter().max_by_key(|order| (order.runs, order.rc));
+    of_all.or_else(of_most).map(|order| order.rc)
+}
+
+/// A quantity over the points; none where it is not known.
+struct Quantity {
+    name: String,
+    colour: usize,
+    values: Vec<Option<Value>>,
+}
+
+/// A value with its uncertainty.
+#[derive(Debug, Clone, Copy)]
+struct Value {
+    value: f64,
+    sigma: Option<f64>,
+}
+
+impl Value {
+    fn scaled(value: f64, sigma: Option<f64>, factor: f64) -> Self {
+        Self {
+            value: factor * value,
+            sigma: sigma.map(|sigma| factor * sigma),
+        }
+    }
+}
+
+impl Ageing {
+    /// A chart of the points over the days since the first, one panel for each quantity, with bars
+    /// of one standard uncertainty.
+    pub fn chart(&self) -> Chart {
+        let first = self
+            .points
+            .first()
+            .map_or(0.0, |one| one.fit.started_unix_s);
+        let days: Vec<f64> = self
+            .points
+            .iter()
+            .map(|one| (one.fit.started_unix_s - first) / DAY_S)
+            .collect();
+        let quantities = self.quantities();
+        let known = quantities
+            .iter()
+            .filter(|quantity| quantity.values.iter().any(Option::is_some));
+        let panels = known.map(|quantity| quantity.panel(&days)).collect();
+        let of_files = self
+            .points
+            .iter()
+            .any(|one| one.fit.time_source == TimeSource::File);
+        let remark = match of_files {
+            true => "; runs in virtual time stand at the time of their files",
+            false => "",
+        };
+        let subtitle = match self.rc {
+            Some(rc) => format!(
+                "{} models with {rc} RC pairs; bars are one standard uncertainty{remark}",
+                self.points.len()
+            ),
+            None => String::new(),
+        };
+        Chart::new(&format!("Ageing of {}", self.cell), &subtitle, panels)
+    }
+
+    fn quantities(&self) -> Vec<Quantity> {
+        let over = |name: &str, colour, of: &dyn Fn(&CatalogFit) -> Option<Value>| Quantity {
+            name: name.to_owned(),
+            colour,
+            values: self.points.iter().map(|one| of(&one.fit)).collect(),
+        };
+        let milli = |value, sigma| Value::scaled(value, sigma, MILLI);
+        let mut all = vec![
+            over("R / mΩ", 0, &|fit| Some(milli(fit.r_ohm, fit.r_sigma_ohm))),
+            over("DC resistance / mΩ", 1, &|fit| {
+                Some(milli(fit.dc_resistance_ohm, fit.dc_resistance_sigma_ohm))
+            }),
+            over("slowest pair R / mΩ", 2, &|fit| {
+                Some(milli(fit.slow_r_ohm?, fit.slow_r_sigma_ohm))
+            }),
+            over("slowest pair τ / s", 3, &|fit| {
+                Some(Value::scaled(fit.slow_tau_s?, fit.slow_tau_sigma_s, 1.0))
+            }),
+        ];
+        all.extend(self.of_diagnoses());
+        all
+    }
+
+    /// Quantities of diffusion that diagnoses tell, by effect and parameter.
+    fn of_diagnoses(&self) -> Vec<Quantity> {
+        let named: BTreeSet<(&str, &str, &str)> = self
+            .points
+            .iter()
+            .flat_map(|one| &one.diffusion)
+            .map(|one| (one.effect.as_str(), one.name.as_str(), one.unit.as_str()))
+            .collect();
+        let quantity = |(index, (effect, name, unit)): (usize, (&str, &str, &str))| {
+            let of = |point: &AgeingPoint| {
+                let mut all = point.diffusion.iter();
+                let one = all.find(|one| one.effect == effect && one.name == name)?;
+                Some(Value::scaled(one.value, one.sigma, 1.0))
+            };
+            Quantity {
+                name: format!("{effect} {name} / {unit}"),
+                colour: 4 + index,
+                values: self.points.iter().map(of).collect(),
+            }
+        };
+        named.into_iter().enumerate().map(quantity).collect()
+    }
+}
+
+impl Quantity {
+    fn panel(&self, days: &[f64]) -> Panel {
+        let known = days.iter().zip(&self.values);
+        let known: Vec<(f64, Value)> = known
+            .filter_map(|(day, value)| value.map(|value| (*day, value)))
+            .filter(|(_, value)| value.value.is_finite())
+            .collect();
+        let points = known
+            .iter()
+            .map(|(day, value)| (*day, value.value))
+            .collect();
+        let spread = known
+            .iter()
+            .map(|(_, value)| value.sigma.unwrap_or(f64::NAN));
+        let label = self.name.split(" / ").next().unwrap_or_default();
+        let trace = Trace::new(label, self.colour, TraceStyle::Points, points)
+            .with_spread(spread.collect());
+        Panel::new(
+            AxisSpec::linear("Time since the first run / d"),
+            AxisSpec::linear(&self.name),
+            vec![trace],
+        )
+    }
+}

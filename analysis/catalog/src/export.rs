@@ -1,0 +1,282 @@
+//! Tables of a catalogue for other programs: runs, fits, and spectra in long form.
+
+use std::path::Path;
+
+use analysis_files::{
+    batch::{Cells, TableColumn, write_table},
+    dataset::read_spectrum_csv,
+};
+use analysis_signal::spectrum::ImpedancePoint;
+use serde::Serialize;
+
+use crate::{
+    Catalog, CatalogError,
+    query::Filter,
+    record::{CatalogFit, CatalogRun, CatalogSpectrum},
+};
+
+/// Answers that are asked for at once.
+const PAGE: usize = 1000;
+/// Fits of a table, at most.
+const MOST_FITS: usize = 10_000_000;
+
+/// Result of an export.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+pub struct Exported {
+    /// Number of rows of the table.
+    pub rows: usize,
+    /// Spectra whose files cannot be read now, with the reason.
+    pub left_out: Vec<String>,
+}
+
+impl Catalog {
+    /// Every run that meets the conditions.
+    ///
+    /// # Errors
+    /// [`CatalogError`].
+    pub fn all_runs(&self, filter: &Filter) -> Result<Vec<CatalogRun>, CatalogError> {
+        let mut page = Filter {
+            most: PAGE,
+            ..filter.clone()
+        };
+        let mut all = Vec::new();
+        loop {
+            let found = self.runs(&page)?;
+            all.extend(found.runs);
+            page.after = found.after;
+            if page.after.is_none() {
+                return Ok(all);
+            }
+        }
+    }
+
+    /// Every spectrum that meets the conditions.
+    ///
+    /// # Errors
+    /// [`CatalogError`].
+    pub fn all_spectra(&self, filter: &Filter) -> Result<Vec<CatalogSpectrum>, CatalogError> {
+        let mut page = Filter {
+            most: PAGE,
+            ..filter.clone()
+        };
+        let mut all = Vec::new();
+        loop {
+            let found = self.spectra(&page)?;
+            all.extend(found.spectra);
+            page.after = found.after;
+            if page.after.is_none() {
+                return Ok(all);
+            }
+        }
+    }
+
+    /// Writes runs as a table: Parquet for a file named `.parquet`, else CSV.
+    ///
+    /// # Errors
+    /// [`CatalogError`].
+    pub fn export_runs(&self, path: &Path, filter: &Filter) -> Result<Exported, CatalogError> {
+        let runs = self.all_runs(filter)?;
+        write_table(path, &run_columns(&runs))?;
+        Ok(Exported {
+            rows: runs.len(),
+            left_out: Vec::new(),
+        })
+    }
+
+    /// Writes fits as a table.
+    ///
+    /// # Errors
+    /// [`CatalogError`].
+    pub fn export_fits(&self, path: &Path, filter: &Filter) -> Result<Exported, CatalogError> {
+        let all = Filter {
+            most: MOST_FITS,
+            ..filter.clone()
+        };
+        let fits = self.fits(&all, None)?;
+        write_table(path, &fit_columns(&fits))?;
+        Ok(Exported {
+            rows: fits.len(),
+            left_out: Vec::new(),
+        })
+    }
+
+    /// Writes spectra in long form, one row for each point, read from their run folders now: the
+    /// table that `eis-bench fit` takes, with cell, bench and circumstances beside each point.
+    ///
+    /// # Errors
+    /// [`CatalogError`].
+    pub fn export_spectra(&self, path: &Path, filter: &Filter) -> Result<Exported, CatalogError> {
+        let (mut rows, mut left_out) = (Vec::new(), Vec::new());
+        for spectrum in self.all_spectra(filter)? {
+            let folder = self.folder_of(&spectrum.run)?;
+            match read_spectrum_csv(&Path::new(&folder).join(&spectrum.file)) {
+                Ok(points) => rows.push(Points { spectrum, points }),
+                Err(error) => left_out.push(error.to_string()),
+            }
+        }
+        write_table(path, &point_columns(&rows))?;
+        Ok(Exported {
+            rows: rows.iter().map(|one| one.points.len()).sum(),
+            left_out,
+        })
+    }
+
+    fn folder_of(&self, run: &str) -> Result<String, CatalogError> {
+        let key = [rusqlite::types::Value::Text(run.to_owned())];
+        let folders = self.ask("SELECT folder FROM run WHERE run = ?1", &key, |row| {
+            row.get(0)
+        })?;
+        Ok(folders.into_iter().next().unwrap_or_default())
+    }
+}
+
+/// A spectrum with its points.
+struct Points {
+    spectrum: CatalogSpectrum,
+    points: Vec<ImpedancePoint>,
+}
+
+fn texts<T>(name: &'static str, rows: &[T], of: impl Fn(&T) -> Option<String>) -> TableColumn {
+    TableColumn {
+        name,
+        cells: Cells::Texts(rows.iter().map(of).collect()),
+    }
+}
+
+fn numbers<T>(name: &'static str, rows: &[T], of: impl Fn(&T) -> Option<f64>) -> TableColumn {
+    TableColumn {
+        name,
+        cells: Cells::Numbers(rows.iter().map(of).collect()),
+    }
+}
+
+fn counts<T>(name: &'static str, rows: &[T], of: impl Fn(&T) -> u32) -> TableColumn {
+    TableColumn {
+        name,
+        cells: Cells::Counts(rows.iter().map(of).collect()),
+    }
+}
+
+/// The columns of a table of runs; several cells stand in one field, with `; ` between them.
+pub fn run_columns(runs: &[CatalogRun]) -> Vec<TableColumn> {
+    let cells = |run: &CatalogRun, of: fn(&crate::record::CatalogCell) -> Option<&String>| {
+        let all: Vec<&str> = run
+            .cells
+            .iter()
+            .filter_map(of)
+            .map(String::as_str)
+            .collect();
+        Some(all.join("; ")).filter(|text| !text.is_empty())
+    };
+    vec![
+        texts("run", runs, |run| Some(run.run.clone())),
+        texts("name", runs, |run| Some(run.name.clone())),
+        texts("cells", runs, |run| cells(run, |cell| Some(&cell.name))),
+        texts("serials", runs, |run| {
+            cells(run, |cell| cell.serial.as_ref())
+        }),
+        texts("scanned_serials", runs, |run| {
+            cells(run, |cell| cell.scanned_serial.as_ref())
+        }),
+        texts("bench", runs, |run| Some(run.bench.clone())),
+        texts("experiment", runs, |run| Some(run.experiment.clone())),
+        texts("operator", runs, |run| run.operator.clone()),
+        numbers("started_unix_s", runs, |run| Some(run.started_unix_s)),
+        texts("time_source", runs, |run| {
+            Some(run.time_source.label().to_owned())
+        }),
+        numbers("bench_time_s", runs, |run| Some(run.bench_time_s)),
+        texts("verdict", runs, |run| Some(run.verdict.label().to_owned())),
+        texts("how", runs, |run| run.how.clone()),
+        texts("trip", runs, |run| run.trip.clone()),
+        counts("resumed", runs, |run| run.resumed),
+        counts("spectra", runs, |run| run.spectra),
+        counts("refused_points", runs, |run| run.refused_points),
+        counts("fits", runs, |run| run.fits),
+        counts("simulated", runs, |run| u32::from(run.simulated)),
+        counts("missing", runs, |run| u32::from(run.missing)),
+        texts("version", runs, |run| Some(run.version.clone())),
+        texts("config_sha256", runs, |run| run.config_sha256.clone()),
+        texts("content_sha256", runs, |run| run.content_sha256.clone()),
+        texts("folder", runs, |run| Some(run.folder.clone())),
+    ]
+}
+
+/// The columns of a table of fits.
+pub fn fit_columns(fits: &[CatalogFit]) -> Vec<TableColumn> {
+    vec![
+        texts("run", fits, |fit| Some(fit.run.clone())),
+        texts("name", fits, |fit| Some(fit.name.clone())),
+        texts("file", fits, |fit| Some(fit.file.clone())),
+        texts("cell", fits, |fit| Some(fit.cell.clone())),
+        texts("bench", fits, |fit| Some(fit.bench.clone())),
+        numbers("started_unix_s", fits, |fit| Some(fit.started_unix_s)),
+        texts("time_source", fits, |fit| {
+            Some(fit.time_source.label().to_owned())
+        }),
+        numbers("temperature_c", fits, |fit| fit.temperature_c),
+        numbers("ocv_v", fits, |fit| fit.ocv_v),
+        counts("rc", fits, |fit| fit.rc),
+        numbers("r_ohm", fits, |fit| Some(fit.r_ohm)),
+        numbers("r_sigma_ohm", fits, |fit| fit.r_sigma_ohm),
+        numbers("dc_resistance_ohm", fits, |fit| Some(fit.dc_resistance_ohm)),
+        numbers("dc_resistance_sigma_ohm", fits, |fit| {
+            fit.dc_resistance_sigma_ohm
+        }),
+        numbers("slow_r_ohm", fits, |fit| fit.slow_r_ohm),
+        numbers("slow_r_sigma_ohm", fits, |fit| fit.slow_r_sigma_ohm),
+        numbers("slow_tau_s", fits, |fit| fit.slow_tau_s),
+        numbers("slow_tau_sigma_s", fits, |fit| fit.slow_tau_sigma_s),
+        numbers("rms_ohm", fits, |fit| Some(fit.rms_ohm)),
+        numbers("reduced_chi2", fits, |fit| fit.reduced_chi2),
+        counts("points", fits, |fit| fit.points),
+    ]
+}
+
+fn point_columns(rows: &[Points]) -> Vec<TableColumn> {
+    let number = |name, of: &dyn Fn(&ImpedancePoint) -> f64| {
+        let all = rows.iter().flat_map(|one| &one.points);
+        TableColumn {
+            name,
+            cells: Cells::Numbers(all.map(|point| Some(of(point))).collect()),
+        }
+    };
+    let circumstance = |name, of: &dyn Fn(&CatalogSpectrum) -> Option<f64>| {
+        let all = rows
+            .iter()
+            .flat_map(|one| std::iter::repeat_n(of(&one.spectrum), one.points.len()));
+        TableColumn {
+            name,
+            cells: Cells::Numbers(all.collect()),
+        }
+    };
+    let text = |name, of: &dyn Fn(&CatalogSpectrum) -> String| {
+        let all = rows
+            .iter()
+            .flat_map(|one| std::iter::repeat_n(Some(of(&one.spectrum)), one.points.len()));
+        TableColumn {
+            name,
+            cells: Cells::Texts(all.collect()),
+        }
+    };
+    vec![
+        text("spectrum_id", &|one| {
+            format!("{}/{}", one.run, one.file.trim_end_matches(".csv"))
+        }),
+        number("freq_hz", &|point| point.freq_hz),
+        number("z_re_ohm", &|point| point.z_ohm.re),
+        number("z_im_ohm", &|point| point.z_ohm.im),
+        number("sigma_re_ohm", &|point| point.covariance.re_re.sqrt()),
+        number("sigma_im_ohm", &|point| point.covariance.im_im.sqrt()),
+        number("cov_re_im_ohm2", &|point| point.covariance.re_im),
+        number("amplitude_a", &|point| point.amplitude_a),
+        text("run", &|one| one.run.clone()),
+        text("name", &|one| one.name.clone()),
+        text("cell", &|one| one.cell.clone()),
+        text("bench", &|one| one.bench.clone()),
+        circumstance("started_unix_s", &|one| Some(one.started_unix_s)),
+        text("time_source", &|one| one.time_source.label().to_owned()),
+        circumstance("ocv_v", &|one| one.ocv_v),
+        circumstance("temperature_c", &|one| one.temperature_c),
+    ]
+}

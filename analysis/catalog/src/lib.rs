@@ -1,0 +1,26 @@
+//! Catalogue of run folders: runs, cells, spectra, fits, diagnoses and trips, asked across runs.
+//!
+//! [`Catalog::scan`] reads run folders into one SQLite file, [`Catalog::open`] opens it for
+//! questions. The run folders stay the only truth: a catalogue may be deleted at any time, and one
+//! that is built again gives the same answers. Nothing here writes into a run folder.
+//!
+//! In reading order: [`record`] (what a run folder tells), `folder` and `journal` (how it is read),
+//! `schema` (tables), `catalog` (the file), `store` (records into tables), `walk` and [`scan`],
+//! [`query`], [`ageing`], [`export`].
+
+pub mod ageing;
+mod catalog;
+mod error;
+pub mod export;
+mod folder;
+mod journal;
+pub mod query;
+pub mod record;
+pub mod scan;
+mod schema;
+mod store;
+mod walk;
+
+pub use catalog::Catalog;
+pub use error::CatalogError;
+pub use schema::VERSION;

@@ -1,0 +1,352 @@
+//! What a run folder tells, as the catalogue holds it.
+
+use serde::{Deserialize, Serialize};
+
+/// How much a run may be believed, in a word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum CatalogVerdict {
+    /// Finished; no point was refused.
+    Good,
+    /// Finished, with refused points or a state of charge that was missed.
+    Doubtful,
+    /// Ended before it was finished.
+    Failed,
+    /// Its journal tells no end: it goes on, or its process has died.
+    Unfinished,
+    /// A file of its folder cannot be read.
+    Damaged,
+}
+
+impl CatalogVerdict {
+    /// Every verdict.
+    pub const ALL: [Self; 5] = [
+        Self::Good,
+        Self::Doubtful,
+        Self::Failed,
+        Self::Unfinished,
+        Self::Damaged,
+    ];
+
+    /// Its word in tables and answers.
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Good => "good",
+            Self::Doubtful => "doubtful",
+            Self::Failed => "failed",
+            Self::Unfinished => "unfinished",
+            Self::Damaged => "damaged",
+        }
+    }
+
+    /// The verdict of a word.
+    pub fn of_word(word: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|one| one.label() == word)
+    }
+}
+
+/// Where the time of a run comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum TimeSource {
+    /// The manifest tells when the run began.
+    Clock,
+    /// The run was in virtual time, which has no calendar: the time of its file stands for it.
+    File,
+}
+
+impl TimeSource {
+    /// Its word in tables.
+    pub(crate) fn label(self) -> &'static str {
+        match self {
+            Self::Clock => "clock",
+            Self::File => "file",
+        }
+    }
+
+    /// The source of a word.
+    pub(crate) fn of_word(word: &str) -> Self {
+        match word {
+            "clock" => Self::Clock,
+            _ => Self::File,
+        }
+    }
+}
+
+/// A cell of a run.
+#[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct CatalogCell {
+    /// Its name: that of the specimen in a campaign, else that of the file of the cell.
+    pub name: String,
+    /// Its serial number, where the experiment tells it.
+    pub serial: Option<String>,
+    /// Serial number that a person read from the cell when it was put into the jig.
+    pub scanned_serial: Option<String>,
+    /// Name of the file of the cell: the type, where specimens have names of their own.
+    pub model: Option<String>,
+}
+
+/// A run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct CatalogRun {
+    /// Its identity: the first 16 digits of the SHA-256 of its folder's absolute path.
+    pub run: String,
+    /// Name of its folder.
+    pub name: String,
+    /// The folder.
+    pub folder: String,
+    /// The folder was not there in the last scan.
+    pub missing: bool,
+    /// Version of the program that measured.
+    pub version: String,
+    /// The experiment.
+    pub experiment: String,
+    /// The bench.
+    pub bench: String,
+    /// The cells.
+    pub cells: Vec<CatalogCell>,
+    /// Who asked for it or answered its questions; none where nobody is told.
+    pub operator: Option<String>,
+    /// Seed of simulation and searches.
+    pub seed: u64,
+    /// How bench time ran.
+    pub time: String,
+    /// It was on a simulated bench.
+    pub simulated: bool,
+    /// When it began, s since 1970.
+    pub started_unix_s: f64,
+    /// Where that time comes from.
+    pub time_source: TimeSource,
+    /// Bench time of its last manifest, s.
+    pub bench_time_s: f64,
+    /// How it ended, in words; none where its journal tells no end.
+    pub how: Option<String>,
+    /// The same in a word.
+    pub verdict: CatalogVerdict,
+    /// Message of the interlock that ended it; none where it did not trip.
+    pub trip: Option<String>,
+    /// How often it was resumed.
+    pub resumed: u32,
+    /// Number of its corrected spectra of a cell.
+    pub spectra: u32,
+    /// Number of points that its quality gate refused.
+    pub refused_points: u32,
+    /// Number of its fitted models.
+    pub fits: u32,
+    /// SHA-256 of its configuration.
+    pub config_sha256: Option<String>,
+    /// SHA-256 of its list of hashes, which stands for the whole folder; none before it is written.
+    pub content_sha256: Option<String>,
+    /// Files that cannot be read, with the reason.
+    pub damage: Vec<String>,
+}
+
+/// A spectrum of a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct CatalogSpectrum {
+    /// Identity of the run.
+    pub run: String,
+    /// Name of its folder.
+    pub name: String,
+    /// File in the run folder.
+    pub file: String,
+    /// The bench.
+    pub bench: String,
+    /// The cell.
+    pub cell: String,
+    /// What was in the jig: `cell`, or the control.
+    pub fixture: String,
+    /// The harness is corrected.
+    pub corrected: bool,
+    /// Number of the repeat, from 1.
+    pub repeat: u32,
+    /// When it began, s since 1970.
+    pub started_unix_s: f64,
+    /// Where that time comes from.
+    pub time_source: TimeSource,
+    /// Amplitude of the current as commanded, A.
+    pub amplitude_a: f64,
+    /// Voltage at rest before it, V.
+    pub ocv_v: Option<f64>,
+    /// Temperature of the cell's surface, °C.
+    pub temperature_c: Option<f64>,
+    /// Number of its points.
+    pub points: u32,
+    /// Number of points that the quality gate refused.
+    pub refused_points: u32,
+    /// Lowest frequency, Hz.
+    pub low_hz: Option<f64>,
+    /// Highest frequency, Hz.
+    pub high_hz: Option<f64>,
+    /// Real part where the imaginary part changes its sign, else at the highest frequency, Ω.
+    pub r_high_ohm: Option<f64>,
+    /// Its standard uncertainty, Ω.
+    pub r_high_sigma_ohm: Option<f64>,
+    /// Real part at the lowest frequency, Ω.
+    pub r_low_ohm: Option<f64>,
+    /// Its standard uncertainty, Ω.
+    pub r_low_sigma_ohm: Option<f64>,
+}
+
+/// A fitted model of a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct CatalogFit {
+    /// Identity of the run.
+    pub run: String,
+    /// Name of its folder.
+    pub name: String,
+    /// File in the run folder.
+    pub file: String,
+    /// The bench.
+    pub bench: String,
+    /// The cell; the type of the cells where the model is that of several.
+    pub cell: String,
+    /// Number of RC pairs.
+    pub rc: u32,
+    /// When the run began, s since 1970.
+    pub started_unix_s: f64,
+    /// Where that time comes from.
+    pub time_source: TimeSource,
+    /// Temperature of the cell's surface before its first spectrum, °C.
+    pub temperature_c: Option<f64>,
+    /// Voltage at rest before its first spectrum, V.
+    pub ocv_v: Option<f64>,
+    /// Series resistance, Ω.
+    pub r_ohm: f64,
+    /// Its standard uncertainty, Ω.
+    pub r_sigma_ohm: Option<f64>,
+    /// Resistance at zero frequency, Ω.
+    pub dc_resistance_ohm: f64,
+    /// Its standard uncertainty, Ω.
+    pub dc_resistance_sigma_ohm: Option<f64>,
+    /// Resistance of the slowest RC pair, in which diffusion shows first, Ω.
+    pub slow_r_ohm: Option<f64>,
+    /// Its standard uncertainty, Ω.
+    pub slow_r_sigma_ohm: Option<f64>,
+    /// Time constant of that pair, s.
+    pub slow_tau_s: Option<f64>,
+    /// Its standard uncertainty, s.
+    pub slow_tau_sigma_s: Option<f64>,
+    /// Time constants of all pairs, s.
+    pub time_constants_s: Vec<f64>,
+    /// Root mean square of what the model leaves, Ω.
+    pub rms_ohm: f64,
+    /// χ² per degree of freedom.
+    pub reduced_chi2: Option<f64>,
+    /// Number of points fitted.
+    pub points: u32,
+}
+
+/// Kind of an event that the catalogue keeps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum CatalogEventKind {
+    /// The interlock ended the run.
+    Trip,
+    /// The run went on after its process had ended.
+    Resumed,
+    /// A person confirmed a change of the fixture.
+    Answered,
+    /// The run ended.
+    Ended,
+}
+
+impl CatalogEventKind {
+    /// Its word in tables and answers.
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Trip => "trip",
+            Self::Resumed => "resumed",
+            Self::Answered => "answered",
+            Self::Ended => "ended",
+        }
+    }
+
+    /// The kind of a word.
+    pub(crate) fn of_word(word: &str) -> Self {
+        match word {
+            "trip" => Self::Trip,
+            "resumed" => Self::Resumed,
+            "answered" => Self::Answered,
+            _ => Self::Ended,
+        }
+    }
+}
+
+/// An event of a run: what was done to it by a person, and how it ended.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct CatalogEvent {
+    /// Number of its line in the journal.
+    pub line: u64,
+    /// Bench time, s.
+    pub time_s: f64,
+    /// Its kind.
+    pub kind: CatalogEventKind,
+    /// In words.
+    pub text: String,
+    /// Who acted; none where nobody is told.
+    pub by: Option<String>,
+}
+
+/// A diagnosis of a run or of a data set.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct CatalogDiagnosis {
+    /// Its folder.
+    pub folder: String,
+    /// Identity of the run that it is of; none where that cannot be told.
+    pub run: Option<String>,
+    /// Name of the data set.
+    pub data_set: String,
+    /// Name of the model.
+    pub model: String,
+    /// The verdict, as the file has it.
+    pub verdict: String,
+    /// The verdict in words.
+    pub summary: String,
+    /// Parameters of the effects that it names.
+    pub parameters: Vec<CatalogParameter>,
+    /// Why it cannot be read; none where it can.
+    pub damage: Option<String>,
+}
+
+/// A parameter of an effect that a diagnosis names.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct CatalogParameter {
+    /// Name of the effect.
+    pub effect: String,
+    /// Name of the parameter, with its unit.
+    pub name: String,
+    /// Its value, in its unit.
+    pub value: f64,
+    /// Its standard uncertainty, in the same unit.
+    pub sigma: Option<f64>,
+    /// The unit.
+    pub unit: String,
+}
+
+/// All that a run folder tells.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Folder {
+    /// The run.
+    pub(crate) run: CatalogRun,
+    /// State of its files, for the next scan.
+    pub(crate) stamp: String,
+    /// Identities of the instruments, as the manifest has them.
+    pub(crate) instruments: serde_json::Value,
+    /// Its spectra.
+    pub(crate) spectra: Vec<CatalogSpectrum>,
+    /// Its fits.
+    pub(crate) fits: Vec<CatalogFit>,
+    /// Its events.
+    pub(crate) events: Vec<CatalogEvent>,
+}

@@ -1,0 +1,88 @@
+//! Finds run folders and diagnoses below a folder.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use analysis_files::run_folder::DIAGNOSIS;
+
+use crate::folder::is_run;
+
+/// Folder of a diagnosis in a run folder, as its user may choose to name it.
+const DIAGNOSIS_FOLDER: &str = "diagnosis";
+
+/// A place that a scan reads.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Place {
+    /// The folder of a run.
+    Run(PathBuf),
+    /// The folder of a diagnosis.
+    Diagnosis(PathBuf),
+    /// A folder that cannot be looked into, with the reason.
+    Unreadable(String),
+}
+
+/// All places below folders, one after another. Links are not followed, and a run folder is not
+/// looked into beyond its own diagnosis.
+#[derive(Debug)]
+pub(crate) struct Walk {
+    open: Vec<PathBuf>,
+    ready: Vec<Place>,
+}
+
+impl Walk {
+    /// Begins at folders.
+    pub(crate) fn of(roots: &[PathBuf]) -> Self {
+        Self {
+            open: roots.to_vec(),
+            ready: Vec::new(),
+        }
+    }
+
+    fn look(&mut self, folder: PathBuf) {
+        let is_diagnosed = |folder: &Path| folder.join(DIAGNOSIS).is_file();
+        if is_diagnosed(&folder) {
+            self.ready.push(Place::Diagnosis(folder.clone()));
+        }
+        if !is_run(&folder) {
+            self.enter(&folder);
+            return;
+        }
+        let own = folder.join(DIAGNOSIS_FOLDER);
+        if is_diagnosed(&own) {
+            self.ready.push(Place::Diagnosis(own));
+        }
+        self.ready.push(Place::Run(folder));
+    }
+
+    fn enter(&mut self, folder: &Path) {
+        let entries = match fs::read_dir(folder) {
+            Ok(entries) => entries,
+            Err(error) => {
+                let reason = format!("{}: {error}", folder.display());
+                self.ready.push(Place::Unreadable(reason));
+                return;
+            }
+        };
+        let inner = entries.flatten().filter(|entry| {
+            let hidden = entry.file_name().as_encoded_bytes().starts_with(b".");
+            !hidden && entry.file_type().is_ok_and(|kind| kind.is_dir())
+        });
+        self.open.extend(inner.map(|entry| entry.path()));
+    }
+}
+
+impl Iterator for Walk {
+    type Item = Place;
+
+    fn next(&mut self) -> Option<Place> {
+        loop {
+            if let Some(place) = self.ready.pop() {
+                return Some(place);
+            }
+            let folder = self.open.pop()?;
+            self.look(folder);
+        }
+    }
+}

@@ -1,0 +1,251 @@
+//! Arguments of `catalog`.
+
+use std::path::PathBuf;
+
+use analysis::catalog::{query::Filter, record::CatalogVerdict};
+use clap::{Args, Subcommand, ValueEnum};
+use jiff::{Timestamp, civil::Date, tz::TimeZone};
+
+/// Arguments of `catalog`.
+#[derive(Debug, Args)]
+pub struct CatalogArgs {
+    #[command(subcommand)]
+    pub(super) act: Act,
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum Act {
+    /// Read run folders into a catalogue: new ones and changed ones only. Changes none of them.
+    Scan(ScanArgs),
+    /// List runs that meet every condition, the latest first.
+    Find(FindArgs),
+    /// List the cells that runs have measured.
+    Cells(CellsArgs),
+    /// Print all that is known of a run.
+    Show(ShowArgs),
+    /// Write spectra, runs or fits as one table.
+    Export(ExportArgs),
+    /// Print a cell over its runs: resistances and diffusion over time, with uncertainty.
+    Ageing(AgeingArgs),
+}
+
+#[derive(Debug, Args)]
+pub(super) struct ScanArgs {
+    /// The catalogue; made where it is not there.
+    #[arg(value_name = "DB")]
+    pub(super) catalog: PathBuf,
+    /// Folders with run folders at any depth [default: those of the scans before]
+    #[arg(value_name = "ROOT")]
+    pub(super) roots: Vec<PathBuf>,
+    /// Take runs out whose folders are not there any more, in the place of marking them.
+    #[arg(long)]
+    pub(super) forget_missing: bool,
+    /// Print JSON.
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+/// Conditions on runs and what they have measured.
+#[derive(Debug, Clone, Args)]
+pub(super) struct FilterArgs {
+    /// Name or serial number of a cell.
+    #[arg(long, value_name = "TEXT")]
+    cell: Option<String>,
+    /// Serial number of a cell, as the experiment tells it or a person read it.
+    #[arg(long, value_name = "TEXT")]
+    serial: Option<String>,
+    /// Name of a bench.
+    #[arg(long, value_name = "NAME")]
+    bench: Option<String>,
+    /// Begun at this time or later: 2026-11-28, 2026-11-28T12:00:00Z, or s since 1970.
+    #[arg(long, value_name = "TIME", value_parser = unix_s)]
+    from: Option<f64>,
+    /// Begun before this time.
+    #[arg(long, value_name = "TIME", value_parser = unix_s)]
+    to: Option<f64>,
+    /// Verdict of the run.
+    #[arg(long)]
+    verdict: Option<Verdict>,
+    /// Words in name, bench, experiment, operator, end or cells of the run.
+    #[arg(long, value_name = "WORDS")]
+    text: Option<String>,
+}
+
+/// Verdict of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Verdict {
+    /// Finished; no point was refused.
+    Good,
+    /// Finished, with refused points or a state of charge that was missed.
+    Doubtful,
+    /// Ended before it was finished.
+    Failed,
+    /// Its journal tells no end.
+    Unfinished,
+    /// A file of its folder cannot be read.
+    Damaged,
+}
+
+impl Verdict {
+    fn of_catalog(self) -> CatalogVerdict {
+        match self {
+            Self::Good => CatalogVerdict::Good,
+            Self::Doubtful => CatalogVerdict::Doubtful,
+            Self::Failed => CatalogVerdict::Failed,
+            Self::Unfinished => CatalogVerdict::Unfinished,
+            Self::Damaged => CatalogVerdict::Damaged,
+        }
+    }
+}
+
+impl FilterArgs {
+    /// The conditions, with a place to go on at, and a length.
+    pub(super) fn filter(&self, after: Option<String>, most: usize) -> Filter {
+        Filter {
+            cell: self.cell.clone(),
+            serial: self.serial.clone(),
+            bench: self.bench.clone(),
+            from_unix_s: self.from,
+            to_unix_s: self.to,
+            verdict: self.verdict.map(Verdict::of_catalog),
+            text: self.text.clone(),
+            after,
+            most,
+        }
+    }
+
+    /// Whether no cell is named.
+    pub(super) fn names_no_cell(&self) -> bool {
+        self.cell.is_none() && self.serial.is_none()
+    }
+}
+
+#[derive(Debug, Args)]
+pub(super) struct FindArgs {
+    /// The catalogue.
+    #[arg(value_name = "DB")]
+    pub(super) catalog: PathBuf,
+    #[command(flatten)]
+    pub(super) filter: FilterArgs,
+    /// Go on behind the last answer: the text that it ended with.
+    #[arg(long, value_name = "TEXT")]
+    pub(super) after: Option<String>,
+    /// At most so many.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub(super) most: usize,
+    /// Print JSON.
+    #[arg(long, conflicts_with = "csv")]
+    pub(super) json: bool,
+    /// Print CSV.
+    #[arg(long)]
+    pub(super) csv: bool,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct CellsArgs {
+    /// The catalogue.
+    #[arg(value_name = "DB")]
+    pub(super) catalog: PathBuf,
+    #[command(flatten)]
+    pub(super) filter: FilterArgs,
+    /// Go on behind the last answer: the text that it ended with.
+    #[arg(long, value_name = "TEXT")]
+    pub(super) after: Option<String>,
+    /// At most so many.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub(super) most: usize,
+    /// Print JSON.
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct ShowArgs {
+    /// The catalogue.
+    #[arg(value_name = "DB")]
+    pub(super) catalog: PathBuf,
+    /// Identity, folder or name of the run.
+    #[arg(value_name = "RUN")]
+    pub(super) run: String,
+    /// Print JSON.
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+/// What is exported.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum Table {
+    /// Corrected spectra of cells in long form: one row for each point.
+    Spectra,
+    /// Runs.
+    Runs,
+    /// Fitted models.
+    Fits,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct ExportArgs {
+    /// The catalogue.
+    #[arg(value_name = "DB")]
+    pub(super) catalog: PathBuf,
+    /// The table: Parquet where its name ends in `.parquet`, else CSV.
+    #[arg(long, value_name = "FILE")]
+    pub(super) out: PathBuf,
+    /// What it holds.
+    #[arg(long, default_value = "spectra")]
+    pub(super) table: Table,
+    #[command(flatten)]
+    pub(super) filter: FilterArgs,
+    /// Print JSON.
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct AgeingArgs {
+    /// The catalogue.
+    #[arg(value_name = "DB")]
+    pub(super) catalog: PathBuf,
+    #[command(flatten)]
+    pub(super) filter: FilterArgs,
+    /// Number of RC pairs of the models [default: the greatest that every run of the cell has]
+    #[arg(long, value_name = "N")]
+    pub(super) rc: Option<u32>,
+    /// Write `ageing.csv`, `ageing.svg` and `ageing.png` into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub(super) out: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+/// A time as a person writes it, s since 1970. A date alone is its beginning in UTC.
+fn unix_s(text: &str) -> Result<f64, String> {
+    if let Ok(seconds) = text.parse::<f64>()
+        && seconds.is_finite()
+    {
+        return Ok(seconds);
+    }
+    let date = || {
+        let date: Date = text.parse().ok()?;
+        Some(date.to_zoned(TimeZone::UTC).ok()?.timestamp())
+    };
+    let time = text.parse::<Timestamp>().ok().or_else(date);
+    time.map(|time| time.as_millisecond() as f64 / 1.0e3)
+        .ok_or_else(|| {
+            "expected a time as 2026-11-28, 2026-11-28T12:00:00Z or s since 1970".to_owned()
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_dates_or_seconds() {
+        assert_eq!(unix_s("12.5"), Ok(12.5));
+        assert_eq!(unix_s("1970-01-02"), Ok(86_400.0));
+        assert_eq!(unix_s("1970-01-01T01:00:00Z"), Ok(3_600.0));
+        assert!(unix_s("yesterday").is_err() && unix_s("inf").is_err());
+    }
+}

@@ -1,0 +1,178 @@
+//! Answers of a catalogue in words.
+
+use analysis::catalog::{
+    ageing::Ageing,
+    query::{CellFound, RunShown},
+    record::{CatalogCell, CatalogRun, TimeSource},
+};
+
+use analysis::run_folder::SUMS;
+
+use crate::support::{
+    present::{significant, utc},
+    terminal::say,
+};
+
+/// Digits of a resistance in a table.
+const DIGITS: i32 = 4;
+
+/// A time, with a mark where only the file tells it.
+fn time(unix_s: f64, source: TimeSource) -> String {
+    let mark = match source {
+        TimeSource::Clock => ' ',
+        TimeSource::File => '~',
+    };
+    format!("{mark}{}", utc(unix_s))
+}
+
+fn named(cell: &CatalogCell) -> String {
+    let serial = cell.serial.as_ref().or(cell.scanned_serial.as_ref());
+    match serial {
+        Some(serial) => format!("{} ({serial})", cell.name),
+        None => cell.name.clone(),
+    }
+}
+
+fn cells_of(run: &CatalogRun) -> String {
+    run.cells.iter().map(named).collect::<Vec<_>>().join(", ")
+}
+
+/// Runs, a line each.
+pub(super) fn runs(runs: &[CatalogRun]) {
+    for run in runs {
+        let missing = if run.missing { ", missing" } else { "" };
+        say!(
+            "{}  {}  {:<10} {}  {}  {}  {} spectra{missing}",
+            run.run,
+            time(run.started_unix_s, run.time_source),
+            run.verdict.label(),
+            run.bench,
+            run.name,
+            cells_of(run),
+            run.spectra
+        );
+    }
+    if runs.is_empty() {
+        say!("no run meets these conditions");
+    } else if runs.iter().any(|run| run.time_source == TimeSource::File) {
+        say!("~ time of the file: the run was in virtual time");
+    }
+}
+
+/// Cells, a line each.
+pub(super) fn cells(cells: &[CellFound]) {
+    for cell in cells {
+        let serial = cell.serial.as_deref().unwrap_or("no serial number");
+        say!(
+            "{}  {serial}  {} runs, {} to {}",
+            cell.cell,
+            cell.runs,
+            utc(cell.first_unix_s),
+            utc(cell.last_unix_s)
+        );
+    }
+    if cells.is_empty() {
+        say!("no cell meets these conditions");
+    }
+}
+
+/// All that is known of a run.
+pub(super) fn run(shown: &RunShown) {
+    let run = &shown.run;
+    let or = |text: &Option<String>| text.clone().unwrap_or_else(|| "-".to_owned());
+    let missing = if run.missing { " (missing)" } else { "" };
+    say!("run         {}", run.run);
+    say!("folder      {}{missing}", run.folder);
+    say!("experiment  {}", run.experiment);
+    say!(
+        "bench       {}{}",
+        run.bench,
+        if run.simulated { ", simulated" } else { "" }
+    );
+    say!("cells       {}", cells_of(run));
+    say!("operator    {}", or(&run.operator));
+    say!("began      {}", time(run.started_unix_s, run.time_source));
+    say!("ended       {}", or(&run.how));
+    say!("verdict     {}", run.verdict.label());
+    say!("version     {}", run.version);
+    say!("{SUMS}  {}", or(&run.content_sha256));
+    for reason in &run.damage {
+        say!("damaged     {reason}");
+    }
+    for one in &shown.spectra {
+        say!(
+            "spectrum    {}  {}  {} points, {} refused",
+            one.file,
+            one.cell,
+            one.points,
+            one.refused_points
+        );
+    }
+    for fit in &shown.fits {
+        say!(
+            "fit         {}  R {}, DC resistance {}",
+            fit.file,
+            milliohm(Some(fit.r_ohm), fit.r_sigma_ohm),
+            milliohm(Some(fit.dc_resistance_ohm), fit.dc_resistance_sigma_ohm)
+        );
+    }
+    for event in &shown.events {
+        let by = event
+            .by
+            .as_ref()
+            .map_or_else(String::new, |by| format!(" by {by}"));
+        say!(
+            "event       {:.3} s  {}{by}  {}",
+            event.time_s,
+            event.kind.label(),
+            event.text
+        );
+    }
+    for one in &shown.diagnoses {
+        say!("diagnosis   {}  {}", one.folder, one.summary);
+    }
+}
+
+fn milliohm(ohm: Option<f64>, sigma_ohm: Option<f64>) -> String {
+    with_sigma(ohm, sigma_ohm, 1.0e3, "mΩ")
+}
+
+fn with_sigma(value: Option<f64>, sigma: Option<f64>, factor: f64, unit: &str) -> String {
+    let Some(value) = value else {
+        return "-".to_owned();
+    };
+    let sigma = sigma.map_or_else(String::new, |sigma| {
+        format!(" ± {}", significant(factor * sigma, 2))
+    });
+    format!("{}{sigma} {unit}", significant(factor * value, DIGITS))
+}
+
+/// A cell over its runs.
+pub(super) fn ageing(ageing: &Ageing) {
+    let rc = ageing.rc.map_or_else(String::new, |rc| rc.to_string());
+    say!(
+        "{}: {} models with {rc} RC pairs",
+        ageing.cell,
+        ageing.points.len()
+    );
+    for one in &ageing.points {
+        let fit = &one.fit;
+        say!(
+            "{}  {}  R {}  DC {}  slowest pair {}, {}",
+            time(fit.started_unix_s, fit.time_source),
+            fit.name,
+            milliohm(Some(fit.r_ohm), fit.r_sigma_ohm),
+            milliohm(Some(fit.dc_resistance_ohm), fit.dc_resistance_sigma_ohm),
+            milliohm(fit.slow_r_ohm, fit.slow_r_sigma_ohm),
+            with_sigma(fit.slow_tau_s, fit.slow_tau_sigma_s, 1.0, "s")
+        );
+        for parameter in &one.diffusion {
+            say!(
+                "    {} {}: {}",
+                parameter.effect,
+                parameter.name,
+                with_sigma(Some(parameter.value), parameter.sigma, 1.0, &parameter.unit)
+            );
+        }
+    }
+}

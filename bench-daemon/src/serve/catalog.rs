@@ -1,0 +1,158 @@
+//! The catalogue of the server's own runs and diagnoses. It is brought up to date by a thread of its
+//! own: whole at the start, and what is new after the end of each run and analysis. Requests only
+//! read it.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+        mpsc::{Receiver, Sender, channel},
+    },
+};
+
+use analysis::catalog::{
+    Catalog, CatalogError,
+    scan::{Beside, ScanOptions, Scanned},
+};
+
+use super::jobs;
+
+/// The catalogue in the data folder.
+const FILE: &str = "catalog.sqlite";
+/// Folders there that are scanned: of runs, and of diagnoses among the analyses.
+const RUNS: &str = "runs";
+const ANALYSES: &str = "analyses";
+
+/// Keeps the catalogue of a data folder.
+#[derive(Debug)]
+pub struct CatalogKeeper {
+    data: PathBuf,
+    wake: Sender<PathBuf>,
+    wakes: Mutex<Option<Receiver<PathBuf>>>,
+    stop: AtomicBool,
+}
+
+impl CatalogKeeper {
+    /// The keeper of a data folder; nothing is scanned yet.
+    pub fn of(data: &Path) -> Self {
+        let (wake, wakes) = channel();
+        Self {
+            data: data.to_path_buf(),
+            wake,
+            wakes: Mutex::new(Some(wakes)),
+            stop: AtomicBool::new(false),
+        }
+    }
+
+    /// Asks for a scan of the folder of a run, and does not wait for it.
+    pub fn refresh_run(&self, run: &str) {
+        self.refresh(self.data.join(RUNS).join(run));
+    }
+
+    /// Asks for a scan of the folder of an analysis.
+    pub fn refresh_analysis(&self, id: &str) {
+        self.refresh(self.data.join(ANALYSES).join(id));
+    }
+
+    fn refresh(&self, folder: PathBuf) {
+        // Without a thread that scans there is nobody to be told.
+        let _ = self.wake.send(folder);
+    }
+
+    /// Ends the scan at its next run, and the thread with it.
+    pub fn end(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+        self.refresh(PathBuf::new());
+    }
+
+    /// Opens the catalogue to be asked.
+    ///
+    /// # Errors
+    /// [`CatalogError`]; before the first scan there is none.
+    pub fn open(&self) -> Result<Catalog, CatalogError> {
+        Catalog::open(&self.file())
+    }
+
+    /// The data folder.
+    pub fn data(&self) -> &Path {
+        &self.data
+    }
+
+    /// Scans everything now, and a folder whenever that is asked for, until the end.
+    pub fn work(&self) {
+        let taken = self
+            .wakes
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        let Some(wakes) = taken else { return };
+        let told = |scanned: Result<(), CatalogError>| {
+            if let Err(error) = scanned {
+                tracing::warn!("the catalogue stays as it is: {error}");
+            }
+        };
+        told(self.scan());
+        while let Ok(folder) = wakes.recv() {
+            if self.stop.load(Ordering::Relaxed) {
+                return;
+            }
+            // What did not begin has no folder.
+            if folder.is_dir() {
+                told(self.scan_again(folder));
+            }
+        }
+    }
+
+    fn file(&self) -> PathBuf {
+        self.data.join(FILE)
+    }
+
+    /// Opens the catalogue to be written. It is the server's own and never the only copy: a damaged
+    /// one is built again.
+    fn make(&self) -> Result<Catalog, CatalogError> {
+        match Catalog::make(&self.file()) {
+            Err(CatalogError::Sql { source, .. }) => {
+                tracing::warn!("the catalogue is built again: {source}");
+                let _ = fs::remove_file(self.file());
+                Catalog::make(&self.file())
+            }
+            made => made,
+        }
+    }
+
+    fn scan(&self) -> Result<(), CatalogError> {
+        let roots = [RUNS, ANALYSES].map(|name| self.data.join(name));
+        let roots: Vec<PathBuf> = roots.into_iter().filter(|root| root.is_dir()).collect();
+        self.scan_with(|catalog, options| catalog.scan(&roots, options))
+    }
+
+    fn scan_again(&self, folder: PathBuf) -> Result<(), CatalogError> {
+        self.scan_with(|catalog, options| catalog.scan_again(&[folder], options))
+    }
+
+    fn scan_with(
+        &self,
+        scan: impl FnOnce(&Catalog, &ScanOptions<'_>) -> Result<Scanned, CatalogError>,
+    ) -> Result<(), CatalogError> {
+        let catalog = self.make()?;
+        let beside = |folder: &Path| self.beside(folder);
+        let options = ScanOptions {
+            beside: &beside,
+            stop: &self.stop,
+        };
+        let scanned = scan(&catalog, &options)?;
+        tracing::debug!("catalogue: {} runs, {} read", scanned.runs, scanned.read);
+        Ok(())
+    }
+
+    /// Who asked for a run, as its record tells.
+    fn beside(&self, folder: &Path) -> Beside {
+        let run = folder.file_name().and_then(|name| name.to_str());
+        let job = run.and_then(|run| jobs::read(&self.data, run));
+        Beside {
+            operator: job.map(|job| job.item.by),
+        }
+    }
+}

@@ -1,0 +1,192 @@
+//! Routes of the catalogue: questions across runs, benches and cells.
+
+use std::path::Path;
+
+use analysis::catalog::{
+    Catalog, CatalogError,
+    ageing::Ageing,
+    query::{CellsFound, Filter, MOST, RunsFound, SpectraFound},
+    record::CatalogVerdict,
+};
+use axum::{
+    Json,
+    extract::{Query, State},
+    http::StatusCode,
+};
+use serde::Deserialize;
+use utoipa::IntoParams;
+
+use super::{App, aside::aside, caller::Reader, problem::Refusal};
+
+/// Conditions on what the catalogue holds; all of them must hold.
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct CatalogWanted {
+    /// Name or serial number of a cell.
+    cell: Option<String>,
+    /// Serial number of a cell, as the experiment tells it or a person read it.
+    serial: Option<String>,
+    /// Name of a bench.
+    bench: Option<String>,
+    /// Begun at this time or later, s since 1970.
+    from_s: Option<f64>,
+    /// Begun before this time, s since 1970.
+    to_s: Option<f64>,
+    /// Verdict of the run.
+    verdict: Option<CatalogVerdict>,
+    /// Words in name, bench, experiment, operator, end or cells of the run; of runs only.
+    text: Option<String>,
+    /// Where to go on: `after` of the answer before.
+    after: Option<String>,
+    /// At most so many.
+    #[param(minimum = 1, maximum = 1000)]
+    most: Option<u16>,
+}
+
+/// A cell that is asked for over its runs.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct AgeingWanted {
+    /// Name or serial number of the cell.
+    cell: String,
+    /// Number of RC pairs of the models; else the greatest that every run of the cell has.
+    rc: Option<u32>,
+    /// Begun at this time or later, s since 1970.
+    from_s: Option<f64>,
+    /// Begun before this time, s since 1970.
+    to_s: Option<f64>,
+}
+
+impl CatalogWanted {
+    fn filter(self) -> Result<Filter, Refusal> {
+        if let Some(most) = self.most.filter(|most| !(1..=1000).contains(most)) {
+            let expected = format!("most: expected 1 to 1000, found {most}");
+            return Err(Refusal::of(StatusCode::BAD_REQUEST, expected));
+        }
+        Ok(Filter {
+            cell: self.cell,
+            serial: self.serial,
+            bench: self.bench,
+            from_unix_s: self.from_s,
+            to_unix_s: self.to_s,
+            verdict: self.verdict,
+            text: self.text,
+            after: self.after,
+            most: self.most.map_or(MOST, usize::from),
+        })
+    }
+}
+
+/// Answers from the catalogue, on a thread for work that waits.
+async fn ask<T: Send + 'static>(
+    app: App,
+    question: impl FnOnce(&Catalog) -> Result<T, CatalogError> + Send + 'static,
+) -> Result<Json<T>, Refusal> {
+    aside(move || {
+        let catalog = app.server.catalog.open();
+        let answer = catalog.and_then(|catalog| question(&catalog));
+        answer.map(Json).map_err(|error| match error {
+            CatalogError::Cursor { .. } => Refusal::of(StatusCode::BAD_REQUEST, error.to_string()),
+            CatalogError::Absent { .. } => Refusal::of(
+                StatusCode::SERVICE_UNAVAILABLE,
+                "the catalogue is being built: ask again",
+            ),
+            error => Refusal::machine(&error),
+        })
+    })
+    .await
+}
+
+/// A folder as its place in the data folder: where that lies is nobody's business.
+fn within(data: &Path, folder: &str) -> String {
+    let data = std::fs::canonicalize(data).unwrap_or_else(|_| data.to_path_buf());
+    let within = Path::new(folder).strip_prefix(data);
+    within.map_or_else(|_| folder.to_owned(), |path| path.display().to_string())
+}
+
+/// Runs of the catalogue that meet every condition, the latest first.
+#[utoipa::path(
+    get,
+    path = "/api/v1/catalog/runs",
+    tag = "catalog",
+    params(CatalogWanted),
+    responses((status = 200, body = RunsFound)),
+    security(("token" = ["read"]))
+)]
+pub async fn runs(
+    _caller: Reader,
+    State(app): State<App>,
+    Query(wanted): Query<CatalogWanted>,
+) -> Result<Json<RunsFound>, Refusal> {
+    let filter = wanted.filter()?;
+    let data = app.server.catalog.data().to_path_buf();
+    ask(app, move |catalog| {
+        let mut found = catalog.runs(&filter)?;
+        for run in &mut found.runs {
+            run.folder = within(&data, &run.folder);
+        }
+        Ok(found)
+    })
+    .await
+}
+
+/// Corrected spectra of cells that meet every condition, the latest first.
+#[utoipa::path(
+    get,
+    path = "/api/v1/catalog/spectra",
+    tag = "catalog",
+    params(CatalogWanted),
+    responses((status = 200, body = SpectraFound)),
+    security(("token" = ["read"]))
+)]
+pub async fn spectra(
+    _caller: Reader,
+    State(app): State<App>,
+    Query(wanted): Query<CatalogWanted>,
+) -> Result<Json<SpectraFound>, Refusal> {
+    let filter = wanted.filter()?;
+    ask(app, move |catalog| catalog.spectra(&filter)).await
+}
+
+/// Cells that runs have measured, by name and serial number.
+#[utoipa::path(
+    get,
+    path = "/api/v1/catalog/cells",
+    tag = "catalog",
+    params(CatalogWanted),
+    responses((status = 200, body = CellsFound)),
+    security(("token" = ["read"]))
+)]
+pub async fn cells(
+    _caller: Reader,
+    State(app): State<App>,
+    Query(wanted): Query<CatalogWanted>,
+) -> Result<Json<CellsFound>, Refusal> {
+    let filter = wanted.filter()?;
+    ask(app, move |catalog| catalog.cells(&filter)).await
+}
+
+/// A cell over its runs: resistances and diffusion over time, with uncertainty.
+#[utoipa::path(
+    get,
+    path = "/api/v1/catalog/ageing",
+    tag = "catalog",
+    params(AgeingWanted),
+    responses((status = 200, body = Ageing)),
+    security(("token" = ["read"]))
+)]
+pub async fn ageing(
+    _caller: Reader,
+    State(app): State<App>,
+    Query(wanted): Query<AgeingWanted>,
+) -> Result<Json<Ageing>, Refusal> {
+    let filter = Filter {
+        cell: Some(wanted.cell),
+        from_unix_s: wanted.from_s,
+        to_unix_s: wanted.to_s,
+        ..Filter::default()
+    };
+    ask(app, move |catalog| catalog.ageing(&filter, wanted.rc)).await
+}

@@ -1,0 +1,205 @@
+//! The catalogue by the command line and in the server: real run folders of the demo.
+
+use std::{ffi::OsStr, fs, path::PathBuf};
+
+use serde_json::Value;
+
+use crate::{
+    serve_support::{Served, config, submit},
+    support::{Ended, Files, poll, program},
+};
+
+/// Two runs of one cell, one of them stopped before its end, and a catalogue of them.
+struct Cataloged {
+    files: Files,
+}
+
+impl Cataloged {
+    fn new() -> Self {
+        let files = Files::short(3);
+        files.run("runs/first").expect_code(0);
+        files.run("runs/second").expect_code(0);
+        let cataloged = Self { files };
+        cataloged.ask(&["scan", "DB", "RUNS"]).expect_code(0);
+        cataloged
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.files.path(name)
+    }
+
+    /// `eis-bench catalog`, `DB` and `RUNS` being the catalogue and the folder of the runs.
+    fn ask(&self, words: &[&str]) -> Ended {
+        let words: Vec<PathBuf> = words
+            .iter()
+            .map(|word| match *word {
+                "DB" => self.path("catalog.sqlite"),
+                "RUNS" => self.path("runs"),
+                word if word.starts_with("OUT/") => self.path(&word[4..]),
+                word => PathBuf::from(word),
+            })
+            .collect();
+        let words = words.iter().map(|word| word.as_os_str());
+        let words: Vec<&OsStr> = [OsStr::new("catalog")].into_iter().chain(words).collect();
+        program(&words)
+    }
+
+    fn json(&self, words: &[&str]) -> Value {
+        let ended = self.ask(&[words, &["--json"]].concat());
+        serde_json::from_str(&ended.expect_code(0).stdout).unwrap()
+    }
+}
+
+#[test]
+fn runs_of_a_cell_are_found_shown_and_exported() {
+    let at = Cataloged::new();
+    let found = at.json(&["find", "DB", "--cell", "Molicel P45B", "--verdict", "good"]);
+    let runs = found["runs"].as_array().unwrap();
+    assert_eq!((runs.len(), &found["after"]), (2, &Value::Null));
+    assert_eq!(runs[0]["time_source"], "file");
+    assert_eq!(runs[0]["spectra"], 1);
+    assert_eq!(runs[0]["content_sha256"].as_str().unwrap().len(), 64);
+    let page = at.json(&["find", "DB", "--most", "1"]);
+    let after = page["after"].as_str().unwrap();
+    let rest = at.json(&["find", "DB", "--after", after]);
+    assert_eq!(rest["runs"].as_array().unwrap(), &runs[1..]);
+    let none = at.json(&["find", "DB", "--text", "swollen"]);
+    assert!(none["runs"].as_array().unwrap().is_empty());
+    let csv = at.ask(&["find", "DB", "--csv"]);
+    assert!(
+        csv.expect_code(0)
+            .stdout
+            .starts_with("run,name,cells,serials")
+    );
+    let shown = at.json(&["show", "DB", "second"]);
+    assert_eq!(shown["run"]["name"], "second");
+    assert_eq!(shown["fits"][0]["rc"], 1);
+    assert!(shown["fits"][0]["r_sigma_ohm"].as_f64().unwrap() > 0.0);
+    let words = at.ask(&["show", "DB", "second"]);
+    assert!(
+        words.expect_code(0).stdout.contains("verdict     good"),
+        "{}",
+        words.stdout
+    );
+    let exported = at.json(&["export", "DB", "--out", "OUT/spectra.parquet"]);
+    assert_eq!(exported["rows"], 6);
+    let ageing = at.json(&[
+        "ageing",
+        "DB",
+        "--cell",
+        "Molicel P45B",
+        "--out",
+        "OUT/ageing",
+    ]);
+    assert_eq!(ageing["points"].as_array().unwrap().len(), 2);
+    let svg = fs::read_to_string(at.path("ageing/ageing.svg")).unwrap();
+    assert!(svg.contains("DC resistance / mΩ"));
+    assert!(at.path("ageing/ageing.csv").is_file());
+}
+
+#[test]
+fn a_catalogue_that_is_deleted_and_built_again_says_the_same() {
+    let at = Cataloged::new();
+    let all = |at: &Cataloged| {
+        let found = at.json(&["find", "DB"]);
+        let runs = found["runs"].as_array().unwrap().clone();
+        let shown = runs.iter().map(|run| {
+            let run = run["run"].as_str().unwrap();
+            at.json(&["show", "DB", run])
+        });
+        let shown: Vec<Value> = shown.collect();
+        (found, shown)
+    };
+    let before = all(&at);
+    let again = at.json(&["scan", "DB"]);
+    assert_eq!((&again["runs"], &again["read"]), (&2.into(), &0.into()));
+    fs::remove_file(at.path("catalog.sqlite")).unwrap();
+    at.ask(&["scan", "DB", "RUNS"]).expect_code(0);
+    assert_eq!(all(&at), before);
+}
+
+#[test]
+fn what_is_wrong_is_told_with_what_was_expected() {
+    let at = Cataloged::new();
+    let message = |words: &[&str]| at.ask(words).expect_code(2).message().to_owned();
+    let told = message(&["find", "OUT/none.sqlite"]);
+    assert!(
+        told.contains("none.sqlite: expected a catalogue, found no file"),
+        "{told}"
+    );
+    let told = message(&["show", "DB", "third"]);
+    assert!(told.contains("run: expected the identity"), "{told}");
+    let told = message(&["find", "DB", "--after", "x"]);
+    assert!(
+        told.contains("after: expected the `after` of an answer before"),
+        "{told}"
+    );
+    let told = message(&["ageing", "DB", "--cell", "none"]);
+    assert!(
+        told.contains("--cell: expected a cell with fitted models"),
+        "{told}"
+    );
+    let told = message(&["ageing", "DB", "--cell", "Molicel P45B", "--rc", "7"]);
+    assert!(
+        told.contains("--rc: expected a number of RC pairs"),
+        "{told}"
+    );
+    let told = message(&["scan", "DB", "OUT/nowhere"]);
+    assert!(
+        told.contains("nowhere: expected a folder to scan"),
+        "{told}"
+    );
+    fs::write(
+        at.path("catalog.sqlite"),
+        "no catalogue, but long enough for a head",
+    )
+    .unwrap();
+    at.ask(&["find", "DB"]).expect_code(2);
+    at.ask(&["scan", "DB", "RUNS"]).expect_code(2);
+    let kept = fs::read_to_string(at.path("catalog.sqlite")).unwrap();
+    assert!(kept.starts_with("no catalogue"), "{kept}");
+}
+
+#[test]
+fn a_server_keeps_the_catalogue_of_its_own_runs() {
+    let files = Files::short(3);
+    config(&files, "");
+    let served = Served::start(&files);
+    let run = submit(&served, r#"{"experiment":"demo"}"#);
+    served.ended(&run);
+    let found = poll("the run in the catalogue", || {
+        let answer = served.ask("GET", "/api/v1/catalog/runs?verdict=good", ("", ""));
+        let found = (answer.status == 200).then(|| answer.json())?;
+        found["runs"].get(0).cloned()
+    });
+    assert_eq!(
+        (&found["name"], &found["operator"]),
+        (&run.as_str().into(), &"local".into())
+    );
+    assert_eq!(found["folder"], format!("runs/{run}"));
+    let listed = served.get("/runs/find?cell=Molicel%20P45B&verdict=good");
+    assert_eq!(listed["found"][0]["run"], found["name"]);
+    let spectra = served.get("/catalog/spectra?cell=Molicel%20P45B&bench=demo");
+    let moment = &served.get("/cells/Molicel%20P45B")["history"][0];
+    for (new, old) in [("r_high_ohm", "r_high_ohm"), ("r_low_ohm", "r_low_ohm")] {
+        assert_eq!(spectra["spectra"][0][new], moment[old]);
+    }
+    let ageing = served.get("/catalog/ageing?cell=Molicel%20P45B");
+    assert_eq!(
+        (&ageing["rc"], &ageing["points"][0]["name"]),
+        (&1.into(), &found["name"])
+    );
+    let cells = served.get("/catalog/cells");
+    assert_eq!(
+        (&cells["cells"][0]["cell"], &cells["cells"][0]["runs"]),
+        (&"Molicel P45B".into(), &1.into())
+    );
+    for (query, expected) in [
+        ("after=x", "after: expected"),
+        ("most=0", "most: expected 1"),
+    ] {
+        let path = format!("/api/v1/catalog/runs?{query}");
+        let told = served.ask("GET", &path, ("", "")).expect(400).text();
+        assert!(told.contains(expected), "{told}");
+    }
+}
