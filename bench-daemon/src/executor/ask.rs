@@ -7,7 +7,6 @@ use tokio::task::JoinHandle;
 
 use super::{ExecuteError, Executor, Rig, require};
 use crate::{
-    bench::BenchError,
     interlock::Reading,
     journal::Entry,
     operator::{
@@ -43,7 +42,7 @@ impl Executor<'_> {
         let asked = tokio::spawn(async move { operator.ask(&question, number, &folder).await });
         let answer = self.rig.answer(asked).await?;
         // An output that was switched on by hand meanwhile is off again before anything else.
-        self.rig.bench.off_again().await.map_err(BenchError::from)?;
+        self.rig.bench.off_again().await?;
         let serial = answer
             .serial
             .as_ref()
