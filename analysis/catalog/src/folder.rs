@@ -24,10 +24,10 @@ use crate::{
     },
 };
 
-/// What is in the jig for a spectrum of a cell.
+/// Fixture in the jig for a spectrum of a cell.
 const CELL: &str = "cell";
 
-/// What is known of a run beside its folder, by the server that began it.
+/// Facts of a run beside its folder, by the server that began it.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Beside {
     /// Who asked for it.

@@ -81,7 +81,7 @@ pub(crate) struct AskedCell {
     pub(crate) scanned: Option<String>,
 }
 
-/// What a journal tells across runs.
+/// Facts of a journal across runs.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct Told {
     /// Version of the program.

@@ -1,4 +1,4 @@
-//! What a run folder tells, as the catalogue holds it.
+//! Facts of a run folder, as the catalogue holds it.
 
 use serde::{Deserialize, Serialize};
 
@@ -159,7 +159,7 @@ pub struct CatalogSpectrum {
     pub bench: String,
     /// The cell.
     pub cell: String,
-    /// What was in the jig: `cell`, or the control.
+    /// Fixture in the jig: `cell`, or the control.
     pub fixture: String,
     /// The harness is corrected.
     pub corrected: bool,

@@ -40,7 +40,7 @@ const ANCESTORS: usize = 4;
 
 /// How a scan is done.
 pub struct ScanOptions<'a> {
-    /// What is known of a run beside its folder.
+    /// Facts of a run beside its folder.
     pub beside: &'a (dyn Fn(&Path) -> Beside + Sync),
     /// Ends the scan at the next run, when true; what was read stays.
     pub stop: &'a AtomicBool,
@@ -84,7 +84,7 @@ struct Work {
     known: bool,
 }
 
-/// What the threads tell the one that writes.
+/// Message of a thread to the one that writes.
 enum Message {
     Unchanged(String),
     Read {

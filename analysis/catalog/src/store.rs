@@ -6,7 +6,7 @@ use crate::record::{
     CatalogDiagnosis, CatalogEvent, CatalogFit, CatalogRun, CatalogSpectrum, Folder,
 };
 
-/// What takes a run out of all tables. The first two find their rows by those of the tables that
+/// Statements that take a run out of all tables. The first two find their rows by those of the tables that
 /// follow: an index by run alone would cost each scan more than it saves.
 const OF_RUN: [&str; 7] = [
     "DELETE FROM run_key WHERE run = ?1 \
@@ -101,7 +101,7 @@ fn json(value: &impl serde::Serialize) -> String {
     serde_json::to_string(value).unwrap_or_default()
 }
 
-/// What words are sought in beside the name, in small letters: many runs share it.
+/// Text in which words are sought beside the name, in small letters: many runs share it.
 fn phrase(run: &CatalogRun) -> String {
     let own = [&run.bench, &run.experiment].map(String::as_str);
     let more = [&run.operator, &run.how].map(|text| text.as_deref().unwrap_or_default());

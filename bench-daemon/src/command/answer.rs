@@ -80,7 +80,7 @@ pub fn answer(args: &AnswerArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Waits until a run has taken the answer to a question; it looks twice a second.
+/// Waits until a run has taken the answer to a question, for [`LOOKS`] looks at most.
 fn taken(folder: &Path, number: u64) -> Result<bool, Failure> {
     let is_taken = || {
         let lines = journal::read(folder).map(|read| read.lines);

@@ -81,7 +81,7 @@ fn scan(args: &ScanArgs) -> Result<(), Failure> {
 
 fn find(args: &FindArgs) -> Result<(), Failure> {
     let catalog = Catalog::open(&args.catalog).map_err(failed)?;
-    let filter = args.filter.filter(args.after.clone(), args.most);
+    let filter = args.filter.filter(args.page.after.clone(), args.page.most);
     let found = catalog.runs(&filter).map_err(failed)?;
     if args.json {
         return say_json(&found);
@@ -93,24 +93,27 @@ fn find(args: &FindArgs) -> Result<(), Failure> {
     } else {
         print::runs(&found.runs);
     }
-    if let Some(after) = &found.after {
-        remark!("there are more: go on with --after {after}");
-    }
+    tell_more(found.after.as_deref());
     Ok(())
 }
 
 fn cells(args: &CellsArgs) -> Result<(), Failure> {
     let catalog = Catalog::open(&args.catalog).map_err(failed)?;
-    let filter = args.filter.filter(args.after.clone(), args.most);
+    let filter = args.filter.filter(args.page.after.clone(), args.page.most);
     let found = catalog.cells(&filter).map_err(failed)?;
     if args.json {
         return say_json(&found);
     }
     print::cells(&found.cells);
-    if let Some(after) = &found.after {
+    tell_more(found.after.as_deref());
+    Ok(())
+}
+
+/// Says how a long answer goes on.
+fn tell_more(after: Option<&str>) {
+    if let Some(after) = after {
         remark!("there are more: go on with --after {after}");
     }
-    Ok(())
 }
 
 fn show(args: &ShowArgs) -> Result<(), Failure> {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use instruments::{clock::TimeMode, fixture::Fixture};
 use tokio::task::JoinHandle;
 
-use super::{ExecuteError, Executor, Rig, require};
+use super::{ExecuteError, Executor, Rig, handle_request::PAUSE_POLL_S, require};
 use crate::{
     interlock::Reading,
     journal::Entry,
@@ -18,8 +18,6 @@ use crate::{
 
 /// Seconds between two looks for the answer, and for a request to end.
 const PERSON_POLL_S: f64 = 1.0;
-/// Seconds between two looks at the instruments while a person is waited for, as in a pause.
-const WATCH_S: f64 = 5.0;
 /// How readings are named while a person is waited for.
 const ASKING: &str = "asking";
 
@@ -75,7 +73,7 @@ impl Rig<'_> {
             let mut watched_s = f64::NEG_INFINITY;
             while !asked.0.is_finished() {
                 self.handle_abort()?;
-                if self.clock.now_s() - watched_s >= WATCH_S {
+                if self.clock.now_s() - watched_s >= PAUSE_POLL_S {
                     self.watch_open().await?;
                     watched_s = self.clock.now_s();
                 }

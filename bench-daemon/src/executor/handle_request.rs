@@ -11,8 +11,8 @@ use crate::{
     record::Event,
 };
 
-/// Seconds between two looks while the run waits.
-const PAUSE_POLL_S: f64 = 5.0;
+/// Seconds between two looks while the run waits, on request or for a person.
+pub(super) const PAUSE_POLL_S: f64 = 5.0;
 
 impl Rig<'_> {
     /// Ends the run on request in the middle of a step of which nothing is kept but its end,

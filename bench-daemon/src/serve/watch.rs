@@ -158,15 +158,7 @@ impl Watch {
 
     /// The question that waits for a person.
     pub fn question(&self) -> Option<QuestionNow> {
-        let asked = self.condition.question.as_ref()?;
-        Some(QuestionNow {
-            number: asked.number,
-            text: asked.question.text.clone(),
-            cell: asked.question.cell.clone(),
-            serial: asked.question.serial.clone(),
-            on_terminal: asked.question.on_terminal,
-            asked_s: asked.asked_s,
-        })
+        self.condition.question.clone()
     }
 
     /// How it ended, if it did.

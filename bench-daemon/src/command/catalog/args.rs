@@ -120,6 +120,17 @@ impl FilterArgs {
     }
 }
 
+/// Part of a long answer.
+#[derive(Debug, Clone, Args)]
+pub(super) struct PageArgs {
+    /// Go on behind the last answer: the text that it ended with.
+    #[arg(long, value_name = "TEXT")]
+    pub(super) after: Option<String>,
+    /// At most so many.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub(super) most: usize,
+}
+
 #[derive(Debug, Args)]
 pub(super) struct FindArgs {
     /// The catalogue.
@@ -127,12 +138,8 @@ pub(super) struct FindArgs {
     pub(super) catalog: PathBuf,
     #[command(flatten)]
     pub(super) filter: FilterArgs,
-    /// Go on behind the last answer: the text that it ended with.
-    #[arg(long, value_name = "TEXT")]
-    pub(super) after: Option<String>,
-    /// At most so many.
-    #[arg(long, value_name = "N", default_value_t = 100)]
-    pub(super) most: usize,
+    #[command(flatten)]
+    pub(super) page: PageArgs,
     /// Print JSON.
     #[arg(long, conflicts_with = "csv")]
     pub(super) json: bool,
@@ -148,12 +155,8 @@ pub(super) struct CellsArgs {
     pub(super) catalog: PathBuf,
     #[command(flatten)]
     pub(super) filter: FilterArgs,
-    /// Go on behind the last answer: the text that it ended with.
-    #[arg(long, value_name = "TEXT")]
-    pub(super) after: Option<String>,
-    /// At most so many.
-    #[arg(long, value_name = "N", default_value_t = 100)]
-    pub(super) most: usize,
+    #[command(flatten)]
+    pub(super) page: PageArgs,
     /// Print JSON.
     #[arg(long)]
     pub(super) json: bool,
@@ -172,7 +175,7 @@ pub(super) struct ShowArgs {
     pub(super) json: bool,
 }
 
-/// What is exported.
+/// Table that is exported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(super) enum Table {
     /// Corrected spectra of cells in long form: one row for each point.
@@ -191,7 +194,7 @@ pub(super) struct ExportArgs {
     /// The table: Parquet where its name ends in `.parquet`, else CSV.
     #[arg(long, value_name = "FILE")]
     pub(super) out: PathBuf,
-    /// What it holds.
+    /// Its rows.
     #[arg(long, default_value = "spectra")]
     pub(super) table: Table,
     #[command(flatten)]

@@ -2,16 +2,8 @@
 
 use crate::{
     journal::{Entry, Line},
-    operator::question::Question,
+    serve::live::QuestionNow,
 };
-
-/// A question as it was asked.
-#[derive(Debug, Clone)]
-pub(super) struct Asked {
-    pub(super) number: u64,
-    pub(super) question: Question,
-    pub(super) asked_s: f64,
-}
 
 /// Condition by the last entries of the journal.
 #[derive(Debug, Default)]
@@ -19,7 +11,7 @@ pub(super) struct Condition {
     /// It waits on request.
     pub(super) paused: bool,
     /// Question that waits for an answer.
-    pub(super) question: Option<Asked>,
+    pub(super) question: Option<QuestionNow>,
     /// Everything was off and read back at the last entry.
     pub(super) safe: bool,
     /// How it ended, if it did.
@@ -35,9 +27,12 @@ impl Condition {
         self.safe = matches!(line.entry, Entry::Safe | Entry::Paused | Entry::Asked(_))
             || (self.safe && matches!(line.entry, Entry::Note(_) | Entry::Ended { .. }));
         if let Entry::Asked(question) = &line.entry {
-            self.question = Some(Asked {
+            self.question = Some(QuestionNow {
                 number: line.number,
-                question: question.clone(),
+                text: question.text.clone(),
+                cell: question.cell.clone(),
+                serial: question.serial.clone(),
+                on_terminal: question.on_terminal,
                 asked_s: line.time_s,
             });
         } else if !matches!(line.entry, Entry::Note(_)) {
