@@ -1,0 +1,1 @@
+//! Store and forward: finished runs to an object store, and their rows as Parquet.

@@ -1,0 +1,1 @@
+//! One bench among many: registration, a queue of work, leases and stops over NATS JetStream.
