@@ -1,0 +1,346 @@
+//! The work of one bench in the fleet: it signs on, follows orders, goes on with what it has, and
+//! takes work when it is free.
+
+mod obey;
+mod post;
+mod report;
+mod take;
+
+use std::{path::PathBuf, sync::Arc};
+
+use futures_util::StreamExt;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    error::FleetError,
+    intent::Desk,
+    job::{Holder, Job, Place},
+    link::Link,
+    local::{BenchState, Capabilities, Condition, LocalBench},
+    standing::{Said, Standing},
+    watched::Watched,
+};
+use obey::Obedience;
+use post::Post;
+
+/// Time between two looks of a bench, s. A job begins at most so late, which is little beside the
+/// minutes of a run.
+const LOOK_S: f64 = 0.25;
+/// Time between two samples of telemetry of a bench that runs, s.
+const TELEMETRY_S: f64 = 10.0;
+
+/// What the benches of a daemon share.
+pub(crate) struct Shared {
+    /// The broker.
+    pub(crate) link: Arc<Link>,
+    /// Jobs as they were seen.
+    pub(crate) jobs: Arc<Watched<Job>>,
+    /// Standing orders as they were seen.
+    pub(crate) orders: Arc<Watched<Standing>>,
+    /// A claim that has stood unchanged for so long is taken back, s.
+    pub(crate) lease_s: f64,
+    /// The site.
+    pub(crate) site: String,
+    /// Number of this process.
+    pub(crate) nonce: String,
+    /// Number of this data folder: a process that owns it follows one that has ended.
+    pub(crate) home: String,
+    /// The fleet's part of the data folder.
+    pub(crate) folder: PathBuf,
+}
+
+/// What a bench tells of itself.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct BenchRecord {
+    /// The bench.
+    #[serde(flatten)]
+    pub(crate) place: Place,
+    /// Number of its process.
+    pub(crate) nonce: String,
+    /// Number of its data folder.
+    pub(crate) home: String,
+    /// Its properties.
+    pub(crate) capabilities: Capabilities,
+    /// Its state.
+    pub(crate) state: BenchState,
+    /// Why nothing is begun on it.
+    pub(crate) held: Option<String>,
+    /// It takes no further job.
+    pub(crate) draining: bool,
+    /// The run in work.
+    pub(crate) run: Option<String>,
+    /// The job that it has.
+    pub(crate) job: Option<String>,
+    /// Time left of the run, s.
+    pub(crate) left_s: Option<f64>,
+    /// Every output is known to be off; none while a run is in work.
+    pub(crate) verified: Option<bool>,
+    /// Heartbeats come three times in so long, s.
+    pub(crate) lease_s: f64,
+    /// Its process has signed off.
+    pub(crate) left: bool,
+}
+
+/// A question to a bench.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Question {
+    /// How it is; it looks at its standing orders first.
+    Look,
+    /// To stop now.
+    Stop(Said),
+}
+
+/// The answer of a bench.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(crate) struct BenchAnswer {
+    /// The bench as it is.
+    pub(crate) record: BenchRecord,
+    /// Jobs that it has begun or is about to begin.
+    pub(crate) jobs: Vec<String>,
+    /// Report of a stop.
+    pub(crate) report: Option<serde_json::Value>,
+}
+
+/// Something that happened on a bench, for the stream of events.
+#[derive(Debug, Serialize)]
+struct Happened<'a> {
+    unix_s: f64,
+    #[serde(flatten)]
+    place: &'a Place,
+    what: &'a str,
+    state: Option<BenchState>,
+    job: Option<&'a str>,
+    words: &'a str,
+}
+
+/// A bench that runs, for the stream of telemetry.
+#[derive(Debug, Serialize)]
+struct Sample<'a> {
+    unix_s: f64,
+    #[serde(flatten)]
+    place: &'a Place,
+    run: Option<&'a str>,
+    #[serde(flatten)]
+    reading: &'a crate::local::Reading,
+}
+
+/// One bench at work.
+pub(crate) struct Member {
+    shared: Arc<Shared>,
+    bench: Arc<dyn LocalBench>,
+    me: Holder,
+    desk: Desk,
+    obedience: Arc<Obedience>,
+    post: Post,
+    rhythm: Rhythm,
+}
+
+/// What comes seldom.
+#[derive(Debug, Default)]
+struct Rhythm {
+    /// When telemetry was sent last, s.
+    telemetry_s: f64,
+    /// When claims of others were looked at last, s.
+    claims_s: f64,
+    /// Among so many of the oldest jobs one is chosen: more after each job that another bench was
+    /// faster to take.
+    window: usize,
+}
+
+impl Member {
+    /// A bench that has not yet signed on.
+    ///
+    /// # Errors
+    /// A folder that cannot be made.
+    pub(crate) fn new(
+        shared: &Arc<Shared>,
+        bench: &Arc<dyn LocalBench>,
+    ) -> Result<Self, FleetError> {
+        let place = Place::new(&shared.site, &bench.name());
+        let desk = Desk::of(&shared.folder, &place.bench)?;
+        let me = Holder {
+            place,
+            nonce: shared.nonce.clone(),
+        };
+        Ok(Self {
+            obedience: Arc::new(Obedience::new(shared, bench, &desk)),
+            post: Post::new(shared),
+            shared: shared.clone(),
+            bench: bench.clone(),
+            me,
+            desk,
+            rhythm: Rhythm::default(),
+        })
+    }
+
+    /// What answers questions and stops, beside the work.
+    pub(crate) fn obedience(&self) -> Arc<Obedience> {
+        self.obedience.clone()
+    }
+
+    /// Works for ever.
+    pub(crate) async fn work(mut self) {
+        loop {
+            if let Err(error) = self.look().await {
+                tracing::debug!("fleet: {}: {error}", self.me.place);
+            }
+            self.shared.link.clock.sleep_s(LOOK_S).await;
+        }
+    }
+
+    async fn look(&mut self) -> Result<(), FleetError> {
+        if !self.shared.link.is_connected() || !self.shared.orders.is_whole() {
+            return Ok(());
+        }
+        self.obedience.follow(&self.standing()).await?;
+        let condition = self.bench.condition();
+        let is_signed_on = self.tell(&condition).await?;
+        self.go_on().await?;
+        if !is_signed_on || !self.shared.jobs.is_whole() {
+            return Ok(());
+        }
+        self.return_claims().await;
+        if condition.free && self.standing().lets_work() {
+            self.take().await?;
+        }
+        Ok(())
+    }
+
+    fn standing(&self) -> Standing {
+        let seen = self.shared.orders.get(&self.me.place.key());
+        seen.map(|seen| seen.value).unwrap_or_default()
+    }
+
+    /// Tells how the bench is, where that is due; whether it is signed on.
+    async fn tell(&mut self, condition: &Condition) -> Result<bool, FleetError> {
+        let record = record(&self.shared, &self.obedience, condition);
+        let before = self.post.told_state();
+        let is_signed_on = self.post.tell(&record).await?;
+        if before != self.post.told_state() {
+            let words = condition.trip.clone().or_else(|| condition.held.clone());
+            let what = match condition.trip {
+                Some(_) => "trip",
+                None => "state",
+            };
+            self.happened(what, None, &words.unwrap_or_default()).await;
+        }
+        self.sample(condition).await;
+        Ok(is_signed_on)
+    }
+
+    async fn sample(&mut self, condition: &Condition) {
+        let now_s = self.shared.link.clock.now_s();
+        let Some(reading) = &condition.reading else {
+            return;
+        };
+        if now_s - self.rhythm.telemetry_s < TELEMETRY_S {
+            return;
+        }
+        self.rhythm.telemetry_s = now_s;
+        let sample = Sample {
+            unix_s: instruments_link::clock::unix_time_s(),
+            place: &self.me.place,
+            run: condition.run.as_deref(),
+            reading,
+        };
+        self.shared
+            .link
+            .publish("telemetry", &self.me.place, &sample)
+            .await;
+    }
+
+    async fn happened(&self, what: &str, job: Option<&str>, words: &str) {
+        let event = Happened {
+            unix_s: instruments_link::clock::unix_time_s(),
+            place: &self.me.place,
+            what,
+            state: self.post.told_state(),
+            job,
+            words,
+        };
+        self.shared
+            .link
+            .publish("event", &self.me.place, &event)
+            .await;
+    }
+}
+
+/// A bench as it tells of itself now.
+fn record(shared: &Shared, obedience: &Obedience, condition: &Condition) -> BenchRecord {
+    let bench = obedience.bench();
+    let place = Place::new(&shared.site, &bench.name());
+    let standing = shared.orders.get(&place.key()).map(|seen| seen.value);
+    let standing = standing.unwrap_or_default();
+    let said = standing.hold.as_ref().or(standing.stop.as_ref());
+    let held = condition.held.clone();
+    BenchRecord {
+        held: held.or_else(|| said.map(|said| format!("{} (fleet: {})", said.why, said.by))),
+        draining: standing.drain.is_some(),
+        job: obedience.jobs().into_iter().next(),
+        nonce: shared.nonce.clone(),
+        home: shared.home.clone(),
+        capabilities: bench.capabilities(),
+        state: match condition.state {
+            BenchState::Idle if said.is_some() => BenchState::Held,
+            state => state,
+        },
+        run: condition.run.clone(),
+        left_s: condition.left_s,
+        verified: condition.verified,
+        lease_s: shared.lease_s,
+        left: false,
+        place,
+    }
+}
+
+/// Answers questions to a bench for ever.
+pub(crate) async fn listen(shared: Arc<Shared>, obedience: Arc<Obedience>) {
+    let place = Place::new(&shared.site, &obedience.bench().name());
+    loop {
+        if let Ok(mut questions) = shared.link.listen(&place).await {
+            while let Some(message) = questions.next().await {
+                let (shared, obedience) = (shared.clone(), obedience.clone());
+                // A stop must not wait for the answer to another question.
+                tokio::spawn(async move { answer(&shared, &obedience, &message).await });
+            }
+        }
+        shared.link.clock.sleep_s(LOOK_S).await;
+    }
+}
+
+async fn answer(shared: &Shared, obedience: &Obedience, message: &async_nats::Message) {
+    let Ok(question) = serde_json::from_slice::<Question>(&message.payload) else {
+        return;
+    };
+    let report = match question {
+        Question::Stop(said) => Some(obedience.stop(&said).await),
+        Question::Look => None,
+    };
+    let place = Place::new(&shared.site, &obedience.bench().name());
+    let followed = match shared.link.standing(&place).await {
+        Ok(standing) => obedience.follow(&standing.value).await,
+        Err(error) => Err(error),
+    };
+    if let Err(error) = followed {
+        tracing::warn!("fleet: {place}: {error}");
+    }
+    let record = record(shared, obedience, &obedience.bench().condition());
+    let jobs = obedience.jobs();
+    let answer = BenchAnswer {
+        record,
+        jobs,
+        report,
+    };
+    shared.link.answer(message, &answer).await;
+}
+
+/// Work that waits for a disk, on a thread for that.
+async fn aside<T: Send + 'static>(
+    bench: &Arc<dyn LocalBench>,
+    work: impl FnOnce(&dyn LocalBench) -> T + Send + 'static,
+) -> Result<T, FleetError> {
+    let bench = bench.clone();
+    let done = tokio::task::spawn_blocking(move || work(bench.as_ref())).await;
+    done.map_err(|error| FleetError::File(error.to_string()))
+}
