@@ -17,6 +17,9 @@ pub enum FleetError {
         /// The name that was found.
         found: String,
     },
+    /// Something that was asked for is not as expected.
+    #[error("{0}")]
+    Unfit(String),
     /// Not as things are.
     #[error("{0}")]
     Conflict(String),

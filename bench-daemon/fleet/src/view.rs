@@ -1,6 +1,9 @@
 //! The fleet as it is shown: benches with what they told last, and jobs.
 
-use std::{collections::BTreeMap, sync::Arc};
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, Mutex, PoisonError},
+};
 
 use crate::{
     job::{Job, JobState, Place},
@@ -139,6 +142,8 @@ pub struct Seer {
     fleet: String,
     jobs: Arc<Watched<Job>>,
     benches: Arc<Watched<BenchRecord>>,
+    /// Benches that did not answer when they were asked.
+    silent: Mutex<Vec<Place>>,
 }
 
 impl Seer {
@@ -149,6 +154,7 @@ impl Seer {
             fleet: fleet.to_owned(),
             jobs: jobs.clone(),
             benches: Watched::keeping(|_| true),
+            silent: Mutex::default(),
         })
     }
 
@@ -161,6 +167,11 @@ impl Seer {
     /// Whether every job and bench was seen.
     pub fn is_whole(&self) -> bool {
         self.jobs.is_whole() && self.benches.is_whole()
+    }
+
+    /// Says which benches did not answer when they were asked: they count as silent from now on.
+    pub fn silence(&self, silent: Vec<Place>) {
+        *self.silent.lock().unwrap_or_else(PoisonError::into_inner) = silent;
     }
 
     /// All benches that ever signed on.
@@ -201,7 +212,19 @@ impl Seer {
 
     fn bench_views(&self) -> Vec<BenchView> {
         let now_s = self.link.clock.now_s();
-        let view = |seen: &Seen<BenchRecord>| shown(seen, now_s - seen.since_s);
+        let silent = self.silent.lock().unwrap_or_else(PoisonError::into_inner);
+        let view = |seen: &Seen<BenchRecord>| {
+            let is_silent = silent.contains(&seen.value.place);
+            let since_s = if is_silent {
+                f64::NEG_INFINITY
+            } else {
+                seen.since_s
+            };
+            BenchView {
+                silent_s: now_s - seen.since_s,
+                ..shown(seen, now_s - since_s)
+            }
+        };
         self.benches.with(|all| all.values().map(view).collect())
     }
 

@@ -4,11 +4,12 @@ use std::{
     collections::BTreeMap,
     path::PathBuf,
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc, Mutex, MutexGuard, OnceLock, PoisonError,
         atomic::{AtomicU64, Ordering},
     },
 };
 
+use bench_fleet::Fleet;
 use instruments::clock::{self, Clock, TimeMode};
 
 use super::{
@@ -62,6 +63,8 @@ pub struct Server {
     pub finder: Finder,
     /// The catalogue of runs and diagnoses.
     pub catalog: Arc<CatalogKeeper>,
+    /// The fleet that the benches belong to, once the server has joined it.
+    pub fleet: OnceLock<Arc<Fleet>>,
     queue: Mutex<Queue>,
     shelf: Mutex<()>,
     live: Mutex<BTreeMap<String, Live>>,
@@ -141,6 +144,7 @@ impl Server {
             notebook: Notebook::of(&settings.data),
             finder: Finder::default(),
             catalog: Arc::new(CatalogKeeper::of(&settings.data)),
+            fleet: OnceLock::new(),
             queue: Mutex::new(queue),
             shelf: Mutex::default(),
             live: Mutex::new(live.collect()),

@@ -9,7 +9,10 @@ use std::{
 use jiff::civil::Time;
 use serde::Deserialize;
 
-use super::targets::{Email, Encryption, Targets};
+use super::{
+    fleet_settings::{FleetSection, RawFleet},
+    targets::{Email, Encryption, Targets},
+};
 use crate::{
     config::{
         self, ConfigError, Source, load_bench,
@@ -44,6 +47,8 @@ struct Raw {
     /// Course of a stop.
     #[serde(default)]
     stop: RawStop,
+    /// Fleet that the benches belong to. Left out: none.
+    fleet: Option<RawFleet>,
 }
 
 /// Encryption of the connections.
@@ -148,6 +153,8 @@ pub struct Settings {
     pub limits: Limits,
     /// So long a run has to end by itself after a stop, s, before it is ended.
     pub stop_wait_s: f64,
+    /// The fleet that the benches belong to.
+    pub fleet: Option<FleetSection>,
 }
 
 /// Bounds of a server.
@@ -216,6 +223,10 @@ impl Settings {
         }
         let limits = &raw.limits;
         Ok(Self {
+            fleet: raw
+                .fleet
+                .map(|raw| FleetSection::resolve(&source, raw))
+                .transpose()?,
             notify: targets(&source, &raw.notify)?,
             proxy_host,
             listen,

@@ -179,9 +179,8 @@ async fn play(drill: Drill) {
     };
     let clock = clock();
     let people = client(&stage.settings).await;
+    let (messages, submitted_s) = (stage.broker.messages(), clock.now_s());
     let jobs = people.submit(&work("work", drill.jobs)).await.unwrap();
-    let messages = stage.broker.messages();
-    let submitted_s = clock.now_s();
     if drill.machines_off > 0 {
         pause(drill.run_s / 2.0).await;
         stage.lose_machines(drill.machines_off);

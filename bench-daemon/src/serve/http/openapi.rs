@@ -11,8 +11,8 @@ use utoipa::{
 };
 
 use super::{
-    analyses, benches, catalog, events, find, imported, investigations, metrics, notices, pack,
-    problem, queue, runs, session, shelf,
+    analyses, benches, catalog, events, find, fleet, imported, investigations, metrics, notices,
+    pack, problem, queue, runs, session, shelf,
 };
 
 #[derive(OpenApi)]
@@ -65,6 +65,16 @@ use super::{
         catalog::spectra,
         catalog::cells,
         catalog::ageing,
+        fleet::now,
+        fleet::jobs,
+        fleet::submit,
+        fleet::cancel,
+        fleet::release_job,
+        fleet::hold,
+        fleet::release,
+        fleet::drain,
+        fleet::stop,
+        fleet::stop_all,
         find::cells,
         find::cell,
         find::cell_notes,
