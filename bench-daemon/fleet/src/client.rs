@@ -11,7 +11,7 @@ use crate::{
     error::FleetError,
     job::{Asked, Job, JobState, Needs, Place},
     link::{Link, Stored, Swap, Write, random},
-    member::{BenchAnswer, BenchRecord, Question},
+    record::{BenchAnswer, BenchRecord, Question},
     settings::FleetSettings,
     standing::{OrderKind, Said},
     view::Seer,

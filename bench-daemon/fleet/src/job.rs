@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::local::Capabilities;
+use crate::local::{Capabilities, End};
 
 /// State of a job, as the broker holds it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -310,17 +310,6 @@ impl Job {
             ..self.clone()
         }
     }
-}
-
-/// How a run has ended.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct End {
-    /// Nothing of it is left to do.
-    pub finished: bool,
-    /// How, in words.
-    pub words: String,
-    /// SHA-256 of the list of its files, where it is known.
-    pub run_sha256: Option<String>,
 }
 
 #[cfg(test)]

@@ -3,8 +3,6 @@
 use futures_util::future::BoxFuture;
 use serde::{Deserialize, Serialize};
 
-use crate::job::End;
-
 /// Properties of a bench that requirements of jobs are held against.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Capabilities {
@@ -80,6 +78,17 @@ pub struct Order {
     pub seed: Option<u64>,
     /// Who asked for it.
     pub by: String,
+}
+
+/// How a run has ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct End {
+    /// Nothing of it is left to do.
+    pub finished: bool,
+    /// How, in words.
+    pub words: String,
+    /// SHA-256 of the list of its files, where it is known.
+    pub run_sha256: Option<String>,
 }
 
 /// What became of a run of the fleet on this bench.

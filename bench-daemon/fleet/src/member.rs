@@ -4,103 +4,32 @@
 mod obey;
 mod post;
 mod report;
+mod shared;
 mod take;
 
-use std::{path::PathBuf, sync::Arc};
+use std::sync::Arc;
 
 use futures_util::StreamExt;
-use serde::{Deserialize, Serialize};
+use instruments_link::clock;
+use serde::Serialize;
 
 use crate::{
     error::FleetError,
     intent::Desk,
-    job::{Holder, Job, Place},
-    link::Link,
-    local::{BenchState, Capabilities, Condition, LocalBench},
-    standing::{Said, Standing},
-    watched::Watched,
+    job::{Holder, Place},
+    local::{BenchState, Condition, LocalBench, Reading},
+    record::{BenchAnswer, BenchRecord, Question},
+    standing::Standing,
 };
 use obey::Obedience;
 use post::Post;
+pub(crate) use shared::Shared;
 
 /// Time between two looks of a bench, s. A job begins at most so late, which is little beside the
 /// minutes of a run.
 const LOOK_S: f64 = 0.25;
 /// Time between two samples of telemetry of a bench that runs, s.
 const TELEMETRY_S: f64 = 10.0;
-
-/// What the benches of a daemon share.
-pub(crate) struct Shared {
-    /// The broker.
-    pub(crate) link: Arc<Link>,
-    /// Jobs as they were seen.
-    pub(crate) jobs: Arc<Watched<Job>>,
-    /// Standing orders as they were seen.
-    pub(crate) orders: Arc<Watched<Standing>>,
-    /// A claim that has stood unchanged for so long is taken back, s.
-    pub(crate) lease_s: f64,
-    /// The site.
-    pub(crate) site: String,
-    /// Number of this process.
-    pub(crate) nonce: String,
-    /// Number of this data folder: a process that owns it follows one that has ended.
-    pub(crate) home: String,
-    /// The fleet's part of the data folder.
-    pub(crate) folder: PathBuf,
-}
-
-/// What a bench tells of itself.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(crate) struct BenchRecord {
-    /// The bench.
-    #[serde(flatten)]
-    pub(crate) place: Place,
-    /// Number of its process.
-    pub(crate) nonce: String,
-    /// Number of its data folder.
-    pub(crate) home: String,
-    /// Its properties.
-    pub(crate) capabilities: Capabilities,
-    /// Its state.
-    pub(crate) state: BenchState,
-    /// Why nothing is begun on it.
-    pub(crate) held: Option<String>,
-    /// It takes no further job.
-    pub(crate) draining: bool,
-    /// The run in work.
-    pub(crate) run: Option<String>,
-    /// The job that it has.
-    pub(crate) job: Option<String>,
-    /// Time left of the run, s.
-    pub(crate) left_s: Option<f64>,
-    /// Every output is known to be off; none while a run is in work.
-    pub(crate) verified: Option<bool>,
-    /// Heartbeats come three times in so long, s.
-    pub(crate) lease_s: f64,
-    /// Its process has signed off.
-    pub(crate) left: bool,
-}
-
-/// A question to a bench.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub(crate) enum Question {
-    /// How it is; it looks at its standing orders first.
-    Look,
-    /// To stop now.
-    Stop(Said),
-}
-
-/// The answer of a bench.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub(crate) struct BenchAnswer {
-    /// The bench as it is.
-    pub(crate) record: BenchRecord,
-    /// Jobs that it has begun or is about to begin.
-    pub(crate) jobs: Vec<String>,
-    /// Report of a stop.
-    pub(crate) report: Option<serde_json::Value>,
-}
 
 /// Something that happened on a bench, for the stream of events.
 #[derive(Debug, Serialize)]
@@ -122,7 +51,7 @@ struct Sample<'a> {
     place: &'a Place,
     run: Option<&'a str>,
     #[serde(flatten)]
-    reading: &'a crate::local::Reading,
+    reading: &'a Reading,
 }
 
 /// One bench at work.
@@ -164,7 +93,7 @@ impl Member {
             nonce: shared.nonce.clone(),
         };
         Ok(Self {
-            obedience: Arc::new(Obedience::new(shared, bench, &desk)),
+            obedience: Arc::new(Obedience::new(bench, &desk)),
             post: Post::new(shared),
             shared: shared.clone(),
             bench: bench.clone(),
@@ -239,7 +168,7 @@ impl Member {
         }
         self.rhythm.telemetry_s = now_s;
         let sample = Sample {
-            unix_s: instruments_link::clock::unix_time_s(),
+            unix_s: clock::unix_time_s(),
             place: &self.me.place,
             run: condition.run.as_deref(),
             reading,
@@ -252,7 +181,7 @@ impl Member {
 
     async fn happened(&self, what: &str, job: Option<&str>, words: &str) {
         let event = Happened {
-            unix_s: instruments_link::clock::unix_time_s(),
+            unix_s: clock::unix_time_s(),
             place: &self.me.place,
             what,
             state: self.post.told_state(),
@@ -333,14 +262,4 @@ async fn answer(shared: &Shared, obedience: &Obedience, message: &async_nats::Me
         report,
     };
     shared.link.answer(message, &answer).await;
-}
-
-/// Work that waits for a disk, on a thread for that.
-async fn aside<T: Send + 'static>(
-    bench: &Arc<dyn LocalBench>,
-    work: impl FnOnce(&dyn LocalBench) -> T + Send + 'static,
-) -> Result<T, FleetError> {
-    let bench = bench.clone();
-    let done = tokio::task::spawn_blocking(move || work(bench.as_ref())).await;
-    done.map_err(|error| FleetError::File(error.to_string()))
 }

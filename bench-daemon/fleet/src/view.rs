@@ -9,7 +9,7 @@ use crate::{
     job::{Job, JobState, Place},
     link::Link,
     local::{BenchState, Capabilities},
-    member::BenchRecord,
+    record::BenchRecord,
     watched::{Seen, Watched},
 };
 

@@ -10,7 +10,7 @@ use bench_fleet::{
     Client, FleetError, FleetView, Place, Submission,
     client::{Command, Outcome},
     standing::OrderKind,
-    view::{JobFilter, JobPage, MOST_JOBS},
+    view::{JobFilter, JobPage},
 };
 use instruments::clock::{Clock, TimeMode};
 
@@ -18,7 +18,7 @@ use super::printed::say_json;
 use crate::{
     safety::failure::Failure,
     serve::{fleet_settings::FleetSection, settings::Settings, submission},
-    support::terminal::say,
+    support::{account, terminal::say},
 };
 use args::{Act, ConnectArgs, OrderArgs, StopArgs, SubmitArgs};
 
@@ -114,10 +114,8 @@ fn section(connect: &ConnectArgs) -> Result<FleetSection, Failure> {
 
 /// Who asks, as benches write it down: the account and its machine.
 fn by() -> String {
-    let account = nix::unistd::User::from_uid(nix::unistd::getuid());
-    let account = account.ok().flatten().map(|user| user.name);
     let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
-    format!("{}@{}", account.unwrap_or_default(), host.trim())
+    format!("{}@{}", account::who(), host.trim())
 }
 
 fn told(json: bool, what: &str, how: &str) -> Result<(), Failure> {
@@ -217,6 +215,3 @@ fn outcomes(all: &[Outcome], json: bool) -> Result<(), Failure> {
     all.iter().for_each(print::outcome);
     Ok(())
 }
-
-/// So many jobs are listed.
-const LISTED: usize = MOST_JOBS;

@@ -7,8 +7,8 @@ mod capabilities;
 use std::sync::{Arc, Weak};
 
 use bench_fleet::{
-    BenchState as State, Capabilities, Condition, Fate, Fleet, LocalBench, Order, Reading,
-    fleet::Joining, job::End,
+    BenchState as State, Capabilities, Condition, End, Fate, Fleet, LocalBench, Order, Reading,
+    fleet::Joining,
 };
 use futures_util::{FutureExt, future::BoxFuture};
 use instruments::clock;

@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex as Short, PoisonError};
 
 use tokio::sync::Mutex;
 
-use super::{Shared, aside};
+use super::shared::aside;
 use crate::{
     error::FleetError,
     intent::{Desk, Followed},
@@ -29,7 +29,7 @@ pub(crate) struct Obedience {
 
 impl Obedience {
     /// Of a bench.
-    pub(super) fn new(_shared: &Shared, bench: &Arc<dyn LocalBench>, desk: &Desk) -> Self {
+    pub(super) fn new(bench: &Arc<dyn LocalBench>, desk: &Desk) -> Self {
         Self {
             bench: bench.clone(),
             desk: desk.clone(),

@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
-use super::{BenchRecord, Shared};
+use super::shared::Shared;
 use crate::{
     error::FleetError,
     link::{Stored, Swap},
     local::BenchState,
+    record::BenchRecord,
 };
 
 /// So many heartbeats come within the lease: two may be lost.

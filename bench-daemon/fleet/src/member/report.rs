@@ -1,13 +1,13 @@
 //! Goes on with the jobs that a bench has, after a restart too, and reports their ends. The intents
 //! on this disk say which they are; what the broker says decides whether one may begin.
 
-use super::{Member, aside};
+use super::{Member, shared::aside};
 use crate::{
     error::FleetError,
     intent::Intent,
-    job::{End, Job, JobState},
+    job::{Job, JobState},
     link::{Stored, Swap, Write},
-    local::Fate,
+    local::{End, Fate},
 };
 
 impl Member {

@@ -1,6 +1,6 @@
 //! Takes work from the queue: claim, check, start. Claims that nobody goes on with are put back.
 
-use super::{Member, aside};
+use super::{Member, shared::aside};
 use crate::{
     error::FleetError,
     intent::Intent,

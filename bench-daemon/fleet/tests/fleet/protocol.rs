@@ -55,8 +55,8 @@ impl Lab {
             most: 1000,
             ..JobFilter::default()
         };
-        let found = looking.seer.jobs(&filter).jobs.into_iter();
-        found.clone().find(|view| view.job.job == job).unwrap()
+        let mut found = looking.seer.jobs(&filter).jobs.into_iter();
+        found.find(|view| view.job.job == job).unwrap()
     }
 
     async fn is(&self, job: &str, state: JobState) {

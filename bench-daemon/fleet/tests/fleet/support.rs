@@ -15,8 +15,8 @@ use std::{
 };
 
 use bench_fleet::{
-    BenchState, Capabilities, Client, Condition, Fate, Fleet, FleetSettings, LocalBench, Order,
-    Submission, fleet::Joining, job::End,
+    BenchState, Capabilities, Client, Condition, End, Fate, Fleet, FleetSettings, LocalBench,
+    Order, Submission, fleet::Joining,
 };
 use futures_util::{FutureExt, future::BoxFuture};
 use instruments_link::clock::{Clock, TimeMode};
@@ -161,7 +161,12 @@ impl Network {
             let mut number = 0_u64;
             while let Ok((client, _)) = listener.accept().await {
                 number += 1;
-                tokio::spawn(pass(client, broker, heard.clone(), number % 2 == 0));
+                tokio::spawn(pass(
+                    client,
+                    broker,
+                    heard.clone(),
+                    number.is_multiple_of(2),
+                ));
             }
         });
         Self { port, cut }

@@ -2,10 +2,12 @@
 
 use std::path::PathBuf;
 
-use bench_fleet::{Needs, view::JobFilter};
+use bench_fleet::{
+    Needs,
+    view::{JobFilter, MOST_JOBS},
+};
 use clap::{Args, Subcommand};
 
-use super::LISTED;
 use crate::{
     command::units,
     config::quantity::{Current, Duration, Temperature},
@@ -88,7 +90,7 @@ impl StatusArgs {
             state: self.state.clone(),
             campaign: self.campaign.clone(),
             after: None,
-            most: LISTED,
+            most: MOST_JOBS,
         }
     }
 }

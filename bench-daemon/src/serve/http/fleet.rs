@@ -653,7 +653,10 @@ pub async fn stop(
         let said = BenchOrder::of(OrderKind::Stop, place.clone(), who.clone(), why);
         let through = order(&app, said);
         match tokio::join!(own, through) {
-            (Some(report), through) => Ok(Json(of_own(&place, &report, through.ok()))),
+            (Some(report), through) => {
+                let through = through.ok().map(|through| through.0);
+                Ok(Json(of_own(&place, &report, through.as_ref())))
+            }
             (None, through) => through,
         }
     });
@@ -672,8 +675,8 @@ async fn own_stop(app: &App, place: &Place, who: &str) -> Option<StopReport> {
     Some(stop::stop(&app.server, bench, &by).await)
 }
 
-fn of_own(place: &Place, report: &StopReport, through: Option<Json<FleetOutcome>>) -> FleetOutcome {
-    let kept = through.as_ref().is_some_and(|through| through.0.kept);
+fn of_own(place: &Place, report: &StopReport, through: Option<&FleetOutcome>) -> FleetOutcome {
+    let kept = through.is_some_and(|through| through.kept);
     FleetOutcome {
         site: place.site.clone(),
         bench: place.bench.clone(),
@@ -726,11 +729,8 @@ async fn stopped(app: &App, who: &str, why: &str) -> FleetStopped {
     let mut all: Vec<FleetOutcome> = others.into_iter().map(Into::into).collect();
     for (place, report) in places.iter().zip(own.iter().flatten()) {
         let same = |one: &FleetOutcome| one.site == place.site && one.bench == place.bench;
-        let through = all
-            .iter()
-            .position(same)
-            .map(|index| Json(all.remove(index)));
-        all.push(of_own(place, report, through));
+        let through = all.iter().position(same).map(|index| all.remove(index));
+        all.push(of_own(place, report, through.as_ref()));
     }
     FleetStopped {
         benches: all,
