@@ -9,7 +9,7 @@ use sha2::{Digest, Sha256};
 
 use crate::{
     error::FleetError,
-    job::{Asked, Job, JobState, Needs, Place},
+    job::{Asked, Job, JobState, Needs, Place, is_plain},
     link::{Link, Stored, Swap, Write, random},
     record::{BenchAnswer, BenchRecord, Question},
     settings::FleetSettings,
@@ -235,14 +235,25 @@ impl Client {
     /// No such bench. A broker that does not answer is told in the outcome: a stop may reach the
     /// bench all the same.
     pub async fn order(&self, place: &Place, command: &Command) -> Result<Outcome, FleetError> {
-        let known = self.link.benches.get::<BenchRecord>(&place.key()).await?;
-        if known.is_none() {
+        let is_known = is_plain(&place.site)
+            && is_plain(&place.bench)
+            && self.knows(place, command.kind).await?;
+        if !is_known {
             return Err(FleetError::Unknown {
                 what: "a bench SITE/BENCH",
                 found: place.to_string(),
             });
         }
         self.say(place, command).await
+    }
+
+    /// Whether a bench ever signed on. A stop goes out without that answer too.
+    async fn knows(&self, place: &Place, kind: OrderKind) -> Result<bool, FleetError> {
+        let found = self.link.benches.get::<BenchRecord>(&place.key()).await;
+        match (found, kind) {
+            (Err(_), OrderKind::Stop) => Ok(true),
+            (found, _) => found.map(|found| found.is_some()),
+        }
     }
 
     /// Stops every bench of the fleet at once.
@@ -308,8 +319,7 @@ impl Client {
 
     async fn job(&self, job: &str) -> Result<Stored<Job>, FleetError> {
         // What is no key of the broker is no job either.
-        let plain = |c: char| c.is_ascii_alphanumeric() || c == '-';
-        let found = match !job.is_empty() && job.chars().all(plain) {
+        let found = match is_plain(job) {
             true => self.link.job(job).await?,
             false => None,
         };
@@ -425,9 +435,8 @@ fn outcome(place: &Place, kept: &Result<(), FleetError>, answer: Option<&BenchAn
 
 fn check(submission: &Submission) -> Result<(), FleetError> {
     let unfit = |text: String| Err(FleetError::Unfit(text));
-    let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
     let name = &submission.name;
-    if name.is_empty() || name.len() > 60 || !name.chars().all(plain) {
+    if !is_plain(name) {
         return unfit(format!(
             "name: expected 1 to 60 letters, digits, `-` and `_`, found {name:?}"
         ));

@@ -160,6 +160,16 @@ impl std::fmt::Display for Place {
     }
 }
 
+/// Longest name of a job or an experiment, letters.
+const LONGEST_NAME: usize = 60;
+
+/// Whether a text is a name of letters, digits, `-` and `_`: nothing that leads out of a folder, or
+/// is no key of the broker.
+pub fn is_plain(text: &str) -> bool {
+    let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+    (1..=LONGEST_NAME).contains(&text.len()) && text.chars().all(plain)
+}
+
 /// The process that has a job.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Holder {
@@ -250,8 +260,10 @@ impl Job {
     /// Why a bench does not take it, in words; none where it may.
     pub fn unfit(&self, place: &Place, can: &Capabilities) -> Option<String> {
         let refused = self.refused.get(&place.to_string());
-        self.needs
-            .unmet(place, can)
+        // Both become names of files at the bench.
+        let is_plain = is_plain(&self.job) && is_plain(&self.name);
+        let odd = (!is_plain).then(|| "its name is not one that a client gives".to_owned());
+        odd.or_else(|| self.needs.unmet(place, can))
             .or_else(|| refused.map(|why| format!("its check refused it: {why}")))
     }
 
@@ -323,6 +335,14 @@ mod tests {
             fixtures: vec!["cell".to_owned(), "shunt".to_owned()],
             simulated: true,
         }
+    }
+
+    #[test]
+    fn a_name_that_leads_out_of_a_folder_is_taken_by_no_bench() {
+        for name in ["..", "../x", "a/b", "", "a.b", "a b"] {
+            assert!(!is_plain(name), "{name}");
+        }
+        assert!(is_plain("20261128T070102-5f0c5f0c5f0c5f0c-00001") && is_plain("demo_2"));
     }
 
     #[test]

@@ -110,10 +110,15 @@ impl Member {
 
     /// Works for ever.
     pub(crate) async fn work(mut self) {
+        let mut told = None;
         loop {
-            if let Err(error) = self.look().await {
-                tracing::debug!("fleet: {}: {error}", self.me.place);
+            let trouble = self.look().await.err();
+            // A broker that is away is told by the connection; a disk or a record is told here, once.
+            let news = trouble.filter(|error| !matches!(error, FleetError::Unreachable(_)));
+            if let Some(error) = news.as_ref().filter(|error| told.as_ref() != Some(*error)) {
+                tracing::error!("fleet: {}: nothing is taken: {error}", self.me.place);
             }
+            told = news;
             self.shared.link.clock.sleep_s(LOOK_S).await;
         }
     }

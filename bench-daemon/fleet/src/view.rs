@@ -94,11 +94,27 @@ pub struct FleetView {
     pub stranded: BTreeMap<String, String>,
 }
 
+impl FleetView {
+    /// A fleet whose broker was not reached yet.
+    pub fn unseen(fleet: &str) -> Self {
+        Self {
+            fleet: fleet.to_owned(),
+            connected: false,
+            changed_unix_s: 0.0,
+            benches: Vec::new(),
+            jobs: JobCounts::default(),
+            stranded: BTreeMap::new(),
+        }
+    }
+}
+
 /// Conditions on jobs.
 #[derive(Debug, Clone, Default)]
 pub struct JobFilter {
     /// In this state; `lost` is one too.
     pub state: Option<String>,
+    /// Not yet over.
+    pub open: bool,
     /// Of this campaign.
     pub campaign: Option<String>,
     /// After this job.
@@ -258,6 +274,7 @@ impl Seer {
             let wanted = |view: &JobView| {
                 let campaign = filter.campaign.as_ref();
                 campaign.is_none_or(|name| view.job.campaign.as_ref() == Some(name))
+                    && !(filter.open && view.job.state.is_over())
                     && (filter.state.as_deref()).is_none_or(|state| view.state_name() == state)
             };
             shown.filter(wanted).take(most + 1).collect()

@@ -103,7 +103,7 @@ impl ServedBench {
             bench: self.bench.name.clone(),
             seed: order.seed,
             expected_s: planned.map_or(0.0, |planned| planned.expected_s),
-            by: format!("fleet: {}", order.by),
+            by: format!("fleet: {}", short(&order.by)),
             unix_s: clock::unix_time_s(),
         })
     }
@@ -187,7 +187,7 @@ impl LocalBench for ServedBench {
 
     fn hold(&self, by: &str, why: &str) -> Result<(), String> {
         let server = self.server()?;
-        let why = format!("{} {HELD_BY_FLEET}{by})", short(why));
+        let why = format!("{} {HELD_BY_FLEET}{})", short(why), short(by));
         let held = server.queue().hold(&self.bench.name, &why);
         server.tell_queue();
         held.map_err(|error| error.to_string())
@@ -204,7 +204,7 @@ impl LocalBench for ServedBench {
             ));
         }
         let note = format!("released: {}; it was held: {held}", short(why));
-        let by = format!("fleet: {by}");
+        let by = format!("fleet: {}", short(by));
         let kept = server
             .notebook
             .note(About::Bench(&self.bench.name), &by, &note);
@@ -219,7 +219,7 @@ impl LocalBench for ServedBench {
             let Some(server) = self.server.upgrade() else {
                 return serde_json::Value::Null;
             };
-            let report = stop::stop(&server, &self.bench, by).await;
+            let report = stop::stop(&server, &self.bench, &short(by)).await;
             serde_json::to_value(report).unwrap_or_default()
         }
         .boxed()

@@ -9,7 +9,7 @@ use crate::support::{
     Broker, Daemon, Machine, Network, client, pause, settings, until, witness, work,
 };
 use bench_fleet::{
-    Client, FleetSettings, JobState, Needs, Place, Submission,
+    Client, Credentials, FleetSettings, JobState, Needs, Place, Submission,
     client::Command,
     standing::OrderKind,
     view::{JobFilter, JobView},
@@ -299,4 +299,41 @@ async fn a_bench_that_was_cut_off_follows_a_stop_late_and_spares_what_a_person_b
     assert_eq!(persons.stops.load(Ordering::SeqCst), 0);
     assert_eq!(persons.going(), ["by-hand"]);
     drop(daemons);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_broker_with_tls_and_a_password_lets_in_who_has_both() {
+    let folder = tempfile::tempdir().unwrap();
+    let Some(broker) = Broker::start_with_tls(folder.path()) else {
+        return;
+    };
+    let plain = settings(format!("tls://127.0.0.1:{}", broker.port), 1.5);
+    let trusting = FleetSettings {
+        ca: Some(folder.path().join("ca.pem")),
+        ..plain.clone()
+    };
+    let known = FleetSettings {
+        credentials: Some(Credentials::read("north:secret\n").unwrap()),
+        ..trusting.clone()
+    };
+    drop(client(&known).await);
+    let stranger = FleetSettings {
+        credentials: Some(Credentials::read("north:guess\n").unwrap()),
+        ..trusting.clone()
+    };
+    let distrusting = FleetSettings {
+        credentials: known.credentials.clone(),
+        ..plain
+    };
+    for settings in [trusting, stranger, distrusting] {
+        assert!(Client::connect(&settings).await.is_err(), "{settings:?}");
+    }
+    let machine = Machine::new(folder.path(), "b1", 0.1);
+    let _daemon = Daemon::new(folder.path(), &known, vec![machine.clone()]);
+    let people = client(&known).await;
+    people.submit(&work("work", 1)).await.unwrap();
+    until("the run", 30.0, async || {
+        witness(std::slice::from_ref(&machine), "work").ends == 1
+    })
+    .await;
 }

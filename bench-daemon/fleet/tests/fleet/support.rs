@@ -64,6 +64,7 @@ pub(crate) struct Broker {
     store: PathBuf,
     pub(crate) port: u16,
     monitor: u16,
+    config: Option<PathBuf>,
 }
 
 impl Broker {
@@ -74,6 +75,7 @@ impl Broker {
             store: folder.join("nats"),
             port: free_port(),
             monitor: free_port(),
+            config: None,
         };
         if let Err(error) = broker.run() {
             eprintln!("skipped: nats-server cannot be started: {error}");
@@ -82,8 +84,50 @@ impl Broker {
         Some(broker)
     }
 
+    /// Starts one that asks for a password, over TLS with a certificate of its own; none where
+    /// `openssl` or the broker is not installed.
+    pub(crate) fn start_with_tls(folder: &Path) -> Option<Self> {
+        for arguments in [
+            "req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=ca -keyout ca.key -out ca.pem",
+            "req -newkey rsa:2048 -nodes -subj /CN=nats -keyout nats.key -out nats.csr",
+            "x509 -req -in nats.csr -CA ca.pem -CAkey ca.key -CAcreateserial -days 2 \
+             -extfile nats.ext -out nats.pem",
+        ] {
+            fs::write(folder.join("nats.ext"), "subjectAltName = IP:127.0.0.1\n").unwrap();
+            let made = Command::new("openssl")
+                .args(arguments.split_whitespace())
+                .current_dir(folder)
+                .stderr(Stdio::null())
+                .status();
+            if !made.is_ok_and(|status| status.success()) {
+                eprintln!("skipped: openssl makes no certificate");
+                return None;
+            }
+        }
+        let path = |name: &str| folder.join(name).display().to_string();
+        let text = format!(
+            "tls {{ cert_file: {:?}, key_file: {:?} }}\n\
+            authorization {{ users = [ {{ user: north, password: secret }} ] }}\n",
+            path("nats.pem"),
+            path("nats.key")
+        );
+        fs::write(folder.join("nats.conf"), text).unwrap();
+        let mut broker = Self {
+            child: None,
+            store: folder.join("nats"),
+            port: free_port(),
+            monitor: free_port(),
+            config: Some(folder.join("nats.conf")),
+        };
+        broker.run().ok()?;
+        Some(broker)
+    }
+
     fn run(&mut self) -> std::io::Result<()> {
         let mut command = Command::new("nats-server");
+        if let Some(config) = &self.config {
+            command.arg("-c").arg(config);
+        }
         command
             .args(["-js", "-a", "127.0.0.1", "-p", &self.port.to_string()])
             .args(["-m", &self.monitor.to_string(), "-sd"])

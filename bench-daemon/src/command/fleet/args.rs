@@ -76,20 +76,27 @@ pub(super) enum Act {
 
 #[derive(Debug, Args)]
 pub(super) struct StatusArgs {
+    /// List jobs that are over too.
+    #[arg(long)]
+    all: bool,
     /// List jobs in this state: queued, claimed, started, lost, done, failed or cancelled.
     #[arg(long, value_name = "STATE")]
     state: Option<String>,
     /// List jobs of this campaign.
     #[arg(long, value_name = "LABEL")]
     campaign: Option<String>,
+    /// List jobs after this one; at most 1000 are listed at once.
+    #[arg(long, value_name = "JOB")]
+    after: Option<String>,
 }
 
 impl StatusArgs {
     pub(super) fn filter(&self) -> JobFilter {
         JobFilter {
             state: self.state.clone(),
+            open: !self.all && self.state.is_none(),
             campaign: self.campaign.clone(),
-            after: None,
+            after: self.after.clone(),
             most: MOST_JOBS,
         }
     }

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 use crate::support::terminal::say;
 
-/// The fleet as it is now: benches, numbers of jobs, and the jobs that are not over or are asked for.
+/// The fleet as it is now: benches, numbers of jobs, and the jobs that were asked for.
 pub(super) fn status(view: &FleetView, page: &JobPage) {
     for bench in &view.benches {
         say!("{}", bench_line(bench));
@@ -26,7 +26,7 @@ pub(super) fn status(view: &FleetView, page: &JobPage) {
         say!("no bench can take {job}: {why}");
     }
     if let Some(after) = &page.after {
-        say!("there are more jobs after {after}");
+        say!("there are more jobs: --after {after}");
     }
 }
 

@@ -8,7 +8,7 @@ use axum::{
     http::StatusCode,
 };
 use bench_fleet::{
-    BenchView, Client, Fleet, FleetError, JobCounts, JobState, Needs, Place, Submission,
+    BenchView, Client, Fleet, FleetError, FleetView, JobCounts, JobState, Needs, Place, Submission,
     client::{Command, Outcome},
     standing::OrderKind,
     view::{JobFilter, JobPage, JobView, MOST_JOBS, Seer},
@@ -397,13 +397,16 @@ fn by(app: &App, name: &str) -> String {
     security(("token" = ["read"]))
 )]
 pub async fn now(_caller: Reader, State(app): State<App>) -> Result<Json<FleetNow>, Refusal> {
-    let server = fleet(&app)?.settings().server.clone();
-    let view = seer(&app)?.view();
+    let fleet = fleet(&app)?;
+    let settings = fleet.settings();
+    // Before the NATS server was reached there is nothing to be shown, and that is told.
+    let view = fleet.seer().map(|seer| seer.view());
+    let view = view.unwrap_or_else(|| FleetView::unseen(&settings.fleet));
     let stranded = view.stranded.into_iter();
     Ok(Json(FleetNow {
         fleet: view.fleet,
         connected: view.connected,
-        server,
+        server: settings.server.clone(),
         changed_unix_s: view.changed_unix_s,
         jobs: (&view.jobs).into(),
         benches: view.benches.into_iter().map(Into::into).collect(),
@@ -434,6 +437,7 @@ pub async fn jobs(
     }
     let JobPage { jobs, after } = seer(&app)?.jobs(&JobFilter {
         state: wanted.state,
+        open: false,
         campaign: wanted.campaign,
         after: wanted.after,
         most,
