@@ -115,7 +115,10 @@ impl CatalogKeeper {
         match Catalog::make(&self.file()) {
             Err(CatalogError::Sql { source, .. }) => {
                 tracing::warn!("the catalogue is built again: {source}");
-                let _ = fs::remove_file(self.file());
+                // With what SQLite keeps beside it: pages of the damaged one are none of the new one's.
+                for end in ["", "-wal", "-shm"] {
+                    let _ = fs::remove_file(self.data.join(format!("{FILE}{end}")));
+                }
                 Catalog::make(&self.file())
             }
             made => made,
