@@ -51,6 +51,8 @@ pub struct CatalogWanted {
 pub struct AgeingWanted {
     /// Name or serial number of the cell.
     cell: String,
+    /// Its serial number, where several cells have one name.
+    serial: Option<String>,
     /// Number of RC pairs of the models; else the greatest that every run of the cell has.
     rc: Option<u32>,
     /// Begun at this time or later, s since 1970.
@@ -184,6 +186,7 @@ pub async fn ageing(
 ) -> Result<Json<Ageing>, Refusal> {
     let filter = Filter {
         cell: Some(wanted.cell),
+        serial: wanted.serial,
         from_unix_s: wanted.from_s,
         to_unix_s: wanted.to_s,
         ..Filter::default()

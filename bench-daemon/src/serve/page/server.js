@@ -40,7 +40,7 @@ async function asked(method, path, body, patience = PATIENCE_MS) {
 
 export const get = async (path) => (await asked("GET", path)).json();
 export const post = async (path, body) => (await asked("POST", path, body)).json();
-export const stopNow = async (path) => (await asked("POST", path, undefined, STOP_MS)).json();
+export const stopNow = async (path, body, patience = STOP_MS) => (await asked("POST", path, body, patience)).json();
 export const put = async (path, body) => (await asked("PUT", path, body)).json();
 export const remove = async (path) => (await asked("DELETE", path)).json();
 export const file = async (path) => (await asked("GET", path)).blob();
