@@ -22,7 +22,8 @@ const WORDS = {
   serial: "Serial number",
   serialAll: "all of this name",
   serialOf: (one, n) => `${one} (${n} ${n === 1 ? "run" : "runs"})`,
-  serialsMixed: (n) => `▲ ${n} serial numbers have this name: they are different cells, and joined to none. Choose one.`,
+  serialsMixed: (n) =>
+    `▲ ${n} serial numbers have this name: they are different cells, and joined to none. Choose one.`,
   identity: { batch: (value) => `Batch ${value}. `, chemistry: (value) => `Chemistry: ${value}. ` },
   at: "Compare at",
   atGroup: (celsius, n) => `${celsius} °C (${n} ${n === 1 ? "value" : "values"})`,
@@ -104,18 +105,20 @@ function groups(points, within) {
     else found.push([point]);
   }
   const middle = (group) => group[Math.floor(group.length / 2)].temperature_c;
-  return found.map((group) => ({ at: middle(group), points: new Set(group) })).sort((a, b) => b.points.size - a.points.size);
+  return found
+    .map((group) => ({ at: middle(group), points: new Set(group) }))
+    .sort((a, b) => b.points.size - a.points.size);
 }
 
-// The part of the view of a cell; `refresh()` asks anew. `parts.node` is its section.
-export function ageing(name, ctx) {
+// The part of the view of a cell, `node` being its section; `refresh()` asks anew. A serial number may be chosen.
+export function ageing(name, serial, ctx) {
   const part = { name, ctx, got: null, cells: [], charts: new Map(), turn: 0 };
   part.said = el("p", { role: "status" }, WORDS.looking);
   part.identity = el("p", {});
   part.again = el("button", { type: "button", hidden: true, onclick: () => refresh(part) }, WORDS.again);
   const redraw = () => draw(part);
   part.rc = el("select", { onchange: () => refresh(part) });
-  part.serial = el("select", { onchange: () => refresh(part) });
+  part.serial = el("select", { onchange: () => refresh(part) }, ...(serial ? [new Option(serial, serial)] : []));
   part.at = el("select", { onchange: redraw });
   part.within = el("input", { type: "number", min: 0.1, max: 100, step: 0.1, value: WITHIN_K, onchange: redraw });
   part.mixed = el("p", { class: "note" });
@@ -137,7 +140,17 @@ export function ageing(name, ctx) {
   part.body = el("div", { hidden: true }, lacking, part.figures, part.hints, part.holder, acts);
   const heading = el("h3", { id: "fd-ageing" }, WORDS.title);
   const again = el("div", { class: "acts" }, part.again);
-  part.node = el("section", { "aria-labelledby": "fd-ageing" }, heading, part.identity, part.form, part.mixed, part.said, again, part.body);
+  part.node = el(
+    "section",
+    { "aria-labelledby": "fd-ageing" },
+    heading,
+    part.identity,
+    part.form,
+    part.mixed,
+    part.said,
+    again,
+    part.body,
+  );
   part.watch = new ResizeObserver(() => part.charts.forEach(({ chart }) => chart.fit()));
   part.watch.observe(part.figures);
   return {
@@ -192,11 +205,12 @@ function take(part) {
   const own = part.rc.value ? part.ownRc : got.rc;
   part.ownRc = own;
   choose(part.rc, [["", WORDS.rcAuto(own ?? WORDS.unknown)], ...got.orders.map((rc) => [String(rc), WORDS.rcOf(rc)])]);
-  choose(part.serial, [
-    ["", WORDS.serialAll],
-    ...serials.map((one) => [one.serial, WORDS.serialOf(one.serial, one.runs)]),
-  ]);
-  part.serialLabel.hidden = serials.length < 2;
+  const choices = serials.map((one) => [one.serial, WORDS.serialOf(one.serial, one.runs)]);
+  // A link may name one that is no more.
+  const chosen = part.serial.value;
+  if (chosen && !choices.some(([value]) => value === chosen)) choices.push([chosen, WORDS.serialOf(chosen, 0)]);
+  choose(part.serial, [["", WORDS.serialAll], ...choices]);
+  part.serialLabel.hidden = choices.length < 2;
   // Of a cell without serial numbers its name is all that tells it from others.
   const meant = cells.filter((one) => !part.serial.value || one.serial === part.serial.value);
   const told = (key) => [...new Set(meant.map((one) => one[key]).filter(Boolean))].join(", ");
@@ -228,7 +242,10 @@ function draw(part) {
   part.body.hidden = !part.shown.length;
   const others = part.shown.filter((point) => !point.isSame).length;
   const runs = new Set(part.shown.map((point) => point.run)).size;
-  text(part.said, part.shown.length ? WORDS.count(part.shown.length, runs) + (others ? WORDS.others(others) : "") : WORDS.none);
+  text(
+    part.said,
+    part.shown.length ? WORDS.count(part.shown.length, runs) + (others ? WORDS.others(others) : "") : WORDS.none,
+  );
   drawHints(part);
   drawFigures(part);
   drawTable(part);
@@ -300,7 +317,14 @@ function drawTable(part) {
     part.holder.replaceChildren(node);
   }
   const row = (point) =>
-    el("tr", {}, ...factsOf(point), ...part.quantities.map((one, place) => cell(heads[place], el("span", { class: "fd-figure" }, figureOf(one, point)))));
+    el(
+      "tr",
+      {},
+      ...factsOf(point),
+      ...part.quantities.map((one, place) =>
+        cell(heads[place], el("span", { class: "fd-figure" }, figureOf(one, point))),
+      ),
+    );
   // The latest first: it is what one comes for.
   keyed(part.rows, [...part.shown].reverse(), (point) => JSON.stringify([point.run, point.file]), row);
 }

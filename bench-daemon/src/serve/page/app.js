@@ -100,6 +100,8 @@ const WORDS = {
 
 // So long the stream has at the start, before the page asks without it, ms.
 const FIRST_MS = 2000;
+// After so long without a word a person is told so, ms.
+const UNHEARD_MS = 4000;
 
 const known = {
   asked: false,
@@ -137,8 +139,7 @@ function say(words, bad, of = "") {
 // The server does not know who asks, or not any more.
 const isUnknown = (error) => error instanceof Refused && (error.status === 401 || error.status === 403);
 
-const failure = (error) =>
-  error instanceof Refused ? WORDS.refused(error.message) : WORDS.notReached(error.message);
+const failure = (error) => (error instanceof Refused ? WORDS.refused(error.message) : WORDS.notReached(error.message));
 
 function sayError(error, of) {
   say(failure(error), true, of);
@@ -198,11 +199,13 @@ async function stop(all) {
 }
 
 // Sends a stop until it is answered, and gives the answer; null where it was refused. A request that hangs is
-// given up after some seconds and sent again: the server does a stop once, and tells everybody who asks meanwhile
-// how it went.
-async function insistOnStop(button, path, { body, patience } = {}) {
+// given up after some seconds, `patience` or a few, and sent again: the server does a stop once, and tells everybody
+// who asks meanwhile how it went. `waits(seconds)` are the words while a long one is waited for.
+async function insistOnStop(button, path, { body, patience, waits } = {}) {
   button.classList.add("pressed");
   const began = Date.now();
+  const waited = () => Math.round((Date.now() - began) / 1000);
+  const tick = waits && setInterval(() => stopSays(waits(waited())), UNHEARD_MS);
   let answer;
   for (let tries = 1; answer === undefined; tries += 1) {
     text(button, WORDS.stopping(tries));
@@ -210,12 +213,12 @@ async function insistOnStop(button, path, { body, patience } = {}) {
       answer = await stopNow(path, body, patience);
     } catch (error) {
       answer = stopIsRefused(error) ? null : undefined;
-      const waited = Math.round((Date.now() - began) / 1000);
       const isLate = error.name === "TimeoutError";
-      if (answer === undefined) stopSays(WORDS.stopUnheard(waited, isLate ? WORDS.noAnswer : error.message));
+      if (answer === undefined) stopSays(WORDS.stopUnheard(waited(), isLate ? WORDS.noAnswer : error.message));
       if (answer === undefined && !isLate) await new Promise((done) => setTimeout(done, 500));
     }
   }
+  clearInterval(tick);
   button.classList.remove("pressed");
   return answer;
 }

@@ -110,13 +110,17 @@ const TYPING_MS = 300;
 let view = null;
 
 const known = (value) => Number.isFinite(value);
-const figure = (value, digits, words) => (known(value) ? words(value.toFixed(digits).replace("-", "−")) : WORDS.unknown);
+const figure = (value, digits, words) =>
+  known(value) ? words(value.toFixed(digits).replace("-", "−")) : WORDS.unknown;
 // The name of a spectrum is that of its file.
 const stem = (file) => file.replace(/\.csv$/, "");
 
 // ---- what can be looked for -----------------------------------------------------------------------
 
-const cellLink = (name, words = name) => el("a", { href: address("cell", name) }, words);
+const cellLink = (name, serial) => {
+  const query = serial ? `?${new URLSearchParams({ serial })}` : "";
+  return el("a", { href: `${address("cell", name)}${query}` }, name);
+};
 
 function resistance(value, sigma) {
   const spread = known(sigma) ? ` ± ${(1e3 * sigma).toPrecision(2)}` : "";
@@ -148,13 +152,14 @@ function spectrumCells(one) {
 }
 
 // Where the runs with a cell are found.
-const runsOf = ({ cell: name, serial }) => `#/catalog?${new URLSearchParams(serial ? { cell: name, serial } : { cell: name })}`;
+const runsOf = ({ cell: name, serial }) =>
+  `#/catalog?${new URLSearchParams(serial ? { cell: name, serial } : { cell: name })}`;
 
 function cellCells(one) {
   const heads = WORDS.cells;
   const link = el("a", { href: runsOf(one), "aria-label": WORDS.cellRuns(one.runs, one.cell) }, String(one.runs));
   return [
-    el("th", { scope: "row" }, el("div", { class: "fd-name" }, cellLink(one.cell))),
+    el("th", { scope: "row" }, el("div", { class: "fd-name" }, cellLink(one.cell, one.serial))),
     names(heads.serial, one.serial || WORDS.unknown),
     names(heads.batch, one.batch || WORDS.unknown),
     names(heads.chemistry, one.chemistry || WORDS.unknown),

@@ -213,7 +213,12 @@ async function drawSpectra() {
 // ---- the view -----------------------------------------------------------------------------------
 
 function drawRuns(cards) {
-  keyed(view.runs, cards, (card) => card.run, (card) => el("tr", {}, ...runCells(card)));
+  keyed(
+    view.runs,
+    cards,
+    (card) => card.run,
+    (card) => el("tr", {}, ...runCells(card)),
+  );
   view.runTable.hidden = !cards.length;
   view.noRun.hidden = cards.length > 0;
 }
@@ -283,7 +288,7 @@ function build(parent) {
   view.runTable.hidden = true;
   view.noRun = el("p", { class: "quiet" }, WORDS.noRun);
   const said = el("section", {});
-  view.ageing = ageing(view.name, view.ctx);
+  view.ageing = ageing(view.name, view.serial, view.ctx);
   view.root = begin(
     parent,
     WORDS.title(view.name),
@@ -319,7 +324,15 @@ async function first() {
 }
 
 export async function open(parent, where, ctx) {
-  view = { name: where.path[1], ctx, history: [], ticked: new Set(), byHand: false, turn: 0 };
+  view = {
+    name: where.path[1],
+    serial: where.query.get("serial"),
+    ctx,
+    history: [],
+    ticked: new Set(),
+    byHand: false,
+    turn: 0,
+  };
   Object.assign(view, { charts: [], holders: [], shelf: shelf(ctx), calm: calmly(again) });
   build(parent);
   view.watch = new ResizeObserver(() => view.charts.forEach((chart) => chart.fit()));

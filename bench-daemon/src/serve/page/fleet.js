@@ -73,11 +73,14 @@ const WORDS = {
   },
   stopWhy: "stopped on the page of the fleet",
   stopAll: "■ STOP FLEET",
+  stopWaits: (waited) =>
+    `The stop was sent; no word after ${waited} s that every bench is off. The table shows each as it is heard. ` +
+    "A bench that does not answer: use its emergency switch, or on its machine: eis-bench safe",
   stopped: "Stop, bench by bench",
-  stopHead: (n, off) => `${off} of ${n} ${n === 1 ? "bench" : "benches"} stopped with every output off, read back.`,
+  stopOf: (off, n) => `${off} of ${n} ${n === 1 ? "bench" : "benches"} stopped with every output off, read back.`,
   stopSimulated: (n) => ` ${n} simulated within a run that has ended.`,
-  stopUnverified: (n) => ` ▲ ${n} STOPPED, BUT NOT VERIFIED.`,
-  stopUnreached: (n) => ` ▲ ${n} NOT REACHED: nobody knows whether anything was stopped there. Go there.`,
+  stopUnverified: (n) => `▲ ${n} STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH. `,
+  stopUnreached: (n) => `▲ ${n} NOT REACHED: nobody knows whether anything was stopped there. Go there. `,
   stopOff: (name) => `✓ ${name}: stopped, every output is off, read back.`,
   stopSim: (name) => `✓ ${name}: it is simulated within the run's process, which has ended.`,
   stopNotVerified: (name) => `▲ ${name}: STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH.`,
@@ -149,7 +152,7 @@ const WORDS = {
   plan: (expected, longest) => `✓ No mistake found. About ${expected}, ${longest} at most.`,
   margin: (one) =>
     `${one.quantity}: planned ${one.least} to ${one.greatest} ${one.unit}; ` +
-    (one.margin < 0 ? `▲ beyond the limit by ${-one.margin}` : `${one.margin} ${one.unit} left`),
+    (one.isBeyond ? `▲ beyond the limit by ${one.margin} ${one.unit}` : `${one.margin} ${one.unit} left`),
   needs: "What the bench must be able to do",
   fields: {
     current_a: "Current, A",
@@ -186,8 +189,9 @@ const WORDS = {
 // So often the server is asked, ms; the jobs at least so often.
 const POLL_MS = 2000;
 const JOBS_MS = 10000;
-// So long a stop is waited for before it is sent again, ms: other benches are farther away than this server's own.
-const STOP_MS = 10000;
+// So long a stop is waited for before it is sent again, ms: a bench that is cut off is waited for 120 s by the server,
+// which answers for all benches together.
+const STOP_MS = 150000;
 const MOST_ROWS = 300;
 const JOBS = 100;
 const LOST = 20;
@@ -232,10 +236,13 @@ const isOff = (one) => one.outputs_verified === true && one.state !== "silent";
 function benchRow(first) {
   const heads = WORDS.columns;
   const name = WORDS.name(first);
-  const parts = Object.fromEntries(["state", "held", "work", "heard", "outputs", "can"].map((k) => [k, el("span", {})]));
+  const parts = Object.fromEntries(
+    ["state", "held", "work", "heard", "outputs", "can"].map((k) => [k, el("span", {})]),
+  );
   parts.held.className = "fl-why";
   const row = { bench: first };
-  const act = (kind) => button(WORDS.acts[kind], () => askWhy(row, kind), { "aria-label": WORDS.actOn(WORDS.acts[kind], name) });
+  const act = (kind) =>
+    button(WORDS.acts[kind], () => askWhy(row, kind), { "aria-label": WORDS.actOn(WORDS.acts[kind], name) });
   const acts = { hold: act("hold"), drain: act("drain"), release: act("release") };
   const stop = button(WORDS.stop, (event) => stopBench(row.bench, event.currentTarget), {
     class: "fl-stop",
@@ -260,14 +267,17 @@ function benchRow(first) {
     text(parts.work, workOf(one));
     text(parts.heard, isUnset(one.silent_s) ? WORDS.unknown : WORDS.ago(duration(one.silent_s)));
     text(parts.outputs, one.state === "silent" ? WORDS.outputsSilent : WORDS.outputs[one.outputs_verified ?? null]);
-    parts.outputs.className = isOff(one) ? "good" : one.outputs_verified === false || one.state === "silent" ? "bad" : "";
+    parts.outputs.className = isOff(one)
+      ? "good"
+      : one.outputs_verified === false || one.state === "silent"
+        ? "bad"
+        : "";
     text(parts.can, canDo(one.capabilities || {}));
     const isHeld = ["held", "draining"].includes(one.state) || !isUnset(one.held);
-    const lacks = Boolean(lack(view.ctx, "energise"));
-    for (const [kind, node] of Object.entries(acts)) {
-      node.hidden = (kind === "release") !== isHeld;
-      node.disabled = lacks;
-    }
+    acts.hold.hidden = acts.drain.hidden = isHeld;
+    // A bench in work may be draining too, which its state does not tell.
+    acts.release.hidden = !isHeld && one.state === "idle";
+    for (const node of Object.values(acts)) node.disabled = Boolean(lack(view.ctx, "energise"));
   };
   row.update(first);
   return row;
@@ -354,7 +364,7 @@ function askWhy(row, kind) {
     }
     const done = await view.ctx.attempt(
       () => view.ctx.post(pathOf(row.bench, kind), { why: why.value.trim() }),
-      () => WORDS.acted[kind](name),
+      (answer) => [WORDS.acted[kind](name), answer && answer.words].filter(Boolean).join(" "),
     );
     return done === null ? undefined : closeWhy();
   };
@@ -385,15 +395,20 @@ function closeWhy() {
 
 // ---- the stop -----------------------------------------------------------------------------------
 
-// What became of a bench, by what the answer says of it. Whatever is not said is not reached.
+// What became of a bench, by what the answer says of it. What nobody has said is not reached, and what was not read
+// back is not verified.
 function fateOf(name, found) {
-  const report = found && (found.report || found);
-  const isReached = Boolean(report) && found.reached !== false && report.over !== false && "verified" in report;
-  if (!isReached) return { name, kind: "unreached", words: (found && found.message) || WORDS.stopNoWord };
-  const kind = report.verified === true ? "off" : report.simulated === true ? "simulated" : "unverified";
-  const outputs = (report.outputs || []).map((output) => output.text).filter(Boolean);
-  return { name, kind, words: [report.message, ...outputs].filter(Boolean).join("; ") };
+  const report = found && (found.report || ("outputs" in found ? found : null));
+  const words = [found && found.words, report && report.message, ...outputsOf(report)].filter(Boolean).join("; ");
+  if (!found || found.heard === false || found.reached === false || !(report || found.heard))
+    return { name, kind: "unreached", words: words || (found && found.message) || WORDS.stopNoWord };
+  const isOver = report && report.over !== false;
+  const kind =
+    isOver && report.verified === true ? "off" : isOver && report.simulated === true ? "simulated" : "unverified";
+  return { name, kind, words };
 }
+
+const outputsOf = (report) => ((report && report.outputs) || []).map((output) => output.text);
 
 const FATES = {
   unreached: WORDS.stopNotReached,
@@ -418,12 +433,13 @@ function tellStop(answer, benches) {
   const of = (kind) => fates.filter((one) => one.kind === kind);
   const count = (kind, words) => (of(kind).length ? words(of(kind).length) : "");
   const isFine = fates.length > 0 && !of("unreached").length && !of("unverified").length;
+  // The worst first.
   const head =
-    WORDS.stopHead(fates.length, of("off").length) +
-    count("simulated", WORDS.stopSimulated) +
+    count("unreached", WORDS.stopUnreached) +
     count("unverified", WORDS.stopUnverified) +
-    count("unreached", WORDS.stopUnreached);
-  view?.ctx && drawStopped(fates, head, isFine);
+    WORDS.stopOf(of("off").length, fates.length) +
+    count("simulated", WORDS.stopSimulated);
+  if (view) drawStopped(fates, head, isFine);
   return [head, !isFine];
 }
 
@@ -446,14 +462,19 @@ function drawStopped(fates, head, isFine) {
     el("h3", { id: "fl-stopped" }, WORDS.stopped),
     el("p", { class: isFine ? "good" : "bad" }, el("b", {}, head)),
     el("ul", {}, ...loud.map(line)),
-    el("details", { open: !loud.length && fine.length < 10 }, el("summary", {}, WORDS.stopFine(fine.length)), el("ul", {}, ...fine.map(line))),
+    el(
+      "details",
+      { open: !loud.length && fine.length < 10 },
+      el("summary", {}, WORDS.stopFine(fine.length)),
+      el("ul", {}, ...fine.map(line)),
+    ),
     el("div", { class: "acts" }, button(WORDS.close, close)),
   );
 }
 
 async function stop(path, body, benches, node, label) {
   const { ctx } = view;
-  const answer = await ctx.stop(node, path, { body, patience: STOP_MS });
+  const answer = await ctx.stop(node, path, { body, patience: STOP_MS, waits: WORDS.stopWaits });
   text(node, label);
   // What was refused is told where it was.
   if (answer !== null) ctx.stopSays(...tellStop(answer, benches));
@@ -502,7 +523,7 @@ function jobRow(job) {
     cell(heads.submitted, when(job.submitted_unix_s)),
     cell(heads.by, el("div", { class: "fd-name" }, person(job.by || WORDS.unknown))),
     cell(heads.campaign, el("div", { class: "fd-name" }, job.campaign || WORDS.unknown)),
-    cell(heads.acts, isOpen ? act : null),
+    el("td", {}, isOpen ? act : null),
   );
 }
 
@@ -547,7 +568,9 @@ function drawJobStates(counts) {
 
 async function askLost(number) {
   const mine = view;
-  const asked = number ? mine.ctx.get(`/fleet/jobs?${new URLSearchParams({ state: "lost", most: LOST })}`) : { jobs: [] };
+  const asked = number
+    ? mine.ctx.get(`/fleet/jobs?${new URLSearchParams({ state: "lost", most: LOST })}`)
+    : { jobs: [] };
   const got = await Promise.resolve(asked).catch(() => null);
   if (!got || view !== mine) return;
   const there = new Set(got.jobs.map((job) => job.job));
@@ -566,7 +589,12 @@ function lostItem(job) {
   const lacks = lack(view.ctx, "energise");
   const said = el("p", { class: "bad", role: "alert", id: id("lost") }, lacks || "");
   const looked = el("input", { type: "checkbox", disabled: Boolean(lacks) });
-  const why = el("input", { maxlength: 200, autocomplete: "off", disabled: Boolean(lacks), "aria-describedby": said.id });
+  const why = el("input", {
+    maxlength: 200,
+    autocomplete: "off",
+    disabled: Boolean(lacks),
+    "aria-describedby": said.id,
+  });
   const onsubmit = async (event) => {
     event.preventDefault();
     text(said, !looked.checked ? WORDS.lostTick : why.value.trim() ? "" : WORDS.whyMissing);
@@ -595,7 +623,7 @@ function lostItem(job) {
 // ---- sending an experiment ----------------------------------------------------------------------
 
 const known = (value) => Number.isFinite(value);
-const round = (value) => Number(value.toPrecision(4));
+const round = (value) => String(Number(value.toPrecision(4))).replace("-", "−");
 
 function sendForm() {
   const parts = {};
@@ -603,16 +631,34 @@ function sendForm() {
   Object.assign(parts, { checked: null, count: el("input", { type: "number", min: 1, max: MOST_COUNT, value: 1 }) });
   parts.experiment = el("select", { onchange: takeExperiment }, new Option(WORDS.ownText, ""));
   parts.file = el("input", { type: "file", accept: ".toml,text/plain", onchange: takeFile });
-  parts.text = el("textarea", { rows: 8, spellcheck: "false", autocomplete: "off", wrap: "off", class: "fl-text", oninput: changed });
+  parts.text = el("textarea", {
+    rows: 8,
+    spellcheck: "false",
+    autocomplete: "off",
+    wrap: "off",
+    class: "fl-text",
+    oninput: changed,
+  });
   parts.bench = el("select", { onchange: changed }, ...view.ctx.benches().map((name) => new Option(name, name)));
   parts.said = el("div", { role: "status" });
   parts.needs = Object.fromEntries(NEEDS.map((name) => [name, needInput(name)]));
-  parts.seed = el("input", { inputmode: "numeric", autocomplete: "off", placeholder: WORDS.seedHint, oninput: drawReason });
+  parts.seed = el("input", {
+    inputmode: "numeric",
+    autocomplete: "off",
+    placeholder: WORDS.seedHint,
+    oninput: drawReason,
+  });
   parts.label = el("input", { autocomplete: "off", maxlength: 100 });
   parts.count.addEventListener("input", drawReason);
   parts.reason = el("p", { class: "quiet", id: id("reason") });
   parts.go = el("button", { "aria-describedby": parts.reason.id }, WORDS.send);
-  parts.confirm = el("div", { class: "fm-confirm", role: "group", tabindex: "-1", "aria-label": WORDS.submit, hidden: true });
+  parts.confirm = el("div", {
+    class: "fm-confirm",
+    role: "group",
+    tabindex: "-1",
+    "aria-label": WORDS.submit,
+    hidden: true,
+  });
   const label = (words, node, more) => el("label", more || {}, words, node);
   const fields = NEEDS.map((name) => label(WORDS.fields[name], parts.needs[name]));
   const onsubmit = (event) => {
@@ -654,9 +700,18 @@ function drawNeeds() {
   const unique = (values) => [...new Set(values)].sort((a, b) => a.localeCompare(b));
   const offer = (name, values) =>
     choose(view.send.needs[name], [["", WORDS.any], ...unique(values).map((value) => [value, value])]);
-  offer("fixture", benches.flatMap((one) => (one.capabilities && one.capabilities.fixtures) || []));
-  offer("site", benches.map((one) => one.site));
-  offer("bench", benches.map((one) => one.bench));
+  offer(
+    "fixture",
+    benches.flatMap((one) => (one.capabilities && one.capabilities.fixtures) || []),
+  );
+  offer(
+    "site",
+    benches.map((one) => one.site),
+  );
+  offer(
+    "bench",
+    benches.map((one) => one.bench),
+  );
 }
 
 async function takeExperiment() {
@@ -708,8 +763,10 @@ const mistakeOf = (one) => el("p", { class: "bad" }, WORDS.mistake(one));
 
 function planOf({ plan, margins }) {
   const item = (one) => {
-    const rounded = { least: round(one.planned_least), greatest: round(one.planned_greatest), margin: round(one.margin) };
-    return el("li", { class: one.margin < 0 ? "bad" : "" }, WORDS.margin({ ...one, ...rounded }));
+    const isBeyond = one.margin < 0;
+    const planned = { least: round(one.planned_least), greatest: round(one.planned_greatest) };
+    const words = WORDS.margin({ ...one, ...planned, isBeyond, margin: round(Math.abs(one.margin)) });
+    return el("li", { class: isBeyond ? "bad" : "" }, words);
   };
   return [
     el("p", { class: "good" }, WORDS.plan(duration(plan.expected_s), duration(plan.longest_s))),
@@ -790,7 +847,12 @@ function confirm() {
     el("p", {}, WORDS.confirmTime(duration(plan.expected_s), count)),
     el("p", {}, needsOf(needs)),
     el("p", { class: able ? "" : "bad" }, able ? WORDS.fits(able, fleet.benches.length) : WORDS.fitsNone),
-    el("div", { class: "acts" }, button(WORDS.yes, () => sendNow(body)), button(WORDS.not, not)),
+    el(
+      "div",
+      { class: "acts" },
+      button(WORDS.yes, () => sendNow(body)),
+      button(WORDS.not, not),
+    ),
   );
   send.confirm.hidden = false;
   return send.confirm.focus();
@@ -880,8 +942,20 @@ function benchSection() {
   view.benchTable = table(WORDS.benches, Object.values(WORDS.columns), view.benchBody);
   view.benchTable.classList.add("fl-tall");
   const lacks = lack(view.ctx, "energise");
-  const filter = el("div", { class: "fl-grid" }, el("label", {}, WORDS.find, view.find), el("label", {}, WORDS.state, view.state));
-  return section("benches", WORDS.benches, filter, view.benchSaid, lacks ? el("p", { class: "quiet" }, lacks) : null, view.benchTable);
+  const filter = el(
+    "div",
+    { class: "fl-grid" },
+    el("label", {}, WORDS.find, view.find),
+    el("label", {}, WORDS.state, view.state),
+  );
+  return section(
+    "benches",
+    WORDS.benches,
+    filter,
+    view.benchSaid,
+    lacks ? el("p", { class: "quiet" }, lacks) : null,
+    view.benchTable,
+  );
 }
 
 function jobSection() {
@@ -899,7 +973,14 @@ function jobSection() {
     el("label", {}, WORDS.state, view.jobState),
     el("label", {}, WORDS.campaign, view.campaign),
   );
-  return section("jobs", WORDS.jobs, filter, view.jobSaid, view.jobTable, el("div", { class: "acts" }, view.firstJobs, view.nextJobs));
+  return section(
+    "jobs",
+    WORDS.jobs,
+    filter,
+    view.jobSaid,
+    view.jobTable,
+    el("div", { class: "acts" }, view.firstJobs, view.nextJobs),
+  );
 }
 
 function build(parent) {
@@ -907,7 +988,13 @@ function build(parent) {
   view.stopped = el("section", { "aria-labelledby": "fl-stopped", hidden: true });
   view.lostList = el("ul", { class: "fl-list" });
   view.lostMore = el("p", {});
-  view.lost = section("lost", WORDS.lost, el("p", {}, WORDS.lostHint, el("b", {}, WORDS.lostWarn)), view.lostList, view.lostMore);
+  view.lost = section(
+    "lost",
+    WORDS.lost,
+    el("p", {}, WORDS.lostHint, el("b", {}, WORDS.lostWarn)),
+    view.lostList,
+    view.lostMore,
+  );
   view.lost.classList.add("asks");
   view.lost.hidden = true;
   const send = el("section", {}, el("details", {}, el("summary", {}, WORDS.submit), sendForm()));

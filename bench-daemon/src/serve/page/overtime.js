@@ -58,9 +58,9 @@ const MARKS = {
   },
 };
 
-// A chart within `holder`; `look` has the `name` of the quantity, the `axis` and the `colour`. `show(points)` draws points in the order
-// of time, each with `unix_s`, `value`, `low` and `high` of its bar, its `mark`, whether it is `joined` to others, and
-// perhaps the `href` that a press on it leads to.
+// A chart within `holder`; `look` has the `name` of the quantity, the `axis` and the `colour`. `show(points)` draws
+// points in the order of time, each with `unix_s`, `value`, `low` and `high` of its bar, its `mark`, whether it is
+// `joined` to others, and perhaps the `href` that a press on it leads to.
 export function overTime(holder, look) {
   const state = { points: [] };
   const chart = makeChart(holder, look, state);
@@ -177,8 +177,7 @@ function zoomed(points, low, high) {
 }
 
 // As many digits as tell one tick from the next.
-const figures = (_, ticks, axis, space, step) =>
-  ticks.map((value) => value.toFixed(decimals(step)).replace("-", "−"));
+const figures = (_, ticks, axis, space, step) => ticks.map((value) => value.toFixed(decimals(step)).replace("-", "−"));
 
 // Days, and hours below them where the ticks are closer than a day.
 function dates(_, ticks, axis, space, step) {
