@@ -217,7 +217,7 @@ function take(part) {
   const words = ["batch", "chemistry"].map((key) => (told(key) ? WORDS.identity[key](told(key)) : ""));
   text(part.identity, words.join("").trim());
   part.identity.hidden = !part.identity.textContent;
-  part.form.hidden = !got.orders.length;
+  part.form.hidden = !got.orders.length && !part.serial.value;
   draw(part);
 }
 

@@ -263,7 +263,7 @@ function request() {
 function here() {
   const query = asked();
   if (view.kind !== "runs") query.set("of", view.kind);
-  return `#/catalog${query.size ? `?${query}` : ""}`;
+  return `#/catalog${String(query) ? `?${query}` : ""}`;
 }
 
 // Where the page may not copy, for which browsers want https, the link is shown to be copied by hand.
@@ -441,7 +441,7 @@ function told(shown) {
   const number = view.number ?? view.found.length;
   if (view.found.length) return WORDS.found(number, view.more && number === view.found.length, shown, nouns);
   if (from.value && to.value && from.value > to.value) return WORDS.daysSwapped;
-  return asked().size ? WORDS.none : WORDS.nothingYet;
+  return String(asked()) ? WORDS.none : WORDS.nothingYet;
 }
 
 // A table for what is looked for.

@@ -71,6 +71,8 @@ const WORDS = {
     drain: (name) => `${name} is told to drain.`,
     release: (name) => `${name} is released.`,
   },
+  notDone: (why) => `✕ Refused: ${why}`,
+  notKnown: (why) => `▲ No answer (${why}): it is NOT known whether it was done. Look before you do it again.`,
   stopWhy: "stopped on the page of the fleet",
   stopAll: "■ STOP FLEET",
   stopWaits: (waited) =>
@@ -349,6 +351,23 @@ function choose(select, choices) {
   if (select.selectedIndex < 0) select.selectedIndex = 0;
 }
 
+// Does something for a form, whether it was done: what was refused is told in the form, where one looks.
+async function doing(said, work, words) {
+  const { ctx } = view;
+  text(said, "");
+  try {
+    const answer = await work();
+    await ctx.attempt(
+      () => answer,
+      () => words(answer),
+    );
+    return true;
+  } catch (error) {
+    text(said, error instanceof ctx.Refused ? WORDS.notDone(error.message) : WORDS.notKnown(error.message));
+    return false;
+  }
+}
+
 // ---- hold, drain and release of a bench -----------------------------------------------------------
 
 // Asks why, in a row below that of the bench.
@@ -362,11 +381,9 @@ function askWhy(row, kind) {
       text(said, WORDS.whyMissing);
       return why.focus();
     }
-    const done = await view.ctx.attempt(
-      () => view.ctx.post(pathOf(row.bench, kind), { why: why.value.trim() }),
-      (answer) => [WORDS.acted[kind](name), answer && answer.words].filter(Boolean).join(" "),
-    );
-    return done === null ? undefined : closeWhy();
+    const words = (answer) => [WORDS.acted[kind](name), answer && answer.words].filter(Boolean).join(" ");
+    const isDone = await doing(said, () => view.ctx.post(pathOf(row.bench, kind), { why: why.value.trim() }), words);
+    return isDone ? closeWhy() : undefined;
   };
   const form = el(
     "form",
@@ -600,11 +617,9 @@ function lostItem(job) {
     text(said, !looked.checked ? WORDS.lostTick : why.value.trim() ? "" : WORDS.whyMissing);
     if (said.textContent) return (looked.checked ? why : looked).focus();
     const path = `/fleet/jobs/${encodeURIComponent(job.job)}/release`;
-    const done = await view.ctx.attempt(
-      () => view.ctx.post(path, { why: why.value.trim() }),
-      () => WORDS.lostDone(job.name),
-    );
-    if (done === null) return undefined;
+    const release = () => view.ctx.post(path, { why: why.value.trim() });
+    const isDone = await doing(said, release, () => WORDS.lostDone(job.name));
+    if (!isDone || !view) return undefined;
     view.heading.focus();
     return poll();
   };
@@ -904,8 +919,9 @@ function take(fleet) {
   drawBenches();
   drawNeeds();
   drawJobStates(fleet.jobs);
-  if (isNew) askLost(fleet.jobs.lost || 0);
-  if (isNew || Date.now() - view.jobsAt > JOBS_MS) askJobs();
+  if (!isNew && Date.now() - view.jobsAt < JOBS_MS) return;
+  askLost(fleet.jobs.lost || 0);
+  askJobs();
 }
 
 // Asks once; an answer that comes late is dropped.
