@@ -733,17 +733,20 @@ async function takeExperiment() {
   const mine = view;
   const name = mine.send.experiment.value;
   const asked = () => mine.ctx.get(`/files/experiments/${encodeURIComponent(name)}`);
-  const got = name ? await mine.ctx.attempt(asked) : { text: "" };
+  // Whoever writes their own keeps what is there.
+  const got = name ? await mine.ctx.attempt(asked) : null;
   if (!got || view !== mine || mine.send.experiment.value !== name) return;
   mine.send.text.value = got.text;
   changed();
 }
 
 async function takeFile(event) {
+  const mine = view;
   const [file] = event.target.files;
-  if (!file) return;
-  view.send.text.value = await file.text();
-  view.send.experiment.value = "";
+  const words = file && (await file.text());
+  if (!file || view !== mine) return;
+  mine.send.text.value = words;
+  mine.send.experiment.value = "";
   changed();
 }
 
