@@ -58,6 +58,8 @@ pub struct CatalogWanted {
 pub struct AgeingWanted {
     /// Name or serial number of the cell.
     cell: String,
+    /// Its serial number, where several cells have one name.
+    serial: Option<String>,
     /// Number of RC pairs of the models; else the greatest that every run of the cell has.
     rc: Option<u32>,
     /// Begun at this time or later: 2026-11-28, 2026-11-28T12:00:00Z, or s since 1970.
@@ -201,6 +203,7 @@ pub async fn ageing(
 ) -> Result<Json<Ageing>, Refusal> {
     let filter = Filter {
         cell: Some(wanted.cell),
+        serial: wanted.serial,
         from_unix_s: time("from", wanted.from)?,
         to_unix_s: time("to", wanted.to)?,
         ..Filter::default()
