@@ -3,25 +3,33 @@
 
 use std::{
     collections::BTreeMap,
-    path::Path,
-    sync::{Mutex, MutexGuard, PoisonError},
+    path::{Path, PathBuf},
+    sync::{
+        Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
 };
 
+use instruments::clock::Clock;
 use nix::sys::statvfs::statvfs;
 
 use super::{
-    Server,
     controls::{self, ControlNow},
-    jobs::{self, Ended, Job},
+    jobs::{self, Ended},
 };
 
 /// Time between two looks at the disk, s.
 const LOOK_S: f64 = 5.0;
 
+/// Folder of the runs in the data folder.
+const RUNS: &str = "runs";
+
 /// Notes of a server.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Health {
+    data: PathBuf,
     noted: Mutex<Noted>,
+    stop: AtomicBool,
 }
 
 /// What was noted.
@@ -62,6 +70,20 @@ pub struct BenchHealth {
 }
 
 impl Health {
+    /// Notes on the benches of these names; nothing was looked at yet.
+    pub fn of<'a>(data: &Path, benches: impl Iterator<Item = &'a str>) -> Self {
+        let benches = benches.map(|bench| (bench.to_owned(), BenchHealth::default()));
+        let noted = Noted {
+            disk: None,
+            benches: benches.collect(),
+        };
+        Self {
+            data: data.to_owned(),
+            noted: Mutex::new(noted),
+            stop: AtomicBool::new(false),
+        }
+    }
+
     /// Everything that was noted.
     pub fn noted(&self) -> Noted {
         self.lock().clone()
@@ -85,16 +107,20 @@ impl Health {
         });
     }
 
-    /// Looks at what the runs of before have left, and then at disk and controls, until the server
-    /// ends.
-    pub async fn work(&self, server: &Server) {
-        self.earlier(server);
-        while !server.hub.closed() {
-            let disk = disk_of(&server.settings.data);
+    /// Looks at what the runs of before have left, and then at disk and controls, until the end.
+    pub async fn work(&self, clock: &Clock) {
+        self.earlier();
+        while !self.stop.load(Ordering::Relaxed) {
+            let disk = disk_of(&self.data);
             self.lock().disk = disk;
-            self.read_controls(&server.runs());
-            server.clock.sleep_s(LOOK_S).await;
+            self.read_controls();
+            clock.sleep_s(LOOK_S).await;
         }
+    }
+
+    /// Ends the looks.
+    pub fn end(&self) {
+        self.stop.store(true, Ordering::Relaxed);
     }
 
     fn lock(&self) -> MutexGuard<'_, Noted> {
@@ -102,22 +128,24 @@ impl Health {
     }
 
     fn note(&self, bench: &str, note: impl FnOnce(&mut BenchHealth)) {
-        note(self.lock().benches.entry(bench.to_owned()).or_default());
+        if let Some(health) = self.lock().benches.get_mut(bench) {
+            note(health);
+        }
     }
 
     /// The latest end, and the latest controls, of each bench before this server was started.
-    fn earlier(&self, server: &Server) {
-        let jobs = jobs::all(&server.settings.data);
-        for bench in &server.settings.benches {
-            let of_bench = |job: &&Job| job.item.bench == bench.name;
-            let runs = jobs.iter().filter(of_bench);
+    fn earlier(&self) {
+        let jobs = jobs::all(&self.data);
+        for bench in self.noted().benches.keys() {
+            let runs = jobs.iter().filter(|job| job.item.bench == *bench);
             let found = runs
                 .clone()
-                .map(|job| controls::read(&server.runs().join(&job.item.run)))
+                .map(|job| self.controls_of(&job.item.run))
                 .find(|controls| !controls.is_empty());
-            self.note(&bench.name, |health| {
+            self.note(bench, |health| {
                 runs.filter_map(|job| job.ended.as_ref())
                     .for_each(|ended| health.seen(ended));
+                // What has ended meanwhile is newer.
                 if health.controls.is_empty() {
                     health.controls = found.unwrap_or_default();
                 }
@@ -125,7 +153,11 @@ impl Health {
         }
     }
 
-    fn read_controls(&self, runs: &Path) {
+    fn controls_of(&self, run: &str) -> Vec<ControlNow> {
+        controls::read(&self.data.join(RUNS).join(run))
+    }
+
+    fn read_controls(&self) {
         let unread: Vec<(String, String)> = {
             let mut noted = self.lock();
             let benches = noted.benches.iter_mut();
@@ -134,7 +166,7 @@ impl Health {
                 .collect()
         };
         for (bench, run) in unread {
-            let found = controls::read(&runs.join(run));
+            let found = self.controls_of(&run);
             if !found.is_empty() {
                 self.note(&bench, |health| health.controls = found);
             }

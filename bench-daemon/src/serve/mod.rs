@@ -113,7 +113,7 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     let (looker, of_looker) = (server.clone(), handle.clone());
     std::thread::Builder::new()
         .name("health".to_owned())
-        .spawn(move || of_looker.block_on(looker.health.work(&looker)))?;
+        .spawn(move || of_looker.block_on(looker.health.work(&looker.clock)))?;
     std::thread::Builder::new()
         .name("analyst".to_owned())
         .spawn(move || of_analyst.block_on(analyst::work(analyst)))?;
@@ -148,6 +148,7 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     }
     server.analyses.end();
     server.catalog.end();
+    server.health.end();
     notify.say("STOPPING=1");
     tracing::info!("stopping; runs in work go on by themselves");
     server.hub.close();

@@ -140,16 +140,20 @@ impl Server {
                 },
             )
         });
+        let started_unix_s = clock::unix_time_s();
         Ok(Self {
-            hub: Hub::new((clock::unix_time_s() * 1.0e3) as u64),
+            hub: Hub::new((started_unix_s * 1.0e3) as u64),
             audit: Audit::open(&settings.data)?,
             clock: Clock::start(TimeMode::Real),
             program: std::env::current_exe()?,
             counts: Counts {
-                started_unix_s: clock::unix_time_s(),
+                started_unix_s,
                 ..Counts::default()
             },
-            health: Health::default(),
+            health: Health::of(
+                &settings.data,
+                settings.benches.iter().map(|bench| bench.name.as_str()),
+            ),
             tracer: telemetry.tracer(),
             telemetry: telemetry.counts().clone(),
             timelines: Timelines::default(),

@@ -1,6 +1,10 @@
 //! Quantities of each bench.
 
-use super::{Metric, Sample, Snapshot, counter, gauge};
+use super::{
+    metric::{Metric, counter, gauge},
+    sample::Sample,
+    snapshot::Snapshot,
+};
 use crate::serve::{
     controls::{ControlNow, Deviation},
     live::{BenchState, Live, ReadingNow},

@@ -2,7 +2,11 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::{Metric, Sample, Snapshot, counter, gauge};
+use super::{
+    metric::{Metric, counter, gauge},
+    sample::Sample,
+    snapshot::Snapshot,
+};
 use crate::serve::health::Disk;
 
 fn count(counter: &AtomicU64) -> Vec<Sample> {
@@ -33,6 +37,12 @@ fn notices(now: &Snapshot<'_>, sent: bool) -> Vec<Sample> {
         value: counts[usize::from(sent)] as f64,
     };
     now.server.notices.tries().into_iter().map(of).collect()
+}
+
+/// Events are numbered from the time of the start on, ms.
+fn events(now: &Snapshot<'_>) -> Vec<Sample> {
+    let first = (now.server.counts.started_unix_s * 1.0e3) as u64;
+    Sample::plain(now.server.hub.latest().saturating_sub(first) as f64)
 }
 
 fn version(_: &Snapshot<'_>) -> Vec<Sample> {
@@ -80,9 +90,7 @@ pub(super) const METRICS: &[Metric] = &[
         "Times that a listener was told that it had missed events.",
         |now| count(&now.server.counts.lagged),
     ),
-    counter("events_total", "{event}", "Events of the server.", |now| {
-        Sample::plain(now.server.hub.latest() as f64)
-    }),
+    counter("events_total", "{event}", "Events since the start.", events),
     counter(
         "supervisor_looks_total",
         "{look}",

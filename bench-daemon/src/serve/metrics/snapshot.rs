@@ -2,7 +2,7 @@
 
 use instruments::clock;
 
-use super::Sample;
+use super::sample::Sample;
 use crate::serve::{
     Server,
     health::{BenchHealth, Noted},
