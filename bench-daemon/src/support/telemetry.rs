@@ -29,6 +29,7 @@ use opentelemetry_sdk::{
     trace::{BatchSpanProcessor, SdkTracer, SdkTracerProvider},
 };
 
+use super::terminal::remark;
 use client::{Counts, Poster, TARGET};
 use counted::Counted;
 use endpoint::Endpoints;
@@ -53,9 +54,13 @@ impl Telemetry {
     /// Starts what the environment asks for. What it asks for and cannot be is told, and is off: no
     /// measurement fails for it.
     pub fn from_environment(instance: &str) -> Self {
+        if endpoint::is_disabled() {
+            return Self::default();
+        }
         let started = Endpoints::from_environment().and_then(|found| Self::start(found, instance));
         started.unwrap_or_else(|error| {
-            crate::support::terminal::remark!("eis-bench: telemetry is off: {error}");
+            // Lines that begin with the program's name say how a run ended.
+            remark!("note: telemetry is off: {error}");
             Self::default()
         })
     }
