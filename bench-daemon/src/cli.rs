@@ -9,6 +9,7 @@ use crate::{
     operator::run_control::RunAction,
     safety::failure::Failure,
     support::logging::{self, Verbosity},
+    support::telemetry::Telemetry,
     support::terminal::remark,
 };
 
@@ -249,11 +250,19 @@ fn grouped() -> clap::Command {
 pub fn main() -> ExitCode {
     let matches = grouped().get_matches();
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
-    logging::start(match cli.verbose {
+    let verbosity = match cli.verbose {
         0 => Verbosity::Normal,
         1 => Verbosity::Verbose,
         _ => Verbosity::Debug,
-    });
+    };
+    // What a server sends is said in its file.
+    let telemetry = match cli.command {
+        Command::Run(_) | Command::Resume(_) => {
+            Telemetry::from_environment(&std::process::id().to_string())
+        }
+        _ => Telemetry::default(),
+    };
+    logging::start(verbosity, telemetry.tracer());
     let result = match cli.command {
         Command::Run(args) => command::run::run(&args),
         Command::Resume(args) => command::resume::resume(&args),
@@ -296,6 +305,7 @@ pub fn main() -> ExitCode {
         }
         Command::Man(args) => command::shell::man(&args, Cli::command()),
     };
+    telemetry.end();
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {

@@ -11,4 +11,5 @@ pub mod logging;
 pub mod loopback;
 pub mod present;
 pub mod sums;
+pub mod telemetry;
 pub mod terminal;

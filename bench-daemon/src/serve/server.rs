@@ -10,12 +10,14 @@ use std::{
 };
 
 use instruments::clock::{self, Clock, TimeMode};
+use opentelemetry_sdk::trace::SdkTracer;
 
 use super::{
     analyses::Analyses,
     audit::Audit,
     catalog::CatalogKeeper,
     find::{Finder, Places},
+    health::Health,
     hub::Hub,
     live::{Live, StopReport},
     notebook::Notebook,
@@ -28,7 +30,10 @@ use super::{
     timeline::Timelines,
     token::{TokenError, Tokens},
 };
-use crate::safety::failure::Failure;
+use crate::{
+    safety::failure::Failure,
+    support::telemetry::{Telemetry, client},
+};
 
 /// State that all requests share.
 pub struct Server {
@@ -46,6 +51,12 @@ pub struct Server {
     pub program: PathBuf,
     /// Counters for the metrics.
     pub counts: Counts,
+    /// Notes on benches and disk for the metrics.
+    pub health: Health,
+    /// Maker of spans; none where nobody traces.
+    pub tracer: Option<SdkTracer>,
+    /// Counts of what went to a collector.
+    pub telemetry: Arc<client::Counts>,
     /// Readings of runs.
     pub timelines: Timelines,
     /// Analyses of runs.
@@ -82,6 +93,8 @@ pub struct Counts {
     pub lagged: AtomicU64,
     /// Looks of the supervisor.
     pub looks: AtomicU64,
+    /// When the server was started, s since 1970.
+    pub started_unix_s: f64,
 }
 
 impl Counts {
@@ -98,7 +111,7 @@ impl Server {
     ///
     /// # Errors
     /// A data folder that cannot be made, read or written; another server that uses it.
-    pub fn open(settings: Settings) -> Result<Self, Failure> {
+    pub fn open(settings: Settings, telemetry: &Telemetry) -> Result<Self, Failure> {
         let tokens = Tokens::of(&settings.data);
         if !settings.is_of_this_machine()
             && tokens
@@ -127,12 +140,22 @@ impl Server {
                 },
             )
         });
+        let started_unix_s = clock::unix_time_s();
         Ok(Self {
-            hub: Hub::new((clock::unix_time_s() * 1.0e3) as u64),
+            hub: Hub::new((started_unix_s * 1.0e3) as u64),
             audit: Audit::open(&settings.data)?,
             clock: Clock::start(TimeMode::Real),
             program: std::env::current_exe()?,
-            counts: Counts::default(),
+            counts: Counts {
+                started_unix_s,
+                ..Counts::default()
+            },
+            health: Health::of(
+                &settings.data,
+                settings.benches.iter().map(|bench| bench.name.as_str()),
+            ),
+            tracer: telemetry.tracer(),
+            telemetry: telemetry.counts().clone(),
             timelines: Timelines::default(),
             analyses: Analyses::open(&settings.data),
             last_model: LastModel::default(),

@@ -4,6 +4,7 @@
 use std::{
     net::SocketAddr,
     path::{Path, PathBuf},
+    process::Command,
 };
 
 use jiff::civil::Time;
@@ -15,7 +16,12 @@ use crate::{
         self, ConfigError, Source, load_bench,
         quantity::{Duration, Quantity},
     },
-    support::{confined_path::plain, loopback::names_loopback},
+    support::{
+        confined_path::plain,
+        logging::{DETAIL_VARIABLE, EXCHANGES},
+        loopback::names_loopback,
+        telemetry::endpoint::{self, check_address},
+    },
 };
 
 /// File of a server as it is typed.
@@ -44,6 +50,22 @@ struct Raw {
     /// Course of a stop.
     #[serde(default)]
     stop: RawStop,
+    /// Traces and metrics to a collector. Left out: as the environment says.
+    #[serde(default)]
+    telemetry: RawTelemetry,
+}
+
+/// Traces and metrics over OTLP.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawTelemetry {
+    /// Base address of a collector that takes OTLP over HTTP, such as `http://127.0.0.1:4318`:
+    /// `https://…`, or `http://` on this machine. Left out: that of `OTEL_EXPORTER_OTLP_ENDPOINT`, or
+    /// none.
+    otlp: Option<String>,
+    /// A span for each message to an instrument, thousands in a run. Left out: false.
+    #[serde(default)]
+    exchanges: bool,
 }
 
 /// Encryption of the connections.
@@ -144,10 +166,33 @@ pub struct Settings {
     pub proxy_host: Option<String>,
     /// Where notices go.
     pub notify: Targets,
+    /// Traces and metrics.
+    pub telemetry: TelemetrySettings,
     /// Its bounds.
     pub limits: Limits,
     /// So long a run has to end by itself after a stop, s, before it is ended.
     pub stop_wait_s: f64,
+}
+
+/// Traces and metrics of a server and of the runs that it begins.
+#[derive(Debug, Clone, Default)]
+pub struct TelemetrySettings {
+    /// Base address of the collector; none where the environment says it.
+    pub otlp: Option<String>,
+    /// A span for each message to an instrument.
+    pub exchanges: bool,
+}
+
+impl TelemetrySettings {
+    /// Tells the process of a run where its traces go.
+    pub fn hand_over(&self, command: &mut Command) {
+        if let Some(base) = &self.otlp {
+            endpoint::hand_over(base, command);
+        }
+        if self.exchanges {
+            command.env(DETAIL_VARIABLE, EXCHANGES);
+        }
+    }
 }
 
 /// Bounds of a server.
@@ -215,7 +260,15 @@ impl Settings {
             return Err(source.complain("proxy.host", reason));
         }
         let limits = &raw.limits;
+        let otlp = raw.telemetry.otlp;
+        if let Some(reason) = otlp.as_deref().and_then(|base| check_address(base).err()) {
+            return Err(source.complain("telemetry.otlp", reason));
+        }
         Ok(Self {
+            telemetry: TelemetrySettings {
+                otlp,
+                exchanges: raw.telemetry.exchanges,
+            },
             notify: targets(&source, &raw.notify)?,
             proxy_host,
             listen,
@@ -273,16 +326,7 @@ impl Settings {
 /// Where notices go, checked.
 fn targets(source: &Source, raw: &RawNotify) -> Result<Targets, ConfigError> {
     if let Some(address) = &raw.webhook {
-        let (scheme, rest) = address.split_once("://").unwrap_or(("", address));
-        let host = rest.split('/').next().unwrap_or_default();
-        let name = host.rsplit_once(':').map_or(host, |(name, _)| name);
-        let allowed = scheme == "https" || (scheme == "http" && names_loopback(name));
-        if !allowed || name.is_empty() || host.contains('@') {
-            let reason = format!(
-                "expected an address https://HOST/PATH, or http:// on this machine, found {address:?}"
-            );
-            return Err(source.complain("notify.webhook", reason));
-        }
+        check_address(address).map_err(|reason| source.complain("notify.webhook", reason))?;
     }
     let quiet = raw.quiet.as_deref().map(|text| {
         let time = |text: &str| Time::strptime("%H:%M", text.trim()).ok();
