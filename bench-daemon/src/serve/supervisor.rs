@@ -207,6 +207,7 @@ impl SupervisedBench {
             tracing::error!("{error}");
         }
         server.catalog.refresh_run(&item.run);
+        server.archive.run_ended(&item.run);
         server.hub.tell("run", &job);
         server.tell_queue();
     }

@@ -11,6 +11,7 @@ use axum::{
 use super::{App, caller::Reader};
 use crate::serve::{
     Server,
+    archive::ArchiveNow,
     live::{BenchState, Live},
 };
 
@@ -172,5 +173,54 @@ fn text(server: &Server) -> String {
         "Share of the run that is done.",
         rows(&|live| Some(live.run.as_ref()?.done)),
     );
+    if server.settings.archive.is_some() {
+        of_archive(&server.archive.now().clone(), &mut family);
+    }
     text
+}
+
+/// Figures of the archive.
+fn of_archive(
+    now: &ArchiveNow,
+    family: &mut impl FnMut(&str, &str, &str, Vec<(String, f64)>),
+) {
+    let states = [
+        ("archived", now.archived),
+        ("pending", now.pending),
+        ("failed", now.failed),
+        ("refused", now.refused),
+        ("waiting", now.waiting),
+    ];
+    let states = states.map(|(state, runs)| (format!("{{state=\"{state}\"}}"), runs as f64));
+    family(
+        "archive_runs",
+        "gauge",
+        "Runs by their state in the archive.",
+        states.to_vec(),
+    );
+    let sizes = [
+        ("archived", now.bytes),
+        ("sent", now.sent_bytes),
+        ("moved", now.moved_bytes),
+    ];
+    let sizes = sizes.map(|(kind, bytes)| (format!("{{kind=\"{kind}\"}}"), bytes as f64));
+    family(
+        "archive_bytes",
+        "gauge",
+        "Size of the archived runs, what was sent of it, and what is in the store only.",
+        sizes.to_vec(),
+    );
+    let last = now.last_verified_unix_s.into_iter();
+    family(
+        "archive_last_verified_seconds",
+        "gauge",
+        "When the latest run was verified, s since 1970.",
+        last.map(|last| (String::new(), last)).collect(),
+    );
+    family(
+        "archive_trouble",
+        "gauge",
+        "The last push has ended before its work was done.",
+        vec![(String::new(), f64::from(u8::from(now.trouble.is_some())))],
+    );
 }

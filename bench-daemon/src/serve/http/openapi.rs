@@ -11,7 +11,7 @@ use utoipa::{
 };
 
 use super::{
-    analyses, benches, catalog, events, find, imported, investigations, metrics, notices, pack,
+    analyses, archive, benches, catalog, events, find, imported, investigations, metrics, notices, pack,
     problem, queue, runs, session, shelf,
 };
 
@@ -65,6 +65,7 @@ use super::{
         catalog::spectra,
         catalog::cells,
         catalog::ageing,
+        archive::now,
         find::cells,
         find::cell,
         find::cell_notes,
