@@ -28,7 +28,10 @@ const GROUPS: [(&str, &[&str]); 7] = [
         &["dataset", "diagnose", "investigate", "effects"],
     ),
     ("A cell or a pack under load", &["simulate", "pack", "sop"]),
-    ("Files", &["convert", "replay", "verify", "catalog", "archive"]),
+    (
+        "Files",
+        &["convert", "replay", "verify", "catalog", "archive"],
+    ),
     (
         "Server and shell",
         &["serve", "token", "completions", "man"],

@@ -223,7 +223,9 @@ impl Pushed {
             (0, refused) => Err(Failure::Differs(format!(
                 "{refused} runs do not go into the archive as they are"
             ))),
-            (failed, _) => Err(Failure::Store(format!("{failed} runs could not be archived"))),
+            (failed, _) => Err(Failure::Store(format!(
+                "{failed} runs could not be archived"
+            ))),
         }
     }
 }
@@ -346,8 +348,8 @@ fn whole(open: &Open, run: &str) -> Result<String, Failure> {
 
 async fn thin_all(args: &ThinArgs) -> Result<(), Failure> {
     let open = Open::of(&args.config)?;
-    let after_s = args.captures_after.map(|after| after.si);
-    let Some(captures_after_s) = after_s.or(open.archive.captures_after_s) else {
+    let after_s = args.captures_after_s.or(open.archive.captures_after_s);
+    let Some(captures_after_s) = after_s else {
         return Err(Failure::Usage(
             "archive.thin.captures_after: expected a time, or --captures-after, found neither"
                 .to_owned(),
@@ -366,7 +368,11 @@ async fn thin_all(args: &ThinArgs) -> Result<(), Failure> {
         files += thinned.files;
         bytes += thinned.bytes;
     }
-    let words = if args.dry_run { "would be moved" } else { "moved" };
+    let words = if args.dry_run {
+        "would be moved"
+    } else {
+        "moved"
+    };
     say!("{files} captures of {runs} runs {words} to the archive: {bytes} bytes");
     Ok(())
 }

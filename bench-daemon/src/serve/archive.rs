@@ -170,7 +170,11 @@ impl ArchiveNow {
             RunState::Waiting => &mut self.waiting,
         };
         *count += 1;
-        if let Some(kept) = receipt.kept.as_ref().filter(|_| receipt.store == self.store) {
+        if let Some(kept) = receipt
+            .kept
+            .as_ref()
+            .filter(|_| receipt.store == self.store)
+        {
             self.bytes += kept.bytes;
             self.sent_bytes += kept.sent_bytes;
             self.moved_bytes += kept.moved_bytes;

@@ -330,11 +330,10 @@ impl Settings {
 /// Where notices go, checked.
 fn targets(source: &Source, raw: &RawNotify) -> Result<Targets, ConfigError> {
     if let Some(address) = raw.webhook.as_ref().filter(|address| !is_safe(address)) {
-            let reason = format!(
-                "expected an address https://HOST/PATH, or http:// on this machine, found {address:?}"
-            );
-            return Err(source.complain("notify.webhook", reason));
-        }
+        let reason = format!(
+            "expected an address https://HOST/PATH, or http:// on this machine, found {address:?}"
+        );
+        return Err(source.complain("notify.webhook", reason));
     }
     let quiet = raw.quiet.as_deref().map(|text| {
         let time = |text: &str| Time::strptime("%H:%M", text.trim()).ok();

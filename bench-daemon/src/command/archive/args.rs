@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
-use crate::config::quantity::{Duration, Quantity};
+use crate::{command::units, config::quantity::Duration};
 
 /// Arguments of `archive`.
 #[derive(Debug, Args)]
@@ -97,9 +97,17 @@ pub(super) struct ThinArgs {
     #[arg(value_name = "RUN")]
     pub(super) runs: Vec<String>,
     /// Time since the verified upload, in the place of that of the file: a duration such as "30 d".
-    #[arg(long, value_name = "DURATION")]
-    pub(super) captures_after: Option<Quantity<Duration>>,
+    #[arg(long = "captures-after", value_name = "DURATION", value_parser = since)]
+    pub(super) captures_after_s: Option<f64>,
     /// Remove nothing; print what would be.
     #[arg(long)]
     pub(super) dry_run: bool,
+}
+
+/// A time since an upload, s.
+fn since(text: &str) -> Result<f64, String> {
+    match units::of::<Duration>(text) {
+        Ok(since_s) if since_s >= 0.0 => Ok(since_s),
+        _ => Err("expected a duration such as \"30 d\"".to_owned()),
+    }
 }

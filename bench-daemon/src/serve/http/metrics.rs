@@ -180,10 +180,7 @@ fn text(server: &Server) -> String {
 }
 
 /// Figures of the archive.
-fn of_archive(
-    now: &ArchiveNow,
-    family: &mut impl FnMut(&str, &str, &str, Vec<(String, f64)>),
-) {
+fn of_archive(now: &ArchiveNow, family: &mut impl FnMut(&str, &str, &str, Vec<(String, f64)>)) {
     let states = [
         ("archived", now.archived),
         ("pending", now.pending),
