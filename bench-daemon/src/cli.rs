@@ -30,7 +30,9 @@ const GROUPS: [(&str, &[&str]); 7] = [
     ("A cell or a pack under load", &["simulate", "pack", "sop"]),
     (
         "Files",
-        &["convert", "replay", "verify", "catalog", "archive"],
+        &[
+            "convert", "replay", "verify", "catalog", "campaign", "archive",
+        ],
     ),
     (
         "Server and shell",
@@ -203,6 +205,8 @@ enum Command {
     Verify(command::verify::VerifyArgs),
     /// Build a catalogue of run folders, and ask it across runs and benches.
     Catalog(command::catalog::CatalogArgs),
+    /// Measure many cells on several benches: plan, and judge what came of it.
+    Campaign(command::campaign::CampaignArgs),
     /// Send ended runs to a store, read them back, and move captures there by policy.
     Archive(command::archive::ArchiveArgs),
     /// Serve benches over HTTP, with a queue, a page and an API, until stopped.
@@ -288,6 +292,7 @@ pub fn main() -> ExitCode {
         Command::Replay(args) => command::replay::replay(&args),
         Command::Verify(args) => command::verify::verify(&args),
         Command::Catalog(args) => command::catalog::catalog(&args),
+        Command::Campaign(args) => command::campaign::campaign(&args),
         Command::Archive(args) => command::archive::archive(&args),
         Command::Serve(args) => command::serve::serve(&args),
         Command::Token(args) => command::token::token(&args),

@@ -3,6 +3,7 @@
 pub mod answer;
 pub mod archive;
 pub mod batch;
+pub mod campaign;
 pub mod catalog;
 pub mod clear;
 pub mod config;

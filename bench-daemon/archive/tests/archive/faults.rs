@@ -93,11 +93,18 @@ impl Faults {
         if plan.dead_from.is_some_and(|from| number > from) {
             return Fate::Refused;
         }
-        if plan.wrong.as_ref().is_some_and(|name| path.as_ref().contains(name.as_str())) {
+        if plan
+            .wrong
+            .as_ref()
+            .is_some_and(|name| path.as_ref().contains(name.as_str()))
+        {
             return Fate::Wrong;
         }
         // Numbers of Knuth's MMIX.
-        plan.dice = plan.dice.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        plan.dice = plan
+            .dice
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
         let thrown = plan.dice >> 33;
         match (thrown >> 8) % 256 < plan.share {
             false => Fate::Fine,
@@ -169,7 +176,11 @@ impl ObjectStore for Faulty {
         if head || fate == Fate::Fine {
             return Ok(found);
         }
-        let (meta, range, attributes) = (found.meta.clone(), found.range.clone(), found.attributes.clone());
+        let (meta, range, attributes) = (
+            found.meta.clone(),
+            found.range.clone(),
+            found.attributes.clone(),
+        );
         let mut bytes = found.bytes().await?.to_vec();
         let end: Vec<Result<bytes::Bytes>> = match fate {
             Fate::Lost => {

@@ -82,11 +82,7 @@ impl Place {
     }
 
     /// Pushes a run at a time.
-    pub(crate) fn push_at(
-        &self,
-        source: &RunSource,
-        unix_s: f64,
-    ) -> Result<Outcome, ArchiveError> {
+    pub(crate) fn push_at(&self, source: &RunSource, unix_s: f64) -> Result<Outcome, ArchiveError> {
         let receipts = self.receipts();
         let mut pusher = Pusher::of(&self.store, &receipts, self.site);
         let now = Now {
@@ -117,12 +113,25 @@ impl Place {
             serde_json::from_slice(&held[&format!("runs/{run}.json")]).unwrap();
         let listed = list["files"].as_array().unwrap().iter();
         let listed: BTreeMap<&str, &str> = listed
-            .map(|file| (file["path"].as_str().unwrap(), file["sha256"].as_str().unwrap()))
+            .map(|file| {
+                (
+                    file["path"].as_str().unwrap(),
+                    file["sha256"].as_str().unwrap(),
+                )
+            })
             .collect();
         let files = content(source);
-        let wanted = files.iter().map(|(path, bytes)| (path.as_str(), sha256(bytes)));
+        let wanted = files
+            .iter()
+            .map(|(path, bytes)| (path.as_str(), sha256(bytes)));
         let wanted: BTreeMap<&str, String> = wanted.collect();
-        assert_eq!(listed, wanted.iter().map(|(path, hash)| (*path, hash.as_str())).collect());
+        assert_eq!(
+            listed,
+            wanted
+                .iter()
+                .map(|(path, hash)| (*path, hash.as_str()))
+                .collect()
+        );
     }
 
     /// Paths of the rows in the store.
@@ -194,7 +203,10 @@ impl Made {
         put(INDEX, &index());
         put(SPECTRUM, &spectrum());
         put(&run_folder::model(1), &model());
-        put(&run_folder::capture("cell", "point01_1.000000Hz"), "codes of a point");
+        put(
+            &run_folder::capture("cell", "point01_1.000000Hz"),
+            "codes of a point",
+        );
         let large: Vec<u8> = (0..self.large).map(|k| (k * k / 7 % 251) as u8).collect();
         let path = run_folder::capture("cell", "point02_2.000000Hz");
         fs::write(folder.join(path), large).unwrap();
@@ -222,7 +234,11 @@ impl Made {
         let line = |entry: serde_json::Value| {
             format!("{{\"number\":1,\"time_s\":1.5,\"entry\":{entry},\"sha256\":\"00\"}}\n")
         };
-        [Some(started), ended].into_iter().flatten().map(line).collect()
+        [Some(started), ended]
+            .into_iter()
+            .flatten()
+            .map(line)
+            .collect()
     }
 }
 

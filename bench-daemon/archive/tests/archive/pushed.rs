@@ -33,13 +33,21 @@ fn every_byte_of_a_run_is_there_and_a_second_push_asks_for_nothing() {
 #[test]
 fn a_push_that_ends_at_any_operation_and_is_repeated_gives_the_same_store() {
     let place = Place::new();
-    let run = Made { large: 6_000_000, ..Made::ONE }.write(&place);
+    let run = Made {
+        large: 6_000_000,
+        ..Made::ONE
+    }
+    .write(&place);
     place.push(&run).unwrap();
     let (wanted, operations) = (place.held(), place.faults.operations());
     assert!(operations > 20, "{operations}");
     for dead_from in 0..operations {
         let place = Place::new();
-        let run = Made { large: 6_000_000, ..Made::ONE }.write(&place);
+        let run = Made {
+            large: 6_000_000,
+            ..Made::ONE
+        }
+        .write(&place);
         place.faults.die_after(dead_from);
         let error = place.push(&run).unwrap_err();
         assert!(error.is_of_store() && error.may_pass(), "{error}");
@@ -110,7 +118,10 @@ fn a_damaged_object_is_sent_again() {
     let run = Made::ONE.write(&place);
     place.push(&run).unwrap();
     let wanted = place.held();
-    let object = wanted.keys().find(|path| path.starts_with("objects/")).unwrap();
+    let object = wanted
+        .keys()
+        .find(|path| path.starts_with("objects/"))
+        .unwrap();
     let damaged = vec![0; wanted[object].len()];
     let put = |bytes: Vec<u8>| {
         let at = ObjectPath::parse(object).unwrap();
@@ -135,7 +146,11 @@ fn a_run_with_a_new_diagnosis_takes_the_place_of_the_one_before() {
     assert_eq!(kept.supersedes.as_ref(), Some(&before));
     let rows = place.rows();
     assert_eq!(rows.len(), 4, "{rows:?}");
-    assert!(rows.iter().all(|path| path.contains(&kept.placed.run_sha256)), "{rows:?}");
+    assert!(
+        rows.iter()
+            .all(|path| path.contains(&kept.placed.run_sha256)),
+        "{rows:?}"
+    );
     // What it was stays, without rows.
     assert!(place.held().contains_key(&format!("runs/{before}.json")));
 }
@@ -173,7 +188,11 @@ fn a_change_that_ends_at_any_operation_and_is_repeated_counts_the_run_once() {
 fn two_runs_of_the_same_content_are_one_in_the_store() {
     let place = Place::new();
     let one = Made::ONE.write(&place);
-    let other = Made { name: "other", ..Made::ONE }.write(&place);
+    let other = Made {
+        name: "other",
+        ..Made::ONE
+    }
+    .write(&place);
     place.push(&one).unwrap();
     let wanted = place.held();
     place.push(&other).unwrap();
@@ -181,7 +200,9 @@ fn two_runs_of_the_same_content_are_one_in_the_store() {
     // The rows of the one that changes are not taken from the other.
     place.push(&diagnosed(&place, &one, "diagnosis-1")).unwrap();
     assert_eq!(place.rows().len(), 3 + 4);
-    place.push(&diagnosed(&place, &other, "diagnosis-2")).unwrap();
+    place
+        .push(&diagnosed(&place, &other, "diagnosis-2"))
+        .unwrap();
     assert_eq!(place.rows().len(), 4 + 4);
 }
 
@@ -230,7 +251,10 @@ fn a_list_that_another_made_meanwhile_is_kept_with_its_partition() {
                 let inner = inner.clone();
                 // A runtime of its own: this one is at work.
                 let other = std::thread::spawn(move || {
-                    let south = Place { site: "south", ..Place::with(inner) };
+                    let south = Place {
+                        site: "south",
+                        ..Place::with(inner)
+                    };
                     south.push(&Made::ONE.write(&south)).unwrap();
                 });
                 other.join().unwrap();
@@ -239,7 +263,10 @@ fn a_list_that_another_made_meanwhile_is_kept_with_its_partition() {
         north.push(&run).unwrap();
         let rows = north.rows();
         assert_eq!(rows.len(), 3, "operation {at}: {rows:?}");
-        let lists = north.held().into_keys().filter(|path| path.starts_with("runs/"));
+        let lists = north
+            .held()
+            .into_keys()
+            .filter(|path| path.starts_with("runs/"));
         assert_eq!(lists.count(), 1);
     }
 }
@@ -252,22 +279,37 @@ fn a_folder_that_is_not_what_its_list_says_is_refused_with_the_reason() {
         change(&run.folder);
         let error = place.push(&run).unwrap_err();
         assert!(matches!(error, ArchiveError::Refused { .. }), "{error}");
-        assert_eq!(place.receipt(&run).trouble.unwrap().kind, TroubleKind::Refused);
+        assert_eq!(
+            place.receipt(&run).trouble.unwrap().kind,
+            TroubleKind::Refused
+        );
         assert!(place.held().is_empty());
         error.to_string()
     };
     let told = refused(&|folder| fs::write(folder.join(SPECTRUM), "x").unwrap());
-    assert!(told.contains("one: not archived: spectrum.csv: expected the SHA-256"), "{told}");
+    assert!(
+        told.contains("one: not archived: spectrum.csv: expected the SHA-256"),
+        "{told}"
+    );
     let told = refused(&|folder| fs::remove_file(folder.join(SPECTRUM)).unwrap());
-    assert!(told.contains("spectrum.csv: expected of SHA256SUMS, found none"), "{told}");
+    assert!(
+        told.contains("spectrum.csv: expected of SHA256SUMS, found none"),
+        "{told}"
+    );
     let told = refused(&|folder| fs::write(folder.join("x"), "x").unwrap());
-    assert!(told.contains("x: expected in SHA256SUMS, found in the folder only"), "{told}");
+    assert!(
+        told.contains("x: expected in SHA256SUMS, found in the folder only"),
+        "{told}"
+    );
     let told = refused(&|folder| fs::remove_file(folder.join(SUMS)).unwrap());
     assert!(told.contains("SHA256SUMS: "), "{told}");
     let told = refused(&|folder| {
         std::os::unix::fs::symlink("/etc/hostname", folder.join("link")).unwrap();
     });
-    assert!(told.contains("expected plain files, found \"link\""), "{told}");
+    assert!(
+        told.contains("expected plain files, found \"link\""),
+        "{told}"
+    );
 }
 
 #[test]
@@ -285,11 +327,23 @@ fn a_diagnosis_in_the_run_folder_is_no_alteration() {
 #[test]
 fn a_run_without_an_end_waits_and_one_that_failed_does_not() {
     let place = Place::new();
-    let run = Made { how: None, ..Made::ONE }.write(&place);
+    let run = Made {
+        how: None,
+        ..Made::ONE
+    }
+    .write(&place);
     let error = place.push(&run).unwrap_err();
-    assert!(error.to_string().contains("its journal tells no end"), "{error}");
+    assert!(
+        error.to_string().contains("its journal tells no end"),
+        "{error}"
+    );
     assert!(place.held().is_empty());
-    let failed = Made { name: "failed", how: Some("aborted"), ..Made::ONE }.write(&place);
+    let failed = Made {
+        name: "failed",
+        how: Some("aborted"),
+        ..Made::ONE
+    }
+    .write(&place);
     place.push(&failed).unwrap();
     place.assert_holds(&failed);
     assert!(!place.kept(&failed).finished);
@@ -302,7 +356,10 @@ fn a_folder_that_a_process_works_in_waits() {
     let journal = fs::File::open(run.folder.join("journal.jsonl")).unwrap();
     journal.lock().unwrap();
     let error = place.push(&run).unwrap_err();
-    assert!(error.to_string().contains("a process works in its folder"), "{error}");
+    assert!(
+        error.to_string().contains("a process works in its folder"),
+        "{error}"
+    );
     drop(journal);
     place.push(&run).unwrap();
 }
@@ -328,7 +385,10 @@ fn a_folder_that_changes_meanwhile_is_begun_again() {
         place.push(&run).unwrap();
         place.assert_holds(&run);
         let (rows, sha256) = (place.rows(), place.kept(&run).placed.run_sha256);
-        assert!(rows.iter().all(|path| path.contains(&sha256)), "{at}: {rows:?}");
+        assert!(
+            rows.iter().all(|path| path.contains(&sha256)),
+            "{at}: {rows:?}"
+        );
         assert_eq!(rows.len(), 3, "{at}");
     }
 }
@@ -341,7 +401,10 @@ fn something_else_than_a_store_is_not_written_into() {
     let at = ObjectPath::from("store.json");
     block_on(place.inner.put(&at, PutPayload::from(head.to_vec()))).unwrap();
     let error = place.push(&run).unwrap_err().to_string();
-    assert!(error.contains("expected the format \"eis-bench store\" of version 1, found"), "{error}");
+    assert!(
+        error.contains("expected the format \"eis-bench store\" of version 1, found"),
+        "{error}"
+    );
     assert_eq!(place.held().len(), 1);
 }
 

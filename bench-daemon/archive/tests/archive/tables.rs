@@ -17,7 +17,10 @@ fn the_documents_list_every_column_with_its_kind() {
     let rows = RunRows::read(&run.folder, Beside::default(), &run.diagnoses);
     let text = std::fs::read_to_string(BOOK).unwrap();
     let tables = rows.tables("00");
-    assert_eq!(tables.iter().map(|table| table.name).collect::<Vec<_>>(), TABLES);
+    assert_eq!(
+        tables.iter().map(|table| table.name).collect::<Vec<_>>(),
+        TABLES
+    );
     for table in tables {
         let head = format!("### `{}`", table.name);
         let (_, section) = text.split_once(&head).unwrap_or_else(|| panic!("{head}"));
@@ -28,7 +31,10 @@ fn the_documents_list_every_column_with_its_kind() {
             Cells::Counts(_) => "whole number",
             Cells::Texts(_) => "text",
         };
-        let columns = table.columns.iter().map(|column| (column.name, kind(&column.cells)));
+        let columns = table
+            .columns
+            .iter()
+            .map(|column| (column.name, kind(&column.cells)));
         assert_eq!(told, columns.collect::<Vec<_>>(), "{}", table.name);
     }
 }
