@@ -277,10 +277,7 @@ pub fn diagnosis_columns(diagnoses: &[CatalogDiagnosis]) -> Vec<TableColumn> {
     let known = |text: &str| Some(text.to_owned()).filter(|text| !text.is_empty());
     vec![
         texts("run", diagnoses, |one| one.run.clone()),
-        texts("diagnosis", diagnoses, |one| {
-            let name = Path::new(&one.folder).file_name()?;
-            Some(name.to_string_lossy().into_owned())
-        }),
+        texts("diagnosis", diagnoses, |one| Some(one.folder.clone())),
         texts("data_set", diagnoses, |one| known(&one.data_set)),
         texts("model", diagnoses, |one| known(&one.model)),
         texts("verdict", diagnoses, |one| known(&one.verdict)),

@@ -39,13 +39,22 @@ pub struct RunTable {
     pub columns: Vec<TableColumn>,
 }
 
+/// A folder of a diagnosis beside the run that it is of.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DiagnosisFolder {
+    /// Its path from where it was looked for.
+    pub name: String,
+    /// The folder.
+    pub folder: PathBuf,
+}
+
 /// Names of the tables of a run.
 pub const TABLES: [&str; 4] = ["runs", "spectra", "fits", "diagnoses"];
 
 impl RunRows {
     /// Reads a run folder with the diagnosis in it, and folders of diagnoses beside it. What cannot be
     /// read is told in the row of the run.
-    pub fn read(folder: &Path, beside: Beside, diagnoses: &[PathBuf]) -> Self {
+    pub fn read(folder: &Path, beside: Beside, diagnoses: &[DiagnosisFolder]) -> Self {
         let read = folder::read(folder, String::new(), beside);
         let of_cell = read
             .spectra
@@ -58,11 +67,13 @@ impl RunRows {
                 points,
             })
         });
-        let own = Some(folder.join(DIAGNOSIS_FOLDER)).filter(|own| own.join(DIAGNOSIS).is_file());
-        let diagnoses = own
-            .iter()
-            .chain(diagnoses)
-            .map(|folder| read_diagnosis(folder, &folder.to_string_lossy()));
+        let own = DiagnosisFolder {
+            name: DIAGNOSIS_FOLDER.to_owned(),
+            folder: folder.join(DIAGNOSIS_FOLDER),
+        };
+        let own = Some(own).filter(|own| own.folder.join(DIAGNOSIS).is_file());
+        let diagnoses = own.iter().chain(diagnoses);
+        let diagnoses = diagnoses.map(|one| read_diagnosis(&one.folder, &one.name));
         Self {
             points: points.collect(),
             diagnoses: diagnoses.collect(),
@@ -134,16 +145,20 @@ fn portable(mut columns: Vec<TableColumn>) -> Vec<TableColumn> {
 
 /// Folders of diagnoses below a folder, by the folder of the run that each is of. A diagnosis whose run
 /// cannot be told is left out.
-pub fn diagnoses_below(root: &Path) -> BTreeMap<PathBuf, Vec<PathBuf>> {
-    let mut found: BTreeMap<PathBuf, Vec<PathBuf>> = BTreeMap::new();
+pub fn diagnoses_below(root: &Path) -> BTreeMap<PathBuf, Vec<DiagnosisFolder>> {
+    let mut found: BTreeMap<PathBuf, Vec<DiagnosisFolder>> = BTreeMap::new();
     for place in Walk::of(&[root.to_path_buf()]) {
         let Place::Diagnosis(folder) = place else {
             continue;
         };
         if let Some(run) = crate::scan::run_folder_of_diagnosis(&folder) {
-            found.entry(run).or_default().push(folder);
+            let name = folder.strip_prefix(root).unwrap_or(&folder);
+            let name = name.to_string_lossy().into_owned();
+            let of_run = found.entry(run).or_default();
+            of_run.push(DiagnosisFolder { name, folder });
         }
     }
-    found.values_mut().for_each(|folders| folders.sort());
+    let sort = |all: &mut Vec<DiagnosisFolder>| all.sort_by(|a, b| a.name.cmp(&b.name));
+    found.values_mut().for_each(sort);
     found
 }

@@ -46,7 +46,7 @@ impl StoreHead {
 /// A file of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FileEntry {
-    /// Its path in the run folder; `analyses/NAME/…` for a diagnosis that lies beside it.
+    /// Its path in the run folder; `analyses/…` for a diagnosis that lies beside it.
     pub path: String,
     /// SHA-256 of its bytes.
     pub sha256: String,
