@@ -11,7 +11,7 @@ use analysis_files::run_folder::{ARCHIVED, Archived};
 use crate::{
     ArchiveError, Store,
     hash::Hashed,
-    layout::{self, FileEntry, RunList},
+    layout::{self, FileEntry, RunList, is_sha256},
     receipt::{Kept, Receipts},
     snapshot::{ANALYSES, RunSource},
 };
@@ -54,8 +54,12 @@ pub async fn fetch_moved(
             sha256: file.sha256.clone(),
             bytes: file.bytes,
         };
-        let target = within(&source.folder, &file.path).ok_or_else(|| {
-            source.refused(format!("expected a path within, found {}", file.path))
+        let target = within(&source.folder, &file.path).filter(|_| is_sha256(&file.sha256));
+        let target = target.ok_or_else(|| {
+            let (path, sha256) = (&file.path, &file.sha256);
+            source.refused(format!(
+                "{ARCHIVED}: expected a path in the run folder and a SHA-256, found {path} and {sha256}"
+            ))
         })?;
         let place = partial.join(&file.sha256);
         let object = layout::object(&file.sha256);
@@ -83,7 +87,6 @@ pub(crate) fn settle(receipts: &Receipts, source: &RunSource) -> Result<(), Arch
         return Ok(());
     };
     receipt.kept = Some(Kept {
-        stamp: source.stamp(),
         moved_files: absent.len(),
         moved_bytes: absent.iter().sum(),
         ..kept

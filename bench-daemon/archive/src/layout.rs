@@ -142,7 +142,8 @@ impl RunList {
 
 /// Path of the bytes of a file.
 pub(crate) fn object(sha256: &str) -> String {
-    format!("objects/sha256/{}/{sha256}", &sha256[..2])
+    let first = sha256.get(..2).unwrap_or_default();
+    format!("objects/sha256/{first}/{sha256}")
 }
 
 /// SHA-256 of a run: that of the sorted lines of its files, each of hash, two blanks and path.

@@ -205,6 +205,7 @@ impl Store {
                 return made.sync_all().map_err(failed());
             }
         }
+        let _ = std::fs::remove_file(file);
         Err(self.wrong(path, wanted).await)
     }
 

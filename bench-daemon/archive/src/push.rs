@@ -22,7 +22,7 @@ use futures_util::{StreamExt, TryStreamExt, stream};
 use crate::{
     ArchiveError, Store,
     hash::Hashed,
-    layout::{self, FileEntry, Partition, Placed, RunList, STORE_FORMAT, STORE_VERSION},
+    layout::{self, FileEntry, Partition, Placed, RunList, STORE_FORMAT, STORE_VERSION, is_sha256},
     objects::Source,
     receipt::{Kept, Receipt, Receipts, Trouble, TroubleKind},
     snapshot::{RunSource, Snapshot},
@@ -449,7 +449,9 @@ impl Store {
         };
         let list: RunList = serde_json::from_slice(&bytes)
             .map_err(|error| self.content(&path, format!("expected a list of files: {error}")))?;
-        let is_own = list.format == STORE_FORMAT && list.version == STORE_VERSION;
+        let is_own = list.format == STORE_FORMAT
+            && list.version == STORE_VERSION
+            && list.files.iter().all(|file| is_sha256(&file.sha256));
         let found = layout::run_sha256(&list.files);
         if !is_own || found != run_sha256 || list.placed.run_sha256 != run_sha256 {
             let why = format!(

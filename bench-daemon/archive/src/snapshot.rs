@@ -8,8 +8,9 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use analysis_catalog::rows::DiagnosisFolder;
 use analysis_files::run_folder::{
-    Archived, DIAGNOSIS, INDEX, JOURNAL, MANIFEST, SUMS,
+    ARCHIVED, Archived, DIAGNOSIS, INDEX, JOURNAL, MANIFEST, SUMS,
     sums::{self, Sums},
 };
 
@@ -29,8 +30,8 @@ pub struct RunSource {
     pub name: String,
     /// Its folder.
     pub folder: PathBuf,
-    /// Folders of its diagnoses beside it.
-    pub diagnoses: Vec<PathBuf>,
+    /// Its diagnoses beside it.
+    pub diagnoses: Vec<DiagnosisFolder>,
 }
 
 /// Files of a run at one moment.
@@ -56,28 +57,34 @@ impl RunSource {
     /// Where the bytes of a file are.
     pub(crate) fn place(&self, path: &str) -> PathBuf {
         let beside = path.strip_prefix(ANALYSES).and_then(|rest| {
-            let (name, file) = rest.strip_prefix('/')?.split_once('/')?;
-            let own = |folder: &&PathBuf| folder.file_name().is_some_and(|own| own == name);
-            Some(self.diagnoses.iter().find(own)?.join(file))
+            let (name, file) = rest.strip_prefix('/')?.rsplit_once('/')?;
+            let own = |one: &&DiagnosisFolder| one.name == name;
+            Some(self.diagnoses.iter().find(own)?.folder.join(file))
         });
         beside.unwrap_or_else(|| self.folder.join(path))
     }
 
-    /// State of the files that change when the run goes on, is computed again or diagnosed.
+    /// State of the files that change when the run goes on, is computed again or diagnosed. Moving its
+    /// captures does not change it.
     pub fn stamp(&self) -> String {
-        let own = [MANIFEST, JOURNAL, INDEX, SUMS].map(|name| self.folder.join(name));
-        let diagnoses = self.diagnoses.iter().map(|folder| folder.join(DIAGNOSIS));
-        let all = own
-            .into_iter()
-            .chain([self.folder.clone()])
-            .chain(diagnoses);
+        let entries = fs::read_dir(&self.folder).into_iter().flatten().flatten();
+        let mut names: Vec<_> = entries.map(|entry| entry.file_name()).collect();
+        names.retain(|name| name != ARCHIVED);
+        names.sort();
+        let within = [MANIFEST, JOURNAL, INDEX, SUMS].map(|name| self.folder.join(name));
+        let diagnosed = names
+            .iter()
+            .map(|name| self.folder.join(name).join(DIAGNOSIS));
+        let beside = self.diagnoses.iter().map(|one| one.folder.join(DIAGNOSIS));
         let of = |path: PathBuf| {
             fs::metadata(path).map_or_else(
                 |_| "-".to_owned(),
                 |meta| format!("{}:{}.{}", meta.len(), meta.mtime(), meta.mtime_nsec()),
             )
         };
-        all.map(of).collect::<Vec<_>>().join(" ")
+        let files = within.into_iter().chain(diagnosed).chain(beside).map(of);
+        let state = format!("{names:?} {:?}", files.collect::<Vec<_>>());
+        Hashed::of(state.as_bytes()).sha256
     }
 
     /// Whether a process works in the folder: it holds the journal.
@@ -93,8 +100,7 @@ impl RunSource {
     pub fn snapshot(&self, is_finished: bool) -> Result<Snapshot, ArchiveError> {
         let mut files = self.own_files()?;
         self.hold_against_sums(&files, is_finished)?;
-        for folder in &self.diagnoses {
-            let name = folder.file_name().unwrap_or_default().to_string_lossy();
+        for DiagnosisFolder { name, folder } in &self.diagnoses {
             let path = format!("{ANALYSES}/{name}/{DIAGNOSIS}");
             files.push(entry(path, &folder.join(DIAGNOSIS))?);
         }

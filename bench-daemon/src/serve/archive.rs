@@ -155,46 +155,43 @@ impl ArchiveNow {
         };
         for source in sources(settings, &[])? {
             let receipt = receipts.read(&source.name).map_err(failed)?;
-            now.add(&receipt, &source.stamp());
+            add(&mut now, &receipt, &source.stamp());
         }
         Ok(Some(now))
     }
+}
 
-    fn add(&mut self, receipt: &Receipt, stamp: &str) {
-        let state = receipt.state(&self.store, stamp);
-        let count = match state {
-            RunState::Archived => &mut self.archived,
-            RunState::Pending => &mut self.pending,
-            RunState::Failed => &mut self.failed,
-            RunState::Refused => &mut self.refused,
-            RunState::Waiting => &mut self.waiting,
+/// Counts a run.
+fn add(now: &mut ArchiveNow, receipt: &Receipt, stamp: &str) {
+    let state = receipt.state(&now.store, stamp);
+    let count = match state {
+        RunState::Archived => &mut now.archived,
+        RunState::Pending => &mut now.pending,
+        RunState::Failed => &mut now.failed,
+        RunState::Refused => &mut now.refused,
+        RunState::Waiting => &mut now.waiting,
+    };
+    *count += 1;
+    if let Some(kept) = receipt.kept.as_ref().filter(|_| receipt.store == now.store) {
+        now.bytes += kept.bytes;
+        now.sent_bytes += kept.sent_bytes;
+        now.moved_bytes += kept.moved_bytes;
+        let last = now.last_verified_unix_s.unwrap_or(f64::MIN);
+        now.last_verified_unix_s = Some(last.max(kept.verified_unix_s));
+    }
+    let told = matches!(state, RunState::Failed | RunState::Refused);
+    let trouble = receipt.trouble.as_ref().filter(|_| told);
+    if let Some(trouble) = trouble.filter(|_| now.troubles.len() < MOST_TROUBLES) {
+        let kind = match trouble.kind {
+            TroubleKind::Failed => "failed",
+            TroubleKind::Refused => "refused",
+            TroubleKind::Waiting => "waiting",
         };
-        *count += 1;
-        if let Some(kept) = receipt
-            .kept
-            .as_ref()
-            .filter(|_| receipt.store == self.store)
-        {
-            self.bytes += kept.bytes;
-            self.sent_bytes += kept.sent_bytes;
-            self.moved_bytes += kept.moved_bytes;
-            let last = self.last_verified_unix_s.unwrap_or(f64::MIN);
-            self.last_verified_unix_s = Some(last.max(kept.verified_unix_s));
-        }
-        let told = matches!(state, RunState::Failed | RunState::Refused);
-        let trouble = receipt.trouble.as_ref().filter(|_| told);
-        if let Some(trouble) = trouble.filter(|_| self.troubles.len() < MOST_TROUBLES) {
-            let kind = match trouble.kind {
-                TroubleKind::Failed => "failed",
-                TroubleKind::Refused => "refused",
-                TroubleKind::Waiting => "waiting",
-            };
-            self.troubles.push(TroubleNow {
-                run: receipt.run.clone(),
-                kind: kind.to_owned(),
-                why: trouble.why.clone(),
-            });
-        }
+        now.troubles.push(TroubleNow {
+            run: receipt.run.clone(),
+            kind: kind.to_owned(),
+            why: trouble.why.clone(),
+        });
     }
 }
 

@@ -10,6 +10,7 @@ import hashlib
 import json
 import os
 import random
+import resource
 import shutil
 import socket
 import sys
@@ -35,7 +36,7 @@ class Drill:
         self.program, self.root, self.folder, self.count = program, root, folder, count
         self.data, self.config = folder / "data", folder / "serve.toml"
         self.cpu_s = self.took_s = 0.0
-        self.peak_kb = self.killed = 0
+        self.killed = 0
         self.table: list[tuple[str, object]] = []
 
     def configure(self, port: int) -> None:
@@ -96,9 +97,9 @@ def sources(data: Path) -> dict[str, dict[str, bytes]]:
     for folder in sorted((data / "runs").iterdir()):
         paths = [path for path in folder.rglob("*") if path.is_file()]
         runs[folder.name] = {str(path.relative_to(folder)): path.read_bytes() for path in paths}
-    for folder in sorted((data / "analyses").glob("*")):
-        text = (folder / "diagnosis.json").read_bytes()
-        runs[json.loads(text)["data_set"]][f"analyses/{folder.name}/diagnosis.json"] = text
+    for file in sorted((data / "analyses").rglob("diagnosis.json")):
+        text = file.read_bytes()
+        runs[json.loads(text)["data_set"]][str(file.relative_to(data))] = text
     return runs
 
 
@@ -196,6 +197,8 @@ async def drill(self: Drill, kills: int) -> None:
         assert found["runs"] == found["lists"] == self.count and not found["unknown"], found
         self.tell("time of the pushes, s", f"{self.took_s:.0f}")
         self.tell("processor time of the pushes, s", f"{self.cpu_s:.1f}")
+        peak_mb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1000
+        self.tell("most memory of a push, MB", f"{peak_mb:.0f}")
         before = proxy.requests
         code, out, _ = await self.archive("push", "--json")
         assert code == 0 and json.loads(out)["unchanged"] == self.count, out

@@ -91,7 +91,7 @@ def write(runs: Path, count: int) -> None:
 
 def diagnose(data: Path, number: int) -> None:
     """Writes a diagnosis of a run beside it."""
-    folder = data / "analyses" / f"diagnosis-{number}"
+    folder = data / "analyses" / f"diagnosis-{number}" / "out"
     folder.mkdir(parents=True)
     verdict = {
         "data_set": f"run{number:06}", "model": "C", "verdict": "missing-effect",

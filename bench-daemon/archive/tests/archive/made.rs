@@ -7,6 +7,7 @@ use std::{
     sync::Arc,
 };
 
+use analysis_catalog::rows::DiagnosisFolder;
 use analysis_files::run_folder::{
     self, DIAGNOSIS, INDEX, JOURNAL, MANIFEST, SPECTRUM, SUMS, sums::files_of,
 };
@@ -167,10 +168,9 @@ fn content(source: &RunSource) -> BTreeMap<String, Vec<u8>> {
         let bytes = fs::read(source.folder.join(&path)).unwrap();
         (path, bytes)
     });
-    let beside = source.diagnoses.iter().map(|folder| {
-        let name = folder.file_name().unwrap().to_str().unwrap();
-        let bytes = fs::read(folder.join(DIAGNOSIS)).unwrap();
-        (format!("analyses/{name}/{DIAGNOSIS}"), bytes)
+    let beside = source.diagnoses.iter().map(|one| {
+        let bytes = fs::read(one.folder.join(DIAGNOSIS)).unwrap();
+        (format!("analyses/{}/{DIAGNOSIS}", one.name), bytes)
     });
     own.chain(beside).collect()
 }
@@ -285,7 +285,9 @@ pub(crate) fn write_sums(folder: &Path) {
 
 /// A diagnosis beside a run.
 pub(crate) fn diagnosed(place: &Place, source: &RunSource, name: &str) -> RunSource {
-    let folder = place.folder.path().join("analyses").join(name);
+    // As a server lays them: all have the same last name.
+    let name = format!("{name}/out");
+    let folder = place.folder.path().join("analyses").join(&name);
     fs::create_dir_all(&folder).unwrap();
     let text = json!({
         "data_set": source.name, "model": "P45B", "verdict": "missing-effect",
@@ -296,7 +298,7 @@ pub(crate) fn diagnosed(place: &Place, source: &RunSource, name: &str) -> RunSou
     });
     fs::write(folder.join(DIAGNOSIS), text.to_string()).unwrap();
     RunSource {
-        diagnoses: source.diagnoses.iter().cloned().chain([folder]).collect(),
+        diagnoses: [&source.diagnoses[..], &[DiagnosisFolder { name, folder }]].concat(),
         ..source.clone()
     }
 }

@@ -318,7 +318,7 @@ fn a_diagnosis_in_the_run_folder_is_no_alteration() {
     let run = Made::ONE.write(&place);
     place.push(&run).unwrap();
     let beside = diagnosed(&place, &run, "x").diagnoses.remove(0);
-    fs::rename(beside, run.folder.join("diagnosis")).unwrap();
+    fs::rename(beside.folder, run.folder.join("diagnosis")).unwrap();
     assert!(matches!(place.push(&run).unwrap(), Outcome::Archived(_)));
     place.assert_holds(&run);
     assert_eq!(place.rows().len(), 4);
