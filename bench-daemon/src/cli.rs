@@ -31,7 +31,9 @@ const GROUPS: [(&str, &[&str]); 7] = [
     ("A cell or a pack under load", &["simulate", "pack", "sop"]),
     (
         "Files",
-        &["convert", "replay", "verify", "catalog", "campaign"],
+        &[
+            "convert", "replay", "verify", "catalog", "campaign", "archive",
+        ],
     ),
     (
         "Server and shell",
@@ -89,6 +91,9 @@ Examples:
   All runs below a folder, and a cell over its runs:
     eis-bench catalog scan runs.sqlite runs
     eis-bench catalog ageing runs.sqlite --cell P45B-17 --out FOLDER
+  Ended runs of a server into its archive, and back:
+    eis-bench archive push SERVER.toml
+    eis-bench archive fetch SERVER.toml RUN
   A spectrum for ZView, a time series for the Battery Data Alliance's tools, a model for a \
 controller:
     eis-bench convert SPECTRUM.csv --to zview --out FOLDER
@@ -203,6 +208,8 @@ enum Command {
     Catalog(command::catalog::CatalogArgs),
     /// Measure many cells on several benches: plan, and judge what came of it.
     Campaign(command::campaign::CampaignArgs),
+    /// Send ended runs to a store, read them back, and move captures there by policy.
+    Archive(command::archive::ArchiveArgs),
     /// Serve benches over HTTP, with a queue, a page and an API, until stopped.
     Serve(command::serve::ServeArgs),
     /// Tokens that open a server's API.
@@ -295,6 +302,7 @@ pub fn main() -> ExitCode {
         Command::Verify(args) => command::verify::verify(&args),
         Command::Catalog(args) => command::catalog::catalog(&args),
         Command::Campaign(args) => command::campaign::campaign(&args),
+        Command::Archive(args) => command::archive::archive(&args),
         Command::Serve(args) => command::serve::serve(&args),
         Command::Token(args) => command::token::token(&args),
         Command::Demo(args) => command::demo::demo(&args),

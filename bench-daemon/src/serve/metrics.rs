@@ -1,6 +1,7 @@
 //! The one list of what is measured of a server. `/metrics` and OTLP are made of it, so that they
 //! never differ.
 
+mod archive;
 mod bench;
 mod metric;
 mod sample;
@@ -13,5 +14,8 @@ pub use snapshot::Snapshot;
 
 /// Everything that is measured.
 pub fn all() -> impl Iterator<Item = &'static Metric> {
-    server::METRICS.iter().chain(bench::METRICS)
+    server::METRICS
+        .iter()
+        .chain(bench::METRICS)
+        .chain(archive::METRICS)
 }

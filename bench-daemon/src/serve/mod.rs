@@ -13,6 +13,7 @@
 
 pub mod analyses;
 pub mod analyst;
+pub mod archive;
 pub mod audit;
 pub mod capture;
 pub mod catalog;
@@ -121,6 +122,10 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     std::thread::Builder::new()
         .name("catalog".to_owned())
         .spawn(move || keeper.work())?;
+    let (archivist, of_archivist) = (server.clone(), handle.clone());
+    std::thread::Builder::new()
+        .name("archive".to_owned())
+        .spawn(move || of_archivist.block_on(archive::work(archivist)))?;
     std::thread::Builder::new()
         .name("investigator".to_owned())
         .spawn(move || of_player.block_on(investigator::work(player)))?;

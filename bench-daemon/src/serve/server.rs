@@ -14,6 +14,7 @@ use opentelemetry_sdk::trace::SdkTracer;
 
 use super::{
     analyses::Analyses,
+    archive::ArchiveKeeper,
     audit::Audit,
     catalog::CatalogKeeper,
     find::{Finder, Places},
@@ -73,6 +74,8 @@ pub struct Server {
     pub finder: Finder,
     /// The catalogue of runs and diagnoses.
     pub catalog: Arc<CatalogKeeper>,
+    /// The archive of runs.
+    pub archive: ArchiveKeeper,
     queue: Mutex<Queue>,
     shelf: Mutex<()>,
     live: Mutex<BTreeMap<String, Live>>,
@@ -164,6 +167,7 @@ impl Server {
             notebook: Notebook::of(&settings.data),
             finder: Finder::default(),
             catalog: Arc::new(CatalogKeeper::of(&settings.data)),
+            archive: ArchiveKeeper::default(),
             queue: Mutex::new(queue),
             shelf: Mutex::default(),
             live: Mutex::new(live.collect()),

@@ -210,6 +210,7 @@ impl SupervisedBench {
         server.catalog.refresh_run(&item.run);
         server.health.ended(&item.bench, &item.run, ended);
         traced::ended(server, item, ended);
+        server.archive.run_ended(&item.run);
         server.hub.tell("run", &job);
         server.tell_queue();
     }

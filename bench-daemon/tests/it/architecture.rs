@@ -11,7 +11,7 @@ fn manifest(krate: &str) -> toml::Table {
 }
 
 /// Folders of the crates, each after those that it may depend on.
-const FOLDERS: [&str; 21] = [
+const FOLDERS: [&str; 23] = [
     "analysis/numeric",
     "analysis/plot",
     "analysis/signal",
@@ -31,6 +31,8 @@ const FOLDERS: [&str; 21] = [
     "instruments",
     "fixtures",
     "fixtures/study",
+    "bench-daemon/archive",
+    "bench-daemon/fleet",
     "bench-daemon",
     "python",
 ];
@@ -40,10 +42,13 @@ fn name(folder: &str) -> String {
     if folder == "python" {
         return "eisbench-python".to_owned();
     }
-    folder
-        .strip_prefix("fixtures/")
-        .unwrap_or(folder)
-        .replace('/', "-")
+    match folder.strip_prefix("bench-daemon/") {
+        Some(part) => format!("bench-{part}"),
+        None => folder
+            .strip_prefix("fixtures/")
+            .unwrap_or(folder)
+            .replace('/', "-"),
+    }
 }
 
 fn dependencies(krate: &str, tables: &[&str]) -> BTreeSet<String> {
@@ -115,7 +120,11 @@ fn the_arrows_between_the_crates_are_these_and_no_others() {
         ("analysis", "analysis-numeric"),
         ("analysis", "analysis-plot"),
         ("analysis", "analysis-signal"),
+        ("bench-archive", "analysis-catalog"),
+        ("bench-archive", "analysis-files"),
         ("bench-daemon", "analysis"),
+        ("bench-daemon", "bench-archive"),
+        ("bench-daemon", "bench-fleet"),
         ("bench-daemon", "fixtures"),
         ("bench-daemon", "instruments"),
         // Its tests take data sets from there.
@@ -242,13 +251,14 @@ fn hidden_cases_name_nothing_of_the_analysis() {
 }
 
 /// Libraries that only one crate may use: tables of files by polars, pictures by plotters,
-/// catalogues by rusqlite, serial ports by tokio-serial, the device side of SCPI by scpi.
+/// catalogues by rusqlite, stores of objects by object_store, serial ports by tokio-serial, the device side of SCPI by scpi.
 #[test]
 fn some_libraries_have_one_user_each() {
     for (library, user) in [
         ("polars", "analysis/files"),
         ("plotters", "analysis/plot"),
         ("rusqlite", "analysis/catalog"),
+        ("object_store", "bench-daemon/archive"),
         ("tokio-serial", "instruments/link"),
         ("scpi", "instruments/mock"),
     ] {

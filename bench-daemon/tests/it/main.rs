@@ -9,6 +9,7 @@
 mod accuracy;
 mod additions;
 mod architecture;
+mod archive;
 mod bad_day;
 mod batch;
 mod bath;

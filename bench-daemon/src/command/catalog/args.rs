@@ -24,7 +24,7 @@ pub(super) enum Act {
     Cells(CellsArgs),
     /// Print all that is known of a run.
     Show(ShowArgs),
-    /// Write spectra, runs or fits as one table.
+    /// Write spectra, runs, fits or diagnoses as one table.
     Export(ExportArgs),
     /// Print a cell over its runs: resistances and diffusion over time, with uncertainty.
     Ageing(AgeingArgs),
@@ -193,6 +193,8 @@ pub(super) enum Table {
     Runs,
     /// Fitted models.
     Fits,
+    /// Diagnoses.
+    Diagnoses,
 }
 
 #[derive(Debug, Args)]
