@@ -37,7 +37,7 @@ const GROUPS: [(&str, &[&str]); 7] = [
     ),
     (
         "Server and shell",
-        &["serve", "token", "completions", "man"],
+        &["serve", "token", "fleet", "completions", "man"],
     ),
 ];
 /// Width of the names of commands, and of a line, in the help.
@@ -64,6 +64,9 @@ Examples:
     eis-bench mock configs/benches/demo.toml --json
   A page and an API for benches, with a queue:
     eis-bench serve configs/serve.toml
+  The benches of a fleet, and 20 runs for whichever of them is free:
+    eis-bench fleet --config serve.toml status
+    eis-bench fleet --config serve.toml submit configs/experiments/demo.toml --count 20
   Fit the extended Randles model to spectra from anywhere:
     eis-bench fit SPECTRUM.csv --rc all --out FOLDER
   Fit any equivalent circuit, without start values:
@@ -214,6 +217,8 @@ enum Command {
     Serve(command::serve::ServeArgs),
     /// Tokens that open a server's API.
     Token(command::token::TokenArgs),
+    /// Show a fleet of benches, give it work, hold and stop its benches.
+    Fleet(command::fleet::FleetArgs),
     /// Print completions for bash, zsh, fish, elvish or PowerShell.
     Completions(command::shell::CompletionsArgs),
     /// Write manual pages.
@@ -305,6 +310,7 @@ pub fn main() -> ExitCode {
         Command::Archive(args) => command::archive::archive(&args),
         Command::Serve(args) => command::serve::serve(&args),
         Command::Token(args) => command::token::token(&args),
+        Command::Fleet(args) => command::fleet::fleet(&args),
         Command::Demo(args) => command::demo::demo(&args),
         Command::Config(args) => command::config::config(&args),
         Command::Completions(args) => {

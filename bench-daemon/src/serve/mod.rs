@@ -20,6 +20,8 @@ pub mod catalog;
 pub mod controls;
 pub mod draft;
 pub mod find;
+pub mod fleet;
+pub mod fleet_settings;
 pub mod follow;
 pub mod health;
 pub mod http;
@@ -132,6 +134,7 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     std::thread::Builder::new()
         .name("notices".to_owned())
         .spawn(move || handle.block_on(notify::work(teller)))?;
+    fleet::join(&server)?;
     say!("listening on {}", listener.url());
     notify.say("READY=1");
     let refresh = async {
@@ -157,6 +160,7 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     notify.say("STOPPING=1");
     tracing::info!("stopping; runs in work go on by themselves");
     server.hub.close();
+    fleet::leave(&server).await;
     supervisor.end();
     telemetry.end();
     Ok(())

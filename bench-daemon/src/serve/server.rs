@@ -4,11 +4,12 @@ use std::{
     collections::BTreeMap,
     path::PathBuf,
     sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
+        Arc, Mutex, MutexGuard, OnceLock, PoisonError,
         atomic::{AtomicU64, Ordering},
     },
 };
 
+use bench_fleet::Fleet;
 use instruments::clock::{self, Clock, TimeMode};
 use opentelemetry_sdk::trace::SdkTracer;
 
@@ -76,6 +77,8 @@ pub struct Server {
     pub catalog: Arc<CatalogKeeper>,
     /// The archive of runs.
     pub archive: ArchiveKeeper,
+    /// The fleet that the benches belong to, once the server has joined it.
+    pub fleet: OnceLock<Arc<Fleet>>,
     queue: Mutex<Queue>,
     shelf: Mutex<()>,
     live: Mutex<BTreeMap<String, Live>>,
@@ -168,6 +171,7 @@ impl Server {
             finder: Finder::default(),
             catalog: Arc::new(CatalogKeeper::of(&settings.data)),
             archive: ArchiveKeeper::default(),
+            fleet: OnceLock::new(),
             queue: Mutex::new(queue),
             shelf: Mutex::default(),
             live: Mutex::new(live.collect()),

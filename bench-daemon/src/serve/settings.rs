@@ -12,7 +12,10 @@ use bench_archive::store::{Bucket, StorePlace};
 use jiff::civil::Time;
 use serde::Deserialize;
 
-use super::targets::{Email, Encryption, Targets};
+use super::{
+    fleet_settings::{FleetSection, RawFleet},
+    targets::{Email, Encryption, Targets},
+};
 use crate::{
     config::{
         self, ConfigError, Source, load_bench,
@@ -61,6 +64,8 @@ struct Raw {
     telemetry: RawTelemetry,
     /// Store that ended runs are sent to. Left out: none.
     archive: Option<RawArchive>,
+    /// Fleet that the benches belong to. Left out: none.
+    fleet: Option<RawFleet>,
 }
 
 /// Traces and metrics over OTLP.
@@ -226,6 +231,8 @@ pub struct Settings {
     pub stop_wait_s: f64,
     /// Store that ended runs are sent to.
     pub archive: Option<Archive>,
+    /// The fleet that the benches belong to.
+    pub fleet: Option<FleetSection>,
 }
 
 /// Traces and metrics of a server and of the runs that it begins.
@@ -326,6 +333,10 @@ impl Settings {
                 otlp,
                 exchanges: raw.telemetry.exchanges,
             },
+            fleet: raw
+                .fleet
+                .map(|raw| FleetSection::resolve(&source, raw))
+                .transpose()?,
             notify: targets(&source, &raw.notify)?,
             proxy_host,
             listen,

@@ -540,7 +540,7 @@ struct NotPlayed {
     blocks: &'static [&'static str],
 }
 
-const NOT_PLAYED: [NotPlayed; 5] = [
+const NOT_PLAYED: [NotPlayed; 6] = [
     NotPlayed {
         reason: "it builds or installs what the tests have built",
         blocks: &[
@@ -583,6 +583,13 @@ const NOT_PLAYED: [NotPlayed; 5] = [
             "thresholds.md: fixtures/study/sensitivity/sensitivity.py --seed 987123 --out table.md \\",
             "thresholds.md: fixtures/study/sensitivity/sensitivity.py --seed 987123 --out table.md \\",
             "thresholds.md: fixtures/study/sensitivity/sensitivity.py --seed 987123 --out table.md \\",
+        ],
+    },
+    NotPlayed {
+        reason: "it needs a NATS server, which bench-daemon/fleet/tests starts where there is one",
+        blocks: &[
+            "fleet.md: eis-bench fleet --config serve.toml status",
+            "fleet.md: nats-server -js -sd /var/lib/nats -a 127.0.0.1",
         ],
     },
     NotPlayed {

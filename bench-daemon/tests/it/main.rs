@@ -32,6 +32,7 @@ mod diagnose;
 mod doctor;
 mod fit;
 mod fit_circuit;
+mod fleet;
 mod guardian;
 mod identify;
 mod investigate;

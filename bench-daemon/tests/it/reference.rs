@@ -21,7 +21,7 @@ use sources::Library;
 const WRITE: &str = "EIS_BENCH_WRITE_REFERENCE";
 
 /// Sources that hold the structures of the files, and the types that these refer to.
-const SOURCES: [&str; 26] = [
+const SOURCES: [&str; 27] = [
     "bench-daemon/src/campaign/file.rs",
     "bench-daemon/src/config/identity.rs",
     "bench-daemon/src/config/raw.rs",
@@ -34,6 +34,7 @@ const SOURCES: [&str; 26] = [
     "bench-daemon/src/config/limits.rs",
     "bench-daemon/src/config/mod.rs",
     "bench-daemon/src/plan.rs",
+    "bench-daemon/src/serve/fleet_settings.rs",
     "bench-daemon/src/serve/settings.rs",
     "bench-daemon/src/serve/targets.rs",
     "bench-daemon/src/investigate/dataset/raw.rs",
