@@ -6,6 +6,7 @@
     reason = "PyO3 hands arguments over by value"
 )]
 
+mod catalog;
 mod diagnosis;
 mod error;
 mod fit;
@@ -25,6 +26,8 @@ fn _eisbench(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<spectrum::Spectrum>()?;
     module.add_class::<model::Model>()?;
     module.add_class::<diagnosis::DataSet>()?;
+    module.add_class::<catalog::Catalog>()?;
+    module.add_function(wrap_pyfunction!(catalog::points_of_files, module)?)?;
     module.add_function(wrap_pyfunction!(spectrum::read_spectra, module)?)?;
     module.add_function(wrap_pyfunction!(fit::fit_erm, module)?)?;
     module.add_function(wrap_pyfunction!(fit::fit_circuit, module)?)?;
