@@ -104,6 +104,16 @@ impl Catalog {
         self.ask(py, |catalog| catalog.cells(&filter))
     }
 
+    /// The folders of runs, by their identities.
+    fn folders(&self, py: Python<'_>, runs: Vec<String>) -> PyResult<Vec<String>> {
+        apart(py, || {
+            let catalog = File::open(&self.path).map_err(|error| error.to_string())?;
+            let folder = |run: &String| Ok(catalog.show(run)?.run.folder);
+            let folders: Result<Vec<String>, CatalogError> = runs.iter().map(folder).collect();
+            folders.map_err(|error| error.to_string())
+        })
+    }
+
     fn ageing(&self, py: Python<'_>, wanted: Wanted, rc: Option<u32>) -> PyResult<String> {
         let filter = wanted.filter()?;
         self.ask(py, |catalog| catalog.ageing(&filter, rc))

@@ -23,7 +23,9 @@ from ._api import (
     spectra_of_table,
     zhit,
 )
+from ._catalog import Ageing, Catalog
 from ._client import ApiError, AsyncClient, Client, Event, Job, OutcomeUnknown, Unreachable
+from ._delta import to_delta
 from ._eisbench import EisError, FileError, InternalError, Spectrum, __version__
 from ._joint import Joint, Pulse, joint
 from ._model import Model, PowerLimits, Simulation
@@ -43,11 +45,13 @@ from ._series import (
 from ._table import Table
 
 __all__ = [
+    "Ageing",
     "ApiError",
     "Assessment",
     "AsyncClient",
     "Branch",
     "Capture",
+    "Catalog",
     "CircuitFit",
     "Client",
     "DataSet",
@@ -90,5 +94,6 @@ __all__ = [
     "read_series",
     "read_spectra",
     "spectra_of_table",
+    "to_delta",
     "zhit",
 ]
