@@ -71,11 +71,16 @@ def same(left, right, without=()):
     pd.testing.assert_frame_equal(left.drop(columns=list(without)), right.drop(columns=list(without)))
 
 
-def test_a_file_and_a_daemon_answer_the_same(both):
+def test_a_file_and_a_daemon_answer_the_same(both, daemon):
     served, anew = both
-    # The place of a folder on the machine of a daemon is nobody's business.
-    same(served.runs(), anew.runs(), ["folder"])
-    same(served.runs(text="demo", most=1), anew.runs(text="demo", most=1), ["folder"])
+    # The place of a folder on the machine of a daemon is nobody's business. Who asked for a run
+    # the daemon knows, and not the folder.
+    without = ["folder", "operator"]
+    same(served.runs(), anew.runs(), without)
+    same(served.runs(text="demo", most=1), anew.runs(text="demo", most=1), without)
+    its_own = eb.Catalog(daemon[1])
+    same(served.runs(), its_own.runs(), ["folder"])
+    assert set(its_own.runs()["operator"]) != {None}
     same(served.spectra(), anew.spectra())
     same(served.spectra(cell=CELL, verdict="good"), anew.spectra(cell=CELL, verdict="good"))
     same(served.cells(), anew.cells())

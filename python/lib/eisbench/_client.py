@@ -256,7 +256,9 @@ class Client:
 
     def _has_ended(self, run: str) -> bool:
         try:
-            return _job(self._json("GET", f"/runs/{run}")["job"]).ended
+            told = self._json("GET", f"/runs/{run}")["job"]
+            # Between queue and run a job is told by neither for a moment.
+            return told is not None and _job(told).ended
         except ApiError as error:
             if error.status == 404:
                 return False

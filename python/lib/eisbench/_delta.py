@@ -73,9 +73,9 @@ class _Delta:
                 self._append(there, table)
                 # What a commit holds is asked of the table before the next one.
                 written, attempts = written + len(files_of_it), _ATTEMPTS
-            except self._delta.exceptions.CommitFailedError as error:
+            except self._delta.exceptions.DeltaError as error:
                 attempts -= 1
-                if attempts == 0:
+                if attempts == 0 or not self._by_others(error, there):
                     expected = "expected to be able to commit beside other writers"
                     raise EisError(f"{self._address}: {expected}: {error}") from None
 
@@ -85,6 +85,12 @@ class _Delta:
             return self._delta.DeltaTable(self._address, storage_options=self._options)
         except self._delta.exceptions.TableNotFoundError:
             return None
+
+    def _by_others(self, error: Exception, before: Any) -> bool:
+        """Whether another writer was the first: with its commit, or with making the table."""
+        if isinstance(error, self._delta.exceptions.CommitFailedError):
+            return True
+        return before is None and self._there() is not None
 
     def _runs(self, there: Any) -> set[str]:
         runs: set[str] = set()

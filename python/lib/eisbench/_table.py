@@ -123,7 +123,9 @@ def frame(columns: Mapping[str, Column]) -> Any:
         return Table(columns)
     told: dict[str, Any] = {}
     for name, values in columns.items():
-        told[name] = values
+        # One kind for texts, also where all of them are missing.
+        is_text = isinstance(values, list)
+        told[name] = pandas.Series(values, dtype=object) if is_text else values
         if name.endswith("_unix_s"):
             time = name.removesuffix("_unix_s")
             told[time] = pandas.to_datetime(np.asarray(values), unit="s", utc=True)
