@@ -3,7 +3,8 @@
 //!
 //! This crate only re-exports the crates below it, in the order in which they depend on each other:
 //!
-//! * `analysis-numeric` – [`numeric`]: linear algebra, minimisers, statistics; [`significant`]:
+//! * `analysis-numeric` – [`numeric`]: linear algebra, minimisers, statistics; [`mixed`]:
+//!   components of variance; [`significant`]:
 //!   significant digits.
 //! * `analysis-plot` – [`plot`]: charts; [`report`]: pages.
 //! * `analysis-signal` – [`sine`]: fits of sinusoids to samples; [`spectrum`]: impedances with
@@ -82,6 +83,7 @@ pub use analysis_files::{batch, dataset, formats, run_folder, table, thinning};
 pub use analysis_fit::{drt, fit, given, joint, rows, validity};
 pub use analysis_forward::{forward, sop};
 pub use analysis_model::{model, ocv, pack};
+pub use analysis_numeric::mixed;
 pub use analysis_numeric::{self as numeric, significant};
 pub use analysis_plot::report;
 pub use analysis_signal::{budget, calibration, multisine, series, sine, spectrum, staircase};

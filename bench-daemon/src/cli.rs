@@ -28,7 +28,10 @@ const GROUPS: [(&str, &[&str]); 7] = [
         &["dataset", "diagnose", "investigate", "effects"],
     ),
     ("A cell or a pack under load", &["simulate", "pack", "sop"]),
-    ("Files", &["convert", "replay", "verify", "catalog"]),
+    (
+        "Files",
+        &["convert", "replay", "verify", "catalog", "campaign"],
+    ),
     (
         "Server and shell",
         &["serve", "token", "completions", "man"],
@@ -197,6 +200,8 @@ enum Command {
     Verify(command::verify::VerifyArgs),
     /// Build a catalogue of run folders, and ask it across runs and benches.
     Catalog(command::catalog::CatalogArgs),
+    /// Measure many cells on several benches: plan, and judge what came of it.
+    Campaign(command::campaign::CampaignArgs),
     /// Serve benches over HTTP, with a queue, a page and an API, until stopped.
     Serve(command::serve::ServeArgs),
     /// Tokens that open a server's API.
@@ -280,6 +285,7 @@ pub fn main() -> ExitCode {
         Command::Replay(args) => command::replay::replay(&args),
         Command::Verify(args) => command::verify::verify(&args),
         Command::Catalog(args) => command::catalog::catalog(&args),
+        Command::Campaign(args) => command::campaign::campaign(&args),
         Command::Serve(args) => command::serve::serve(&args),
         Command::Token(args) => command::token::token(&args),
         Command::Demo(args) => command::demo::demo(&args),

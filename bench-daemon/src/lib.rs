@@ -8,9 +8,11 @@
 //! [`journal`] and [`record`] (the run folder), [`sim`] (a simulated world behind mocks),
 //! [`executor`] (plan → instruments → records), [`safety`] (what outlives a process: state, latch,
 //! lease, guardian), [`doctor`] (proof of a bench), [`run`] (a whole run), [`investigate`] (runs →
-//! diagnosis → the recommended run), [`serve`] (HTTP), [`command`] and [`cli`].
+//! diagnosis → the recommended run), [`mod@campaign`]
+//! (cells over benches), [`serve`] (HTTP), [`command`] and [`cli`].
 
 pub mod bench;
+pub mod campaign;
 pub mod cli;
 pub mod command;
 pub mod config;

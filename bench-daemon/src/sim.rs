@@ -80,16 +80,21 @@ impl Simulation {
     /// # Errors
     /// The scenario file.
     pub fn new(path: &Path, seed: u64) -> Result<Self, SimError> {
-        Self::of(&Source::read(path)?, seed)
+        Self::of(&Source::read(path)?, seed, None)
     }
 
-    /// As [`Simulation::new`], from a scenario that was read.
+    /// As [`Simulation::new`], from a scenario that was read, and with a certain cell in the jig
+    /// where the scenario has a store of them.
     ///
     /// # Errors
     /// As [`Simulation::new`].
-    pub fn of(source: &Source, seed: u64) -> Result<Self, SimError> {
+    pub fn of(source: &Source, seed: u64, cell: Option<&str>) -> Result<Self, SimError> {
         let scenario: Scenario = source.parse()?;
-        let world = SimulatedBench::new(&scenario, seed)
+        let world = cell
+            .map_or_else(
+                || SimulatedBench::new(&scenario, seed),
+                |cell| SimulatedBench::with_cell(&scenario, seed, cell),
+            )
             .map_err(|error| source.complain(&error.field, error.to_string()))?;
         Ok(Self {
             world: Arc::new(Mutex::new(world)),

@@ -178,6 +178,12 @@ pub fn run_columns(runs: &[CatalogRun]) -> Vec<TableColumn> {
         texts("scanned_serials", runs, |run| {
             cells(run, |cell| cell.scanned_serial.as_ref())
         }),
+        texts("batches", runs, |run| {
+            cells(run, |cell| cell.batch.as_ref())
+        }),
+        texts("chemistries", runs, |run| {
+            cells(run, |cell| cell.chemistry.as_ref())
+        }),
         texts("bench", runs, |run| Some(run.bench.clone())),
         texts("experiment", runs, |run| Some(run.experiment.clone())),
         texts("operator", runs, |run| run.operator.clone()),
@@ -209,6 +215,8 @@ pub fn fit_columns(fits: &[CatalogFit]) -> Vec<TableColumn> {
         texts("name", fits, |fit| Some(fit.name.clone())),
         texts("file", fits, |fit| Some(fit.file.clone())),
         texts("cell", fits, |fit| Some(fit.cell.clone())),
+        texts("serial", fits, |fit| fit.serial.clone()),
+        texts("batch", fits, |fit| fit.batch.clone()),
         texts("bench", fits, |fit| Some(fit.bench.clone())),
         numbers("started_unix_s", fits, |fit| Some(fit.started_unix_s)),
         texts("time_source", fits, |fit| {
@@ -250,10 +258,10 @@ fn point_columns(rows: &[Points]) -> Vec<TableColumn> {
             cells: Cells::Numbers(all.collect()),
         }
     };
-    let text = |name, of: &dyn Fn(&CatalogSpectrum) -> String| {
+    let text = |name, of: &dyn Fn(&CatalogSpectrum) -> Option<String>| {
         let all = rows
             .iter()
-            .flat_map(|one| std::iter::repeat_n(Some(of(&one.spectrum)), one.points.len()));
+            .flat_map(|one| std::iter::repeat_n(of(&one.spectrum), one.points.len()));
         TableColumn {
             name,
             cells: Cells::Texts(all.collect()),
@@ -261,7 +269,7 @@ fn point_columns(rows: &[Points]) -> Vec<TableColumn> {
     };
     vec![
         text("spectrum_id", &|one| {
-            format!("{}/{}", one.run, one.file.trim_end_matches(".csv"))
+            Some(format!("{}/{}", one.run, one.file.trim_end_matches(".csv")))
         }),
         number("freq_hz", &|point| point.freq_hz),
         number("z_re_ohm", &|point| point.z_ohm.re),
@@ -270,12 +278,16 @@ fn point_columns(rows: &[Points]) -> Vec<TableColumn> {
         number("sigma_im_ohm", &|point| point.covariance.im_im.sqrt()),
         number("cov_re_im_ohm2", &|point| point.covariance.re_im),
         number("amplitude_a", &|point| point.amplitude_a),
-        text("run", &|one| one.run.clone()),
-        text("name", &|one| one.name.clone()),
-        text("cell", &|one| one.cell.clone()),
-        text("bench", &|one| one.bench.clone()),
+        text("run", &|one| Some(one.run.clone())),
+        text("name", &|one| Some(one.name.clone())),
+        text("cell", &|one| Some(one.cell.clone())),
+        text("serial", &|one| one.serial.clone()),
+        text("batch", &|one| one.batch.clone()),
+        text("bench", &|one| Some(one.bench.clone())),
         circumstance("started_unix_s", &|one| Some(one.started_unix_s)),
-        text("time_source", &|one| one.time_source.label().to_owned()),
+        text("time_source", &|one| {
+            Some(one.time_source.label().to_owned())
+        }),
         circumstance("ocv_v", &|one| one.ocv_v),
         circumstance("temperature_c", &|one| one.temperature_c),
     ]

@@ -39,7 +39,19 @@ struct ManifestCell {
     #[serde(default)]
     name: String,
     #[serde(default)]
+    identity: Identity,
+}
+
+/// Identity of a cell, or of a kind of cell.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+struct Identity {
     serial: Option<String>,
+    batch: Option<String>,
+    barcode: Option<String>,
+    maker: Option<String>,
+    chemistry: Option<String>,
+    term: Option<String>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -49,6 +61,7 @@ struct Manifest {
     experiment: String,
     bench: String,
     cell: ManifestCell,
+    specimen: Option<String>,
     seed: u64,
     time: String,
     simulated: bool,
@@ -60,7 +73,14 @@ struct Manifest {
 
 #[derive(Debug, Deserialize)]
 struct CampaignFile {
-    cells: Vec<ManifestCell>,
+    cells: Vec<CampaignCell>,
+}
+
+#[derive(Debug, Deserialize)]
+struct CampaignCell {
+    name: String,
+    #[serde(flatten)]
+    identity: Identity,
 }
 
 #[derive(Debug, Deserialize)]
@@ -244,12 +264,16 @@ impl<'a> Reading<'a> {
         });
         let ends = Ends::of(points);
         let real = self.manifest.started_unix_s;
+        let cell = self.cell_of(sweep);
+        let known = self.cells.iter().find(|known| known.name == cell);
         CatalogSpectrum {
             run: self.run.clone(),
             name: self.name(),
             file: sweep.file.clone(),
             bench: self.manifest.bench.clone(),
-            cell: self.cell_of(sweep),
+            serial: known.and_then(CatalogCell::any_serial),
+            batch: known.and_then(|known| known.batch.clone()),
+            cell,
             fixture: sweep.fixture.clone(),
             corrected: sweep.corrected,
             repeat: count(sweep.repeat),
@@ -299,15 +323,18 @@ impl<'a> Reading<'a> {
         let model = model.ok()?;
         let slowest = model.fit.erm.branches.len().checked_sub(1);
         let slow_sigma = slowest.and_then(|at| model.fit.sigma.branches.get(at));
+        let only = match self.cells.as_slice() {
+            [one] => Some(one),
+            _ => None,
+        };
         Some(CatalogFit {
             run: self.run.clone(),
             name: self.name(),
             file,
             bench: self.manifest.bench.clone(),
-            cell: match self.cells.as_slice() {
-                [one] => one.name.clone(),
-                _ => self.manifest.cell.name.clone(),
-            },
+            cell: only.map_or_else(|| self.manifest.cell.name.clone(), |one| one.name.clone()),
+            serial: only.and_then(CatalogCell::any_serial),
+            batch: only.and_then(|one| one.batch.clone()),
             rc: model.rc,
             started_unix_s: self.started_unix_s(),
             time_source: self.time_source(),
@@ -380,17 +407,33 @@ impl<'a> Reading<'a> {
 
 /// The specimens of a campaign or of the questions to a person, else the one cell.
 fn cells(folder: &Path, manifest: &Manifest, told: &Told, index: &RunIndex) -> Vec<CatalogCell> {
-    let named = |name: &str, serial: Option<&String>| CatalogCell {
+    let kind = &manifest.cell;
+    let named = |name: &str, own: Identity| CatalogCell {
         name: name.to_owned(),
-        serial: serial.cloned(),
+        serial: own.serial,
         scanned_serial: None,
-        model: Some(manifest.cell.name.clone()).filter(|model| !model.is_empty() && model != name),
+        model: Some(kind.name.clone()).filter(|model| !model.is_empty() && model != name),
+        batch: own.batch.or_else(|| kind.identity.batch.clone()),
+        barcode: own.barcode,
+        maker: own.maker.or_else(|| kind.identity.maker.clone()),
+        chemistry: own.chemistry.or_else(|| kind.identity.chemistry.clone()),
+        term: own.term.or_else(|| kind.identity.term.clone()),
     };
+    let of_serial = |serial: Option<&String>| Identity {
+        serial: serial.cloned(),
+        ..Identity::default()
+    };
+    if let Some(name) = &manifest.specimen {
+        return vec![CatalogCell {
+            scanned_serial: told.scanned.clone(),
+            ..named(name, kind.identity.clone())
+        }];
+    }
     // Not there in a run of one cell, and its end is told elsewhere.
     let campaign: Option<CampaignFile> = json(folder, CAMPAIGN, &mut Vec::new());
     let campaign = campaign.into_iter().flat_map(|file| file.cells);
     let mut cells: Vec<CatalogCell> = campaign
-        .map(|cell| named(&cell.name, cell.serial.as_ref()))
+        .map(|cell| named(&cell.name, cell.identity))
         .collect();
     let mut add = |cell: CatalogCell| {
         let known = cells.iter_mut().find(|known| known.name == cell.name);
@@ -405,19 +448,19 @@ fn cells(folder: &Path, manifest: &Manifest, told: &Told, index: &RunIndex) -> V
     for asked in &told.cells {
         add(CatalogCell {
             scanned_serial: asked.scanned.clone(),
-            ..named(&asked.name, asked.serial.as_ref())
+            ..named(&asked.name, of_serial(asked.serial.as_ref()))
         });
     }
     for cell in index.sweeps.iter().filter_map(|sweep| sweep.cell.as_ref()) {
-        add(named(cell, None));
+        add(named(cell, Identity::default()));
     }
-    let one = [&index.cell, &manifest.cell.name]
+    let one = [&index.cell, &kind.name]
         .into_iter()
         .find(|name| !name.is_empty());
     if let Some(name) = one.filter(|_| cells.is_empty()) {
         cells.push(CatalogCell {
             scanned_serial: told.scanned.clone(),
-            ..named(name, manifest.cell.serial.as_ref())
+            ..named(name, kind.identity.clone())
         });
     }
     cells

@@ -26,10 +26,14 @@ const DIGITS: usize = 16;
 pub struct Filter {
     /// Name or serial number of a cell.
     pub cell: Option<String>,
-    /// Serial number of a cell, as the experiment tells it or a person read it.
+    /// Serial number of a cell, as the experiment tells it or a person read it, or its barcode.
     pub serial: Option<String>,
+    /// Batch of a cell.
+    pub batch: Option<String>,
     /// Name of a bench.
     pub bench: Option<String>,
+    /// Name of an experiment.
+    pub experiment: Option<String>,
     /// Begun at this time or later, s since 1970.
     pub from_unix_s: Option<f64>,
     /// Begun before this time, s since 1970.
@@ -78,6 +82,18 @@ pub struct CellFound {
     pub first_unix_s: f64,
     /// The same of the last.
     pub last_unix_s: f64,
+    /// Its kind, where it has a name of its own.
+    pub model: Option<String>,
+    /// Batch that it was made in.
+    pub batch: Option<String>,
+    /// Code that is printed on it.
+    pub barcode: Option<String>,
+    /// Maker.
+    pub maker: Option<String>,
+    /// Chemistry, in words.
+    pub chemistry: Option<String>,
+    /// Term of a vocabulary, such as BattINFO, for its kind.
+    pub term: Option<String>,
 }
 
 /// Cells that were found, by name.
@@ -254,10 +270,12 @@ impl Catalog {
             let serial = Value::Text(serial.clone());
             question.add(
                 "EXISTS (SELECT 1 FROM run_cell c WHERE c.run = r.run \
-                 AND (c.serial = ? OR c.scanned_serial = ?))",
-                &[serial.clone(), serial],
+                 AND ? IN (c.serial, c.scanned_serial, c.barcode))",
+                &[serial],
             );
         }
+        question.add_text("r.experiment = ?", filter.experiment.as_ref());
+        question.add_batch("r", filter.batch.as_ref());
         question.add_text(&format!("{of}.bench = ?"), filter.bench.as_ref());
         if let Some(verdict) = filter.verdict {
             let verdict = Value::Text(verdict.label().to_owned());
@@ -295,6 +313,8 @@ impl Catalog {
         let (cell, serial) = self.cell_and_serial(filter)?;
         question.add_text("s.cell = ?", cell.as_ref());
         question.add_serial("s", serial);
+        question.add_text("s.batch = ?", filter.batch.as_ref());
+        question.add_experiment("s", filter.experiment.as_ref());
         question.add_text("s.bench = ?", filter.bench.as_ref());
         question.add_times('s', filter);
         if let Some(verdict) = filter.verdict {
@@ -324,7 +344,7 @@ impl Catalog {
     }
 
     /// The cells that runs have measured, by name and serial number. Of the conditions `cell`,
-    /// `serial`, `after` and `most` count.
+    /// `serial`, `batch`, `after` and `most` count.
     ///
     /// # Errors
     /// [`CatalogError`].
@@ -333,6 +353,7 @@ impl Catalog {
         let (cell, serial) = self.cell_and_serial(filter)?;
         question.add_text("c.name = ?", cell.as_ref());
         question.add_text("c.serial = ?", serial.as_ref());
+        question.add_text("c.batch = ?", filter.batch.as_ref());
         if let Some(after) = &filter.after {
             let after = Cursor::parse(after)?;
             let (name, serial) = after.file.split_once('\0').unwrap_or((&after.file, ""));
@@ -347,6 +368,12 @@ impl Catalog {
                 runs: row.get(2)?,
                 first_unix_s: row.get(3)?,
                 last_unix_s: row.get(4)?,
+                model: row.get(5)?,
+                batch: row.get(6)?,
+                barcode: row.get(7)?,
+                maker: row.get(8)?,
+                chemistry: row.get(9)?,
+                term: row.get(10)?,
             })
         })?;
         let after = cut(&mut cells, filter.most(), |cell| {
@@ -466,6 +493,8 @@ impl Catalog {
         let (cell, serial) = self.cell_and_serial(filter)?;
         question.add_text("f.cell = ?", cell.as_ref());
         question.add_serial("f", serial);
+        question.add_text("f.batch = ?", filter.batch.as_ref());
+        question.add_experiment("f", filter.experiment.as_ref());
         question.add_text("f.bench = ?", filter.bench.as_ref());
         question.add_times('f', filter);
         if let Some(verdict) = filter.verdict {
@@ -502,7 +531,8 @@ impl Catalog {
         if named.optional().map_err(&failed)?.is_some() {
             return Ok((Some(cell.clone()), serial));
         }
-        let text = "SELECT name FROM run_cell WHERE serial = ?1 OR scanned_serial = ?1 LIMIT 1";
+        let text = "SELECT name FROM run_cell WHERE serial = ?1 OR scanned_serial = ?1 \
+             OR barcode = ?1 LIMIT 1";
         let name = self.connection.query_row(text, [cell], |row| row.get(0));
         let name: Option<String> = name.optional().map_err(&failed)?;
         Ok(match name {
@@ -527,6 +557,22 @@ impl Catalog {
 }
 
 impl Question {
+    /// The run of a row is of this experiment.
+    fn add_experiment(&mut self, of: &str, experiment: Option<&String>) {
+        self.add_text(
+            &format!("EXISTS (SELECT 1 FROM run r WHERE r.run = {of}.run AND r.experiment = ?)"),
+            experiment,
+        );
+    }
+
+    /// The run has a cell of this batch.
+    fn add_batch(&mut self, of: &str, batch: Option<&String>) {
+        self.add_text(
+            &format!("EXISTS (SELECT 1 FROM run_cell c WHERE c.run = {of}.run AND c.batch = ?)"),
+            batch,
+        );
+    }
+
     /// The run of a row has a cell of this serial number.
     fn add_serial(&mut self, of: &str, serial: Option<String>) {
         let Some(serial) = serial.map(Value::Text) else {
@@ -535,9 +581,9 @@ impl Question {
         self.add(
             &format!(
                 "EXISTS (SELECT 1 FROM run_cell c WHERE c.run = {of}.run AND c.name = {of}.cell \
-                 AND (c.serial = ? OR c.scanned_serial = ?))"
+                 AND ? IN (c.serial, c.scanned_serial, c.barcode))"
             ),
-            &[serial.clone(), serial],
+            &[serial],
         );
     }
 }
@@ -617,6 +663,8 @@ fn spectrum_of(row: &Row<'_>) -> rusqlite::Result<CatalogSpectrum> {
         file: row.get("file")?,
         bench: row.get("bench")?,
         cell: row.get("cell")?,
+        serial: row.get("serial")?,
+        batch: row.get("batch")?,
         fixture: row.get("fixture")?,
         corrected: row.get("corrected")?,
         repeat: row.get("repeat")?,
@@ -643,6 +691,8 @@ fn fit_of(row: &Row<'_>) -> rusqlite::Result<CatalogFit> {
         file: row.get("file")?,
         bench: row.get("bench")?,
         cell: row.get("cell")?,
+        serial: row.get("serial")?,
+        batch: row.get("batch")?,
         rc: row.get("rc")?,
         started_unix_s: row.get("started_unix_s")?,
         time_source: source(row)?,

@@ -87,6 +87,28 @@ pub struct CatalogCell {
     pub scanned_serial: Option<String>,
     /// Name of the file of the cell: the type, where specimens have names of their own.
     pub model: Option<String>,
+    /// Batch that it was made in.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub batch: Option<String>,
+    /// Code that is printed on it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub barcode: Option<String>,
+    /// Maker.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub maker: Option<String>,
+    /// Chemistry, in words.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub chemistry: Option<String>,
+    /// Term of a vocabulary, such as BattINFO, for its kind.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub term: Option<String>,
+}
+
+impl CatalogCell {
+    /// Its serial number, by the experiment or else as a person read it.
+    pub(crate) fn any_serial(&self) -> Option<String> {
+        self.serial.clone().or_else(|| self.scanned_serial.clone())
+    }
 }
 
 /// A run.
@@ -159,6 +181,10 @@ pub struct CatalogSpectrum {
     pub bench: String,
     /// The cell.
     pub cell: String,
+    /// Serial number of the cell, where it is known.
+    pub serial: Option<String>,
+    /// Batch of the cell, where it is known.
+    pub batch: Option<String>,
     /// Fixture in the jig: `cell`, or the control.
     pub fixture: String,
     /// The harness is corrected.
@@ -207,6 +233,10 @@ pub struct CatalogFit {
     pub bench: String,
     /// The cell; the type of the cells where the model is that of several.
     pub cell: String,
+    /// Serial number of the cell, where it is known.
+    pub serial: Option<String>,
+    /// Batch of the cell, where it is known.
+    pub batch: Option<String>,
     /// Number of RC pairs.
     pub rc: u32,
     /// When the run began, s since 1970.

@@ -3,7 +3,7 @@
 /// Mark of a catalogue in the head of an SQLite file: `EISC`.
 pub(crate) const APPLICATION: i32 = 0x4549_5343;
 /// Version of the tables. A reader refuses a newer one; a scan builds an older one again.
-pub const VERSION: i32 = 1;
+pub const VERSION: i32 = 2;
 
 /// Tables and indexes. `run_key` finds runs by the name or a serial number of a cell, `run_text` by
 /// words; both repeat what questions filter by, so that no other table is read for a run that is
@@ -24,6 +24,7 @@ CREATE INDEX run_started ON run (started_unix_s, run);
 CREATE INDEX run_bench ON run (bench, started_unix_s, run);
 CREATE INDEX run_verdict ON run (verdict, started_unix_s, run);
 CREATE INDEX run_bench_verdict ON run (bench, verdict, started_unix_s, run);
+CREATE INDEX run_experiment ON run (experiment, started_unix_s, run);
 CREATE INDEX run_name ON run (name);
 CREATE INDEX run_folder ON run (folder);
 CREATE TABLE run_key (
@@ -37,18 +38,21 @@ CREATE TABLE run_text (
 CREATE TABLE phrase (phrase INTEGER PRIMARY KEY, text TEXT NOT NULL UNIQUE);
 CREATE TABLE run_cell (
   name TEXT NOT NULL, serial TEXT NOT NULL, started_unix_s REAL NOT NULL, run TEXT NOT NULL,
-  scanned_serial TEXT, model TEXT, PRIMARY KEY (name, serial, started_unix_s, run)
+  scanned_serial TEXT, model TEXT, batch TEXT, barcode TEXT, maker TEXT, chemistry TEXT, term TEXT,
+  PRIMARY KEY (name, serial, started_unix_s, run)
 ) WITHOUT ROWID;
 CREATE INDEX run_cell_run ON run_cell (run);
 CREATE INDEX run_cell_serial ON run_cell (serial);
 CREATE INDEX run_cell_scanned ON run_cell (scanned_serial);
+CREATE INDEX run_cell_batch ON run_cell (batch);
 CREATE TABLE cell (
   name TEXT NOT NULL, serial TEXT NOT NULL, runs INTEGER NOT NULL, first_unix_s REAL NOT NULL,
-  last_unix_s REAL NOT NULL, PRIMARY KEY (name, serial)
+  last_unix_s REAL NOT NULL, model TEXT, batch TEXT, barcode TEXT, maker TEXT, chemistry TEXT,
+  term TEXT, PRIMARY KEY (name, serial)
 ) WITHOUT ROWID;
 CREATE TABLE spectrum (
   run TEXT NOT NULL, file TEXT NOT NULL, name TEXT NOT NULL, bench TEXT NOT NULL,
-  cell TEXT NOT NULL, fixture TEXT NOT NULL, corrected INTEGER NOT NULL, repeat INTEGER NOT NULL,
+  cell TEXT NOT NULL, serial TEXT, batch TEXT, fixture TEXT NOT NULL, corrected INTEGER NOT NULL, repeat INTEGER NOT NULL,
   started_unix_s REAL NOT NULL, time_source TEXT NOT NULL, amplitude_a REAL NOT NULL, ocv_v REAL,
   temperature_c REAL, points INTEGER NOT NULL, refused_points INTEGER NOT NULL, low_hz REAL,
   high_hz REAL, r_high_ohm REAL, r_high_sigma_ohm REAL, r_low_ohm REAL, r_low_sigma_ohm REAL,
@@ -59,7 +63,7 @@ CREATE INDEX spectrum_cell ON spectrum (cell, started_unix_s, run, file);
 CREATE INDEX spectrum_bench ON spectrum (bench, started_unix_s, run, file);
 CREATE TABLE fit (
   run TEXT NOT NULL, file TEXT NOT NULL, name TEXT NOT NULL, bench TEXT NOT NULL,
-  cell TEXT NOT NULL, rc INTEGER NOT NULL, started_unix_s REAL NOT NULL,
+  cell TEXT NOT NULL, serial TEXT, batch TEXT, rc INTEGER NOT NULL, started_unix_s REAL NOT NULL,
   time_source TEXT NOT NULL, temperature_c REAL, ocv_v REAL, r_ohm REAL NOT NULL,
   r_sigma_ohm REAL, dc_resistance_ohm REAL NOT NULL, dc_resistance_sigma_ohm REAL, slow_r_ohm REAL,
   slow_r_sigma_ohm REAL, slow_tau_s REAL, slow_tau_sigma_s REAL, time_constants_s TEXT NOT NULL,

@@ -13,7 +13,8 @@ const OF_RUN: [&str; 7] = [
      AND started_unix_s = (SELECT started_unix_s FROM run WHERE run = ?1) \
      AND key IN (SELECT name FROM run_cell WHERE run = ?1 \
      UNION SELECT serial FROM run_cell WHERE run = ?1 \
-     UNION SELECT scanned_serial FROM run_cell WHERE run = ?1)",
+     UNION SELECT scanned_serial FROM run_cell WHERE run = ?1 \
+     UNION SELECT barcode FROM run_cell WHERE run = ?1)",
     "DELETE FROM run_text WHERE run = ?1 \
      AND started_unix_s = (SELECT started_unix_s FROM run WHERE run = ?1)",
     "DELETE FROM run WHERE run = ?1",
@@ -106,9 +107,12 @@ fn phrase(run: &CatalogRun) -> String {
     let own = [&run.bench, &run.experiment].map(String::as_str);
     let more = [&run.operator, &run.how].map(|text| text.as_deref().unwrap_or_default());
     let cells = run.cells.iter().flat_map(|cell| {
-        let more = [&cell.serial, &cell.scanned_serial, &cell.model];
-        more.map(|text| text.as_deref().unwrap_or_default())
+        let serials = [&cell.serial, &cell.scanned_serial, &cell.barcode];
+        let kind = [&cell.model, &cell.batch, &cell.maker, &cell.chemistry];
+        serials
             .into_iter()
+            .chain(kind)
+            .map(|text| text.as_deref().unwrap_or_default())
             .chain([cell.name.as_str()])
     });
     let all: Vec<&str> = own.into_iter().chain(more).chain(cells).collect();
@@ -138,8 +142,9 @@ fn put_words(connection: &Connection, run: &CatalogRun) -> rusqlite::Result<()> 
 
 fn put_keys(connection: &Connection, run: &CatalogRun) -> rusqlite::Result<()> {
     let verdict = run.verdict.label();
-    let mut into = connection
-        .prepare_cached("INSERT OR REPLACE INTO run_cell VALUES (?1, ?2, ?3, ?4, ?5, ?6)")?;
+    let mut into = connection.prepare_cached(
+        "INSERT OR REPLACE INTO run_cell VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11)",
+    )?;
     let mut keys =
         connection.prepare_cached("INSERT OR IGNORE INTO run_key VALUES (?1, ?2, ?3, ?4, ?5)")?;
     for cell in &run.cells {
@@ -149,9 +154,16 @@ fn put_keys(connection: &Connection, run: &CatalogRun) -> rusqlite::Result<()> {
             run.started_unix_s,
             run.run,
             cell.scanned_serial,
-            cell.model
+            cell.model,
+            cell.batch,
+            cell.barcode,
+            cell.maker,
+            cell.chemistry,
+            cell.term
         ])?;
-        let serials = [&cell.serial, &cell.scanned_serial].into_iter().flatten();
+        let serials = [&cell.serial, &cell.scanned_serial, &cell.barcode]
+            .into_iter()
+            .flatten();
         for key in [&cell.name].into_iter().chain(serials) {
             keys.execute(params![
                 key,
@@ -167,7 +179,7 @@ fn put_keys(connection: &Connection, run: &CatalogRun) -> rusqlite::Result<()> {
 
 fn put_spectrum(connection: &Connection, one: &CatalogSpectrum) -> rusqlite::Result<()> {
     let mut into = connection.prepare_cached(
-        "INSERT OR REPLACE INTO spectrum VALUES (:run, :file, :name, :bench, :cell, :fixture, \
+        "INSERT OR REPLACE INTO spectrum VALUES (:run, :file, :name, :bench, :cell, :serial, :batch, :fixture, \
          :corrected, :repeat, :started_unix_s, :time_source, :amplitude_a, :ocv_v, \
          :temperature_c, :points, :refused_points, :low_hz, :high_hz, :r_high_ohm, \
          :r_high_sigma_ohm, :r_low_ohm, :r_low_sigma_ohm)",
@@ -178,6 +190,8 @@ fn put_spectrum(connection: &Connection, one: &CatalogSpectrum) -> rusqlite::Res
         ":name": one.name,
         ":bench": one.bench,
         ":cell": one.cell,
+        ":serial": one.serial,
+        ":batch": one.batch,
         ":fixture": one.fixture,
         ":corrected": one.corrected,
         ":repeat": one.repeat,
@@ -200,7 +214,7 @@ fn put_spectrum(connection: &Connection, one: &CatalogSpectrum) -> rusqlite::Res
 
 fn put_fit(connection: &Connection, fit: &CatalogFit) -> rusqlite::Result<()> {
     let mut into = connection.prepare_cached(
-        "INSERT OR REPLACE INTO fit VALUES (:run, :file, :name, :bench, :cell, :rc, \
+        "INSERT OR REPLACE INTO fit VALUES (:run, :file, :name, :bench, :cell, :serial, :batch, :rc, \
          :started_unix_s, :time_source, :temperature_c, :ocv_v, :r_ohm, :r_sigma_ohm, \
          :dc_resistance_ohm, :dc_resistance_sigma_ohm, :slow_r_ohm, :slow_r_sigma_ohm, \
          :slow_tau_s, :slow_tau_sigma_s, :time_constants_s, :rms_ohm, :reduced_chi2, :points)",
@@ -211,6 +225,8 @@ fn put_fit(connection: &Connection, fit: &CatalogFit) -> rusqlite::Result<()> {
         ":name": fit.name,
         ":bench": fit.bench,
         ":cell": fit.cell,
+        ":serial": fit.serial,
+        ":batch": fit.batch,
         ":rc": fit.rc,
         ":started_unix_s": fit.started_unix_s,
         ":time_source": fit.time_source.label(),
@@ -251,7 +267,8 @@ fn put_event(connection: &Connection, run: &str, event: &CatalogEvent) -> rusqli
 pub(crate) fn count_cells(connection: &Connection) -> rusqlite::Result<()> {
     connection.execute_batch(
         "BEGIN IMMEDIATE; DELETE FROM cell; INSERT INTO cell SELECT name, serial, count(*), \
-         min(started_unix_s), max(started_unix_s) FROM run_cell GROUP BY name, serial; COMMIT;",
+         min(started_unix_s), max(started_unix_s), max(model), max(batch), max(barcode), max(maker), \
+         max(chemistry), max(term) FROM run_cell GROUP BY name, serial; COMMIT;",
     )
 }
 

@@ -5,6 +5,7 @@ mod covariance;
 mod global;
 pub mod linalg;
 mod local;
+pub mod mixed;
 mod rng;
 pub mod significant;
 pub mod stats;

@@ -2,6 +2,7 @@
 
 pub mod answer;
 pub mod batch;
+pub mod campaign;
 pub mod catalog;
 pub mod clear;
 pub mod config;

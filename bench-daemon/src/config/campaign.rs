@@ -119,6 +119,11 @@ impl Check<'_> {
                 number: index + 1,
                 name: cell.name.clone(),
                 serial: cell.serial.clone(),
+                batch: cell
+                    .batch
+                    .clone()
+                    .or_else(|| self.cell.identity.batch.clone()),
+                barcode: cell.barcode.clone(),
             }));
         }
         Ok(Campaign {
@@ -190,6 +195,8 @@ mod tests {
                 number: index + 1,
                 name: name.to_owned(),
                 serial: None,
+                batch: None,
+                barcode: None,
             })
         };
         let names = |round_robin| {

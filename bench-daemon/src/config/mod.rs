@@ -2,10 +2,15 @@
 //! checked once (`resolve`, `check`). What comes out of here is complete and within the limits of
 //! cell and instruments; nothing is energised before that.
 
+use std::sync::Arc;
+
+use crate::plan::Specimen;
+
 mod bench;
 mod campaign;
 mod check;
 pub(crate) mod erm_text;
+mod identity;
 mod interlock;
 mod limits;
 mod multisine;
@@ -30,6 +35,7 @@ pub use bench::{
 };
 pub use campaign::Campaign;
 pub(crate) use check::{LOAD_CUT_OFF_V, check_frames};
+pub use identity::Identity;
 pub use multisine::{Band, Multisine};
 pub use ocv_soc::OcvSoc;
 pub(crate) use resolve::resolve_cell;
@@ -54,6 +60,8 @@ pub struct Experiment {
     pub bench: Bench,
     /// The cell.
     pub cell: Cell,
+    /// The one cell that is measured, where the experiment names it.
+    pub specimen: Option<Arc<Specimen>>,
     /// Holding a temperature first, if asked for.
     pub temperature: Option<Temperature>,
     /// Checking the bench with control impedances first, if asked for.

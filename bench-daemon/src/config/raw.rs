@@ -38,6 +38,9 @@ pub(super) struct Experiment {
     pub(super) eis: Option<Eis>,
     /// Records of many frequencies at once. Left out: none.
     pub(super) multisine: Option<super::raw_multisine::Raw>,
+    /// The one cell that is measured; refused beside `[campaign]`. Left out: one of the kind of the
+    /// cell file.
+    pub(super) specimen: Option<super::identity::RawSpecimen>,
     /// Several cells, each measured several times; refused beside `[ocv_soc]` and `[multisine]`.
     /// Left out: one cell.
     pub(super) campaign: Option<Campaign>,
@@ -262,6 +265,10 @@ pub(super) struct CampaignCell {
     pub(super) name: String,
     /// Serial number; those of a campaign must differ. Left out: not known.
     pub(super) serial: Option<String>,
+    /// Batch or lot that it was made in. Left out: that of the cell file.
+    pub(super) batch: Option<String>,
+    /// Code that is printed on it, as a scanner reads it. Left out: none is known.
+    pub(super) barcode: Option<String>,
 }
 
 /// A current that steps, and its record. Exactly one of `segments`, `pulses` and `file` is given.
@@ -446,6 +453,9 @@ pub(super) struct Cell {
     pub(super) temperature_min: Quantity<Temperature>,
     /// Highest temperature of the surface, above `temperature_min`. The interlock trips above it.
     pub(super) temperature_max: Quantity<Temperature>,
+    /// Identity of the cell, or of its kind.
+    #[serde(default)]
+    pub(super) identity: super::identity::Identity,
     /// Limits of the interlock beside those of the cell.
     #[serde(default)]
     pub(super) interlock: super::interlock::Section,

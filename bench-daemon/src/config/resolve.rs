@@ -1,7 +1,7 @@
 //! Raw files → a checked experiment. Every complaint names file, line, field and what was expected.
 //! The bench is in `resolve_bench`.
 
-use std::path::Path;
+use std::{path::Path, sync::Arc};
 
 use analysis::ocv::OcvCurve;
 use fixtures::Scenario;
@@ -124,6 +124,16 @@ pub fn resolve_experiment(
             "expected [campaign] without [ocv_soc] and [multisine]: its runs are sweeps and traces",
         ));
     }
+    let specimen = raw
+        .specimen
+        .as_ref()
+        .map(|one| one.resolve(&source, &cell.identity))
+        .transpose()?;
+    if campaign.is_some() && specimen.is_some() {
+        let reason = "expected [specimen] without [campaign], which names its cells itself";
+        return Err(source.complain("specimen", reason));
+    }
+    let (specimen, identity) = specimen.unzip();
     if let (Some(campaign), Some((file, scenario))) = (&campaign, &scenario) {
         check.specimens(campaign, file, scenario)?;
     }
@@ -151,7 +161,11 @@ pub fn resolve_experiment(
         auto_resume,
         seed: raw.seed,
         bench,
-        cell,
+        cell: Cell {
+            identity: identity.unwrap_or_else(|| cell.identity.clone()),
+            ..cell
+        },
+        specimen: specimen.map(Arc::new),
         temperature,
         fixture_check,
         soc_reset,
@@ -280,6 +294,7 @@ pub(crate) fn resolve_cell(source: &Source) -> Result<Cell, ConfigError> {
             "expected at least one cell in series and one in parallel",
         ));
     }
+    raw.identity.check(source, "identity")?;
     let curve = |ocv: raw::Ocv| {
         OcvCurve::monotone(raw.capacity.si / 3600.0, ocv.soc, ocv.voltage_v)
             .map_err(|error| source.complain("ocv", error.to_string()))
@@ -287,6 +302,7 @@ pub(crate) fn resolve_cell(source: &Source) -> Result<Cell, ConfigError> {
     let ocv = raw.ocv.map(curve).transpose()?;
     let cell = Cell {
         name: raw.name,
+        identity: raw.identity,
         capacity_c: raw.capacity.si,
         limits: Limits {
             min_v: raw.voltage_min.si,

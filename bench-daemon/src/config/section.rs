@@ -10,6 +10,9 @@ use crate::{measure::quality::Quality, plan::Missed};
 pub struct Cell {
     /// Its name.
     pub name: String,
+    /// Who it is.
+    #[serde(skip_serializing_if = "super::Identity::is_empty")]
+    pub identity: super::Identity,
     /// Capacity, C.
     pub capacity_c: f64,
     /// Limits of the cell.

@@ -26,7 +26,8 @@ impl Executor<'_> {
     /// after.
     pub(super) async fn ask(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
         let operator = *self.person.operator;
-        let specimen = self.position.specimen.as_deref();
+        let certain = self.position.specimen.as_deref();
+        let specimen = certain.or(self.rig.setup.specimen.as_deref());
         let mut question = Question::new(fixture, specimen, &self.rig.setup.cell);
         question.on_terminal = operator == Operator::Terminal;
         self.rig.recorder.journal(Entry::Safe)?;

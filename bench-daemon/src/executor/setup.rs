@@ -1,8 +1,11 @@
 //! What a rig knows of bench and cell besides its steps.
 
+use std::sync::Arc;
+
 use crate::{
     config::{self, Experiment, Jig, Wiring},
     interlock::{Limits, Settings},
+    plan::Specimen,
 };
 
 /// What a rig knows of bench and cell. No procedure decides it and it is the same for every step,
@@ -11,6 +14,8 @@ use crate::{
 pub(super) struct Setup {
     /// Name of the cell.
     pub(super) cell: String,
+    /// The one cell that is measured, where it is named.
+    pub(super) specimen: Option<Arc<Specimen>>,
     /// Limits of the cell.
     pub(super) limits: Limits,
     /// Settings of the interlock.
@@ -28,6 +33,7 @@ impl Setup {
     pub(super) fn of(experiment: &Experiment) -> Self {
         Self {
             cell: experiment.cell.name.clone(),
+            specimen: experiment.specimen.clone(),
             limits: experiment.cell.limits,
             interlock: experiment.cell.interlock,
             wiring: experiment.bench.wiring.clone(),

@@ -39,6 +39,10 @@ pub struct Question {
     /// Its serial number, where it has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub serial: Option<String>,
+    /// Code that is printed on it, where that is known; an answer may tell it in the place of the
+    /// serial number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub barcode: Option<String>,
     /// It is asked on the terminal of the run, and answered nowhere else.
     pub on_terminal: bool,
 }
@@ -54,6 +58,7 @@ impl Question {
             fixture,
             cell: specimen.map(|specimen| specimen.name.clone()),
             serial: specimen.and_then(|specimen| specimen.serial.clone()),
+            barcode: specimen.and_then(|specimen| specimen.barcode.clone()),
             on_terminal: false,
         }
     }
@@ -77,16 +82,24 @@ impl Question {
                 ));
             }
         }
-        match (&self.serial, &answer.serial) {
-            (Some(asked), Some(found)) if asked.trim() != found.trim() => Err(format!(
-                "this is another cell: serial: expected {asked:?}, found {found:?}"
-            )),
-            (None, Some(found)) => Err(format!(
+        let Some(found) = &answer.serial else {
+            return Ok(());
+        };
+        let known: Vec<&String> = [&self.serial, &self.barcode]
+            .into_iter()
+            .flatten()
+            .collect();
+        if known.iter().any(|asked| asked.trim() == found.trim()) {
+            return Ok(());
+        }
+        let known: Vec<String> = known.iter().map(|asked| format!("{asked:?}")).collect();
+        Err(match known.join(" or ") {
+            asked if asked.is_empty() => format!(
                 "serial: expected none, for no cell with a serial number is asked for, found \
                 {found:?}"
-            )),
-            _ => Ok(()),
-        }
+            ),
+            asked => format!("this is another cell: serial: expected {asked}, found {found:?}"),
+        })
     }
 }
 
@@ -210,6 +223,8 @@ mod tests {
             number: 2,
             name: "B".to_owned(),
             serial: Some("P45B-17".to_owned()),
+            batch: None,
+            barcode: Some("0417 8821".to_owned()),
         }
     }
 
@@ -257,6 +272,8 @@ mod tests {
             None,
             "taken once"
         );
+        let scanned = answer(7, Some("0417 8821"));
+        assert_eq!(taken(&scanned), Some(scanned));
         let short = Question::new(Fixture::Short, Some(&second()), "P45B");
         assert!(short.check(&answer(7, Some("P45B-17"))).is_err());
     }

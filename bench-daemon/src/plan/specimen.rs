@@ -1,8 +1,8 @@
-//! The cells of a campaign.
+//! A certain cell, and the runs of a campaign of several.
 
 use std::{fmt, sync::Arc};
 
-/// One of several cells.
+/// A certain cell.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Specimen {
     /// Its number in the jig, from 1.
@@ -11,6 +11,12 @@ pub struct Specimen {
     pub name: String,
     /// Its serial number, where it has one.
     pub serial: Option<String>,
+    /// Batch that it was made in, where that is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub batch: Option<String>,
+    /// Code that is printed on it, where that is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub barcode: Option<String>,
 }
 
 /// One run of a campaign.

@@ -111,6 +111,7 @@ mod tests {
         };
         let cell = Cell {
             name: "c".to_owned(),
+            identity: crate::config::Identity::default(),
             capacity_c: 16_200.0,
             limits,
             interlock,

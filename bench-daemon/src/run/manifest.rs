@@ -25,6 +25,8 @@ struct Manifest<'a> {
     experiment: &'a str,
     bench: &'a str,
     cell: &'a config::Cell,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    specimen: Option<&'a str>,
     seed: u64,
     time: String,
     simulated: bool,
@@ -101,6 +103,11 @@ impl Run<'_> {
             experiment: &self.experiment.name,
             bench: &self.experiment.bench.name,
             cell: &self.experiment.cell,
+            specimen: self
+                .experiment
+                .specimen
+                .as_ref()
+                .map(|one| one.name.as_str()),
             seed: self.experiment.seed,
             time: mode.to_string(),
             simulated: self.experiment.bench.simulation.is_some(),

@@ -11,7 +11,7 @@ use tokio::runtime::Runtime;
 
 use super::{Finished, ResumeContext, play::Run, stop::StopSignals};
 use crate::{
-    config::{self, Experiment},
+    config::{self, Experiment, Source},
     operator::Operator,
     procedure,
     record::Recorder,
@@ -199,10 +199,16 @@ fn simulated(experiment: &Experiment) -> Result<Option<Simulation>, Failure> {
         .sources
         .iter()
         .find(|source| source.path() == section.scenario);
-    let simulation = match read {
-        Some(scenario) => Simulation::of(scenario, experiment.seed)?,
-        None => Simulation::new(&section.scenario, experiment.seed)?,
+    let unread;
+    let scenario = match read {
+        Some(scenario) => scenario,
+        None => {
+            unread = Source::read(&section.scenario)?;
+            &unread
+        }
     };
+    let cell = experiment.specimen.as_ref().map(|one| one.name.as_str());
+    let simulation = Simulation::of(scenario, experiment.seed, cell)?;
     Ok(Some(
         simulation
             .with_faults(section.faults.clone())

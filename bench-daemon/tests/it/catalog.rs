@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use crate::{
     serve_support::{Served, config, submit},
-    support::{Ended, Files, poll, program},
+    support::{EXPERIMENT, Ended, Files, poll, program},
 };
 
 /// Two runs of one cell, one of them stopped before its end, and a catalogue of them.
@@ -48,6 +48,43 @@ impl Cataloged {
         let ended = self.ask(&[words, &["--json"]].concat());
         serde_json::from_str(&ended.expect_code(0).stdout).unwrap()
     }
+}
+
+#[test]
+fn a_run_of_a_certain_cell_tells_which_it_was() {
+    let files = Files::short(3).edit(
+        EXPERIMENT,
+        "[fit]",
+        "[specimen]\nname = \"A-17\"\nserial = \"P45B-17\"\nbatch = \"2026-03\"\n\
+        barcode = \"0417 8821\"\n\n[fit]",
+    );
+    let cell = files.text("cells/p45b.toml");
+    let identity = "\n[identity]\nmaker = \"Molicel\"\nchemistry = \"NCA / graphite-silicon\"\n\
+        batch = \"of many\"\nterm = \"https://vocabulary.example/battery#cylindrical\"\n";
+    files.write("cells/p45b.toml", &format!("{cell}{identity}"));
+    files.run("runs/first").expect_code(0);
+    let at = Cataloged { files };
+    at.ask(&["scan", "DB", "RUNS"]).expect_code(0);
+    for key in ["A-17", "P45B-17", "0417 8821"] {
+        let found = at.json(&["find", "DB", "--cell", key, "--batch", "2026-03"]);
+        let cell = &found["runs"][0]["cells"][0];
+        assert_eq!(cell["name"], "A-17", "{key}: {found}");
+        assert_eq!(cell["model"], "Molicel P45B");
+        assert_eq!(cell["serial"], "P45B-17");
+        assert_eq!(cell["chemistry"], "NCA / graphite-silicon");
+    }
+    assert_eq!(
+        at.json(&["find", "DB", "--batch", "of many"])["runs"],
+        Value::Array(Vec::new())
+    );
+    let cells = at.json(&["cells", "DB"]);
+    assert_eq!(cells["cells"][0]["maker"], "Molicel");
+    let refused = at
+        .files
+        .edit(EXPERIMENT, "0417 8821", "  ")
+        .run("runs/second");
+    let told = "specimen.barcode: expected 1 to 200 characters in one line";
+    assert!(refused.stderr.contains(told), "{}", refused.stderr);
 }
 
 #[test]

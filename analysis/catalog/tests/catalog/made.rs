@@ -30,6 +30,8 @@ pub(crate) struct Made {
     pub(crate) cell: String,
     /// Its serial number.
     pub(crate) serial: Option<String>,
+    /// Its batch.
+    pub(crate) batch: String,
     /// The bench.
     pub(crate) bench: String,
     /// How it ended; none where it did not.
@@ -47,6 +49,7 @@ impl Made {
             number,
             cell: format!("C{:02}", number % 100),
             serial: Some(format!("P45B-{:04}", number % 100)),
+            batch: "2026-03".to_owned(),
             bench: format!("bench{}", number % 5),
             how: Some("finished".to_owned()),
             refused: 0,
@@ -89,7 +92,10 @@ impl Made {
         json!({
             "program": "eis-bench", "version": "0.1.0", "experiment": "ageing",
             "bench": self.bench,
-            "cell": { "name": self.cell, "serial": self.serial, "capacity_c": 16200.0 },
+            "cell": {
+                "name": self.cell, "capacity_c": 16200.0,
+                "identity": { "serial": self.serial, "batch": self.batch, "chemistry": "NMC / graphite" },
+            },
             "seed": self.number, "time": if self.is_virtual { "virtual" } else { "real" },
             "simulated": false, "config_sha256": "00", "files": {},
             "started_unix_s": (!self.is_virtual).then(|| self.started_unix_s()),

@@ -11,6 +11,7 @@ fn place() -> Place {
     runs[1].refused = 2;
     runs[2].how = None;
     runs[3].serial = Some("OTHER-1".to_owned());
+    runs[4].batch = "2026-04".to_owned();
     let place = Place::with(&runs);
     place.scan();
     place
@@ -51,6 +52,15 @@ fn every_condition_counts() {
         }),
         1
     );
+    for (batch, runs) in [("2026-03", 229), ("2026-04", 1)] {
+        assert_eq!(
+            number(Filter {
+                batch: text(batch),
+                ..all()
+            }),
+            runs
+        );
+    }
     assert_eq!(
         number(Filter {
             bench: text("bench2"),
@@ -165,6 +175,9 @@ fn pages_follow_each_other_without_gaps() {
             ..Filter::default()
         })
         .unwrap();
+    let c00 = &first.cells[0];
+    assert_eq!(c00.batch.as_deref(), Some("2026-03"));
+    assert_eq!(c00.chemistry.as_deref(), Some("NMC / graphite"));
     // C03 has two serial numbers.
     assert_eq!(
         (first.cells.len() + rest.cells.len(), rest.after),

@@ -54,6 +54,12 @@ pub(super) struct FilterArgs {
     /// Serial number of a cell, as the experiment tells it or a person read it.
     #[arg(long, value_name = "TEXT")]
     serial: Option<String>,
+    /// Batch of a cell.
+    #[arg(long, value_name = "TEXT")]
+    batch: Option<String>,
+    /// Name of an experiment.
+    #[arg(long, value_name = "NAME")]
+    experiment: Option<String>,
     /// Name of a bench.
     #[arg(long, value_name = "NAME")]
     bench: Option<String>,
@@ -104,6 +110,8 @@ impl FilterArgs {
         Filter {
             cell: self.cell.clone(),
             serial: self.serial.clone(),
+            batch: self.batch.clone(),
+            experiment: self.experiment.clone(),
             bench: self.bench.clone(),
             from_unix_s: self.from,
             to_unix_s: self.to,

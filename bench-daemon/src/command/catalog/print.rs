@@ -59,13 +59,19 @@ pub(super) fn runs(runs: &[CatalogRun]) {
     }
 }
 
+fn batch(cell: &CellFound) -> String {
+    let batch = cell.batch.as_ref();
+    batch.map_or_else(String::new, |batch| format!("batch {batch}  "))
+}
+
 /// Cells, a line each.
 pub(super) fn cells(cells: &[CellFound]) {
     for cell in cells {
         let serial = cell.serial.as_deref().unwrap_or("no serial number");
         say!(
-            "{}  {serial}  {} runs, {} to {}",
+            "{}  {serial}  {}{} runs, {} to {}",
             cell.cell,
+            batch(cell),
             cell.runs,
             utc(cell.first_unix_s),
             utc(cell.last_unix_s)

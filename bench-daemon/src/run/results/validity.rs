@@ -252,6 +252,8 @@ mod tests {
                 number,
                 name: name.to_owned(),
                 serial: None,
+                batch: None,
+                barcode: None,
             })
         };
         let campaign = Campaign {

@@ -27,6 +27,10 @@ pub struct CatalogWanted {
     cell: Option<String>,
     /// Serial number of a cell, as the experiment tells it or a person read it.
     serial: Option<String>,
+    /// Batch of a cell.
+    batch: Option<String>,
+    /// Name of an experiment.
+    experiment: Option<String>,
     /// Name of a bench.
     bench: Option<String>,
     /// Begun at this time or later, s since 1970.
@@ -68,6 +72,8 @@ impl CatalogWanted {
         Ok(Filter {
             cell: self.cell,
             serial: self.serial,
+            batch: self.batch,
+            experiment: self.experiment,
             bench: self.bench,
             from_unix_s: self.from_s,
             to_unix_s: self.to_s,

@@ -1,0 +1,49 @@
+//! Arguments of `campaign`.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
+/// Arguments of `campaign`.
+#[derive(Debug, Args)]
+pub struct CampaignArgs {
+    #[command(subcommand)]
+    pub(super) act: Act,
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum Act {
+    /// Print which bench measures which cells, and write the experiments.
+    Plan(PlanArgs),
+    /// Print how much cells, batches and benches differ, from a catalogue of the runs.
+    Report(ReportArgs),
+}
+
+#[derive(Debug, Args)]
+pub(super) struct PlanArgs {
+    /// The file of the campaign.
+    #[arg(value_name = "FILE")]
+    pub(super) file: PathBuf,
+    /// Write the experiments into this folder, one folder for each bench.
+    #[arg(long, value_name = "FOLDER")]
+    pub(super) out: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct ReportArgs {
+    /// The catalogue of the runs.
+    #[arg(value_name = "DB")]
+    pub(super) catalog: PathBuf,
+    /// Name of the campaign, which is that of its experiments.
+    #[arg(value_name = "NAME")]
+    pub(super) campaign: String,
+    /// Number of RC pairs of the models [default: the greatest that is there]
+    #[arg(long, value_name = "N")]
+    pub(super) rc: Option<u32>,
+    /// Write a table of the cells and pictures into this folder.
+    #[arg(long, value_name = "FOLDER")]
+    pub(super) out: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    pub(super) json: bool,
+}
