@@ -18,7 +18,9 @@ use crate::error::{apart, json, refused};
 pub(crate) struct Wanted {
     cell: Option<String>,
     serial: Option<String>,
+    batch: Option<String>,
     bench: Option<String>,
+    experiment: Option<String>,
     from_s: Option<f64>,
     to_s: Option<f64>,
     verdict: Option<String>,
@@ -33,6 +35,7 @@ impl Wanted {
         Ok(Filter {
             cell: self.cell,
             serial: self.serial,
+            batch: self.batch,
             bench: self.bench,
             from_unix_s: self.from_s,
             to_unix_s: self.to_s,
@@ -40,6 +43,7 @@ impl Wanted {
             text: self.text,
             after: self.after,
             most: self.most,
+            experiment: self.experiment,
         })
     }
 }

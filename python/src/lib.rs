@@ -11,6 +11,7 @@ mod diagnosis;
 mod error;
 mod fit;
 mod joint;
+mod mixed;
 mod model;
 mod play;
 mod series;
@@ -42,5 +43,6 @@ fn _eisbench(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(series::read_capture, module)?)?;
     module.add_function(wrap_pyfunction!(series::ocv, module)?)?;
     module.add_function(wrap_pyfunction!(joint::joint, module)?)?;
+    module.add_function(wrap_pyfunction!(mixed::mixed, module)?)?;
     Ok(())
 }

@@ -47,7 +47,14 @@ def write_store(folder, runs=6, per_run=10):
         table = long_form(run * per_run, per_run)
         table = table.append_column("run_sha256", pa.array([f"{run:064x}"] * table.num_rows))
         parquet.write_table(table, part / f"{run:064x}.parquet")
+        exists(folder, f"{run:064x}")
     return folder
+
+
+def exists(store, run):
+    """Writes the list of a run, which makes it exist."""
+    (store / "runs").mkdir(exist_ok=True)
+    (store / f"runs/{run}.json").write_text("{}")
 
 
 @pytest.fixture
@@ -110,6 +117,7 @@ def test_shards_follow_from_the_input_alone(store, tmp_path):
     part.mkdir()
     parquet.write_table(long_form(900, 3), part / "new.parquet")
     files = place.names("tables/spectra", ".parquet")
+    assert len(files) == 7
     assert [s.name for s in _shard.shards(place, files, TASK, 400)][: len(names)] == names
 
 
@@ -134,6 +142,10 @@ def test_what_is_done_is_not_done_again(store, tmp_path):
     assert seen == [(1, 1)] and again.sha256 == first.sha256
     assert [(one, one.stat().st_mtime_ns) for one in kept_files(kept)] == kept
     write_store(store, runs=7)
+    (store / f"runs/{6:064x}.json").unlink()
+    # A run whose list is not there yet is still being sent.
+    assert jobs.run(TASK, store, out, rows=160).rows == 60
+    exists(store, f"{6:064x}")
     more = jobs.run(TASK, store, out, rows=160)
     assert more.rows == 70 and more.sha256 != first.sha256
 

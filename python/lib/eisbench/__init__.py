@@ -27,6 +27,7 @@ from ._catalog import Ageing, Catalog
 from ._client import ApiError, AsyncClient, Client, Event, Job, OutcomeUnknown, Unreachable
 from ._delta import to_delta
 from ._eisbench import EisError, FileError, InternalError, Spectrum, __version__
+from ._hierarchy import Hierarchy, hierarchy
 from ._joint import Joint, Pulse, joint
 from ._model import Model, PowerLimits, Simulation
 from ._ocv import Ocv
@@ -62,6 +63,7 @@ __all__ = [
     "Event",
     "FileError",
     "Fits",
+    "Hierarchy",
     "InternalError",
     "Job",
     "Joint",
@@ -86,6 +88,7 @@ __all__ = [
     "fit_circuit",
     "fit_erm",
     "fit_table",
+    "hierarchy",
     "joint",
     "kk",
     "kk_table",

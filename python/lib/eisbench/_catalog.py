@@ -34,6 +34,8 @@ _RUN = {
     "serials": "text",
     "scanned_serials": "text",
     "models": "text",
+    "batches": "text",
+    "chemistries": "text",
     "bench": "text",
     "experiment": "text",
     "operator": "text",
@@ -61,6 +63,8 @@ _SPECTRUM = {
     "file": "text",
     "bench": "text",
     "cell": "text",
+    "serial": "text",
+    "batch": "text",
     "repeat": "count",
     "started_unix_s": "number",
     "time_source": "text",
@@ -79,6 +83,8 @@ _SPECTRUM = {
 _CELL = {
     "cell": "text",
     "serial": "text",
+    "batch": "text",
+    "chemistry": "text",
     "runs": "count",
     "first_unix_s": "number",
     "last_unix_s": "number",
@@ -88,6 +94,7 @@ _AGEING = {
     "name": "text",
     "file": "text",
     "cell": "text",
+    "batch": "text",
     "bench": "text",
     "started_unix_s": "number",
     "time_source": "text",
@@ -120,6 +127,8 @@ _BESIDE = {
     "run": "text",
     "name": "text",
     "cell": "text",
+    "serial": "text",
+    "batch": "text",
     "bench": "text",
     "started_unix_s": "number",
     "time_source": "text",
@@ -135,12 +144,19 @@ _POINTS = (
     "cov_re_im_ohm2",
     "amplitude_a",
 )
+_OF_CELL = ("cell", "serial", "batch")
+_OF_RUN = ("bench", "experiment")
+_CONDITIONS = (*_OF_CELL, *_OF_RUN, "from_", "to", "verdict", "text")
 # Names of a cell's own columns where a run has several cells.
 _OF_CELLS = {
     "name": "cells",
     "serial": "serials",
     "scanned_serial": "scanned_serials",
     "model": "models",
+    "batch": "batches",
+    "chemistry": "chemistries",
+    "barcode": "barcodes",
+    "maker": "makers",
 }
 
 
@@ -167,7 +183,9 @@ class _Wanted:
     def __init__(self, **told: Any) -> None:
         self.cell: Optional[str] = told.get("cell")
         self.serial: Optional[str] = told.get("serial")
+        self.batch: Optional[str] = told.get("batch")
         self.bench: Optional[str] = told.get("bench")
+        self.experiment: Optional[str] = told.get("experiment")
         self.from_s = unix_s("from_", told.get("from_"))
         self.to_s = unix_s("to", told.get("to"))
         self.verdict: Optional[str] = told.get("verdict")
@@ -207,8 +225,9 @@ class _OfServer:
         self.client = client
 
     def page(self, what: str, wanted: _Wanted) -> dict[str, Any]:
-        names = ["cell", "serial", "bench", "from_s", "to_s", "verdict", "text", "after", "most"]
-        return self.client._json("GET", f"/catalog/{what}?{wanted.query(*names)}")
+        times = ("from_s", "to_s")
+        query = wanted.query(*_OF_CELL, *_OF_RUN, *times, "verdict", "text", "after", "most")
+        return self.client._json("GET", f"/catalog/{what}?{query}")
 
     def ageing(self, wanted: _Wanted, rc: Optional[int]) -> dict[str, Any]:
         more = "" if rc is None else f"&rc={rc}"
@@ -230,9 +249,9 @@ class Catalog:
     pandas is installed, else as :class:`Table`.
 
     Conditions of a question, all of which must hold: ``cell`` (name or serial number), ``serial``,
-    ``bench``, ``from_`` and ``to`` (a date in UTC, a time, or s since 1970), ``verdict`` (``good``,
-    ``doubtful``, ``failed``, ``unfinished``, ``damaged``), ``text`` (words; of runs only), ``most``
-    (at most so many answers; all of them where it is not given).
+    ``batch``, ``bench``, ``experiment``, ``from_`` and ``to`` (a date in UTC, a time, or s since
+    1970), ``verdict`` (``good``, ``doubtful``, ``failed``, ``unfinished``, ``damaged``), ``text``
+    (words; of runs only), ``most`` (at most so many answers; all of them where it is not given).
 
     ``started_unix_s`` is the time in s since 1970; a data frame has ``started`` too, in UTC.
     """
@@ -324,7 +343,7 @@ class Catalog:
     ) -> Iterator[list[dict[str, Any]]]:
         """The answers, page by page, up to ``most``."""
         for name in conditions:
-            if name not in ("cell", "serial", "bench", "from_", "to", "verdict", "text"):
+            if name not in _CONDITIONS:
                 raise TypeError(f"{what}() got an unexpected keyword argument {name!r}")
         if most is not None and most < 1:
             raise EisError(f"most: expected 1 or more, met {most}")

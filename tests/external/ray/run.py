@@ -2,16 +2,16 @@
 the middle: the tables must be the same to the last bit. Prints time, scaling and overhead."""
 
 import argparse
+import logging
 import os
 import resource
-import shutil
-import signal
 import sys
-import threading
 import time
 from pathlib import Path
 
 os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+# Every address is 127.0.0.1.
+os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
 os.environ["RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO"] = "0"
 
 import numpy as np
@@ -39,7 +39,7 @@ def spectra(count, seed):
 
 def store(folder, count, seed):
     """Writes a store of runs with 50 spectra each."""
-    (folder).mkdir(parents=True)
+    (folder / "runs").mkdir(parents=True)
     (folder / "store.json").write_text('{"format":"eis-bench store","version":1}\n')
     per_run = 50
     for run in range(-(-count // per_run)):
@@ -60,6 +60,7 @@ def store(folder, count, seed):
         part = folder / f"tables/spectra/site=lab/bench=b{run % 2}/date=2026-11-{1 + run // 500:02}"
         part.mkdir(parents=True, exist_ok=True)
         parquet.write_table(pa.table(columns), part / f"{sha}.parquet")
+        (folder / f"runs/{sha}.json").write_text("{}")
 
 
 class Timed:
@@ -89,11 +90,15 @@ def on_ray(task, place, out, kill):
     import ray
     from ray.cluster_utils import Cluster
 
-    head = {"num_cpus": 1, "include_dashboard": False, "object_store_memory": 200 << 20}
-    cluster = Cluster(initialize_head=True, head_node_args={**head, "node_ip_address": "127.0.0.1"})
-    node = cluster.add_node(num_cpus=1, object_store_memory=200 << 20)
+    each = {"num_cpus": 1, "object_store_memory": 200 << 20, "node_ip_address": "127.0.0.1"}
+    # A node that is silent for 5 s is dead; by default that takes half a minute.
+    silent = {"health_check_initial_delay_ms": 1000, "health_check_period_ms": 1000}
+    head = {**each, "include_dashboard": False, "_system_config": silent}
+    cluster = Cluster(initialize_head=True, head_node_args=head)
+    node = cluster.add_node(**each)
     cluster.wait_for_nodes()
     ray.init(address=cluster.address, log_to_driver=False, logging_level="error")
+    logging.getLogger("ray.data").setLevel(logging.ERROR)
     ray.data.DataContext.get_current().enable_progress_bars = False
     killed = []
 
@@ -105,10 +110,20 @@ def on_ray(task, place, out, kill):
 
     with Timed() as timed:
         done = jobs.run(task, place, out, engine="ray", progress=watch)
-    nodes = sum(one["Alive"] for one in ray.nodes())
+    nodes = alive(ray, 1 if kill else 2)
     ray.shutdown()
     cluster.shutdown()
     return done, timed, killed, nodes
+
+
+def alive(ray, expected):
+    """Number of nodes that the cluster counts; it may take a minute to notice a death."""
+    for _ in range(60):
+        nodes = sum(one["Alive"] for one in ray.nodes())
+        if nodes == expected:
+            break
+        time.sleep(1)
+    return nodes
 
 
 def bytes_of(out):

@@ -7,8 +7,9 @@ import sys
 from typing import Any, Optional, Union
 
 from .._eisbench import EisError
-from . import ROWS, Task, fit, kk, run
+from . import Task, fit, kk, run
 from ._engine import ENGINES
+from ._shard import ROWS
 
 
 def _order(text: str) -> Union[int, str]:

@@ -111,7 +111,11 @@ def ray(
     count = _Count(len(todo), progress)
     rows = [{"told": json.dumps(shard.told())} for shard in todo]
     given = sets.from_items(rows, override_num_blocks=len(rows))
-    done = given.map(lambda row: job.told(row["told"]), num_cpus=1, concurrency=workers)
+
+    def do(row: dict[str, str]) -> dict[str, Any]:
+        return job.told(row["told"])
+
+    done = given.map(do, num_cpus=1, concurrency=workers)
     for row in done.iter_rows():
         count.add(row["error"])
     count.end()

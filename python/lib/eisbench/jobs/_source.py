@@ -8,6 +8,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import PurePosixPath
 from typing import Any, cast
 
 from .._catalog import Catalog
@@ -41,10 +42,17 @@ def source(spectra: Any, out: Place) -> Source:
     if is_store:
         check_store(place)
     below = SPECTRA if is_store else ""
-    files = place.names(below, ".parquet")
+    files = rows_of(place, below) if is_store else place.names("", ".parquet")
     if not files:
         raise EisError(f"{place.at(below)}: expected Parquet files of spectra, met none")
     return Source(place, files)
+
+
+def rows_of(place: Place, table: str) -> list[str]:
+    """The files of a table of a store: of those runs alone whose list is there, which is written
+    last."""
+    there = {PurePosixPath(name).stem for name in place.names("runs", ".json")}
+    return [name for name in place.names(table, ".parquet") if PurePosixPath(name).stem in there]
 
 
 def check_store(place: Place) -> None:
