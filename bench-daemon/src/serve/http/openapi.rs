@@ -11,8 +11,8 @@ use utoipa::{
 };
 
 use super::{
-    analyses, archive, benches, catalog, events, find, fleet, imported, investigations, metrics, notices,
-    pack, problem, queue, runs, session, shelf,
+    analyses, archive, benches, catalog, events, find, fleet, imported, investigations, metrics,
+    notices, pack, problem, queue, runs, session, shelf,
 };
 
 #[derive(OpenApi)]
