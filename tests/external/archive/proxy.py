@@ -64,7 +64,9 @@ class Proxy:
             return reset(writer)
         back_writer.write(head + body)
         await back_writer.drain()
-        answer = await back_reader.readuntil(b"\r\n\r\n")
+        answer = b"HTTP/1.1 100"
+        while answer.startswith(b"HTTP/1.1 100"):
+            answer = await back_reader.readuntil(b"\r\n\r\n")
         is_bare = head.startswith(b"HEAD ") or answer.split(b" ", 2)[1] in (b"204", b"304")
         content = await back_reader.readexactly(0 if is_bare else body_length(answer))
         if fault == "lost-answer":

@@ -1,6 +1,6 @@
 //! Pushes: once, whatever fails and wherever they end.
 
-use std::{fs, path::Path, sync::Arc};
+use std::{fs, path::Path};
 
 use analysis_files::run_folder::{SPECTRUM, SUMS};
 use bench_archive::{ArchiveError, push::Outcome, receipt::TroubleKind, snapshot::RunSource};
@@ -413,8 +413,7 @@ fn another_store_gets_the_run_as_if_there_were_none() {
     let place = Place::new();
     let run = Made::ONE.write(&place);
     place.push(&run).unwrap();
-    let mut other = Place::new();
-    std::mem::swap(&mut other.inner, &mut Arc::clone(&other.inner));
+    let other = Place::new();
     let receipts = place.receipts();
     let store = bench_archive::Store::of(other.inner.clone(), "another".to_owned());
     let mut pusher = bench_archive::push::Pusher::of(&store, &receipts, "north");
