@@ -59,7 +59,7 @@ struct Raw {
     /// Course of a stop.
     #[serde(default)]
     stop: RawStop,
-    /// Traces and metrics to a collector. Left out: as the environment says.
+    /// Traces and metrics to a collector.
     #[serde(default)]
     telemetry: RawTelemetry,
     /// Store that ended runs are sent to. Left out: none.
@@ -76,7 +76,7 @@ struct RawTelemetry {
     /// `https://…`, or `http://` on this machine. Left out: that of `OTEL_EXPORTER_OTLP_ENDPOINT`, or
     /// none.
     otlp: Option<String>,
-    /// A span for each message to an instrument, thousands in a run. Left out: false.
+    /// A span for each message to an instrument, thousands in a run.
     #[serde(default)]
     exchanges: bool,
 }

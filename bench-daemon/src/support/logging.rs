@@ -96,6 +96,7 @@ fn traced<S: Subscriber + for<'a> LookupSpan<'a>>(tracer: SdkTracer) -> impl Lay
     tracing_opentelemetry::layer()
         .with_tracer(tracer)
         .with_location(false)
+        .with_target(false)
         .with_threads(false)
         .with_tracked_inactivity(false)
         .with_context_activation(false)

@@ -336,7 +336,7 @@ fn a_run_that_fails_is_an_error_in_its_trace_and_disabled_means_off() {
     let files = Files::short(3).edit(
         "experiments/demo.toml",
         "magnitude = \"3 %\"",
-        "magnitude = \"0.001 %\"",
+        "magnitude = \"0.01 %\"",
     );
     let collector = Collector::start();
     let endpoint = ("OTEL_EXPORTER_OTLP_ENDPOINT", collector.address.as_str());
