@@ -369,6 +369,8 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     for words in ["supply4q", "load", "generator", "off, read back"] {
         assert!(message.contains(words), "{message}");
     }
+    // Folded again: the head of the page hides what is behind it.
+    browser.click("#stopped summary");
     browser.wait("#state", "Idle");
     browser.wait("#held", "stopped by local");
     browser.pictures("stopped");

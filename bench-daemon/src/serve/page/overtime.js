@@ -116,7 +116,7 @@ function makeChart(holder, look, state) {
     ],
     axes: [
       { ...axis, space: 100, values: dates },
-      { ...axis, label: look.axis, size: 58, values: figures },
+      { ...axis, label: look.axis, size: 70, values: figures },
     ],
     hooks: { draw: [(chart) => drawMarks(chart, state.points, look.colour)] },
   };
