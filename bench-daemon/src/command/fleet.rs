@@ -84,7 +84,10 @@ async fn act(args: &FleetArgs) -> Result<(), Failure> {
 
 #[expect(clippy::needless_pass_by_value, reason = "a function of `map_err`")]
 fn failed(error: FleetError) -> Failure {
-    Failure::Usage(error.to_string())
+    match error {
+        FleetError::Unreachable(_) => std::io::Error::other(error.to_string()).into(),
+        error => Failure::Usage(error.to_string()),
+    }
 }
 
 /// Which fleet is meant.
