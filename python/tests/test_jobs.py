@@ -234,7 +234,7 @@ def test_a_spectrum_in_two_files_is_refused(tmp_path):
     for name in ("a", "b"):
         (tmp_path / "in" / name).mkdir(parents=True)
         parquet.write_table(long_form(0, 2), tmp_path / "in" / name / "t.parquet")
-    refused("expected each spectrum once, met spectrum_id 'r00000/s'", TASK, tmp_path / "in", tmp_path / "o")
+    refused("expected each spectrum_id once, met 'r00000/s'", TASK, tmp_path / "in", tmp_path / "o")
 
 
 def test_a_damaged_shard_is_named(store, tmp_path):

@@ -82,6 +82,10 @@ class _Delta:
             if not runs and not gone:
                 return done
             try:
+                if there is None:
+                    # Of two that make it the second would add its rows behind those of the first.
+                    self._make(table)
+                    continue
                 self._commit(there, table, runs, gone)
                 done = Written(done.new + len(runs), done.removed + len(gone))
                 attempts = _ATTEMPTS
@@ -141,23 +145,25 @@ class _Delta:
                 part = part.append_column(name, pa.array([value] * part.num_rows, pa.string()))
         return part
 
+    def _make(self, table: Any) -> None:
+        """Makes a table without rows."""
+        by = [name for name in _PARTITIONS if name in table.column_names]
+        how: dict[str, Any] = {"partition_by": by, "storage_options": self._options}
+        self._delta.DeltaTable.create(self._address, table.schema, mode="ignore", **how)
+
     def _commit(self, there: Any, table: Any, runs: list[str], gone: list[str]) -> None:
         """One commit: new rows in, old ones out, and the number of this commit among those of this
         writer."""
-        before = None if there is None else there.transaction_version(_WRITER)
+        before = there.transaction_version(_WRITER)
         mark = self._delta.Transaction(_WRITER, (before or 0) + 1)
         marked = {"commit_properties": self._delta.CommitProperties(app_transactions=[mark])}
-        if there is not None and table is None:
+        if table is None:
             there.delete(_among(gone), **marked)
             return
-        how: dict[str, Any] = {"mode": "error", "storage_options": self._options}
-        if there is not None:
-            how = {"mode": "append", "schema_mode": "merge"}
+        how: dict[str, Any] = {"mode": "append", "schema_mode": "merge"}
         if gone:
             how |= {"mode": "overwrite", "predicate": _among([*gone, *runs])}
-        by = [name for name in _PARTITIONS if name in table.column_names]
-        to = self._address if there is None else there
-        self._delta.write_deltalake(to, table, partition_by=by, **how, **marked)
+        self._delta.write_deltalake(there, table, **how, **marked)
 
 
 def _among(runs: list[str]) -> str:
