@@ -69,7 +69,7 @@ class _Delta:
 
     def write(self, name: str) -> Written:
         """Writes the runs that are not there yet, and removes those that the store has no more."""
-        files = {PurePosixPath(file).stem: file for file in rows_of(self._place, f"tables/{name}")}
+        files = {_run_of(file): file for file in rows_of(self._place, f"tables/{name}")}
         done, attempts = Written(), _ATTEMPTS
         while True:
             there = self._there()
@@ -123,7 +123,7 @@ class _Delta:
             part = self._part(file)
             if part.num_rows > 0:
                 parts.append(part)
-                runs.append(PurePosixPath(file).stem)
+                runs.append(_run_of(file))
                 rows += part.num_rows
             if rows >= _ROWS:
                 break
@@ -138,7 +138,7 @@ class _Delta:
             part = parquet().ParquetFile(stream).read()
         has = "run_sha256" in part.column_names
         told: list[str] = part["run_sha256"].unique().to_pylist() if has else list[str]()
-        if part.num_rows > 0 and told != [PurePosixPath(file).stem]:
+        if part.num_rows > 0 and told != [_run_of(file)]:
             raise EisError(f"{file}: expected rows of this run_sha256 alone, met {told}")
         for name, value in partition(file).items():
             if name not in part.column_names:
@@ -164,6 +164,14 @@ class _Delta:
         if gone:
             how |= {"mode": "overwrite", "predicate": _among([*gone, *runs])}
         self._delta.write_deltalake(there, table, **how, **marked)
+
+
+def _run_of(file: str) -> str:
+    """The run whose rows a file has, by its name."""
+    run = PurePosixPath(file).stem
+    if len(run) != 64 or set(run) - set("0123456789abcdef"):
+        raise EisError(f"{file}: expected a file named by a run_sha256 of 64 digits")
+    return run
 
 
 def _among(runs: list[str]) -> str:

@@ -38,10 +38,6 @@ class Task:
     def __post_init__(self) -> None:
         # A parameter that cannot be is refused here, and not by a worker an hour later.
         self.columns([])
-        if self.program != _eisbench.__version__:
-            raise EisError(
-                f"task: expected version {_eisbench.__version__} of eisbench, met {self.program}"
-            )
 
     @property
     def sha256(self) -> str:
@@ -86,12 +82,12 @@ def fit(
 ) -> Task:
     """A fit of each spectrum, with the arguments of :func:`eisbench.fit_table`."""
     told = {
-        "rc": rc if circuit is None else 0,
+        "rc": 0 if circuit is not None else rc if isinstance(rc, str) else int(rc),
         "circuit": circuit,
         "objective": objective,
         "ocv_slope": ocv_slope,
-        "seed": seed,
-        "starts": starts,
+        "seed": int(seed),
+        "starts": None if starts is None else int(starts),
     }
     return Task("fit", canonical(told))
 
@@ -109,6 +105,9 @@ def work(task: Task, table: Any) -> Any:
     thread. The columns are those of the task, then the circumstances of the spectrum, then
     ``task``, ``program``, ``parameters``, ``task_sha256``, and ``input_sha256`` of its points.
     """
+    if task.program != _eisbench.__version__:
+        expected = f"expected version {task.program} of eisbench, as where the job began"
+        raise EisError(f"task: {expected}, met {_eisbench.__version__}")
     pa = arrow()
     given = [Given(*one) for one in grouped(table)]
     columns: dict[str, Any] = {}
