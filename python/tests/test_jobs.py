@@ -234,7 +234,7 @@ def test_a_spectrum_in_two_files_is_refused(tmp_path):
     for name in ("a", "b"):
         (tmp_path / "in" / name).mkdir(parents=True)
         parquet.write_table(long_form(0, 2), tmp_path / "in" / name / "t.parquet")
-    refused("expected each spectrum once, met spectrum_id 'r00000/s'", TASK, tmp_path / "in", tmp_path / "o")
+    refused("expected each spectrum_id once, met 'r00000/s'", TASK, tmp_path / "in", tmp_path / "o")
 
 
 def test_a_damaged_shard_is_named(store, tmp_path):
@@ -273,3 +273,36 @@ def test_ray(store, tmp_path):
     finally:
         ray.shutdown()
     assert by_ray.sha256 == jobs.run(TASK, store, tmp_path / "local").sha256
+
+
+def test_an_object_store(tmp_path, monkeypatch):
+    server = pytest.importorskip("moto.server")
+    from pyarrow import fs
+
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
+        monkeypatch.setenv(name, "test")
+    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
+    moto = server.ThreadedMotoServer(ip_address="127.0.0.1", port=0)
+    moto.start()
+    try:
+        _, port = moto.get_host_and_port()
+        query = f"?scheme=http&endpoint_override=127.0.0.1:{port}&region=us-east-1"
+        query += "&allow_bucket_creation=true"
+        s3, _ = fs.FileSystem.from_uri(f"s3://lab/store{query}")
+        s3.create_dir("lab")
+        local = write_store(tmp_path / "store")
+        fs.copy_files(str(local), "lab/store", destination_filesystem=s3)
+        out = f"s3://lab/fits{query}"
+        done = jobs.run(TASK, f"s3://lab/store{query}", out, rows=300)
+        seen = []
+        again = jobs.run(TASK, f"s3://lab/store{query}", out, rows=300, progress=seen.append)
+        assert again.sha256 == done.sha256 and seen == []
+        assert done.sha256 == jobs.run(TASK, local, tmp_path / "out").sha256
+    finally:
+        moto.stop()
+
+
+def test_a_worker_of_another_version_is_refused():
+    other = jobs.Task(TASK.kind, TASK.parameters, "0.0.9")
+    with pytest.raises(eb.EisError, match="expected version 0.0.9 of eisbench"):
+        jobs.work(other, long_form(0, 1))

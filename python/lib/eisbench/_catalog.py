@@ -237,9 +237,9 @@ class _OfServer:
     def files(self, rows: list[dict[str, Any]], aside: Path) -> list[Path]:
         """The files of spectra, fetched into a folder."""
         found: list[Path] = []
-        for row in rows:
-            self.client.fetch_file(row["name"], row["file"], aside / row["name"])
-            found.append(aside / row["name"] / row["file"])
+        for number, row in enumerate(rows):
+            into = aside / str(number)
+            found.append(self.client.fetch_file(row["name"], row["file"], into))
         return found
 
 

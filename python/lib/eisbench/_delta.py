@@ -69,7 +69,7 @@ class _Delta:
 
     def write(self, name: str) -> Written:
         """Writes the runs that are not there yet, and removes those that the store has no more."""
-        files = {PurePosixPath(file).stem: file for file in rows_of(self._place, f"tables/{name}")}
+        files = {_run_of(file): file for file in rows_of(self._place, f"tables/{name}")}
         done, attempts = Written(), _ATTEMPTS
         while True:
             there = self._there()
@@ -82,6 +82,10 @@ class _Delta:
             if not runs and not gone:
                 return done
             try:
+                if there is None:
+                    # Of two that make it the second would add its rows behind those of the first.
+                    self._make(table)
+                    continue
                 self._commit(there, table, runs, gone)
                 done = Written(done.new + len(runs), done.removed + len(gone))
                 attempts = _ATTEMPTS
@@ -119,7 +123,7 @@ class _Delta:
             part = self._part(file)
             if part.num_rows > 0:
                 parts.append(part)
-                runs.append(PurePosixPath(file).stem)
+                runs.append(_run_of(file))
                 rows += part.num_rows
             if rows >= _ROWS:
                 break
@@ -134,30 +138,40 @@ class _Delta:
             part = parquet().ParquetFile(stream).read()
         has = "run_sha256" in part.column_names
         told: list[str] = part["run_sha256"].unique().to_pylist() if has else list[str]()
-        if part.num_rows > 0 and told != [PurePosixPath(file).stem]:
+        if part.num_rows > 0 and told != [_run_of(file)]:
             raise EisError(f"{file}: expected rows of this run_sha256 alone, met {told}")
         for name, value in partition(file).items():
             if name not in part.column_names:
                 part = part.append_column(name, pa.array([value] * part.num_rows, pa.string()))
         return part
 
+    def _make(self, table: Any) -> None:
+        """Makes a table without rows."""
+        by = [name for name in _PARTITIONS if name in table.column_names]
+        how: dict[str, Any] = {"partition_by": by, "storage_options": self._options}
+        self._delta.DeltaTable.create(self._address, table.schema, mode="ignore", **how)
+
     def _commit(self, there: Any, table: Any, runs: list[str], gone: list[str]) -> None:
         """One commit: new rows in, old ones out, and the number of this commit among those of this
         writer."""
-        before = None if there is None else there.transaction_version(_WRITER)
+        before = there.transaction_version(_WRITER)
         mark = self._delta.Transaction(_WRITER, (before or 0) + 1)
         marked = {"commit_properties": self._delta.CommitProperties(app_transactions=[mark])}
-        if there is not None and table is None:
+        if table is None:
             there.delete(_among(gone), **marked)
             return
-        how: dict[str, Any] = {"mode": "error", "storage_options": self._options}
-        if there is not None:
-            how = {"mode": "append", "schema_mode": "merge"}
+        how: dict[str, Any] = {"mode": "append", "schema_mode": "merge"}
         if gone:
             how |= {"mode": "overwrite", "predicate": _among([*gone, *runs])}
-        by = [name for name in _PARTITIONS if name in table.column_names]
-        to = self._address if there is None else there
-        self._delta.write_deltalake(to, table, partition_by=by, **how, **marked)
+        self._delta.write_deltalake(there, table, **how, **marked)
+
+
+def _run_of(file: str) -> str:
+    """The run whose rows a file has, by its name."""
+    run = PurePosixPath(file).stem
+    if len(run) != 64 or set(run) - set("0123456789abcdef"):
+        raise EisError(f"{file}: expected a file named by a run_sha256 of 64 digits")
+    return run
 
 
 def _among(runs: list[str]) -> str:

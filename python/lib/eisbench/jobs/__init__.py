@@ -16,13 +16,14 @@ from .._catalog import Catalog
 from .._eisbench import EisError
 from .._optional import parquet
 from ._engine import ENGINES, Job, Progress
-from ._folder import TABLE, JobFolder
+from ._folder import TABLE, AnyTask, JobFolder
 from ._place import PathLike, Place
-from ._shard import ROWS, shards
-from ._source import Source, source
+from ._runs import RunTask, diagnose, replay
+from ._shard import ROWS
+from ._source import Source, runs, source
 from ._task import Task, fit, kk, work
 
-__all__ = ["Done", "Task", "fit", "kk", "run", "work"]
+__all__ = ["Done", "RunTask", "Task", "diagnose", "fit", "kk", "replay", "run", "work"]
 
 
 class Done:
@@ -35,12 +36,12 @@ class Done:
 
     @property
     def rows(self) -> int:
-        """Number of spectra."""
+        """Number of rows: of spectra, or of runs."""
         return int(self.manifest["rows"])
 
     @property
     def errors(self) -> int:
-        """Number of spectra without a result; the column ``error`` tells why."""
+        """Number of rows without a result; the column ``error`` tells why."""
         return int(self.manifest["errors"])
 
     @property
@@ -59,11 +60,11 @@ class Done:
             return parquet().read_table(stream, columns=columns)
 
     def __repr__(self) -> str:
-        return f"<Done: {self.rows} spectra, {self.errors} without a result, {self.file}>"
+        return f"<Done: {self.rows} rows, {self.errors} without a result, {self.file}>"
 
 
 def run(
-    task: Task,
+    task: AnyTask,
     spectra: Union[PathLike, Catalog, Any],
     out: PathLike,
     *,
@@ -72,10 +73,11 @@ def run(
     rows: int = ROWS,
     progress: Optional[Progress] = None,
 ) -> Done:
-    """Does a task on every spectrum, and writes one table of results, by ``spectrum_id``.
+    """Does a task on every spectrum or run, and writes one table of results, by ``spectrum_id`` or
+    ``row_id``.
 
     ``spectra`` is a store, a folder of Parquet files in long form, a file of such a table, a
-    catalogue, or a table in memory. ``out`` is the folder of the job. Both may be addresses of an
+    catalogue, or a table in memory; for :func:`replay` and :func:`diagnose` a store. ``out`` is the folder of the job. Both may be addresses of an
     object store. ``engine`` is ``local`` (threads on all cores), ``ray`` (the cluster that
     ``ray.init`` has joined) or ``spark`` (the active session); workers on other machines must see
     ``spectra`` and ``out`` under the same names. ``rows`` are those of a shard.
@@ -92,7 +94,7 @@ def run(
     into = Place(out)
     folder = JobFolder(into, task)
     folder.begin()
-    given: Source = source(spectra, into)
-    every = shards(given.place, given.files, task, rows)
+    given: Source = runs(spectra) if isinstance(task, RunTask) else source(spectra, into)
+    every = task.shards(given.place, given.files, rows)
     ENGINES[engine](Job(task, given.place, into), folder.missing(every), workers, progress)
     return Done(into, folder.assemble(every))

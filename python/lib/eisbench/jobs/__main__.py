@@ -7,8 +7,9 @@ import sys
 from typing import Any, Optional, Union
 
 from .._eisbench import EisError
-from . import Task, fit, kk, run
+from . import diagnose, fit, kk, replay, run
 from ._engine import ENGINES
+from ._folder import AnyTask
 from ._shard import ROWS
 
 
@@ -23,7 +24,7 @@ def _slope(text: str) -> Union[float, str]:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m eisbench.jobs",
-        description="Works on very many spectra. A call that was killed is made again: what is done "
+        description="Works on very many spectra or runs. A call that was killed is made again: what is done "
         "stays done.",
     )
     tasks = parser.add_subparsers(dest="task", required=True)
@@ -37,7 +38,11 @@ def _parser() -> argparse.ArgumentParser:
     fits.add_argument("--starts", type=int, help="number of starts of the search")
     judge = tasks.add_parser("kk", help="Kramers–Kronig test and Z-HIT of each spectrum")
     judge.add_argument("--drt", action="store_true", help="relaxation times too")
-    for one in (fits, judge):
+    again = tasks.add_parser("replay", help="send captures of runs through the present analysis")
+    causes = tasks.add_parser("diagnose", help="diagnose runs against their own models")
+    causes.add_argument("--rc", type=int, default=4, help="RC pairs of the model of the run")
+    causes.add_argument("--base-only", action="store_true", help="look for no effect")
+    for one in (fits, judge, again, causes):
         _common(one)
     return parser
 
@@ -50,7 +55,11 @@ def _common(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rows", type=int, default=ROWS, help="rows of a shard")
 
 
-def _task(told: Any) -> Task:
+def _task(told: Any) -> AnyTask:
+    if told.task == "replay":
+        return replay()
+    if told.task == "diagnose":
+        return diagnose(told.rc, base_only=told.base_only)
     if told.task == "kk":
         return kk(drt=told.drt)
     words = {"objective": told.objective, "ocv_slope": told.ocv_slope}
@@ -82,7 +91,7 @@ def main(words: Optional[list[str]] = None) -> int:
     except (EisError, ImportError) as error:
         sys.stderr.write(f"eisbench.jobs: {error}\n")
         return 1
-    sys.stdout.write(f"{done.file}: {done.rows} spectra, {done.errors} without a result\n")
+    sys.stdout.write(f"{done.file}: {done.rows} rows, {done.errors} without a result\n")
     sys.stdout.write(f"sha256 {done.sha256}\n")
     return 0
 

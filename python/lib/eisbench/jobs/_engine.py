@@ -11,10 +11,9 @@ from typing import Any, Optional
 
 from .._eisbench import EisError
 from .._optional import arrow, optional
-from ._folder import JobFolder
+from ._folder import AnyTask, JobFolder
 from ._place import Place
-from ._shard import Shard, read
-from ._task import Task, work
+from ._shard import Shard
 
 #: Is told the number of shards that are done, and of all.
 Progress = Callable[[int, int], None]
@@ -24,17 +23,17 @@ Progress = Callable[[int, int], None]
 class Job:
     """All that a worker must know, wherever it runs."""
 
-    task: Task
+    task: AnyTask
     source: Place
     out: Place
 
     def do(self, shard: Shard) -> int:
-        """Does one shard and keeps its results; the number of its spectra. One that is done already
+        """Does one shard and keeps its results; the number of its rows. One that is done already
         is not done again."""
         folder = JobFolder(self.out, self.task)
         if folder.has(shard):
             return 0
-        table = work(self.task, read(self.source, shard))
+        table = self.task.results(self.source, shard)
         folder.keep(shard, table)
         return int(table.num_rows)
 

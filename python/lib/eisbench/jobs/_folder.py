@@ -5,17 +5,21 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import Any, Union, cast
 
 from .._eisbench import EisError
 from .._optional import arrow, parquet
 from ._place import Place
 from ._shard import Shard
-from ._task import Task, schema
+from ._runs import RunTask
+from ._task import Task
 
 JOB = "job.json"
 TABLE = "results.parquet"
 MANIFEST = "results.json"
+#: A task on spectra or on runs.
+AnyTask = Union[Task, RunTask]
+
 _FORMAT = "eisbench job"
 _VERSION = 1
 #: Rows of a group of the table of results.
@@ -27,10 +31,10 @@ class JobFolder:
 
     * ``job.json``: the task
     * ``shards/NAME.parquet``: the results of a shard; its name follows from task and input
-    * ``results.parquet``: all rows, by ``spectrum_id``; ``results.json`` tells what it is made of
+    * ``results.parquet``: all rows, by ``spectrum_id`` or ``row_id``; ``results.json`` tells what it is made of
     """
 
-    def __init__(self, place: Place, task: Task) -> None:
+    def __init__(self, place: Place, task: AnyTask) -> None:
         self.place = place
         self.task = task
 
@@ -70,12 +74,12 @@ class JobFolder:
         self.place.put(_file(shard), lambda stream: _write(table, stream))
 
     def assemble(self, shards: Sequence[Shard]) -> dict[str, Any]:
-        """Writes the table of all results, by ``spectrum_id``, and its manifest, which it gives."""
+        """Writes the table of all results, by its key, and its manifest, which it gives."""
         pa = arrow()
         parts = [self._part(shard) for shard in shards]
-        table = pa.concat_tables([schema(self.task).empty_table(), *parts])
-        table = table.sort_by("spectrum_id").combine_chunks()
-        _refuse_twice(table["spectrum_id"])
+        table = pa.concat_tables([self.task.schema().empty_table(), *parts])
+        table = table.sort_by(self.task.key).combine_chunks()
+        _refuse_twice(table[self.task.key], self.task.key)
         self.place.put(TABLE, lambda stream: _write(table, stream))
         manifest = {
             "format": "eisbench results",
@@ -141,8 +145,8 @@ def _write(table: Any, stream: Any) -> None:
     parquet().write_table(table, stream, compression="zstd", row_group_size=_GROUP)
 
 
-def _refuse_twice(ids: Any) -> None:
+def _refuse_twice(ids: Any, key: str) -> None:
     names: list[str] = ids.to_pylist()
     for before, name in zip(names, names[1:]):
         if before == name:
-            raise EisError(f"expected each spectrum once, met spectrum_id {name!r} in two files")
+            raise EisError(f"expected each {key} once, met {name!r} in two files")

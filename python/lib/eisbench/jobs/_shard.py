@@ -10,13 +10,13 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import accumulate
-from typing import Any
+from typing import Any, Protocol
 
 from .._api import POINT_COLUMNS
 from .._eisbench import EisError
 from .._optional import arrow, parquet
 from ._place import Place
-from ._task import CARRIED, Task, canonical
+from ._columns import CARRIED, canonical
 
 #: Rows of a shard: some 1000 spectra of 25 points, a few seconds of work.
 ROWS = 25_000
@@ -33,6 +33,15 @@ class Piece:
     stop: int
 
 
+class HasHash(Protocol):
+    """A task, as far as its shards must know it."""
+
+    @property
+    def sha256(self) -> str:
+        """SHA-256 of the task."""
+        ...
+
+
 @dataclass(frozen=True)
 class Shard:
     """What one worker does at once. Its name follows from the task and the bytes of its files."""
@@ -41,7 +50,7 @@ class Shard:
     pieces: tuple[Piece, ...]
 
     @staticmethod
-    def of(task: Task, pieces: tuple[Piece, ...]) -> Shard:
+    def of(task: HasHash, pieces: tuple[Piece, ...]) -> Shard:
         """The shard of some pieces."""
         told = {"task_sha256": task.sha256, "pieces": [asdict(piece) for piece in pieces]}
         return Shard(hashlib.sha256(canonical(told).encode()).hexdigest(), pieces)
@@ -56,7 +65,7 @@ class Shard:
         return Shard(told["shard"], tuple(Piece(**piece) for piece in told["pieces"]))
 
 
-def shards(place: Place, files: list[str], task: Task, rows: int = ROWS) -> list[Shard]:
+def shards(place: Place, files: list[str], task: HasHash, rows: int = ROWS) -> list[Shard]:
     """The shards of a table in some Parquet files, in the order of their names.
 
     A file of more than ``rows`` rows is cut into pieces of as many; smaller ones stand together,

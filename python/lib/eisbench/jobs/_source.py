@@ -48,6 +48,20 @@ def source(spectra: Any, out: Place) -> Source:
     return Source(place, files)
 
 
+def runs(store: Any) -> Source:
+    """The lists of the runs of a store whose rows are in its tables: those that no other run has
+    replaced."""
+    if not isinstance(store, (str, os.PathLike)):
+        raise EisError(f"expected a store, for its runs; met {type(store).__name__}")
+    place = Place(cast("str", store))
+    check_store(place)
+    there = {PurePosixPath(name).stem for name in rows_of(place, "tables/runs")}
+    lists = [name for name in place.names("runs", ".json") if PurePosixPath(name).stem in there]
+    if not lists:
+        raise EisError(f"{place.at('runs')}: expected lists of runs with rows, met none")
+    return Source(place, lists)
+
+
 def rows_of(place: Place, table: str) -> list[str]:
     """The files of a table of a store: of those runs alone whose list is there, which is written
     last."""

@@ -16,30 +16,10 @@ from .._api import POINT_COLUMNS, FitWishes, Given, grouped
 from .._eisbench import EisError
 from .._optional import arrow
 from .._table import columns_of, names_of, numbers
-
-#: Columns of the input that stand in the results too, each with its kind; null where the input does
-#: not have them. They are of the whole spectrum: its first point's.
-CARRIED = {
-    "run_sha256": "text",
-    "run": "text",
-    "cell": "text",
-    "serial": "text",
-    "batch": "text",
-    "chemistry": "text",
-    "site": "text",
-    "bench": "text",
-    "started_unix_s": "number",
-    "temperature_c": "number",
-    "ocv_v": "number",
-}
-#: Columns that tell how a row was made.
-MADE = ("task", "program", "parameters", "task_sha256", "input_sha256")
-
-
-def canonical(value: Any) -> str:
-    """The one JSON text of a value: names in order, no blanks."""
-    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
-
+from . import _shard
+from ._columns import CARRIED, MADE, canonical
+from ._place import Place
+from ._shard import Shard
 
 @dataclass(frozen=True)
 class Task:
@@ -52,13 +32,12 @@ class Task:
     parameters: str
     program: str = _eisbench.__version__
 
+    #: The column that names a row.
+    key = "spectrum_id"
+
     def __post_init__(self) -> None:
         # A parameter that cannot be is refused here, and not by a worker an hour later.
         self.columns([])
-        if self.program != _eisbench.__version__:
-            raise EisError(
-                f"task: expected version {_eisbench.__version__} of eisbench, met {self.program}"
-            )
 
     @property
     def sha256(self) -> str:
@@ -76,9 +55,20 @@ class Task:
             return _eisbench.validity_rows(given, bool(told["drt"]), True)
         raise EisError(f"task: expected fit or kk, met {self.kind!r}")
 
-    def __call__(self, table: Any) -> Any:
-        """The results of an Arrow table of whole spectra, as an Arrow table; :func:`work`."""
-        return work(self, table)
+    def shards(self, place: Place, files: list[str], rows: int) -> list[Shard]:
+        """The shards of a table in some files."""
+        return _shard.shards(place, files, self, rows)
+
+    def results(self, place: Place, shard: Shard) -> Any:
+        """The results of the spectra of a shard."""
+        return work(self, _shard.read(place, shard))
+
+    def schema(self) -> Any:
+        """The Arrow schema of the results."""
+        pa = arrow()
+        none = pa.array([], pa.float64())
+        empty = {"spectrum_id": pa.array([], pa.string())}
+        return work(self, pa.table({**empty, **{name: none for name in POINT_COLUMNS}})).schema
 
 
 def fit(
@@ -92,12 +82,12 @@ def fit(
 ) -> Task:
     """A fit of each spectrum, with the arguments of :func:`eisbench.fit_table`."""
     told = {
-        "rc": rc if circuit is None else 0,
+        "rc": 0 if circuit is not None else rc if isinstance(rc, str) else int(rc),
         "circuit": circuit,
         "objective": objective,
         "ocv_slope": ocv_slope,
-        "seed": seed,
-        "starts": starts,
+        "seed": int(seed),
+        "starts": None if starts is None else int(starts),
     }
     return Task("fit", canonical(told))
 
@@ -115,6 +105,9 @@ def work(task: Task, table: Any) -> Any:
     thread. The columns are those of the task, then the circumstances of the spectrum, then
     ``task``, ``program``, ``parameters``, ``task_sha256``, and ``input_sha256`` of its points.
     """
+    if task.program != _eisbench.__version__:
+        expected = f"expected version {task.program} of eisbench, as where the job began"
+        raise EisError(f"task: {expected}, met {_eisbench.__version__}")
     pa = arrow()
     given = [Given(*one) for one in grouped(table)]
     columns: dict[str, Any] = {}
@@ -129,14 +122,6 @@ def work(task: Task, table: Any) -> Any:
     names = [one.spectrum_id for one in given]
     columns["input_sha256"] = pa.array(_hashes(table, names, order), pa.string())
     return pa.table(columns)
-
-
-def schema(task: Task) -> Any:
-    """The Arrow schema of the results of a task."""
-    pa = arrow()
-    none = pa.array([], pa.float64())
-    empty = {"spectrum_id": pa.array([], pa.string())}
-    return work(task, pa.table({**empty, **{name: none for name in POINT_COLUMNS}})).schema
 
 
 def _array(pa: Any, kind: str, values: Any) -> Any:
