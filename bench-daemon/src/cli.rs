@@ -9,6 +9,7 @@ use crate::{
     operator::run_control::RunAction,
     safety::failure::Failure,
     support::logging::{self, Verbosity},
+    support::telemetry::Telemetry,
     support::terminal::remark,
 };
 
@@ -36,7 +37,7 @@ const GROUPS: [(&str, &[&str]); 7] = [
     ),
     (
         "Server and shell",
-        &["serve", "token", "completions", "man"],
+        &["serve", "token", "fleet", "completions", "man"],
     ),
 ];
 /// Width of the names of commands, and of a line, in the help.
@@ -63,6 +64,9 @@ Examples:
     eis-bench mock configs/benches/demo.toml --json
   A page and an API for benches, with a queue:
     eis-bench serve configs/serve.toml
+  The benches of a fleet, and 20 runs for whichever of them is free:
+    eis-bench fleet --config serve.toml status
+    eis-bench fleet --config serve.toml submit configs/experiments/demo.toml --count 20
   Fit the extended Randles model to spectra from anywhere:
     eis-bench fit SPECTRUM.csv --rc all --out FOLDER
   Fit any equivalent circuit, without start values:
@@ -213,6 +217,8 @@ enum Command {
     Serve(command::serve::ServeArgs),
     /// Tokens that open a server's API.
     Token(command::token::TokenArgs),
+    /// Show a fleet of benches, give it work, hold and stop its benches.
+    Fleet(command::fleet::FleetArgs),
     /// Print completions for bash, zsh, fish, elvish or PowerShell.
     Completions(command::shell::CompletionsArgs),
     /// Write manual pages.
@@ -256,11 +262,19 @@ fn grouped() -> clap::Command {
 pub fn main() -> ExitCode {
     let matches = grouped().get_matches();
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
-    logging::start(match cli.verbose {
+    let verbosity = match cli.verbose {
         0 => Verbosity::Normal,
         1 => Verbosity::Verbose,
         _ => Verbosity::Debug,
-    });
+    };
+    // What a server sends is said in its file.
+    let telemetry = match cli.command {
+        Command::Run(_) | Command::Resume(_) => {
+            Telemetry::from_environment(&std::process::id().to_string())
+        }
+        _ => Telemetry::default(),
+    };
+    logging::start(verbosity, telemetry.tracer());
     let result = match cli.command {
         Command::Run(args) => command::run::run(&args),
         Command::Resume(args) => command::resume::resume(&args),
@@ -296,6 +310,7 @@ pub fn main() -> ExitCode {
         Command::Archive(args) => command::archive::archive(&args),
         Command::Serve(args) => command::serve::serve(&args),
         Command::Token(args) => command::token::token(&args),
+        Command::Fleet(args) => command::fleet::fleet(&args),
         Command::Demo(args) => command::demo::demo(&args),
         Command::Config(args) => command::config::config(&args),
         Command::Completions(args) => {
@@ -304,6 +319,7 @@ pub fn main() -> ExitCode {
         }
         Command::Man(args) => command::shell::man(&args, Cli::command()),
     };
+    telemetry.end();
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {

@@ -5,19 +5,28 @@ use std::{
     net::SocketAddr,
     ops::RangeInclusive,
     path::{Path, PathBuf},
+    process::Command,
 };
 
 use bench_archive::store::{Bucket, StorePlace};
 use jiff::civil::Time;
 use serde::Deserialize;
 
-use super::targets::{Email, Encryption, Targets};
+use super::{
+    fleet_settings::{FleetSection, RawFleet},
+    targets::{Email, Encryption, Targets},
+};
 use crate::{
     config::{
         self, ConfigError, Source, load_bench,
         quantity::{Duration, Quantity},
     },
-    support::{confined_path::plain, loopback::names_loopback},
+    support::{
+        confined_path::plain,
+        logging::{DETAIL_VARIABLE, EXCHANGES},
+        loopback::names_loopback,
+        telemetry::endpoint::{self, check_address},
+    },
 };
 
 /// Times from an upload to the removal of captures that are allowed, s. Less than an hour is a slip of
@@ -50,8 +59,26 @@ struct Raw {
     /// Course of a stop.
     #[serde(default)]
     stop: RawStop,
+    /// Traces and metrics to a collector.
+    #[serde(default)]
+    telemetry: RawTelemetry,
     /// Store that ended runs are sent to. Left out: none.
     archive: Option<RawArchive>,
+    /// Fleet that the benches belong to. Left out: none.
+    fleet: Option<RawFleet>,
+}
+
+/// Traces and metrics over OTLP.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawTelemetry {
+    /// Base address of a collector that takes OTLP over HTTP, such as `http://127.0.0.1:4318`:
+    /// `https://…`, or `http://` on this machine. Left out: that of `OTEL_EXPORTER_OTLP_ENDPOINT`, or
+    /// none.
+    otlp: Option<String>,
+    /// A span for each message to an instrument, thousands in a run.
+    #[serde(default)]
+    exchanges: bool,
 }
 
 /// The archive: a store that ended runs are sent to.
@@ -196,12 +223,37 @@ pub struct Settings {
     pub proxy_host: Option<String>,
     /// Where notices go.
     pub notify: Targets,
+    /// Traces and metrics.
+    pub telemetry: TelemetrySettings,
     /// Its bounds.
     pub limits: Limits,
     /// So long a run has to end by itself after a stop, s, before it is ended.
     pub stop_wait_s: f64,
     /// Store that ended runs are sent to.
     pub archive: Option<Archive>,
+    /// The fleet that the benches belong to.
+    pub fleet: Option<FleetSection>,
+}
+
+/// Traces and metrics of a server and of the runs that it begins.
+#[derive(Debug, Clone, Default)]
+pub struct TelemetrySettings {
+    /// Base address of the collector; none where the environment says it.
+    pub otlp: Option<String>,
+    /// A span for each message to an instrument.
+    pub exchanges: bool,
+}
+
+impl TelemetrySettings {
+    /// Tells the process of a run where its traces go.
+    pub fn hand_over(&self, command: &mut Command) {
+        if let Some(base) = &self.otlp {
+            endpoint::hand_over(base, command);
+        }
+        if self.exchanges {
+            command.env(DETAIL_VARIABLE, EXCHANGES);
+        }
+    }
 }
 
 /// Bounds of a server.
@@ -269,10 +321,22 @@ impl Settings {
             return Err(source.complain("proxy.host", reason));
         }
         let limits = &raw.limits;
+        let otlp = raw.telemetry.otlp;
+        if let Some(reason) = otlp.as_deref().and_then(|base| check_address(base).err()) {
+            return Err(source.complain("telemetry.otlp", reason));
+        }
         let archive = raw.archive.as_ref().map(|raw| archive(&source, raw));
         Ok(Self {
             file: absolute(path.to_owned()),
             archive: archive.transpose()?,
+            telemetry: TelemetrySettings {
+                otlp,
+                exchanges: raw.telemetry.exchanges,
+            },
+            fleet: raw
+                .fleet
+                .map(|raw| FleetSection::resolve(&source, raw))
+                .transpose()?,
             notify: targets(&source, &raw.notify)?,
             proxy_host,
             listen,
@@ -329,11 +393,8 @@ impl Settings {
 
 /// Where notices go, checked.
 fn targets(source: &Source, raw: &RawNotify) -> Result<Targets, ConfigError> {
-    if let Some(address) = raw.webhook.as_ref().filter(|address| !is_safe(address)) {
-        let reason = format!(
-            "expected an address https://HOST/PATH, or http:// on this machine, found {address:?}"
-        );
-        return Err(source.complain("notify.webhook", reason));
+    if let Some(address) = &raw.webhook {
+        check_address(address).map_err(|reason| source.complain("notify.webhook", reason))?;
     }
     let quiet = raw.quiet.as_deref().map(|text| {
         let time = |text: &str| Time::strptime("%H:%M", text.trim()).ok();
@@ -404,11 +465,8 @@ fn store(source: &Source, raw: &RawArchive) -> Result<StorePlace, ConfigError> {
         let reason = format!("expected s3://BUCKET/PREFIX, found {:?}", raw.store);
         return Err(complain("store", reason));
     }
-    if let Some(endpoint) = raw.endpoint.as_ref().filter(|address| !is_safe(address)) {
-        let reason = format!(
-            "expected an address https://HOST, or http:// on this machine, found {endpoint:?}"
-        );
-        return Err(complain("endpoint", reason));
+    if let Some(endpoint) = &raw.endpoint {
+        check_address(endpoint).map_err(|reason| complain("endpoint", reason))?;
     }
     Ok(StorePlace::S3(Bucket {
         name: name.to_owned(),
@@ -420,15 +478,6 @@ fn store(source: &Source, raw: &RawArchive) -> Result<StorePlace, ConfigError> {
             .as_ref()
             .map(|path| absolute(source.relative(path))),
     }))
-}
-
-/// An address of a server over TLS, or of one on this machine.
-fn is_safe(address: &str) -> bool {
-    let (scheme, rest) = address.split_once("://").unwrap_or(("", address));
-    let host = rest.split('/').next().unwrap_or_default();
-    let name = host.rsplit_once(':').map_or(host, |(name, _)| name);
-    let allowed = scheme == "https" || (scheme == "http" && names_loopback(name));
-    allowed && !name.is_empty() && !host.contains('@')
 }
 
 fn email(source: &Source, raw: &RawEmail) -> Result<Email, ConfigError> {

@@ -60,7 +60,10 @@ pub struct Submission {
 }
 
 /// The text of an experiment by its name.
-fn text_of(settings: &Settings, name: &str) -> Result<String, Refused> {
+///
+/// # Errors
+/// No such experiment; a file that cannot be read.
+pub fn text_of(settings: &Settings, name: &str) -> Result<String, Refused> {
     let file = shelf::read(settings, shelf::FileKind::Experiments, name, None)
         .map_err(|error| Refused::Kept(error.to_string()))?;
     file.map(|file| file.text)
@@ -142,6 +145,20 @@ impl Submission {
         write_atomically(&folder.join(shelf::BENCH_SHA256), sha256.as_bytes())
             .map_err(|error| kept(&error))
     }
+}
+
+/// Name of an experiment by its text.
+///
+/// # Errors
+/// A text that is not TOML, or names no experiment.
+pub fn name_of(text: &str) -> Result<String, Refused> {
+    #[derive(serde::Deserialize)]
+    struct Named {
+        name: String,
+    }
+    let named: Named =
+        toml::from_str(text).map_err(|error| Refused::Unfit(error.message().to_owned()))?;
+    Ok(named.name)
 }
 
 /// The frozen experiment in such a folder.

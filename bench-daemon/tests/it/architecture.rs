@@ -130,6 +130,10 @@ fn the_arrows_between_the_crates_are_these_and_no_others() {
         // Its tests take data sets from there.
         ("bench-daemon", "study"),
         ("eisbench-python", "analysis"),
+        ("bench-daemon", "bench-archive"),
+        ("bench-daemon", "bench-fleet"),
+        // Its clock only.
+        ("bench-fleet", "instruments-link"),
         // Its tests only.
         ("fixtures", "instruments"),
         ("fixtures", "instruments-domain"),
@@ -251,7 +255,8 @@ fn hidden_cases_name_nothing_of_the_analysis() {
 }
 
 /// Libraries that only one crate may use: tables of files by polars, pictures by plotters,
-/// catalogues by rusqlite, stores of objects by object_store, serial ports by tokio-serial, the device side of SCPI by scpi.
+/// catalogues by rusqlite, stores of objects by object_store, serial ports by tokio-serial, the
+/// device side of SCPI by scpi, fleets by async-nats.
 #[test]
 fn some_libraries_have_one_user_each() {
     for (library, user) in [
@@ -261,6 +266,7 @@ fn some_libraries_have_one_user_each() {
         ("object_store", "bench-daemon/archive"),
         ("tokio-serial", "instruments/link"),
         ("scpi", "instruments/mock"),
+        ("async-nats", "bench-daemon/fleet"),
     ] {
         let users: Vec<&str> = FOLDERS
             .into_iter()

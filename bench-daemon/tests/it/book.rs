@@ -540,7 +540,15 @@ struct NotPlayed {
     blocks: &'static [&'static str],
 }
 
-const NOT_PLAYED: [NotPlayed; 5] = [
+const NOT_PLAYED: [NotPlayed; 8] = [
+    NotPlayed {
+        reason: "it needs the Python package, whose own tests play it",
+        blocks: &["jobs.md: python -m eisbench.jobs fit store --rc 4 --out fits"],
+    },
+    NotPlayed {
+        reason: "it needs a file of several benches, which the test of campaigns writes",
+        blocks: &["campaign.md: eis-bench campaign plan batch.toml --out experiments"],
+    },
     NotPlayed {
         reason: "it builds or installs what the tests have built",
         blocks: &[
@@ -583,6 +591,13 @@ const NOT_PLAYED: [NotPlayed; 5] = [
             "thresholds.md: fixtures/study/sensitivity/sensitivity.py --seed 987123 --out table.md \\",
             "thresholds.md: fixtures/study/sensitivity/sensitivity.py --seed 987123 --out table.md \\",
             "thresholds.md: fixtures/study/sensitivity/sensitivity.py --seed 987123 --out table.md \\",
+        ],
+    },
+    NotPlayed {
+        reason: "it needs a NATS server, which bench-daemon/fleet/tests starts where there is one",
+        blocks: &[
+            "fleet.md: eis-bench fleet --config serve.toml status",
+            "fleet.md: nats-server -js -sd /var/lib/nats -a 127.0.0.1",
         ],
     },
     NotPlayed {

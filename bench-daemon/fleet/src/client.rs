@@ -1,0 +1,486 @@
+//! What people ask of a fleet: submit, cancel, put back, hold, drain, stop.
+
+use std::{sync::Arc, time::Duration};
+
+use futures_util::future::join_all;
+use instruments_link::clock;
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+
+use crate::{
+    error::FleetError,
+    job::{Asked, Job, JobState, Needs, Place, is_plain},
+    link::{Link, Stored, Swap, Write, random},
+    record::{BenchAnswer, BenchRecord, Question},
+    settings::FleetSettings,
+    standing::{OrderKind, Said},
+    view::Seer,
+    watched::Watched,
+};
+
+/// Longest text of an experiment, bytes: half of what a broker takes in one message.
+const LONGEST_TEXT: usize = 512 * 1024;
+/// Most jobs of one submission.
+pub const MOST_COUNT: usize = 10_000;
+/// So many jobs are put into the queue at once: their answers are waited for together.
+const AT_ONCE: usize = 64;
+/// A bench that is asked how it is answers within so long, or counts as not heard.
+const LOOK: Duration = Duration::from_secs(3);
+/// The same for a stop, which reads every output back: `eis-bench safe` takes at most 90 s, after the
+/// run had 10 s to end by itself.
+const STOP: Duration = Duration::from_secs(120);
+/// All jobs and benches are waited for so long, s.
+const WHOLE_S: f64 = 10.0;
+/// Attempts to write standing orders against others who write them too.
+const ATTEMPTS: usize = 20;
+
+/// Work to be put into the queue.
+#[derive(Debug, Clone, Default)]
+pub struct Submission {
+    /// Name of the experiment.
+    pub name: String,
+    /// Its text, TOML.
+    pub text: String,
+    /// Requirements on the bench.
+    pub needs: Needs,
+    /// So many jobs of it.
+    pub count: usize,
+    /// Seed of the first job, where another one than the experiment's is wanted; the next job has the
+    /// next one.
+    pub seed: Option<u64>,
+    /// Label of a campaign.
+    pub campaign: Option<String>,
+    /// Label of the cell.
+    pub cell: Option<String>,
+    /// Who asks.
+    pub by: String,
+}
+
+/// Something that a person says to a bench.
+#[derive(Debug, Clone)]
+pub struct Command {
+    /// Kind of the order.
+    pub kind: OrderKind,
+    /// Who.
+    pub by: String,
+    /// Why.
+    pub why: String,
+}
+
+/// What came of an order to a bench.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Outcome {
+    /// Its site.
+    pub site: String,
+    /// The bench.
+    pub bench: String,
+    /// The broker keeps the order: a bench that is cut off follows it when it hears.
+    pub kept: bool,
+    /// The bench has answered.
+    pub heard: bool,
+    /// Why nothing is begun on it now.
+    pub held: Option<String>,
+    /// Every output is known to be off; none where the bench was not heard, or runs.
+    pub verified: Option<bool>,
+    /// What is to be said of it.
+    pub words: String,
+    /// Report of a stop by the bench's own server.
+    pub report: Option<serde_json::Value>,
+}
+
+/// A connection to a fleet for people.
+#[derive(Clone)]
+pub struct Client {
+    link: Arc<Link>,
+}
+
+impl Client {
+    /// Through a connection that is there.
+    pub(crate) fn through(link: Arc<Link>) -> Self {
+        Self { link }
+    }
+
+    /// Over a connection of its own.
+    ///
+    /// # Errors
+    /// A broker that is not there, or refuses.
+    pub async fn connect(settings: &FleetSettings) -> Result<Self, FleetError> {
+        Link::open(settings).await.map(Self::through)
+    }
+
+    /// Puts jobs into the queue. Each is there once, whatever answer was lost.
+    ///
+    /// # Errors
+    /// A submission that is not as expected; a broker that does not answer.
+    pub async fn submit(&self, submission: &Submission) -> Result<Vec<String>, FleetError> {
+        check(submission)?;
+        let text_sha256 = self.keep_text(&submission.text).await?;
+        let batch = batch()?;
+        let all =
+            (0..submission.count).map(|index| job_of(submission, &batch, index, &text_sha256));
+        let jobs: Vec<Job> = all.collect();
+        for some in jobs.chunks(AT_ONCE) {
+            let put = join_all(some.iter().map(|job| self.put(job))).await;
+            put.into_iter().collect::<Result<(), _>>()?;
+        }
+        Ok(jobs.into_iter().map(|job| job.job).collect())
+    }
+
+    /// Keeps the text of an experiment under its own hash.
+    async fn keep_text(&self, text: &str) -> Result<String, FleetError> {
+        let hash = Sha256::digest(text.as_bytes());
+        let key: String = hash.iter().map(|byte| format!("{byte:02x}")).collect();
+        let texts = &self.link.texts;
+        if texts.get::<String>(&key).await?.is_none() {
+            // Somebody who was faster has written the same.
+            texts.swap(&key, &text, 0).await?;
+        }
+        Ok(key)
+    }
+
+    async fn put(&self, job: &Job) -> Result<(), FleetError> {
+        let write = Write {
+            bucket: &self.link.jobs,
+            key: &job.job,
+            value: job,
+            revision: 0,
+        };
+        let surely = self
+            .link
+            .swap_surely(write, |found: &Job| found.job == job.job);
+        let patience = Duration::from_secs(30);
+        match self.link.clock.deadline(patience, surely).await {
+            Ok(Swap::Written(_)) => Ok(()),
+            Ok(Swap::Lost) => Err(FleetError::Conflict(format!(
+                "expected a new name of a job, found one that is there: {}",
+                job.job
+            ))),
+            Err(_) => Err(FleetError::Unreachable(format!(
+                "whether {} is in the queue is not known: look with `fleet status` before it is \
+                submitted again",
+                job.job
+            ))),
+        }
+    }
+
+    /// Takes a job that waits out of the queue.
+    ///
+    /// # Errors
+    /// A job that a bench has, or that is over; a broker that does not answer.
+    pub async fn cancel(&self, job: &str, by: &str) -> Result<(), FleetError> {
+        let found = self.job(job).await?;
+        if found.value.state != JobState::Queued {
+            return Err(FleetError::Conflict(format!(
+                "{job}: expected a job that waits, found one that is {}",
+                found.value.state.name()
+            )));
+        }
+        let next = Job {
+            state: JobState::Cancelled,
+            words: format!("cancelled by {by}"),
+            ..found.value.clone()
+        };
+        self.change(&found, &next).await
+    }
+
+    /// Puts a started job whose bench is gone back into the queue: a person says that it may run
+    /// again.
+    ///
+    /// # Errors
+    /// A job that is not started; a bench that has it and answers; a broker that does not answer.
+    pub async fn release_job(&self, job: &str, by: &str, why: &str) -> Result<(), FleetError> {
+        let found = self.job(job).await?;
+        let holder = found.value.holder.as_ref();
+        let (JobState::Started, Some(holder)) = (found.value.state, holder) else {
+            return Err(FleetError::Conflict(format!(
+                "{job}: expected a job whose run was started, found one that is {}",
+                found.value.state.name()
+            )));
+        };
+        let place = &holder.place;
+        let answer: Option<BenchAnswer> = self.link.ask(place, &Question::Look, LOOK).await;
+        if answer.is_some_and(|answer| answer.jobs.iter().any(|one| one == job)) {
+            return Err(FleetError::Conflict(format!(
+                "{job}: expected a job whose bench is gone, found that {place} has it and answers: \
+                stop it there first"
+            )));
+        }
+        let words = format!("put back by {by}: {why}");
+        self.change(&found, &found.value.released(words)).await
+    }
+
+    /// Takes jobs that are over out of the records.
+    ///
+    /// # Errors
+    /// A broker that does not answer.
+    pub async fn forget(&self, older_s: f64) -> Result<usize, FleetError> {
+        let jobs = self.all_jobs().await?;
+        let now_s = clock::unix_time_s();
+        let old: Vec<_> = jobs.with(|jobs| {
+            let over = jobs.iter().filter(|(_, seen)| {
+                seen.value.state.is_over() && now_s - seen.broker_unix_s > older_s
+            });
+            over.map(|(key, seen)| (key.clone(), seen.revision))
+                .collect()
+        });
+        for (key, revision) in &old {
+            self.link.jobs.forget(key, *revision).await?;
+        }
+        Ok(old.len())
+    }
+
+    /// Gives an order to a bench. The broker keeps it, and the bench is asked to follow it now.
+    ///
+    /// # Errors
+    /// No such bench. A broker that does not answer is told in the outcome: a stop may reach the
+    /// bench all the same.
+    pub async fn order(&self, place: &Place, command: &Command) -> Result<Outcome, FleetError> {
+        let is_known = is_plain(&place.site)
+            && is_plain(&place.bench)
+            && self.knows(place, command.kind).await?;
+        if !is_known {
+            return Err(FleetError::Unknown {
+                what: "a bench SITE/BENCH",
+                found: place.to_string(),
+            });
+        }
+        self.say(place, command).await
+    }
+
+    /// Whether a bench ever signed on. A stop goes out without that answer too.
+    async fn knows(&self, place: &Place, kind: OrderKind) -> Result<bool, FleetError> {
+        let found = self.link.benches.get::<BenchRecord>(&place.key()).await;
+        match (found, kind) {
+            (Err(_), OrderKind::Stop) => Ok(true),
+            (found, _) => found.map(|found| found.is_some()),
+        }
+    }
+
+    /// Stops every bench of the fleet at once.
+    ///
+    /// # Errors
+    /// A broker that does not answer.
+    pub async fn stop_all(&self, by: &str, why: &str) -> Result<Vec<Outcome>, FleetError> {
+        let command = Command {
+            kind: OrderKind::Stop,
+            by: by.to_owned(),
+            why: why.to_owned(),
+        };
+        let seer = self.seer("").await?;
+        let places = seer.seer.places();
+        let said = places.iter().map(|place| self.say(place, &command));
+        join_all(said).await.into_iter().collect()
+    }
+
+    async fn say(&self, place: &Place, command: &Command) -> Result<Outcome, FleetError> {
+        let said = Said {
+            id: random()?,
+            by: command.by.clone(),
+            why: command.why.clone(),
+            unix_s: clock::unix_time_s(),
+        };
+        let is_stop = command.kind == OrderKind::Stop;
+        let (question, patience) = match command.kind {
+            OrderKind::Stop => (Question::Stop(said.clone()), STOP),
+            _ => (Question::Look, LOOK),
+        };
+        let ask = self.link.ask::<BenchAnswer>(place, &question, patience);
+        let keep = self.keep_order(place, command.kind, &said);
+        // A stop waits for nothing; another order is kept first, so that the bench finds it.
+        let (kept, answer) = if is_stop {
+            let (answer, kept) = tokio::join!(ask, keep);
+            (kept, answer)
+        } else {
+            let kept = keep.await;
+            kept.clone()?;
+            (kept, ask.await)
+        };
+        Ok(outcome(place, &kept, answer.as_ref()))
+    }
+
+    async fn keep_order(
+        &self,
+        place: &Place,
+        kind: OrderKind,
+        said: &Said,
+    ) -> Result<(), FleetError> {
+        for _ in 0..ATTEMPTS {
+            let found = self.link.standing(place).await?;
+            let next = found.value.with(kind, said.clone());
+            let orders = &self.link.orders;
+            if let Swap::Written(_) = orders.swap(&place.key(), &next, found.revision).await? {
+                return Ok(());
+            }
+        }
+        Err(FleetError::Conflict(format!(
+            "{place}: others give it orders all the time: nothing was kept"
+        )))
+    }
+
+    async fn job(&self, job: &str) -> Result<Stored<Job>, FleetError> {
+        // What is no key of the broker is no job either.
+        let found = match is_plain(job) {
+            true => self.link.job(job).await?,
+            false => None,
+        };
+        found.ok_or_else(|| FleetError::Unknown {
+            what: "a job",
+            found: job.to_owned(),
+        })
+    }
+
+    async fn change(&self, found: &Stored<Job>, next: &Job) -> Result<(), FleetError> {
+        let jobs = &self.link.jobs;
+        match jobs.swap(&next.job, next, found.revision).await? {
+            Swap::Written(_) => Ok(()),
+            Swap::Lost => Err(FleetError::Conflict(format!(
+                "{}: it has changed meanwhile: look again",
+                next.job
+            ))),
+        }
+    }
+
+    async fn all_jobs(&self) -> Result<Arc<Watched<Job>>, FleetError> {
+        let jobs = Watched::keeping(|_| true);
+        let (link, bucket) = (self.link.clone(), self.link.jobs.clone());
+        let follow = tokio::spawn(jobs.clone().follow(link, bucket));
+        let whole = self.until(|| jobs.is_whole()).await;
+        follow.abort();
+        whole.map(|()| jobs)
+    }
+
+    async fn until(&self, is_so: impl Fn() -> bool) -> Result<(), FleetError> {
+        let until_s = self.link.clock.now_s() + WHOLE_S;
+        while !is_so() {
+            if self.link.clock.now_s() > until_s {
+                return Err(FleetError::Unreachable(
+                    "its records do not come".to_owned(),
+                ));
+            }
+            self.link.clock.sleep_s(0.02).await;
+        }
+        Ok(())
+    }
+
+    /// Looks at the fleet for as long as what is returned lives.
+    ///
+    /// # Errors
+    /// A broker whose records do not come.
+    pub async fn seer(&self, fleet: &str) -> Result<Looking, FleetError> {
+        let jobs = Watched::keeping(|_| true);
+        let seer = Seer::of(&self.link, fleet, &jobs);
+        let mut tasks = tokio::task::JoinSet::new();
+        tasks.spawn(
+            jobs.clone()
+                .follow(self.link.clone(), self.link.jobs.clone()),
+        );
+        tasks.spawn(seer.clone().follow());
+        self.until(|| seer.is_whole()).await?;
+        Ok(Looking {
+            seer,
+            _tasks: tasks,
+        })
+    }
+
+    /// Benches that do not answer now. Those that do are heard, however old their last word is.
+    pub async fn silent(&self, places: &[Place]) -> Vec<Place> {
+        let ask = |place: &Place| {
+            let place = place.clone();
+            async move {
+                let answer: Option<BenchAnswer> =
+                    self.link.ask(&place, &Question::Look, LOOK).await;
+                (place, answer.is_some())
+            }
+        };
+        let asked = join_all(places.iter().map(ask)).await;
+        let silent = asked.into_iter().filter(|(_, heard)| !heard);
+        silent.map(|(place, _)| place).collect()
+    }
+}
+
+/// A look at the fleet.
+pub struct Looking {
+    /// Whoever sees it.
+    pub seer: Arc<Seer>,
+    _tasks: tokio::task::JoinSet<()>,
+}
+
+fn outcome(place: &Place, kept: &Result<(), FleetError>, answer: Option<&BenchAnswer>) -> Outcome {
+    let heard = answer.is_some();
+    let words = match (kept, heard) {
+        (Ok(()), true) => "it has heard".to_owned(),
+        (Ok(()), false) => "it does not answer: it follows as soon as it hears".to_owned(),
+        (Err(error), true) => format!("it has heard; the order is not kept: {error}"),
+        (Err(error), false) => {
+            format!("IT WAS NOT REACHED: stop it at its own server or its switch ({error})")
+        }
+    };
+    let record = answer.map(|answer| &answer.record);
+    let report = answer.and_then(|answer| answer.report.clone());
+    // A bench that is simulated within its run has no output that could be read back.
+    let proven =
+        |report: &serde_json::Value| report["verified"] == true || report["simulated"] == true;
+    let read_back = report.as_ref().map(proven);
+    Outcome {
+        site: place.site.clone(),
+        bench: place.bench.clone(),
+        kept: kept.is_ok(),
+        heard,
+        held: record.and_then(|record| record.held.clone()),
+        verified: read_back.or_else(|| record.and_then(|record| record.verified)),
+        words,
+        report,
+    }
+}
+
+fn check(submission: &Submission) -> Result<(), FleetError> {
+    let unfit = |text: String| Err(FleetError::Unfit(text));
+    let name = &submission.name;
+    if !is_plain(name) {
+        return unfit(format!(
+            "name: expected 1 to 60 letters, digits, `-` and `_`, found {name:?}"
+        ));
+    }
+    if !(1..=MOST_COUNT).contains(&submission.count) {
+        let count = submission.count;
+        return unfit(format!("count: expected 1 to {MOST_COUNT}, found {count}"));
+    }
+    if submission.text.len() > LONGEST_TEXT {
+        let length = submission.text.len();
+        return unfit(format!(
+            "text: expected at most {LONGEST_TEXT} bytes, found {length}"
+        ));
+    }
+    Ok(())
+}
+
+/// Beginning of the names of the jobs of one submission. Names are in the order of submission as far
+/// as the calendars of those who submit agree; nothing but the order of the queue depends on it.
+fn batch() -> Result<String, FleetError> {
+    let micros = (clock::unix_time_s() * 1.0e6) as i64;
+    let now = jiff::Timestamp::from_microsecond(micros)
+        .map_err(|error| FleetError::File(error.to_string()))?;
+    Ok(format!("{}-{}", now.strftime("%Y%m%dT%H%M%S"), random()?))
+}
+
+fn job_of(submission: &Submission, batch: &str, index: usize, text_sha256: &str) -> Job {
+    Job {
+        job: format!("{batch}-{:05}", index + 1),
+        name: submission.name.clone(),
+        state: JobState::Queued,
+        needs: submission.needs.clone(),
+        text_sha256: text_sha256.to_owned(),
+        seed: submission.seed.map(|seed| seed + index as u64),
+        asked: Asked {
+            by: submission.by.clone(),
+            unix_s: clock::unix_time_s(),
+        },
+        campaign: submission.campaign.clone(),
+        cell: submission.cell.clone(),
+        turn: 1,
+        holder: None,
+        run_sha256: None,
+        words: String::new(),
+        refused: std::collections::BTreeMap::new(),
+    }
+}

@@ -1,0 +1,44 @@
+//! Reasons why something that was asked of the fleet is not done.
+
+/// Why it is not done.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum FleetError {
+    /// The broker does not answer: nobody knows whether it was done.
+    #[error("the fleet's server does not answer: {0}")]
+    Unreachable(String),
+    /// A file or a value of the settings.
+    #[error("{0}")]
+    Settings(String),
+    /// No such job or bench.
+    #[error("expected {what} of the fleet, found {found:?}")]
+    Unknown {
+        /// Kind of the thing.
+        what: &'static str,
+        /// The name that was found.
+        found: String,
+    },
+    /// Something that was asked for is not as expected.
+    #[error("{0}")]
+    Unfit(String),
+    /// Not as things are.
+    #[error("{0}")]
+    Conflict(String),
+    /// A record that cannot be understood.
+    #[error("{key}: expected a record of this version of the fleet, found another: {reason}")]
+    Record {
+        /// Key of the record.
+        key: String,
+        /// What does not fit.
+        reason: String,
+    },
+    /// The file system.
+    #[error("{0}")]
+    File(String),
+}
+
+impl FleetError {
+    /// An answer that did not come.
+    pub(crate) fn unreachable(error: &dyn std::fmt::Display) -> Self {
+        Self::Unreachable(error.to_string())
+    }
+}

@@ -1,0 +1,222 @@
+//! The benches of a daemon in a fleet: one connection for all of them.
+
+use std::{
+    path::PathBuf,
+    sync::{Arc, Mutex, PoisonError},
+};
+
+use instruments_link::clock::{Clock, TimeMode};
+use tokio::task::JoinSet;
+
+use crate::{
+    client::Client,
+    error::FleetError,
+    intent,
+    job::{Job, Place},
+    link::{Link, Swap, random},
+    local::LocalBench,
+    member::{Member, Shared, listen},
+    record::BenchRecord,
+    settings::FleetSettings,
+    view::Seer,
+    watched::Watched,
+};
+
+/// Time between two attempts to reach a broker that is not there, s.
+const RETRY_S: f64 = 2.0;
+
+/// A daemon to be put into a fleet.
+pub struct Joining {
+    /// Its settings.
+    pub settings: FleetSettings,
+    /// A folder of its own that survives it.
+    pub folder: PathBuf,
+    /// Its benches.
+    pub benches: Vec<Arc<dyn LocalBench>>,
+    /// It shows the fleet to people, and so keeps jobs that are over and follows all benches.
+    pub shows: bool,
+}
+
+/// A daemon in a fleet. Dropping it ends its work at once; runs go on.
+pub struct Fleet {
+    settings: FleetSettings,
+    joined: Mutex<Option<Joined>>,
+    tasks: Mutex<JoinSet<()>>,
+}
+
+#[derive(Clone)]
+struct Joined {
+    shared: Arc<Shared>,
+    seer: Arc<Seer>,
+    places: Vec<Place>,
+}
+
+impl Fleet {
+    /// Begins to join, and does not wait for the broker: the benches work without it. Must be called
+    /// inside a runtime.
+    pub fn join(joining: Joining) -> Arc<Self> {
+        let fleet = Arc::new(Self {
+            settings: joining.settings.clone(),
+            joined: Mutex::default(),
+            tasks: Mutex::default(),
+        });
+        // The task must not keep alive what ends it.
+        let weak = Arc::downgrade(&fleet);
+        let work = async move {
+            let joined = reach(&joining).await;
+            let Some(fleet) = weak.upgrade() else { return };
+            fleet.work(&joining, joined);
+        };
+        fleet.tasks().spawn(work);
+        fleet
+    }
+
+    /// Its settings.
+    pub fn settings(&self) -> &FleetSettings {
+        &self.settings
+    }
+
+    /// Whether the broker is there, as far as is known.
+    pub fn is_connected(&self) -> bool {
+        let joined = self.joined();
+        joined.is_some_and(|joined| joined.shared.link.is_connected())
+    }
+
+    /// What a person asks for through this daemon.
+    ///
+    /// # Errors
+    /// A broker that was never there since the start.
+    pub fn client(&self) -> Result<Client, FleetError> {
+        let joined = self.joined().ok_or_else(|| self.not_reached())?;
+        Ok(Client::through(joined.shared.link.clone()))
+    }
+
+    /// The fleet as this daemon sees it; none before the broker was reached.
+    pub fn seer(&self) -> Option<Arc<Seer>> {
+        self.joined().map(|joined| joined.seer)
+    }
+
+    /// Signs off, so that others need not wait for the lease, and ends.
+    pub async fn end(&self) {
+        self.tasks().abort_all();
+        let Some(joined) = self.joined() else { return };
+        for place in &joined.places {
+            if let Err(error) = sign_off(&joined.shared, place).await {
+                tracing::debug!("fleet: {place}: {error}");
+            }
+        }
+    }
+
+    fn not_reached(&self) -> FleetError {
+        FleetError::Unreachable(format!("{} was not reached yet", self.settings.server))
+    }
+
+    fn joined(&self) -> Option<Joined> {
+        let joined = self.joined.lock().unwrap_or_else(PoisonError::into_inner);
+        joined.clone()
+    }
+
+    fn tasks(&self) -> std::sync::MutexGuard<'_, JoinSet<()>> {
+        self.tasks.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn work(&self, joining: &Joining, shared: Arc<Shared>) {
+        let link = &shared.link;
+        let seer = Seer::of(link, &self.settings.fleet, &shared.jobs);
+        let mut tasks = self.tasks();
+        tasks.spawn(shared.jobs.clone().follow(link.clone(), link.jobs.clone()));
+        tasks.spawn(
+            shared
+                .orders
+                .clone()
+                .follow(link.clone(), link.orders.clone()),
+        );
+        if joining.shows {
+            tasks.spawn(seer.clone().follow());
+        }
+        for bench in &joining.benches {
+            match Member::new(&shared, bench) {
+                Ok(member) => {
+                    tasks.spawn(listen(shared.clone(), member.obedience()));
+                    tasks.spawn(member.work());
+                }
+                Err(error) => tracing::error!("fleet: {}: {error}", bench.name()),
+            }
+        }
+        let benches = joining.benches.iter();
+        let places = benches.map(|bench| Place::new(&shared.site, &bench.name()));
+        let joined = Joined {
+            places: places.collect(),
+            shared,
+            seer,
+        };
+        *self.joined.lock().unwrap_or_else(PoisonError::into_inner) = Some(joined);
+    }
+}
+
+/// Connects, again until the broker is there.
+async fn reach(joining: &Joining) -> Arc<Shared> {
+    let clock = Clock::start(TimeMode::Real);
+    let mut told = String::new();
+    loop {
+        match shared(joining).await {
+            Ok(shared) => return shared,
+            Err(error) if error.to_string() != told => {
+                told = error.to_string();
+                tracing::warn!(
+                    "fleet {}: {told}; it is tried again",
+                    joining.settings.fleet
+                );
+            }
+            Err(_) => {}
+        }
+        clock.sleep_s(RETRY_S).await;
+    }
+}
+
+async fn shared(joining: &Joining) -> Result<Arc<Shared>, FleetError> {
+    let link = Link::open(&joining.settings).await?;
+    let keep = if joining.shows {
+        |_: &Job| true
+    } else {
+        |job: &Job| !job.state.is_over()
+    };
+    Ok(Arc::new(Shared {
+        link,
+        jobs: Watched::keeping(keep),
+        orders: Watched::keeping(|_| true),
+        lease_s: joining.settings.lease_s,
+        site: joining.settings.site.clone(),
+        nonce: random()?,
+        home: home(&joining.folder)?,
+        folder: joining.folder.clone(),
+    }))
+}
+
+/// Number of a data folder, which stays with it.
+fn home(folder: &std::path::Path) -> Result<String, FleetError> {
+    let path = folder.join("home.json");
+    if path.exists() {
+        return intent::read(&path);
+    }
+    std::fs::create_dir_all(folder)
+        .map_err(|error| FleetError::File(format!("{}: {error}", folder.display())))?;
+    let home = random()?;
+    intent::write(&path, &home)?;
+    Ok(home)
+}
+
+async fn sign_off(shared: &Shared, place: &Place) -> Result<(), FleetError> {
+    let benches = &shared.link.benches;
+    let found = benches.get::<BenchRecord>(&place.key()).await?;
+    let Some(found) = found.filter(|found| found.value.nonce == shared.nonce) else {
+        return Ok(());
+    };
+    let record = BenchRecord {
+        left: true,
+        ..found.value
+    };
+    match benches.swap(&place.key(), &record, found.revision).await? {
+        Swap::Written(_) | Swap::Lost => Ok(()),
+    }
+}

@@ -1,0 +1,159 @@
+//! Intents: what this daemon is about to begin or has begun for the fleet, on disk before the broker
+//! is told. After a restart the daemon goes on with what it finds here, and with nothing else.
+
+use std::{
+    fs::{self, File},
+    io::Write,
+    path::{Path, PathBuf},
+};
+
+use serde::{Deserialize, Serialize};
+
+use crate::{error::FleetError, local::Order};
+
+/// A job that a bench of this daemon has.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Intent {
+    /// Its name.
+    pub job: String,
+    /// Its turn.
+    pub turn: u32,
+    /// The run.
+    pub run: String,
+    /// Name of the experiment.
+    pub name: String,
+    /// Another seed than the experiment's.
+    pub seed: Option<u64>,
+    /// Who asked for it.
+    pub by: String,
+    /// The bench of this daemon.
+    pub bench: String,
+    /// The bench was told to begin it.
+    pub begun: bool,
+}
+
+impl Intent {
+    /// The run that the bench is to begin.
+    pub fn order(&self) -> Order {
+        Order {
+            job: self.job.clone(),
+            run: self.run.clone(),
+            name: self.name.clone(),
+            seed: self.seed,
+            by: self.by.clone(),
+        }
+    }
+}
+
+/// Which standing orders a bench has followed.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Followed {
+    /// Number of the last stop.
+    pub stop: Option<String>,
+    /// Number of the last hold.
+    pub hold: Option<String>,
+    /// Number of the last release.
+    pub release: Option<String>,
+}
+
+/// The folder of the intents of one bench.
+#[derive(Debug, Clone)]
+pub(crate) struct Desk {
+    folder: PathBuf,
+}
+
+const FOLLOWED: &str = "followed.json";
+
+impl Desk {
+    /// That of a bench in the fleet's folder of the daemon.
+    ///
+    /// # Errors
+    /// A folder that cannot be made.
+    pub(crate) fn of(folder: &Path, bench: &str) -> Result<Self, FleetError> {
+        let folder = folder.join(bench);
+        fs::create_dir_all(folder.join("intents")).map_err(|error| failed(&folder, &error))?;
+        Ok(Self { folder })
+    }
+
+    fn path(&self, job: &str) -> PathBuf {
+        self.folder.join("intents").join(format!("{job}.json"))
+    }
+
+    /// Every intent.
+    ///
+    /// # Errors
+    /// A folder or a file that cannot be read: nothing is begun then.
+    pub(crate) fn all(&self) -> Result<Vec<Intent>, FleetError> {
+        let folder = self.folder.join("intents");
+        let entries = fs::read_dir(&folder).map_err(|error| failed(&folder, &error))?;
+        let mut found = Vec::new();
+        for entry in entries {
+            let path = entry.map_err(|error| failed(&folder, &error))?.path();
+            if path.extension().is_some_and(|end| end == "json") {
+                found.push(read(&path)?);
+            }
+        }
+        Ok(found)
+    }
+
+    /// Keeps an intent; it is on disk when this returns.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub(crate) fn keep(&self, intent: &Intent) -> Result<(), FleetError> {
+        write(&self.path(&intent.job), intent)
+    }
+
+    /// An intent that is done with.
+    pub(crate) fn drop(&self, job: &str) {
+        let path = self.path(job);
+        if let Err(error) = fs::remove_file(&path) {
+            tracing::error!("{}", failed(&path, &error));
+        }
+    }
+
+    /// Orders that were followed.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    pub(crate) fn followed(&self) -> Result<Followed, FleetError> {
+        let path = self.folder.join(FOLLOWED);
+        if path.exists() {
+            read(&path)
+        } else {
+            Ok(Followed::default())
+        }
+    }
+
+    /// Keeps which orders were followed.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub(crate) fn keep_followed(&self, followed: &Followed) -> Result<(), FleetError> {
+        write(&self.folder.join(FOLLOWED), followed)
+    }
+}
+
+fn failed(path: &Path, error: &dyn std::fmt::Display) -> FleetError {
+    FleetError::File(format!("{}: {error}", path.display()))
+}
+
+pub(crate) fn read<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, FleetError> {
+    let text = fs::read_to_string(path).map_err(|error| failed(path, &error))?;
+    serde_json::from_str(&text).map_err(|error| failed(path, &error))
+}
+
+/// Written beside, synced and renamed: whole or not at all.
+pub(crate) fn write(path: &Path, value: &impl Serialize) -> Result<(), FleetError> {
+    let beside = path.with_extension("new");
+    let text = serde_json::to_string_pretty(value).map_err(|error| failed(path, &error))?;
+    let kept = || {
+        let mut file = File::create(&beside)?;
+        file.write_all(text.as_bytes())?;
+        file.sync_all()?;
+        fs::rename(&beside, path)?;
+        File::open(path.parent().unwrap_or(path))?.sync_all()
+    };
+    kept().map_err(|error| failed(path, &error))
+}

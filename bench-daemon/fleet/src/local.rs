@@ -1,0 +1,154 @@
+//! What a bench of this daemon must be able to do for the fleet, and what it tells of itself.
+
+use futures_util::future::BoxFuture;
+use serde::{Deserialize, Serialize};
+
+/// Properties of a bench that requirements of jobs are held against.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Capabilities {
+    /// Greatest current that its instruments can drive through a cell, A.
+    pub current_a: f64,
+    /// Least and greatest temperature that its bath can hold, °C; none without a bath.
+    pub temperature_c: Option<[f64; 2]>,
+    /// Fixtures that its jig can take.
+    pub fixtures: Vec<String>,
+    /// Every instrument is simulated.
+    pub simulated: bool,
+}
+
+/// State of a bench as the fleet sees it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum BenchState {
+    /// Nothing runs.
+    Idle,
+    /// A run is in work.
+    Running,
+    /// Nothing is begun on it.
+    #[default]
+    Held,
+    /// A person has to look at it and to clear it, at its own server.
+    Latched,
+    /// A run waits for a person at the jig.
+    Asking,
+}
+
+/// A reading of a run in work.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Reading {
+    /// Voltage, V.
+    pub voltage_v: Option<f64>,
+    /// Current, A; positive for charge.
+    pub current_a: Option<f64>,
+    /// Temperature of the cell, °C.
+    pub temperature_c: Option<f64>,
+}
+
+/// A bench as it is now.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Condition {
+    /// Its state.
+    pub state: BenchState,
+    /// Nothing runs or waits on it, and nothing keeps a run from beginning.
+    pub free: bool,
+    /// Why nothing is begun on it.
+    pub held: Option<String>,
+    /// The run in work.
+    pub run: Option<String>,
+    /// Time left of it, s.
+    pub left_s: Option<f64>,
+    /// Every output is known to be off; none while a run is in work.
+    pub verified: Option<bool>,
+    /// The last reading of the run in work.
+    pub reading: Option<Reading>,
+    /// Why it is latched.
+    pub trip: Option<String>,
+}
+
+/// A run that the fleet wants of a bench.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Order {
+    /// The job.
+    pub job: String,
+    /// Name that the run must get. It follows from the job: a second begin finds the first.
+    pub run: String,
+    /// Name of the experiment.
+    pub name: String,
+    /// Another seed than the experiment's.
+    pub seed: Option<u64>,
+    /// Who asked for it.
+    pub by: String,
+}
+
+/// How a run has ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct End {
+    /// Nothing of it is left to do.
+    pub finished: bool,
+    /// How, in words.
+    pub words: String,
+    /// SHA-256 of the list of its files, where it is known.
+    pub run_sha256: Option<String>,
+}
+
+/// What became of a run of the fleet on this bench.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Fate {
+    /// The bench knows nothing of it.
+    Unknown,
+    /// It waits, or is in work.
+    Going,
+    /// It has ended.
+    Ended(End),
+}
+
+/// A bench of this daemon. All but the stop may wait for a disk: they are called on a thread for
+/// work that waits.
+pub trait LocalBench: Send + Sync + 'static {
+    /// Its name.
+    fn name(&self) -> String;
+
+    /// Its properties.
+    fn capabilities(&self) -> Capabilities;
+
+    /// The bench as it is now. Must not wait.
+    fn condition(&self) -> Condition;
+
+    /// Checks an experiment as the daemon checks whatever is submitted to it, and keeps what was
+    /// checked. Nothing begins.
+    ///
+    /// # Errors
+    /// Why this bench does not take it, in words.
+    fn prepare(&self, order: &Order, text: &str) -> Result<(), String>;
+
+    /// Begins a run that was prepared as soon as the bench is free. Does nothing where the bench
+    /// knows a run of this name.
+    ///
+    /// # Errors
+    /// Why it does not begin, in words.
+    fn begin(&self, order: &Order) -> Result<(), String>;
+
+    /// Forgets what was prepared: the run never began and never will.
+    fn discard(&self, order: &Order);
+
+    /// What became of a run.
+    fn fate(&self, run: &str) -> Fate;
+
+    /// From now on nothing begins on it; what is in work goes on.
+    ///
+    /// # Errors
+    /// Why it is not held, in words.
+    fn hold(&self, by: &str, why: &str) -> Result<(), String>;
+
+    /// Takes back a hold of the fleet. A hold by its own server stays, as does a latch.
+    ///
+    /// # Errors
+    /// Why it stays held, in words.
+    fn release(&self, by: &str, why: &str) -> Result<(), String>;
+
+    /// Stops the bench and reads its outputs back; the report in JSON has at least `verified`.
+    fn stop<'a>(&'a self, by: &'a str) -> BoxFuture<'a, serde_json::Value>;
+
+    /// Writes down who did what to this bench through the fleet.
+    fn audit(&self, who: &str, what: &str, outcome: &str);
+}

@@ -1,0 +1,270 @@
+//! The work of one bench in the fleet: it signs on, follows orders, goes on with what it has, and
+//! takes work when it is free.
+
+mod obey;
+mod post;
+mod report;
+mod shared;
+mod take;
+
+use std::sync::Arc;
+
+use futures_util::StreamExt;
+use instruments_link::clock;
+use serde::Serialize;
+
+use crate::{
+    error::FleetError,
+    intent::Desk,
+    job::{Holder, Place},
+    local::{BenchState, Condition, LocalBench, Reading},
+    record::{BenchAnswer, BenchRecord, Question},
+    standing::Standing,
+};
+use obey::Obedience;
+use post::Post;
+pub(crate) use shared::Shared;
+
+/// Time between two looks of a bench, s. A job begins at most so late, which is little beside the
+/// minutes of a run.
+const LOOK_S: f64 = 0.25;
+/// Time between two samples of telemetry of a bench that runs, s.
+const TELEMETRY_S: f64 = 10.0;
+
+/// Something that happened on a bench, for the stream of events.
+#[derive(Debug, Serialize)]
+struct Happened<'a> {
+    unix_s: f64,
+    #[serde(flatten)]
+    place: &'a Place,
+    what: &'a str,
+    state: Option<BenchState>,
+    job: Option<&'a str>,
+    words: &'a str,
+}
+
+/// A bench that runs, for the stream of telemetry.
+#[derive(Debug, Serialize)]
+struct Sample<'a> {
+    unix_s: f64,
+    #[serde(flatten)]
+    place: &'a Place,
+    run: Option<&'a str>,
+    #[serde(flatten)]
+    reading: &'a Reading,
+}
+
+/// One bench at work.
+pub(crate) struct Member {
+    shared: Arc<Shared>,
+    bench: Arc<dyn LocalBench>,
+    me: Holder,
+    desk: Desk,
+    obedience: Arc<Obedience>,
+    post: Post,
+    rhythm: Rhythm,
+}
+
+/// What comes seldom.
+#[derive(Debug, Default)]
+struct Rhythm {
+    /// When telemetry was sent last, s.
+    telemetry_s: f64,
+    /// When claims of others were looked at last, s.
+    claims_s: f64,
+    /// Among so many of the oldest jobs one is chosen: more after each job that another bench was
+    /// faster to take.
+    window: usize,
+}
+
+impl Member {
+    /// A bench that has not yet signed on.
+    ///
+    /// # Errors
+    /// A folder that cannot be made.
+    pub(crate) fn new(
+        shared: &Arc<Shared>,
+        bench: &Arc<dyn LocalBench>,
+    ) -> Result<Self, FleetError> {
+        let place = Place::new(&shared.site, &bench.name());
+        let desk = Desk::of(&shared.folder, &place.bench)?;
+        let me = Holder {
+            place,
+            nonce: shared.nonce.clone(),
+        };
+        Ok(Self {
+            obedience: Arc::new(Obedience::new(bench, &desk)),
+            post: Post::new(shared),
+            shared: shared.clone(),
+            bench: bench.clone(),
+            me,
+            desk,
+            rhythm: Rhythm::default(),
+        })
+    }
+
+    /// What answers questions and stops, beside the work.
+    pub(crate) fn obedience(&self) -> Arc<Obedience> {
+        self.obedience.clone()
+    }
+
+    /// Works for ever.
+    pub(crate) async fn work(mut self) {
+        let mut told = None;
+        loop {
+            let trouble = self.look().await.err();
+            // A broker that is away is told by the connection; a disk or a record is told here, once.
+            let news = trouble.filter(|error| !matches!(error, FleetError::Unreachable(_)));
+            if let Some(error) = news.as_ref().filter(|error| told.as_ref() != Some(*error)) {
+                tracing::error!("fleet: {}: nothing is taken: {error}", self.me.place);
+            }
+            told = news;
+            self.shared.link.clock.sleep_s(LOOK_S).await;
+        }
+    }
+
+    async fn look(&mut self) -> Result<(), FleetError> {
+        if !self.shared.link.is_connected() || !self.shared.orders.is_whole() {
+            return Ok(());
+        }
+        self.obedience.follow(&self.standing()).await?;
+        let condition = self.bench.condition();
+        let is_signed_on = self.tell(&condition).await?;
+        self.go_on().await?;
+        if !is_signed_on || !self.shared.jobs.is_whole() {
+            return Ok(());
+        }
+        self.return_claims().await;
+        if condition.free && self.standing().lets_work() {
+            self.take().await?;
+        }
+        Ok(())
+    }
+
+    fn standing(&self) -> Standing {
+        let seen = self.shared.orders.get(&self.me.place.key());
+        seen.map(|seen| seen.value).unwrap_or_default()
+    }
+
+    /// Tells how the bench is, where that is due; whether it is signed on.
+    async fn tell(&mut self, condition: &Condition) -> Result<bool, FleetError> {
+        let record = record(&self.shared, &self.obedience, condition);
+        let before = self.post.told_state();
+        let is_signed_on = self.post.tell(&record).await?;
+        if before != self.post.told_state() {
+            let words = condition.trip.clone().or_else(|| condition.held.clone());
+            let what = match condition.trip {
+                Some(_) => "trip",
+                None => "state",
+            };
+            self.happened(what, None, &words.unwrap_or_default()).await;
+        }
+        self.sample(condition).await;
+        Ok(is_signed_on)
+    }
+
+    async fn sample(&mut self, condition: &Condition) {
+        let now_s = self.shared.link.clock.now_s();
+        let Some(reading) = &condition.reading else {
+            return;
+        };
+        if now_s - self.rhythm.telemetry_s < TELEMETRY_S {
+            return;
+        }
+        self.rhythm.telemetry_s = now_s;
+        let sample = Sample {
+            unix_s: clock::unix_time_s(),
+            place: &self.me.place,
+            run: condition.run.as_deref(),
+            reading,
+        };
+        self.shared
+            .link
+            .publish("telemetry", &self.me.place, &sample)
+            .await;
+    }
+
+    async fn happened(&self, what: &str, job: Option<&str>, words: &str) {
+        let event = Happened {
+            unix_s: clock::unix_time_s(),
+            place: &self.me.place,
+            what,
+            state: self.post.told_state(),
+            job,
+            words,
+        };
+        self.shared
+            .link
+            .publish("event", &self.me.place, &event)
+            .await;
+    }
+}
+
+/// A bench as it tells of itself now.
+fn record(shared: &Shared, obedience: &Obedience, condition: &Condition) -> BenchRecord {
+    let bench = obedience.bench();
+    let place = Place::new(&shared.site, &bench.name());
+    let standing = shared.orders.get(&place.key()).map(|seen| seen.value);
+    let standing = standing.unwrap_or_default();
+    let said = standing.hold.as_ref().or(standing.stop.as_ref());
+    let held = condition.held.clone();
+    BenchRecord {
+        held: held.or_else(|| said.map(|said| format!("{} (fleet: {})", said.why, said.by))),
+        draining: standing.drain.is_some(),
+        job: obedience.jobs().into_iter().next(),
+        nonce: shared.nonce.clone(),
+        home: shared.home.clone(),
+        capabilities: bench.capabilities(),
+        state: match condition.state {
+            BenchState::Idle if said.is_some() => BenchState::Held,
+            state => state,
+        },
+        run: condition.run.clone(),
+        left_s: condition.left_s,
+        verified: condition.verified,
+        lease_s: shared.lease_s,
+        left: false,
+        place,
+    }
+}
+
+/// Answers questions to a bench for ever.
+pub(crate) async fn listen(shared: Arc<Shared>, obedience: Arc<Obedience>) {
+    let place = Place::new(&shared.site, &obedience.bench().name());
+    loop {
+        if let Ok(mut questions) = shared.link.listen(&place).await {
+            while let Some(message) = questions.next().await {
+                let (shared, obedience) = (shared.clone(), obedience.clone());
+                // A stop must not wait for the answer to another question.
+                tokio::spawn(async move { answer(&shared, &obedience, &message).await });
+            }
+        }
+        shared.link.clock.sleep_s(LOOK_S).await;
+    }
+}
+
+async fn answer(shared: &Shared, obedience: &Obedience, message: &async_nats::Message) {
+    let Ok(question) = serde_json::from_slice::<Question>(&message.payload) else {
+        return;
+    };
+    let report = match question {
+        Question::Stop(said) => Some(obedience.stop(&said).await),
+        Question::Look => None,
+    };
+    let place = Place::new(&shared.site, &obedience.bench().name());
+    let followed = match shared.link.standing(&place).await {
+        Ok(standing) => obedience.follow(&standing.value).await,
+        Err(error) => Err(error),
+    };
+    if let Err(error) = followed {
+        tracing::warn!("fleet: {place}: {error}");
+    }
+    let record = record(shared, obedience, &obedience.bench().condition());
+    let jobs = obedience.jobs();
+    let answer = BenchAnswer {
+        record,
+        jobs,
+        report,
+    };
+    shared.link.answer(message, &answer).await;
+}

@@ -1,0 +1,160 @@
+//! The sign of life of a bench. One process at a time is signed on under the name of a bench.
+
+use std::sync::Arc;
+
+use super::shared::Shared;
+use crate::{
+    error::FleetError,
+    link::{Stored, Swap},
+    local::BenchState,
+    record::BenchRecord,
+};
+
+/// So many heartbeats come within the lease: two may be lost.
+const BEATS: f64 = 3.0;
+/// A bench that changes all the time tells it so often at most, s.
+const CHANGE_S: f64 = 0.5;
+
+/// The place of a bench in the list of the fleet.
+pub(super) struct Post {
+    shared: Arc<Shared>,
+    /// Revision of the own record, once signed on.
+    revision: Option<u64>,
+    told: Option<BenchRecord>,
+    told_s: f64,
+    rival: Option<Rival>,
+    /// Another process has taken the name: the data folder is none of this process alone.
+    is_displaced: bool,
+}
+
+/// Another process under the same name.
+struct Rival {
+    revision: u64,
+    since_s: f64,
+}
+
+impl Post {
+    /// Not yet signed on.
+    pub(super) fn new(shared: &Arc<Shared>) -> Self {
+        Self {
+            shared: shared.clone(),
+            revision: None,
+            told: None,
+            told_s: f64::NEG_INFINITY,
+            rival: None,
+            is_displaced: false,
+        }
+    }
+
+    /// State that was told last.
+    pub(super) fn told_state(&self) -> Option<BenchState> {
+        self.told.as_ref().map(|told| told.state)
+    }
+
+    /// Tells how the bench is, where that is due; whether it is signed on.
+    ///
+    /// # Errors
+    /// A broker that does not answer.
+    pub(super) async fn tell(&mut self, record: &BenchRecord) -> Result<bool, FleetError> {
+        let now_s = self.shared.link.clock.now_s();
+        let age_s = now_s - self.told_s;
+        let is_due = age_s >= self.shared.lease_s / BEATS
+            || (age_s >= CHANGE_S && self.told.as_ref().is_none_or(|told| changed(told, record)));
+        match self.revision {
+            Some(_) if !is_due => Ok(true),
+            Some(revision) => self.write(record, revision).await,
+            None => self.sign_on(record).await,
+        }
+    }
+
+    /// Shows that this process is still the one of the bench.
+    ///
+    /// # Errors
+    /// As [`Self::tell`].
+    pub(super) async fn prove(&mut self) -> Result<bool, FleetError> {
+        match (self.told.clone(), self.revision) {
+            (Some(record), Some(revision)) => self.write(&record, revision).await,
+            _ => Ok(false),
+        }
+    }
+
+    async fn write(&mut self, record: &BenchRecord, revision: u64) -> Result<bool, FleetError> {
+        let benches = &self.shared.link.benches;
+        let key = record.place.key();
+        if let Swap::Written(revision) = benches.swap(&key, record, revision).await? {
+            self.signed_on(record, revision);
+            return Ok(true);
+        }
+        let found = benches.get::<BenchRecord>(&key).await?;
+        if let Some(found) = found.filter(|found| found.value.nonce == self.shared.nonce) {
+            // The answer to an earlier heartbeat was lost.
+            self.revision = Some(found.revision);
+            return Ok(true);
+        }
+        tracing::error!(
+            "fleet: {}: another process has signed on under this name: nothing more is taken",
+            record.place
+        );
+        (self.revision, self.is_displaced) = (None, true);
+        Ok(false)
+    }
+
+    fn signed_on(&mut self, record: &BenchRecord, revision: u64) {
+        if self.revision.is_none() {
+            tracing::info!("fleet: {} is signed on", record.place);
+        }
+        self.revision = Some(revision);
+        self.told = Some(record.clone());
+        self.told_s = self.shared.link.clock.now_s();
+        self.rival = None;
+    }
+
+    async fn sign_on(&mut self, record: &BenchRecord) -> Result<bool, FleetError> {
+        let key = record.place.key();
+        let found = self.shared.link.benches.get::<BenchRecord>(&key).await?;
+        match found {
+            Some(found) if !self.may_follow(&found) => Ok(false),
+            found => {
+                let revision = found.map_or(0, |found| found.revision);
+                self.write(record, revision).await
+            }
+        }
+    }
+
+    /// Whether the process that is signed on has ended: it has signed off, it had this data folder,
+    /// or its heartbeat has not moved for the lease time.
+    fn may_follow(&mut self, found: &Stored<BenchRecord>) -> bool {
+        let (shared, other) = (&self.shared, &found.value);
+        let had_this_folder = other.home == shared.home && !self.is_displaced;
+        if other.left || other.nonce == shared.nonce || had_this_folder {
+            return true;
+        }
+        let now_s = shared.link.clock.now_s();
+        let rival = self.rival.as_ref();
+        let since_s = rival.filter(|rival| rival.revision == found.revision);
+        let Some(since_s) = since_s.map(|rival| rival.since_s) else {
+            if self.rival.is_some() {
+                tracing::error!(
+                    "fleet: {}: expected a name that no other daemon has, found one that is signed \
+                    on: nothing is taken; give this site or bench another name",
+                    other.place
+                );
+            }
+            self.rival = Some(Rival {
+                revision: found.revision,
+                since_s: now_s,
+            });
+            return false;
+        };
+        now_s - since_s > shared.lease_s.max(other.lease_s)
+    }
+}
+
+/// Whether something changed that others should know at once; time runs on anyway.
+fn changed(told: &BenchRecord, now: &BenchRecord) -> bool {
+    let timeless = |record: &BenchRecord| BenchRecord {
+        left_s: None,
+        ..record.clone()
+    };
+    timeless(told) != timeless(now)
+}

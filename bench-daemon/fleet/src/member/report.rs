@@ -1,0 +1,197 @@
+//! Goes on with the jobs that a bench has, after a restart too, and reports their ends. The intents
+//! on this disk say which they are; what the broker says decides whether one may begin.
+
+use super::{Member, shared::aside};
+use crate::{
+    error::FleetError,
+    intent::Intent,
+    job::{Job, JobState},
+    link::{Stored, Swap, Write},
+    local::{End, Fate},
+};
+
+impl Member {
+    /// Looks at every job that the bench has.
+    pub(super) async fn go_on(&mut self) -> Result<(), FleetError> {
+        let intents = self.desk.all()?;
+        let names = intents.iter().map(|intent| intent.job.clone());
+        self.obedience.has(names.collect());
+        for intent in intents {
+            let run = intent.run.clone();
+            match aside(&self.bench, move |bench| bench.fate(&run)).await? {
+                Fate::Going if !intent.begun => self.mark_begun(&intent)?,
+                Fate::Going => {}
+                Fate::Ended(end) => self.report(&intent, &end).await?,
+                Fate::Unknown if intent.begun => {
+                    let words = "it was taken out of the queue of its bench".to_owned();
+                    let end = End {
+                        finished: false,
+                        words,
+                        run_sha256: None,
+                    };
+                    self.report(&intent, &end).await?;
+                }
+                Fate::Unknown => self.begin_or_drop(&intent).await?,
+            }
+        }
+        Ok(())
+    }
+
+    fn mark_begun(&self, intent: &Intent) -> Result<(), FleetError> {
+        self.desk.keep(&Intent {
+            begun: true,
+            ..intent.clone()
+        })
+    }
+
+    /// A run that is prepared and was not begun: it begins only where the broker says that it is this
+    /// bench's.
+    async fn begin_or_drop(&mut self, intent: &Intent) -> Result<(), FleetError> {
+        let found = self.shared.link.job(&intent.job).await?;
+        let ours = found.filter(|found| self.is_ours(&found.value, intent));
+        match ours {
+            Some(found) if found.value.state == JobState::Started => self.begin(intent).await,
+            // The process that claimed it died before it could start it.
+            Some(found) if found.value.state == JobState::Claimed => {
+                let words = format!("{} died before it began", self.me.place);
+                self.put_back(&found, words).await
+            }
+            _ => {
+                self.discard(intent).await;
+                Ok(())
+            }
+        }
+    }
+
+    /// Begins a run that is started by the broker's word.
+    pub(super) async fn begin(&mut self, intent: &Intent) -> Result<(), FleetError> {
+        let order = intent.order();
+        let begun = aside(&self.bench, move |bench| bench.begin(&order)).await?;
+        let (who, what) = (
+            format!("fleet: {}", intent.by),
+            format!("fleet begin {} as {}", intent.job, intent.run),
+        );
+        let outcome = begun.clone().err().unwrap_or_else(|| "begun".to_owned());
+        aside(&self.bench, move |bench| bench.audit(&who, &what, &outcome)).await?;
+        match begun {
+            Ok(()) => {
+                self.mark_begun(intent)?;
+                self.happened("started", Some(&intent.job), &intent.run)
+                    .await;
+                Ok(())
+            }
+            Err(words) => {
+                let end = End {
+                    finished: false,
+                    words: format!("it did not begin: {words}"),
+                    run_sha256: None,
+                };
+                self.report(intent, &end).await
+            }
+        }
+    }
+
+    /// Forgets what was prepared and never began.
+    pub(super) async fn discard(&self, intent: &Intent) {
+        let order = intent.order();
+        if let Err(error) = aside(&self.bench, move |bench| bench.discard(&order)).await {
+            tracing::error!("fleet: {error}");
+        }
+        self.desk.drop(&intent.job);
+    }
+
+    fn is_ours(&self, job: &Job, intent: &Intent) -> bool {
+        let holder = job.holder.as_ref();
+        job.turn == intent.turn && holder.is_some_and(|holder| holder.place == self.me.place)
+    }
+
+    /// Writes down how a run has ended; the intent stays until that is done.
+    async fn report(&self, intent: &Intent, end: &End) -> Result<(), FleetError> {
+        let found = self.shared.link.job(&intent.job).await?;
+        let Some(found) = found else {
+            self.desk.drop(&intent.job);
+            return Ok(());
+        };
+        if !self.is_ours(&found.value, intent) {
+            return self.report_conflict(intent, &found, end).await;
+        }
+        let (state, job) = (found.value.state, &intent.job);
+        if state == JobState::Started {
+            let next = found.value.over(end);
+            let swap = self.shared.link.jobs.swap(job, &next, found.revision);
+            if swap.await? == Swap::Lost {
+                return Ok(());
+            }
+            let what = if end.finished { "done" } else { "failed" };
+            self.happened(what, Some(job), &end.words).await;
+        }
+        self.desk.drop(job);
+        Ok(())
+    }
+
+    /// A person has put the job back, and this bench has run it all the same.
+    async fn report_conflict(
+        &self,
+        intent: &Intent,
+        found: &Stored<Job>,
+        end: &End,
+    ) -> Result<(), FleetError> {
+        let words = format!(
+            "{} ran it too, as {} ({}): it was put back while that bench was not heard",
+            self.me.place, intent.run, end.words
+        );
+        tracing::error!("fleet: {}: {words}", intent.job);
+        let next = Job {
+            words: words.clone(),
+            ..found.value.clone()
+        };
+        let jobs = &self.shared.link.jobs;
+        if jobs.swap(&intent.job, &next, found.revision).await? == Swap::Lost {
+            return Ok(());
+        }
+        self.happened("conflict", Some(&intent.job), &words).await;
+        self.desk.drop(&intent.job);
+        Ok(())
+    }
+
+    /// Puts a claim back into the queue; whoever was faster is right.
+    pub(super) async fn put_back(
+        &self,
+        found: &Stored<Job>,
+        words: String,
+    ) -> Result<(), FleetError> {
+        let (job, next) = (&found.value.job, found.value.returned(words));
+        let jobs = &self.shared.link.jobs;
+        jobs.swap(job, &next, found.revision).await.map(drop)
+    }
+
+    /// Starts a claimed job, once the intent is on disk. Until the broker's word is known this waits:
+    /// no run begins on doubt.
+    pub(super) async fn start(
+        &mut self,
+        claimed: &Stored<Job>,
+        intent: &Intent,
+    ) -> Result<(), FleetError> {
+        self.desk.keep(intent)?;
+        self.obedience.has(vec![intent.job.clone()]);
+        let write = Write {
+            bucket: &self.shared.link.jobs,
+            key: &intent.job,
+            value: &claimed.value.started(),
+            revision: claimed.revision,
+        };
+        let (me, turn) = (self.me.clone(), intent.turn);
+        let mine = |job: &Job| {
+            let started = job.state == JobState::Started && job.turn == turn;
+            started && job.holder.as_ref() == Some(&me)
+        };
+        match self.shared.link.swap_surely(write, mine).await {
+            Swap::Written(_) => self.begin(intent).await,
+            Swap::Lost => {
+                self.discard(intent).await;
+                self.obedience.has(Vec::new());
+                Ok(())
+            }
+        }
+    }
+}

@@ -1,0 +1,38 @@
+//! What the benches of a daemon share.
+
+use std::{path::PathBuf, sync::Arc};
+
+use crate::{
+    error::FleetError, job::Job, link::Link, local::LocalBench, standing::Standing,
+    watched::Watched,
+};
+
+/// What the benches of a daemon share.
+pub(crate) struct Shared {
+    /// The broker.
+    pub(crate) link: Arc<Link>,
+    /// Jobs as they were seen.
+    pub(crate) jobs: Arc<Watched<Job>>,
+    /// Standing orders as they were seen.
+    pub(crate) orders: Arc<Watched<Standing>>,
+    /// A claim that has stood unchanged for so long is taken back, s.
+    pub(crate) lease_s: f64,
+    /// The site.
+    pub(crate) site: String,
+    /// Number of this process.
+    pub(crate) nonce: String,
+    /// Number of this data folder: a process that owns it follows one that has ended.
+    pub(crate) home: String,
+    /// The fleet's part of the data folder.
+    pub(crate) folder: PathBuf,
+}
+
+/// Work that waits for a disk, on a thread for that.
+pub(super) async fn aside<T: Send + 'static>(
+    bench: &Arc<dyn LocalBench>,
+    work: impl FnOnce(&dyn LocalBench) -> T + Send + 'static,
+) -> Result<T, FleetError> {
+    let bench = bench.clone();
+    let done = tokio::task::spawn_blocking(move || work(bench.as_ref())).await;
+    done.map_err(|error| FleetError::File(error.to_string()))
+}

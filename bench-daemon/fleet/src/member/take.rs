@@ -1,0 +1,151 @@
+//! Takes work from the queue: claim, check, start. Claims that nobody goes on with are put back.
+
+use super::{Member, shared::aside};
+use crate::{
+    error::FleetError,
+    intent::Intent,
+    job::{Job, JobState},
+    link::{Stored, Swap},
+    local::LocalBench,
+    watched::Seen,
+};
+
+/// Most jobs among which one is chosen: as many as a large fleet has benches.
+const MOST_WINDOW: usize = 256;
+
+impl Member {
+    /// Takes a job where one fits.
+    pub(super) async fn take(&mut self) -> Result<(), FleetError> {
+        let Some(seen) = self.choose() else {
+            return Ok(());
+        };
+        let claimed = seen.value.claimed(&self.me);
+        let jobs = &self.shared.link.jobs;
+        let Swap::Written(revision) = jobs.swap(&claimed.job, &claimed, seen.revision).await?
+        else {
+            // Another bench was faster: next time one of more.
+            self.rhythm.window = (2 * self.rhythm.window).clamp(2, MOST_WINDOW);
+            return Ok(());
+        };
+        self.rhythm.window = 1;
+        let claimed = Stored {
+            revision,
+            value: claimed,
+            broker_unix_s: seen.broker_unix_s,
+        };
+        self.prepare(claimed).await
+    }
+
+    /// One of the oldest jobs that fit; none while any job stands at this bench.
+    fn choose(&self) -> Option<Seen<Job>> {
+        let can = self.bench.capabilities();
+        let place = &self.me.place;
+        let window = self.rhythm.window.max(1);
+        let mut fit = self.shared.jobs.with(|jobs| {
+            if jobs.values().any(|seen| seen.value.is_at(place)) {
+                return Vec::new();
+            }
+            let queued = jobs
+                .values()
+                .filter(|seen| seen.value.state == JobState::Queued);
+            let fit = queued.filter(|seen| seen.value.unfit(place, &can).is_none());
+            fit.take(window).cloned().collect()
+        });
+        if !self.desk.all().ok()?.is_empty() || fit.is_empty() {
+            return None;
+        }
+        let index = chance(fit.len());
+        Some(fit.swap_remove(index))
+    }
+
+    async fn prepare(&mut self, claimed: Stored<Job>) -> Result<(), FleetError> {
+        let job = &claimed.value;
+        let texts = &self.shared.link.texts;
+        let Some(text) = texts.get::<String>(&job.text_sha256).await? else {
+            return self.refuse(&claimed, "its text is not there").await;
+        };
+        let intent = self.intent(job);
+        let order = intent.order();
+        let check = move |bench: &dyn LocalBench| bench.prepare(&order, &text.value);
+        if let Err(words) = aside(&self.bench, check).await? {
+            return self.refuse(&claimed, &words).await;
+        }
+        // What was said meanwhile counts, and so does another process under this name.
+        let standing = self.shared.link.standing(&self.me.place).await?;
+        let is_free = self.bench.condition().free && standing.value.lets_work();
+        if !is_free || !self.post.prove().await? {
+            let order = intent.order();
+            aside(&self.bench, move |bench| bench.discard(&order)).await?;
+            let words = format!("{} is not free any more", self.me.place);
+            return self.put_back(&claimed, words).await;
+        }
+        self.start(&claimed, &intent).await
+    }
+
+    fn intent(&self, job: &Job) -> Intent {
+        Intent {
+            job: job.job.clone(),
+            turn: job.turn,
+            run: job.run_name(),
+            name: job.name.clone(),
+            seed: job.seed,
+            by: job.asked.by.clone(),
+            bench: self.me.place.bench.clone(),
+            begun: false,
+        }
+    }
+
+    /// The check of this bench has refused a job: another bench may take it.
+    async fn refuse(&self, claimed: &Stored<Job>, words: &str) -> Result<(), FleetError> {
+        let place = self.me.place.to_string();
+        let mut next = claimed
+            .value
+            .returned(format!("{place} does not take it: {words}"));
+        next.refused.insert(place, words.to_owned());
+        let jobs = &self.shared.link.jobs;
+        jobs.swap(&next.job, &next, claimed.revision).await?;
+        self.happened("refused", Some(&next.job), words).await;
+        Ok(())
+    }
+
+    /// Puts claims back that nobody goes on with: those of this bench that it does not work on, and
+    /// those of others that have stood unchanged for the lease time.
+    pub(super) async fn return_claims(&mut self) {
+        let now_s = self.shared.link.clock.now_s();
+        let lease_s = self.shared.lease_s;
+        if now_s - self.rhythm.claims_s < lease_s / 4.0 {
+            return;
+        }
+        // Not all benches at once.
+        self.rhythm.claims_s = now_s + lease_s / 8.0 * chance(100) as f64 / 100.0;
+        let place = &self.me.place;
+        let left = |seen: &Seen<Job>| {
+            let is_claimed = seen.value.state == JobState::Claimed;
+            is_claimed && (seen.value.is_at(place) || now_s - seen.since_s > lease_s)
+        };
+        let claims: Vec<Seen<Job>> = self.shared.jobs.with(|jobs| {
+            let claims = jobs.values().filter(|seen| left(seen));
+            claims.cloned().collect()
+        });
+        for seen in claims {
+            let at = seen.value.holder.as_ref().map(|at| at.place.to_string());
+            let words = format!("{} did not go on with it", at.unwrap_or_default());
+            let found = Stored {
+                revision: seen.revision,
+                value: seen.value,
+                broker_unix_s: seen.broker_unix_s,
+            };
+            if let Err(error) = self.put_back(&found, words).await {
+                tracing::debug!("fleet: {error}");
+            }
+        }
+    }
+}
+
+/// A number below another.
+fn chance(below: usize) -> usize {
+    let mut bytes = [0_u8; 8];
+    // Without chance the first one is as good as any.
+    let _ = getrandom::fill(&mut bytes);
+    (u64::from_le_bytes(bytes) % below.max(1) as u64) as usize
+}

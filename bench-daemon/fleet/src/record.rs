@@ -1,0 +1,62 @@
+//! What a bench tells of itself to the fleet, and how it is asked.
+
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    job::Place,
+    local::{BenchState, Capabilities},
+    standing::Said,
+};
+
+/// What a bench tells of itself.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(crate) struct BenchRecord {
+    /// The bench.
+    #[serde(flatten)]
+    pub(crate) place: Place,
+    /// Number of its process.
+    pub(crate) nonce: String,
+    /// Number of its data folder.
+    pub(crate) home: String,
+    /// Its properties.
+    pub(crate) capabilities: Capabilities,
+    /// Its state.
+    pub(crate) state: BenchState,
+    /// Why nothing is begun on it.
+    pub(crate) held: Option<String>,
+    /// It takes no further job.
+    pub(crate) draining: bool,
+    /// The run in work.
+    pub(crate) run: Option<String>,
+    /// The job that it has.
+    pub(crate) job: Option<String>,
+    /// Time left of the run, s.
+    pub(crate) left_s: Option<f64>,
+    /// Every output is known to be off; none while a run is in work.
+    pub(crate) verified: Option<bool>,
+    /// Heartbeats come three times in so long, s.
+    pub(crate) lease_s: f64,
+    /// Its process has signed off.
+    pub(crate) left: bool,
+}
+
+/// A question to a bench.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Question {
+    /// How it is; it looks at its standing orders first.
+    Look,
+    /// To stop now.
+    Stop(Said),
+}
+
+/// The answer of a bench.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(crate) struct BenchAnswer {
+    /// The bench as it is.
+    pub(crate) record: BenchRecord,
+    /// Jobs that it has begun or is about to begin.
+    pub(crate) jobs: Vec<String>,
+    /// Report of a stop.
+    pub(crate) report: Option<serde_json::Value>,
+}

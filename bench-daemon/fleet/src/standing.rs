@@ -1,0 +1,108 @@
+//! Standing orders to a bench: hold, drain and stop. They are kept by the broker, so that a bench
+//! that is cut off follows them as soon as it hears. Nothing here can clear a latch, raise a limit or
+//! change a file.
+
+use serde::{Deserialize, Serialize};
+
+/// Something that a person said to a bench.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Said {
+    /// Its number.
+    pub id: String,
+    /// Who.
+    pub by: String,
+    /// Why.
+    pub why: String,
+    /// When by their machine's calendar, s since 1970. Told, and never compared.
+    pub unix_s: f64,
+}
+
+/// Kind of an order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum OrderKind {
+    /// Nothing begins; what is in work goes on.
+    Hold,
+    /// No further job is taken; what the bench has goes on.
+    Drain,
+    /// What runs ends now, in safe state, and nothing begins behind it.
+    Stop,
+    /// The fleet's hold, drain and stop are taken back.
+    Release,
+}
+
+impl OrderKind {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Hold => "hold",
+            Self::Drain => "drain",
+            Self::Stop => "stop",
+            Self::Release => "release",
+        }
+    }
+}
+
+/// All that stands for a bench.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Standing {
+    /// It is held.
+    pub hold: Option<Said>,
+    /// It takes no further job.
+    pub drain: Option<Said>,
+    /// The latest stop that nobody has taken back.
+    pub stop: Option<Said>,
+    /// The latest release.
+    pub release: Option<Said>,
+}
+
+impl Standing {
+    /// The same after one more order.
+    #[must_use]
+    pub fn with(&self, kind: OrderKind, said: Said) -> Self {
+        let mut next = self.clone();
+        match kind {
+            OrderKind::Hold => next.hold = Some(said),
+            OrderKind::Drain => next.drain = Some(said),
+            OrderKind::Stop => next.stop = Some(said),
+            OrderKind::Release => {
+                next = Self {
+                    release: Some(said),
+                    ..Self::default()
+                }
+            }
+        }
+        next
+    }
+
+    /// Whether the bench may take a job.
+    pub fn lets_work(&self) -> bool {
+        self.hold.is_none() && self.drain.is_none() && self.stop.is_none()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn said(id: &str) -> Said {
+        Said {
+            id: id.to_owned(),
+            by: "ann".to_owned(),
+            why: String::new(),
+            unix_s: 0.0,
+        }
+    }
+
+    #[test]
+    fn a_later_order_never_hides_a_stop_and_a_release_takes_all_back() {
+        let standing = Standing::default()
+            .with(OrderKind::Stop, said("1"))
+            .with(OrderKind::Drain, said("2"));
+        assert_eq!(standing.stop, Some(said("1")));
+        assert!(!standing.lets_work());
+        let released = standing.with(OrderKind::Release, said("3"));
+        assert!(released.lets_work() && released.stop.is_none());
+    }
+}

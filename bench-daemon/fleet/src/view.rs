@@ -1,0 +1,336 @@
+//! The fleet as it is shown: benches with what they told last, and jobs.
+
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, Mutex, PoisonError},
+};
+
+use crate::{
+    job::{Job, JobState, Place},
+    link::Link,
+    local::{BenchState, Capabilities},
+    record::BenchRecord,
+    watched::{Seen, Watched},
+};
+
+/// Most jobs of one page.
+pub const MOST_JOBS: usize = 1000;
+
+/// A bench as it is shown.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BenchView {
+    /// The bench.
+    pub place: Place,
+    /// Its state; none where it is silent or has signed off.
+    pub state: Option<BenchState>,
+    /// It takes no further job.
+    pub draining: bool,
+    /// Since when it was not heard, s.
+    pub silent_s: f64,
+    /// The run in work.
+    pub run: Option<String>,
+    /// The job that it has.
+    pub job: Option<String>,
+    /// Time left of the run, s.
+    pub left_s: Option<f64>,
+    /// Its properties.
+    pub capabilities: Capabilities,
+    /// Why nothing is begun on it.
+    pub held: Option<String>,
+    /// Every output is known to be off; none where that is not known.
+    pub verified: Option<bool>,
+}
+
+impl BenchView {
+    /// State in one word, as the API names it.
+    pub fn state_name(&self) -> &'static str {
+        match self.state {
+            None => "silent",
+            Some(BenchState::Latched) => "latched",
+            Some(BenchState::Asking) => "asking",
+            Some(BenchState::Running) => "running",
+            Some(BenchState::Held) => "held",
+            Some(BenchState::Idle) if self.draining => "draining",
+            Some(BenchState::Idle) => "idle",
+        }
+    }
+}
+
+/// Numbers of jobs by state.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct JobCounts {
+    /// By [`JobState::ALL`].
+    pub by_state: [usize; 6],
+    /// Of those that are started: their bench is silent, or knows nothing of them.
+    pub lost: usize,
+}
+
+impl JobCounts {
+    /// Number of jobs in a state; those that are lost are told apart from those that are started.
+    pub fn of(&self, state: JobState) -> usize {
+        let index = JobState::ALL.iter().position(|one| *one == state);
+        let count = index.map_or(0, |index| self.by_state[index]);
+        match state {
+            JobState::Started => count - self.lost,
+            _ => count,
+        }
+    }
+}
+
+/// The fleet as it is shown.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FleetView {
+    /// Its name.
+    pub fleet: String,
+    /// The broker is there.
+    pub connected: bool,
+    /// When the broker took the latest change of a bench, s since 1970 by its calendar.
+    pub changed_unix_s: f64,
+    /// Its benches.
+    pub benches: Vec<BenchView>,
+    /// Numbers of jobs.
+    pub jobs: JobCounts,
+    /// Jobs that wait and that no bench of the fleet can take, with the reason.
+    pub stranded: BTreeMap<String, String>,
+}
+
+impl FleetView {
+    /// A fleet whose broker was not reached yet.
+    pub fn unseen(fleet: &str) -> Self {
+        Self {
+            fleet: fleet.to_owned(),
+            connected: false,
+            changed_unix_s: 0.0,
+            benches: Vec::new(),
+            jobs: JobCounts::default(),
+            stranded: BTreeMap::new(),
+        }
+    }
+}
+
+/// Conditions on jobs.
+#[derive(Debug, Clone, Default)]
+pub struct JobFilter {
+    /// In this state; `lost` is one too.
+    pub state: Option<String>,
+    /// Not yet over.
+    pub open: bool,
+    /// Of this campaign.
+    pub campaign: Option<String>,
+    /// After this job.
+    pub after: Option<String>,
+    /// At most so many.
+    pub most: usize,
+}
+
+/// A job as it is shown.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JobView {
+    /// The job.
+    pub job: Job,
+    /// Its bench is silent, or knows nothing of it.
+    pub is_lost: bool,
+}
+
+impl JobView {
+    /// Its state in one word, as the API names it.
+    pub fn state_name(&self) -> &'static str {
+        if self.is_lost {
+            "lost"
+        } else {
+            self.job.state.name()
+        }
+    }
+}
+
+/// A page of jobs.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct JobPage {
+    /// In the order of the queue.
+    pub jobs: Vec<JobView>,
+    /// The last of them, where there are more.
+    pub after: Option<String>,
+}
+
+/// Whoever sees the fleet.
+pub struct Seer {
+    link: Arc<Link>,
+    fleet: String,
+    jobs: Arc<Watched<Job>>,
+    benches: Arc<Watched<BenchRecord>>,
+    /// Benches that did not answer when they were asked.
+    silent: Mutex<Vec<Place>>,
+}
+
+impl Seer {
+    /// Sees nothing yet; jobs are followed by somebody else.
+    pub(crate) fn of(link: &Arc<Link>, fleet: &str, jobs: &Arc<Watched<Job>>) -> Arc<Self> {
+        Arc::new(Self {
+            link: link.clone(),
+            fleet: fleet.to_owned(),
+            jobs: jobs.clone(),
+            benches: Watched::keeping(|_| true),
+            silent: Mutex::default(),
+        })
+    }
+
+    /// Follows the benches for ever.
+    pub(crate) async fn follow(self: Arc<Self>) {
+        let (link, bucket) = (self.link.clone(), self.link.benches.clone());
+        self.benches.clone().follow(link, bucket).await;
+    }
+
+    /// Whether every job and bench was seen.
+    pub fn is_whole(&self) -> bool {
+        self.jobs.is_whole() && self.benches.is_whole()
+    }
+
+    /// Says which benches did not answer when they were asked: they count as silent from now on.
+    pub fn silence(&self, silent: Vec<Place>) {
+        *self.silent.lock().unwrap_or_else(PoisonError::into_inner) = silent;
+    }
+
+    /// All benches that ever signed on.
+    pub fn places(&self) -> Vec<Place> {
+        self.benches
+            .with(|all| all.values().map(|seen| seen.value.place.clone()).collect())
+    }
+
+    /// The fleet as it is now.
+    pub fn view(&self) -> FleetView {
+        let benches = self.bench_views();
+        let mut counts = JobCounts::default();
+        let mut stranded = BTreeMap::new();
+        self.jobs.with(|jobs| {
+            for seen in jobs.values() {
+                let job = &seen.value;
+                let state = JobState::ALL.iter().position(|one| *one == job.state);
+                counts.by_state[state.unwrap_or_default()] += 1;
+                counts.lost += usize::from(self.is_lost(seen, &benches));
+                if let Some(why) = stranded_by(job, &benches) {
+                    stranded.insert(job.job.clone(), why);
+                }
+            }
+        });
+        let changed = self.benches.with(|all| {
+            let times = all.values().map(|seen| seen.broker_unix_s);
+            times.fold(0.0, f64::max)
+        });
+        FleetView {
+            fleet: self.fleet.clone(),
+            connected: self.link.is_connected(),
+            changed_unix_s: changed,
+            benches,
+            jobs: counts,
+            stranded,
+        }
+    }
+
+    fn bench_views(&self) -> Vec<BenchView> {
+        let now_s = self.link.clock.now_s();
+        let silent = self.silent.lock().unwrap_or_else(PoisonError::into_inner);
+        let view = |seen: &Seen<BenchRecord>| {
+            let is_silent = silent.contains(&seen.value.place);
+            let since_s = if is_silent {
+                f64::NEG_INFINITY
+            } else {
+                seen.since_s
+            };
+            BenchView {
+                silent_s: now_s - seen.since_s,
+                ..shown(seen, now_s - since_s)
+            }
+        };
+        self.benches.with(|all| all.values().map(view).collect())
+    }
+
+    /// Whether nobody goes on with a started job, as far as is seen: its bench is silent, or has told
+    /// of itself since without naming it.
+    fn is_lost(&self, seen: &Seen<Job>, benches: &[BenchView]) -> bool {
+        let job = &seen.value;
+        let (JobState::Started, Some(holder)) = (job.state, &job.holder) else {
+            return false;
+        };
+        let bench = benches.iter().find(|bench| bench.place == holder.place);
+        let Some(bench) = bench else { return true };
+        let lease_s = self.benches.get(&bench.place.key());
+        let lease_s = lease_s.map_or(0.0, |seen| seen.value.lease_s);
+        let is_old = self.link.clock.now_s() - seen.since_s > lease_s;
+        bench.state.is_none() || (is_old && bench.job.as_ref() != Some(&job.job))
+    }
+
+    /// Jobs that meet every condition, a page at a time.
+    pub fn jobs(&self, filter: &JobFilter) -> JobPage {
+        let benches = self.bench_views();
+        let most = filter.most.clamp(1, MOST_JOBS);
+        let mut found: Vec<JobView> = self.jobs.with(|jobs| {
+            let after = filter.after.clone().unwrap_or_default();
+            let later = jobs
+                .range::<String, _>((std::ops::Bound::Excluded(after), std::ops::Bound::Unbounded));
+            let shown = later.map(|(_, seen)| JobView {
+                is_lost: self.is_lost(seen, &benches),
+                job: seen.value.clone(),
+            });
+            let wanted = |view: &JobView| {
+                let campaign = filter.campaign.as_ref();
+                campaign.is_none_or(|name| view.job.campaign.as_ref() == Some(name))
+                    && !(filter.open && view.job.state.is_over())
+                    && (filter.state.as_deref()).is_none_or(|state| view.state_name() == state)
+            };
+            shown.filter(wanted).take(most + 1).collect()
+        });
+        let is_cut = found.len() > most;
+        found.truncate(most);
+        let last = found.last().map(|view| view.job.job.clone());
+        JobPage {
+            jobs: found,
+            after: last.filter(|_| is_cut),
+        }
+    }
+}
+
+/// A bench as it told of itself, so long ago.
+fn shown(seen: &Seen<BenchRecord>, silent_s: f64) -> BenchView {
+    let record = &seen.value;
+    let is_heard = !record.left && silent_s <= record.lease_s;
+    let signed_off = record.left.then(|| "its daemon has signed off".to_owned());
+    BenchView {
+        place: record.place.clone(),
+        state: is_heard.then_some(record.state),
+        draining: record.draining,
+        silent_s,
+        run: record.run.clone(),
+        job: record.job.clone(),
+        left_s: record.left_s,
+        capabilities: record.capabilities.clone(),
+        held: signed_off.or_else(|| record.held.clone()),
+        // What was known before the silence need not be so any more.
+        verified: record.verified.filter(|_| is_heard),
+    }
+}
+
+/// Why no bench of the fleet can take a job that waits; none where one can.
+fn stranded_by(job: &Job, benches: &[BenchView]) -> Option<String> {
+    if job.state != JobState::Queued {
+        return None;
+    }
+    if benches.is_empty() {
+        return Some("no bench has signed on".to_owned());
+    }
+    let mut reasons = Vec::new();
+    for bench in benches {
+        let why = job.unfit(&bench.place, &bench.capabilities)?;
+        reasons.push(format!("{}: {why}", bench.place));
+    }
+    Some(first_of(&reasons))
+}
+
+/// The first reasons, and how many more there are.
+fn first_of(reasons: &[String]) -> String {
+    const TOLD: usize = 3;
+    let told = reasons.iter().take(TOLD).cloned().collect::<Vec<_>>();
+    match reasons.len().saturating_sub(TOLD) {
+        0 => told.join("; "),
+        more => format!("{}; and {more} more", told.join("; ")),
+    }
+}

@@ -1,0 +1,12 @@
+//! The fleet against a real broker: `nats-server` in the PATH. Where it is not there the tests say so
+//! and pass.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "helpers of tests may end a test"
+)]
+
+mod faults;
+mod protocol;
+mod support;

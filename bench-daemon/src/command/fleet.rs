@@ -1,0 +1,220 @@
+//! `eis-bench fleet`: a fleet of benches, seen, given work, held and stopped. A client of the NATS
+//! server; no daemon of the fleet is needed for it.
+
+mod args;
+mod print;
+
+use std::{fs, path::Path};
+
+use bench_fleet::{
+    Client, FleetError, FleetView, Place, Submission,
+    client::{Command, Outcome},
+    standing::OrderKind,
+    view::{JobFilter, JobPage},
+};
+use instruments::clock::{Clock, TimeMode};
+
+use super::printed::say_json;
+use crate::{
+    safety::failure::Failure,
+    serve::{fleet_settings::FleetSection, settings::Settings, submission},
+    support::{account, terminal::say},
+};
+use args::{Act, ConnectArgs, OrderArgs, StopArgs, SubmitArgs};
+
+pub use args::FleetArgs;
+
+/// A fleet that was asked: whoever looks for a moment only cannot observe that a bench is silent.
+struct Asked {
+    view: FleetView,
+    page: JobPage,
+}
+
+/// Shows a fleet, or tells it something.
+///
+/// # Errors
+/// An argument that is not as expected; a NATS server that does not answer; a stop that is not
+/// verified.
+pub fn fleet(args: &FleetArgs) -> Result<(), Failure> {
+    let runtime = Clock::runtime(TimeMode::Real)?;
+    runtime.block_on(act(args))
+}
+
+async fn act(args: &FleetArgs) -> Result<(), Failure> {
+    let section = section(&args.connect)?;
+    let client = Client::connect(&section.open()?).await.map_err(failed)?;
+    match &args.act {
+        Act::Status(filter) => {
+            let asked = ask(&client, &section.name, filter.filter()).await?;
+            if args.json {
+                return say_json(&print::json(&asked.view, &asked.page));
+            }
+            print::status(&asked.view, &asked.page);
+        }
+        Act::Submit(submit) => {
+            let jobs = client
+                .submit(&submission_of(submit)?)
+                .await
+                .map_err(failed)?;
+            if args.json {
+                return say_json(&serde_json::json!({ "jobs": jobs }));
+            }
+            jobs.iter().for_each(|job| say!("{job}"));
+        }
+        Act::Cancel { job } => {
+            client.cancel(job, &by()).await.map_err(failed)?;
+            told(args.json, job, "cancelled")?;
+        }
+        Act::Release(order) if !order.what.contains('/') => {
+            let (job, why) = (&order.what, &order.why);
+            client.release_job(job, &by(), why).await.map_err(failed)?;
+            told(args.json, job, "back in the queue")?;
+        }
+        Act::Release(order) => say_order(&client, OrderKind::Release, order, args.json).await?,
+        Act::Hold(order) => say_order(&client, OrderKind::Hold, order, args.json).await?,
+        Act::Drain(order) => say_order(&client, OrderKind::Drain, order, args.json).await?,
+        Act::Stop(stop) => stopped(&client, stop, args.json).await?,
+        Act::Forget { older_s } => {
+            let count = client.forget(*older_s).await.map_err(failed)?;
+            told(args.json, &format!("{count} jobs"), "forgotten")?;
+        }
+    }
+    Ok(())
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "a function of `map_err`")]
+fn failed(error: FleetError) -> Failure {
+    match error {
+        FleetError::Unreachable(_) => std::io::Error::other(error.to_string()).into(),
+        error => Failure::Usage(error.to_string()),
+    }
+}
+
+/// Which fleet is meant.
+fn section(connect: &ConnectArgs) -> Result<FleetSection, Failure> {
+    if let Some(config) = &connect.config {
+        return Settings::load(config)?.fleet.ok_or_else(|| {
+            Failure::Usage(format!(
+                "{}: expected a section [fleet], found none",
+                config.display()
+            ))
+        });
+    }
+    let Some(name) = &connect.fleet else {
+        return Err(Failure::Usage(
+            "expected --config FILE of a server, or --fleet NAME with --server ADDRESS, found \
+            neither"
+                .to_owned(),
+        ));
+    };
+    let section = FleetSection::of_client(name, &connect.server)?;
+    Ok(FleetSection {
+        credentials: connect.credentials.clone(),
+        ca: connect.ca.clone(),
+        ..section
+    })
+}
+
+/// Who asks, as benches write it down: the account and its machine.
+fn by() -> String {
+    let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    format!("{}@{}", account::who(), host.trim())
+}
+
+fn told(json: bool, what: &str, how: &str) -> Result<(), Failure> {
+    if json {
+        return say_json(&serde_json::json!({ "what": what, "how": how }));
+    }
+    say!("{what}: {how}");
+    Ok(())
+}
+
+/// The fleet as it is: its records, and which benches answer now.
+async fn ask(client: &Client, fleet: &str, filter: JobFilter) -> Result<Asked, Failure> {
+    let looking = client.seer(fleet).await.map_err(failed)?;
+    let silent = client.silent(&looking.seer.places()).await;
+    looking.seer.silence(silent);
+    let view = looking.seer.view();
+    let page = looking.seer.jobs(&filter);
+    Ok(Asked { view, page })
+}
+
+fn submission_of(args: &SubmitArgs) -> Result<Submission, Failure> {
+    let text = read(&args.experiment)?;
+    let name = submission::name_of(&text)
+        .map_err(|error| Failure::Usage(format!("{}: {error}", args.experiment.display())))?;
+    Ok(Submission {
+        name,
+        text,
+        needs: args.needs(),
+        count: args.count,
+        seed: args.seed,
+        campaign: args.campaign.clone(),
+        cell: args.cell.clone(),
+        by: by(),
+    })
+}
+
+fn read(path: &Path) -> Result<String, Failure> {
+    let wrong = |error: std::io::Error| Failure::Usage(format!("{}: {error}", path.display()));
+    fs::read_to_string(path).map_err(wrong)
+}
+
+fn place(text: &str) -> Result<Place, Failure> {
+    let expected = || Failure::Usage(format!("expected a bench SITE/BENCH, found {text:?}"));
+    let (site, bench) = text.split_once('/').ok_or_else(expected)?;
+    Ok(Place::new(site, bench))
+}
+
+async fn say_order(
+    client: &Client,
+    kind: OrderKind,
+    order: &OrderArgs,
+    json: bool,
+) -> Result<(), Failure> {
+    let command = Command {
+        kind,
+        by: by(),
+        why: order.why.clone(),
+    };
+    let outcome = client.order(&place(&order.what)?, &command).await;
+    outcomes(&[outcome.map_err(failed)?], json)
+}
+
+async fn stopped(client: &Client, stop: &StopArgs, json: bool) -> Result<(), Failure> {
+    let all = match &stop.bench {
+        Some(bench) => {
+            let command = Command {
+                kind: OrderKind::Stop,
+                by: by(),
+                why: stop.why.clone(),
+            };
+            let outcome = client.order(&place(bench)?, &command).await;
+            vec![outcome.map_err(failed)?]
+        }
+        None => client.stop_all(&by(), &stop.why).await.map_err(failed)?,
+    };
+    outcomes(&all, json)?;
+    let unproven = all.iter().filter(|outcome| outcome.verified != Some(true));
+    let names: Vec<String> = unproven
+        .map(|outcome| format!("{}/{}", outcome.site, outcome.bench))
+        .collect();
+    if names.is_empty() {
+        return Ok(());
+    }
+    Err(Failure::Unsafe {
+        failures: format!(
+            "nobody has verified that these are off: {}",
+            names.join(", ")
+        ),
+        cause: String::new(),
+    })
+}
+
+fn outcomes(all: &[Outcome], json: bool) -> Result<(), Failure> {
+    if json {
+        return say_json(&all);
+    }
+    all.iter().for_each(print::outcome);
+    Ok(())
+}

@@ -1,0 +1,179 @@
+//! Arguments of `fleet`.
+
+use std::path::PathBuf;
+
+use bench_fleet::{
+    Needs,
+    view::{JobFilter, MOST_JOBS},
+};
+use clap::{Args, Subcommand};
+
+use crate::{
+    command::units,
+    config::quantity::{Current, Duration, Temperature},
+    serve::fleet_settings::DEFAULT_SERVER,
+};
+
+/// Arguments of `fleet`.
+#[derive(Debug, Args)]
+pub struct FleetArgs {
+    #[command(flatten)]
+    pub(super) connect: ConnectArgs,
+    /// Print JSON.
+    #[arg(long, global = true)]
+    pub(super) json: bool,
+    #[command(subcommand)]
+    pub(super) act: Act,
+}
+
+/// Which fleet, and how it is reached.
+#[derive(Debug, Args)]
+pub(super) struct ConnectArgs {
+    /// File of a server with a section [fleet].
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["fleet", "credentials", "ca"])]
+    pub(super) config: Option<PathBuf>,
+    /// Name of the fleet, where there is no such file.
+    #[arg(long, value_name = "NAME")]
+    pub(super) fleet: Option<String>,
+    /// Address of the NATS server: tls://HOST:PORT, or nats://HOST:PORT on this machine.
+    #[arg(long, value_name = "ADDRESS", default_value = DEFAULT_SERVER)]
+    pub(super) server: String,
+    /// File, mode 0600, with what the NATS server asks for.
+    #[arg(long, value_name = "FILE")]
+    pub(super) credentials: Option<PathBuf>,
+    /// Certificates that the NATS server's is checked against, PEM.
+    #[arg(long, value_name = "FILE")]
+    pub(super) ca: Option<PathBuf>,
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum Act {
+    /// Show the benches, which of them answer, and the jobs that are not over.
+    Status(StatusArgs),
+    /// Put an experiment into the queue; the first bench that is free and fits takes it.
+    Submit(SubmitArgs),
+    /// Take a job that waits out of the queue.
+    Cancel {
+        /// The job.
+        job: String,
+    },
+    /// Take back a hold, drain or stop of a bench; or put a started job whose bench is gone back into
+    /// the queue.
+    Release(OrderArgs),
+    /// Begin nothing more on a bench; what is in work goes on.
+    Hold(OrderArgs),
+    /// Let a bench take no further job; what it has goes on.
+    Drain(OrderArgs),
+    /// Stop a bench, or all, now, and print what was read back.
+    Stop(StopArgs),
+    /// Take jobs that are over out of the records.
+    Forget {
+        /// Over for longer than this: a duration such as "90 d".
+        #[arg(long = "older", value_name = "DURATION", value_parser = units::of::<Duration>)]
+        older_s: f64,
+    },
+}
+
+#[derive(Debug, Args)]
+pub(super) struct StatusArgs {
+    /// List jobs that are over too.
+    #[arg(long)]
+    all: bool,
+    /// List jobs in this state: queued, claimed, started, lost, done, failed or cancelled.
+    #[arg(long, value_name = "STATE")]
+    state: Option<String>,
+    /// List jobs of this campaign.
+    #[arg(long, value_name = "LABEL")]
+    campaign: Option<String>,
+    /// List jobs after this one; at most 1000 are listed at once.
+    #[arg(long, value_name = "JOB")]
+    after: Option<String>,
+}
+
+impl StatusArgs {
+    pub(super) fn filter(&self) -> JobFilter {
+        JobFilter {
+            state: self.state.clone(),
+            open: !self.all && self.state.is_none(),
+            campaign: self.campaign.clone(),
+            after: self.after.clone(),
+            most: MOST_JOBS,
+        }
+    }
+}
+
+#[derive(Debug, Args)]
+pub(super) struct SubmitArgs {
+    /// The experiment. Files that it names are those of the bench that takes it.
+    pub(super) experiment: PathBuf,
+    /// So many jobs.
+    #[arg(long, default_value_t = 1)]
+    pub(super) count: usize,
+    /// Seed of the first job; each further job has the next one.
+    #[arg(long)]
+    pub(super) seed: Option<u64>,
+    /// Label of a campaign.
+    #[arg(long, value_name = "LABEL")]
+    pub(super) campaign: Option<String>,
+    /// Label of the cell.
+    #[arg(long, value_name = "LABEL")]
+    pub(super) cell: Option<String>,
+    /// Greatest current that the bench must be able to drive, A.
+    #[arg(long = "current", value_name = "CURRENT", value_parser = units::of::<Current>)]
+    current_a: Option<f64>,
+    /// Temperature that the bench must be able to hold, °C.
+    #[arg(
+        long = "temperature",
+        value_name = "TEMPERATURE",
+        allow_negative_numbers = true,
+        value_parser = units::of::<Temperature>
+    )]
+    temperature_c: Option<f64>,
+    /// Fixture that the jig must be able to take: cell, shunt, fake_cell or short.
+    #[arg(long, value_name = "FIXTURE")]
+    fixture: Option<String>,
+    /// This bench and no other, by its name.
+    #[arg(long, value_name = "NAME")]
+    bench: Option<String>,
+    /// A bench of this site.
+    #[arg(long, value_name = "NAME")]
+    site: Option<String>,
+    /// A simulated bench only.
+    #[arg(long)]
+    simulated: bool,
+}
+
+impl SubmitArgs {
+    pub(super) fn needs(&self) -> Needs {
+        Needs {
+            current_a: self.current_a,
+            temperature_c: self.temperature_c,
+            fixture: self.fixture.clone(),
+            bench: self.bench.clone(),
+            site: self.site.clone(),
+            simulated: self.simulated.then_some(true),
+        }
+    }
+}
+
+#[derive(Debug, Args)]
+pub(super) struct OrderArgs {
+    /// The bench, SITE/BENCH; `release` takes a job too.
+    pub(super) what: String,
+    /// Why; it is kept with the bench or the job.
+    #[arg(long, value_name = "WORDS")]
+    pub(super) why: String,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct StopArgs {
+    /// The bench, SITE/BENCH.
+    #[arg(required_unless_present = "all")]
+    pub(super) bench: Option<String>,
+    /// Stop every bench of the fleet.
+    #[arg(long, conflicts_with = "bench")]
+    pub(super) all: bool,
+    /// Why; it is kept with the bench.
+    #[arg(long, value_name = "WORDS", default_value = "stopped by hand")]
+    pub(super) why: String,
+}

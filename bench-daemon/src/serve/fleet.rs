@@ -1,0 +1,322 @@
+//! The benches of this server in a fleet. The fleet hands over experiments as text, which go through
+//! the checks and into the queue of whatever is submitted here; a run does not know who asked for it.
+//! It can hold and stop a bench. It cannot clear a latch, raise a limit or change a file.
+
+mod capabilities;
+
+use std::sync::{Arc, Weak};
+
+use bench_fleet::{
+    BenchState as State, Capabilities, Condition, End, Fate, Fleet, LocalBench, Order, Reading,
+    fleet::Joining,
+};
+use futures_util::{FutureExt, future::BoxFuture};
+use instruments::clock;
+
+use super::{
+    Server,
+    audit::By,
+    jobs::{self, Ended},
+    live::{BenchState, Live},
+    notebook::About,
+    queue::{Kind, Wanted},
+    stop,
+    submission::{self, ExperimentRequest, Submission},
+};
+use crate::{config, safety::failure::Failure};
+use capabilities::capabilities;
+
+/// The fleet's part of the data folder.
+const FOLDER: &str = "fleet";
+/// How a hold of the fleet ends, and how one behind its stop begins: whoever releases through the
+/// fleet takes these back and no others.
+const HELD_BY_FLEET: &str = "(fleet: ";
+const STOPPED_BY_FLEET: &str = "stopped by fleet: ";
+/// Longest reason that is kept, letters.
+const LONGEST_WHY: usize = 200;
+
+/// Joins the fleet that the settings name, and does not wait for it. Must be called inside a runtime.
+///
+/// # Errors
+/// A file with credentials that is not as expected.
+pub fn join(server: &Arc<Server>) -> Result<(), Failure> {
+    let Some(section) = &server.settings.fleet else {
+        return Ok(());
+    };
+    let bench = |bench: &config::Bench| -> Arc<dyn LocalBench> {
+        Arc::new(ServedBench {
+            server: Arc::downgrade(server),
+            capabilities: capabilities(bench),
+            bench: bench.clone(),
+        })
+    };
+    let fleet = Fleet::join(Joining {
+        settings: section.open()?,
+        folder: server.settings.data.join(FOLDER),
+        benches: server.settings.benches.iter().map(bench).collect(),
+        shows: true,
+    });
+    let _ = server.fleet.set(fleet);
+    Ok(())
+}
+
+/// Signs off; runs go on, and jobs stay with their benches.
+pub async fn leave(server: &Server) {
+    /// A server that ends waits for the broker no longer.
+    const PATIENCE: std::time::Duration = std::time::Duration::from_secs(2);
+    if let Some(fleet) = server.fleet.get() {
+        let _ = server.clock.deadline(PATIENCE, fleet.end()).await;
+    }
+}
+
+/// A bench of this server.
+struct ServedBench {
+    server: Weak<Server>,
+    bench: config::Bench,
+    capabilities: Capabilities,
+}
+
+impl ServedBench {
+    /// The server, as long as it is there.
+    fn server(&self) -> Result<Arc<Server>, String> {
+        let gone = || "the server is ending".to_owned();
+        self.server.upgrade().ok_or_else(gone)
+    }
+
+    fn submission(&self, server: &Server, order: &Order, text: &str) -> Result<Submission, String> {
+        let request = ExperimentRequest {
+            name: &order.name,
+            text: Some(text),
+            bench: Some(&self.bench.name),
+        };
+        Submission::new(&server.settings, request).map_err(|error| error.to_string())
+    }
+
+    fn wanted(&self, server: &Server, order: &Order) -> Result<Wanted, String> {
+        let (_, text) = submission::of_run(&server.settings.data, &order.run)
+            .ok_or("what was checked is not there any more")?;
+        // It was checked when it was taken; the plan is asked again for its duration only.
+        let planned = self.submission(server, order, &text);
+        Ok(Wanted {
+            traceparent: None,
+            kind: Kind::Run,
+            experiment: order.name.clone(),
+            bench: self.bench.name.clone(),
+            seed: order.seed,
+            expected_s: planned.map_or(0.0, |planned| planned.expected_s),
+            by: format!("fleet: {}", short(&order.by)),
+            unix_s: clock::unix_time_s(),
+        })
+    }
+}
+
+fn is_known(server: &Server, run: &str) -> bool {
+    let is_queued = server.queue().items().iter().any(|item| item.run == run);
+    is_queued || jobs::read(&server.settings.data, run).is_some()
+}
+
+impl LocalBench for ServedBench {
+    fn name(&self) -> String {
+        self.bench.name.clone()
+    }
+
+    fn capabilities(&self) -> Capabilities {
+        self.capabilities.clone()
+    }
+
+    fn condition(&self) -> Condition {
+        let Some(server) = self.server.upgrade() else {
+            return Condition::default();
+        };
+        let live = server.live().get(&self.bench.name).cloned();
+        let queue = server.queue();
+        let mut items = queue.items().iter();
+        let waits = items.any(|item| item.bench == self.bench.name);
+        let held = queue.held(&self.bench.name).map(str::to_owned);
+        drop(queue);
+        live.map(|live| condition(live, waits, held))
+            .unwrap_or_default()
+    }
+
+    fn prepare(&self, order: &Order, text: &str) -> Result<(), String> {
+        let server = self.server()?;
+        let folder = server.settings.data.join("submitted").join(&order.run);
+        let submission = self.submission(&server, order, text)?;
+        submission
+            .freeze(&folder)
+            .map_err(|error| error.to_string())
+    }
+
+    fn begin(&self, order: &Order) -> Result<(), String> {
+        let server = self.server()?;
+        if is_known(&server, &order.run) {
+            return Ok(());
+        }
+        let wanted = self.wanted(&server, order)?;
+        let submitted = server.queue().submit(&wanted, |_| order.run.clone());
+        submitted.map_err(|error| error.to_string())?;
+        server.tell_queue();
+        Ok(())
+    }
+
+    fn discard(&self, order: &Order) {
+        let Some(server) = self.server.upgrade() else {
+            return;
+        };
+        if !is_known(&server, &order.run) {
+            let folder = server.settings.data.join("submitted").join(&order.run);
+            let _ = std::fs::remove_dir_all(folder);
+        }
+    }
+
+    fn fate(&self, run: &str) -> Fate {
+        let Some(server) = self.server.upgrade() else {
+            return Fate::Going;
+        };
+        let mut is_queued = false;
+        for item in server.queue().items() {
+            is_queued |= item.run == run;
+        }
+        if is_queued {
+            return Fate::Going;
+        }
+        match jobs::read(&server.settings.data, run) {
+            None => Fate::Unknown,
+            Some(job) => Fate::Ended(end(job.ended)),
+        }
+    }
+
+    fn hold(&self, by: &str, why: &str) -> Result<(), String> {
+        let server = self.server()?;
+        let why = format!("{} {HELD_BY_FLEET}{})", short(why), short(by));
+        let held = server.queue().hold(&self.bench.name, &why);
+        server.tell_queue();
+        held.map_err(|error| error.to_string())
+    }
+
+    fn release(&self, by: &str, why: &str) -> Result<(), String> {
+        let server = self.server()?;
+        let Some(held) = server.queue().held(&self.bench.name).map(str::to_owned) else {
+            return Ok(());
+        };
+        if !is_of_the_fleet(&held) {
+            return Err(format!(
+                "it stays held by its own server: {held}: release it there"
+            ));
+        }
+        let note = format!("released: {}; it was held: {held}", short(why));
+        let by = format!("fleet: {}", short(by));
+        let kept = server
+            .notebook
+            .note(About::Bench(&self.bench.name), &by, &note);
+        kept.map_err(|error| error.to_string())?;
+        let released = server.queue().release(&self.bench.name);
+        server.tell_queue();
+        released.map_err(|error| error.to_string())
+    }
+
+    fn stop<'a>(&'a self, by: &'a str) -> BoxFuture<'a, serde_json::Value> {
+        async move {
+            let Some(server) = self.server.upgrade() else {
+                return serde_json::Value::Null;
+            };
+            let report = stop::stop(&server, &self.bench, &short(by)).await;
+            serde_json::to_value(report).unwrap_or_default()
+        }
+        .boxed()
+    }
+
+    fn audit(&self, who: &str, what: &str, outcome: &str) {
+        let Some(server) = self.server.upgrade() else {
+            return;
+        };
+        let by = By { who, from: FOLDER };
+        if let Err(error) = server.audit.write(by, what, outcome) {
+            tracing::error!("the audit trail cannot be written: {error}");
+        }
+    }
+}
+
+/// Whether a hold is one of the fleet.
+fn is_of_the_fleet(held: &str) -> bool {
+    held.starts_with(STOPPED_BY_FLEET) || (held.contains(HELD_BY_FLEET) && held.ends_with(')'))
+}
+
+/// A reason without what could fool a terminal, and not too long.
+fn short(why: &str) -> String {
+    let plain = why.chars().filter(|c| !c.is_control());
+    plain.take(LONGEST_WHY).collect()
+}
+
+fn end(ended: Option<Ended>) -> End {
+    let unknown = || "nobody knows how it ended".to_owned();
+    End {
+        finished: ended.as_ref().is_some_and(|ended| ended.finished),
+        words: ended.map_or_else(unknown, |ended| ended.how),
+        run_sha256: None,
+    }
+}
+
+fn condition(live: Live, waits: bool, held: Option<String>) -> Condition {
+    let state = match live.state {
+        BenchState::Latched => State::Latched,
+        BenchState::Asking => State::Asking,
+        BenchState::Running | BenchState::Paused | BenchState::Stopping => State::Running,
+        BenchState::Idle if held.is_none() && live.held.is_none() => State::Idle,
+        BenchState::Idle | BenchState::Unknown => State::Held,
+    };
+    let unknown = || "nobody has verified that its outputs are off".to_owned();
+    let is_unknown = live.state == BenchState::Unknown;
+    let going = live.run.filter(|run| run.going);
+    let fresh = live.reading.filter(|reading| reading.fresh);
+    Condition {
+        free: state == State::Idle && !waits,
+        held: held.or(live.held).or_else(|| is_unknown.then(unknown)),
+        run: going.as_ref().and_then(|run| run.run.clone()),
+        left_s: going.as_ref().and_then(|run| run.left_s),
+        verified: going.is_none().then_some(live.verified),
+        reading: fresh.map(|reading| Reading {
+            voltage_v: reading.voltage_v,
+            current_a: reading.current_a,
+            temperature_c: reading.temperature_c,
+        }),
+        trip: live.trip.map(|trip| trip.cause),
+        state,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_release_through_the_fleet_takes_back_holds_of_the_fleet_only() {
+        for held in ["stopped by fleet: ann", "to look at it (fleet: ann@north)"] {
+            assert!(is_of_the_fleet(held), "{held}");
+        }
+        for held in [
+            "stopped by ann",
+            "demo-3 did not come to its end: the interlock tripped",
+            "held by hand (ann)",
+        ] {
+            assert!(!is_of_the_fleet(held), "{held}");
+        }
+    }
+
+    #[test]
+    fn a_bench_is_free_only_where_nothing_keeps_a_run_from_beginning() {
+        let idle = || Live {
+            state: BenchState::Idle,
+            ..Live::default()
+        };
+        assert!(condition(idle(), false, None).free);
+        assert!(!condition(idle(), true, None).free);
+        assert!(!condition(idle(), false, Some("held".to_owned())).free);
+        assert!(!condition(Live::default(), false, None).free);
+        let latched = Live {
+            state: BenchState::Latched,
+            ..idle()
+        };
+        assert_eq!(condition(latched, false, None).state, State::Latched);
+    }
+}

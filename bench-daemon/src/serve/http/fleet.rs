@@ -1,0 +1,743 @@
+//! Routes of the fleet: benches of all sites, their jobs, and orders to them.
+
+use std::sync::Arc;
+
+use axum::{
+    Json,
+    extract::{Path, Query, State},
+    http::StatusCode,
+};
+use bench_fleet::{
+    BenchView, Client, Fleet, FleetError, FleetView, JobCounts, JobState, Needs, Place, Submission,
+    client::{Command, Outcome},
+    standing::OrderKind,
+    view::{JobFilter, JobPage, JobView, MOST_JOBS, Seer},
+};
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+
+use super::{
+    App,
+    caller::{Energiser, Known, Reader},
+    problem::Refusal,
+};
+use crate::serve::{
+    live::StopReport,
+    stop,
+    submission::{name_of, text_of},
+};
+
+/// Jobs of one page where nothing else is asked for.
+const PAGE: usize = 100;
+
+/// The fleet as it is now.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct FleetNow {
+    /// Its name.
+    fleet: String,
+    /// The NATS server is there. Without it benches go on with what they have, and take nothing.
+    connected: bool,
+    /// Address of the NATS server.
+    server: String,
+    /// When a bench has changed last, s since 1970 by the calendar of the NATS server.
+    changed_unix_s: f64,
+    /// Its benches, those that are gone too.
+    benches: Vec<FleetBench>,
+    /// Numbers of jobs.
+    jobs: FleetJobCounts,
+    /// Jobs that wait and that no bench of the fleet can take, with the reason.
+    stranded: Vec<StrandedJob>,
+}
+
+/// A bench of the fleet.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct FleetBench {
+    /// Its site.
+    site: String,
+    /// Its name there.
+    bench: String,
+    /// `idle`, `running`, `held`, `draining`, `latched`, `asking` or `silent`.
+    state: &'static str,
+    /// Since when it was not heard, s.
+    silent_s: f64,
+    /// The run in work.
+    run: Option<String>,
+    /// The job that it has.
+    job: Option<String>,
+    /// Time left of the run, s.
+    left_s: Option<f64>,
+    /// Its properties.
+    capabilities: FleetCapabilities,
+    /// Why nothing is begun on it.
+    held: Option<String>,
+    /// Every output is known to be off; null where that is not known, or a run is in work.
+    outputs_verified: Option<bool>,
+}
+
+/// Properties of a bench.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct FleetCapabilities {
+    /// Greatest current that its instruments can drive, A.
+    current_a: f64,
+    /// Least and greatest temperature that its bath can hold, °C; null without a bath.
+    temperature_c: Option<[f64; 2]>,
+    /// Fixtures that its jig can take.
+    fixtures: Vec<String>,
+    /// Every instrument is simulated.
+    simulated: bool,
+}
+
+/// Numbers of jobs by state.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct FleetJobCounts {
+    queued: usize,
+    claimed: usize,
+    started: usize,
+    done: usize,
+    failed: usize,
+    cancelled: usize,
+    lost: usize,
+}
+
+/// A job that no bench can take.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct StrandedJob {
+    /// The job.
+    job: String,
+    /// Why the benches do not take it.
+    why: String,
+}
+
+/// Requirements of a job on its bench.
+#[derive(Debug, Default, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct FleetNeeds {
+    /// Greatest current that the bench must be able to drive, A.
+    current_a: Option<f64>,
+    /// Temperature that the bench must be able to hold, °C.
+    temperature_c: Option<f64>,
+    /// Fixture that the jig must be able to take: `cell`, `shunt`, `fake_cell` or `short`.
+    fixture: Option<String>,
+    /// This bench and no other.
+    bench: Option<String>,
+    /// A bench of this site.
+    site: Option<String>,
+    /// A simulated bench, or a real one.
+    simulated: Option<bool>,
+}
+
+/// A job.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct FleetJob {
+    /// Its name.
+    job: String,
+    /// Name of the experiment.
+    name: String,
+    /// `queued`, `claimed`, `started`, `lost`, `done`, `failed` or `cancelled`.
+    state: &'static str,
+    /// Its requirements.
+    needs: FleetNeeds,
+    /// The bench that has it, or had it last: `SITE/BENCH`.
+    bench: Option<String>,
+    /// Its run, once there may be one.
+    run: Option<String>,
+    /// SHA-256 of the list of the run's files, where it is known.
+    run_sha256: Option<String>,
+    /// When it was submitted, s since 1970.
+    submitted_unix_s: f64,
+    /// Who submitted it.
+    by: String,
+    /// Its campaign.
+    campaign: Option<String>,
+    /// Label of its cell.
+    cell: Option<String>,
+    /// How often it was put into the queue.
+    turn: u32,
+    /// What is to be said of it.
+    words: String,
+}
+
+/// A page of jobs.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct FleetJobs {
+    /// In the order of the queue.
+    jobs: Vec<FleetJob>,
+    /// Where to go on; null at the end.
+    after: Option<String>,
+}
+
+/// Conditions on jobs; all of them must hold.
+#[derive(Debug, Default, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct FleetJobsWanted {
+    /// In this state.
+    state: Option<String>,
+    /// Of this campaign.
+    campaign: Option<String>,
+    /// Where to go on: `after` of the answer before.
+    after: Option<String>,
+    /// At most so many.
+    #[param(minimum = 1, maximum = 1000)]
+    most: Option<u16>,
+}
+
+/// Work for the fleet.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SubmitJobs {
+    /// Name of an experiment of this server; left out where `text` is there.
+    experiment: Option<String>,
+    /// An experiment file in full (TOML). Files that it names are those of the bench that takes it.
+    text: Option<String>,
+    /// Requirements on the bench.
+    #[serde(default)]
+    needs: FleetNeeds,
+    /// So many jobs, 1 to 10 000. Left out: 1.
+    count: Option<usize>,
+    /// Label of a campaign.
+    campaign: Option<String>,
+    /// Label of the cell.
+    cell: Option<String>,
+    /// Another seed for the first job; each further job has the next one.
+    seed: Option<u64>,
+}
+
+/// Jobs that were submitted.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct SubmittedJobs {
+    /// Their names.
+    jobs: Vec<String>,
+}
+
+/// Why, in words.
+#[derive(Debug, Default, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FleetWhy {
+    /// In words; may be left out.
+    #[serde(default)]
+    why: Option<String>,
+}
+
+/// What came of an order to a bench.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct FleetOutcome {
+    /// Its site.
+    site: String,
+    /// The bench.
+    bench: String,
+    /// The NATS server keeps the order: a bench that is cut off follows it when it hears.
+    kept: bool,
+    /// The bench has answered.
+    heard: bool,
+    /// Why nothing is begun on it now.
+    held: Option<String>,
+    /// Every output is known to be off; null where the bench was not heard.
+    outputs_verified: Option<bool>,
+    /// What is to be said of it.
+    words: String,
+    /// Report of a stop, as `POST /benches/B/stop` of its own server answers.
+    report: Option<serde_json::Value>,
+}
+
+/// What came of a stop of all benches.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct FleetStopped {
+    /// Each bench.
+    benches: Vec<FleetOutcome>,
+    /// Why further benches may not have been reached; null where all are told above.
+    unreached: Option<String>,
+}
+
+impl From<FleetError> for Refusal {
+    fn from(error: FleetError) -> Self {
+        let status = match error {
+            FleetError::Unknown { .. } => StatusCode::NOT_FOUND,
+            FleetError::Conflict(_) => StatusCode::CONFLICT,
+            FleetError::Unfit(_) => StatusCode::UNPROCESSABLE_ENTITY,
+            FleetError::Unreachable(_) => StatusCode::SERVICE_UNAVAILABLE,
+            _ => return Self::machine(&error),
+        };
+        Self::of(status, error.to_string())
+    }
+}
+
+impl From<BenchView> for FleetBench {
+    fn from(view: BenchView) -> Self {
+        let can = &view.capabilities;
+        Self {
+            state: view.state_name(),
+            capabilities: FleetCapabilities {
+                current_a: can.current_a,
+                temperature_c: can.temperature_c,
+                fixtures: can.fixtures.clone(),
+                simulated: can.simulated,
+            },
+            site: view.place.site,
+            bench: view.place.bench,
+            silent_s: view.silent_s,
+            run: view.run,
+            job: view.job,
+            left_s: view.left_s,
+            held: view.held,
+            outputs_verified: view.verified,
+        }
+    }
+}
+
+impl From<&JobCounts> for FleetJobCounts {
+    fn from(counts: &JobCounts) -> Self {
+        Self {
+            queued: counts.of(JobState::Queued),
+            claimed: counts.of(JobState::Claimed),
+            started: counts.of(JobState::Started),
+            done: counts.of(JobState::Done),
+            failed: counts.of(JobState::Failed),
+            cancelled: counts.of(JobState::Cancelled),
+            lost: counts.lost,
+        }
+    }
+}
+
+impl From<JobView> for FleetJob {
+    fn from(view: JobView) -> Self {
+        let (state, run) = (view.state_name(), view.job.run());
+        let job = view.job;
+        Self {
+            state,
+            run,
+            bench: job.holder.map(|holder| holder.place.to_string()),
+            job: job.job,
+            name: job.name,
+            needs: job.needs.into(),
+            run_sha256: job.run_sha256,
+            submitted_unix_s: job.asked.unix_s,
+            by: job.asked.by,
+            campaign: job.campaign,
+            cell: job.cell,
+            turn: job.turn,
+            words: job.words,
+        }
+    }
+}
+
+impl From<Needs> for FleetNeeds {
+    fn from(needs: Needs) -> Self {
+        Self {
+            current_a: needs.current_a,
+            temperature_c: needs.temperature_c,
+            fixture: needs.fixture,
+            bench: needs.bench,
+            site: needs.site,
+            simulated: needs.simulated,
+        }
+    }
+}
+
+impl From<FleetNeeds> for Needs {
+    fn from(needs: FleetNeeds) -> Self {
+        Self {
+            current_a: needs.current_a,
+            temperature_c: needs.temperature_c,
+            fixture: needs.fixture,
+            bench: needs.bench,
+            site: needs.site,
+            simulated: needs.simulated,
+        }
+    }
+}
+
+impl From<Outcome> for FleetOutcome {
+    fn from(outcome: Outcome) -> Self {
+        Self {
+            site: outcome.site,
+            bench: outcome.bench,
+            kept: outcome.kept,
+            heard: outcome.heard,
+            held: outcome.held,
+            outputs_verified: outcome.verified,
+            words: outcome.words,
+            report: outcome.report,
+        }
+    }
+}
+
+fn fleet(app: &App) -> Result<&Arc<Fleet>, Refusal> {
+    app.server.fleet.get().ok_or_else(|| {
+        let message = "expected a section [fleet] in the file of the server, found none";
+        Refusal::new(StatusCode::NOT_FOUND, "no-fleet", message)
+    })
+}
+
+fn client(app: &App) -> Result<Client, Refusal> {
+    Ok(fleet(app)?.client()?)
+}
+
+/// Whoever sees the fleet, once everything was seen.
+fn seer(app: &App) -> Result<Arc<Seer>, Refusal> {
+    let seer = fleet(app)?.seer().filter(|seer| seer.is_whole());
+    seer.ok_or_else(|| {
+        let message = "the fleet's server was not reached yet: ask again";
+        Refusal::of(StatusCode::SERVICE_UNAVAILABLE, message)
+    })
+}
+
+/// Who asks, as other sites read it.
+fn by(app: &App, name: &str) -> String {
+    let section = app.server.settings.fleet.as_ref();
+    format!("{name}@{}", section.map_or("", |section| &section.site))
+}
+
+/// The fleet as it is now: its benches and numbers of jobs.
+#[utoipa::path(
+    get,
+    path = "/api/v1/fleet",
+    tag = "fleet",
+    responses((status = 200, body = FleetNow)),
+    security(("token" = ["read"]))
+)]
+pub async fn now(_caller: Reader, State(app): State<App>) -> Result<Json<FleetNow>, Refusal> {
+    let fleet = fleet(&app)?;
+    let settings = fleet.settings();
+    // Before the NATS server was reached there is nothing to be shown, and that is told.
+    let view = fleet.seer().map(|seer| seer.view());
+    let view = view.unwrap_or_else(|| FleetView::unseen(&settings.fleet));
+    let stranded = view.stranded.into_iter();
+    Ok(Json(FleetNow {
+        fleet: view.fleet,
+        connected: view.connected,
+        server: settings.server.clone(),
+        changed_unix_s: view.changed_unix_s,
+        jobs: (&view.jobs).into(),
+        benches: view.benches.into_iter().map(Into::into).collect(),
+        stranded: stranded
+            .map(|(job, why)| StrandedJob { job, why })
+            .collect(),
+    }))
+}
+
+/// Jobs of the fleet, in the order of the queue.
+#[utoipa::path(
+    get,
+    path = "/api/v1/fleet/jobs",
+    tag = "fleet",
+    params(FleetJobsWanted),
+    responses((status = 200, body = FleetJobs)),
+    security(("token" = ["read"]))
+)]
+pub async fn jobs(
+    _caller: Reader,
+    State(app): State<App>,
+    Query(wanted): Query<FleetJobsWanted>,
+) -> Result<Json<FleetJobs>, Refusal> {
+    let most = wanted.most.map_or(PAGE, usize::from);
+    if !(1..=MOST_JOBS).contains(&most) {
+        let message = format!("most: expected 1 to {MOST_JOBS}, found {most}");
+        return Err(Refusal::of(StatusCode::BAD_REQUEST, message));
+    }
+    let JobPage { jobs, after } = seer(&app)?.jobs(&JobFilter {
+        state: wanted.state,
+        open: false,
+        campaign: wanted.campaign,
+        after: wanted.after,
+        most,
+    });
+    let jobs = jobs.into_iter().map(Into::into).collect();
+    Ok(Json(FleetJobs { jobs, after }))
+}
+
+/// Puts jobs into the queue of the fleet. The first bench that is free and fits takes each, and checks
+/// it as whatever is submitted there: that lets current flow.
+#[utoipa::path(
+    post,
+    path = "/api/v1/fleet/jobs",
+    tag = "fleet",
+    request_body = SubmitJobs,
+    responses((status = 201, body = SubmittedJobs)),
+    security(("token" = ["energise"]))
+)]
+pub async fn submit(
+    caller: Energiser,
+    State(app): State<App>,
+    Json(wanted): Json<SubmitJobs>,
+) -> Result<(StatusCode, Json<SubmittedJobs>), Refusal> {
+    let client = client(&app)?;
+    let text = match (&wanted.experiment, wanted.text) {
+        (Some(name), None) => text_of(&app.server.settings, name)?,
+        (None, Some(text)) => text,
+        _ => return Err(Refusal::unfit("expected either `experiment` or `text`")),
+    };
+    let submission = Submission {
+        name: name_of(&text)?,
+        text,
+        needs: wanted.needs.into(),
+        count: wanted.count.unwrap_or(1),
+        seed: wanted.seed,
+        campaign: wanted.campaign,
+        cell: wanted.cell,
+        by: by(&app, &caller.name),
+    };
+    let jobs = client.submit(&submission).await?;
+    Ok((StatusCode::CREATED, Json(SubmittedJobs { jobs })))
+}
+
+/// Takes a job that waits out of the queue.
+#[utoipa::path(
+    delete,
+    path = "/api/v1/fleet/jobs/{job}",
+    tag = "fleet",
+    params(("job" = String, Path)),
+    responses((status = 204)),
+    security(("token" = ["energise"]))
+)]
+pub async fn cancel(
+    caller: Energiser,
+    State(app): State<App>,
+    Path(job): Path<String>,
+) -> Result<StatusCode, Refusal> {
+    let by = by(&app, &caller.name);
+    client(&app)?.cancel(&job, &by).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// Puts a started job whose bench is gone back into the queue: a person says that it may run again.
+#[utoipa::path(
+    post,
+    path = "/api/v1/fleet/jobs/{job}/release",
+    tag = "fleet",
+    params(("job" = String, Path)),
+    request_body = Option<FleetWhy>,
+    responses((status = 204)),
+    security(("token" = ["energise"]))
+)]
+pub async fn release_job(
+    caller: Energiser,
+    State(app): State<App>,
+    Path(job): Path<String>,
+    why: Option<Json<FleetWhy>>,
+) -> Result<StatusCode, Refusal> {
+    let (by, why) = (by(&app, &caller.name), said(why));
+    client(&app)?.release_job(&job, &by, &why).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+fn said(why: Option<Json<FleetWhy>>) -> String {
+    let why = why.and_then(|why| why.0.why).unwrap_or_default();
+    let plain: String = why.chars().filter(|c| !c.is_control()).take(200).collect();
+    match plain.trim() {
+        "" => "no reason given".to_owned(),
+        said => said.to_owned(),
+    }
+}
+
+/// An order to a bench.
+struct BenchOrder {
+    kind: OrderKind,
+    place: Place,
+    who: String,
+    why: Option<Json<FleetWhy>>,
+}
+
+impl BenchOrder {
+    fn of(kind: OrderKind, place: Place, who: String, why: Option<Json<FleetWhy>>) -> Self {
+        Self {
+            kind,
+            place,
+            who,
+            why,
+        }
+    }
+}
+
+async fn order(app: &App, order: BenchOrder) -> Result<Json<FleetOutcome>, Refusal> {
+    let command = Command {
+        kind: order.kind,
+        by: by(app, &order.who),
+        why: said(order.why),
+    };
+    let outcome = client(app)?.order(&order.place, &command).await?;
+    Ok(Json(outcome.into()))
+}
+
+/// From now on nothing begins on a bench of the fleet; what is in work goes on.
+#[utoipa::path(
+    post,
+    path = "/api/v1/fleet/benches/{site}/{bench}/hold",
+    tag = "fleet",
+    params(("site" = String, Path), ("bench" = String, Path)),
+    request_body = Option<FleetWhy>,
+    responses((status = 200, body = FleetOutcome)),
+    security(("token" = ["energise"]))
+)]
+pub async fn hold(
+    caller: Energiser,
+    State(app): State<App>,
+    Path((site, bench)): Path<(String, String)>,
+    why: Option<Json<FleetWhy>>,
+) -> Result<Json<FleetOutcome>, Refusal> {
+    let place = Place { site, bench };
+    order(
+        &app,
+        BenchOrder::of(OrderKind::Hold, place, caller.name, why),
+    )
+    .await
+}
+
+/// Takes back what the fleet has held, drained or stopped. A hold by the bench's own server and a
+/// latch stay.
+#[utoipa::path(
+    post,
+    path = "/api/v1/fleet/benches/{site}/{bench}/release",
+    tag = "fleet",
+    params(("site" = String, Path), ("bench" = String, Path)),
+    request_body = Option<FleetWhy>,
+    responses((status = 200, body = FleetOutcome)),
+    security(("token" = ["energise"]))
+)]
+pub async fn release(
+    caller: Energiser,
+    State(app): State<App>,
+    Path((site, bench)): Path<(String, String)>,
+    why: Option<Json<FleetWhy>>,
+) -> Result<Json<FleetOutcome>, Refusal> {
+    let place = Place { site, bench };
+    order(
+        &app,
+        BenchOrder::of(OrderKind::Release, place, caller.name, why),
+    )
+    .await
+}
+
+/// A bench takes no further job of the fleet; what it has goes on.
+#[utoipa::path(
+    post,
+    path = "/api/v1/fleet/benches/{site}/{bench}/drain",
+    tag = "fleet",
+    params(("site" = String, Path), ("bench" = String, Path)),
+    request_body = Option<FleetWhy>,
+    responses((status = 200, body = FleetOutcome)),
+    security(("token" = ["energise"]))
+)]
+pub async fn drain(
+    caller: Energiser,
+    State(app): State<App>,
+    Path((site, bench)): Path<(String, String)>,
+    why: Option<Json<FleetWhy>>,
+) -> Result<Json<FleetOutcome>, Refusal> {
+    let place = Place { site, bench };
+    order(
+        &app,
+        BenchOrder::of(OrderKind::Drain, place, caller.name, why),
+    )
+    .await
+}
+
+/// Stops whatever runs on a bench of the fleet and reads every output back, by the bench's own server.
+/// A bench of this server is stopped without the NATS server.
+#[utoipa::path(
+    post,
+    path = "/api/v1/fleet/benches/{site}/{bench}/stop",
+    tag = "fleet",
+    params(("site" = String, Path), ("bench" = String, Path)),
+    request_body = Option<FleetWhy>,
+    responses((status = 200, body = FleetOutcome)),
+    security(("token" = []))
+)]
+pub async fn stop(
+    caller: Known,
+    State(app): State<App>,
+    Path((site, bench)): Path<(String, String)>,
+    why: Option<Json<FleetWhy>>,
+) -> Result<Json<FleetOutcome>, Refusal> {
+    fleet(&app)?;
+    let (who, place) = (caller.name, Place { site, bench });
+    // A peer that goes away does not end it.
+    let work = tokio::spawn(async move {
+        let own = own_stop(&app, &place, &who);
+        let said = BenchOrder::of(OrderKind::Stop, place.clone(), who.clone(), why);
+        let through = order(&app, said);
+        match tokio::join!(own, through) {
+            (Some(report), through) => {
+                let through = through.ok().map(|through| through.0);
+                Ok(Json(of_own(&place, &report, through.as_ref())))
+            }
+            (None, through) => through,
+        }
+    });
+    work.await.map_err(|error| Refusal::machine(&error))?
+}
+
+/// The stop of a bench of this server; none for a bench of another one.
+async fn own_stop(app: &App, place: &Place, who: &str) -> Option<StopReport> {
+    let section = app.server.settings.fleet.as_ref()?;
+    let bench = app.server.settings.bench(&place.bench)?;
+    if section.site != place.site {
+        return None;
+    }
+    // As the fleet says it, so that the fleet's release takes it back.
+    let by = format!("fleet: {}", by(app, who));
+    Some(stop::stop(&app.server, bench, &by).await)
+}
+
+fn of_own(place: &Place, report: &StopReport, through: Option<&FleetOutcome>) -> FleetOutcome {
+    let kept = through.is_some_and(|through| through.kept);
+    FleetOutcome {
+        site: place.site.clone(),
+        bench: place.bench.clone(),
+        kept,
+        heard: true,
+        held: Some(report.held()),
+        outputs_verified: Some(report.proven()),
+        words: "stopped by this server".to_owned(),
+        report: serde_json::to_value(report).ok(),
+    }
+}
+
+/// Stops every bench of the fleet at once. Answers when all have answered, or 2 min have passed.
+#[utoipa::path(
+    post,
+    path = "/api/v1/fleet/stop",
+    tag = "fleet",
+    request_body = Option<FleetWhy>,
+    responses((status = 200, body = FleetStopped)),
+    security(("token" = []))
+)]
+pub async fn stop_all(
+    caller: Known,
+    State(app): State<App>,
+    why: Option<Json<FleetWhy>>,
+) -> Result<Json<FleetStopped>, Refusal> {
+    fleet(&app)?;
+    let work = tokio::spawn(async move { stopped(&app, &caller.name, &said(why)).await });
+    let stopped = work.await.map_err(|error| Refusal::machine(&error))?;
+    Ok(Json(stopped))
+}
+
+async fn stopped(app: &App, who: &str, why: &str) -> FleetStopped {
+    let settings = &app.server.settings;
+    let site = settings.fleet.as_ref().map_or("", |section| &section.site);
+    let benches = settings.benches.iter();
+    let places: Vec<Place> = benches.map(|bench| Place::new(site, &bench.name)).collect();
+    let own = futures_util::future::join_all(places.iter().map(|place| own_stop(app, place, who)));
+    let through = async {
+        client(app)?
+            .stop_all(&by(app, who), why)
+            .await
+            .map_err(Refusal::from)
+    };
+    let (own, through) = tokio::join!(own, through);
+    let (others, unreached) = match through {
+        Ok(outcomes) => (outcomes, None),
+        Err(Refusal(_, problem)) => (Vec::new(), Some(problem.message)),
+    };
+    let mut all: Vec<FleetOutcome> = others.into_iter().map(Into::into).collect();
+    for (place, report) in places.iter().zip(own.iter().flatten()) {
+        let same = |one: &FleetOutcome| one.site == place.site && one.bench == place.bench;
+        let through = all.iter().position(same).map(|index| all.remove(index));
+        all.push(of_own(place, report, through.as_ref()));
+    }
+    FleetStopped {
+        benches: all,
+        unreached,
+    }
+}

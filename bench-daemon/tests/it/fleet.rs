@@ -1,0 +1,233 @@
+//! Real servers in a fleet: a job goes to the bench that fits it, is seen and stopped from elsewhere,
+//! and a server that is killed goes on with its job. Needs `nats-server` in the PATH, and says so where
+//! it is not there.
+
+use std::{
+    fs,
+    net::TcpListener,
+    path::Path,
+    process::{Command, Stdio},
+};
+
+use serde_json::Value;
+
+use crate::{
+    serve_support::{Served, data},
+    support::{BENCH, EXPERIMENT, Files, Running, poll, program},
+};
+
+/// A broker, and where it listens.
+struct Broker {
+    _process: Running,
+    address: String,
+}
+
+impl Broker {
+    fn start(folder: &Path) -> Option<Self> {
+        let bound = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = bound.local_addr().unwrap().port().to_string();
+        drop(bound);
+        let child = Command::new("nats-server")
+            .args(["-js", "-a", "127.0.0.1", "-p", &port, "-sd"])
+            .arg(folder)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn();
+        match child {
+            Ok(child) => Some(Self {
+                _process: Running(child),
+                address: format!("nats://127.0.0.1:{port}"),
+            }),
+            Err(error) => {
+                eprintln!("skipped: nats-server cannot be started: {error}");
+                None
+            }
+        }
+    }
+
+    /// Writes the file of a server with one bench in this fleet.
+    fn config(&self, files: &Files, site: &str) {
+        let text = format!(
+            "listen = \"127.0.0.1:0\"\ndata = \"data\"\nconfigs = \".\"\n\
+            benches = [\"{BENCH}\"]\n[fleet]\nname = \"lab\"\nsite = \"{site}\"\n\
+            server = \"{}\"\nlease = \"3 s\"\n",
+            self.address
+        );
+        files.write("serve.toml", &text);
+    }
+
+    /// An answer of the command line.
+    fn fleet(&self, more: &[&str]) -> Value {
+        let asked = [
+            "fleet",
+            "--fleet",
+            "lab",
+            "--server",
+            &self.address,
+            "--json",
+        ];
+        let arguments: Vec<&std::ffi::OsStr> =
+            asked.iter().chain(more).map(|text| text.as_ref()).collect();
+        let ended = program(&arguments);
+        ended.expect_code(0);
+        serde_json::from_str(&ended.stdout).unwrap()
+    }
+
+    fn job(&self, job: &str) -> Value {
+        let status = self.fleet(&["status", "--all"]);
+        let listed = status["listed"].as_array().unwrap();
+        let found = listed.iter().find(|one| one["job"] == job);
+        found.unwrap().clone()
+    }
+
+    fn submit(&self, files: &Files, more: &[&str]) -> String {
+        let experiment = files.experiment();
+        let arguments = ["submit", experiment.to_str().unwrap()];
+        let submitted = self.fleet(&[&arguments, more].concat());
+        submitted["jobs"][0].as_str().unwrap().to_owned()
+    }
+
+    /// Waits until a bench may take a job.
+    fn knows(&self, site: &str) {
+        poll("a bench that is idle", || {
+            let status = self.fleet(&["status"]);
+            let benches = status["benches"].as_array()?.iter();
+            let mut idle = benches.filter(|one| one["site"] == site && one["state"] == "idle");
+            idle.next().map(drop)
+        });
+    }
+}
+
+/// The cell alone, two points: a run of less than a second.
+fn tiny() -> Files {
+    Files::short(2).without(EXPERIMENT, "fixture_check")
+}
+
+#[test]
+fn a_job_goes_to_the_bench_that_fits_and_its_run_is_as_any_other() {
+    let north = tiny();
+    let Some(broker) = Broker::start(&north.path("nats")) else {
+        return;
+    };
+    let south = tiny().edit(BENCH, "name = \"demo\"", "name = \"second\"");
+    broker.config(&north, "north");
+    broker.config(&south, "south");
+    let (one, two) = (Served::start(&north), Served::start(&south));
+    broker.knows("north");
+    broker.knows("south");
+    let job = broker.submit(
+        &north,
+        &["--site", "south", "--current", "5 A", "--cell", "A7"],
+    );
+    let run = format!("demo-{job}");
+    let ended = two.ended(&run);
+    assert_eq!(ended["finished"], true, "{ended}");
+    let told = poll("the end of the job", || {
+        let told = broker.job(&job);
+        (told["state"] == "done").then_some(told)
+    });
+    assert_eq!(told["bench"], "south/second");
+    assert_eq!((&told["run"], &told["cell"]), (&run.into(), &"A7".into()));
+    assert!(data(&south, "audit.jsonl").contains(&format!("fleet begin {job}")));
+    // The other server shows the same, and refuses what it should.
+    let seen = one.get("/fleet");
+    assert_eq!(seen["jobs"]["done"], 1, "{seen}");
+    assert_eq!(
+        seen["benches"][1]["capabilities"]["current_a"], 20.0,
+        "{seen}"
+    );
+    let jobs = one.get("/fleet/jobs?state=done");
+    assert_eq!(jobs["jobs"][0]["job"], job);
+    let path = format!("/api/v1/fleet/jobs/{job}");
+    one.ask("DELETE", &path, ("", "")).expect(409);
+    let large = r#"{"experiment": "demo", "needs": {"current_a": 500}}"#;
+    let large = one.post("/fleet/jobs", large).expect(201).json();
+    let stranded = poll("the reason", || {
+        let seen = one.get("/fleet");
+        seen["stranded"][0]["why"].as_str().map(str::to_owned)
+    });
+    assert!(stranded.contains("expected at least 500 A"), "{stranded}");
+    let path = format!("/api/v1/fleet/jobs/{}", large["jobs"][0].as_str().unwrap());
+    one.ask("DELETE", &path, ("", "")).expect(204);
+}
+
+#[test]
+fn a_bench_is_held_stopped_and_released_from_elsewhere_and_a_latch_is_out_of_reach() {
+    // In scaled time, so that there is a run to be stopped.
+    let files = tiny().edit(BENCH, "[simulation]", "[simulation]\ntime = \"scaled:1\"");
+    let Some(broker) = Broker::start(&files.path("nats")) else {
+        return;
+    };
+    broker.config(&files, "north");
+    let served = Served::start(&files);
+    broker.knows("north");
+    let job = broker.submit(&files, &[]);
+    poll("a run", || {
+        (served.get("/benches/demo")["state"] == "running").then_some(())
+    });
+    let stopped = served
+        .post("/fleet/benches/north/demo/stop", r#"{"why": "smoke"}"#)
+        .expect(200)
+        .json();
+    assert_eq!(stopped["outputs_verified"], true, "{stopped}");
+    poll("the end of the job", || {
+        (broker.job(&job)["state"] == "failed").then_some(())
+    });
+    let released = broker.fleet(&["release", "north/demo", "--why", "it was steam"]);
+    assert_eq!(released[0]["heard"], true, "{released}");
+    // A hold by the bench's own server is not the fleet's to take back.
+    served
+        .post("/benches/demo/hold", r#"{"why": "new probes"}"#)
+        .expect(200);
+    let released = broker.fleet(&["release", "north/demo", "--why", "I want to measure"]);
+    assert!(
+        released[0]["held"]
+            .as_str()
+            .unwrap()
+            .starts_with("new probes"),
+        "{released}"
+    );
+    served
+        .post("/fleet/benches/north/none/hold", "{}")
+        .expect(404);
+    served
+        .post("/fleet/benches/north/demo/clear", "{}")
+        .expect(404);
+}
+
+#[test]
+fn a_server_that_is_killed_goes_on_with_its_job_and_a_server_without_a_fleet_has_none() {
+    let files = tiny();
+    let Some(broker) = Broker::start(&files.path("nats")) else {
+        return;
+    };
+    broker.config(&files, "north");
+    let mut served = Served::start(&files);
+    broker.knows("north");
+    let jobs: Vec<String> = (0..5).map(|_| broker.submit(&files, &[])).collect();
+    for _ in 0..3 {
+        poll("a job that is started", || {
+            let counts = &broker.fleet(&["status"])["jobs"];
+            (counts["started"] != 0 || counts["done"] == 5).then_some(())
+        });
+        served.process.0.kill().unwrap();
+        served.process.0.wait().unwrap();
+        served = Served::start(&files);
+    }
+    poll("the end of all jobs", || {
+        (broker.fleet(&["status"])["jobs"]["done"] == 5).then_some(())
+    });
+    let runs = fs::read_dir(files.path("data/runs")).unwrap();
+    let mut runs: Vec<String> = runs
+        .map(|run| run.unwrap().file_name().into_string().unwrap())
+        .collect();
+    runs.sort();
+    let expected = jobs.iter().map(|job| format!("demo-{job}"));
+    assert_eq!(runs, expected.collect::<Vec<_>>());
+    let alone = tiny();
+    crate::serve_support::config(&alone, "");
+    let alone = Served::start(&alone);
+    let none = alone.ask("GET", "/api/v1/fleet", ("", "")).expect(404);
+    assert_eq!(none.json()["code"], "no-fleet");
+}
