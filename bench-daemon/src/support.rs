@@ -3,6 +3,7 @@
 pub mod account;
 pub mod addresses;
 pub mod calendar;
+pub mod chance;
 pub mod compare;
 pub mod confined_path;
 pub mod crash_point;

@@ -107,6 +107,16 @@ impl Store {
             .await
     }
 
+    /// Hash and size of an object that comes back twice alike; none where it does not.
+    pub(crate) async fn hashed_twice(&self, path: &str) -> Result<Option<Hashed>, ArchiveError> {
+        let first = self.hashed(path).await?;
+        let second = match first {
+            Some(_) => self.hashed(path).await?,
+            None => None,
+        };
+        Ok(first.filter(|first| Some(first) == second.as_ref()))
+    }
+
     /// Reads an object into a writer, of which `target` is the place.
     async fn read(
         &self,

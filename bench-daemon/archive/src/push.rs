@@ -176,12 +176,15 @@ impl<'a> Pusher<'a> {
             self.begun = true;
         }
         let listed = self.list(&going.snapshot).await?;
+        let rows_stay = listed.is_some() && !now.again;
         let partition =
             listed.map_or_else(|| going.partition.clone(), |list| list.placed.partition);
-        receipt.begin(self.store.name(), going.placed(&partition));
+        let placed = going.placed(&partition);
+        receipt.begin(self.store.name(), placed.clone());
         self.receipts.write(&receipt)?;
         let sent_bytes = self.objects(&going).await?;
-        let (placed, tables) = self.rows_and_list(&going, &mut receipt, partition).await?;
+        let at = RowsAt { placed, rows_stay };
+        let (placed, tables) = self.rows_and_list(&going, &mut receipt, at).await?;
         self.remove_stale(&mut receipt).await?;
         let kept = self.kept(
             &going,
@@ -320,33 +323,41 @@ impl<'a> Pusher<'a> {
         &self,
         going: &Going<'_>,
         receipt: &mut Receipt,
-        partition: Partition,
+        at: RowsAt,
     ) -> Result<(Placed, Vec<FileEntry>), ArchiveError> {
-        let placed = going.placed(&partition);
-        let tables = self.write_tables(going, &placed).await?;
+        let tables = self.write_tables(going, &at).await?;
         if going.source.snapshot(going.finished)? != going.snapshot {
             return Err(ArchiveError::Changed {
                 file: going.source.folder.clone(),
             });
         }
-        let list = self.make_list(going, receipt, &placed).await?;
-        if list.placed == placed {
-            return Ok((placed, tables));
+        let list = self.make_list(going, receipt, &at.placed).await?;
+        if list.placed == at.placed {
+            return Ok((at.placed, tables));
         }
         receipt.begin(self.store.name(), list.placed.clone());
         self.receipts.write(receipt)?;
-        let tables = self.write_tables(going, &list.placed).await?;
-        Ok((list.placed, tables))
+        let at = RowsAt {
+            placed: list.placed,
+            rows_stay: true,
+        };
+        let tables = self.write_tables(going, &at).await?;
+        Ok((at.placed, tables))
     }
 
     async fn write_tables(
         &self,
         going: &Going<'_>,
-        placed: &Placed,
+        at: &RowsAt,
     ) -> Result<Vec<FileEntry>, ArchiveError> {
         let mut written = Vec::new();
-        for TableFile { path, bytes } in tables::tables(rows(going.source, going.now), placed)? {
-            let hashed = Hashed::of(&bytes);
+        let rows = rows(going.source, going.now);
+        for TableFile { path, bytes } in tables::tables(rows, &at.placed)? {
+            let there = match at.rows_stay {
+                true => self.store.hashed_twice(&path).await?,
+                false => None,
+            };
+            let hashed = there.unwrap_or_else(|| Hashed::of(&bytes));
             let source = Source::Memory(&bytes);
             self.store.ensure(&path, &hashed, source).await?;
             let Hashed { sha256, bytes } = hashed;
@@ -428,6 +439,13 @@ impl<'a> Pusher<'a> {
             placed: sent.placed,
         }
     }
+}
+
+/// Where rows go, and whether those that are there stay: they are of the same content, and the run may
+/// be in another folder, too.
+struct RowsAt {
+    placed: Placed,
+    rows_stay: bool,
 }
 
 /// What was sent of a run.

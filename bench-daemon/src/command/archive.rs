@@ -22,11 +22,14 @@ use super::printed::say_json;
 use crate::{
     safety::failure::Failure,
     serve::{
-        archive::{ArchiveNow, chance, sources},
+        archive::{ArchiveNow, sources},
         jobs,
         settings::{Archive, Settings},
     },
-    support::terminal::{remark, say},
+    support::{
+        chance::chance,
+        terminal::{remark, say},
+    },
 };
 use args::{Act, FetchArgs, PushArgs, StatusArgs, ThinArgs, VerifyArgs};
 

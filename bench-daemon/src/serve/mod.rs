@@ -14,6 +14,7 @@
 pub mod analyses;
 pub mod analyst;
 pub mod archive;
+pub mod archivist;
 pub mod audit;
 pub mod capture;
 pub mod catalog;
@@ -127,7 +128,7 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     let (archivist, of_archivist) = (server.clone(), handle.clone());
     std::thread::Builder::new()
         .name("archive".to_owned())
-        .spawn(move || of_archivist.block_on(archive::work(archivist)))?;
+        .spawn(move || of_archivist.block_on(archivist::work(archivist)))?;
     std::thread::Builder::new()
         .name("investigator".to_owned())
         .spawn(move || of_player.block_on(investigator::work(player)))?;

@@ -130,8 +130,6 @@ fn the_arrows_between_the_crates_are_these_and_no_others() {
         // Its tests take data sets from there.
         ("bench-daemon", "study"),
         ("eisbench-python", "analysis"),
-        ("bench-daemon", "bench-archive"),
-        ("bench-daemon", "bench-fleet"),
         // Its clock only.
         ("bench-fleet", "instruments-link"),
         // Its tests only.

@@ -142,8 +142,8 @@ impl ObjectStore for Faulty {
         opts: PutOptions,
     ) -> Result<PutResult> {
         match self.faults.fate(location) {
-            Fate::Fine => self.inner.put_opts(location, payload, opts).await,
-            Fate::Refused | Fate::Wrong => broken(),
+            Fate::Fine | Fate::Wrong => self.inner.put_opts(location, payload, opts).await,
+            Fate::Refused => broken(),
             Fate::Lost => {
                 self.inner.put_opts(location, payload, opts).await?;
                 broken()

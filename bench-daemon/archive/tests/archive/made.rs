@@ -34,7 +34,7 @@ pub(crate) fn sha256(bytes: &[u8]) -> String {
 
 /// A data folder with run folders, and a store.
 pub(crate) struct Place {
-    folder: tempfile::TempDir,
+    pub(crate) folder: tempfile::TempDir,
     /// What the store holds, without faults.
     pub(crate) inner: Arc<InMemory>,
     /// The faults of the store.

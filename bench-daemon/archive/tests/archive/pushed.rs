@@ -197,6 +197,7 @@ fn two_runs_of_the_same_content_are_one_in_the_store() {
     let wanted = place.held();
     place.push(&other).unwrap();
     assert!(place.held() == wanted);
+    assert_eq!(place.kept(&one).tables, place.kept(&other).tables);
     // The rows of the one that changes are not taken from the other.
     place.push(&diagnosed(&place, &one, "diagnosis-1")).unwrap();
     assert_eq!(place.rows().len(), 3 + 4);
