@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from statistics import NormalDist
 from typing import Any, Optional, Union, cast
 
@@ -413,16 +414,21 @@ def _with(rows: _Rows, column: Floats) -> _Rows:
 def student(probability: float, freedom: float) -> float:
     """Quantile of Student's distribution, by bisection of its integral."""
     low, high = 0.0, 1e6
-    for _ in range(200):
+    for _ in range(60):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if _student_below(middle, freedom) < probability else (low, middle)
     return 0.5 * (low + high)
 
 
+@lru_cache
+def _nodes() -> tuple[Floats, Floats]:
+    return np.polynomial.legendre.leggauss(200)
+
+
 def _student_below(t: float, freedom: float) -> float:
     """Probability below t > 0: the integral over the angle θ of t = √ν·tan θ, of cos^(ν−1) θ."""
     angle = np.arctan(t / np.sqrt(freedom))
-    nodes, weights = np.polynomial.legendre.leggauss(200)
+    nodes, weights = _nodes()
 
     def integral(to: float) -> float:
         theta = 0.5 * to * (nodes + 1)

@@ -12,6 +12,8 @@ from functools import partial
 from itertools import accumulate
 from typing import Any, Protocol
 
+import numpy as np
+
 from .._api import POINT_COLUMNS
 from .._eisbench import EisError
 from .._optional import arrow, parquet
@@ -129,20 +131,20 @@ def read(place: Place, shard: Shard) -> Any:
     pa = arrow()
     parts = [_read(place, piece) for piece in shard.pieces]
     table = pa.concat_tables(parts, promote_options="permissive")
-    _refuse_pieces(shard, table["spectrum_id"].to_pylist())
+    _refuse_pieces(shard, table["spectrum_id"].combine_chunks().dictionary_encode())
     return table
 
 
-def _refuse_pieces(shard: Shard, ids: list[Any]) -> None:
+def _refuse_pieces(shard: Shard, ids: Any) -> None:
     """Refuses rows of a spectrum that stand in two places: they may be of two spectra."""
-    seen: set[Any] = set()
-    for index, name in enumerate(ids):
-        if index == 0 or ids[index - 1] != name:
-            if name in seen:
-                told = ", ".join(piece.file for piece in shard.pieces)
-                expected = "expected the rows of each spectrum one after another"
-                raise EisError(f"{told}: {expected}, met spectrum_id {name!r} again")
-            seen.add(name)
+    codes = ids.indices.to_numpy()
+    begins = np.flatnonzero(np.diff(codes, prepend=-1))
+    again = np.flatnonzero(np.diff(codes[begins], prepend=-1) < 0)
+    if len(again):
+        name = ids.dictionary[int(codes[begins[again[0]]])].as_py()
+        told = ", ".join(piece.file for piece in shard.pieces)
+        expected = "expected the rows of each spectrum one after another"
+        raise EisError(f"{told}: {expected}, met spectrum_id {name!r} again")
 
 
 def _read(place: Place, piece: Piece) -> Any:
