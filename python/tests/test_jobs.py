@@ -105,6 +105,11 @@ def test_no_cut_of_a_file_loses_or_doubles_a_row(tmp_path, rows, group):
         assert len(ids) == 16 * len(set(ids))
 
 
+def test_columns_of_a_path():
+    told = _shard.partition("tables/spectra/site=S%C3%BCd/bench=__HIVE_DEFAULT_PARTITION__/x.parquet")
+    assert told == {"site": "Süd", "bench": None}
+
+
 def test_shards_follow_from_the_input_alone(store, tmp_path):
     place = Place(store)
     files = place.names("tables/spectra", ".parquet")

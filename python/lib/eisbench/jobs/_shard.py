@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import accumulate
-from typing import Any, Protocol
+from typing import Any, Optional, Protocol
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from ._columns import CARRIED, canonical
 #: Rows of a shard: some 1000 spectra of 25 points, a few seconds of work.
 ROWS = 25_000
 _BLOCK = 1 << 20
+#: Name that Hive gives the partition of a value that is not known.
+_UNKNOWN = "__HIVE_DEFAULT_PARTITION__"
 
 
 @dataclass(frozen=True)
@@ -163,10 +165,12 @@ def _read(place: Place, piece: Piece) -> Any:
     return table
 
 
-def partition(file: str) -> dict[str, str]:
-    """Columns that stand in the path: ``site=north/bench=b1/…``, percent-encoded."""
+def partition(file: str) -> dict[str, Optional[str]]:
+    """Columns that stand in the path, percent-encoded: ``site=north/bench=b1/…``; none where the
+    path says that the value is not known."""
     parts = [part.partition("=") for part in file.split("/")[:-1]]
-    return {name: urllib.parse.unquote(value) for name, sign, value in parts if sign}
+    told = {name: urllib.parse.unquote(value) for name, sign, value in parts if sign}
+    return {name: None if value == _UNKNOWN else value for name, value in told.items()}
 
 
 class _Rows:
