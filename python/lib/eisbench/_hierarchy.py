@@ -22,6 +22,8 @@ Levels = NDArray[np.int64]
 _ROUNDS = 10
 #: Share of the cells that may stand out, of one table; beyond it the others are no reference.
 _MOST_CELLS = 0.2
+#: The same as a number: each costs a fit.
+_MOST_STEPS = 10
 _DAY_S = 86_400.0
 
 
@@ -179,7 +181,19 @@ def _rows(
     fitted = np.log(np.where(values > 0, values, 1.0)) if log else values
     whole = _Rows(fitted, variances, columns, list(levels), list(levels.values()), names, ids, notes)
     _tell_confounded(name, whole, usable)
-    return whole.only(usable)
+    rows = whole.only(usable)
+    _refuse_dependent(rows, covariates)
+    return rows
+
+
+def _refuse_dependent(rows: _Rows, covariates: list[str]) -> None:
+    """Refuses covariates of which one follows from the others, or does not differ at all."""
+    centred = [column - column.mean() for column in rows.covariates if len(column)]
+    scales = [float(np.abs(column).max()) or 1.0 for column in centred]
+    told = [column / scale for column, scale in zip(centred, scales)]
+    if told and int(np.linalg.matrix_rank(np.column_stack(told), tol=1e-9)) < len(told):
+        met = ", ".join(covariates)
+        raise EisError(f"covariates: expected columns that do not depend on each other, met {met}")
 
 
 def _numbers(table: Any, name: str) -> Floats:
@@ -382,7 +396,7 @@ def _odd_cells(
     met: list[tuple[int, float, float]] = []
     left: _Rows = rows
     z = np.nan_to_num(np.asarray(cells["z"]))
-    for step in range(max(1, int(_MOST_CELLS * count))):
+    for step in range(min(max(1, int(_MOST_CELLS * count)), _MOST_STEPS)):
         suspect = int(np.argmax(np.abs(z)))
         freedom = count - step - batches - len(rows.covariates) - 1
         if z[suspect] == 0.0 or freedom < 1:
