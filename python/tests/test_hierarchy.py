@@ -3,6 +3,7 @@ named no more often than it is stated."""
 
 import numpy as np
 import pytest
+from conftest import THESIS
 
 import eisbench as eb
 from eisbench._hierarchy import student
@@ -39,18 +40,18 @@ def column(table, name):
 
 
 def test_components_and_covariates_are_found():
-    found = eb.hierarchy(made(1, batches=30, benches=12), "r_ohm", covariates=["temperature_c"])
+    found = eb.hierarchy(made(1, batches=16, benches=8), "r_ohm", covariates=["temperature_c"])
     told = dict(zip(column(found.components, "component"), column(found.components, "sd")))
     for name, sd in TRUTH.items():
         assert told[name] == pytest.approx(sd, rel=0.5), name
     terms = dict(zip(column(found.fixed, "term"), column(found.fixed, "value")))
     assert terms["temperature_c"] == pytest.approx(-0.02, rel=0.05)
-    assert len(column(found.cells, "cell")) == 150 and not column(found.outliers, "name")
+    assert len(column(found.cells, "cell")) == 80 and not column(found.outliers, "name")
 
 
 def test_intervals_cover_and_false_alarms_are_rare():
     covered = {name: 0 for name in [*TRUTH, "slope"]}
-    alarms, times = 0, 60
+    alarms, times = 0, 40
     for seed in range(times):
         found = eb.hierarchy(made([5, seed]), "r_ohm", covariates=["temperature_c"])
         told = [column(found.components, name) for name in ("component", "low", "high")]
@@ -61,9 +62,9 @@ def test_intervals_cover_and_false_alarms_are_rare():
         covered["slope"] += abs(value + 0.02) <= 1.96 * sigma
         alarms += bool(column(found.outliers, "name"))
     print({name: f"{count} of {times}" for name, count in covered.items()}, "alarms", alarms)
-    # 95 % of 60 is 57; fewer than 50 has a probability below 1 in 1000. Of alarms 3 are expected.
-    assert all(count >= 50 for count in covered.values()), covered
-    assert alarms <= 10
+    # 38 of 40 are expected; fewer than 32 have a probability below 1 in 1000. Of alarms 2 are.
+    assert all(count >= 32 for count in covered.values()), covered
+    assert alarms <= 8
 
 
 def test_known_uncertainty_is_not_counted_as_scatter():
@@ -121,7 +122,7 @@ def test_what_cannot_be_fitted_is_refused():
         eb.hierarchy(table, "r2_ohm")
     with pytest.raises(eb.EisError, match="expected a column specimen"):
         eb.hierarchy(table, "r_ohm", cell="specimen")
-    with pytest.raises(eb.EisError, match="expected covariates that do not depend"):
+    with pytest.raises(eb.EisError, match="expected columns that do not depend"):
         eb.hierarchy(table, "r_ohm", covariates=["temperature_c", "temperature_c"])
     with pytest.raises(eb.EisError, match="false_alarms"):
         eb.hierarchy(table, "r_ohm", false_alarms=0)
@@ -144,6 +145,19 @@ def test_against_statsmodels():
     assert ours["residual"] == pytest.approx(float(theirs.scale) ** 0.5, rel=0.02)
     values = column(found.fixed, "value")
     assert values == pytest.approx(theirs.fe_params.tolist(), rel=1e-3)
+
+
+def test_cells_of_the_thesis():
+    """25 sweeps of 5 cells of one type, each measured 5 times."""
+    spectra = [one for one in eb.read_spectra(THESIS) if one.is_unbiased_cell]
+    table = dict(eb.fit_table(spectra, rc=2, ocv_slope="none"))
+    table["cell"] = [one.cell for one in spectra]
+    found = eb.hierarchy(table, ["r_ohm", "dc_resistance_ohm"], sigma=False)
+    sds = np.array(column(found.components, "sd")).reshape(2, 2)
+    print(found.components, found.outliers)
+    assert len(set(table["cell"])) == 5
+    # The cells differ by some 0.8 %, and one repeats within 0.16 % to 0.36 % at 0.1 Hz.
+    assert 0.002 < sds[1, 0] < 0.03 and 0.0005 < sds[1, 1] < 0.01
 
 
 def test_quantiles_of_student():

@@ -105,6 +105,11 @@ def test_no_cut_of_a_file_loses_or_doubles_a_row(tmp_path, rows, group):
         assert len(ids) == 16 * len(set(ids))
 
 
+def test_columns_of_a_path():
+    told = _shard.partition("tables/spectra/site=S%C3%BCd/bench=__HIVE_DEFAULT_PARTITION__/x.parquet")
+    assert told == {"site": "Süd", "bench": None}
+
+
 def test_shards_follow_from_the_input_alone(store, tmp_path):
     place = Place(store)
     files = place.names("tables/spectra", ".parquet")
@@ -258,9 +263,32 @@ def test_spark(store, tmp_path):
     session = builder.config("spark.driver.bindAddress", "127.0.0.1").getOrCreate()
     try:
         by_spark = jobs.run(TASK, store, tmp_path / "spark", engine="spark", rows=160)
+        own = of_a_data_frame(session, store)
     finally:
         session.stop()
-    assert by_spark.sha256 == jobs.run(TASK, store, tmp_path / "local").sha256
+    local = jobs.run(TASK, store, tmp_path / "local")
+    assert by_spark.sha256 == local.sha256
+    rows = zip(*(local.table()[name].to_pylist() for name in ("spectrum_id", "r_ohm")))
+    assert own == dict(rows)
+
+
+def of_a_data_frame(session, store):
+    """The function of the job on a data frame of Spark, as ``docs/jobs.md`` tells it."""
+    from pyspark.sql.pandas.types import from_arrow_schema
+
+    numbers_of_it = ("freq_hz", "z_re_ohm", "z_im_ohm", "sigma_re_ohm", "sigma_im_ohm")
+    names = [("spectrum_id", pa.string()), *((name, pa.float64()) for name in numbers_of_it)]
+    given, task = pa.schema(names), TASK
+
+    def each(batches):
+        from eisbench import jobs
+
+        yield from jobs.work(task, pa.Table.from_batches(batches, given)).to_batches()
+
+    spectra = session.read.parquet(str(store / "tables/spectra"))
+    apart = spectra.select(given.names).repartition(3, "spectrum_id")
+    fits = apart.mapInArrow(each, from_arrow_schema(task.schema()))
+    return {row["spectrum_id"]: row["r_ohm"] for row in fits.collect()}
 
 
 def test_ray(store, tmp_path):

@@ -80,12 +80,7 @@ class _Points:
 
 def grouped(table: Any) -> list[tuple[str, Optional[Spectrum], Optional[str]]]:
     """Name and spectrum of each, or the reason why it is none, in the order of their first row."""
-    given = columns_of(table, ("spectrum_id", *POINT_COLUMNS))
-    for needed in _NEEDED:
-        if needed not in given:
-            told = ", ".join(given) or "none of those that are known"
-            raise EisError(f"table: expected a column {needed}, met {told}")
-    columns = {name: numbers(name, given[name]) for name in POINT_COLUMNS if name in given}
+    columns, given = points_of(table), columns_of(table, ["spectrum_id"])
     named, rows = "spectrum_id" in given, len(columns["freq_hz"])
     ids = names_of(given["spectrum_id"]) if named else np.zeros(rows, dtype=np.int64)
     if {len(column) for column in (ids, *columns.values())} != {rows}:
@@ -94,9 +89,26 @@ def grouped(table: Any) -> list[tuple[str, Optional[Spectrum], Optional[str]]]:
         return []
     _, first, group = np.unique(ids, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))[group]
-    order = np.argsort(rank, kind="stable")
-    ends = np.cumsum(np.bincount(rank)).tolist()
     names = [str(name) for name in ids[np.sort(first)]] if named else ["table"]
+    return spectra_of_groups(columns, names, rank)
+
+
+def points_of(table: Any) -> dict[str, NDArray[np.float64]]:
+    """The columns of points that a table has."""
+    given = columns_of(table, ("spectrum_id", *POINT_COLUMNS))
+    for needed in _NEEDED:
+        if needed not in given:
+            told = ", ".join(given) or "none of those that are known"
+            raise EisError(f"table: expected a column {needed}, met {told}")
+    return {name: numbers(name, given[name]) for name in POINT_COLUMNS if name in given}
+
+
+def spectra_of_groups(
+    columns: Mapping[str, NDArray[np.float64]], names: list[str], rank: NDArray[np.int64]
+) -> list[tuple[str, Optional[Spectrum], Optional[str]]]:
+    """The same of columns of points, where ``rank`` is the place of each row's name in ``names``."""
+    order = np.argsort(rank, kind="stable")
+    ends = np.cumsum(np.bincount(rank, minlength=len(names))).tolist()
     made = _eisbench.spectra_of_columns(names, ends, _Points(columns, order))
     return [(name, spectrum, reason) for name, (spectrum, reason) in zip(names, made)]
 

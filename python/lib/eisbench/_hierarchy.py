@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from statistics import NormalDist
 from typing import Any, Optional, Union, cast
 
@@ -21,6 +22,8 @@ Levels = NDArray[np.int64]
 _ROUNDS = 10
 #: Share of the cells that may stand out, of one table; beyond it the others are no reference.
 _MOST_CELLS = 0.2
+#: The same as a number: each costs a fit.
+_MOST_STEPS = 10
 _DAY_S = 86_400.0
 
 
@@ -178,7 +181,19 @@ def _rows(
     fitted = np.log(np.where(values > 0, values, 1.0)) if log else values
     whole = _Rows(fitted, variances, columns, list(levels), list(levels.values()), names, ids, notes)
     _tell_confounded(name, whole, usable)
-    return whole.only(usable)
+    rows = whole.only(usable)
+    _refuse_dependent(rows, covariates)
+    return rows
+
+
+def _refuse_dependent(rows: _Rows, covariates: list[str]) -> None:
+    """Refuses covariates of which one follows from the others, or does not differ at all."""
+    centred = [column - column.mean() for column in rows.covariates if len(column)]
+    scales = [float(np.abs(column).max()) or 1.0 for column in centred]
+    told = [column / scale for column, scale in zip(centred, scales)]
+    if told and int(np.linalg.matrix_rank(np.column_stack(told), tol=1e-9)) < len(told):
+        met = ", ".join(covariates)
+        raise EisError(f"covariates: expected columns that do not depend on each other, met {met}")
 
 
 def _numbers(table: Any, name: str) -> Floats:
@@ -381,7 +396,7 @@ def _odd_cells(
     met: list[tuple[int, float, float]] = []
     left: _Rows = rows
     z = np.nan_to_num(np.asarray(cells["z"]))
-    for step in range(max(1, int(_MOST_CELLS * count))):
+    for step in range(min(max(1, int(_MOST_CELLS * count)), _MOST_STEPS)):
         suspect = int(np.argmax(np.abs(z)))
         freedom = count - step - batches - len(rows.covariates) - 1
         if z[suspect] == 0.0 or freedom < 1:
@@ -413,16 +428,21 @@ def _with(rows: _Rows, column: Floats) -> _Rows:
 def student(probability: float, freedom: float) -> float:
     """Quantile of Student's distribution, by bisection of its integral."""
     low, high = 0.0, 1e6
-    for _ in range(200):
+    for _ in range(60):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if _student_below(middle, freedom) < probability else (low, middle)
     return 0.5 * (low + high)
 
 
+@lru_cache
+def _nodes() -> tuple[Floats, Floats]:
+    return np.polynomial.legendre.leggauss(200)
+
+
 def _student_below(t: float, freedom: float) -> float:
     """Probability below t > 0: the integral over the angle θ of t = √ν·tan θ, of cos^(ν−1) θ."""
     angle = np.arctan(t / np.sqrt(freedom))
-    nodes, weights = np.polynomial.legendre.leggauss(200)
+    nodes, weights = _nodes()
 
     def integral(to: float) -> float:
         theta = 0.5 * to * (nodes + 1)

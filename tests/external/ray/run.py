@@ -143,18 +143,24 @@ def main():
 
     one, t1 = local(task, place, told.folder / "one", 1)
     rate = told.spectra / t1.s
-    print(f"local, 1 worker:  {t1.s:7.1f} s, {rate:6.0f} spectra/s, {1e3 * t1.cpu_s / told.spectra:.2f} ms of processor time each")
+    each_ms = 1e3 * t1.cpu_s / told.spectra
+    print(f"local, 1 worker:  {t1.s:7.1f} s, {rate:6.0f} spectra/s, {each_ms:.2f} ms of processor time each")
     two, t2 = local(task, place, told.folder / "two", 2)
-    print(f"local, 2 workers: {t2.s:7.1f} s, {told.spectra / t2.s:6.0f} spectra/s, {t1.s / t2.s:.2f} times 1 worker")
+    rate = told.spectra / t2.s
+    print(f"local, 2 workers: {t2.s:7.1f} s, {rate:6.0f} spectra/s, {t1.s / t2.s:.2f} times 1 worker")
     ray_done, t3, _, _ = on_ray(task, place, told.folder / "ray", kill=False)
-    print(f"Ray, 2 nodes:     {t3.s:7.1f} s, {told.spectra / t3.s:6.0f} spectra/s, {100 * (t3.s / t2.s - 1):+.0f} % of time against local")
+    rate, more = told.spectra / t3.s, 100 * (t3.s / t2.s - 1)
+    print(f"Ray, 2 nodes:     {t3.s:7.1f} s, {rate:6.0f} spectra/s, {more:+.0f} % of time against local")
     cut, t4, killed, nodes = on_ray(task, place, told.folder / "killed", kill=True)
-    print(f"Ray, one killed:  {t4.s:7.1f} s, killed after {killed[0][0]} of {killed[0][1]} shards, {nodes} node left")
+    at, of = killed[0]
+    print(f"Ray, one killed:  {t4.s:7.1f} s, killed after {at} of {of} shards, {nodes} node left")
 
     assert one.rows == told.spectra and nodes == 1, (one.rows, nodes)
-    same = [bytes_of(told.folder / name) == bytes_of(told.folder / "one") for name in ("two", "ray", "killed")]
+    whole = bytes_of(told.folder / "one")
+    same = [bytes_of(told.folder / name) == whole for name in ("two", "ray", "killed")]
     print(f"without a result: {one.errors}; sha256 {one.sha256}")
-    print(f"the same to the last bit: 2 workers {same[0]}, Ray {same[1]}, Ray with a node killed {same[2]}")
+    names = ("2 workers", "Ray", "Ray with a node killed")
+    print("the same to the last bit:", ", ".join(f"{n} {s}" for n, s in zip(names, same)))
     return 0 if all(same) and two.sha256 == ray_done.sha256 == cut.sha256 else 1
 
 

@@ -12,7 +12,9 @@ if ! "$python" -c 'import eisbench, ray, ray.data, pyarrow' 2>/dev/null; then
 fi
 folder="$(mktemp -d)"
 trap 'rm -rf "$folder"' EXIT
-"$python" run.py "$folder/job" --spectra "${1:-100000}" 2>"$folder/log" || {
-  grep -v 'raylet\|state-dump' "$folder/log" | tail -20
+# Ray tells the death of the node at length.
+"$python" run.py "$folder/job" --spectra "${1:-100000}" 2>"$folder/log" |
+  grep '^[0-9]* spectra\|^local\|^Ray\|^without\|^the same' || {
+  tail -20 "$folder/log"
   exit 1
 }

@@ -10,7 +10,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import accumulate
-from typing import Any, Protocol
+from typing import Any, Optional, Protocol
+
+import numpy as np
 
 from .._api import POINT_COLUMNS
 from .._eisbench import EisError
@@ -21,6 +23,8 @@ from ._columns import CARRIED, canonical
 #: Rows of a shard: some 1000 spectra of 25 points, a few seconds of work.
 ROWS = 25_000
 _BLOCK = 1 << 20
+#: Name that Hive gives the partition of a value that is not known.
+_UNKNOWN = "__HIVE_DEFAULT_PARTITION__"
 
 
 @dataclass(frozen=True)
@@ -129,20 +133,20 @@ def read(place: Place, shard: Shard) -> Any:
     pa = arrow()
     parts = [_read(place, piece) for piece in shard.pieces]
     table = pa.concat_tables(parts, promote_options="permissive")
-    _refuse_pieces(shard, table["spectrum_id"].to_pylist())
+    _refuse_pieces(shard, table["spectrum_id"].combine_chunks().dictionary_encode())
     return table
 
 
-def _refuse_pieces(shard: Shard, ids: list[Any]) -> None:
+def _refuse_pieces(shard: Shard, ids: Any) -> None:
     """Refuses rows of a spectrum that stand in two places: they may be of two spectra."""
-    seen: set[Any] = set()
-    for index, name in enumerate(ids):
-        if index == 0 or ids[index - 1] != name:
-            if name in seen:
-                told = ", ".join(piece.file for piece in shard.pieces)
-                expected = "expected the rows of each spectrum one after another"
-                raise EisError(f"{told}: {expected}, met spectrum_id {name!r} again")
-            seen.add(name)
+    codes = ids.indices.to_numpy()
+    begins = np.flatnonzero(np.diff(codes, prepend=-1))
+    again = np.flatnonzero(np.diff(codes[begins], prepend=-1) < 0)
+    if len(again):
+        name = ids.dictionary[int(codes[begins[again[0]]])].as_py()
+        told = ", ".join(piece.file for piece in shard.pieces)
+        expected = "expected the rows of each spectrum one after another"
+        raise EisError(f"{told}: {expected}, met spectrum_id {name!r} again")
 
 
 def _read(place: Place, piece: Piece) -> Any:
@@ -161,10 +165,12 @@ def _read(place: Place, piece: Piece) -> Any:
     return table
 
 
-def partition(file: str) -> dict[str, str]:
-    """Columns that stand in the path: ``site=north/bench=b1/…``, percent-encoded."""
+def partition(file: str) -> dict[str, Optional[str]]:
+    """Columns that stand in the path, percent-encoded: ``site=north/bench=b1/…``; none where the
+    path says that the value is not known."""
     parts = [part.partition("=") for part in file.split("/")[:-1]]
-    return {name: urllib.parse.unquote(value) for name, sign, value in parts if sign}
+    told = {name: urllib.parse.unquote(value) for name, sign, value in parts if sign}
+    return {name: None if value == _UNKNOWN else value for name, value in told.items()}
 
 
 class _Rows:

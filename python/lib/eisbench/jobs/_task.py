@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Optional, Union, cast
+from typing import Any, Optional, Union
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import _eisbench
-from .._api import POINT_COLUMNS, FitWishes, Given, grouped
+from .._api import POINT_COLUMNS, FitWishes, Given, points_of, spectra_of_groups
 from .._eisbench import EisError
 from .._optional import arrow
-from .._table import columns_of, names_of, numbers
 from . import _shard
 from ._columns import CARRIED, MADE, canonical
 from ._place import Place
@@ -109,19 +108,35 @@ def work(task: Task, table: Any) -> Any:
         expected = f"expected version {task.program} of eisbench, as where the job began"
         raise EisError(f"task: {expected}, met {_eisbench.__version__}")
     pa = arrow()
-    given = [Given(*one) for one in grouped(table)]
+    points, groups = points_of(table), _Groups(pa, table)
+    given = [Given(*one) for one in spectra_of_groups(points, groups.names, groups.rank)]
     columns: dict[str, Any] = {}
     for name, (kind, values) in task.columns(given).items():
         columns[name] = _array(pa, kind, values)
-    first, order = _order(table)
     for name, kind in CARRIED.items():
-        columns[name] = _carried(pa, table, name, kind, first)
+        columns[name] = _carried(pa, table, name, kind, groups.first)
     made = [task.kind, task.program, task.parameters, task.sha256]
     for name, text in zip(MADE, made):
         columns[name] = pa.array([text] * len(given), pa.string())
-    names = [one.spectrum_id for one in given]
-    columns["input_sha256"] = pa.array(_hashes(table, names, order), pa.string())
+    columns["input_sha256"] = pa.array(_hashes(points, groups), pa.string())
     return pa.table(columns)
+
+
+class _Groups:
+    """The rows of each spectrum of an Arrow table, in the order of their first rows."""
+
+    def __init__(self, pa: Any, table: Any) -> None:
+        if "spectrum_id" not in table.column_names:
+            raise EisError("table: expected a column spectrum_id, met none")
+        ids = table["spectrum_id"].cast(pa.string()).combine_chunks()
+        if ids.null_count:
+            raise EisError("table: expected a spectrum_id in every row, met none")
+        coded = ids.dictionary_encode()
+        self.names: list[str] = coded.dictionary.to_pylist()
+        self.rank: NDArray[np.int64] = coded.indices.to_numpy().astype(np.int64)
+        _, self.first = np.unique(self.rank, return_index=True)
+        self.order = np.argsort(self.rank, kind="stable")
+        self.ends = np.cumsum(np.bincount(self.rank, minlength=len(self.names)))
 
 
 def _array(pa: Any, kind: str, values: Any) -> Any:
@@ -130,19 +145,6 @@ def _array(pa: Any, kind: str, values: Any) -> Any:
     told: NDArray[np.float64] = np.asarray(values, dtype=np.float64)
     numbers_of_it = pa.array(told, pa.float64(), from_pandas=True)
     return numbers_of_it if kind == "number" else numbers_of_it.cast(pa.int64())
-
-
-def _order(table: Any) -> tuple[NDArray[np.int64], list[NDArray[np.int64]]]:
-    """The first row of each spectrum, and the rows of each, both in the order of the first rows."""
-    given = columns_of(table, ("spectrum_id", "freq_hz"))
-    told: Any = given.get("spectrum_id")
-    rows = len(given["freq_hz"])
-    ids = np.zeros(rows, dtype=np.int64) if told is None else names_of(told)
-    _, first, group = np.unique(ids, return_index=True, return_inverse=True)
-    rank = np.argsort(np.argsort(first))[group]
-    ends = np.cumsum(np.bincount(rank))[:-1] if rows else np.zeros(0, dtype=np.int64)
-    parts = np.split(np.argsort(rank, kind="stable"), ends) if rows else []
-    return np.sort(first), cast("list[NDArray[np.int64]]", parts)
 
 
 def _carried(pa: Any, table: Any, name: str, kind: str, first: NDArray[np.int64]) -> Any:
@@ -154,17 +156,17 @@ def _carried(pa: Any, table: Any, name: str, kind: str, first: NDArray[np.int64]
     return values.cast(wanted)
 
 
-def _hashes(table: Any, names: Sequence[str], parts: list[NDArray[np.int64]]) -> list[str]:
+def _hashes(points: Mapping[str, NDArray[np.float64]], groups: _Groups) -> list[str]:
     """SHA-256 of each spectrum: its name, a zero, and its rows of the columns of points in their
     order, as little-endian numbers; not a number where the input does not have one."""
-    given = columns_of(table, POINT_COLUMNS)
-    rows = len(given["freq_hz"])
-    none = np.full(rows, np.nan)
-    columns = [numbers(name, given[name]) if name in given else none for name in POINT_COLUMNS]
-    points = np.column_stack(columns).astype("<f8")
-    points[np.isnan(points)] = np.nan
+    none = np.full(len(groups.rank), np.nan)
+    columns = [points.get(name, none) for name in POINT_COLUMNS]
+    rows = np.column_stack(columns).astype("<f8")[groups.order]
+    rows[np.isnan(rows)] = np.nan
     found: list[str] = []
-    for name, part in zip(names, parts):
-        told = name.encode() + b"\0" + np.ascontiguousarray(points[part]).tobytes()
+    start = 0
+    for name, end in zip(groups.names, groups.ends.tolist()):
+        told = name.encode() + b"\0" + rows[start:end].tobytes()
         found.append(hashlib.sha256(told).hexdigest())
+        start = end
     return found
