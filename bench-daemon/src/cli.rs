@@ -9,6 +9,7 @@ use crate::{
     operator::run_control::RunAction,
     safety::failure::Failure,
     support::logging::{self, Verbosity},
+    support::telemetry::Telemetry,
     support::terminal::remark,
 };
 
@@ -30,7 +31,9 @@ const GROUPS: [(&str, &[&str]); 7] = [
     ("A cell or a pack under load", &["simulate", "pack", "sop"]),
     (
         "Files",
-        &["convert", "replay", "verify", "catalog", "campaign"],
+        &[
+            "convert", "replay", "verify", "catalog", "campaign", "archive",
+        ],
     ),
     (
         "Server and shell",
@@ -91,6 +94,9 @@ Examples:
   All runs below a folder, and a cell over its runs:
     eis-bench catalog scan runs.sqlite runs
     eis-bench catalog ageing runs.sqlite --cell P45B-17 --out FOLDER
+  Ended runs of a server into its archive, and back:
+    eis-bench archive push SERVER.toml
+    eis-bench archive fetch SERVER.toml RUN
   A spectrum for ZView, a time series for the Battery Data Alliance's tools, a model for a \
 controller:
     eis-bench convert SPECTRUM.csv --to zview --out FOLDER
@@ -205,6 +211,8 @@ enum Command {
     Catalog(command::catalog::CatalogArgs),
     /// Measure many cells on several benches: plan, and judge what came of it.
     Campaign(command::campaign::CampaignArgs),
+    /// Send ended runs to a store, read them back, and move captures there by policy.
+    Archive(command::archive::ArchiveArgs),
     /// Serve benches over HTTP, with a queue, a page and an API, until stopped.
     Serve(command::serve::ServeArgs),
     /// Tokens that open a server's API.
@@ -254,11 +262,19 @@ fn grouped() -> clap::Command {
 pub fn main() -> ExitCode {
     let matches = grouped().get_matches();
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
-    logging::start(match cli.verbose {
+    let verbosity = match cli.verbose {
         0 => Verbosity::Normal,
         1 => Verbosity::Verbose,
         _ => Verbosity::Debug,
-    });
+    };
+    // What a server sends is said in its file.
+    let telemetry = match cli.command {
+        Command::Run(_) | Command::Resume(_) => {
+            Telemetry::from_environment(&std::process::id().to_string())
+        }
+        _ => Telemetry::default(),
+    };
+    logging::start(verbosity, telemetry.tracer());
     let result = match cli.command {
         Command::Run(args) => command::run::run(&args),
         Command::Resume(args) => command::resume::resume(&args),
@@ -291,6 +307,7 @@ pub fn main() -> ExitCode {
         Command::Verify(args) => command::verify::verify(&args),
         Command::Catalog(args) => command::catalog::catalog(&args),
         Command::Campaign(args) => command::campaign::campaign(&args),
+        Command::Archive(args) => command::archive::archive(&args),
         Command::Serve(args) => command::serve::serve(&args),
         Command::Token(args) => command::token::token(&args),
         Command::Fleet(args) => command::fleet::fleet(&args),
@@ -302,6 +319,7 @@ pub fn main() -> ExitCode {
         }
         Command::Man(args) => command::shell::man(&args, Cli::command()),
     };
+    telemetry.end();
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {

@@ -25,6 +25,7 @@ mod state;
 pub mod thermostat;
 mod trace;
 mod trace_rows;
+mod traced;
 mod watch;
 mod wave;
 
@@ -44,6 +45,7 @@ pub use state::Person;
 use state::{Direct, Known, Position, Reset};
 pub use trace::charge_of;
 pub(crate) use trace_rows::{Frames, Recorded as RecordedTrace, zeros};
+pub(crate) use traced::{Timed, within};
 
 use crate::{
     bench::BenchError,
@@ -164,34 +166,42 @@ impl<'a> Executor<'a> {
                     step: index,
                 })
             };
-            match *step {
-                Step::Recheck(ref quality) if matches!(stage.purpose, Purpose::Multisine(_)) => {
-                    self.recheck_bands(quality, stage, &mut points).await?;
-                    done(self.rig.recorder)?;
-                }
-                Step::Recheck(ref quality) => {
-                    for (step, at) in self.recheck(fixture, quality, stage, &mut points).await? {
-                        // The later entry of a step counts.
-                        let idle = self.known.idle;
-                        self.rig.recorder.point(number, step, idle, &points[at])?;
-                    }
-                    done(self.rig.recorder)?;
-                }
-                Step::Multisine(ref band) => {
-                    self.gated_band(band, &mut points).await?;
-                    done(self.rig.recorder)?;
-                }
-                _ => {
-                    if let Some(point) = self.play(fixture, step).await? {
-                        let idle = self.known.idle;
-                        self.rig.recorder.point(number, index, idle, &point)?;
-                        on_point(self.rig.recorder, &point)?;
-                        points.push(point);
-                    } else {
+            let span = traced::step(step, &self.rig.clock);
+            let work = async {
+                match *step {
+                    Step::Recheck(ref quality)
+                        if matches!(stage.purpose, Purpose::Multisine(_)) =>
+                    {
+                        self.recheck_bands(quality, stage, &mut points).await?;
                         done(self.rig.recorder)?;
                     }
+                    Step::Recheck(ref quality) => {
+                        for (step, at) in self.recheck(fixture, quality, stage, &mut points).await?
+                        {
+                            // The later entry of a step counts.
+                            let idle = self.known.idle;
+                            self.rig.recorder.point(number, step, idle, &points[at])?;
+                        }
+                        done(self.rig.recorder)?;
+                    }
+                    Step::Multisine(ref band) => {
+                        self.gated_band(band, &mut points).await?;
+                        done(self.rig.recorder)?;
+                    }
+                    _ => {
+                        if let Some(point) = self.play(fixture, step).await? {
+                            let idle = self.known.idle;
+                            self.rig.recorder.point(number, index, idle, &point)?;
+                            on_point(self.rig.recorder, &point)?;
+                            points.push(point);
+                        } else {
+                            done(self.rig.recorder)?;
+                        }
+                    }
                 }
-            }
+                Ok::<(), ExecuteError>(())
+            };
+            traced::within(span, work).await?;
             self.person.progress.end(step);
         }
         if let Some(first) = resume_point.points.first() {

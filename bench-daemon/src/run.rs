@@ -16,6 +16,7 @@ mod run_accumulator;
 mod session;
 mod stop;
 mod sweep_writer;
+mod traced;
 
 use std::path::Path;
 

@@ -2,6 +2,8 @@
 
 pub mod account;
 pub mod addresses;
+pub mod calendar;
+pub mod chance;
 pub mod compare;
 pub mod confined_path;
 pub mod crash_point;
@@ -10,4 +12,5 @@ pub mod logging;
 pub mod loopback;
 pub mod present;
 pub mod sums;
+pub mod telemetry;
 pub mod terminal;

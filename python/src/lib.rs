@@ -6,10 +6,12 @@
     reason = "PyO3 hands arguments over by value"
 )]
 
+mod catalog;
 mod diagnosis;
 mod error;
 mod fit;
 mod joint;
+mod mixed;
 mod model;
 mod play;
 mod series;
@@ -25,6 +27,8 @@ fn _eisbench(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<spectrum::Spectrum>()?;
     module.add_class::<model::Model>()?;
     module.add_class::<diagnosis::DataSet>()?;
+    module.add_class::<catalog::Catalog>()?;
+    module.add_function(wrap_pyfunction!(catalog::points_of_files, module)?)?;
     module.add_function(wrap_pyfunction!(spectrum::read_spectra, module)?)?;
     module.add_function(wrap_pyfunction!(fit::fit_erm, module)?)?;
     module.add_function(wrap_pyfunction!(fit::fit_circuit, module)?)?;
@@ -39,5 +43,6 @@ fn _eisbench(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(series::read_capture, module)?)?;
     module.add_function(wrap_pyfunction!(series::ocv, module)?)?;
     module.add_function(wrap_pyfunction!(joint::joint, module)?)?;
+    module.add_function(wrap_pyfunction!(mixed::mixed, module)?)?;
     Ok(())
 }

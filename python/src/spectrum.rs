@@ -22,8 +22,26 @@ impl Spectrum {
         &self.sourced.spectrum.points
     }
 
+    /// A spectrum of points in any order.
+    pub(crate) fn of(name: &str, points: Vec<ImpedancePoint>) -> Result<Self, String> {
+        let mut spectrum = Points {
+            name: name.to_owned(),
+            points,
+            ..Points::default()
+        };
+        spectrum.sort();
+        spectrum.validate().map_err(|error| error.to_string())?;
+        Ok(Self {
+            sourced: SourcedSpectrum {
+                origin: Origin::default(),
+                spectrum,
+                flagged: Vec::new(),
+            },
+        })
+    }
+
     /// A spectrum of columns of one length.
-    pub(crate) fn of(
+    fn of_columns(
         name: &str,
         freq_hz: &[f64],
         z_ohm: &[Complex64],
@@ -53,20 +71,7 @@ impl Spectrum {
                 }),
             amplitude_a: f64::NAN,
         });
-        let mut spectrum = Points {
-            name: name.to_owned(),
-            points: points.collect(),
-            ..Points::default()
-        };
-        spectrum.sort();
-        spectrum.validate().map_err(|error| error.to_string())?;
-        Ok(Self {
-            sourced: SourcedSpectrum {
-                origin: Origin::default(),
-                spectrum,
-                flagged: Vec::new(),
-            },
-        })
+        Self::of(name, points.collect())
     }
 
     fn column<'py, T: numpy::Element>(
@@ -91,7 +96,14 @@ impl Spectrum {
     ) -> PyResult<Self> {
         let (freq_hz, z_ohm) = (freq_hz.as_array().to_vec(), z_ohm.as_array().to_vec());
         let sigma_ohm = sigma_ohm.map(|sigma_ohm| sigma_ohm.as_array().to_vec());
-        let made = caught(|| Ok(Self::of(name, &freq_hz, &z_ohm, sigma_ohm.as_deref())))?;
+        let made = caught(|| {
+            Ok(Self::of_columns(
+                name,
+                &freq_hz,
+                &z_ohm,
+                sigma_ohm.as_deref(),
+            ))
+        })?;
         made.map_err(|reason| refused(&reason))
     }
 

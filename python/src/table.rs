@@ -1,7 +1,9 @@
 //! Tables: many spectra from columns, many results as columns.
 
 use analysis::fit::{ErmRequest, Objective, Slope};
+use analysis::numeric::Covariance2;
 use analysis::rows::{Cell, CircuitRows, ColumnKind, ErmRows, ResultRow, ResultRows, ValidityRows};
+use analysis::spectrum::ImpedancePoint;
 use numpy::{Complex64, IntoPyArray, PyReadonlyArray1};
 use pyo3::{
     prelude::*,
@@ -21,36 +23,85 @@ pub(crate) struct Given {
     error: Option<String>,
 }
 
+/// Columns of points, of one length, as Python gives them; those that a table does not have are none.
+#[derive(FromPyObject)]
+pub(crate) struct PointColumns<'py> {
+    freq_hz: PyReadonlyArray1<'py, f64>,
+    z_ohm: PyReadonlyArray1<'py, Complex64>,
+    sigma_ohm: Option<PyReadonlyArray1<'py, f64>>,
+    sigma_re_ohm: Option<PyReadonlyArray1<'py, f64>>,
+    sigma_im_ohm: Option<PyReadonlyArray1<'py, f64>>,
+    cov_re_im_ohm2: Option<PyReadonlyArray1<'py, f64>>,
+    amplitude_a: Option<PyReadonlyArray1<'py, f64>>,
+}
+
+/// The points of the rows of a table, by the rule of tables in long form: the deviations of either
+/// part, else the one of both.
+fn points_of(columns: &PointColumns<'_>) -> PyResult<Vec<ImpedancePoint>> {
+    let (freq_hz, z_ohm) = (columns.freq_hz.as_slice()?, columns.z_ohm.as_slice()?);
+    let optional = |column: &Option<PyReadonlyArray1<'_, f64>>| -> PyResult<Vec<f64>> {
+        let values = column
+            .as_ref()
+            .map(|column| Ok(column.as_slice()?.to_vec()));
+        values.unwrap_or_else(|| Ok(vec![f64::NAN; freq_hz.len()]))
+    };
+    let sigma = optional(&columns.sigma_ohm)?;
+    let (sigma_re, sigma_im) = (
+        optional(&columns.sigma_re_ohm)?,
+        optional(&columns.sigma_im_ohm)?,
+    );
+    let (cov, amplitude) = (
+        optional(&columns.cov_re_im_ohm2)?,
+        optional(&columns.amplitude_a)?,
+    );
+    let lengths = [&sigma, &sigma_re, &sigma_im, &cov, &amplitude].map(Vec::len);
+    if z_ohm.len() != freq_hz.len() || lengths.iter().any(|length| *length != freq_hz.len()) {
+        return Err(refused(
+            &"table: expected columns of one length, met several",
+        ));
+    }
+    let points = (0..freq_hz.len()).map(|k| ImpedancePoint {
+        freq_hz: freq_hz[k],
+        z_ohm: z_ohm[k],
+        covariance: covariance([sigma[k], sigma_re[k], sigma_im[k], cov[k]]),
+        amplitude_a: amplitude[k],
+    });
+    Ok(points.collect())
+}
+
+/// The covariance of `sigma_ohm`, `sigma_re_ohm`, `sigma_im_ohm` and `cov_re_im_ohm2`; not a number
+/// where unknown.
+fn covariance([sigma, re, im, re_im]: [f64; 4]) -> Covariance2 {
+    if !re.is_nan() && !im.is_nan() {
+        return Covariance2 {
+            re_re: re * re,
+            im_im: im * im,
+            re_im: if re_im.is_nan() { 0.0 } else { re_im },
+        };
+    }
+    match sigma.is_nan() {
+        true => Covariance2::UNKNOWN,
+        false => Covariance2::circular(sigma * sigma),
+    }
+}
+
 /// Spectra of columns: spectrum k holds the rows from `ends[k - 1]` to `ends[k]`.
 #[pyfunction]
-#[pyo3(signature = (names, ends, freq_hz, z_ohm, sigma_ohm))]
 pub(crate) fn spectra_of_columns(
     names: Vec<String>,
     ends: Vec<usize>,
-    freq_hz: PyReadonlyArray1<'_, f64>,
-    z_ohm: PyReadonlyArray1<'_, Complex64>,
-    sigma_ohm: Option<PyReadonlyArray1<'_, f64>>,
+    columns: PointColumns<'_>,
 ) -> PyResult<Vec<(Option<Spectrum>, Option<String>)>> {
-    let (freq_hz, z_ohm) = (freq_hz.as_slice()?, z_ohm.as_slice()?);
-    let sigma_ohm = sigma_ohm.as_ref().map(|sigma| sigma.as_slice());
-    let sigma_ohm = sigma_ohm.transpose()?;
+    let points = points_of(&columns)?;
     let mut from = 0;
     let mut found = Vec::with_capacity(names.len());
     for (name, end) in names.iter().zip(ends) {
-        let rows = from..end;
-        let part = (
-            freq_hz.get(rows.clone()),
-            z_ohm.get(rows.clone()),
-            sigma_ohm.map(|sigma| sigma.get(rows)),
-        );
-        let (Some(freq_hz), Some(z_ohm), Some(sigma)) =
-            (part.0, part.1, part.2.map_or(Some(None), |s| s.map(Some)))
-        else {
+        let Some(rows) = points.get(from..end) else {
             return Err(refused(
                 &"table: expected columns of one length, met several",
             ));
         };
-        found.push(match Spectrum::of(name, freq_hz, z_ohm, sigma) {
+        found.push(match Spectrum::of(name, rows.to_vec()) {
             Ok(spectrum) => (Some(spectrum), None),
             Err(reason) => (None, Some(reason)),
         });
@@ -59,11 +110,13 @@ pub(crate) fn spectra_of_columns(
     Ok(found)
 }
 
-/// Rows of a kind of results as columns: name → (kind, values, which are known).
+/// Rows of a kind of results as columns: name → (kind, values). With `alone` this thread does all
+/// the work: who calls has threads of its own.
 fn columns<'py>(
     py: Python<'py>,
     given: &[Given],
     kind: &(impl ResultRows + Send),
+    alone: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
     let mut rows: Vec<ResultRow> = Vec::with_capacity(given.len());
     for chunk in given.chunks(CHUNK) {
@@ -74,7 +127,10 @@ fn columns<'py>(
                 let reason = || one.error.clone().unwrap_or_default();
                 kind.row(&one.spectrum_id, &spectrum.ok_or_else(reason))
             };
-            Ok(chunk.par_iter().map(row).collect::<Vec<_>>())
+            Ok(match alone {
+                true => chunk.iter().map(row).collect::<Vec<_>>(),
+                false => chunk.par_iter().map(row).collect(),
+            })
         })?);
     }
     let table = PyDict::new(py);
@@ -116,6 +172,10 @@ fn kind_name(kind: ColumnKind) -> &'static str {
 
 /// A fit of the extended Randles model to each.
 #[pyfunction]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "they are keyword arguments of Python"
+)]
 pub(crate) fn erm_rows<'py>(
     py: Python<'py>,
     given: Vec<Given>,
@@ -124,6 +184,7 @@ pub(crate) fn erm_rows<'py>(
     ocv_slope: Option<&str>,
     seed: u64,
     starts: usize,
+    alone: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
     let objective: Objective = objective.parse().map_err(|e| refused(&e))?;
     let slope = Slope::asked(ocv_slope, objective)
@@ -135,7 +196,7 @@ pub(crate) fn erm_rows<'py>(
         seed,
         starts,
     };
-    columns(py, &given, &ErmRows { request })
+    columns(py, &given, &ErmRows { request }, alone)
 }
 
 /// A fit of a circuit to each.
@@ -144,6 +205,7 @@ pub(crate) fn circuit_rows<'py>(
     py: Python<'py>,
     given: Vec<Given>,
     wishes: CircuitWishes,
+    alone: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (circuit, options) = wishes.read()?;
     let kind = CircuitRows {
@@ -151,7 +213,7 @@ pub(crate) fn circuit_rows<'py>(
         options,
         slope: Slope::Left,
     };
-    columns(py, &given, &kind)
+    columns(py, &given, &kind, alone)
 }
 
 /// Tests of validity of each, perhaps with relaxation times.
@@ -160,6 +222,7 @@ pub(crate) fn validity_rows<'py>(
     py: Python<'py>,
     given: Vec<Given>,
     drt: bool,
+    alone: bool,
 ) -> PyResult<Bound<'py, PyDict>> {
-    columns(py, &given, &ValidityRows { drt })
+    columns(py, &given, &ValidityRows { drt }, alone)
 }

@@ -1,6 +1,6 @@
 //! Tables of a catalogue for other programs: runs, fits, and spectra in long form.
 
-use std::path::Path;
+use std::{collections::BTreeSet, path::Path};
 
 use analysis_files::{
     batch::{Cells, TableColumn, write_table},
@@ -12,7 +12,7 @@ use serde::Serialize;
 use crate::{
     Catalog, CatalogError,
     query::Filter,
-    record::{CatalogFit, CatalogRun, CatalogSpectrum},
+    record::{CatalogDiagnosis, CatalogFit, CatalogRun, CatalogSpectrum},
 };
 
 /// Answers that are asked for at once.
@@ -100,6 +100,25 @@ impl Catalog {
         })
     }
 
+    /// Writes the diagnoses of the runs that meet the conditions as a table.
+    ///
+    /// # Errors
+    /// [`CatalogError`].
+    pub fn export_diagnoses(&self, path: &Path, filter: &Filter) -> Result<Exported, CatalogError> {
+        let runs: BTreeSet<String> = self
+            .all_runs(filter)?
+            .into_iter()
+            .map(|run| run.run)
+            .collect();
+        let mut diagnoses = self.diagnoses_of_runs()?;
+        diagnoses.retain(|one| one.run.as_ref().is_some_and(|run| runs.contains(run)));
+        write_table(path, &diagnosis_columns(&diagnoses))?;
+        Ok(Exported {
+            rows: diagnoses.len(),
+            left_out: Vec::new(),
+        })
+    }
+
     /// Writes spectra in long form, one row for each point, read from their run folders now: the
     /// table that `eis-bench fit` takes, with cell, bench and circumstances beside each point.
     ///
@@ -131,9 +150,10 @@ impl Catalog {
 }
 
 /// A spectrum with its points.
-struct Points {
-    spectrum: CatalogSpectrum,
-    points: Vec<ImpedancePoint>,
+#[derive(Debug, Clone)]
+pub(crate) struct Points {
+    pub(crate) spectrum: CatalogSpectrum,
+    pub(crate) points: Vec<ImpedancePoint>,
 }
 
 fn texts<T>(name: &'static str, rows: &[T], of: impl Fn(&T) -> Option<String>) -> TableColumn {
@@ -241,7 +261,34 @@ pub fn fit_columns(fits: &[CatalogFit]) -> Vec<TableColumn> {
     ]
 }
 
-fn point_columns(rows: &[Points]) -> Vec<TableColumn> {
+/// The columns of a table of diagnoses; several effects stand in one field, with `; ` between them, and
+/// the parameters as JSON.
+pub fn diagnosis_columns(diagnoses: &[CatalogDiagnosis]) -> Vec<TableColumn> {
+    let effects = |one: &CatalogDiagnosis| {
+        let mut names: Vec<&str> = one
+            .parameters
+            .iter()
+            .map(|parameter| parameter.effect.as_str())
+            .collect();
+        names.dedup();
+        Some(names.join("; ")).filter(|text| !text.is_empty())
+    };
+    let parameters = |one: &CatalogDiagnosis| serde_json::to_string(&one.parameters).ok();
+    let known = |text: &str| Some(text.to_owned()).filter(|text| !text.is_empty());
+    vec![
+        texts("run", diagnoses, |one| one.run.clone()),
+        texts("diagnosis", diagnoses, |one| Some(one.folder.clone())),
+        texts("data_set", diagnoses, |one| known(&one.data_set)),
+        texts("model", diagnoses, |one| known(&one.model)),
+        texts("verdict", diagnoses, |one| known(&one.verdict)),
+        texts("summary", diagnoses, |one| known(&one.summary)),
+        texts("effects", diagnoses, effects),
+        texts("parameters", diagnoses, parameters),
+        texts("damage", diagnoses, |one| one.damage.clone()),
+    ]
+}
+
+pub(crate) fn point_columns(rows: &[Points]) -> Vec<TableColumn> {
     let number = |name, of: &dyn Fn(&ImpedancePoint) -> f64| {
         let all = rows.iter().flat_map(|one| &one.points);
         TableColumn {

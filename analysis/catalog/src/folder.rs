@@ -25,7 +25,7 @@ use crate::{
 };
 
 /// Fixture in the jig for a spectrum of a cell.
-const CELL: &str = "cell";
+pub(crate) const CELL: &str = "cell";
 
 /// Facts of a run beside its folder, by the server that began it.
 #[derive(Debug, Clone, Default, PartialEq)]

@@ -13,7 +13,7 @@ use serde::Deserialize;
 use crate::record::{CatalogEvent, CatalogEventKind};
 
 /// How a run ends of which nothing is left to do.
-const FINISHED: &str = "finished";
+pub(crate) const FINISHED: &str = "finished";
 /// How the message of the interlock begins, in the message of the end.
 const TRIPPED: &str = "interlock: ";
 /// How a line goes on before its entry. The number and the time stand before it.

@@ -6,7 +6,7 @@
 //!
 //! In reading order: [`record`] (what a run folder tells), `folder` and `journal` (how it is read),
 //! `schema` (tables), `catalog` (the file), `store` (records into tables), `walk` and [`scan`],
-//! [`query`], [`ageing`], [`export`].
+//! [`query`], [`ageing`], [`export`], [`rows`] (one run folder as tables, without a catalogue).
 
 pub mod ageing;
 mod catalog;
@@ -16,6 +16,7 @@ mod folder;
 mod journal;
 pub mod query;
 pub mod record;
+pub mod rows;
 pub mod scan;
 mod schema;
 mod store;

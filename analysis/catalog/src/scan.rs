@@ -315,7 +315,7 @@ fn diagnosis(known: &Catalog, folder: &Path) -> Message {
     Message::Diagnosis { one, stamp }
 }
 
-fn read_diagnosis(folder: &Path, name: &str) -> CatalogDiagnosis {
+pub(crate) fn read_diagnosis(folder: &Path, name: &str) -> CatalogDiagnosis {
     let read = fs::read(folder.join(DIAGNOSIS)).map_err(|error| error.to_string());
     let read = read.and_then(|text| {
         serde_json::from_slice::<DiagnosisFile>(&text).map_err(|error| error.to_string())
@@ -361,6 +361,17 @@ fn parameters(effect: Effect) -> impl Iterator<Item = CatalogParameter> {
 /// The run that a diagnosis is of: the folder that it lies in, or the one of the name of its data
 /// set beside it.
 fn run_of(folder: &Path, data_set: &str) -> Option<String> {
+    run_folder_of(folder, data_set).map(|run| folder::identity(&run))
+}
+
+/// The folder of the run that a diagnosis is of, by its own folder.
+pub(crate) fn run_folder_of_diagnosis(folder: &Path) -> Option<PathBuf> {
+    let text = fs::read(folder.join(DIAGNOSIS)).ok()?;
+    let file: DiagnosisFile = serde_json::from_slice(&text).ok()?;
+    run_folder_of(folder, &file.data_set)
+}
+
+fn run_folder_of(folder: &Path, data_set: &str) -> Option<PathBuf> {
     let above = || folder.ancestors().take(ANCESTORS);
     let within = above()
         .find(|one| folder::is_run(one))
@@ -372,7 +383,7 @@ fn run_of(folder: &Path, data_set: &str) -> Option<String> {
             .flat_map(|one| [one.join(data_set), one.join(RUNS).join(data_set)])
             .find(|one| plain && folder::is_run(one))
     };
-    within.or_else(beside).map(|run| folder::identity(&run))
+    within.or_else(beside)
 }
 
 /// The thread that writes.

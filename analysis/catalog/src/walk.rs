@@ -10,7 +10,7 @@ use analysis_files::run_folder::DIAGNOSIS;
 use crate::folder::is_run;
 
 /// Folder of a diagnosis in a run folder, as its user may choose to name it.
-const DIAGNOSIS_FOLDER: &str = "diagnosis";
+pub(crate) const DIAGNOSIS_FOLDER: &str = "diagnosis";
 
 /// A place that a scan reads.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -3,14 +3,19 @@
 //!
 //! The tables of numbers have their columns in [`crate::dataset`], which reads and writes them.
 
+mod archived;
 mod bath;
 mod envelope;
 mod events;
 mod readings;
+pub mod sums;
 
 use std::path::Path;
 
 pub use analysis_fit::fit::{MODEL_SCHEMA, MODEL_SCHEMA_VERSION, PROGRAM};
+pub use archived::{
+    ARCHIVED_SCHEMA, ARCHIVED_SCHEMA_VERSION, Archived, ArchivedFile, moved_captures,
+};
 pub use bath::{BATH_COLUMNS, BathRow};
 pub use envelope::{Between, ENVELOPE_COLUMNS, EnvelopeRow};
 pub use events::{EVENT_COLUMNS, Event, EventRow, OUTPUT_ON};
@@ -42,6 +47,8 @@ pub const ANSWER: &str = "answer.json";
 pub const INDEX: &str = "traces.json";
 /// The hashes of all other files.
 pub const SUMS: &str = "SHA256SUMS";
+/// Captures that were moved to an archive ([`Archived`]).
+pub const ARCHIVED: &str = "archived.json";
 /// The report.
 pub const REPORT: &str = "report.html";
 /// Verdict and numbers of a diagnosis, in a folder of its own.

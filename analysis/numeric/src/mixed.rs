@@ -134,13 +134,28 @@ pub struct Mixed {
 /// # Errors
 /// [`MixedError`].
 pub fn fit_mixed(grouped: &Grouped<'_>) -> Result<Mixed, MixedError> {
+    fit(grouped, |model, at, best| model.interval(at, best))
+}
+
+/// The same without intervals, whose ends are no numbers then: they take most of the time.
+///
+/// # Errors
+/// [`MixedError`].
+pub fn estimate_mixed(grouped: &Grouped<'_>) -> Result<Mixed, MixedError> {
+    fit(grouped, |_, _, _| [f64::NAN; 2])
+}
+
+fn fit(
+    grouped: &Grouped<'_>,
+    interval: impl Fn(&Model<'_>, usize, &Best) -> [f64; 2],
+) -> Result<Mixed, MixedError> {
     let model = Model::new(grouped)?;
     let best = model.best(&vec![None; model.unknowns()]);
     if !best.value.is_finite() {
         return Err(MixedError::Exact);
     }
     let components = (0..model.unknowns())
-        .map(|at| model.component(at, &best))
+        .map(|at| model.component(at, &best, interval(&model, at, &best)))
         .collect();
     model.result(&best, components).ok_or(MixedError::Dependent)
 }
@@ -384,15 +399,20 @@ impl<'a> Model<'a> {
         }
     }
 
+    /// Both ends of the interval of one component.
+    fn interval(&self, at: usize, best: &Best) -> [f64; 2] {
+        [0.0, LARGEST].map(|bound| self.end(at, best, bound) * self.scale)
+    }
+
     /// One component with its interval.
-    fn component(&self, at: usize, best: &Best) -> Component {
+    fn component(&self, at: usize, best: &Best, [low, high]: [f64; 2]) -> Component {
         let factor = self.grouped.factors.get(at);
         let levels = self.counts.get(at).copied();
         Component {
             name: factor.map_or("residual", |factor| factor.name).to_owned(),
             sd: best.sds[at] * self.scale,
-            low: self.end(at, best, 0.0) * self.scale,
-            high: self.end(at, best, LARGEST) * self.scale,
+            low,
+            high,
             levels: levels.unwrap_or(self.values.len()),
         }
     }

@@ -80,8 +80,9 @@ impl CampaignFile {
             let folder = out.join(bench.name.replace('/', "_"));
             std::fs::create_dir_all(&folder).map_err(|error| self.unwritten(&folder, &error))?;
             for (number, visit) in (1..).zip(visits) {
-                let text =
-                    self.text(visit, self.seed_of(visit), |path| self.path_from_anywhere(path))?;
+                let text = self.text(visit, self.seed_of(visit), |path| {
+                    self.path_from_anywhere(path)
+                })?;
                 let name = format!(
                     "{number:0width$}_{}_{}.toml",
                     visit.cell.name,

@@ -23,9 +23,11 @@ struct Raw {
     /// Path of the experiment that each cell undergoes, from the folder of this file; its bench,
     /// seed and `[specimen]` are put in.
     experiment: String,
-    /// Number of cells, 1 to 100 000; or the path of a table of them, whose columns are `name` and,
-    /// where they are known, `serial`, `batch` and `barcode`.
-    cells: RawCells,
+    /// Number of cells, 1 to 100 000, that are only counted. Left out: `table` names them.
+    cells: Option<usize>,
+    /// Path of a table of the cells, from the folder of this file: CSV with the columns `name` and,
+    /// where they are known, `serial`, `batch` and `barcode`. Left out: `cells` says how many.
+    table: Option<String>,
     /// Beginning of the names of cells that are only counted.
     #[serde(default = "cell_prefix")]
     prefix: String,
@@ -45,13 +47,6 @@ struct Raw {
     seed: u64,
     /// The benches, one to 1000.
     benches: Vec<RawBench>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(untagged)]
-enum RawCells {
-    Number(usize),
-    Table(String),
 }
 
 /// A bench of a campaign.
@@ -182,14 +177,22 @@ fn benches(source: &Source, raw: &Raw) -> Result<Vec<BenchOfCampaign>, ConfigErr
 }
 
 fn cells(source: &Source, raw: &Raw) -> Result<Vec<CellOfCampaign>, ConfigError> {
-    let cells = match &raw.cells {
-        RawCells::Number(number) => (1..=*number)
+    let cells = match (raw.cells, &raw.table) {
+        (Some(number), None) if number <= MOST_CELLS => (1..=number)
             .map(|at| CellOfCampaign {
                 name: format!("{}-{at:04}", raw.prefix),
                 ..CellOfCampaign::default()
             })
             .collect(),
-        RawCells::Table(path) => table(source, &source.relative(path))?,
+        (Some(number), None) => {
+            let reason = format!("expected 1 to {MOST_CELLS} cells, found {number}");
+            return Err(source.complain("cells", reason));
+        }
+        (None, Some(path)) => table(source, &source.relative(path))?,
+        _ => {
+            let reason = "expected either `cells`, their number, or `table`, a file of them";
+            return Err(source.complain("cells", reason));
+        }
     };
     if !(1..=MOST_CELLS).contains(&cells.len()) {
         let reason = format!("expected 1 to {MOST_CELLS} cells, found {}", cells.len());
@@ -215,7 +218,7 @@ fn cells(source: &Source, raw: &Raw) -> Result<Vec<CellOfCampaign>, ConfigError>
 
 /// Reads a table of cells: CSV whose first line names the columns.
 fn table(source: &Source, path: &Path) -> Result<Vec<CellOfCampaign>, ConfigError> {
-    let fail = |reason: String| source.complain("cells", format!("{}: {reason}", path.display()));
+    let fail = |reason: String| source.complain("table", format!("{}: {reason}", path.display()));
     let text = std::fs::read_to_string(path).map_err(|error| fail(error.to_string()))?;
     let mut lines = text
         .lines()

@@ -2,8 +2,9 @@
 //! of each bench, and each cell corrected for them.
 //!
 //! The logarithm of a value is the mean + batch + cell + bench + rest, each but the mean drawn with
-//! a variance of its own (`analysis::mixed`). The stated uncertainty of a value is known variance
-//! beside the rest, so that the rest is what repeats scatter beyond it.
+//! a variance of its own (`analysis::mixed`). The stated uncertainty of a fit is not used: a misfit
+//! of the model and an error of the controls are in all of them alike and are no scatter. The rest is
+//! what repeats differ by.
 
 use std::collections::BTreeMap;
 
@@ -51,7 +52,7 @@ pub enum ReportError {
 /// A component of variance, as a share of the value.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Spread {
-    /// `cell`, `batch`, `bench`, or `residual` for what repeats scatter beyond their uncertainty.
+    /// `cell`, `batch`, `bench`, or `residual` for what repeats of one cell on one bench differ by.
     pub name: String,
     /// Number of its levels.
     pub levels: usize,
@@ -179,40 +180,39 @@ pub fn report(
     })
 }
 
-/// A quantity of a fit, and its standard deviation.
+/// A quantity of a fit.
 struct Kind {
     name: &'static str,
     unit: &'static str,
-    of: fn(&CatalogFit) -> (Option<f64>, Option<f64>),
+    of: fn(&CatalogFit) -> Option<f64>,
 }
 
 const QUANTITIES: [Kind; 4] = [
     Kind {
         name: "R",
         unit: "Ω",
-        of: |fit| (Some(fit.r_ohm), fit.r_sigma_ohm),
+        of: |fit| Some(fit.r_ohm),
     },
     Kind {
         name: "DC resistance",
         unit: "Ω",
-        of: |fit| (Some(fit.dc_resistance_ohm), fit.dc_resistance_sigma_ohm),
+        of: |fit| Some(fit.dc_resistance_ohm),
     },
     Kind {
         name: "R of the slowest pair",
         unit: "Ω",
-        of: |fit| (fit.slow_r_ohm, fit.slow_r_sigma_ohm),
+        of: |fit| fit.slow_r_ohm,
     },
     Kind {
         name: "time constant of the slowest pair",
         unit: "s",
-        of: |fit| (fit.slow_tau_s, fit.slow_tau_sigma_s),
+        of: |fit| fit.slow_tau_s,
     },
 ];
 
 /// A value of a cell on a bench.
 struct Row {
     log: f64,
-    variance: f64,
     cell: usize,
     bench: usize,
     batch: usize,
@@ -251,18 +251,16 @@ impl Rows {
     fn of(fits: &[CatalogFit], kind: &Kind) -> Self {
         let mut made = Self::default();
         for fit in fits {
-            let (value, sigma) = (kind.of)(fit);
-            let Some(value) = value.filter(|value| value.is_finite() && *value > 0.0) else {
+            let Some(value) = (kind.of)(fit).filter(|value| value.is_finite() && *value > 0.0)
+            else {
                 continue;
             };
-            let share = sigma.filter(|sigma| sigma.is_finite()).unwrap_or(0.0) / value;
             let cell = made.cells.number(&fit.cell);
             if let Some(batch) = &fit.batch {
                 made.batch_of.insert(cell, batch.clone());
             }
             let row = Row {
                 log: value.ln(),
-                variance: share * share,
                 cell,
                 bench: made.benches.number(&fit.bench),
                 batch: made
@@ -305,7 +303,7 @@ impl Rows {
         }
         fit_mixed(&Grouped {
             values: &self.column(|row| row.log),
-            variances: &self.column(|row| row.variance),
+            variances: &[],
             covariates: &[],
             factors: &factors,
         })
@@ -395,8 +393,7 @@ impl Rows {
                 let mean =
                     |of: &dyn Fn(&Row) -> f64| rows.iter().map(|row| of(row)).sum::<f64>() / count;
                 let corrected = mean(&|row| row.log - benches[row.bench].value).exp();
-                let variance =
-                    mean(&|row| rest * rest + row.variance + benches[row.bench].sigma.powi(2));
+                let variance = mean(&|row| rest * rest + benches[row.bench].sigma.powi(2));
                 CorrectedCell {
                     cell,
                     batch: self.batch_of.get(&at).cloned(),

@@ -133,6 +133,7 @@ fn export(args: &ExportArgs) -> Result<(), Failure> {
         Table::Spectra => catalog.export_spectra(&args.out, &filter),
         Table::Runs => catalog.export_runs(&args.out, &filter),
         Table::Fits => catalog.export_fits(&args.out, &filter),
+        Table::Diagnoses => catalog.export_diagnoses(&args.out, &filter),
     };
     let exported = exported.map_err(failed)?;
     if args.json {

@@ -82,7 +82,6 @@ async fn act(args: &FleetArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-#[expect(clippy::needless_pass_by_value, reason = "a function of `map_err`")]
 fn failed(error: FleetError) -> Failure {
     match error {
         FleetError::Unreachable(_) => std::io::Error::other(error.to_string()).into(),

@@ -9,7 +9,7 @@ use crate::command::printed::say_json;
 use std::path::{Path, PathBuf};
 
 use analysis::run_folder::{
-    CAPTURES, EVENTS, JOURNAL, LOG, MANIFEST, READINGS, REPORT, SUMS, TRANSCRIPTS,
+    CAPTURES, EVENTS, JOURNAL, LOG, MANIFEST, READINGS, REPORT, SUMS, TRANSCRIPTS, moved_captures,
 };
 use clap::Args;
 use rayon::prelude::*;
@@ -58,10 +58,12 @@ struct Counts {
 #[derive(Debug, Default, serde::Serialize)]
 struct Verified {
     folder: PathBuf,
-    /// It is what it was, and every number follows from its captures.
+    /// It is what it was, and every number follows from its captures, where they are there.
     good: bool,
     /// Files that were held against their hashes; none where the folder has none.
     hashed_files: Option<usize>,
+    /// Number of captures that were moved to an archive: nothing is recomputed without them.
+    moved_files: usize,
     /// Files that are not what they were.
     altered: Vec<Altered>,
     /// The run was stopped, and how: only its captures can be held against its journal.
@@ -119,15 +121,24 @@ fn of_run(folder: &Path) -> Result<Verified, Failure> {
         return Ok(verified);
     }
     if folder.join(SUMS).exists() {
-        let (files, altered) =
-            sums::check(folder).map_err(|error| Failure::Usage(error.to_string()))?;
-        verified.hashed_files = Some(files);
-        verified.altered = altered;
+        let checked = sums::check(folder).map_err(|error| Failure::Usage(error.to_string()))?;
+        verified.hashed_files = Some(checked.files);
+        verified.moved_files = checked.moved;
+        verified.altered = checked.altered;
     } else {
         verified.altered = vec![Altered {
             file: SUMS.to_owned(),
             what: "missing, though the run came to its end or wrote a report".to_owned(),
         }];
+    }
+    if verified.moved_files > 0 {
+        let told = moved_captures(folder).map_err(Failure::Usage)?;
+        verified.notes.push(format!(
+            "nothing was recomputed: {}",
+            told.unwrap_or_default()
+        ));
+        verified.good = verified.altered.is_empty();
+        return Ok(verified);
     }
     match recomputed(folder, &mut verified) {
         Ok(differences) => verified.differences = differences,

@@ -29,6 +29,8 @@ pub enum Kind {
     Server,
     /// A data set for `diagnose`.
     Dataset,
+    /// A campaign over cells and benches.
+    Campaign,
 }
 
 impl Kind {
@@ -41,6 +43,7 @@ impl Kind {
             Self::Scenario => schema!("scenario"),
             Self::Server => schema!("server"),
             Self::Dataset => schema!("dataset"),
+            Self::Campaign => schema!("campaign"),
         }
     }
 }

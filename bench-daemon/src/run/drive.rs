@@ -10,11 +10,12 @@ use super::{
     Measured, ResumeContext, multisine,
     run_accumulator::RunAccumulator,
     sweep_writer::{self, Settled},
+    traced,
 };
 use crate::{
     bench::Bench,
     config::Experiment,
-    executor::{ExecuteError, Executor, Person, ResumePoint, Rig},
+    executor::{ExecuteError, Executor, Person, ResumePoint, Rig, within},
     journal::{Entry, PointDone},
     measure::SweepPoint,
     operator::Operator,
@@ -214,6 +215,16 @@ impl<'a, 'b> Drive<'a, 'b> {
         let Some(stage) = self.plan.stages.get(number) else {
             return Ok(());
         };
+        let timed = traced::stage(number, stage, &self.executor.rig.clock);
+        within(timed, self.play_stage(number, stage, resume_point)).await
+    }
+
+    async fn play_stage(
+        &mut self,
+        number: usize,
+        stage: &Stage,
+        resume_point: ResumePoint<'_>,
+    ) -> Result<(), Failure> {
         match stage.purpose {
             Purpose::Sweep(fixture, repeat) => {
                 self.sweep(number, stage, fixture, repeat, &resume_point)

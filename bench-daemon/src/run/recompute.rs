@@ -39,6 +39,7 @@ use analysis::{
     ocv::OcvCurve,
     run_folder::{
         self, CORRECTION, INDEX, JOURNAL, MANIFEST, PLOTS, READINGS, SPECTRA, TRANSCRIPTS,
+        moved_captures,
     },
     sine::Channel,
 };
@@ -174,8 +175,11 @@ impl Recorded {
     /// Analyses all captures, on all cores.
     ///
     /// # Errors
-    /// A capture that cannot be read or analysed.
+    /// A capture that cannot be read or analysed, or was moved to an archive.
     pub(crate) fn analyse(&self, known: &[RecordedPoint]) -> Result<Vec<RecomputedPoint>, Failure> {
+        if let Some(moved) = moved_captures(&self.folder).map_err(Failure::Usage)? {
+            return Err(Failure::Usage(moved));
+        }
         on_all_cores(known, |known| self.point(known))
     }
 

@@ -8,8 +8,9 @@ use instruments::{
     fixture::Fixture,
 };
 use tokio::runtime::Runtime;
+use tracing::Instrument;
 
-use super::{Finished, ResumeContext, play::Run, stop::StopSignals};
+use super::{Finished, ResumeContext, play::Run, stop::StopSignals, traced};
 use crate::{
     config::{self, Experiment, Source},
     operator::Operator,
@@ -143,7 +144,8 @@ impl Session {
         bench_lease::refuse(&experiment.bench)?;
         let drill = Drill::from_environment(experiment.bench.simulation.is_some())
             .map_err(Failure::Usage)?;
-        let finished = runtime.block_on(async {
+        let span = traced::run(experiment, folder, context.is_some());
+        let work = async {
             let mut recorder = match &context {
                 None => Recorder::create(folder, clock.clone())?,
                 Some(context) => {
@@ -167,7 +169,10 @@ impl Session {
                 .go(),
             )
             .await
-        })?;
+        };
+        let outcome = runtime.block_on(work.instrument(span.clone()));
+        traced::ended(&span, outcome.as_ref().err());
+        let finished = outcome?;
         self.correction = Some(finished.measured.correction.clone());
         // Nothing may be written into the folder from here on.
         logging::log_off();

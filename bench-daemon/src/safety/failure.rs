@@ -109,6 +109,9 @@ pub enum Failure {
     /// A run folder that is not what it was, or whose numbers do not follow from its captures.
     #[error("{0}")]
     Differs(String),
+    /// A store that does not do what it is asked for.
+    #[error("{0}")]
+    Store(String),
     /// Hashes that cannot be written.
     #[error(transparent)]
     Sums(#[from] SumsError),
@@ -179,6 +182,7 @@ impl Failure {
             Self::Execute(ExecuteError::Record(_))
             | Self::Record(_)
             | Self::Sums(_)
+            | Self::Store(_)
             | Self::Analysis(_)
             | Self::Panic(_)
             | Self::System(_) => 1,

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use analysis::{
     dataset::{Capture, read_capture},
-    run_folder::{self, CAMPAIGN, CAPTURES, SPECTRA},
+    run_folder::{self, Archived, CAMPAIGN, CAPTURES, SPECTRA},
     sine::{self, FitOptions, Record},
 };
 use serde::Serialize;
@@ -117,12 +117,26 @@ fn path_of(run: &Path, spectrum: &str, freq_hz: f64) -> Option<String> {
     Some(format!("{folder}/{last}"))
 }
 
+/// Where the record of a point was moved to, in words; none where it was not moved.
+fn moved(run: &Path, spectrum: &str, freq_hz: f64) -> Option<String> {
+    let folder = format!("{CAPTURES}/{}/point", folder_of(run, spectrum));
+    let wanted = format!("_{freq_hz:.6}Hz");
+    let list = Archived::read(run).ok()??;
+    let of_point = |path: &str| path.starts_with(&folder) && path.contains(&wanted);
+    let absent = list.absent(run);
+    let found = absent.iter().any(|file| of_point(&file.path));
+    found.then(|| list.words())
+}
+
 /// The record of a point.
 ///
 /// # Errors
 /// In words: there is none, it cannot be read, or it cannot be fitted.
 pub fn view(run: &Path, spectrum: &str, freq_hz: f64) -> Result<CaptureView, String> {
-    let missing = || format!("no record of {freq_hz} Hz of {spectrum} is kept in this run");
+    let missing = || match moved(run, spectrum, freq_hz) {
+        Some(told) => format!("the record of {freq_hz} Hz of {spectrum} was {told}"),
+        None => format!("no record of {freq_hz} Hz of {spectrum} is kept in this run"),
+    };
     let path = path_of(run, spectrum, freq_hz).ok_or_else(missing)?;
     let file = confined_path::open(run, &path).ok_or_else(missing)?;
     let bytes = file.metadata().map_err(|error| error.to_string())?.len();

@@ -17,6 +17,8 @@ use analysis::catalog::{
     scan::{Beside, ScanOptions, Scanned},
 };
 
+use instruments::clock;
+
 use super::jobs;
 
 /// The catalogue in the data folder.
@@ -32,6 +34,18 @@ pub struct CatalogKeeper {
     wake: Sender<PathBuf>,
     wakes: Mutex<Option<Receiver<PathBuf>>>,
     stop: AtomicBool,
+    state: Mutex<ScanState>,
+}
+
+/// State of the scans of a catalogue.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct ScanState {
+    /// One is under way.
+    pub scanning: bool,
+    /// When the last one succeeded, s since 1970; 0 before the first.
+    pub scanned_unix_s: f64,
+    /// How many failed since the start.
+    pub failed: u64,
 }
 
 impl CatalogKeeper {
@@ -43,6 +57,7 @@ impl CatalogKeeper {
             wake,
             wakes: Mutex::new(Some(wakes)),
             stop: AtomicBool::new(false),
+            state: Mutex::default(),
         }
     }
 
@@ -75,6 +90,31 @@ impl CatalogKeeper {
         Catalog::open(&self.file())
     }
 
+    /// State of the scans.
+    pub fn state(&self) -> ScanState {
+        *self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn note(&self, note: impl FnOnce(&mut ScanState)) {
+        note(&mut self.state.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+
+    /// Tells of a scan that failed, and notes either.
+    fn told(&self, scan: impl FnOnce() -> Result<(), CatalogError>) {
+        self.note(|state| state.scanning = true);
+        let scanned = scan();
+        self.note(|state| {
+            state.scanning = false;
+            match scanned {
+                Ok(()) => state.scanned_unix_s = clock::unix_time_s(),
+                Err(_) => state.failed += 1,
+            }
+        });
+        if let Err(error) = scanned {
+            tracing::warn!("the catalogue stays as it is: {error}");
+        }
+    }
+
     /// The data folder.
     pub fn data(&self) -> &Path {
         &self.data
@@ -88,19 +128,14 @@ impl CatalogKeeper {
             .unwrap_or_else(PoisonError::into_inner)
             .take();
         let Some(wakes) = taken else { return };
-        let told = |scanned: Result<(), CatalogError>| {
-            if let Err(error) = scanned {
-                tracing::warn!("the catalogue stays as it is: {error}");
-            }
-        };
-        told(self.scan());
+        self.told(|| self.scan());
         while let Ok(folder) = wakes.recv() {
             if self.stop.load(Ordering::Relaxed) {
                 return;
             }
             // What did not begin has no folder.
             if folder.is_dir() {
-                told(self.scan_again(folder));
+                self.told(|| self.scan_again(folder));
             }
         }
     }
@@ -115,7 +150,10 @@ impl CatalogKeeper {
         match Catalog::make(&self.file()) {
             Err(CatalogError::Sql { source, .. }) => {
                 tracing::warn!("the catalogue is built again: {source}");
-                let _ = fs::remove_file(self.file());
+                // With what SQLite keeps beside it: pages of the damaged one are none of the new one's.
+                for end in ["", "-wal", "-shm"] {
+                    let _ = fs::remove_file(self.data.join(format!("{FILE}{end}")));
+                }
                 Catalog::make(&self.file())
             }
             made => made,

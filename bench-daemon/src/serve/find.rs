@@ -89,6 +89,8 @@ pub struct Wanted {
     pub text: Option<String>,
     /// Name or serial number of a cell.
     pub cell: Option<String>,
+    /// Serial number of a cell, as the experiment tells it.
+    pub serial: Option<String>,
     /// Name of a bench.
     pub bench: Option<String>,
     /// `good`, `doubtful`, `failed` or `in work`.
@@ -268,10 +270,15 @@ impl Wanted {
                 |cell: &RunCell| cell.name == *wanted || cell.serial.as_ref() == Some(wanted);
             card.cells.iter().any(named)
         };
+        let serial = |wanted: &String| {
+            let mut cells = card.cells.iter();
+            cells.any(|cell| cell.serial.as_ref() == Some(wanted))
+        };
         same(&self.bench, &card.bench)
             && self.verdict.is_none_or(|verdict| verdict == card.verdict)
             && self.tag.as_ref().is_none_or(|tag| card.tags.contains(tag))
             && self.cell.as_ref().is_none_or(cell)
+            && self.serial.as_ref().is_none_or(serial)
             && self.from_s.is_none_or(|from| card.submitted_unix_s >= from)
             && self.to_s.is_none_or(|to| card.submitted_unix_s < to)
             && self

@@ -98,6 +98,7 @@ impl ServedBench {
         // It was checked when it was taken; the plan is asked again for its duration only.
         let planned = self.submission(server, order, &text);
         Ok(Wanted {
+            traceparent: None,
             kind: Kind::Run,
             experiment: order.name.clone(),
             bench: self.bench.name.clone(),

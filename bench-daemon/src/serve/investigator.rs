@@ -367,6 +367,7 @@ fn handed_over(
         expected_s: submission.expected_s,
         by: one.by.clone(),
         unix_s: clock::unix_time_s(),
+        traceparent: None,
     };
     let item = queue
         .submit(&wanted, |_| run)

@@ -57,6 +57,32 @@ pub enum BenchState {
     Latched,
 }
 
+impl BenchState {
+    /// All of them.
+    pub const ALL: [Self; 7] = [
+        Self::Unknown,
+        Self::Idle,
+        Self::Running,
+        Self::Paused,
+        Self::Asking,
+        Self::Stopping,
+        Self::Latched,
+    ];
+
+    /// Its name, as the API has it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Unknown => "unknown",
+            Self::Idle => "idle",
+            Self::Running => "running",
+            Self::Paused => "paused",
+            Self::Asking => "asking",
+            Self::Stopping => "stopping",
+            Self::Latched => "latched",
+        }
+    }
+}
+
 /// A run as it is now.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct RunNow {

@@ -13,14 +13,18 @@
 
 pub mod analyses;
 pub mod analyst;
+pub mod archive;
+pub mod archivist;
 pub mod audit;
 pub mod capture;
 pub mod catalog;
+pub mod controls;
 pub mod draft;
 pub mod find;
 pub mod fleet;
 pub mod fleet_settings;
 pub mod follow;
+pub mod health;
 pub mod http;
 pub mod hub;
 pub mod imported;
@@ -29,10 +33,12 @@ pub mod investigator;
 pub mod jobs;
 pub mod live;
 pub mod locks;
+pub mod metrics;
 pub mod models;
 pub mod notebook;
 pub mod notices;
 pub mod notify;
+pub mod otlp;
 pub mod pack;
 pub mod proof;
 pub mod queue;
@@ -49,6 +55,7 @@ pub mod systemd;
 pub mod targets;
 pub mod timeline;
 pub mod token;
+pub mod traced;
 pub mod transcript_monitor;
 pub mod watch;
 
@@ -97,7 +104,9 @@ pub fn serve(settings: Settings) -> Result<(), Failure> {
 
 async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     let mut stop = StopSignals::install()?;
-    let server = Arc::new(Server::open(settings)?);
+    let mut telemetry = otlp::start(&settings);
+    let server = Arc::new(Server::open(settings, &telemetry)?);
+    otlp::measure(&mut telemetry, &server);
     let notify = systemd::Notify::from_environment();
     let listener = http::Listener::bind(&server).await?;
     let supervisor = supervisor::start(&server)?;
@@ -105,6 +114,10 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     let handle = tokio::runtime::Handle::current();
     let (analyst, teller, player) = (server.clone(), server.clone(), server.clone());
     let (of_analyst, of_player) = (handle.clone(), handle.clone());
+    let (looker, of_looker) = (server.clone(), handle.clone());
+    std::thread::Builder::new()
+        .name("health".to_owned())
+        .spawn(move || of_looker.block_on(looker.health.work(&looker.clock)))?;
     std::thread::Builder::new()
         .name("analyst".to_owned())
         .spawn(move || of_analyst.block_on(analyst::work(analyst)))?;
@@ -112,6 +125,10 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     std::thread::Builder::new()
         .name("catalog".to_owned())
         .spawn(move || keeper.work())?;
+    let (archivist, of_archivist) = (server.clone(), handle.clone());
+    std::thread::Builder::new()
+        .name("archive".to_owned())
+        .spawn(move || of_archivist.block_on(archivist::work(archivist)))?;
     std::thread::Builder::new()
         .name("investigator".to_owned())
         .spawn(move || of_player.block_on(investigator::work(player)))?;
@@ -140,10 +157,12 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     }
     server.analyses.end();
     server.catalog.end();
+    server.health.end();
     notify.say("STOPPING=1");
     tracing::info!("stopping; runs in work go on by themselves");
     server.hub.close();
     fleet::leave(&server).await;
     supervisor.end();
+    telemetry.end();
     Ok(())
 }

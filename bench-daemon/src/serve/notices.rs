@@ -56,10 +56,17 @@ pub struct Notice {
     pub outcome: BTreeMap<String, String>,
 }
 
+/// Names of the targets.
+pub const WEBHOOK: &str = "webhook";
+/// See [`WEBHOOK`].
+pub const EMAIL: &str = "e-mail";
+
 /// Notices of a server.
 #[derive(Debug)]
 pub struct Notices {
     latest: Mutex<VecDeque<Notice>>,
+    /// Tries to send, by target: those that failed, and those that succeeded.
+    tries: Mutex<BTreeMap<&'static str, [u64; 2]>>,
     /// Places for notices that are just being sent.
     pub sending: Semaphore,
     /// A test is under way.
@@ -73,6 +80,7 @@ impl Default for Notices {
     fn default() -> Self {
         Self {
             latest: Mutex::default(),
+            tries: Mutex::new([(WEBHOOK, [0; 2]), (EMAIL, [0; 2])].into()),
             sending: Semaphore::new(AT_ONCE),
             testing: Semaphore::new(1),
         }
@@ -106,6 +114,20 @@ impl Notices {
             latest.pop_front();
         }
         notice
+    }
+
+    /// Counts a try.
+    pub fn tried(&self, target: &'static str, succeeded: bool) {
+        let mut tries = self.tries.lock().unwrap_or_else(PoisonError::into_inner);
+        tries.entry(target).or_default()[usize::from(succeeded)] += 1;
+    }
+
+    /// Tries by target: those that failed, and those that succeeded.
+    pub fn tries(&self) -> BTreeMap<&'static str, [u64; 2]> {
+        self.tries
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
     }
 
     /// Notes the outcome of a notice at a target.

@@ -26,7 +26,7 @@ use super::{
     Server,
     jobs::Job,
     live::{BenchState, Live},
-    notices::{About, Notice},
+    notices::{About, EMAIL, Notice, WEBHOOK},
     targets::{Email, Encryption},
 };
 
@@ -342,7 +342,7 @@ async fn send(server: &Arc<Server>, notices: &[Notice], again: usize) {
         for (notice, body) in notices.iter().zip(bodies) {
             let address = address.clone();
             let work = move || post_once(&address, &body);
-            tried(server, &[notice.number], "webhook", again, work).await;
+            tried(server, &[notice.number], WEBHOOK, again, work).await;
         }
     };
     let mail = async {
@@ -352,7 +352,7 @@ async fn send(server: &Arc<Server>, notices: &[Notice], again: usize) {
         let numbers: Vec<u64> = notices.iter().map(|notice| notice.number).collect();
         let notices = notices.to_vec();
         let work = move || mail_once(&email, &notices);
-        tried(server, &numbers, "e-mail", again, work).await;
+        tried(server, &numbers, EMAIL, again, work).await;
     };
     tokio::join!(post, mail);
 }
@@ -372,6 +372,7 @@ async fn tried(
         let outcome = tokio::task::spawn_blocking(work).await;
         drop(permit);
         let outcome = outcome.unwrap_or_else(|error| Err(error.to_string()));
+        server.notices.tried(target, outcome.is_ok());
         let words = match &outcome {
             Ok(()) => "sent".to_owned(),
             Err(error) => format!("not sent, try {}: {error}", number + 1),

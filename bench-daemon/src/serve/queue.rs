@@ -48,6 +48,9 @@ pub struct Item {
     pub submitted_unix_s: f64,
     /// The process that does it, once it was begun.
     pub process: Option<Process>,
+    /// Trace that the run belongs to (W3C `traceparent`), where its request was traced.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub traceparent: Option<String>,
 }
 
 /// A process at work.
@@ -76,6 +79,8 @@ pub struct Wanted {
     pub by: String,
     /// When, s since 1970.
     pub unix_s: f64,
+    /// Trace that it belongs to.
+    pub traceparent: Option<String>,
 }
 
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -197,6 +202,7 @@ impl Queue {
             by: wanted.by,
             submitted_unix_s: wanted.unix_s,
             process: None,
+            traceparent: wanted.traceparent,
         };
         self.change(|kept| {
             kept.latest = id;
@@ -322,6 +328,7 @@ mod tests {
             expected_s: 60.0,
             by,
             unix_s: 1.0,
+            traceparent: None,
         }
     }
 

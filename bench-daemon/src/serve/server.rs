@@ -11,12 +11,15 @@ use std::{
 
 use bench_fleet::Fleet;
 use instruments::clock::{self, Clock, TimeMode};
+use opentelemetry_sdk::trace::SdkTracer;
 
 use super::{
     analyses::Analyses,
+    archive::ArchiveKeeper,
     audit::Audit,
     catalog::CatalogKeeper,
     find::{Finder, Places},
+    health::Health,
     hub::Hub,
     live::{Live, StopReport},
     notebook::Notebook,
@@ -29,7 +32,10 @@ use super::{
     timeline::Timelines,
     token::{TokenError, Tokens},
 };
-use crate::safety::failure::Failure;
+use crate::{
+    safety::failure::Failure,
+    support::telemetry::{Telemetry, client},
+};
 
 /// State that all requests share.
 pub struct Server {
@@ -47,6 +53,12 @@ pub struct Server {
     pub program: PathBuf,
     /// Counters for the metrics.
     pub counts: Counts,
+    /// Notes on benches and disk for the metrics.
+    pub health: Health,
+    /// Maker of spans; none where nobody traces.
+    pub tracer: Option<SdkTracer>,
+    /// Counts of what went to a collector.
+    pub telemetry: Arc<client::Counts>,
     /// Readings of runs.
     pub timelines: Timelines,
     /// Analyses of runs.
@@ -63,6 +75,8 @@ pub struct Server {
     pub finder: Finder,
     /// The catalogue of runs and diagnoses.
     pub catalog: Arc<CatalogKeeper>,
+    /// The archive of runs.
+    pub archive: ArchiveKeeper,
     /// The fleet that the benches belong to, once the server has joined it.
     pub fleet: OnceLock<Arc<Fleet>>,
     queue: Mutex<Queue>,
@@ -85,6 +99,8 @@ pub struct Counts {
     pub lagged: AtomicU64,
     /// Looks of the supervisor.
     pub looks: AtomicU64,
+    /// When the server was started, s since 1970.
+    pub started_unix_s: f64,
 }
 
 impl Counts {
@@ -101,7 +117,7 @@ impl Server {
     ///
     /// # Errors
     /// A data folder that cannot be made, read or written; another server that uses it.
-    pub fn open(settings: Settings) -> Result<Self, Failure> {
+    pub fn open(settings: Settings, telemetry: &Telemetry) -> Result<Self, Failure> {
         let tokens = Tokens::of(&settings.data);
         if !settings.is_of_this_machine()
             && tokens
@@ -130,12 +146,22 @@ impl Server {
                 },
             )
         });
+        let started_unix_s = clock::unix_time_s();
         Ok(Self {
-            hub: Hub::new((clock::unix_time_s() * 1.0e3) as u64),
+            hub: Hub::new((started_unix_s * 1.0e3) as u64),
             audit: Audit::open(&settings.data)?,
             clock: Clock::start(TimeMode::Real),
             program: std::env::current_exe()?,
-            counts: Counts::default(),
+            counts: Counts {
+                started_unix_s,
+                ..Counts::default()
+            },
+            health: Health::of(
+                &settings.data,
+                settings.benches.iter().map(|bench| bench.name.as_str()),
+            ),
+            tracer: telemetry.tracer(),
+            telemetry: telemetry.counts().clone(),
             timelines: Timelines::default(),
             analyses: Analyses::open(&settings.data),
             last_model: LastModel::default(),
@@ -144,6 +170,7 @@ impl Server {
             notebook: Notebook::of(&settings.data),
             finder: Finder::default(),
             catalog: Arc::new(CatalogKeeper::of(&settings.data)),
+            archive: ArchiveKeeper::default(),
             fleet: OnceLock::new(),
             queue: Mutex::new(queue),
             shelf: Mutex::default(),

@@ -3,9 +3,12 @@
 
 use std::{
     net::SocketAddr,
+    ops::RangeInclusive,
     path::{Path, PathBuf},
+    process::Command,
 };
 
+use bench_archive::store::{Bucket, StorePlace};
 use jiff::civil::Time;
 use serde::Deserialize;
 
@@ -18,8 +21,17 @@ use crate::{
         self, ConfigError, Source, load_bench,
         quantity::{Duration, Quantity},
     },
-    support::{confined_path::plain, loopback::names_loopback},
+    support::{
+        confined_path::plain,
+        logging::{DETAIL_VARIABLE, EXCHANGES},
+        loopback::names_loopback,
+        telemetry::endpoint::{self, check_address},
+    },
 };
+
+/// Times from an upload to the removal of captures that are allowed, s. Less than an hour is a slip of
+/// the pen rather than a policy.
+const CAPTURES_AFTER_S: RangeInclusive<f64> = 3.6e3..=36_500.0 * 86_400.0;
 
 /// File of a server as it is typed.
 #[derive(Debug, Deserialize)]
@@ -47,8 +59,57 @@ struct Raw {
     /// Course of a stop.
     #[serde(default)]
     stop: RawStop,
+    /// Traces and metrics to a collector.
+    #[serde(default)]
+    telemetry: RawTelemetry,
+    /// Store that ended runs are sent to. Left out: none.
+    archive: Option<RawArchive>,
     /// Fleet that the benches belong to. Left out: none.
     fleet: Option<RawFleet>,
+}
+
+/// Traces and metrics over OTLP.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawTelemetry {
+    /// Base address of a collector that takes OTLP over HTTP, such as `http://127.0.0.1:4318`:
+    /// `https://…`, or `http://` on this machine. Left out: that of `OTEL_EXPORTER_OTLP_ENDPOINT`, or
+    /// none.
+    otlp: Option<String>,
+    /// A span for each message to an instrument, thousands in a run.
+    #[serde(default)]
+    exchanges: bool,
+}
+
+/// The archive: a store that ended runs are sent to.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawArchive {
+    /// Path of a folder, from the folder of this file, or `s3://BUCKET/PREFIX`.
+    store: String,
+    /// Name of this site in the store: rows of several sites lie in one store.
+    site: String,
+    /// Address of the S3-compatible server: `https://…`, or `http://` on this machine. Left out: that of
+    /// AWS in the region.
+    endpoint: Option<String>,
+    /// Region of the bucket. Left out: `AWS_REGION` of the environment, else `us-east-1`.
+    region: Option<String>,
+    /// Path of a file with mode 0600 that holds the keys of the bucket in lines such as
+    /// `aws_access_key_id = …`, from the folder of this file. Left out: `AWS_ACCESS_KEY_ID` and
+    /// `AWS_SECRET_ACCESS_KEY` of the environment.
+    credentials_file: Option<String>,
+    /// Captures that are kept in the store only.
+    #[serde(default)]
+    thin: RawThin,
+}
+
+/// What is moved from the run folders into the archive.
+#[derive(Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawThin {
+    /// Time from the verified upload of a finished run to the removal of its captures from the run
+    /// folder, 1 h to 36 500 d. Left out: never.
+    captures_after: Option<Quantity<Duration>>,
 }
 
 /// Encryption of the connections.
@@ -131,9 +192,22 @@ struct RawStop {
     wait: Option<Quantity<Duration>>,
 }
 
+/// The archive of a server.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Archive {
+    /// The store.
+    pub place: StorePlace,
+    /// Name of this site in it.
+    pub site: String,
+    /// Time from the verified upload of a run to the removal of its captures, s; none for never.
+    pub captures_after_s: Option<f64>,
+}
+
 /// A server as it is to be.
 #[derive(Debug, Clone)]
 pub struct Settings {
+    /// Its file.
+    pub file: PathBuf,
     /// Where it listens.
     pub listen: SocketAddr,
     /// The only folder that it writes to: queue, runs, tokens, audit trail.
@@ -149,12 +223,37 @@ pub struct Settings {
     pub proxy_host: Option<String>,
     /// Where notices go.
     pub notify: Targets,
+    /// Traces and metrics.
+    pub telemetry: TelemetrySettings,
     /// Its bounds.
     pub limits: Limits,
     /// So long a run has to end by itself after a stop, s, before it is ended.
     pub stop_wait_s: f64,
+    /// Store that ended runs are sent to.
+    pub archive: Option<Archive>,
     /// The fleet that the benches belong to.
     pub fleet: Option<FleetSection>,
+}
+
+/// Traces and metrics of a server and of the runs that it begins.
+#[derive(Debug, Clone, Default)]
+pub struct TelemetrySettings {
+    /// Base address of the collector; none where the environment says it.
+    pub otlp: Option<String>,
+    /// A span for each message to an instrument.
+    pub exchanges: bool,
+}
+
+impl TelemetrySettings {
+    /// Tells the process of a run where its traces go.
+    pub fn hand_over(&self, command: &mut Command) {
+        if let Some(base) = &self.otlp {
+            endpoint::hand_over(base, command);
+        }
+        if self.exchanges {
+            command.env(DETAIL_VARIABLE, EXCHANGES);
+        }
+    }
 }
 
 /// Bounds of a server.
@@ -222,7 +321,18 @@ impl Settings {
             return Err(source.complain("proxy.host", reason));
         }
         let limits = &raw.limits;
+        let otlp = raw.telemetry.otlp;
+        if let Some(reason) = otlp.as_deref().and_then(|base| check_address(base).err()) {
+            return Err(source.complain("telemetry.otlp", reason));
+        }
+        let archive = raw.archive.as_ref().map(|raw| archive(&source, raw));
         Ok(Self {
+            file: absolute(path.to_owned()),
+            archive: archive.transpose()?,
+            telemetry: TelemetrySettings {
+                otlp,
+                exchanges: raw.telemetry.exchanges,
+            },
             fleet: raw
                 .fleet
                 .map(|raw| FleetSection::resolve(&source, raw))
@@ -284,16 +394,7 @@ impl Settings {
 /// Where notices go, checked.
 fn targets(source: &Source, raw: &RawNotify) -> Result<Targets, ConfigError> {
     if let Some(address) = &raw.webhook {
-        let (scheme, rest) = address.split_once("://").unwrap_or(("", address));
-        let host = rest.split('/').next().unwrap_or_default();
-        let name = host.rsplit_once(':').map_or(host, |(name, _)| name);
-        let allowed = scheme == "https" || (scheme == "http" && names_loopback(name));
-        if !allowed || name.is_empty() || host.contains('@') {
-            let reason = format!(
-                "expected an address https://HOST/PATH, or http:// on this machine, found {address:?}"
-            );
-            return Err(source.complain("notify.webhook", reason));
-        }
+        check_address(address).map_err(|reason| source.complain("notify.webhook", reason))?;
     }
     let quiet = raw.quiet.as_deref().map(|text| {
         let time = |text: &str| Time::strptime("%H:%M", text.trim()).ok();
@@ -316,6 +417,67 @@ fn targets(source: &Source, raw: &RawNotify) -> Result<Targets, ConfigError> {
             .transpose()?,
         quiet: quiet.flatten(),
     })
+}
+
+/// The archive, checked.
+fn archive(source: &Source, raw: &RawArchive) -> Result<Archive, ConfigError> {
+    let complain = |key: &str, reason: String| source.complain(&format!("archive.{key}"), reason);
+    if raw.site.trim().is_empty() || raw.site.chars().any(char::is_control) {
+        let reason = format!("expected the name of a site, found {:?}", raw.site);
+        return Err(complain("site", reason));
+    }
+    let captures_after_s = raw.thin.captures_after.map(|after| after.si);
+    if let Some(after_s) = captures_after_s.filter(|after_s| !CAPTURES_AFTER_S.contains(after_s)) {
+        let reason = format!("expected 1 h to 36500 d, found {after_s} s");
+        return Err(complain("thin.captures_after", reason));
+    }
+    Ok(Archive {
+        place: store(source, raw)?,
+        site: raw.site.clone(),
+        captures_after_s,
+    })
+}
+
+fn store(source: &Source, raw: &RawArchive) -> Result<StorePlace, ConfigError> {
+    let complain = |key: &str, reason: String| source.complain(&format!("archive.{key}"), reason);
+    let Some(address) = raw.store.strip_prefix("s3://") else {
+        if raw.store.trim().is_empty() || raw.store.contains("://") {
+            let reason = format!(
+                "expected a folder or s3://BUCKET/PREFIX, found {:?}",
+                raw.store
+            );
+            return Err(complain("store", reason));
+        }
+        for (key, set) in [
+            ("endpoint", &raw.endpoint),
+            ("region", &raw.region),
+            ("credentials_file", &raw.credentials_file),
+        ] {
+            if set.is_some() {
+                let reason = format!("expected with a store s3://… only, found {:?}", raw.store);
+                return Err(complain(key, reason));
+            }
+        }
+        return Ok(StorePlace::Folder(absolute(source.relative(&raw.store))));
+    };
+    let (name, prefix) = address.split_once('/').unwrap_or((address, ""));
+    if name.is_empty() {
+        let reason = format!("expected s3://BUCKET/PREFIX, found {:?}", raw.store);
+        return Err(complain("store", reason));
+    }
+    if let Some(endpoint) = &raw.endpoint {
+        check_address(endpoint).map_err(|reason| complain("endpoint", reason))?;
+    }
+    Ok(StorePlace::S3(Bucket {
+        name: name.to_owned(),
+        prefix: prefix.trim_matches('/').to_owned(),
+        endpoint: raw.endpoint.clone(),
+        region: raw.region.clone(),
+        credentials: raw
+            .credentials_file
+            .as_ref()
+            .map(|path| absolute(source.relative(path))),
+    }))
 }
 
 fn email(source: &Source, raw: &RawEmail) -> Result<Email, ConfigError> {

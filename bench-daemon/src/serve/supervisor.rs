@@ -34,7 +34,7 @@ use super::{
     queue::{Item, Kind, Process},
     shelf,
     spectra::{self, Spectrum, Stamps},
-    submission,
+    submission, traced,
     watch::Watch,
 };
 use crate::{
@@ -42,6 +42,7 @@ use crate::{
     operator::{BY_FOLDER, OPERATOR_VARIABLE},
     safety::failure::{Failure, GATE_REFUSED, REFUSED_CODE},
     safety::state::{Holder, State},
+    support::telemetry::context,
 };
 pub use identity::{Answer, Identity};
 
@@ -207,6 +208,9 @@ impl SupervisedBench {
             tracing::error!("{error}");
         }
         server.catalog.refresh_run(&item.run);
+        server.health.ended(&item.bench, &item.run, ended);
+        traced::ended(server, item, ended);
+        server.archive.run_ended(&item.run);
         server.hub.tell("run", &job);
         server.tell_queue();
     }
@@ -289,6 +293,7 @@ impl SupervisedBench {
             );
             let _ = kill(Pid::from_raw(pid), Signal::SIGTERM);
         }
+        traced::waited(server, &item);
         let job = Job { item, ended: None };
         if let Some(error) = begun
             .err()
@@ -375,6 +380,10 @@ impl SupervisedBench {
             || live.stop != self.told.0.stop
             || live.trip != self.told.0.trip
             || live.question != self.told.0.question;
+        // What the first look finds was there before this server.
+        if self.told.1.is_finite() && live.trip.is_some() && live.trip != self.told.0.trip {
+            server.health.tripped(&self.bench.name);
+        }
         if live == self.told.0 || (!urgent && now_s - self.told.1 < TELL_S) {
             return;
         }
@@ -627,6 +636,11 @@ fn command(server: &Server, item: &Item, bench: &config::Bench) -> Result<Comman
         .env(OPERATOR_VARIABLE, BY_FOLDER)
         .env_remove("NOTIFY_SOCKET")
         .env_remove("WATCHDOG_USEC");
+    server.settings.telemetry.hand_over(&mut command);
+    match &item.traceparent {
+        Some(traceparent) => command.env(context::VARIABLE, traceparent),
+        None => command.env_remove(context::VARIABLE),
+    };
     Ok(command)
 }
 

@@ -10,16 +10,28 @@ use std::{
 };
 
 use instruments::clock::Clock;
-use tracing::level_filters::LevelFilter;
+use opentelemetry_sdk::trace::SdkTracer;
+use tracing::{Subscriber, level_filters::LevelFilter};
 use tracing_subscriber::{
     Layer,
+    filter::filter_fn,
     fmt::{format::Writer, time::FormatTime},
-    layer::SubscriberExt,
+    layer::{Filter, SubscriberExt},
+    registry::LookupSpan,
     util::SubscriberInitExt,
 };
 
+use super::telemetry::client::TARGET;
+
 static BENCH_CLOCK: OnceLock<Clock> = OnceLock::new();
 static RUN_LOG: Mutex<Option<Box<dyn Write + Send>>> = Mutex::new(None);
+
+/// Variable that says how detailed traces are.
+pub const DETAIL_VARIABLE: &str = "EIS_BENCH_TRACES";
+/// Its value for a span per message to an instrument.
+pub const EXCHANGES: &str = "exchanges";
+/// Crates whose spans are sent.
+const OURS: [&str; 2] = ["bench_daemon", "instruments"];
 
 /// How much the terminal shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,9 +44,9 @@ pub enum Verbosity {
     Debug,
 }
 
-/// Starts logging to the terminal, and to the file of [`log_to`] once there is one. Once per
-/// process.
-pub fn start(verbosity: Verbosity) {
+/// Starts logging to the terminal, and to the file of [`log_to`] once there is one; spans go to
+/// `tracer`. Once per process.
+pub fn start(verbosity: Verbosity, tracer: Option<SdkTracer>) {
     let level = match verbosity {
         Verbosity::Normal => LevelFilter::WARN,
         Verbosity::Verbose => LevelFilter::INFO,
@@ -45,18 +57,50 @@ pub fn start(verbosity: Verbosity) {
         .with_ansi(io::stderr().is_terminal())
         .with_timer(BenchTime)
         .with_target(false)
-        .with_filter(level);
+        .with_filter(lines(level, |_| true));
     let file = tracing_subscriber::fmt::layer()
         .with_writer(|| RunLog)
         .with_timer(BenchTime)
         .with_target(false)
         .with_ansi(false)
-        .with_filter(LevelFilter::INFO);
+        .with_filter(lines(LevelFilter::INFO, |target| target != TARGET));
     // A second start in one process (tests) keeps the first one's subscriber.
     let _ = tracing_subscriber::registry()
         .with(terminal)
         .with(file)
+        .with(tracer.map(traced))
         .try_init();
+}
+
+/// Lines of a log: events, and no spans, which would stand before every line.
+fn lines<S>(level: LevelFilter, of: fn(&str) -> bool) -> impl Filter<S> {
+    filter_fn(move |meta| meta.is_event() && *meta.level() <= level && of(meta.target()))
+        .with_max_level_hint(level)
+}
+
+/// Spans of this program to a collector, with the warnings that fall into them.
+fn traced<S: Subscriber + for<'a> LookupSpan<'a>>(tracer: SdkTracer) -> impl Layer<S> {
+    let level = match std::env::var(DETAIL_VARIABLE).as_deref() {
+        Ok(EXCHANGES) => LevelFilter::TRACE,
+        _ => LevelFilter::INFO,
+    };
+    let ours = |target: &str| OURS.iter().any(|krate| target.starts_with(krate));
+    let wanted = move |meta: &tracing::Metadata<'_>| {
+        let most = if meta.is_span() {
+            level
+        } else {
+            LevelFilter::WARN
+        };
+        ours(meta.target()) && *meta.level() <= most
+    };
+    tracing_opentelemetry::layer()
+        .with_tracer(tracer)
+        .with_location(false)
+        .with_target(false)
+        .with_threads(false)
+        .with_tracked_inactivity(false)
+        .with_context_activation(false)
+        .with_filter(filter_fn(wanted).with_max_level_hint(level))
 }
 
 /// From now on the log goes to this file too, stamped by this clock.

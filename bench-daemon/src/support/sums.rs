@@ -5,14 +5,17 @@
 //! another list.
 
 use std::{
-    collections::BTreeMap,
+    collections::{BTreeMap, BTreeSet},
     fs, io,
     path::{Path, PathBuf},
 };
 
 use analysis::{
     dataset::{self, DatasetError},
-    run_folder::SUMS,
+    run_folder::{
+        Archived, SUMS,
+        sums::{self, Sums},
+    },
 };
 use rayon::prelude::*;
 
@@ -29,6 +32,9 @@ pub enum SumsError {
         /// Error of the operating system.
         source: io::Error,
     },
+    /// The list of files that were moved to an archive.
+    #[error("{0}")]
+    Archived(String),
     /// The list itself.
     #[error(transparent)]
     Write(#[from] DatasetError),
@@ -43,72 +49,106 @@ pub struct Altered {
     pub what: String,
 }
 
-/// Writes the hashes of all files of a folder.
+/// What a folder is held against its list of hashes.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub struct Checked {
+    /// Number of its files.
+    pub files: usize,
+    /// Number of listed files that were moved to an archive.
+    pub moved: usize,
+    /// Files that are not what they were.
+    pub altered: Vec<Altered>,
+}
+
+/// Writes the hashes of all files of a folder, those that were moved to an archive included.
 ///
 /// # Errors
 /// [`SumsError`].
 pub fn write(folder: &Path) -> Result<(), SumsError> {
-    let names = files(folder)?;
-    let lines: Vec<String> = names
+    let names = sums::files_of(folder).map_err(|source| unreadable(folder, source))?;
+    let lines = names
         .par_iter()
-        .map(|name| Ok(format!("{}  {name}\n", sum(folder, name)?)))
-        .collect::<Result<_, SumsError>>()?;
+        .map(|name| Ok((name.clone(), sum(folder, name)?)));
+    let mut lines: BTreeMap<String, String> = lines.collect::<Result<_, SumsError>>()?;
+    lines.extend(moved(folder)?);
+    let text: String = lines
+        .iter()
+        .map(|(name, sum)| format!("{sum}  {name}\n"))
+        .collect();
     Ok(dataset::write_atomically(
         &folder.join(SUMS),
-        lines.concat().as_bytes(),
+        text.as_bytes(),
     )?)
 }
 
-/// Compares all files of a folder with their hashes; also says how many there are.
+/// Compares all files of a folder with their hashes. A file that was moved to an archive is no missing
+/// one where its hash was the listed one.
 ///
 /// # Errors
 /// [`SumsError`]; files that are missing are altered ones.
-pub fn check(folder: &Path) -> Result<(usize, Vec<Altered>), SumsError> {
+pub fn check(folder: &Path) -> Result<Checked, SumsError> {
     let path = folder.join(SUMS);
     let bytes = fs::read(&path).map_err(|source| SumsError::Read { path, source })?;
-    let altered = |file: &str, what: String| Altered {
-        file: file.to_owned(),
-        what,
-    };
-    let (mut stored, mut found) = (BTreeMap::new(), Vec::new());
     let text = String::from_utf8_lossy(&bytes);
-    for (number, line) in (1..).zip(text.split_inclusive('\n')) {
-        match entry(line) {
-            Some((sum, name)) if stored.last_key_value().is_none_or(|(last, _)| *last < name) => {
-                stored.insert(name, sum);
-            }
-            _ => found.push(altered(
-                SUMS,
-                format!(
-                    "line {number}: expected 64 digits, two blanks and a \
-                name after the last, found {line:?}"
-                ),
-            )),
+    let Sums { files, wrong } = Sums::of(&text);
+    let names = sums::files_of(folder).map_err(|source| unreadable(folder, source))?;
+    let mut checked = Checked {
+        files: names.len(),
+        altered: wrong.into_iter().map(|what| altered(SUMS, what)).collect(),
+        ..Checked::default()
+    };
+    let differs = |name: &String| differing(folder, name, files.get(name.as_str()).copied());
+    let differing: Vec<Option<Altered>> = names
+        .par_iter()
+        .map(differs)
+        .collect::<Result<_, SumsError>>()?;
+    checked.altered.extend(differing.into_iter().flatten());
+    let there: BTreeSet<&str> = names.iter().map(String::as_str).collect();
+    let moved = moved(folder)?;
+    for (name, sum) in files.iter().filter(|(name, _)| !there.contains(**name)) {
+        match moved.get(*name) {
+            Some(moved) if moved == sum => checked.moved += 1,
+            _ => checked.altered.push(altered(name, "missing".to_owned())),
         }
     }
-    let names = files(folder)?;
-    let wrong = |name: &String| -> Result<Option<Altered>, SumsError> {
-        let Some(expected) = stored.get(name.as_str()) else {
-            return Ok(Some(altered(name, format!("not in {SUMS}"))));
-        };
-        let met = sum(folder, name)?;
-        Ok((met != *expected).then(|| {
-            altered(
-                name,
-                format!("expected the SHA-256 {expected}, found {met}"),
-            )
-        }))
+    Ok(checked)
+}
+
+/// A file that is not what its list says, or that the list does not have.
+fn differing(
+    folder: &Path,
+    name: &str,
+    listed: Option<&str>,
+) -> Result<Option<Altered>, SumsError> {
+    let Some(expected) = listed else {
+        return Ok(Some(altered(name, format!("not in {SUMS}"))));
     };
-    let wrong: Vec<Option<Altered>> = names.par_iter().map(wrong).collect::<Result<_, _>>()?;
-    found.extend(wrong.into_iter().flatten());
-    let there: std::collections::BTreeSet<&str> = names.iter().map(String::as_str).collect();
-    found.extend(
-        stored
-            .keys()
-            .filter(|name| !there.contains(**name))
-            .map(|name| altered(name, "missing".to_owned())),
-    );
-    Ok((names.len(), found))
+    let met = sum(folder, name)?;
+    let what = || format!("expected the SHA-256 {expected}, found {met}");
+    Ok((met != expected).then(|| altered(name, what())))
+}
+
+fn altered(file: &str, what: String) -> Altered {
+    Altered {
+        file: file.to_owned(),
+        what,
+    }
+}
+
+fn unreadable(path: &Path, source: io::Error) -> SumsError {
+    SumsError::Read {
+        path: path.to_owned(),
+        source,
+    }
+}
+
+/// SHA-256 of the files that were moved to an archive, by name.
+fn moved(folder: &Path) -> Result<BTreeMap<String, String>, SumsError> {
+    let list = Archived::read(folder).map_err(SumsError::Archived)?;
+    let files = list.iter().flat_map(|list| list.absent(folder));
+    Ok(files
+        .map(|file| (file.path.clone(), file.sha256.clone()))
+        .collect())
 }
 
 fn sum(folder: &Path, name: &str) -> Result<String, SumsError> {
@@ -116,46 +156,10 @@ fn sum(folder: &Path, name: &str) -> Result<String, SumsError> {
     hash::sha256_of(&path).map_err(|source| SumsError::Read { path, source })
 }
 
-/// A whole line of the list, to the letter.
-fn entry(line: &str) -> Option<(&str, &str)> {
-    let (sum, name) = line.strip_suffix('\n')?.split_once("  ")?;
-    let digit = |byte: u8| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte);
-    (sum.len() == 64 && sum.bytes().all(digit) && !name.is_empty()).then_some((sum, name))
-}
-
-/// All files of a folder but the list, by name.
-fn files(folder: &Path) -> Result<Vec<String>, SumsError> {
-    let mut names = Vec::new();
-    collect(folder, "", &mut names)?;
-    names.sort_unstable();
-    Ok(names)
-}
-
-fn collect(folder: &Path, below: &str, names: &mut Vec<String>) -> Result<(), SumsError> {
-    let path = folder.join(below);
-    let read = |source| SumsError::Read {
-        path: path.clone(),
-        source,
-    };
-    for entry in fs::read_dir(&path).map_err(read)? {
-        let entry = entry.map_err(read)?;
-        let own = entry.file_name().to_string_lossy().into_owned();
-        let name = if below.is_empty() {
-            own
-        } else {
-            format!("{below}/{own}")
-        };
-        if entry.file_type().map_err(read)?.is_dir() {
-            collect(folder, &name, names)?;
-        } else if name != SUMS {
-            names.push(name);
-        }
-    }
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
+    use analysis::run_folder::ArchivedFile;
+
     use super::*;
 
     #[test]
@@ -166,10 +170,14 @@ mod tests {
             fs::write(folder.path().join(name), name).unwrap();
         }
         write(folder.path()).unwrap();
-        assert_eq!(check(folder.path()).unwrap(), (3, Vec::new()));
+        let whole = Checked {
+            files: 3,
+            ..Checked::default()
+        };
+        assert_eq!(check(folder.path()).unwrap(), whole);
         fs::write(folder.path().join("b/c"), "b/d").unwrap();
         fs::rename(folder.path().join("d"), folder.path().join("e")).unwrap();
-        let (_, found) = check(folder.path()).unwrap();
+        let found = check(folder.path()).unwrap().altered;
         let messages: Vec<String> = found
             .iter()
             .map(|one| format!("{}: {}", one.file, one.what))
@@ -195,7 +203,40 @@ mod tests {
             let mut flipped = bytes.clone();
             flipped[bit / 8] ^= 1 << (bit % 8);
             fs::write(&list, flipped).unwrap();
-            assert!(!check(folder.path()).unwrap().1.is_empty(), "bit {bit}");
+            assert!(
+                !check(folder.path()).unwrap().altered.is_empty(),
+                "bit {bit}"
+            );
         }
+    }
+
+    #[test]
+    fn a_moved_file_is_not_missing_and_stays_in_the_list() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a", "b", "c"] {
+            fs::write(folder.path().join(name), name).unwrap();
+        }
+        write(folder.path()).unwrap();
+        let list = fs::read(folder.path().join(SUMS)).unwrap();
+        let mut moved = Archived::of("s3://lab/eis");
+        moved.files.push(ArchivedFile {
+            path: "b".to_owned(),
+            sha256: sum(folder.path(), "b").unwrap(),
+            bytes: 1,
+            moved_unix_s: 0.0,
+        });
+        fs::remove_file(folder.path().join("b")).unwrap();
+        moved.write(folder.path()).unwrap();
+        let checked = check(folder.path()).unwrap();
+        assert_eq!(
+            (checked.moved, checked.altered.as_slice()),
+            (1, [].as_slice())
+        );
+        write(folder.path()).unwrap();
+        assert_eq!(fs::read(folder.path().join(SUMS)).unwrap(), list);
+        moved.files[0].sha256 = "00".repeat(32);
+        moved.write(folder.path()).unwrap();
+        let checked = check(folder.path()).unwrap();
+        assert_eq!(checked.altered, [altered("b", "missing".to_owned())]);
     }
 }

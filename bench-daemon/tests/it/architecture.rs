@@ -120,14 +120,16 @@ fn the_arrows_between_the_crates_are_these_and_no_others() {
         ("analysis", "analysis-numeric"),
         ("analysis", "analysis-plot"),
         ("analysis", "analysis-signal"),
+        ("bench-archive", "analysis-catalog"),
+        ("bench-archive", "analysis-files"),
         ("bench-daemon", "analysis"),
+        ("bench-daemon", "bench-archive"),
+        ("bench-daemon", "bench-fleet"),
         ("bench-daemon", "fixtures"),
         ("bench-daemon", "instruments"),
         // Its tests take data sets from there.
         ("bench-daemon", "study"),
         ("eisbench-python", "analysis"),
-        ("bench-daemon", "bench-archive"),
-        ("bench-daemon", "bench-fleet"),
         // Its clock only.
         ("bench-fleet", "instruments-link"),
         // Its tests only.
@@ -251,14 +253,15 @@ fn hidden_cases_name_nothing_of_the_analysis() {
 }
 
 /// Libraries that only one crate may use: tables of files by polars, pictures by plotters,
-/// catalogues by rusqlite, serial ports by tokio-serial, the device side of SCPI by scpi,
-/// fleets by async-nats.
+/// catalogues by rusqlite, stores of objects by object_store, serial ports by tokio-serial, the
+/// device side of SCPI by scpi, fleets by async-nats.
 #[test]
 fn some_libraries_have_one_user_each() {
     for (library, user) in [
         ("polars", "analysis/files"),
         ("plotters", "analysis/plot"),
         ("rusqlite", "analysis/catalog"),
+        ("object_store", "bench-daemon/archive"),
         ("tokio-serial", "instruments/link"),
         ("scpi", "instruments/mock"),
         ("async-nats", "bench-daemon/fleet"),

@@ -540,7 +540,15 @@ struct NotPlayed {
     blocks: &'static [&'static str],
 }
 
-const NOT_PLAYED: [NotPlayed; 6] = [
+const NOT_PLAYED: [NotPlayed; 8] = [
+    NotPlayed {
+        reason: "it needs the Python package, whose own tests play it",
+        blocks: &["jobs.md: python -m eisbench.jobs fit store --rc 4 --out fits"],
+    },
+    NotPlayed {
+        reason: "it needs a file of several benches, which the test of campaigns writes",
+        blocks: &["campaign.md: eis-bench campaign plan batch.toml --out experiments"],
+    },
     NotPlayed {
         reason: "it builds or installs what the tests have built",
         blocks: &[

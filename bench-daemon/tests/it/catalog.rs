@@ -2,7 +2,7 @@
 
 use std::{ffi::OsStr, fs, path::PathBuf};
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use crate::{
     serve_support::{Served, config, submit},
@@ -226,6 +226,8 @@ fn a_server_keeps_the_catalogue_of_its_own_runs() {
         (&ageing["rc"], &ageing["points"][0]["name"]),
         (&1.into(), &found["name"])
     );
+    let other = served.get("/catalog/ageing?cell=Molicel%20P45B&serial=S-9");
+    assert_eq!((&other["rc"], &other["points"]), (&Value::Null, &json!([])));
     let cells = served.get("/catalog/cells");
     assert_eq!(
         (&cells["cells"][0]["cell"], &cells["cells"][0]["runs"]),

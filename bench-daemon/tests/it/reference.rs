@@ -21,7 +21,9 @@ use sources::Library;
 const WRITE: &str = "EIS_BENCH_WRITE_REFERENCE";
 
 /// Sources that hold the structures of the files, and the types that these refer to.
-const SOURCES: [&str; 25] = [
+const SOURCES: [&str; 27] = [
+    "bench-daemon/src/campaign/file.rs",
+    "bench-daemon/src/config/identity.rs",
     "bench-daemon/src/config/raw.rs",
     "bench-daemon/src/config/raw_bench.rs",
     "bench-daemon/src/config/raw_multisine.rs",
@@ -117,6 +119,12 @@ fn the_reference_of_the_configuration_is_what_the_sources_say() {
             name: "Server",
             about: "The file of [`eis-bench serve`](serve.md): `configs/serve.toml`.",
             top: library.structure("settings.rs", "Raw"),
+        },
+        Part {
+            name: "Campaign",
+            about: "The file of [`eis-bench campaign`](campaign.md#over-several-benches): which cells \
+                are measured on which benches.",
+            top: library.structure("campaign/file.rs", "Raw"),
         },
         Part {
             name: "Scenario",

@@ -82,14 +82,14 @@ fn a_run_comes_out_the_same_and_a_flipped_bit_in_any_file_is_found() {
             flipped[bit / 8] ^= 1 << (bit % 8);
             fs::write(&path, &flipped).unwrap();
             assert!(
-                !sums::check(&run).unwrap().1.is_empty(),
+                !sums::check(&run).unwrap().altered.is_empty(),
                 "{}, bit {bit}",
                 path.display()
             );
         }
         fs::write(&path, &bytes).unwrap();
     }
-    assert_eq!(sums::check(&run).unwrap().1, []);
+    assert_eq!(sums::check(&run).unwrap().altered, []);
 }
 
 #[test]

@@ -171,7 +171,10 @@ fn a_campaign_is_a_table_of_cells_and_repeats() {
         })
         .collect();
     assert_eq!(told, [("done", "spectra/A_1"), ("done", "spectra/A_2")]);
-    assert_eq!(served.get("/runs/find?cell=S-1")["number"], 1);
+    for (query, number) in [("cell=S-1", 1), ("cell=A&serial=S-1", 1), ("serial=S-2", 0)] {
+        let found = served.get(&format!("/runs/find?{query}"));
+        assert_eq!(found["number"], number, "{query}");
+    }
     let cell = served.get("/cells/A");
     assert_eq!(cell["history"].as_array().unwrap().len(), 2);
     // The record of the second repeat is found by the number of its run.

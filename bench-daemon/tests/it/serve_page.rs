@@ -369,6 +369,8 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     for words in ["supply4q", "load", "generator", "off, read back"] {
         assert!(message.contains(words), "{message}");
     }
+    // Folded again: the head of the page hides what is behind it.
+    browser.click("#stopped summary");
     browser.wait("#state", "Idle");
     browser.wait("#held", "stopped by local");
     browser.pictures("stopped");
@@ -822,7 +824,7 @@ fn a_newcomers_way(dark: bool, size: (u32, u32), by_keyboard: bool) {
     browser.keys("#why", "looked at: it was stopped on purpose");
     take("Let the queue go on");
     // The same again, from the run.
-    take("Runs");
+    take("Catalogue");
     browser.wait("#view", "demo-1");
     look("runs");
     take("demo-1");
@@ -915,6 +917,54 @@ fn a_person_clamps_two_cells_and_answers_on_the_phone() {
     assert_eq!(browser.text("#question"), "");
 }
 
+/// Script that returns where the rows of the table of the ageing lead.
+const AGEING_ROWS: &str = "return [...document.querySelectorAll('#view section:has(#fd-ageing) \
+tbody a')].map((link) => link.getAttribute('href'))";
+
+#[test]
+#[ignore = "drill"]
+fn a_cell_is_followed_over_its_runs_and_spectra_of_several_runs_are_compared() {
+    let Some(browser) = Browser::start(false) else {
+        return;
+    };
+    let files = Files::short(4);
+    config(&files, "");
+    let served = Served::start(&files);
+    for _ in 0..2 {
+        served.ended(&submit(&served, r#"{"experiment":"demo"}"#));
+    }
+    poll("both runs in the catalogue", || {
+        let answer = served.ask("GET", "/api/v1/catalog/runs", ("", ""));
+        let runs = answer.json()["runs"].as_array().map_or(0, Vec::len);
+        (runs == 2).then_some(())
+    });
+    // The address of before leads to the catalogue.
+    let before = format!("{}/#/cells", served.url());
+    browser.go(&before, DESKTOP);
+    browser.wait("#view", "1 cell found");
+    browser.click("#view tbody th a");
+    browser.wait("#view", "2 fitted models of 2 runs");
+    let links = browser.script(AGEING_ROWS);
+    assert_eq!(links, json!(["#/run/demo-2", "#/run/demo-1"]));
+    browser.pictures("ageing");
+    browser.assert_accessible("ageing");
+    browser.click("#views a[href='#/catalog']");
+    browser.wait("#view", "2 runs found");
+    browser.click("#view input[value=spectra]");
+    browser.wait("#view", "2 spectra found");
+    let address = browser.script("return location.hash");
+    assert_eq!(address, "#/catalog?of=spectra");
+    browser.click("#view tbody tr:nth-child(1) input");
+    browser.click("#view tbody tr:nth-child(2) input");
+    browser.wait("#view", "2 spectra of 2 ticked");
+    browser.wait(".cv-legend", "demo-1: spectrum (4 points)");
+    browser.wait(".cv-legend", "demo-2: spectrum (4 points)");
+    browser.pictures("catalogue");
+    browser.assert_accessible("catalogue");
+    let is_hidden = browser.script("return document.querySelector('#fleetlink').hidden");
+    assert_eq!(is_hidden, true, "this server belongs to no fleet");
+}
+
 #[test]
 #[ignore = "drill"]
 fn every_part_of_the_page_is_accessible_with_what_people_have_written_in_it() {
@@ -944,11 +994,14 @@ fn every_part_of_the_page_is_accessible_with_what_people_have_written_in_it() {
         ("#demo", "Idle"),
         ("#/new", "Begin with"),
         ("#/new/experiment/demo", "No mistake found"),
-        ("#/runs", "demo-1"),
+        ("#/catalog", "demo-1"),
+        ("#/catalog?of=spectra", "1 spectrum found"),
+        ("#/catalog?of=cells", "Molicel"),
         ("#/run/demo-1", "onerror"),
         ("#/run/demo-1?spectrum=spectrum&freq_hz=300", "channel 4"),
-        ("#/cells", "Molicel"),
         ("#/cell/Molicel%20P45B", "onerror"),
+        ("#/cell/Molicel%20P45B", "1 fitted model of 1 run"),
+        ("#/fleet", "belongs to no fleet"),
         ("#/analyses", "kk-2"),
         ("#/analysis/fit-1", "✓ done"),
         ("#/analysis/kk-2", "✓ done"),

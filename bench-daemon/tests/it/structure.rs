@@ -34,6 +34,7 @@ const DAEMON: &[&str] = &[
     "doctor",
     "run",
     "investigate",
+    "campaign",
     "serve",
     "command",
     "cli",

@@ -356,6 +356,12 @@ impl Link {
         })
     }
 
+    #[tracing::instrument(
+        name = "exchange",
+        level = "trace",
+        skip_all,
+        fields(otel.kind = "client", eis_bench.instrument = %self.options.name, eis_bench.message = %message)
+    )]
     async fn tell(&mut self, message: &str) -> Result<(), LinkError> {
         self.guard(message, false)?;
         let mut connection = self.begin(message)?;
@@ -363,6 +369,12 @@ impl Link {
         self.finish(connection, handed_over)
     }
 
+    #[tracing::instrument(
+        name = "exchange",
+        level = "trace",
+        skip_all,
+        fields(otel.kind = "client", eis_bench.instrument = %self.options.name, eis_bench.message = %message)
+    )]
     async fn ask(&mut self, message: &str, expect: Expect) -> Result<Response, LinkError> {
         self.guard(message, true)?;
         let mut connection = self.begin(message)?;

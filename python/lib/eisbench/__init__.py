@@ -23,8 +23,11 @@ from ._api import (
     spectra_of_table,
     zhit,
 )
+from ._catalog import Ageing, Catalog
 from ._client import ApiError, AsyncClient, Client, Event, Job, OutcomeUnknown, Unreachable
+from ._delta import to_delta
 from ._eisbench import EisError, FileError, InternalError, Spectrum, __version__
+from ._hierarchy import Hierarchy, hierarchy
 from ._joint import Joint, Pulse, joint
 from ._model import Model, PowerLimits, Simulation
 from ._ocv import Ocv
@@ -43,11 +46,13 @@ from ._series import (
 from ._table import Table
 
 __all__ = [
+    "Ageing",
     "ApiError",
     "Assessment",
     "AsyncClient",
     "Branch",
     "Capture",
+    "Catalog",
     "CircuitFit",
     "Client",
     "DataSet",
@@ -58,6 +63,7 @@ __all__ = [
     "Event",
     "FileError",
     "Fits",
+    "Hierarchy",
     "InternalError",
     "Job",
     "Joint",
@@ -82,6 +88,7 @@ __all__ = [
     "fit_circuit",
     "fit_erm",
     "fit_table",
+    "hierarchy",
     "joint",
     "kk",
     "kk_table",
@@ -90,5 +97,6 @@ __all__ = [
     "read_series",
     "read_spectra",
     "spectra_of_table",
+    "to_delta",
     "zhit",
 ]

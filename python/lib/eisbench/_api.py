@@ -42,47 +42,74 @@ def spectra_of_table(table: Any) -> Spectra:
     """Spectra of a table in long form: a data frame or a mapping of columns.
 
     Columns: ``freq_hz``, ``z_re_ohm``, ``z_im_ohm``; ``spectrum_id`` where there are several
-    spectra; ``sigma_ohm``, standard deviation of either part, where it is known. Spectra stand in
-    the order of their first row.
+    spectra; ``sigma_ohm``, standard deviation of either part, or ``sigma_re_ohm``,
+    ``sigma_im_ohm`` and perhaps ``cov_re_im_ohm2``, where they are known; ``amplitude_a``. Spectra
+    stand in the order of their first row.
 
     Raises EisError for a missing column and for what cannot be a measurement.
     """
     found = Spectra()
-    for name, spectrum, reason in _grouped(table):
+    for name, spectrum, reason in grouped(table):
         if spectrum is None:
             raise EisError(f"spectrum {name!r}: {reason}")
         found.append(spectrum)
     return found
 
 
-_COLUMNS = ("spectrum_id", "freq_hz", "z_re_ohm", "z_im_ohm", "sigma_ohm")
+_NEEDED = ("freq_hz", "z_re_ohm", "z_im_ohm")
+_OPTIONAL = ("sigma_ohm", "sigma_re_ohm", "sigma_im_ohm", "cov_re_im_ohm2", "amplitude_a")
+POINT_COLUMNS = (*_NEEDED, *_OPTIONAL)
 
 
-def _grouped(table: Any) -> list[tuple[str, Optional[Spectrum], Optional[str]]]:
+class _Points:
+    """Columns of points, as the half in Rust takes them."""
+
+    def __init__(self, columns: Mapping[str, NDArray[np.float64]], order: NDArray[np.int64]) -> None:
+        def column(name: str) -> Optional[NDArray[np.float64]]:
+            given = columns.get(name)
+            return None if given is None else np.ascontiguousarray(given[order])
+
+        self.freq_hz = column("freq_hz")
+        self.z_ohm = (columns["z_re_ohm"] + 1j * columns["z_im_ohm"])[order]
+        self.sigma_ohm = column("sigma_ohm")
+        self.sigma_re_ohm = column("sigma_re_ohm")
+        self.sigma_im_ohm = column("sigma_im_ohm")
+        self.cov_re_im_ohm2 = column("cov_re_im_ohm2")
+        self.amplitude_a = column("amplitude_a")
+
+
+def grouped(table: Any) -> list[tuple[str, Optional[Spectrum], Optional[str]]]:
     """Name and spectrum of each, or the reason why it is none, in the order of their first row."""
-    columns = columns_of(table, _COLUMNS)
-    for needed in ("freq_hz", "z_re_ohm", "z_im_ohm"):
-        if needed not in columns:
-            told = ", ".join(columns) or "none of those that are known"
-            raise EisError(f"table: expected a column {needed}, met {told}")
-    freq_hz, z_re, z_im = (numbers(name, columns[name]) for name in _COLUMNS[1:4])
-    sigma = numbers("sigma_ohm", columns["sigma_ohm"]) if "sigma_ohm" in columns else None
-    named = "spectrum_id" in columns
-    ids = names_of(columns["spectrum_id"]) if named else np.zeros(len(freq_hz), dtype=np.int64)
-    lengths = {len(column) for column in (freq_hz, z_re, z_im, ids)}
-    lengths |= set() if sigma is None else {len(sigma)}
-    if len(lengths) > 1:
+    columns, given = points_of(table), columns_of(table, ["spectrum_id"])
+    named, rows = "spectrum_id" in given, len(columns["freq_hz"])
+    ids = names_of(given["spectrum_id"]) if named else np.zeros(rows, dtype=np.int64)
+    if {len(column) for column in (ids, *columns.values())} != {rows}:
         raise EisError("table: expected columns of one length, met several")
-    if len(freq_hz) == 0:
+    if rows == 0:
         return []
     _, first, group = np.unique(ids, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))[group]
-    order = np.argsort(rank, kind="stable")
-    ends = np.cumsum(np.bincount(rank)).tolist()
     names = [str(name) for name in ids[np.sort(first)]] if named else ["table"]
-    z_ohm = (z_re + 1j * z_im)[order]
-    part = None if sigma is None else np.ascontiguousarray(sigma[order])
-    made = _eisbench.spectra_of_columns(names, ends, freq_hz[order], z_ohm, part)
+    return spectra_of_groups(columns, names, rank)
+
+
+def points_of(table: Any) -> dict[str, NDArray[np.float64]]:
+    """The columns of points that a table has."""
+    given = columns_of(table, ("spectrum_id", *POINT_COLUMNS))
+    for needed in _NEEDED:
+        if needed not in given:
+            told = ", ".join(given) or "none of those that are known"
+            raise EisError(f"table: expected a column {needed}, met {told}")
+    return {name: numbers(name, given[name]) for name in POINT_COLUMNS if name in given}
+
+
+def spectra_of_groups(
+    columns: Mapping[str, NDArray[np.float64]], names: list[str], rank: NDArray[np.int64]
+) -> list[tuple[str, Optional[Spectrum], Optional[str]]]:
+    """The same of columns of points, where ``rank`` is the place of each row's name in ``names``."""
+    order = np.argsort(rank, kind="stable")
+    ends = np.cumsum(np.bincount(rank, minlength=len(names))).tolist()
+    made = _eisbench.spectra_of_columns(names, ends, _Points(columns, order))
     return [(name, spectrum, reason) for name, (spectrum, reason) in zip(names, made)]
 
 
@@ -314,7 +341,7 @@ def drt(spectra: Union[Spectrum, Iterable[Spectrum]]) -> Union[Drt, list[Drt]]:
     return found[0] if single else found
 
 
-class _Given:
+class Given:
     """A spectrum of a table, or the reason why it is none."""
 
     def __init__(self, name: str, spectrum: Optional[Spectrum], error: Optional[str]) -> None:
@@ -323,14 +350,14 @@ class _Given:
         self.error = error
 
 
-def _rows_of(table: Any) -> list[_Given]:
+def _rows_of(table: Any) -> list[Given]:
     """The spectra of a table, of a list of spectra, or of files."""
     if isinstance(table, (str, os.PathLike)):
         table = read_spectra(cast(Path, table))
     if isinstance(table, list):
         spectra = cast("list[Spectrum]", table)
-        return [_Given(spectrum.name, spectrum.without_flagged(), None) for spectrum in spectra]
-    return [_Given(*one) for one in _grouped(table)]
+        return [Given(spectrum.name, spectrum.without_flagged(), None) for spectrum in spectra]
+    return [Given(*one) for one in grouped(table)]
 
 
 def _table(columns: Mapping[str, tuple[str, Any]]) -> Table:
@@ -359,16 +386,38 @@ def fit_table(
     circuit is fitted in the place of the extended Randles model with ``rc`` branches. A spectrum
     that cannot be fitted has the reason in the column ``error`` and no parameters.
     """
-    given = _rows_of(table)
-    if circuit is not None:
-        wishes = _CircuitWishes(circuit, objective, None, None, None, starts, "starts", seed)
-        return _table(_eisbench.circuit_rows(given, wishes))
-    if rc != "auto" and not isinstance(rc, (int, np.integer)):
-        raise EisError(f"rc: expected a number of branches or 'auto', met {rc!r}")
-    order = None if isinstance(rc, str) else _whole("rc", rc)
-    slope = ocv_slope if ocv_slope is None or isinstance(ocv_slope, str) else repr(float(ocv_slope))
-    whole = (_whole("seed", seed), _whole("starts", starts or 0))
-    return _table(_eisbench.erm_rows(given, order, objective, slope, *whole))
+    wishes = FitWishes(rc, circuit, objective, ocv_slope, seed, starts)
+    return _table(wishes.columns(_rows_of(table), alone=False))
+
+
+class FitWishes:
+    """Wishes for a table of fits."""
+
+    def __init__(
+        self,
+        rc: Union[int, str] = 4,
+        circuit: Optional[str] = None,
+        objective: str = "complex",
+        ocv_slope: Union[str, float, None] = None,
+        seed: int = 0,
+        starts: Optional[int] = None,
+    ) -> None:
+        if rc != "auto" and not isinstance(rc, (int, np.integer)):
+            raise EisError(f"rc: expected a number of branches or 'auto', met {rc!r}")
+        self.rc = None if isinstance(rc, str) else _whole("rc", rc)
+        self.slope = repr(float(ocv_slope)) if isinstance(ocv_slope, (int, float)) else ocv_slope
+        self.circuit = circuit
+        self.objective = objective
+        self.seed = _whole("seed", seed)
+        self.starts = starts if starts is None else _whole("starts", starts)
+
+    def columns(self, given: Sequence[Any], alone: bool) -> dict[str, tuple[str, Any]]:
+        """Kind and values of each column; with ``alone`` this thread does all the work."""
+        if self.circuit is not None:
+            told = (self.circuit, self.objective, None, None, None, self.starts, "starts", self.seed)
+            return _eisbench.circuit_rows(given, _CircuitWishes(*told), alone)
+        whole = (self.seed, self.starts or 0)
+        return _eisbench.erm_rows(given, self.rc, self.objective, self.slope, *whole, alone)
 
 
 def kk_table(table: Any, *, drt: bool = False) -> Table:
@@ -376,4 +425,4 @@ def kk_table(table: Any, *, drt: bool = False) -> Table:
     ``drt`` also relaxation times. ``table`` is as in :func:`fit_table`; the columns are those of
     ``eis-bench kk --table`` (``docs/tables.md``).
     """
-    return _table(_eisbench.validity_rows(_rows_of(table), drt))
+    return _table(_eisbench.validity_rows(_rows_of(table), drt, False))

@@ -248,11 +248,17 @@ class Client:
             shutil.rmtree(partial, ignore_errors=True)
         return Run(into)
 
+    def fetch_file(self, run: Union[str, Job], path: str, folder: PathLike) -> Path:
+        """Downloads one file of a run into a folder, at its place in the run."""
+        return self._file(_run(run), path, None, Path(folder))
+
     # The protocol
 
     def _has_ended(self, run: str) -> bool:
         try:
-            return _job(self._json("GET", f"/runs/{run}")["job"]).ended
+            told = self._json("GET", f"/runs/{run}")["job"]
+            # Between queue and run a job is told by neither for a moment.
+            return told is not None and _job(told).ended
         except ApiError as error:
             if error.status == 404:
                 return False
@@ -337,7 +343,7 @@ class Client:
         finally:
             connection.close()
 
-    def _file(self, run: str, path: str, size: int, folder: Path) -> None:
+    def _file(self, run: str, path: str, size: Optional[int], folder: Path) -> Path:
         into = (folder / path).resolve()
         if not into.is_relative_to(folder.resolve()):
             raise EisError(f"{path}: expected a file in the folder of the run, met one beyond it")
@@ -346,6 +352,7 @@ class Client:
         connection, answer = self._open(
             "GET", f"/runs/{run}/files/{quoted}", None, {"Accept": "*/*"}, self._timeout_s
         )
+        told = answer.headers.get("Content-Length")
         try:
             with into.open("wb") as file:
                 shutil.copyfileobj(cast(Any, answer), file, 1 << 20)
@@ -353,9 +360,10 @@ class Client:
             raise Unreachable(f"{path}: {error!r}") from None
         finally:
             connection.close()
-        met = into.stat().st_size
-        if met != size:
-            raise Unreachable(f"{path}: expected {size} bytes, met {met}")
+        met, expected = into.stat().st_size, int(told) if size is None and told else size
+        if expected is not None and met != expected:
+            raise Unreachable(f"{path}: expected {expected} bytes, met {met}")
+        return into
 
 
 def _refusal(status: int, told: bytes) -> EisError:

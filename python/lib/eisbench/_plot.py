@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Optional
 import numpy as np
 
 if TYPE_CHECKING:
+    from ._catalog import Ageing
     from ._eisbench import Spectrum
     from ._joint import Pulse
     from ._model import Simulation
@@ -84,4 +85,48 @@ def run(simulation: Simulation, axes: Any) -> Any:
     other.plot(simulation.time_s, simulation.current_a, color=FITTED, lw=1)
     other.set_ylabel("current / A (discharge +)", color=FITTED)
     axes.grid(alpha=0.3)
+    return axes
+
+
+#: Quantities of an ageing: column, column of its uncertainty, axis, factor of the axis.
+_AGEING = (
+    ("r_ohm", "r_sigma_ohm", "R / mΩ", 1e3),
+    ("dc_resistance_ohm", "dc_resistance_sigma_ohm", "DC resistance / mΩ", 1e3),
+    ("slow_r_ohm", "slow_r_sigma_ohm", "slowest pair R / mΩ", 1e3),
+    ("slow_tau_s", "slow_tau_sigma_s", "slowest pair τ / s", 1.0),
+)
+
+
+def _bars(axes: Any, rows: Any, value: str, sigma: str, factor: float) -> None:
+    """Points over time with bars of one standard uncertainty; no bar where it is not known."""
+    times = np.asarray(rows["started_unix_s"], dtype=np.float64) * 1e6
+    values = factor * np.asarray(rows[value], dtype=np.float64)
+    spread = np.nan_to_num(factor * np.asarray(rows[sigma], dtype=np.float64))
+    dates = times.astype("datetime64[us]")
+    axes.errorbar(dates, values, yerr=spread, fmt="o", ms=4, capsize=2, color=MEASURED)
+    axes.grid(alpha=0.3)
+
+
+def ageing(of: Ageing, axes: Any) -> Any:
+    table, diffusion = of.table, of.diffusion
+    told = zip(diffusion["effect"], diffusion["name"], diffusion["unit"])
+    named = sorted({(str(effect), str(name), str(unit)) for effect, name, unit in told})
+    shown = [one for one in _AGEING if np.isfinite(np.asarray(table[one[0]], dtype=float)).any()]
+    if axes is None:
+        import matplotlib.pyplot as plt
+
+        count = max(len(shown) + len(named), 1)
+        size = (7.0, 2.2 * count)
+        axes = plt.subplots(count, 1, sharex=True, squeeze=False, figsize=size)[1][:, 0]
+    for one, (value, sigma, name, factor) in zip(axes, shown):
+        _bars(one, table, value, sigma, factor)
+        one.set_ylabel(name)
+    for one, (effect, name, unit) in zip(list(axes)[len(shown) :], named):
+        all_of_them = zip(diffusion["effect"], diffusion["name"])
+        mine = np.array([(str(e), str(n)) == (effect, name) for e, n in all_of_them])
+        rows = {c: np.asarray(diffusion[c])[mine] for c in ("started_unix_s", "value", "sigma")}
+        _bars(one, rows, "value", "sigma", 1.0)
+        one.set_ylabel(f"{effect} {name} / {unit}")
+    axes[0].set_title(f"{of.cell}, models with {of.rc} RC pairs")
+    axes[-1].set_xlabel("time (UTC)")
     return axes

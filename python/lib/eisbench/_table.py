@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ._eisbench import EisError
+from ._optional import optional
 
 Column = Union[NDArray[Any], list[Optional[str]]]
 
@@ -107,7 +108,28 @@ def _arrow(nanoarrow: Any, column: Column) -> Any:
         mask = None if bool(known.all()) else np.packbits(known, bitorder="little")
         kind = nanoarrow.float64()
         return nanoarrow.c_array_from_buffers(kind, len(values), [mask, values])
+    if values.dtype.kind == "b":
+        bits = np.packbits(values, bitorder="little")
+        return nanoarrow.c_array_from_buffers(nanoarrow.bool_(), len(values), [None, bits])
     return nanoarrow.c_array_from_buffers(nanoarrow.int64(), len(values), [None, values])
+
+
+def frame(columns: Mapping[str, Column]) -> Any:
+    """Columns as a pandas data frame, with a time in UTC beside each ``…_unix_s``; a :class:`Table`
+    where pandas is not installed."""
+    try:
+        pandas = optional("pandas", "'eisbench[table]'")
+    except ImportError:
+        return Table(columns)
+    told: dict[str, Any] = {}
+    for name, values in columns.items():
+        # One kind for texts, also where all of them are missing.
+        is_text = isinstance(values, list)
+        told[name] = pandas.Series(values, dtype=object) if is_text else values
+        if name.endswith("_unix_s"):
+            time = name.removesuffix("_unix_s")
+            told[time] = pandas.to_datetime(np.asarray(values), unit="s", utc=True)
+    return pandas.DataFrame(told)
 
 
 def columns_of(table: Any, wanted: Sequence[str]) -> dict[str, Any]:

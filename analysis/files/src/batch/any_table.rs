@@ -1,8 +1,9 @@
 //! Any columns of numbers and texts as a table.
 
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 
-use polars::prelude::{Column, CsvWriter, DataFrame, ParquetWriter, SerWriter};
+use polars::prelude::{Column, CsvWriter, DataFrame, KeyValueMetadata, ParquetWriter, SerWriter};
 
 use super::error::BatchError;
 use crate::dataset::write_atomically;
@@ -40,6 +41,16 @@ impl TableColumn {
         }
     }
 
+    fn signed(&self) -> Column {
+        match &self.cells {
+            Cells::Counts(values) => {
+                let signed: Vec<i64> = values.iter().copied().map(i64::from).collect();
+                Column::new(self.name.into(), signed)
+            }
+            _ => self.column(),
+        }
+    }
+
     fn len(&self) -> usize {
         match &self.cells {
             Cells::Numbers(values) => values.len(),
@@ -67,6 +78,32 @@ pub fn write_table(path: &Path, columns: &[TableColumn]) -> Result<(), BatchErro
     let is_parquet = path.extension().is_some_and(|end| end == "parquet");
     let bytes = encoded(path, columns, is_parquet)?;
     Ok(write_atomically(path, &bytes)?)
+}
+
+/// A table for other programs, as bytes of Parquet, with remarks on the whole of it by their keys.
+/// Whole numbers get a sign: not every reader knows those without.
+///
+/// # Errors
+/// [`BatchError`]: columns of different lengths.
+pub fn parquet_bytes(
+    columns: &[TableColumn],
+    remarks: &BTreeMap<String, String>,
+) -> Result<Vec<u8>, BatchError> {
+    let failed = |source| BatchError::Parquet {
+        path: PathBuf::from("the table"),
+        action: "write the table",
+        source,
+    };
+    let height = columns.first().map_or(0, TableColumn::len);
+    let columns = columns.iter().map(TableColumn::signed).collect();
+    let mut frame = DataFrame::new(height, columns).map_err(failed)?;
+    let remarks = remarks.clone().into_iter().collect();
+    let mut bytes = Vec::new();
+    ParquetWriter::new(&mut bytes)
+        .with_key_value_metadata(Some(KeyValueMetadata::from_static(remarks)))
+        .finish(&mut frame)
+        .map_err(failed)?;
+    Ok(bytes)
 }
 
 fn encoded(path: &Path, columns: &[TableColumn], is_parquet: bool) -> Result<Vec<u8>, BatchError> {

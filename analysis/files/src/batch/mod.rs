@@ -19,7 +19,7 @@ mod written;
 #[cfg(test)]
 mod tests;
 
-pub use any_table::{Cells, TableColumn, csv_text, write_table};
+pub use any_table::{Cells, TableColumn, csv_text, parquet_bytes, write_table};
 pub use error::BatchError;
 pub use long_form::{LongForm, TableSpectrum};
 pub use models::{TableModel, is_table_of_models, read_models};

@@ -48,6 +48,10 @@ fn squares(values: &[f64]) -> f64 {
 
 impl Crossed {
     fn fit(&self) -> Mixed {
+        self.by(fit_mixed)
+    }
+
+    fn by(&self, fit: impl Fn(&Grouped<'_>) -> Result<Mixed, MixedError>) -> Mixed {
         let factors = [
             Factor {
                 name: "cell",
@@ -64,7 +68,7 @@ impl Crossed {
             covariates: &[],
             factors: &factors,
         };
-        fit_mixed(&grouped).unwrap()
+        fit(&grouped).unwrap()
     }
 
     /// Standard deviations by the analysis of variance: cell, bench, residual.
@@ -108,6 +112,20 @@ fn a_balanced_table_gives_the_analysis_of_variance() {
         let centre = mean(table.values.iter().copied());
         assert!((fit.fixed[0].value - centre).abs() < 1e-9);
     }
+}
+
+#[test]
+fn an_estimate_is_the_fit_without_intervals() {
+    let crossed = crossed(6, 4, [0.5, 0.3, 0.2], 11);
+    let (fit, estimate) = (crossed.fit(), crossed.by(estimate_mixed));
+    for (one, other) in fit.components.iter().zip(&estimate.components) {
+        assert_eq!(one.sd, other.sd);
+        assert!(one.low <= one.sd && other.low.is_nan() && other.high.is_nan());
+    }
+    assert_eq!(
+        (&fit.fixed, &fit.levels),
+        (&estimate.fixed, &estimate.levels)
+    );
 }
 
 #[test]

@@ -17,6 +17,7 @@ use serde::Deserialize;
 use utoipa::IntoParams;
 
 use super::{App, aside::aside, caller::Reader, problem::Refusal};
+use crate::support::calendar::unix_s;
 
 /// Conditions on what the catalogue holds; all of them must hold.
 #[derive(Debug, Default, Deserialize, IntoParams)]
@@ -33,10 +34,12 @@ pub struct CatalogWanted {
     experiment: Option<String>,
     /// Name of a bench.
     bench: Option<String>,
-    /// Begun at this time or later, s since 1970.
-    from_s: Option<f64>,
-    /// Begun before this time, s since 1970.
-    to_s: Option<f64>,
+    /// Begun at this time or later: 2026-11-28, 2026-11-28T12:00:00Z, or s since 1970.
+    #[serde(alias = "from_s")]
+    from: Option<String>,
+    /// Begun before this time.
+    #[serde(alias = "to_s")]
+    to: Option<String>,
     /// Verdict of the run.
     verdict: Option<CatalogVerdict>,
     /// Words in name, bench, experiment, operator, end or cells of the run; of runs only.
@@ -55,12 +58,22 @@ pub struct CatalogWanted {
 pub struct AgeingWanted {
     /// Name or serial number of the cell.
     cell: String,
+    /// Its serial number, where several cells have one name.
+    serial: Option<String>,
     /// Number of RC pairs of the models; else the greatest that every run of the cell has.
     rc: Option<u32>,
-    /// Begun at this time or later, s since 1970.
-    from_s: Option<f64>,
-    /// Begun before this time, s since 1970.
-    to_s: Option<f64>,
+    /// Begun at this time or later: 2026-11-28, 2026-11-28T12:00:00Z, or s since 1970.
+    #[serde(alias = "from_s")]
+    from: Option<String>,
+    /// Begun before this time.
+    #[serde(alias = "to_s")]
+    to: Option<String>,
+}
+
+/// A time of a question, s since 1970.
+fn time(field: &str, text: Option<String>) -> Result<Option<f64>, Refusal> {
+    let parsed = text.map(|text| unix_s(&text)).transpose();
+    parsed.map_err(|reason| Refusal::of(StatusCode::BAD_REQUEST, format!("{field}: {reason}")))
 }
 
 impl CatalogWanted {
@@ -75,8 +88,8 @@ impl CatalogWanted {
             batch: self.batch,
             experiment: self.experiment,
             bench: self.bench,
-            from_unix_s: self.from_s,
-            to_unix_s: self.to_s,
+            from_unix_s: time("from", self.from)?,
+            to_unix_s: time("to", self.to)?,
             verdict: self.verdict,
             text: self.text,
             after: self.after,
@@ -190,8 +203,9 @@ pub async fn ageing(
 ) -> Result<Json<Ageing>, Refusal> {
     let filter = Filter {
         cell: Some(wanted.cell),
-        from_unix_s: wanted.from_s,
-        to_unix_s: wanted.to_s,
+        serial: wanted.serial,
+        from_unix_s: time("from", wanted.from)?,
+        to_unix_s: time("to", wanted.to)?,
         ..Filter::default()
     };
     ask(app, move |catalog| catalog.ageing(&filter, wanted.rc)).await

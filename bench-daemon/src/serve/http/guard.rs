@@ -19,7 +19,10 @@ use super::{
     caller::{Named, Peer},
     problem::{Code, Refusal},
 };
-use crate::{serve::audit::By, support::loopback::names_loopback};
+use crate::{
+    serve::{audit::By, traced},
+    support::loopback::names_loopback,
+};
 pub use rate::{GUESSES, Rate};
 
 /// Nothing from elsewhere, no script in a page, no frame around it.
@@ -41,12 +44,16 @@ pub async fn guard(State(app): State<App>, mut request: Request, next: Next) -> 
         .map_or(IpAddr::from([0, 0, 0, 0]), |peer| peer.0);
     let named = Named::default();
     request.extensions_mut().insert(named.clone());
+    let span = traced::begin(&app.server, &mut request);
     let response = match admit(&app, peer, request).await {
         Ok(request) => next.run(request).await,
         Err(refusal) => refusal.into_response(),
     };
     let response = dressed(response).await;
     app.server.counts.answered(response.status().as_u16());
+    if let Some(span) = span {
+        traced::answered(span, traced::name(&method, &path), response.status());
+    }
     let known = named.0.get().is_some();
     // Somebody whom nobody knows must not fill the disk with their attempts.
     let noted = known || app.strangers.take(peer, app.server.clock.now_s());

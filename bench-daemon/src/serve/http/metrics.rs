@@ -1,6 +1,6 @@
-//! Figures for Prometheus, in its text format.
+//! Metrics for Prometheus, in its text format.
 
-use std::{fmt::Write, sync::atomic::Ordering};
+use std::fmt::{Display, Formatter, Result, Write};
 
 use axum::{
     extract::State,
@@ -11,10 +11,10 @@ use axum::{
 use super::{App, caller::Reader};
 use crate::serve::{
     Server,
-    live::{BenchState, Live},
+    metrics::{self, Kind, PREFIX, Sample, Snapshot},
 };
 
-/// Figures of the server and its benches, in the text format of Prometheus.
+/// Metrics of the server and its benches, in the text format of Prometheus.
 #[utoipa::path(
     get,
     path = "/metrics",
@@ -31,146 +31,37 @@ pub async fn metrics(_caller: Reader, State(app): State<App>) -> Response {
 }
 
 fn text(server: &Server) -> String {
+    let now = Snapshot::of(server);
     let mut text = String::new();
-    let mut family = |name: &str, kind: &str, help: &str, rows: Vec<(String, f64)>| {
+    for metric in metrics::all() {
+        let (name, help) = (metric.name, metric.help);
+        let kind = match metric.kind {
+            Kind::Gauge => "gauge",
+            Kind::Counter => "counter",
+        };
         let _ = writeln!(
             text,
-            "# HELP eis_bench_{name} {help}\n# TYPE eis_bench_{name} {kind}"
+            "# HELP {PREFIX}{name} {help}\n# TYPE {PREFIX}{name} {kind}"
         );
-        for (labels, value) in rows {
-            let _ = writeln!(text, "eis_bench_{name}{labels} {value}");
+        for sample in (metric.read)(&now) {
+            let _ = writeln!(text, "{PREFIX}{name}{} {}", Labels(&sample), sample.value);
         }
-    };
-    let count = |counter: &std::sync::atomic::AtomicU64| {
-        vec![(String::new(), counter.load(Ordering::Relaxed) as f64)]
-    };
-    let answers = (1..=5).map(|class| {
-        let answers = server
-            .counts
-            .answers
-            .get(class)
-            .map_or(0, |count| count.load(Ordering::Relaxed));
-        (format!("{{class=\"{class}xx\"}}"), answers as f64)
-    });
-    family(
-        "http_answers_total",
-        "counter",
-        "Answers by class of status.",
-        answers.collect(),
-    );
-    family(
-        "http_connections",
-        "gauge",
-        "Connections at present.",
-        count(&server.counts.connections),
-    );
-    family(
-        "event_listeners",
-        "gauge",
-        "Listeners to the event stream at present.",
-        count(&server.counts.listeners),
-    );
-    family(
-        "event_listeners_lagged_total",
-        "counter",
-        "Times that a listener was told that it had missed events.",
-        count(&server.counts.lagged),
-    );
-    family(
-        "events_total",
-        "counter",
-        "Events since the start.",
-        vec![(String::new(), server.hub.latest() as f64)],
-    );
-    family(
-        "supervisor_looks_total",
-        "counter",
-        "Looks of the supervisor.",
-        count(&server.counts.looks),
-    );
-    let waiting = server
-        .queue()
-        .items()
-        .iter()
-        .filter(|item| item.process.is_none())
-        .count();
-    family(
-        "queue_waiting",
-        "gauge",
-        "Places in the queue that wait.",
-        vec![(String::new(), waiting as f64)],
-    );
-    let live = server.live().clone();
-    let rows = |value: &dyn Fn(&Live) -> Option<f64>| {
-        live.values()
-            .filter_map(|live| {
-                value(live).map(|value| (format!("{{bench=\"{}\"}}", live.bench), value))
-            })
-            .collect::<Vec<_>>()
-    };
-    let flag = |on: bool| Some(if on { 1.0 } else { 0.0 });
-    let running = |live: &Live| flag(live.run.as_ref().is_some_and(|run| run.going));
-    family("running", "gauge", "A run is in work.", rows(&running));
-    family(
-        "latched",
-        "gauge",
-        "The bench is latched after a trip.",
-        rows(&|live| flag(live.trip.is_some())),
-    );
-    family(
-        "stopping",
-        "gauge",
-        "The bench is being stopped.",
-        rows(&|live| flag(live.state == BenchState::Stopping)),
-    );
-    family(
-        "held",
-        "gauge",
-        "Nothing is begun on the bench.",
-        rows(&|live| flag(live.held.is_some())),
-    );
-    // Whoever keeps these as a series must not be given what was read long ago, or of a control, as
-    // what the cell is at now.
-    let of_cell = |live: &Live| {
-        live.reading
-            .clone()
-            .filter(|reading| reading.fresh && reading.fixture == "cell")
-    };
-    family(
-        "cell_voltage_volts",
-        "gauge",
-        "Last reading of the run in work.",
-        rows(&|live| of_cell(live)?.voltage_v),
-    );
-    family(
-        "cell_current_amperes",
-        "gauge",
-        "Last reading of the run in work; positive for charge.",
-        rows(&|live| of_cell(live)?.current_a),
-    );
-    family(
-        "cell_temperature_celsius",
-        "gauge",
-        "Last reading of the run in work.",
-        rows(&|live| of_cell(live)?.temperature_c),
-    );
-    family(
-        "cell_soc_ratio",
-        "gauge",
-        "State of charge, while a run is in work.",
-        rows(&|live| of_cell(live).and(live.soc).map(|soc| soc.share)),
-    );
-    family(
-        "run_points_done",
-        "gauge",
-        "Points of the run that are finished.",
-        rows(&|live| Some(live.run.as_ref()?.points_done as f64)),
-    );
-    family(
-        "run_done_ratio",
-        "gauge",
-        "Share of the run that is done.",
-        rows(&|live| Some(live.run.as_ref()?.done)),
-    );
+    }
     text
+}
+
+/// Labels in braces; nothing where there are none.
+struct Labels<'a>(&'a Sample);
+
+impl Display for Labels<'_> {
+    fn fmt(&self, f: &mut Formatter<'_>) -> Result {
+        for (number, (name, value)) in self.0.labels.iter().enumerate() {
+            let before = if number == 0 { '{' } else { ',' };
+            write!(f, "{before}{name}={value:?}")?;
+        }
+        if self.0.labels.is_empty() {
+            return Ok(());
+        }
+        f.write_char('}')
+    }
 }

@@ -2,6 +2,7 @@
 
 pub mod analyses;
 mod app;
+pub mod archive;
 mod aside;
 pub mod benches;
 mod body;
@@ -107,6 +108,7 @@ pub fn router(app: &App) -> Router {
         .route("/catalog/spectra", get(catalog::spectra))
         .route("/catalog/cells", get(catalog::cells))
         .route("/catalog/ageing", get(catalog::ageing))
+        .route("/archive", get(archive::now))
         .route("/cells", get(find::cells))
         .route("/cells/{cell}", get(find::cell))
         .route(

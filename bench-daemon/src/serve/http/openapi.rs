@@ -11,8 +11,8 @@ use utoipa::{
 };
 
 use super::{
-    analyses, benches, catalog, events, find, fleet, imported, investigations, metrics, notices,
-    pack, problem, queue, runs, session, shelf,
+    analyses, archive, benches, catalog, events, find, fleet, imported, investigations, metrics,
+    notices, pack, problem, queue, runs, session, shelf,
 };
 
 #[derive(OpenApi)]
@@ -65,6 +65,7 @@ use super::{
         catalog::spectra,
         catalog::cells,
         catalog::ageing,
+        archive::now,
         fleet::now,
         fleet::jobs,
         fleet::submit,

@@ -23,6 +23,7 @@ use crate::{
         queue_now::QueueNow,
         shelf,
         submission::{ExperimentRequest, Refused, Submission},
+        traced::Traced,
     },
 };
 use instruments::clock;
@@ -218,6 +219,7 @@ pub async fn plan(
 pub async fn submit(
     caller: Energiser,
     State(app): State<App>,
+    traced: Traced,
     Json(submit): Json<Submit>,
 ) -> Result<(StatusCode, Json<Item>), Refusal> {
     aside(move || {
@@ -249,6 +251,7 @@ pub async fn submit(
             expected_s: submission.expected_s,
             by: caller.name,
             unix_s: clock::unix_time_s(),
+            traceparent: traced.0,
         };
         // What is to be run is there before the queue names it.
         let mut queue = server.queue();

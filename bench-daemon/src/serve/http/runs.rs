@@ -29,6 +29,7 @@ use crate::{
         queue::{Item, Kind, Wanted},
         spectra::{self, Spectrum},
         timeline::{Part, Readings},
+        traced::Traced,
         watch::Watch,
     },
     support::confined_path::{self, plain},
@@ -470,6 +471,7 @@ pub async fn answer(
 pub async fn resume(
     caller: Energiser,
     State(app): State<App>,
+    traced: Traced,
     Path(run): Path<String>,
 ) -> Result<(StatusCode, Json<Item>), Refusal> {
     folder(&app, &run)?;
@@ -504,6 +506,7 @@ pub async fn resume(
             expected_s,
             by: caller.name,
             unix_s: clock::unix_time_s(),
+            traceparent: traced.0,
         };
         let item = server.queue().submit(&wanted, |_| run)?;
         server.tell_queue();

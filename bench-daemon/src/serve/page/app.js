@@ -100,6 +100,8 @@ const WORDS = {
 
 // So long the stream has at the start, before the page asks without it, ms.
 const FIRST_MS = 2000;
+// After so long without a word a person is told so, ms.
+const UNHEARD_MS = 4000;
 
 const known = {
   asked: false,
@@ -137,8 +139,7 @@ function say(words, bad, of = "") {
 // The server does not know who asks, or not any more.
 const isUnknown = (error) => error instanceof Refused && (error.status === 401 || error.status === 403);
 
-const failure = (error) =>
-  error instanceof Refused ? WORDS.refused(error.message) : WORDS.notReached(error.message);
+const failure = (error) => (error instanceof Refused ? WORDS.refused(error.message) : WORDS.notReached(error.message));
 
 function sayError(error, of) {
   say(failure(error), true, of);
@@ -182,39 +183,52 @@ function tellStops(reports) {
 
 // ---- the stop -----------------------------------------------------------------------------------
 
-// Stops the bench that is shown, or all of them. A request that hangs is given up after some
-// seconds and sent again: the server does a stop once, and tells everybody who asks meanwhile how
-// it went.
+// Stops the bench that is shown, or all of them.
 async function stop(all) {
   const button = $(all ? "stopall" : "stop");
-  button.classList.add("pressed");
   // Who stops before it is known which bench is meant, means all of them.
   const one = all ? "" : known.bench;
+  const found = await insistOnStop(button, one ? `/benches/${one}/stop` : "/stop");
+  if (found) {
+    const reports = one ? [found] : found;
+    reports.forEach(stopped);
+    tellStops(reports);
+    miss(reports);
+  }
+  text(button, stopLabel(all));
+}
+
+// Sends a stop until it is answered, and gives the answer; null where it was refused. A request that hangs is
+// given up after some seconds, `patience` or a few, and sent again: the server does a stop once, and tells everybody
+// who asks meanwhile how it went. `waits(seconds)` are the words while a long one is waited for.
+async function insistOnStop(button, path, { body, patience, waits } = {}) {
+  button.classList.add("pressed");
   const began = Date.now();
-  for (let tries = 1; ; tries += 1) {
+  const waited = () => Math.round((Date.now() - began) / 1000);
+  const tick = waits && setInterval(() => stopSays(waits(waited())), UNHEARD_MS);
+  let answer;
+  for (let tries = 1; answer === undefined; tries += 1) {
     text(button, WORDS.stopping(tries));
     try {
-      const reports = one ? [await stopNow(`/benches/${one}/stop`)] : await stopNow("/stop");
-      reports.forEach(stopped);
-      tellStops(reports);
-      miss(reports);
-      break;
+      answer = await stopNow(path, body, patience);
     } catch (error) {
-      const waited = Math.round((Date.now() - began) / 1000);
-      if (isUnknown(error)) {
-        stopSays(WORDS.stopSignIn(error.message));
-        break;
-      }
-      if (error instanceof Refused && error.status < 500 && error.status !== 429) {
-        stopSays(WORDS.stopRefused(error.message));
-        break;
-      }
-      stopSays(WORDS.stopUnheard(waited, error.name === "TimeoutError" ? WORDS.noAnswer : error.message));
-      if (error.name !== "TimeoutError") await new Promise((done) => setTimeout(done, 500));
+      answer = stopIsRefused(error) ? null : undefined;
+      const isLate = error.name === "TimeoutError";
+      if (answer === undefined) stopSays(WORDS.stopUnheard(waited(), isLate ? WORDS.noAnswer : error.message));
+      if (answer === undefined && !isLate) await new Promise((done) => setTimeout(done, 500));
     }
   }
+  clearInterval(tick);
   button.classList.remove("pressed");
-  text(button, stopLabel(all));
+  return answer;
+}
+
+// Whether the server refuses a stop for good, which is said.
+function stopIsRefused(error) {
+  const isRefused = error instanceof Refused && error.status < 500 && error.status !== 429;
+  if (isUnknown(error)) stopSays(WORDS.stopSignIn(error.message));
+  else if (isRefused) stopSays(WORDS.stopRefused(error.message));
+  return isRefused;
 }
 
 // Where there are several benches, the button says which one it stops.
@@ -597,15 +611,18 @@ const lacks = (scope) => WORDS.lacks(scope, known.scopes.join(", "));
 const MODULES = {
   new: "/forms.js",
   files: "/forms.js",
-  runs: "/find.js",
-  cells: "/find.js",
+  catalog: "/catalog.js",
   run: "/run.js",
   cell: "/cell.js",
   analyses: "/analysis.js",
   analysis: "/analysis.js",
   pack: "/pack.js",
   notices: "/notices.js",
+  fleet: "/fleet.js",
 };
+
+// Addresses of before, which people have kept: what they are called now.
+const MOVED = { runs: "runs", cells: "cells" };
 
 const context = {
   get,
@@ -616,6 +633,8 @@ const context = {
   attempt,
   may,
   Refused,
+  stop: insistOnStop,
+  stopSays,
   go: (hash) => go(hash),
   benches: () => [...known.benches.keys()],
   bench: () => known.bench,
@@ -640,6 +659,14 @@ function address() {
   return { path: path.split("/").map(plain), query: new URLSearchParams(query || "") };
 }
 
+// An address of before becomes the one of now.
+function move() {
+  const { path, query } = address();
+  if (!location.hash.startsWith("#/") || !Object.hasOwn(MOVED, path[0])) return;
+  query.set("of", MOVED[path[0]]);
+  history.replaceState(history.state, "", `#/catalog?${query}`);
+}
+
 // Shows what the address names now. Of a bench that was not shown not everything is known: it is asked for.
 function route() {
   if (!may("read")) return;
@@ -654,6 +681,7 @@ async function show() {
   noteTour();
   if (view.module && view.module.close) view.module.close();
   view.module = null;
+  move();
   const part = location.hash.startsWith("#/") ? address() : null;
   const source = part && Object.hasOwn(MODULES, part.path[0]) && MODULES[part.path[0]];
   $("main").hidden = Boolean(source);
@@ -751,9 +779,20 @@ async function refresh() {
 // address names is shown then, where nothing is shown yet, or where a part has not come.
 async function again() {
   await attempt(ask);
+  offerFleet();
   const isEmpty = $("main").hidden && !view.module;
   if (isEmpty && may("read")) show();
   drawAll();
+}
+
+// A server that belongs to no fleet has no such part.
+async function offerFleet() {
+  if (!may("read")) return;
+  const isThere = await get("/fleet").then(
+    () => true,
+    (error) => !(error instanceof Refused && error.status === 404),
+  );
+  $("fleetlink").hidden = !isThere;
 }
 
 // A stream that does not come is no reason to show nothing, nor is an answer that does not come.

@@ -1,5 +1,5 @@
-// View `#/cell/NAME`: how a cell has aged: its resistances over time, its spectra over age, its runs, and what people
-// say about it.
+// View `#/cell/NAME`: how a cell has aged: fitted models and resistances over time, its spectra over age, its runs, and
+// what people say about it.
 "use strict";
 
 import { el, fill, text, when } from "./bench.js";
@@ -17,7 +17,9 @@ import {
   table,
   verdict,
 } from "./find.js";
+import { ageing } from "./ageing.js";
 import { notes } from "./notes.js";
+import { bar, noCharts, overTime } from "./overtime.js";
 import { comparing } from "./run.js";
 
 const WORDS = {
@@ -37,8 +39,7 @@ const WORDS = {
   highDiffers: "Where R high was read is told in the table.",
   bars: "Bars: ±2σ. ● good, △ doubtful, ✕ failed. The table has the same figures.",
   axis: (name) => `${name} / mΩ`,
-  time: "time",
-  noCharts: "The part of the page that draws charts is missing; the table has the figures.",
+  unit: "mΩ",
   noHistory: "No spectrum yet.",
   trend: (name, first, last, change) => `${name}: ${first} at first, ${last} at last (${change}). `,
   columns: {
@@ -88,135 +89,19 @@ const title = (one) => WORDS.curve(when(one.unix_s).slice(0, 16), one.run, one.r
 
 // ---- resistance over time -----------------------------------------------------------------------
 
-const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-
-// Draws one mark; a doubtful or failed measurement differs by its shape.
-function mark(ctx, verdictName, x, y, size) {
-  ctx.beginPath();
-  if (verdictName === "failed") {
-    ctx.moveTo(x - size, y - size);
-    ctx.lineTo(x + size, y + size);
-    ctx.moveTo(x - size, y + size);
-    ctx.lineTo(x + size, y - size);
-    ctx.stroke();
-  } else if (verdictName === "doubtful") {
-    ctx.moveTo(x, y - 1.2 * size);
-    ctx.lineTo(x + 1.1 * size, y + size);
-    ctx.lineTo(x - 1.1 * size, y + size);
-    ctx.closePath();
-    ctx.stroke();
-  } else {
-    ctx.arc(x, y, size, 0, 2 * Math.PI);
-    ctx.fill();
-  }
-}
-
-// Marks and bars of ±2σ.
-function drawMarks(chart, [, value, sigma, , colour]) {
-  const { ctx } = chart;
-  const ratio = devicePixelRatio;
-  ctx.save();
-  ctx.beginPath();
-  ctx.rect(chart.bbox.left, chart.bbox.top, chart.bbox.width, chart.bbox.height);
-  ctx.clip();
-  // The line between them is dashed.
-  ctx.setLineDash([]);
-  ctx.strokeStyle = ctx.fillStyle = ink(colour);
-  ctx.lineWidth = 1.5 * ratio;
-  for (const one of view.history) {
-    if (!Number.isFinite(one[value])) continue;
-    const x = chart.valToPos(one.unix_s, "x", true);
-    const at = (ohm) => chart.valToPos(1e3 * ohm, "y", true);
-    mark(ctx, one.verdict, x, at(one[value]), 3.5 * ratio);
-    if (!Number.isFinite(one[sigma])) continue;
-    ctx.beginPath();
-    ctx.moveTo(x, at(one[value] - 2 * one[sigma]));
-    ctx.lineTo(x, at(one[value] + 2 * one[sigma]));
-    ctx.stroke();
-  }
-  ctx.restore();
-}
-
-// All bars within, and some room around.
-function range([, value, sigma]) {
-  const known = view.history.filter((one) => Number.isFinite(one[value]));
-  const ends = known.flatMap((one) => [-2, 2].map((n) => 1e3 * (one[value] + n * (one[sigma] || 0))));
-  if (!ends.length) return [0, 1];
-  const [low, high] = [Math.min(...ends), Math.max(...ends)];
-  const room = (high - low || Math.abs(high) || 1) * 0.08;
-  return [low - room, high + room];
-}
-
-// A single measurement, or those of one day, still have a stretch of time around them.
-function stretch() {
-  const times = view.history.map((one) => one.unix_s);
-  const [first, last] = [Math.min(...times), Math.max(...times)];
-  const room = Math.max(3600, 0.04 * (last - first));
-  return [first - room, last + room];
-}
-
-const DATES = "{YYYY}-{MM}-{DD}";
-
-function makeChart(holder, spec) {
-  const axis = {
-    stroke: () => ink("--quiet"),
-    grid: { stroke: () => ink("--grid"), width: 1 },
-    ticks: { stroke: () => ink("--grid"), width: 1 },
-    font: "12px system-ui, sans-serif",
-    labelFont: "12px system-ui, sans-serif",
-    labelSize: 18,
-  };
-  const name = WORDS.axis(WORDS[spec[0]]);
-  const day = window.uPlot.fmtDate(`${DATES} {HH}:{mm}`);
-  const label = (_, value) => (value === null || value === undefined ? WORDS.unknown : value.toPrecision(4));
-  const options = {
-    width: Math.max(220, holder.clientWidth),
-    height: 220,
-    cursor: { drag: { x: true, y: false } },
-    scales: { x: { range: (_, low, high) => zoomed(low, high) }, y: { range: () => range(spec) } },
-    series: [
-      { label: WORDS.time, value: (_, at) => (at ? day(new Date(1e3 * at)) : WORDS.unknown) },
-      { label: name, stroke: () => ink(spec[4]), width: 1, dash: [2, 4], points: { show: false }, value: label },
-    ],
-    axes: [
-      { ...axis, space: 100, values: dates },
-      { ...axis, label: name, size: 58 },
-    ],
-    hooks: { draw: [(chart) => drawMarks(chart, spec)] },
-  };
-  return new window.uPlot(options, [[], []], holder);
-}
-
-// Drawn over a stretch, the chart shows that; else the whole history.
-function zoomed(low, high) {
-  const whole = stretch();
-  const times = view.history.map((one) => one.unix_s);
-  return low <= Math.min(...times) && high >= Math.max(...times) ? whole : [low, high];
-}
-
-// Days, and hours below them where the ticks are closer than a day.
-function dates(_, ticks, axis, space, step) {
-  const day = window.uPlot.fmtDate(DATES);
-  const hour = window.uPlot.fmtDate("{MM}-{DD} {HH}:{mm}");
-  return ticks.map((at) => (step >= 86400 ? day : hour)(new Date(1e3 * at)));
-}
-
 function drawCharts() {
-  if (!window.uPlot) return;
-  const times = view.history.map((one) => one.unix_s);
-  for (const [place, spec] of CHARTS.entries()) {
-    const holder = view.holders[place];
-    view.charts[place] ||= makeChart(holder, spec);
-    const values = view.history.map((one) => (Number.isFinite(one[spec[1]]) ? 1e3 * one[spec[1]] : null));
-    view.charts[place].setData([times, values]);
+  if (noCharts()) return;
+  for (const [place, [name, value, sigma, , colour]] of CHARTS.entries()) {
+    view.charts[place] ||= overTime(view.holders[place], { name: WORDS.axis(WORDS[name]), axis: WORDS.unit, colour });
+    const point = (one) => ({
+      unix_s: one.unix_s,
+      ...bar({ value: one[value], sigma: Number.isFinite(one[sigma]) ? 2 * one[sigma] : null }, 1e3),
+      mark: one.verdict,
+      joined: true,
+      href: address("run", one.run),
+    });
+    view.charts[place].show(view.history.filter((one) => Number.isFinite(one[value])).map(point));
   }
-}
-
-function fitCharts() {
-  view.charts.forEach((chart, place) => {
-    const width = Math.max(220, view.holders[place].clientWidth);
-    if (Math.abs(chart.width - width) > 1) chart.setSize({ width, height: chart.height });
-  });
 }
 
 // What the charts show, in words.
@@ -328,7 +213,12 @@ async function drawSpectra() {
 // ---- the view -----------------------------------------------------------------------------------
 
 function drawRuns(cards) {
-  keyed(view.runs, cards, (card) => card.run, (card) => el("tr", {}, ...runCells(card)));
+  keyed(
+    view.runs,
+    cards,
+    (card) => card.run,
+    (card) => el("tr", {}, ...runCells(card)),
+  );
   view.runTable.hidden = !cards.length;
   view.noRun.hidden = cards.length > 0;
 }
@@ -357,6 +247,12 @@ async function load() {
   return true;
 }
 
+// After an event. The catalogue follows the end of a run by itself.
+function again() {
+  load().catch(() => {});
+  view.ageing.refresh();
+}
+
 function section(id, words, ...parts) {
   return el("section", { "aria-labelledby": id }, el("h3", { id }, words), ...parts);
 }
@@ -375,8 +271,8 @@ function historySection() {
   const shown = table(WORDS.historyTable, Object.values(WORDS.columns), view.rows);
   shown.classList.add("fd-tall");
   const pair = el("div", { class: "fd-pair" }, ...CHARTS.map(chartFigure));
-  const noCharts = window.uPlot ? null : el("p", { class: "bad" }, WORDS.noCharts);
-  view.body = el("div", { hidden: true }, noCharts, pair, view.hints, view.choose, shown);
+  const lacking = noCharts() ? el("p", { class: "bad" }, noCharts()) : null;
+  view.body = el("div", { hidden: true }, lacking, pair, view.hints, view.choose, shown);
   return section("fd-history", WORDS.history, view.none, view.body);
 }
 
@@ -392,10 +288,12 @@ function build(parent) {
   view.runTable.hidden = true;
   view.noRun = el("p", { class: "quiet" }, WORDS.noRun);
   const said = el("section", {});
+  view.ageing = ageing(view.name, view.serial, view.ctx);
   view.root = begin(
     parent,
     WORDS.title(view.name),
     view.said,
+    view.ageing.node,
     historySection(),
     view.spectraSection,
     section("fd-runs", WORDS.runs, view.noRun, view.runTable),
@@ -409,21 +307,35 @@ async function first() {
   const mine = view;
   try {
     await load();
-    if (view === mine) text(mine.none, WORDS.noHistory);
+    if (view !== mine) return false;
+    text(mine.none, WORDS.noHistory);
+    mine.ageing.refresh();
   } catch (error) {
     if (!(error instanceof mine.ctx.Refused) || error.status !== 404) throw error;
     if (view !== mine) return false;
-    for (const one of [...mine.root.children].slice(1)) one.remove();
-    mine.root.append(el("p", { class: "bad", role: "alert" }, WORDS.missing(mine.name)));
+    // What was copied here from elsewhere is in the catalogue only.
+    await mine.ageing.refresh();
+    if (view !== mine) return false;
+    const stays = mine.ageing.isEmpty() ? null : mine.ageing.node;
+    for (const one of [...mine.root.children].slice(1)) if (one !== stays) one.remove();
+    if (!stays) mine.root.append(el("p", { class: "bad", role: "alert" }, WORDS.missing(mine.name)));
   }
   return true;
 }
 
 export async function open(parent, where, ctx) {
-  view = { name: where.path[1], ctx, history: [], ticked: new Set(), byHand: false, turn: 0 };
-  Object.assign(view, { charts: [], holders: [], shelf: shelf(ctx), calm: calmly(() => load().catch(() => {})) });
+  view = {
+    name: where.path[1],
+    serial: where.query.get("serial"),
+    ctx,
+    history: [],
+    ticked: new Set(),
+    byHand: false,
+    turn: 0,
+  };
+  Object.assign(view, { charts: [], holders: [], shelf: shelf(ctx), calm: calmly(again) });
   build(parent);
-  view.watch = new ResizeObserver(fitCharts);
+  view.watch = new ResizeObserver(() => view.charts.forEach((chart) => chart.fit()));
   view.holders.forEach((holder) => view.watch.observe(holder));
   await ctx.attempt(first);
 }
@@ -435,7 +347,7 @@ export function heard(kind, data) {
   const complete = kind === "spectrum" && data.spectrum.corrected;
   if (complete) view.shelf.forget(data.run);
   if (kind === "run") view.shelf.forget(data.item.run);
-  if (complete || kind === "run" || kind === "hello" || kind === "lost") view.calm.now();
+  if (complete || ["run", "analysis", "hello", "lost"].includes(kind)) view.calm.now();
 }
 
 export function close() {
@@ -443,5 +355,6 @@ export function close() {
   view.calm.end();
   view.watch.disconnect();
   view.charts.forEach((chart) => chart.destroy());
+  view.ageing.close();
   view = null;
 }

@@ -578,7 +578,7 @@ function drawTags() {
     el(
       "li",
       {},
-      el("a", { href: `#/runs?${query({ tag })}` }, tag),
+      el("a", { href: `#/catalog?${query({ tag })}` }, tag),
       el(
         "button",
         {

@@ -38,11 +38,15 @@ async function asked(method, path, body, patience = PATIENCE_MS) {
   return response;
 }
 
-export const get = async (path) => (await asked("GET", path)).json();
-export const post = async (path, body) => (await asked("POST", path, body)).json();
-export const stopNow = async (path) => (await asked("POST", path, undefined, STOP_MS)).json();
-export const put = async (path, body) => (await asked("PUT", path, body)).json();
-export const remove = async (path) => (await asked("DELETE", path)).json();
+// What is done may be answered without a word.
+const NO_CONTENT = 204;
+const valueOf = (response) => (response.status === NO_CONTENT ? {} : response.json());
+
+export const get = async (path) => valueOf(await asked("GET", path));
+export const post = async (path, body) => valueOf(await asked("POST", path, body));
+export const stopNow = async (path, body, patience = STOP_MS) => valueOf(await asked("POST", path, body, patience));
+export const put = async (path, body) => valueOf(await asked("PUT", path, body));
+export const remove = async (path) => valueOf(await asked("DELETE", path));
 export const file = async (path) => (await asked("GET", path)).blob();
 
 // A channel to the other tabs; null where the browser has none or denies it. STOP works without.

@@ -3,7 +3,10 @@
 use std::{os::unix::process::ExitStatusExt, path::PathBuf};
 
 use super::*;
-use crate::serve::{live::StopReport, queue::Wanted, settings::Settings};
+use crate::{
+    serve::{live::StopReport, queue::Wanted, settings::Settings},
+    support::telemetry::Telemetry,
+};
 
 /// A run is begun on a bench whose stops are `now`, after the supervisor saw `seen`: what ended its
 /// process, and which stop is kept.
@@ -18,11 +21,11 @@ fn begun(seen: Option<f64>, now: Option<f64>) -> (Option<i32>, Option<f64>) {
     let settings =
         Settings::load(&PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../configs/serve.toml"))
             .unwrap();
-    let server = Server::open(Settings {
+    let settings = Settings {
         data: data.path().to_owned(),
         ..settings
-    })
-    .unwrap();
+    };
+    let server = Server::open(settings, &Telemetry::default()).unwrap();
     let bench = server.settings.benches[0].clone();
     let wanted = Wanted {
         kind: Kind::Run,
@@ -32,6 +35,7 @@ fn begun(seen: Option<f64>, now: Option<f64>) -> (Option<i32>, Option<f64>) {
         expected_s: 60.0,
         by: "ann".to_owned(),
         unix_s: 1.0,
+        traceparent: None,
     };
     let item = server
         .queue()

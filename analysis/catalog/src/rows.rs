@@ -1,0 +1,164 @@
+//! Rows of one run folder for the tables of an archive, without a catalogue.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
+
+use analysis_files::{
+    batch::{Cells, TableColumn},
+    dataset::read_spectrum_csv,
+    run_folder::DIAGNOSIS,
+};
+
+use crate::{
+    export::{Points, diagnosis_columns, fit_columns, point_columns, run_columns},
+    folder::{self, Beside, CELL},
+    record::{CatalogDiagnosis, CatalogRun, CatalogVerdict, Folder},
+    scan::read_diagnosis,
+    walk::{DIAGNOSIS_FOLDER, Place, Walk},
+};
+
+/// Columns that tell of a machine or stand in the path of a partition.
+const LEFT_OUT: [&str; 3] = ["bench", "folder", "missing"];
+
+/// Rows of a run folder.
+#[derive(Debug)]
+pub struct RunRows {
+    folder: Folder,
+    points: Vec<Points>,
+    diagnoses: Vec<CatalogDiagnosis>,
+}
+
+/// A table of the rows of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunTable {
+    /// Its name.
+    pub name: &'static str,
+    /// Its columns.
+    pub columns: Vec<TableColumn>,
+}
+
+/// A folder of a diagnosis beside the run that it is of.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DiagnosisFolder {
+    /// Its path from where it was looked for.
+    pub name: String,
+    /// The folder.
+    pub folder: PathBuf,
+}
+
+/// Names of the tables of a run.
+pub const TABLES: [&str; 4] = ["runs", "spectra", "fits", "diagnoses"];
+
+impl RunRows {
+    /// Reads a run folder with the diagnosis in it, and folders of diagnoses beside it. What cannot be
+    /// read is told in the row of the run.
+    pub fn read(folder: &Path, beside: Beside, diagnoses: &[DiagnosisFolder]) -> Self {
+        let read = folder::read(folder, String::new(), beside);
+        let of_cell = read
+            .spectra
+            .iter()
+            .filter(|one| one.fixture == CELL && one.corrected);
+        let points = of_cell.filter_map(|spectrum| {
+            let points = read_spectrum_csv(&folder.join(&spectrum.file)).ok()?;
+            Some(Points {
+                spectrum: spectrum.clone(),
+                points,
+            })
+        });
+        let own = DiagnosisFolder {
+            name: DIAGNOSIS_FOLDER.to_owned(),
+            folder: folder.join(DIAGNOSIS_FOLDER),
+        };
+        let own = Some(own).filter(|own| own.folder.join(DIAGNOSIS).is_file());
+        let diagnoses = own.iter().chain(diagnoses);
+        let diagnoses = diagnoses.map(|one| read_diagnosis(&one.folder, &one.name));
+        Self {
+            points: points.collect(),
+            diagnoses: diagnoses.collect(),
+            folder: read,
+        }
+    }
+
+    /// The run.
+    pub fn run(&self) -> &CatalogRun {
+        &self.folder.run
+    }
+
+    /// The run has come to its end, and nothing of it is left to do.
+    pub fn is_finished(&self) -> bool {
+        use CatalogVerdict::{Damaged, Doubtful, Failed, Good, Unfinished};
+        match self.folder.run.verdict {
+            Good | Doubtful => true,
+            Damaged => self.folder.run.how.as_deref() == Some(crate::journal::FINISHED),
+            Failed | Unfinished => false,
+        }
+    }
+
+    /// The tables that have rows, with an identity of the run that is the same on every machine.
+    pub fn tables(mut self, identity: &str) -> Vec<RunTable> {
+        identity.clone_into(&mut self.folder.run.run);
+        for fit in &mut self.folder.fits {
+            identity.clone_into(&mut fit.run);
+        }
+        for one in &mut self.points {
+            identity.clone_into(&mut one.spectrum.run);
+        }
+        for one in &mut self.diagnoses {
+            one.run = Some(identity.to_owned());
+        }
+        let columns = [
+            run_columns(std::slice::from_ref(&self.folder.run)),
+            point_columns(&self.points),
+            fit_columns(&self.folder.fits),
+            diagnosis_columns(&self.diagnoses),
+        ];
+        let tables = TABLES.into_iter().zip(columns);
+        tables
+            .map(|(name, columns)| RunTable {
+                name,
+                columns: portable(columns),
+            })
+            .filter(|table| table.rows() > 0)
+            .collect()
+    }
+}
+
+impl RunTable {
+    /// Number of its rows.
+    pub fn rows(&self) -> usize {
+        self.columns
+            .first()
+            .map_or(0, |column| match &column.cells {
+                Cells::Numbers(cells) => cells.len(),
+                Cells::Counts(cells) => cells.len(),
+                Cells::Texts(cells) => cells.len(),
+            })
+    }
+}
+
+fn portable(mut columns: Vec<TableColumn>) -> Vec<TableColumn> {
+    columns.retain(|column| !LEFT_OUT.contains(&column.name));
+    columns
+}
+
+/// Folders of diagnoses below a folder, by the folder of the run that each is of. A diagnosis whose run
+/// cannot be told is left out.
+pub fn diagnoses_below(root: &Path) -> BTreeMap<PathBuf, Vec<DiagnosisFolder>> {
+    let mut found: BTreeMap<PathBuf, Vec<DiagnosisFolder>> = BTreeMap::new();
+    for place in Walk::of(&[root.to_path_buf()]) {
+        let Place::Diagnosis(folder) = place else {
+            continue;
+        };
+        if let Some(run) = crate::scan::run_folder_of_diagnosis(&folder) {
+            let name = folder.strip_prefix(root).unwrap_or(&folder);
+            let name = name.to_string_lossy().into_owned();
+            let of_run = found.entry(run).or_default();
+            of_run.push(DiagnosisFolder { name, folder });
+        }
+    }
+    let sort = |all: &mut Vec<DiagnosisFolder>| all.sort_by(|a, b| a.name.cmp(&b.name));
+    found.values_mut().for_each(sort);
+    found
+}

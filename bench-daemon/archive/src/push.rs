@@ -1,0 +1,484 @@
+//! Puts a run into the store.
+//!
+//! 1. The receipt says what is going to be there, and what was there before.
+//! 2. Every file is sent where it is absent, and read back.
+//! 3. The rows are written, and read back.
+//! 4. The folder is read again: it must not have changed.
+//! 5. The list of the run is made, unless it is there.
+//! 6. The rows of what the run was before are removed.
+//! 7. The receipt says that it is there.
+//!
+//! Whatever point this ends at, it can be begun again.
+
+use std::collections::BTreeSet;
+
+use analysis_catalog::{
+    record::CatalogVerdict,
+    rows::{RunRows, TABLES},
+    scan::Beside,
+};
+use futures_util::{StreamExt, TryStreamExt, stream};
+
+use crate::{
+    ArchiveError, Store,
+    hash::Hashed,
+    layout::{self, FileEntry, Partition, Placed, RunList, STORE_FORMAT, STORE_VERSION, is_sha256},
+    objects::Source,
+    receipt::{Kept, Receipt, Receipts, Trouble, TroubleKind},
+    snapshot::{RunSource, Snapshot},
+    tables::{self, TableFile},
+};
+
+/// Small files that are sent at the same time.
+const AT_ONCE: usize = 4;
+/// Files up to this size are small, bytes: so many of them are in memory at once.
+const SMALL: u64 = 1 << 20;
+/// How often a run that changes meanwhile is begun again.
+const BEGINNINGS: usize = 3;
+
+/// Result of a push.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Outcome {
+    /// It was there already, as it is now.
+    Unchanged(Kept),
+    /// It is there now.
+    Archived(Kept),
+}
+
+/// Circumstances of a push.
+#[derive(Debug, Clone, Default)]
+pub struct Now {
+    /// Time, s since 1970.
+    pub unix_s: f64,
+    /// Who asked for the run.
+    pub operator: Option<String>,
+    /// A run whose journal tells no end is pushed, too.
+    pub unfinished: bool,
+    /// What is in the store is read back, though its receipt says that it is there.
+    pub again: bool,
+}
+
+/// Puts runs into a store.
+#[derive(Debug)]
+pub struct Pusher<'a> {
+    store: &'a Store,
+    receipts: &'a Receipts,
+    site: &'a str,
+    /// Hashes of the objects that were read back since the beginning.
+    verified: BTreeSet<String>,
+    /// The store is known to be one of this program.
+    begun: bool,
+}
+
+/// A run as it is pushed.
+struct Going<'a> {
+    source: &'a RunSource,
+    now: &'a Now,
+    snapshot: Snapshot,
+    stamp: String,
+    finished: bool,
+    partition: Partition,
+}
+
+impl Going<'_> {
+    fn placed(&self, partition: &Partition) -> Placed {
+        Placed {
+            run_sha256: self.snapshot.run_sha256.clone(),
+            partition: partition.clone(),
+        }
+    }
+}
+
+fn rows(source: &RunSource, now: &Now) -> RunRows {
+    let beside = Beside {
+        operator: now.operator.clone(),
+    };
+    RunRows::read(&source.folder, beside, &source.diagnoses)
+}
+
+impl<'a> Pusher<'a> {
+    /// Of a store.
+    pub fn of(store: &'a Store, receipts: &'a Receipts, site: &'a str) -> Self {
+        Self {
+            store,
+            receipts,
+            site,
+            verified: BTreeSet::new(),
+            begun: false,
+        }
+    }
+
+    /// Puts a run into the store as it is now.
+    ///
+    /// # Errors
+    /// [`ArchiveError`], which the receipt of the run tells, too.
+    pub async fn push(&mut self, source: &RunSource, now: &Now) -> Result<Outcome, ArchiveError> {
+        let _lock = self.receipts.lock()?;
+        let mut pushed = Err(self.waiting(source, "it changes"));
+        for _ in 0..BEGINNINGS {
+            pushed = self.once(source, now).await;
+            if !matches!(pushed, Err(ArchiveError::Changed { .. })) {
+                break;
+            }
+        }
+        if let Err(error) = &pushed {
+            self.tell(source, now, error)?;
+        }
+        pushed
+    }
+
+    fn waiting(&self, source: &RunSource, why: &str) -> ArchiveError {
+        ArchiveError::Waiting {
+            run: source.name.clone(),
+            why: why.to_owned(),
+        }
+    }
+
+    fn tell(
+        &self,
+        source: &RunSource,
+        now: &Now,
+        error: &ArchiveError,
+    ) -> Result<(), ArchiveError> {
+        let kind = match error {
+            ArchiveError::Refused { .. } => TroubleKind::Refused,
+            ArchiveError::Waiting { .. } => TroubleKind::Waiting,
+            // A receipt that cannot be read is not written over.
+            ArchiveError::Record(_) => return Ok(()),
+            _ => TroubleKind::Failed,
+        };
+        let mut receipt = self.receipts.read(&source.name)?;
+        // What an older receipt says of another store stays until this one has the run.
+        if receipt.kept.is_none() {
+            self.store.name().clone_into(&mut receipt.store);
+        }
+        receipt.trouble = Some(Trouble {
+            why: error.to_string(),
+            unix_s: now.unix_s,
+            kind,
+            stamp: source.stamp(),
+        });
+        self.receipts.write(&receipt)
+    }
+
+    async fn once(&mut self, source: &RunSource, now: &Now) -> Result<Outcome, ArchiveError> {
+        let mut receipt = self.receipts.read(&source.name)?;
+        let stamp = source.stamp();
+        if let Some(kept) = self.unchanged(&receipt, &stamp, now) {
+            return Ok(Outcome::Unchanged(kept));
+        }
+        let going = self.look(source, now, stamp)?;
+        if let Some(kept) = self.same_content(&mut receipt, &going)? {
+            return Ok(Outcome::Unchanged(kept));
+        }
+        if !self.begun {
+            self.store.begin().await?;
+            self.begun = true;
+        }
+        let listed = self.list(&going.snapshot).await?;
+        let rows_stay = listed.is_some() && !now.again;
+        let partition =
+            listed.map_or_else(|| going.partition.clone(), |list| list.placed.partition);
+        let placed = going.placed(&partition);
+        receipt.begin(self.store.name(), placed.clone());
+        self.receipts.write(&receipt)?;
+        let sent_bytes = self.objects(&going).await?;
+        let at = RowsAt { placed, rows_stay };
+        let (placed, tables) = self.rows_and_list(&going, &mut receipt, at).await?;
+        self.remove_stale(&mut receipt).await?;
+        let kept = self.kept(
+            &going,
+            &receipt,
+            Sent {
+                placed,
+                tables,
+                sent_bytes,
+            },
+        );
+        receipt = Receipt {
+            kept: Some(kept.clone()),
+            going: None,
+            trouble: None,
+            ..receipt
+        };
+        self.receipts.write(&receipt)?;
+        Ok(Outcome::Archived(kept))
+    }
+
+    /// What the receipt says, where nothing has changed since.
+    fn unchanged(&self, receipt: &Receipt, stamp: &str, now: &Now) -> Option<Kept> {
+        let is_there = receipt.store == self.store.name()
+            && receipt.stale.is_empty()
+            && receipt.going.is_none()
+            && !now.again;
+        let kept = receipt.kept.as_ref().filter(|_| is_there)?;
+        (kept.stamp == stamp).then(|| kept.clone())
+    }
+
+    /// The run as it is now, if it may be archived.
+    fn look<'b>(
+        &self,
+        source: &'b RunSource,
+        now: &'b Now,
+        stamp: String,
+    ) -> Result<Going<'b>, ArchiveError> {
+        if source.is_in_use() {
+            return Err(self.waiting(source, "a process works in its folder"));
+        }
+        let rows = rows(source, now);
+        if rows.run().verdict == CatalogVerdict::Unfinished && !now.unfinished {
+            let why = "its journal tells no end; `--unfinished` archives it as it is";
+            return Err(self.waiting(source, why));
+        }
+        let finished = rows.is_finished();
+        Ok(Going {
+            source,
+            now,
+            snapshot: source.snapshot(finished)?,
+            stamp,
+            finished,
+            partition: Partition::of(self.site, rows.run()),
+        })
+    }
+
+    /// What is kept, where only the stamp of the folder has changed and not what is in it.
+    fn same_content(
+        &self,
+        receipt: &mut Receipt,
+        going: &Going<'_>,
+    ) -> Result<Option<Kept>, ArchiveError> {
+        let Some(kept) = &receipt.kept else {
+            return Ok(None);
+        };
+        let is_same = kept.placed.run_sha256 == going.snapshot.run_sha256;
+        let same_stamp = Kept {
+            stamp: going.stamp.clone(),
+            ..kept.clone()
+        };
+        let found = self.unchanged(
+            &Receipt {
+                kept: Some(same_stamp),
+                ..receipt.clone()
+            },
+            &going.stamp,
+            going.now,
+        );
+        let Some(found) = found.filter(|_| is_same) else {
+            return Ok(None);
+        };
+        receipt.kept = Some(found.clone());
+        receipt.trouble = None;
+        self.receipts.write(receipt)?;
+        Ok(Some(found))
+    }
+
+    /// The list of a run in the store; none where there is none. It must be that of these files.
+    async fn list(&self, snapshot: &Snapshot) -> Result<Option<RunList>, ArchiveError> {
+        let list = self.store.run_list(&snapshot.run_sha256).await?;
+        match list {
+            Some(list) if list.files != snapshot.files => {
+                let path = RunList::path(&snapshot.run_sha256);
+                let why = "expected the files of this run, found others".to_owned();
+                Err(self.store.content(&path, why))
+            }
+            list => Ok(list),
+        }
+    }
+
+    /// Sends the files that are absent, small ones some at a time; the bytes that were sent.
+    async fn objects(&mut self, going: &Going<'_>) -> Result<u64, ArchiveError> {
+        let mut wanted = BTreeSet::new();
+        let files: Vec<&FileEntry> = going
+            .snapshot
+            .files
+            .iter()
+            .filter(|file| going.now.again || !self.verified.contains(&file.sha256))
+            .filter(|file| wanted.insert(file.sha256.as_str()))
+            .collect();
+        let (small, large): (Vec<_>, Vec<_>) =
+            files.into_iter().partition(|file| file.bytes <= SMALL);
+        let store = self.store;
+        let send = |file: &'_ FileEntry| {
+            let (file, place) = (file.clone(), going.source.place(&file.path));
+            async move {
+                let (path, wanted) = (layout::object(&file.sha256), file.hashed());
+                let sent = store.ensure(&path, &wanted, Source::File(&place)).await?;
+                Ok::<_, ArchiveError>((file.sha256, sent))
+            }
+        };
+        let mut sent_bytes = 0;
+        let small = stream::iter(small.into_iter().map(send)).buffer_unordered(AT_ONCE);
+        let large = stream::iter(large.into_iter().map(send)).buffered(1);
+        let mut all = Box::pin(small.chain(large));
+        while let Some((sha256, bytes)) = all.try_next().await? {
+            sent_bytes += bytes;
+            self.verified.insert(sha256);
+        }
+        Ok(sent_bytes)
+    }
+
+    /// Writes rows and list. Where somebody else has made the list meanwhile, the rows go where that
+    /// one says: the same run has its rows in one place.
+    async fn rows_and_list(
+        &self,
+        going: &Going<'_>,
+        receipt: &mut Receipt,
+        at: RowsAt,
+    ) -> Result<(Placed, Vec<FileEntry>), ArchiveError> {
+        let tables = self.write_tables(going, &at).await?;
+        if going.source.snapshot(going.finished)? != going.snapshot {
+            return Err(ArchiveError::Changed {
+                file: going.source.folder.clone(),
+            });
+        }
+        let list = self.make_list(going, receipt, &at.placed).await?;
+        if list.placed == at.placed {
+            return Ok((at.placed, tables));
+        }
+        receipt.begin(self.store.name(), list.placed.clone());
+        self.receipts.write(receipt)?;
+        let at = RowsAt {
+            placed: list.placed,
+            rows_stay: true,
+        };
+        let tables = self.write_tables(going, &at).await?;
+        Ok((at.placed, tables))
+    }
+
+    async fn write_tables(
+        &self,
+        going: &Going<'_>,
+        at: &RowsAt,
+    ) -> Result<Vec<FileEntry>, ArchiveError> {
+        let mut written = Vec::new();
+        let rows = rows(going.source, going.now);
+        for TableFile { path, bytes } in tables::tables(rows, &at.placed)? {
+            let there = match at.rows_stay {
+                true => self.store.hashed_twice(&path).await?,
+                false => None,
+            };
+            let hashed = there.unwrap_or_else(|| Hashed::of(&bytes));
+            let source = Source::Memory(&bytes);
+            self.store.ensure(&path, &hashed, source).await?;
+            let Hashed { sha256, bytes } = hashed;
+            written.push(FileEntry {
+                path,
+                sha256,
+                bytes,
+            });
+        }
+        Ok(written)
+    }
+
+    async fn make_list(
+        &self,
+        going: &Going<'_>,
+        receipt: &Receipt,
+        placed: &Placed,
+    ) -> Result<RunList, ArchiveError> {
+        let own = RunList {
+            format: STORE_FORMAT.to_owned(),
+            version: STORE_VERSION,
+            placed: placed.clone(),
+            name: going.source.name.clone(),
+            supersedes: receipt.before(&placed.run_sha256),
+            files: going.snapshot.files.clone(),
+        };
+        if let Some(list) = self.list(&going.snapshot).await? {
+            return Ok(list);
+        }
+        let path = RunList::path(&placed.run_sha256);
+        let text = serde_json::to_vec_pretty(&own).unwrap_or_default();
+        if self.store.create(&path, text).await?.is_none() {
+            return Ok(own);
+        }
+        let made = self.list(&going.snapshot).await?;
+        made.ok_or_else(|| {
+            self.store
+                .content(&path, "expected a list, found none".to_owned())
+        })
+    }
+
+    /// Removes the rows of what the run was before.
+    async fn remove_stale(&self, receipt: &mut Receipt) -> Result<(), ArchiveError> {
+        for placed in &receipt.stale {
+            if self.receipts.is_shared(&receipt.run, placed)? {
+                continue;
+            }
+            for table in TABLES {
+                self.store.remove(&placed.table(table)).await?;
+            }
+        }
+        receipt.stale.clear();
+        Ok(())
+    }
+
+    fn kept(&self, going: &Going<'_>, receipt: &Receipt, sent: Sent) -> Kept {
+        let files = &going.snapshot.files;
+        let moved = files
+            .iter()
+            .filter(|file| !going.source.place(&file.path).exists());
+        let moved: Vec<&FileEntry> = moved.collect();
+        let before = receipt.kept.as_ref();
+        let is_same = before.is_some_and(|kept| kept.placed == sent.placed);
+        let supersedes = receipt.before(&sent.placed.run_sha256);
+        Kept {
+            stamp: going.stamp.clone(),
+            files: files.len(),
+            bytes: files.iter().map(|file| file.bytes).sum(),
+            sent_bytes: sent.sent_bytes,
+            verified_unix_s: going.now.unix_s,
+            supersedes: match before {
+                Some(kept) if is_same => kept.supersedes.clone(),
+                _ => supersedes,
+            },
+            tables: sent.tables,
+            finished: going.finished,
+            moved_files: moved.len(),
+            moved_bytes: moved.iter().map(|file| file.bytes).sum(),
+            placed: sent.placed,
+        }
+    }
+}
+
+/// Where rows go, and whether those that are there stay: they are of the same content, and the run may
+/// be in another folder, too.
+struct RowsAt {
+    placed: Placed,
+    rows_stay: bool,
+}
+
+/// What was sent of a run.
+struct Sent {
+    placed: Placed,
+    tables: Vec<FileEntry>,
+    sent_bytes: u64,
+}
+
+impl Store {
+    /// The list of a run; none where there is none.
+    ///
+    /// # Errors
+    /// [`ArchiveError::Content`]: a list that is not that of this hash.
+    pub async fn run_list(&self, run_sha256: &str) -> Result<Option<RunList>, ArchiveError> {
+        let path = RunList::path(run_sha256);
+        let Some(bytes) = self.bytes(&path).await? else {
+            return Ok(None);
+        };
+        let list: RunList = serde_json::from_slice(&bytes)
+            .map_err(|error| self.content(&path, format!("expected a list of files: {error}")))?;
+        let is_own = list.format == STORE_FORMAT
+            && list.version == STORE_VERSION
+            && list.files.iter().all(|file| is_sha256(&file.sha256));
+        let found = layout::run_sha256(&list.files);
+        if !is_own || found != run_sha256 || list.placed.run_sha256 != run_sha256 {
+            let why = format!(
+                "expected a list of version {STORE_VERSION} of files that give {run_sha256}, \
+                 found version {} of files that give {found}",
+                list.version
+            );
+            return Err(self.content(&path, why));
+        }
+        Ok(Some(list))
+    }
+}

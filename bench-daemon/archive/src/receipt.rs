@@ -1,0 +1,251 @@
+//! What became of a run in a store: one small file for each run, in the data folder.
+
+use std::{
+    fs::{self, File},
+    io,
+    path::{Path, PathBuf},
+};
+
+use analysis_files::dataset::write_atomically;
+use serde::{Deserialize, Serialize};
+
+use crate::{
+    ArchiveError,
+    layout::{FileEntry, Placed},
+};
+
+/// Folder of the receipts in the data folder.
+pub const FOLDER: &str = "archive";
+/// Folder in it of files that are being fetched.
+const PARTIAL: &str = "partial";
+/// File in it that whoever works on the archive holds.
+const LOCK: &str = "lock";
+
+/// What became of a run.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Receipt {
+    /// Name of the run.
+    pub run: String,
+    /// The store that this is told of.
+    pub store: String,
+    /// The run as it is in the store, verified; none before.
+    pub kept: Option<Kept>,
+    /// The run as it is being sent: its rows may be in the store already.
+    pub going: Option<Placed>,
+    /// Rows of the run as it was before, which are still to be removed.
+    pub stale: Vec<Placed>,
+    /// Why the last push has failed; none where it has not.
+    pub trouble: Option<Trouble>,
+}
+
+/// A run in the store, every byte of it read back.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Kept {
+    /// Where it is.
+    #[serde(flatten)]
+    pub placed: Placed,
+    /// State of the run folder at that time ([`crate::snapshot::RunSource::stamp`]).
+    pub stamp: String,
+    /// Number of its files.
+    pub files: usize,
+    /// Size of its files.
+    pub bytes: u64,
+    /// Bytes that were sent: files that were there already were not.
+    pub sent_bytes: u64,
+    /// When it was verified, s since 1970.
+    pub verified_unix_s: f64,
+    /// What it was before, where it has changed.
+    pub supersedes: Option<String>,
+    /// Its rows.
+    pub tables: Vec<FileEntry>,
+    /// It has come to its end; its captures may be moved away by policy.
+    pub finished: bool,
+    /// Number of its files that are in the store only.
+    pub moved_files: usize,
+    /// Size of those.
+    pub moved_bytes: u64,
+}
+
+/// A push that has failed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Trouble {
+    /// In words.
+    pub why: String,
+    /// When, s since 1970.
+    pub unix_s: f64,
+    /// Its kind.
+    pub kind: TroubleKind,
+    /// State of the run folder at that time.
+    pub stamp: String,
+}
+
+/// Kind of a push that has failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TroubleKind {
+    /// The same may go well when it is tried again.
+    Failed,
+    /// The folder is not what its list of hashes says.
+    Refused,
+    /// The run goes on, or its journal tells no end.
+    Waiting,
+}
+
+/// State of a run in the archive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RunState {
+    /// In the store as it is here, verified.
+    Archived,
+    /// Not in the store yet, or not as it is here.
+    Pending,
+    /// The last push has failed.
+    Failed,
+    /// It does not go into the store as it is.
+    Refused,
+    /// It goes on, or its journal tells no end.
+    Waiting,
+}
+
+impl Receipt {
+    /// State of the run, by the state of its folder now.
+    pub fn state(&self, store: &str, stamp: &str) -> RunState {
+        let here = self.store == store;
+        let kept = self.kept.as_ref().filter(|_| here);
+        let kept = kept.is_some_and(|kept| kept.stamp == stamp);
+        if kept && self.stale.is_empty() && self.going.is_none() {
+            return RunState::Archived;
+        }
+        let trouble = self.trouble.as_ref().filter(|_| here);
+        match trouble.map(|trouble| (trouble.kind, trouble.stamp == stamp)) {
+            Some((TroubleKind::Refused, true)) => RunState::Refused,
+            Some((TroubleKind::Waiting, true)) => RunState::Waiting,
+            Some((TroubleKind::Failed, _)) => RunState::Failed,
+            _ => RunState::Pending,
+        }
+    }
+
+    /// The run is to be sent to a store as it is now: what it was there before is stale once that is
+    /// done. What is told of another store is forgotten.
+    pub(crate) fn begin(&mut self, store: &str, going: Placed) {
+        if self.store != store {
+            *self = Self {
+                run: std::mem::take(&mut self.run),
+                store: store.to_owned(),
+                ..Self::default()
+            };
+        }
+        let before = self.kept.as_ref().map(|kept| kept.placed.clone());
+        self.stale.extend(before);
+        self.stale.extend(self.going.take());
+        self.stale.retain(|placed| *placed != going);
+        self.stale.dedup();
+        self.going = Some(going);
+    }
+
+    /// Hash of the run as it was before it changed.
+    pub(crate) fn before(&self, run_sha256: &str) -> Option<String> {
+        let kept = self.kept.as_ref().map(|kept| &kept.placed.run_sha256);
+        kept.filter(|before| *before != run_sha256).cloned()
+    }
+}
+
+/// The receipts of a data folder.
+#[derive(Debug, Clone)]
+pub struct Receipts {
+    folder: PathBuf,
+}
+
+impl Receipts {
+    /// Those of a data folder, which is made where it is not there.
+    ///
+    /// # Errors
+    /// A folder that cannot be made.
+    pub fn of(data: &Path) -> Result<Self, ArchiveError> {
+        let folder = data.join(FOLDER);
+        let made = fs::create_dir_all(&folder);
+        made.map_err(ArchiveError::io(&folder, "make the folder"))?;
+        Ok(Self { folder })
+    }
+
+    fn path(&self, run: &str) -> PathBuf {
+        self.folder.join(format!("{run}.json"))
+    }
+
+    /// The receipt of a run; an empty one where there is none.
+    ///
+    /// # Errors
+    /// A file that cannot be read or is no receipt: it is never taken for none.
+    pub fn read(&self, run: &str) -> Result<Receipt, ArchiveError> {
+        let path = self.path(run);
+        let text = match fs::read(&path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                return Ok(Receipt {
+                    run: run.to_owned(),
+                    ..Receipt::default()
+                });
+            }
+            Err(error) => return Err(ArchiveError::io(path, "read the receipt")(error)),
+        };
+        serde_json::from_slice(&text).map_err(|error| {
+            let path = path.display();
+            ArchiveError::Record(format!("{path}: expected a receipt, found {error}"))
+        })
+    }
+
+    /// Writes a receipt, whole or not at all.
+    ///
+    /// # Errors
+    /// A file that cannot be written.
+    pub fn write(&self, receipt: &Receipt) -> Result<(), ArchiveError> {
+        let text = serde_json::to_vec_pretty(receipt).unwrap_or_default();
+        Ok(write_atomically(&self.path(&receipt.run), &text)?)
+    }
+
+    /// All receipts, by name of the run.
+    ///
+    /// # Errors
+    /// One that cannot be read.
+    pub fn all(&self) -> Result<Vec<Receipt>, ArchiveError> {
+        let failed = || ArchiveError::io(&self.folder, "read the folder");
+        let mut names = Vec::new();
+        for entry in fs::read_dir(&self.folder).map_err(failed())? {
+            let name = entry.map_err(failed())?.file_name();
+            let name = name.to_string_lossy();
+            names.extend(name.strip_suffix(".json").map(str::to_owned));
+        }
+        names.retain(|name| !name.starts_with('.'));
+        names.sort_unstable();
+        names.iter().map(|name| self.read(name)).collect()
+    }
+
+    /// Whether another run has its rows in the same place: two runs with the same content are one.
+    pub(crate) fn is_shared(&self, run: &str, placed: &Placed) -> Result<bool, ArchiveError> {
+        let is_there = |receipt: &Receipt| {
+            let kept = receipt.kept.as_ref().map(|kept| &kept.placed);
+            receipt.run != run && (kept == Some(placed) || receipt.going.as_ref() == Some(placed))
+        };
+        Ok(self.all()?.iter().any(is_there))
+    }
+
+    /// An empty folder for files that are being fetched.
+    pub(crate) fn partial(&self) -> Result<PathBuf, ArchiveError> {
+        let folder = self.folder.join(PARTIAL);
+        let _ = fs::remove_dir_all(&folder);
+        fs::create_dir_all(&folder).map_err(ArchiveError::io(&folder, "make the folder"))?;
+        Ok(folder)
+    }
+
+    /// Waits until nobody else works on the archive of this data folder, and keeps others from it.
+    ///
+    /// # Errors
+    /// A file that cannot be made.
+    pub fn lock(&self) -> Result<File, ArchiveError> {
+        let path = self.folder.join(LOCK);
+        let made = File::options().create(true).append(true).open(&path);
+        let lock = made.and_then(|file| file.lock().map(|()| file));
+        lock.map_err(ArchiveError::io(path, "lock the archive"))
+    }
+}

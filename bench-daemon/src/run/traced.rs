@@ -1,0 +1,54 @@
+//! Spans of a run and of its stages: for whoever traces runs. They change nothing of a run.
+
+use std::path::Path;
+
+use instruments::clock::Clock;
+use opentelemetry::trace::Status;
+use tracing::{Span, field::Empty, info_span};
+use tracing_opentelemetry::OpenTelemetrySpanExt;
+
+use crate::{
+    config::Experiment, executor::Timed, plan::Stage, safety::failure::Failure,
+    support::telemetry::context,
+};
+
+/// The span of a run. It belongs to the trace of whoever started this process, where that has one.
+pub(super) fn run(experiment: &Experiment, folder: &Path, resumed: bool) -> Span {
+    let name = folder.file_name().unwrap_or_default().to_string_lossy();
+    let span = info_span!(
+        "run",
+        eis_bench.run = %name,
+        eis_bench.experiment = %experiment.name,
+        eis_bench.bench = %experiment.bench.name,
+        eis_bench.cell = %experiment.cell.name,
+        eis_bench.seed = experiment.seed,
+        eis_bench.resumed = resumed,
+    );
+    if let Some(parent) = context::of_environment() {
+        // Where nobody traces there is no span that could have a parent.
+        let _ = span.set_parent(parent);
+    }
+    span
+}
+
+/// Notes how a run ended.
+pub(super) fn ended(span: &Span, failure: Option<&Failure>) {
+    if let Some(failure) = failure {
+        span.set_attribute("error.type", i64::from(failure.exit_code()).to_string());
+        span.set_status(Status::error(failure.to_string()));
+    }
+}
+
+/// The span of a stage.
+pub(super) fn stage(number: usize, stage: &Stage, clock: &Clock) -> Timed {
+    let span = info_span!(
+        "stage",
+        otel.status_code = Empty,
+        otel.status_description = Empty,
+        eis_bench.stage = %stage.title(),
+        eis_bench.stage_number = number + 1,
+        eis_bench.bench_time_s = Empty,
+        eis_bench.bench_duration_s = Empty,
+    );
+    Timed::new(span, clock)
+}

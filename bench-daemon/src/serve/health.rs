@@ -1,0 +1,197 @@
+//! What a server notes about its benches and its disk, for metrics: trips, ends of runs, controls,
+//! free space. What takes a disk is looked at by a thread of its own.
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+    sync::{
+        Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+};
+
+use instruments::clock::Clock;
+use nix::sys::statvfs::statvfs;
+
+use super::{
+    controls::{self, ControlNow},
+    jobs::{self, Ended},
+};
+
+/// Time between two looks at the disk, s.
+const LOOK_S: f64 = 5.0;
+
+/// Folder of the runs in the data folder.
+const RUNS: &str = "runs";
+
+/// Notes of a server.
+#[derive(Debug)]
+pub struct Health {
+    data: PathBuf,
+    noted: Mutex<Noted>,
+    stop: AtomicBool,
+}
+
+/// What was noted.
+#[derive(Debug, Clone, Default)]
+pub struct Noted {
+    /// The disk of the data folder, once it was looked at.
+    pub disk: Option<Disk>,
+    /// Each bench.
+    pub benches: BTreeMap<String, BenchHealth>,
+}
+
+/// A disk.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Disk {
+    /// Bytes that this program may still write.
+    pub free_bytes: f64,
+    /// All of them.
+    pub size_bytes: f64,
+}
+
+/// Notes on a bench.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct BenchHealth {
+    /// Trips since the server was started.
+    pub trips: u64,
+    /// Runs since then that came to their end.
+    pub finished: u64,
+    /// Runs since then that did not.
+    pub failed: u64,
+    /// When the last run ended, however, s since 1970.
+    pub ended_unix_s: Option<f64>,
+    /// When the last run came to its end, s since 1970.
+    pub finished_unix_s: Option<f64>,
+    /// Controls of the last run that has measured some.
+    pub controls: Vec<ControlNow>,
+    /// A run whose controls are still to be read.
+    unread: Option<String>,
+}
+
+impl Health {
+    /// Notes on the benches of these names; nothing was looked at yet.
+    pub fn of<'a>(data: &Path, benches: impl Iterator<Item = &'a str>) -> Self {
+        let benches = benches.map(|bench| (bench.to_owned(), BenchHealth::default()));
+        let noted = Noted {
+            disk: None,
+            benches: benches.collect(),
+        };
+        Self {
+            data: data.to_owned(),
+            noted: Mutex::new(noted),
+            stop: AtomicBool::new(false),
+        }
+    }
+
+    /// Everything that was noted.
+    pub fn noted(&self) -> Noted {
+        self.lock().clone()
+    }
+
+    /// A bench has tripped.
+    pub fn tripped(&self, bench: &str) {
+        self.note(bench, |health| health.trips += 1);
+    }
+
+    /// A run has ended.
+    pub fn ended(&self, bench: &str, run: &str, ended: &Ended) {
+        self.note(bench, |health| {
+            health.seen(ended);
+            health.unread = Some(run.to_owned());
+            if ended.finished {
+                health.finished += 1;
+            } else {
+                health.failed += 1;
+            }
+        });
+    }
+
+    /// Looks at what the runs of before have left, and then at disk and controls, until the end.
+    pub async fn work(&self, clock: &Clock) {
+        self.earlier();
+        while !self.stop.load(Ordering::Relaxed) {
+            let disk = disk_of(&self.data);
+            self.lock().disk = disk;
+            self.read_controls();
+            clock.sleep_s(LOOK_S).await;
+        }
+    }
+
+    /// Ends the looks.
+    pub fn end(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Noted> {
+        self.noted.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn note(&self, bench: &str, note: impl FnOnce(&mut BenchHealth)) {
+        if let Some(health) = self.lock().benches.get_mut(bench) {
+            note(health);
+        }
+    }
+
+    /// The latest end, and the latest controls, of each bench before this server was started.
+    fn earlier(&self) {
+        let jobs = jobs::all(&self.data);
+        for bench in self.noted().benches.keys() {
+            let runs = jobs.iter().filter(|job| job.item.bench == *bench);
+            let found = runs
+                .clone()
+                .map(|job| self.controls_of(&job.item.run))
+                .find(|controls| !controls.is_empty());
+            self.note(bench, |health| {
+                runs.filter_map(|job| job.ended.as_ref())
+                    .for_each(|ended| health.seen(ended));
+                // What has ended meanwhile is newer.
+                if health.controls.is_empty() {
+                    health.controls = found.unwrap_or_default();
+                }
+            });
+        }
+    }
+
+    fn controls_of(&self, run: &str) -> Vec<ControlNow> {
+        controls::read(&self.data.join(RUNS).join(run))
+    }
+
+    fn read_controls(&self) {
+        let unread: Vec<(String, String)> = {
+            let mut noted = self.lock();
+            let benches = noted.benches.iter_mut();
+            benches
+                .filter_map(|(bench, health)| Some((bench.clone(), health.unread.take()?)))
+                .collect()
+        };
+        for (bench, run) in unread {
+            let found = self.controls_of(&run);
+            if !found.is_empty() {
+                self.note(&bench, |health| health.controls = found);
+            }
+        }
+    }
+}
+
+impl BenchHealth {
+    fn seen(&mut self, ended: &Ended) {
+        self.ended_unix_s = later_of(self.ended_unix_s, ended.unix_s);
+        if ended.finished {
+            self.finished_unix_s = later_of(self.finished_unix_s, ended.unix_s);
+        }
+    }
+}
+
+fn later_of(known: Option<f64>, unix_s: f64) -> Option<f64> {
+    Some(known.map_or(unix_s, |known| known.max(unix_s)))
+}
+
+fn disk_of(data: &Path) -> Option<Disk> {
+    let found = statvfs(data).ok()?;
+    let bytes = |blocks: u64| blocks as f64 * found.fragment_size() as f64;
+    Some(Disk {
+        free_bytes: bytes(found.blocks_available()),
+        size_bytes: bytes(found.blocks()),
+    })
+}

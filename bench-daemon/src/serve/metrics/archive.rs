@@ -1,0 +1,81 @@
+//! Quantities of the archive; none of them where no archive is configured.
+
+use super::{
+    metric::{Metric, gauge},
+    sample::Sample,
+    snapshot::Snapshot,
+};
+use crate::serve::archive::ArchiveNow;
+
+fn of(now: &Snapshot<'_>, read: impl Fn(&ArchiveNow) -> Vec<Sample>) -> Vec<Sample> {
+    match now.server.settings.archive {
+        Some(_) => read(&now.server.archive.now()),
+        None => Vec::new(),
+    }
+}
+
+/// Values under one label.
+fn labelled<const N: usize>(label: &'static str, values: [(&str, f64); N]) -> Vec<Sample> {
+    let sample = |(name, value): (&str, f64)| Sample {
+        labels: vec![(label, name.to_owned())],
+        value,
+    };
+    values.into_iter().map(sample).collect()
+}
+
+fn runs(now: &ArchiveNow) -> Vec<Sample> {
+    let states = [
+        ("archived", now.archived as f64),
+        ("pending", now.pending as f64),
+        ("failed", now.failed as f64),
+        ("refused", now.refused as f64),
+        ("waiting", now.waiting as f64),
+    ];
+    labelled("state", states)
+}
+
+fn bytes(now: &ArchiveNow) -> Vec<Sample> {
+    let sizes = [
+        ("archived", now.bytes as f64),
+        ("sent", now.sent_bytes as f64),
+        ("moved", now.moved_bytes as f64),
+    ];
+    labelled("kind", sizes)
+}
+
+/// All of them.
+pub(super) const METRICS: &[Metric] = &[
+    gauge(
+        "archive_runs",
+        "{run}",
+        "Runs by their state in the archive.",
+        |now| of(now, runs),
+    ),
+    gauge(
+        "archive_bytes",
+        "By",
+        "Size of the archived runs, what was sent of it, and what is in the store only.",
+        |now| of(now, bytes),
+    ),
+    gauge(
+        "archive_last_verified_timestamp_seconds",
+        "s",
+        "When the latest run was verified, since 1970.",
+        |now| {
+            of(now, |now| {
+                now.last_verified_unix_s
+                    .map_or_else(Vec::new, Sample::plain)
+            })
+        },
+    ),
+    gauge(
+        "archive_trouble",
+        "",
+        "The last push has ended before its work was done.",
+        |now| {
+            of(now, |now| {
+                Sample::plain(f64::from(u8::from(now.trouble.is_some())))
+            })
+        },
+    ),
+];

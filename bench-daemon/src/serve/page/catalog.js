@@ -1,0 +1,613 @@
+// View `#/catalog?of=…`: runs, spectra and cells across everything that was measured, found by the same conditions.
+// What is ticked, of runs or of spectra, is laid over each other. Runs are found with their tags and notes, those in
+// work too; spectra, cells and damaged folders come from the catalogue.
+"use strict";
+
+import { el, fill, text, when } from "./bench.js";
+import { address, begin, calmly, cell, curve, keyed, named, names, runCells, runHeads, shelf, table } from "./find.js";
+import { comparing } from "./run.js";
+
+const WORDS = {
+  title: "Catalogue",
+  of: "Look for",
+  kinds: { runs: "Runs", spectra: "Spectra", cells: "Cells" },
+  fields: {
+    text: "Free text",
+    cell: "Cell",
+    serial: "Serial number",
+    bench: "Bench",
+    verdict: "Verdict of the run",
+    tag: "Tag",
+    from: "From day",
+    to: "To day",
+  },
+  hint: "name, experiment, note …",
+  any: "any",
+  find: "Find",
+  clear: "Show all",
+  copy: "Copy link",
+  copied: "The link is copied.",
+  copyByHand: "This browser lets no page copy; the link is selected, copy it by hand.",
+  link: "Link to what is found",
+  more: "Show more",
+  looking: "Looking …",
+  building: "The catalogue is being built: ask again in a moment.",
+  daysSwapped: "Nothing found: the first day lies after the last one.",
+  none: "Nothing found.",
+  nothingYet: "Nothing was measured yet.",
+  found: (count, more, shown, kind) =>
+    `${more ? "More than " : ""}${count} ${kind[count === 1 && !more ? 0 : 1]} found, ${shown} shown.`,
+  nouns: { runs: ["run", "runs"], spectra: ["spectrum", "spectra"], cells: ["cell", "cells"] },
+  damaged: "Folders of runs that cannot be read:",
+  damagedRun: (run) => `${run.name}: ${run.damage.join("; ") || "no reason is told"}`,
+  compare: "Compare",
+  compareOne: (name) => `Compare ${name}`,
+  hints: {
+    runs: (most) => `Tick up to ${most} runs to lay their spectra over each other.`,
+    spectra: (most) => `Tick up to ${most} spectra, of several runs, to lay them over each other.`,
+  },
+  full: (most) => `${most} are ticked, which is the most: take one out to tick another.`,
+  compared: "Spectra compared",
+  takeOut: (name) => `Take out ${name}`,
+  loading: "The spectra are being loaded …",
+  overlay: (curves, ticked) => `${curves} ${curves === 1 ? "spectrum" : "spectra"} of ${ticked} ticked.`,
+  left: (n) => ` ${n} more are left out to keep the plot readable.`,
+  without: (all) => ` Without a spectrum: ${all.join(", ")}.`,
+  notLoaded: (all) => ` Could not be loaded: ${all.join(", ")}.`,
+  spectrumOf: (run, name) => `${run}: ${name}`,
+  unknown: "–",
+  spectra: {
+    spectrum: "Spectrum",
+    cell: "Cell",
+    bench: "Bench",
+    when: "Measured",
+    temperature: "Temperature",
+    ocv: "Voltage at rest",
+    band: "Frequencies",
+    high: "R high ± 1σ",
+    low: "R low ± 1σ",
+    points: "Points",
+  },
+  refused: (points, refused) => `${points}${refused ? `, ▲ ${refused} refused` : ""}`,
+  fileTime: "time of the file",
+  repeat: (n) => `repeat ${n}`,
+  cells: {
+    cell: "Cell",
+    serial: "Serial number",
+    batch: "Batch",
+    chemistry: "Chemistry",
+    runs: "Runs",
+    first: "First measured",
+    last: "Last measured",
+  },
+  cellRuns: (n, cell) => `${n} ${n === 1 ? "run" : "runs"} with ${cell}`,
+  celsius: (value) => `${value} °C`,
+  volts: (value) => `${value} V`,
+  milliohm: (value) => `${value} mΩ`,
+  hertz: (low, high) => `${low} to ${high} Hz`,
+};
+
+// Conditions that count, by what is looked for.
+const FIELDS = Object.keys(WORDS.fields);
+const COUNTS = {
+  runs: FIELDS,
+  spectra: ["cell", "serial", "bench", "verdict", "from", "to"],
+  cells: ["cell", "serial"],
+};
+const VERDICTS = {
+  runs: ["good", "doubtful", "failed", "in work"],
+  spectra: ["good", "doubtful", "failed", "unfinished", "damaged"],
+};
+const MOST_TICKED = { runs: 12, spectra: 24 };
+// So many curves can still be told from each other.
+const MOST_CURVES = 24;
+// So many rows are added at a time; so many are asked for.
+const ROWS = 20;
+const ASKED = 100;
+const DAMAGED = 20;
+const TYPING_MS = 300;
+
+let view = null;
+
+const known = (value) => Number.isFinite(value);
+const figure = (value, digits, words) =>
+  known(value) ? words(value.toFixed(digits).replace("-", "−")) : WORDS.unknown;
+// The name of a spectrum is that of its file.
+const stem = (file) => file.replace(/\.csv$/, "");
+
+// ---- what can be looked for -----------------------------------------------------------------------
+
+const cellLink = (name, serial) => {
+  const query = serial ? `?${new URLSearchParams({ serial })}` : "";
+  return el("a", { href: `${address("cell", name)}${query}` }, name);
+};
+
+function resistance(value, sigma) {
+  const spread = known(sigma) ? ` ± ${(1e3 * sigma).toPrecision(2)}` : "";
+  return known(value) ? WORDS.milliohm((1e3 * value).toPrecision(4) + spread) : WORDS.unknown;
+}
+
+function spectrumCells(one) {
+  const heads = WORDS.spectra;
+  const band = known(one.low_hz) && known(one.high_hz);
+  const hertz = (value) => String(Number(value.toPrecision(3)));
+  const source = one.time_source === "file" ? el("small", {}, WORDS.fileTime) : null;
+  return [
+    el(
+      "th",
+      { scope: "row" },
+      el("div", { class: "fd-name" }, el("a", { href: address("run", one.name) }, one.name)),
+      el("small", {}, `${named(stem(one.file))}, ${WORDS.repeat(one.repeat)}`),
+    ),
+    names(heads.cell, cellLink(one.cell)),
+    names(heads.bench, one.bench),
+    cell(heads.when, when(one.started_unix_s), source),
+    cell(heads.temperature, figure(one.temperature_c, 1, WORDS.celsius)),
+    cell(heads.ocv, figure(one.ocv_v, 4, WORDS.volts)),
+    cell(heads.band, band ? WORDS.hertz(hertz(one.low_hz), hertz(one.high_hz)) : WORDS.unknown),
+    cell(heads.high, resistance(one.r_high_ohm, one.r_high_sigma_ohm)),
+    cell(heads.low, resistance(one.r_low_ohm, one.r_low_sigma_ohm)),
+    cell(heads.points, WORDS.refused(one.points, one.refused_points)),
+  ];
+}
+
+// Where the runs with a cell are found.
+const runsOf = ({ cell: name, serial }) =>
+  `#/catalog?${new URLSearchParams(serial ? { cell: name, serial } : { cell: name })}`;
+
+function cellCells(one) {
+  const heads = WORDS.cells;
+  const link = el("a", { href: runsOf(one), "aria-label": WORDS.cellRuns(one.runs, one.cell) }, String(one.runs));
+  return [
+    el("th", { scope: "row" }, el("div", { class: "fd-name" }, cellLink(one.cell, one.serial))),
+    names(heads.serial, one.serial || WORDS.unknown),
+    names(heads.batch, one.batch || WORDS.unknown),
+    names(heads.chemistry, one.chemistry || WORDS.unknown),
+    cell(heads.runs, link),
+    cell(heads.first, when(one.first_unix_s)),
+    cell(heads.last, when(one.last_unix_s)),
+  ];
+}
+
+// Each with its route, what is in its answer, the heads and cells of its rows, its key, and, where it can be ticked,
+// what it is called.
+const KINDS = {
+  runs: {
+    path: "/runs/find",
+    take: (got) => ({ found: got.found, more: got.more, number: got.number }),
+    heads: runHeads,
+    cells: runCells,
+    key: (card) => card.run,
+    name: (card) => card.run,
+    run: (card) => card.run,
+  },
+  spectra: {
+    path: "/catalog/spectra",
+    take: (got) => ({ found: got.spectra, more: got.after }),
+    heads: () => Object.values(WORDS.spectra),
+    cells: spectrumCells,
+    key: (one) => JSON.stringify([one.run, one.file]),
+    name: (one) => WORDS.spectrumOf(one.name, named(stem(one.file))),
+    run: (one) => one.name,
+  },
+  cells: {
+    path: "/catalog/cells",
+    take: (got) => ({ found: got.cells, more: got.after }),
+    heads: () => Object.values(WORDS.cells),
+    cells: cellCells,
+    key: (one) => JSON.stringify([one.cell, one.serial]),
+  },
+};
+
+const kind = () => KINDS[view.kind];
+const canTick = () => Boolean(kind().name);
+const most = () => MOST_TICKED[view.kind];
+
+// ---- the form -----------------------------------------------------------------------------------
+
+function field(name, query) {
+  const kinds = { text: "search", serial: "search", from: "date", to: "date" };
+  const value = query.get(name) || "";
+  const input = kinds[name]
+    ? el("input", { name, type: kinds[name], value, placeholder: name === "text" ? WORDS.hint : null })
+    : el("select", { name });
+  if (!kinds[name]) choices(input, [], value);
+  return el("label", { "data-field": name }, WORDS.fields[name], input);
+}
+
+// What can be chosen. What is chosen stays, for a link may name what is no more.
+function choices(select, values, chosen = select.value) {
+  const all = [...new Set([...(chosen ? [chosen] : []), ...values])].sort((a, b) => a.localeCompare(b));
+  const key = JSON.stringify(all);
+  if (select.dataset.values !== key) {
+    select.replaceChildren(new Option(WORDS.any, ""), ...all.map((one) => new Option(one, one)));
+    select.dataset.values = key;
+  }
+  select.value = chosen;
+}
+
+// Only conditions that count are shown and asked for.
+function drawFields() {
+  for (const label of view.form.querySelectorAll("[data-field]"))
+    label.hidden = !COUNTS[view.kind].includes(label.dataset.field);
+  const { verdict } = view.form.elements;
+  const known = VERDICTS[view.kind] || [];
+  choices(verdict, known, known.includes(verdict.value) ? verdict.value : "");
+}
+
+// What the form asks for, as it stands in the address.
+function asked() {
+  const value = (name) => view.form.elements[name].value.trim();
+  const filled = COUNTS[view.kind].filter(value);
+  return new URLSearchParams(filled.map((name) => [name, value(name)]));
+}
+
+// The midnight, local time, at which a day begins, or so many days later, s since 1970.
+function midnight(day, later) {
+  const [year, month, date] = day.split("-").map(Number);
+  return new Date(year, month - 1, date + later).getTime() / 1e3;
+}
+
+// The same as the server wants it: whole days as seconds.
+function request() {
+  const query = asked();
+  const [from, to] = [query.get("from"), query.get("to")];
+  query.delete("from");
+  query.delete("to");
+  if (from) query.set("from_s", midnight(from, 0));
+  if (to) query.set("to_s", midnight(to, 1));
+  query.set("most", ASKED);
+  return query;
+}
+
+function here() {
+  const query = asked();
+  if (view.kind !== "runs") query.set("of", view.kind);
+  return `#/catalog${String(query) ? `?${query}` : ""}`;
+}
+
+// Where the page may not copy, for which browsers want https, the link is shown to be copied by hand.
+async function copy() {
+  const link = location.href;
+  try {
+    await navigator.clipboard.writeText(link);
+    text(view.copied, WORDS.copied);
+  } catch {
+    text(view.copied, WORDS.copyByHand);
+    view.link.hidden = false;
+    const input = view.link.querySelector("input");
+    input.value = link;
+    input.focus();
+    input.select();
+  }
+}
+
+function clear() {
+  for (const name of FIELDS) view.form.elements[name].value = "";
+  search();
+}
+
+function kindChoice() {
+  const radio = (name) =>
+    el(
+      "label",
+      { class: "fd-radio" },
+      el("input", { type: "radio", name: "of", value: name, checked: name === view.kind }),
+      WORDS.kinds[name],
+    );
+  const onchange = (event) => become(event.target.value);
+  return el("fieldset", { class: "fd-kinds", onchange }, el("legend", {}, WORDS.of), ...Object.keys(KINDS).map(radio));
+}
+
+function form(query) {
+  const button = (words, onclick) => el("button", { type: "button", onclick }, words);
+  view.form = el(
+    "form",
+    {
+      class: "fd-form",
+      role: "search",
+      onsubmit: (event) => {
+        event.preventDefault();
+        search();
+      },
+      oninput: (event) => {
+        if (event.target.name === "of") return;
+        clearTimeout(view.typing);
+        view.typing = setTimeout(search, TYPING_MS);
+      },
+    },
+    kindChoice(),
+    ...FIELDS.map((name) => field(name, query)),
+    el("div", { class: "acts" }, el("button", {}, WORDS.find), button(WORDS.clear, clear), button(WORDS.copy, copy)),
+  );
+  view.copied = el("p", { class: "quiet fd-line", role: "status" });
+  // Not within the form: it is nothing to search for.
+  view.link = el("label", { class: "fd-link", hidden: true }, WORDS.link, el("input", { readonly: true }));
+  return el("section", {}, view.form, view.copied, view.link);
+}
+
+// Looks for something else, under the same conditions as far as they count there.
+function become(name) {
+  Object.assign(view, { kind: name, found: [], more: null, number: null, shown: ROWS });
+  view.ticked.clear();
+  drawFields();
+  makeTable();
+  compare();
+  search();
+}
+
+// ---- finding ------------------------------------------------------------------------------------
+
+// Asks until there are `least` or no more; from a cursor on, if there is one.
+async function collect(least, after) {
+  const { path, take } = kind();
+  const query = request();
+  const all = { found: [], more: after };
+  do {
+    if (all.more) query.set("after", all.more);
+    const got = await view.ctx.get(`${path}?${query}`);
+    if (got.cells && got.tags) offer(got);
+    const part = take(got);
+    Object.assign(all, part, { found: [...all.found, ...part.found] });
+  } while (all.more && all.found.length < least);
+  return all;
+}
+
+// Cells, benches and tags that can be chosen.
+function offer({ cells, benches, tags }) {
+  const { elements } = view.form;
+  choices(elements.cell, cells);
+  choices(elements.bench, benches);
+  choices(elements.tag, tags);
+}
+
+// Finds what the form says; an answer that comes late is dropped.
+async function search() {
+  const mine = view;
+  clearTimeout(mine.typing);
+  history.replaceState(history.state, "", here());
+  text(mine.copied, "");
+  mine.link.hidden = true;
+  const turn = (mine.turn += 1);
+  const isBuilding = (error) => error instanceof mine.ctx.Refused && error.status === 503;
+  const got = await mine.ctx.attempt(() =>
+    collect(1, null).catch((error) => {
+      if (!isBuilding(error)) throw error;
+      text(mine.said, WORDS.building);
+      return null;
+    }),
+  );
+  if (view !== mine || turn !== mine.turn) return;
+  askDamaged();
+  if (!got) return;
+  mine.shown = ROWS;
+  take(got, []);
+}
+
+// Folders that cannot be read are in no other list; of what they hold nothing else may be known.
+async function askDamaged() {
+  const mine = view;
+  mine.damaged.hidden = true;
+  if (mine.kind !== "runs") return;
+  const { turn } = mine;
+  const query = request();
+  query.delete("tag");
+  query.set("verdict", "damaged");
+  query.set("most", DAMAGED);
+  const wanted = mine.form.elements.verdict.value;
+  const got = wanted ? { runs: [] } : await mine.ctx.get(`/catalog/runs?${query}`).catch(() => ({ runs: [] }));
+  if (view !== mine || turn !== mine.turn) return;
+  mine.damaged.hidden = !got.runs.length;
+  const list = el("ul", {}, ...got.runs.map((run) => el("li", {}, WORDS.damagedRun(run))));
+  fill(mine.damaged, el("b", {}, WORDS.damaged), list);
+}
+
+// The same once more after an event, as many as there were.
+async function again() {
+  const mine = view;
+  const turn = (mine.turn += 1);
+  const got = await collect(mine.found.length, null).catch(() => null);
+  if (got && view === mine && turn === mine.turn) take(got, []);
+}
+
+async function more() {
+  const mine = view;
+  const before = mine.shown;
+  if (before + ROWS > mine.found.length && mine.more) {
+    const turn = (mine.turn += 1);
+    const got = await mine.ctx.attempt(() => collect(1, mine.more));
+    if (!got || view !== mine || turn !== mine.turn) return;
+    take(got, mine.found);
+  }
+  mine.shown = before + ROWS;
+  drawFound();
+  const first = mine.rows.children[before];
+  if (mine.moreButton.hidden && first) first.querySelector("a").focus();
+}
+
+function take(got, before) {
+  const { key } = kind();
+  const there = new Set(before.map(key));
+  view.found = [...before, ...got.found.filter((one) => !there.has(key(one)))];
+  view.more = got.more;
+  view.number = got.number;
+  drawFound();
+}
+
+function told(shown) {
+  const { from, to } = view.form.elements;
+  const nouns = WORDS.nouns[view.kind];
+  // Where the server does not tell the number of all, it is known by what was asked for.
+  const number = view.number ?? view.found.length;
+  if (view.found.length) return WORDS.found(number, view.more && number === view.found.length, shown, nouns);
+  if (from.value && to.value && from.value > to.value) return WORDS.daysSwapped;
+  return String(asked()) ? WORDS.none : WORDS.nothingYet;
+}
+
+// A table for what is looked for.
+function makeTable() {
+  view.rows = el("tbody", {});
+  const heads = [...(canTick() ? [WORDS.compare] : []), ...kind().heads()];
+  view.tableHolder.replaceChildren(table(WORDS.kinds[view.kind], heads, view.rows));
+  view.results.hidden = true;
+  view.moreButton.hidden = true;
+  text(view.said, WORDS.looking);
+}
+
+function drawFound() {
+  const rows = view.found.slice(0, view.shown);
+  const isFull = canTick() && view.ticked.size >= most();
+  const row = (one) => el("tr", {}, canTick() ? cell(WORDS.compare, tick(one, isFull)) : null, ...kind().cells(one));
+  keyed(view.rows, rows, kind().key, row, view.form.elements.text);
+  // A box that was ticked is the same node, and is told here: what it shows is no attribute.
+  for (const box of view.rows.querySelectorAll("input")) box.checked = view.ticked.has(box.value);
+  view.results.hidden = !rows.length;
+  view.full.hidden = !canTick();
+  if (canTick()) text(view.full, isFull ? WORDS.full(most()) : WORDS.hints[view.kind](most()));
+  text(view.said, told(rows.length));
+  view.moreButton.hidden = rows.length >= view.found.length && !view.more;
+}
+
+function tick(one, isFull) {
+  const key = kind().key(one);
+  return el("input", {
+    type: "checkbox",
+    value: key,
+    "aria-label": WORDS.compareOne(kind().name(one)),
+    "aria-describedby": "fd-full",
+    disabled: isFull && !view.ticked.has(key),
+    onchange: (event) => {
+      if (event.target.checked) view.ticked.set(key, one);
+      else view.ticked.delete(key);
+      drawFound();
+      compare();
+    },
+  });
+}
+
+// ---- comparing ----------------------------------------------------------------------------------
+
+// Of a run its corrected spectra, or those that there are; of a spectrum itself.
+function chosen(one, spectra) {
+  if (view.kind === "spectra") return spectra.filter((spectrum) => spectrum.name === stem(one.file));
+  const corrected = spectra.filter((spectrum) => spectrum.corrected);
+  return corrected.length ? corrected : spectra;
+}
+
+function drawTicked() {
+  view.compared.hidden = !view.ticked.size;
+  const chip = ([key, one]) =>
+    el(
+      "li",
+      {},
+      el("a", { href: address("run", kind().run(one)) }, kind().name(one)),
+      el("button", { type: "button", "aria-label": WORDS.takeOut(kind().name(one)), onclick: () => untick(key) }, "✕"),
+    );
+  const spare = view.rows.querySelector("input") || view.form.elements.text;
+  keyed(view.chips, [...view.ticked], ([key]) => key, chip, spare);
+}
+
+function untick(key) {
+  view.ticked.delete(key);
+  drawFound();
+  compare();
+}
+
+// Loads the spectra of what is ticked, and no other, and draws them.
+async function compare() {
+  const mine = view;
+  drawTicked();
+  const turn = (mine.comparison += 1);
+  if (!mine.ticked.size) return;
+  mine.panel ||= comparing(mine.ctx, mine.holder);
+  const ticked = [...mine.ticked.values()];
+  const late = setTimeout(() => text(mine.overlaid, WORDS.loading), TYPING_MS);
+  const got = await Promise.all(ticked.map((one) => mine.shelf.of(kind().run(one)).catch(() => null)));
+  clearTimeout(late);
+  if (view === mine && turn === mine.comparison) overlay(ticked, got);
+}
+
+function overlay(ticked, got) {
+  const each = Math.max(1, Math.floor(MOST_CURVES / ticked.length));
+  const spectra = ticked.map((one, place) => chosen(one, got[place] || []));
+  const curves = ticked.flatMap((one, place) => {
+    const run = kind().run(one);
+    return spectra[place].slice(0, each).map((found) => curve(run, found, WORDS.spectrumOf(run, named(found.name))));
+  });
+  view.panel.show({ curves, models: [] });
+  const left = spectra.reduce((sum, one) => sum + Math.max(0, one.length - each), 0);
+  const called = (isMeant) => ticked.filter((_, place) => isMeant(place)).map((one) => kind().name(one));
+  const failed = called((place) => !got[place]);
+  const empty = called((place) => got[place] && !spectra[place].length);
+  text(
+    view.overlaid,
+    WORDS.overlay(curves.length, ticked.length) +
+      (left ? WORDS.left(left) : "") +
+      (empty.length ? WORDS.without(empty) : "") +
+      (failed.length ? WORDS.notLoaded(failed) : ""),
+  );
+}
+
+// ---- the view -----------------------------------------------------------------------------------
+
+function build(parent, query) {
+  view.said = el("p", { role: "status" }, WORDS.looking);
+  view.damaged = el("div", { class: "note", hidden: true });
+  view.full = el("p", { class: "quiet", id: "fd-full" });
+  view.moreButton = el("button", { type: "button", hidden: true, onclick: more }, WORDS.more);
+  view.tableHolder = el("div", {});
+  view.results = el("div", { hidden: true }, view.full, view.tableHolder);
+  view.chips = el("ul", { class: "fd-chips" });
+  view.holder = el("div", {});
+  view.overlaid = el("p", { class: "quiet", role: "status" });
+  view.compared = el(
+    "section",
+    { hidden: true, "aria-labelledby": "fd-compared" },
+    el("h3", { id: "fd-compared" }, WORDS.compared),
+    view.chips,
+    view.overlaid,
+    view.holder,
+  );
+  begin(
+    parent,
+    WORDS.title,
+    form(query),
+    el("section", {}, view.said, view.damaged, view.results, el("div", { class: "acts" }, view.moreButton)),
+    view.compared,
+  );
+}
+
+export async function open(parent, { query }, ctx) {
+  const wanted = query.get("of");
+  view = { kind: Object.hasOwn(KINDS, wanted) ? wanted : "runs", ctx, found: [], more: null, shown: ROWS };
+  Object.assign(view, { ticked: new Map(), turn: 0, comparison: 0, shelf: shelf(ctx) });
+  Object.assign(view, { calm: calmly(again), calmCurves: calmly(compare) });
+  const mine = view;
+  build(parent, query);
+  // A link may ask for a verdict.
+  choices(view.form.elements.verdict, VERDICTS[view.kind] || []);
+  drawFields();
+  makeTable();
+  await search();
+  if (view !== mine || mine.kind === "runs") return;
+  const got = await ctx.get("/runs/find?most=1").catch(() => null);
+  if (got && view === mine) offer(got);
+}
+
+export function heard(event, data) {
+  if (!view) return;
+  if (["run", "hello", "lost"].includes(event)) view.calm.now();
+  // The curve of a run that is compared grows, or is corrected in the end.
+  const run = event === "spectrum" ? data.run : event === "run" ? data.item.run : "";
+  if (run && [...view.ticked.values()].some((one) => kind().run(one) === run)) {
+    view.shelf.forget(run);
+    view.calmCurves.now();
+  }
+}
+
+export function close() {
+  if (!view) return;
+  clearTimeout(view.typing);
+  for (const calm of [view.calm, view.calmCurves]) calm.end();
+  view = null;
+}

@@ -1,0 +1,37 @@
+//! Times as people write them.
+
+use jiff::{Timestamp, civil::Date, tz::TimeZone};
+
+/// Time as a person writes it, s since 1970. A date alone is its beginning in UTC.
+///
+/// # Errors
+/// In words, what was expected.
+pub fn unix_s(text: &str) -> Result<f64, String> {
+    if let Ok(seconds) = text.parse::<f64>()
+        && seconds.is_finite()
+    {
+        return Ok(seconds);
+    }
+    let date = || {
+        let date: Date = text.parse().ok()?;
+        Some(date.to_zoned(TimeZone::UTC).ok()?.timestamp())
+    };
+    let time = text.parse::<Timestamp>().ok().or_else(date);
+    time.map(|time| time.as_millisecond() as f64 / 1.0e3)
+        .ok_or_else(|| {
+            "expected a time as 2026-11-28, 2026-11-28T12:00:00Z or s since 1970".to_owned()
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_dates_or_seconds() {
+        assert_eq!(unix_s("12.5"), Ok(12.5));
+        assert_eq!(unix_s("1970-01-02"), Ok(86_400.0));
+        assert_eq!(unix_s("1970-01-01T01:00:00Z"), Ok(3_600.0));
+        assert!(unix_s("yesterday").is_err() && unix_s("inf").is_err());
+    }
+}

@@ -1,0 +1,9 @@
+//! Chance, for pauses: those that lost the same server do not come back together.
+
+/// A number from 0 to 1.
+pub fn chance() -> f64 {
+    let mut byte = [128];
+    // Without randomness the pause is the middle one.
+    let _ = getrandom::fill(&mut byte);
+    f64::from(byte[0]) / 255.0
+}

@@ -1,0 +1,203 @@
+//! Traces and metrics to a collector, over OTLP (HTTP with protobuf). Nothing waits for a collector:
+//! queues are bounded, threads of their own send, what does not fit or is not taken is counted, and
+//! the end takes two seconds at most.
+
+pub mod client;
+pub mod context;
+mod counted;
+pub mod endpoint;
+
+use std::{
+    process,
+    sync::{Arc, atomic::Ordering, mpsc},
+    thread,
+    time::Duration,
+};
+
+use opentelemetry::{
+    KeyValue,
+    metrics::{Meter, MeterProvider},
+    trace::TracerProvider,
+};
+use opentelemetry_otlp::{
+    MetricExporter, Protocol, RetryPolicy, SpanExporter, WithExportConfig, WithHttpConfig,
+};
+use opentelemetry_sdk::{
+    Resource,
+    metrics::SdkMeterProvider,
+    resource::{EnvResourceDetector, TelemetryResourceDetector},
+    trace::{BatchSpanProcessor, SdkTracer, SdkTracerProvider},
+};
+
+use super::terminal::remark;
+use client::{Counts, Poster, TARGET};
+use counted::Counted;
+use endpoint::Endpoints;
+
+/// Name of the service, unless `OTEL_SERVICE_NAME` gives another.
+const SERVICE: &str = "eis-bench";
+const SERVICE_VARIABLE: &str = "OTEL_SERVICE_NAME";
+/// What is left may take so long at the end.
+const END: Duration = Duration::from_secs(2);
+
+/// What goes to a collector.
+#[derive(Debug, Default)]
+pub struct Telemetry {
+    endpoints: Endpoints,
+    resource: Option<Resource>,
+    tracers: Option<SdkTracerProvider>,
+    meters: Option<SdkMeterProvider>,
+    counts: Arc<Counts>,
+}
+
+impl Telemetry {
+    /// Starts what the environment asks for. What it asks for and cannot be is told, and is off: no
+    /// measurement fails for it.
+    pub fn from_environment(instance: &str) -> Self {
+        if endpoint::is_disabled() {
+            return Self::default();
+        }
+        let started = Endpoints::from_environment().and_then(|found| Self::start(found, instance));
+        started.unwrap_or_else(|error| {
+            // Lines that begin with the program's name say how a run ended.
+            remark!("note: telemetry is off: {error}");
+            Self::default()
+        })
+    }
+
+    /// Starts traces; `instance` tells this process from others on this machine.
+    ///
+    /// # Errors
+    /// A setting of the environment that cannot be used, in words.
+    pub fn start(endpoints: Endpoints, instance: &str) -> Result<Self, String> {
+        if endpoints.is_empty() || endpoint::is_disabled() {
+            return Ok(Self::default());
+        }
+        let mut telemetry = Self {
+            endpoints,
+            resource: Some(resource(instance)),
+            ..Self::default()
+        };
+        telemetry.tracers = telemetry.tracers()?;
+        Ok(telemetry)
+    }
+
+    /// Maker of spans; none where nobody asks for them.
+    pub fn tracer(&self) -> Option<SdkTracer> {
+        let tracers = self.tracers.as_ref()?;
+        Some(tracers.tracer(SERVICE))
+    }
+
+    /// Sends metrics from now on: `define` makes the instruments.
+    ///
+    /// # Errors
+    /// As [`Telemetry::start`].
+    pub fn measure(&mut self, define: impl FnOnce(&Meter)) -> Result<(), String> {
+        let (Some(address), Some(resource)) = (&self.endpoints.metrics, &self.resource) else {
+            return Ok(());
+        };
+        let exporter = MetricExporter::builder()
+            .with_http()
+            .with_http_client(Poster::new(&self.counts))
+            .with_retry_policy(RetryPolicy::disabled())
+            .with_endpoint(address)
+            .with_protocol(Protocol::HttpBinary)
+            .build()
+            .map_err(|error| error.to_string())?;
+        let meters = SdkMeterProvider::builder()
+            .with_periodic_exporter(exporter)
+            .with_resource(resource.clone())
+            .build();
+        define(&meters.meter(SERVICE));
+        self.meters = Some(meters);
+        Ok(())
+    }
+
+    /// Counts of what was sent.
+    pub fn counts(&self) -> &Arc<Counts> {
+        &self.counts
+    }
+
+    /// Sends what is left, for two seconds at most.
+    pub fn end(&self) {
+        if self.tracers.is_none() && self.meters.is_none() {
+            return;
+        }
+        let (tracers, meters) = (self.tracers.clone(), self.meters.clone());
+        let (done, over) = mpsc::channel();
+        let work = move || {
+            let _ = tracers.map(|tracers| tracers.shutdown());
+            let _ = meters.map(|meters| meters.shutdown());
+            let _ = done.send(());
+        };
+        if thread::Builder::new()
+            .name("telemetry".to_owned())
+            .spawn(work)
+            .is_ok()
+        {
+            let _ = over.recv_timeout(END);
+        }
+        self.tell_lost();
+    }
+
+    fn tell_lost(&self) {
+        let spans = self.counts.spans.load(Ordering::Relaxed);
+        let sent = self.counts.spans_sent.load(Ordering::Relaxed);
+        if sent < spans {
+            tracing::warn!(
+                target: TARGET,
+                "telemetry: {} of {spans} spans were not taken", spans - sent
+            );
+        }
+    }
+
+    fn tracers(&self) -> Result<Option<SdkTracerProvider>, String> {
+        let (Some(address), Some(resource)) = (&self.endpoints.traces, &self.resource) else {
+            return Ok(None);
+        };
+        // One try each: while it is repeated, what comes next would be lost in its place.
+        let exporter = SpanExporter::builder()
+            .with_http()
+            .with_http_client(Poster::new(&self.counts))
+            .with_retry_policy(RetryPolicy::disabled())
+            .with_endpoint(address)
+            .with_protocol(Protocol::HttpBinary)
+            .build()
+            .map_err(|error| error.to_string())?;
+        let exporter = Counted {
+            next: exporter,
+            counts: self.counts.clone(),
+        };
+        let processor = Counted {
+            next: BatchSpanProcessor::builder(exporter).build(),
+            counts: self.counts.clone(),
+        };
+        let tracers = SdkTracerProvider::builder()
+            .with_span_processor(processor)
+            .with_resource(resource.clone());
+        Ok(Some(tracers.build()))
+    }
+}
+
+/// What says where all of it comes from; the environment may add to it and change it.
+fn resource(instance: &str) -> Resource {
+    let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let host = host.trim().to_owned();
+    let own = [
+        KeyValue::new("service.name", SERVICE),
+        KeyValue::new("service.version", env!("CARGO_PKG_VERSION")),
+        KeyValue::new("service.instance.id", format!("{host}:{instance}")),
+        KeyValue::new("host.name", host),
+        KeyValue::new("process.pid", i64::from(process::id())),
+    ];
+    let resource = Resource::builder_empty()
+        .with_attributes(own)
+        .with_detectors(&[
+            Box::new(TelemetryResourceDetector),
+            Box::new(EnvResourceDetector::new()),
+        ]);
+    match std::env::var(SERVICE_VARIABLE) {
+        Ok(name) if !name.is_empty() => resource.with_service_name(name).build(),
+        _ => resource.build(),
+    }
+}
