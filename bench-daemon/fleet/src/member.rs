@@ -148,7 +148,8 @@ impl Member {
 
     /// Tells how the bench is, where that is due; whether it is signed on.
     async fn tell(&mut self, condition: &Condition) -> Result<bool, FleetError> {
-        let record = record(&self.shared, &self.obedience, condition);
+        let record = record(&self.shared, &self.obedience, &self.standing());
+        let record = record.with(condition);
         let before = self.post.told_state();
         let is_signed_on = self.post.tell(&record).await?;
         if before != self.post.told_state() {
@@ -200,31 +201,24 @@ impl Member {
     }
 }
 
-/// A bench as it tells of itself now.
-fn record(shared: &Shared, obedience: &Obedience, condition: &Condition) -> BenchRecord {
+/// A bench as it tells of itself, under what stands for it.
+fn record(shared: &Shared, obedience: &Obedience, standing: &Standing) -> BenchRecord {
     let bench = obedience.bench();
-    let place = Place::new(&shared.site, &bench.name());
-    let standing = shared.orders.get(&place.key()).map(|seen| seen.value);
-    let standing = standing.unwrap_or_default();
     let said = standing.hold.as_ref().or(standing.stop.as_ref());
-    let held = condition.held.clone();
     BenchRecord {
-        held: held.or_else(|| said.map(|said| format!("{} (fleet: {})", said.why, said.by))),
+        place: Place::new(&shared.site, &bench.name()),
+        held: said.map(|said| format!("{} (fleet: {})", said.why, said.by)),
         draining: standing.drain.is_some(),
         job: obedience.jobs().into_iter().next(),
         nonce: shared.nonce.clone(),
         home: shared.home.clone(),
         capabilities: bench.capabilities(),
-        state: match condition.state {
-            BenchState::Idle if said.is_some() => BenchState::Held,
-            state => state,
-        },
-        run: condition.run.clone(),
-        left_s: condition.left_s,
-        verified: condition.verified,
+        state: BenchState::Held,
+        run: None,
+        left_s: None,
+        verified: None,
         lease_s: shared.lease_s,
         left: false,
-        place,
     }
 }
 
@@ -252,18 +246,18 @@ async fn answer(shared: &Shared, obedience: &Obedience, message: &async_nats::Me
         Question::Look => None,
     };
     let place = Place::new(&shared.site, &obedience.bench().name());
-    let followed = match shared.link.standing(&place).await {
-        Ok(standing) => obedience.follow(&standing.value).await,
-        Err(error) => Err(error),
+    let standing = shared.link.standing(&place).await.map(|found| found.value);
+    let followed = match &standing {
+        Ok(standing) => obedience.follow(standing).await,
+        Err(error) => Err(error.clone()),
     };
     if let Err(error) = followed {
         tracing::warn!("fleet: {place}: {error}");
     }
-    let record = record(shared, obedience, &obedience.bench().condition());
-    let jobs = obedience.jobs();
+    let record = record(shared, obedience, &standing.unwrap_or_default());
     let answer = BenchAnswer {
-        record,
-        jobs,
+        record: record.with(&obedience.bench().condition()),
+        jobs: obedience.jobs(),
         report,
     };
     shared.link.answer(message, &answer).await;

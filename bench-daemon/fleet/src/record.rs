@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     job::Place,
-    local::{BenchState, Capabilities},
+    local::{BenchState, Capabilities, Condition},
     standing::Said,
 };
 
@@ -38,6 +38,24 @@ pub(crate) struct BenchRecord {
     pub(crate) lease_s: f64,
     /// Its process has signed off.
     pub(crate) left: bool,
+}
+
+impl BenchRecord {
+    /// The same with what the bench itself tells. Its own reason of a hold comes first.
+    pub(crate) fn with(self, condition: &Condition) -> Self {
+        let state = match condition.state {
+            BenchState::Idle if self.held.is_some() => BenchState::Held,
+            state => state,
+        };
+        Self {
+            held: condition.held.clone().or(self.held),
+            run: condition.run.clone(),
+            left_s: condition.left_s,
+            verified: condition.verified,
+            state,
+            ..self
+        }
+    }
 }
 
 /// A question to a bench.

@@ -1,6 +1,6 @@
 //! Follows standing orders, each once, whether it was heard at once or after a cut.
 
-use std::sync::{Arc, Mutex as Short, PoisonError};
+use std::sync::{Arc, Mutex as Short, MutexGuard, PoisonError};
 
 use tokio::sync::Mutex;
 
@@ -25,6 +25,8 @@ pub(crate) struct Obedience {
     followed: Mutex<Option<Followed>>,
     /// Jobs that the bench has, by its intents.
     jobs: Short<Vec<String>>,
+    /// Number of the stop that is under way: it was heard at once.
+    stopping: Short<Option<String>>,
 }
 
 impl Obedience {
@@ -35,6 +37,7 @@ impl Obedience {
             desk: desk.clone(),
             followed: Mutex::default(),
             jobs: Short::default(),
+            stopping: Short::default(),
         }
     }
 
@@ -56,15 +59,23 @@ impl Obedience {
 
     /// Stops the bench now, whatever runs on it.
     pub(super) async fn stop(&self, said: &Said) -> serde_json::Value {
+        *self.stopping() = Some(said.id.clone());
         let report = self.bench.stop(&through_the_fleet(&said.by)).await;
-        let verified = report["verified"] == true;
-        let outcome = format!("stopped; verified: {verified}");
-        self.note(said, "stop", outcome).await;
+        let outcome = match (&report["verified"], &report["simulated"]) {
+            (serde_json::Value::Bool(true), _) => "stopped and verified off",
+            (_, serde_json::Value::Bool(true)) => "stopped; the bench is simulated",
+            _ => "NOT VERIFIED OFF",
+        };
+        self.note(said, "stop", outcome.to_owned()).await;
         let mut followed = self.followed.lock().await;
         if let Err(error) = self.keep(&mut followed, |kept| kept.stop = Some(said.id.clone())) {
             tracing::error!("fleet: {error}");
         }
         report
+    }
+
+    fn stopping(&self) -> MutexGuard<'_, Option<String>> {
+        self.stopping.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Follows what stands and was not yet followed.
@@ -93,7 +104,10 @@ impl Obedience {
             self.note(&said, "hold", outcome).await;
             self.keep(&mut followed, |kept| kept.hold = Some(said.id))?;
         }
-        if let Some(said) = is_new(&standing.stop, &known.stop) {
+        let stopping = self.stopping().clone();
+        if let Some(said) = is_new(&standing.stop, &known.stop)
+            && stopping.as_ref() != Some(&said.id)
+        {
             self.late_stop(&said).await?;
             self.keep(&mut followed, |kept| kept.stop = Some(said.id))?;
         }
