@@ -245,19 +245,10 @@ fn status(args: &StatusArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What a verification has found.
-#[derive(Debug, Default, Serialize)]
-struct Verified {
-    runs: usize,
-    files: usize,
-    bytes: u64,
-    wrong: Vec<String>,
-}
-
 async fn verify(args: &VerifyArgs) -> Result<(), Failure> {
     let open = Open::of(&args.config)?;
     let mut verifier = Verifier::of(&open.store);
-    let mut verified = Verified::default();
+    let mut verified = print::Verified::default();
     let found = match args.all {
         true => {
             let mut found = Vec::new();

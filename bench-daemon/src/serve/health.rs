@@ -32,7 +32,7 @@ pub struct Health {
     stop: AtomicBool,
 }
 
-/// What was noted.
+/// Notes so far.
 #[derive(Debug, Clone, Default)]
 pub struct Noted {
     /// The disk of the data folder, once it was looked at.

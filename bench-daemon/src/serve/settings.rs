@@ -103,7 +103,7 @@ struct RawArchive {
     thin: RawThin,
 }
 
-/// What is moved from the run folders into the archive.
+/// Captures that are moved from the run folders into the archive.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawThin {

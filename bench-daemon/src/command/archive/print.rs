@@ -1,9 +1,18 @@
 //! What `archive` prints.
 
 use bench_archive::receipt::Kept;
+use serde::Serialize;
 
-use super::Verified;
 use crate::{serve::archive::ArchiveNow, support::terminal::say};
+
+/// Findings of a verification.
+#[derive(Debug, Default, Serialize)]
+pub(super) struct Verified {
+    pub(super) runs: usize,
+    pub(super) files: usize,
+    pub(super) bytes: u64,
+    pub(super) wrong: Vec<String>,
+}
 
 /// A run that is in the archive now.
 pub(super) fn archived(run: &str, kept: &Kept) {

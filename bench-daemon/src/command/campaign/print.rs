@@ -36,7 +36,7 @@ fn percent(share: f64) -> String {
     format!("{:.3} %", 100.0 * share)
 }
 
-/// What came of a campaign.
+/// Result of a campaign.
 pub(super) fn report(judged: &CampaignReport) {
     say!(
         "campaign {}: {} models with {} RC pairs",

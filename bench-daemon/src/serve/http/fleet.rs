@@ -153,7 +153,7 @@ pub struct FleetJob {
     cell: Option<String>,
     /// How often it was put into the queue.
     turn: u32,
-    /// What is to be said of it.
+    /// Remarks on it, in words.
     words: String,
 }
 
@@ -219,7 +219,7 @@ pub struct FleetWhy {
     why: Option<String>,
 }
 
-/// What came of an order to a bench.
+/// Result of an order to a bench.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct FleetOutcome {
     /// Its site.
@@ -234,13 +234,13 @@ pub struct FleetOutcome {
     held: Option<String>,
     /// Every output is known to be off; null where the bench was not heard.
     outputs_verified: Option<bool>,
-    /// What is to be said of it.
+    /// Remarks on it, in words.
     words: String,
     /// Report of a stop, as `POST /benches/B/stop` of its own server answers.
     report: Option<serde_json::Value>,
 }
 
-/// What came of a stop of all benches.
+/// Result of a stop of all benches.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct FleetStopped {
     /// Each bench.

@@ -22,7 +22,7 @@ pub struct Metric {
     pub kind: Kind,
     /// Its unit by UCUM, as OpenTelemetry wants it; empty for a state.
     pub unit: &'static str,
-    /// What it is, in one sentence.
+    /// Its meaning, in one sentence.
     pub help: &'static str,
     /// Its values now, one for each set of labels.
     pub read: fn(&Snapshot<'_>) -> Vec<Sample>,

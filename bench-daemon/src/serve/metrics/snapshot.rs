@@ -18,7 +18,7 @@ pub struct Snapshot<'a> {
     pub live: Vec<Live>,
     /// Places in the queue.
     pub queue: Vec<Item>,
-    /// What was noted.
+    /// Notes of disk, controls and ends of runs.
     pub noted: Noted,
     /// Now, s since 1970.
     pub unix_s: f64,

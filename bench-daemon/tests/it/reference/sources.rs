@@ -488,6 +488,8 @@ impl Serde {
                     "rename" => found.rename = value,
                     "rename_all" => found.rename_all = value,
                     "default" => found.default = Some(value),
+                    // How it is written, which nobody types.
+                    "skip_serializing_if" => {}
                     "deny_unknown_fields" => found.deny_unknown_fields = true,
                     other => panic!("serde({other}) is not known to the reference"),
                 }

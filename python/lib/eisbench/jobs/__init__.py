@@ -78,9 +78,9 @@ def run(
 
     ``spectra`` is a store, a folder of Parquet files in long form, a file of such a table, a
     catalogue, or a table in memory; for :func:`replay` and :func:`diagnose` a store. ``out`` is the
-    folder of the job. Both may be addresses of an object store. ``engine`` is ``local`` (threads on all cores), ``ray`` (the cluster that
-    ``ray.init`` has joined) or ``spark`` (the active session); workers on other machines must see
-    ``spectra`` and ``out`` under the same names. ``rows`` are those of a shard.
+    folder of the job. Both may be addresses of an object store. ``engine`` is ``local`` (threads on
+    all cores), ``ray`` (the cluster that ``ray.init`` has joined) or ``spark`` (the active session);
+    workers on other machines must see ``spectra`` and ``out`` under the same names. ``rows`` are those of a shard.
 
     A call that was killed is made again: what is done stays done. So it is with spectra that came
     later. A spectrum without a result has the reason in ``error``.
