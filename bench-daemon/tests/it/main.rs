@@ -18,6 +18,7 @@ mod bench_lease;
 mod benches;
 mod book;
 mod campaign;
+mod campaign_benches;
 mod catalog;
 mod collector;
 mod commands;
