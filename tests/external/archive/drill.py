@@ -10,7 +10,6 @@ import hashlib
 import json
 import os
 import random
-import resource
 import shutil
 import socket
 import sys
@@ -197,8 +196,6 @@ async def drill(self: Drill, kills: int) -> None:
         assert found["runs"] == found["lists"] == self.count and not found["unknown"], found
         self.tell("time of the pushes, s", f"{self.took_s:.0f}")
         self.tell("processor time of the pushes, s", f"{self.cpu_s:.1f}")
-        peak_mb = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1000
-        self.tell("most memory of a push, MB", f"{peak_mb:.0f}")
         before = proxy.requests
         code, out, _ = await self.archive("push", "--json")
         assert code == 0 and json.loads(out)["unchanged"] == self.count, out

@@ -1,5 +1,6 @@
 """The tables of a store, read as they are by programs that others wrote."""
 
+import os
 import shutil
 from pathlib import Path
 
@@ -29,7 +30,7 @@ def by_duckdb(folder: Path, column: str | None) -> tuple:
         f"SELECT count(*), count(DISTINCT run_sha256), count(DISTINCT bench), "
         f"round(sum({column or 0}), 3), max(schema_version), max(site) "
         f"FROM read_parquet('{folder}/**/*.parquet', hive_partitioning=true)"
-    ).fetchone()
+    ).fetchall()[0]
 
 
 def by_polars(folder: Path, column: str | None) -> tuple:
@@ -57,9 +58,11 @@ def by_pyspark(folder: Path, column: str | None) -> tuple:
     """The same."""
     from pyspark.sql import SparkSession, functions
 
+    os.environ["SPARK_LOCAL_IP"] = "127.0.0.1"
     spark = (
         SparkSession.builder.master("local[1]").appName("archive")
-        .config("spark.ui.enabled", "false").config("spark.driver.host", "127.0.0.1")
+        .config("spark.ui.enabled", "false")
+        .config("spark.ui.showConsoleProgress", "false").config("spark.driver.host", "127.0.0.1")
         .config("spark.driver.bindAddress", "127.0.0.1").getOrCreate()
     )
     spark.sparkContext.setLogLevel("ERROR")
