@@ -84,7 +84,7 @@ impl Broker {
     fn submit(&self, files: &Files, more: &[&str]) -> String {
         let experiment = files.experiment();
         let arguments = ["submit", experiment.to_str().unwrap()];
-        let submitted = self.fleet(&[&arguments, more].concat());
+        let submitted = self.fleet(&[&arguments[..], more].concat());
         submitted["jobs"][0].as_str().unwrap().to_owned()
     }
 
@@ -208,7 +208,8 @@ fn a_server_that_is_killed_goes_on_with_its_job_and_a_server_without_a_fleet_has
     let jobs: Vec<String> = (0..5).map(|_| broker.submit(&files, &[])).collect();
     for _ in 0..3 {
         poll("a job that is started", || {
-            let counts = &broker.fleet(&["status"])["jobs"];
+            let status = broker.fleet(&["status"]);
+            let counts = &status["jobs"];
             (counts["started"] != 0 || counts["done"] == 5).then_some(())
         });
         served.process.0.kill().unwrap();
