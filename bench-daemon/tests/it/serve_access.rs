@@ -69,6 +69,8 @@ fn every_call_wants_its_scope_and_no_other() {
         any,
         [
             "/api/v1/benches/demo/stop",
+            "/api/v1/fleet/benches/{site}/demo/stop",
+            "/api/v1/fleet/stop",
             "/api/v1/stop",
             "/api/v1/whoami"
         ]
