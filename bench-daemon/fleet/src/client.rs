@@ -113,12 +113,24 @@ impl Client {
     /// # Errors
     /// A submission that is not as expected; a broker that does not answer.
     pub async fn submit(&self, submission: &Submission) -> Result<Vec<String>, FleetError> {
-        check(submission)?;
-        let text_sha256 = self.keep_text(&submission.text).await?;
+        self.submit_all(std::slice::from_ref(submission)).await
+    }
+
+    /// Puts several experiments into the queue, in their order; returns the names of the jobs.
+    ///
+    /// # Errors
+    /// As [`Client::submit`]; some of the jobs may be in the queue then.
+    pub async fn submit_all(&self, all: &[Submission]) -> Result<Vec<String>, FleetError> {
+        all.iter().try_for_each(check)?;
         let batch = batch()?;
-        let all =
-            (0..submission.count).map(|index| job_of(submission, &batch, index, &text_sha256));
-        let jobs: Vec<Job> = all.collect();
+        let mut jobs: Vec<Job> = Vec::new();
+        for submission in all {
+            let text_sha256 = self.keep_text(&submission.text).await?;
+            for index in 0..submission.count {
+                let name = format!("{batch}-{:05}", jobs.len() + 1);
+                jobs.push(job_of(submission, name, index, &text_sha256));
+            }
+        }
         for some in jobs.chunks(AT_ONCE) {
             let put = join_all(some.iter().map(|job| self.put(job))).await;
             put.into_iter().collect::<Result<(), _>>()?;
@@ -463,9 +475,9 @@ fn batch() -> Result<String, FleetError> {
     Ok(format!("{}-{}", now.strftime("%Y%m%dT%H%M%S"), random()?))
 }
 
-fn job_of(submission: &Submission, batch: &str, index: usize, text_sha256: &str) -> Job {
+fn job_of(submission: &Submission, job: String, index: usize, text_sha256: &str) -> Job {
     Job {
-        job: format!("{batch}-{:05}", index + 1),
+        job,
         name: submission.name.clone(),
         state: JobState::Queued,
         needs: submission.needs.clone(),

@@ -16,14 +16,15 @@ pub struct Written {
 }
 
 impl CampaignFile {
-    /// The experiment of a visit as text. Paths in it are as `path` makes them of those of the file.
+    /// The experiment of a visit as text. Paths in it are as `path` makes them of those of the file;
+    /// the bench is another one where that is given.
     ///
     /// # Errors
     /// The experiment file is no TOML.
     pub fn text(
         &self,
         visit: &Visit,
-        seed: u64,
+        bench: Option<String>,
         path: impl Fn(&str) -> String,
     ) -> Result<String, ConfigError> {
         let source = &self.experiment;
@@ -36,11 +37,10 @@ impl CampaignFile {
                 *text = path(text);
             }
         }
-        if let (Some(toml::Value::String(text)), Some(file)) =
-            (table.get_mut("bench"), &self.benches[visit.bench].file)
-        {
-            *text = path(&absolute(file));
+        if let Some(bench) = bench {
+            table.insert("bench".to_owned(), bench.into());
         }
+        let seed = self.seed_of(visit);
         table.insert("name".to_owned(), self.name.clone().into());
         table.insert("seed".to_owned(), toml::Value::Integer(seed.cast_signed()));
         let mut specimen = toml::Table::new();
@@ -69,20 +69,19 @@ impl CampaignFile {
     pub fn write(&self, design: &Design, out: &Path) -> Result<Written, ConfigError> {
         let mut written = Written::default();
         for (bench, visits) in self.benches.iter().zip(&design.benches) {
-            if bench.file.is_none() {
+            let Some(bench_file) = &bench.file else {
                 let reason = format!(
                     "expected the file of bench {:?}, from which its experiments are made; or \
                     submit the campaign to a fleet",
                     bench.name
                 );
                 return Err(self.experiment.complain("benches.file", reason));
-            }
+            };
             let folder = out.join(bench.name.replace('/', "_"));
             std::fs::create_dir_all(&folder).map_err(|error| self.unwritten(&folder, &error))?;
             for (number, visit) in (1..).zip(visits) {
-                let text = self.text(visit, self.seed_of(visit), |path| {
-                    self.path_from_anywhere(path)
-                })?;
+                let bench = Some(absolute(bench_file));
+                let text = self.text(visit, bench, |path| self.path_from_anywhere(path))?;
                 let name = format!(
                     "{number:0width$}_{}_{}.toml",
                     visit.cell.name,

@@ -2,6 +2,7 @@
 //! server; no daemon of the fleet is needed for it.
 
 mod args;
+mod campaign;
 mod print;
 
 use std::{fs, path::Path};
@@ -60,6 +61,13 @@ async fn act(args: &FleetArgs) -> Result<(), Failure> {
                 return say_json(&serde_json::json!({ "jobs": jobs }));
             }
             jobs.iter().for_each(|job| say!("{job}"));
+        }
+        Act::Campaign { file } => {
+            let jobs = campaign::submit(&client, &section.name, file).await?;
+            if args.json {
+                return say_json(&serde_json::json!({ "jobs": jobs }));
+            }
+            say!("{} jobs", jobs.len());
         }
         Act::Cancel { job } => {
             client.cancel(job, &by()).await.map_err(failed)?;

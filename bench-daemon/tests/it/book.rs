@@ -547,7 +547,10 @@ const NOT_PLAYED: [NotPlayed; 8] = [
     },
     NotPlayed {
         reason: "it needs a file of several benches, which the test of campaigns writes",
-        blocks: &["campaign.md: eis-bench campaign plan batch.toml --out experiments"],
+        blocks: &[
+            "campaign.md: eis-bench campaign plan batch.toml --out experiments",
+            "campaign.md: eis-bench fleet --config serve.toml campaign batch.toml",
+        ],
     },
     NotPlayed {
         reason: "it builds or installs what the tests have built",

@@ -52,6 +52,13 @@ pub(super) enum Act {
     Status(StatusArgs),
     /// Put an experiment into the queue; the first bench that is free and fits takes it.
     Submit(SubmitArgs),
+    /// Put the experiments of a campaign over benches into the queue, each for its bench and in its
+    /// order; those that are there already are left out.
+    Campaign {
+        /// The file of the campaign; its benches are named SITE/BENCH, or BENCH alone.
+        #[arg(value_name = "FILE")]
+        file: PathBuf,
+    },
     /// Take a job that waits out of the queue.
     Cancel {
         /// The job.

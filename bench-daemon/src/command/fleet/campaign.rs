@@ -1,0 +1,79 @@
+//! Puts a campaign over benches into the queue of a fleet.
+
+use std::{collections::BTreeSet, path::Path};
+
+use bench_fleet::{
+    Client, Needs, Submission,
+    view::{JobFilter, MOST_JOBS},
+};
+
+use super::{by, failed};
+use crate::{
+    campaign::{CampaignFile, Design, Visit},
+    safety::failure::Failure,
+};
+
+/// Submits what is not there yet; returns the names of the new jobs. A visit is known again by its
+/// seed, which follows from the campaign's file.
+pub(super) async fn submit(
+    client: &Client,
+    fleet: &str,
+    file: &Path,
+) -> Result<Vec<String>, Failure> {
+    let file = CampaignFile::read(file)?;
+    let known = seeds(client, fleet, &file.name).await?;
+    let design = Design::of(&file);
+    let turns = design.benches.iter().map(Vec::len).max().unwrap_or(0);
+    // In turn over the benches: none waits for the whole plan of another.
+    let visits = (0..turns)
+        .flat_map(|turn| design.benches.iter().filter_map(move |all| all.get(turn)))
+        .filter(|visit| !known.contains(&file.seed_of(visit)));
+    let all = visits
+        .map(|visit| submission(&file, visit))
+        .collect::<Result<Vec<Submission>, Failure>>()?;
+    client.submit_all(&all).await.map_err(failed)
+}
+
+/// Seeds of the jobs of a campaign that are on record.
+async fn seeds(client: &Client, fleet: &str, campaign: &str) -> Result<BTreeSet<u64>, Failure> {
+    let looking = client.seer(fleet).await.map_err(failed)?;
+    let mut seeds = BTreeSet::new();
+    let mut filter = JobFilter {
+        state: None,
+        open: false,
+        campaign: Some(campaign.to_owned()),
+        after: None,
+        most: MOST_JOBS,
+    };
+    loop {
+        let page = looking.seer.jobs(&filter);
+        seeds.extend(page.jobs.iter().filter_map(|view| view.job.seed));
+        filter.after = page.after;
+        if filter.after.is_none() {
+            return Ok(seeds);
+        }
+    }
+}
+
+fn submission(file: &CampaignFile, visit: &Visit) -> Result<Submission, Failure> {
+    let seed = file.seed_of(visit);
+    let name = &file.benches[visit.bench].name;
+    let (site, bench) = match name.split_once('/') {
+        Some((site, bench)) => (Some(site), bench),
+        None => (None, name.as_str()),
+    };
+    Ok(Submission {
+        name: file.name.clone(),
+        text: file.text(visit, None, str::to_owned)?,
+        needs: Needs {
+            site: site.map(str::to_owned),
+            bench: Some(bench.to_owned()),
+            ..Needs::default()
+        },
+        count: 1,
+        seed: Some(seed),
+        campaign: Some(file.name.clone()),
+        cell: Some(visit.cell.name.clone()),
+        by: by(),
+    })
+}
