@@ -17,6 +17,7 @@ use instruments::clock::{Clock, TimeMode};
 
 use super::printed::say_json;
 use crate::{
+    campaign::CampaignFile,
     safety::failure::Failure,
     serve::{fleet_settings::FleetSection, settings::Settings, submission},
     support::{account, terminal::say},
@@ -63,7 +64,10 @@ async fn act(args: &FleetArgs) -> Result<(), Failure> {
             jobs.iter().for_each(|job| say!("{job}"));
         }
         Act::Campaign { file } => {
-            let jobs = campaign::submit(&client, &section.name, file).await?;
+            let file = CampaignFile::read(file)?;
+            let known = campaign::seeds(&client, &section.name, &file.name).await;
+            let all = campaign::missing(&file, &known.map_err(failed)?, &by())?;
+            let jobs = client.submit_all(&all).await.map_err(failed)?;
             if args.json {
                 return say_json(&serde_json::json!({ "jobs": jobs }));
             }

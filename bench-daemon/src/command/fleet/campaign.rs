@@ -1,42 +1,40 @@
 //! Puts a campaign over benches into the queue of a fleet.
 
-use std::{collections::BTreeSet, path::Path};
+use std::collections::BTreeSet;
 
 use bench_fleet::{
-    Client, Needs, Submission,
+    Client, FleetError, Needs, Submission,
     view::{JobFilter, MOST_JOBS},
 };
 
-use super::{by, failed};
 use crate::{
     campaign::{CampaignFile, Design, Visit},
-    safety::failure::Failure,
+    config::ConfigError,
 };
 
-/// Submits what is not there yet; returns the names of the new jobs. A visit is known again by its
-/// seed, which follows from the campaign's file.
-pub(super) async fn submit(
-    client: &Client,
-    fleet: &str,
-    file: &Path,
-) -> Result<Vec<String>, Failure> {
-    let file = CampaignFile::read(file)?;
-    let known = seeds(client, fleet, &file.name).await?;
-    let design = Design::of(&file);
+/// Jobs of a campaign that are not in `known`, the seeds of those that are on record. A visit is
+/// known again by its seed, which follows from the campaign's file.
+pub(super) fn missing(
+    file: &CampaignFile,
+    known: &BTreeSet<u64>,
+    by: &str,
+) -> Result<Vec<Submission>, ConfigError> {
+    let design = Design::of(file);
     let turns = design.benches.iter().map(Vec::len).max().unwrap_or(0);
     // In turn over the benches: none waits for the whole plan of another.
     let visits = (0..turns)
         .flat_map(|turn| design.benches.iter().filter_map(move |all| all.get(turn)))
         .filter(|visit| !known.contains(&file.seed_of(visit)));
-    let all = visits
-        .map(|visit| submission(&file, visit))
-        .collect::<Result<Vec<Submission>, Failure>>()?;
-    client.submit_all(&all).await.map_err(failed)
+    visits.map(|visit| submission(file, visit, by)).collect()
 }
 
 /// Seeds of the jobs of a campaign that are on record.
-async fn seeds(client: &Client, fleet: &str, campaign: &str) -> Result<BTreeSet<u64>, Failure> {
-    let looking = client.seer(fleet).await.map_err(failed)?;
+pub(super) async fn seeds(
+    client: &Client,
+    fleet: &str,
+    campaign: &str,
+) -> Result<BTreeSet<u64>, FleetError> {
+    let looking = client.seer(fleet).await?;
     let mut seeds = BTreeSet::new();
     let mut filter = JobFilter {
         state: None,
@@ -55,7 +53,7 @@ async fn seeds(client: &Client, fleet: &str, campaign: &str) -> Result<BTreeSet<
     }
 }
 
-fn submission(file: &CampaignFile, visit: &Visit) -> Result<Submission, Failure> {
+fn submission(file: &CampaignFile, visit: &Visit, by: &str) -> Result<Submission, ConfigError> {
     let seed = file.seed_of(visit);
     let name = &file.benches[visit.bench].name;
     let (site, bench) = match name.split_once('/') {
@@ -74,6 +72,6 @@ fn submission(file: &CampaignFile, visit: &Visit) -> Result<Submission, Failure>
         seed: Some(seed),
         campaign: Some(file.name.clone()),
         cell: Some(visit.cell.name.clone()),
-        by: by(),
+        by: by.to_owned(),
     })
 }
