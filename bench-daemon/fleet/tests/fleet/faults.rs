@@ -263,7 +263,10 @@ async fn play(drill: Drill) {
     assert!(twice.is_empty(), "{twice:?}");
     assert_eq!(never.count(), 0);
     assert_eq!(seen.driven_by_two, 0);
-    assert_eq!(seen.ends, drill.jobs);
+    // A machine can be lost after the end of its run and before that was reported: a person who puts
+    // the job back has it run a second time, and both runs end.
+    let most = drill.jobs + stage.tally.released;
+    assert!((drill.jobs..=most).contains(&seen.ends), "{}", seen.ends);
     assert_eq!(seen.begins.len(), drill.jobs);
 }
 
