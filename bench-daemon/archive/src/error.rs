@@ -59,9 +59,9 @@ pub enum ArchiveError {
         store: String,
         /// The object.
         path: String,
-        /// What was sent.
+        /// SHA-256 and size that were sent.
         expected: String,
-        /// What came back.
+        /// SHA-256 and size that came back.
         found: String,
     },
     /// A file of the store that is none of this program.

@@ -122,7 +122,7 @@ pub struct RunList {
     pub placed: Placed,
     /// Name of its folder.
     pub name: String,
-    /// What the same run was before it changed.
+    /// Identity of the same run before it changed.
     pub supersedes: Option<String>,
     /// Its files, by path.
     pub files: Vec<FileEntry>,

@@ -54,7 +54,7 @@ pub struct Now {
     pub operator: Option<String>,
     /// A run whose journal tells no end is pushed, too.
     pub unfinished: bool,
-    /// What is in the store is read back, though its receipt says that it is there.
+    /// Reads back the objects in the store, though its receipt says that it is there.
     pub again: bool,
 }
 
@@ -205,7 +205,7 @@ impl<'a> Pusher<'a> {
         Ok(Outcome::Archived(kept))
     }
 
-    /// What the receipt says, where nothing has changed since.
+    /// Record of the receipt, where nothing has changed since.
     fn unchanged(&self, receipt: &Receipt, stamp: &str, now: &Now) -> Option<Kept> {
         let is_there = receipt.store == self.store.name()
             && receipt.stale.is_empty()
@@ -241,7 +241,7 @@ impl<'a> Pusher<'a> {
         })
     }
 
-    /// What is kept, where only the stamp of the folder has changed and not what is in it.
+    /// Record that is kept, where only the stamp of the folder has changed and not what is in it.
     fn same_content(
         &self,
         receipt: &mut Receipt,
@@ -448,7 +448,7 @@ struct RowsAt {
     rows_stay: bool,
 }
 
-/// What was sent of a run.
+/// Parts of a run that were sent.
 struct Sent {
     placed: Placed,
     tables: Vec<FileEntry>,

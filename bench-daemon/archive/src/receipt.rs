@@ -1,4 +1,4 @@
-//! What became of a run in a store: one small file for each run, in the data folder.
+//! Receipts of runs in a store: one small file for each run, in the data folder.
 
 use std::{
     fs::{self, File},
@@ -21,7 +21,7 @@ const PARTIAL: &str = "partial";
 /// File in it that whoever works on the archive holds.
 const LOCK: &str = "lock";
 
-/// What became of a run.
+/// Fate of a run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Receipt {
@@ -55,7 +55,7 @@ pub struct Kept {
     pub sent_bytes: u64,
     /// When it was verified, s since 1970.
     pub verified_unix_s: f64,
-    /// What it was before, where it has changed.
+    /// Its identity before, where it has changed.
     pub supersedes: Option<String>,
     /// Its rows.
     pub tables: Vec<FileEntry>,

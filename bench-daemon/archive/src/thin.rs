@@ -19,7 +19,7 @@ use crate::{
 /// Captures that are checked before they are removed together.
 const AT_ONCE: usize = 32;
 
-/// What is moved, and when.
+/// Rule for captures that are moved, and when.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ThinPolicy {
     /// Time since the verified upload after which captures are moved, s.

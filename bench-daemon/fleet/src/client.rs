@@ -1,4 +1,4 @@
-//! What people ask of a fleet: submit, cancel, put back, hold, drain, stop.
+//! Requests of people to a fleet: submit, cancel, put back, hold, drain, stop.
 
 use std::{sync::Arc, time::Duration};
 
@@ -10,7 +10,7 @@ use sha2::{Digest, Sha256};
 use crate::{
     error::FleetError,
     job::{Asked, Job, JobState, Needs, Place, is_plain},
-    link::{Link, Stored, Swap, Write, random},
+    link::{Link, Stored, Swap, Write, hex, random},
     record::{BenchAnswer, BenchRecord, Question},
     settings::FleetSettings,
     standing::{OrderKind, Said},
@@ -67,7 +67,7 @@ pub struct Command {
     pub why: String,
 }
 
-/// What came of an order to a bench.
+/// Result of an order to a bench.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Outcome {
     /// Its site.
@@ -82,7 +82,7 @@ pub struct Outcome {
     pub held: Option<String>,
     /// Every output is known to be off; none where the bench was not heard, or runs.
     pub verified: Option<bool>,
-    /// What is to be said of it.
+    /// Remarks on it, in words.
     pub words: String,
     /// Report of a stop by the bench's own server.
     pub report: Option<serde_json::Value>,
@@ -140,8 +140,7 @@ impl Client {
 
     /// Keeps the text of an experiment under its own hash.
     async fn keep_text(&self, text: &str) -> Result<String, FleetError> {
-        let hash = Sha256::digest(text.as_bytes());
-        let key: String = hash.iter().map(|byte| format!("{byte:02x}")).collect();
+        let key = hex(&Sha256::digest(text.as_bytes()));
         let texts = &self.link.texts;
         if texts.get::<String>(&key).await?.is_none() {
             // Somebody who was faster has written the same.

@@ -28,7 +28,7 @@ pub enum FleetError {
     Record {
         /// Key of the record.
         key: String,
-        /// What does not fit.
+        /// Reason, in words.
         reason: String,
     },
     /// The file system.

@@ -82,7 +82,7 @@ impl Fleet {
         joined.is_some_and(|joined| joined.shared.link.is_connected())
     }
 
-    /// What a person asks for through this daemon.
+    /// Requests of people through this daemon.
     ///
     /// # Errors
     /// A broker that was never there since the start.

@@ -213,7 +213,7 @@ pub struct Job {
     /// SHA-256 of the list of the run's files, once it is done.
     #[serde(default)]
     pub run_sha256: Option<String>,
-    /// What is to be said of it, the latest.
+    /// Latest remark on it, in words.
     #[serde(default)]
     pub words: String,
     /// Benches whose check has refused it, and why.

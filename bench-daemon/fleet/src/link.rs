@@ -419,5 +419,10 @@ pub(crate) fn stored<T: DeserializeOwned>(entry: &kv::Entry) -> Result<Stored<T>
 pub(crate) fn random() -> Result<String, FleetError> {
     let mut bytes = [0_u8; 8];
     getrandom::fill(&mut bytes).map_err(|error| FleetError::File(error.to_string()))?;
-    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+    Ok(hex(&bytes))
+}
+
+/// Bytes in hexadecimal.
+pub(crate) fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

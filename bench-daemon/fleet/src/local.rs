@@ -1,4 +1,4 @@
-//! What a bench of this daemon must be able to do for the fleet, and what it tells of itself.
+//! Abilities that a bench of this daemon must have for the fleet, and what it tells of itself.
 
 use futures_util::future::BoxFuture;
 use serde::{Deserialize, Serialize};
@@ -91,7 +91,7 @@ pub struct End {
     pub run_sha256: Option<String>,
 }
 
-/// What became of a run of the fleet on this bench.
+/// Fate of a run of the fleet on this bench.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Fate {
     /// The bench knows nothing of it.
@@ -131,7 +131,7 @@ pub trait LocalBench: Send + Sync + 'static {
     /// Forgets what was prepared: the run never began and never will.
     fn discard(&self, order: &Order);
 
-    /// What became of a run.
+    /// Tells the fate of a run.
     fn fate(&self, run: &str) -> Fate;
 
     /// From now on nothing begins on it; what is in work goes on.

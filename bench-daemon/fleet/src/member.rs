@@ -65,7 +65,7 @@ pub(crate) struct Member {
     rhythm: Rhythm,
 }
 
-/// What comes seldom.
+/// Tasks that come seldom.
 #[derive(Debug, Default)]
 struct Rhythm {
     /// When telemetry was sent last, s.
@@ -103,7 +103,7 @@ impl Member {
         })
     }
 
-    /// What answers questions and stops, beside the work.
+    /// Answers questions and stops, beside the work.
     pub(crate) fn obedience(&self) -> Arc<Obedience> {
         self.obedience.clone()
     }

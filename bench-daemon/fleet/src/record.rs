@@ -1,4 +1,4 @@
-//! What a bench tells of itself to the fleet, and how it is asked.
+//! Record of a bench for the fleet, and how a bench is asked.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,7 +8,7 @@ use crate::{
     standing::Said,
 };
 
-/// What a bench tells of itself.
+/// Record that a bench keeps of itself.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct BenchRecord {
     /// The bench.

@@ -25,7 +25,7 @@ pub enum OrderKind {
     Hold,
     /// No further job is taken; what the bench has goes on.
     Drain,
-    /// What runs ends now, in safe state, and nothing begins behind it.
+    /// Ends whatever runs, in safe state, and nothing begins behind it.
     Stop,
     /// The fleet's hold, drain and stop are taken back.
     Release,

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use super::{CampaignFile, Design, Visit};
 use crate::config::{ConfigError, load_experiment};
 
-/// Longest name of a run folder that is made, characters.
+/// Digits of the number that the name of a file begins with.
 const NUMBER_WIDTH: usize = 4;
 
 /// Experiments that were written.
@@ -60,8 +60,8 @@ impl CampaignFile {
         toml::to_string(&table).map_err(|error| source.complain("(whole file)", error.to_string()))
     }
 
-    /// Writes the experiments into a folder, one folder for each bench, and checks each of them as a
-    /// run would.
+    /// Writes the experiments into a folder, one folder for each bench, and checks the first of each
+    /// bench as a run would: the others differ in cell and seed only.
     ///
     /// # Errors
     /// A bench without a file; an experiment that a bench or a cell refuses; a file that cannot be

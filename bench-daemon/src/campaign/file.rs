@@ -5,9 +5,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use analysis::table::{Hash, Row, Table};
 use serde::Deserialize;
 
-use crate::config::{ConfigError, Source};
+use crate::{
+    config::{ConfigError, Source},
+    plan::Specimen,
+};
 
 /// Most cells of a campaign.
 const MOST_CELLS: usize = 100_000;
@@ -198,10 +202,9 @@ fn cells(source: &Source, raw: &Raw) -> Result<Vec<CellOfCampaign>, ConfigError>
         let reason = format!("expected 1 to {MOST_CELLS} cells, found {}", cells.len());
         return Err(source.complain("cells", reason));
     }
-    let of_name = |c: char| c.is_ascii_alphanumeric() || c == '-';
     let mut known = BTreeSet::new();
     for cell in &cells {
-        if cell.name.is_empty() || !cell.name.chars().all(of_name) {
+        if !Specimen::is_name(&cell.name) {
             let reason = format!(
                 "expected names of letters, digits and `-`, found {:?}",
                 cell.name
@@ -216,53 +219,49 @@ fn cells(source: &Source, raw: &Raw) -> Result<Vec<CellOfCampaign>, ConfigError>
     Ok(cells)
 }
 
-/// Reads a table of cells: CSV whose first line names the columns.
+/// Reads a table of cells, whose first line names the columns.
 fn table(source: &Source, path: &Path) -> Result<Vec<CellOfCampaign>, ConfigError> {
     let fail = |reason: String| source.complain("table", format!("{}: {reason}", path.display()));
-    let text = std::fs::read_to_string(path).map_err(|error| fail(error.to_string()))?;
-    let mut lines = text
-        .lines()
-        .enumerate()
-        .filter(|(_, line)| !line.trim().is_empty());
-    let head: Vec<&str> = lines
-        .next()
-        .map(|(_, line)| line.split(',').map(str::trim).collect())
-        .unwrap_or_default();
+    let table = Table::read(path, Hash::Row)
+        .map_err(|error| source.complain("table", error.to_string()))?;
     let known = ["name", "serial", "batch", "barcode"];
-    if let Some(other) = head.iter().find(|column| !known.contains(column)) {
+    if let Some(other) = table
+        .columns
+        .iter()
+        .find(|column| !known.contains(&column.as_str()))
+    {
         return Err(fail(format!(
-            "line 1: expected the columns name, serial, batch and barcode, found {other:?}"
+            "line {}: expected the columns name, serial, batch and barcode, found {other:?}",
+            table.header_line
         )));
     }
-    let place = |name: &str| head.iter().position(|column| *column == name);
-    let Some(name) = place("name") else {
-        return Err(fail(
-            "line 1: expected a column `name`, found none".to_owned(),
-        ));
+    let Some(name) = table.column("name") else {
+        return Err(fail(format!(
+            "line {}: expected a column `name`, found none",
+            table.header_line
+        )));
     };
-    lines
-        .map(|(number, line)| {
-            let fields: Vec<&str> = line.split(',').map(str::trim).collect();
-            if fields.len() != head.len() {
-                return Err(fail(format!(
-                    "line {}: expected {} fields, found {}",
-                    number + 1,
-                    head.len(),
-                    fields.len()
-                )));
-            }
-            let field = |column: &str| {
-                let text = place(column).map(|at| fields[at]);
-                text.filter(|text| !text.is_empty()).map(str::to_owned)
-            };
-            Ok(CellOfCampaign {
-                name: fields[name].to_owned(),
-                serial: field("serial"),
-                batch: field("batch"),
-                barcode: field("barcode"),
-            })
+    let cell = |row: &Row| {
+        if row.width() != table.columns.len() {
+            return Err(fail(format!(
+                "line {}: expected {} fields, found {}",
+                row.line,
+                table.columns.len(),
+                row.width()
+            )));
+        }
+        let field = |column: &str| {
+            let text = table.column(column).map(|at| row.field(at));
+            text.filter(|text| !text.is_empty()).map(str::to_owned)
+        };
+        Ok(CellOfCampaign {
+            name: row.field(name).to_owned(),
+            serial: field("serial"),
+            batch: field("batch"),
+            barcode: field("barcode"),
         })
-        .collect()
+    };
+    table.rows.iter().map(cell).collect()
 }
 
 /// The references, and the cells without them.
@@ -285,12 +284,7 @@ fn references(
             ..CellOfCampaign::default()
         })
     };
-    let of_name = |c: char| c.is_ascii_alphanumeric() || c == '-';
-    if let Some(bad) = raw
-        .references
-        .iter()
-        .find(|name| name.is_empty() || !name.chars().all(of_name))
-    {
+    if let Some(bad) = raw.references.iter().find(|name| !Specimen::is_name(name)) {
         let reason = format!("expected names of letters, digits and `-`, found {bad:?}");
         return Err(source.complain("references", reason));
     }

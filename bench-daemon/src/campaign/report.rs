@@ -12,6 +12,7 @@ use analysis::{
     catalog::{Catalog, CatalogError, query::Filter, record::CatalogFit},
     mixed::{Component, Factor, Grouped, Level, Mixed, MixedError, fit_mixed},
     numeric::stats::normal_tail,
+    validity::tail::holm,
 };
 use serde::Serialize;
 
@@ -412,17 +413,9 @@ impl Rows {
 /// Which levels do not belong to the others (Holm, 1979): the chance that any is named where none
 /// differs is [`FALSE_ALARM`].
 fn outliers(levels: &[Level]) -> Vec<bool> {
-    let mut order: Vec<usize> = (0..levels.len()).collect();
-    order.sort_by(|a, b| levels[*b].z.abs().total_cmp(&levels[*a].z.abs()));
-    let mut named = vec![false; levels.len()];
-    for (place, at) in order.into_iter().enumerate() {
-        let chance = 2.0 * normal_tail(levels[at].z.abs());
-        if chance > FALSE_ALARM / (levels.len() - place) as f64 {
-            break;
-        }
-        named[at] = true;
-    }
-    named
+    let chance = |level: &Level| 2.0 * normal_tail(level.z.abs());
+    let chances: Vec<f64> = levels.iter().map(chance).collect();
+    holm(&chances).iter().map(|p| *p <= FALSE_ALARM).collect()
 }
 
 #[cfg(test)]

@@ -101,7 +101,7 @@ fn failed(error: ArchiveError) -> Failure {
     }
 }
 
-/// What a push has done.
+/// Result of a push.
 #[derive(Debug, Default, Serialize)]
 struct Pushed {
     archived: usize,

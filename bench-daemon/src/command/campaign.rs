@@ -4,6 +4,7 @@ mod args;
 mod print;
 
 use analysis::{
+    batch::write_table,
     catalog::Catalog,
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
 };
@@ -59,7 +60,8 @@ fn judge(args: &ReportArgs) -> Result<(), Failure> {
 /// Table of the cells, and pictures.
 fn write(folder: &std::path::Path, judged: &CampaignReport) -> Result<(), Failure> {
     files::make_folder(folder)?;
-    files::write_text(folder, "cells.csv", &print::cells_csv(judged))?;
+    write_table(&folder.join("cells.csv"), &print::cell_columns(judged))
+        .map_err(|error| Failure::Analysis(error.to_string()))?;
     files::write_chart(folder, "campaign", &picture(judged))
 }
 

@@ -88,12 +88,7 @@ impl Check<'_> {
         let mut cells: Vec<Arc<Specimen>> = Vec::new();
         for (index, cell) in raw.cells.iter().enumerate() {
             let field = |part: &str| format!("campaign.cells.{}.{part}", index + 1);
-            if cell.name.is_empty()
-                || !cell
-                    .name
-                    .chars()
-                    .all(|c| c.is_ascii_alphanumeric() || c == '-')
-            {
+            if !Specimen::is_name(&cell.name) {
                 return Err(self.complain(
                     &field("name"),
                     format!(

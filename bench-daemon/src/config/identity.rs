@@ -103,8 +103,7 @@ impl RawSpecimen {
         source: &Source,
         kind: &Identity,
     ) -> Result<(Specimen, Identity), ConfigError> {
-        let of_name = |c: char| c.is_ascii_alphanumeric() || c == '-';
-        if self.name.is_empty() || !self.name.chars().all(of_name) {
+        if !Specimen::is_name(&self.name) {
             let reason = format!(
                 "expected a name of letters, digits and `-`, found {:?}",
                 self.name

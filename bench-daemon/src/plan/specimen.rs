@@ -19,6 +19,14 @@ pub struct Specimen {
     pub barcode: Option<String>,
 }
 
+impl Specimen {
+    /// Whether a text can be the name of a cell: letters, digits and `-`.
+    pub fn is_name(text: &str) -> bool {
+        let is_part = |c: char| c.is_ascii_alphanumeric() || c == '-';
+        !text.is_empty() && text.chars().all(is_part)
+    }
+}
+
 /// One run of a campaign.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CampaignRun {

@@ -1,4 +1,4 @@
-//! What a server notes about its benches and its disk, for metrics: trips, ends of runs, controls,
+//! Notes of a server about its benches and its disk, for metrics: trips, ends of runs, controls,
 //! free space. What takes a disk is looked at by a thread of its own.
 
 use std::{

@@ -49,7 +49,7 @@ pub struct Altered {
     pub what: String,
 }
 
-/// What a folder is held against its list of hashes.
+/// Comparison of a folder with its list of hashes.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct Checked {
     /// Number of its files.

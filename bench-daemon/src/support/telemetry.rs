@@ -37,10 +37,10 @@ use endpoint::Endpoints;
 /// Name of the service, unless `OTEL_SERVICE_NAME` gives another.
 const SERVICE: &str = "eis-bench";
 const SERVICE_VARIABLE: &str = "OTEL_SERVICE_NAME";
-/// What is left may take so long at the end.
+/// Longest time at the end for what is left.
 const END: Duration = Duration::from_secs(2);
 
-/// What goes to a collector.
+/// Traces and metrics to a collector.
 #[derive(Debug, Default)]
 pub struct Telemetry {
     endpoints: Endpoints,
@@ -96,12 +96,8 @@ impl Telemetry {
         let (Some(address), Some(resource)) = (&self.endpoints.metrics, &self.resource) else {
             return Ok(());
         };
-        let exporter = MetricExporter::builder()
-            .with_http()
-            .with_http_client(Poster::new(&self.counts))
-            .with_retry_policy(RetryPolicy::disabled())
-            .with_endpoint(address)
-            .with_protocol(Protocol::HttpBinary)
+        let exporter = self
+            .over_http(MetricExporter::builder().with_http(), address)
             .build()
             .map_err(|error| error.to_string())?;
         let meters = SdkMeterProvider::builder()
@@ -151,17 +147,22 @@ impl Telemetry {
         }
     }
 
-    fn tracers(&self) -> Result<Option<SdkTracerProvider>, String> {
-        let (Some(address), Some(resource)) = (&self.endpoints.traces, &self.resource) else {
-            return Ok(None);
-        };
-        // One try each: while it is repeated, what comes next would be lost in its place.
-        let exporter = SpanExporter::builder()
-            .with_http()
+    /// An exporter that posts to an address. One try each: while it is repeated, what comes next would
+    /// be lost in its place.
+    fn over_http<B: WithHttpConfig + WithExportConfig>(&self, exporter: B, address: &str) -> B {
+        exporter
             .with_http_client(Poster::new(&self.counts))
             .with_retry_policy(RetryPolicy::disabled())
             .with_endpoint(address)
             .with_protocol(Protocol::HttpBinary)
+    }
+
+    fn tracers(&self) -> Result<Option<SdkTracerProvider>, String> {
+        let (Some(address), Some(resource)) = (&self.endpoints.traces, &self.resource) else {
+            return Ok(None);
+        };
+        let exporter = self
+            .over_http(SpanExporter::builder().with_http(), address)
             .build()
             .map_err(|error| error.to_string())?;
         let exporter = Counted {
@@ -179,7 +180,7 @@ impl Telemetry {
     }
 }
 
-/// What says where all of it comes from; the environment may add to it and change it.
+/// Source of all of it, as it is told; the environment may add to it and change it.
 fn resource(instance: &str) -> Resource {
     let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let host = host.trim().to_owned();

@@ -23,7 +23,7 @@ pub(crate) struct Span {
 /// Values of metrics by name with labels, as Prometheus writes them.
 pub(crate) type Values = BTreeMap<String, f64>;
 
-/// What arrived.
+/// Requests that arrived.
 #[derive(Debug, Default)]
 pub(crate) struct Arrived {
     pub(crate) spans: Vec<Span>,

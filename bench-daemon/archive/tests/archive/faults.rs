@@ -12,7 +12,7 @@ use object_store::{
     UploadPart, memory::InMemory, path::Path,
 };
 
-/// What is to fail.
+/// Operations that are to fail.
 #[derive(Debug, Default)]
 pub(crate) struct Faults(Mutex<Plan>);
 
@@ -39,7 +39,7 @@ impl fmt::Debug for Action {
     }
 }
 
-/// What an operation does.
+/// Effect of an operation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Fate {
     Fine,

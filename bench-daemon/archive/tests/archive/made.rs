@@ -35,7 +35,7 @@ pub(crate) fn sha256(bytes: &[u8]) -> String {
 /// A data folder with run folders, and a store.
 pub(crate) struct Place {
     pub(crate) folder: tempfile::TempDir,
-    /// What the store holds, without faults.
+    /// Content of the store, without faults.
     pub(crate) inner: Arc<InMemory>,
     /// The faults of the store.
     pub(crate) faults: Arc<Faults>,
@@ -191,6 +191,11 @@ impl Made {
         bench: "b1",
         how: Some("finished"),
         large: 100,
+    };
+    /// The same with a capture that is sent in parts.
+    pub(crate) const LARGE: Self = Self {
+        large: 6_000_000,
+        ..Self::ONE
     };
 
     /// Writes its folder.

@@ -168,11 +168,7 @@ fn wrong_bytes_do_not_come_into_the_run_folder() {
 #[test]
 fn a_whole_run_comes_into_a_new_folder() {
     let place = Place::new();
-    let run = Made {
-        large: 6_000_000,
-        ..Made::ONE
-    }
-    .write(&place);
+    let run = Made::LARGE.write(&place);
     place.push(&run).unwrap();
     let out = place.runs().join("again");
     let sha256 = place.kept(&run).placed.run_sha256;

@@ -33,21 +33,13 @@ fn every_byte_of_a_run_is_there_and_a_second_push_asks_for_nothing() {
 #[test]
 fn a_push_that_ends_at_any_operation_and_is_repeated_gives_the_same_store() {
     let place = Place::new();
-    let run = Made {
-        large: 6_000_000,
-        ..Made::ONE
-    }
-    .write(&place);
+    let run = Made::LARGE.write(&place);
     place.push(&run).unwrap();
     let (wanted, operations) = (place.held(), place.faults.operations());
     assert!(operations > 20, "{operations}");
     for dead_from in 0..operations {
         let place = Place::new();
-        let run = Made {
-            large: 6_000_000,
-            ..Made::ONE
-        }
-        .write(&place);
+        let run = Made::LARGE.write(&place);
         place.faults.die_after(dead_from);
         let error = place.push(&run).unwrap_err();
         assert!(error.is_of_store() && error.may_pass(), "{error}");

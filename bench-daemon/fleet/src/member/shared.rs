@@ -1,4 +1,4 @@
-//! What the benches of a daemon share.
+//! State that the benches of a daemon share.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -7,7 +7,7 @@ use crate::{
     watched::Watched,
 };
 
-/// What the benches of a daemon share.
+/// State that the benches of a daemon share.
 pub(crate) struct Shared {
     /// The broker.
     pub(crate) link: Arc<Link>,

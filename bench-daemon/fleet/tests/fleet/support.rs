@@ -522,7 +522,7 @@ pub(crate) fn work(name: &str, count: usize) -> Submission {
     }
 }
 
-/// What the machines wrote down themselves.
+/// Ledgers that the machines wrote themselves.
 #[derive(Debug, Default)]
 pub(crate) struct Witness {
     /// Begins of each job, whatever its turn.

@@ -1,4 +1,4 @@
-//! What `archive` prints.
+//! Output of `archive`.
 
 use bench_archive::receipt::Kept;
 use serde::Serialize;

@@ -1,9 +1,9 @@
 //! Campaigns in words.
 
-use std::fmt::Write as _;
+use analysis::batch::{Cells, TableColumn};
 
 use crate::{
-    campaign::{CampaignFile, CampaignReport, Design, Quantity},
+    campaign::{CampaignFile, CampaignReport, CorrectedCell, Design, Quantity},
     support::terminal::say,
 };
 
@@ -98,28 +98,39 @@ fn quantity(quantity: &Quantity) {
     }
 }
 
-/// The cells as a table.
-pub(super) fn cells_csv(judged: &CampaignReport) -> String {
-    let mut text =
-        "quantity,unit,cell,batch,values,measured,corrected,sigma,z,outlier\n".to_owned();
-    for quantity in &judged.quantities {
-        for cell in &quantity.cells {
-            // Writing into a text cannot fail.
-            let _ = writeln!(
-                text,
-                "{},{},{},{},{},{},{},{},{},{}",
-                quantity.name,
-                quantity.unit,
-                cell.cell,
-                cell.batch.as_deref().unwrap_or_default(),
-                cell.values,
-                cell.measured,
-                cell.corrected,
-                cell.sigma,
-                cell.z,
-                u8::from(cell.is_outlier)
-            );
-        }
-    }
-    text
+/// The cells of all quantities as the columns of a table.
+pub(super) fn cell_columns(judged: &CampaignReport) -> Vec<TableColumn> {
+    let rows: Vec<(&Quantity, &CorrectedCell)> = judged
+        .quantities
+        .iter()
+        .flat_map(|quantity| quantity.cells.iter().map(move |cell| (quantity, cell)))
+        .collect();
+    let texts = |name, of: &dyn Fn(&Quantity, &CorrectedCell) -> Option<String>| TableColumn {
+        name,
+        cells: Cells::Texts(rows.iter().map(|(a, b)| of(a, b)).collect()),
+    };
+    let numbers = |name, of: &dyn Fn(&CorrectedCell) -> f64| TableColumn {
+        name,
+        cells: Cells::Numbers(rows.iter().map(|(_, cell)| Some(of(cell))).collect()),
+    };
+    let counts = |name, of: &dyn Fn(&CorrectedCell) -> usize| TableColumn {
+        name,
+        cells: Cells::Counts(rows.iter().map(|(_, cell)| count(of(cell))).collect()),
+    };
+    vec![
+        texts("quantity", &|quantity, _| Some(quantity.name.to_owned())),
+        texts("unit", &|quantity, _| Some(quantity.unit.to_owned())),
+        texts("cell", &|_, cell| Some(cell.cell.clone())),
+        texts("batch", &|_, cell| cell.batch.clone()),
+        counts("values", &|cell| cell.values),
+        numbers("measured", &|cell| cell.measured),
+        numbers("corrected", &|cell| cell.corrected),
+        numbers("sigma", &|cell| cell.sigma),
+        numbers("z", &|cell| cell.z),
+        counts("outlier", &|cell| usize::from(cell.is_outlier)),
+    ]
+}
+
+fn count(number: usize) -> u32 {
+    u32::try_from(number).unwrap_or(u32::MAX)
 }

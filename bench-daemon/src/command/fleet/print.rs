@@ -108,7 +108,7 @@ fn job_json(view: &JobView) -> Value {
     })
 }
 
-/// What came of an order.
+/// Result of an order.
 pub(super) fn outcome(outcome: &Outcome) {
     let off = match outcome.verified {
         Some(true) => "off",

@@ -530,32 +530,17 @@ fn said(why: Option<Json<FleetWhy>>) -> String {
     }
 }
 
-/// An order to a bench.
-struct BenchOrder {
-    kind: OrderKind,
-    place: Place,
-    who: String,
-    why: Option<Json<FleetWhy>>,
-}
-
-impl BenchOrder {
-    fn of(kind: OrderKind, place: Place, who: String, why: Option<Json<FleetWhy>>) -> Self {
-        Self {
-            kind,
-            place,
-            who,
-            why,
-        }
+/// Order of a caller.
+fn command(app: &App, kind: OrderKind, who: &str, why: Option<Json<FleetWhy>>) -> Command {
+    Command {
+        kind,
+        by: by(app, who),
+        why: said(why),
     }
 }
 
-async fn order(app: &App, order: BenchOrder) -> Result<Json<FleetOutcome>, Refusal> {
-    let command = Command {
-        kind: order.kind,
-        by: by(app, &order.who),
-        why: said(order.why),
-    };
-    let outcome = client(app)?.order(&order.place, &command).await?;
+async fn order(app: &App, place: &Place, command: Command) -> Result<Json<FleetOutcome>, Refusal> {
+    let outcome = client(app)?.order(place, &command).await?;
     Ok(Json(outcome.into()))
 }
 
@@ -572,15 +557,11 @@ async fn order(app: &App, order: BenchOrder) -> Result<Json<FleetOutcome>, Refus
 pub async fn hold(
     caller: Energiser,
     State(app): State<App>,
-    Path((site, bench)): Path<(String, String)>,
+    Path(place): Path<Place>,
     why: Option<Json<FleetWhy>>,
 ) -> Result<Json<FleetOutcome>, Refusal> {
-    let place = Place { site, bench };
-    order(
-        &app,
-        BenchOrder::of(OrderKind::Hold, place, caller.name, why),
-    )
-    .await
+    let command = command(&app, OrderKind::Hold, &caller.name, why);
+    order(&app, &place, command).await
 }
 
 /// Takes back what the fleet has held, drained or stopped. A hold by the bench's own server and a
@@ -597,15 +578,11 @@ pub async fn hold(
 pub async fn release(
     caller: Energiser,
     State(app): State<App>,
-    Path((site, bench)): Path<(String, String)>,
+    Path(place): Path<Place>,
     why: Option<Json<FleetWhy>>,
 ) -> Result<Json<FleetOutcome>, Refusal> {
-    let place = Place { site, bench };
-    order(
-        &app,
-        BenchOrder::of(OrderKind::Release, place, caller.name, why),
-    )
-    .await
+    let command = command(&app, OrderKind::Release, &caller.name, why);
+    order(&app, &place, command).await
 }
 
 /// A bench takes no further job of the fleet; what it has goes on.
@@ -621,15 +598,11 @@ pub async fn release(
 pub async fn drain(
     caller: Energiser,
     State(app): State<App>,
-    Path((site, bench)): Path<(String, String)>,
+    Path(place): Path<Place>,
     why: Option<Json<FleetWhy>>,
 ) -> Result<Json<FleetOutcome>, Refusal> {
-    let place = Place { site, bench };
-    order(
-        &app,
-        BenchOrder::of(OrderKind::Drain, place, caller.name, why),
-    )
-    .await
+    let command = command(&app, OrderKind::Drain, &caller.name, why);
+    order(&app, &place, command).await
 }
 
 /// Stops whatever runs on a bench of the fleet and reads every output back, by the bench's own server.
@@ -646,16 +619,16 @@ pub async fn drain(
 pub async fn stop(
     caller: Known,
     State(app): State<App>,
-    Path((site, bench)): Path<(String, String)>,
+    Path(place): Path<Place>,
     why: Option<Json<FleetWhy>>,
 ) -> Result<Json<FleetOutcome>, Refusal> {
     fleet(&app)?;
-    let (who, place) = (caller.name, Place { site, bench });
+    let who = caller.name;
     // A peer that goes away does not end it.
     let work = tokio::spawn(async move {
         let own = own_stop(&app, &place, &who);
-        let said = BenchOrder::of(OrderKind::Stop, place.clone(), who.clone(), why);
-        let through = order(&app, said);
+        let command = command(&app, OrderKind::Stop, &who, why);
+        let through = order(&app, &place, command);
         match tokio::join!(own, through) {
             (Some(report), through) => {
                 let through = through.ok().map(|through| through.0);

@@ -1,4 +1,4 @@
-//! What a metric is.
+//! Definition of a metric.
 
 use super::{sample::Sample, snapshot::Snapshot};
 
