@@ -2,9 +2,11 @@
 //! is told. After a restart the daemon goes on with what it finds here, and with nothing else.
 
 use std::{
+    collections::BTreeMap,
     fs::{self, File},
     io::Write,
     path::{Path, PathBuf},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
 use serde::{Deserialize, Serialize};
@@ -57,10 +59,12 @@ pub struct Followed {
     pub release: Option<String>,
 }
 
-/// The folder of the intents of one bench.
+/// The folder of the intents of one bench. Only this process writes it: it is read once.
 #[derive(Debug, Clone)]
 pub(crate) struct Desk {
     folder: PathBuf,
+    /// The intents as they are on disk, by their jobs; none before they were read.
+    read: Arc<Mutex<Option<BTreeMap<String, Intent>>>>,
 }
 
 const FOLLOWED: &str = "followed.json";
@@ -73,7 +77,10 @@ impl Desk {
     pub(crate) fn of(folder: &Path, bench: &str) -> Result<Self, FleetError> {
         let folder = folder.join(bench);
         fs::create_dir_all(folder.join("intents")).map_err(|error| failed(&folder, &error))?;
-        Ok(Self { folder })
+        Ok(Self {
+            folder,
+            read: Arc::default(),
+        })
     }
 
     fn path(&self, job: &str) -> PathBuf {
@@ -85,13 +92,27 @@ impl Desk {
     /// # Errors
     /// A folder or a file that cannot be read: nothing is begun then.
     pub(crate) fn all(&self) -> Result<Vec<Intent>, FleetError> {
+        let mut read = self.intents();
+        let intents = match &*read {
+            Some(intents) => intents,
+            None => read.insert(self.read()?),
+        };
+        Ok(intents.values().cloned().collect())
+    }
+
+    fn intents(&self) -> MutexGuard<'_, Option<BTreeMap<String, Intent>>> {
+        self.read.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn read(&self) -> Result<BTreeMap<String, Intent>, FleetError> {
         let folder = self.folder.join("intents");
         let entries = fs::read_dir(&folder).map_err(|error| failed(&folder, &error))?;
-        let mut found = Vec::new();
+        let mut found = BTreeMap::new();
         for entry in entries {
             let path = entry.map_err(|error| failed(&folder, &error))?.path();
             if path.extension().is_some_and(|end| end == "json") {
-                found.push(read(&path)?);
+                let intent: Intent = read(&path)?;
+                found.insert(intent.job.clone(), intent);
             }
         }
         Ok(found)
@@ -102,14 +123,24 @@ impl Desk {
     /// # Errors
     /// A file that cannot be written.
     pub(crate) fn keep(&self, intent: &Intent) -> Result<(), FleetError> {
-        write(&self.path(&intent.job), intent)
+        let mut read = self.intents();
+        write(&self.path(&intent.job), intent)?;
+        if let Some(intents) = &mut *read {
+            intents.insert(intent.job.clone(), intent.clone());
+        }
+        Ok(())
     }
 
     /// An intent that is done with.
     pub(crate) fn drop(&self, job: &str) {
         let path = self.path(job);
-        if let Err(error) = fs::remove_file(&path) {
-            tracing::error!("{}", failed(&path, &error));
+        let mut read = self.intents();
+        match (fs::remove_file(&path), &mut *read) {
+            (Err(error), _) => tracing::error!("{}", failed(&path, &error)),
+            (Ok(()), Some(intents)) => {
+                intents.remove(job);
+            }
+            (Ok(()), None) => {}
         }
     }
 

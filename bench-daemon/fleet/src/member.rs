@@ -148,7 +148,8 @@ impl Member {
 
     /// Tells how the bench is, where that is due; whether it is signed on.
     async fn tell(&mut self, condition: &Condition) -> Result<bool, FleetError> {
-        let record = record(&self.shared, &self.obedience, &self.standing());
+        let jobs = self.obedience.jobs()?;
+        let record = record(&self.shared, &self.obedience, &self.standing(), &jobs);
         let record = record.with(condition);
         let before = self.post.told_state();
         let is_signed_on = self.post.tell(&record).await?;
@@ -202,14 +203,19 @@ impl Member {
 }
 
 /// A bench as it tells of itself, under what stands for it.
-fn record(shared: &Shared, obedience: &Obedience, standing: &Standing) -> BenchRecord {
+fn record(
+    shared: &Shared,
+    obedience: &Obedience,
+    standing: &Standing,
+    jobs: &[String],
+) -> BenchRecord {
     let bench = obedience.bench();
     let said = standing.hold.as_ref().or(standing.stop.as_ref());
     BenchRecord {
         place: Place::new(&shared.site, &bench.name()),
         held: said.map(|said| format!("{} (fleet: {})", said.why, said.by)),
         draining: standing.drain.is_some(),
-        job: obedience.jobs().into_iter().next(),
+        job: jobs.first().cloned(),
         nonce: shared.nonce.clone(),
         home: shared.home.clone(),
         capabilities: bench.capabilities(),
@@ -254,10 +260,16 @@ async fn answer(shared: &Shared, obedience: &Obedience, message: &async_nats::Me
     if let Err(error) = followed {
         tracing::warn!("fleet: {place}: {error}");
     }
-    let record = record(shared, obedience, &standing.unwrap_or_default());
+    let jobs = match (obedience.jobs(), &report) {
+        (Ok(jobs), _) => jobs,
+        // A bench that does not know its jobs must not say that it has none.
+        (Err(error), None) => return tracing::warn!("fleet: {place}: {error}"),
+        (Err(_), Some(_)) => Vec::new(),
+    };
+    let record = record(shared, obedience, &standing.unwrap_or_default(), &jobs);
     let answer = BenchAnswer {
         record: record.with(&obedience.bench().condition()),
-        jobs: obedience.jobs(),
+        jobs,
         report,
     };
     shared.link.answer(message, &answer).await;

@@ -23,8 +23,6 @@ pub(crate) struct Obedience {
     desk: Desk,
     /// Orders that were followed; none before the file was read.
     followed: Mutex<Option<Followed>>,
-    /// Jobs that the bench has, by its intents.
-    jobs: Short<Vec<String>>,
     /// Number of the stop that is under way: it was heard at once.
     stopping: Short<Option<String>>,
 }
@@ -36,7 +34,6 @@ impl Obedience {
             bench: bench.clone(),
             desk: desk.clone(),
             followed: Mutex::default(),
-            jobs: Short::default(),
             stopping: Short::default(),
         }
     }
@@ -46,15 +43,13 @@ impl Obedience {
         &self.bench
     }
 
-    /// Jobs that the bench has.
-    pub(super) fn jobs(&self) -> Vec<String> {
-        let jobs = self.jobs.lock().unwrap_or_else(PoisonError::into_inner);
-        jobs.clone()
-    }
-
-    /// Says which jobs the bench has.
-    pub(super) fn has(&self, jobs: Vec<String>) {
-        *self.jobs.lock().unwrap_or_else(PoisonError::into_inner) = jobs;
+    /// Jobs that the bench has, by its intents: known from the first moment after a restart on.
+    ///
+    /// # Errors
+    /// A folder or a file that cannot be read: then nobody knows.
+    pub(super) fn jobs(&self) -> Result<Vec<String>, FleetError> {
+        let intents = self.desk.all()?;
+        Ok(intents.into_iter().map(|intent| intent.job).collect())
     }
 
     /// Stops the bench now, whatever runs on it.
@@ -121,7 +116,8 @@ impl Obedience {
         let outcome = said_of(held.await?);
         self.note(said, "stop", format!("heard through the broker: {outcome}"))
             .await;
-        if !self.jobs().is_empty() {
+        // Where nobody knows, there may be one.
+        if !self.jobs().is_ok_and(|jobs| jobs.is_empty()) {
             let (bench, by) = (self.bench.clone(), through_the_fleet(&said.by));
             // It takes as long as the run needs; heartbeats go on meanwhile.
             tokio::spawn(async move { bench.stop(&by).await });

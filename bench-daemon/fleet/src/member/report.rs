@@ -13,10 +13,7 @@ use crate::{
 impl Member {
     /// Looks at every job that the bench has.
     pub(super) async fn go_on(&mut self) -> Result<(), FleetError> {
-        let intents = self.desk.all()?;
-        let names = intents.iter().map(|intent| intent.job.clone());
-        self.obedience.has(names.collect());
-        for intent in intents {
+        for intent in self.desk.all()? {
             let run = intent.run.clone();
             match aside(&self.bench, move |bench| bench.fate(&run)).await? {
                 Fate::Going if !intent.begun => self.mark_begun(&intent)?,
@@ -173,7 +170,6 @@ impl Member {
         intent: &Intent,
     ) -> Result<(), FleetError> {
         self.desk.keep(intent)?;
-        self.obedience.has(vec![intent.job.clone()]);
         let write = Write {
             bucket: &self.shared.link.jobs,
             key: &intent.job,
@@ -189,7 +185,6 @@ impl Member {
             Swap::Written(_) => self.begin(intent).await,
             Swap::Lost => {
                 self.discard(intent).await;
-                self.obedience.has(Vec::new());
                 Ok(())
             }
         }

@@ -249,6 +249,31 @@ async fn hold_drain_stop_and_release_are_followed_once_and_outlive_a_restart() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_stop_that_was_said_while_a_daemon_was_away_ends_its_run_after_the_restart() {
+    let Some(lab) = Lab::open().await else { return };
+    let machine = lab.machine("b1", 60.0);
+    let mut daemon = lab.daemon(&machine);
+    lab.knows("b1").await;
+    let job = lab.submit(&work("work", 1)).await;
+    lab.is(&job, JobState::Started).await;
+    until("the run", 10.0, async || !machine.going().is_empty()).await;
+    daemon.kill();
+    let stop = Command {
+        kind: OrderKind::Stop,
+        by: "ann".to_owned(),
+        why: "smoke".to_owned(),
+    };
+    let place = Place::new("north", "b1");
+    let outcome = lab.people.order(&place, &stop);
+    let patience = std::time::Duration::from_secs(5);
+    let _ = crate::support::clock().deadline(patience, outcome).await;
+    assert_eq!(machine.stops.load(Ordering::SeqCst), 0);
+    daemon.start();
+    lab.is(&job, JobState::Failed).await;
+    assert_eq!(machine.stops.load(Ordering::SeqCst), 1);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_bench_that_was_cut_off_follows_a_stop_late_and_spares_what_a_person_began() {
     let Some(lab) = Lab::open().await else { return };
     let network = Network::to(lab.broker.port).await;

@@ -82,6 +82,7 @@ const WORDS = {
   stopOf: (off, n) => `${off} of ${n} ${n === 1 ? "bench" : "benches"} stopped with every output off, read back.`,
   stopSimulated: (n) => ` ${n} simulated within a run that has ended.`,
   stopUnverified: (n) => `▲ ${n} STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH. `,
+  stopMissed: (why) => `▲ FURTHER BENCHES MAY NOT HAVE BEEN REACHED (${why}). Go there. `,
   stopUnreached: (n) => `▲ ${n} NOT REACHED: nobody knows whether anything was stopped there. Go there. `,
   stopOff: (name) => `✓ ${name}: stopped, every output is off, read back.`,
   stopSim: (name) => `✓ ${name}: it is simulated within the run's process, which has ended.`,
@@ -415,10 +416,9 @@ function closeWhy() {
 // What became of a bench, by what the answer says of it. What nobody has said is not reached, and what was not read
 // back is not verified.
 function fateOf(name, found) {
-  const report = found && (found.report || ("outputs" in found ? found : null));
+  const report = found && found.report;
   const words = [found && found.words, report && report.message, ...outputsOf(report)].filter(Boolean).join("; ");
-  if (!found || found.heard === false || found.reached === false || !(report || found.heard))
-    return { name, kind: "unreached", words: words || (found && found.message) || WORDS.stopNoWord };
+  if (!found || !found.heard) return { name, kind: "unreached", words: words || WORDS.stopNoWord };
   const isOver = report && report.over !== false;
   const kind =
     isOver && report.verified === true ? "off" : isOver && report.simulated === true ? "simulated" : "unverified";
@@ -434,24 +434,24 @@ const FATES = {
   off: WORDS.stopOff,
 };
 
-// The reports of a stop, however they are wrapped, by the name of the bench.
-function reportsOf(answer, benches) {
-  const list = Array.isArray(answer) ? answer : (answer && (answer.benches || answer.reports)) || [answer];
-  const named = list.filter(Boolean).map((one) => [one.site ? WORDS.name(one) : "", one]);
-  if (benches.length === 1 && list.length === 1) return new Map([[WORDS.name(benches[0]), list[0]]]);
-  return new Map(named);
+// The outcomes of a stop, of all benches or of one, by the name of the bench.
+function reportsOf(answer) {
+  const list = answer.benches || [answer];
+  return new Map(list.map((one) => [WORDS.name(one), one]));
 }
 
 function tellStop(answer, benches) {
-  const reports = reportsOf(answer, benches);
+  const reports = reportsOf(answer);
   // A bench that answers, and was not known here, is told too.
-  const names = [...new Set([...benches.map(WORDS.name), ...[...reports.keys()].filter(Boolean)])];
+  const names = [...new Set([...benches.map(WORDS.name), ...reports.keys()])];
   const fates = names.map((name) => fateOf(name, reports.get(name)));
   const of = (kind) => fates.filter((one) => one.kind === kind);
   const count = (kind, words) => (of(kind).length ? words(of(kind).length) : "");
-  const isFine = fates.length > 0 && !of("unreached").length && !of("unverified").length;
+  const { unreached } = answer;
+  const isFine = fates.length > 0 && !unreached && !of("unreached").length && !of("unverified").length;
   // The worst first.
   const head =
+    (unreached ? WORDS.stopMissed(unreached) : "") +
     count("unreached", WORDS.stopUnreached) +
     count("unverified", WORDS.stopUnverified) +
     WORDS.stopOf(of("off").length, fates.length) +
