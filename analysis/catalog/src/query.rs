@@ -126,11 +126,11 @@ pub struct RunShown {
 
 /// A number of RC pairs, and how many runs have such a fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Order {
+pub struct Order {
     /// Number of RC pairs.
-    pub(crate) rc: u32,
+    pub rc: u32,
     /// Number of runs.
-    pub(crate) runs: u32,
+    pub runs: u32,
 }
 
 /// A place in the order of an answer.
@@ -463,7 +463,7 @@ impl Catalog {
     ///
     /// # Errors
     /// [`CatalogError`].
-    pub(crate) fn orders(&self, filter: &Filter) -> Result<Vec<Order>, CatalogError> {
+    pub fn orders(&self, filter: &Filter) -> Result<Vec<Order>, CatalogError> {
         let question = self.of_fits(filter)?;
         let select = "f.rc, count(DISTINCT f.run) FROM fit f";
         let text = question

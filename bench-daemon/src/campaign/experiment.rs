@@ -37,6 +37,12 @@ impl CampaignFile {
                 *text = path(text);
             }
         }
+        let traces = table.get_mut("traces").and_then(toml::Value::as_array_mut);
+        for trace in traces.into_iter().flatten() {
+            if let Some(toml::Value::String(text)) = trace.get_mut("file") {
+                *text = path(text);
+            }
+        }
         if let Some(bench) = bench {
             table.insert("bench".to_owned(), bench.into());
         }
@@ -77,7 +83,7 @@ impl CampaignFile {
                 );
                 return Err(self.experiment.complain("benches.file", reason));
             };
-            let folder = out.join(bench.name.replace('/', "_"));
+            let folder = out.join(bench.own_name());
             std::fs::create_dir_all(&folder).map_err(|error| self.unwritten(&folder, &error))?;
             for (number, visit) in (1..).zip(visits) {
                 let bench = Some(absolute(bench_file));

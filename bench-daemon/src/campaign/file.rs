@@ -11,6 +11,7 @@ use serde::Deserialize;
 use crate::{
     config::{ConfigError, Source},
     plan::Specimen,
+    support::confined_path::plain,
 };
 
 /// Most cells of a campaign.
@@ -57,7 +58,8 @@ struct Raw {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawBench {
-    /// Name of the bench; in a fleet with its site before it: `SITE/BENCH`.
+    /// Name of the bench; in a fleet with its site before it: `SITE/BENCH`. Two benches differ in
+    /// more than their sites.
     name: String,
     /// Path of the bench file, from the folder of this file. Left out: the bench is known to a fleet
     /// only, and no experiment for it can be written here.
@@ -92,6 +94,17 @@ pub struct BenchOfCampaign {
     pub name: String,
     /// Its file, where it is at hand.
     pub file: Option<PathBuf>,
+}
+
+impl BenchOfCampaign {
+    /// Its name without the site: what the runs of it know.
+    pub fn own_name(&self) -> &str {
+        own_name(&self.name)
+    }
+}
+
+fn own_name(name: &str) -> &str {
+    name.rsplit_once('/').map_or(name, |(_, own)| own)
 }
 
 /// File of a campaign, checked.
@@ -166,9 +179,21 @@ fn benches(source: &Source, raw: &Raw) -> Result<Vec<BenchOfCampaign>, ConfigErr
         return Err(source.complain("benches", reason));
     }
     let mut known = BTreeSet::new();
-    if let Some(twice) = raw.benches.iter().find(|bench| !known.insert(&bench.name)) {
-        let reason = format!("expected names that differ, found {:?} twice", twice.name);
-        return Err(source.complain("benches.name", reason));
+    for bench in &raw.benches {
+        let name = &bench.name;
+        if !(1..=2).contains(&name.split('/').count()) || !name.split('/').all(plain) {
+            let reason = format!(
+                "expected BENCH or SITE/BENCH, of letters, digits, `-` and `_`, found {name:?}"
+            );
+            return Err(source.complain("benches.name", reason));
+        }
+        // A run does not know the site: two of one name could not be told apart in the report.
+        let own = own_name(name);
+        if !known.insert(own) {
+            let reason =
+                format!("expected names that differ, without their sites, found {own:?} twice");
+            return Err(source.complain("benches.name", reason));
+        }
     }
     Ok(raw
         .benches

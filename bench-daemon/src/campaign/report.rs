@@ -148,17 +148,14 @@ pub fn report(
         most: MOST_FITS,
         ..Filter::default()
     };
-    let all = catalog.fits(&filter, None)?;
-    let mut orders: Vec<u32> = all.iter().map(|fit| fit.rc).collect();
-    orders.sort_unstable();
-    orders.dedup();
-    let wanted = rc.or(orders.last().copied());
-    let fits: Vec<CatalogFit> = all
-        .into_iter()
-        .filter(|fit| Some(fit.rc) == wanted)
-        .collect();
+    let orders = catalog.orders(&filter)?;
+    let wanted = rc.or(orders.last().map(|order| order.rc));
+    let fits = match wanted {
+        Some(rc) => catalog.fits(&filter, Some(rc))?,
+        None => Vec::new(),
+    };
     let Some(first) = fits.first() else {
-        let listed: Vec<String> = orders.iter().map(u32::to_string).collect();
+        let listed: Vec<String> = orders.iter().map(|order| order.rc.to_string()).collect();
         return Err(ReportError::None {
             campaign: campaign.to_owned(),
             rc: rc.map_or("any number of".to_owned(), |rc| rc.to_string()),
@@ -296,7 +293,15 @@ impl Rows {
                 levels: &benches,
             });
         }
-        if several(&self.batches) {
+        // Where a batch is not known, that is none of its own.
+        if self
+            .batches
+            .known
+            .keys()
+            .filter(|name| !name.is_empty())
+            .count()
+            > 1
+        {
             factors.push(Factor {
                 name: "batch",
                 levels: &batches,

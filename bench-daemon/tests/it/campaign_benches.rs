@@ -132,6 +132,14 @@ fn a_campaign_that_cannot_be_is_refused_with_file_and_field() {
         &format!("{head}cells = 3\nbenches_per_cell = 2\n{bench}"),
         "benches_per_cell: expected 1 to 1, the number of benches, found 2",
     );
+    refused(
+        &format!("{head}cells = 3\n{bench}[[benches]]\nname = \"south/b0\"\n"),
+        "benches.name: expected names that differ, without their sites, found \"b0\" twice",
+    );
+    refused(
+        &format!("{head}cells = 3\n[[benches]]\nname = \"../b0\"\n"),
+        "benches.name: expected BENCH or SITE/BENCH",
+    );
     refused(&format!("{head}table = \"none.csv\"\n{bench}"), "table: ");
     fs::write(lab.files.path("cells.csv"), "name,serial\nA,1\na,2\n").unwrap();
     refused(

@@ -54,7 +54,11 @@ impl Member {
         if !self.desk.all().ok()?.is_empty() || fit.is_empty() {
             return None;
         }
-        let index = chance(fit.len());
+        // No other bench takes a job that is bound to this one, and its order was planned.
+        let index = match fit[0].value.needs.bench {
+            Some(_) => 0,
+            None => chance(fit.len()),
+        };
         Some(fit.swap_remove(index))
     }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use bench_fleet::{
-    Client, FleetError, Needs, Submission,
+    Client, FleetError, JobState, Needs, Submission,
     view::{JobFilter, MOST_JOBS},
 };
 
@@ -28,7 +28,7 @@ pub(super) fn missing(
     visits.map(|visit| submission(file, visit, by)).collect()
 }
 
-/// Seeds of the jobs of a campaign that are on record.
+/// Seeds of the jobs of a campaign that are on record and were not cancelled.
 pub(super) async fn seeds(
     client: &Client,
     fleet: &str,
@@ -45,7 +45,10 @@ pub(super) async fn seeds(
     };
     loop {
         let page = looking.seer.jobs(&filter);
-        seeds.extend(page.jobs.iter().filter_map(|view| view.job.seed));
+        // What was cancelled was not done.
+        let jobs = page.jobs.iter().map(|view| &view.job);
+        let jobs = jobs.filter(|job| job.state != JobState::Cancelled);
+        seeds.extend(jobs.filter_map(|job| job.seed));
         filter.after = page.after;
         if filter.after.is_none() {
             return Ok(seeds);

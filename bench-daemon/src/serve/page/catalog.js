@@ -340,13 +340,15 @@ function become(name) {
 
 // Asks until there are `least` or no more; from a cursor on, if there is one.
 async function collect(least, after) {
+  const mine = view;
   const { path, take } = kind();
   const query = request();
   const all = { found: [], more: after };
   do {
     if (all.more) query.set("after", all.more);
-    const got = await view.ctx.get(`${path}?${query}`);
-    if (got.cells && got.tags) offer(got);
+    const got = await mine.ctx.get(`${path}?${query}`);
+    // The view may have been left meanwhile.
+    if (view === mine && got.cells && got.tags) offer(got);
     const part = take(got);
     Object.assign(all, part, { found: [...all.found, ...part.found] });
   } while (all.more && all.found.length < least);
