@@ -2,14 +2,14 @@
 //! only user of NATS.
 //!
 //! The broker arbitrates and nothing else: every change of a job is a compare-and-swap on its
-//! revision, so that no wall clock decides anything. A bench takes a job in two steps. `queued →
+//! revision, so that no wall clock decides who has a job. A bench takes a job in two steps. `queued →
 //! claimed` may be taken back by anybody once it has stood unchanged for the lease time. `claimed →
 //! started` is the one point after which a run may begin, and only a person takes it back.
 //!
 //! The daemon that owns the benches implements [`LocalBench`]; this crate knows nothing of it.
 //!
 //! In reading order: [`job`], [`standing`] (holds and stops), [`local`] (what a bench must be able
-//! to do), [`link`] (the broker), [`watched`], [`intent`] (what a restart goes on with), [`member`]
+//! to do), [`link`] (the broker), `watched`, [`intent`] (what a restart goes on with), `member`
 //! (the work of a bench), [`fleet`] (the benches of a daemon), [`client`] (what people ask for),
 //! [`view`] (the fleet as it is shown).
 

@@ -1,4 +1,4 @@
-//! The lines of [`SUMS`](super::SUMS), as `sha256sum --check` reads them, and the files that they are of.
+//! The lines of [`SUMS`], as `sha256sum --check` reads them, and the files that they are of.
 
 use std::{collections::BTreeMap, fs, io, path::Path};
 
