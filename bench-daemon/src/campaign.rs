@@ -7,6 +7,5 @@ mod file;
 mod report;
 
 pub use design::{Design, Visit};
-pub use experiment::Written;
 pub use file::{CampaignFile, CellOfCampaign};
 pub use report::{BenchOffset, CampaignReport, CorrectedCell, Quantity, ReportError, report};

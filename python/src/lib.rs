@@ -44,5 +44,6 @@ fn _eisbench(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(series::ocv, module)?)?;
     module.add_function(wrap_pyfunction!(joint::joint, module)?)?;
     module.add_function(wrap_pyfunction!(mixed::mixed, module)?)?;
+    module.add_function(wrap_pyfunction!(mixed::t_factor, module)?)?;
     Ok(())
 }

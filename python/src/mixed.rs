@@ -1,6 +1,9 @@
 //! Components of variance over a table.
 
-use analysis::mixed::{Estimate, Factor, Grouped, Level, Mixed, estimate_mixed, fit_mixed};
+use analysis::{
+    mixed::{Estimate, Factor, Grouped, Level, Mixed, estimate_mixed, fit_mixed},
+    numeric::stats,
+};
 use numpy::{IntoPyArray, PyReadonlyArray1};
 use pyo3::{prelude::*, types::PyDict};
 
@@ -53,6 +56,12 @@ pub(crate) fn mixed<'py>(
     told(py, found)
 }
 
+/// The factor t with P(|T| ≤ t) = `level` for Student's distribution.
+#[pyfunction]
+pub(crate) fn t_factor(level: f64, freedom: f64) -> f64 {
+    stats::t_factor(level, freedom)
+}
+
 fn told(py: Python<'_>, found: Mixed) -> PyResult<Bound<'_, PyDict>> {
     let told = PyDict::new(py);
     let pair = |one: &Estimate| (one.value, one.sigma);
@@ -72,7 +81,5 @@ fn told(py: Python<'_>, found: Mixed) -> PyResult<Bound<'_, PyDict>> {
         )
     });
     told.set_item("levels", levels.collect::<Vec<_>>())?;
-    told.set_item("residuals", found.residuals.into_pyarray(py))?;
-    told.set_item("deviance", found.deviance)?;
     Ok(told)
 }

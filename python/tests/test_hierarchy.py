@@ -6,7 +6,7 @@ import pytest
 from conftest import THESIS
 
 import eisbench as eb
-from eisbench._hierarchy import student
+from eisbench import _eisbench
 
 TRUTH = {"batch": 0.05, "cell": 0.03, "bench": 0.02, "residual": 0.01}
 
@@ -160,8 +160,9 @@ def test_cells_of_the_thesis():
     assert 0.002 < sds[1, 0] < 0.03 and 0.0005 < sds[1, 1] < 0.01
 
 
-def test_quantiles_of_student():
+def test_factors_of_student():
     stats = pytest.importorskip("scipy.stats")
     for freedom in (1, 2, 5, 30, 1000):
-        for p in (0.9, 0.999, 1 - 1e-6):
-            assert student(p, freedom) == pytest.approx(stats.t.ppf(p, freedom), rel=1e-4)
+        for level in (0.9, 0.999, 1 - 1e-6):
+            expected = stats.t.ppf(0.5 + 0.5 * level, freedom)
+            assert _eisbench.t_factor(level, freedom) == pytest.approx(expected, rel=1e-6)

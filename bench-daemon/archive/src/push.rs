@@ -152,11 +152,16 @@ impl<'a> Pusher<'a> {
         if receipt.kept.is_none() {
             self.store.name().clone_into(&mut receipt.store);
         }
+        // Whoever works in a folder may end and leave every file as it is: then it is looked at again.
+        let stamp = match source.is_in_use() {
+            true => String::new(),
+            false => source.stamp(),
+        };
         receipt.trouble = Some(Trouble {
             why: error.to_string(),
             unix_s: now.unix_s,
             kind,
-            stamp: source.stamp(),
+            stamp,
         });
         self.receipts.write(&receipt)
     }

@@ -76,7 +76,7 @@ pub struct Trouble {
     pub unix_s: f64,
     /// Its kind.
     pub kind: TroubleKind,
-    /// State of the run folder at that time.
+    /// State of the run folder at that time; empty where a process worked in it.
     pub stamp: String,
 }
 
@@ -104,7 +104,7 @@ pub enum RunState {
     Failed,
     /// It does not go into the store as it is.
     Refused,
-    /// It goes on, or its journal tells no end.
+    /// Its journal tells no end.
     Waiting,
 }
 

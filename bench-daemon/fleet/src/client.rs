@@ -4,17 +4,17 @@ use std::{sync::Arc, time::Duration};
 
 use futures_util::future::join_all;
 use instruments_link::clock;
-use serde::Serialize;
+use serde::de::DeserializeOwned;
 use sha2::{Digest, Sha256};
 
 use crate::{
     error::FleetError,
-    job::{Asked, Job, JobState, Needs, Place, is_plain},
-    link::{Link, Stored, Swap, Write, hex, random},
+    job::{Asked, Job, JobState, LONGEST_NAME, Needs, Place, is_plain},
+    link::{Bucket, Link, Stored, Swap, Write, hex, random},
     record::{BenchAnswer, BenchRecord, Question},
     settings::FleetSettings,
     standing::{OrderKind, Said},
-    view::Seer,
+    view::{Looks, Seer},
     watched::Watched,
 };
 
@@ -68,7 +68,7 @@ pub struct Command {
 }
 
 /// Result of an order to a bench.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
     /// Its site.
     pub site: String,
@@ -225,7 +225,7 @@ impl Client {
     /// # Errors
     /// A broker that does not answer.
     pub async fn forget(&self, older_s: f64) -> Result<usize, FleetError> {
-        let jobs = self.all_jobs().await?;
+        let jobs = self.whole::<Job>(&self.link.jobs).await?;
         let now_s = clock::unix_time_s();
         let old: Vec<_> = jobs.with(|jobs| {
             let over = jobs.iter().filter(|(_, seen)| {
@@ -277,8 +277,10 @@ impl Client {
             by: by.to_owned(),
             why: why.to_owned(),
         };
-        let seer = self.seer("").await?;
-        let places = seer.seer.places();
+        // The benches alone: a stop does not wait for the records of the jobs.
+        let benches = self.whole::<BenchRecord>(&self.link.benches).await?;
+        let places: Vec<Place> =
+            benches.with(|all| all.values().map(|seen| seen.value.place.clone()).collect());
         let said = places.iter().map(|place| self.say(place, &command));
         join_all(said).await.into_iter().collect()
     }
@@ -351,13 +353,17 @@ impl Client {
         }
     }
 
-    async fn all_jobs(&self) -> Result<Arc<Watched<Job>>, FleetError> {
-        let jobs = Watched::keeping(|_| true);
-        let (link, bucket) = (self.link.clone(), self.link.jobs.clone());
-        let follow = tokio::spawn(jobs.clone().follow(link, bucket));
-        let whole = self.until(|| jobs.is_whole()).await;
+    /// Every record of a bucket as it is now.
+    async fn whole<T>(&self, bucket: &Bucket) -> Result<Arc<Watched<T>>, FleetError>
+    where
+        T: DeserializeOwned + Clone + Send + 'static,
+    {
+        let records = Watched::keeping(|_| true);
+        let follow = records.clone().follow(self.link.clone(), bucket.clone());
+        let follow = tokio::spawn(follow);
+        let whole = self.until(|| records.is_whole()).await;
         follow.abort();
-        whole.map(|()| jobs)
+        whole.map(|()| records)
     }
 
     async fn until(&self, is_so: impl Fn() -> bool) -> Result<(), FleetError> {
@@ -393,19 +399,16 @@ impl Client {
         })
     }
 
-    /// Benches that do not answer now. Those that do are heard, however old their last word is.
-    pub async fn silent(&self, places: &[Place]) -> Vec<Place> {
+    /// Asks benches how they are now; those that do not answer are in it too.
+    pub async fn look(&self, places: &[Place]) -> Looks {
         let ask = |place: &Place| {
             let place = place.clone();
             async move {
-                let answer: Option<BenchAnswer> =
-                    self.link.ask(&place, &Question::Look, LOOK).await;
-                (place, answer.is_some())
+                let answer = self.link.ask(&place, &Question::Look, LOOK).await;
+                (place, answer.map(|answer: BenchAnswer| answer.record))
             }
         };
-        let asked = join_all(places.iter().map(ask)).await;
-        let silent = asked.into_iter().filter(|(_, heard)| !heard);
-        silent.map(|(place, _)| place).collect()
+        Looks(join_all(places.iter().map(ask)).await.into_iter().collect())
     }
 }
 
@@ -449,7 +452,7 @@ fn check(submission: &Submission) -> Result<(), FleetError> {
     let name = &submission.name;
     if !is_plain(name) {
         return unfit(format!(
-            "name: expected 1 to 60 letters, digits, `-` and `_`, found {name:?}"
+            "name: expected 1 to {LONGEST_NAME} letters, digits, `-` and `_`, found {name:?}"
         ));
     }
     if !(1..=MOST_COUNT).contains(&submission.count) {
@@ -490,7 +493,7 @@ fn job_of(submission: &Submission, job: String, index: usize, text_sha256: &str)
         cell: submission.cell.clone(),
         turn: 1,
         holder: None,
-        run_sha256: None,
+        content_sha256: None,
         words: String::new(),
         refused: std::collections::BTreeMap::new(),
     }

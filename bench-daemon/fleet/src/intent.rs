@@ -55,6 +55,8 @@ pub struct Followed {
     pub stop: Option<String>,
     /// Number of the last hold.
     pub hold: Option<String>,
+    /// Number of the last drain.
+    pub drain: Option<String>,
     /// Number of the last release.
     pub release: Option<String>,
 }

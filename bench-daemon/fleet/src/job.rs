@@ -160,8 +160,8 @@ impl std::fmt::Display for Place {
     }
 }
 
-/// Longest name of a job or an experiment, letters.
-const LONGEST_NAME: usize = 60;
+/// Longest name of a job, an experiment, a site or a bench, letters.
+pub const LONGEST_NAME: usize = 60;
 
 /// Whether a text is a name of letters, digits, `-` and `_`: nothing that leads out of a folder, or
 /// is no key of the broker.
@@ -210,9 +210,9 @@ pub struct Job {
     /// Who has it, or had it last.
     #[serde(default)]
     pub holder: Option<Holder>,
-    /// SHA-256 of the list of the run's files, once it is done.
+    /// SHA-256 of the run's `SHA256SUMS`, once it is done: a catalogue names the run by it.
     #[serde(default)]
-    pub run_sha256: Option<String>,
+    pub content_sha256: Option<String>,
     /// Latest remark on it, in words.
     #[serde(default)]
     pub words: String,
@@ -317,7 +317,7 @@ impl Job {
             } else {
                 JobState::Failed
             },
-            run_sha256: end.run_sha256.clone(),
+            content_sha256: end.content_sha256.clone(),
             words: end.words.clone(),
             ..self.clone()
         }

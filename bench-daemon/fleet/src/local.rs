@@ -87,8 +87,8 @@ pub struct End {
     pub finished: bool,
     /// How, in words.
     pub words: String,
-    /// SHA-256 of the list of its files, where it is known.
-    pub run_sha256: Option<String>,
+    /// SHA-256 of its `SHA256SUMS`, where it has one.
+    pub content_sha256: Option<String>,
 }
 
 /// Fate of a run of the fleet on this bench.
@@ -100,6 +100,15 @@ pub enum Fate {
     Going,
     /// It has ended.
     Ended(End),
+}
+
+/// Why a bench does not take a job, in words.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NotTaken {
+    /// The job does not fit this bench; another one may take it.
+    Unfit(String),
+    /// This bench can take nothing now, such as on a full disk.
+    NotNow(String),
 }
 
 /// A bench of this daemon. All but the stop may wait for a disk: they are called on a thread for
@@ -118,8 +127,8 @@ pub trait LocalBench: Send + Sync + 'static {
     /// checked. Nothing begins.
     ///
     /// # Errors
-    /// Why this bench does not take it, in words.
-    fn prepare(&self, order: &Order, text: &str) -> Result<(), String>;
+    /// Why this bench does not take it.
+    fn prepare(&self, order: &Order, text: &str) -> Result<(), NotTaken>;
 
     /// Begins a run that was prepared as soon as the bench is free. Does nothing where the bench
     /// knows a run of this name.

@@ -19,7 +19,7 @@ use crate::{
     job::{Holder, Place},
     local::{BenchState, Condition, LocalBench, Reading},
     record::{BenchAnswer, BenchRecord, Question},
-    standing::Standing,
+    standing::{Standing, through_the_fleet},
 };
 use obey::Obedience;
 use post::Post;
@@ -75,6 +75,8 @@ struct Rhythm {
     /// Among so many of the oldest jobs one is chosen: more after each job that another bench was
     /// faster to take.
     window: usize,
+    /// Nothing is taken before, s: the bench could take nothing the last time.
+    again_s: f64,
 }
 
 impl Member {
@@ -213,7 +215,7 @@ fn record(
     let said = standing.hold.as_ref().or(standing.stop.as_ref());
     BenchRecord {
         place: Place::new(&shared.site, &bench.name()),
-        held: said.map(|said| format!("{} (fleet: {})", said.why, said.by)),
+        held: said.map(|said| format!("{} ({})", said.why, through_the_fleet(&said.by))),
         draining: standing.drain.is_some(),
         job: jobs.first().cloned(),
         nonce: shared.nonce.clone(),

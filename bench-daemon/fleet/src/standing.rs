@@ -43,6 +43,11 @@ impl OrderKind {
     }
 }
 
+/// Who speaks through the fleet, as the bench's own server writes it down.
+pub fn through_the_fleet(by: &str) -> String {
+    format!("fleet: {by}")
+}
+
 /// All that stands for a bench.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]

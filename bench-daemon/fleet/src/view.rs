@@ -152,14 +152,26 @@ pub struct JobPage {
     pub after: Option<String>,
 }
 
+/// Answers of benches that were asked how they are; none of those that were not heard.
+#[derive(Debug, Default)]
+pub struct Looks(pub(crate) BTreeMap<Place, Option<BenchRecord>>);
+
+impl Looks {
+    /// Benches that did not answer.
+    pub fn silent(&self) -> Vec<&Place> {
+        let silent = self.0.iter().filter(|(_, answer)| answer.is_none());
+        silent.map(|(place, _)| place).collect()
+    }
+}
+
 /// Whoever sees the fleet.
 pub struct Seer {
     link: Arc<Link>,
     fleet: String,
     jobs: Arc<Watched<Job>>,
     benches: Arc<Watched<BenchRecord>>,
-    /// Benches that did not answer when they were asked.
-    silent: Mutex<Vec<Place>>,
+    /// Answers of the benches that were asked.
+    asked: Mutex<Looks>,
 }
 
 impl Seer {
@@ -170,7 +182,7 @@ impl Seer {
             fleet: fleet.to_owned(),
             jobs: jobs.clone(),
             benches: Watched::keeping(|_| true),
-            silent: Mutex::default(),
+            asked: Mutex::default(),
         })
     }
 
@@ -185,9 +197,10 @@ impl Seer {
         self.jobs.is_whole() && self.benches.is_whole()
     }
 
-    /// Says which benches did not answer when they were asked: they count as silent from now on.
-    pub fn silence(&self, silent: Vec<Place>) {
-        *self.silent.lock().unwrap_or_else(PoisonError::into_inner) = silent;
+    /// Takes what benches have answered: it is newer than what they told last, and those that did not
+    /// answer count as silent.
+    pub fn asked(&self, looks: Looks) {
+        *self.asked.lock().unwrap_or_else(PoisonError::into_inner) = looks;
     }
 
     /// All benches that ever signed on.
@@ -228,17 +241,16 @@ impl Seer {
 
     fn bench_views(&self) -> Vec<BenchView> {
         let now_s = self.link.clock.now_s();
-        let silent = self.silent.lock().unwrap_or_else(PoisonError::into_inner);
+        let asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
         let view = |seen: &Seen<BenchRecord>| {
-            let is_silent = silent.contains(&seen.value.place);
-            let since_s = if is_silent {
-                f64::NEG_INFINITY
-            } else {
-                seen.since_s
-            };
-            BenchView {
-                silent_s: now_s - seen.since_s,
-                ..shown(seen, now_s - since_s)
+            let silent_s = now_s - seen.since_s;
+            match asked.0.get(&seen.value.place) {
+                Some(Some(answer)) => shown(answer, 0.0),
+                Some(None) => BenchView {
+                    silent_s,
+                    ..shown(&seen.value, f64::INFINITY)
+                },
+                None => shown(&seen.value, silent_s),
             }
         };
         self.benches.with(|all| all.values().map(view).collect())
@@ -290,8 +302,7 @@ impl Seer {
 }
 
 /// A bench as it told of itself, so long ago.
-fn shown(seen: &Seen<BenchRecord>, silent_s: f64) -> BenchView {
-    let record = &seen.value;
+fn shown(record: &BenchRecord, silent_s: f64) -> BenchView {
     let is_heard = !record.left && silent_s <= record.lease_s;
     let signed_off = record.left.then(|| "its daemon has signed off".to_owned());
     BenchView {

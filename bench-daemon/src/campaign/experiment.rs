@@ -8,13 +8,6 @@ use crate::config::{ConfigError, load_experiment};
 /// Digits of the number that the name of a file begins with.
 const NUMBER_WIDTH: usize = 4;
 
-/// Experiments that were written.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Written {
-    /// Their files, for each bench in the order in which it takes them.
-    pub files: Vec<PathBuf>,
-}
-
 impl CampaignFile {
     /// The experiment of a visit as text. Paths in it are as `path` makes them of those of the file;
     /// the bench is another one where that is given.
@@ -67,13 +60,14 @@ impl CampaignFile {
     }
 
     /// Writes the experiments into a folder, one folder for each bench, and checks the first of each
-    /// bench as a run would: the others differ in cell and seed only.
+    /// bench as a run would: the others differ in cell and seed only. Returns their files, for each
+    /// bench in the order in which it takes them.
     ///
     /// # Errors
     /// A bench without a file; an experiment that a bench or a cell refuses; a file that cannot be
     /// written.
-    pub fn write(&self, design: &Design, out: &Path) -> Result<Written, ConfigError> {
-        let mut written = Written::default();
+    pub fn write(&self, design: &Design, out: &Path) -> Result<Vec<PathBuf>, ConfigError> {
+        let mut written = Vec::new();
         for (bench, visits) in self.benches.iter().zip(&design.benches) {
             let Some(bench_file) = &bench.file else {
                 let reason = format!(
@@ -99,7 +93,7 @@ impl CampaignFile {
                 if number == 1 {
                     load_experiment(&path, None)?;
                 }
-                written.files.push(path);
+                written.push(path);
             }
         }
         Ok(written)

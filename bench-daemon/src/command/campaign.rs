@@ -37,7 +37,7 @@ fn plan(args: &PlanArgs) -> Result<(), Failure> {
     print::design(&file, &design);
     if let Some(out) = &args.out {
         let written = file.write(&design, out)?;
-        say!("{} experiments in {}", written.files.len(), out.display());
+        say!("{} experiments in {}", written.len(), out.display());
     }
     Ok(())
 }

@@ -19,7 +19,9 @@ use super::printed::say_json;
 use crate::{
     campaign::CampaignFile,
     safety::failure::Failure,
-    serve::{fleet_settings::FleetSection, settings::Settings, submission},
+    serve::{
+        fleet_settings::FleetSection, fleet_told::FleetOutcome, settings::Settings, submission,
+    },
     support::{account, terminal::say},
 };
 use args::{Act, ConnectArgs, OrderArgs, StopArgs, SubmitArgs};
@@ -49,7 +51,8 @@ async fn act(args: &FleetArgs) -> Result<(), Failure> {
         Act::Status(filter) => {
             let asked = ask(&client, &section.name, filter.filter()).await?;
             if args.json {
-                return say_json(&print::json(&asked.view, &asked.page));
+                let Asked { view, page } = asked;
+                return say_json(&print::Status::of(view, page, section.server));
             }
             print::status(&asked.view, &asked.page);
         }
@@ -143,8 +146,9 @@ fn told(json: bool, what: &str, how: &str) -> Result<(), Failure> {
 /// The fleet as it is: its records, and which benches answer now.
 async fn ask(client: &Client, fleet: &str, filter: JobFilter) -> Result<Asked, Failure> {
     let looking = client.seer(fleet).await.map_err(failed)?;
-    let silent = client.silent(&looking.seer.places()).await;
-    looking.seer.silence(silent);
+    looking
+        .seer
+        .asked(client.look(&looking.seer.places()).await);
     let view = looking.seer.view();
     let page = looking.seer.jobs(&filter);
     Ok(Asked { view, page })
@@ -224,7 +228,8 @@ async fn stopped(client: &Client, stop: &StopArgs, json: bool) -> Result<(), Fai
 
 fn outcomes(all: &[Outcome], json: bool) -> Result<(), Failure> {
     if json {
-        return say_json(&all);
+        let told = all.iter().cloned().map(FleetOutcome::from);
+        return say_json(&told.collect::<Vec<_>>());
     }
     all.iter().for_each(print::outcome);
     Ok(())

@@ -1,5 +1,5 @@
 //! Sends what is to be in the archive, by processes of this program: `eis-bench archive push` after the
-//! end of each run and analysis, and at the start for what is not there yet. While the store cannot be
+//! end of each run and analysis, and at the start and every hour for what is not there yet. While the store cannot be
 //! reached it is begun again after longer and longer pauses.
 
 use std::{process::Stdio, sync::Arc};
@@ -14,6 +14,9 @@ use crate::support::chance::chance;
 const PAUSES_S: [f64; 2] = [2.0, 300.0];
 /// Time between two looks for captures that are due to be moved, s.
 const THIN_S: f64 = 6.0 * 3600.0;
+/// All runs are looked at again after so long without a push, s: one that was in use by another process
+/// when it was to be sent tells nobody that it is free.
+const LOOK_AGAIN_S: f64 = 3600.0;
 /// Time between two looks at the receipts while runs are sent, s.
 const LOOK_S: f64 = 30.0;
 /// Exit code of a push that has done its work and found runs that do not go into the store as they are.
@@ -54,7 +57,7 @@ pub async fn work(server: Arc<Server>) {
         }
         tokio::select! {
             () = keeper.more.notified() => {}
-            () = clock.sleep_s(THIN_S) => {}
+            () = clock.sleep_s(LOOK_AGAIN_S) => keeper.wanted().all = true,
         }
     }
 }

@@ -6,9 +6,10 @@ mod capabilities;
 
 use std::sync::{Arc, Weak};
 
+use analysis::run_folder::SUMS;
 use bench_fleet::{
     BenchState as State, Capabilities, Condition, End, Fate, Fleet, LocalBench, Order, Reading,
-    fleet::Joining,
+    fleet::Joining, local::NotTaken, standing::through_the_fleet,
 };
 use futures_util::{FutureExt, future::BoxFuture};
 use instruments::clock;
@@ -21,9 +22,9 @@ use super::{
     notebook::About,
     queue::{Kind, Wanted},
     stop,
-    submission::{self, ExperimentRequest, Submission},
+    submission::{self, ExperimentRequest, Refused, Submission},
 };
-use crate::{config, safety::failure::Failure};
+use crate::{config, safety::failure::Failure, support::hash};
 use capabilities::capabilities;
 
 /// The fleet's part of the data folder.
@@ -83,13 +84,18 @@ impl ServedBench {
         self.server.upgrade().ok_or_else(gone)
     }
 
-    fn submission(&self, server: &Server, order: &Order, text: &str) -> Result<Submission, String> {
+    fn submission(
+        &self,
+        server: &Server,
+        order: &Order,
+        text: &str,
+    ) -> Result<Submission, NotTaken> {
         let request = ExperimentRequest {
             name: &order.name,
             text: Some(text),
             bench: Some(&self.bench.name),
         };
-        Submission::new(&server.settings, request).map_err(|error| error.to_string())
+        Submission::new(&server.settings, request).map_err(not_taken)
     }
 
     fn wanted(&self, server: &Server, order: &Order) -> Result<Wanted, String> {
@@ -104,9 +110,16 @@ impl ServedBench {
             bench: self.bench.name.clone(),
             seed: order.seed,
             expected_s: planned.map_or(0.0, |planned| planned.expected_s),
-            by: format!("fleet: {}", short(&order.by)),
+            by: through_the_fleet(&short(&order.by)),
             unix_s: clock::unix_time_s(),
         })
+    }
+}
+
+fn not_taken(refused: Refused) -> NotTaken {
+    match refused {
+        Refused::Kept(words) => NotTaken::NotNow(words),
+        refused => NotTaken::Unfit(refused.to_string()),
     }
 }
 
@@ -138,13 +151,11 @@ impl LocalBench for ServedBench {
             .unwrap_or_default()
     }
 
-    fn prepare(&self, order: &Order, text: &str) -> Result<(), String> {
-        let server = self.server()?;
+    fn prepare(&self, order: &Order, text: &str) -> Result<(), NotTaken> {
+        let server = self.server().map_err(NotTaken::NotNow)?;
         let folder = server.settings.data.join("submitted").join(&order.run);
         let submission = self.submission(&server, order, text)?;
-        submission
-            .freeze(&folder)
-            .map_err(|error| error.to_string())
+        submission.freeze(&folder).map_err(not_taken)
     }
 
     fn begin(&self, order: &Order) -> Result<(), String> {
@@ -182,13 +193,16 @@ impl LocalBench for ServedBench {
         }
         match jobs::read(&server.settings.data, run) {
             None => Fate::Unknown,
-            Some(job) => Fate::Ended(end(job.ended)),
+            Some(job) => Fate::Ended(End {
+                content_sha256: hash::sha256_of(&server.settings.runs().join(run).join(SUMS)).ok(),
+                ..end(job.ended)
+            }),
         }
     }
 
     fn hold(&self, by: &str, why: &str) -> Result<(), String> {
         let server = self.server()?;
-        let why = format!("{} {HELD_BY_FLEET}{})", short(why), short(by));
+        let why = format!("{} ({})", short(why), through_the_fleet(&short(by)));
         let held = server.queue().hold(&self.bench.name, &why);
         server.tell_queue();
         held.map_err(|error| error.to_string())
@@ -205,7 +219,7 @@ impl LocalBench for ServedBench {
             ));
         }
         let note = format!("released: {}; it was held: {held}", short(why));
-        let by = format!("fleet: {}", short(by));
+        let by = through_the_fleet(&short(by));
         let kept = server
             .notebook
             .note(About::Bench(&self.bench.name), &by, &note);
@@ -253,7 +267,7 @@ fn end(ended: Option<Ended>) -> End {
     End {
         finished: ended.as_ref().is_some_and(|ended| ended.finished),
         words: ended.map_or_else(unknown, |ended| ended.how),
-        run_sha256: None,
+        content_sha256: None,
     }
 }
 

@@ -2,16 +2,19 @@
 
 use std::{os::unix::fs::PermissionsExt, path::PathBuf};
 
-use bench_fleet::{Credentials, FleetSettings};
+use bench_fleet::{
+    Credentials, FleetSettings,
+    job::{LONGEST_NAME, is_plain},
+};
 use serde::Deserialize;
 
 use crate::{
     config::{
-        ConfigError, Source,
+        self, ConfigError, Source,
         quantity::{Duration, Quantity},
     },
     safety::failure::Failure,
-    support::{confined_path::plain, loopback::names_loopback},
+    support::loopback::names_loopback,
 };
 
 /// A fleet of benches on a NATS server with JetStream.
@@ -61,13 +64,15 @@ pub const DEFAULT_SERVER: &str = "nats://127.0.0.1:4222";
 const LEASE_S: f64 = 30.0;
 
 impl FleetSection {
-    pub(super) fn resolve(source: &Source, raw: RawFleet) -> Result<Self, ConfigError> {
-        for (field, name) in [("fleet.name", &raw.name), ("fleet.site", &raw.site)] {
-            if !plain(name) {
-                let reason =
-                    format!("expected a name of letters, digits, `-` and `_`, found {name:?}");
-                return Err(source.complain(field, reason));
-            }
+    pub(super) fn resolve(
+        source: &Source,
+        raw: RawFleet,
+        benches: &[config::Bench],
+    ) -> Result<Self, ConfigError> {
+        let own = [("fleet.name", &raw.name), ("fleet.site", &raw.site)];
+        let benches = benches.iter().map(|bench| ("benches", &bench.name));
+        for (field, name) in own.into_iter().chain(benches) {
+            check_name(name).map_err(|reason| source.complain(field, reason))?;
         }
         let server = raw.server.unwrap_or_else(|| DEFAULT_SERVER.to_owned());
         check_server(&server).map_err(|reason| source.complain("fleet.server", reason))?;
@@ -92,11 +97,7 @@ impl FleetSection {
     /// # Errors
     /// An address or a name that is not as expected.
     pub fn of_client(name: &str, server: &str) -> Result<Self, Failure> {
-        if !plain(name) {
-            return Err(Failure::Usage(format!(
-                "--fleet: expected a name of letters, digits, `-` and `_`, found {name:?}"
-            )));
-        }
+        check_name(name).map_err(|reason| Failure::Usage(format!("--fleet: {reason}")))?;
         check_server(server).map_err(|reason| Failure::Usage(format!("--server: {reason}")))?;
         Ok(Self {
             name: name.to_owned(),
@@ -138,6 +139,16 @@ fn read_private(path: &PathBuf) -> Result<Credentials, Failure> {
     Credentials::read(&text).map_err(|error| wrong(&error))
 }
 
+/// A name that is a part of a key at the NATS server.
+fn check_name(name: &str) -> Result<(), String> {
+    let expected = || {
+        format!(
+            "expected 1 to {LONGEST_NAME} letters, digits, `-` and `_` in a fleet, found {name:?}"
+        )
+    };
+    is_plain(name).then_some(()).ok_or_else(expected)
+}
+
 /// To another machine nothing goes in clear text: a job is an experiment that lets current flow.
 fn check_server(server: &str) -> Result<(), String> {
     let expected = || {
@@ -156,6 +167,15 @@ fn check_server(server: &str) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_name_that_no_key_can_hold_is_refused() {
+        assert_eq!(check_name("hall-3_b"), Ok(()));
+        let long = "b".repeat(LONGEST_NAME + 1);
+        for name in ["", "a.b", "a/b", "a b", long.as_str()] {
+            assert!(check_name(name).is_err(), "{name:?}");
+        }
+    }
 
     #[test]
     fn nothing_goes_to_another_machine_in_clear_text() {

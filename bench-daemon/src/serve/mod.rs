@@ -23,6 +23,7 @@ pub mod draft;
 pub mod find;
 pub mod fleet;
 pub mod fleet_settings;
+pub mod fleet_told;
 pub mod follow;
 pub mod health;
 pub mod http;

@@ -335,7 +335,7 @@ impl Settings {
             },
             fleet: raw
                 .fleet
-                .map(|raw| FleetSection::resolve(&source, raw))
+                .map(|raw| FleetSection::resolve(&source, raw, &benches))
                 .transpose()?,
             notify: targets(&source, &raw.notify)?,
             proxy_host,

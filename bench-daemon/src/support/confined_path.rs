@@ -93,9 +93,13 @@ fn walk(
     Ok(())
 }
 
+/// Longest plain name, letters: a run of a fleet has the names of its experiment (60) and its job (38)
+/// and the number of its turn.
+const LONGEST_NAME: usize = 120;
+
 /// A name that can be a part of a path without being anything else.
 pub fn plain(name: &str) -> bool {
-    (1..=80).contains(&name.len())
+    (1..=LONGEST_NAME).contains(&name.len())
         && name
             .chars()
             .all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_'))

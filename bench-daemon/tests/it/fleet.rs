@@ -9,6 +9,7 @@ use std::{
     process::{Command, Stdio},
 };
 
+use bench_daemon::support::hash;
 use serde_json::Value;
 
 use crate::{
@@ -128,6 +129,8 @@ fn a_job_goes_to_the_bench_that_fits_and_its_run_is_as_any_other() {
         (told["state"] == "done").then_some(told)
     });
     assert_eq!(told["bench"], "south/second");
+    let list = data(&south, &format!("runs/{run}/SHA256SUMS"));
+    assert_eq!(told["content_sha256"], hash::sha256(list), "{told}");
     assert_eq!((&told["run"], &told["cell"]), (&run.into(), &"A7".into()));
     assert!(data(&south, "audit.jsonl").contains(&format!("fleet begin {job}")));
     // The other server shows the same, and refuses what it should.
@@ -188,6 +191,11 @@ fn a_bench_is_held_stopped_and_released_from_elsewhere_and_a_latch_is_out_of_rea
             .starts_with("new probes"),
         "{released}"
     );
+    let all = served.post("/fleet/stop", r#"{"why": "smoke"}"#);
+    let all = all.expect(200).json();
+    assert_eq!(all["benches"][0]["bench"], "demo", "{all}");
+    assert_eq!(all["benches"][0]["outputs_verified"], true, "{all}");
+    assert_eq!(all["unreached"], serde_json::Value::Null, "{all}");
     served
         .post("/fleet/benches/north/none/hold", "{}")
         .expect(404);

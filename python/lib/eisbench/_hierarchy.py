@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from statistics import NormalDist
 from typing import Any, Optional, Union, cast
 
@@ -408,7 +407,7 @@ def _odd_cells(
         except EisError:
             break
         value, sigma = found["fixed"][-1]
-        limit = student(1 - 0.5 * share / (count - step), freedom)
+        limit = _eisbench.t_factor(1 - share / (count - step), freedom)
         met.append((suspect, value / sigma, limit))
         beyond = len(met) if abs(value / sigma) > limit else beyond
         told = found["levels"][rows.factors.index("cell")][2]
@@ -423,32 +422,6 @@ def _with(rows: _Rows, column: Floats) -> _Rows:
     columns = [*rows.covariates, column]
     told = (rows.values, rows.variances, columns, rows.factors, rows.levels)
     return _Rows(*told, rows.names, rows.ids, rows.notes)
-
-
-def student(probability: float, freedom: float) -> float:
-    """Quantile of Student's distribution, by bisection of its integral."""
-    low, high = 0.0, 1e6
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if _student_below(middle, freedom) < probability else (low, middle)
-    return 0.5 * (low + high)
-
-
-@lru_cache
-def _nodes() -> tuple[Floats, Floats]:
-    return np.polynomial.legendre.leggauss(200)
-
-
-def _student_below(t: float, freedom: float) -> float:
-    """Probability below t > 0: the integral over the angle θ of t = √ν·tan θ, of cos^(ν−1) θ."""
-    angle = np.arctan(t / np.sqrt(freedom))
-    nodes, weights = _nodes()
-
-    def integral(to: float) -> float:
-        theta = 0.5 * to * (nodes + 1)
-        return float(0.5 * to * (weights @ np.cos(theta) ** (freedom - 1)))
-
-    return 0.5 + 0.5 * integral(float(angle)) / integral(0.5 * np.pi)
 
 
 class _Outliers:

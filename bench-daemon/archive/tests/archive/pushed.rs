@@ -2,8 +2,13 @@
 
 use std::{fs, path::Path};
 
-use analysis_files::run_folder::{SPECTRUM, SUMS};
-use bench_archive::{ArchiveError, push::Outcome, receipt::TroubleKind, snapshot::RunSource};
+use analysis_files::run_folder::{JOURNAL, SPECTRUM, SUMS};
+use bench_archive::{
+    ArchiveError,
+    push::Outcome,
+    receipt::{RunState, TroubleKind},
+    snapshot::RunSource,
+};
 use object_store::{ObjectStoreExt, PutPayload, path::Path as ObjectPath};
 
 use crate::made::{Made, Place, block_on, diagnosed, held, write_sums};
@@ -49,6 +54,23 @@ fn a_push_that_ends_at_any_operation_and_is_repeated_gives_the_same_store() {
         assert!(place.held() == wanted, "after {dead_from} operations");
         assert_eq!(place.receipt(&run).trouble, None);
     }
+}
+
+#[test]
+fn a_run_that_is_in_use_is_looked_at_again_though_no_file_has_changed() {
+    let place = Place::new();
+    let run = Made::ONE.write(&place);
+    let journal = fs::File::open(run.folder.join(JOURNAL)).unwrap();
+    journal.lock().unwrap();
+    let error = place.push(&run).unwrap_err();
+    assert!(matches!(error, ArchiveError::Waiting { .. }), "{error}");
+    let receipt = place.receipt(&run);
+    assert_eq!(
+        receipt.state(&receipt.store, &run.stamp()),
+        RunState::Pending
+    );
+    journal.unlock().unwrap();
+    assert!(matches!(place.push(&run).unwrap(), Outcome::Archived(_)));
 }
 
 #[test]

@@ -9,13 +9,8 @@ use crate::{
     error::FleetError,
     intent::{Desk, Followed},
     local::LocalBench,
-    standing::{Said, Standing},
+    standing::{Said, Standing, through_the_fleet},
 };
-
-/// Who speaks through the fleet, as the bench's own server writes it down.
-fn through_the_fleet(by: &str) -> String {
-    format!("fleet: {by}")
-}
 
 /// A bench that is told something.
 pub(crate) struct Obedience {
@@ -98,6 +93,11 @@ impl Obedience {
             let outcome = said_of(held.await?);
             self.note(&said, "hold", outcome).await;
             self.keep(&mut followed, |kept| kept.hold = Some(said.id))?;
+        }
+        // Whoever takes work asks what stands; here the drain is only written down.
+        if let Some(said) = is_new(&standing.drain, &known.drain) {
+            self.note(&said, "drain", said_of(Ok(()))).await;
+            self.keep(&mut followed, |kept| kept.drain = Some(said.id))?;
         }
         let stopping = self.stopping().clone();
         if let Some(said) = is_new(&standing.stop, &known.stop)

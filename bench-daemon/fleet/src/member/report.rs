@@ -8,6 +8,7 @@ use crate::{
     job::{Job, JobState},
     link::{Stored, Swap, Write},
     local::{End, Fate},
+    standing::through_the_fleet,
 };
 
 impl Member {
@@ -24,7 +25,7 @@ impl Member {
                     let end = End {
                         finished: false,
                         words,
-                        run_sha256: None,
+                        content_sha256: None,
                     };
                     self.report(&intent, &end).await?;
                 }
@@ -65,14 +66,19 @@ impl Member {
         let order = intent.order();
         let begun = aside(&self.bench, move |bench| bench.begin(&order)).await?;
         let (who, what) = (
-            format!("fleet: {}", intent.by),
+            through_the_fleet(&intent.by),
             format!("fleet begin {} as {}", intent.job, intent.run),
         );
-        let outcome = begun.clone().err().unwrap_or_else(|| "begun".to_owned());
+        let outcome = match &begun {
+            Ok(()) => {
+                self.mark_begun(intent)?;
+                "begun".to_owned()
+            }
+            Err(words) => words.clone(),
+        };
         aside(&self.bench, move |bench| bench.audit(&who, &what, &outcome)).await?;
         match begun {
             Ok(()) => {
-                self.mark_begun(intent)?;
                 self.happened("started", Some(&intent.job), &intent.run)
                     .await;
                 Ok(())
@@ -81,7 +87,7 @@ impl Member {
                 let end = End {
                     finished: false,
                     words: format!("it did not begin: {words}"),
-                    run_sha256: None,
+                    content_sha256: None,
                 };
                 self.report(intent, &end).await
             }

@@ -6,7 +6,7 @@ use crate::{
     intent::Intent,
     job::{Job, JobState},
     link::{Stored, Swap},
-    local::LocalBench,
+    local::{LocalBench, NotTaken},
     watched::Seen,
 };
 
@@ -16,6 +16,9 @@ const MOST_WINDOW: usize = 256;
 impl Member {
     /// Takes a job where one fits.
     pub(super) async fn take(&mut self) -> Result<(), FleetError> {
+        if self.shared.link.clock.now_s() < self.rhythm.again_s {
+            return Ok(());
+        }
         let Some(seen) = self.choose() else {
             return Ok(());
         };
@@ -71,8 +74,15 @@ impl Member {
         let intent = self.intent(job);
         let order = intent.order();
         let check = move |bench: &dyn LocalBench| bench.prepare(&order, &text.value);
-        if let Err(words) = aside(&self.bench, check).await? {
-            return self.refuse(&claimed, &words).await;
+        match aside(&self.bench, check).await? {
+            Ok(()) => {}
+            Err(NotTaken::Unfit(words)) => return self.refuse(&claimed, &words).await,
+            Err(NotTaken::NotNow(words)) => {
+                self.rhythm.again_s = self.shared.link.clock.now_s() + self.shared.lease_s;
+                let told = format!("{} takes nothing now: {words}", self.me.place);
+                self.put_back(&claimed, told).await?;
+                return Err(FleetError::File(words));
+            }
         }
         // What was said meanwhile counts, and so does another process under this name.
         let standing = self.shared.link.standing(&self.me.place).await?;

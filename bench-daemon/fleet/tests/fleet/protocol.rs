@@ -218,6 +218,61 @@ async fn work_goes_where_it_fits_and_a_reason_is_told_where_it_fits_nowhere() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_bench_that_can_take_nothing_now_refuses_no_job_for_good() {
+    let Some(lab) = Lab::open().await else { return };
+    let machine = lab.machine("b1", 0.1);
+    machine.is_full.store(true, Ordering::SeqCst);
+    let _daemon = lab.daemon(&machine);
+    let job = lab.submit(&work("work", 1)).await;
+    until("a job that was put back", 20.0, async || {
+        let job = lab.job(&job).await.job;
+        job.words == "north/b1 takes nothing now: no space left" && job.state == JobState::Queued
+    })
+    .await;
+    assert!(lab.job(&job).await.job.refused.is_empty());
+    machine.is_full.store(false, Ordering::SeqCst);
+    lab.is(&job, JobState::Done).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_stop_of_all_benches_ends_every_run_and_tells_who_was_not_heard() {
+    let Some(lab) = Lab::open().await else { return };
+    let machines = ["b1", "b2", "b3"].map(|name| lab.machine(name, 60.0));
+    let mut daemons = machines.each_ref().map(|machine| lab.daemon(machine));
+    for name in ["b1", "b2", "b3"] {
+        lab.knows(name).await;
+    }
+    let jobs = lab.people.submit(&work("work", 3)).await.unwrap();
+    for job in &jobs {
+        lab.is(job, JobState::Started).await;
+    }
+    until("three runs", 10.0, async || {
+        machines.iter().all(|machine| !machine.going().is_empty())
+    })
+    .await;
+    daemons[2].kill();
+    let stopped = lab.people.stop_all("ann", "smoke").await.unwrap();
+    let told: Vec<_> = stopped
+        .iter()
+        .map(|one| (one.bench.as_str(), one.kept, one.heard, one.verified))
+        .collect();
+    assert_eq!(
+        told,
+        [
+            ("b1", true, true, Some(true)),
+            ("b2", true, true, Some(true)),
+            ("b3", true, false, None)
+        ]
+    );
+    assert!(machines[0].going().is_empty() && machines[1].going().is_empty());
+    daemons[2].start();
+    until("the stop that was heard late", 20.0, async || {
+        machines[2].going().is_empty()
+    })
+    .await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn hold_drain_stop_and_release_are_followed_once_and_outlive_a_restart() {
     let Some(lab) = Lab::open().await else { return };
     let machine = lab.machine("b1", 60.0);
@@ -227,6 +282,7 @@ async fn hold_drain_stop_and_release_are_followed_once_and_outlive_a_restart() {
     let job = lab.submit(&work("work", 1)).await;
     pause(1.5).await;
     assert_eq!(lab.job(&job).await.job.state, JobState::Queued);
+    assert!(ledger(&machine).contains("audit fleet: ann: fleet drain b1: to look at it: done"));
     lab.say("b1", OrderKind::Release).await;
     lab.is(&job, JobState::Started).await;
     until("the run", 10.0, async || !machine.going().is_empty()).await;
@@ -296,7 +352,7 @@ async fn a_bench_that_was_cut_off_follows_a_stop_late_and_spares_what_a_person_b
     persons.begin_by_hand("by-hand");
     let place = |bench| Place::new("north", bench);
     until("a bench that is silent", 20.0, async || {
-        lab.people.silent(&[place("b1")]).await.len() == 1
+        lab.people.look(&[place("b1")]).await.silent().len() == 1
     })
     .await;
     let stop = Command {

@@ -16,7 +16,7 @@ use std::{
 
 use bench_fleet::{
     BenchState, Capabilities, Client, Condition, End, Fate, Fleet, FleetSettings, LocalBench,
-    Order, Submission, fleet::Joining,
+    Order, Submission, fleet::Joining, local::NotTaken,
 };
 use futures_util::{FutureExt, future::BoxFuture};
 use instruments_link::clock::{Clock, TimeMode};
@@ -256,6 +256,8 @@ pub(crate) struct Machine {
     pub(crate) stops: AtomicUsize,
     gate: (Mutex<bool>, Condvar),
     is_off: AtomicBool,
+    /// Its disk is full.
+    pub(crate) is_full: AtomicBool,
 }
 
 impl Machine {
@@ -280,6 +282,7 @@ impl Machine {
             stops: AtomicUsize::new(0),
             gate: (Mutex::new(true), Condvar::new()),
             is_off: AtomicBool::new(false),
+            is_full: AtomicBool::new(false),
         })
     }
 
@@ -384,9 +387,13 @@ impl LocalBench for Machine {
         }
     }
 
-    fn prepare(&self, order: &Order, text: &str) -> Result<(), String> {
+    fn prepare(&self, order: &Order, text: &str) -> Result<(), NotTaken> {
         if text.contains(&format!("not {}", self.name)) {
-            return Err("the plan would leave the limits of this bench".to_owned());
+            let words = "the plan would leave the limits of this bench".to_owned();
+            return Err(NotTaken::Unfit(words));
+        }
+        if self.is_full.load(Ordering::SeqCst) {
+            return Err(NotTaken::NotNow("no space left".to_owned()));
         }
         fs::write(self.folder.join("prepared").join(&order.run), text).unwrap();
         Ok(())
@@ -419,7 +426,7 @@ impl LocalBench for Machine {
             (_, Ok(words)) => Fate::Ended(End {
                 finished: words == "finished",
                 words,
-                run_sha256: None,
+                content_sha256: None,
             }),
             (true, Err(_)) => Fate::Going,
             (false, Err(_)) => Fate::Unknown,

@@ -5,9 +5,12 @@ use bench_fleet::{
     client::Outcome,
     view::{JobPage, JobView},
 };
-use serde_json::{Value, json};
+use serde::Serialize;
 
-use crate::support::terminal::say;
+use crate::{
+    serve::fleet_told::{FleetJob, FleetJobs, FleetNow},
+    support::terminal::say,
+};
 
 /// The fleet as it is now: benches, numbers of jobs, and the jobs that were asked for.
 pub(super) fn status(view: &FleetView, page: &JobPage) {
@@ -58,54 +61,25 @@ fn job_line(view: &JobView) -> String {
     line.trim_end().to_owned()
 }
 
-/// The same for programs, as `GET /api/v1/fleet` and `GET /api/v1/fleet/jobs` name it.
-pub(super) fn json(view: &FleetView, page: &JobPage) -> Value {
-    let counts = JobState::ALL.map(|state| (state.name().to_owned(), json!(view.jobs.of(state))));
-    let lost = ("lost".to_owned(), json!(view.jobs.lost));
-    let counts: serde_json::Map<String, Value> = counts.into_iter().chain([lost]).collect();
-    json!({
-        "fleet": view.fleet,
-        "connected": view.connected,
-        "changed_unix_s": view.changed_unix_s,
-        "benches": view.benches.iter().map(bench_json).collect::<Vec<_>>(),
-        "jobs": counts,
-        "stranded": view.stranded,
-        "listed": page.jobs.iter().map(job_json).collect::<Vec<_>>(),
-        "after": page.after,
-    })
+/// The same for programs: `GET /api/v1/fleet`, and the jobs of `GET /api/v1/fleet/jobs` beside.
+#[derive(Debug, Serialize)]
+pub(super) struct Status {
+    #[serde(flatten)]
+    now: FleetNow,
+    listed: Vec<FleetJob>,
+    after: Option<String>,
 }
 
-fn bench_json(bench: &BenchView) -> Value {
-    json!({
-        "site": bench.place.site,
-        "bench": bench.place.bench,
-        "state": bench.state_name(),
-        "run": bench.run,
-        "job": bench.job,
-        "left_s": bench.left_s,
-        "capabilities": bench.capabilities,
-        "held": bench.held,
-        "outputs_verified": bench.verified,
-    })
-}
-
-fn job_json(view: &JobView) -> Value {
-    let job = &view.job;
-    let holder = job.holder.as_ref();
-    json!({
-        "job": job.job,
-        "name": job.name,
-        "state": view.state_name(),
-        "needs": job.needs,
-        "bench": holder.map(|holder| holder.place.to_string()),
-        "run": job.run(),
-        "submitted_unix_s": job.asked.unix_s,
-        "by": job.asked.by,
-        "campaign": job.campaign,
-        "cell": job.cell,
-        "turn": job.turn,
-        "words": job.words,
-    })
+impl Status {
+    /// Of a fleet on this NATS server.
+    pub(super) fn of(view: FleetView, page: JobPage, server: String) -> Self {
+        let FleetJobs { jobs, after } = page.into();
+        Self {
+            now: FleetNow::of(view, server),
+            listed: jobs,
+            after,
+        }
+    }
 }
 
 /// Result of an order.

@@ -8,10 +8,10 @@ use axum::{
     http::StatusCode,
 };
 use bench_fleet::{
-    BenchView, Client, Fleet, FleetError, FleetView, JobCounts, JobState, Needs, Place, Submission,
-    client::{Command, Outcome},
-    standing::OrderKind,
-    view::{JobFilter, JobPage, JobView, MOST_JOBS, Seer},
+    Client, Fleet, FleetError, FleetView, Place, Submission,
+    client::Command,
+    standing::{OrderKind, through_the_fleet},
+    view::{JobFilter, MOST_JOBS, Seer},
 };
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
@@ -22,6 +22,7 @@ use super::{
     problem::Refusal,
 };
 use crate::serve::{
+    fleet_told::{FleetJobs, FleetNeeds, FleetNow, FleetOutcome},
     live::StopReport,
     stop,
     submission::{name_of, text_of},
@@ -29,142 +30,6 @@ use crate::serve::{
 
 /// Jobs of one page where nothing else is asked for.
 const PAGE: usize = 100;
-
-/// The fleet as it is now.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct FleetNow {
-    /// Its name.
-    fleet: String,
-    /// The NATS server is there. Without it benches go on with what they have, and take nothing.
-    connected: bool,
-    /// Address of the NATS server.
-    server: String,
-    /// When a bench has changed last, s since 1970 by the calendar of the NATS server.
-    changed_unix_s: f64,
-    /// Its benches, those that are gone too.
-    benches: Vec<FleetBench>,
-    /// Numbers of jobs.
-    jobs: FleetJobCounts,
-    /// Jobs that wait and that no bench of the fleet can take, with the reason.
-    stranded: Vec<StrandedJob>,
-}
-
-/// A bench of the fleet.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct FleetBench {
-    /// Its site.
-    site: String,
-    /// Its name there.
-    bench: String,
-    /// `idle`, `running`, `held`, `draining`, `latched`, `asking` or `silent`.
-    state: &'static str,
-    /// Since when it was not heard, s.
-    silent_s: f64,
-    /// The run in work.
-    run: Option<String>,
-    /// The job that it has.
-    job: Option<String>,
-    /// Time left of the run, s.
-    left_s: Option<f64>,
-    /// Its properties.
-    capabilities: FleetCapabilities,
-    /// Why nothing is begun on it.
-    held: Option<String>,
-    /// Every output is known to be off; null where that is not known, or a run is in work.
-    outputs_verified: Option<bool>,
-}
-
-/// Properties of a bench.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct FleetCapabilities {
-    /// Greatest current that its instruments can drive, A.
-    current_a: f64,
-    /// Least and greatest temperature that its bath can hold, °C; null without a bath.
-    temperature_c: Option<[f64; 2]>,
-    /// Fixtures that its jig can take.
-    fixtures: Vec<String>,
-    /// Every instrument is simulated.
-    simulated: bool,
-}
-
-/// Numbers of jobs by state.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct FleetJobCounts {
-    queued: usize,
-    claimed: usize,
-    started: usize,
-    done: usize,
-    failed: usize,
-    cancelled: usize,
-    lost: usize,
-}
-
-/// A job that no bench can take.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct StrandedJob {
-    /// The job.
-    job: String,
-    /// Why the benches do not take it.
-    why: String,
-}
-
-/// Requirements of a job on its bench.
-#[derive(Debug, Default, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct FleetNeeds {
-    /// Greatest current that the bench must be able to drive, A.
-    current_a: Option<f64>,
-    /// Temperature that the bench must be able to hold, °C.
-    temperature_c: Option<f64>,
-    /// Fixture that the jig must be able to take: `cell`, `shunt`, `fake_cell` or `short`.
-    fixture: Option<String>,
-    /// This bench and no other.
-    bench: Option<String>,
-    /// A bench of this site.
-    site: Option<String>,
-    /// A simulated bench, or a real one.
-    simulated: Option<bool>,
-}
-
-/// A job.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct FleetJob {
-    /// Its name.
-    job: String,
-    /// Name of the experiment.
-    name: String,
-    /// `queued`, `claimed`, `started`, `lost`, `done`, `failed` or `cancelled`.
-    state: &'static str,
-    /// Its requirements.
-    needs: FleetNeeds,
-    /// The bench that has it, or had it last: `SITE/BENCH`.
-    bench: Option<String>,
-    /// Its run, once there may be one.
-    run: Option<String>,
-    /// SHA-256 of the list of the run's files, where it is known.
-    run_sha256: Option<String>,
-    /// When it was submitted, s since 1970.
-    submitted_unix_s: f64,
-    /// Who submitted it.
-    by: String,
-    /// Its campaign.
-    campaign: Option<String>,
-    /// Label of its cell.
-    cell: Option<String>,
-    /// How often it was put into the queue.
-    turn: u32,
-    /// Remarks on it, in words.
-    words: String,
-}
-
-/// A page of jobs.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct FleetJobs {
-    /// In the order of the queue.
-    jobs: Vec<FleetJob>,
-    /// Where to go on; null at the end.
-    after: Option<String>,
-}
 
 /// Conditions on jobs; all of them must hold.
 #[derive(Debug, Default, Deserialize, IntoParams)]
@@ -219,27 +84,6 @@ pub struct FleetWhy {
     why: Option<String>,
 }
 
-/// Result of an order to a bench.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct FleetOutcome {
-    /// Its site.
-    site: String,
-    /// The bench.
-    bench: String,
-    /// The NATS server keeps the order: a bench that is cut off follows it when it hears.
-    kept: bool,
-    /// The bench has answered.
-    heard: bool,
-    /// Why nothing is begun on it now.
-    held: Option<String>,
-    /// Every output is known to be off; null where the bench was not heard.
-    outputs_verified: Option<bool>,
-    /// Remarks on it, in words.
-    words: String,
-    /// Report of a stop, as `POST /benches/B/stop` of its own server answers.
-    report: Option<serde_json::Value>,
-}
-
 /// Result of a stop of all benches.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct FleetStopped {
@@ -259,106 +103,6 @@ impl From<FleetError> for Refusal {
             _ => return Self::machine(&error),
         };
         Self::of(status, error.to_string())
-    }
-}
-
-impl From<BenchView> for FleetBench {
-    fn from(view: BenchView) -> Self {
-        let can = &view.capabilities;
-        Self {
-            state: view.state_name(),
-            capabilities: FleetCapabilities {
-                current_a: can.current_a,
-                temperature_c: can.temperature_c,
-                fixtures: can.fixtures.clone(),
-                simulated: can.simulated,
-            },
-            site: view.place.site,
-            bench: view.place.bench,
-            silent_s: view.silent_s,
-            run: view.run,
-            job: view.job,
-            left_s: view.left_s,
-            held: view.held,
-            outputs_verified: view.verified,
-        }
-    }
-}
-
-impl From<&JobCounts> for FleetJobCounts {
-    fn from(counts: &JobCounts) -> Self {
-        Self {
-            queued: counts.of(JobState::Queued),
-            claimed: counts.of(JobState::Claimed),
-            started: counts.of(JobState::Started),
-            done: counts.of(JobState::Done),
-            failed: counts.of(JobState::Failed),
-            cancelled: counts.of(JobState::Cancelled),
-            lost: counts.lost,
-        }
-    }
-}
-
-impl From<JobView> for FleetJob {
-    fn from(view: JobView) -> Self {
-        let (state, run) = (view.state_name(), view.job.run());
-        let job = view.job;
-        Self {
-            state,
-            run,
-            bench: job.holder.map(|holder| holder.place.to_string()),
-            job: job.job,
-            name: job.name,
-            needs: job.needs.into(),
-            run_sha256: job.run_sha256,
-            submitted_unix_s: job.asked.unix_s,
-            by: job.asked.by,
-            campaign: job.campaign,
-            cell: job.cell,
-            turn: job.turn,
-            words: job.words,
-        }
-    }
-}
-
-impl From<Needs> for FleetNeeds {
-    fn from(needs: Needs) -> Self {
-        Self {
-            current_a: needs.current_a,
-            temperature_c: needs.temperature_c,
-            fixture: needs.fixture,
-            bench: needs.bench,
-            site: needs.site,
-            simulated: needs.simulated,
-        }
-    }
-}
-
-impl From<FleetNeeds> for Needs {
-    fn from(needs: FleetNeeds) -> Self {
-        Self {
-            current_a: needs.current_a,
-            temperature_c: needs.temperature_c,
-            fixture: needs.fixture,
-            bench: needs.bench,
-            site: needs.site,
-            simulated: needs.simulated,
-        }
-    }
-}
-
-impl From<Outcome> for FleetOutcome {
-    fn from(outcome: Outcome) -> Self {
-        Self {
-            site: outcome.site,
-            bench: outcome.bench,
-            kept: outcome.kept,
-            heard: outcome.heard,
-            held: outcome.held,
-            outputs_verified: outcome.verified,
-            words: outcome.words,
-            report: outcome.report,
-        }
     }
 }
 
@@ -402,18 +146,7 @@ pub async fn now(_caller: Reader, State(app): State<App>) -> Result<Json<FleetNo
     // Before the NATS server was reached there is nothing to be shown, and that is told.
     let view = fleet.seer().map(|seer| seer.view());
     let view = view.unwrap_or_else(|| FleetView::unseen(&settings.fleet));
-    let stranded = view.stranded.into_iter();
-    Ok(Json(FleetNow {
-        fleet: view.fleet,
-        connected: view.connected,
-        server: settings.server.clone(),
-        changed_unix_s: view.changed_unix_s,
-        jobs: (&view.jobs).into(),
-        benches: view.benches.into_iter().map(Into::into).collect(),
-        stranded: stranded
-            .map(|(job, why)| StrandedJob { job, why })
-            .collect(),
-    }))
+    Ok(Json(FleetNow::of(view, settings.server.clone())))
 }
 
 /// Jobs of the fleet, in the order of the queue.
@@ -435,15 +168,14 @@ pub async fn jobs(
         let message = format!("most: expected 1 to {MOST_JOBS}, found {most}");
         return Err(Refusal::of(StatusCode::BAD_REQUEST, message));
     }
-    let JobPage { jobs, after } = seer(&app)?.jobs(&JobFilter {
+    let page = seer(&app)?.jobs(&JobFilter {
         state: wanted.state,
         open: false,
         campaign: wanted.campaign,
         after: wanted.after,
         most,
     });
-    let jobs = jobs.into_iter().map(Into::into).collect();
-    Ok(Json(FleetJobs { jobs, after }))
+    Ok(Json(page.into()))
 }
 
 /// Puts jobs into the queue of the fleet. The first bench that is free and fits takes each, and checks
@@ -648,7 +380,7 @@ async fn own_stop(app: &App, place: &Place, who: &str) -> Option<StopReport> {
         return None;
     }
     // As the fleet says it, so that the fleet's release takes it back.
-    let by = format!("fleet: {}", by(app, who));
+    let by = through_the_fleet(&by(app, who));
     Some(stop::stop(&app.server, bench, &by).await)
 }
 

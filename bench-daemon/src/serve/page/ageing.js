@@ -2,7 +2,7 @@
 // them. Values at another temperature are marked and joined to none.
 "use strict";
 
-import { el, fill, text, when } from "./bench.js";
+import { el, fill, saveBlob, text, when } from "./bench.js";
 import { address, cell, keyed, table } from "./find.js";
 import { bar, noCharts, overTime } from "./overtime.js";
 
@@ -344,9 +344,10 @@ function factsOf(point) {
 
 // ---- saving -------------------------------------------------------------------------------------
 
-// RFC 4180.
+// RFC 4180. A table program would run a text that begins like a formula.
 const quoted = (value) => {
-  const words = value === null || value === undefined ? "" : String(value);
+  const isFormula = typeof value === "string" && /^[=+\-@\t\r]/.test(value);
+  const words = `${isFormula ? "'" : ""}${value ?? ""}`;
   return /[",\r\n]/.test(words) ? `"${words.replaceAll('"', '""')}"` : words;
 };
 
@@ -363,11 +364,6 @@ function csv(part) {
 }
 
 function save(part) {
-  const url = URL.createObjectURL(new Blob([csv(part)], { type: "text/csv" }));
-  const file = `ageing-${part.name}-${part.got.rc}rc.csv`.replace(/[^\w.-]+/g, "_");
-  const link = el("a", { href: url, download: file });
-  document.body.append(link);
-  link.click();
-  link.remove();
-  setTimeout(() => URL.revokeObjectURL(url), 1000);
+  const name = `ageing-${part.name}-${part.got.rc}rc.csv`.replace(/[^\w.-]+/g, "_");
+  saveBlob(new Blob([csv(part)], { type: "text/csv" }), name);
 }

@@ -17,6 +17,7 @@ import {
   fill,
   outcome,
   person,
+  saveBlob,
   text,
   when,
 } from "./bench.js";
@@ -478,14 +479,10 @@ async function compare(run, on) {
   drawStrips(true);
 }
 
-// A file of a run, saved by the browser: it never becomes a page of this server.
+// A file of a run.
 async function keep(run, path) {
   const blob = await attempt(() => file(`/runs/${run}/files/${path}`));
-  if (!blob) return;
-  const link = el("a", { href: URL.createObjectURL(blob), download: `${run}-${path}` });
-  document.body.append(link);
-  link.click();
-  link.remove();
+  if (blob) saveBlob(blob, `${run}-${path}`);
 }
 
 function drawActs() {

@@ -121,6 +121,16 @@ export function el(name, attributes, ...children) {
   return node;
 }
 
+// The browser saves it under a name: it never becomes a page of this server.
+export function saveBlob(blob, name) {
+  const href = URL.createObjectURL(blob);
+  const link = el("a", { href, download: name });
+  document.body.append(link);
+  link.click();
+  link.remove();
+  setTimeout(() => URL.revokeObjectURL(href), 60000);
+}
+
 // Only what has changed is written, so that a reader that speaks is not made to repeat itself.
 export function text(node, value) {
   if (node.textContent !== value) node.textContent = value;

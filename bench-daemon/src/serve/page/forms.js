@@ -2,7 +2,7 @@
 // change, beside the text of the file; what was typed is put aside until it is sent.
 "use strict";
 
-import { duration, el, fill, person, text, when } from "./bench.js";
+import { duration, el, fill, person, saveBlob, text, when } from "./bench.js";
 import * as schema from "./schema.js";
 
 const WORDS = {
@@ -990,12 +990,7 @@ async function copy() {
 function download() {
   const value = schema.valueOf(view.model).value;
   const name = view.name || (typeof value.name === "string" && value.name) || WORDS.one[view.kind];
-  const url = URL.createObjectURL(new Blob([view.text], { type: "application/toml" }));
-  const anchor = el("a", { href: url, download: `${name.replace(/[^\w-]+/g, "_")}.toml` });
-  document.body.append(anchor);
-  anchor.click();
-  anchor.remove();
-  setTimeout(() => URL.revokeObjectURL(url), 1000);
+  saveBlob(new Blob([view.text], { type: "application/toml" }), `${name.replace(/[^\w-]+/g, "_")}.toml`);
 }
 
 function filePanel() {

@@ -2,7 +2,7 @@
 // and what people say about it.
 "use strict";
 
-import { $, decimals, duration, el, fill, outcome, person, text, when } from "./bench.js";
+import { $, decimals, duration, el, fill, outcome, person, saveBlob, text, when } from "./bench.js";
 import {
   address,
   begin,
@@ -442,18 +442,12 @@ function size(bytes) {
   return `${unit && value < 99.5 ? value.toPrecision(2) : value.toFixed(0)} ${UNITS[unit]}`;
 }
 
-// A file of the run, saved by the browser: it never becomes a page of this server.
+// A file of the run.
 async function save(file) {
   const mine = view;
   const from = path("files", ...file.split("/").map(encodeURIComponent));
   const blob = await mine.ctx.attempt(() => mine.ctx.file(from));
-  if (!blob) return;
-  const href = URL.createObjectURL(blob);
-  const link = el("a", { href, download: `${mine.run}-${file.replaceAll("/", "-")}` });
-  document.body.append(link);
-  link.click();
-  link.remove();
-  setTimeout(() => URL.revokeObjectURL(href), 60000);
+  if (blob) saveBlob(blob, `${mine.run}-${file.replaceAll("/", "-")}`);
 }
 
 const fileRow = (file, name) =>

@@ -2,7 +2,7 @@
 // tables, and all files. And an investigation, which plays these experiments by itself: its form and its steps.
 "use strict";
 
-import { duration, el, fill, person, text, when } from "./bench.js";
+import { duration, el, fill, person, saveBlob, text, when } from "./bench.js";
 
 const WORDS = {
   verdicts: {
@@ -94,16 +94,9 @@ function size(bytes) {
   return bytes < 1e6 ? `${(bytes / 1e3).toFixed(1)} kB` : `${(bytes / 1e6).toFixed(1)} MB`;
 }
 
-// A file is saved by the browser: it never becomes a page of this server.
 async function save(ctx, id, path) {
   const blob = await ctx.attempt(() => ctx.file(addressOf(id, path)));
-  if (!blob) return;
-  const address = URL.createObjectURL(blob);
-  const link = el("a", { href: address, download: `${id}-${path.replaceAll("/", "-")}` });
-  document.body.append(link);
-  link.click();
-  link.remove();
-  setTimeout(() => URL.revokeObjectURL(address), 60000);
+  if (blob) saveBlob(blob, `${id}-${path.replaceAll("/", "-")}`);
 }
 
 export function drawFiles(ctx, analysis) {
