@@ -148,6 +148,12 @@ impl Place {
         }
     }
 
+    /// The bench of a key.
+    pub(crate) fn of_key(key: &str) -> Option<Self> {
+        let (site, bench) = key.split_once('.')?;
+        Some(Self::new(site, bench))
+    }
+
     /// Its key in the buckets of the broker.
     pub fn key(&self) -> String {
         format!("{}.{}", self.site, self.bench)

@@ -170,6 +170,10 @@ impl Link {
         question: &impl Serialize,
         patience: Duration,
     ) -> Option<T> {
+        // A question to a broker that is away would go out once it is back, however old.
+        if !self.is_connected() {
+            return None;
+        }
         let text = serde_json::to_vec(question).ok()?;
         let request = async_nats::Request::new()
             .payload(text.into())
@@ -356,6 +360,14 @@ impl Bucket {
             key: key.to_owned(),
             reason: error.to_string(),
         })?;
+        if revision == 0 {
+            // A record that was deleted has left a mark with a revision.
+            return match self.0.create(key, Bytes::from(text)).await {
+                Ok(revision) => Ok(Swap::Written(revision)),
+                Err(error) if error.kind() == kv::CreateErrorKind::AlreadyExists => Ok(Swap::Lost),
+                Err(error) => Err(FleetError::unreachable(&error)),
+            };
+        }
         match self.0.update(key, Bytes::from(text), revision).await {
             Ok(revision) => Ok(Swap::Written(revision)),
             Err(error) if error.kind() == kv::UpdateErrorKind::WrongLastRevision => Ok(Swap::Lost),

@@ -129,11 +129,14 @@ impl Member {
         if !self.shared.link.is_connected() || !self.shared.orders.is_whole() {
             return Ok(());
         }
-        self.obedience.follow(&self.standing()).await?;
+        let followed = self.obedience.follow(&self.standing()).await;
         let condition = self.bench.condition();
-        let is_signed_on = self.tell(&condition).await?;
+        self.obedience.heard(condition.run.clone());
+        let told = self.tell(&condition).await;
+        // A trouble with one of them keeps none of the others back; but nothing new is taken.
         self.go_on().await?;
-        if !is_signed_on || !self.shared.jobs.is_whole() {
+        followed?;
+        if !told? || !self.shared.jobs.is_whole() {
             return Ok(());
         }
         self.return_claims().await;
@@ -262,13 +265,16 @@ async fn answer(shared: &Shared, obedience: &Obedience, message: &async_nats::Me
     if let Err(error) = followed {
         tracing::warn!("fleet: {place}: {error}");
     }
-    let jobs = match (obedience.jobs(), &report) {
-        (Ok(jobs), _) => jobs,
+    let jobs = match obedience.jobs() {
+        Ok(jobs) => Some(jobs),
         // A bench that does not know its jobs must not say that it has none.
-        (Err(error), None) => return tracing::warn!("fleet: {place}: {error}"),
-        (Err(_), Some(_)) => Vec::new(),
+        Err(error) => {
+            tracing::warn!("fleet: {place}: {error}");
+            None
+        }
     };
-    let record = record(shared, obedience, &standing.unwrap_or_default(), &jobs);
+    let known = jobs.as_deref().unwrap_or_default();
+    let record = record(shared, obedience, &standing.unwrap_or_default(), known);
     let answer = BenchAnswer {
         record: record.with(&obedience.bench().condition()),
         jobs,

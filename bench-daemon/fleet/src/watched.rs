@@ -146,7 +146,11 @@ impl<T: DeserializeOwned + Clone + Send + 'static> Watched<T> {
                 };
                 records.insert(entry.key.clone(), seen);
             }
-            Some(Err(error)) => tracing::warn!("fleet: {error}"),
+            Some(Err(error)) => {
+                tracing::warn!("fleet: {error}");
+                // What stood there before is no longer so.
+                records.remove(&entry.key);
+            }
             _ => drop(records.remove(&entry.key)),
         }
     }

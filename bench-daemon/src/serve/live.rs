@@ -3,6 +3,7 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use super::queue::HeldBy;
 use crate::{bench::Output, interlock::Limits, safety::state::Latched};
 
 /// A bench as it is now.
@@ -276,6 +277,9 @@ pub struct StopReport {
     pub bench: String,
     /// Who stopped it.
     pub by: String,
+    /// The side that holds the bench behind it.
+    #[serde(skip)]
+    pub held_by: HeldBy,
     /// When, s since 1970.
     pub unix_s: f64,
     /// It is over.

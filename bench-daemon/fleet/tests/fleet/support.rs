@@ -258,6 +258,8 @@ pub(crate) struct Machine {
     is_off: AtomicBool,
     /// Its disk is full.
     pub(crate) is_full: AtomicBool,
+    /// It cannot begin a run.
+    pub(crate) is_broken: AtomicBool,
 }
 
 impl Machine {
@@ -283,6 +285,7 @@ impl Machine {
             gate: (Mutex::new(true), Condvar::new()),
             is_off: AtomicBool::new(false),
             is_full: AtomicBool::new(false),
+            is_broken: AtomicBool::new(false),
         })
     }
 
@@ -400,6 +403,9 @@ impl LocalBench for Machine {
     }
 
     fn begin(&self, order: &Order) -> Result<(), String> {
+        if self.is_broken.load(Ordering::SeqCst) {
+            return Err("no queue".to_owned());
+        }
         let mut lets = self.gate.0.lock().unwrap();
         while !*lets {
             lets = self.gate.1.wait(lets).unwrap();
@@ -418,6 +424,11 @@ impl LocalBench for Machine {
 
     fn discard(&self, order: &Order) {
         let _ = fs::remove_file(self.folder.join("prepared").join(&order.run));
+    }
+
+    fn withdraw(&self, _run: &str) -> bool {
+        // A run here never waits.
+        false
     }
 
     fn fate(&self, run: &str) -> Fate {
