@@ -136,6 +136,9 @@ pub struct QuestionNow {
     pub cell: Option<String>,
     /// Its serial number, where it has one: an answer with another one is refused.
     pub serial: Option<String>,
+    /// Code that is printed on it, where that is known: an answer may tell it in the place of the serial
+    /// number.
+    pub barcode: Option<String>,
     /// It is asked on the terminal of the run, and answered nowhere else.
     pub on_terminal: bool,
     /// Bench time at which it was asked, s.
