@@ -248,7 +248,7 @@ pub(crate) async fn listen(shared: Arc<Shared>, obedience: Arc<Obedience>) {
     }
 }
 
-async fn answer(shared: &Shared, obedience: &Obedience, message: &async_nats::Message) {
+async fn answer(shared: &Shared, obedience: &Arc<Obedience>, message: &async_nats::Message) {
     let Ok(question) = serde_json::from_slice::<Question>(&message.payload) else {
         return;
     };

@@ -74,7 +74,11 @@ impl Obedience {
     /// Remembers the run that is in work while the fleet is heard: a stop that is heard later was said
     /// after it had begun.
     pub(super) fn heard(&self, run: Option<String>) {
-        *self.heard.lock().unwrap_or_else(PoisonError::into_inner) = run;
+        *self.heard_run() = run;
+    }
+
+    fn heard_run(&self) -> MutexGuard<'_, Option<String>> {
+        self.heard.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Follows what stands and was not yet followed. The stop comes first, and nothing that cannot be
@@ -172,8 +176,7 @@ impl Obedience {
     /// Whether a run is in work that was begun before a stop that is heard now.
     async fn is_to_end(&self) -> bool {
         let intents = self.desk.all();
-        let heard = self.heard.lock().unwrap_or_else(PoisonError::into_inner);
-        let heard = heard.clone();
+        let heard = self.heard_run().clone();
         let look = aside(&self.bench, move |bench| {
             let is_going = |intent: &Intent| matches!(bench.fate(&intent.run), Fate::Going);
             let run = bench.condition().run;
