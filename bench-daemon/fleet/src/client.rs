@@ -231,6 +231,10 @@ impl Client {
             )))
         };
         let answer: Option<Value> = self.link.ask(place, &Question::Look, PATIENT_LOOK).await;
+        if !self.link.is_connected() {
+            let words = "whether the bench answers is not known: ask again".to_owned();
+            return Err(FleetError::Unreachable(words));
+        }
         let Some(answer) = answer else { return Ok(()) };
         let jobs = answer["jobs"].as_array();
         let record: Option<Stored<Value>> = self.link.benches.get(&place.key()).await?;

@@ -131,11 +131,11 @@ impl Member {
         }
         let followed = self.obedience.follow(&self.standing()).await;
         let condition = self.bench.condition();
-        self.obedience.heard(condition.run.clone());
+        let heard = self.hear(&condition.run).await;
         let told = self.tell(&condition).await;
         // A trouble with one of them keeps none of the others back; but nothing new is taken.
         self.go_on().await?;
-        followed?;
+        followed.and(heard)?;
         if !told? || !self.shared.jobs.is_whole() {
             return Ok(());
         }
@@ -143,6 +143,18 @@ impl Member {
         if condition.free && self.standing().lets_work() {
             self.take().await?;
         }
+        Ok(())
+    }
+
+    /// Asks the broker what stands since a run is in work: a stop that is heard later was said after the
+    /// run had begun.
+    async fn hear(&self, run: &Option<String>) -> Result<(), FleetError> {
+        if self.obedience.has_heard(run) {
+            return Ok(());
+        }
+        let standing = self.shared.link.standing(&self.me.place).await?.value;
+        self.obedience.follow(&standing).await?;
+        self.obedience.heard(run.clone());
         Ok(())
     }
 

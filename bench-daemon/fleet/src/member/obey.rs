@@ -71,8 +71,12 @@ impl Obedience {
         self.stopping.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Remembers the run that is in work while the fleet is heard: a stop that is heard later was said
-    /// after it had begun.
+    /// Whether this is the run that was in work when the fleet was heard last.
+    pub(super) fn has_heard(&self, run: &Option<String>) -> bool {
+        *self.heard_run() == *run
+    }
+
+    /// Remembers the run in work: the fleet was heard since it began.
     pub(super) fn heard(&self, run: Option<String>) {
         *self.heard_run() = run;
     }

@@ -352,6 +352,13 @@ fn append(folder: &Path, line: &str) {
     ledger.write_all(format!("{line}\n").as_bytes()).unwrap();
 }
 
+/// Whole or not at all: whoever looks meanwhile finds no end.
+fn end(folder: &Path, run: &str, how: &str) {
+    let beside = folder.join(format!("{run}.ended"));
+    fs::write(&beside, how).unwrap();
+    fs::rename(beside, folder.join("ended").join(run)).unwrap();
+}
+
 /// A run: it drives the bench alone, and says so in the ledger.
 async fn play(folder: &Path, run: &str, run_s: f64) {
     let lock = File::create(folder.join("lock")).unwrap();
@@ -361,7 +368,7 @@ async fn play(folder: &Path, run: &str, run_s: f64) {
     append(folder, &format!("begin {run}"));
     pause(run_s).await;
     append(folder, &format!("end {run}"));
-    fs::write(folder.join("ended").join(run), "finished").unwrap();
+    end(folder, run, "finished");
 }
 
 impl LocalBench for Machine {
@@ -463,7 +470,7 @@ impl LocalBench for Machine {
             self.end_runs();
             for run in &going {
                 append(&self.folder, &format!("stop {run}"));
-                fs::write(self.folder.join("ended").join(run), "stopped").unwrap();
+                end(&self.folder, run, "stopped");
             }
             serde_json::json!({ "bench": self.name, "by": by, "verified": true })
         }
