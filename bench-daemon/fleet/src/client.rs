@@ -358,7 +358,7 @@ impl Client {
     where
         T: DeserializeOwned + Clone + Send + 'static,
     {
-        let records = Watched::keeping(|_| true);
+        let records = Watched::keeping_all();
         let follow = records.clone().follow(self.link.clone(), bucket.clone());
         let follow = tokio::spawn(follow);
         let whole = self.until(|| records.is_whole()).await;
@@ -384,19 +384,9 @@ impl Client {
     /// # Errors
     /// A broker whose records do not come.
     pub async fn seer(&self, fleet: &str) -> Result<Looking, FleetError> {
-        let jobs = Watched::keeping(|_| true);
-        let seer = Seer::of(&self.link, fleet, &jobs);
-        let mut tasks = tokio::task::JoinSet::new();
-        tasks.spawn(
-            jobs.clone()
-                .follow(self.link.clone(), self.link.jobs.clone()),
-        );
-        tasks.spawn(seer.clone().follow());
-        self.until(|| seer.is_whole()).await?;
-        Ok(Looking {
-            seer,
-            _tasks: tasks,
-        })
+        let looking = Looking::begin(&self.link, fleet, &Watched::keeping_all());
+        self.until(|| looking.seer.is_whole()).await?;
+        Ok(looking)
     }
 
     /// Asks benches how they are now; those that do not answer are in it too.
@@ -417,6 +407,20 @@ pub struct Looking {
     /// Whoever sees it.
     pub seer: Arc<Seer>,
     _tasks: tokio::task::JoinSet<()>,
+}
+
+impl Looking {
+    /// Begins to follow all benches and these jobs. Must be called inside a runtime.
+    pub(crate) fn begin(link: &Arc<Link>, fleet: &str, jobs: &Arc<Watched<Job>>) -> Self {
+        let seer = Seer::of(link, fleet, jobs);
+        let mut tasks = tokio::task::JoinSet::new();
+        tasks.spawn(jobs.clone().follow(link.clone(), link.jobs.clone()));
+        tasks.spawn(seer.clone().follow());
+        Self {
+            seer,
+            _tasks: tasks,
+        }
+    }
 }
 
 fn outcome(place: &Place, kept: &Result<(), FleetError>, answer: Option<&BenchAnswer>) -> Outcome {

@@ -35,6 +35,11 @@ impl JobState {
         Self::Cancelled,
     ];
 
+    /// Its place in [`Self::ALL`].
+    pub(crate) fn index(self) -> usize {
+        self as usize
+    }
+
     /// Its name.
     pub fn name(self) -> &'static str {
         match self {

@@ -507,7 +507,6 @@ impl Daemon {
             benches: benches
                 .map(|one| one.clone() as Arc<dyn LocalBench>)
                 .collect(),
-            shows: false,
         };
         self.fleet = Some(Fleet::join(joining));
     }

@@ -11,7 +11,7 @@ use bench_fleet::{
     Client, Fleet, FleetError, FleetView, Place, Submission,
     client::Command,
     standing::{OrderKind, through_the_fleet},
-    view::{JobFilter, MOST_JOBS, Seer},
+    view::{JobFilter, MOST_JOBS},
 };
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
@@ -117,15 +117,6 @@ fn client(app: &App) -> Result<Client, Refusal> {
     Ok(fleet(app)?.client()?)
 }
 
-/// Whoever sees the fleet, once everything was seen.
-fn seer(app: &App) -> Result<Arc<Seer>, Refusal> {
-    let seer = fleet(app)?.seer().filter(|seer| seer.is_whole());
-    seer.ok_or_else(|| {
-        let message = "the fleet's server was not reached yet: ask again";
-        Refusal::of(StatusCode::SERVICE_UNAVAILABLE, message)
-    })
-}
-
 /// Who asks, as other sites read it.
 fn by(app: &App, name: &str) -> String {
     let section = app.server.settings.fleet.as_ref();
@@ -143,9 +134,12 @@ fn by(app: &App, name: &str) -> String {
 pub async fn now(_caller: Reader, State(app): State<App>) -> Result<Json<FleetNow>, Refusal> {
     let fleet = fleet(&app)?;
     let settings = fleet.settings();
-    // Before the NATS server was reached there is nothing to be shown, and that is told.
-    let view = fleet.seer().map(|seer| seer.view());
-    let view = view.unwrap_or_else(|| FleetView::unseen(&settings.fleet));
+    let view = match fleet.seer().await {
+        Ok(seer) => seer.view(),
+        Err(error) if fleet.is_connected() => return Err(error.into()),
+        // Without the NATS server there is nothing to be shown, and that is told.
+        Err(_) => FleetView::unseen(&settings.fleet),
+    };
     Ok(Json(FleetNow::of(view, settings.server.clone())))
 }
 
@@ -168,7 +162,7 @@ pub async fn jobs(
         let message = format!("most: expected 1 to {MOST_JOBS}, found {most}");
         return Err(Refusal::of(StatusCode::BAD_REQUEST, message));
     }
-    let page = seer(&app)?.jobs(&JobFilter {
+    let page = fleet(&app)?.seer().await?.jobs(&JobFilter {
         state: wanted.state,
         open: false,
         campaign: wanted.campaign,
