@@ -18,13 +18,13 @@ use crate::{
 };
 
 /// A broker, and where it listens.
-struct Broker {
+pub(crate) struct Broker {
     _process: Running,
-    address: String,
+    pub(crate) address: String,
 }
 
 impl Broker {
-    fn start(folder: &Path) -> Option<Self> {
+    pub(crate) fn start(folder: &Path) -> Option<Self> {
         let bound = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = bound.local_addr().unwrap().port().to_string();
         drop(bound);
