@@ -356,10 +356,24 @@ impl Bucket {
             key: key.to_owned(),
             reason: error.to_string(),
         })?;
-        match self.0.update(key, Bytes::from(text), revision).await {
+        let text = Bytes::from(text);
+        let swap = self.update(key, text.clone(), revision).await?;
+        if swap != Swap::Lost || revision != 0 {
+            return Ok(swap);
+        }
+        // Where a record was taken out there is a mark with a revision of its own.
+        let entry = self.0.entry(key).await;
+        let entry = entry.map_err(|error| FleetError::unreachable(&error))?;
+        match entry.filter(|entry| entry.operation != kv::Operation::Put) {
+            Some(mark) => self.update(key, text, mark.revision).await,
+            None => Ok(Swap::Lost),
+        }
+    }
+
+    async fn update(&self, key: &str, text: Bytes, revision: u64) -> Result<Swap, FleetError> {
+        match self.0.update(key, text, revision).await {
             Ok(revision) => Ok(Swap::Written(revision)),
-            Err(error) if error.kind() == kv::UpdateErrorKind::WrongLastRevision => Ok(Swap::Lost),
-            Err(error) => Err(FleetError::unreachable(&error)),
+            Err(error) => lost(&error),
         }
     }
 
@@ -367,9 +381,11 @@ impl Bucket {
     ///
     /// # Errors
     /// As [`Self::swap`].
-    pub(crate) async fn forget(&self, key: &str, revision: u64) -> Result<(), FleetError> {
-        let purged = self.0.purge_expect_revision(key, Some(revision)).await;
-        purged.map_err(|error| FleetError::unreachable(&error))
+    pub(crate) async fn forget(&self, key: &str, revision: u64) -> Result<Swap, FleetError> {
+        match self.0.purge_expect_revision(key, Some(revision)).await {
+            Ok(()) => Ok(Swap::Written(revision)),
+            Err(error) => lost(&error),
+        }
     }
 
     /// Every record as it is, and then each change.
@@ -393,6 +409,14 @@ impl Bucket {
         } else {
             state.last_sequence
         })
+    }
+}
+
+/// A write that was refused, or of which nobody knows.
+fn lost(error: &kv::UpdateError) -> Result<Swap, FleetError> {
+    match error.kind() {
+        kv::UpdateErrorKind::WrongLastRevision => Ok(Swap::Lost),
+        _ => Err(FleetError::unreachable(error)),
     }
 }
 

@@ -94,8 +94,7 @@ impl Sight {
         loop {
             self.link.clock.sleep_s(IDLE_S / 4.0).await;
             let now_s = self.link.clock.now_s();
-            self.open()
-                .take_if(|open| now_s - open.asked_s > IDLE_S);
+            self.open().take_if(|open| now_s - open.asked_s > IDLE_S);
         }
     }
 

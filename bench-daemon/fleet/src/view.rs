@@ -149,6 +149,17 @@ pub struct JobView {
 }
 
 impl JobView {
+    /// Words for the states.
+    pub const STATES: [&'static str; 7] = [
+        "queued",
+        "claimed",
+        "started",
+        "lost",
+        "done",
+        "failed",
+        "cancelled",
+    ];
+
     /// Its state in one word, as the API names it.
     pub fn state_name(&self) -> &'static str {
         if self.is_lost {

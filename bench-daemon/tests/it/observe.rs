@@ -65,7 +65,9 @@ fn dashboard_alerts_and_documentation_name_what_is_measured() {
     let broker = Broker::start(&files.path("nats"));
     // Without a broker there is a fleet all the same, of which nothing is heard.
     let nobody = "nats://127.0.0.1:9".to_owned();
-    let address = broker.as_ref().map_or(nobody, |found| found.address.clone());
+    let address = broker
+        .as_ref()
+        .map_or(nobody, |found| found.address.clone());
     let fleet = format!("[fleet]\nname = \"lab\"\nsite = \"north\"\nserver = {address:?}");
     config(&files, &format!("{ARCHIVE}\n{fleet}"));
     let (served, _) = ran(&files, &[]);
@@ -84,7 +86,9 @@ fn dashboard_alerts_and_documentation_name_what_is_measured() {
     // Each metric has values, so that a name and its labels are seen as they are.
     for line in text.lines().filter(|line| line.starts_with("# TYPE ")) {
         let name = line.split(' ').nth(2).unwrap();
-        let has_values = text.lines().any(|line| line.split(['{', ' ']).next() == Some(name));
+        let has_values = text
+            .lines()
+            .any(|line| line.split(['{', ' ']).next() == Some(name));
         let is_of_a_run = ["_run_", "_cell_"].iter().any(|part| name.contains(part));
         let is_of_a_fleet = broker.is_none() && name.contains("_fleet_");
         assert!(has_values || is_of_a_run || is_of_a_fleet, "{name}: {text}");

@@ -11,7 +11,7 @@ use bench_fleet::{
     Client, Fleet, FleetError, FleetView, Place, Submission,
     client::Command,
     standing::{OrderKind, through_the_fleet},
-    view::{JobFilter, MOST_JOBS},
+    view::{JobFilter, JobView, MOST_JOBS},
 };
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
@@ -36,7 +36,7 @@ const PAGE: usize = 100;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct FleetJobsWanted {
-    /// In this state.
+    /// In this state: `queued`, `claimed`, `started`, `lost`, `done`, `failed` or `cancelled`.
     state: Option<String>,
     /// Of this campaign.
     campaign: Option<String>,
@@ -73,6 +73,22 @@ pub struct SubmitJobs {
 pub struct SubmittedJobs {
     /// Their names.
     jobs: Vec<String>,
+}
+
+/// A campaign.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct FleetCampaign {
+    /// Its label.
+    campaign: String,
+}
+
+/// Jobs that were cancelled.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct CancelledJobs {
+    /// Their number.
+    cancelled: usize,
 }
 
 /// Why, in words.
@@ -162,6 +178,15 @@ pub async fn jobs(
         let message = format!("most: expected 1 to {MOST_JOBS}, found {most}");
         return Err(Refusal::of(StatusCode::BAD_REQUEST, message));
     }
+    if let Some(state) = wanted
+        .state
+        .as_deref()
+        .filter(|state| !JobView::STATES.contains(state))
+    {
+        let states = JobView::STATES.join(", ");
+        let message = format!("state: expected one of {states}, found {state:?}");
+        return Err(Refusal::of(StatusCode::BAD_REQUEST, message));
+    }
     let page = fleet(&app)?.seer().await?.jobs(&JobFilter {
         state: wanted.state,
         open: false,
@@ -224,6 +249,26 @@ pub async fn cancel(
     let by = by(&app, &caller.name);
     client(&app)?.cancel(&job, &by).await?;
     Ok(StatusCode::NO_CONTENT)
+}
+
+/// Takes every job of a campaign that waits out of the queue.
+#[utoipa::path(
+    delete,
+    path = "/api/v1/fleet/jobs",
+    tag = "fleet",
+    params(FleetCampaign),
+    responses((status = 200, body = CancelledJobs)),
+    security(("token" = ["energise"]))
+)]
+pub async fn cancel_campaign(
+    caller: Energiser,
+    State(app): State<App>,
+    Query(wanted): Query<FleetCampaign>,
+) -> Result<Json<CancelledJobs>, Refusal> {
+    let by = by(&app, &caller.name);
+    let client = client(&app)?;
+    let cancelled = client.cancel_campaign(&wanted.campaign, &by).await?;
+    Ok(Json(CancelledJobs { cancelled }))
 }
 
 /// Puts a started job whose bench is gone back into the queue: a person says that it may run again.
