@@ -1,4 +1,6 @@
-//! Requests of people to a fleet: submit, cancel, put back, hold, drain, stop.
+//! Requests of people to a fleet: submit, cancel, put back, hold, drain, stop, forget.
+
+mod forget;
 
 use std::{sync::Arc, time::Duration};
 
@@ -19,6 +21,8 @@ use crate::{
     watched::Watched,
 };
 
+pub use forget::{Ages, Forgotten};
+
 /// Longest text of an experiment, bytes: half of what a broker takes in one message.
 const LONGEST_TEXT: usize = 512 * 1024;
 /// Most jobs of one submission.
@@ -35,7 +39,7 @@ const PATIENT_LOOK: Duration = Duration::from_secs(10);
 const STOP: Duration = Duration::from_secs(120);
 /// All jobs and benches are waited for so long, s.
 const WHOLE_S: f64 = 10.0;
-/// Attempts to write standing orders against others who write them too.
+/// Attempts to write a record against others who write it too.
 const ATTEMPTS: usize = 20;
 
 /// Work to be put into the queue.
@@ -136,7 +140,7 @@ impl Client {
         for submission in all {
             let text_sha256 = self.keep_text(&submission.text).await?;
             for index in 0..submission.count {
-                let name = format!("{batch}-{:05}", jobs.len() + 1);
+                let name = format!("{batch}-{:07}", jobs.len() + 1);
                 jobs.push(job_of(submission, name, index, &text_sha256));
             }
         }
@@ -151,11 +155,17 @@ impl Client {
     async fn keep_text(&self, text: &str) -> Result<String, FleetError> {
         let key = hex(&Sha256::digest(text.as_bytes()));
         let texts = &self.link.texts;
-        if texts.get::<String>(&key).await?.is_none() {
-            // Somebody who was faster has written the same.
-            texts.swap(&key, &text, 0).await?;
+        for _ in 0..ATTEMPTS {
+            // One that is there is written again, so that nobody forgets it before its jobs are there.
+            let found = texts.get::<IgnoredAny>(&key).await?;
+            let revision = found.map_or(0, |found| found.revision);
+            if let Swap::Written(_) = texts.swap(&key, &text, revision).await? {
+                return Ok(key);
+            }
         }
-        Ok(key)
+        Err(FleetError::Conflict(
+            "others write the same text all the time: nothing was submitted".to_owned(),
+        ))
     }
 
     async fn put(&self, job: &Job) -> Result<(), FleetError> {
@@ -195,12 +205,29 @@ impl Client {
                 found.value.state.name()
             )));
         }
-        let next = Job {
-            state: JobState::Cancelled,
-            words: format!("cancelled by {by}"),
-            ..found.value.clone()
-        };
-        self.change(&found, &next).await
+        self.change(&found, &cancelled(&found.value, by)).await
+    }
+
+    /// Takes every job of a campaign that waits out of the queue; returns how many.
+    ///
+    /// # Errors
+    /// A broker that does not answer: some of them may be out then.
+    pub async fn cancel_campaign(&self, campaign: &str, by: &str) -> Result<usize, FleetError> {
+        let jobs = self.whole::<Job>(&self.link.jobs).await?;
+        let waits =
+            |job: &Job| job.state == JobState::Queued && job.campaign.as_deref() == Some(campaign);
+        let waiting: Vec<_> = jobs.with(|jobs| {
+            let waiting = jobs.values().filter(|seen| waits(&seen.value));
+            waiting.cloned().collect()
+        });
+        let mut count = 0;
+        for seen in &waiting {
+            let (key, next) = (&seen.value.job, cancelled(&seen.value, by));
+            // One that a bench has claimed meanwhile does not wait any more.
+            let swap = self.link.jobs.swap(key, &next, seen.revision).await?;
+            count += usize::from(swap != Swap::Lost);
+        }
+        Ok(count)
     }
 
     /// Puts a started job whose bench is gone back into the queue: a person says that it may run
@@ -251,26 +278,6 @@ impl Client {
         }
     }
 
-    /// Takes jobs that are over out of the records.
-    ///
-    /// # Errors
-    /// A broker that does not answer.
-    pub async fn forget(&self, older_s: f64) -> Result<usize, FleetError> {
-        let jobs = self.whole::<Job>(&self.link.jobs).await?;
-        let now_s = clock::unix_time_s();
-        let old: Vec<_> = jobs.with(|jobs| {
-            let over = jobs.iter().filter(|(_, seen)| {
-                seen.value.state.is_over() && now_s - seen.broker_unix_s > older_s
-            });
-            over.map(|(key, seen)| (key.clone(), seen.revision))
-                .collect()
-        });
-        for (key, revision) in &old {
-            self.link.jobs.forget(key, *revision).await?;
-        }
-        Ok(old.len())
-    }
-
     /// Gives an order to a bench. The broker keeps it, and the bench is asked to follow it now.
     ///
     /// # Errors
@@ -281,10 +288,7 @@ impl Client {
             && is_plain(&place.bench)
             && self.knows(place, command.kind).await?;
         if !is_known {
-            return Err(FleetError::Unknown {
-                what: "a bench SITE/BENCH",
-                found: place.to_string(),
-            });
+            return Err(unknown_bench(place));
         }
         self.say(place, command).await
     }
@@ -403,7 +407,7 @@ impl Client {
     where
         T: DeserializeOwned + Clone + Send + 'static,
     {
-        let records = Watched::keeping(|_| true);
+        let records = Watched::keeping_all();
         let follow = records.clone().follow(self.link.clone(), bucket.clone());
         let follow = tokio::spawn(follow);
         let whole = self.until(|| records.is_whole()).await;
@@ -429,19 +433,9 @@ impl Client {
     /// # Errors
     /// A broker whose records do not come.
     pub async fn seer(&self, fleet: &str) -> Result<Looking, FleetError> {
-        let jobs = Watched::keeping(|_| true);
-        let seer = Seer::of(&self.link, fleet, &jobs);
-        let mut tasks = tokio::task::JoinSet::new();
-        tasks.spawn(
-            jobs.clone()
-                .follow(self.link.clone(), self.link.jobs.clone()),
-        );
-        tasks.spawn(seer.clone().follow());
-        self.until(|| seer.is_whole()).await?;
-        Ok(Looking {
-            seer,
-            _tasks: tasks,
-        })
+        let looking = Looking::begin(&self.link, fleet, &Watched::keeping_all());
+        self.until(|| looking.seer.is_whole()).await?;
+        Ok(looking)
     }
 
     /// Asks benches how they are now; those that do not answer are in it too.
@@ -462,6 +456,20 @@ pub struct Looking {
     /// Whoever sees it.
     pub seer: Arc<Seer>,
     _tasks: tokio::task::JoinSet<()>,
+}
+
+impl Looking {
+    /// Begins to follow all benches and these jobs. Must be called inside a runtime.
+    pub(crate) fn begin(link: &Arc<Link>, fleet: &str, jobs: &Arc<Watched<Job>>) -> Self {
+        let seer = Seer::of(link, fleet, jobs);
+        let mut tasks = tokio::task::JoinSet::new();
+        tasks.spawn(jobs.clone().follow(link.clone(), link.jobs.clone()));
+        tasks.spawn(seer.clone().follow());
+        Self {
+            seer,
+            _tasks: tasks,
+        }
+    }
 }
 
 fn outcome(place: &Place, kept: &Result<(), FleetError>, answer: Option<&BenchAnswer>) -> Outcome {
@@ -489,6 +497,21 @@ fn outcome(place: &Place, kept: &Result<(), FleetError>, answer: Option<&BenchAn
         verified: read_back.or_else(|| record.and_then(|record| record.verified)),
         words,
         report,
+    }
+}
+
+fn cancelled(job: &Job, by: &str) -> Job {
+    Job {
+        state: JobState::Cancelled,
+        words: format!("cancelled by {by}"),
+        ..job.clone()
+    }
+}
+
+fn unknown_bench(place: &Place) -> FleetError {
+    FleetError::Unknown {
+        what: "a bench SITE/BENCH",
+        found: place.to_string(),
     }
 }
 

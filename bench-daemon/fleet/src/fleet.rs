@@ -18,7 +18,8 @@ use crate::{
     member::{Member, Shared, listen},
     record::BenchRecord,
     settings::FleetSettings,
-    view::Seer,
+    sight::Sight,
+    view::{Seer, Tally},
     watched::Watched,
 };
 
@@ -33,8 +34,6 @@ pub struct Joining {
     pub folder: PathBuf,
     /// Its benches.
     pub benches: Vec<Arc<dyn LocalBench>>,
-    /// It shows the fleet to people, and so keeps jobs that are over and follows all benches.
-    pub shows: bool,
 }
 
 /// A daemon in a fleet. Dropping it ends its work at once; runs go on.
@@ -47,7 +46,7 @@ pub struct Fleet {
 #[derive(Clone)]
 struct Joined {
     shared: Arc<Shared>,
-    seer: Arc<Seer>,
+    sight: Arc<Sight>,
     places: Vec<Place>,
 }
 
@@ -91,9 +90,19 @@ impl Fleet {
         Ok(Client::through(joined.shared.link.clone()))
     }
 
-    /// The fleet as this daemon sees it; none before the broker was reached.
-    pub fn seer(&self) -> Option<Arc<Seer>> {
-        self.joined().map(|joined| joined.seer)
+    /// The whole fleet. It is followed from the first question on until nobody has asked for a minute;
+    /// the first answer waits for its records.
+    ///
+    /// # Errors
+    /// A broker that is not there; records that do not come within seconds.
+    pub async fn seer(&self) -> Result<Arc<Seer>, FleetError> {
+        let joined = self.joined().ok_or_else(|| self.not_reached())?;
+        joined.sight.seer().await
+    }
+
+    /// Numbers of the fleet as they were counted last; none while the broker is away.
+    pub fn tally(&self) -> Option<Tally> {
+        self.joined()?.sight.tally()
     }
 
     /// Signs off, so that others need not wait for the lease, and ends.
@@ -122,7 +131,7 @@ impl Fleet {
 
     fn work(&self, joining: &Joining, shared: Arc<Shared>) {
         let link = &shared.link;
-        let seer = Seer::of(link, &self.settings.fleet, &shared.jobs);
+        let sight = Sight::of(link, &self.settings.fleet, &shared.jobs);
         let mut tasks = self.tasks();
         tasks.spawn(shared.jobs.clone().follow(link.clone(), link.jobs.clone()));
         tasks.spawn(
@@ -131,9 +140,8 @@ impl Fleet {
                 .clone()
                 .follow(link.clone(), link.orders.clone()),
         );
-        if joining.shows {
-            tasks.spawn(seer.clone().follow());
-        }
+        tasks.spawn(sight.clone().count());
+        tasks.spawn(sight.clone().close());
         for bench in &joining.benches {
             match Member::new(&shared, bench) {
                 Ok(member) => {
@@ -148,7 +156,7 @@ impl Fleet {
         let joined = Joined {
             places: places.collect(),
             shared,
-            seer,
+            sight,
         };
         *self.joined.lock().unwrap_or_else(PoisonError::into_inner) = Some(joined);
     }
@@ -176,15 +184,12 @@ async fn reach(joining: &Joining) -> Arc<Shared> {
 
 async fn shared(joining: &Joining) -> Result<Arc<Shared>, FleetError> {
     let link = Link::open(&joining.settings).await?;
-    let keep = if joining.shows {
-        |_: &Job| true
-    } else {
-        |job: &Job| !job.state.is_over()
-    };
+    // Of a job that is over nobody here needs more than its state.
+    let over = |job: &Job| job.state.is_over().then(|| job.state.index());
     Ok(Arc::new(Shared {
         link,
-        jobs: Watched::keeping(keep),
-        orders: Watched::keeping(|_| true),
+        jobs: Watched::sorting(over),
+        orders: Watched::keeping_all(),
         lease_s: joining.settings.lease_s,
         site: joining.settings.site.clone(),
         nonce: random()?,

@@ -35,6 +35,11 @@ impl JobState {
         Self::Cancelled,
     ];
 
+    /// Its place in [`Self::ALL`].
+    pub(crate) fn index(self) -> usize {
+        self as usize
+    }
+
     /// Its name.
     pub fn name(self) -> &'static str {
         match self {
@@ -348,7 +353,7 @@ mod tests {
         for name in ["..", "../x", "a/b", "", "a.b", "a b"] {
             assert!(!is_plain(name), "{name}");
         }
-        assert!(is_plain("20261128T070102-5f0c5f0c5f0c5f0c-00001") && is_plain("demo_2"));
+        assert!(is_plain("20261128T070102-5f0c5f0c5f0c5f0c-0000001") && is_plain("demo_2"));
     }
 
     #[test]

@@ -10,8 +10,8 @@
 //!
 //! In reading order: [`job`], [`standing`] (holds and stops), [`local`] (what a bench must be able
 //! to do), [`link`] (the broker), `watched`, [`intent`] (what a restart goes on with), `member`
-//! (the work of a bench), [`fleet`] (the benches of a daemon), [`client`] (what people ask for),
-//! [`view`] (the fleet as it is shown).
+//! (the work of a bench), [`view`] (the fleet as it is shown), [`client`] (what people ask for),
+//! `sight` (the whole fleet as a daemon sees it), [`fleet`] (the benches of a daemon).
 
 pub mod client;
 pub mod error;
@@ -23,6 +23,7 @@ pub mod local;
 mod member;
 mod record;
 pub mod settings;
+mod sight;
 pub mod standing;
 pub mod view;
 mod watched;
@@ -33,4 +34,4 @@ pub use fleet::Fleet;
 pub use job::{Job, JobState, Needs, Place};
 pub use local::{BenchState, Capabilities, Condition, End, Fate, LocalBench, Order, Reading};
 pub use settings::{Credentials, FleetSettings};
-pub use view::{BenchView, FleetView, JobCounts};
+pub use view::{BenchView, FleetView, JobCounts, Tally};

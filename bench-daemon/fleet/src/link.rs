@@ -370,8 +370,7 @@ impl Bucket {
         }
         match self.0.update(key, Bytes::from(text), revision).await {
             Ok(revision) => Ok(Swap::Written(revision)),
-            Err(error) if error.kind() == kv::UpdateErrorKind::WrongLastRevision => Ok(Swap::Lost),
-            Err(error) => Err(FleetError::unreachable(&error)),
+            Err(error) => lost(&error),
         }
     }
 
@@ -379,9 +378,11 @@ impl Bucket {
     ///
     /// # Errors
     /// As [`Self::swap`].
-    pub(crate) async fn forget(&self, key: &str, revision: u64) -> Result<(), FleetError> {
-        let purged = self.0.purge_expect_revision(key, Some(revision)).await;
-        purged.map_err(|error| FleetError::unreachable(&error))
+    pub(crate) async fn forget(&self, key: &str, revision: u64) -> Result<Swap, FleetError> {
+        match self.0.purge_expect_revision(key, Some(revision)).await {
+            Ok(()) => Ok(Swap::Written(revision)),
+            Err(error) => lost(&error),
+        }
     }
 
     /// Every record as it is, and then each change.
@@ -405,6 +406,14 @@ impl Bucket {
         } else {
             state.last_sequence
         })
+    }
+}
+
+/// A write that was refused, or of which nobody knows.
+fn lost(error: &kv::UpdateError) -> Result<Swap, FleetError> {
+    match error.kind() {
+        kv::UpdateErrorKind::WrongLastRevision => Ok(Swap::Lost),
+        _ => Err(FleetError::unreachable(error)),
     }
 }
 

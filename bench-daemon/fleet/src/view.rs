@@ -6,6 +6,7 @@ use std::{
 };
 
 use crate::{
+    error::FleetError,
     job::{Job, JobState, Place},
     link::Link,
     local::{BenchState, Capabilities},
@@ -42,6 +43,11 @@ pub struct BenchView {
 }
 
 impl BenchView {
+    /// Words for the states.
+    pub const STATES: [&'static str; 7] = [
+        "idle", "running", "held", "draining", "latched", "asking", "silent",
+    ];
+
     /// State in one word, as the API names it.
     pub fn state_name(&self) -> &'static str {
         match self.state {
@@ -56,6 +62,17 @@ impl BenchView {
     }
 }
 
+/// Numbers of a fleet, as a daemon counts them for its metrics.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Tally {
+    /// Jobs.
+    pub jobs: JobCounts,
+    /// Benches by [`BenchView::STATES`].
+    pub benches: BTreeMap<&'static str, usize>,
+    /// Jobs that wait and that no bench of the fleet can take.
+    pub stranded: usize,
+}
+
 /// Numbers of jobs by state.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct JobCounts {
@@ -68,8 +85,7 @@ pub struct JobCounts {
 impl JobCounts {
     /// Number of jobs in a state; those that are lost are told apart from those that are started.
     pub fn of(&self, state: JobState) -> usize {
-        let index = JobState::ALL.iter().position(|one| *one == state);
-        let count = index.map_or(0, |index| self.by_state[index]);
+        let count = self.by_state[state.index()];
         match state {
             JobState::Started => count - self.lost,
             _ => count,
@@ -95,7 +111,7 @@ pub struct FleetView {
 }
 
 impl FleetView {
-    /// A fleet whose broker was not reached yet.
+    /// A fleet whose broker is not there, and was not since somebody asks.
     pub fn unseen(fleet: &str) -> Self {
         Self {
             fleet: fleet.to_owned(),
@@ -133,6 +149,17 @@ pub struct JobView {
 }
 
 impl JobView {
+    /// Words for the states.
+    pub const STATES: [&'static str; 7] = [
+        "queued",
+        "claimed",
+        "started",
+        "lost",
+        "done",
+        "failed",
+        "cancelled",
+    ];
+
     /// Its state in one word, as the API names it.
     pub fn state_name(&self) -> &'static str {
         if self.is_lost {
@@ -181,7 +208,7 @@ impl Seer {
             link: link.clone(),
             fleet: fleet.to_owned(),
             jobs: jobs.clone(),
-            benches: Watched::keeping(|_| true),
+            benches: Watched::dated(),
             asked: Mutex::default(),
         })
     }
@@ -212,19 +239,6 @@ impl Seer {
     /// The fleet as it is now.
     pub fn view(&self) -> FleetView {
         let benches = self.bench_views();
-        let mut counts = JobCounts::default();
-        let mut stranded = BTreeMap::new();
-        self.jobs.with(|jobs| {
-            for seen in jobs.values() {
-                let job = &seen.value;
-                let state = JobState::ALL.iter().position(|one| *one == job.state);
-                counts.by_state[state.unwrap_or_default()] += 1;
-                counts.lost += usize::from(self.is_lost(seen, &benches));
-                if let Some(why) = stranded_by(job, &benches) {
-                    stranded.insert(job.job.clone(), why);
-                }
-            }
-        });
         let changed = self.benches.with(|all| {
             let times = all.values().map(|seen| seen.broker_unix_s);
             times.fold(0.0, f64::max)
@@ -233,10 +247,50 @@ impl Seer {
             fleet: self.fleet.clone(),
             connected: self.link.is_connected(),
             changed_unix_s: changed,
+            jobs: self.counts(&benches),
+            stranded: self.stranded(&benches),
             benches,
-            jobs: counts,
-            stranded,
         }
+    }
+
+    /// Reads what every bench has told last, once, and counts.
+    ///
+    /// # Errors
+    /// A broker that does not answer.
+    pub(crate) async fn tally(&self) -> Result<Tally, FleetError> {
+        self.benches.read(&self.link, &self.link.benches).await?;
+        let views = self.bench_views();
+        let mut benches = BTreeMap::from(BenchView::STATES.map(|state| (state, 0)));
+        for view in &views {
+            *benches.entry(view.state_name()).or_default() += 1;
+        }
+        Ok(Tally {
+            jobs: self.counts(&views),
+            stranded: self.stranded(&views).len(),
+            benches,
+        })
+    }
+
+    fn counts(&self, benches: &[BenchView]) -> JobCounts {
+        let mut counts = JobCounts::default();
+        self.jobs.with_all(|kept| {
+            for seen in kept.records.values() {
+                counts.by_state[seen.value.state.index()] += 1;
+                counts.lost += usize::from(self.is_lost(seen, benches));
+            }
+            for state in kept.classes.values() {
+                counts.by_state[*state] += 1;
+            }
+        });
+        counts
+    }
+
+    fn stranded(&self, benches: &[BenchView]) -> BTreeMap<String, String> {
+        self.jobs.with(|jobs| {
+            let jobs = jobs.values().map(|seen| &seen.value);
+            jobs.filter_map(|job| Some((job.job.clone(), stranded_by(job, benches)?)))
+                .collect()
+        })
     }
 
     fn bench_views(&self) -> Vec<BenchView> {
@@ -330,7 +384,9 @@ fn stranded_by(job: &Job, benches: &[BenchView]) -> Option<String> {
     }
     let mut reasons = Vec::new();
     for bench in benches {
-        let why = job.unfit(&bench.place, &bench.capabilities)?;
+        let silent = || bench.state.is_none().then(|| "it is silent".to_owned());
+        let unfit = job.unfit(&bench.place, &bench.capabilities);
+        let why = unfit.or_else(silent)?;
         reasons.push(format!("{}: {why}", bench.place));
     }
     Some(first_of(&reasons))

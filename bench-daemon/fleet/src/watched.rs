@@ -37,28 +37,71 @@ type Records<T> = BTreeMap<String, Seen<T>>;
 #[derive(Debug)]
 pub(crate) struct Watched<T> {
     open: Mutex<Copy<T>>,
-    /// Records that are worth keeping.
-    keep: fn(&T) -> bool,
+    /// Class of a record of which nothing else is kept; none of one that is kept.
+    class: fn(&T) -> Option<usize>,
+    /// What is seen first is as old as the broker's calendar says.
+    is_dated: bool,
 }
 
 #[derive(Debug)]
 struct Copy<T> {
-    records: Records<T>,
+    kept: Kept<T>,
     /// Every record was seen once.
     whole: bool,
 }
 
-impl<T: DeserializeOwned + Clone + Send + 'static> Watched<T> {
-    /// Nothing is known yet; of what comes these are kept.
-    pub(crate) fn keeping(keep: fn(&T) -> bool) -> Arc<Self> {
-        let copy = Copy {
+/// What is known of a bucket.
+#[derive(Debug)]
+pub(crate) struct Kept<T> {
+    /// Records.
+    pub(crate) records: Records<T>,
+    /// Classes of those of which nothing else is kept.
+    pub(crate) classes: BTreeMap<String, usize>,
+}
+
+impl<T> Default for Kept<T> {
+    fn default() -> Self {
+        Self {
             records: Records::new(),
-            whole: false,
-        };
+            classes: BTreeMap::new(),
+        }
+    }
+}
+
+impl<T: DeserializeOwned + Clone + Send + 'static> Watched<T> {
+    fn of(class: fn(&T) -> Option<usize>) -> Self {
+        let (kept, whole) = (Kept::default(), false);
+        Self {
+            open: Mutex::new(Copy { kept, whole }),
+            class,
+            is_dated: false,
+        }
+    }
+
+    /// Keeps every record.
+    pub(crate) fn keeping_all() -> Arc<Self> {
+        Arc::new(Self::of(|_| None))
+    }
+
+    /// Keeps every record, and counts what is seen first as old as the broker's calendar says: for
+    /// showing only.
+    pub(crate) fn dated() -> Arc<Self> {
         Arc::new(Self {
-            open: Mutex::new(copy),
-            keep,
+            is_dated: true,
+            ..Self::of(|_| None)
         })
+    }
+
+    /// Keeps no more than the class of a record that has one.
+    pub(crate) fn sorting(class: fn(&T) -> Option<usize>) -> Arc<Self> {
+        Arc::new(Self::of(class))
+    }
+
+    /// Keeps every record; what another copy has was seen since then.
+    pub(crate) fn after(other: &Self) -> Arc<Self> {
+        let watched = Self::of(|_| None);
+        watched.open().kept.records = other.open().kept.records.clone();
+        Arc::new(watched)
     }
 
     fn open(&self) -> MutexGuard<'_, Copy<T>> {
@@ -72,86 +115,122 @@ impl<T: DeserializeOwned + Clone + Send + 'static> Watched<T> {
 
     /// Looks at the records; what it does must be short.
     pub(crate) fn with<A>(&self, look: impl FnOnce(&Records<T>) -> A) -> A {
-        look(&self.open().records)
+        self.with_all(|kept| look(&kept.records))
+    }
+
+    /// Looks at all that is known; what it does must be short.
+    pub(crate) fn with_all<A>(&self, look: impl FnOnce(&Kept<T>) -> A) -> A {
+        look(&self.open().kept)
     }
 
     /// One record.
     pub(crate) fn get(&self, key: &str) -> Option<Seen<T>> {
-        self.open().records.get(key).cloned()
+        self.open().kept.records.get(key).cloned()
     }
 
     /// Follows a bucket for ever; after each new connection from the beginning.
     pub(crate) async fn follow(self: Arc<Self>, link: Arc<Link>, bucket: Bucket) {
         loop {
-            if let Err(error) = self.follow_once(&link, &bucket).await {
+            if let Err(error) = self.follow_once(&link, &bucket, false).await {
                 tracing::debug!("fleet: the copy is not followed: {error}");
             }
             link.clock.sleep_s(RETRY_S).await;
         }
     }
 
-    async fn follow_once(&self, link: &Link, bucket: &Bucket) -> Result<(), FleetError> {
+    /// Reads every record once.
+    ///
+    /// # Errors
+    /// A broker that does not answer.
+    pub(crate) async fn read(&self, link: &Link, bucket: &Bucket) -> Result<(), FleetError> {
+        self.follow_once(link, bucket, true).await
+    }
+
+    async fn follow_once(
+        &self,
+        link: &Link,
+        bucket: &Bucket,
+        ends: bool,
+    ) -> Result<(), FleetError> {
         let mut connections = link.connections();
         connections.mark_unchanged();
         let mut entries = bucket.watch().await?;
         // Until every record has come they are gathered beside, so that one that is gone goes.
-        let mut beside = Some(Records::new());
+        let mut beside = Some(Kept::default());
         // They come in the order of their revisions. The broker's own count of what is left is not
         // exact where a record changes meanwhile.
         let latest = bucket.latest().await?;
         if latest == 0 {
             self.replace(beside.take().unwrap_or_default());
         }
-        loop {
+        while beside.is_some() || !ends {
             let entry = tokio::select! {
                 entry = entries.next() => entry,
-                _ = connections.changed() => return Ok(()),
+                _ = connections.changed() => None,
             };
-            let Some(entry) = entry else { return Ok(()) };
+            let Some(entry) = entry else {
+                return match ends {
+                    true => Err(FleetError::unreachable(&"the connection was cut")),
+                    false => Ok(()),
+                };
+            };
             let entry = entry.map_err(|error| FleetError::unreachable(&error))?;
             let now_s = link.clock.now_s();
             match &mut beside {
-                Some(records) => self.take(records, &entry, now_s),
-                None => self.take(&mut self.open().records, &entry, now_s),
+                Some(kept) => self.take(kept, &entry, now_s),
+                None => self.take(&mut self.open().kept, &entry, now_s),
             }
             if entry.revision >= latest
-                && let Some(records) = beside.take()
+                && let Some(kept) = beside.take()
             {
-                self.replace(records);
+                self.replace(kept);
             }
         }
+        Ok(())
     }
 
     /// All records at once. What was seen with the same revision before was seen since then.
-    fn replace(&self, mut records: Records<T>) {
+    fn replace(&self, mut kept: Kept<T>) {
         let mut open = self.open();
-        for (key, seen) in &mut records {
-            let before = open.records.get(key);
+        let is_first = self.is_dated && !open.whole;
+        let dates = kept.records.values().map(|seen| seen.broker_unix_s);
+        let newest_unix_s = dates.fold(f64::NEG_INFINITY, f64::max);
+        for (key, seen) in &mut kept.records {
+            let before = open.kept.records.get(key);
             if let Some(before) = before.filter(|before| before.revision == seen.revision) {
                 seen.since_s = before.since_s;
+            } else if is_first {
+                seen.since_s -= newest_unix_s - seen.broker_unix_s;
             }
         }
-        (open.records, open.whole) = (records, true);
+        (open.kept, open.whole) = (kept, true);
     }
 
-    fn take(&self, records: &mut Records<T>, entry: &kv::Entry, now_s: f64) {
+    fn take(&self, kept: &mut Kept<T>, entry: &kv::Entry, now_s: f64) {
         let put = entry.operation == kv::Operation::Put;
-        match put.then(|| stored::<T>(entry)) {
-            Some(Ok(found)) if (self.keep)(&found.value) => {
-                let seen = Seen {
-                    revision: found.revision,
-                    value: found.value,
-                    since_s: now_s,
-                    broker_unix_s: found.broker_unix_s,
-                };
-                records.insert(entry.key.clone(), seen);
-            }
-            Some(Err(error)) => {
+        let found = put.then(|| stored::<T>(entry)).transpose();
+        let found = match found {
+            Ok(found) => found,
+            Err(error) => {
                 tracing::warn!("fleet: {error}");
                 // What stood there before is no longer so.
-                records.remove(&entry.key);
+                None
             }
-            _ => drop(records.remove(&entry.key)),
+        };
+        kept.records.remove(&entry.key);
+        kept.classes.remove(&entry.key);
+        let Some(found) = found else { return };
+        let key = entry.key.clone();
+        if let Some(class) = (self.class)(&found.value) {
+            kept.classes.insert(key, class);
+            return;
         }
+        let seen = Seen {
+            revision: found.revision,
+            value: found.value,
+            since_s: now_s,
+            broker_unix_s: found.broker_unix_s,
+        };
+        kept.records.insert(key, seen);
     }
 }

@@ -9,7 +9,7 @@ use std::{fs, path::Path};
 
 use bench_fleet::{
     Client, FleetError, FleetView, Place, Submission,
-    client::{Command, Outcome},
+    client::{Ages, Command, Forgotten, Outcome},
     standing::OrderKind,
     view::{JobFilter, JobPage},
 };
@@ -24,9 +24,12 @@ use crate::{
     },
     support::{account, terminal::say},
 };
-use args::{Act, ConnectArgs, OrderArgs, StopArgs, SubmitArgs};
+use args::{Act, CancelArgs, ConnectArgs, ForgetArgs, OrderArgs, StopArgs, SubmitArgs};
 
 pub use args::FleetArgs;
+
+/// A text that no job has is kept for so long, s: a submission writes it before its jobs.
+const YOUNG_TEXT_S: f64 = 86_400.0;
 
 /// A fleet that was asked: whoever looks for a moment only cannot observe that a bench is silent.
 struct Asked {
@@ -76,10 +79,7 @@ async fn act(args: &FleetArgs) -> Result<(), Failure> {
             }
             say!("{} jobs", jobs.len());
         }
-        Act::Cancel { job } => {
-            client.cancel(job, &by()).await.map_err(failed)?;
-            told(args.json, job, "cancelled")?;
-        }
+        Act::Cancel(cancel) => cancelled(&client, cancel, args.json).await?,
         Act::Release(order) if !order.what.contains('/') => {
             let (job, why) = (&order.what, &order.why);
             client.release_job(job, &by(), why).await.map_err(failed)?;
@@ -89,10 +89,7 @@ async fn act(args: &FleetArgs) -> Result<(), Failure> {
         Act::Hold(order) => say_order(&client, OrderKind::Hold, order, args.json).await?,
         Act::Drain(order) => say_order(&client, OrderKind::Drain, order, args.json).await?,
         Act::Stop(stop) => stopped(&client, stop, args.json).await?,
-        Act::Forget { older_s } => {
-            let count = client.forget(*older_s).await.map_err(failed)?;
-            told(args.json, &format!("{count} jobs"), "forgotten")?;
-        }
+        Act::Forget(forget) => forgotten(&client, forget, args.json).await?,
     }
     Ok(())
 }
@@ -194,6 +191,34 @@ async fn say_order(
     };
     let outcome = client.order(&place(&order.what)?, &command).await;
     outcomes(&[outcome.map_err(failed)?], json)
+}
+
+async fn cancelled(client: &Client, cancel: &CancelArgs, json: bool) -> Result<(), Failure> {
+    if let Some(job) = &cancel.job {
+        client.cancel(job, &by()).await.map_err(failed)?;
+        return told(json, job, "cancelled");
+    }
+    let campaign = cancel.campaign.as_deref().unwrap_or_default();
+    let count = client.cancel_campaign(campaign, &by()).await;
+    let count = count.map_err(failed)?;
+    told(json, &format!("{count} jobs of {campaign}"), "cancelled")
+}
+
+async fn forgotten(client: &Client, forget: &ForgetArgs, json: bool) -> Result<(), Failure> {
+    if let Some(bench) = &forget.bench {
+        let place = place(bench)?;
+        client.forget_bench(&place).await.map_err(failed)?;
+        return told(json, bench, "forgotten");
+    }
+    let jobs_s = forget.older_s.unwrap_or(f64::INFINITY);
+    let texts_s = jobs_s.max(YOUNG_TEXT_S);
+    let Forgotten { jobs, texts } =
+        (client.forget(Ages { jobs_s, texts_s }).await).map_err(failed)?;
+    told(
+        json,
+        &format!("{jobs} jobs, {texts} texts of experiments"),
+        "forgotten",
+    )
 }
 
 async fn stopped(client: &Client, stop: &StopArgs, json: bool) -> Result<(), Failure> {

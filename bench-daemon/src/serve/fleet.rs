@@ -55,7 +55,6 @@ pub fn join(server: &Arc<Server>) -> Result<(), Failure> {
         settings: section.open()?,
         folder: server.settings.data.join(FOLDER),
         benches: server.settings.benches.iter().map(bench).collect(),
-        shows: true,
     });
     let _ = server.fleet.set(fleet);
     Ok(())

@@ -3,6 +3,7 @@
 
 mod archive;
 mod bench;
+mod fleet;
 mod metric;
 mod sample;
 mod server;
@@ -18,4 +19,5 @@ pub fn all() -> impl Iterator<Item = &'static Metric> {
         .iter()
         .chain(bench::METRICS)
         .chain(archive::METRICS)
+        .chain(fleet::METRICS)
 }

@@ -11,7 +11,7 @@ use crate::{
     support::{Ended, Files, files_below, poll, program},
 };
 
-const ARCHIVE: &str = "[archive]\nstore = \"store\"\nsite = \"north\"";
+pub(crate) const ARCHIVE: &str = "[archive]\nstore = \"store\"\nsite = \"north\"";
 
 /// A run in the data folder of a server with an archive.
 struct Archived {

@@ -3,6 +3,7 @@
 //! it is not there.
 
 use std::{
+    ffi::OsStr,
     fs,
     net::TcpListener,
     path::Path,
@@ -14,17 +15,17 @@ use serde_json::Value;
 
 use crate::{
     serve_support::{Served, data},
-    support::{BENCH, EXPERIMENT, Files, Running, poll, program},
+    support::{BENCH, EXPERIMENT, Files, Running, SCENARIO, poll, program},
 };
 
 /// A broker, and where it listens.
-struct Broker {
+pub(crate) struct Broker {
     _process: Running,
-    address: String,
+    pub(crate) address: String,
 }
 
 impl Broker {
-    fn start(folder: &Path) -> Option<Self> {
+    pub(crate) fn start(folder: &Path) -> Option<Self> {
         let bound = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = bound.local_addr().unwrap().port().to_string();
         drop(bound);
@@ -58,8 +59,8 @@ impl Broker {
         files.write("serve.toml", &text);
     }
 
-    /// An answer of the command line.
-    fn fleet(&self, more: &[&str]) -> Value {
+    /// Arguments of `fleet`.
+    fn asked<'a>(&'a self, more: &[&'a str]) -> Vec<&'a OsStr> {
         let asked = [
             "fleet",
             "--fleet",
@@ -68,9 +69,13 @@ impl Broker {
             &self.address,
             "--json",
         ];
-        let arguments: Vec<&std::ffi::OsStr> =
-            asked.iter().chain(more).map(|text| text.as_ref()).collect();
-        let ended = program(&arguments);
+        let asked = asked.iter().chain(more);
+        asked.map(|text| text.as_ref()).collect()
+    }
+
+    /// An answer of the command line.
+    fn fleet(&self, more: &[&str]) -> Value {
+        let ended = program(&self.asked(more));
         ended.expect_code(0);
         serde_json::from_str(&ended.stdout).unwrap()
     }
@@ -105,6 +110,14 @@ fn tiny() -> Files {
     Files::short(2).without(EXPERIMENT, "fixture_check")
 }
 
+/// Controls and a sweep that a model with two pairs is fitted to.
+fn measuring() -> Files {
+    Files::short(8)
+        .edit(EXPERIMENT, "rc = [1]", "rc = [2]")
+        .edit(EXPERIMENT, "start = \"100 Hz\"", "start = \"0.5 Hz\"")
+        .append(SCENARIO, "[specimens]\nstore = 5\n")
+}
+
 #[test]
 fn a_job_goes_to_the_bench_that_fits_and_its_run_is_as_any_other() {
     let north = tiny();
@@ -133,6 +146,11 @@ fn a_job_goes_to_the_bench_that_fits_and_its_run_is_as_any_other() {
     assert_eq!(told["content_sha256"], hash::sha256(list), "{told}");
     assert_eq!((&told["run"], &told["cell"]), (&run.into(), &"A7".into()));
     assert!(data(&south, "audit.jsonl").contains(&format!("fleet begin {job}")));
+    let odd = one
+        .ask("GET", "/api/v1/fleet/jobs?state=tpyo", ("", ""))
+        .expect(400);
+    let told = "state: expected one of queued, claimed, started, lost, done, failed, cancelled";
+    assert!(odd.text().contains(told), "{}", odd.text());
     // The other server shows the same, and refuses what it should.
     let seen = one.get("/fleet");
     assert_eq!(seen["jobs"]["done"], 1, "{seen}");
@@ -153,6 +171,107 @@ fn a_job_goes_to_the_bench_that_fits_and_its_run_is_as_any_other() {
     assert!(stranded.contains("expected at least 500 A"), "{stranded}");
     let path = format!("/api/v1/fleet/jobs/{}", large["jobs"][0].as_str().unwrap());
     one.ask("DELETE", &path, ("", "")).expect(204);
+    // Jobs that nobody takes go all together, and a bench that is gone goes out of the fleet.
+    broker.submit(
+        &north,
+        &["--site", "west", "--count", "3", "--campaign", "spare"],
+    );
+    let cancelled = broker.fleet(&["cancel", "--campaign", "spare"]);
+    assert_eq!(cancelled["what"], "3 jobs of spare", "{cancelled}");
+    broker.submit(
+        &north,
+        &["--site", "west", "--count", "2", "--campaign", "more"],
+    );
+    let path = "/api/v1/fleet/jobs?campaign=more";
+    let cancelled = one.ask("DELETE", path, ("", "")).expect(200).json();
+    assert_eq!(cancelled["cancelled"], 2);
+    drop(two);
+    poll("a bench that is forgotten", || {
+        let ended = program(&broker.asked(&["forget", "south/second"]));
+        ended.stdout.contains("forgotten").then_some(())
+    });
+    let stopped = broker.fleet(&["stop", "--all"]);
+    assert_eq!(stopped.as_array().unwrap().len(), 1, "{stopped}");
+    let odd = program(&broker.asked(&["status", "--state", "tpyo"]));
+    assert!(
+        odd.expect_code(2)
+            .stderr
+            .contains("[possible values: queued"),
+        "{}",
+        odd.stderr
+    );
+}
+
+#[test]
+fn a_campaign_that_was_interrupted_is_submitted_again_and_judged_over_both_benches() {
+    let north = measuring();
+    let Some(broker) = Broker::start(&north.path("nats")) else {
+        return;
+    };
+    let south = measuring().edit(BENCH, "name = \"demo\"", "name = \"second\"");
+    broker.config(&north, "north");
+    broker.config(&south, "south");
+    let _servers = (Served::start(&north), Served::start(&south));
+    broker.knows("north");
+    broker.knows("south");
+    for bench in ["north/demo", "south/second"] {
+        broker.fleet(&["drain", bench, "--why", "to see what is submitted"]);
+    }
+    let text = format!(
+        "name = \"batch\"\nexperiment = \"{EXPERIMENT}\"\ncells = 3\nbenches_per_cell = 2\n\
+        references = [\"REF-1\"]\n[[benches]]\nname = \"north/demo\"\n\
+        [[benches]]\nname = \"south/second\"\n"
+    );
+    north.write("batch.toml", &text);
+    let file = north.path("batch.toml");
+    let submit = || {
+        let submitted = broker.fleet(&["campaign", file.to_str().unwrap()]);
+        let jobs = submitted["jobs"].as_array().unwrap().iter();
+        jobs.map(|job| job.as_str().unwrap().to_owned())
+            .collect::<Vec<_>>()
+    };
+    // Three cells on two benches, and the reference at the beginning and at the end of each.
+    let mut jobs = submit();
+    assert_eq!(jobs.len(), 10);
+    for job in jobs.drain(2..5) {
+        broker.fleet(&["cancel", &job]);
+    }
+    for bench in ["north/demo", "south/second"] {
+        broker.fleet(&["release", bench, "--why", "go on"]);
+    }
+    let again = submit();
+    assert_eq!(
+        again.len(),
+        3,
+        "what was cancelled is missing, and nothing else"
+    );
+    for job in jobs.iter().chain(&again) {
+        poll("the end of a job", || {
+            (broker.job(job)["state"] == "done").then_some(())
+        });
+    }
+    assert_eq!(submit(), [""; 0]);
+    let path = |files: &Files, name: &str| files.path(name).into_os_string();
+    let (catalog, out) = (path(&north, "db.sqlite"), path(&north, "report"));
+    let (one, two) = (path(&north, "data/runs"), path(&south, "data/runs"));
+    program(&["catalog".as_ref(), "scan".as_ref(), &catalog, &one, &two]).expect_code(0);
+    let report = program(&[
+        "campaign".as_ref(),
+        "report".as_ref(),
+        &catalog,
+        "batch".as_ref(),
+        "--json".as_ref(),
+        "--out".as_ref(),
+        &out,
+    ]);
+    let report: Value = serde_json::from_str(&report.expect_code(0).stdout).unwrap();
+    assert_eq!(report["values"], 10, "{report}");
+    let of_r = &report["quantities"][0];
+    assert_eq!(of_r["cells"].as_array().unwrap().len(), 4, "{of_r}");
+    let benches = of_r["benches"].as_array().unwrap().iter();
+    let mut benches: Vec<&str> = benches.map(|one| one["bench"].as_str().unwrap()).collect();
+    benches.sort_unstable();
+    assert_eq!(benches, ["demo", "second"]);
 }
 
 #[test]

@@ -10,7 +10,9 @@ use std::{
 };
 
 use crate::{
+    archive::ARCHIVE,
     collector::{Collector, Span, Values},
+    fleet::Broker,
     serve_support::{Served, config, submit},
     support::{Ended, Files, command, poll, program},
 };
@@ -60,12 +62,37 @@ fn ran(files: &Files, environment: &[(&str, &str)]) -> (Served, String) {
 #[test]
 fn dashboard_alerts_and_documentation_name_what_is_measured() {
     let files = Files::short(3);
-    config(&files, "");
+    let broker = Broker::start(&files.path("nats"));
+    // Without a broker there is a fleet all the same, of which nothing is heard.
+    let nobody = "nats://127.0.0.1:9".to_owned();
+    let address = broker
+        .as_ref()
+        .map_or(nobody, |found| found.address.clone());
+    let fleet = format!("[fleet]\nname = \"lab\"\nsite = \"north\"\nserver = {address:?}");
+    config(&files, &format!("{ARCHIVE}\n{fleet}"));
     let (served, _) = ran(&files, &[]);
-    let with_controls = |text: &String| text.contains("eis_bench_control_impedance_ohms{");
-    let text = poll("the controls", || {
-        Some(metrics(&served)).filter(with_controls)
+    let mut wanted = vec![
+        "eis_bench_control_impedance_ohms{",
+        "eis_bench_archive_runs{state=\"archived\"} 1",
+        "eis_bench_archive_last_verified_timestamp_seconds ",
+    ];
+    if broker.is_some() {
+        wanted.push("eis_bench_fleet_benches{fleet=\"lab\",state=\"idle\"} 1");
+    }
+    let text = poll("controls, archive and fleet", || {
+        let text = metrics(&served);
+        wanted.iter().all(|row| text.contains(row)).then_some(text)
     });
+    // Each metric has values, so that a name and its labels are seen as they are.
+    for line in text.lines().filter(|line| line.starts_with("# TYPE ")) {
+        let name = line.split(' ').nth(2).unwrap();
+        let has_values = text
+            .lines()
+            .any(|line| line.split(['{', ' ']).next() == Some(name));
+        let is_of_a_run = ["_run_", "_cell_"].iter().any(|part| name.contains(part));
+        let is_of_a_fleet = broker.is_none() && name.contains("_fleet_");
+        assert!(has_values || is_of_a_run || is_of_a_fleet, "{name}: {text}");
+    }
     let types = text.lines().filter_map(|line| line.strip_prefix("# TYPE "));
     let there: BTreeSet<String> = types
         .map(|line| line.split(' ').next().unwrap().to_owned())
@@ -90,6 +117,11 @@ fn dashboard_alerts_and_documentation_name_what_is_measured() {
         ("eis_bench_trips_total{bench=\"demo\"}", 0.0),
         ("eis_bench_state{bench=\"demo\",state=\"idle\"}", 1.0),
         ("eis_bench_outputs_verified{bench=\"demo\"}", 1.0),
+        ("eis_bench_archive_trouble", 0.0),
+        (
+            "eis_bench_fleet_connected{fleet=\"lab\"}",
+            f64::from(broker.is_some()),
+        ),
         (
             "eis_bench_control_certified_ohms{bench=\"demo\",control=\"fake_cell\"}",
             3.75e-3,

@@ -86,16 +86,25 @@ impl Post {
             return Ok(true);
         }
         let found = benches.get::<BenchRecord>(&key).await?;
+        let is_forgotten = found.is_none();
         if let Some(found) = found.filter(|found| found.value.nonce == self.shared.nonce) {
             // The answer to an earlier heartbeat was lost.
             self.revision = Some(found.revision);
             return Ok(true);
         }
+        self.revision = None;
+        if is_forgotten {
+            tracing::warn!(
+                "fleet: {}: it was forgotten: it signs on again",
+                record.place
+            );
+            return Ok(false);
+        }
         tracing::error!(
             "fleet: {}: another process has signed on under this name: nothing more is taken",
             record.place
         );
-        (self.revision, self.is_displaced) = (None, true);
+        self.is_displaced = true;
         Ok(false)
     }
 

@@ -5,7 +5,7 @@ use std::{path::Path, sync::Arc};
 use crate::support::{
     Broker, Daemon, Machine, Network, client, clock, pause, resident_mb, settings, witness, work,
 };
-use bench_fleet::{FleetSettings, JobState, view::JobFilter};
+use bench_fleet::{FleetSettings, JobState, client::Looking, view::JobFilter};
 
 /// A drill: so many of each.
 #[derive(Clone, Copy)]
@@ -24,6 +24,8 @@ struct Drill {
     machines_off: usize,
     /// A third of the daemons is cut off for so long, s; 0 for none.
     cut_s: f64,
+    /// Daemons through which somebody looks at the fleet, as the page does.
+    looked_at: usize,
 }
 
 /// Counts of a drill.
@@ -73,10 +75,34 @@ impl Stage {
         })
     }
 
-    async fn counts(&self) -> Option<bench_fleet::JobCounts> {
-        let client = bench_fleet::Client::connect(&self.settings).await.ok()?;
-        let looking = client.seer("lab").await.ok()?;
-        Some(looking.seer.view().jobs)
+    /// Looks at the fleet from now on.
+    async fn looking(&self) -> Looking {
+        let client = client(&self.settings).await;
+        loop {
+            if let Ok(looking) = client.seer("lab").await {
+                return looking;
+            }
+        }
+    }
+
+    /// Somebody has the page open at some daemons.
+    fn look_at(&self, count: usize) -> tokio::task::JoinSet<()> {
+        let mut pages = tokio::task::JoinSet::new();
+        for fleet in self
+            .daemons
+            .iter()
+            .filter_map(|daemon| daemon.fleet.clone())
+            .take(count)
+        {
+            pages.spawn(async move {
+                loop {
+                    let seer = fleet.seer().await;
+                    let _ = seer.map(|seer| (seer.view(), seer.jobs(&JobFilter::default())));
+                    pause(2.0).await;
+                }
+            });
+        }
+        pages
     }
 
     async fn break_things(&mut self, drill: &Drill) {
@@ -190,6 +216,7 @@ async fn play(drill: Drill) {
     };
     let clock = clock();
     let people = client(&stage.settings).await;
+    let _pages = stage.look_at(drill.looked_at);
     let (messages, submitted_s) = (stage.broker.messages(), clock.now_s());
     let jobs = people.submit(&work("work", drill.jobs)).await.unwrap();
     if drill.machines_off > 0 {
@@ -205,10 +232,10 @@ async fn play(drill: Drill) {
     };
     let rounds = (drill.jobs as f64 / stage.machines.len() as f64).ceil();
     let patience_s = 120.0 + 4.0 * rounds * (drill.run_s + 1.0);
+    let looking = stage.looking().await;
     let all_done = async || {
-        let counts = stage.counts().await;
         pause(0.5).await;
-        counts.is_some_and(|counts| counts.of(JobState::Done) == drill.jobs)
+        looking.seer.view().jobs.of(JobState::Done) == drill.jobs
     };
     let began_s = clock.now_s();
     while !all_done().await {
@@ -250,6 +277,7 @@ async fn play(drill: Drill) {
             "started runs put back by a person",
             stage.tally.released.to_string(),
         ),
+        ("daemons that are looked at", drill.looked_at.to_string()),
         ("begun once", times(1).to_string()),
         ("begun twice without a person", twice.len().to_string()),
         ("never begun", never.clone().count().to_string()),
@@ -299,6 +327,7 @@ async fn every_job_runs_once_whatever_breaks() {
         daemon_kills: 5,
         machines_off: 1,
         cut_s: 3.0,
+        looked_at: 0,
     })
     .await;
 }
@@ -318,6 +347,7 @@ async fn two_hundred_benches_run_two_thousand_jobs() {
         daemon_kills: 0,
         machines_off: 0,
         cut_s: 0.0,
+        looked_at: 5,
     })
     .await;
 }
@@ -337,6 +367,7 @@ async fn two_hundred_benches_run_two_thousand_jobs_once_whatever_breaks() {
         daemon_kills: 50,
         machines_off: 3,
         cut_s: 150.0,
+        looked_at: 0,
     })
     .await;
 }

@@ -7,6 +7,8 @@
     reason = "helpers of tests may end a test"
 )]
 
+mod events;
 mod faults;
 mod protocol;
+mod sight;
 mod support;

@@ -16,15 +16,15 @@ use bench_fleet::{
 };
 
 /// A broker, and a client to it.
-struct Lab {
+pub(crate) struct Lab {
     folder: tempfile::TempDir,
-    broker: Broker,
+    pub(crate) broker: Broker,
     settings: FleetSettings,
-    people: Client,
+    pub(crate) people: Client,
 }
 
 impl Lab {
-    async fn open() -> Option<Self> {
+    pub(crate) async fn open() -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let broker = Broker::start(folder.path())?;
         let settings = settings(broker.address(), 1.5);
@@ -41,15 +41,15 @@ impl Lab {
         self.folder.path()
     }
 
-    fn machine(&self, name: &str, run_s: f64) -> Arc<Machine> {
+    pub(crate) fn machine(&self, name: &str, run_s: f64) -> Arc<Machine> {
         Machine::new(self.path(), name, run_s)
     }
 
-    fn daemon(&self, machine: &Arc<Machine>) -> Daemon {
+    pub(crate) fn daemon(&self, machine: &Arc<Machine>) -> Daemon {
         Daemon::new(self.path(), &self.settings, vec![machine.clone()])
     }
 
-    async fn job(&self, job: &str) -> JobView {
+    pub(crate) async fn job(&self, job: &str) -> JobView {
         let looking = self.people.seer("lab").await.unwrap();
         let filter = JobFilter {
             most: 1000,
@@ -59,20 +59,20 @@ impl Lab {
         found.find(|view| view.job.job == job).unwrap()
     }
 
-    async fn is(&self, job: &str, state: JobState) {
+    pub(crate) async fn is(&self, job: &str, state: JobState) {
         until(state.name(), 30.0, async || {
             self.job(job).await.job.state == state
         })
         .await;
     }
 
-    async fn submit(&self, submission: &Submission) -> String {
+    pub(crate) async fn submit(&self, submission: &Submission) -> String {
         let jobs = self.people.submit(submission).await.unwrap();
         jobs.into_iter().next().unwrap()
     }
 
     /// Waits until a bench is known to the fleet.
-    async fn knows(&self, name: &str) {
+    pub(crate) async fn knows(&self, name: &str) {
         until("a bench that signs on", 30.0, async || {
             let looking = self.people.seer("lab").await.unwrap();
             looking.seer.places().contains(&Place::new("north", name))
@@ -80,7 +80,7 @@ impl Lab {
         .await;
     }
 
-    async fn say(&self, bench: &str, kind: OrderKind) -> bench_fleet::client::Outcome {
+    pub(crate) async fn say(&self, bench: &str, kind: OrderKind) -> bench_fleet::client::Outcome {
         let command = Command {
             kind,
             by: "ann".to_owned(),
@@ -212,6 +212,31 @@ async fn work_goes_where_it_fits_and_a_reason_is_told_where_it_fits_nowhere() {
     lab.people.cancel(&large, "ann").await.unwrap();
     let refused = lab.people.cancel(&there, "ann").await.unwrap_err();
     assert!(refused.to_string().contains("expected a job that waits"));
+    let campaign = Submission {
+        campaign: Some("ageing".to_owned()),
+        needs: needs(r#"{"current_a": 100}"#),
+        ..work("large", 3)
+    };
+    let campaign = lab.people.submit(&campaign).await.unwrap();
+    let other = lab
+        .submit(&Submission {
+            campaign: Some("other".to_owned()),
+            ..work("o", 1)
+        })
+        .await;
+    lab.is(&other, JobState::Done).await;
+    let count = lab.people.cancel_campaign("ageing", "ann").await.unwrap();
+    assert_eq!(count, 3);
+    for job in &campaign {
+        assert_eq!(lab.job(job).await.job.state, JobState::Cancelled);
+    }
+    for none in ["ageing", "other"] {
+        assert_eq!(
+            lab.people.cancel_campaign(none, "ann").await.unwrap(),
+            0,
+            "{none}"
+        );
+    }
     let unknown = lab.people.cancel("no such > job", "ann").await.unwrap_err();
     assert!(unknown.to_string().contains("expected a job of the fleet"));
     drop(daemons);

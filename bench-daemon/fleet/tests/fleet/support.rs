@@ -16,7 +16,7 @@ use std::{
 
 use bench_fleet::{
     BenchState, Capabilities, Client, Condition, End, Fate, Fleet, FleetSettings, LocalBench,
-    Order, Submission, fleet::Joining, local::NotTaken,
+    Order, Reading, Submission, fleet::Joining, local::NotTaken,
 };
 use futures_util::{FutureExt, future::BoxFuture};
 use instruments_link::clock::{Clock, TimeMode};
@@ -391,6 +391,11 @@ impl LocalBench for Machine {
             },
             free: going.is_empty() && held.is_none(),
             verified: going.is_empty().then_some(true),
+            reading: going.first().map(|_| Reading {
+                voltage_v: Some(3.7),
+                current_a: Some(1.0),
+                temperature_c: None,
+            }),
             run: going.into_iter().next(),
             held,
             ..Condition::default()
@@ -525,7 +530,6 @@ impl Daemon {
             benches: benches
                 .map(|one| one.clone() as Arc<dyn LocalBench>)
                 .collect(),
-            shows: false,
         };
         self.fleet = Some(Fleet::join(joining));
     }

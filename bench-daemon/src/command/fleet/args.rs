@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use bench_fleet::{
     Needs,
-    view::{JobFilter, MOST_JOBS},
+    view::{JobFilter, JobView, MOST_JOBS},
 };
 use clap::{Args, Subcommand};
 
@@ -59,11 +59,8 @@ pub(super) enum Act {
         #[arg(value_name = "FILE")]
         file: PathBuf,
     },
-    /// Take a job that waits out of the queue.
-    Cancel {
-        /// The job.
-        job: String,
-    },
+    /// Take a job that waits, or all of a campaign that wait, out of the queue.
+    Cancel(CancelArgs),
     /// Take back a hold, drain or stop of a bench; or put a started job whose bench is gone back into
     /// the queue.
     Release(OrderArgs),
@@ -73,12 +70,28 @@ pub(super) enum Act {
     Drain(OrderArgs),
     /// Stop a bench, or all, now, and print what was read back.
     Stop(StopArgs),
-    /// Take jobs that are over out of the records.
-    Forget {
-        /// Over for longer than this: a duration such as "90 d".
-        #[arg(long = "older", value_name = "DURATION", value_parser = units::of::<Duration>)]
-        older_s: f64,
-    },
+    /// Take jobs that are over, with their texts, or a bench that is gone, out of the records.
+    Forget(ForgetArgs),
+}
+
+#[derive(Debug, Args)]
+#[group(required = true, multiple = false)]
+pub(super) struct CancelArgs {
+    /// The job.
+    pub(super) job: Option<String>,
+    /// Every job of this campaign that waits.
+    #[arg(long, value_name = "LABEL")]
+    pub(super) campaign: Option<String>,
+}
+
+#[derive(Debug, Args)]
+#[group(required = true, multiple = false)]
+pub(super) struct ForgetArgs {
+    /// A bench that has signed off or is silent, SITE/BENCH. What stands for it stays.
+    pub(super) bench: Option<String>,
+    /// Jobs that have been over for longer than this: a duration such as "90 d".
+    #[arg(long = "older", value_name = "DURATION", value_parser = units::of::<Duration>)]
+    pub(super) older_s: Option<f64>,
 }
 
 #[derive(Debug, Args)]
@@ -86,8 +99,8 @@ pub(super) struct StatusArgs {
     /// List jobs that are over too.
     #[arg(long)]
     all: bool,
-    /// List jobs in this state: queued, claimed, started, lost, done, failed or cancelled.
-    #[arg(long, value_name = "STATE")]
+    /// List jobs in this state.
+    #[arg(long, value_name = "STATE", value_parser = JobView::STATES)]
     state: Option<String>,
     /// List jobs of this campaign.
     #[arg(long, value_name = "LABEL")]

@@ -11,7 +11,7 @@ use bench_fleet::{
     Client, Fleet, FleetError, FleetView, Place, Submission,
     client::{Command, Outcome},
     standing::{OrderKind, through_the_fleet},
-    view::{JobFilter, MOST_JOBS, Seer},
+    view::{JobFilter, JobView, MOST_JOBS},
 };
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
@@ -37,7 +37,7 @@ const PAGE: usize = 100;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct FleetJobsWanted {
-    /// In this state.
+    /// In this state: `queued`, `claimed`, `started`, `lost`, `done`, `failed` or `cancelled`.
     state: Option<String>,
     /// Of this campaign.
     campaign: Option<String>,
@@ -74,6 +74,22 @@ pub struct SubmitJobs {
 pub struct SubmittedJobs {
     /// Their names.
     jobs: Vec<String>,
+}
+
+/// A campaign.
+#[derive(Debug, Deserialize, IntoParams)]
+#[serde(deny_unknown_fields)]
+#[into_params(parameter_in = Query)]
+pub struct FleetCampaign {
+    /// Its label.
+    campaign: String,
+}
+
+/// Jobs that were cancelled.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct CancelledJobs {
+    /// Their number.
+    cancelled: usize,
 }
 
 /// Why, in words.
@@ -118,15 +134,6 @@ fn client(app: &App) -> Result<Client, Refusal> {
     Ok(fleet(app)?.client()?)
 }
 
-/// Whoever sees the fleet, once everything was seen.
-fn seer(app: &App) -> Result<Arc<Seer>, Refusal> {
-    let seer = fleet(app)?.seer().filter(|seer| seer.is_whole());
-    seer.ok_or_else(|| {
-        let message = "the fleet's server was not reached yet: ask again";
-        Refusal::of(StatusCode::SERVICE_UNAVAILABLE, message)
-    })
-}
-
 /// Who asks, as other sites read it.
 fn by(app: &App, name: &str) -> String {
     let section = app.server.settings.fleet.as_ref();
@@ -144,9 +151,12 @@ fn by(app: &App, name: &str) -> String {
 pub async fn now(_caller: Reader, State(app): State<App>) -> Result<Json<FleetNow>, Refusal> {
     let fleet = fleet(&app)?;
     let settings = fleet.settings();
-    // Before the NATS server was reached there is nothing to be shown, and that is told.
-    let view = fleet.seer().map(|seer| seer.view());
-    let view = view.unwrap_or_else(|| FleetView::unseen(&settings.fleet));
+    let view = match fleet.seer().await {
+        Ok(seer) => seer.view(),
+        Err(error) if fleet.is_connected() => return Err(error.into()),
+        // Without the NATS server there is nothing to be shown, and that is told.
+        Err(_) => FleetView::unseen(&settings.fleet),
+    };
     Ok(Json(FleetNow::of(view, settings.server.clone())))
 }
 
@@ -169,7 +179,16 @@ pub async fn jobs(
         let message = format!("most: expected 1 to {MOST_JOBS}, found {most}");
         return Err(Refusal::of(StatusCode::BAD_REQUEST, message));
     }
-    let page = seer(&app)?.jobs(&JobFilter {
+    if let Some(state) = wanted
+        .state
+        .as_deref()
+        .filter(|state| !JobView::STATES.contains(state))
+    {
+        let states = JobView::STATES.join(", ");
+        let message = format!("state: expected one of {states}, found {state:?}");
+        return Err(Refusal::of(StatusCode::BAD_REQUEST, message));
+    }
+    let page = fleet(&app)?.seer().await?.jobs(&JobFilter {
         state: wanted.state,
         open: false,
         campaign: wanted.campaign,
@@ -231,6 +250,26 @@ pub async fn cancel(
     let by = by(&app, &caller.name);
     client(&app)?.cancel(&job, &by).await?;
     Ok(StatusCode::NO_CONTENT)
+}
+
+/// Takes every job of a campaign that waits out of the queue.
+#[utoipa::path(
+    delete,
+    path = "/api/v1/fleet/jobs",
+    tag = "fleet",
+    params(FleetCampaign),
+    responses((status = 200, body = CancelledJobs)),
+    security(("token" = ["energise"]))
+)]
+pub async fn cancel_campaign(
+    caller: Energiser,
+    State(app): State<App>,
+    Query(wanted): Query<FleetCampaign>,
+) -> Result<Json<CancelledJobs>, Refusal> {
+    let by = by(&app, &caller.name);
+    let client = client(&app)?;
+    let cancelled = client.cancel_campaign(&wanted.campaign, &by).await?;
+    Ok(Json(CancelledJobs { cancelled }))
 }
 
 /// Puts a started job whose bench is gone back into the queue: a person says that it may run again.
@@ -446,7 +485,7 @@ async fn stopped_through(
     match client.stop_all(&by, why).await {
         Ok(outcomes) => Ok((outcomes, None)),
         Err(error) => {
-            let seer = fleet(app)?.seer();
+            let seer = fleet(app)?.seer().await;
             let seen = seer.map(|seer| seer.places()).unwrap_or_default();
             let outcomes = client.stop_these(&seen, &by, why).await?;
             Ok((outcomes, Some(error.to_string())))

@@ -93,7 +93,12 @@ pub fn router(app: &App) -> Router {
         .route("/runs/{run}/capture", get(find::capture))
         .route("/fleet", get(fleet::now))
         .route("/fleet/stop", post(fleet::stop_all))
-        .route("/fleet/jobs", get(fleet::jobs).post(fleet::submit))
+        .route(
+            "/fleet/jobs",
+            get(fleet::jobs)
+                .post(fleet::submit)
+                .delete(fleet::cancel_campaign),
+        )
         .route("/fleet/jobs/{job}", delete(fleet::cancel))
         .route("/fleet/jobs/{job}/release", post(fleet::release_job))
         .route("/fleet/benches/{site}/{bench}/hold", post(fleet::hold))

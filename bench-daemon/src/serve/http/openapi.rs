@@ -70,6 +70,7 @@ use super::{
         fleet::jobs,
         fleet::submit,
         fleet::cancel,
+        fleet::cancel_campaign,
         fleet::release_job,
         fleet::hold,
         fleet::release,

@@ -1,0 +1,129 @@
+//! The whole fleet as a daemon sees it. Heartbeats of all benches, and jobs that are over, go to a daemon
+//! only while somebody looks: with so many daemons as benches they would grow with their square.
+
+use std::{
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::Duration,
+};
+
+use crate::{
+    client::Looking,
+    error::FleetError,
+    job::Job,
+    link::Link,
+    view::{Seer, Tally},
+    watched::Watched,
+};
+
+/// The fleet is not followed any more once nobody has asked for so long, s. The page asks every few
+/// seconds.
+const IDLE_S: f64 = 60.0;
+/// Whoever asks first waits for the records at most so long, s.
+const PATIENCE_S: f64 = 5.0;
+/// Time between two counts, s: as often as Prometheus asks for metrics in the example.
+const COUNT_S: f64 = 15.0;
+/// In a large fleet the time is longer, by so much for each bench, s: two records a second go to each
+/// daemon, however many benches there are.
+const COUNT_EACH_S: f64 = 0.5;
+/// Time until a count that has failed is tried again, s.
+const RETRY_S: f64 = 2.0;
+/// A count waits for the records at most so long.
+const READ: Duration = Duration::from_secs(10);
+
+/// Whoever looks at the whole fleet through a daemon.
+pub(crate) struct Sight {
+    link: Arc<Link>,
+    fleet: String,
+    /// Jobs that are not over, and the states of the others.
+    jobs: Arc<Watched<Job>>,
+    open: Mutex<Option<Open>>,
+    counted: Mutex<Option<Tally>>,
+}
+
+/// A look for people.
+struct Open {
+    looking: Looking,
+    asked_s: f64,
+}
+
+impl Sight {
+    /// Nobody looks yet.
+    pub(crate) fn of(link: &Arc<Link>, fleet: &str, jobs: &Arc<Watched<Job>>) -> Arc<Self> {
+        Arc::new(Self {
+            link: link.clone(),
+            fleet: fleet.to_owned(),
+            jobs: jobs.clone(),
+            open: Mutex::default(),
+            counted: Mutex::default(),
+        })
+    }
+
+    /// The whole fleet.
+    ///
+    /// # Errors
+    /// A broker that is not there; records that do not come in time.
+    pub(crate) async fn seer(&self) -> Result<Arc<Seer>, FleetError> {
+        let seer = self.asked();
+        let until_s = self.link.clock.now_s() + PATIENCE_S;
+        while !seer.is_whole() {
+            if !self.link.is_connected() || self.link.clock.now_s() > until_s {
+                let words = "its records have not come yet: ask again";
+                return Err(FleetError::unreachable(&words));
+            }
+            self.link.clock.sleep_s(0.02).await;
+        }
+        Ok(seer)
+    }
+
+    fn asked(&self) -> Arc<Seer> {
+        let mut open = self.open();
+        let open = open.get_or_insert_with(|| Open {
+            looking: Looking::begin(&self.link, &self.fleet, &Watched::after(&self.jobs)),
+            asked_s: 0.0,
+        });
+        open.asked_s = self.link.clock.now_s();
+        open.looking.seer.clone()
+    }
+
+    fn open(&self) -> MutexGuard<'_, Option<Open>> {
+        self.open.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Ends looks that nobody asks for any more, for ever.
+    pub(crate) async fn close(self: Arc<Self>) {
+        loop {
+            self.link.clock.sleep_s(IDLE_S / 4.0).await;
+            let now_s = self.link.clock.now_s();
+            self.open().take_if(|open| now_s - open.asked_s > IDLE_S);
+        }
+    }
+
+    /// Counts benches and jobs from time to time, for ever.
+    pub(crate) async fn count(self: Arc<Self>) {
+        let seer = Seer::of(&self.link, &self.fleet, &self.jobs);
+        let clock = &self.link.clock;
+        loop {
+            let counted = match self.jobs.is_whole() {
+                true => clock.deadline(READ, seer.tally()).await.ok(),
+                false => None,
+            };
+            let counted = counted.and_then(Result::ok);
+            let pause_s = match &counted {
+                Some(_) => COUNT_S.max(COUNT_EACH_S * seer.places().len() as f64),
+                None => RETRY_S,
+            };
+            *self.counted() = counted;
+            clock.sleep_s(pause_s).await;
+        }
+    }
+
+    fn counted(&self) -> MutexGuard<'_, Option<Tally>> {
+        self.counted.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Numbers as they were counted last; none while the broker is away.
+    pub(crate) fn tally(&self) -> Option<Tally> {
+        let is_there = self.link.is_connected();
+        self.counted().clone().filter(|_| is_there)
+    }
+}
