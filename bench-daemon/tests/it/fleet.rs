@@ -69,8 +69,8 @@ impl Broker {
             &self.address,
             "--json",
         ];
-        let asked = asked.iter().chain(more);
-        asked.map(|text| text.as_ref()).collect()
+        let asked = asked.into_iter().chain(more.iter().copied());
+        asked.map(OsStr::new).collect()
     }
 
     /// An answer of the command line.

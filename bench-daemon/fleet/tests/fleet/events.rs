@@ -60,7 +60,8 @@ impl Heard {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn states_jobs_and_readings_of_a_bench_are_published_with_the_documented_fields() {
     let Some(lab) = Lab::open().await else { return };
-    let machine = lab.machine("b1", 3.0);
+    // Longer than telemetry takes to come for the first time.
+    let machine = lab.machine("b1", 12.0);
     let _daemon = lab.daemon(&machine);
     lab.knows("b1").await;
     let refused = bench_fleet::Submission {

@@ -2,6 +2,7 @@
 //! and says so where it is not there.
 use async_nats::jetstream;
 use bench_fleet::{Fleet, JobState, Place, client::Ages};
+use futures_util::TryStreamExt;
 
 use crate::{
     protocol::Lab,
@@ -13,7 +14,9 @@ async fn followers(lab: &Lab) -> usize {
     let client = async_nats::connect(lab.broker.address()).await.unwrap();
     let context = jetstream::new(client);
     let stream = context.get_stream("KV_eis-lab-benches").await.unwrap();
-    stream.get_info().await.unwrap().state.consumer_count
+    // Those of whom nobody hears any more are kept by the broker for a while.
+    let consumers: Vec<_> = stream.consumers().try_collect().await.unwrap();
+    consumers.iter().filter(|one| one.push_bound).count()
 }
 
 /// State of a bench, as a daemon shows it to somebody who asks.
