@@ -358,7 +358,14 @@ async fn play(folder: &Path, run: &str, run_s: f64) {
     append(folder, &format!("begin {run}"));
     pause(run_s).await;
     append(folder, &format!("end {run}"));
-    fs::write(folder.join("ended").join(run), "finished").unwrap();
+    ended(folder, run, "finished");
+}
+
+/// Writes down how a run has ended. Nobody reads the half of it.
+fn ended(folder: &Path, run: &str, how: &str) {
+    let beside = folder.join(format!("ending-{run}"));
+    fs::write(&beside, how).unwrap();
+    fs::rename(beside, folder.join("ended").join(run)).unwrap();
 }
 
 impl LocalBench for Machine {
@@ -457,7 +464,7 @@ impl LocalBench for Machine {
             self.end_runs();
             for run in &going {
                 append(&self.folder, &format!("stop {run}"));
-                fs::write(self.folder.join("ended").join(run), "stopped").unwrap();
+                ended(&self.folder, run, "stopped");
             }
             serde_json::json!({ "bench": self.name, "by": by, "verified": true })
         }
