@@ -542,7 +542,11 @@ fn batch() -> Result<String, FleetError> {
     let micros = (clock::unix_time_s() * 1.0e6) as i64;
     let now = jiff::Timestamp::from_microsecond(micros)
         .map_err(|error| FleetError::File(error.to_string()))?;
-    Ok(format!("{}-{}", now.strftime("%Y%m%dT%H%M%S%3f"), random()?))
+    Ok(format!(
+        "{}-{}",
+        now.strftime("%Y%m%dT%H%M%S%3f"),
+        random()?
+    ))
 }
 
 fn job_of(submission: &Submission, job: String, index: usize, text_sha256: &str) -> Job {
