@@ -67,6 +67,14 @@ def test_intervals_cover_and_false_alarms_are_rare():
     assert alarms <= 8
 
 
+def test_benches_of_one_name_at_two_sites_are_two():
+    table = made(2, benches=2)
+    table["site"] = np.where(np.arange(len(table["bench"])) % 2, "north", "south")
+    found = eb.hierarchy(table, "r_ohm", covariates=["temperature_c"])
+    names = column(found.components, "component")
+    assert column(found.components, "levels")[names.index("bench")] == 4
+
+
 def test_known_uncertainty_is_not_counted_as_scatter():
     table = made(3, batches=12, sds={**TRUTH, "residual": 0.0}, sigma=0.02)
     with_it = eb.hierarchy(table, "r_ohm", covariates=["temperature_c"])

@@ -105,9 +105,12 @@ pub struct CatalogCell {
 }
 
 impl CatalogCell {
-    /// Its serial number, by the experiment or else as a person read it.
+    /// Its serial number, by the experiment or else as a person read it. The code that is printed on it,
+    /// which a person may read in its place, is none.
     pub(crate) fn any_serial(&self) -> Option<String> {
-        self.serial.clone().or_else(|| self.scanned_serial.clone())
+        let scanned = self.scanned_serial.as_ref();
+        let scanned = scanned.filter(|scanned| self.barcode.as_ref() != Some(scanned));
+        self.serial.clone().or_else(|| scanned.cloned())
     }
 }
 

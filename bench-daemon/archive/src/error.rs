@@ -31,6 +31,8 @@ pub enum ArchiveError {
     Waiting {
         /// Name of the run.
         run: String,
+        /// A process works in its folder.
+        in_use: bool,
         /// The reason.
         why: String,
     },

@@ -89,6 +89,18 @@ impl Going<'_> {
     }
 }
 
+fn waiting(source: &RunSource, in_use: bool) -> ArchiveError {
+    let why = match in_use {
+        true => "a process works in its folder",
+        false => "its journal tells no end; `--unfinished` archives it as it is",
+    };
+    ArchiveError::Waiting {
+        run: source.name.clone(),
+        in_use,
+        why: why.to_owned(),
+    }
+}
+
 fn rows(source: &RunSource, now: &Now) -> RunRows {
     let beside = Beside {
         operator: now.operator.clone(),
@@ -114,7 +126,7 @@ impl<'a> Pusher<'a> {
     /// [`ArchiveError`], which the receipt of the run tells, too.
     pub async fn push(&mut self, source: &RunSource, now: &Now) -> Result<Outcome, ArchiveError> {
         let _lock = self.receipts.lock()?;
-        let mut pushed = Err(self.waiting(source, "it changes"));
+        let mut pushed = Err(waiting(source, true));
         for _ in 0..BEGINNINGS {
             pushed = self.once(source, now).await;
             if !matches!(pushed, Err(ArchiveError::Changed { .. })) {
@@ -125,13 +137,6 @@ impl<'a> Pusher<'a> {
             self.tell(source, now, error)?;
         }
         pushed
-    }
-
-    fn waiting(&self, source: &RunSource, why: &str) -> ArchiveError {
-        ArchiveError::Waiting {
-            run: source.name.clone(),
-            why: why.to_owned(),
-        }
     }
 
     fn tell(
@@ -153,9 +158,9 @@ impl<'a> Pusher<'a> {
             self.store.name().clone_into(&mut receipt.store);
         }
         // Whoever works in a folder may end and leave every file as it is: then it is looked at again.
-        let stamp = match source.is_in_use() {
-            true => String::new(),
-            false => source.stamp(),
+        let stamp = match error {
+            ArchiveError::Waiting { in_use: true, .. } => String::new(),
+            _ => source.stamp(),
         };
         receipt.trouble = Some(Trouble {
             why: error.to_string(),
@@ -228,12 +233,11 @@ impl<'a> Pusher<'a> {
         stamp: String,
     ) -> Result<Going<'b>, ArchiveError> {
         if source.is_in_use() {
-            return Err(self.waiting(source, "a process works in its folder"));
+            return Err(waiting(source, true));
         }
         let rows = rows(source, now);
         if rows.run().verdict == CatalogVerdict::Unfinished && !now.unfinished {
-            let why = "its journal tells no end; `--unfinished` archives it as it is";
-            return Err(self.waiting(source, why));
+            return Err(waiting(source, false));
         }
         let finished = rows.is_finished();
         Ok(Going {

@@ -7,6 +7,7 @@ use std::{sync::Arc, time::Duration};
 use futures_util::future::join_all;
 use instruments_link::clock;
 use serde::de::{DeserializeOwned, IgnoredAny};
+use serde_json::Value;
 use sha2::{Digest, Sha256};
 
 use crate::{
@@ -30,6 +31,9 @@ pub const MOST_COUNT: usize = 10_000;
 const AT_ONCE: usize = 64;
 /// A bench that is asked how it is answers within so long, or counts as not heard.
 const LOOK: Duration = Duration::from_secs(3);
+/// The same where much depends on the answer: before a bench answers it asks the broker, 3 s, and may
+/// write to a slow disk.
+const PATIENT_LOOK: Duration = Duration::from_secs(10);
 /// The same for a stop, which reads every output back: `eis-bench safe` takes at most 90 s, after the
 /// run had 10 s to end by itself.
 const STOP: Duration = Duration::from_secs(120);
@@ -110,6 +114,11 @@ impl Client {
     /// A broker that is not there, or refuses.
     pub async fn connect(settings: &FleetSettings) -> Result<Self, FleetError> {
         Link::open(settings).await.map(Self::through)
+    }
+
+    /// Whether the broker is there, as far as is known.
+    pub fn is_connected(&self) -> bool {
+        self.link.is_connected()
     }
 
     /// Puts jobs into the queue. Each is there once, whatever answer was lost.
@@ -235,16 +244,38 @@ impl Client {
                 found.value.state.name()
             )));
         };
-        let place = &holder.place;
-        let answer: Option<BenchAnswer> = self.link.ask(place, &Question::Look, LOOK).await;
-        if answer.is_some_and(|answer| answer.jobs.iter().any(|one| one == job)) {
-            return Err(FleetError::Conflict(format!(
-                "{job}: expected a job whose bench is gone, found that {place} has it and answers: \
-                stop it there first"
-            )));
-        }
+        self.is_gone(&holder.place, job).await?;
         let words = format!("put back by {by}: {why}");
         self.change(&found, &found.value.released(words)).await
+    }
+
+    /// Whether a bench no longer has a job: it does not answer, or it says so itself. An answer that
+    /// cannot be understood is no such word.
+    async fn is_gone(&self, place: &Place, job: &str) -> Result<(), FleetError> {
+        let conflict = |found: &str| {
+            Err(FleetError::Conflict(format!(
+                "{job}: expected a job whose bench is gone, found that {place} {found}"
+            )))
+        };
+        let answer: Option<Value> = self.link.ask(place, &Question::Look, PATIENT_LOOK).await;
+        if !self.link.is_connected() {
+            let words = "whether the bench answers is not known: ask again".to_owned();
+            return Err(FleetError::Unreachable(words));
+        }
+        let Some(answer) = answer else { return Ok(()) };
+        let jobs = answer["jobs"].as_array();
+        let record: Option<Stored<Value>> = self.link.benches.get(&place.key()).await?;
+        let signed_on = record.map(|record| record.value["nonce"].clone());
+        match jobs {
+            Some(jobs) if jobs.iter().any(|one| one == job) => {
+                conflict("has it and answers: stop it there first")
+            }
+            None => conflict("answers, and does not say which jobs it has: look at it there"),
+            Some(_) if signed_on != Some(answer["record"]["nonce"].clone()) => {
+                conflict("is answered for by another process than the one that is signed on")
+            }
+            Some(_) => Ok(()),
+        }
     }
 
     /// Gives an order to a bench. The broker keeps it, and the bench is asked to follow it now.
@@ -274,17 +305,31 @@ impl Client {
     /// Stops every bench of the fleet at once.
     ///
     /// # Errors
-    /// A broker that does not answer.
+    /// A broker that does not answer: which benches there are is not known.
     pub async fn stop_all(&self, by: &str, why: &str) -> Result<Vec<Outcome>, FleetError> {
+        // The benches alone: a stop does not wait for the records of the jobs. By their keys, so that
+        // one whose record cannot be read is stopped too.
+        let benches = self.whole::<IgnoredAny>(&self.link.benches).await?;
+        let places: Vec<Place> =
+            benches.with(|all| all.keys().filter_map(|key| Place::of_key(key)).collect());
+        self.stop_these(&places, by, why).await
+    }
+
+    /// Stops these benches at once, whether the broker can keep the order or not.
+    ///
+    /// # Errors
+    /// A machine without chance.
+    pub async fn stop_these(
+        &self,
+        places: &[Place],
+        by: &str,
+        why: &str,
+    ) -> Result<Vec<Outcome>, FleetError> {
         let command = Command {
             kind: OrderKind::Stop,
             by: by.to_owned(),
             why: why.to_owned(),
         };
-        // The benches alone: a stop does not wait for the records of the jobs.
-        let benches = self.whole::<BenchRecord>(&self.link.benches).await?;
-        let places: Vec<Place> =
-            benches.with(|all| all.values().map(|seen| seen.value.place.clone()).collect());
         let said = places.iter().map(|place| self.say(place, &command));
         join_all(said).await.into_iter().collect()
     }
@@ -497,7 +542,7 @@ fn batch() -> Result<String, FleetError> {
     let micros = (clock::unix_time_s() * 1.0e6) as i64;
     let now = jiff::Timestamp::from_microsecond(micros)
         .map_err(|error| FleetError::File(error.to_string()))?;
-    Ok(format!("{}-{}", now.strftime("%Y%m%dT%H%M%S"), random()?))
+    Ok(format!("{}-{}", now.strftime("%Y%m%dT%H%M%S%3f"), random()?))
 }
 
 fn job_of(submission: &Submission, job: String, index: usize, text_sha256: &str) -> Job {

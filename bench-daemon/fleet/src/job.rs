@@ -153,6 +153,12 @@ impl Place {
         }
     }
 
+    /// The bench of a key.
+    pub(crate) fn of_key(key: &str) -> Option<Self> {
+        let (site, bench) = key.split_once('.')?;
+        Some(Self::new(site, bench))
+    }
+
     /// Its key in the buckets of the broker.
     pub fn key(&self) -> String {
         format!("{}.{}", self.site, self.bench)
@@ -347,7 +353,7 @@ mod tests {
         for name in ["..", "../x", "a/b", "", "a.b", "a b"] {
             assert!(!is_plain(name), "{name}");
         }
-        assert!(is_plain("20261128T070102-5f0c5f0c5f0c5f0c-0000001") && is_plain("demo_2"));
+        assert!(is_plain("20261128T070102123-5f0c5f0c5f0c5f0c-0000001") && is_plain("demo_2"));
     }
 
     #[test]

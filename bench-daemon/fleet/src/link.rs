@@ -170,6 +170,10 @@ impl Link {
         question: &impl Serialize,
         patience: Duration,
     ) -> Option<T> {
+        // A question to a broker that is away would go out once it is back, however old.
+        if !self.is_connected() {
+            return None;
+        }
         let text = serde_json::to_vec(question).ok()?;
         let request = async_nats::Request::new()
             .payload(text.into())
@@ -356,22 +360,15 @@ impl Bucket {
             key: key.to_owned(),
             reason: error.to_string(),
         })?;
-        let text = Bytes::from(text);
-        let swap = self.update(key, text.clone(), revision).await?;
-        if swap != Swap::Lost || revision != 0 {
-            return Ok(swap);
+        if revision == 0 {
+            // A record that was deleted has left a mark with a revision.
+            return match self.0.create(key, Bytes::from(text)).await {
+                Ok(revision) => Ok(Swap::Written(revision)),
+                Err(error) if error.kind() == kv::CreateErrorKind::AlreadyExists => Ok(Swap::Lost),
+                Err(error) => Err(FleetError::unreachable(&error)),
+            };
         }
-        // Where a record was taken out there is a mark with a revision of its own.
-        let entry = self.0.entry(key).await;
-        let entry = entry.map_err(|error| FleetError::unreachable(&error))?;
-        match entry.filter(|entry| entry.operation != kv::Operation::Put) {
-            Some(mark) => self.update(key, text, mark.revision).await,
-            None => Ok(Swap::Lost),
-        }
-    }
-
-    async fn update(&self, key: &str, text: Bytes, revision: u64) -> Result<Swap, FleetError> {
-        match self.0.update(key, text, revision).await {
+        match self.0.update(key, Bytes::from(text), revision).await {
             Ok(revision) => Ok(Swap::Written(revision)),
             Err(error) => lost(&error),
         }

@@ -140,6 +140,9 @@ pub trait LocalBench: Send + Sync + 'static {
     /// Forgets what was prepared: the run never began and never will.
     fn discard(&self, order: &Order);
 
+    /// Takes a run that waits out of the queue of the bench; false where it does not wait.
+    fn withdraw(&self, run: &str) -> bool;
+
     /// Tells the fate of a run.
     fn fate(&self, run: &str) -> Fate;
 

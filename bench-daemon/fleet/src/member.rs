@@ -129,17 +129,32 @@ impl Member {
         if !self.shared.link.is_connected() || !self.shared.orders.is_whole() {
             return Ok(());
         }
-        self.obedience.follow(&self.standing()).await?;
+        let followed = self.obedience.follow(&self.standing()).await;
         let condition = self.bench.condition();
-        let is_signed_on = self.tell(&condition).await?;
+        let heard = self.hear(&condition.run).await;
+        let told = self.tell(&condition).await;
+        // A trouble with one of them keeps none of the others back; but nothing new is taken.
         self.go_on().await?;
-        if !is_signed_on || !self.shared.jobs.is_whole() {
+        followed.and(heard)?;
+        if !told? || !self.shared.jobs.is_whole() {
             return Ok(());
         }
         self.return_claims().await;
         if condition.free && self.standing().lets_work() {
             self.take().await?;
         }
+        Ok(())
+    }
+
+    /// Asks the broker what stands since a run is in work: a stop that is heard later was said after the
+    /// run had begun.
+    async fn hear(&self, run: &Option<String>) -> Result<(), FleetError> {
+        if self.obedience.has_heard(run) {
+            return Ok(());
+        }
+        let standing = self.shared.link.standing(&self.me.place).await?.value;
+        self.obedience.follow(&standing).await?;
+        self.obedience.heard(run.clone());
         Ok(())
     }
 
@@ -245,7 +260,7 @@ pub(crate) async fn listen(shared: Arc<Shared>, obedience: Arc<Obedience>) {
     }
 }
 
-async fn answer(shared: &Shared, obedience: &Obedience, message: &async_nats::Message) {
+async fn answer(shared: &Shared, obedience: &Arc<Obedience>, message: &async_nats::Message) {
     let Ok(question) = serde_json::from_slice::<Question>(&message.payload) else {
         return;
     };
@@ -262,13 +277,16 @@ async fn answer(shared: &Shared, obedience: &Obedience, message: &async_nats::Me
     if let Err(error) = followed {
         tracing::warn!("fleet: {place}: {error}");
     }
-    let jobs = match (obedience.jobs(), &report) {
-        (Ok(jobs), _) => jobs,
+    let jobs = match obedience.jobs() {
+        Ok(jobs) => Some(jobs),
         // A bench that does not know its jobs must not say that it has none.
-        (Err(error), None) => return tracing::warn!("fleet: {place}: {error}"),
-        (Err(_), Some(_)) => Vec::new(),
+        Err(error) => {
+            tracing::warn!("fleet: {place}: {error}");
+            None
+        }
     };
-    let record = record(shared, obedience, &standing.unwrap_or_default(), &jobs);
+    let known = jobs.as_deref().unwrap_or_default();
+    let record = record(shared, obedience, &standing.unwrap_or_default(), known);
     let answer = BenchAnswer {
         record: record.with(&obedience.bench().condition()),
         jobs,

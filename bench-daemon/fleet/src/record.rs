@@ -73,8 +73,8 @@ pub(crate) enum Question {
 pub(crate) struct BenchAnswer {
     /// The bench as it is.
     pub(crate) record: BenchRecord,
-    /// Jobs that it has begun or is about to begin.
-    pub(crate) jobs: Vec<String>,
+    /// Jobs that it has begun or is about to begin; none where it does not know.
+    pub(crate) jobs: Option<Vec<String>>,
     /// Report of a stop.
     pub(crate) report: Option<serde_json::Value>,
 }

@@ -211,7 +211,11 @@ impl<T: DeserializeOwned + Clone + Send + 'static> Watched<T> {
         let found = put.then(|| stored::<T>(entry)).transpose();
         let found = match found {
             Ok(found) => found,
-            Err(error) => return tracing::warn!("fleet: {error}"),
+            Err(error) => {
+                tracing::warn!("fleet: {error}");
+                // What stood there before is no longer so.
+                None
+            }
         };
         kept.records.remove(&entry.key);
         kept.classes.remove(&entry.key);

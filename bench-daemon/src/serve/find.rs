@@ -4,7 +4,7 @@
 use std::{
     collections::{BTreeMap, BTreeSet},
     path::Path,
-    sync::{Mutex, PoisonError},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
 use analysis::{
@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::{
-    jobs::{self, Job},
+    jobs::{self, Begun, Job, Jobs},
     notebook::{About, Notebook},
     spectra::{self, Point, Spectrum},
     submission,
@@ -128,7 +128,7 @@ pub struct Found {
 /// Cards of runs that have ended, by name.
 #[derive(Debug, Default)]
 pub struct Finder {
-    ended: Mutex<BTreeMap<String, Card>>,
+    ended: Mutex<BTreeMap<Arc<str>, Arc<Card>>>,
 }
 
 /// Where runs and their records lie.
@@ -136,62 +136,63 @@ pub struct Finder {
 pub struct Places<'a> {
     /// The data folder.
     pub data: &'a Path,
+    /// Runs that were begun here.
+    pub jobs: &'a Jobs,
     /// Notes and tags.
     pub notebook: &'a Notebook,
 }
 
 impl Finder {
     /// All runs that were begun here, the latest first, with the texts of their notes.
-    fn all(&self, places: Places<'_>) -> Vec<(Card, String)> {
-        let jobs = jobs::all(places.data);
-        jobs.iter().map(|job| self.card(places, job)).collect()
+    fn all(&self, places: Places<'_>) -> Vec<(Arc<Card>, String)> {
+        let begun = places.jobs.begun();
+        let told = begun.iter().filter_map(|begun| {
+            let card = self.card(places, begun)?;
+            Some(with_entries(card, places.notebook))
+        });
+        told.collect()
     }
 
     /// One run.
     pub fn of(&self, places: Places<'_>, job: &Job) -> Card {
-        self.card(places, job).0
+        let card = Arc::new(made(places.data, job));
+        Arc::unwrap_or_clone(with_entries(card, places.notebook).0)
     }
 
-    fn card(&self, places: Places<'_>, job: &Job) -> (Card, String) {
-        let run = &job.item.run;
-        let ended = job.ended.as_ref().map(|ended| ended.unix_s);
-        let known = || {
-            let known = self.ended.lock().unwrap_or_else(PoisonError::into_inner);
-            known
-                .get(run)
-                .filter(|card| card.ended_unix_s == ended)
-                .cloned()
-        };
-        let mut card = ended.and_then(|_| known()).unwrap_or_else(|| {
-            let card = made(places.data, job);
-            if ended.is_some() {
-                let mut known = self.ended.lock().unwrap_or_else(PoisonError::into_inner);
-                known.insert(run.clone(), card.clone());
-            }
-            card
-        });
-        let entries = places.notebook.read(About::Run(run));
-        card.tags = entries.tags;
-        card.notes = entries.notes.len();
-        let notes: Vec<String> = entries.notes.into_iter().map(|note| note.text).collect();
-        (card, notes.join("\n"))
+    /// A run that has ended is read once.
+    fn card(&self, places: Places<'_>, begun: &Begun) -> Option<Arc<Card>> {
+        let known = self.known().get(&begun.run).cloned();
+        let is_same = |card: &Arc<Card>| card.ended_unix_s == begun.ended_unix_s;
+        if let Some(card) = known.filter(|card| begun.ended_unix_s.is_some() && is_same(card)) {
+            return Some(card);
+        }
+        let job = jobs::read(places.data, &begun.run)?;
+        let card = Arc::new(made(places.data, &job));
+        if card.ended_unix_s.is_some() {
+            self.known().insert(begun.run.clone(), card.clone());
+        }
+        Some(card)
+    }
+
+    fn known(&self) -> MutexGuard<'_, BTreeMap<Arc<str>, Arc<Card>>> {
+        self.ended.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The runs that are wanted.
     pub fn find(&self, places: Places<'_>, wanted: &Wanted) -> Found {
         let all = self.all(places);
-        let of = |part: fn(&Card) -> Vec<String>| -> Vec<String> {
-            let unique: BTreeSet<String> = all.iter().flat_map(|(card, _)| part(card)).collect();
-            unique.into_iter().collect()
-        };
-        let cells = of(|card| card.cells.iter().map(|cell| cell.name.clone()).collect());
-        let benches = of(|card| vec![card.bench.clone()]);
-        let tags = of(|card| card.tags.clone());
-        let mut found: Vec<Card> = all
-            .into_iter()
-            .filter(|(card, notes)| wanted.is_met(card, notes))
-            .map(|(card, _)| card)
-            .collect();
+        let [mut cells, mut benches, mut tags] = [const { BTreeSet::new() }; 3];
+        for (card, _) in &all {
+            cells.extend(card.cells.iter().map(|cell| cell.name.as_str()));
+            benches.insert(card.bench.as_str());
+            tags.extend(card.tags.iter().map(String::as_str));
+        }
+        let [cells, benches, tags] =
+            [cells, benches, tags].map(|of| of.into_iter().map(str::to_owned).collect());
+        let met = all
+            .iter()
+            .filter(|(card, notes)| wanted.is_met(card, notes));
+        let mut found: Vec<&Arc<Card>> = met.map(|(card, _)| card).collect();
         let number = found.len();
         if let Some(after) = &wanted.after
             && let Some(place) = found.iter().position(|card| card.run == *after)
@@ -201,6 +202,7 @@ impl Finder {
         let most = wanted.most.map_or(MOST, usize::from);
         let more = (found.len() > most).then(|| found[most - 1].run.clone());
         found.truncate(most);
+        let found = found.into_iter().map(|card| Card::clone(card)).collect();
         Found {
             found,
             more,
@@ -215,15 +217,15 @@ impl Finder {
     pub fn cells(&self, places: Places<'_>) -> Vec<KnownCell> {
         let mut cells: BTreeMap<String, KnownCell> = BTreeMap::new();
         for (card, _) in self.all(places) {
-            for cell in card.cells {
+            for cell in &card.cells {
                 let known = cells.entry(cell.name.clone()).or_insert_with(|| KnownCell {
-                    cell: cell.name,
+                    cell: cell.name.clone(),
                     serial: None,
                     runs: 0,
                     first_unix_s: card.submitted_unix_s,
                     last_unix_s: card.submitted_unix_s,
                 });
-                known.serial = known.serial.take().or(cell.serial);
+                known.serial = known.serial.take().or_else(|| cell.serial.clone());
                 known.runs += 1;
                 known.first_unix_s = known.first_unix_s.min(card.submitted_unix_s);
             }
@@ -236,6 +238,7 @@ impl Finder {
         let all = self.all(places).into_iter().map(|(card, _)| card);
         let runs: Vec<Card> = all
             .filter(|card| card.cells.iter().any(|one| one.name == cell))
+            .map(Arc::unwrap_or_clone)
             .collect();
         if runs.is_empty() {
             return None;
@@ -315,6 +318,19 @@ impl Card {
     }
 }
 
+/// The same with its notes and tags, and the texts of the notes.
+fn with_entries(mut card: Arc<Card>, notebook: &Notebook) -> (Arc<Card>, String) {
+    let entries = notebook.read(About::Run(&card.run));
+    if entries.notes.is_empty() && entries.tags.is_empty() {
+        return (card, String::new());
+    }
+    let told = Arc::make_mut(&mut card);
+    told.tags = entries.tags;
+    told.notes = entries.notes.len();
+    let notes: Vec<String> = entries.notes.into_iter().map(|note| note.text).collect();
+    (card, notes.join("\n"))
+}
+
 fn made(data: &Path, job: &Job) -> Card {
     let folder = data.join("runs").join(&job.item.run);
     let experiment = submission::value_of_run(data, &job.item.run);
@@ -371,8 +387,8 @@ pub fn cells_of_run(data: &Path, run: &str) -> Vec<RunCell> {
     )
 }
 
-/// The cells that an experiment names one by one, or else the one that the folder or the file of
-/// the cell names.
+/// The cells that an experiment names one by one, or else its specimen, or else the one that the folder
+/// or the file of the cell names.
 fn cells_of(folder: &Path, experiment: Option<&toml::Value>) -> Vec<RunCell> {
     let text = |value: &toml::Value, key: &str| value.get(key)?.as_str().map(str::to_owned);
     let named = experiment.and_then(|value| value.get("campaign")?.get("cells")?.as_array());
@@ -392,8 +408,12 @@ fn cells_of(folder: &Path, experiment: Option<&toml::Value>) -> Vec<RunCell> {
         let path = text(experiment?, "cell")?;
         Path::new(&path).file_stem()?.to_str().map(str::to_owned)
     };
-    let one = |name| RunCell { name, serial: None };
-    index.or_else(file).map(one).into_iter().collect()
+    let specimen = experiment.and_then(|value| value.get("specimen"));
+    let told = |key| text(specimen?, key);
+    let name = told("name").or(index).or_else(file);
+    let serial = told("serial");
+    let one = |name| RunCell { name, serial };
+    name.map(one).into_iter().collect()
 }
 
 /// The index of a run folder.
@@ -468,8 +488,13 @@ fn moments(data: &Path, card: &Card, cell: &str) -> Vec<Moment> {
         return Vec::new();
     };
     let started = run_folder::started_unix_s(&folder);
+    // A sweep names its cell where there are several; else it is of the only one.
+    let only = match card.cells.as_slice() {
+        [one] => &one.name,
+        _ => &index.cell,
+    };
     let of_cell = index.sweeps.iter().filter(|sweep| {
-        let name = sweep.cell.as_ref().unwrap_or(&index.cell);
+        let name = sweep.cell.as_ref().unwrap_or(only);
         sweep.fixture == "cell" && sweep.corrected && name == cell
     });
     let moment = |sweep: &analysis::dataset::SweepEntry| {
@@ -688,6 +713,25 @@ mod tests {
             tag: Some("new".to_owned()),
             ..Wanted::default()
         }));
+    }
+
+    #[test]
+    fn a_cell_that_an_experiment_names_is_told_from_another_of_its_kind() {
+        let folder = tempfile::tempdir().unwrap();
+        let cells = |text: &str| {
+            let experiment: toml::Value = toml::from_str(text).unwrap();
+            cells_of(folder.path(), Some(&experiment))
+        };
+        let cell = |name: &str, serial: Option<&str>| RunCell {
+            name: name.to_owned(),
+            serial: serial.map(str::to_owned),
+        };
+        let file = "cell = \"../cells/p45b.toml\"\n";
+        assert_eq!(cells(file), [cell("p45b", None)]);
+        let specimen = format!("{file}[specimen]\nname = \"A-17\"\nserial = \"S9\"\n");
+        assert_eq!(cells(&specimen), [cell("A-17", Some("S9"))]);
+        let campaign = format!("{file}[campaign]\ncells = [{{ name = \"B1\" }}]\n");
+        assert_eq!(cells(&campaign), [cell("B1", None)]);
     }
 
     #[test]

@@ -4,7 +4,10 @@
 
 mod capabilities;
 
-use std::sync::{Arc, Weak};
+use std::{
+    path::Path,
+    sync::{Arc, Weak},
+};
 
 use analysis::run_folder::SUMS;
 use bench_fleet::{
@@ -20,19 +23,16 @@ use super::{
     jobs::{self, Ended},
     live::{BenchState, Live},
     notebook::About,
-    queue::{Kind, Wanted},
-    stop,
+    queue::{HeldBy, Kind, Wanted},
+    stop::{self, Stopper},
     submission::{self, ExperimentRequest, Refused, Submission},
+    watch::Watch,
 };
 use crate::{config, safety::failure::Failure, support::hash};
 use capabilities::capabilities;
 
 /// The fleet's part of the data folder.
 const FOLDER: &str = "fleet";
-/// How a hold of the fleet ends, and how one behind its stop begins: whoever releases through the
-/// fleet takes these back and no others.
-const HELD_BY_FLEET: &str = "(fleet: ";
-const STOPPED_BY_FLEET: &str = "stopped by fleet: ";
 /// Longest reason that is kept, letters.
 const LONGEST_WHY: usize = 200;
 
@@ -179,6 +179,21 @@ impl LocalBench for ServedBench {
         }
     }
 
+    fn withdraw(&self, run: &str) -> bool {
+        let Some(server) = self.server.upgrade() else {
+            return false;
+        };
+        let mut queue = server.queue();
+        let waits = queue.items().iter().find(|item| item.run == run);
+        let Some(id) = waits.map(|item| item.id) else {
+            return false;
+        };
+        let withdrawn = queue.cancel(id).is_ok();
+        drop(queue);
+        server.tell_queue();
+        withdrawn
+    }
+
     fn fate(&self, run: &str) -> Fate {
         let Some(server) = self.server.upgrade() else {
             return Fate::Going;
@@ -192,40 +207,36 @@ impl LocalBench for ServedBench {
         }
         match jobs::read(&server.settings.data, run) {
             None => Fate::Unknown,
-            Some(job) => Fate::Ended(End {
-                content_sha256: hash::sha256_of(&server.settings.runs().join(run).join(SUMS)).ok(),
-                ..end(job.ended)
-            }),
+            Some(job) => Fate::Ended(end(job.ended, &server.settings.runs().join(run))),
         }
     }
 
     fn hold(&self, by: &str, why: &str) -> Result<(), String> {
         let server = self.server()?;
         let why = format!("{} ({})", short(why), through_the_fleet(&short(by)));
-        let held = server.queue().hold(&self.bench.name, &why);
+        let held = server.queue().hold(HeldBy::Fleet, &self.bench.name, &why);
         server.tell_queue();
         held.map_err(|error| error.to_string())
     }
 
     fn release(&self, by: &str, why: &str) -> Result<(), String> {
-        let server = self.server()?;
-        let Some(held) = server.queue().held(&self.bench.name).map(str::to_owned) else {
-            return Ok(());
-        };
-        if !is_of_the_fleet(&held) {
-            return Err(format!(
-                "it stays held by its own server: {held}: release it there"
-            ));
+        let (server, bench) = (self.server()?, &self.bench.name);
+        let held = |side| server.queue().held_by(side, bench).map(str::to_owned);
+        if let Some(held) = held(HeldBy::Fleet) {
+            let note = format!("released: {}; it was held: {held}", short(why));
+            let by = through_the_fleet(&short(by));
+            let kept = server.notebook.note(About::Bench(bench), &by, &note);
+            kept.map_err(|error| error.to_string())?;
+            let released = server.queue().release(HeldBy::Fleet, bench);
+            server.tell_queue();
+            released.map_err(|error| error.to_string())?;
         }
-        let note = format!("released: {}; it was held: {held}", short(why));
-        let by = through_the_fleet(&short(by));
-        let kept = server
-            .notebook
-            .note(About::Bench(&self.bench.name), &by, &note);
-        kept.map_err(|error| error.to_string())?;
-        let released = server.queue().release(&self.bench.name);
-        server.tell_queue();
-        released.map_err(|error| error.to_string())
+        match held(HeldBy::Here) {
+            None => Ok(()),
+            Some(held) => Err(format!(
+                "it stays held by its own server: {held}: release it there"
+            )),
+        }
     }
 
     fn stop<'a>(&'a self, by: &'a str) -> BoxFuture<'a, serde_json::Value> {
@@ -233,7 +244,7 @@ impl LocalBench for ServedBench {
             let Some(server) = self.server.upgrade() else {
                 return serde_json::Value::Null;
             };
-            let report = stop::stop(&server, &self.bench, &short(by)).await;
+            let report = stop::stop(&server, &self.bench, Stopper::fleet(&short(by))).await;
             serde_json::to_value(report).unwrap_or_default()
         }
         .boxed()
@@ -250,23 +261,29 @@ impl LocalBench for ServedBench {
     }
 }
 
-/// Whether a hold is one of the fleet.
-fn is_of_the_fleet(held: &str) -> bool {
-    held.starts_with(STOPPED_BY_FLEET) || (held.contains(HELD_BY_FLEET) && held.ends_with(')'))
-}
-
 /// A reason without what could fool a terminal, and not too long.
 fn short(why: &str) -> String {
     let plain = why.chars().filter(|c| !c.is_control());
     plain.take(LONGEST_WHY).collect()
 }
 
-fn end(ended: Option<Ended>) -> End {
-    let unknown = || "nobody knows how it ended".to_owned();
+fn end(ended: Option<Ended>, folder: &Path) -> End {
+    let content_sha256 = hash::sha256_of(&folder.join(SUMS)).ok();
+    if let Some(ended) = ended {
+        return End {
+            finished: ended.finished,
+            words: ended.how,
+            content_sha256,
+        };
+    }
+    // Its end could not be written down: its journal tells.
+    let mut watch = Watch::new(folder);
+    watch.look();
+    let words = watch.ended().unwrap_or("nobody knows how it ended");
     End {
-        finished: ended.as_ref().is_some_and(|ended| ended.finished),
-        words: ended.map_or_else(unknown, |ended| ended.how),
-        content_sha256: None,
+        finished: watch.ended() == Some("finished"),
+        words: words.to_owned(),
+        content_sha256,
     }
 }
 
@@ -301,20 +318,6 @@ fn condition(live: Live, waits: bool, held: Option<String>) -> Condition {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_release_through_the_fleet_takes_back_holds_of_the_fleet_only() {
-        for held in ["stopped by fleet: ann", "to look at it (fleet: ann@north)"] {
-            assert!(is_of_the_fleet(held), "{held}");
-        }
-        for held in [
-            "stopped by ann",
-            "demo-3 did not come to its end: the interlock tripped",
-            "held by hand (ann)",
-        ] {
-            assert!(!is_of_the_fleet(held), "{held}");
-        }
-    }
 
     #[test]
     fn a_bench_is_free_only_where_nothing_keeps_a_run_from_beginning() {

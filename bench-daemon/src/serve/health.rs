@@ -5,7 +5,7 @@ use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
     sync::{
-        Mutex, MutexGuard, PoisonError,
+        Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicBool, Ordering},
     },
 };
@@ -15,7 +15,7 @@ use nix::sys::statvfs::statvfs;
 
 use super::{
     controls::{self, ControlNow},
-    jobs::{self, Ended},
+    jobs::{Ended, Job, Jobs},
 };
 
 /// Time between two looks at the disk, s.
@@ -28,6 +28,7 @@ const RUNS: &str = "runs";
 #[derive(Debug)]
 pub struct Health {
     data: PathBuf,
+    jobs: Arc<Jobs>,
     noted: Mutex<Noted>,
     stop: AtomicBool,
 }
@@ -71,7 +72,7 @@ pub struct BenchHealth {
 
 impl Health {
     /// Notes on the benches of these names; nothing was looked at yet.
-    pub fn of<'a>(data: &Path, benches: impl Iterator<Item = &'a str>) -> Self {
+    pub fn of<'a>(data: &Path, jobs: &Arc<Jobs>, benches: impl Iterator<Item = &'a str>) -> Self {
         let benches = benches.map(|bench| (bench.to_owned(), BenchHealth::default()));
         let noted = Noted {
             disk: None,
@@ -79,6 +80,7 @@ impl Health {
         };
         Self {
             data: data.to_owned(),
+            jobs: jobs.clone(),
             noted: Mutex::new(noted),
             stop: AtomicBool::new(false),
         }
@@ -135,7 +137,7 @@ impl Health {
 
     /// The latest end, and the latest controls, of each bench before this server was started.
     fn earlier(&self) {
-        let jobs = jobs::all(&self.data);
+        let jobs: Vec<Job> = self.jobs.latest().collect();
         for bench in self.noted().benches.keys() {
             let runs = jobs.iter().filter(|job| job.item.bench == *bench);
             let found = runs

@@ -309,12 +309,11 @@ fn may_energise(server: &Server, by: &str) -> Result<(), Ending> {
 
 /// Why the cell in the jig may be another one than that of an investigation: the last run on its
 /// bench is none of its own, and was of a cell with another name or serial number. Cells that no
-/// experiment names one by one are told apart by their kind only.
+/// experiment names are told apart by their kind only.
 fn other_cell(server: &Server, one: &Investigation) -> Option<String> {
     let data = &server.settings.data;
-    let last = jobs::all(data)
-        .into_iter()
-        .find(|job| job.item.bench == one.bench)?;
+    let mut latest = server.jobs.latest();
+    let last = latest.find(|job| job.item.bench == one.bench)?;
     let run = &last.item.run;
     let is_own = one.steps.iter().any(|step| step.run == *run);
     if is_own || find::cells_of_run(data, run) == find::cells_of_run(data, &one.run) {

@@ -3,6 +3,7 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use super::queue::HeldBy;
 use crate::{bench::Output, interlock::Limits, safety::state::Latched};
 
 /// A bench as it is now.
@@ -135,6 +136,9 @@ pub struct QuestionNow {
     pub cell: Option<String>,
     /// Its serial number, where it has one: an answer with another one is refused.
     pub serial: Option<String>,
+    /// Code that is printed on it, where that is known: an answer may tell it in the place of the serial
+    /// number.
+    pub barcode: Option<String>,
     /// It is asked on the terminal of the run, and answered nowhere else.
     pub on_terminal: bool,
     /// Bench time at which it was asked, s.
@@ -276,6 +280,9 @@ pub struct StopReport {
     pub bench: String,
     /// Who stopped it.
     pub by: String,
+    /// The side that holds the bench behind it.
+    #[serde(skip)]
+    pub held_by: HeldBy,
     /// When, s since 1970.
     pub unix_s: f64,
     /// It is over.

@@ -103,6 +103,23 @@ pub fn serve(settings: Settings) -> Result<(), Failure> {
     outcome
 }
 
+/// Work that may wait for a disk, on a thread and a runtime of its own: it holds up neither the listener
+/// nor a stop, and it ends with the process.
+fn beside(
+    name: &str,
+    server: &Arc<Server>,
+    work: impl AsyncFnOnce(Arc<Server>) + Send + 'static,
+) -> Result<(), Failure> {
+    let server = server.clone();
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()?;
+    std::thread::Builder::new()
+        .name(name.to_owned())
+        .spawn(move || runtime.block_on(work(server)))?;
+    Ok(())
+}
+
 async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     let mut stop = StopSignals::install()?;
     let mut telemetry = otlp::start(&settings);
@@ -111,31 +128,14 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     let notify = systemd::Notify::from_environment();
     let listener = http::Listener::bind(&server).await?;
     let supervisor = supervisor::start(&server)?;
-    // A disk that hangs holds up neither the listener nor a stop: these have threads of their own.
-    let handle = tokio::runtime::Handle::current();
-    let (analyst, teller, player) = (server.clone(), server.clone(), server.clone());
-    let (of_analyst, of_player) = (handle.clone(), handle.clone());
-    let (looker, of_looker) = (server.clone(), handle.clone());
-    std::thread::Builder::new()
-        .name("health".to_owned())
-        .spawn(move || of_looker.block_on(looker.health.work(&looker.clock)))?;
-    std::thread::Builder::new()
-        .name("analyst".to_owned())
-        .spawn(move || of_analyst.block_on(analyst::work(analyst)))?;
-    let keeper = server.catalog.clone();
-    std::thread::Builder::new()
-        .name("catalog".to_owned())
-        .spawn(move || keeper.work())?;
-    let (archivist, of_archivist) = (server.clone(), handle.clone());
-    std::thread::Builder::new()
-        .name("archive".to_owned())
-        .spawn(move || of_archivist.block_on(archivist::work(archivist)))?;
-    std::thread::Builder::new()
-        .name("investigator".to_owned())
-        .spawn(move || of_player.block_on(investigator::work(player)))?;
-    std::thread::Builder::new()
-        .name("notices".to_owned())
-        .spawn(move || handle.block_on(notify::work(teller)))?;
+    beside("health", &server, async |server| {
+        server.health.work(&server.clock).await;
+    })?;
+    beside("catalog", &server, async |server| server.catalog.work())?;
+    beside("analyst", &server, analyst::work)?;
+    beside("archive", &server, archivist::work)?;
+    beside("investigator", &server, investigator::work)?;
+    beside("notices", &server, notify::work)?;
     fleet::join(&server)?;
     say!("listening on {}", listener.url());
     notify.say("READY=1");

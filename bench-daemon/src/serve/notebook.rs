@@ -2,11 +2,12 @@
 //! never change, one file each: a line per entry, only ever appended.
 
 use std::{
+    collections::BTreeSet,
     fs::OpenOptions,
     io::Write,
     os::unix::fs::{FileExt, OpenOptionsExt},
     path::{Path, PathBuf},
-    sync::{Mutex, PoisonError},
+    sync::{Mutex, MutexGuard, PoisonError},
 };
 
 use instruments::clock;
@@ -70,16 +71,22 @@ pub struct Entries {
 #[derive(Debug)]
 pub struct Notebook {
     folder: PathBuf,
-    /// One entry is written at a time.
-    writes: Mutex<()>,
+    /// Runs that something was written about. One entry is written at a time.
+    runs: Mutex<BTreeSet<String>>,
 }
 
 impl Notebook {
     /// That of a data folder.
     pub fn of(data: &Path) -> Self {
+        let folder = data.join("notes");
+        let files = std::fs::read_dir(folder.join("runs"));
+        let names = files.into_iter().flatten().flatten().filter_map(|file| {
+            let name = file.file_name().into_string().ok()?;
+            Some(name.strip_suffix(".jsonl")?.to_owned())
+        });
         Self {
-            folder: data.join("notes"),
-            writes: Mutex::new(()),
+            runs: Mutex::new(names.collect()),
+            folder,
         }
     }
 
@@ -97,6 +104,9 @@ impl Notebook {
 
     /// All that was written about a run or a cell.
     pub fn read(&self, about: About<'_>) -> Entries {
+        if matches!(about, About::Run(run) if !self.runs().contains(run)) {
+            return Entries::default();
+        }
         let bytes = std::fs::read(self.path(about)).unwrap_or_default();
         let text = String::from_utf8_lossy(&bytes);
         let mut entries = Entries::default();
@@ -148,6 +158,10 @@ impl Notebook {
         self.append(about, &note, None, Some(tags.to_vec()))
     }
 
+    fn runs(&self) -> MutexGuard<'_, BTreeSet<String>> {
+        self.runs.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     fn append(
         &self,
         about: About<'_>,
@@ -164,7 +178,10 @@ impl Notebook {
             tags,
         };
         let path = self.path(about);
-        let _one = self.writes.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut runs = self.runs();
+        if let About::Run(run) = about {
+            runs.insert(run.to_owned());
+        }
         std::fs::create_dir_all(path.parent().unwrap_or(&self.folder))?;
         let mut file = OpenOptions::new()
             .create(true)

@@ -20,7 +20,12 @@ use analysis::{
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{find, jobs, settings::Settings, submission};
+use super::{
+    find,
+    jobs::{Job, Jobs},
+    settings::Settings,
+    submission,
+};
 use crate::{
     config::{Source, erm_text, resolve_cell},
     files::{self, read_model},
@@ -173,8 +178,8 @@ pub struct RunModel {
 pub struct LastModel(Mutex<Option<(String, String, GivenModel)>>);
 
 /// All models of runs, of the latest run first.
-pub fn models(settings: &Settings) -> Vec<RunModel> {
-    let of_run = |job: jobs::Job| {
+pub fn models(settings: &Settings, jobs: &Jobs) -> Vec<RunModel> {
+    let of_run = |job: Job| {
         let run = job.item.run;
         let folder = settings.runs().join(&run);
         let temperature_c = find::temperature_c(&folder);
@@ -192,8 +197,7 @@ pub fn models(settings: &Settings) -> Vec<RunModel> {
             })
         })
     };
-    jobs::all(&settings.data)
-        .into_iter()
+    jobs.latest()
         .filter(|job| job.ended.as_ref().is_some_and(|ended| ended.finished))
         .take(MOST_RUNS)
         .flat_map(of_run)

@@ -88,7 +88,29 @@ struct Kept {
     latest: u64,
     /// Benches on which nothing is begun, and why.
     held: BTreeMap<String, String>,
+    /// The same by the fleet.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    held_by_fleet: BTreeMap<String, String>,
     items: Vec<Item>,
+}
+
+impl Kept {
+    fn holds(&mut self, by: HeldBy) -> &mut BTreeMap<String, String> {
+        match by {
+            HeldBy::Here => &mut self.held,
+            HeldBy::Fleet => &mut self.held_by_fleet,
+        }
+    }
+}
+
+/// Side that holds a bench. The fleet takes back its own holds only.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum HeldBy {
+    /// This server: a person here, a stop, or a run that has failed.
+    #[default]
+    Here,
+    /// The fleet.
+    Fleet,
 }
 
 /// Why the queue is not changed.
@@ -151,9 +173,27 @@ impl Queue {
         &self.kept.items
     }
 
-    /// Why nothing is begun on a bench.
+    /// Why nothing is begun on a bench; what this server says comes first.
     pub fn held(&self, bench: &str) -> Option<&str> {
-        self.kept.held.get(bench).map(String::as_str)
+        let here = self.held_by(HeldBy::Here, bench);
+        here.or_else(|| self.held_by(HeldBy::Fleet, bench))
+    }
+
+    /// The side whose reason is the one that is shown.
+    pub fn holder(&self, bench: &str) -> HeldBy {
+        match self.kept.held.contains_key(bench) {
+            false if self.kept.held_by_fleet.contains_key(bench) => HeldBy::Fleet,
+            _ => HeldBy::Here,
+        }
+    }
+
+    /// Why one side holds a bench.
+    pub fn held_by(&self, by: HeldBy, bench: &str) -> Option<&str> {
+        let holds = match by {
+            HeldBy::Here => &self.kept.held,
+            HeldBy::Fleet => &self.kept.held_by_fleet,
+        };
+        holds.get(bench).map(String::as_str)
     }
 
     /// Run in work on a bench.
@@ -248,24 +288,24 @@ impl Queue {
         self.change(|kept| kept.items.sort_by_key(place))
     }
 
-    /// From now on nothing is begun on a bench. The first reason stays.
+    /// From now on nothing is begun on a bench. The first reason of a side stays.
     ///
     /// # Errors
     /// A queue that cannot be written; it is held all the same as long as this process lives.
-    pub fn hold(&mut self, bench: &str, why: &str) -> Result<(), QueueError> {
+    pub fn hold(&mut self, by: HeldBy, bench: &str, why: &str) -> Result<(), QueueError> {
         self.kept
-            .held
+            .holds(by)
             .entry(bench.to_owned())
             .or_insert_with(|| why.to_owned());
         self.change(|_| {})
     }
 
-    /// Releases a bench: its waiting runs may begin.
+    /// Takes back the hold of one side: waiting runs may begin where the other does not hold the bench.
     ///
     /// # Errors
     /// A queue that cannot be written.
-    pub fn release(&mut self, bench: &str) -> Result<(), QueueError> {
-        self.change(|kept| drop(kept.held.remove(bench)))
+    pub fn release(&mut self, by: HeldBy, bench: &str) -> Result<(), QueueError> {
+        self.change(|kept| drop(kept.holds(by).remove(bench)))
     }
 
     /// A place is in work.
@@ -351,7 +391,7 @@ mod tests {
             submit(&mut queue, bench);
         }
         queue.reorder(&[4, 3]).unwrap();
-        queue.hold("b", "to look at it").unwrap();
+        queue.hold(HeldBy::Here, "b", "to look at it").unwrap();
         queue
             .begun(
                 4,
@@ -376,7 +416,7 @@ mod tests {
             (None, None, 4)
         );
         again.done(4).unwrap();
-        again.release("b").unwrap();
+        again.release(HeldBy::Here, "b").unwrap();
         assert_eq!(
             (again.next("a").unwrap().id, again.next("b").unwrap().id),
             (3, 2)
@@ -384,6 +424,24 @@ mod tests {
         again.cancel(3).unwrap();
         // A number is never used again.
         assert_eq!((submit(&mut again, "a"), ids(&again)), (5, vec![1, 2, 5]));
+    }
+
+    #[test]
+    fn the_fleet_takes_back_its_own_holds_only_whichever_came_first() {
+        for sides in [[HeldBy::Fleet, HeldBy::Here], [HeldBy::Here, HeldBy::Fleet]] {
+            let folder = tempfile::tempdir().unwrap();
+            let mut queue = Queue::open(folder.path()).unwrap();
+            for side in sides {
+                queue.hold(side, "a", &format!("{side:?}")).unwrap();
+            }
+            let mut again = Queue::open(folder.path()).unwrap();
+            again.release(HeldBy::Fleet, "a").unwrap();
+            assert_eq!(again.held("a"), Some("Here"));
+            queue.release(HeldBy::Here, "a").unwrap();
+            assert_eq!(queue.held("a"), Some("Fleet"));
+            queue.release(HeldBy::Fleet, "a").unwrap();
+            assert_eq!(queue.held("a"), None);
+        }
     }
 
     #[test]

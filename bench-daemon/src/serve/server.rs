@@ -21,6 +21,7 @@ use super::{
     find::{Finder, Places},
     health::Health,
     hub::Hub,
+    jobs::Jobs,
     live::{Live, StopReport},
     notebook::Notebook,
     notices::Notices,
@@ -69,6 +70,8 @@ pub struct Server {
     pub notices: Notices,
     /// Sessions of browsers.
     pub sessions: Sessions,
+    /// Runs that were begun here.
+    pub jobs: Arc<Jobs>,
     /// Notes and tags.
     pub notebook: Notebook,
     /// Cards of runs that have ended.
@@ -147,6 +150,7 @@ impl Server {
             )
         });
         let started_unix_s = clock::unix_time_s();
+        let jobs = Arc::new(Jobs::of(&settings.data));
         Ok(Self {
             hub: Hub::new((started_unix_s * 1.0e3) as u64),
             audit: Audit::open(&settings.data)?,
@@ -158,6 +162,7 @@ impl Server {
             },
             health: Health::of(
                 &settings.data,
+                &jobs,
                 settings.benches.iter().map(|bench| bench.name.as_str()),
             ),
             tracer: telemetry.tracer(),
@@ -168,6 +173,7 @@ impl Server {
             notices: Notices::default(),
             sessions: Sessions::default(),
             notebook: Notebook::of(&settings.data),
+            jobs,
             finder: Finder::default(),
             catalog: Arc::new(CatalogKeeper::of(&settings.data)),
             archive: ArchiveKeeper::default(),
@@ -222,6 +228,7 @@ impl Server {
     pub fn places(&self) -> Places<'_> {
         Places {
             data: &self.settings.data,
+            jobs: &self.jobs,
             notebook: &self.notebook,
         }
     }

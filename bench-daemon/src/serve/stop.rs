@@ -15,6 +15,7 @@ use super::{
     Server,
     live::{OutputRead, StopReport},
     locks,
+    queue::HeldBy,
 };
 use crate::{
     bench::SafeReport,
@@ -31,11 +32,39 @@ const TURNS: usize = 3;
 /// Time between two looks whether the run has ended, s.
 const LOOK_S: f64 = 0.1;
 
+/// Who stops a bench.
+#[derive(Debug, Clone, Copy)]
+pub struct Stopper<'a> {
+    /// The side that holds the bench behind it.
+    pub held_by: HeldBy,
+    /// Name.
+    pub name: &'a str,
+}
+
+impl<'a> Stopper<'a> {
+    /// Somebody at this server.
+    pub fn here(name: &'a str) -> Self {
+        Self {
+            held_by: HeldBy::Here,
+            name,
+        }
+    }
+
+    /// Somebody through the fleet.
+    pub fn fleet(name: &'a str) -> Self {
+        Self {
+            held_by: HeldBy::Fleet,
+            name,
+        }
+    }
+}
+
 /// Stops a bench. Whoever asks while it is being stopped gets the outcome of that.
-pub async fn stop(server: &Arc<Server>, bench: &config::Bench, by: &str) -> StopReport {
+pub async fn stop(server: &Arc<Server>, bench: &config::Bench, by: Stopper<'_>) -> StopReport {
     let mut report = StopReport {
         bench: bench.name.clone(),
-        by: by.to_owned(),
+        by: by.name.to_owned(),
+        held_by: by.held_by,
         unix_s: clock::unix_time_s(),
         ..StopReport::default()
     };
@@ -48,15 +77,15 @@ pub async fn stop(server: &Arc<Server>, bench: &config::Bench, by: &str) -> Stop
         under_way
     };
     if joined {
+        // Each side must take back its own.
+        hold(server, &report);
         return outcome(server, &bench.name).await;
     }
     server.hub.tell("stop", &report);
     // As long as the stop is not over nothing is begun, whatever the disk does; and from then on
     // because the bench is held.
     let mut gone = end_run(server, bench, &mut report).await;
-    if let Err(error) = server.queue().hold(&bench.name, &report.held()) {
-        tracing::error!("{error}");
-    }
+    hold(server, &report);
     switch_off(server, bench, gone, &mut report).await;
     for _ in 1..TURNS {
         if !gone || in_work(server, bench).is_none() {
@@ -91,6 +120,15 @@ async fn again(server: &Arc<Server>, bench: &config::Bench, report: &mut StopRep
     let gone = end_run(server, bench, report).await;
     switch_off(server, bench, gone, report).await;
     gone
+}
+
+fn hold(server: &Server, report: &StopReport) {
+    let held = server
+        .queue()
+        .hold(report.held_by, &report.bench, &report.held());
+    if let Err(error) = held {
+        tracing::error!("{error}");
+    }
 }
 
 async fn outcome(server: &Arc<Server>, bench: &str) -> StopReport {

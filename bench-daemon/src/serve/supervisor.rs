@@ -27,11 +27,11 @@ use serde::Serialize;
 use super::{
     Server,
     audit::private,
-    jobs::{self, Ended, Job},
+    jobs::{Ended, Job},
     live::{self, BenchState, InstrumentNow, Live, StopReport},
     locks,
     proof::Proof,
-    queue::{Item, Kind, Process},
+    queue::{HeldBy, Item, Kind, Process},
     shelf,
     spectra::{self, Spectrum, Stamps},
     submission, traced,
@@ -115,9 +115,8 @@ struct SupervisedBench {
 
 impl SupervisedBench {
     fn new(server: &Server, bench: &config::Bench) -> Result<Self, Failure> {
-        let last = jobs::all(&server.settings.data)
-            .into_iter()
-            .find(|job| job.item.bench == bench.name);
+        let mut latest = server.jobs.latest();
+        let last = latest.find(|job| job.item.bench == bench.name);
         let watch = last.map(|job| {
             (
                 Some(job.item.run.clone()),
@@ -183,17 +182,13 @@ impl SupervisedBench {
             item: item.clone(),
             ended: Some(ended.clone()),
         };
-        let kept = jobs::write(&server.settings.data, &job);
-        // Whichever of the two is first: what ends under a stop is held by the stop.
-        let why = match server.stops().get(&item.bench) {
-            Some(stop) if !stop.over => stop.held(),
-            _ => format!("{} did not come to its end: {}", item.run, ended.how),
-        };
+        let kept = server.jobs.write(&job);
+        let (by, why) = held_behind(server, item, ended);
         let mut queue = server.queue();
         let held = if ended.finished {
             Ok(())
         } else {
-            queue.hold(&item.bench, &why)
+            queue.hold(by, &item.bench, &why)
         };
         let done = queue.done(item.id);
         drop(queue);
@@ -236,7 +231,7 @@ impl SupervisedBench {
             return;
         }
         if let Some(why) = shelf::why_not_begun(&server.settings.data, &self.bench, &item.run) {
-            if let Err(error) = server.queue().hold(&self.bench.name, &why) {
+            if let Err(error) = server.queue().hold(HeldBy::Here, &self.bench.name, &why) {
                 tracing::error!("{error}");
             }
             server.tell_queue();
@@ -298,7 +293,7 @@ impl SupervisedBench {
         if let Some(error) = begun
             .err()
             .map(|error| error.to_string())
-            .or_else(|| jobs::write(&server.settings.data, &job).err())
+            .or_else(|| server.jobs.write(&job).err())
         {
             tracing::error!("{error}");
         }
@@ -578,6 +573,20 @@ struct Changed<'a> {
     bench: &'a str,
     run: Option<&'a str>,
     spectrum: Spectrum,
+}
+
+/// Side that holds a bench behind a run that did not come to its end, and why.
+fn held_behind(server: &Server, item: &Item, ended: &Ended) -> (HeldBy, String) {
+    // A stop is forgotten when the next run has begun: one that is there has ended this run.
+    let stops = server.stops();
+    let stop = stops.get(&item.bench).filter(|_| item.process.is_some());
+    match stop {
+        Some(stop) => (stop.held_by, stop.held()),
+        None => {
+            let why = format!("{} did not come to its end: {}", item.run, ended.how);
+            (HeldBy::Here, why)
+        }
+    }
 }
 
 /// Whether the process of a run lives that is no child of this server.

@@ -93,7 +93,7 @@ fn walk(
     Ok(())
 }
 
-/// Longest plain name, letters: a run of a fleet has the names of its experiment (60) and its job (40)
+/// Longest plain name, letters: a run of a fleet has the names of its experiment (60) and its job (43)
 /// and the number of its turn.
 const LONGEST_NAME: usize = 120;
 

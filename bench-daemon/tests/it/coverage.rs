@@ -33,7 +33,7 @@ fn six_seeds_refute_no_interval_of_the_demo_with_a_harness_of_their_own() {
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn twenty_seeds_refute_no_interval_of_joint_fits() {
     let seeds: Vec<u64> = (80_001..80_021).collect();
     let tally = synthetic::play(&seeds);

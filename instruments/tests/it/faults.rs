@@ -204,7 +204,7 @@ async fn on_a_port(kind: Kind, fault: Fault, clock: &Clock) -> (Vec<String>, usi
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn over_every_transport_the_faults_lead_to_no_wrong_answer() {
     for kind in [Kind::Vxi11, Kind::HiSlip, Kind::UsbTmc, Kind::Gpib] {
         let (mut happened, mut answered) = (0, 0);

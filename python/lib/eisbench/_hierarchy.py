@@ -251,6 +251,10 @@ def _levels(
         raise EisError(f"table: expected a column {of.cell} with the names of cells, met none")
     for texts in known.values():
         usable &= np.array([bool(text) for text in texts])
+    sites = _texts(table, "site")
+    if "bench" in known and sites is not None and any(sites):
+        # Benches of one name at two sites are two benches.
+        known["bench"] = [f"{s}/{b}" if b else b for s, b in zip(sites, known["bench"])]
     if "batch" in known:
         # Cells of one name in two batches are two cells.
         known["cell"] = [f"{b}/{c}" for b, c in zip(known["batch"], known["cell"])]

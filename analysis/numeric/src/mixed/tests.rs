@@ -259,7 +259,7 @@ fn what_cannot_be_is_refused() {
 
 /// Share of the intervals that hold the truth.
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn intervals_hold_the_truth_as_often_as_they_say() {
     const TABLES: u64 = 400;
     let truth = [1.0, 0.3, 0.4];

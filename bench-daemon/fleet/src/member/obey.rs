@@ -7,8 +7,8 @@ use tokio::sync::Mutex;
 use super::shared::aside;
 use crate::{
     error::FleetError,
-    intent::{Desk, Followed},
-    local::LocalBench,
+    intent::{Desk, Followed, Intent},
+    local::{Fate, LocalBench},
     standing::{Said, Standing, through_the_fleet},
 };
 
@@ -18,8 +18,10 @@ pub(crate) struct Obedience {
     desk: Desk,
     /// Orders that were followed; none before the file was read.
     followed: Mutex<Option<Followed>>,
-    /// Number of the stop that is under way: it was heard at once.
+    /// Number of the stop that is under way.
     stopping: Short<Option<String>>,
+    /// The run that was in work when the fleet was heard last.
+    heard: Short<Option<String>>,
 }
 
 impl Obedience {
@@ -30,6 +32,7 @@ impl Obedience {
             desk: desk.clone(),
             followed: Mutex::default(),
             stopping: Short::default(),
+            heard: Short::default(),
         }
     }
 
@@ -68,11 +71,26 @@ impl Obedience {
         self.stopping.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Follows what stands and was not yet followed.
+    /// Whether this is the run that was in work when the fleet was heard last.
+    pub(super) fn has_heard(&self, run: &Option<String>) -> bool {
+        *self.heard_run() == *run
+    }
+
+    /// Remembers the run in work: the fleet was heard since it began.
+    pub(super) fn heard(&self, run: Option<String>) {
+        *self.heard_run() = run;
+    }
+
+    fn heard_run(&self) -> MutexGuard<'_, Option<String>> {
+        self.heard.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Follows what stands and was not yet followed. The stop comes first, and nothing that cannot be
+    /// written down keeps it back.
     ///
     /// # Errors
     /// A file that cannot be read or written: the order is followed again at the next look.
-    pub(super) async fn follow(&self, standing: &Standing) -> Result<(), FleetError> {
+    pub(super) async fn follow(self: &Arc<Self>, standing: &Standing) -> Result<(), FleetError> {
         let mut followed = self.followed.lock().await;
         let known = match &*followed {
             Some(known) => known.clone(),
@@ -82,47 +100,94 @@ impl Obedience {
             let said = said.clone();
             said.filter(|said| known.as_ref() != Some(&said.id))
         };
-        if let Some(said) = is_new(&standing.release, &known.release) {
-            let released = self.act(&said, |bench, said| bench.release(&said.by, &said.why));
-            let outcome = said_of(released.await?);
-            self.note(&said, "release", outcome).await;
-            self.keep(&mut followed, |kept| kept.release = Some(said.id))?;
-        }
-        if let Some(said) = is_new(&standing.hold, &known.hold) {
-            let held = self.act(&said, |bench, said| bench.hold(&said.by, &said.why));
-            let outcome = said_of(held.await?);
-            self.note(&said, "hold", outcome).await;
-            self.keep(&mut followed, |kept| kept.hold = Some(said.id))?;
-        }
-        // Whoever takes work asks what stands; here the drain is only written down.
-        if let Some(said) = is_new(&standing.drain, &known.drain) {
-            self.note(&said, "drain", said_of(Ok(()))).await;
-            self.keep(&mut followed, |kept| kept.drain = Some(said.id))?;
-        }
-        let stopping = self.stopping().clone();
-        if let Some(said) = is_new(&standing.stop, &known.stop)
-            && stopping.as_ref() != Some(&said.id)
-        {
-            self.late_stop(&said).await?;
-            self.keep(&mut followed, |kept| kept.stop = Some(said.id))?;
-        }
-        Ok(())
+        let stopped = match is_new(&standing.stop, &known.stop) {
+            Some(said) => self.follow_stop(&said, &mut followed).await,
+            None => Ok(()),
+        };
+        let released = match is_new(&standing.release, &known.release) {
+            Some(said) => self.follow_release(&said, standing, &mut followed).await,
+            None => Ok(()),
+        };
+        let held = match is_new(&standing.hold, &known.hold) {
+            Some(said) => self.follow_hold(&said, &mut followed).await,
+            None => Ok(()),
+        };
+        let drained = match is_new(&standing.drain, &known.drain) {
+            Some(said) => {
+                // Whoever takes work asks what stands; here the drain is only written down.
+                self.note(&said, "drain", said_of(Ok(()))).await;
+                self.keep(&mut followed, |kept| kept.drain = Some(said.id))
+            }
+            None => Ok(()),
+        };
+        stopped.and(released).and(held).and(drained)
+    }
+
+    async fn follow_release(
+        &self,
+        said: &Said,
+        standing: &Standing,
+        followed: &mut Option<Followed>,
+    ) -> Result<(), FleetError> {
+        // A release takes all back that was said before: what stands beside it was said after it.
+        let outcome = match standing.stop.is_some() || standing.hold.is_some() {
+            true => "held again since".to_owned(),
+            false => {
+                let act = |bench: &dyn LocalBench, said: &Said| bench.release(&said.by, &said.why);
+                said_of(self.act(said, act).await?)
+            }
+        };
+        self.note(said, "release", outcome).await;
+        self.keep(followed, |kept| kept.release = Some(said.id.clone()))
+    }
+
+    async fn follow_hold(
+        &self,
+        said: &Said,
+        followed: &mut Option<Followed>,
+    ) -> Result<(), FleetError> {
+        let held = self.act(said, |bench, said| bench.hold(&said.by, &said.why));
+        let outcome = said_of(held.await?);
+        self.note(said, "hold", outcome).await;
+        self.keep(followed, |kept| kept.hold = Some(said.id.clone()))
     }
 
     /// A stop that was heard late, after a cut. Runs of the fleet were begun before it, for nothing
-    /// is taken unheard: they end. What a person began here meanwhile goes on. Nothing begins.
-    async fn late_stop(&self, said: &Said) -> Result<(), FleetError> {
+    /// is taken unheard, and so was the run that was in work when the fleet was heard last: they end.
+    /// What a person began here meanwhile goes on. Nothing begins.
+    async fn follow_stop(
+        self: &Arc<Self>,
+        said: &Said,
+        followed: &mut Option<Followed>,
+    ) -> Result<(), FleetError> {
+        if self.stopping().as_ref() == Some(&said.id) {
+            return Ok(());
+        }
         let held = self.act(said, |bench, said| bench.hold(&said.by, &said.why));
         let outcome = said_of(held.await?);
         self.note(said, "stop", format!("heard through the broker: {outcome}"))
             .await;
-        // Where nobody knows, there may be one.
-        if !self.jobs().is_ok_and(|jobs| jobs.is_empty()) {
-            let (bench, by) = (self.bench.clone(), through_the_fleet(&said.by));
-            // It takes as long as the run needs; heartbeats go on meanwhile.
-            tokio::spawn(async move { bench.stop(&by).await });
+        if !self.is_to_end().await {
+            return self.keep(followed, |kept| kept.stop = Some(said.id.clone()));
         }
+        *self.stopping() = Some(said.id.clone());
+        let (this, said) = (self.clone(), said.clone());
+        // It takes as long as the run needs; heartbeats go on meanwhile. A restart does it again.
+        tokio::spawn(async move { this.stop(&said).await });
         Ok(())
+    }
+
+    /// Whether a run is in work that was begun before a stop that is heard now.
+    async fn is_to_end(&self) -> bool {
+        let intents = self.desk.all();
+        let heard = self.heard_run().clone();
+        let look = aside(&self.bench, move |bench| {
+            let is_going = |intent: &Intent| matches!(bench.fate(&intent.run), Fate::Going);
+            let run = bench.condition().run;
+            // Where nobody knows the jobs, there may be one.
+            intents.map_or(true, |all| all.iter().any(is_going)) || (run.is_some() && run == heard)
+        });
+        look.await.unwrap_or(true)
     }
 
     async fn act<T: Send + 'static>(

@@ -17,7 +17,11 @@ impl Member {
         for intent in self.desk.all()? {
             let run = intent.run.clone();
             match aside(&self.bench, move |bench| bench.fate(&run)).await? {
-                Fate::Going if !intent.begun => self.mark_begun(&intent)?,
+                Fate::Going if self.is_put_back(&intent).await? => self.withdraw(&intent).await?,
+                Fate::Going if !intent.begun => {
+                    self.mark_begun(&intent)?;
+                    self.note_begin(&intent, "begun").await?;
+                }
                 Fate::Going => {}
                 Fate::Ended(end) => self.report(&intent, &end).await?,
                 Fate::Unknown if intent.begun => {
@@ -52,7 +56,7 @@ impl Member {
             // The process that claimed it died before it could start it.
             Some(found) if found.value.state == JobState::Claimed => {
                 let words = format!("{} died before it began", self.me.place);
-                self.put_back(&found, words).await
+                self.give_back(intent, &found, words).await
             }
             _ => {
                 self.discard(intent).await;
@@ -61,37 +65,90 @@ impl Member {
         }
     }
 
-    /// Begins a run that is started by the broker's word.
+    /// Begins a run that is started by the broker's word. What stands now counts: the word may be old.
     pub(super) async fn begin(&mut self, intent: &Intent) -> Result<(), FleetError> {
+        let standing = self.shared.link.standing(&self.me.place).await?.value;
+        self.obedience.follow(&standing).await?;
+        if standing.hold.is_some() || standing.stop.is_some() {
+            let words = format!("{} was held before it began", self.me.place);
+            return self.not_begun(intent, words).await;
+        }
         let order = intent.order();
-        let begun = aside(&self.bench, move |bench| bench.begin(&order)).await?;
-        let (who, what) = (
-            through_the_fleet(&intent.by),
-            format!("fleet begin {} as {}", intent.job, intent.run),
-        );
-        let outcome = match &begun {
+        match aside(&self.bench, move |bench| bench.begin(&order)).await? {
             Ok(()) => {
-                self.mark_begun(intent)?;
-                "begun".to_owned()
-            }
-            Err(words) => words.clone(),
-        };
-        aside(&self.bench, move |bench| bench.audit(&who, &what, &outcome)).await?;
-        match begun {
-            Ok(()) => {
+                let marked = self.mark_begun(intent);
+                self.note_begin(intent, "begun").await?;
+                marked?;
                 self.happened("started", Some(&intent.job), &intent.run)
                     .await;
                 Ok(())
             }
             Err(words) => {
-                let end = End {
-                    finished: false,
-                    words: format!("it did not begin: {words}"),
-                    content_sha256: None,
-                };
-                self.report(intent, &end).await
+                self.note_begin(intent, &words).await?;
+                self.rest();
+                let words = format!("it did not begin at {}: {words}", self.me.place);
+                self.not_begun(intent, words).await
             }
         }
+    }
+
+    async fn note_begin(&self, intent: &Intent, outcome: &str) -> Result<(), FleetError> {
+        let who = through_the_fleet(&intent.by);
+        let what = format!("fleet begin {} as {}", intent.job, intent.run);
+        let outcome = outcome.to_owned();
+        aside(&self.bench, move |bench| {
+            bench.audit(&who, &what, &outcome);
+        })
+        .await
+    }
+
+    /// A started job whose run has not begun goes back into the queue: this bench knows that nothing
+    /// has begun, and nobody else does.
+    async fn not_begun(&self, intent: &Intent, words: String) -> Result<(), FleetError> {
+        let found = self.shared.link.job(&intent.job).await?;
+        match found.filter(|found| self.is_ours(&found.value, intent)) {
+            Some(found) => self.give_back(intent, &found, words).await,
+            None => {
+                self.discard(intent).await;
+                Ok(())
+            }
+        }
+    }
+
+    /// Puts a job back of which nothing has begun. What was prepared goes first: a bench beside this one
+    /// may prepare the same run in the same folder.
+    async fn give_back(
+        &self,
+        intent: &Intent,
+        found: &Stored<Job>,
+        words: String,
+    ) -> Result<(), FleetError> {
+        let order = intent.order();
+        aside(&self.bench, move |bench| bench.discard(&order)).await?;
+        self.put_back(found, words).await?;
+        self.desk.drop(&intent.job);
+        Ok(())
+    }
+
+    /// Whether a person has put a job back while it waits at this bench.
+    async fn is_put_back(&self, intent: &Intent) -> Result<bool, FleetError> {
+        let seen = self.shared.jobs.get(&intent.job);
+        if seen.is_none_or(|seen| seen.value.turn == intent.turn) {
+            return Ok(false);
+        }
+        let found = self.shared.link.job(&intent.job).await?;
+        Ok(found.is_some_and(|found| found.value.turn != intent.turn))
+    }
+
+    /// Takes a run out of the queue of the bench whose job a person has put back. One in work goes on.
+    async fn withdraw(&self, intent: &Intent) -> Result<(), FleetError> {
+        let run = intent.run.clone();
+        if aside(&self.bench, move |bench| bench.withdraw(&run)).await? {
+            self.note_begin(intent, "withdrawn: its job was put back")
+                .await?;
+            self.discard(intent).await;
+        }
+        Ok(())
     }
 
     /// Forgets what was prepared and never began.
@@ -175,7 +232,12 @@ impl Member {
         claimed: &Stored<Job>,
         intent: &Intent,
     ) -> Result<(), FleetError> {
-        self.desk.keep(intent)?;
+        if let Err(error) = self.desk.keep(intent) {
+            self.rest();
+            let words = format!("{} takes nothing now: {error}", self.me.place);
+            self.give_back(intent, claimed, words).await?;
+            return Err(error);
+        }
         let write = Write {
             bucket: &self.shared.link.jobs,
             key: &intent.job,

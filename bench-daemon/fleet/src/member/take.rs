@@ -1,11 +1,13 @@
 //! Takes work from the queue: claim, check, start. Claims that nobody goes on with are put back.
 
+use sha2::{Digest, Sha256};
+
 use super::{Member, shared::aside};
 use crate::{
     error::FleetError,
     intent::Intent,
     job::{Job, JobState},
-    link::{Stored, Swap},
+    link::{Stored, Swap, hex},
     local::{LocalBench, NotTaken},
     watched::Seen,
 };
@@ -67,18 +69,18 @@ impl Member {
 
     async fn prepare(&mut self, claimed: Stored<Job>) -> Result<(), FleetError> {
         let job = &claimed.value;
-        let texts = &self.shared.link.texts;
-        let Some(text) = texts.get::<String>(&job.text_sha256).await? else {
-            return self.refuse(&claimed, "its text is not there").await;
+        let text = match self.text(job).await? {
+            Ok(text) => text,
+            Err(words) => return self.refuse(&claimed, &words).await,
         };
         let intent = self.intent(job);
         let order = intent.order();
-        let check = move |bench: &dyn LocalBench| bench.prepare(&order, &text.value);
+        let check = move |bench: &dyn LocalBench| bench.prepare(&order, &text);
         match aside(&self.bench, check).await? {
             Ok(()) => {}
             Err(NotTaken::Unfit(words)) => return self.refuse(&claimed, &words).await,
             Err(NotTaken::NotNow(words)) => {
-                self.rhythm.again_s = self.shared.link.clock.now_s() + self.shared.lease_s;
+                self.rest();
                 let told = format!("{} takes nothing now: {words}", self.me.place);
                 self.put_back(&claimed, told).await?;
                 return Err(FleetError::File(words));
@@ -94,6 +96,30 @@ impl Member {
             return self.put_back(&claimed, words).await;
         }
         self.start(&claimed, &intent).await
+    }
+
+    /// The text of the experiment; in words what is wrong with it.
+    async fn text(&self, job: &Job) -> Result<Result<String, String>, FleetError> {
+        let found = match self.shared.link.texts.get(&job.text_sha256).await {
+            Ok(found) => found.map(|found: Stored<String>| found.value),
+            Err(FleetError::Record { reason, .. }) => {
+                return Ok(Err(format!("its text cannot be read: {reason}")));
+            }
+            Err(error) => return Err(error),
+        };
+        let Some(text) = found else {
+            return Ok(Err("its text is not there".to_owned()));
+        };
+        let met = hex(&Sha256::digest(text.as_bytes()));
+        Ok(match met == job.text_sha256 {
+            true => Ok(text),
+            false => Err(format!("its text is another one, of the SHA-256 {met}")),
+        })
+    }
+
+    /// Nothing is taken for the lease time: the bench could take nothing now.
+    pub(super) fn rest(&mut self) {
+        self.rhythm.again_s = self.shared.link.clock.now_s() + self.shared.lease_s;
     }
 
     fn intent(&self, job: &Job) -> Intent {

@@ -3,8 +3,7 @@
 use std::{path::Path, sync::Arc};
 
 use crate::support::{
-    Broker, Daemon, Machine, Network, client, clock, pause, resident_mb, settings, until, witness,
-    work,
+    Broker, Daemon, Machine, Network, client, clock, pause, resident_mb, settings, witness, work,
 };
 use bench_fleet::{FleetSettings, JobState, client::Looking, view::JobFilter};
 
@@ -173,6 +172,18 @@ impl Stage {
         }
     }
 
+    /// Jobs that are not done.
+    async fn unfinished(&self) -> Vec<bench_fleet::Job> {
+        let looking = client(&self.settings).await.seer("lab").await.unwrap();
+        let filter = JobFilter {
+            most: 1000,
+            ..JobFilter::default()
+        };
+        let jobs = looking.seer.jobs(&filter).jobs.into_iter();
+        let open = jobs.filter(|view| view.job.state != JobState::Done);
+        open.map(|view| view.job).collect()
+    }
+
     /// A person who has looked puts back what is lost; returns the jobs.
     async fn release_lost(&mut self) -> Vec<String> {
         let client = client(&self.settings).await;
@@ -222,11 +233,15 @@ async fn play(drill: Drill) {
     let rounds = (drill.jobs as f64 / stage.machines.len() as f64).ceil();
     let patience_s = 120.0 + 4.0 * rounds * (drill.run_s + 1.0);
     let looking = stage.looking().await;
-    until("the end of every job", patience_s, async || {
+    let all_done = async || {
         pause(0.5).await;
         looking.seer.view().jobs.of(JobState::Done) == drill.jobs
-    })
-    .await;
+    };
+    let began_s = clock.now_s();
+    while !all_done().await {
+        let waited_s = clock.now_s() - began_s;
+        assert!(waited_s < patience_s, "{:#?}", stage.unfinished().await);
+    }
     let took_s = clock.now_s() - submitted_s;
     let seen = witness(&stage.machines, "work");
     let times = |wanted: usize| {

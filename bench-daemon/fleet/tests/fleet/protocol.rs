@@ -276,6 +276,11 @@ async fn a_stop_of_all_benches_ends_every_run_and_tells_who_was_not_heard() {
     })
     .await;
     daemons[2].kill();
+    let third = [Place::new("north", "b3")];
+    until("a bench that is silent", 20.0, async || {
+        lab.people.look(&third).await.silent().len() == 1
+    })
+    .await;
     let stopped = lab.people.stop_all("ann", "smoke").await.unwrap();
     let told: Vec<_> = stopped
         .iter()
@@ -405,6 +410,86 @@ async fn a_bench_that_was_cut_off_follows_a_stop_late_and_spares_what_a_person_b
     assert_eq!(persons.stops.load(Ordering::SeqCst), 0);
     assert_eq!(persons.going(), ["by-hand"]);
     drop(daemons);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_release_that_is_heard_with_a_later_stop_does_not_undo_it() {
+    let Some(lab) = Lab::open().await else { return };
+    let machine = lab.machine("b1", 60.0);
+    let mut daemon = lab.daemon(&machine);
+    lab.knows("b1").await;
+    daemon.kill();
+    let place = [Place::new("north", "b1")];
+    until("a bench that is silent", 20.0, async || {
+        lab.people.look(&place).await.silent().len() == 1
+    })
+    .await;
+    for kind in [OrderKind::Release, OrderKind::Stop] {
+        lab.say("b1", kind).await;
+    }
+    daemon.start();
+    until("both orders", 20.0, async || {
+        ledger(&machine).contains("fleet release b1: to look at it: held again since")
+    })
+    .await;
+    let told = ledger(&machine);
+    let stop = told.find("fleet stop b1").unwrap();
+    assert!(stop < told.find("fleet release b1").unwrap(), "{told}");
+    use bench_fleet::LocalBench as _;
+    assert!(machine.condition().held.is_some());
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_stop_that_could_not_be_sent_does_not_arrive_later() {
+    let Some(lab) = Lab::open().await else { return };
+    let network = Network::to(lab.broker.port).await;
+    let people = client(&settings(network.address(), 1.5)).await;
+    let machine = lab.machine("b1", 60.0);
+    let _daemon = lab.daemon(&machine);
+    lab.knows("b1").await;
+    network.cut(true);
+    let place = Place::new("north", "b1");
+    until("a client that knows that it is cut off", 30.0, async || {
+        people
+            .look(std::slice::from_ref(&place))
+            .await
+            .silent()
+            .len()
+            == 1
+            && !people.is_connected()
+    })
+    .await;
+    let stop = Command {
+        kind: OrderKind::Stop,
+        by: "ann".to_owned(),
+        why: "smoke".to_owned(),
+    };
+    let stopped = people.order(&place, &stop).await.unwrap();
+    assert!(!stopped.heard && !stopped.kept, "{stopped:?}");
+    network.cut(false);
+    until("a client that is back", 30.0, async || {
+        people.is_connected()
+    })
+    .await;
+    pause(2.0).await;
+    assert_eq!(machine.stops.load(Ordering::SeqCst), 0);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_bench_that_cannot_begin_gives_its_job_back() {
+    let Some(lab) = Lab::open().await else { return };
+    let (bad, good) = (lab.machine("b1", 0.1), lab.machine("b2", 0.1));
+    bad.is_broken.store(true, Ordering::SeqCst);
+    let mut daemons = vec![lab.daemon(&bad)];
+    let job = lab.submit(&work("work", 1)).await;
+    until("a job that was put back", 20.0, async || {
+        let job = lab.job(&job).await.job;
+        job.words == "it did not begin at north/b1: no queue" && job.state == JobState::Queued
+    })
+    .await;
+    daemons.push(lab.daemon(&good));
+    lab.is(&job, JobState::Done).await;
+    assert_eq!(lab.job(&job).await.job.holder.unwrap().place.bench, "b2");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -33,12 +33,16 @@ async fn a_daemon_tells_of_the_whole_fleet_and_follows_it_only_while_somebody_lo
     let (first, mut second) = (lab.daemon(&b1), lab.daemon(&b2));
     lab.knows("b1").await;
     lab.knows("b2").await;
-    let there = bench_fleet::Submission {
-        needs: serde_json::from_str(r#"{"bench": "b2"}"#).unwrap(),
-        ..work("long", 1)
+    let at = |bench: &str, name: &str| bench_fleet::Submission {
+        needs: bench_fleet::Needs {
+            bench: Some(bench.to_owned()),
+            ..bench_fleet::Needs::default()
+        },
+        ..work(name, 1)
     };
+    let there = at("b2", "long");
     let lost = lab.submit(&there).await;
-    let done = lab.submit(&work("work", 1)).await;
+    let done = lab.submit(&at("b1", "work")).await;
     lab.is(&lost, JobState::Started).await;
     lab.is(&done, JobState::Done).await;
     second.kill();

@@ -258,6 +258,8 @@ pub(crate) struct Machine {
     is_off: AtomicBool,
     /// Its disk is full.
     pub(crate) is_full: AtomicBool,
+    /// It cannot begin a run.
+    pub(crate) is_broken: AtomicBool,
 }
 
 impl Machine {
@@ -283,6 +285,7 @@ impl Machine {
             gate: (Mutex::new(true), Condvar::new()),
             is_off: AtomicBool::new(false),
             is_full: AtomicBool::new(false),
+            is_broken: AtomicBool::new(false),
         })
     }
 
@@ -349,6 +352,13 @@ fn append(folder: &Path, line: &str) {
     ledger.write_all(format!("{line}\n").as_bytes()).unwrap();
 }
 
+/// Whole or not at all: whoever looks meanwhile finds no end.
+fn end(folder: &Path, run: &str, how: &str) {
+    let beside = folder.join(format!("{run}.ended"));
+    fs::write(&beside, how).unwrap();
+    fs::rename(beside, folder.join("ended").join(run)).unwrap();
+}
+
 /// A run: it drives the bench alone, and says so in the ledger.
 async fn play(folder: &Path, run: &str, run_s: f64) {
     let lock = File::create(folder.join("lock")).unwrap();
@@ -358,14 +368,7 @@ async fn play(folder: &Path, run: &str, run_s: f64) {
     append(folder, &format!("begin {run}"));
     pause(run_s).await;
     append(folder, &format!("end {run}"));
-    ended(folder, run, "finished");
-}
-
-/// Writes down how a run has ended. Nobody reads the half of it.
-fn ended(folder: &Path, run: &str, how: &str) {
-    let beside = folder.join(format!("ending-{run}"));
-    fs::write(&beside, how).unwrap();
-    fs::rename(beside, folder.join("ended").join(run)).unwrap();
+    end(folder, run, "finished");
 }
 
 impl LocalBench for Machine {
@@ -412,6 +415,9 @@ impl LocalBench for Machine {
     }
 
     fn begin(&self, order: &Order) -> Result<(), String> {
+        if self.is_broken.load(Ordering::SeqCst) {
+            return Err("no queue".to_owned());
+        }
         let mut lets = self.gate.0.lock().unwrap();
         while !*lets {
             lets = self.gate.1.wait(lets).unwrap();
@@ -430,6 +436,11 @@ impl LocalBench for Machine {
 
     fn discard(&self, order: &Order) {
         let _ = fs::remove_file(self.folder.join("prepared").join(&order.run));
+    }
+
+    fn withdraw(&self, _run: &str) -> bool {
+        // A run here never waits.
+        false
     }
 
     fn fate(&self, run: &str) -> Fate {
@@ -464,7 +475,7 @@ impl LocalBench for Machine {
             self.end_runs();
             for run in &going {
                 append(&self.folder, &format!("stop {run}"));
-                ended(&self.folder, run, "stopped");
+                end(&self.folder, run, "stopped");
             }
             serde_json::json!({ "bench": self.name, "by": by, "verified": true })
         }

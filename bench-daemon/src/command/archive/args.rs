@@ -67,7 +67,8 @@ pub(super) struct VerifyArgs {
     /// Names of runs [default: all that are in the archive]
     #[arg(value_name = "RUN")]
     pub(super) runs: Vec<String>,
-    /// All runs of the store, those of other benches included.
+    /// All runs of the store, those of other benches included: their files, without their rows, whose
+    /// hashes only the bench knows that sent them.
     #[arg(long, conflicts_with = "runs")]
     pub(super) all: bool,
     /// Print JSON.

@@ -21,7 +21,7 @@ use crate::{
     serve::{
         audit::Deed,
         live::{InstrumentNow, Live, StopReport, TripNow},
-        stop,
+        stop::{self, Stopper},
         supervisor::Identity,
         token::Scope,
     },
@@ -268,7 +268,10 @@ pub async fn stop(
 ) -> Result<Json<StopReport>, Refusal> {
     let config = known(&app, &bench)?.clone();
     // A peer that goes away does not end it.
-    let work = tokio::spawn(async move { stop::stop(&app.server, &config, &caller.name).await });
+    let work =
+        tokio::spawn(
+            async move { stop::stop(&app.server, &config, Stopper::here(&caller.name)).await },
+        );
     work.await
         .map(Json)
         .map_err(|error| Refusal::machine(&error))
@@ -289,7 +292,7 @@ pub async fn stop_all(
     let benches = app.server.settings.benches.clone();
     let begin = |bench: config::Bench| {
         let (server, by) = (app.server.clone(), caller.name.clone());
-        tokio::spawn(async move { stop::stop(&server, &bench, &by).await })
+        tokio::spawn(async move { stop::stop(&server, &bench, Stopper::here(&by)).await })
     };
     let work: Vec<_> = benches.into_iter().map(begin).collect();
     let mut reports = Vec::with_capacity(work.len());

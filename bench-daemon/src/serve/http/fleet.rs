@@ -9,7 +9,7 @@ use axum::{
 };
 use bench_fleet::{
     Client, Fleet, FleetError, FleetView, Place, Submission,
-    client::Command,
+    client::{Command, Outcome},
     standing::{OrderKind, through_the_fleet},
     view::{JobFilter, JobView, MOST_JOBS},
 };
@@ -24,7 +24,8 @@ use super::{
 use crate::serve::{
     fleet_told::{FleetJobs, FleetNeeds, FleetNow, FleetOutcome},
     live::StopReport,
-    stop,
+    queue::HeldBy,
+    stop::{self, Stopper},
     submission::{name_of, text_of},
 };
 
@@ -403,6 +404,7 @@ pub async fn stop(
         match tokio::join!(own, through) {
             (Some(report), through) => {
                 let through = through.ok().map(|through| through.0);
+                hold_here(&app, &report, through.as_ref());
                 Ok(Json(of_own(&place, &report, through.as_ref())))
             }
             (None, through) => through,
@@ -420,7 +422,22 @@ async fn own_stop(app: &App, place: &Place, who: &str) -> Option<StopReport> {
     }
     // As the fleet says it, so that the fleet's release takes it back.
     let by = through_the_fleet(&by(app, who));
-    Some(stop::stop(&app.server, bench, &by).await)
+    Some(stop::stop(&app.server, bench, Stopper::fleet(&by)).await)
+}
+
+/// A stop that the NATS server does not keep is this server's own: an older release of the fleet that is
+/// heard later must not take it back.
+fn hold_here(app: &App, report: &StopReport, through: Option<&FleetOutcome>) {
+    if through.is_some_and(|through| through.kept) {
+        return;
+    }
+    let held = app
+        .server
+        .queue()
+        .hold(HeldBy::Here, &report.bench, &report.held());
+    if let Err(error) = held {
+        tracing::error!("{error}");
+    }
 }
 
 fn of_own(place: &Place, report: &StopReport, through: Option<&FleetOutcome>) -> FleetOutcome {
@@ -457,27 +474,41 @@ pub async fn stop_all(
     Ok(Json(stopped))
 }
 
+/// Stops through the NATS server, and why further benches may not have been reached. Where it does not
+/// tell its benches, those are asked that were seen before.
+async fn stopped_through(
+    app: &App,
+    who: &str,
+    why: &str,
+) -> Result<(Vec<Outcome>, Option<String>), Refusal> {
+    let (client, by) = (client(app)?, by(app, who));
+    match client.stop_all(&by, why).await {
+        Ok(outcomes) => Ok((outcomes, None)),
+        Err(error) => {
+            let seer = fleet(app)?.seer().await;
+            let seen = seer.map(|seer| seer.places()).unwrap_or_default();
+            let outcomes = client.stop_these(&seen, &by, why).await?;
+            Ok((outcomes, Some(error.to_string())))
+        }
+    }
+}
+
 async fn stopped(app: &App, who: &str, why: &str) -> FleetStopped {
     let settings = &app.server.settings;
     let site = settings.fleet.as_ref().map_or("", |section| &section.site);
     let benches = settings.benches.iter();
     let places: Vec<Place> = benches.map(|bench| Place::new(site, &bench.name)).collect();
     let own = futures_util::future::join_all(places.iter().map(|place| own_stop(app, place, who)));
-    let through = async {
-        client(app)?
-            .stop_all(&by(app, who), why)
-            .await
-            .map_err(Refusal::from)
-    };
-    let (own, through) = tokio::join!(own, through);
+    let (own, through) = tokio::join!(own, stopped_through(app, who, why));
     let (others, unreached) = match through {
-        Ok(outcomes) => (outcomes, None),
+        Ok(told) => told,
         Err(Refusal(_, problem)) => (Vec::new(), Some(problem.message)),
     };
     let mut all: Vec<FleetOutcome> = others.into_iter().map(Into::into).collect();
     for (place, report) in places.iter().zip(own.iter().flatten()) {
         let same = |one: &FleetOutcome| one.site == place.site && one.bench == place.bench;
         let through = all.iter().position(same).map(|index| all.remove(index));
+        hold_here(app, report, through.as_ref());
         all.push(of_own(place, report, through.as_ref()));
     }
     FleetStopped {

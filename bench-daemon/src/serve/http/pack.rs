@@ -39,5 +39,5 @@ pub async fn models(
     _caller: Reader,
     State(app): State<App>,
 ) -> Result<Json<Vec<RunModel>>, Refusal> {
-    aside(move || Ok(Json(pack::models(&app.server.settings)))).await
+    aside(move || Ok(Json(pack::models(&app.server.settings, &app.server.jobs)))).await
 }

@@ -19,7 +19,7 @@ use crate::{
     procedure,
     serve::{
         notebook::{About, Note},
-        queue::{Item, Kind, QueueError, Wanted},
+        queue::{HeldBy, Item, Kind, QueueError, Wanted},
         queue_now::QueueNow,
         shelf,
         submission::{ExperimentRequest, Refused, Submission},
@@ -326,7 +326,7 @@ pub async fn hold(
     let why: String = why.chars().filter(|c| !c.is_control()).take(200).collect();
     app.server
         .queue()
-        .hold(&bench, &format!("{why} ({})", caller.name))?;
+        .hold(HeldBy::Here, &bench, &format!("{why} ({})", caller.name))?;
     app.server.tell_queue();
     Ok(Json(QueueNow::of(&app.server)))
 }
@@ -352,7 +352,11 @@ pub async fn release(
     let why = why.and_then(|why| why.0.why).unwrap_or_default();
     let why: String = why.chars().filter(|c| !c.is_control()).take(200).collect();
     aside(move || {
-        let held = app.server.queue().held(&bench).map(str::to_owned);
+        let (by, held) = {
+            let queue = app.server.queue();
+            // What is shown is taken back: a hold of the fleet behind it shows then.
+            (queue.holder(&bench), queue.held(&bench).map(str::to_owned))
+        };
         let text = format!(
             "released: {}; it was held: {}",
             said(&why),
@@ -363,7 +367,7 @@ pub async fn release(
             .notebook
             .note(About::Bench(&bench), &caller.name, &text);
         kept.map_err(|error| Refusal::machine(&error))?;
-        app.server.queue().release(&bench)?;
+        app.server.queue().release(by, &bench)?;
         app.server.tell_queue();
         Ok(Json(QueueNow::of(&app.server)))
     })

@@ -125,15 +125,7 @@ pub async fn list(
     Query(most): Query<Most>,
 ) -> Result<Json<Vec<Job>>, Refusal> {
     let most = most.or(500)?;
-    aside(move || {
-        Ok(Json(
-            jobs::all(&app.server.settings.data)
-                .into_iter()
-                .take(most)
-                .collect(),
-        ))
-    })
-    .await
+    aside(move || Ok(Json(app.server.jobs.latest().take(most).collect()))).await
 }
 
 /// A run: what was asked for, where it is, how it ended.

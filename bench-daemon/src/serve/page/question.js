@@ -8,7 +8,7 @@ const WORDS = {
   title: (bench, isReader) => `${bench} waits for ${isReader ? "a person at the jig" : "you"}`,
   safe: "Every output is off. An output that is off can still conduct: do not short the terminals.",
   terminal: "It is asked on the terminal where the run was begun: answer there.",
-  serial: (serial) => `Serial number on the cell, typed or scanned (asked for: ${serial})`,
+  serial: (known) => `Serial number or code on the cell, typed or scanned (asked for: ${known.join(" or ")})`,
   optional: "If empty, the cell is not checked.",
   done: "I have changed the fixture as asked; no hands are in the jig.",
   go: "Go on: current may flow",
@@ -41,6 +41,7 @@ export function drawQuestion(live, send, lacks) {
 
 function answer(question, send, lacks) {
   const off = Boolean(lacks);
+  const known = [question.serial, question.barcode].filter(Boolean);
   const done = el("input", { id: "question-done", type: "checkbox", disabled: off });
   const serial = el("input", {
     id: "question-serial",
@@ -72,17 +73,17 @@ function answer(question, send, lacks) {
     say(why, true);
     if (!why) return;
     go.removeAttribute("aria-disabled");
-    (question.serial ? serial : done).focus();
+    (known.length ? serial : done).focus();
   };
   const named = [
-    el("label", { for: "question-serial" }, WORDS.serial(question.serial)),
+    el("label", { for: "question-serial" }, WORDS.serial(known)),
     serial,
     el("p", { id: "question-optional", class: "quiet" }, WORDS.optional),
   ];
   return el(
     "form",
     { onsubmit },
-    ...(question.serial ? named : []),
+    ...(known.length ? named : []),
     el("label", { class: "tick" }, done, el("span", {}, WORDS.done)),
     said,
     el("div", { class: "acts" }, go),

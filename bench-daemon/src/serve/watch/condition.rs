@@ -32,6 +32,7 @@ impl Condition {
                 text: question.text.clone(),
                 cell: question.cell.clone(),
                 serial: question.serial.clone(),
+                barcode: question.barcode.clone(),
                 on_terminal: question.on_terminal,
                 asked_s: line.time_s,
             });
