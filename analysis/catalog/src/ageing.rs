@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::{
     Catalog, CatalogError,
-    query::Filter,
+    query::{Filter, FitHead},
     record::{CatalogFit, CatalogParameter, TimeSource},
 };
 
@@ -56,20 +56,20 @@ impl Catalog {
     /// # Errors
     /// [`CatalogError`].
     pub fn ageing(&self, filter: &Filter, rc: Option<u32>) -> Result<Ageing, CatalogError> {
-        let mut fits = self.all_fits(filter)?;
-        fits.retain(|fit| fit.cells == 1);
-        let orders = orders(&fits);
-        let serials: BTreeSet<&String> =
-            fits.iter().filter_map(|fit| fit.serial.as_ref()).collect();
-        let serials = serials.into_iter().cloned().collect();
+        let heads = self.fit_heads(filter)?;
+        let orders = orders(&heads);
         let rc = rc.or_else(|| common_order(&orders));
-        fits.retain(|fit| Some(fit.rc) == rc);
+        let serials: BTreeSet<String> = heads.into_iter().filter_map(|one| one.serial).collect();
+        let fits = match rc {
+            Some(rc) => self.single_fits(filter, rc)?,
+            None => Vec::new(),
+        };
         let cell = filter.cell.as_ref().or(filter.serial.as_ref());
         let cell = cell.cloned().unwrap_or_default();
         Ok(Ageing {
             rc,
             orders: orders.into_keys().collect(),
-            serials,
+            serials: serials.into_iter().collect(),
             pooled: self.pooled_fits(&cell)?,
             points: self.points(fits)?,
             cell,
@@ -97,11 +97,11 @@ impl Catalog {
 /// Numbers of RC pairs, each with the runs that have such a model.
 type Orders = BTreeMap<u32, BTreeSet<String>>;
 
-fn orders(fits: &[CatalogFit]) -> Orders {
+fn orders(heads: &[FitHead]) -> Orders {
     let mut orders = Orders::new();
-    for fit in fits {
-        let runs = orders.entry(fit.rc).or_default();
-        runs.insert(fit.run.clone());
+    for one in heads {
+        let runs = orders.entry(one.rc).or_default();
+        runs.insert(one.run.clone());
     }
     orders
 }

@@ -8,7 +8,7 @@ use crate::{
     Catalog, CatalogError,
     columns::{DIAGNOSIS_COLUMNS, diagnosis_of, event_of, fit_of, run_of, spectrum_of},
     error::sql,
-    question::{Cursor, DIGITS, KeyKind, Question, RunsQuestion},
+    question::{Cursor, DIGITS, IS_CODE, KeyKind, Question, RunsQuestion},
     record::{CatalogDiagnosis, CatalogEvent, CatalogFit, CatalogRun, CatalogSpectrum},
     store::CELL_COLUMNS,
 };
@@ -134,6 +134,24 @@ const FITS: OfCell = OfCell {
     of: 'f',
 };
 
+/// Fits in the order of time.
+const BY_TIME: &str = "ORDER BY f.started_unix_s, f.run, f.file";
+
+/// Head of a fit of a single cell.
+pub(crate) struct FitHead {
+    pub(crate) run: String,
+    pub(crate) rc: u32,
+    pub(crate) serial: Option<String>,
+}
+
+/// A cell that is asked for.
+struct Named<'a> {
+    /// Its name, where there is one.
+    name: Option<String>,
+    /// Serial numbers or barcodes that it must have.
+    codes: Vec<&'a String>,
+}
+
 /// A diagnosis, with the beginning of its run.
 struct Diagnosed {
     started_unix_s: f64,
@@ -196,8 +214,33 @@ impl Catalog {
     /// [`CatalogError`].
     pub fn all_fits(&self, filter: &Filter) -> Result<Vec<CatalogFit>, CatalogError> {
         let question = self.rows(FITS, filter)?;
-        let order = "ORDER BY f.started_unix_s, f.run, f.file";
-        let text = question.text("f.*", order, ALL);
+        let text = question.text("f.*", BY_TIME, ALL);
+        self.ask(&text, &question.values, fit_of)
+    }
+
+    /// The fits of single cells that meet every condition, as far as their choice needs it.
+    pub(crate) fn fit_heads(&self, filter: &Filter) -> Result<Vec<FitHead>, CatalogError> {
+        let mut question = self.rows(FITS, filter)?;
+        question.add("f.cells = 1", &[]);
+        let text = question.text("f.run, f.rc, f.serial", "", ALL);
+        self.ask(&text, &question.values, |row| {
+            Ok(FitHead {
+                run: row.get(0)?,
+                rc: row.get(1)?,
+                serial: row.get(2)?,
+            })
+        })
+    }
+
+    /// The fits of single cells of one number of RC pairs, in the order of time.
+    pub(crate) fn single_fits(
+        &self,
+        filter: &Filter,
+        rc: u32,
+    ) -> Result<Vec<CatalogFit>, CatalogError> {
+        let mut question = self.rows(FITS, filter)?;
+        question.add("f.cells = 1 AND f.rc = ?", &[Value::Integer(rc.into())]);
+        let text = question.text("f.*", BY_TIME, ALL);
         self.ask(&text, &question.values, fit_of)
     }
 
@@ -253,7 +296,7 @@ impl Catalog {
         let (mut question, columns, group) = match filter.is_empty() {
             true => (Question::of("cell c", &[]), "c.*", ""),
             false => (
-                RunsQuestion::of(filter).into_cells(filter),
+                self.cells_of_runs(filter)?,
                 CELL_COLUMNS,
                 "GROUP BY c.name, c.serial ",
             ),
@@ -273,6 +316,24 @@ impl Catalog {
             Cursor::of(0.0, &"0".repeat(DIGITS), &place)
         });
         Ok(CellsFound { cells, after })
+    }
+
+    /// A question for cells of runs, with every condition but the place to go on at. They are those
+    /// of few runs, else all are looked through in the order of their names.
+    fn cells_of_runs(&self, filter: &Filter) -> Result<Question, CatalogError> {
+        let few = match filter.asks_beside_time() {
+            true => self.few_runs(filter)?,
+            false => None,
+        };
+        let mut question = of_few("run_cell c", 'c', few.as_deref());
+        question.add_cell(filter);
+        question.add_times('c', filter);
+        if few.is_none() {
+            let bench = "EXISTS (SELECT 1 FROM run b WHERE b.run = c.run AND b.bench = ?)";
+            question.add_text(bench, filter.bench.as_ref());
+            question.add_run('c', filter);
+        }
+        Ok(question)
     }
 
     /// All that is known of a run, by its identity, its folder or its name.
@@ -357,25 +418,14 @@ impl Catalog {
     /// are looked through in the order of time, of which many meet it then.
     fn rows(&self, of_cell: OfCell, filter: &Filter) -> Result<Question, CatalogError> {
         let OfCell { table, of } = of_cell;
-        let code = match &filter.cell {
-            Some(cell) if self.is_code(cell)? => Some(cell),
-            _ => None,
-        };
-        let few = match code.is_some() || filter.asks_of_runs() {
+        let Named { name, codes } = self.named(filter)?;
+        let few = match (name.is_none() && !codes.is_empty()) || filter.asks_of_runs() {
             true => self.few_runs(filter)?,
             false => None,
         };
-        let mut question = match &few {
-            Some(runs) => {
-                let runs: Vec<&str> = runs.iter().map(String::as_str).collect();
-                Question::of(&among(table, of), &[listed(&runs)])
-            }
-            None => Question::of(table, &[]),
-        };
-        if code.is_none() {
-            question.add_text(&format!("{of}.cell = ?"), filter.cell.as_ref());
-        }
-        for code in [code, filter.serial.as_ref()].into_iter().flatten() {
+        let mut question = of_few(table, of, few.as_deref());
+        question.add_text(&format!("{of}.cell = ?"), name.as_ref());
+        for code in codes {
             question.add_code(of, code);
         }
         question.add_text(&format!("{of}.batch = ?"), filter.batch.as_ref());
@@ -396,6 +446,22 @@ impl Catalog {
         Ok(Some(runs).filter(|runs| runs.len() <= FEW))
     }
 
+    /// The cell that is asked for: what is given as a cell may be a serial number or a barcode.
+    fn named<'a>(&self, filter: &'a Filter) -> Result<Named<'a>, CatalogError> {
+        let mut codes: Vec<&String> = filter.serial.iter().collect();
+        let mut name = None;
+        if let Some(cell) = &filter.cell {
+            match self.is_code(cell)? {
+                true => codes.push(cell),
+                false => name = Some(cell.clone()),
+            }
+        }
+        if let (None, Some(code)) = (&name, codes.first()) {
+            name = self.name_of(code)?;
+        }
+        Ok(Named { name, codes })
+    }
+
     /// Whether a text that is given as a cell is a serial number or a barcode, and no name.
     fn is_code(&self, cell: &str) -> Result<bool, CatalogError> {
         let failed = sql(&self.path, "look for a cell");
@@ -404,6 +470,19 @@ impl Catalog {
         let values = (cell, KeyKind::Cell.number());
         let is_code = self.connection.query_row(text, values, |row| row.get(0));
         is_code.map_err(&failed)
+    }
+
+    /// The name of the cells with a serial number or barcode; none where they have several.
+    fn name_of(&self, code: &str) -> Result<Option<String>, CatalogError> {
+        let from = "run_key k CROSS JOIN run_cell c ON c.run = k.run";
+        let mut question = Question::of(from, &[]);
+        let code = Value::Text(code.to_owned());
+        let kind = Value::Integer(KeyKind::Cell.number());
+        question.add("k.kind = ? AND k.key = ?", &[kind, code.clone()]);
+        question.add(IS_CODE, &[code]);
+        let text = question.text("DISTINCT c.name", "", 2);
+        let mut names = self.ask(&text, &question.values, |row| row.get(0))?;
+        Ok(names.pop().filter(|_| names.is_empty()))
     }
 
     /// Asks, and reads each row.
@@ -424,6 +503,15 @@ impl Catalog {
 /// The rows of a table that are of some runs: a list is its one value.
 fn among(table: &str, of: char) -> String {
     format!("json_each(?) w CROSS JOIN {table} ON {of}.run = w.value")
+}
+
+/// A question for the rows of a table, of few runs where they are told.
+fn of_few(table: &str, of: char, few: Option<&[String]>) -> Question {
+    let Some(runs) = few else {
+        return Question::of(table, &[]);
+    };
+    let runs: Vec<&str> = runs.iter().map(String::as_str).collect();
+    Question::of(&among(table, of), &[listed(&runs)])
 }
 
 /// Runs as the value of [`among`].

@@ -61,28 +61,24 @@ impl Filter {
 
     /// Whether a condition is told by the runs, and not by what is measured in them.
     pub(crate) fn asks_of_runs(&self) -> bool {
-        let texts = [&self.serial, &self.batch, &self.experiment, &self.text];
+        let texts = [&self.batch, &self.experiment, &self.text];
         self.trip || self.verdict.is_some() || texts.into_iter().any(Option::is_some)
+    }
+
+    /// Whether there is a condition beside the time.
+    pub(crate) fn asks_beside_time(&self) -> bool {
+        let texts = [&self.cell, &self.serial, &self.bench];
+        self.asks_of_runs() || texts.into_iter().any(Option::is_some)
     }
 
     fn words(&self) -> Vec<String> {
         let text = self.text.as_deref().unwrap_or_default().to_lowercase();
         text.split_whitespace().map(str::to_owned).collect()
     }
-
-    /// Conditions on a row `c` of `run_cell`.
-    fn of_cell(&self) -> Question {
-        let mut question = Question::default();
-        let any = "? IN (c.name, c.serial, c.scanned_serial, c.barcode)";
-        question.add_text(any, self.cell.as_ref());
-        question.add_text(IS_CODE, self.serial.as_ref());
-        question.add_text("c.batch = ?", self.batch.as_ref());
-        question
-    }
 }
 
 /// A text is a serial number or the barcode of a row `c` of `run_cell`.
-const IS_CODE: &str = "? IN (c.serial, c.scanned_serial, c.barcode)";
+pub(crate) const IS_CODE: &str = "? IN (c.serial, c.scanned_serial, c.barcode)";
 /// The words of a run `r`.
 const WORDS: &str = "run_text t ON t.started_unix_s = r.started_unix_s AND t.run = r.run";
 
@@ -145,6 +141,21 @@ impl Question {
         if let Some(to) = filter.to_unix_s {
             self.add(&format!("{of}.started_unix_s < ?"), &[Value::Real(to)]);
         }
+    }
+
+    /// Adds conditions on a row `c` of `run_cell`.
+    pub(crate) fn add_cell(&mut self, filter: &Filter) {
+        let any = "? IN (c.name, c.serial, c.scanned_serial, c.barcode)";
+        self.add_text(any, filter.cell.as_ref());
+        self.add_text(IS_CODE, filter.serial.as_ref());
+        self.add_text("c.batch = ?", filter.batch.as_ref());
+    }
+
+    /// Conditions on a row `c` of `run_cell`, by themselves.
+    fn of_cell(filter: &Filter) -> Self {
+        let mut cell = Self::default();
+        cell.add_cell(filter);
+        cell
     }
 
     /// Adds that a row is of a cell with this serial number or barcode.
@@ -236,7 +247,7 @@ impl RunsQuestion {
         question.add_words(&words);
         // A name alone and a batch alone are told by what finds the runs.
         if filter.serial.is_some() || (filter.cell.is_some() && filter.batch.is_some()) {
-            let cell = filter.of_cell();
+            let cell = Question::of_cell(filter);
             question.add_exists("run_cell c WHERE c.run = r.run", &cell);
         }
         question.add_text(&format!("{of}.bench = ?"), filter.bench.as_ref());
@@ -273,24 +284,12 @@ impl RunsQuestion {
         let _ = write!(from, " CROSS JOIN {table}");
     }
 
-    /// Goes on to the cells `c` of the runs that are asked for.
-    pub(crate) fn into_cells(mut self, filter: &Filter) -> Question {
-        self.join("run_cell c ON c.run = r.run");
-        self.question.add_times(self.of, filter);
-        let cell = filter.of_cell();
-        for condition in &cell.conditions {
-            self.question.add(condition, &[]);
-        }
-        self.question.values.extend(cell.values);
-        self.question
-    }
-
     /// Goes on to the diagnoses `d` of the runs. One that names another cell of its run than the one
     /// that is asked for is left out.
     pub(crate) fn into_diagnoses(mut self, filter: &Filter) -> Self {
         self.join("diagnosis d ON d.run = r.run");
         self.question.add_times(self.of, filter);
-        let cell = filter.of_cell();
+        let cell = Question::of_cell(filter);
         if !cell.conditions.is_empty() {
             let of_other = format!(
                 "NOT EXISTS (SELECT 1 FROM run_cell c WHERE c.run = d.run AND c.name = d.name \
