@@ -8,4 +8,6 @@ mod report;
 
 pub use design::{Design, Visit};
 pub use file::{CampaignFile, CellOfCampaign};
-pub use report::{BenchOffset, CampaignReport, CorrectedCell, Quantity, ReportError, report};
+pub use report::{
+    BenchOffset, CampaignReport, CorrectedCell, LeftOut, Quantity, ReportError, report,
+};

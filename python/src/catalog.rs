@@ -24,6 +24,7 @@ pub(crate) struct Wanted {
     from_s: Option<f64>,
     to_s: Option<f64>,
     verdict: Option<String>,
+    trip: bool,
     text: Option<String>,
     after: Option<String>,
     most: usize,
@@ -40,6 +41,7 @@ impl Wanted {
             from_unix_s: self.from_s,
             to_unix_s: self.to_s,
             verdict,
+            trip: self.trip,
             text: self.text,
             after: self.after,
             most: self.most,
@@ -108,13 +110,31 @@ impl Catalog {
         self.ask(py, |catalog| catalog.cells(&filter))
     }
 
+    fn fits(&self, py: Python<'_>, wanted: Wanted) -> PyResult<String> {
+        let filter = wanted.filter()?;
+        self.ask(py, |catalog| catalog.fits(&filter))
+    }
+
+    fn diagnoses(&self, py: Python<'_>, wanted: Wanted) -> PyResult<String> {
+        let filter = wanted.filter()?;
+        self.ask(py, |catalog| catalog.diagnoses(&filter))
+    }
+
+    /// All that is known of a run, by its identity, its folder or its name.
+    fn show(&self, py: Python<'_>, run: String) -> PyResult<String> {
+        self.ask(py, |catalog| catalog.show(&run))
+    }
+
     /// The folders of runs, by their identities.
     fn folders(&self, py: Python<'_>, runs: Vec<String>) -> PyResult<Vec<String>> {
         apart(py, || {
             let catalog = File::open(&self.path).map_err(|error| error.to_string())?;
-            let folder = |run: &String| Ok(catalog.show(run)?.run.folder);
-            let folders: Result<Vec<String>, CatalogError> = runs.iter().map(folder).collect();
-            folders.map_err(|error| error.to_string())
+            let named: Vec<&str> = runs.iter().map(String::as_str).collect();
+            let folders = catalog.folders(&named).map_err(|error| error.to_string())?;
+            let folders = folders.into_iter().zip(&runs).map(|(folder, run)| {
+                folder.ok_or_else(|| format!("run: expected one of the catalogue, met {run:?}"))
+            });
+            folders.collect()
         })
     }
 

@@ -84,6 +84,13 @@ def test_a_file_and_a_daemon_answer_the_same(both, daemon):
     same(served.spectra(), anew.spectra())
     same(served.spectra(cell=CELL, verdict="good"), anew.spectra(cell=CELL, verdict="good"))
     same(served.cells(), anew.cells())
+    same(served.cells(verdict="good"), anew.cells(verdict="good"))
+    same(served.fits(), anew.fits())
+    assert (anew.fits()["cells"] == 1).all() and len(anew.fits(trip=True)) == 0
+    same(served.diagnoses(), anew.diagnoses())
+    shown = [one.show(anew.runs()["run"][0]) for one in both]
+    assert shown[0]["fits"] == shown[1]["fits"] and shown[1]["instruments"]
+    assert len(anew.spectra(text="demo")) == 2 and len(anew.spectra(text="swollen")) == 0
     same(served.points(), anew.points())
     left, right = (one.ageing(CELL) for one in both)
     assert left.raw == right.raw and len(left) == 2
@@ -131,6 +138,17 @@ def test_conditions(both):
         anew.runs(most=0)
     with pytest.raises(TypeError, match="colour"):
         anew.runs(colour="red")
+
+
+def test_cells_of_one_name_are_told_apart(both, monkeypatch):
+    from eisbench import _catalog
+
+    raw = both[1].ageing(CELL).raw
+    mixed = {**raw, "serials": ["S-1", "S-2"]}
+    monkeypatch.setattr(_catalog._OfFile, "ageing", lambda self, wanted, rc: mixed)
+    with pytest.raises(eb.EisError, match="serial: expected one of S-1, S-2"):
+        both[1].ageing(CELL)
+    assert len(both[1].ageing(CELL, serial="S-1")) == 2
 
 
 def test_ageing_is_drawn_with_bars(both):

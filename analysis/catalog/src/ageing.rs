@@ -8,12 +8,10 @@ use serde::Serialize;
 
 use crate::{
     Catalog, CatalogError,
-    query::{Filter, Order},
+    query::{Filter, FitHead},
     record::{CatalogFit, CatalogParameter, TimeSource},
 };
 
-/// Fits of a cell that are looked at, at most.
-const MOST_FITS: usize = 100_000;
 /// Effects whose parameters tell of diffusion, as the catalogue of effects names them.
 const DIFFUSION: [&str; 3] = ["diffusion", "warburg", "electrolyte_depletion"];
 /// Seconds of a day.
@@ -42,65 +40,79 @@ pub struct Ageing {
     pub rc: Option<u32>,
     /// Numbers of RC pairs that models of the cell have.
     pub orders: Vec<u32>,
+    /// Serial numbers that the cells of these models are known to have: several are different cells
+    /// of one name, whose values do not belong together.
+    pub serials: Vec<String>,
+    /// Number of models of several cells together, which are of none of them and left out.
+    pub pooled: u32,
     /// In the order of time.
     pub points: Vec<AgeingPoint>,
 }
 
 impl Catalog {
     /// A cell over its runs, by models of one order: `rc`, else the greatest that every run of the
-    /// cell has, else the one that most runs have. Of the conditions all but words and places
-    /// count.
+    /// cell has, else the one that most runs have. Every condition counts.
     ///
     /// # Errors
     /// [`CatalogError`].
     pub fn ageing(&self, filter: &Filter, rc: Option<u32>) -> Result<Ageing, CatalogError> {
-        let all = Filter {
-            most: MOST_FITS,
-            ..filter.clone()
-        };
-        let orders = self.orders(&all)?;
-        let rc = match rc {
-            Some(rc) => Some(rc),
-            None => common_order(&orders, self.runs_with_fits(&all)?),
-        };
+        let heads = self.fit_heads(filter)?;
+        let orders = orders(&heads);
+        let rc = rc.or_else(|| common_order(&orders));
+        let serials: BTreeSet<String> = heads.into_iter().filter_map(|one| one.serial).collect();
         let fits = match rc {
-            Some(rc) => self.fits(&all, Some(rc))?,
+            Some(rc) => self.single_fits(filter, rc)?,
             None => Vec::new(),
         };
-        let mut diffusion = self.diffusion()?;
+        let cell = filter.cell.as_ref().or(filter.serial.as_ref());
+        let cell = cell.cloned().unwrap_or_default();
+        Ok(Ageing {
+            rc,
+            orders: orders.into_keys().collect(),
+            serials: serials.into_iter().collect(),
+            pooled: self.pooled_fits(&cell)?,
+            points: self.points(fits)?,
+            cell,
+        })
+    }
+
+    /// Fits with the parameters of diffusion that diagnoses of their runs name.
+    fn points(&self, fits: Vec<CatalogFit>) -> Result<Vec<AgeingPoint>, CatalogError> {
+        let runs: Vec<&str> = fits.iter().map(|fit| fit.run.as_str()).collect();
+        let mut diffusion: BTreeMap<String, Vec<CatalogParameter>> = BTreeMap::new();
+        for one in self.diagnoses_of(&runs)? {
+            let is_diffusion = |one: &CatalogParameter| DIFFUSION.contains(&one.effect.as_str());
+            let named = one.parameters.into_iter().filter(is_diffusion);
+            let of_run = diffusion.entry(one.run.unwrap_or_default()).or_default();
+            of_run.extend(named);
+        }
         let point = |fit: CatalogFit| AgeingPoint {
             diffusion: diffusion.remove(&fit.run).unwrap_or_default(),
             fit,
         };
-        let points = fits.into_iter().map(point).collect();
-        let cell = filter.cell.as_ref().or(filter.serial.as_ref());
-        Ok(Ageing {
-            cell: cell.cloned().unwrap_or_default(),
-            rc,
-            orders: orders.iter().map(|order| order.rc).collect(),
-            points,
-        })
-    }
-
-    /// Parameters of diffusion that diagnoses name, by run.
-    fn diffusion(&self) -> Result<BTreeMap<String, Vec<CatalogParameter>>, CatalogError> {
-        let mut all: BTreeMap<String, Vec<CatalogParameter>> = BTreeMap::new();
-        for one in self.diagnoses_of_runs()? {
-            let is_diffusion = |one: &CatalogParameter| DIFFUSION.contains(&one.effect.as_str());
-            let named = one.parameters.into_iter().filter(is_diffusion);
-            all.entry(one.run.unwrap_or_default())
-                .or_default()
-                .extend(named);
-        }
-        Ok(all)
+        Ok(fits.into_iter().map(point).collect())
     }
 }
 
+/// Numbers of RC pairs, each with the runs that have such a model.
+type Orders = BTreeMap<u32, BTreeSet<String>>;
+
+fn orders(heads: &[FitHead]) -> Orders {
+    let mut orders = Orders::new();
+    for one in heads {
+        let runs = orders.entry(one.rc).or_default();
+        runs.insert(one.run.clone());
+    }
+    orders
+}
+
 /// The greatest order that every run has; else the one that most runs have, the greatest of those.
-fn common_order(orders: &[Order], runs: u32) -> Option<u32> {
-    let of_all = orders.iter().rev().find(|order| order.runs == runs);
-    let of_most = || orders.iter().max_by_key(|order| (order.runs, order.rc));
-    of_all.or_else(of_most).map(|order| order.rc)
+fn common_order(orders: &Orders) -> Option<u32> {
+    let runs: BTreeSet<&String> = orders.values().flatten().collect();
+    let mut of_all = orders.iter().rev();
+    let of_all = of_all.find(|(_, of_order)| of_order.len() == runs.len());
+    let of_most = || orders.iter().max_by_key(|(rc, runs)| (runs.len(), **rc));
+    of_all.or_else(of_most).map(|(rc, _)| *rc)
 }
 
 /// A quantity over the points; none where it is not known.

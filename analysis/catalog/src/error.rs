@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use analysis_files::{batch::BatchError, dataset::DatasetError};
+use rusqlite::ErrorCode;
 
 /// Reason why a catalogue cannot be built or asked.
 #[derive(Debug, thiserror::Error)]
@@ -112,6 +113,19 @@ pub enum CatalogError {
     File(#[from] DatasetError),
 }
 
+impl CatalogError {
+    /// Whether the file is no catalogue any more: what SQLite finds in it is no database, or a damaged
+    /// one. A disk that is full or a file that another process holds does not tell so.
+    pub fn is_damaged(&self) -> bool {
+        let Self::Sql { source, .. } = self else {
+            return false;
+        };
+        let damaged = [ErrorCode::NotADatabase, ErrorCode::DatabaseCorrupt];
+        let code = source.sqlite_error_code();
+        code.is_some_and(|code| damaged.contains(&code))
+    }
+}
+
 /// Errors of SQLite on a file, while something is done.
 pub(crate) fn sql(
     path: &std::path::Path,
@@ -122,5 +136,28 @@ pub(crate) fn sql(
         path: path.clone(),
         action,
         source,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_damaged_file_is_one() {
+        use rusqlite::ffi;
+        let is_damaged = |code| {
+            let source = rusqlite::Error::SqliteFailure(ffi::Error::new(code), None);
+            sql("c.sqlite".as_ref(), "open it")(source).is_damaged()
+        };
+        assert!(is_damaged(ffi::SQLITE_NOTADB) && is_damaged(ffi::SQLITE_CORRUPT));
+        for code in [
+            ffi::SQLITE_BUSY,
+            ffi::SQLITE_FULL,
+            ffi::SQLITE_IOERR,
+            ffi::SQLITE_CANTOPEN,
+        ] {
+            assert!(!is_damaged(code), "{code}");
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! Tables of a catalogue for other programs: runs, fits, and spectra in long form.
 
-use std::{collections::BTreeSet, path::Path};
+use std::path::Path;
 
 use analysis_files::{
     batch::{Cells, TableColumn, write_table},
@@ -11,14 +11,12 @@ use serde::Serialize;
 
 use crate::{
     Catalog, CatalogError,
-    query::Filter,
+    query::{DiagnosesFound, Filter, RunsFound, SpectraFound},
     record::{CatalogDiagnosis, CatalogFit, CatalogRun, CatalogSpectrum},
 };
 
 /// Answers that are asked for at once.
 const PAGE: usize = 1000;
-/// Fits of a table, at most.
-const MOST_FITS: usize = 10_000_000;
 
 /// Result of an export.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
@@ -35,19 +33,10 @@ impl Catalog {
     /// # Errors
     /// [`CatalogError`].
     pub fn all_runs(&self, filter: &Filter) -> Result<Vec<CatalogRun>, CatalogError> {
-        let mut page = Filter {
-            most: PAGE,
-            ..filter.clone()
-        };
-        let mut all = Vec::new();
-        loop {
-            let found = self.runs(&page)?;
-            all.extend(found.runs);
-            page.after = found.after;
-            if page.after.is_none() {
-                return Ok(all);
-            }
-        }
+        all(filter, |page| {
+            let RunsFound { runs, after } = self.runs(page)?;
+            Ok(Page { rows: runs, after })
+        })
     }
 
     /// Every spectrum that meets the conditions.
@@ -55,19 +44,27 @@ impl Catalog {
     /// # Errors
     /// [`CatalogError`].
     pub fn all_spectra(&self, filter: &Filter) -> Result<Vec<CatalogSpectrum>, CatalogError> {
-        let mut page = Filter {
-            most: PAGE,
-            ..filter.clone()
-        };
-        let mut all = Vec::new();
-        loop {
-            let found = self.spectra(&page)?;
-            all.extend(found.spectra);
-            page.after = found.after;
-            if page.after.is_none() {
-                return Ok(all);
-            }
-        }
+        all(filter, |page| {
+            let SpectraFound { spectra, after } = self.spectra(page)?;
+            Ok(Page {
+                rows: spectra,
+                after,
+            })
+        })
+    }
+
+    /// Every diagnosis of runs that meet the conditions.
+    ///
+    /// # Errors
+    /// [`CatalogError`].
+    pub fn all_diagnoses(&self, filter: &Filter) -> Result<Vec<CatalogDiagnosis>, CatalogError> {
+        all(filter, |page| {
+            let DiagnosesFound { diagnoses, after } = self.diagnoses(page)?;
+            Ok(Page {
+                rows: diagnoses,
+                after,
+            })
+        })
     }
 
     /// Writes runs as a table: Parquet for a file named `.parquet`, else CSV.
@@ -88,11 +85,7 @@ impl Catalog {
     /// # Errors
     /// [`CatalogError`].
     pub fn export_fits(&self, path: &Path, filter: &Filter) -> Result<Exported, CatalogError> {
-        let all = Filter {
-            most: MOST_FITS,
-            ..filter.clone()
-        };
-        let fits = self.fits(&all, None)?;
+        let fits = self.all_fits(filter)?;
         write_table(path, &fit_columns(&fits))?;
         Ok(Exported {
             rows: fits.len(),
@@ -105,13 +98,7 @@ impl Catalog {
     /// # Errors
     /// [`CatalogError`].
     pub fn export_diagnoses(&self, path: &Path, filter: &Filter) -> Result<Exported, CatalogError> {
-        let runs: BTreeSet<String> = self
-            .all_runs(filter)?
-            .into_iter()
-            .map(|run| run.run)
-            .collect();
-        let mut diagnoses = self.diagnoses_of_runs()?;
-        diagnoses.retain(|one| one.run.as_ref().is_some_and(|run| runs.contains(run)));
+        let diagnoses = self.all_diagnoses(filter)?;
         write_table(path, &diagnosis_columns(&diagnoses))?;
         Ok(Exported {
             rows: diagnoses.len(),
@@ -126,8 +113,11 @@ impl Catalog {
     /// [`CatalogError`].
     pub fn export_spectra(&self, path: &Path, filter: &Filter) -> Result<Exported, CatalogError> {
         let (mut rows, mut left_out) = (Vec::new(), Vec::new());
-        for spectrum in self.all_spectra(filter)? {
-            let folder = self.folder_of(&spectrum.run)?;
+        let spectra = self.all_spectra(filter)?;
+        let runs: Vec<&str> = spectra.iter().map(|one| one.run.as_str()).collect();
+        let folders = self.folders(&runs)?;
+        for (spectrum, folder) in spectra.into_iter().zip(folders) {
+            let folder = folder.unwrap_or_default();
             match read_spectrum_csv(&Path::new(&folder).join(&spectrum.file)) {
                 Ok(points) => rows.push(Points { spectrum, points }),
                 Err(error) => left_out.push(error.to_string()),
@@ -139,13 +129,31 @@ impl Catalog {
             left_out,
         })
     }
+}
 
-    fn folder_of(&self, run: &str) -> Result<String, CatalogError> {
-        let key = [rusqlite::types::Value::Text(run.to_owned())];
-        let folders = self.ask("SELECT folder FROM run WHERE run = ?1", &key, |row| {
-            row.get(0)
-        })?;
-        Ok(folders.into_iter().next().unwrap_or_default())
+/// Part of an answer, and where it goes on.
+struct Page<T> {
+    rows: Vec<T>,
+    after: Option<String>,
+}
+
+/// All answers to a question that is asked page by page.
+fn all<T>(
+    filter: &Filter,
+    ask: impl Fn(&Filter) -> Result<Page<T>, CatalogError>,
+) -> Result<Vec<T>, CatalogError> {
+    let mut page = Filter {
+        most: PAGE,
+        ..filter.clone()
+    };
+    let mut all = Vec::new();
+    loop {
+        let Page { rows, after } = ask(&page)?;
+        all.extend(rows);
+        page.after = after;
+        if page.after.is_none() {
+            return Ok(all);
+        }
     }
 }
 
@@ -201,9 +209,14 @@ pub fn run_columns(runs: &[CatalogRun]) -> Vec<TableColumn> {
         texts("batches", runs, |run| {
             cells(run, |cell| cell.batch.as_ref())
         }),
+        texts("barcodes", runs, |run| {
+            cells(run, |cell| cell.barcode.as_ref())
+        }),
+        texts("makers", runs, |run| cells(run, |cell| cell.maker.as_ref())),
         texts("chemistries", runs, |run| {
             cells(run, |cell| cell.chemistry.as_ref())
         }),
+        texts("terms", runs, |run| cells(run, |cell| cell.term.as_ref())),
         texts("bench", runs, |run| Some(run.bench.clone())),
         texts("experiment", runs, |run| Some(run.experiment.clone())),
         texts("operator", runs, |run| run.operator.clone()),
@@ -237,6 +250,7 @@ pub fn fit_columns(fits: &[CatalogFit]) -> Vec<TableColumn> {
         texts("cell", fits, |fit| Some(fit.cell.clone())),
         texts("serial", fits, |fit| fit.serial.clone()),
         texts("batch", fits, |fit| fit.batch.clone()),
+        counts("cells", fits, |fit| fit.cells),
         texts("bench", fits, |fit| Some(fit.bench.clone())),
         numbers("started_unix_s", fits, |fit| Some(fit.started_unix_s)),
         texts("time_source", fits, |fit| {
@@ -278,6 +292,7 @@ pub fn diagnosis_columns(diagnoses: &[CatalogDiagnosis]) -> Vec<TableColumn> {
     vec![
         texts("run", diagnoses, |one| one.run.clone()),
         texts("diagnosis", diagnoses, |one| Some(one.folder.clone())),
+        texts("cell", diagnoses, |one| one.cell.clone()),
         texts("data_set", diagnoses, |one| known(&one.data_set)),
         texts("model", diagnoses, |one| known(&one.model)),
         texts("verdict", diagnoses, |one| known(&one.verdict)),
@@ -330,6 +345,7 @@ pub(crate) fn point_columns(rows: &[Points]) -> Vec<TableColumn> {
         text("cell", &|one| Some(one.cell.clone())),
         text("serial", &|one| one.serial.clone()),
         text("batch", &|one| one.batch.clone()),
+        text("chemistry", &|one| one.chemistry.clone()),
         text("bench", &|one| Some(one.bench.clone())),
         circumstance("started_unix_s", &|one| Some(one.started_unix_s)),
         text("time_source", &|one| {

@@ -6,15 +6,17 @@
 //!
 //! In reading order: [`record`] (what a run folder tells), `folder` and `journal` (how it is read),
 //! `schema` (tables), `catalog` (the file), `store` (records into tables), `walk` and [`scan`],
-//! [`query`], [`ageing`], [`export`], [`rows`] (one run folder as tables, without a catalogue).
+//! `question`, `columns`, [`query`], [`ageing`], [`export`], [`rows`] (one run folder as tables, without a catalogue).
 
 pub mod ageing;
 mod catalog;
+mod columns;
 mod error;
 pub mod export;
 mod folder;
 mod journal;
 pub mod query;
+mod question;
 pub mod record;
 pub mod rows;
 pub mod scan;

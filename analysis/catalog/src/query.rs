@@ -1,52 +1,25 @@
-//! Questions across runs: runs, spectra, cells, and all that is known of one run.
+//! Questions across runs: runs, spectra, fits, diagnoses, cells, and all that is known of one run.
 
-use std::fmt::Write as _;
-
-use rusqlite::{OptionalExtension, Row, ToSql, types::Value};
+use rusqlite::{Row, ToSql, types::Value};
 use serde::Serialize;
 
+pub use crate::question::{Filter, MOST};
 use crate::{
     Catalog, CatalogError,
+    columns::{DIAGNOSIS_COLUMNS, diagnosis_of, event_of, fit_of, run_of, spectrum_of},
     error::sql,
-    record::{
-        CatalogDiagnosis, CatalogEvent, CatalogEventKind, CatalogFit, CatalogRun, CatalogSpectrum,
-        CatalogVerdict, TimeSource,
-    },
+    question::{Cursor, DIGITS, IS_CODE, KeyKind, Question, RunsQuestion},
+    record::{CatalogDiagnosis, CatalogEvent, CatalogFit, CatalogRun, CatalogSpectrum},
+    store::CELL_COLUMNS,
 };
 
-/// Answers at once where nobody asks for more or fewer.
-pub const MOST: usize = 100;
 /// Runs that an error lists.
 const LISTED: usize = 5;
-/// Digits of an identity of a run, and of a time in a cursor.
-const DIGITS: usize = 16;
-
-/// Conditions; all of them must hold.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Filter {
-    /// Name or serial number of a cell.
-    pub cell: Option<String>,
-    /// Serial number of a cell, as the experiment tells it or a person read it, or its barcode.
-    pub serial: Option<String>,
-    /// Batch of a cell.
-    pub batch: Option<String>,
-    /// Name of a bench.
-    pub bench: Option<String>,
-    /// Name of an experiment.
-    pub experiment: Option<String>,
-    /// Begun at this time or later, s since 1970.
-    pub from_unix_s: Option<f64>,
-    /// Begun before this time, s since 1970.
-    pub to_unix_s: Option<f64>,
-    /// Verdict of the run.
-    pub verdict: Option<CatalogVerdict>,
-    /// Words that stand in the name, bench, experiment, operator, end or cells of the run.
-    pub text: Option<String>,
-    /// Where to go on: `after` of the answer before.
-    pub after: Option<String>,
-    /// At most so many answers; 0 for [`MOST`].
-    pub most: usize,
-}
+/// Length of an answer without a bound, as SQLite takes it.
+const ALL: usize = usize::MAX >> 1;
+/// Runs that are few. What is measured in so many is sought and sorted in some milliseconds, and
+/// where there are more, one row in fifty of 100 000 meets the conditions.
+const FEW: usize = 2000;
 
 /// Runs that were found, the latest first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -76,7 +49,7 @@ pub struct CellFound {
     pub cell: String,
     /// Its serial number; none where no experiment tells it.
     pub serial: Option<String>,
-    /// Number of runs with it.
+    /// Number of runs with it, of those that were asked for.
     pub runs: u32,
     /// When the first of them began, s since 1970.
     pub first_unix_s: f64,
@@ -124,111 +97,65 @@ pub struct RunShown {
     pub diagnoses: Vec<CatalogDiagnosis>,
 }
 
-/// A number of RC pairs, and how many runs have such a fit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Order {
-    /// Number of RC pairs.
-    pub rc: u32,
-    /// Number of runs.
-    pub runs: u32,
+/// Fits that were found, the latest first.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct FitsFound {
+    /// The fits.
+    pub fits: Vec<CatalogFit>,
+    /// Where to go on; none where there are no more.
+    pub after: Option<String>,
 }
 
-/// A place in the order of an answer.
-#[derive(Debug, PartialEq)]
-pub(crate) struct Cursor {
+/// Diagnoses of runs that were found, those of the latest run first.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct DiagnosesFound {
+    /// The diagnoses.
+    pub diagnoses: Vec<CatalogDiagnosis>,
+    /// Where to go on; none where there are no more.
+    pub after: Option<String>,
+}
+
+/// A table whose rows are of a run and of a cell.
+#[derive(Debug, Clone, Copy)]
+struct OfCell {
+    table: &'static str,
+    /// Its short name.
+    of: char,
+}
+
+const SPECTRA: OfCell = OfCell {
+    table: "spectrum s",
+    of: 's',
+};
+const FITS: OfCell = OfCell {
+    table: "fit f",
+    of: 'f',
+};
+
+/// Fits in the order of time.
+const BY_TIME: &str = "ORDER BY f.started_unix_s, f.run, f.file";
+
+/// Head of a fit of a single cell.
+pub(crate) struct FitHead {
+    pub(crate) run: String,
+    pub(crate) rc: u32,
+    pub(crate) serial: Option<String>,
+}
+
+/// A cell that is asked for.
+struct Named<'a> {
+    /// Its name, where there is one.
+    name: Option<String>,
+    /// Serial numbers or barcodes that it must have.
+    codes: Vec<&'a String>,
+}
+
+/// A diagnosis, with the beginning of its run.
+struct Diagnosed {
     started_unix_s: f64,
-    run: String,
-    file: String,
-}
-
-impl Cursor {
-    pub(crate) fn of(started_unix_s: f64, run: &str, file: &str) -> Self {
-        Self {
-            started_unix_s,
-            run: run.to_owned(),
-            file: file.to_owned(),
-        }
-    }
-
-    fn text(&self) -> String {
-        let file: String = self.file.bytes().fold(String::new(), |mut text, byte| {
-            // Writing to a string cannot fail.
-            let _ = write!(text, "{byte:02x}");
-            text
-        });
-        format!("{:016x}{}{file}", self.started_unix_s.to_bits(), self.run)
-    }
-
-    fn parse(text: &str) -> Result<Self, CatalogError> {
-        let found = || CatalogError::Cursor {
-            found: text.to_owned(),
-        };
-        let is_hex = text.bytes().all(|byte| byte.is_ascii_hexdigit());
-        if !is_hex || text.len() < 2 * DIGITS || !text.len().is_multiple_of(2) {
-            return Err(found());
-        }
-        let (time, rest) = text.split_at(DIGITS);
-        let (run, file) = rest.split_at(DIGITS);
-        let bits = u64::from_str_radix(time, 16).map_err(|_| found())?;
-        let bytes = (0..file.len())
-            .step_by(2)
-            .map(|at| u8::from_str_radix(&file[at..at + 2], 16).map_err(|_| found()));
-        let bytes: Vec<u8> = bytes.collect::<Result<_, _>>()?;
-        Ok(Self {
-            started_unix_s: f64::from_bits(bits),
-            run: run.to_owned(),
-            file: String::from_utf8(bytes).map_err(|_| found())?,
-        })
-    }
-}
-
-/// A question that is being put together.
-#[derive(Debug, Default)]
-pub(crate) struct Question {
-    conditions: Vec<String>,
-    values: Vec<Value>,
-}
-
-impl Question {
-    /// Adds a condition with one `?` for each value.
-    pub(crate) fn add(&mut self, condition: &str, values: &[Value]) {
-        self.conditions.push(condition.to_owned());
-        self.values.extend_from_slice(values);
-    }
-
-    fn add_text(&mut self, condition: &str, value: Option<&String>) {
-        if let Some(value) = value {
-            self.add(condition, &[Value::Text(value.clone())]);
-        }
-    }
-
-    /// Bounds of the time, which the table of this short name has.
-    fn add_times(&mut self, of: char, filter: &Filter) {
-        if let Some(from) = filter.from_unix_s {
-            self.add(&format!("{of}.started_unix_s >= ?"), &[Value::Real(from)]);
-        }
-        if let Some(to) = filter.to_unix_s {
-            self.add(&format!("{of}.started_unix_s < ?"), &[Value::Real(to)]);
-        }
-    }
-
-    /// The whole question.
-    pub(crate) fn text(&self, select: &str, order: &str, most: usize) -> String {
-        let conditions = match self.conditions.as_slice() {
-            [] => "1".to_owned(),
-            conditions => conditions.join(" AND "),
-        };
-        format!("SELECT {select} WHERE {conditions} ORDER BY {order} LIMIT {most}")
-    }
-}
-
-impl Filter {
-    fn most(&self) -> usize {
-        match self.most {
-            0 => MOST,
-            most => most,
-        }
-    }
+    diagnosis: CatalogDiagnosis,
 }
 
 impl Catalog {
@@ -237,64 +164,14 @@ impl Catalog {
     /// # Errors
     /// [`CatalogError`].
     pub fn runs(&self, filter: &Filter) -> Result<RunsFound, CatalogError> {
-        let (mut question, mut from) = (Question::default(), "run r".to_owned());
-        let mut of = 'r';
-        let words = filter.text.as_deref().unwrap_or_default().to_lowercase();
-        let words: Vec<&str> = words.split_whitespace().collect();
-        if let Some(key) = filter.cell.as_ref().or(filter.serial.as_ref()) {
-            (from, of) = (
-                "run_key k CROSS JOIN run r ON r.run = k.run".to_owned(),
-                'k',
-            );
-            question.add_text("k.key = ?", Some(key));
-        }
-        if !words.is_empty() && of == 'r' {
-            (from, of) = (
-                "run_text t CROSS JOIN run r ON r.run = t.run".to_owned(),
-                't',
-            );
-        } else if !words.is_empty() {
-            from.push_str(
-                " CROSS JOIN run_text t ON t.started_unix_s = k.started_unix_s AND t.run = k.run",
-            );
-        }
-        for word in words {
-            let word = Value::Text(word.to_owned());
-            question.add(
-                "(instr(t.name, ?) > 0 \
-                 OR t.phrase IN (SELECT phrase FROM phrase WHERE instr(text, ?) > 0))",
-                &[word.clone(), word],
-            );
-        }
-        if let Some(serial) = &filter.serial {
-            let serial = Value::Text(serial.clone());
-            question.add(
-                "EXISTS (SELECT 1 FROM run_cell c WHERE c.run = r.run \
-                 AND ? IN (c.serial, c.scanned_serial, c.barcode))",
-                &[serial],
-            );
-        }
-        question.add_text("r.experiment = ?", filter.experiment.as_ref());
-        question.add_batch("r", filter.batch.as_ref());
-        question.add_text(&format!("{of}.bench = ?"), filter.bench.as_ref());
-        if let Some(verdict) = filter.verdict {
-            let verdict = Value::Text(verdict.label().to_owned());
-            question.add(&format!("{of}.verdict = ?"), &[verdict]);
-        }
-        question.add_times(of, filter);
+        let mut asked = RunsQuestion::of(filter);
+        asked.question.add_times(asked.of, filter);
         if let Some(after) = &filter.after {
-            let Cursor {
-                started_unix_s,
-                run,
-                ..
-            } = Cursor::parse(after)?;
-            question.add(
-                &format!("({of}.started_unix_s, {of}.run) < (?, ?)"),
-                &[Value::Real(started_unix_s), Value::Text(run)],
-            );
+            asked.add_after(Cursor::parse(after)?);
         }
-        let order = format!("{of}.started_unix_s DESC, {of}.run DESC");
-        let text = question.text(&format!("r.* FROM {from}"), &order, filter.most() + 1);
+        let RunsQuestion { question, of } = asked;
+        let order = format!("ORDER BY {of}.started_unix_s DESC, {of}.run DESC");
+        let text = question.text("r.*", &order, filter.most() + 1);
         let mut runs = self.ask(&text, &question.values, run_of)?;
         let after = cut(&mut runs, filter.most(), |run| {
             Cursor::of(run.started_unix_s, &run.run, "")
@@ -302,40 +179,14 @@ impl Catalog {
         Ok(RunsFound { runs, after })
     }
 
-    /// The corrected spectra of cells that meet every condition, the latest first. Words are not
-    /// sought in spectra.
+    /// The corrected spectra of cells that meet every condition, the latest first.
     ///
     /// # Errors
     /// [`CatalogError`].
     pub fn spectra(&self, filter: &Filter) -> Result<SpectraFound, CatalogError> {
-        let mut question = Question::default();
+        let mut question = self.rows(SPECTRA, filter)?;
         question.add("s.fixture = 'cell' AND s.corrected = 1", &[]);
-        let (cell, serial) = self.cell_and_serial(filter)?;
-        question.add_text("s.cell = ?", cell.as_ref());
-        question.add_serial("s", serial);
-        question.add_text("s.batch = ?", filter.batch.as_ref());
-        question.add_experiment("s", filter.experiment.as_ref());
-        question.add_text("s.bench = ?", filter.bench.as_ref());
-        question.add_times('s', filter);
-        if let Some(verdict) = filter.verdict {
-            question.add(
-                "EXISTS (SELECT 1 FROM run r WHERE r.run = s.run AND r.verdict = ?)",
-                &[Value::Text(verdict.label().to_owned())],
-            );
-        }
-        if let Some(after) = &filter.after {
-            let after = Cursor::parse(after)?;
-            question.add(
-                "(s.started_unix_s, s.run, s.file) < (?, ?, ?)",
-                &[
-                    Value::Real(after.started_unix_s),
-                    Value::Text(after.run),
-                    Value::Text(after.file),
-                ],
-            );
-        }
-        let order = "s.started_unix_s DESC, s.run DESC, s.file DESC";
-        let text = question.text("s.* FROM spectrum s", order, filter.most() + 1);
+        let text = latest_first(SPECTRA, &mut question, filter)?;
         let mut spectra = self.ask(&text, &question.values, spectrum_of)?;
         let after = cut(&mut spectra, filter.most(), |one| {
             Cursor::of(one.started_unix_s, &one.run, &one.file)
@@ -343,48 +194,146 @@ impl Catalog {
         Ok(SpectraFound { spectra, after })
     }
 
-    /// The cells that runs have measured, by name and serial number. Of the conditions `cell`,
-    /// `serial`, `batch`, `after` and `most` count.
+    /// The fits that meet every condition, the latest first.
+    ///
+    /// # Errors
+    /// [`CatalogError`].
+    pub fn fits(&self, filter: &Filter) -> Result<FitsFound, CatalogError> {
+        let mut question = self.rows(FITS, filter)?;
+        let text = latest_first(FITS, &mut question, filter)?;
+        let mut fits = self.ask(&text, &question.values, fit_of)?;
+        let after = cut(&mut fits, filter.most(), |one| {
+            Cursor::of(one.started_unix_s, &one.run, &one.file)
+        });
+        Ok(FitsFound { fits, after })
+    }
+
+    /// Every fit that meets the conditions, in the order of time.
+    ///
+    /// # Errors
+    /// [`CatalogError`].
+    pub fn all_fits(&self, filter: &Filter) -> Result<Vec<CatalogFit>, CatalogError> {
+        let question = self.rows(FITS, filter)?;
+        let text = question.text("f.*", BY_TIME, ALL);
+        self.ask(&text, &question.values, fit_of)
+    }
+
+    /// The fits of single cells that meet every condition, as far as their choice needs it.
+    pub(crate) fn fit_heads(&self, filter: &Filter) -> Result<Vec<FitHead>, CatalogError> {
+        let mut question = self.rows(FITS, filter)?;
+        question.add("f.cells = 1", &[]);
+        let text = question.text("f.run, f.rc, f.serial", "", ALL);
+        self.ask(&text, &question.values, |row| {
+            Ok(FitHead {
+                run: row.get(0)?,
+                rc: row.get(1)?,
+                serial: row.get(2)?,
+            })
+        })
+    }
+
+    /// The fits of single cells of one number of RC pairs, in the order of time.
+    pub(crate) fn single_fits(
+        &self,
+        filter: &Filter,
+        rc: u32,
+    ) -> Result<Vec<CatalogFit>, CatalogError> {
+        let mut question = self.rows(FITS, filter)?;
+        question.add("f.cells = 1 AND f.rc = ?", &[Value::Integer(rc.into())]);
+        let text = question.text("f.*", BY_TIME, ALL);
+        self.ask(&text, &question.values, fit_of)
+    }
+
+    /// The diagnoses of runs that meet every condition, those of the latest run first. A diagnosis
+    /// whose run cannot be told is not among them.
+    ///
+    /// # Errors
+    /// [`CatalogError`].
+    pub fn diagnoses(&self, filter: &Filter) -> Result<DiagnosesFound, CatalogError> {
+        let mut asked = RunsQuestion::of(filter).into_diagnoses(filter);
+        if let Some(after) = &filter.after {
+            asked.add_after_file(Cursor::parse(after)?, "d.folder");
+        }
+        let RunsQuestion { question, of } = asked;
+        let order = format!("ORDER BY {of}.started_unix_s DESC, {of}.run DESC, d.folder DESC");
+        let select = format!("{DIAGNOSIS_COLUMNS}, {of}.started_unix_s");
+        let text = question.text(&select, &order, filter.most() + 1);
+        let mut found = self.ask(&text, &question.values, |row| {
+            Ok(Diagnosed {
+                started_unix_s: row.get("started_unix_s")?,
+                diagnosis: diagnosis_of(row)?,
+            })
+        })?;
+        let after = cut(&mut found, filter.most(), |one| {
+            let run = one.diagnosis.run.as_deref().unwrap_or_default();
+            Cursor::of(one.started_unix_s, run, &one.diagnosis.folder)
+        });
+        let diagnoses = found.into_iter().map(|one| one.diagnosis).collect();
+        Ok(DiagnosesFound { diagnoses, after })
+    }
+
+    /// The diagnoses of some runs.
+    ///
+    /// # Errors
+    /// [`CatalogError::Sql`].
+    pub(crate) fn diagnoses_of(
+        &self,
+        runs: &[&str],
+    ) -> Result<Vec<CatalogDiagnosis>, CatalogError> {
+        let question = Question::of(&among("diagnosis d", 'd'), &[listed(runs)]);
+        let order = "ORDER BY d.run, d.folder";
+        let text = question.text(DIAGNOSIS_COLUMNS, order, ALL);
+        self.ask(&text, &question.values, diagnosis_of)
+    }
+
+    /// The cells of the runs that meet every condition, by name and serial number, each with the
+    /// number of those runs.
     ///
     /// # Errors
     /// [`CatalogError`].
     pub fn cells(&self, filter: &Filter) -> Result<CellsFound, CatalogError> {
-        let mut question = Question::default();
-        let (cell, serial) = self.cell_and_serial(filter)?;
-        question.add_text("c.name = ?", cell.as_ref());
-        question.add_text("c.serial = ?", serial.as_ref());
-        question.add_text("c.batch = ?", filter.batch.as_ref());
+        // All runs of each cell are counted at the end of a scan.
+        let (mut question, columns, group) = match filter.is_empty() {
+            true => (Question::of("cell c", &[]), "c.*", ""),
+            false => (
+                self.cells_of_runs(filter)?,
+                CELL_COLUMNS,
+                "GROUP BY c.name, c.serial ",
+            ),
+        };
         if let Some(after) = &filter.after {
             let after = Cursor::parse(after)?;
             let (name, serial) = after.file.split_once('\0').unwrap_or((&after.file, ""));
             let values = [name, serial].map(|text| Value::Text(text.to_owned()));
             question.add("(c.name, c.serial) > (?, ?)", &values);
         }
-        let text = question.text("c.* FROM cell c", "c.name, c.serial", filter.most() + 1);
-        let mut cells = self.ask(&text, &question.values, |row| {
-            Ok(CellFound {
-                cell: row.get(0)?,
-                serial: Some(row.get::<_, String>(1)?).filter(|serial| !serial.is_empty()),
-                runs: row.get(2)?,
-                first_unix_s: row.get(3)?,
-                last_unix_s: row.get(4)?,
-                model: row.get(5)?,
-                batch: row.get(6)?,
-                barcode: row.get(7)?,
-                maker: row.get(8)?,
-                chemistry: row.get(9)?,
-                term: row.get(10)?,
-            })
-        })?;
+        let tail = format!("{group}ORDER BY c.name, c.serial");
+        let text = question.text(columns, &tail, filter.most() + 1);
+        let mut cells = self.ask(&text, &question.values, cell_of)?;
         let after = cut(&mut cells, filter.most(), |cell| {
             let serial = cell.serial.as_deref().unwrap_or_default();
-            Cursor::of(
-                0.0,
-                &"0".repeat(DIGITS),
-                &format!("{}\0{serial}", cell.cell),
-            )
+            let place = format!("{}\0{serial}", cell.cell);
+            Cursor::of(0.0, &"0".repeat(DIGITS), &place)
         });
         Ok(CellsFound { cells, after })
+    }
+
+    /// A question for cells of runs, with every condition but the place to go on at. They are those
+    /// of few runs, else all are looked through in the order of their names.
+    fn cells_of_runs(&self, filter: &Filter) -> Result<Question, CatalogError> {
+        let few = match filter.asks_beside_time() {
+            true => self.few_runs(filter)?,
+            false => None,
+        };
+        let mut question = of_few("run_cell c", 'c', few.as_deref());
+        question.add_cell(filter);
+        question.add_times('c', filter);
+        if few.is_none() {
+            let bench = "EXISTS (SELECT 1 FROM run b WHERE b.run = c.run AND b.bench = ?)";
+            question.add_text(bench, filter.bench.as_ref());
+            question.add_run('c', filter);
+        }
+        Ok(question)
     }
 
     /// All that is known of a run, by its identity, its folder or its name.
@@ -434,111 +383,106 @@ impl Catalog {
                 &key,
                 event_of,
             )?,
-            diagnoses: self.ask(
-                "SELECT * FROM diagnosis WHERE run = ?1 ORDER BY folder",
-                &key,
-                diagnosis_of,
-            )?,
+            diagnoses: self.diagnoses_of(&[&run.run])?,
             run,
         })
     }
 
-    /// The fits that meet every condition, in the order of time; of one number of RC pairs where
-    /// `rc` says so. Words and places do not count.
+    /// The folders of runs, by their identities, in the same order; none of one that is not known.
     ///
     /// # Errors
-    /// [`CatalogError`].
-    pub fn fits(&self, filter: &Filter, rc: Option<u32>) -> Result<Vec<CatalogFit>, CatalogError> {
-        let mut question = self.of_fits(filter)?;
-        if let Some(rc) = rc {
-            question.add("f.rc = ?", &[Value::Integer(rc.into())]);
+    /// [`CatalogError::Sql`].
+    pub fn folders(&self, runs: &[&str]) -> Result<Vec<Option<String>>, CatalogError> {
+        let text = "SELECT r.folder FROM json_each(?1) w LEFT JOIN run r ON r.run = w.value \
+             ORDER BY w.key";
+        self.ask(text, &[listed(runs)], |row| row.get(0))
+    }
+
+    /// Number of the fits of several cells together whose runs have measured a cell, or whose cells
+    /// are of this type.
+    ///
+    /// # Errors
+    /// [`CatalogError::Sql`].
+    pub(crate) fn pooled_fits(&self, cell: &str) -> Result<u32, CatalogError> {
+        let text = format!(
+            "SELECT count(*) FROM fit f INDEXED BY fit_pooled WHERE f.cells > 1 AND (f.cell = ?1 \
+             OR f.run IN (SELECT run FROM run_key WHERE kind = {} AND key = ?1))",
+            KeyKind::Cell.number()
+        );
+        let count = self.ask(&text, &[Value::Text(cell.to_owned())], |row| row.get(0))?;
+        Ok(count.first().copied().unwrap_or_default())
+    }
+
+    /// A question for rows that are of a run and of a cell, with every condition but the place to go
+    /// on at. Where few runs meet what is asked of runs, the rows are those of these runs; else rows
+    /// are looked through in the order of time, of which many meet it then.
+    fn rows(&self, of_cell: OfCell, filter: &Filter) -> Result<Question, CatalogError> {
+        let OfCell { table, of } = of_cell;
+        let Named { name, codes } = self.named(filter)?;
+        let few = match (name.is_none() && !codes.is_empty()) || filter.asks_of_runs() {
+            true => self.few_runs(filter)?,
+            false => None,
+        };
+        let mut question = of_few(table, of, few.as_deref());
+        question.add_text(&format!("{of}.cell = ?"), name.as_ref());
+        for code in codes {
+            question.add_code(of, code);
         }
-        let order = "f.started_unix_s, f.run, f.file";
-        let text = question.text("f.* FROM fit f", order, filter.most());
-        self.ask(&text, &question.values, fit_of)
-    }
-
-    /// Numbers of RC pairs of the fits that meet every condition, each with the number of runs that
-    /// have such a fit.
-    ///
-    /// # Errors
-    /// [`CatalogError`].
-    pub fn orders(&self, filter: &Filter) -> Result<Vec<Order>, CatalogError> {
-        let question = self.of_fits(filter)?;
-        let select = "f.rc, count(DISTINCT f.run) FROM fit f";
-        let text = question
-            .text(select, "f.rc", usize::MAX >> 1)
-            .replace(" ORDER BY", " GROUP BY f.rc ORDER BY");
-        self.ask(&text, &question.values, |row| {
-            Ok(Order {
-                rc: row.get(0)?,
-                runs: row.get(1)?,
-            })
-        })
-    }
-
-    /// Number of the runs that have a fit that meets every condition.
-    ///
-    /// # Errors
-    /// [`CatalogError`].
-    pub(crate) fn runs_with_fits(&self, filter: &Filter) -> Result<u32, CatalogError> {
-        let question = self.of_fits(filter)?;
-        let text = question.text("count(DISTINCT f.run) FROM fit f", "1", 1);
-        let found = self.ask(&text, &question.values, |row| row.get(0))?;
-        Ok(found.first().copied().unwrap_or_default())
-    }
-
-    fn of_fits(&self, filter: &Filter) -> Result<Question, CatalogError> {
-        let mut question = Question::default();
-        let (cell, serial) = self.cell_and_serial(filter)?;
-        question.add_text("f.cell = ?", cell.as_ref());
-        question.add_serial("f", serial);
-        question.add_text("f.batch = ?", filter.batch.as_ref());
-        question.add_experiment("f", filter.experiment.as_ref());
-        question.add_text("f.bench = ?", filter.bench.as_ref());
-        question.add_times('f', filter);
-        if let Some(verdict) = filter.verdict {
-            question.add(
-                "EXISTS (SELECT 1 FROM run r WHERE r.run = f.run AND r.verdict = ?)",
-                &[Value::Text(verdict.label().to_owned())],
-            );
+        question.add_text(&format!("{of}.batch = ?"), filter.batch.as_ref());
+        question.add_text(&format!("{of}.bench = ?"), filter.bench.as_ref());
+        question.add_times(of, filter);
+        if few.is_none() {
+            question.add_run(of, filter);
         }
         Ok(question)
     }
 
-    /// The diagnoses that are known to be of a run.
-    ///
-    /// # Errors
-    /// [`CatalogError::Sql`].
-    pub(crate) fn diagnoses_of_runs(&self) -> Result<Vec<CatalogDiagnosis>, CatalogError> {
-        let text = "SELECT * FROM diagnosis WHERE run IS NOT NULL ORDER BY run, folder";
-        self.ask(text, &[], diagnosis_of)
+    /// The runs that meet what is asked of runs; none where they are many. The time is not asked for:
+    /// a spectrum has one of its own.
+    fn few_runs(&self, filter: &Filter) -> Result<Option<Vec<String>>, CatalogError> {
+        let RunsQuestion { question, .. } = RunsQuestion::of(filter);
+        let text = question.text("r.run", "", FEW + 1);
+        let runs = self.ask(&text, &question.values, |row| row.get(0))?;
+        Ok(Some(runs).filter(|runs| runs.len() <= FEW))
     }
 
-    /// Name and serial number of the cell that is wanted: what is given as a cell may be a serial
-    /// number.
-    fn cell_and_serial(
-        &self,
-        filter: &Filter,
-    ) -> Result<(Option<String>, Option<String>), CatalogError> {
-        let serial = filter.serial.clone();
-        let Some(cell) = &filter.cell else {
-            return Ok((None, serial));
-        };
-        let failed = sql(&self.path, "look for a cell");
-        let text = "SELECT 1 FROM run_cell WHERE name = ?1 LIMIT 1";
-        let named = self.connection.query_row(text, [cell], |_| Ok(()));
-        if named.optional().map_err(&failed)?.is_some() {
-            return Ok((Some(cell.clone()), serial));
+    /// The cell that is asked for: what is given as a cell may be a serial number or a barcode.
+    fn named<'a>(&self, filter: &'a Filter) -> Result<Named<'a>, CatalogError> {
+        let mut codes: Vec<&String> = filter.serial.iter().collect();
+        let mut name = None;
+        if let Some(cell) = &filter.cell {
+            match self.is_code(cell)? {
+                true => codes.push(cell),
+                false => name = Some(cell.clone()),
+            }
         }
-        let text = "SELECT name FROM run_cell WHERE serial = ?1 OR scanned_serial = ?1 \
-             OR barcode = ?1 LIMIT 1";
-        let name = self.connection.query_row(text, [cell], |row| row.get(0));
-        let name: Option<String> = name.optional().map_err(&failed)?;
-        Ok(match name {
-            Some(name) => (Some(name), serial.or_else(|| Some(cell.clone()))),
-            None => (Some(cell.clone()), serial),
-        })
+        if let (None, Some(code)) = (&name, codes.first()) {
+            name = self.name_of(code)?;
+        }
+        Ok(Named { name, codes })
+    }
+
+    /// Whether a text that is given as a cell is a serial number or a barcode, and no name.
+    fn is_code(&self, cell: &str) -> Result<bool, CatalogError> {
+        let failed = sql(&self.path, "look for a cell");
+        let text = "SELECT NOT EXISTS (SELECT 1 FROM run_cell WHERE name = ?1) \
+             AND EXISTS (SELECT 1 FROM run_key WHERE kind = ?2 AND key = ?1)";
+        let values = (cell, KeyKind::Cell.number());
+        let is_code = self.connection.query_row(text, values, |row| row.get(0));
+        is_code.map_err(&failed)
+    }
+
+    /// The name of the cells with a serial number or barcode; none where they have several.
+    fn name_of(&self, code: &str) -> Result<Option<String>, CatalogError> {
+        let from = "run_key k CROSS JOIN run_cell c ON c.run = k.run";
+        let mut question = Question::of(from, &[]);
+        let code = Value::Text(code.to_owned());
+        let kind = Value::Integer(KeyKind::Cell.number());
+        question.add("k.kind = ? AND k.key = ?", &[kind, code.clone()]);
+        question.add(IS_CODE, &[code]);
+        let text = question.text("DISTINCT c.name", "", 2);
+        let mut names = self.ask(&text, &question.values, |row| row.get(0))?;
+        Ok(names.pop().filter(|_| names.is_empty()))
     }
 
     /// Asks, and reads each row.
@@ -556,36 +500,37 @@ impl Catalog {
     }
 }
 
-impl Question {
-    /// The run of a row is of this experiment.
-    fn add_experiment(&mut self, of: &str, experiment: Option<&String>) {
-        self.add_text(
-            &format!("EXISTS (SELECT 1 FROM run r WHERE r.run = {of}.run AND r.experiment = ?)"),
-            experiment,
-        );
-    }
+/// The rows of a table that are of some runs: a list is its one value.
+fn among(table: &str, of: char) -> String {
+    format!("json_each(?) w CROSS JOIN {table} ON {of}.run = w.value")
+}
 
-    /// The run has a cell of this batch.
-    fn add_batch(&mut self, of: &str, batch: Option<&String>) {
-        self.add_text(
-            &format!("EXISTS (SELECT 1 FROM run_cell c WHERE c.run = {of}.run AND c.batch = ?)"),
-            batch,
-        );
-    }
+/// A question for the rows of a table, of few runs where they are told.
+fn of_few(table: &str, of: char, few: Option<&[String]>) -> Question {
+    let Some(runs) = few else {
+        return Question::of(table, &[]);
+    };
+    let runs: Vec<&str> = runs.iter().map(String::as_str).collect();
+    Question::of(&among(table, of), &[listed(&runs)])
+}
 
-    /// The run of a row has a cell of this serial number.
-    fn add_serial(&mut self, of: &str, serial: Option<String>) {
-        let Some(serial) = serial.map(Value::Text) else {
-            return;
-        };
-        self.add(
-            &format!(
-                "EXISTS (SELECT 1 FROM run_cell c WHERE c.run = {of}.run AND c.name = {of}.cell \
-                 AND ? IN (c.serial, c.scanned_serial, c.barcode))"
-            ),
-            &[serial],
-        );
+/// Runs as the value of [`among`].
+fn listed(runs: &[&str]) -> Value {
+    Value::Text(serde_json::json!(runs).to_string())
+}
+
+/// The text of a question for rows, the latest first, from the place on at which it goes on.
+fn latest_first(
+    OfCell { of, .. }: OfCell,
+    question: &mut Question,
+    filter: &Filter,
+) -> Result<String, CatalogError> {
+    if let Some(after) = &filter.after {
+        let condition = format!("({of}.started_unix_s, {of}.run, {of}.file) < (?, ?, ?)");
+        question.add(&condition, &Cursor::parse(after)?.values());
     }
+    let order = format!("ORDER BY {of}.started_unix_s DESC, {of}.run DESC, {of}.file DESC");
+    Ok(question.text(&format!("{of}.*"), &order, filter.most() + 1))
 }
 
 /// Cuts an answer to its length; the place of its last one, where there are more.
@@ -610,150 +555,19 @@ fn several(wanted: &str, runs: &[CatalogRun]) -> CatalogError {
     }
 }
 
-/// Value of a column that holds JSON; its default where it is none.
-fn json<T: serde::de::DeserializeOwned + Default>(
-    row: &Row<'_>,
-    column: &str,
-) -> rusqlite::Result<T> {
-    let text: String = row.get(column)?;
-    Ok(serde_json::from_str(&text).unwrap_or_default())
-}
-
-fn source(row: &Row<'_>) -> rusqlite::Result<TimeSource> {
-    let word: String = row.get("time_source")?;
-    Ok(TimeSource::of_word(&word))
-}
-
-fn run_of(row: &Row<'_>) -> rusqlite::Result<CatalogRun> {
-    let seed: String = row.get("seed")?;
-    let verdict: String = row.get("verdict")?;
-    Ok(CatalogRun {
-        run: row.get("run")?,
-        name: row.get("name")?,
-        folder: row.get("folder")?,
-        missing: row.get("missing")?,
-        version: row.get("version")?,
-        experiment: row.get("experiment")?,
-        bench: row.get("bench")?,
-        cells: json(row, "cells")?,
-        operator: row.get("operator")?,
-        seed: seed.parse().unwrap_or_default(),
-        time: row.get("time")?,
-        simulated: row.get("simulated")?,
-        started_unix_s: row.get("started_unix_s")?,
-        time_source: source(row)?,
-        bench_time_s: row.get("bench_time_s")?,
-        how: row.get("how")?,
-        verdict: CatalogVerdict::of_word(&verdict).unwrap_or(CatalogVerdict::Damaged),
-        trip: row.get("trip")?,
-        resumed: row.get("resumed")?,
-        spectra: row.get("spectra")?,
-        refused_points: row.get("refused_points")?,
-        fits: row.get("fits")?,
-        config_sha256: row.get("config_sha256")?,
-        content_sha256: row.get("content_sha256")?,
-        damage: json(row, "damage")?,
+/// A cell of a row of `cell`, or of [`CELL_COLUMNS`].
+fn cell_of(row: &Row<'_>) -> rusqlite::Result<CellFound> {
+    Ok(CellFound {
+        cell: row.get(0)?,
+        serial: Some(row.get::<_, String>(1)?).filter(|serial| !serial.is_empty()),
+        runs: row.get(2)?,
+        first_unix_s: row.get(3)?,
+        last_unix_s: row.get(4)?,
+        model: row.get(5)?,
+        batch: row.get(6)?,
+        barcode: row.get(7)?,
+        maker: row.get(8)?,
+        chemistry: row.get(9)?,
+        term: row.get(10)?,
     })
-}
-
-fn spectrum_of(row: &Row<'_>) -> rusqlite::Result<CatalogSpectrum> {
-    Ok(CatalogSpectrum {
-        run: row.get("run")?,
-        name: row.get("name")?,
-        file: row.get("file")?,
-        bench: row.get("bench")?,
-        cell: row.get("cell")?,
-        serial: row.get("serial")?,
-        batch: row.get("batch")?,
-        fixture: row.get("fixture")?,
-        corrected: row.get("corrected")?,
-        repeat: row.get("repeat")?,
-        started_unix_s: row.get("started_unix_s")?,
-        time_source: source(row)?,
-        amplitude_a: row.get("amplitude_a")?,
-        ocv_v: row.get("ocv_v")?,
-        temperature_c: row.get("temperature_c")?,
-        points: row.get("points")?,
-        refused_points: row.get("refused_points")?,
-        low_hz: row.get("low_hz")?,
-        high_hz: row.get("high_hz")?,
-        r_high_ohm: row.get("r_high_ohm")?,
-        r_high_sigma_ohm: row.get("r_high_sigma_ohm")?,
-        r_low_ohm: row.get("r_low_ohm")?,
-        r_low_sigma_ohm: row.get("r_low_sigma_ohm")?,
-    })
-}
-
-fn fit_of(row: &Row<'_>) -> rusqlite::Result<CatalogFit> {
-    Ok(CatalogFit {
-        run: row.get("run")?,
-        name: row.get("name")?,
-        file: row.get("file")?,
-        bench: row.get("bench")?,
-        cell: row.get("cell")?,
-        serial: row.get("serial")?,
-        batch: row.get("batch")?,
-        rc: row.get("rc")?,
-        started_unix_s: row.get("started_unix_s")?,
-        time_source: source(row)?,
-        temperature_c: row.get("temperature_c")?,
-        ocv_v: row.get("ocv_v")?,
-        r_ohm: row.get("r_ohm")?,
-        r_sigma_ohm: row.get("r_sigma_ohm")?,
-        dc_resistance_ohm: row.get("dc_resistance_ohm")?,
-        dc_resistance_sigma_ohm: row.get("dc_resistance_sigma_ohm")?,
-        slow_r_ohm: row.get("slow_r_ohm")?,
-        slow_r_sigma_ohm: row.get("slow_r_sigma_ohm")?,
-        slow_tau_s: row.get("slow_tau_s")?,
-        slow_tau_sigma_s: row.get("slow_tau_sigma_s")?,
-        time_constants_s: json(row, "time_constants_s")?,
-        rms_ohm: row.get("rms_ohm")?,
-        reduced_chi2: row.get("reduced_chi2")?,
-        points: row.get("points")?,
-    })
-}
-
-fn event_of(row: &Row<'_>) -> rusqlite::Result<CatalogEvent> {
-    let (line, kind): (i64, String) = (row.get("line")?, row.get("kind")?);
-    Ok(CatalogEvent {
-        line: u64::try_from(line).unwrap_or_default(),
-        time_s: row.get("time_s")?,
-        kind: CatalogEventKind::of_word(&kind),
-        text: row.get("text")?,
-        by: row.get("by")?,
-    })
-}
-
-fn diagnosis_of(row: &Row<'_>) -> rusqlite::Result<CatalogDiagnosis> {
-    Ok(CatalogDiagnosis {
-        folder: row.get("folder")?,
-        run: row.get("run")?,
-        data_set: row.get("data_set")?,
-        model: row.get("model")?,
-        verdict: row.get("verdict")?,
-        summary: row.get("summary")?,
-        parameters: json(row, "parameters")?,
-        damage: row.get("damage")?,
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_place_comes_back_and_nothing_else_is_one() {
-        let place = Cursor::of(1.5, "00ff00ff00ff00ff", "spectra/ä_1.csv");
-        assert_eq!(Cursor::parse(&place.text()).unwrap(), place);
-        for text in [
-            "",
-            "x",
-            "0123",
-            &"0".repeat(33),
-            &format!("{}zz", "0".repeat(32)),
-        ] {
-            let error = Cursor::parse(text).unwrap_err().to_string();
-            assert!(error.starts_with("after: expected the `after`"), "{error}");
-        }
-    }
 }

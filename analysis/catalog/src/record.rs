@@ -188,6 +188,8 @@ pub struct CatalogSpectrum {
     pub serial: Option<String>,
     /// Batch of the cell, where it is known.
     pub batch: Option<String>,
+    /// Chemistry of the cell, in words, where it is known.
+    pub chemistry: Option<String>,
     /// Fixture in the jig: `cell`, or the control.
     pub fixture: String,
     /// The harness is corrected.
@@ -240,6 +242,8 @@ pub struct CatalogFit {
     pub serial: Option<String>,
     /// Batch of the cell, where it is known.
     pub batch: Option<String>,
+    /// Number of cells whose spectra were fitted together: a model of several is of none of them.
+    pub cells: u32,
     /// Number of RC pairs.
     pub rc: u32,
     /// When the run began, s since 1970.
@@ -337,6 +341,8 @@ pub struct CatalogDiagnosis {
     pub folder: String,
     /// Identity of the run that it is of; none where that cannot be told.
     pub run: Option<String>,
+    /// Cell of that run that it is of; none where the run has several and it is of none of them.
+    pub cell: Option<String>,
     /// Name of the data set.
     pub data_set: String,
     /// Name of the model.

@@ -2,22 +2,24 @@
 
 use std::{
     collections::BTreeMap,
+    ffi::OsStr,
     path::{Path, PathBuf},
 };
 
 use analysis_files::{
     batch::{Cells, TableColumn},
     dataset::read_spectrum_csv,
-    run_folder::DIAGNOSIS,
 };
 
 use crate::{
     export::{Points, diagnosis_columns, fit_columns, point_columns, run_columns},
     folder::{self, Beside, CELL},
-    record::{CatalogDiagnosis, CatalogRun, CatalogVerdict, Folder},
+    record::{CatalogCell, CatalogDiagnosis, CatalogRun, CatalogVerdict, Folder},
     scan::read_diagnosis,
-    walk::{DIAGNOSIS_FOLDER, Place, Walk},
+    walk::{Place, Walk},
 };
+
+pub use crate::walk::diagnoses_within;
 
 /// Columns that tell of a machine or stand in the path of a partition.
 const LEFT_OUT: [&str; 3] = ["bench", "folder", "missing"];
@@ -52,7 +54,7 @@ pub struct DiagnosisFolder {
 pub const TABLES: [&str; 4] = ["runs", "spectra", "fits", "diagnoses"];
 
 impl RunRows {
-    /// Reads a run folder with the diagnosis in it, and folders of diagnoses beside it. What cannot be
+    /// Reads a run folder with the diagnoses in it, and folders of diagnoses beside it. What cannot be
     /// read is told in the row of the run.
     pub fn read(folder: &Path, beside: Beside, diagnoses: &[DiagnosisFolder]) -> Self {
         let read = folder::read(folder, String::new(), beside);
@@ -67,13 +69,18 @@ impl RunRows {
                 points,
             })
         });
-        let own = DiagnosisFolder {
-            name: DIAGNOSIS_FOLDER.to_owned(),
-            folder: folder.join(DIAGNOSIS_FOLDER),
-        };
-        let own = Some(own).filter(|own| own.folder.join(DIAGNOSIS).is_file());
-        let diagnoses = own.iter().chain(diagnoses);
-        let diagnoses = diagnoses.map(|one| read_diagnosis(&one.folder, &one.name));
+        let own = diagnoses_within(folder).into_iter().map(|own| {
+            let name = own.strip_prefix(folder).unwrap_or(&own);
+            DiagnosisFolder {
+                name: name.to_string_lossy().into_owned(),
+                folder: own,
+            }
+        });
+        let all = own.chain(diagnoses.iter().cloned());
+        let diagnoses = all.map(|one| CatalogDiagnosis {
+            cell: cell_of(&one.folder, &read.run),
+            ..read_diagnosis(&one.folder, &one.name)
+        });
         Self {
             points: points.collect(),
             diagnoses: diagnoses.collect(),
@@ -123,6 +130,17 @@ impl RunRows {
             .filter(|table| table.rows() > 0)
             .collect()
     }
+}
+
+/// The cell of a run that a diagnosis is of: the one that its folder is called after, or the only one.
+fn cell_of(diagnosis: &Path, run: &CatalogRun) -> Option<String> {
+    let called = |cell: &&CatalogCell| diagnosis.file_name() == Some(OsStr::new(&cell.name));
+    let only = match run.cells.as_slice() {
+        [one] => Some(one),
+        _ => None,
+    };
+    let cell = run.cells.iter().find(called).or(only);
+    cell.map(|cell| cell.name.clone())
 }
 
 impl RunTable {

@@ -35,8 +35,9 @@ const WAITING: usize = 64;
 const MOST_READERS: usize = 4;
 /// Folder of runs beside that of analyses, in the data folder of a server.
 const RUNS: &str = "runs";
-/// How many folders up a diagnosis looks for the run that it is of.
-const ANCESTORS: usize = 4;
+/// How many folders up a diagnosis looks for the run that it is of: that of a cell among the analyses
+/// of a server lies in `analyses/NAME/out/CELL`.
+const ANCESTORS: usize = 5;
 
 /// How a scan is done.
 pub struct ScanOptions<'a> {
@@ -305,7 +306,8 @@ fn diagnosis(known: &Catalog, folder: &Path) -> Message {
     let name = folder.to_string_lossy().into_owned();
     let before = stored(
         &known.connection,
-        "SELECT stamp, 0 FROM diagnosis WHERE folder = ?1",
+        // Its run may have come behind it.
+        "SELECT stamp, 0 FROM diagnosis WHERE folder = ?1 AND run IS NOT NULL",
         &name,
     );
     if before.is_some_and(|before| before.stamp == stamp) {
@@ -323,6 +325,7 @@ pub(crate) fn read_diagnosis(folder: &Path, name: &str) -> CatalogDiagnosis {
     let damaged = |reason: String| CatalogDiagnosis {
         folder: name.to_owned(),
         run: None,
+        cell: None,
         data_set: String::new(),
         model: String::new(),
         verdict: String::new(),
@@ -337,6 +340,7 @@ pub(crate) fn read_diagnosis(folder: &Path, name: &str) -> CatalogDiagnosis {
     CatalogDiagnosis {
         folder: name.to_owned(),
         run: run_of(folder, &file.data_set),
+        cell: None,
         data_set: file.data_set,
         model: file.model,
         verdict: file.verdict,

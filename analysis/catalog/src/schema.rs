@@ -3,10 +3,10 @@
 /// Mark of a catalogue in the head of an SQLite file: `EISC`.
 pub(crate) const APPLICATION: i32 = 0x4549_5343;
 /// Version of the tables. A reader refuses a newer one; a scan builds an older one again.
-pub const VERSION: i32 = 2;
+pub const VERSION: i32 = 3;
 
-/// Tables and indexes. `run_key` finds runs by the name or a serial number of a cell, `run_text` by
-/// words; both repeat what questions filter by, so that no other table is read for a run that is
+/// Tables and indexes. `run_key` finds runs by the name, a serial number or the batch of a cell,
+/// `run_text` by words; both repeat what questions filter by, so that no other table is read for a run that is
 /// not wanted. What many runs share stands in `phrase` once, so that a word is sought in little
 /// text. `cell` is made of `run_cell` at the end of a scan. No number of a row is ever part of an answer.
 pub(crate) const TABLES: &str = "
@@ -28,8 +28,8 @@ CREATE INDEX run_experiment ON run (experiment, started_unix_s, run);
 CREATE INDEX run_name ON run (name);
 CREATE INDEX run_folder ON run (folder);
 CREATE TABLE run_key (
-  key TEXT NOT NULL, started_unix_s REAL NOT NULL, run TEXT NOT NULL, bench TEXT NOT NULL,
-  verdict TEXT NOT NULL, PRIMARY KEY (key, started_unix_s, run)
+  kind INTEGER NOT NULL, key TEXT NOT NULL, started_unix_s REAL NOT NULL, run TEXT NOT NULL,
+  bench TEXT NOT NULL, verdict TEXT NOT NULL, PRIMARY KEY (kind, key, started_unix_s, run)
 ) WITHOUT ROWID;
 CREATE TABLE run_text (
   started_unix_s REAL NOT NULL, run TEXT NOT NULL, bench TEXT NOT NULL, verdict TEXT NOT NULL,
@@ -42,9 +42,6 @@ CREATE TABLE run_cell (
   PRIMARY KEY (name, serial, started_unix_s, run)
 ) WITHOUT ROWID;
 CREATE INDEX run_cell_run ON run_cell (run);
-CREATE INDEX run_cell_serial ON run_cell (serial);
-CREATE INDEX run_cell_scanned ON run_cell (scanned_serial);
-CREATE INDEX run_cell_batch ON run_cell (batch);
 CREATE TABLE cell (
   name TEXT NOT NULL, serial TEXT NOT NULL, runs INTEGER NOT NULL, first_unix_s REAL NOT NULL,
   last_unix_s REAL NOT NULL, model TEXT, batch TEXT, barcode TEXT, maker TEXT, chemistry TEXT,
@@ -52,7 +49,7 @@ CREATE TABLE cell (
 ) WITHOUT ROWID;
 CREATE TABLE spectrum (
   run TEXT NOT NULL, file TEXT NOT NULL, name TEXT NOT NULL, bench TEXT NOT NULL,
-  cell TEXT NOT NULL, serial TEXT, batch TEXT, fixture TEXT NOT NULL,
+  cell TEXT NOT NULL, serial TEXT, batch TEXT, chemistry TEXT, fixture TEXT NOT NULL,
   corrected INTEGER NOT NULL, repeat INTEGER NOT NULL,
   started_unix_s REAL NOT NULL, time_source TEXT NOT NULL, amplitude_a REAL NOT NULL, ocv_v REAL,
   temperature_c REAL, points INTEGER NOT NULL, refused_points INTEGER NOT NULL, low_hz REAL,
@@ -64,19 +61,22 @@ CREATE INDEX spectrum_cell ON spectrum (cell, started_unix_s, run, file);
 CREATE INDEX spectrum_bench ON spectrum (bench, started_unix_s, run, file);
 CREATE TABLE fit (
   run TEXT NOT NULL, file TEXT NOT NULL, name TEXT NOT NULL, bench TEXT NOT NULL,
-  cell TEXT NOT NULL, serial TEXT, batch TEXT, rc INTEGER NOT NULL, started_unix_s REAL NOT NULL,
-  time_source TEXT NOT NULL, temperature_c REAL, ocv_v REAL, r_ohm REAL NOT NULL,
+  cell TEXT NOT NULL, serial TEXT, batch TEXT, cells INTEGER NOT NULL, rc INTEGER NOT NULL,
+  started_unix_s REAL NOT NULL, time_source TEXT NOT NULL, temperature_c REAL, ocv_v REAL, r_ohm REAL NOT NULL,
   r_sigma_ohm REAL, dc_resistance_ohm REAL NOT NULL, dc_resistance_sigma_ohm REAL, slow_r_ohm REAL,
   slow_r_sigma_ohm REAL, slow_tau_s REAL, slow_tau_sigma_s REAL, time_constants_s TEXT NOT NULL,
   rms_ohm REAL NOT NULL, reduced_chi2 REAL, points INTEGER NOT NULL, PRIMARY KEY (run, file)
 ) WITHOUT ROWID;
-CREATE INDEX fit_cell ON fit (cell, rc, started_unix_s, run, file);
+CREATE INDEX fit_started ON fit (started_unix_s, run, file);
+CREATE INDEX fit_cell ON fit (cell, started_unix_s, run, file);
+CREATE INDEX fit_pooled ON fit (cells) WHERE cells > 1;
 CREATE TABLE event (
   run TEXT NOT NULL, line INTEGER NOT NULL, time_s REAL NOT NULL, kind TEXT NOT NULL,
   text TEXT NOT NULL, by TEXT, PRIMARY KEY (run, line)
 ) WITHOUT ROWID;
+CREATE INDEX event_trip ON event (run) WHERE kind = 'trip';
 CREATE TABLE diagnosis (
-  folder TEXT PRIMARY KEY, stamp TEXT NOT NULL, run TEXT, data_set TEXT NOT NULL,
+  folder TEXT PRIMARY KEY, name TEXT NOT NULL, stamp TEXT NOT NULL, run TEXT, data_set TEXT NOT NULL,
   model TEXT NOT NULL, verdict TEXT NOT NULL, summary TEXT NOT NULL, parameters TEXT NOT NULL,
   damage TEXT
 ) WITHOUT ROWID;

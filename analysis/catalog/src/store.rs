@@ -1,20 +1,29 @@
 //! Puts what run folders tell into the tables.
 
+use std::path::Path;
+
 use rusqlite::{Connection, named_params, params};
 
-use crate::record::{
-    CatalogDiagnosis, CatalogEvent, CatalogFit, CatalogRun, CatalogSpectrum, Folder,
+use crate::{
+    question::KeyKind,
+    record::{CatalogDiagnosis, CatalogEvent, CatalogFit, CatalogRun, CatalogSpectrum, Folder},
 };
+
+/// Columns of a cell of the runs `c` of `run_cell`, in the order of the table of cells.
+pub(crate) const CELL_COLUMNS: &str = "c.name, c.serial, count(*), min(c.started_unix_s), \
+    max(c.started_unix_s), max(c.model), max(c.batch), max(c.barcode), max(c.maker), \
+    max(c.chemistry), max(c.term)";
 
 /// Statements that take a run out of all tables. The first two find their rows by those of the tables that
 /// follow: an index by run alone would cost each scan more than it saves.
 const OF_RUN: [&str; 7] = [
-    "DELETE FROM run_key WHERE run = ?1 \
+    "DELETE FROM run_key WHERE run = ?1 AND kind IN (0, 1) \
      AND started_unix_s = (SELECT started_unix_s FROM run WHERE run = ?1) \
      AND key IN (SELECT name FROM run_cell WHERE run = ?1 \
      UNION SELECT serial FROM run_cell WHERE run = ?1 \
      UNION SELECT scanned_serial FROM run_cell WHERE run = ?1 \
-     UNION SELECT barcode FROM run_cell WHERE run = ?1)",
+     UNION SELECT barcode FROM run_cell WHERE run = ?1 \
+     UNION SELECT batch FROM run_cell WHERE run = ?1)",
     "DELETE FROM run_text WHERE run = ?1 \
      AND started_unix_s = (SELECT started_unix_s FROM run WHERE run = ?1)",
     "DELETE FROM run WHERE run = ?1",
@@ -145,8 +154,8 @@ fn put_keys(connection: &Connection, run: &CatalogRun) -> rusqlite::Result<()> {
     let mut into = connection.prepare_cached(
         "INSERT OR REPLACE INTO run_cell VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11)",
     )?;
-    let mut keys =
-        connection.prepare_cached("INSERT OR IGNORE INTO run_key VALUES (?1, ?2, ?3, ?4, ?5)")?;
+    let mut keys = connection
+        .prepare_cached("INSERT OR IGNORE INTO run_key VALUES (?1, ?2, ?3, ?4, ?5, ?6)")?;
     for cell in &run.cells {
         into.execute(params![
             cell.name,
@@ -161,11 +170,13 @@ fn put_keys(connection: &Connection, run: &CatalogRun) -> rusqlite::Result<()> {
             cell.chemistry,
             cell.term
         ])?;
-        let serials = [&cell.serial, &cell.scanned_serial, &cell.barcode]
-            .into_iter()
-            .flatten();
-        for key in [&cell.name].into_iter().chain(serials) {
+        let codes = [&cell.serial, &cell.scanned_serial, &cell.barcode];
+        let of_cell = [&cell.name].into_iter().chain(codes.into_iter().flatten());
+        let of_cell = of_cell.map(|key| (KeyKind::Cell, key));
+        let of_batch = cell.batch.iter().map(|key| (KeyKind::Batch, key));
+        for (kind, key) in of_cell.chain(of_batch) {
             keys.execute(params![
+                kind.number(),
                 key,
                 run.started_unix_s,
                 run.run,
@@ -179,7 +190,8 @@ fn put_keys(connection: &Connection, run: &CatalogRun) -> rusqlite::Result<()> {
 
 fn put_spectrum(connection: &Connection, one: &CatalogSpectrum) -> rusqlite::Result<()> {
     let mut into = connection.prepare_cached(
-        "INSERT OR REPLACE INTO spectrum VALUES (:run, :file, :name, :bench, :cell, :serial, :batch, :fixture, \
+        "INSERT OR REPLACE INTO spectrum VALUES (:run, :file, :name, :bench, :cell, :serial, :batch, \
+         :chemistry, :fixture, \
          :corrected, :repeat, :started_unix_s, :time_source, :amplitude_a, :ocv_v, \
          :temperature_c, :points, :refused_points, :low_hz, :high_hz, :r_high_ohm, \
          :r_high_sigma_ohm, :r_low_ohm, :r_low_sigma_ohm)",
@@ -192,6 +204,7 @@ fn put_spectrum(connection: &Connection, one: &CatalogSpectrum) -> rusqlite::Res
         ":cell": one.cell,
         ":serial": one.serial,
         ":batch": one.batch,
+        ":chemistry": one.chemistry,
         ":fixture": one.fixture,
         ":corrected": one.corrected,
         ":repeat": one.repeat,
@@ -214,7 +227,8 @@ fn put_spectrum(connection: &Connection, one: &CatalogSpectrum) -> rusqlite::Res
 
 fn put_fit(connection: &Connection, fit: &CatalogFit) -> rusqlite::Result<()> {
     let mut into = connection.prepare_cached(
-        "INSERT OR REPLACE INTO fit VALUES (:run, :file, :name, :bench, :cell, :serial, :batch, :rc, \
+        "INSERT OR REPLACE INTO fit VALUES (:run, :file, :name, :bench, :cell, :serial, :batch, \
+         :cells, :rc, \
          :started_unix_s, :time_source, :temperature_c, :ocv_v, :r_ohm, :r_sigma_ohm, \
          :dc_resistance_ohm, :dc_resistance_sigma_ohm, :slow_r_ohm, :slow_r_sigma_ohm, \
          :slow_tau_s, :slow_tau_sigma_s, :time_constants_s, :rms_ohm, :reduced_chi2, :points)",
@@ -227,6 +241,7 @@ fn put_fit(connection: &Connection, fit: &CatalogFit) -> rusqlite::Result<()> {
         ":cell": fit.cell,
         ":serial": fit.serial,
         ":batch": fit.batch,
+        ":cells": fit.cells,
         ":rc": fit.rc,
         ":started_unix_s": fit.started_unix_s,
         ":time_source": fit.time_source.label(),
@@ -265,11 +280,10 @@ fn put_event(connection: &Connection, run: &str, event: &CatalogEvent) -> rusqli
 
 /// Counts the runs of each cell anew.
 pub(crate) fn count_cells(connection: &Connection) -> rusqlite::Result<()> {
-    connection.execute_batch(
-        "BEGIN IMMEDIATE; DELETE FROM cell; INSERT INTO cell SELECT name, serial, count(*), \
-         min(started_unix_s), max(started_unix_s), max(model), max(batch), max(barcode), max(maker), \
-         max(chemistry), max(term) FROM run_cell GROUP BY name, serial; COMMIT;",
-    )
+    connection.execute_batch(&format!(
+        "BEGIN IMMEDIATE; DELETE FROM cell; INSERT INTO cell SELECT {CELL_COLUMNS} \
+         FROM run_cell c GROUP BY c.name, c.serial; COMMIT;"
+    ))
 }
 
 /// Puts a diagnosis in, in the place of the one that its folder held before.
@@ -278,11 +292,14 @@ pub(crate) fn put_diagnosis(
     one: &CatalogDiagnosis,
     stamp: &str,
 ) -> rusqlite::Result<()> {
+    let name = Path::new(&one.folder).file_name().unwrap_or_default();
+    let name = name.to_string_lossy();
     let mut into = connection.prepare_cached(
-        "INSERT OR REPLACE INTO diagnosis VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
+        "INSERT OR REPLACE INTO diagnosis VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
     )?;
     into.execute(params![
         one.folder,
+        name,
         stamp,
         one.run,
         one.data_set,

@@ -10,7 +10,7 @@ use analysis_files::run_folder::DIAGNOSIS;
 use crate::folder::is_run;
 
 /// Folder of a diagnosis in a run folder, as its user may choose to name it.
-pub(crate) const DIAGNOSIS_FOLDER: &str = "diagnosis";
+const DIAGNOSIS_FOLDER: &str = "diagnosis";
 
 /// A place that a scan reads.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -23,8 +23,23 @@ pub(crate) enum Place {
     Unreadable(String),
 }
 
+/// Folders of the diagnoses in a run folder, in order: its own, and those of its cells where it has
+/// several.
+pub fn diagnoses_within(run: &Path) -> Vec<PathBuf> {
+    let own = run.join(DIAGNOSIS_FOLDER);
+    let entries = fs::read_dir(&own).into_iter().flatten().flatten();
+    let mut of_cells: Vec<PathBuf> = entries.map(|entry| entry.path()).collect();
+    of_cells.sort();
+    let all = [own].into_iter().chain(of_cells);
+    all.filter(|folder| is_diagnosed(folder)).collect()
+}
+
+fn is_diagnosed(folder: &Path) -> bool {
+    folder.join(DIAGNOSIS).is_file()
+}
+
 /// All places below folders, one after another. Links are not followed, and a run folder is not
-/// looked into beyond its own diagnosis.
+/// looked into beyond its own diagnoses.
 #[derive(Debug)]
 pub(crate) struct Walk {
     open: Vec<PathBuf>,
@@ -41,7 +56,6 @@ impl Walk {
     }
 
     fn look(&mut self, folder: PathBuf) {
-        let is_diagnosed = |folder: &Path| folder.join(DIAGNOSIS).is_file();
         if is_diagnosed(&folder) {
             self.ready.push(Place::Diagnosis(folder.clone()));
         }
@@ -49,10 +63,8 @@ impl Walk {
             self.enter(&folder);
             return;
         }
-        let own = folder.join(DIAGNOSIS_FOLDER);
-        if is_diagnosed(&own) {
-            self.ready.push(Place::Diagnosis(own));
-        }
+        let own = diagnoses_within(&folder).into_iter();
+        self.ready.extend(own.map(Place::Diagnosis));
         self.ready.push(Place::Run(folder));
     }
 

@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use analysis_catalog::rows::DiagnosisFolder;
+use analysis_catalog::rows::{DiagnosisFolder, diagnoses_within};
 use analysis_files::run_folder::{
     ARCHIVED, Archived, DIAGNOSIS, INDEX, JOURNAL, MANIFEST, SUMS,
     sums::{self, Sums},
@@ -75,14 +75,19 @@ impl RunSource {
         let diagnosed = names
             .iter()
             .map(|name| self.folder.join(name).join(DIAGNOSIS));
-        let beside = self.diagnoses.iter().map(|one| one.folder.join(DIAGNOSIS));
+        // Those of single cells lie a folder deeper; without them the state is what it was before they were
+        // looked for.
+        let of_cells = diagnoses_within(&self.folder).into_iter();
+        let of_cells = of_cells.filter(|folder| folder.parent() != Some(self.folder.as_path()));
+        let beside = self.diagnoses.iter().map(|one| one.folder.clone());
+        let deeper = of_cells.chain(beside).map(|folder| folder.join(DIAGNOSIS));
         let of = |path: PathBuf| {
             fs::metadata(path).map_or_else(
                 |_| "-".to_owned(),
                 |meta| format!("{}:{}.{}", meta.len(), meta.mtime(), meta.mtime_nsec()),
             )
         };
-        let files = within.into_iter().chain(diagnosed).chain(beside).map(of);
+        let files = within.into_iter().chain(diagnosed).chain(deeper).map(of);
         let state = format!("{names:?} {:?}", files.collect::<Vec<_>>());
         Hashed::of(state.as_bytes()).sha256
     }

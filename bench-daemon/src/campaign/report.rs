@@ -6,10 +6,14 @@
 //! of the model and an error of the controls are in all of them alike and are no scatter. The rest is
 //! what repeats differ by.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use analysis::{
-    catalog::{Catalog, CatalogError, query::Filter, record::CatalogFit},
+    catalog::{
+        Catalog, CatalogError,
+        query::Filter,
+        record::{CatalogFit, CatalogRun, CatalogVerdict},
+    },
     mixed::{Component, Factor, Grouped, Level, Mixed, MixedError, fit_mixed},
     numeric::stats::normal_tail,
     validity::tail::holm,
@@ -18,8 +22,6 @@ use serde::Serialize;
 
 /// Chance that any cell or bench of a campaign without outliers is named as one.
 const FALSE_ALARM: f64 = 0.01;
-/// Fits that are read at most.
-const MOST_FITS: usize = 1_000_000;
 
 /// Reason why there is no report.
 #[derive(Debug, thiserror::Error)]
@@ -29,8 +31,8 @@ pub enum ReportError {
     Catalog(#[from] CatalogError),
     /// No fit of the campaign.
     #[error(
-        "expected runs of the experiment {campaign:?} with fitted models of {rc} RC pairs in the \
-        catalogue, found none; orders that are there: {orders}"
+        "expected finished runs of the experiment {campaign:?} with fitted models of {rc} RC pairs in \
+        the catalogues, found none; orders that are there: {orders}{left_out}"
     )]
     None {
         /// The campaign.
@@ -39,6 +41,8 @@ pub enum ReportError {
         rc: String,
         /// Orders that are there.
         orders: String,
+        /// Runs that were left out, in words that follow.
+        left_out: String,
     },
     /// One quantity.
     #[error("{quantity}: {source}")]
@@ -120,6 +124,15 @@ pub struct Quantity {
     pub cells: Vec<CorrectedCell>,
 }
 
+/// Runs of a campaign that were left out.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct LeftOut {
+    /// Why.
+    pub why: &'static str,
+    /// Number of them.
+    pub runs: usize,
+}
+
 /// Result of a campaign.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CampaignReport {
@@ -129,51 +142,123 @@ pub struct CampaignReport {
     pub rc: u32,
     /// Number of values.
     pub values: usize,
+    /// Runs that were left out, by reason.
+    pub left_out: Vec<LeftOut>,
     /// The quantities.
     pub quantities: Vec<Quantity>,
 }
 
-/// Judges the runs of a campaign in a catalogue, by models of one order: the greatest that is
-/// there, unless one is chosen.
-///
-/// # Errors
-/// [`ReportError`].
-pub fn report(
-    catalog: &Catalog,
-    campaign: &str,
-    rc: Option<u32>,
-) -> Result<CampaignReport, ReportError> {
-    let filter = Filter {
-        experiment: Some(campaign.to_owned()),
-        most: MOST_FITS,
-        ..Filter::default()
-    };
-    let orders = catalog.orders(&filter)?;
-    let wanted = rc.or(orders.last().map(|order| order.rc));
-    let fits = match wanted {
-        Some(rc) => catalog.fits(&filter, Some(rc))?,
-        None => Vec::new(),
-    };
-    let Some(first) = fits.first() else {
-        let listed: Vec<String> = orders.iter().map(|order| order.rc.to_string()).collect();
-        return Err(ReportError::None {
+/// Runs that count, with their models, and those that do not.
+#[derive(Debug, Default)]
+struct Chosen {
+    fits: Vec<CatalogFit>,
+    left_out: BTreeMap<&'static str, usize>,
+    /// Contents of the runs that count.
+    contents: BTreeSet<String>,
+}
+
+const DAMAGED: &str = "damaged";
+const FAILED: &str = "failed";
+const UNFINISHED: &str = "unfinished";
+const MISSING: &str = "their folders are missing";
+const TWICE: &str = "the same as another one, by their hashes";
+const SEVERAL: &str = "their models are of several cells together";
+const WITHOUT: &str = "without a fitted model";
+
+impl Chosen {
+    /// Takes the runs of a campaign from a catalogue.
+    fn take(&mut self, catalog: &Catalog, campaign: &str) -> Result<(), CatalogError> {
+        let filter = Filter {
+            experiment: Some(campaign.to_owned()),
+            ..Filter::default()
+        };
+        let mut of_run: BTreeMap<String, Vec<CatalogFit>> = BTreeMap::new();
+        for fit in catalog.all_fits(&filter)? {
+            of_run.entry(fit.run.clone()).or_default().push(fit);
+        }
+        for run in catalog.all_runs(&filter)? {
+            let fits = of_run.remove(&run.run).unwrap_or_default();
+            match self.why_not(&run, &fits) {
+                Some(why) => *self.left_out.entry(why).or_default() += 1,
+                None => {
+                    self.contents.extend(run.content_sha256);
+                    self.fits.extend(fits);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Why a run does not count; none where it does.
+    fn why_not(&self, run: &CatalogRun, fits: &[CatalogFit]) -> Option<&'static str> {
+        let is_known = |content: &String| self.contents.contains(content);
+        match run.verdict {
+            CatalogVerdict::Damaged => Some(DAMAGED),
+            CatalogVerdict::Failed => Some(FAILED),
+            CatalogVerdict::Unfinished => Some(UNFINISHED),
+            _ if run.missing => Some(MISSING),
+            _ if run.content_sha256.as_ref().is_some_and(is_known) => Some(TWICE),
+            _ if fits.is_empty() => Some(WITHOUT),
+            _ if fits.iter().any(|fit| fit.cells != 1) => Some(SEVERAL),
+            CatalogVerdict::Good | CatalogVerdict::Doubtful => None,
+        }
+    }
+
+    fn left_out(&self) -> Vec<LeftOut> {
+        let all = self.left_out.iter();
+        all.map(|(why, runs)| LeftOut { why, runs: *runs })
+            .collect()
+    }
+
+    fn none(&self, campaign: &str, rc: Option<u32>) -> ReportError {
+        let orders: BTreeSet<u32> = self.fits.iter().map(|fit| fit.rc).collect();
+        let listed: Vec<String> = orders.iter().map(u32::to_string).collect();
+        let left_out = self.left_out.iter();
+        ReportError::None {
             campaign: campaign.to_owned(),
             rc: rc.map_or("any number of".to_owned(), |rc| rc.to_string()),
             orders: match listed.as_slice() {
                 [] => "none".to_owned(),
                 listed => listed.join(", "),
             },
-        });
-    };
-    let rc = first.rc;
+            left_out: left_out
+                .map(|(why, runs)| format!("; {runs} runs left out: {why}"))
+                .collect(),
+        }
+    }
+}
+
+/// Judges the runs of a campaign in catalogues, by models of one order: the greatest that is there,
+/// unless one is chosen. A run counts where it is finished and its folder is there, and once where
+/// several folders hold the same.
+///
+/// # Errors
+/// [`ReportError`].
+pub fn report(
+    catalogs: &[Catalog],
+    campaign: &str,
+    rc: Option<u32>,
+) -> Result<CampaignReport, ReportError> {
+    let mut chosen = Chosen::default();
+    for catalog in catalogs {
+        chosen.take(catalog, campaign)?;
+    }
+    let greatest = chosen.fits.iter().map(|fit| fit.rc).max();
+    let wanted = rc.or(greatest).unwrap_or_default();
+    let of_order = chosen.fits.iter().filter(|fit| fit.rc == wanted);
+    let fits: Vec<CatalogFit> = of_order.cloned().collect();
+    if fits.is_empty() {
+        return Err(chosen.none(campaign, rc));
+    }
     let quantities = QUANTITIES
         .iter()
         .map(|kind| kind.over(&fits))
         .collect::<Result<Vec<Option<Quantity>>, ReportError>>()?;
     Ok(CampaignReport {
         campaign: campaign.to_owned(),
-        rc,
+        rc: wanted,
         values: fits.len(),
+        left_out: chosen.left_out(),
         quantities: quantities.into_iter().flatten().collect(),
     })
 }

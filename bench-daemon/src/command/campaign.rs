@@ -44,8 +44,10 @@ fn plan(args: &PlanArgs) -> Result<(), Failure> {
 
 fn judge(args: &ReportArgs) -> Result<(), Failure> {
     let failed = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
-    let catalog = Catalog::open(&args.catalog).map_err(|error| failed(&error))?;
-    let judged = report(&catalog, &args.campaign, args.rc).map_err(|error| failed(&error))?;
+    let paths = [&args.catalog].into_iter().chain(&args.and);
+    let catalogs: Result<Vec<Catalog>, _> = paths.map(|path| Catalog::open(path)).collect();
+    let catalogs = catalogs.map_err(|error| failed(&error))?;
+    let judged = report(&catalogs, &args.campaign, args.rc).map_err(|error| failed(&error))?;
     if args.json {
         say_json(&judged)?;
     } else {

@@ -158,6 +158,9 @@ fn ageing(args: &AgeingArgs) -> Result<(), Failure> {
     if ageing.points.is_empty() {
         return Err(Failure::Usage(no_fits(&ageing, args.rc)));
     }
+    if ageing.serials.len() > 1 && !args.filter.names_serial() {
+        return Err(Failure::Usage(several_cells(&ageing)));
+    }
     if let Some(folder) = &args.out {
         write(folder, &ageing)?;
     }
@@ -175,10 +178,29 @@ fn no_fits(ageing: &Ageing, rc: Option<u32>) -> String {
             ageing.cell, ageing.orders
         ),
         None => format!(
-            "--cell: expected a cell with fitted models in the catalogue, found none of {:?}",
-            ageing.cell
+            "--cell: expected a cell with fitted models in the catalogue, found none of {:?}{}",
+            ageing.cell,
+            match ageing.pooled {
+                0 => String::new(),
+                pooled => format!(
+                    "; {pooled} models of its runs are of several cells together, and of none of them"
+                ),
+            }
         ),
     }
+}
+
+fn several_cells(ageing: &Ageing) -> String {
+    let cells: Vec<String> = ageing
+        .serials
+        .iter()
+        .map(|one| format!("{one:?}"))
+        .collect();
+    format!(
+        "--serial: expected one of {}, for these cells have the same name {:?}, found none",
+        cells.join(", "),
+        ageing.cell
+    )
 }
 
 /// Table and pictures of a cell over its runs.

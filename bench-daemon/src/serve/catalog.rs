@@ -8,8 +8,9 @@ use std::{
     sync::{
         Mutex, PoisonError,
         atomic::{AtomicBool, Ordering},
-        mpsc::{Receiver, Sender, channel},
+        mpsc::{Receiver, RecvTimeoutError, Sender, channel},
     },
+    time::Duration,
 };
 
 use analysis::catalog::{
@@ -26,6 +27,8 @@ const FILE: &str = "catalog.sqlite";
 /// Folders there that are scanned: of runs, and of diagnoses among the analyses.
 const RUNS: &str = "runs";
 const ANALYSES: &str = "analyses";
+/// Pause before a scan that has failed is tried again: a disk that is full, a file that is held.
+const AGAIN: Duration = Duration::from_secs(60);
 
 /// Keeps the catalogue of a data folder.
 #[derive(Debug)]
@@ -99,20 +102,21 @@ impl CatalogKeeper {
         note(&mut self.state.lock().unwrap_or_else(PoisonError::into_inner));
     }
 
-    /// Tells of a scan that failed, and notes either.
-    fn told(&self, scan: impl FnOnce() -> Result<(), CatalogError>) {
+    /// Tells of a scan that failed, and notes either; whether it was done.
+    fn told(&self, scan: impl FnOnce() -> Result<(), CatalogError>) -> bool {
         self.note(|state| state.scanning = true);
         let scanned = scan();
         self.note(|state| {
             state.scanning = false;
-            match scanned {
+            match &scanned {
                 Ok(()) => state.scanned_unix_s = clock::unix_time_s(),
                 Err(_) => state.failed += 1,
             }
         });
-        if let Err(error) = scanned {
+        if let Err(error) = &scanned {
             tracing::warn!("the catalogue stays as it is: {error}");
         }
+        scanned.is_ok()
     }
 
     /// The data folder.
@@ -128,14 +132,22 @@ impl CatalogKeeper {
             .unwrap_or_else(PoisonError::into_inner)
             .take();
         let Some(wakes) = taken else { return };
-        self.told(|| self.scan());
-        while let Ok(folder) = wakes.recv() {
+        let mut done = self.told(|| self.scan());
+        loop {
+            let woken = match done {
+                true => wakes.recv().map_err(|_| RecvTimeoutError::Disconnected),
+                false => wakes.recv_timeout(AGAIN),
+            };
             if self.stop.load(Ordering::Relaxed) {
                 return;
             }
-            // What did not begin has no folder.
-            if folder.is_dir() {
-                self.told(|| self.scan_again(folder));
+            match woken {
+                Err(RecvTimeoutError::Disconnected) => return,
+                // What a scan that failed has not read is anywhere.
+                _ if !done => done = self.told(|| self.scan()),
+                // What did not begin has no folder.
+                Ok(folder) if folder.is_dir() => done = self.told(|| self.scan_again(folder)),
+                _ => (),
             }
         }
     }
@@ -144,37 +156,38 @@ impl CatalogKeeper {
         self.data.join(FILE)
     }
 
-    /// Opens the catalogue to be written. It is the server's own and never the only copy: a damaged
-    /// one is built again.
-    fn make(&self) -> Result<Catalog, CatalogError> {
-        match Catalog::make(&self.file()) {
-            Err(CatalogError::Sql { source, .. }) => {
-                tracing::warn!("the catalogue is built again: {source}");
+    /// Scans everything. The catalogue is the server's own and never the only copy: a damaged one is
+    /// built again.
+    fn scan(&self) -> Result<(), CatalogError> {
+        let roots = [RUNS, ANALYSES].map(|name| self.data.join(name));
+        let roots: Vec<PathBuf> = roots.into_iter().filter(|root| root.is_dir()).collect();
+        let scan = || self.scan_with(|catalog, options| catalog.scan(&roots, options));
+        match scan() {
+            Err(error) if error.is_damaged() => {
+                tracing::warn!("the catalogue is built again: {error}");
                 // With what SQLite keeps beside it: pages of the damaged one are none of the new one's.
                 for end in ["", "-wal", "-shm"] {
                     let _ = fs::remove_file(self.data.join(format!("{FILE}{end}")));
                 }
-                Catalog::make(&self.file())
+                scan()
             }
-            made => made,
+            scanned => scanned,
         }
     }
 
-    fn scan(&self) -> Result<(), CatalogError> {
-        let roots = [RUNS, ANALYSES].map(|name| self.data.join(name));
-        let roots: Vec<PathBuf> = roots.into_iter().filter(|root| root.is_dir()).collect();
-        self.scan_with(|catalog, options| catalog.scan(&roots, options))
-    }
-
     fn scan_again(&self, folder: PathBuf) -> Result<(), CatalogError> {
-        self.scan_with(|catalog, options| catalog.scan_again(&[folder], options))
+        let scanned = self.scan_with(|catalog, options| catalog.scan_again(&[folder], options));
+        match scanned {
+            Err(error) if error.is_damaged() => self.scan(),
+            scanned => scanned,
+        }
     }
 
     fn scan_with(
         &self,
         scan: impl FnOnce(&Catalog, &ScanOptions<'_>) -> Result<Scanned, CatalogError>,
     ) -> Result<(), CatalogError> {
-        let catalog = self.make()?;
+        let catalog = Catalog::make(&self.file())?;
         let beside = |folder: &Path| self.beside(folder);
         let options = ScanOptions {
             beside: &beside,
@@ -191,6 +204,34 @@ impl CatalogKeeper {
         let job = run.and_then(|run| jobs::read(&self.data, run));
         Beside {
             operator: job.map(|job| job.item.by),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn keeper() -> (tempfile::TempDir, CatalogKeeper) {
+        let data = tempfile::tempdir().unwrap();
+        fs::create_dir(data.path().join(RUNS)).unwrap();
+        let keeper = CatalogKeeper::of(data.path());
+        (data, keeper)
+    }
+
+    #[test]
+    fn a_damaged_catalogue_is_built_again() {
+        let (_data, keeper) = keeper();
+        keeper.scan().unwrap();
+        let file = keeper.file();
+        let whole = fs::read(&file).unwrap();
+        // No database, and one whose pages behind the head are none.
+        for text in [&b"a text that is no database at all"[..], &whole[..100]] {
+            let mut text = text.to_vec();
+            text.resize(whole.len(), 0x5a);
+            fs::write(&file, text).unwrap();
+            keeper.scan().unwrap();
+            assert!(keeper.open().unwrap().roots().unwrap().len() == 1);
         }
     }
 }

@@ -549,6 +549,8 @@ const NOT_PLAYED: [NotPlayed; 8] = [
         reason: "it needs a file of several benches, which the test of campaigns writes",
         blocks: &[
             "campaign.md: eis-bench campaign plan batch.toml --out experiments",
+            "campaign.md: eis-bench campaign report north.sqlite batch-7 --and south.sqlite \
+             --and west.sqlite --out report",
             "campaign.md: eis-bench fleet --config serve.toml campaign batch.toml",
         ],
     },

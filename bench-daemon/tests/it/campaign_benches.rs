@@ -1,11 +1,15 @@
 //! Campaigns over cells and benches, with the program itself: simulated benches whose controls are
 //! not what their certificates say, and cells that are the same on each of them.
 
-use std::{fmt::Write, fs};
+use std::{
+    fmt::Write,
+    fs,
+    path::{Path, PathBuf},
+};
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
-use crate::support::{EXPERIMENT, Files, program};
+use crate::support::{EXPERIMENT, Ended, Files, program};
 
 /// Standard deviation that the errors of the certificates are drawn with.
 const TRUTH: f64 = 0.004;
@@ -77,6 +81,31 @@ impl Lab {
     }
 }
 
+impl Lab {
+    /// Words of the program, in which `AT/…` is a path of this place.
+    fn ask(&self, words: &[&str]) -> Ended {
+        let words = words.iter().map(|word| match word.strip_prefix("AT/") {
+            Some(name) => self.files.path(name).into_os_string(),
+            None => (*word).into(),
+        });
+        let words: Vec<std::ffi::OsString> = words.collect();
+        let words: Vec<&std::ffi::OsStr> = words.iter().map(AsRef::as_ref).collect();
+        program(&words)
+    }
+
+    /// Copies a run folder beside the others.
+    fn copy(&self, run: &Path, to: &str) -> PathBuf {
+        let to = self.files.path(to);
+        fs::create_dir_all(&to).unwrap();
+        for entry in fs::read_dir(run).unwrap().flatten() {
+            if entry.path().is_file() {
+                fs::copy(entry.path(), to.join(entry.file_name())).unwrap();
+            }
+        }
+        to
+    }
+}
+
 fn named<'a>(list: &'a Value, key: &str, name: &str) -> &'a Value {
     let mut all = list.as_array().unwrap().iter();
     all.find(|one| one[key] == name).unwrap()
@@ -111,6 +140,46 @@ fn benches_that_differ_are_told_from_cells_that_differ() {
     assert!(lab.files.path("report/campaign.svg").is_file());
     let table = lab.files.text("report/cells.csv");
     assert!(table.contains("\nR,Ω,cell-0001,,2,"), "{table}");
+    assert_eq!(report["left_out"], json!([]));
+    what_does_not_count_is_left_out(&lab, of_r);
+}
+
+/// Catalogues of several machines, with runs that count once or not at all.
+fn what_does_not_count_is_left_out(lab: &Lab, of_r: &Value) {
+    let run = fs::read_dir(lab.files.path("runs")).unwrap().next();
+    let run = run.unwrap().unwrap().path();
+    lab.copy(&run, "others/same");
+    let stopped = lab.copy(&run, "others/stopped");
+    let journal = fs::read_to_string(stopped.join("journal.jsonl")).unwrap();
+    let early = journal.replace(r#""how":"finished""#, r#""how":"ended early: aborted""#);
+    assert_ne!(early, journal);
+    fs::write(stopped.join("journal.jsonl"), early).unwrap();
+    fs::write(lab.copy(&run, "others/damaged").join("traces.json"), "{").unwrap();
+    lab.ask(&["catalog", "scan", "AT/others.sqlite", "AT/others"])
+        .expect_code(0);
+    let words = ["campaign", "report", "AT/db.sqlite", "batch"];
+    let both = [&words[..], &["--and", "AT/others.sqlite"]].concat();
+    let told = lab.ask(&[&both[..], &["--json"]].concat());
+    let report: Value = serde_json::from_str(&told.expect_code(0).stdout).unwrap();
+    let left_out = |why: &str| json!({ "why": why, "runs": 1 });
+    let expected = [
+        left_out("damaged"),
+        left_out("failed"),
+        left_out("the same as another one, by their hashes"),
+    ];
+    assert_eq!(
+        (&report["left_out"], &report["values"]),
+        (&json!(expected), &json!(10))
+    );
+    assert_eq!(named(&report["quantities"], "name", "R"), of_r);
+    let told = lab.ask(&both).expect_code(0).stdout.clone();
+    assert!(told.contains("  left out: 1 runs, failed\n"), "{told}");
+    let none = lab.ask(&["campaign", "report", "AT/others.sqlite", "other"]);
+    let told = none.expect_code(2).message();
+    assert!(
+        told.contains("expected finished runs of the experiment \"other\""),
+        "{told}"
+    );
 }
 
 #[test]

@@ -79,6 +79,24 @@ fn a_run_of_a_certain_cell_tells_which_it_was() {
     );
     let cells = at.json(&["cells", "DB"]);
     assert_eq!(cells["cells"][0]["maker"], "Molicel");
+    let cells = at.json(&["cells", "DB", "--cell", "0417 8821"]);
+    assert_eq!(cells["cells"][0]["cell"], "A-17");
+    let none = at.json(&["cells", "DB", "--verdict", "failed"]);
+    assert_eq!(none["cells"], json!([]));
+    let words = at
+        .ask(&["show", "DB", "first"])
+        .expect_code(0)
+        .stdout
+        .clone();
+    for told in [
+        "cell        A-17 (P45B-17); type Molicel P45B; batch 2026-03; barcode 0417 8821; maker Molicel",
+        "; chemistry NCA / graphite-silicon; term https://vocabulary.example/battery#cylindrical\n",
+        "\nseed        1\n",
+        "\nconfig      ",
+        "\ninstrument  scope  ",
+    ] {
+        assert!(words.contains(told), "{told}: {words}");
+    }
     let refused = at
         .files
         .edit(EXPERIMENT, "0417 8821", "  ")
@@ -135,6 +153,24 @@ fn runs_of_a_cell_are_found_shown_and_exported() {
 }
 
 #[test]
+fn cells_of_one_name_and_several_serial_numbers_have_no_ageing_together() {
+    let one = "[specimen]\nname = \"A\"\nserial = \"S-1\"\n\n[fit]";
+    let files = Files::short(3).edit(EXPERIMENT, "[fit]", one);
+    files.run("runs/first").expect_code(0);
+    let files = files.edit(EXPERIMENT, "S-1", "S-2");
+    files.run("runs/second").expect_code(0);
+    let at = Cataloged { files };
+    at.ask(&["scan", "DB", "RUNS"]).expect_code(0);
+    let words = ["ageing", "DB", "--cell", "A"];
+    let told = at.ask(&words).expect_code(2).message().to_owned();
+    let expected = "--serial: expected one of \"S-1\", \"S-2\", for these cells have the same name";
+    assert!(told.contains(expected), "{told}");
+    let ageing = at.json(&[&words[..], &["--serial", "S-2"]].concat());
+    assert_eq!(ageing["points"][0]["name"], "second");
+    assert_eq!(ageing["points"].as_array().unwrap().len(), 1);
+}
+
+#[test]
 fn a_catalogue_that_is_deleted_and_built_again_says_the_same() {
     let at = Cataloged::new();
     let all = |at: &Cataloged| {
@@ -181,6 +217,16 @@ fn what_is_wrong_is_told_with_what_was_expected() {
         told.contains("--rc: expected a number of RC pairs"),
         "{told}"
     );
+    let words = [
+        "ageing",
+        "DB",
+        "--cell",
+        "Molicel P45B",
+        "--verdict",
+        "failed",
+    ];
+    let told = message(&words);
+    assert!(told.contains("--cell: expected a cell with"), "{told}");
     let told = message(&["scan", "DB", "OUT/nowhere"]);
     assert!(
         told.contains("nowhere: expected a folder to scan"),
@@ -228,6 +274,21 @@ fn a_server_keeps_the_catalogue_of_its_own_runs() {
     );
     let other = served.get("/catalog/ageing?cell=Molicel%20P45B&serial=S-9");
     assert_eq!((&other["rc"], &other["points"]), (&Value::Null, &json!([])));
+    let shown = served.get(&format!("/catalog/runs/{run}"));
+    assert_eq!(shown["run"], found);
+    assert_eq!(shown["fits"][0]["file"], "model_1rc.json");
+    let told = served.ask("GET", "/api/v1/catalog/runs/none", ("", ""));
+    let told = told.expect(404).text();
+    assert!(told.contains("found 0 for \\\"none\\\""), "{told}");
+    let fits = served.get("/catalog/fits?cell=Molicel%20P45B&verdict=good");
+    assert_eq!(
+        (&fits["fits"], &fits["after"]),
+        (&shown["fits"], &Value::Null)
+    );
+    let none = served.get("/catalog/fits?trip=true");
+    assert_eq!(none["fits"], json!([]));
+    let none = served.get("/catalog/diagnoses?bench=demo");
+    assert_eq!(none["diagnoses"], json!([]));
     let cells = served.get("/catalog/cells");
     assert_eq!(
         (&cells["cells"][0]["cell"], &cells["cells"][0]["runs"]),

@@ -35,7 +35,10 @@ _RUN = {
     "scanned_serials": "text",
     "models": "text",
     "batches": "text",
+    "barcodes": "text",
+    "makers": "text",
     "chemistries": "text",
+    "terms": "text",
     "bench": "text",
     "experiment": "text",
     "operator": "text",
@@ -65,6 +68,7 @@ _SPECTRUM = {
     "cell": "text",
     "serial": "text",
     "batch": "text",
+    "chemistry": "text",
     "repeat": "count",
     "started_unix_s": "number",
     "time_source": "text",
@@ -89,12 +93,14 @@ _CELL = {
     "first_unix_s": "number",
     "last_unix_s": "number",
 }
-_AGEING = {
+_FIT = {
     "run": "text",
     "name": "text",
     "file": "text",
     "cell": "text",
+    "serial": "text",
     "batch": "text",
+    "cells": "count",
     "bench": "text",
     "started_unix_s": "number",
     "time_source": "text",
@@ -113,6 +119,19 @@ _AGEING = {
     "reduced_chi2": "number",
     "points": "count",
 }
+_AGEING = {name: kind for name, kind in _FIT.items() if name != "cells"}
+_DIAGNOSIS = {
+    "run": "text",
+    "folder": "text",
+    "cell": "text",
+    "data_set": "text",
+    "model": "text",
+    "verdict": "text",
+    "summary": "text",
+    "effects": "text",
+    "parameters": "text",
+    "damage": "text",
+}
 _DIFFUSION = {
     "run": "text",
     "started_unix_s": "number",
@@ -129,6 +148,7 @@ _BESIDE = {
     "cell": "text",
     "serial": "text",
     "batch": "text",
+    "chemistry": "text",
     "bench": "text",
     "started_unix_s": "number",
     "time_source": "text",
@@ -146,7 +166,7 @@ _POINTS = (
 )
 _OF_CELL = ("cell", "serial", "batch")
 _OF_RUN = ("bench", "experiment")
-_CONDITIONS = (*_OF_CELL, *_OF_RUN, "from_", "to", "verdict", "text")
+_CONDITIONS = (*_OF_CELL, *_OF_RUN, "from_", "to", "verdict", "trip", "text")
 # Names of a cell's own columns where a run has several cells.
 _OF_CELLS = {
     "name": "cells",
@@ -157,6 +177,7 @@ _OF_CELLS = {
     "chemistry": "chemistries",
     "barcode": "barcodes",
     "maker": "makers",
+    "term": "terms",
 }
 
 
@@ -189,6 +210,7 @@ class _Wanted:
         self.from_s = unix_s("from_", told.get("from_"))
         self.to_s = unix_s("to", told.get("to"))
         self.verdict: Optional[str] = told.get("verdict")
+        self.trip = bool(told.get("trip"))
         self.text: Optional[str] = told.get("text")
         self.after: Optional[str] = None
         self.most = PAGE
@@ -196,7 +218,8 @@ class _Wanted:
     def query(self, *names: str) -> str:
         """The conditions of these names as the query of an address."""
         told = {name: getattr(self, name) for name in names}
-        return urllib.parse.urlencode({k: v for k, v in told.items() if v is not None})
+        said = {k: str(v).lower() if isinstance(v, bool) else v for k, v in told.items()}
+        return urllib.parse.urlencode({k: v for k, v in said.items() if v is not None})
 
 
 class _OfFile:
@@ -210,6 +233,9 @@ class _OfFile:
 
     def ageing(self, wanted: _Wanted, rc: Optional[int]) -> dict[str, Any]:
         return json.loads(_eisbench.Catalog(self.path).ageing(wanted, rc))
+
+    def show(self, run: str) -> dict[str, Any]:
+        return json.loads(_eisbench.Catalog(self.path).show(run))
 
     def files(self, rows: list[dict[str, Any]], _aside: Path) -> list[Path]:
         """The files of spectra."""
@@ -226,13 +252,19 @@ class _OfServer:
 
     def page(self, what: str, wanted: _Wanted) -> dict[str, Any]:
         times = ("from_s", "to_s")
-        query = wanted.query(*_OF_CELL, *_OF_RUN, *times, "verdict", "text", "after", "most")
+        more = ("trip",) if wanted.trip else ()
+        query = wanted.query(
+            *_OF_CELL, *_OF_RUN, *times, "verdict", "text", "after", "most", *more
+        )
         return self.client._json("GET", f"/catalog/{what}?{query}")
 
     def ageing(self, wanted: _Wanted, rc: Optional[int]) -> dict[str, Any]:
         more = "" if rc is None else f"&rc={rc}"
-        query = wanted.query("cell", "from_s", "to_s")
+        query = wanted.query("cell", "serial", "from_s", "to_s")
         return self.client._json("GET", f"/catalog/ageing?{query}{more}")
+
+    def show(self, run: str) -> dict[str, Any]:
+        return self.client._json("GET", f"/catalog/runs/{urllib.parse.quote(run, safe='')}")
 
     def files(self, rows: list[dict[str, Any]], aside: Path) -> list[Path]:
         """The files of spectra, fetched into a folder."""
@@ -250,8 +282,9 @@ class Catalog:
 
     Conditions of a question, all of which must hold: ``cell`` (name or serial number), ``serial``,
     ``batch``, ``bench``, ``experiment``, ``from_`` and ``to`` (a date in UTC, a time, or s since
-    1970), ``verdict`` (``good``, ``doubtful``, ``failed``, ``unfinished``, ``damaged``), ``text``
-    (words; of runs only), ``most`` (at most so many answers; all of them where it is not given).
+    1970), ``verdict`` (``good``, ``doubtful``, ``failed``, ``unfinished``, ``damaged``), ``trip``
+    (runs that the interlock has ended), ``text`` (words of the run), ``most`` (at most so many
+    answers; all of them where it is not given).
 
     ``started_unix_s`` is the time in s since 1970; a data frame has ``started`` too, in UTC.
     """
@@ -300,8 +333,23 @@ class Catalog:
         return _answer(_SPECTRUM, self._all("spectra", most, conditions))
 
     def cells(self, *, most: Optional[int] = None, **conditions: Any) -> Any:
-        """Cells that runs have measured, by name; ``cell`` and ``serial`` choose."""
+        """Cells of the runs that meet the conditions, by name, with the number of these runs."""
         return _answer(_CELL, self._all("cells", most, conditions))
+
+    def fits(self, *, most: Optional[int] = None, **conditions: Any) -> Any:
+        """Fitted models, the latest first; ``cells`` is the number of cells that one is of."""
+        return _answer(_FIT, self._all("fits", most, conditions))
+
+    def diagnoses(self, *, most: Optional[int] = None, **conditions: Any) -> Any:
+        """Diagnoses of runs, those of the latest run first; effects stand in one field with ``; ``,
+        their parameters as JSON."""
+        rows = self._all("diagnoses", most, conditions)
+        return _answer(_DIAGNOSIS, [_diagnosis_row(one) for one in rows])
+
+    def show(self, run: str) -> dict[str, Any]:
+        """All that is known of a run, by its name or identity, as ``eis-bench catalog show --json``
+        prints it: ``run``, ``instruments``, ``spectra``, ``fits``, ``events``, ``diagnoses``."""
+        return self._source.show(run)
 
     def points(self, *, most: Optional[int] = None, **conditions: Any) -> Any:
         """The points of spectra in long form, one row for each, with the circumstances beside it:
@@ -325,13 +373,24 @@ class Catalog:
         cell: str,
         rc: Optional[int] = None,
         *,
+        serial: Optional[str] = None,
         from_: Optional[Time] = None,
         to: Optional[Time] = None,
     ) -> Ageing:
         """A cell over its runs: series resistance, DC resistance and diffusion over time, each with
         its standard uncertainty. ``cell`` is its name or serial number. All models have the same
-        number of RC pairs: ``rc``, else the greatest that every run of the cell has."""
-        return Ageing(self._source.ageing(_Wanted(cell=cell, from_=from_, to=to), rc))
+        number of RC pairs: ``rc``, else the greatest that every run of the cell has. Models of
+        several cells together are left out.
+
+        Raises EisError where several cells have this name and no ``serial`` chooses one.
+        """
+        wanted = _Wanted(cell=cell, serial=serial, from_=from_, to=to)
+        raw = self._source.ageing(wanted, rc)
+        if serial is None and len(raw["serials"]) > 1:
+            named = ", ".join(raw["serials"])
+            reason = f"for these cells have the same name {cell!r}, met none"
+            raise EisError(f"serial: expected one of {named}, {reason}")
+        return Ageing(raw)
 
     def _all(
         self, what: str, most: Optional[int], conditions: dict[str, Any]
@@ -382,6 +441,13 @@ def _run_row(run: dict[str, Any]) -> dict[str, Any]:
         row[_OF_CELLS.get(name, name)] = "; ".join(told) or None
     row["damage"] = "; ".join(row["damage"]) or None
     return row
+
+
+def _diagnosis_row(one: dict[str, Any]) -> dict[str, Any]:
+    """A diagnosis with its effects and parameters in one field each."""
+    effects = {parameter["effect"]: None for parameter in one["parameters"]}
+    told = json.dumps(one["parameters"], ensure_ascii=False)
+    return {**one, "effects": "; ".join(effects) or None, "parameters": told}
 
 
 def _repeated(kind: str, values: list[Any], counts: list[int]) -> Any:

@@ -17,6 +17,13 @@ use crate::made::Made;
 const RUNS: usize = 100_000;
 /// Run folders in one folder.
 const TOGETHER: usize = 1000;
+/// A run in so many has a diagnosis.
+const DIAGNOSED: usize = 10;
+/// Batch and experiment that few runs have.
+const RARE: &str = "rare";
+/// A run in so many has them, of the first so many.
+const RARELY: usize = 100;
+const RARE_UNTIL: usize = 10_000;
 /// Questions of each kind.
 const QUESTIONS: usize = 200;
 
@@ -57,15 +64,25 @@ fn folder() -> (PathBuf, Option<tempfile::TempDir>) {
     }
 }
 
+fn is_rare(run: usize) -> bool {
+    run % RARELY == 3 && run < RARE_UNTIL
+}
+
 fn make(root: &Path, number: usize) {
     for run in 0..number {
         let within = root.join(format!("{:03}", run / TOGETHER));
         let made = Made {
             refused: usize::from(run % 50 == 7),
+            batch: if is_rare(run) { RARE } else { "2026-03" }.to_owned(),
+            experiment: if is_rare(run) { RARE } else { "ageing" }.to_owned(),
             ..Made::of(run)
         };
-        if !within.join(made.name()).is_dir() {
-            made.write(&within);
+        if within.join(made.name()).is_dir() {
+            continue;
+        }
+        let folder = made.write(&within);
+        if run % DIAGNOSED == 0 {
+            made.diagnose(&folder.join("diagnosis"));
         }
     }
 }
@@ -181,18 +198,123 @@ fn questions(path: &Path, number: usize) {
     });
 }
 
-/// Every run, spectrum and fit as text.
+/// Questions for conditions that few runs meet, many, or none, and that no table is in the order of.
+fn questions_of_conditions(path: &Path) {
+    let text = |text: &str| Some(text.to_owned());
+    let all = Filter::default;
+    let conditions = [
+        (
+            "a rare batch",
+            Filter {
+                batch: text(RARE),
+                ..all()
+            },
+        ),
+        (
+            "a common batch",
+            Filter {
+                batch: text("2026-03"),
+                ..all()
+            },
+        ),
+        (
+            "a serial number",
+            Filter {
+                serial: text("P45B-0042"),
+                ..all()
+            },
+        ),
+        (
+            "a rare experiment",
+            Filter {
+                experiment: text(RARE),
+                ..all()
+            },
+        ),
+        (
+            "a common experiment",
+            Filter {
+                experiment: text("ageing"),
+                ..all()
+            },
+        ),
+        (
+            "a verdict",
+            Filter {
+                verdict: Some(CatalogVerdict::Doubtful),
+                ..all()
+            },
+        ),
+        (
+            "a verdict that none has",
+            Filter {
+                verdict: Some(CatalogVerdict::Failed),
+                ..all()
+            },
+        ),
+        (
+            "a bench",
+            Filter {
+                bench: text("bench2"),
+                ..all()
+            },
+        ),
+        (
+            "trips, none",
+            Filter {
+                trip: true,
+                ..all()
+            },
+        ),
+        (
+            "a common word",
+            Filter {
+                text: text("ageing"),
+                ..all()
+            },
+        ),
+        (
+            "a rare word",
+            Filter {
+                text: text("run042"),
+                ..all()
+            },
+        ),
+    ];
+    for (name, filter) in &conditions {
+        ask(path, &format!("runs, {name}"), |catalog, _| {
+            drop(catalog.runs(filter).unwrap());
+        });
+        ask(path, &format!("spectra, {name}"), |catalog, _| {
+            drop(catalog.spectra(filter).unwrap());
+        });
+        ask(path, &format!("fits, {name}"), |catalog, _| {
+            drop(catalog.fits(filter).unwrap());
+        });
+        ask(path, &format!("diagnoses, {name}"), |catalog, _| {
+            drop(catalog.diagnoses(filter).unwrap());
+        });
+        ask(path, &format!("cells, {name}"), |catalog, _| {
+            drop(catalog.cells(filter).unwrap());
+        });
+    }
+}
+
+/// Everything as text: two that are the same give the same answers.
 fn tables(path: &Path) -> String {
     let catalog = Catalog::open(path).unwrap();
     let all = Filter::default();
     let runs = catalog.all_runs(&all).unwrap();
-    let spectra = catalog.all_spectra(&all).unwrap();
-    let all = Filter {
+    let shown = runs.iter().map(|run| catalog.show(&run.run).unwrap());
+    let shown: Vec<_> = shown.collect();
+    let cells = Filter {
         most: usize::MAX >> 1,
-        ..all
+        ..all.clone()
     };
-    let fits = catalog.fits(&all, None).unwrap();
-    serde_json::to_string(&(runs, spectra, fits)).unwrap()
+    let cells = catalog.cells(&cells).unwrap();
+    let diagnoses = catalog.all_diagnoses(&all).unwrap();
+    let fits = catalog.all_fits(&all).unwrap();
+    serde_json::to_string(&(shown, fits, diagnoses, cells)).unwrap()
 }
 
 #[test]
@@ -210,6 +332,7 @@ fn many_runs_are_scanned_and_asked() {
     assert_eq!(scan(&path, &runs), 0);
     eprintln!("file: {} MB", fs::metadata(&path).unwrap().len() >> 20);
     questions(&path, number);
+    questions_of_conditions(&path);
     let again = root.join("again.sqlite");
     let _ = fs::remove_file(&again);
     scan(&again, &runs);

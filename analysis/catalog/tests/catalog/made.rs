@@ -10,7 +10,9 @@ use analysis_catalog::{
     query::Filter,
     scan::{ScanOptions, Scanned},
 };
-use analysis_files::run_folder::{self, INDEX, JOURNAL, MANIFEST, SPECTRUM, SUMS};
+use analysis_files::run_folder::{
+    self, CAMPAIGN, DIAGNOSIS, INDEX, JOURNAL, MANIFEST, SPECTRUM, SUMS,
+};
 use analysis_fit::fit::MODEL_SCHEMA;
 use serde_json::{Value, json};
 
@@ -30,8 +32,14 @@ pub(crate) struct Made {
     pub(crate) cell: String,
     /// Its serial number.
     pub(crate) serial: Option<String>,
+    /// Its barcode.
+    pub(crate) barcode: Option<String>,
     /// Its batch.
     pub(crate) batch: String,
+    /// Names of the cells of a campaign, whose type the cell is then; none without a campaign.
+    pub(crate) cells: Vec<&'static str>,
+    /// The experiment.
+    pub(crate) experiment: String,
     /// The bench.
     pub(crate) bench: String,
     /// How it ended; none where it did not.
@@ -49,7 +57,10 @@ impl Made {
             number,
             cell: format!("C{:02}", number % 100),
             serial: Some(format!("P45B-{:04}", number % 100)),
+            barcode: None,
             batch: "2026-03".to_owned(),
+            cells: Vec::new(),
+            experiment: "ageing".to_owned(),
             bench: format!("bench{}", number % 5),
             how: Some("finished".to_owned()),
             refused: 0,
@@ -84,17 +95,37 @@ impl Made {
         for rc in 1..=2 {
             put(&run_folder::model(rc), &self.model(rc).to_string());
         }
+        if !self.cells.is_empty() {
+            let cell = |name| json!({ "name": name, "serial": format!("S-{name}") });
+            let cells: Vec<Value> = self.cells.iter().map(cell).collect();
+            put(CAMPAIGN, &json!({ "cells": cells }).to_string());
+        }
         put(SUMS, &format!("{:064x}  {MANIFEST}\n", self.number));
         folder
     }
 
+    /// Writes a diagnosis into a folder that is made.
+    pub(crate) fn diagnose(&self, folder: &Path) {
+        fs::create_dir_all(folder).unwrap();
+        let text = json!({
+            "data_set": self.name(), "model": "m", "verdict": "explained", "summary": "s",
+            "effects": [{ "name": "diffusion", "parameters": [
+                { "name": "r_ohm", "value": 0.002, "sigma": 1e-4, "unit": "Ω" },
+            ]}],
+        });
+        fs::write(folder.join(DIAGNOSIS), text.to_string()).unwrap();
+    }
+
     fn manifest(&self) -> Value {
         json!({
-            "program": "eis-bench", "version": "0.1.0", "experiment": "ageing",
+            "program": "eis-bench", "version": "0.1.0", "experiment": self.experiment,
             "bench": self.bench,
             "cell": {
                 "name": self.cell, "capacity_c": 16200.0,
-                "identity": { "serial": self.serial, "batch": self.batch, "chemistry": "NMC / graphite" },
+                "identity": {
+                    "serial": self.serial, "batch": self.batch, "barcode": self.barcode,
+                    "chemistry": "NMC / graphite", "maker": "Molicel", "term": "https://v.example/c",
+                },
             },
             "seed": self.number, "time": if self.is_virtual { "virtual" } else { "real" },
             "simulated": false, "config_sha256": "00", "files": {},
@@ -106,7 +137,7 @@ impl Made {
 
     fn journal(&self) -> String {
         let started = json!({ "started": {
-            "version": "0.1.0", "experiment": "ageing", "seed": self.number, "time": "real",
+            "version": "0.1.0", "experiment": self.experiment, "seed": self.number, "time": "real",
             "inherited": false, "files": [], "plan": [],
         }});
         let answered = json!({ "answered": { "question": 2, "by": "ann" } });
@@ -129,7 +160,7 @@ impl Made {
         json!({
             "cell": self.cell, "capacity_c": 16200.0, "traces": [],
             "sweeps": [{
-                "file": SPECTRUM, "fixture": "cell", "fixture_ohm": null, "corrected": true,
+                "cell": self.cells.first(), "file": SPECTRUM, "fixture": "cell", "fixture_ohm": null, "corrected": true,
                 "amplitude_a": 1.0, "repeat": 1, "order": 0, "start_time_s": 50.0,
                 "start_ocv_v": 3.7, "temperature_c": 25.0, "role": "train",
                 "repeat_group": "eis", "flagged": vec![flagged; self.refused],
@@ -223,28 +254,23 @@ pub(crate) fn answers(catalog: &Catalog) -> String {
         .iter()
         .map(|run| catalog.show(&run.run).unwrap())
         .collect();
-    let cells = catalog
-        .cells(&Filter {
-            most: 1000,
-            ..all.clone()
-        })
-        .unwrap();
-    let ageing: Vec<_> = cells
-        .cells
-        .iter()
-        .map(|cell| {
-            let cell = Some(cell.cell.clone());
-            catalog
-                .ageing(
-                    &Filter {
-                        cell,
-                        ..all.clone()
-                    },
-                    None,
-                )
-                .unwrap()
-        })
-        .collect();
+    let cells = Filter {
+        most: 1000,
+        ..all.clone()
+    };
+    let cells = catalog.cells(&cells).unwrap();
+    let of_cell = |cell: &str| Filter {
+        cell: Some(cell.to_owned()),
+        ..Filter::default()
+    };
+    let ageing = cells.cells.iter().map(|cell| {
+        let of_cell = of_cell(&cell.cell);
+        let told = catalog.cells(&of_cell).unwrap();
+        json!([catalog.ageing(&of_cell, None).unwrap(), told])
+    });
+    let ageing: Vec<_> = ageing.collect();
     let spectra = catalog.all_spectra(&all).unwrap();
-    serde_json::to_string(&json!([shown, spectra, cells, ageing])).unwrap()
+    let diagnoses = catalog.all_diagnoses(&all).unwrap();
+    let fits = catalog.all_fits(&all).unwrap();
+    serde_json::to_string(&json!([shown, spectra, fits, diagnoses, cells, ageing])).unwrap()
 }

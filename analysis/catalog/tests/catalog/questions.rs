@@ -202,6 +202,214 @@ fn a_cell_ages_by_models_of_one_order() {
     assert_eq!(place.open().ageing(&cell, Some(2)).unwrap().points.len(), 2);
 }
 
+fn all() -> Filter {
+    Filter::default()
+}
+
+fn text(text: &str) -> Option<String> {
+    Some(text.to_owned())
+}
+
+/// A place where each condition chooses some runs: of the fourth cell there are two with one name.
+fn various() -> Place {
+    let mut runs: Vec<Made> = (0..230).map(Made::of).collect();
+    runs[1].refused = 2;
+    runs[2].how = Some("ended early: interlock: voltage 4.3 V".to_owned());
+    runs[3].serial = Some("OTHER-1".to_owned());
+    runs[4].batch = "2026-04".to_owned();
+    runs[5].barcode = Some("0417 8821".to_owned());
+    runs[6].experiment = "formation".to_owned();
+    let place = Place::with(&runs);
+    place.scan();
+    place
+}
+
+/// Conditions, each with the numbers of runs, cells, spectra and fits that meet them.
+fn conditions() -> Vec<(Filter, [usize; 4])> {
+    let from = Some(Made::of(100).started_unix_s());
+    let to = Some(Made::of(110).started_unix_s());
+    let filter = |change: &dyn Fn(&mut Filter)| {
+        let mut filter = all();
+        change(&mut filter);
+        filter
+    };
+    let few = |number| [number, number, number, 2 * number];
+    vec![
+        (filter(&|f| f.bench = text("bench2")), [46, 20, 46, 92]),
+        (filter(&|f| f.experiment = text("formation")), few(1)),
+        (
+            filter(&|f| f.experiment = text("ageing")),
+            [229, 101, 229, 458],
+        ),
+        (
+            filter(&|f| f.verdict = Some(CatalogVerdict::Doubtful)),
+            few(1),
+        ),
+        (
+            filter(&|f| f.verdict = Some(CatalogVerdict::Failed)),
+            few(1),
+        ),
+        (filter(&|f| f.trip = true), few(1)),
+        (filter(&|f| f.text = text("RUN00000 ann")), few(10)),
+        (filter(&|f| f.text = text("p45b-0007")), [3, 1, 3, 6]),
+        (filter(&|f| f.text = text("swollen")), few(0)),
+        (filter(&|f| f.batch = text("2026-04")), few(1)),
+        (filter(&|f| f.batch = text("2026-03")), [229, 101, 229, 458]),
+        (filter(&|f| f.cell = text("C03")), [3, 2, 3, 6]),
+        (filter(&|f| f.cell = text("OTHER-1")), few(1)),
+        (filter(&|f| f.serial = text("OTHER-1")), few(1)),
+        (filter(&|f| f.serial = text("P45B-0003")), [2, 1, 2, 4]),
+        (filter(&|f| f.cell = text("0417 8821")), few(1)),
+        (filter(&|f| f.serial = text("0417 8821")), few(1)),
+        (
+            filter(&|f| (f.cell, f.batch) = (text("C04"), text("2026-03"))),
+            [2, 1, 2, 4],
+        ),
+        (
+            filter(&|f| (f.cell, f.serial) = (text("C04"), text("OTHER-1"))),
+            few(0),
+        ),
+        (
+            filter(&|f| (f.cell, f.bench) = (text("C07"), text("bench2"))),
+            [3, 1, 3, 6],
+        ),
+        (
+            filter(&|f| (f.cell, f.bench) = (text("C07"), text("bench3"))),
+            few(0),
+        ),
+        (
+            filter(&|f| (f.from_unix_s, f.to_unix_s) = (from, to)),
+            few(10),
+        ),
+    ]
+}
+
+#[test]
+fn every_condition_counts_for_every_answer() {
+    let place = various();
+    let catalog = place.open();
+    for (filter, expected) in conditions() {
+        let cells = catalog
+            .cells(&Filter {
+                most: 1000,
+                ..filter.clone()
+            })
+            .unwrap();
+        let found = [
+            catalog.all_runs(&filter).unwrap().len(),
+            cells.cells.len(),
+            catalog.all_spectra(&filter).unwrap().len(),
+            catalog.all_fits(&filter).unwrap().len(),
+        ];
+        assert_eq!(found, expected, "{filter:?}");
+        // The cells are those of the runs that are found.
+        let of_cells: u32 = cells.cells.iter().map(|cell| cell.runs).sum();
+        assert_eq!(of_cells as usize, expected[0], "{filter:?}");
+        let most = 7;
+        let first = catalog
+            .fits(&Filter {
+                most,
+                ..filter.clone()
+            })
+            .unwrap();
+        assert_eq!(first.fits.len(), most.min(expected[3]), "{filter:?}");
+        assert_eq!(first.after.is_some(), expected[3] > most, "{filter:?}");
+    }
+}
+
+#[test]
+fn fits_and_diagnoses_are_told_page_by_page() {
+    let place = place();
+    for number in (0..230).step_by(10) {
+        let run = Made::of(number);
+        run.diagnose(&place.runs.join(run.name()).join("diagnosis"));
+    }
+    place.scan();
+    let catalog = place.open();
+    let (mut page, mut times, mut runs) = (Filter { most: 9, ..all() }, Vec::new(), Vec::new());
+    loop {
+        let found = catalog.fits(&page).unwrap();
+        times.extend(found.fits.iter().map(|fit| fit.started_unix_s));
+        page.after = found.after;
+        if page.after.is_none() {
+            break;
+        }
+    }
+    assert_eq!(times.len(), 460);
+    assert!(times.windows(2).all(|pair| pair[0] >= pair[1]));
+    loop {
+        let found = catalog.diagnoses(&page).unwrap();
+        runs.extend(found.diagnoses.into_iter().filter_map(|one| one.run));
+        page.after = found.after;
+        if page.after.is_none() {
+            break;
+        }
+    }
+    runs.dedup();
+    assert_eq!(runs.len(), 23);
+    let bench = Filter {
+        bench: text("bench0"),
+        ..all()
+    };
+    assert_eq!(catalog.all_diagnoses(&bench).unwrap().len(), 23);
+    let cell = Filter {
+        cell: text("C10"),
+        ..all()
+    };
+    let found = catalog.all_diagnoses(&cell).unwrap();
+    assert_eq!((found.len(), found[0].cell.as_deref()), (3, Some("C10")));
+    let ageing = catalog.ageing(&cell, None).unwrap();
+    assert!(ageing.points.iter().all(|one| one.diffusion.len() == 1));
+}
+
+#[test]
+fn ageing_tells_serial_numbers_that_differ_and_leaves_models_of_several_cells_out() {
+    let several = Made {
+        cells: vec!["A", "B"],
+        ..Made::of(300)
+    };
+    let mut runs: Vec<Made> = (0..230).map(Made::of).collect();
+    runs[3].serial = Some("OTHER-1".to_owned());
+    let place = Place::with(&runs);
+    several.write(&place.runs);
+    place.scan();
+    let ageing = |cell: &str, serial: Option<String>| {
+        let filter = Filter {
+            cell: text(cell),
+            serial,
+            ..all()
+        };
+        place.open().ageing(&filter, None).unwrap()
+    };
+    assert_eq!(ageing("C03", None).serials, ["OTHER-1", "P45B-0003"]);
+    let one = ageing("C03", text("P45B-0003"));
+    assert_eq!(
+        (one.serials.as_slice(), one.points.len()),
+        (&["P45B-0003".to_owned()][..], 2)
+    );
+    // C00 is the type of the cells of the campaign, and a cell of its own.
+    let of_type = ageing("C00", None);
+    assert_eq!((of_type.points.len(), of_type.pooled), (3, 2));
+    let of_one = ageing("A", None);
+    assert_eq!(
+        (of_one.points.len(), of_one.pooled, of_one.rc),
+        (0, 2, None)
+    );
+}
+
+#[test]
+fn folders_are_told_in_the_order_of_the_runs() {
+    let place = place();
+    let catalog = place.open();
+    let runs = catalog.runs(&Filter { most: 3, ..all() }).unwrap().runs;
+    let wanted: Vec<&str> = runs.iter().rev().map(|run| run.run.as_str()).collect();
+    let folders = catalog
+        .folders(&[wanted[0], "none", wanted[2], wanted[0]])
+        .unwrap();
+    let of = |run: usize| Some(runs[2 - run].folder.clone());
+    assert_eq!(folders, [of(0), None, of(2), of(0)]);
+}
+
 #[test]
 fn tables_hold_what_was_asked_for() {
     let place = place();
@@ -224,6 +432,14 @@ fn tables_hold_what_was_asked_for() {
             .rows,
         6
     );
+    let words = Filter {
+        text: Some("run00000".to_owned()),
+        ..all()
+    };
+    let exported = place.open().export_spectra(&rows("s.csv"), &words).unwrap();
+    assert_eq!(exported.rows, 200);
+    let exported = place.open().export_fits(&rows("f.csv"), &words).unwrap();
+    assert_eq!(exported.rows, 20);
     assert_eq!(
         place
             .open()
@@ -232,6 +448,17 @@ fn tables_hold_what_was_asked_for() {
             .rows,
         3
     );
+    let text = fs::read_to_string(rows("r.csv")).unwrap();
+    assert!(
+        text.contains(",barcodes,makers,chemistries,terms,"),
+        "{text}"
+    );
+    assert!(
+        text.contains("Molicel,NMC / graphite,https://v.example/c,"),
+        "{text}"
+    );
+    let text = fs::read_to_string(&out).unwrap();
+    assert!(text.contains("2026-03,NMC / graphite,bench2"), "{text}");
     fs::remove_dir_all(place.runs.join("run000007")).unwrap();
     let exported = place.open().export_spectra(&out, &cell).unwrap();
     assert_eq!((exported.rows, exported.left_out.len()), (40, 1));

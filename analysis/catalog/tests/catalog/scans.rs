@@ -8,7 +8,7 @@ use analysis_catalog::{
     record::{CatalogVerdict, TimeSource},
     scan::ScanOptions,
 };
-use analysis_files::run_folder::{DIAGNOSIS, JOURNAL, MANIFEST, SPECTRUM};
+use analysis_files::run_folder::{JOURNAL, MANIFEST, SPECTRUM};
 
 use crate::made::{Made, Place, answers};
 
@@ -163,18 +163,12 @@ fn a_run_in_virtual_time_has_the_time_of_its_file() {
 #[test]
 fn a_diagnosis_finds_its_run_beside_it() {
     let place = Place::with(&few());
-    let diagnosed = place.runs.join("diagnosed");
-    fs::create_dir(&diagnosed).unwrap();
-    let text = r#"{"data_set":"run000007","model":"m","verdict":"explained","summary":"s",
-        "effects":[{"name":"diffusion","parameters":[
-        {"name":"r_ohm","value":0.002,"sigma":1e-4,"unit":"Ω"}]}]}"#;
-    fs::write(diagnosed.join(DIAGNOSIS), text).unwrap();
+    Made::of(7).diagnose(&place.runs.join("diagnosed"));
     assert_eq!(place.scan().diagnoses, 1);
     let catalog = place.open();
-    assert_eq!(
-        catalog.show("run000007").unwrap().diagnoses[0].verdict,
-        "explained"
-    );
+    let shown = catalog.show("run000007").unwrap();
+    assert_eq!(shown.diagnoses[0].verdict, "explained");
+    assert_eq!(shown.diagnoses[0].cell.as_deref(), Some("C07"));
     let cell = Filter {
         cell: Some("C07".to_owned()),
         ..Filter::default()
@@ -183,4 +177,60 @@ fn a_diagnosis_finds_its_run_beside_it() {
     assert_eq!(ageing.points[0].diffusion[0].sigma, Some(1e-4));
     let chart = analysis_plot::chart_svg(&ageing.chart()).unwrap();
     assert!(chart.contains("diffusion r_ohm") && chart.contains("DC resistance / mΩ"));
+}
+
+#[test]
+fn a_diagnosis_that_came_before_its_run_finds_it_later() {
+    let place = Place::with(&few());
+    let late = Made::of(20);
+    late.diagnose(&place.runs.join("diagnosed"));
+    assert_eq!(place.scan().diagnoses, 1);
+    assert!(
+        place
+            .open()
+            .all_diagnoses(&Filter::default())
+            .unwrap()
+            .is_empty()
+    );
+    late.write(&place.runs);
+    place.scan();
+    let shown = place.open().show("run000020").unwrap();
+    assert_eq!(shown.diagnoses.len(), 1);
+    // What is known is not read again.
+    assert_eq!(place.scan().diagnoses, 1);
+}
+
+#[test]
+fn diagnoses_of_several_cells_are_of_one_each() {
+    let several = Made {
+        cells: vec!["A", "B"],
+        ..Made::of(3)
+    };
+    let place = Place::with(&[Made::of(1), several.clone()]);
+    let run = place.runs.join("run000003");
+    several.diagnose(&run.join("diagnosis/A"));
+    several.diagnose(&run.join("diagnosis/B"));
+    // As a server lays them, and one that is of none of them.
+    several.diagnose(&place.runs.join("analyses/d-1/out/B"));
+    several.diagnose(&place.runs.join("analyses/d-2/out"));
+    let found = place.scan();
+    assert_eq!((found.runs, found.diagnoses), (2, 4));
+    let catalog = place.open();
+    let shown = catalog.show("run000003").unwrap().diagnoses;
+    let cells: Vec<Option<&str>> = shown.iter().map(|one| one.cell.as_deref()).collect();
+    assert_eq!(cells, [Some("B"), None, Some("A"), Some("B")]);
+    for (cell, number) in [("A", 2), ("S-B", 3), ("C01", 0)] {
+        let filter = Filter {
+            cell: Some(cell.to_owned()),
+            ..Filter::default()
+        };
+        assert_eq!(
+            catalog.all_diagnoses(&filter).unwrap().len(),
+            number,
+            "{cell}"
+        );
+    }
+    // The state of the folder is that of its diagnoses.
+    fs::remove_dir_all(run.join("diagnosis/A")).unwrap();
+    assert_eq!(place.scan().diagnoses, 3);
 }

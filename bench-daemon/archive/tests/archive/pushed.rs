@@ -2,7 +2,11 @@
 
 use std::{fs, path::Path};
 
-use analysis_files::run_folder::{JOURNAL, SPECTRUM, SUMS};
+use analysis_catalog::{rows::RunRows, scan::Beside};
+use analysis_files::{
+    batch::Cells,
+    run_folder::{JOURNAL, SPECTRUM, SUMS},
+};
 use bench_archive::{
     ArchiveError,
     push::Outcome,
@@ -337,6 +341,46 @@ fn a_diagnosis_in_the_run_folder_is_no_alteration() {
     assert!(matches!(place.push(&run).unwrap(), Outcome::Archived(_)));
     place.assert_holds(&run);
     assert_eq!(place.rows().len(), 4);
+}
+
+#[test]
+fn diagnoses_of_single_cells_in_the_run_folder_are_seen_and_have_rows() {
+    let place = Place::new();
+    let run = Made::ONE.write(&place);
+    let before = run.stamp();
+    place.push(&run).unwrap();
+    for cell in ["P45B", "other"] {
+        let beside = diagnosed(&place, &run, cell).diagnoses.remove(0);
+        let own = run.folder.join("diagnosis");
+        fs::create_dir_all(&own).unwrap();
+        fs::rename(beside.folder, own.join(cell)).unwrap();
+    }
+    let after = run.stamp();
+    assert_ne!(before, after);
+    assert!(matches!(place.push(&run).unwrap(), Outcome::Archived(_)));
+    place.assert_holds(&run);
+    assert_eq!(place.rows().len(), 4);
+    let rows = RunRows::read(&run.folder, Beside::default(), &[]).tables("00");
+    let diagnoses = rows.iter().find(|table| table.name == "diagnoses").unwrap();
+    let texts = |name: &str| {
+        let column = diagnoses
+            .columns
+            .iter()
+            .find(|one| one.name == name)
+            .unwrap();
+        let Cells::Texts(cells) = &column.cells else {
+            panic!("{name}: expected texts")
+        };
+        cells.iter().flatten().cloned().collect::<Vec<String>>()
+    };
+    assert_eq!(texts("diagnosis"), ["diagnosis/P45B", "diagnosis/other"]);
+    // The run has one cell: there is no other that it could be of.
+    assert_eq!(texts("cell"), ["P45B", "P45B"]);
+    // One that is made again, in a folder whose own entries stay.
+    let file = run.folder.join("diagnosis/other/diagnosis.json");
+    fs::write(&file, fs::read_to_string(&file).unwrap() + "\n").unwrap();
+    assert_ne!(run.stamp(), after);
+    assert!(matches!(place.push(&run).unwrap(), Outcome::Archived(_)));
 }
 
 #[test]

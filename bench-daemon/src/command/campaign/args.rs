@@ -15,7 +15,7 @@ pub struct CampaignArgs {
 pub(super) enum Act {
     /// Print which bench measures which cells, and write the experiments.
     Plan(PlanArgs),
-    /// Print how much cells, batches and benches differ, from a catalogue of the runs.
+    /// Print how much cells, batches and benches differ, from catalogues of the runs.
     Report(ReportArgs),
 }
 
@@ -37,6 +37,9 @@ pub(super) struct ReportArgs {
     /// Name of the campaign, which is that of its experiments.
     #[arg(value_name = "NAME")]
     pub(super) campaign: String,
+    /// Another catalogue, such as that of another machine; may be given several times.
+    #[arg(long, value_name = "DB")]
+    pub(super) and: Vec<PathBuf>,
     /// Number of RC pairs of the models [default: the greatest that is there]
     #[arg(long, value_name = "N")]
     pub(super) rc: Option<u32>,

@@ -3,7 +3,7 @@
 use analysis::batch::{Cells, TableColumn};
 
 use crate::{
-    campaign::{CampaignFile, CampaignReport, CorrectedCell, Design, Quantity},
+    campaign::{CampaignFile, CampaignReport, CorrectedCell, Design, LeftOut, Quantity},
     support::terminal::say,
 };
 
@@ -44,6 +44,9 @@ pub(super) fn report(judged: &CampaignReport) {
         judged.values,
         judged.rc
     );
+    for LeftOut { why, runs } in &judged.left_out {
+        say!("  left out: {runs} runs, {why}");
+    }
     for quantity in &judged.quantities {
         self::quantity(quantity);
     }

@@ -20,7 +20,7 @@ pub(super) enum Act {
     Scan(ScanArgs),
     /// List runs that meet every condition, the latest first.
     Find(FindArgs),
-    /// List the cells that runs have measured.
+    /// List the cells of the runs that meet every condition, with the number of these runs.
     Cells(CellsArgs),
     /// Print all that is known of a run.
     Show(ShowArgs),
@@ -49,10 +49,10 @@ pub(super) struct ScanArgs {
 /// Conditions on runs and what they have measured.
 #[derive(Debug, Clone, Args)]
 pub(super) struct FilterArgs {
-    /// Name or serial number of a cell.
+    /// Name, serial number or barcode of a cell.
     #[arg(long, value_name = "TEXT")]
     cell: Option<String>,
-    /// Serial number of a cell, as the experiment tells it or a person read it.
+    /// Serial number of a cell, as the experiment tells it or a person read it, or its barcode.
     #[arg(long, value_name = "TEXT")]
     serial: Option<String>,
     /// Batch of a cell.
@@ -73,6 +73,9 @@ pub(super) struct FilterArgs {
     /// Verdict of the run.
     #[arg(long)]
     verdict: Option<Verdict>,
+    /// Runs that the interlock has ended, even where they went on afterwards.
+    #[arg(long)]
+    trip: bool,
     /// Words in name, bench, experiment, operator, end or cells of the run.
     #[arg(long, value_name = "WORDS")]
     text: Option<String>,
@@ -117,6 +120,7 @@ impl FilterArgs {
             from_unix_s: self.from,
             to_unix_s: self.to,
             verdict: self.verdict.map(Verdict::of_catalog),
+            trip: self.trip,
             text: self.text.clone(),
             after,
             most,
@@ -126,6 +130,11 @@ impl FilterArgs {
     /// Whether no cell is named.
     pub(super) fn names_no_cell(&self) -> bool {
         self.cell.is_none() && self.serial.is_none()
+    }
+
+    /// Whether a serial number is named.
+    pub(super) fn names_serial(&self) -> bool {
+        self.serial.is_some()
     }
 }
 

@@ -7,6 +7,7 @@ use analysis::catalog::{
 };
 
 use analysis::run_folder::SUMS;
+use serde_json::Value;
 
 use crate::support::{
     present::{significant, utc},
@@ -95,13 +96,16 @@ pub(super) fn run(shown: &RunShown) {
         run.bench,
         if run.simulated { ", simulated" } else { "" }
     );
-    say!("cells       {}", cells_of(run));
+    run.cells.iter().for_each(cell);
     say!("operator    {}", or(&run.operator));
     say!("began      {}", time(run.started_unix_s, run.time_source));
     say!("ended       {}", or(&run.how));
     say!("verdict     {}", run.verdict.label());
     say!("version     {}", run.version);
+    say!("seed        {}", run.seed);
+    say!("config      {}", or(&run.config_sha256));
     say!("{SUMS}  {}", or(&run.content_sha256));
+    instruments(&shown.instruments);
     for reason in &run.damage {
         say!("damaged     {reason}");
     }
@@ -135,7 +139,37 @@ pub(super) fn run(shown: &RunShown) {
         );
     }
     for one in &shown.diagnoses {
-        say!("diagnosis   {}  {}", one.folder, one.summary);
+        let cell = one.cell.as_ref();
+        let cell = cell.map_or_else(String::new, |cell| format!("{cell}: "));
+        let told = one.damage.as_ref().unwrap_or(&one.summary);
+        say!("diagnosis   {}  {cell}{told}", one.folder);
+    }
+}
+
+/// A cell with what is known of it.
+fn cell(cell: &CatalogCell) {
+    let facts = [
+        ("serial number read", &cell.scanned_serial),
+        ("type", &cell.model),
+        ("batch", &cell.batch),
+        ("barcode", &cell.barcode),
+        ("maker", &cell.maker),
+        ("chemistry", &cell.chemistry),
+        ("term", &cell.term),
+    ];
+    let told = facts.iter().filter_map(|(name, fact)| {
+        let fact = fact.as_ref()?;
+        Some(format!("; {name} {fact}"))
+    });
+    say!("cell        {}{}", named(cell), told.collect::<String>());
+}
+
+/// Instruments of a run: task on the bench, model, and what the instrument says of itself.
+fn instruments(all: &Value) {
+    for one in all.as_array().into_iter().flatten() {
+        let facts = ["/role", "/model", "/identity/raw"];
+        let told = facts.map(|fact| one.pointer(fact).and_then(Value::as_str).unwrap_or("-"));
+        say!("instrument  {}", told.join("  "));
     }
 }
 

@@ -5,12 +5,14 @@ use std::path::Path;
 use analysis::catalog::{
     Catalog, CatalogError,
     ageing::Ageing,
-    query::{CellsFound, Filter, MOST, RunsFound, SpectraFound},
+    query::{
+        CellsFound, DiagnosesFound, Filter, FitsFound, MOST, RunShown, RunsFound, SpectraFound,
+    },
     record::CatalogVerdict,
 };
 use axum::{
     Json,
-    extract::{Query, State},
+    extract::{self, Query, State},
     http::StatusCode,
 };
 use serde::Deserialize;
@@ -24,9 +26,9 @@ use crate::support::calendar::unix_s;
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct CatalogWanted {
-    /// Name or serial number of a cell.
+    /// Name, serial number or barcode of a cell.
     cell: Option<String>,
-    /// Serial number of a cell, as the experiment tells it or a person read it.
+    /// Serial number of a cell, as the experiment tells it or a person read it, or its barcode.
     serial: Option<String>,
     /// Batch of a cell.
     batch: Option<String>,
@@ -42,7 +44,10 @@ pub struct CatalogWanted {
     to: Option<String>,
     /// Verdict of the run.
     verdict: Option<CatalogVerdict>,
-    /// Words in name, bench, experiment, operator, end or cells of the run; of runs only.
+    /// Runs that the interlock has ended, even where they went on afterwards.
+    #[serde(default)]
+    trip: bool,
+    /// Words in name, bench, experiment, operator, end or cells of the run.
     text: Option<String>,
     /// Where to go on: `after` of the answer before.
     after: Option<String>,
@@ -91,6 +96,7 @@ impl CatalogWanted {
             from_unix_s: time("from", self.from)?,
             to_unix_s: time("to", self.to)?,
             verdict: self.verdict,
+            trip: self.trip,
             text: self.text,
             after: self.after,
             most: self.most.map_or(MOST, usize::from),
@@ -108,6 +114,10 @@ async fn ask<T: Send + 'static>(
         let answer = catalog.and_then(|catalog| question(&catalog));
         answer.map(Json).map_err(|error| match error {
             CatalogError::Cursor { .. } => Refusal::of(StatusCode::BAD_REQUEST, error.to_string()),
+            CatalogError::Run { found, number, .. } => Refusal::of(
+                StatusCode::NOT_FOUND,
+                format!("run: expected the identity or the name of one run, found {number} for {found:?}"),
+            ),
             CatalogError::Absent { .. } => Refusal::of(
                 StatusCode::SERVICE_UNAVAILABLE,
                 "the catalogue is being built: ask again",
@@ -151,6 +161,76 @@ pub async fn runs(
     .await
 }
 
+/// All that is known of a run, by its name or its identity.
+#[utoipa::path(
+    get,
+    path = "/api/v1/catalog/runs/{run}",
+    tag = "catalog",
+    params(("run" = String, Path, description = "The run.")),
+    responses((status = 200, body = RunShown)),
+    security(("token" = ["read"]))
+)]
+pub async fn run(
+    _caller: Reader,
+    State(app): State<App>,
+    extract::Path(run): extract::Path<String>,
+) -> Result<Json<RunShown>, Refusal> {
+    let data = app.server.catalog.data().to_path_buf();
+    ask(app, move |catalog| {
+        let mut shown = catalog.show(&run)?;
+        shown.run.folder = within(&data, &shown.run.folder);
+        for one in &mut shown.diagnoses {
+            one.folder = within(&data, &one.folder);
+        }
+        Ok(shown)
+    })
+    .await
+}
+
+/// Fitted models of runs that meet every condition, the latest first.
+#[utoipa::path(
+    get,
+    path = "/api/v1/catalog/fits",
+    tag = "catalog",
+    params(CatalogWanted),
+    responses((status = 200, body = FitsFound)),
+    security(("token" = ["read"]))
+)]
+pub async fn fits(
+    _caller: Reader,
+    State(app): State<App>,
+    Query(wanted): Query<CatalogWanted>,
+) -> Result<Json<FitsFound>, Refusal> {
+    let filter = wanted.filter()?;
+    ask(app, move |catalog| catalog.fits(&filter)).await
+}
+
+/// Diagnoses of runs that meet every condition, those of the latest run first.
+#[utoipa::path(
+    get,
+    path = "/api/v1/catalog/diagnoses",
+    tag = "catalog",
+    params(CatalogWanted),
+    responses((status = 200, body = DiagnosesFound)),
+    security(("token" = ["read"]))
+)]
+pub async fn diagnoses(
+    _caller: Reader,
+    State(app): State<App>,
+    Query(wanted): Query<CatalogWanted>,
+) -> Result<Json<DiagnosesFound>, Refusal> {
+    let filter = wanted.filter()?;
+    let data = app.server.catalog.data().to_path_buf();
+    ask(app, move |catalog| {
+        let mut found = catalog.diagnoses(&filter)?;
+        for one in &mut found.diagnoses {
+            one.folder = within(&data, &one.folder);
+        }
+        Ok(found)
+    })
+    .await
+}
+
 /// Corrected spectra of cells that meet every condition, the latest first.
 #[utoipa::path(
     get,
@@ -169,7 +249,7 @@ pub async fn spectra(
     ask(app, move |catalog| catalog.spectra(&filter)).await
 }
 
-/// Cells that runs have measured, by name and serial number.
+/// Cells of the runs that meet every condition, by name and serial number.
 #[utoipa::path(
     get,
     path = "/api/v1/catalog/cells",

@@ -87,17 +87,12 @@ const WORDS = {
   hertz: (low, high) => `${low} to ${high} Hz`,
 };
 
-// Conditions that count, by what is looked for.
+// Conditions that count, by what is looked for: the catalogue knows no tags.
 const FIELDS = Object.keys(WORDS.fields);
-const COUNTS = {
-  runs: FIELDS,
-  spectra: ["cell", "serial", "bench", "verdict", "from", "to"],
-  cells: ["cell", "serial"],
-};
-const VERDICTS = {
-  runs: ["good", "doubtful", "failed", "in work"],
-  spectra: ["good", "doubtful", "failed", "unfinished", "damaged"],
-};
+const CATALOGUED = FIELDS.filter((field) => field !== "tag");
+const COUNTS = { runs: FIELDS, spectra: CATALOGUED, cells: CATALOGUED };
+const ENDED = ["good", "doubtful", "failed", "unfinished", "damaged"];
+const VERDICTS = { runs: ["good", "doubtful", "failed", "in work"], spectra: ENDED, cells: ENDED };
 const MOST_TICKED = { runs: 12, spectra: 24 };
 // So many curves can still be told from each other.
 const MOST_CURVES = 24;
