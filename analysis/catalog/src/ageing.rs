@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::{
     Catalog, CatalogError,
-    query::{Filter, FitHead},
+    query::{Filter, FitHead, OfRun},
     record::{CatalogFit, CatalogParameter, TimeSource},
 };
 
@@ -80,11 +80,10 @@ impl Catalog {
     fn points(&self, fits: Vec<CatalogFit>) -> Result<Vec<AgeingPoint>, CatalogError> {
         let runs: Vec<&str> = fits.iter().map(|fit| fit.run.as_str()).collect();
         let mut diffusion: BTreeMap<String, Vec<CatalogParameter>> = BTreeMap::new();
-        for one in self.diagnoses_of(&runs)? {
+        for OfRun { run, parameters } in self.parameters_of(&runs)? {
             let is_diffusion = |one: &CatalogParameter| DIFFUSION.contains(&one.effect.as_str());
-            let named = one.parameters.into_iter().filter(is_diffusion);
-            let of_run = diffusion.entry(one.run.unwrap_or_default()).or_default();
-            of_run.extend(named);
+            let named = parameters.into_iter().filter(is_diffusion);
+            diffusion.entry(run).or_default().extend(named);
         }
         let point = |fit: CatalogFit| AgeingPoint {
             diffusion: diffusion.remove(&fit.run).unwrap_or_default(),

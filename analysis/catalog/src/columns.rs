@@ -14,7 +14,7 @@ pub(crate) const DIAGNOSIS_COLUMNS: &str = "d.*, (SELECT c.name FROM run_cell c 
     OR (SELECT count(*) FROM run_cell o WHERE o.run = d.run) = 1)) AS cell";
 
 /// Value of a column that holds JSON; its default where it is none.
-fn json<T: serde::de::DeserializeOwned + Default>(
+pub(crate) fn json<T: serde::de::DeserializeOwned + Default>(
     row: &Row<'_>,
     column: &str,
 ) -> rusqlite::Result<T> {

@@ -6,17 +6,17 @@ use serde::Serialize;
 pub use crate::question::{Filter, MOST};
 use crate::{
     Catalog, CatalogError,
-    columns::{DIAGNOSIS_COLUMNS, diagnosis_of, event_of, fit_of, run_of, spectrum_of},
+    columns::{DIAGNOSIS_COLUMNS, diagnosis_of, event_of, fit_of, json, run_of, spectrum_of},
     error::sql,
-    question::{Cursor, DIGITS, IS_CODE, KeyKind, Question, RunsQuestion},
-    record::{CatalogDiagnosis, CatalogEvent, CatalogFit, CatalogRun, CatalogSpectrum},
+    question::{ALL, Cursor, DIGITS, IS_CODE, KeyKind, Question, RunsQuestion},
+    record::{
+        CatalogDiagnosis, CatalogEvent, CatalogFit, CatalogParameter, CatalogRun, CatalogSpectrum,
+    },
     store::CELL_COLUMNS,
 };
 
 /// Runs that an error lists.
 const LISTED: usize = 5;
-/// Length of an answer without a bound, as SQLite takes it.
-const ALL: usize = usize::MAX >> 1;
 /// Runs that are few. What is measured in so many is sought and sorted in some milliseconds, and
 /// where there are more, one row in fifty of 100 000 meets the conditions.
 const FEW: usize = 2000;
@@ -136,6 +136,15 @@ const FITS: OfCell = OfCell {
 
 /// Fits in the order of time.
 const BY_TIME: &str = "ORDER BY f.started_unix_s, f.run, f.file";
+
+/// Diagnoses in the order of their runs and folders.
+const BY_FOLDER: &str = "ORDER BY d.run, d.folder";
+
+/// Parameters that a diagnosis of a run names.
+pub(crate) struct OfRun {
+    pub(crate) run: String,
+    pub(crate) parameters: Vec<CatalogParameter>,
+}
 
 /// Head of a fit of a single cell.
 pub(crate) struct FitHead {
@@ -273,17 +282,22 @@ impl Catalog {
     }
 
     /// The diagnoses of some runs.
-    ///
-    /// # Errors
-    /// [`CatalogError::Sql`].
-    pub(crate) fn diagnoses_of(
-        &self,
-        runs: &[&str],
-    ) -> Result<Vec<CatalogDiagnosis>, CatalogError> {
-        let question = Question::of(&among("diagnosis d", 'd'), &[listed(runs)]);
-        let order = "ORDER BY d.run, d.folder";
-        let text = question.text(DIAGNOSIS_COLUMNS, order, ALL);
+    fn diagnoses_of(&self, runs: &[&str]) -> Result<Vec<CatalogDiagnosis>, CatalogError> {
+        let question = of_few("diagnosis d", 'd', Some(runs));
+        let text = question.text(DIAGNOSIS_COLUMNS, BY_FOLDER, ALL);
         self.ask(&text, &question.values, diagnosis_of)
+    }
+
+    /// The parameters of the effects that diagnoses of some runs name.
+    pub(crate) fn parameters_of(&self, runs: &[&str]) -> Result<Vec<OfRun>, CatalogError> {
+        let question = of_few("diagnosis d", 'd', Some(runs));
+        let text = question.text("d.run, d.parameters", BY_FOLDER, ALL);
+        self.ask(&text, &question.values, |row| {
+            Ok(OfRun {
+                run: row.get("run")?,
+                parameters: json(row, "parameters")?,
+            })
+        })
     }
 
     /// The cells of the runs that meet every condition, by name and serial number, each with the
@@ -325,13 +339,11 @@ impl Catalog {
             true => self.few_runs(filter)?,
             false => None,
         };
-        let mut question = of_few("run_cell c", 'c', few.as_deref());
+        let mut question = of_few("run_cell c", 'c', names(few.as_ref()).as_deref());
         question.add_cell(filter);
         question.add_times('c', filter);
         if few.is_none() {
-            let bench = "EXISTS (SELECT 1 FROM run b WHERE b.run = c.run AND b.bench = ?)";
-            question.add_text(bench, filter.bench.as_ref());
-            question.add_run('c', filter);
+            question.add_run_of_cell(filter);
         }
         Ok(question)
     }
@@ -423,7 +435,7 @@ impl Catalog {
             true => self.few_runs(filter)?,
             false => None,
         };
-        let mut question = of_few(table, of, few.as_deref());
+        let mut question = of_few(table, of, names(few.as_ref()).as_deref());
         question.add_text(&format!("{of}.cell = ?"), name.as_ref());
         for code in codes {
             question.add_code(of, code);
@@ -500,21 +512,20 @@ impl Catalog {
     }
 }
 
-/// The rows of a table that are of some runs: a list is its one value.
-fn among(table: &str, of: char) -> String {
-    format!("json_each(?) w CROSS JOIN {table} ON {of}.run = w.value")
-}
-
 /// A question for the rows of a table, of few runs where they are told.
-fn of_few(table: &str, of: char, few: Option<&[String]>) -> Question {
+fn of_few(table: &str, of: char, few: Option<&[&str]>) -> Question {
     let Some(runs) = few else {
         return Question::of(table, &[]);
     };
-    let runs: Vec<&str> = runs.iter().map(String::as_str).collect();
-    Question::of(&among(table, of), &[listed(&runs)])
+    let among = format!("json_each(?) w CROSS JOIN {table} ON {of}.run = w.value");
+    Question::of(&among, &[listed(runs)])
 }
 
-/// Runs as the value of [`among`].
+fn names(runs: Option<&Vec<String>>) -> Option<Vec<&str>> {
+    runs.map(|runs| runs.iter().map(String::as_str).collect())
+}
+
+/// Runs as one value, which SQLite reads as JSON.
 fn listed(runs: &[&str]) -> Value {
     Value::Text(serde_json::json!(runs).to_string())
 }

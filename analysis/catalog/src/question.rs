@@ -8,6 +8,8 @@ use crate::{CatalogError, record::CatalogVerdict};
 
 /// Answers at once where nobody asks for more or fewer.
 pub const MOST: usize = 100;
+/// Length of an answer without a bound, as SQLite takes it.
+pub(crate) const ALL: usize = usize::MAX >> 1;
 /// Digits of an identity of a run, and of a time in a cursor.
 pub(crate) const DIGITS: usize = 16;
 
@@ -143,6 +145,20 @@ impl Question {
         }
     }
 
+    /// Adds what is asked of the run of a row `c` of `run_cell`, beside the cell and the time.
+    pub(crate) fn add_run_of_cell(&mut self, filter: &Filter) {
+        self.add_text("c.bench = ?", filter.bench.as_ref());
+        self.add_text("c.experiment = ?", filter.experiment.as_ref());
+        self.add_facts('c', filter);
+        let words = filter.words();
+        if !words.is_empty() {
+            let mut runs = Self::of("run_text t", &[]);
+            runs.add_words(&words);
+            let found = runs.text("t.run", "", ALL);
+            self.add(&format!("c.run IN ({found})"), &runs.values);
+        }
+    }
+
     /// Adds conditions on a row `c` of `run_cell`.
     pub(crate) fn add_cell(&mut self, filter: &Filter) {
         let any = "? IN (c.name, c.serial, c.scanned_serial, c.barcode)";
@@ -175,6 +191,7 @@ impl Question {
             _ => format!("run r CROSS JOIN {WORDS}"),
         };
         let mut run = Self::of(&from, &[]);
+        run.add_text("r.experiment = ?", filter.experiment.as_ref());
         run.add_facts('r', filter);
         run.add_words(&words);
         if !run.conditions.is_empty() {
@@ -184,16 +201,15 @@ impl Question {
         }
     }
 
-    /// Adds conditions on a run `r`, of which a table of this short name repeats the verdict.
+    /// Adds conditions on the runs of a table of this short name, which repeats their verdict.
     fn add_facts(&mut self, of: char, filter: &Filter) {
-        self.add_text("r.experiment = ?", filter.experiment.as_ref());
         if let Some(verdict) = filter.verdict {
             let verdict = Value::Text(verdict.label().to_owned());
             self.add(&format!("{of}.verdict = ?"), &[verdict]);
         }
         if filter.trip {
-            let tripped = "r.run IN (SELECT run FROM event WHERE kind = 'trip')";
-            self.add(tripped, &[]);
+            let tripped = "run IN (SELECT run FROM event WHERE kind = 'trip')";
+            self.add(&format!("{of}.{tripped}"), &[]);
         }
     }
 
@@ -251,6 +267,7 @@ impl RunsQuestion {
             question.add_exists("run_cell c WHERE c.run = r.run", &cell);
         }
         question.add_text(&format!("{of}.bench = ?"), filter.bench.as_ref());
+        question.add_text("r.experiment = ?", filter.experiment.as_ref());
         question.add_facts(*of, filter);
         asked
     }

@@ -39,6 +39,7 @@ CREATE TABLE phrase (phrase INTEGER PRIMARY KEY, text TEXT NOT NULL UNIQUE);
 CREATE TABLE run_cell (
   name TEXT NOT NULL, serial TEXT NOT NULL, started_unix_s REAL NOT NULL, run TEXT NOT NULL,
   scanned_serial TEXT, model TEXT, batch TEXT, barcode TEXT, maker TEXT, chemistry TEXT, term TEXT,
+  bench TEXT NOT NULL, experiment TEXT NOT NULL, verdict TEXT NOT NULL,
   PRIMARY KEY (name, serial, started_unix_s, run)
 ) WITHOUT ROWID;
 CREATE INDEX run_cell_run ON run_cell (run);

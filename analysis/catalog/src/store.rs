@@ -152,7 +152,8 @@ fn put_words(connection: &Connection, run: &CatalogRun) -> rusqlite::Result<()> 
 fn put_keys(connection: &Connection, run: &CatalogRun) -> rusqlite::Result<()> {
     let verdict = run.verdict.label();
     let mut into = connection.prepare_cached(
-        "INSERT OR REPLACE INTO run_cell VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11)",
+        "INSERT OR REPLACE INTO run_cell VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, \
+         ?12, ?13, ?14)",
     )?;
     let mut keys = connection
         .prepare_cached("INSERT OR IGNORE INTO run_key VALUES (?1, ?2, ?3, ?4, ?5, ?6)")?;
@@ -168,7 +169,10 @@ fn put_keys(connection: &Connection, run: &CatalogRun) -> rusqlite::Result<()> {
             cell.barcode,
             cell.maker,
             cell.chemistry,
-            cell.term
+            cell.term,
+            run.bench,
+            run.experiment,
+            verdict
         ])?;
         let codes = [&cell.serial, &cell.scanned_serial, &cell.barcode];
         let of_cell = [&cell.name].into_iter().chain(codes.into_iter().flatten());
