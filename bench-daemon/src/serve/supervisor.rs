@@ -52,6 +52,8 @@ const LOOK_S: f64 = 0.2;
 const TELL_S: f64 = 0.5;
 /// So long a process may take until its journal is there, s.
 const BIRTH_S: f64 = 60.0;
+/// Exit code of a process that has refused what it was asked for.
+const NOTHING_DONE: i32 = 2;
 
 /// Parts what the processes of a run wrote into its log.
 const RESUMED: &str = "-- resumed --";
@@ -148,17 +150,25 @@ impl SupervisedBench {
         let Some(item) = server.queue().in_work(&self.bench.name).cloned() else {
             return;
         };
+        let folder = server.runs().join(&item.run);
         let code = match &mut self.child {
             Some((id, child)) if *id == item.id => match child.try_wait() {
                 Ok(Some(status)) => status.code(),
                 Ok(None) => return,
                 Err(_) => None,
             },
-            _ if lives(&server.runs().join(&item.run), &item) => return,
+            _ if lives(&folder, &item) => return,
             _ => None,
         };
         self.child = None;
-        let mut watch = Watch::new(&server.runs().join(&item.run));
+        // A server that died behind the start of a run and before it had written that down starts it
+        // again: the second process finds the folder of the first, does nothing, and tells nothing.
+        let is_second = item.kind == Kind::Run && code == Some(NOTHING_DONE);
+        let code = code.filter(|_| !(is_second && folder.join(JOURNAL).exists()));
+        if code.is_none() && lives(&folder, &item) {
+            return;
+        }
+        let mut watch = Watch::new(&folder);
         watch.look();
         let word = last_word(&log_of(server, &item.run));
         let how = how_it_ended(watch.ended(), word);

@@ -7,6 +7,7 @@ import shutil
 import signal
 import socket
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -235,6 +236,8 @@ class Drill:
             if sum(counts[state] for state in ("done", "failed", "cancelled")) == self.arguments.jobs:
                 break
             time.sleep(3.0)
+        for job in self.fleet("status", "--all", "--state", "failed")["listed"]:
+            print(job["job"], job["bench"], job["words"], file=sys.stderr)
         return counts
 
     def end(self) -> None:

@@ -1,6 +1,9 @@
 //! The start of a run and a stop at the same time.
 
-use std::{os::unix::process::ExitStatusExt, path::PathBuf};
+use std::{
+    os::unix::process::ExitStatusExt,
+    path::{Path, PathBuf},
+};
 
 use super::*;
 use crate::{
@@ -8,29 +11,23 @@ use crate::{
     support::telemetry::Telemetry,
 };
 
-/// A run is begun on a bench whose stops are `now`, after the supervisor saw `seen`: what ended its
-/// process, and which stop is kept.
-fn begun(seen: Option<f64>, now: Option<f64>) -> (Option<i32>, Option<f64>) {
-    let data = tempfile::tempdir().unwrap();
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()
-        .unwrap();
-    let _inside = runtime.enter();
-    std::fs::create_dir(data.path().join("jobs")).unwrap();
-    let settings =
-        Settings::load(&PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../configs/serve.toml"))
-            .unwrap();
+fn repository() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// A server with a run that waits. Inside a runtime.
+fn waiting(data: &Path) -> (Server, Item) {
+    std::fs::create_dir(data.join("jobs")).unwrap();
+    let settings = Settings::load(&repository().join("configs/serve.toml")).unwrap();
     let settings = Settings {
-        data: data.path().to_owned(),
+        data: data.to_owned(),
         ..settings
     };
     let server = Server::open(settings, &Telemetry::default()).unwrap();
-    let bench = server.settings.benches[0].clone();
     let wanted = Wanted {
         kind: Kind::Run,
         experiment: "demo".to_owned(),
-        bench: bench.name.clone(),
+        bench: server.settings.benches[0].name.clone(),
         seed: None,
         expected_s: 60.0,
         by: "ann".to_owned(),
@@ -41,6 +38,20 @@ fn begun(seen: Option<f64>, now: Option<f64>) -> (Option<i32>, Option<f64>) {
         .queue()
         .submit(&wanted, |id| format!("demo-{id}"))
         .unwrap();
+    (server, item)
+}
+
+/// A run is begun on a bench whose stops are `now`, after the supervisor saw `seen`: what ended its
+/// process, and which stop is kept.
+fn begun(seen: Option<f64>, now: Option<f64>) -> (Option<i32>, Option<f64>) {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    let _inside = runtime.enter();
+    let data = tempfile::tempdir().unwrap();
+    let (server, item) = waiting(data.path());
+    let bench = server.settings.benches[0].clone();
     if let Some(unix_s) = now {
         server.stops().insert(
             bench.name.clone(),
@@ -78,6 +89,38 @@ fn a_run_that_was_being_begun_when_a_stop_came_is_ended_and_the_stop_goes_on() {
         (Some(Signal::SIGKILL as i32), None)
     );
     assert_eq!(begun(None, None), (Some(Signal::SIGKILL as i32), None));
+}
+
+#[test]
+fn a_run_that_a_process_of_before_has_begun_ends_as_that_one_did() {
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .unwrap();
+    let _inside = runtime.enter();
+    for is_there in [true, false] {
+        let data = tempfile::tempdir().unwrap();
+        let (server, item) = waiting(data.path());
+        let folder = server.runs().join(&item.run);
+        std::fs::create_dir_all(&folder).unwrap();
+        if is_there {
+            let first = repository().join("fixtures/data/upgrade/0.1.0/data/runs/demo-1");
+            std::fs::copy(first.join(JOURNAL), folder.join(JOURNAL)).unwrap();
+        }
+        let mut post = SupervisedBench::new(&server, &server.settings.benches[0]).unwrap();
+        let mut second = Command::new("sh").args(["-c", "exit 2"]).spawn().unwrap();
+        let process = Process {
+            pid: i32::try_from(second.id()).unwrap(),
+            started_unix_s: clock::unix_time_s(),
+        };
+        server.queue().begun(item.id, process).unwrap();
+        second.wait().unwrap();
+        post.child = Some((item.id, second));
+        post.reap(&server);
+        let ended = server.jobs.latest().next().unwrap().ended.unwrap();
+        assert_eq!(ended.finished, is_there, "{ended:?}");
+        assert_eq!(server.queue().held(&item.bench).is_none(), is_there);
+    }
 }
 
 #[test]
