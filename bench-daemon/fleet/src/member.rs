@@ -152,10 +152,16 @@ impl Member {
         if self.obedience.has_heard(run) {
             return Ok(());
         }
-        let standing = self.shared.link.standing(&self.me.place).await?.value;
-        self.obedience.follow(&standing).await?;
+        self.follow_now().await?;
         self.obedience.heard(run.clone());
         Ok(())
+    }
+
+    /// Asks the broker what stands, and follows it.
+    async fn follow_now(&self) -> Result<Standing, FleetError> {
+        let standing = self.shared.link.standing(&self.me.place).await?.value;
+        self.obedience.follow(&standing).await?;
+        Ok(standing)
     }
 
     fn standing(&self) -> Standing {

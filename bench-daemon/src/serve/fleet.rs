@@ -122,9 +122,12 @@ fn not_taken(refused: Refused) -> NotTaken {
     }
 }
 
+fn is_queued(server: &Server, run: &str) -> bool {
+    server.queue().items().iter().any(|item| item.run == run)
+}
+
 fn is_known(server: &Server, run: &str) -> bool {
-    let is_queued = server.queue().items().iter().any(|item| item.run == run);
-    is_queued || jobs::read(&server.settings.data, run).is_some()
+    is_queued(server, run) || jobs::read(&server.settings.data, run).is_some()
 }
 
 impl LocalBench for ServedBench {
@@ -198,11 +201,7 @@ impl LocalBench for ServedBench {
         let Some(server) = self.server.upgrade() else {
             return Fate::Going;
         };
-        let mut is_queued = false;
-        for item in server.queue().items() {
-            is_queued |= item.run == run;
-        }
-        if is_queued {
+        if is_queued(&server, run) {
             return Fate::Going;
         }
         match jobs::read(&server.settings.data, run) {

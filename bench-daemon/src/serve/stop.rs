@@ -78,14 +78,14 @@ pub async fn stop(server: &Arc<Server>, bench: &config::Bench, by: Stopper<'_>) 
     };
     if joined {
         // Each side must take back its own.
-        hold(server, &report);
+        hold(server, report.held_by, &report);
         return outcome(server, &bench.name).await;
     }
     server.hub.tell("stop", &report);
     // As long as the stop is not over nothing is begun, whatever the disk does; and from then on
     // because the bench is held.
     let mut gone = end_run(server, bench, &mut report).await;
-    hold(server, &report);
+    hold(server, report.held_by, &report);
     switch_off(server, bench, gone, &mut report).await;
     for _ in 1..TURNS {
         if !gone || in_work(server, bench).is_none() {
@@ -122,10 +122,9 @@ async fn again(server: &Arc<Server>, bench: &config::Bench, report: &mut StopRep
     gone
 }
 
-fn hold(server: &Server, report: &StopReport) {
-    let held = server
-        .queue()
-        .hold(report.held_by, &report.bench, &report.held());
+/// Holds a bench behind its stop, for one side.
+pub fn hold(server: &Server, by: HeldBy, report: &StopReport) {
+    let held = server.queue().hold(by, &report.bench, &report.held());
     if let Err(error) = held {
         tracing::error!("{error}");
     }

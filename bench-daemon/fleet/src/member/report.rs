@@ -67,8 +67,7 @@ impl Member {
 
     /// Begins a run that is started by the broker's word. What stands now counts: the word may be old.
     pub(super) async fn begin(&mut self, intent: &Intent) -> Result<(), FleetError> {
-        let standing = self.shared.link.standing(&self.me.place).await?.value;
-        self.obedience.follow(&standing).await?;
+        let standing = self.follow_now().await?;
         if standing.hold.is_some() || standing.stop.is_some() {
             let words = format!("{} was held before it began", self.me.place);
             return self.not_begun(intent, words).await;

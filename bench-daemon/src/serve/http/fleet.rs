@@ -428,15 +428,8 @@ async fn own_stop(app: &App, place: &Place, who: &str) -> Option<StopReport> {
 /// A stop that the NATS server does not keep is this server's own: an older release of the fleet that is
 /// heard later must not take it back.
 fn hold_here(app: &App, report: &StopReport, through: Option<&FleetOutcome>) {
-    if through.is_some_and(|through| through.kept) {
-        return;
-    }
-    let held = app
-        .server
-        .queue()
-        .hold(HeldBy::Here, &report.bench, &report.held());
-    if let Err(error) = held {
-        tracing::error!("{error}");
+    if through.is_none_or(|through| !through.kept) {
+        stop::hold(&app.server, HeldBy::Here, report);
     }
 }
 
