@@ -13,11 +13,16 @@ pub use error::BenchError;
 pub use output::{BathLeft, Output, SafeReport, Unsafe};
 pub(crate) use roles::for_roles;
 pub use roles::{Connections, Instruments};
+pub(crate) use safe::Driven;
 
 use std::collections::BTreeMap;
 
 use instruments::{
-    clock::Clock, exchange::Identity, instrument::Instrument, jig::Jig, link::LinkError,
+    clock::Clock,
+    exchange::Identity,
+    instrument::Instrument,
+    jig::Jig,
+    link::{Link, LinkError},
 };
 
 use error::wrap;
@@ -114,6 +119,87 @@ impl Bench {
             command_offset_v: config.wiring.command_offset_v,
             lied: BTreeMap::new(),
         }
+    }
+
+    /// A second set of handles on the same connections, whose waits count on `clock`: for the watch,
+    /// which reads meters and switches off while a procedure drives the instruments. Scope and jig
+    /// are left out.
+    #[must_use]
+    pub fn share(&self, clock: &Clock) -> Self {
+        Self {
+            name: self.name.clone(),
+            instruments: self.instruments.share(clock),
+            models: self.models.clone(),
+            clock: clock.clone(),
+            command_offset_v: self.command_offset_v,
+            lied: self.lied.clone(),
+        }
+    }
+
+    /// Keeps every other set of handles out, so that switching off comes first; see
+    /// [`instruments::link::Link::take_over`].
+    pub fn take_over(&mut self) {
+        self.each_link(|link| link.take_over());
+    }
+
+    /// Lets the other sets of handles speak again, and gives them what this one has learnt about
+    /// outputs that report a wrong state.
+    pub fn release_to(&mut self, other: &mut Self) {
+        self.each_link(|link| link.release());
+        other.lied.extend(self.lied.clone());
+    }
+
+    /// Asks the instrument of a role whether all its settings are still as they were made, and
+    /// changes nothing; what is not, in words.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn differs(&mut self, role: &str) -> Result<Option<String>, LinkError> {
+        self.compare(role, None).await
+    }
+
+    /// As [`Self::differs`], for one setting: number `turn`, counted round.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn differs_one(
+        &mut self,
+        role: &str,
+        turn: usize,
+    ) -> Result<Option<String>, LinkError> {
+        self.compare(role, Some(turn)).await
+    }
+
+    async fn compare(
+        &mut self,
+        role: &str,
+        turn: Option<usize>,
+    ) -> Result<Option<String>, LinkError> {
+        macro_rules! compare_all {
+            ($($field:ident $variant:ident,)+) => { $(
+                if role == stringify!($field)
+                    && let Some(instrument) = self.instruments.$field.as_mut()
+                {
+                    return match turn {
+                        Some(turn) => instrument.differs_one(turn).await,
+                        None => instrument.differs().await,
+                    };
+                }
+            )+ };
+        }
+        for_roles!(compare_all);
+        Ok(None)
+    }
+
+    fn each_link(&mut self, visit: impl Fn(&Link)) {
+        macro_rules! visit_all {
+            ($($field:ident $variant:ident,)+) => { $(
+                if let Some(instrument) = self.instruments.$field.as_mut() {
+                    visit(instrument.link_mut());
+                }
+            )+ };
+        }
+        for_roles!(visit_all);
     }
 
     /// A new connection to each instrument that can move charge and has none. The bath is not among

@@ -5,6 +5,7 @@
 mod ages;
 mod allowance;
 mod charge;
+mod drives;
 mod history;
 mod limits;
 mod meters;
@@ -13,6 +14,7 @@ mod period;
 mod temperatures;
 
 pub use allowance::{Allowance, Mean, Settings};
+pub use drives::{Drive, Drives};
 pub use history::Interlock;
-pub use limits::{Limits, NO_CURRENT_A, Reading, Trip, judge};
+pub use limits::{CURRENT_MARGIN, Limits, NO_CURRENT_A, Reading, Trip, judge};
 pub use meters::{Quantity, Stuck};

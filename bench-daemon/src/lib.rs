@@ -5,7 +5,8 @@
 //! [`interlock`] (reading → trip), [`measure`] (point of a sweep and its quality), [`plan`] (steps
 //! and their check), [`config`] (files → a checked experiment), [`procedure`] (experiment → plan),
 //! [`mod@bench`] (the named instruments), [`operator`] (what a person is told and asks for),
-//! [`journal`] and [`record`] (the run folder), [`sim`] (a simulated world behind mocks),
+//! [`journal`] and [`record`] (the run folder), [`watch`] (meters → alarm, beside everything else),
+//! [`sim`] (a simulated world behind mocks),
 //! [`executor`] (plan → instruments → records), [`safety`] (what outlives a process: state, latch,
 //! lease, guardian), [`doctor`] (proof of a bench), [`run`] (a whole run), [`investigate`] (runs →
 //! diagnosis → the recommended run), [`mod@campaign`]
@@ -34,3 +35,4 @@ pub mod safety;
 pub mod serve;
 pub mod sim;
 pub mod support;
+pub mod watch;

@@ -4,6 +4,7 @@
 mod check;
 mod crash;
 mod display;
+mod drives;
 mod extent;
 mod leg;
 mod multisine;

@@ -61,8 +61,9 @@ impl Bench {
     pub async fn stray_bath_of(&mut self, setpoint_c: f64) -> Option<BathLeft> {
         self.instruments
             .chiller
-            .as_mut()?
-            .was_left_at(Celsius(setpoint_c));
+            .as_ref()?
+            .was_left_at(Celsius(setpoint_c))
+            .await;
         self.stray_bath().await
     }
 

@@ -227,6 +227,14 @@ pub struct SafeReport {
 }
 
 impl SafeReport {
+    /// Whether all that is not verified is due to outputs that do not answer.
+    pub(super) fn is_silent(&self) -> bool {
+        let wrong = |output: &&Output| !output.verified() && !output.holds();
+        let mut outputs = self.outputs.iter().filter(wrong).peekable();
+        outputs.peek().is_some()
+            && outputs.all(|output| !output.off && output.amps.is_none() && !output.out_of_step)
+    }
+
     /// Builds the report from the outputs.
     pub(super) fn of(bench: &str, outputs: Vec<Output>) -> Self {
         let drive_off = outputs

@@ -1,6 +1,6 @@
 //! The instruments of one bench by role, and their links.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, time::Duration};
 
 use instruments::{
     chiller::{self, Chiller},
@@ -20,6 +20,9 @@ use instruments::{
 
 use super::error::{BenchError, wrap};
 use crate::config;
+
+/// A link waits for an answer for at least this many times its usual time.
+const ANSWERS_PER_TIMEOUT: f64 = 3.0;
 
 /// Hands the roles whose models speak a dialect to another macro, in the order in which instruments
 /// are listed: the role's module in `instruments`, which is its field and its name, too, and its
@@ -144,6 +147,20 @@ impl Instruments {
         })
     }
 
+    /// Second handles on all instruments but scope and jig; see [`super::Bench::share`].
+    pub(super) fn share(&self, clock: &Clock) -> Self {
+        Self {
+            supply4q: self.supply4q.as_ref().map(|one| one.share(clock)),
+            generator: self.generator.as_ref().map(|one| one.share(clock)),
+            scope: None,
+            load: self.load.as_ref().map(|one| one.share(clock)),
+            supply: self.supply.as_ref().map(|one| one.share(clock)),
+            chiller: self.chiller.as_ref().map(|one| one.share(clock)),
+            logger: self.logger.as_ref().map(|one| one.share(clock)),
+            jig: None,
+        }
+    }
+
     /// The instruments that can move charge, and the bath, not yet connected to.
     pub(super) fn unconnected(
         config: &config::Bench,
@@ -252,10 +269,13 @@ fn options(
     instrument: &config::Instrument,
     profile: LinkProfile,
 ) -> LinkOptions {
+    let timeout = profile.timeout.max(Duration::from_secs_f64(
+        ANSWERS_PER_TIMEOUT * instrument.answer_s,
+    ));
     LinkOptions {
         name: role.to_owned(),
         address: instrument.address.clone(),
-        profile,
+        profile: LinkProfile { timeout, ..profile },
         clock: connections.clock.clone(),
         hub: connections.hub.clone(),
         tap: connections

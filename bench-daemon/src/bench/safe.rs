@@ -5,8 +5,8 @@
 use std::{collections::BTreeMap, time::Duration};
 
 use instruments::{
-    chiller::Chiller, clock::Clock, exchange::Way, generator::Generator, link::LinkError,
-    load::Load, supply::Supply, supply4q::Supply4q, units::Volts,
+    chiller::Chiller, clock::Clock, exchange::Way, generator::Generator, instrument::Measured,
+    link::LinkError, load::Load, supply::Supply, supply4q::Supply4q, units::Volts,
 };
 
 use super::{
@@ -20,6 +20,9 @@ use crate::interlock::NO_CURRENT_A;
 /// How often safe state is tried again, and the pause before each, s.
 const SAFE_RETRIES: usize = 5;
 const SAFE_PAUSE_S: f64 = 1.0;
+/// How long outputs that do not answer are tried again, s: a network that comes back within this time
+/// ends no run. What answers, and is not off, is wrong and not late.
+const OUTAGE_S: f64 = 30.0;
 /// How often relays are opened again where everything else is off.
 const BATH_RETRIES: usize = 1;
 /// After this time no current may flow, s; what is read twice in a row as none, this far apart, is
@@ -33,7 +36,7 @@ const SAFE_AGAIN_S: f64 = 0.1;
 const QUIET_DEADLINE: Duration = Duration::from_secs(2);
 
 /// An instrument that can move charge and measures its own current.
-trait Drive {
+pub(crate) trait Driven {
     async fn off(&mut self) -> Result<(), LinkError>;
     async fn read(&mut self) -> Result<(f64, f64), LinkError>;
     fn ways(&self) -> Vec<Way>;
@@ -43,11 +46,12 @@ trait Drive {
     async fn renew(&mut self);
     async fn in_step(&mut self) -> Result<(), LinkError>;
     fn is_dropped(&mut self) -> bool;
+    fn last_measured(&self) -> Option<Measured>;
 }
 
 macro_rules! drives {
     ($($kind:ty, $rating:ident;)+) => { $(
-        impl Drive for $kind {
+        impl Driven for $kind {
             async fn off(&mut self) -> Result<(), LinkError> {
                 self.safe().await
             }
@@ -83,6 +87,10 @@ macro_rules! drives {
             fn is_dropped(&mut self) -> bool {
                 self.link_mut().is_dropped()
             }
+
+            fn last_measured(&self) -> Option<Measured> {
+                self.last_measured()
+            }
         }
     )+ };
 }
@@ -107,8 +115,23 @@ impl Bench {
     /// dialect. Who fails is tried again for a while on a fresh connection: switching off is
     /// idempotent. Whose word was once wrong is not believed again.
     pub async fn safe_state(&mut self) -> SafeReport {
+        self.safe_state_within(0.0).await
+    }
+
+    /// As [`Self::safe_state`] during a run: outputs that do not answer are tried for 30 s, so that
+    /// a short outage of the network does not end in an alarm.
+    pub async fn patient_safe_state(&mut self) -> SafeReport {
+        self.safe_state_within(OUTAGE_S).await
+    }
+
+    async fn safe_state_within(&mut self, outage_s: f64) -> SafeReport {
+        let began_s = self.clock.machine_s();
         let mut report = SafeReport::default();
-        for attempt in 0..=SAFE_RETRIES {
+        for attempt in 0.. {
+            let waits = report.is_silent() && self.clock.machine_s() - began_s < outage_s;
+            if attempt > SAFE_RETRIES && !waits {
+                break;
+            }
             if attempt > 0 {
                 self.clock.sleep_s(SAFE_PAUSE_S).await;
             }
@@ -130,12 +153,12 @@ impl Bench {
         report
     }
 
-    /// As [`Self::safe_state`], and what could not be verified is an error.
+    /// As [`Self::patient_safe_state`], and what could not be verified is an error.
     ///
     /// # Errors
     /// [`Unsafe`].
     pub async fn made_safe(&mut self) -> Result<(), Unsafe> {
-        self.safe_state().await.proven().map(|_| ())
+        self.patient_safe_state().await.proven().map(|_| ())
     }
 
     /// Switches every output off once more and reads it back, for the moment before a relay or a
@@ -288,7 +311,7 @@ fn told(ended: Result<(), LinkError>) -> Option<String> {
 }
 
 /// Switches off; where that fails, goes the other ways to zero.
-async fn end<D: Drive>(drive: &mut Option<D>, clock: &Clock) -> Ended {
+async fn end<D: Driven>(drive: &mut Option<D>, clock: &Clock) -> Ended {
     let Some(drive) = drive.as_mut() else {
         return (Ok(()), None);
     };
@@ -309,7 +332,7 @@ fn flows(amps: f64) -> bool {
 
 /// The ways to zero of an output that does not go off, one after the other, until no current flows;
 /// tells which one it was.
-async fn zero<D: Drive>(drive: &mut D, clock: &Clock) -> Option<&'static str> {
+async fn zero<D: Driven>(drive: &mut D, clock: &Clock) -> Option<&'static str> {
     /// A meter shows the new current after this time, s.
     const SHOWN_S: f64 = 0.3;
     for way in drive.ways() {
@@ -331,7 +354,7 @@ async fn zero<D: Drive>(drive: &mut D, clock: &Clock) -> Option<&'static str> {
 
 /// The last of its readings, as soon as two in a row show no current, or after the time in which
 /// they must.
-async fn at_rest<D: Drive>(
+async fn at_rest<D: Driven>(
     drive: &mut D,
     clock: &Clock,
     within_s: f64,
@@ -351,7 +374,7 @@ async fn at_rest<D: Drive>(
 
 /// Reads an instrument after it was switched off. Reports what it measures, and what bounds it
 /// where it is not known to be off.
-async fn found<D: Drive>(
+async fn found<D: Driven>(
     drive: &mut Option<D>,
     (mut off, mut by): Ended,
     clock: &Clock,
@@ -490,7 +513,7 @@ mod tests {
         in_step: bool,
     }
 
-    impl Drive for Liar {
+    impl Driven for Liar {
         async fn off(&mut self) -> Result<(), LinkError> {
             Ok(())
         }
@@ -536,6 +559,10 @@ mod tests {
 
         fn is_dropped(&mut self) -> bool {
             false
+        }
+
+        fn last_measured(&self) -> Option<Measured> {
+            None
         }
     }
 

@@ -406,7 +406,7 @@ impl Visit<'_> {
         let mut stop = StopSignals::install()?;
         let expected = "a guardian that reaches every instrument that can move charge";
         let taken = tokio::select! {
-            taken = BenchLease::take_for(&charge, &self.clock, progress.doing()) => taken,
+            taken = BenchLease::take_for(&charge, [&self.clock, &self.clock], progress.doing()) => taken,
             () = stop.requested() => return Err(Failure::Interrupted(self.folder.display().to_string())),
         };
         let mut lease = match taken {

@@ -16,6 +16,7 @@ use crate::{
     procedure,
     safety::failure::Failure,
     support::terminal::{remark, say},
+    watch::{Pace, unwatched},
 };
 
 /// Arguments of `plan`.
@@ -135,6 +136,18 @@ fn endings(experiment: &Experiment, plan: &Plan) -> Vec<String> {
     texts
 }
 
+/// What the watch sees of the bench, how fast it acts, and what it cannot see.
+fn watched(experiment: &Experiment) -> Vec<String> {
+    let pace = Pace::of(experiment);
+    let mut lines = vec![pace.describe(&experiment.bench.instruments)];
+    lines.extend(
+        unwatched(experiment)
+            .iter()
+            .map(|what| format!("not watched: {what}")),
+    );
+    lines
+}
+
 /// The waits that no plan bounds, in words: those for a person who changes what is in the jig.
 fn persons(experiment: &Experiment, plan: &Plan) -> Option<String> {
     if !matches!(experiment.bench.instruments.jig, Some(Jig::Person)) {
@@ -228,6 +241,7 @@ fn told(experiment: &Experiment, plan: &Plan) -> Told {
         longest_pause_s: pause,
         longest_abort_s: abort,
         notes: wide
+            .chain(watched(experiment))
             .chain(endings(experiment, plan))
             .chain(persons(experiment, plan))
             .collect(),
@@ -241,6 +255,9 @@ fn told(experiment: &Experiment, plan: &Plan) -> Told {
 pub fn plan(args: &PlanArgs) -> Result<(), Failure> {
     let experiment = load_experiment(&args.experiment, args.bench.as_deref())?;
     let plan = procedure::plan(&experiment).check(&experiment.cell.limits)?;
+    Pace::of(&experiment)
+        .check(&experiment)
+        .map_err(Failure::Usage)?;
     if args.json {
         return say_json(&told(&experiment, plan.plan()));
     }
@@ -283,8 +300,9 @@ pub fn plan(args: &PlanArgs) -> Result<(), Failure> {
         };
         wait.map_or_else(|| "none".to_owned(), text)
     };
-    endings(&experiment, plan.plan())
+    watched(&experiment)
         .iter()
+        .chain(&endings(&experiment, plan.plan()))
         .for_each(|text| say!("{text}"));
     persons(&experiment, plan.plan())
         .iter()

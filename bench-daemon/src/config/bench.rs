@@ -174,6 +174,10 @@ impl Instruments {
     }
 }
 
+/// Longest usual time until an instrument answers a question, s, where the bench file states no
+/// other. Makers' figures and owners' measurements are below it (`docs/safety.md`).
+pub const ANSWER_S: f64 = 0.3;
+
 /// A model at an address.
 #[derive(Debug, Clone)]
 pub struct Instrument {
@@ -183,6 +187,8 @@ pub struct Instrument {
     pub address: Address,
     /// Text in the identity of another model that is accepted as this one.
     pub accept: Option<String>,
+    /// Longest usual time until it answers a question, s.
+    pub answer_s: f64,
 }
 
 /// Who changes the fixture.

@@ -31,7 +31,7 @@ mod source;
 mod trace;
 
 pub use bench::{
-    Bench, Doctor, Guardian, Instrument, Instruments, Jig, Simulation, Thermostat, Wiring,
+    ANSWER_S, Bench, Doctor, Guardian, Instrument, Instruments, Jig, Simulation, Thermostat, Wiring,
 };
 pub use campaign::Campaign;
 pub(crate) use check::{LOAD_CUT_OFF_V, check_frames};

@@ -117,6 +117,9 @@ pub(super) struct Instrument {
     /// Text in the identity of another model that is accepted as this one. Left out: the identity
     /// must be that of the model.
     pub(super) accept: Option<String>,
+    /// Longest usual time until it answers a question, 0.05 s to 5 s: what the watch counts on.
+    /// Left out: 0.3 s.
+    pub(super) answer: Option<Quantity<Duration>>,
 }
 
 /// Logger of temperatures and its channels.

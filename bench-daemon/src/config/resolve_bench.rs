@@ -14,7 +14,10 @@ use instruments::{
 
 use super::{
     Bench, ConfigError, Doctor, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring,
-    bench::is_local, raw_bench, simulation, source::in_field,
+    bench::{ANSWER_S, is_local},
+    quantity::{Duration, Quantity},
+    raw_bench, simulation,
+    source::in_field,
 };
 use crate::support::{addresses::meet, hash};
 
@@ -342,6 +345,7 @@ fn resolve_instruments(
             )?;
             Ok(Instrument {
                 accept: raw.accept.clone(),
+                answer_s: resolve_answer(source, role, raw.answer)?,
                 ..resolved
             })
         };
@@ -440,7 +444,23 @@ fn resolve_instrument(
         model: model.to_owned(),
         address,
         accept: None,
+        answer_s: ANSWER_S,
     })
+}
+
+fn resolve_answer(
+    source: &Source,
+    role: &str,
+    typed: Option<Quantity<Duration>>,
+) -> Result<f64, ConfigError> {
+    let answer_s = typed.map_or(ANSWER_S, |quantity| quantity.si);
+    if (0.05..=5.0).contains(&answer_s) {
+        return Ok(answer_s);
+    }
+    Err(source.complain(
+        &format!("instruments.{role}.answer"),
+        format!("expected 0.05 s to 5 s, found {answer_s} s"),
+    ))
 }
 
 fn resolve_jig(source: &Source, raw: &raw_bench::Jig) -> Result<Jig, ConfigError> {

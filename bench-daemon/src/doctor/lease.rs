@@ -191,7 +191,7 @@ pub async fn hold(
         cell_c: None,
         sha256,
     };
-    let lease = BenchLease::take_for(&charge, clock, progress.doing()).await?;
+    let lease = BenchLease::take_for(&charge, [clock, clock], progress.doing()).await?;
     let connections = Connections {
         clock: clock.clone(),
         hub: MemoryHub::new(),

@@ -1,7 +1,9 @@
 //! Errors that end a stage early: from an instrument, the interlock, a file, a person, a bound, or
 //! a bench that does something else than it was told to.
 
-use crate::{bench::BenchError, interlock::Trip, operator::OperatorError, record::RecordError};
+use crate::{
+    bench::BenchError, interlock::Trip, operator::OperatorError, record::RecordError, watch::Alarm,
+};
 
 /// Error that ends a stage early.
 #[derive(Debug, thiserror::Error)]
@@ -17,6 +19,9 @@ pub enum ExecuteError {
         /// State by its own answer.
         met: String,
     },
+    /// The watch has ended the run.
+    #[error(transparent)]
+    Watch(Alarm),
     /// Two meters of one quantity say different things.
     #[error("{what}: {one}, {other}: they may differ by {allowed}; one of them is wrong")]
     Disagree {
@@ -107,4 +112,14 @@ pub enum ExecuteError {
         /// Why not.
         reason: String,
     },
+}
+
+impl From<Alarm> for ExecuteError {
+    fn from(alarm: Alarm) -> Self {
+        match alarm {
+            Alarm::Trip(trip) => Self::Trip(trip),
+            Alarm::Meddled { role, met } => Self::Meddled { role, met },
+            Alarm::Blind { .. } | Alarm::Lost(_) => Self::Watch(alarm),
+        }
+    }
 }

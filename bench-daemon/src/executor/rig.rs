@@ -9,6 +9,7 @@ use crate::{
     executor::thermostat::Thermostat,
     interlock::Interlock,
     record::Recorder,
+    watch::WatchLink,
 };
 
 /// The instruments of a run, with everything that reading and judging them needs.
@@ -23,6 +24,8 @@ pub struct Rig<'a> {
     pub(crate) recorder: &'a mut Recorder,
     /// Interlock with the allowance of the step in work.
     pub(super) interlock: Interlock,
+    /// The watch beside the procedure; `None` in virtual time, where the procedure makes its checks.
+    pub(super) watch: Option<WatchLink>,
     /// When what was read last.
     pub(super) watching: Watching,
     /// The cell's temperature and its bath.
@@ -38,6 +41,7 @@ impl<'a> Rig<'a> {
         experiment: &Experiment,
         clock: Clock,
         recorder: &'a mut Recorder,
+        watch: Option<WatchLink>,
     ) -> Self {
         Self {
             bench,
@@ -49,6 +53,7 @@ impl<'a> Rig<'a> {
                 experiment.cell.limits,
                 experiment.bench.instruments.logger.is_some(),
             ),
+            watch,
             watching: Watching::default(),
             temperatures: Temperatures::default(),
             driving: Driving::default(),

@@ -10,6 +10,7 @@ use crate::{
     executor::thermostat::Action,
     interlock::{Allowance, Mean, NO_CURRENT_A, Reading, Trip},
     plan::{Flow, Step},
+    watch::Envelope,
 };
 
 /// Standard deviations that chance does not pass in a night of readings.
@@ -78,7 +79,7 @@ impl Rig<'_> {
                 idle.charge_c
             }
         };
-        match *step {
+        let allowance = match *step {
             Step::Discharge { current_a, .. } => live(
                 cell.bounded(NO_CURRENT_A, drawn(current_a)),
                 (-settings.charge_c, drift_c),
@@ -181,6 +182,10 @@ impl Rig<'_> {
             | Step::Pause { .. }
             | Step::Zero(_)
             | Step::Rest { .. } => idle,
+        };
+        Allowance {
+            drives: step.drives(),
+            ..allowance
         }
     }
 
@@ -193,6 +198,9 @@ impl Rig<'_> {
     /// From now on an allowance holds, and the run folder tells its limits.
     pub(super) fn allow(&mut self, allowance: Allowance) {
         self.recorder.envelope(&allowance.limits);
+        if let Some(watch) = &self.watch {
+            watch.allow(Envelope::of(&allowance));
+        }
         self.interlock.begin(allowance, self.clock.machine_s());
     }
 
@@ -258,6 +266,7 @@ impl Rig<'_> {
                 .into())
             }
             None => {
+                self.settle();
                 self.look_back().await?;
                 // The load was read as a voltmeter.
                 self.others_off(&["supply4q", "load"]).await?;
@@ -268,7 +277,12 @@ impl Rig<'_> {
 
     /// While current flows the instruments that drive it are asked in turn whether their settings
     /// still are what this run has set, one with each reading.
+    ///
+    /// The watch does so by itself where there is one.
     pub(super) async fn look_back(&mut self) -> Result<(), ExecuteError> {
+        if self.watch.is_some() {
+            return Ok(());
+        }
         for _ in 0..DRIVES {
             self.watching.looked = (self.watching.looked + 1) % DRIVES;
             if let Some(met) = self.differs(self.watching.looked).await? {
@@ -479,8 +493,10 @@ impl Rig<'_> {
     /// Trips where a current flows through an instrument that the step does not use, whatever it
     /// says of its output. `used` are those that the step reads itself. Where they were looked at
     /// less than a second ago they are not asked again.
+    ///
+    /// The watch does so by itself where there is one.
     pub(super) async fn others_off(&mut self, used: &[&str]) -> Result<(), ExecuteError> {
-        if self.clock.now_s() - self.watching.others_s < POLL_S {
+        if self.watch.is_some() || self.clock.now_s() - self.watching.others_s < POLL_S {
             return Ok(());
         }
         self.watching.others_s = self.clock.now_s();
@@ -603,7 +619,18 @@ impl Rig<'_> {
         self.recorder.reading(phase, &reading)?;
         match self.interlock.judge(&reading, self.clock.machine_s()) {
             Some(trip) => Err(trip.into()),
-            None => Ok(()),
+            None => {
+                self.settle();
+                Ok(())
+            }
+        }
+    }
+
+    /// A reading of the step in work was within its limits: what the step before allowed holds no
+    /// longer.
+    fn settle(&self) {
+        if let Some(watch) = &self.watch {
+            watch.settle();
         }
     }
 }

@@ -1,6 +1,9 @@
 //! Settings of the interlock, and what the step in work allows.
 
-use super::limits::{Limits, Trip};
+use super::{
+    drives::Drives,
+    limits::{Limits, Trip},
+};
 
 /// Settings of the interlock beside the limits of the cell.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
@@ -99,6 +102,8 @@ pub struct Allowance {
     pub limits: Limits,
     /// Outputs are on: readings must come.
     pub live: bool,
+    /// The drives that the step uses.
+    pub drives: Drives,
     /// The step belongs to the one before it: its charge counts on.
     pub continues: bool,
     /// Least and greatest net charge, C, charge positive.
@@ -124,6 +129,7 @@ impl Allowance {
         Self {
             limits,
             live: false,
+            drives: Drives::default(),
             continues: false,
             charge_c,
             held_v,

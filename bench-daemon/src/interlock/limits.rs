@@ -174,7 +174,7 @@ pub(super) const NET_CHARGE: &str = "net charge of the step";
 /// Largest reading of an ammeter where no current flows, A: its zero error.
 pub const NO_CURRENT_A: f64 = 0.1;
 /// Share of the current limits that a meter's own error may add.
-const CURRENT_MARGIN: f64 = 1.02;
+pub const CURRENT_MARGIN: f64 = 1.02;
 
 /// Judges a reading. A reading that is not a number trips, for it says nothing.
 pub fn judge(limits: &Limits, reading: &Reading) -> Option<Trip> {

@@ -3,19 +3,23 @@
 //! `eis-bench resume` does: every connection is new, every instrument is identified, checked, set
 //! and read back. No current flows meanwhile.
 
-use std::path::Path;
+use std::{collections::BTreeMap, path::Path};
+
+use instruments::transport::MemoryHub;
 
 use super::{Finished, ResumeContext, Session, stop::StopSignals};
 use crate::{
-    bench::BenchError,
+    bench::{Bench, BenchError, Connections},
     config::{AutoResume, Experiment},
     executor::ExecuteError,
     journal::{self, Entry},
     operator::run_control::{RunAction, RunControl},
+    safety::bench_lease,
     safety::failure::Failure,
     safety::guardian::GuardianError,
     safety::state::{Lock, State},
     support::terminal::remark,
+    watch::{Alarm, Pace, Watch},
 };
 
 /// Interval at which it looks for a run control request while it waits, s.
@@ -102,6 +106,7 @@ fn passes(failure: &Failure) -> bool {
         | Failure::Execute(ExecuteError::Bench(BenchError::Link { source, .. })) => {
             source.may_pass()
         }
+        Failure::Execute(ExecuteError::Watch(Alarm::Blind { .. })) => true,
         // The next guardian connects before anybody else.
         Failure::Guardian(error) => error.may_pass(),
         _ => false,
@@ -154,6 +159,17 @@ fn held(experiment: &Experiment, folder: &Path) -> Result<Option<(State, Lock)>,
     Ok(Some((state, lock)))
 }
 
+/// A failure between two parts of a run, by which the bench is latched where it must be.
+fn latched(failure: Failure, held: Option<&(State, Lock)>, folder: &Path) -> Failure {
+    let cause = bench_lease::latching_cause(&failure);
+    if let Some(((state, _), cause)) = held.zip(cause)
+        && let Err(error) = state.latch(&cause.during(folder, "waiting to go on by itself"))
+    {
+        remark!("eis-bench: {error}");
+    }
+    failure
+}
+
 impl Session {
     /// Continues a run whose first part ended with `outcome`, where a retry is allowed.
     pub(super) fn resume_by_itself(
@@ -182,8 +198,10 @@ impl Session {
                 "eis-bench: {failure}; every output is off: going on by itself in {wait_s:.0} s \
                 ({which})"
             );
-            if !self.waited(wait_s, folder, &mut stop)? {
-                return outcome;
+            match self.waited(wait_s, &experiment, folder, &mut stop) {
+                Ok(true) => {}
+                Ok(false) => return outcome,
+                Err(failure) => return Err(latched(failure, held.as_ref(), folder)),
             }
             let free = |_: &Experiment| {
                 held.as_ref()
@@ -205,24 +223,64 @@ impl Session {
         }
     }
 
-    /// Waits unless a person wants the run to end; whether to go on.
-    fn waited(&self, wait_s: f64, folder: &Path, stop: &mut StopSignals) -> Result<bool, Failure> {
+    /// Waits unless a person wants the run to end; whether to go on. A watch reads every meter that
+    /// answers meanwhile: no current may flow.
+    ///
+    /// # Errors
+    /// The alarm of the watch. Everything that answers was switched off then.
+    fn waited(
+        &self,
+        wait_s: f64,
+        experiment: &Experiment,
+        folder: &Path,
+        stop: &mut StopSignals,
+    ) -> Result<bool, Failure> {
         let Some(runtime) = &self.runtime else {
             return Ok(false);
         };
         runtime.block_on(async {
-            let end_s = self.clock.now_s() + wait_s;
-            while self.clock.now_s() < end_s {
-                if RunControl::read(folder).action == RunAction::Abort {
-                    return Ok(false);
+            let connections = Connections {
+                clock: self.clock.clone(),
+                hub: MemoryHub::new(),
+                taps: BTreeMap::new(),
+            };
+            let mut bench = Bench::unconnected(&experiment.bench, &connections)?;
+            let pace = Pace::of(experiment);
+            let mut watch = Watch::start(&bench, pace, &self.clock.apart())?;
+            let alarm = async {
+                match &mut watch {
+                    Some(watch) => watch.alarm().await,
+                    None => std::future::pending().await,
                 }
-                tokio::select! {
-                    () = self.clock.sleep_s(LOOK_S.min(wait_s)) => {}
-                    () = stop.requested() => return Ok(false),
-                }
+            };
+            let waited = tokio::select! {
+                waited = self.wait_for_person(wait_s, folder, stop) => Ok(waited),
+                alarm = alarm => Err(Failure::from(ExecuteError::from(alarm))),
+            };
+            if let Some(watch) = watch {
+                watch.end(&mut bench).await;
             }
-            Ok(!stop.came().await)
+            match waited {
+                Ok(true) => Ok(!stop.came().await),
+                Ok(false) => Ok(false),
+                Err(failure) => Failure::unsafe_first(bench.made_safe().await, Err(failure)),
+            }
         })
+    }
+
+    /// Waits for `wait_s`, or until a person wants the run to end; whether to go on.
+    async fn wait_for_person(&self, wait_s: f64, folder: &Path, stop: &mut StopSignals) -> bool {
+        let end_s = self.clock.now_s() + wait_s;
+        while self.clock.now_s() < end_s {
+            if RunControl::read(folder).action == RunAction::Abort {
+                return false;
+            }
+            tokio::select! {
+                () = self.clock.sleep_s(LOOK_S.min(wait_s)) => {}
+                () = stop.requested() => return false,
+            }
+        }
+        true
     }
 }
 

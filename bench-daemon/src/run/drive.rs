@@ -24,6 +24,7 @@ use crate::{
     plan::{Checked, Plan, Purpose, Stage},
     record::Recorder,
     safety::failure::Failure,
+    watch::WatchLink,
 };
 
 /// Results from before: the correction of another run on the same bench, or the part of this run
@@ -38,6 +39,7 @@ pub(super) struct RunEnvironment<'a> {
     pub(super) clock: &'a Clock,
     pub(super) operator: &'a Operator,
     pub(super) progress: &'a Progress,
+    pub(super) watch: Option<WatchLink>,
 }
 
 /// Executes the plan, stage by stage, and judges the controls as soon as they are measured.
@@ -55,7 +57,13 @@ pub(super) async fn drive(
     let accumulator = RunAccumulator::new(experiment, inherited.clone());
     recorder.about(&experiment.cell.name, experiment.cell.capacity_c);
     let mut executor = Executor::new(
-        Rig::new(bench, experiment, environment.clock.clone(), recorder),
+        Rig::new(
+            bench,
+            experiment,
+            environment.clock.clone(),
+            recorder,
+            environment.watch,
+        ),
         Person {
             operator: environment.operator,
             progress: environment.progress,

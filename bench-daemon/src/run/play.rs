@@ -17,6 +17,7 @@ use super::{
 use crate::{
     bench::{Bench, Connections, Identified, state_readback},
     doctor,
+    executor::ExecuteError,
     interlock::NO_CURRENT_A,
     journal::Entry,
     operator::progress::Progress,
@@ -24,6 +25,7 @@ use crate::{
     safety::{bench_lease::BenchLease, failure::Failure},
     sim::Simulation,
     support::{present::quoted, terminal::remark},
+    watch::{Alarm, Pace, Watch},
 };
 pub(super) use begun::Run;
 
@@ -88,18 +90,27 @@ impl Run<'_> {
             .iter()
             .for_each(|text| self.recorder.warning(text));
         let progress = Progress::new(self.plan.plan());
+        let watch_clock = self.clock.apart();
+        let before_watch = watch_clock.wait(None);
         let mut lease = tokio::select! {
-            taken = BenchLease::take(self.experiment, self.recorder.folder(), &self.clock, progress.doing()) => taken?,
+            taken = BenchLease::take(self.experiment, self.recorder.folder(), [&self.clock, &watch_clock], progress.doing()) => taken?,
             () = stop.requested() => return Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
         };
         let (mut bench, identities) = match self.open(&connections).await {
             Ok(opened) => opened,
             Err(failure) => return lease.end(Err(failure)).await,
         };
+        let pace = Pace::of(self.experiment);
+        let mut watch = match Watch::start(&bench, pace, &watch_clock) {
+            Ok(watch) => watch,
+            Err(error) => return lease.end(Err(error.into())).await,
+        };
+        drop(before_watch);
         let environment = RunEnvironment {
             clock: &self.clock,
             operator: &self.operator,
             progress: &progress,
+            watch: watch.as_ref().map(Watch::link),
         };
         let before = PriorResults {
             inherited: self.before.1.take(),
@@ -111,8 +122,14 @@ impl Run<'_> {
             ) => outcome,
             () = stop.requested() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
             lost = lease.lost() => Err(lost.into()),
+            alarm = raised(watch.as_mut()) => Err(ExecuteError::from(alarm).into()),
         };
         progress.finish();
+        let _after_watch = watch_clock.wait(None);
+        let outcome = match watch {
+            Some(watch) => self.end_watch(watch, &mut bench, outcome).await,
+            None => outcome,
+        };
         let outcome = match caught(async { Ok(bench.made_safe().await) }).await {
             Ok(safe) => Failure::unsafe_first(safe, outcome),
             Err(panic) => Err(Failure::Unsafe {
@@ -131,6 +148,29 @@ impl Run<'_> {
         drop(bench);
         let outcome = lease.end(outcome).await;
         self.conclude(outcome, &identities, &connections, simulation)
+    }
+
+    /// Ends the watch, and writes down what it has done. Its alarm outweighs what the procedure met
+    /// when the watch took its connections away.
+    async fn end_watch(
+        &mut self,
+        watch: Watch,
+        bench: &mut Bench,
+        outcome: Result<Measured, Failure>,
+    ) -> Result<Measured, Failure> {
+        let (alarm, log) = watch.end(bench).await;
+        for line in log.lines() {
+            tracing::info!("{line}");
+            // The reason for the end outweighs an event that cannot be written.
+            let _ = self.recorder.event(Event::Bench, &line);
+        }
+        for remark in &log.remarks {
+            self.recorder.warning(remark);
+        }
+        match alarm {
+            Some(alarm) => Err(ExecuteError::from(alarm).into()),
+            None => outcome,
+        }
     }
 
     /// Writes down how it ended; results are made of what was measured.
@@ -251,6 +291,14 @@ impl Run<'_> {
         if let Err(error) = told {
             tracing::error!("{error}");
         }
+    }
+}
+
+/// Waits for an alarm of the watch; for ever where there is none.
+async fn raised(watch: Option<&mut Watch>) -> Alarm {
+    match watch {
+        Some(watch) => watch.alarm().await,
+        None => std::future::pending().await,
     }
 }
 

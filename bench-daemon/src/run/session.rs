@@ -23,6 +23,7 @@ use crate::{
     support::logging,
     support::sums,
     support::terminal::remark,
+    watch::Pace,
 };
 
 /// Runs on one bench, one after the other: time goes on from run to run, and so does a simulated
@@ -122,6 +123,9 @@ impl Session {
         context: Option<ResumeContext>,
     ) -> Result<Finished, Failure> {
         let plan = procedure::plan(experiment).check(&experiment.cell.limits)?;
+        Pace::of(experiment)
+            .check(experiment)
+            .map_err(Failure::Usage)?;
         experiment
             .cell
             .wide

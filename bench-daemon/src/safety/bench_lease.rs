@@ -68,7 +68,8 @@ struct HeldBench {
 
 impl BenchLease {
     /// Locks the bench, refuses a latched one, starts the guardian, and says that outputs may be on
-    /// from here on. Nothing was connected to before, and no output is on.
+    /// from here on. Nothing was connected to before, and no output is on. The lease is renewed as
+    /// long as neither the procedure nor the watch hangs; `clocks` count the waits of each.
     ///
     /// # Errors
     /// A bench that is run by somebody else or latched; a guardian that cannot reach its
@@ -76,7 +77,7 @@ impl BenchLease {
     pub async fn take(
         experiment: &Experiment,
         run: &Path,
-        clock: &Clock,
+        clocks: [&Clock; 2],
         doing: &Doing,
     ) -> Result<Self, Failure> {
         let limits = &experiment.cell.limits;
@@ -93,7 +94,7 @@ impl BenchLease {
                 cell_c: Some((limits.min_c, limits.max_c)),
                 sha256,
             },
-            clock,
+            clocks,
             doing,
         )
         .await
@@ -105,9 +106,10 @@ impl BenchLease {
     /// As [`BenchLease::take`].
     pub async fn take_for(
         charge: &Charge<'_>,
-        clock: &Clock,
+        clocks: [&Clock; 2],
         doing: &Doing,
     ) -> Result<Self, Failure> {
+        let [clock, _] = clocks;
         let Some(state) = State::of(charge.bench)? else {
             return Ok(Self {
                 held: None,
@@ -125,7 +127,7 @@ impl BenchLease {
             cell_c: charge.cell_c,
             sha256: charge.sha256.clone(),
         };
-        let keeper = Keeper::start(&charge, clock, doing).await?;
+        let keeper = Keeper::start(&charge, clocks, doing).await?;
         if let Err(error) = state.begin(&run) {
             keeper.dismiss(clock).await;
             return Err(error.into());
@@ -164,7 +166,7 @@ impl BenchLease {
             return outcome;
         };
         let mut latched = Ok(());
-        if let Some(cause) = outcome.as_ref().err().and_then(cause) {
+        if let Some(cause) = outcome.as_ref().err().and_then(latching_cause) {
             latched = state.latch(&cause.during(&run, &doing.now().step));
         }
         if matches!(outcome, Err(Failure::Unsafe { .. })) {
@@ -188,7 +190,7 @@ impl BenchLease {
 }
 
 /// Cause that latches a bench; `None` where the failure does not.
-fn cause(failure: &Failure) -> Option<Latched> {
+pub(crate) fn latching_cause(failure: &Failure) -> Option<Latched> {
     match failure {
         Failure::Execute(ExecuteError::Trip(trip)) => Some(Latched::of_trip("daemon", trip)),
         Failure::Unsafe { .. } | Failure::Execute(ExecuteError::CellLeftIn { .. }) => {

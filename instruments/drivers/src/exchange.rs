@@ -427,7 +427,35 @@ impl ExpectedAnswers {
         link: &mut Link,
         settings: &[Setting],
     ) -> Result<Option<String>, LinkError> {
-        for (question, expect) in &self.0 {
+        self.differs_in(0..self.0.len(), link, settings).await
+    }
+
+    /// As [`Self::differs`], for one setting: number `turn`, counted round.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn differs_one(
+        &self,
+        turn: usize,
+        link: &mut Link,
+        settings: &[Setting],
+    ) -> Result<Option<String>, LinkError> {
+        match self.0.len() {
+            0 => Ok(None),
+            count => {
+                let one = turn % count;
+                self.differs_in(one..one + 1, link, settings).await
+            }
+        }
+    }
+
+    async fn differs_in(
+        &self,
+        range: std::ops::Range<usize>,
+        link: &mut Link,
+        settings: &[Setting],
+    ) -> Result<Option<String>, LinkError> {
+        for (question, expect) in self.0.get(range).unwrap_or_default() {
             let first = link.query(question).await?;
             if expect.judge(&first).is_ok() {
                 continue;

@@ -1,9 +1,13 @@
 //! Common parts of every role: a link, the dialect of the model on it, and the question who it is.
 
-use std::time::Duration;
+use std::{
+    sync::{Arc, PoisonError},
+    time::Duration,
+};
 
-use instruments_domain::units::{Amps, Volts};
+use instruments_domain::units::{Amps, Celsius, Volts};
 use instruments_link::{
+    clock::Clock,
     link::{Link, LinkError, LinkProfile},
     transport::Address,
 };
@@ -71,8 +75,35 @@ pub struct Instrument<D: Model + ?Sized + 'static> {
     pub(crate) channels: Vec<u16>,
     /// Part of the identity of another model that is accepted as this one.
     accepted: Option<String>,
-    /// Settings that were made last and must stay so while current flows.
-    pub(crate) expected: ExpectedAnswers,
+    /// Settings that were made last and must stay so while current flows. It is locked while a
+    /// script changes them, so that a second handle never compares a setting that is being made.
+    pub(crate) expected: Arc<tokio::sync::Mutex<ExpectedAnswers>>,
+    /// The last reading of its meters, by whichever handle.
+    measured: Arc<std::sync::Mutex<Option<Measured>>>,
+    /// The last scan of its thermometers, by whichever handle.
+    pub(crate) scanned: Arc<std::sync::Mutex<Option<Scan>>>,
+}
+
+/// A scan of the thermometers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scan {
+    /// Temperature of the cell; none of an open thermocouple.
+    pub cell: Option<Celsius>,
+    /// When it was answered, s on the machine's clock.
+    pub answered_s: f64,
+}
+
+/// A reading of an instrument's own meters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measured {
+    /// Voltage at its terminals or its sense leads, V.
+    pub volts: Volts,
+    /// Current, in the direction that the role counts as positive, A.
+    pub amps: Amps,
+    /// When the current was asked for, s on the machine's clock.
+    pub asked_s: f64,
+    /// When it was answered, s on the machine's clock.
+    pub answered_s: f64,
 }
 
 impl<D: Model + ?Sized> Instrument<D> {
@@ -83,8 +114,30 @@ impl<D: Model + ?Sized> Instrument<D> {
             dialect,
             channels: Vec::new(),
             accepted: None,
-            expected: ExpectedAnswers::default(),
+            expected: Arc::default(),
+            measured: Arc::default(),
+            scanned: Arc::default(),
         }
+    }
+
+    /// A second handle on the same instrument, whose waits count on `clock`. Both share the
+    /// connection, the settings that must stay, and the last reading.
+    #[must_use]
+    pub fn share(&self, clock: &Clock) -> Self {
+        Self {
+            link: self.link.share(clock),
+            dialect: self.dialect,
+            channels: self.channels.clone(),
+            accepted: self.accepted.clone(),
+            expected: self.expected.clone(),
+            measured: self.measured.clone(),
+            scanned: self.scanned.clone(),
+        }
+    }
+
+    /// The last reading of its meters, by whichever handle.
+    pub fn last_measured(&self) -> Option<Measured> {
+        *self.measured.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Names the channels in use, where a model has several: the generator's output, the logger's
@@ -157,15 +210,22 @@ impl<D: Model + ?Sized> Instrument<D> {
             .ok_or_else(|| LinkError::unexpected(self.link.name(), query, &answer, "a number"))
     }
 
-    /// Asks for a voltage, then for a current.
+    /// Asks for a voltage, then for a current, and keeps them as the last reading.
     pub(crate) async fn volts_and_amps(
         &mut self,
         [volts, amps]: [&str; 2],
     ) -> Result<(Volts, Amps), LinkError> {
-        Ok((
-            Volts(self.number(volts).await?),
-            Amps(self.number(amps).await?),
-        ))
+        let volts = Volts(self.number(volts).await?);
+        let asked_s = self.link.clock().machine_s();
+        let amps = Amps(self.number(amps).await?);
+        let measured = Measured {
+            volts,
+            amps,
+            asked_s,
+            answered_s: self.link.clock().machine_s(),
+        };
+        *self.measured.lock().unwrap_or_else(PoisonError::into_inner) = Some(measured);
+        Ok((volts, amps))
     }
 
     /// Plays a script; stops at the first message that is refused or not believed.
@@ -180,14 +240,22 @@ impl<D: Model + ?Sized> Instrument<D> {
 
     /// Plays a script that changes what drives a current, and remembers what it has made so.
     pub(crate) async fn tell(&mut self, script: &[Exchange]) -> Result<(), LinkError> {
+        let mut expected = self.expected.clone().lock_owned().await;
         self.play(script).await?;
-        self.expected.add(script);
+        expected.add(script);
         Ok(())
     }
 
-    /// Something was set that must stay so.
+    /// Nothing that was set must stay so any more.
+    pub(crate) async fn expect_nothing(&self) {
+        *self.expected.lock().await = ExpectedAnswers::default();
+    }
+
+    /// Something was set that must stay so, or is being set.
     pub fn was_told(&self) -> bool {
-        !self.expected.is_empty()
+        self.expected
+            .try_lock()
+            .map_or(true, |expected| !expected.is_empty())
     }
 
     /// Asks whether everything is still as it was set, while something is on, and changes nothing;
@@ -197,7 +265,19 @@ impl<D: Model + ?Sized> Instrument<D> {
     /// The link's.
     pub async fn differs(&mut self) -> Result<Option<String>, LinkError> {
         let settings = self.dialect.settings();
-        self.expected.differs(&mut self.link, settings).await
+        let expected = self.expected.clone().lock_owned().await;
+        expected.differs(&mut self.link, settings).await
+    }
+
+    /// As [`Self::differs`], for one setting: number `turn`, counted round. A script that changes
+    /// settings waits for one question at most.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn differs_one(&mut self, turn: usize) -> Result<Option<String>, LinkError> {
+        let settings = self.dialect.settings();
+        let expected = self.expected.clone().lock_owned().await;
+        expected.differs_one(turn, &mut self.link, settings).await
     }
 
     /// Goes a way to zero current, whatever is refused in between.

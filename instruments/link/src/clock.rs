@@ -135,6 +135,19 @@ impl Clock {
         }
     }
 
+    /// The same bench time with waits of its own, for a task that must not hide that another one
+    /// hangs.
+    #[must_use]
+    pub fn apart(&self) -> Self {
+        Self {
+            waits: Arc::new(Mutex::new(Waits {
+                ended: Some(instant_now()),
+                ..Waits::default()
+            })),
+            ..self.clone()
+        }
+    }
+
     /// Announces a wait of at most so long on the wall, or without a bound, until what is returned
     /// is dropped. Sleeps and deadlines announce themselves.
     pub fn wait(&self, at_most: Option<Duration>) -> Wait {
@@ -176,15 +189,22 @@ impl Clock {
         instant_now().duration_since(self.start).as_secs_f64()
     }
 
-    /// The single-threaded runtime on which a clock of this mode runs; paused, and so
-    /// deterministic, when the mode is virtual.
+    /// The runtime on which a clock of this mode runs. In virtual time it is paused and has one
+    /// thread, and so is deterministic. Else a thread of its own serves sockets and timers, so that
+    /// a task that computes delays no other one.
     ///
     /// # Errors
     /// Error of the operating system when it cannot give an event queue.
     pub fn runtime(mode: TimeMode) -> std::io::Result<tokio::runtime::Runtime> {
-        tokio::runtime::Builder::new_current_thread()
+        if mode == TimeMode::Virtual {
+            return tokio::runtime::Builder::new_current_thread()
+                .enable_all()
+                .start_paused(true)
+                .build();
+        }
+        tokio::runtime::Builder::new_multi_thread()
+            .worker_threads(1)
             .enable_all()
-            .start_paused(mode == TimeMode::Virtual)
             .build()
     }
 

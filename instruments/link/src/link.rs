@@ -1,5 +1,4 @@
-//! Link to one instrument: sends a question and returns its answer. One exchange at a time, by
-//! `&mut self`.
+//! Link to one instrument: sends a question and returns its answer.
 //!
 //! The link keeps the rules that hold for every instrument: gaps and deadlines, the error queue
 //! after a write, reading back what was set, every message on the tap. After a timeout, a closed
@@ -8,15 +7,28 @@
 //! caller abandons an exchange half-way. Nothing is ever sent twice. Where the transport can clear
 //! the instrument, reconnecting does so.
 //!
+//! Most instruments accept one client. [`Link::share`] gives a second handle on the same
+//! connection, so that a watch can read a meter while a procedure drives the instrument. Handles
+//! take turns, one exchange at a time and in the order in which they ask: no handle waits longer
+//! than the exchange in work. [`Link::take_over`] keeps all other handles out, which is how
+//! switching off comes first.
+//!
 //! Opening sends no message, closing sends none: disconnecting is not switching off.
 
 mod connection;
+mod conversation;
 mod error;
 mod guard;
 mod profile;
 mod recovery;
 
-use std::time::Duration;
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    },
+    time::Duration,
+};
 
 pub use error::LinkError;
 pub use guard::{Grammar, NEVER_SENT};
@@ -25,41 +37,54 @@ pub use profile::{LinkOptions, LinkProfile};
 use instruments_scpi::{
     decode::{Expect, Response},
     excerpt,
-    status::{self, ErrorEntry},
-    text_of,
+    status::ErrorEntry,
 };
+use tokio::sync::{Mutex, MutexGuard, Notify};
 
-use connection::{Broken, Connection};
-use guard::Refusal;
+use conversation::Conversation;
 
-use crate::{
-    clock::{Clock, TimeMode},
-    transcript::{BlockRecord, Direction, INLINE_BLOCK_BYTES, Payload, Record},
-    transport::{self, Address},
-};
+use crate::{clock::Clock, transport::Address};
 
-/// Most entries that are taken out of an error queue at once; real queues hold 10 to 30.
-const MAX_QUEUED_ERRORS: usize = 20;
 /// Bytes that data on a stream must not hold: those that end a message, and the one that begins a
 /// block.
 pub const ENDS_MESSAGES: [u8; 3] = [b'\n', b'\r', b'#'];
+/// How long an exchange may go on after another handle has taken over: an answer that is on its way
+/// is faster than a new connection.
+const LAST_WORDS: Duration = Duration::from_millis(300);
+/// No handle has taken over.
+const SHARED: u64 = 0;
 
-/// A connection to one instrument.
+/// A handle on the connection to one instrument.
 #[derive(Debug)]
 pub struct Link {
     options: LinkOptions,
-    /// Taken out during an exchange, so that an abandoned exchange drops it.
-    connection: Option<Connection>,
-    /// One on which an answer is overdue, and which can be cleared.
-    stalled: Option<Connection>,
-    /// Last question.
-    asked: String,
-    /// The instrument's answer to `*IDN?`.
-    identity: Option<String>,
-    /// Why there is no connection.
-    why: String,
-    /// Bench time before which nothing may be sent, s.
-    ready_at_s: f64,
+    shared: Arc<Shared>,
+    /// Number of this handle among those of the connection, from 1.
+    handle: u64,
+}
+
+/// What the handles of one connection share.
+#[derive(Debug)]
+struct Shared {
+    /// Handles wait for it in the order in which they ask.
+    conversation: Mutex<Conversation>,
+    /// The only handle that may speak, or [`SHARED`].
+    speaker: AtomicU64,
+    speaker_changed: Notify,
+    handles: AtomicU64,
+}
+
+/// One exchange, given up shortly after another handle has taken over.
+macro_rules! exchange {
+    ($self:ident, |$conversation:ident| $work:expr) => {{
+        let mut guard = $self.turn().await?;
+        let $conversation = &mut *guard;
+        tokio::select! {
+            biased;
+            outcome = $work => outcome,
+            () = $self.taken_away() => Err($self.taken_over()),
+        }
+    }};
 }
 
 impl Link {
@@ -70,23 +95,50 @@ impl Link {
     /// real port in virtual time.
     pub async fn open(options: LinkOptions) -> Result<Self, LinkError> {
         let quiet = options.profile.quiet;
-        let mut link = Self::unconnected(options);
-        link.connect(quiet).await?;
+        let link = Self::unconnected(options);
+        exchange!(link, |conversation| conversation.connect(quiet))?;
         Ok(link)
     }
 
     /// A link without a connection, dropped until [`Link::reconnect`]: for an instrument that
     /// somebody else still talks to.
     pub fn unconnected(options: LinkOptions) -> Self {
+        let shared = Shared {
+            conversation: Mutex::new(Conversation::new(options.clone())),
+            speaker: AtomicU64::new(SHARED),
+            speaker_changed: Notify::new(),
+            handles: AtomicU64::new(1),
+        };
         Self {
             options,
-            connection: None,
-            stalled: None,
-            asked: String::new(),
-            identity: None,
-            why: "not connected yet".to_owned(),
-            ready_at_s: f64::NEG_INFINITY,
+            shared: Arc::new(shared),
+            handle: 1,
         }
+    }
+
+    /// A second handle on the same connection, whose waits count on `clock`.
+    #[must_use]
+    pub fn share(&self, clock: &Clock) -> Self {
+        Self {
+            options: LinkOptions {
+                clock: clock.clone(),
+                ..self.options.clone()
+            },
+            shared: self.shared.clone(),
+            handle: self.shared.handles.fetch_add(1, Ordering::Relaxed) + 1,
+        }
+    }
+
+    /// Keeps every other handle out until [`Link::release`]: their exchanges fail with
+    /// [`LinkError::TakenOver`], the one in work after 0.3 s.
+    pub fn take_over(&self) {
+        self.shared.speaker.store(self.handle, Ordering::SeqCst);
+        self.shared.speaker_changed.notify_waiters();
+    }
+
+    /// Lets every handle speak again.
+    pub fn release(&self) {
+        self.shared.speaker.store(SHARED, Ordering::SeqCst);
     }
 
     /// The instrument's name on this bench.
@@ -109,9 +161,13 @@ impl Link {
         &self.options.profile
     }
 
-    /// The link answers nothing until it is reconnected.
+    /// The link answers nothing until it is reconnected. A connection on which another handle has
+    /// an exchange in work is not dropped.
     pub fn is_dropped(&self) -> bool {
-        self.connection.is_none()
+        self.shared
+            .conversation
+            .try_lock()
+            .is_ok_and(|conversation| conversation.connection.is_none())
     }
 
     /// Reconnects and sends nothing. A serial line must first be silent for the longest time that
@@ -122,24 +178,7 @@ impl Link {
     /// # Errors
     /// As [`Link::open`], and [`LinkError::NotCleared`]; the link stays dropped then.
     pub async fn reconnect(&mut self) -> Result<(), LinkError> {
-        if let Some(stalled) = self.stalled.take() {
-            match self.recover(stalled).await {
-                Ok(()) => return Ok(()),
-                Err(error) => self.drop_connection(&error),
-            }
-        }
-        let quiet = self.options.profile.quiet.max(self.options.profile.timeout);
-        self.connect(quiet).await?;
-        match self
-            .connection
-            .take_if(|connection| connection.can_be_cleared())
-        {
-            Some(connection) => self
-                .recover(connection)
-                .await
-                .inspect_err(|error| self.drop_connection(error)),
-            None => Ok(()),
-        }
+        exchange!(self, |conversation| conversation.reconnect())
     }
 
     /// Sends a message that has no answer, then empties the error queue where the profile names
@@ -171,7 +210,7 @@ impl Link {
     /// # Errors
     /// As [`Link::query`], without a deadline for an answer.
     pub async fn send_unchecked(&mut self, message: &str) -> Result<(), LinkError> {
-        self.tell(message).await
+        exchange!(self, |conversation| conversation.tell(message))
     }
 
     /// Sends a message whose last argument is data as it is, without a block's header. Nothing is
@@ -181,20 +220,7 @@ impl Link {
     /// [`LinkError::Malformed`] for data with a byte that would end the message; else as
     /// [`Link::send_unchecked`].
     pub async fn send_data(&mut self, head: &str, data: &[u8]) -> Result<(), LinkError> {
-        // The grammar sees a number in the place of the data.
-        self.guard(&format!("{head}0"), false)?;
-        if let Some(byte) = data.iter().find(|byte| ENDS_MESSAGES.contains(byte)) {
-            let reason =
-                format!("expected data without the byte {byte:#04x}, which would end the message");
-            return Err(LinkError::Malformed {
-                link: self.link(),
-                message: head.to_owned(),
-                reason,
-            });
-        }
-        let mut connection = self.begin(head)?;
-        let sent = self.hand_over_data(&mut connection, head, data).await;
-        self.finish(connection, sent)
+        exchange!(self, |conversation| conversation.send_data(head, data))
     }
 
     /// Asks and waits for a line.
@@ -205,14 +231,7 @@ impl Link {
     /// [`LinkError::Dropped`] when it was dropped before; [`LinkError::Unsendable`] when `message`
     /// is not printable ASCII.
     pub async fn query(&mut self, message: &str) -> Result<String, LinkError> {
-        let answer = self
-            .ask(message, Expect::Line)
-            .await
-            .map(Response::into_text)?;
-        if message == "*IDN?" {
-            self.identity = Some(answer.clone());
-        }
-        Ok(answer)
+        exchange!(self, |conversation| conversation.query(message))
     }
 
     /// Asks and waits for a block; answers its payload.
@@ -220,9 +239,9 @@ impl Link {
     /// # Errors
     /// As [`Link::query`], with the deadline for blocks.
     pub async fn query_block(&mut self, message: &str) -> Result<Vec<u8>, LinkError> {
-        self.ask(message, Expect::Block)
-            .await
-            .map(Response::into_bytes)
+        exchange!(self, |conversation| conversation
+            .ask(message, Expect::Block))
+        .map(Response::into_bytes)
     }
 
     /// Sets something and reads it back. `accept` says of the answer what was expected instead.
@@ -253,360 +272,48 @@ impl Link {
     /// As [`Link::query`], and [`LinkError::ErrorQueue`], which drops the link, when the answer is
     /// no entry.
     pub async fn drain_errors(&mut self) -> Result<Vec<ErrorEntry>, LinkError> {
-        let mut entries = Vec::new();
-        let Some(error_query) = self.options.profile.error_query else {
-            return Ok(entries);
-        };
-        while entries.len() < MAX_QUEUED_ERRORS {
-            let answer = self.query(error_query).await?;
-            match status::parse_error(&answer) {
-                Ok(entry) if entry.is_ok() => break,
-                Ok(entry) => entries.push(entry),
-                Err(source) => {
-                    let error = LinkError::ErrorQueue {
-                        link: self.link(),
-                        message: error_query.to_owned(),
-                        source,
-                    };
-                    self.drop_connection(&error);
-                    return Err(error);
-                }
+        exchange!(self, |conversation| conversation.drain_errors())
+    }
+
+    /// Waits until this handle may speak.
+    async fn turn(&self) -> Result<MutexGuard<'_, Conversation>, LinkError> {
+        if self.is_kept_out() {
+            return Err(self.taken_over());
+        }
+        let mut conversation = self.shared.conversation.lock().await;
+        if self.is_kept_out() {
+            return Err(self.taken_over());
+        }
+        conversation.options.clock.clone_from(&self.options.clock);
+        Ok(conversation)
+    }
+
+    fn is_kept_out(&self) -> bool {
+        let speaker = self.shared.speaker.load(Ordering::SeqCst);
+        speaker != SHARED && speaker != self.handle
+    }
+
+    /// Returns when the exchange in work must give way to the handle that has taken over.
+    async fn taken_away(&self) {
+        loop {
+            let changed = self.shared.speaker_changed.notified();
+            if self.is_kept_out() {
+                break;
             }
+            changed.await;
         }
-        Ok(entries)
+        let _ = self
+            .options
+            .clock
+            .deadline(LAST_WORDS, std::future::pending::<()>())
+            .await;
     }
 
-    async fn connect(&mut self, quiet: Duration) -> Result<(), LinkError> {
-        (self.connection, self.stalled) = (None, None);
-        self.why = "connecting was abandoned".to_owned();
-        match self.try_connect(quiet).await {
-            Ok(connection) => {
-                self.connection = Some(connection);
-                self.remark(&format!("connected to {}", self.options.address));
-                Ok(())
-            }
-            Err(error) => {
-                self.drop_connection(&error);
-                Err(error)
-            }
-        }
-    }
-
-    async fn try_connect(&self, quiet: Duration) -> Result<Connection, LinkError> {
-        let LinkOptions {
-            address,
-            profile,
-            clock,
-            hub,
-            ..
-        } = &self.options;
-        if clock.mode() == TimeMode::Virtual && !matches!(address, Address::Memory { .. }) {
-            return Err(LinkError::VirtualTime {
-                link: self.link(),
-                address: address.clone(),
-            });
-        }
-        let deadline = profile.first_timeout;
-        let channel = match clock
-            .deadline(deadline, transport::connect(address, hub))
-            .await
-        {
-            Err(_) => {
-                return Err(LinkError::ConnectTimeout {
-                    link: self.link(),
-                    address: address.clone(),
-                    deadline,
-                });
-            }
-            Ok(opened) => opened.map_err(|source| LinkError::Connect {
-                link: self.link(),
-                source,
-            })?,
-        };
-        let mut connection = Connection::new(channel, profile.decoder_options());
-        if connection.is_serial() {
-            self.wait_for_silence(&mut connection, quiet).await?;
-        }
-        self.leave_nothing_behind(&mut connection).await?;
-        Ok(connection)
-    }
-
-    async fn wait_for_silence(
-        &self,
-        connection: &mut Connection,
-        quiet: Duration,
-    ) -> Result<(), LinkError> {
-        const MAX_INTERRUPTIONS: usize = 50;
-        for _ in 0..MAX_INTERRUPTIONS {
-            match self
-                .options
-                .clock
-                .deadline(quiet, connection.read_more(quiet))
-                .await
-            {
-                Err(_) => return Ok(()),
-                Ok(read) => read.map_err(|broken| self.error(broken, "connecting"))?,
-            }
-            self.drain(connection, "connecting").await?;
-        }
-        Err(LinkError::Noise {
-            link: self.link(),
-            message: "connecting".to_owned(),
-            bytes: MAX_INTERRUPTIONS,
-        })
-    }
-
-    #[tracing::instrument(
-        name = "exchange",
-        level = "trace",
-        skip_all,
-        fields(otel.kind = "client", eis_bench.instrument = %self.options.name, eis_bench.message = %message)
-    )]
-    async fn tell(&mut self, message: &str) -> Result<(), LinkError> {
-        self.guard(message, false)?;
-        let mut connection = self.begin(message)?;
-        let handed_over = self.hand_over(&mut connection, message).await;
-        self.finish(connection, handed_over)
-    }
-
-    #[tracing::instrument(
-        name = "exchange",
-        level = "trace",
-        skip_all,
-        fields(otel.kind = "client", eis_bench.instrument = %self.options.name, eis_bench.message = %message)
-    )]
-    async fn ask(&mut self, message: &str, expect: Expect) -> Result<Response, LinkError> {
-        self.guard(message, true)?;
-        let mut connection = self.begin(message)?;
-        let answer = match self.hand_over(&mut connection, message).await {
-            Ok(()) => self.wait_for_answer(&mut connection, message, expect).await,
-            Err(error) => Err(error),
-        };
-        self.finish(connection, answer)
-    }
-
-    fn guard(&self, message: &str, answered: bool) -> Result<(), LinkError> {
-        let LinkProfile {
-            grammar,
-            never_sent,
-            ..
-        } = self.options.profile;
-        let text = || excerpt(message.as_bytes());
-        if message.is_empty()
-            || !message
-                .bytes()
-                .all(|byte| byte == b' ' || byte.is_ascii_graphic())
-        {
-            return Err(LinkError::Unsendable {
-                link: self.link(),
-                message: text(),
-            });
-        }
-        guard::judge(grammar, never_sent, message, answered).map_err(|refusal| match refusal {
-            Refusal::Malformed(reason) => LinkError::Malformed {
-                link: self.link(),
-                message: text(),
-                reason,
-            },
-            Refusal::Forbidden(header) => LinkError::Forbidden {
-                link: self.link(),
-                message: text(),
-                header,
-            },
-        })
-    }
-
-    fn begin(&mut self, message: &str) -> Result<Connection, LinkError> {
-        let Some(connection) = self.connection.take() else {
-            return Err(LinkError::Dropped {
-                link: self.link(),
-                why: self.why.clone(),
-            });
-        };
-        self.why = format!("`{message}` was abandoned before it was done");
-        message.clone_into(&mut self.asked);
-        Ok(connection)
-    }
-
-    fn finish<T>(
-        &mut self,
-        connection: Connection,
-        outcome: Result<T, LinkError>,
-    ) -> Result<T, LinkError> {
-        match &outcome {
-            Ok(_) => self.connection = Some(connection),
-            Err(error) => {
-                self.drop_connection(error);
-                let is_overdue = matches!(
-                    error,
-                    LinkError::Timeout { .. } | LinkError::WriteTimeout { .. }
-                );
-                self.stalled =
-                    Some(connection).filter(|connection| is_overdue && connection.can_be_cleared());
-            }
-        }
-        outcome
-    }
-
-    async fn hand_over(
-        &mut self,
-        connection: &mut Connection,
-        message: &str,
-    ) -> Result<(), LinkError> {
-        self.hand_over_data(connection, message, &[]).await
-    }
-
-    async fn hand_over_data(
-        &mut self,
-        connection: &mut Connection,
-        message: &str,
-        data: &[u8],
-    ) -> Result<(), LinkError> {
-        let LinkProfile {
-            terminator,
-            timeout: deadline,
-            min_gap,
-            write_gap,
-            ..
-        } = self.options.profile;
-        let clock = self.options.clock.clone();
-        clock.sleep_s(self.ready_at_s - clock.now_s()).await;
-        self.drain(connection, message).await?;
-        let payload = if data.is_empty() {
-            Payload::Text(message.to_owned())
-        } else {
-            Payload::Block(BlockRecord::new(message, data))
-        };
-        self.record(Direction::Sent, payload);
-        let bytes = [message.as_bytes(), data, terminator.bytes()].concat();
-        let timed_out = |_| LinkError::WriteTimeout {
-            link: self.link(),
-            message: message.to_owned(),
-            deadline,
-        };
-        let written = clock
-            .deadline(deadline, connection.write(&bytes))
-            .await
-            .map_err(timed_out)?;
-        written.map_err(|broken| self.error(broken, message))?;
-        self.ready_at_s = clock.now_s() + min_gap.max(write_gap).as_secs_f64();
-        Ok(())
-    }
-
-    async fn wait_for_answer(
-        &mut self,
-        connection: &mut Connection,
-        message: &str,
-        expect: Expect,
-    ) -> Result<Response, LinkError> {
-        let LinkProfile {
-            first_timeout,
-            timeout,
-            block_timeout,
-            min_gap,
-            ..
-        } = self.options.profile;
-        let clock = self.options.clock.clone();
-        let usual = if expect == Expect::Block {
-            block_timeout
-        } else {
-            timeout
-        };
-        let deadline = if connection.has_answered {
-            usual
-        } else {
-            usual.max(first_timeout)
-        };
-        let timed_out = |_| LinkError::Timeout {
-            link: self.link(),
-            message: message.to_owned(),
-            deadline,
-        };
-        let read = clock
-            .deadline(deadline, connection.read(expect, deadline))
-            .await
-            .map_err(timed_out)?;
-        let answer = read.map_err(|broken| self.error(broken, message))?;
-        self.record(Direction::Received, payload_of(&answer));
-        self.ready_at_s = clock.now_s() + min_gap.as_secs_f64();
-        Ok(answer)
-    }
-
-    /// Throws away bytes that came unasked: they are no answer to the next question.
-    async fn drain(&self, connection: &mut Connection, message: &str) -> Result<(), LinkError> {
-        let unasked = connection
-            .drain()
-            .await
-            .map_err(|broken| self.error(broken, message))?;
-        if !unasked.is_empty() {
-            tracing::warn!(
-                link = %self.options.name,
-                bytes = unasked.len(),
-                found = %excerpt(&unasked),
-                before = message,
-                "unasked bytes were thrown away"
-            );
-            let is_short = unasked.len() <= INLINE_BLOCK_BYTES;
-            let payload = if is_short {
-                Payload::Text(text_of(&unasked))
-            } else {
-                Payload::Block(BlockRecord::new("", &unasked))
-            };
-            self.record(Direction::Unsolicited, payload);
-        }
-        Ok(())
-    }
-
-    fn drop_connection(&mut self, error: &LinkError) {
-        self.connection = None;
-        self.why = error.to_string();
-        tracing::warn!(link = %self.options.name, %error, "the link is dropped");
-        self.remark(&format!("dropped: {error}"));
-    }
-
-    fn error(&self, broken: Broken, message: &str) -> LinkError {
-        let (link, message) = (self.link(), message.to_owned());
-        match broken {
-            Broken::Closed => LinkError::Closed { link, message },
-            Broken::Io(source) => LinkError::Io {
-                link,
-                message,
-                source,
-            },
-            Broken::Garbage(source) => LinkError::Garbage {
-                link,
-                message,
-                source,
-            },
-            Broken::Noise(bytes) => LinkError::Noise {
-                link,
-                message,
-                bytes,
-            },
-        }
-    }
-
-    fn remark(&self, text: &str) {
-        self.record(Direction::Remark, Payload::Text(text.to_owned()));
-    }
-
-    fn record(&self, direction: Direction, payload: Payload) {
-        self.options.tap.record(&Record {
-            time_s: self.options.clock.now_s(),
-            link: self.link(),
-            direction,
-            payload,
-        });
+    fn taken_over(&self) -> LinkError {
+        LinkError::TakenOver { link: self.link() }
     }
 
     fn link(&self) -> String {
         self.options.name.clone()
-    }
-}
-
-fn payload_of(answer: &Response) -> Payload {
-    match answer {
-        Response::Line(line) => Payload::Text(line.clone()),
-        Response::Block { prefix, payload } => Payload::Block(BlockRecord::new(prefix, payload)),
     }
 }

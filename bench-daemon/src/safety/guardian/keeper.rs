@@ -104,16 +104,17 @@ impl Keeper {
     /// Suffix of a guardian's refusal that is due to a fault of the wire, which may pass.
     pub const MAY_PASS: &str = "may pass";
 
-    /// Starts a guardian and waits until it has proven that it can reach its instruments. `clock`
-    /// is the executor's, whose progress renews the lease.
+    /// Starts a guardian and waits until it has proven that it can reach its instruments. `clocks`
+    /// are those of the procedure and of the watch, whose progress renews the lease.
     ///
     /// # Errors
     /// Any failure to watch.
     pub async fn start(
         charge: &Charge<'_>,
-        clock: &Clock,
+        clocks: [&Clock; 2],
         doing: &Doing,
     ) -> Result<Self, GuardianError> {
+        let [clock, _] = clocks;
         let mut child = spawn(charge).map_err(GuardianError::Start)?;
         let pid = child.id();
         let (Some(stdin), Some(stdout)) = (child.stdin.take(), child.stdout.take()) else {
@@ -128,7 +129,7 @@ impl Keeper {
         });
         let stall_s = charge.bench.guardian.stall_s;
         let renewal = Renewal {
-            clock: clock.clone(),
+            clocks: clocks.map(Clock::clone),
             doing: doing.clone(),
             stall_s,
             answers,
@@ -266,7 +267,7 @@ fn listen(
 }
 
 struct Renewal {
-    clock: Clock,
+    clocks: [Clock; 2],
     doing: Doing,
     stall_s: f64,
     answers: Arc<AtomicU64>,
@@ -274,9 +275,13 @@ struct Renewal {
 }
 
 impl Renewal {
-    /// Next message to the guardian; `None` while the executor hangs.
+    /// Next message to the guardian; `None` while the procedure or the watch hangs.
     fn message(&self, known: &mut Option<Now>) -> Option<String> {
-        if self.clock.overdue_s() > self.stall_s {
+        if self
+            .clocks
+            .iter()
+            .any(|clock| clock.overdue_s() > self.stall_s)
+        {
             return None;
         }
         let now = self.doing.now();
@@ -340,11 +345,13 @@ mod tests {
                 Clock::start(TimeMode::Virtual),
                 Clock::start(TimeMode::Virtual),
             );
+            let watch = clock.apart();
+            let _idle = watch.wait(None);
             let progress = Progress::new(&Plan { stages: Vec::new() });
             let (tell, _heard) = unbounded_channel();
             let doing = progress.doing().clone();
             let renewal = Renewal {
-                clock: clock.clone(),
+                clocks: [clock.clone(), watch.clone()],
                 doing,
                 stall_s: 20.0,
                 answers: Arc::default(),

@@ -104,7 +104,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The link's; a read-back that differs; manual mode, unless it stands still already.
     pub async fn stop(&mut self) -> Result<(), LinkError> {
-        self.expected = ExpectedAnswers::default();
+        self.expect_nothing().await;
         let stopped = self.play(&self.dialect.run(None)).await;
         if let Err(LinkError::ReadBack { .. }) = &stopped {
             let status = self.status().await?;
@@ -135,8 +135,8 @@ impl Instrument<dyn Dialect> {
     }
 
     /// It was started at this set-point by another process: what must still be so. Sends nothing.
-    pub fn was_left_at(&mut self, setpoint: Celsius) {
-        self.expected = if self.is_regulated() {
+    pub async fn was_left_at(&self, setpoint: Celsius) {
+        *self.expected.lock().await = if self.is_regulated() {
             ExpectedAnswers::default()
         } else {
             ExpectedAnswers::of(&self.dialect.run(Some(setpoint)))

@@ -8,7 +8,7 @@ use instruments_domain::units::Volts;
 use instruments_link::link::LinkError;
 
 use crate::{
-    exchange::{Answer, ExpectedAnswers, forget_errors, look},
+    exchange::{Answer, forget_errors, look},
     instrument::Instrument,
 };
 pub use contract::{Capabilities, Dialect, Sine, Wave};
@@ -33,7 +33,7 @@ impl Instrument<dyn Dialect> {
     /// The link's; a read-back that differs.
     pub async fn sine(&mut self, sine: &Sine) -> Result<(), LinkError> {
         let script = self.dialect.sine(self.output_channel(), sine);
-        self.forget_signal();
+        self.forget_signal().await;
         match self.tell(&script).await {
             // The amplitude is clamped by the offset that it finds and the other way round; once
             // more, and each finds the new one.
@@ -54,7 +54,7 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::sine`].
     pub async fn wave(&mut self, wave: &Wave) -> Result<(), LinkError> {
         let script = self.dialect.wave(self.output_channel(), wave);
-        self.forget_signal();
+        self.forget_signal().await;
         self.tell(&script).await
     }
 
@@ -80,7 +80,7 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::sine`].
     pub async fn quiet(&mut self, offset: Volts) -> Result<(), LinkError> {
         let script = self.dialect.quiet(self.output_channel(), offset);
-        self.forget_signal();
+        self.forget_signal().await;
         self.play_all(&script).await
     }
 
@@ -91,7 +91,7 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::sine`].
     pub async fn direct(&mut self, offset: Volts) -> Result<(), LinkError> {
         let script = self.dialect.direct(self.output_channel(), offset);
-        self.forget_signal();
+        self.forget_signal().await;
         self.tell(&script).await
     }
 
@@ -111,7 +111,7 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::sine`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         let script = self.dialect.output(self.output_channel(), false);
-        self.expected = ExpectedAnswers::default();
+        self.expect_nothing().await;
         self.play_all(&script).await
     }
 
@@ -125,9 +125,9 @@ impl Instrument<dyn Dialect> {
     }
 
     /// Forgets what is known of the signal, but not of the output.
-    fn forget_signal(&mut self) {
+    async fn forget_signal(&self) {
         let script = self.dialect.output(self.output_channel(), true);
-        self.expected.keep(&script);
+        self.expected.lock().await.keep(&script);
     }
 
     /// The first of the channels in use; 1 where none was named.

@@ -30,12 +30,13 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The first message that was refused or whose read-back was wrong.
     pub async fn prepare(&mut self, discharge: &Discharge) -> Result<(), LinkError> {
+        let mut expected = self.expected.clone().lock_owned().await;
+        *expected = ExpectedAnswers::default();
         self.play(&self.dialect.input(false)).await?;
-        self.expected = ExpectedAnswers::default();
         let script = self.dialect.prepare(discharge);
         self.play(&script).await?;
-        self.expected.add_bounds(&script, self.dialect.bounds());
-        self.expected.add(&self.dialect.level(discharge.draw));
+        expected.add_bounds(&script, self.dialect.bounds());
+        expected.add(&self.dialect.level(discharge.draw));
         Ok(())
     }
 
@@ -68,7 +69,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
-        self.expected = ExpectedAnswers::default();
+        self.expect_nothing().await;
         self.play_all(&self.dialect.input(false)).await
     }
 

@@ -4,11 +4,16 @@ mod contract;
 mod keysight_34970a;
 mod siglent_sdm;
 
+use std::sync::PoisonError;
+
 use instruments_domain::units::Celsius;
 use instruments_link::link::LinkError;
 use instruments_scpi::message::{Field, parse_response};
 
-use crate::{exchange::forget_errors, instrument::Instrument};
+use crate::{
+    exchange::forget_errors,
+    instrument::{Instrument, Scan},
+};
 pub use contract::Dialect;
 
 /// Every known model.
@@ -52,7 +57,12 @@ impl Instrument<dyn Dialect> {
                         .filter(|reading: &f64| reading.is_finite())
                         .map(Celsius)
                 };
-                Ok(self.channels.iter().map(celsius).collect())
+                let scanned: Vec<Option<Celsius>> = self.channels.iter().map(celsius).collect();
+                *self.scanned.lock().unwrap_or_else(PoisonError::into_inner) = Some(Scan {
+                    cell: scanned.first().copied().flatten(),
+                    answered_s: self.link.clock().machine_s(),
+                });
+                Ok(scanned)
             }
             _ => {
                 let expected = format!("{} readings", self.ascending().len());
@@ -64,6 +74,11 @@ impl Instrument<dyn Dialect> {
                 ))
             }
         }
+    }
+
+    /// The last scan, by whichever handle.
+    pub fn last_scan(&self) -> Option<Scan> {
+        *self.scanned.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn ascending(&self) -> Vec<u16> {

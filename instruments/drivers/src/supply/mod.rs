@@ -9,7 +9,7 @@ use instruments_domain::units::{Amps, Volts};
 use instruments_link::link::LinkError;
 
 use crate::{
-    exchange::{Answer, ExpectedAnswers, Way, forget_errors, look},
+    exchange::{Answer, Way, forget_errors, look},
     instrument::Instrument,
 };
 pub use contract::{Capabilities, Charge, Dialect};
@@ -35,9 +35,9 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The first message that was refused or whose read-back was wrong.
     pub async fn prepare(&mut self, charge: &Charge) -> Result<(), LinkError> {
+        self.expect_nothing().await;
         forget_errors(&mut self.link).await?;
         self.play(&self.dialect.output(false)).await?;
-        self.expected = ExpectedAnswers::default();
         self.tell(&self.dialect.prepare(charge)).await
     }
 
@@ -62,7 +62,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
-        self.expected = ExpectedAnswers::default();
+        self.expect_nothing().await;
         self.play_all(&self.dialect.output(false)).await
     }
 

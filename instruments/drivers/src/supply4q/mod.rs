@@ -36,12 +36,13 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The first message that was refused or whose read-back was wrong.
     pub async fn prepare(&mut self, limits: &Limits) -> Result<(), LinkError> {
+        let mut expected = self.expected.clone().lock_owned().await;
+        *expected = ExpectedAnswers::default();
         forget_errors(&mut self.link).await?;
         self.play(&self.dialect.output(false)).await?;
         let script = self.dialect.prepare(limits);
         self.play(&script).await?;
-        self.expected = ExpectedAnswers::default();
-        self.expected.add_bounds(&script, self.dialect.bounds());
+        expected.add_bounds(&script, self.dialect.bounds());
         Ok(())
     }
 
@@ -60,7 +61,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`]; everything is sent whatever fails in between.
     pub async fn safe(&mut self) -> Result<(), LinkError> {
-        self.expected = ExpectedAnswers::default();
+        self.expect_nothing().await;
         let off = self.play_all(&self.dialect.output(false)).await;
         let digital = self.play_all(&self.dialect.analog(false)).await;
         off.and(digital)

@@ -32,6 +32,12 @@ pub enum LinkError {
         /// The deadline that passed.
         deadline: Duration,
     },
+    /// Another handle of the same link has taken over, to switch the instrument off.
+    #[error("{link}: another task has taken over the connection, to switch the instrument off")]
+    TakenOver {
+        /// The instrument.
+        link: String,
+    },
     /// Virtual time jumps ahead while a real port has an answer under way.
     #[error("{link}: expected a memory: address in virtual time, found {address}")]
     VirtualTime {

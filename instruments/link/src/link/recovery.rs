@@ -7,7 +7,7 @@
 
 use instruments_scpi::{excerpt, status, text_of};
 
-use super::{Connection, Link, LinkError};
+use super::{LinkError, connection::Connection, conversation::Conversation};
 use crate::{
     clock::Clock,
     link::Grammar,
@@ -23,7 +23,7 @@ const IDENTITY: &str = "*IDN?";
 /// answered by `1`.
 const COMPLETION: &str = "*OPC?";
 
-impl Link {
+impl Conversation {
     /// Puts a connection on which an exchange failed, or one in its place, back into use.
     pub(super) async fn recover(&mut self, mut connection: Connection) -> Result<(), LinkError> {
         self.clear(&mut connection).await?;

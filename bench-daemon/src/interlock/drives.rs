@@ -1,0 +1,82 @@
+//! The instruments that can drive a current and measure it themselves.
+
+/// Instruments that have a meter of their own current, in the order of [`Drive::ALL`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Drive {
+    /// The bipolar supply; charge is positive.
+    Supply4q,
+    /// The load; what it draws is positive.
+    Load,
+    /// The charger; what it delivers is positive.
+    Supply,
+}
+
+impl Drive {
+    /// Every drive.
+    pub const ALL: [Self; 3] = [Self::Supply4q, Self::Load, Self::Supply];
+
+    /// The name of its role in the bench file.
+    pub fn role(self) -> &'static str {
+        match self {
+            Self::Supply4q => "supply4q",
+            Self::Load => "load",
+            Self::Supply => "supply",
+        }
+    }
+
+    /// The quantity that its meter shows, for messages.
+    pub fn current(self) -> &'static str {
+        match self {
+            Self::Supply4q => "current of the bipolar supply",
+            Self::Load => "current of the load",
+            Self::Supply => "current of the charger",
+        }
+    }
+}
+
+/// The drives that a step uses; all others must carry no current.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Drives {
+    /// The bipolar supply.
+    pub supply4q: bool,
+    /// The load.
+    pub load: bool,
+    /// The charger.
+    pub supply: bool,
+}
+
+impl Drives {
+    /// The bipolar supply alone.
+    pub const SUPPLY4Q: Self = Self {
+        supply4q: true,
+        load: false,
+        supply: false,
+    };
+    /// The load alone.
+    pub const LOAD: Self = Self {
+        supply4q: false,
+        load: true,
+        supply: false,
+    };
+    /// The charger alone.
+    pub const SUPPLY: Self = Self {
+        supply4q: false,
+        load: false,
+        supply: true,
+    };
+    /// Load and charger by turns.
+    pub const LOAD_AND_SUPPLY: Self = Self {
+        supply4q: false,
+        load: true,
+        supply: true,
+    };
+
+    /// Whether the step uses a drive.
+    pub fn uses(self, drive: Drive) -> bool {
+        match drive {
+            Drive::Supply4q => self.supply4q,
+            Drive::Load => self.load,
+            Drive::Supply => self.supply,
+        }
+    }
+}

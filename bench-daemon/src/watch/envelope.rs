@@ -1,0 +1,203 @@
+//! What may flow at the moment: the limits against which the watch holds every reading.
+
+use crate::interlock::{Allowance, CURRENT_MARGIN, Drive, Drives, NO_CURRENT_A};
+
+/// What may flow.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Envelope {
+    /// Least and greatest current of each drive, A, in the direction that its meter counts.
+    amps: [(f64, f64); 3],
+    used: Drives,
+    /// Least and greatest voltage of the cell, V, while it is in the jig and a current may flow.
+    volts: Option<(f64, f64)>,
+    /// Least and greatest temperature of the cell, °C.
+    degc: (f64, f64),
+}
+
+impl Envelope {
+    /// Nothing may flow, and nothing is known of a cell.
+    pub fn nothing() -> Self {
+        Self {
+            amps: [(-NO_CURRENT_A, NO_CURRENT_A); 3],
+            used: Drives::default(),
+            volts: None,
+            degc: (f64::NEG_INFINITY, f64::INFINITY),
+        }
+    }
+
+    /// What a step allows.
+    pub fn of(allowance: &Allowance) -> Self {
+        let limits = &allowance.limits;
+        let (charge_a, discharge_a) = (
+            CURRENT_MARGIN * limits.charge_a,
+            CURRENT_MARGIN * limits.discharge_a,
+        );
+        let used = |drive| allowance.live && allowance.drives.uses(drive);
+        let amps = Drive::ALL.map(|drive| match drive {
+            _ if !used(drive) => (-NO_CURRENT_A, NO_CURRENT_A),
+            Drive::Supply4q => (-discharge_a, charge_a),
+            Drive::Load => (-NO_CURRENT_A, discharge_a),
+            Drive::Supply => (-NO_CURRENT_A, charge_a),
+        });
+        Self {
+            amps,
+            used: if allowance.live {
+                allowance.drives
+            } else {
+                Drives::default()
+            },
+            volts: (allowance.live && allowance.cell).then_some((limits.min_v, limits.max_v)),
+            degc: (limits.min_c, limits.max_c),
+        }
+    }
+
+    /// Whatever one of two allows, for the moment in which one follows the other.
+    #[must_use]
+    pub fn or(self, other: Self) -> Self {
+        let wider = |one: (f64, f64), other: (f64, f64)| (one.0.min(other.0), one.1.max(other.1));
+        Self {
+            amps: [0, 1, 2].map(|at| wider(self.amps[at], other.amps[at])),
+            used: Drives {
+                supply4q: self.used.supply4q || other.used.supply4q,
+                load: self.used.load || other.used.load,
+                supply: self.used.supply || other.used.supply,
+            },
+            volts: self
+                .volts
+                .zip(other.volts)
+                .map(|(one, other)| wider(one, other)),
+            degc: wider(self.degc, other.degc),
+        }
+    }
+
+    /// Least and greatest current of a drive, A.
+    pub fn amps(&self, drive: Drive) -> (f64, f64) {
+        self.amps[drive as usize]
+    }
+
+    /// Whether the step uses a drive.
+    pub fn uses(&self, drive: Drive) -> bool {
+        self.used.uses(drive)
+    }
+
+    /// Whether a current may flow.
+    pub fn is_live(&self) -> bool {
+        self.used != Drives::default()
+    }
+
+    /// Least and greatest voltage of the cell, V, where it is judged.
+    pub fn volts(&self) -> Option<(f64, f64)> {
+        self.volts
+    }
+
+    /// Least and greatest temperature of the cell, °C.
+    pub fn degc(&self) -> (f64, f64) {
+        self.degc
+    }
+}
+
+/// The envelope in force. After a change both envelopes hold until the procedure has seen that the
+/// new one is kept, but for a bounded time.
+#[derive(Debug)]
+pub(super) struct InForce {
+    present: Envelope,
+    before: Option<(Envelope, f64)>,
+}
+
+impl InForce {
+    pub(super) fn new() -> Self {
+        Self {
+            present: Envelope::nothing(),
+            before: None,
+        }
+    }
+
+    /// From now on `next` holds, and what held before until `until_s`.
+    pub(super) fn change(&mut self, next: Envelope, until_s: f64) {
+        if next != self.present {
+            self.before = Some((self.present, until_s));
+            self.present = next;
+        }
+    }
+
+    /// The procedure has read a current that the present envelope allows.
+    pub(super) fn settle(&mut self) {
+        self.before = None;
+    }
+
+    /// What holds for a reading that was asked for at `asked_s`.
+    pub(super) fn at(&mut self, asked_s: f64) -> Envelope {
+        match self.before {
+            Some((before, until_s)) if asked_s <= until_s => self.present.or(before),
+            Some(_) => {
+                self.before = None;
+                self.present
+            }
+            None => self.present,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::interlock::Limits;
+
+    const CELL: Limits = Limits {
+        min_v: 2.5,
+        max_v: 4.2,
+        charge_a: 13.5,
+        discharge_a: 45.0,
+        min_c: 0.0,
+        max_c: 60.0,
+    };
+
+    fn allowing(drives: Drives, charge_a: f64, discharge_a: f64) -> Envelope {
+        Envelope::of(&Allowance {
+            live: true,
+            drives,
+            ..Allowance::idle(CELL.bounded(charge_a, discharge_a))
+        })
+    }
+
+    #[test]
+    fn a_step_allows_current_in_the_drives_that_it_uses_and_in_no_other() {
+        let nothing = (-NO_CURRENT_A, NO_CURRENT_A);
+        for (drives, expected) in [
+            (Drives::SUPPLY4Q, [(-2.04, 1.02), nothing, nothing]),
+            (Drives::LOAD, [nothing, (-NO_CURRENT_A, 2.04), nothing]),
+            (Drives::SUPPLY, [nothing, nothing, (-NO_CURRENT_A, 1.02)]),
+            (Drives::default(), [nothing; 3]),
+        ] {
+            let envelope = allowing(drives, 1.0, 2.0);
+            assert_eq!(Drive::ALL.map(|drive| envelope.amps(drive)), expected);
+            assert_eq!(envelope.is_live(), drives != Drives::default());
+        }
+        let idle = Envelope::of(&Allowance {
+            drives: Drives::LOAD,
+            ..Allowance::idle(CELL)
+        });
+        assert_eq!(idle.amps(Drive::Load), nothing);
+        assert_eq!(idle.volts(), None);
+    }
+
+    #[test]
+    fn two_envelopes_hold_until_the_new_one_is_seen_or_time_is_up() {
+        let (wide, narrow) = (
+            allowing(Drives::SUPPLY4Q, 5.0, 5.0),
+            allowing(Drives::SUPPLY4Q, 1.0, 1.0),
+        );
+        let mut force = InForce::new();
+        force.change(wide, 1.0);
+        force.change(narrow, 10.0);
+        assert_eq!(force.at(9.0).amps(Drive::Supply4q), (-5.1, 5.1));
+        force.settle();
+        assert_eq!(force.at(9.0).amps(Drive::Supply4q), (-1.02, 1.02));
+        force.change(wide, 20.0);
+        force.change(narrow, 30.0);
+        assert_eq!(force.at(31.0).amps(Drive::Supply4q), (-1.02, 1.02));
+        // The same envelope again does not bring the one before back.
+        force.change(narrow, 90.0);
+        assert_eq!(force.at(40.0).amps(Drive::Supply4q), (-1.02, 1.02));
+    }
+}

@@ -1,0 +1,159 @@
+//! Judges the readings of one drive. A single reading that no current explains is asked again at
+//! once: one glitch of a meter ends no run.
+
+use instruments::instrument::Measured;
+
+use super::envelope::Envelope;
+use crate::interlock::{Drive, Trip};
+
+/// Two readings beyond the envelope within this time end the run, s: a slow sinusoid of too large
+/// an amplitude is beyond it near its crests only.
+const MEMORY_S: f64 = 3.0;
+
+/// What follows from a reading.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Judgement {
+    /// It is within the envelope.
+    Within,
+    /// It is not, for the first time: it is asked again at once.
+    AskAgain,
+    /// It is not, again.
+    Beyond(Trip),
+}
+
+/// Readings of one drive beyond the envelope.
+#[derive(Debug)]
+pub(super) struct Judge {
+    drive: Drive,
+    /// This meter's voltage is that of the cell.
+    reads_cell: bool,
+    /// When a reading was beyond the envelope last, s.
+    beyond_s: Option<f64>,
+}
+
+impl Judge {
+    pub(super) fn new(drive: Drive, reads_cell: bool) -> Self {
+        Self {
+            drive,
+            reads_cell,
+            beyond_s: None,
+        }
+    }
+
+    /// Judges a reading; `time_s` is bench time, for the message.
+    pub(super) fn judge(
+        &mut self,
+        reading: &Measured,
+        envelope: &Envelope,
+        time_s: f64,
+    ) -> Judgement {
+        let Some(trip) = self.trip(reading, envelope, time_s) else {
+            return Judgement::Within;
+        };
+        let since_s = self
+            .beyond_s
+            .replace(reading.answered_s)
+            .map_or(f64::INFINITY, |before_s| reading.answered_s - before_s);
+        if since_s <= MEMORY_S {
+            Judgement::Beyond(trip)
+        } else {
+            Judgement::AskAgain
+        }
+    }
+
+    fn trip(&self, reading: &Measured, envelope: &Envelope, time_s: f64) -> Option<Trip> {
+        let what = if envelope.uses(self.drive) {
+            "cell current"
+        } else {
+            self.drive.current()
+        };
+        let volts = envelope
+            .volts()
+            .filter(|_| self.reads_cell)
+            .map(|limits| ("cell voltage", reading.volts.value(), "V", limits));
+        let amps = (what, reading.amps.value(), "A", envelope.amps(self.drive));
+        std::iter::once(amps)
+            .chain(volts)
+            .find_map(|(what, value, unit, (least, greatest))| {
+                (!(least..=greatest).contains(&value)).then_some(Trip::Limit {
+                    what,
+                    value,
+                    unit,
+                    least,
+                    greatest,
+                    time_s,
+                })
+            })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use instruments::units::{Amps, Volts};
+
+    use super::*;
+    use crate::interlock::{Allowance, Drives, Limits};
+
+    fn judged(readings: &[(f64, f64, f64)]) -> Vec<&'static str> {
+        let limits = Limits {
+            min_v: 2.5,
+            max_v: 4.2,
+            charge_a: 1.2,
+            discharge_a: 1.2,
+            min_c: 0.0,
+            max_c: 60.0,
+        };
+        let envelope = Envelope::of(&Allowance {
+            live: true,
+            drives: Drives::SUPPLY4Q,
+            ..Allowance::idle(limits)
+        });
+        let mut judge = Judge::new(Drive::Supply4q, true);
+        readings
+            .iter()
+            .map(|(time_s, volts, amps)| {
+                let reading = Measured {
+                    volts: Volts(*volts),
+                    amps: Amps(*amps),
+                    asked_s: *time_s,
+                    answered_s: *time_s,
+                };
+                match judge.judge(&reading, &envelope, *time_s) {
+                    Judgement::Within => "within",
+                    Judgement::AskAgain => "again",
+                    Judgement::Beyond(_) => "beyond",
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn one_reading_is_asked_again_and_a_second_one_ends_the_run() {
+        for (readings, expected) in [
+            (vec![(0.0, 3.7, 1.2), (0.5, 3.7, -1.2)], vec!["within"; 2]),
+            (
+                vec![(0.0, 3.7, 1.9), (0.1, 3.7, 1.0), (4.0, 3.7, 1.9)],
+                vec!["again", "within", "again"],
+            ),
+            (
+                vec![(0.0, 3.7, 1.9), (0.1, 3.7, 1.9)],
+                vec!["again", "beyond"],
+            ),
+            // A crest of a slow sinusoid, and the next one.
+            (
+                vec![(0.0, 3.7, 1.9), (1.0, 3.7, 0.3), (2.5, 3.7, -1.9)],
+                vec!["again", "within", "beyond"],
+            ),
+            (
+                vec![(0.0, 4.3, 1.0), (0.2, 4.3, 1.0)],
+                vec!["again", "beyond"],
+            ),
+            (
+                vec![(0.0, 3.7, f64::NAN), (0.2, 3.7, f64::NAN)],
+                vec!["again", "beyond"],
+            ),
+        ] {
+            assert_eq!(judged(&readings), expected, "{readings:?}");
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! How fast the watch reads, and the bound that follows from the speed of the meters: from a cause
+//! to no current.
+
+use crate::{
+    config::{self, ANSWER_S, Experiment},
+    interlock::Drive,
+};
+
+/// Aim for the time between two readings of a drive, s.
+const PERIOD_S: f64 = 0.5;
+/// Time in which an output that is switched off loses its current, and in which threads and
+/// connections take turns, s.
+const MARGIN_S: f64 = 1.0;
+/// Answers between a cause and no current at worst: the one in work of the procedure, the current,
+/// the current once more, and two that switch off.
+const ANSWERS: f64 = 5.0;
+/// Answers that may pass without a reading, beside [`MARGIN_S`].
+const ANSWERS_WITHOUT: f64 = 4.0;
+/// Answers that it may take to set what a step needs.
+const ANSWERS_TO_SET: f64 = 12.0;
+
+/// Pace of the watch of one bench.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pace {
+    /// Longest usual time in which the meter of each drive answers, s.
+    pub answers_s: [f64; 3],
+    /// Longest time without a temperature while a current may flow, s.
+    pub temperature_age_s: f64,
+}
+
+impl Pace {
+    /// The pace for an experiment.
+    pub fn of(experiment: &Experiment) -> Self {
+        let config::Instruments {
+            supply4q,
+            load,
+            supply,
+            ..
+        } = &experiment.bench.instruments;
+        Self {
+            answers_s: [supply4q, load, supply]
+                .map(|one| one.as_ref().map_or(ANSWER_S, |one| one.answer_s)),
+            temperature_age_s: experiment.cell.interlock.temperature_age_s,
+        }
+    }
+
+    /// Refuses a bench whose meters are too slow for the cell.
+    ///
+    /// # Errors
+    /// The bound, and what the cell file allows.
+    pub fn check(&self, experiment: &Experiment) -> Result<(), String> {
+        let (bound_s, most_s) = (self.bound_s(), experiment.cell.interlock.reading_age_s);
+        if bound_s <= most_s {
+            return Ok(());
+        }
+        Err(format!(
+            "expected the watch to end a current within {most_s} s (interlock.reading_age_max of the \
+            cell), found {bound_s:.1} s: {}",
+            self.describe(&experiment.bench.instruments)
+        ))
+    }
+
+    /// The bound in words, with the answer times that it follows from.
+    pub fn describe(&self, instruments: &config::Instruments) -> String {
+        let config::Instruments {
+            supply4q,
+            load,
+            supply,
+            ..
+        } = instruments;
+        let answers: Vec<String> = Drive::ALL
+            .into_iter()
+            .zip([supply4q, load, supply])
+            .filter(|(_, present)| present.is_some())
+            .map(|(drive, _)| format!("{} {} s", drive.role(), self.answers_s[drive as usize]))
+            .collect();
+        format!(
+            "watch: from a cause to no current within {:.1} s (usual time of an answer: {})",
+            self.bound_s(),
+            answers.join(", ")
+        )
+    }
+
+    /// The slowest meter.
+    fn slowest_s(&self) -> f64 {
+        self.answers_s.iter().copied().fold(ANSWER_S, f64::max)
+    }
+
+    /// Time between two readings of a drive, s.
+    pub(super) fn period_s(&self) -> f64 {
+        PERIOD_S
+    }
+
+    /// Longest time without a reading of a drive in use, s.
+    pub fn blind_s(&self, drive: Drive) -> f64 {
+        MARGIN_S + ANSWERS_WITHOUT * self.answers_s[drive as usize].max(ANSWER_S)
+    }
+
+    /// Longest time from a cause that a meter shows at once to no current, s.
+    pub fn bound_s(&self) -> f64 {
+        PERIOD_S + MARGIN_S + ANSWERS * self.slowest_s()
+    }
+
+    /// How long the envelope of the step before may hold, s.
+    pub(super) fn settle_s(&self) -> f64 {
+        MARGIN_S + ANSWERS_TO_SET * self.slowest_s()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_bound_follows_the_slowest_meter() {
+        for (answer_s, bound_s, blind_s) in [
+            (0.1, 3.0, 2.2),
+            (0.3, 3.0, 2.2),
+            (1.0, 6.5, 5.0),
+            (2.0, 11.5, 9.0),
+        ] {
+            let pace = Pace {
+                answers_s: [ANSWER_S, answer_s, ANSWER_S],
+                temperature_age_s: 60.0,
+            };
+            assert!((pace.bound_s() - bound_s).abs() < 1e-9);
+            assert!((pace.blind_s(Drive::Load) - blind_s).abs() < 1e-9);
+        }
+    }
+}

@@ -1,0 +1,356 @@
+//! The work of the watch: one loop for each meter, one for settings, one for ages. The first alarm
+//! ends all of them.
+
+use std::{
+    cell::{Cell, RefCell},
+    future::pending,
+    sync::Arc,
+};
+
+use instruments::{
+    clock::{Clock, TimeMode},
+    instrument::Measured,
+    logger::Logger,
+};
+use tokio::sync::watch;
+
+use super::{
+    Alarm, Pace, Shared,
+    envelope::Envelope,
+    judge::{Judge, Judgement},
+    locked,
+};
+use crate::{
+    bench::{Bench, Driven, Instruments, SafeReport},
+    interlock::{Drive, Trip},
+};
+
+/// Ticks of a period: how finely it is seen that the procedure has read a meter.
+const TICKS: f64 = 5.0;
+/// Least period on the machine's clock, s: scaled time must not drown the ports.
+const LEAST_PERIOD_S: f64 = 0.05;
+/// Time between two scans of the thermometers, s.
+const TEMPERATURE_S: f64 = 5.0;
+/// A drive that no step uses and that is not read for this long is remarked, s.
+const UNREAD_S: f64 = 5.0;
+/// Longest search for the setting that explains a trip, s.
+const CAUSE: std::time::Duration = std::time::Duration::from_millis(300);
+/// The instruments whose settings are compared, in the order of their turns. The generator has no
+/// meter and is asked twice as often as any other.
+const TURNS: [&str; 8] = [
+    "generator",
+    "supply4q",
+    "generator",
+    "load",
+    "generator",
+    "supply",
+    "generator",
+    "chiller",
+];
+
+/// Everything that the loops of one watch share.
+pub(super) struct Rounds {
+    pub(super) bench: Bench,
+    pub(super) shared: Arc<Shared>,
+    pub(super) clock: Clock,
+    pub(super) pace: Pace,
+}
+
+impl Rounds {
+    /// Watches until an alarm or until it is stopped. After an alarm everything is switched off
+    /// before this returns.
+    pub(super) async fn keep(
+        mut self,
+        found: watch::Sender<Option<Alarm>>,
+        mut stopped: watch::Receiver<bool>,
+    ) -> (Bench, Option<SafeReport>) {
+        let alarm = tokio::select! {
+            alarm = self.alarm() => alarm,
+            _ = stopped.wait_for(|stopped| *stopped) => return (self.bench, None),
+        };
+        tracing::warn!("the watch: {alarm}");
+        self.bench.take_over();
+        found.send_replace(Some(alarm));
+        let report = self.bench.patient_safe_state().await;
+        (self.bench, Some(report))
+    }
+
+    async fn alarm(&mut self) -> Alarm {
+        let (mut settings, mut causes) =
+            (self.bench.share(&self.clock), self.bench.share(&self.clock));
+        let Instruments {
+            supply4q,
+            load,
+            supply,
+            logger,
+            ..
+        } = &mut self.bench.instruments;
+        let watched = Watched::new(
+            &self.shared,
+            &self.clock,
+            self.pace,
+            [supply4q.is_some(), load.is_some(), supply.is_some()],
+        );
+        let alarm = tokio::select! {
+            alarm = watched.follow(Drive::Supply4q, supply4q.as_mut()) => alarm,
+            alarm = watched.follow(Drive::Load, load.as_mut()) => alarm,
+            alarm = watched.follow(Drive::Supply, supply.as_mut()) => alarm,
+            alarm = watched.follow_temperature(logger.as_mut()) => alarm,
+            alarm = watched.compare_settings(&mut settings) => alarm,
+            alarm = watched.judge_ages() => alarm,
+        };
+        match alarm {
+            Alarm::Trip(trip) => Alarm::Trip(trip.because(watched.find_cause(&mut causes).await)),
+            other => other,
+        }
+    }
+}
+
+/// State of the loops; they run on one thread.
+struct Watched<'a> {
+    shared: &'a Shared,
+    clock: &'a Clock,
+    pace: Pace,
+    /// Machine seconds to one bench second.
+    machine_per_bench: f64,
+    present: [bool; 3],
+    /// Time since the last reading of each drive, s in which the watch could run.
+    ages_s: [Cell<f64>; 3],
+    /// The last error of each drive's link.
+    troubles: [RefCell<String>; 3],
+    temperature_age_s: Cell<f64>,
+}
+
+impl<'a> Watched<'a> {
+    fn new(shared: &'a Shared, clock: &'a Clock, pace: Pace, present: [bool; 3]) -> Self {
+        let machine_per_bench = match clock.mode() {
+            TimeMode::Scaled(factor) => 1.0 / factor,
+            TimeMode::Real | TimeMode::Virtual => 1.0,
+        };
+        Self {
+            shared,
+            clock,
+            pace,
+            machine_per_bench,
+            present,
+            ages_s: Default::default(),
+            troubles: Default::default(),
+            temperature_age_s: Cell::new(0.0),
+        }
+    }
+
+    /// Period of the readings on the machine's clock, s.
+    fn period_s(&self) -> f64 {
+        (self.pace.period_s() * self.machine_per_bench).max(LEAST_PERIOD_S)
+    }
+
+    /// Sleeps for machine seconds.
+    async fn sleep_s(&self, machine_s: f64) {
+        self.clock.sleep_s(machine_s / self.machine_per_bench).await;
+    }
+
+    async fn tick(&self) {
+        self.sleep_s(self.period_s() / TICKS).await;
+    }
+
+    fn envelope(&self, asked_s: f64) -> Envelope {
+        locked(&self.shared.force).at(asked_s)
+    }
+
+    /// The meter that sees the cell itself: the load's leads, or else the bipolar supply's.
+    fn reads_cell(&self, drive: Drive) -> bool {
+        match drive {
+            Drive::Load => true,
+            Drive::Supply4q => !self.present[Drive::Load as usize],
+            Drive::Supply => false,
+        }
+    }
+
+    /// Judges each reading of a drive, by whoever asked for it, and asks when the procedure does
+    /// not.
+    async fn follow<D: Driven>(&self, drive: Drive, meter: Option<&mut D>) -> Alarm {
+        let Some(meter) = meter else {
+            return pending().await;
+        };
+        let mut judge = Judge::new(drive, self.reads_cell(drive));
+        let (mut judged_s, mut at_once) = (None, true);
+        loop {
+            let theirs = meter
+                .last_measured()
+                .filter(|reading| judged_s.is_none_or(|judged_s| reading.answered_s > judged_s));
+            let age_s =
+                judged_s.map_or(f64::INFINITY, |judged_s| self.clock.machine_s() - judged_s);
+            let (reading, own) = match theirs {
+                Some(reading) if !at_once => (reading, false),
+                _ if !at_once && age_s < self.period_s() => {
+                    self.tick().await;
+                    continue;
+                }
+                _ => match self.read(drive, meter).await {
+                    Some(reading) => (reading, true),
+                    None => continue,
+                },
+            };
+            self.count(drive, &reading, judged_s, own);
+            judged_s = Some(reading.answered_s);
+            let envelope = self.envelope(reading.asked_s);
+            match judge.judge(&reading, &envelope, self.clock.now_s()) {
+                Judgement::Within => at_once = false,
+                Judgement::AskAgain => at_once = true,
+                Judgement::Beyond(trip) => return Alarm::Trip(trip),
+            }
+        }
+    }
+
+    /// Reads a drive. A link that fails is connected anew, and its instrument identified.
+    async fn read<D: Driven>(&self, drive: Drive, meter: &mut D) -> Option<Measured> {
+        match meter.read().await {
+            Ok(_) => meter.last_measured(),
+            Err(error) => {
+                self.troubles[drive as usize].replace(error.to_string());
+                if meter.is_dropped()
+                    && let Err(error) = meter.in_step().await
+                {
+                    self.troubles[drive as usize].replace(error.to_string());
+                    self.tick().await;
+                }
+                None
+            }
+        }
+    }
+
+    fn count(&self, drive: Drive, reading: &Measured, judged_s: Option<f64>, own: bool) {
+        self.ages_s[drive as usize].set(0.0);
+        locked(&self.shared.log).count(
+            drive,
+            judged_s.map(|judged_s| reading.answered_s - judged_s),
+            reading.answered_s - reading.asked_s,
+            own,
+        );
+    }
+
+    /// Judges the cell's temperature, by whoever asked for it.
+    async fn follow_temperature(&self, logger: Option<&mut Logger>) -> Alarm {
+        let Some(logger) = logger else {
+            return pending().await;
+        };
+        let (mut judged_s, mut beyond, mut ready) = (f64::NEG_INFINITY, false, false);
+        loop {
+            self.tick().await;
+            let due = self.clock.machine_s() - judged_s > TEMPERATURE_S;
+            if logger
+                .last_scan()
+                .is_none_or(|scan| scan.answered_s <= judged_s)
+            {
+                if !due && !beyond {
+                    continue;
+                }
+                if !ready {
+                    ready = logger.configure().await.is_ok();
+                }
+                if logger.scan().await.is_err() {
+                    // The procedure's next reading, or its age, ends the run.
+                    self.sleep_s(TEMPERATURE_S).await;
+                    continue;
+                }
+            }
+            let Some(scan) = logger.last_scan() else {
+                continue;
+            };
+            judged_s = scan.answered_s;
+            self.temperature_age_s.set(0.0);
+            let Some(degc) = scan.cell.map(|celsius| celsius.value()) else {
+                continue;
+            };
+            let (least, greatest) = self.envelope(judged_s).degc();
+            if (least..=greatest).contains(&degc) {
+                beyond = false;
+            } else if std::mem::replace(&mut beyond, true) {
+                return Alarm::Trip(Trip::Limit {
+                    what: "cell temperature",
+                    value: degc,
+                    unit: "°C",
+                    least,
+                    greatest,
+                    time_s: self.clock.now_s(),
+                });
+            }
+        }
+    }
+
+    /// Asks one instrument after the other whether one of its settings is still as this run has
+    /// made it.
+    async fn compare_settings(&self, bench: &mut Bench) -> Alarm {
+        for turn in 0_usize.. {
+            self.sleep_s(self.period_s() / 2.0).await;
+            let role = TURNS[turn % TURNS.len()];
+            if let Ok(Some(met)) = bench.differs_one(role, turn / TURNS.len()).await {
+                return Alarm::Meddled { role, met };
+            }
+        }
+        pending().await
+    }
+
+    /// The setting that explains a trip, as far as the instruments answer at once.
+    async fn find_cause(&self, bench: &mut Bench) -> Option<String> {
+        let asked = async {
+            for role in ["generator", "supply4q", "load", "supply", "chiller"] {
+                if let Ok(Some(met)) = bench.differs(role).await {
+                    return Some(Alarm::Meddled { role, met }.to_string());
+                }
+            }
+            None
+        };
+        self.clock.deadline(CAUSE, asked).await.ok().flatten()
+    }
+
+    /// Judges the time without a reading. Time in which the machine did not run the watch does not
+    /// count: the guardian's lease bounds it.
+    async fn judge_ages(&self) -> Alarm {
+        let mut last_s = self.clock.machine_s();
+        let mut remarked = [false; 3];
+        loop {
+            self.tick().await;
+            let now_s = self.clock.machine_s();
+            let passed_s = (now_s - last_s).min(2.0 * self.period_s() / TICKS);
+            last_s = now_s;
+            let envelope = self.envelope(now_s);
+            for drive in Drive::ALL {
+                let at = drive as usize;
+                if !self.present[at] {
+                    continue;
+                }
+                let age_s = self.ages_s[at].get() + passed_s;
+                self.ages_s[at].set(age_s);
+                let limit_s = self.pace.blind_s(drive);
+                if envelope.uses(drive) && age_s > limit_s {
+                    return Alarm::Blind {
+                        role: drive.role(),
+                        age_s,
+                        limit_s,
+                        why: self.troubles[at].borrow().clone(),
+                    };
+                }
+                self.remark(drive, age_s, &mut remarked[at]);
+            }
+            self.temperature_age_s
+                .set(self.temperature_age_s.get() + passed_s);
+        }
+    }
+
+    /// Remarks a drive that no step uses and that does not answer.
+    fn remark(&self, drive: Drive, age_s: f64, remarked: &mut bool) {
+        if age_s < UNREAD_S {
+            *remarked = false;
+        } else if !std::mem::replace(remarked, true) {
+            let text = format!(
+                "the {} was not read for more than {UNREAD_S} s from {:.0} s on: {}",
+                drive.current(),
+                self.clock.now_s() - age_s / self.machine_per_bench,
+                self.troubles[drive as usize].borrow()
+            );
+            tracing::warn!("the watch: {text}");
+            locked(&self.shared.log).remarks.push(text);
+        }
+    }
+}

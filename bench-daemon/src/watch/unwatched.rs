@@ -1,0 +1,36 @@
+//! What the watch cannot see on a bench, so that a person knows it before the run.
+
+use crate::config::{Experiment, Jig};
+
+/// What nothing on this bench measures a second time, as sentences.
+pub fn unwatched(experiment: &Experiment) -> Vec<String> {
+    let instruments = &experiment.bench.instruments;
+    let mut lines = Vec::new();
+    if instruments.supply.is_some() {
+        lines.push(
+            "the charger's current: only its own meter measures it. A charger that shows its \
+            setting instead of its current is seen by the cell's voltage alone"
+                .to_owned(),
+        );
+    }
+    if instruments.load.is_some() {
+        lines.push("the load's current: only its own meter measures it".to_owned());
+    }
+    if instruments.load.is_none() && instruments.supply4q.is_some() {
+        lines.push(
+            "the cell's voltage at its terminals: without a load the bipolar supply measures it, \
+            with the drop of its leads"
+                .to_owned(),
+        );
+    }
+    if instruments.logger.is_none() {
+        lines.push("the cell's temperature: the bench has no logger".to_owned());
+    }
+    if matches!(&instruments.jig, Some(Jig::Device(_))) {
+        lines.push(
+            "the relays of the jig: they are switched without a feedback of their position"
+                .to_owned(),
+        );
+    }
+    lines
+}
