@@ -13,6 +13,7 @@ pub mod replay;
 use std::{
     fs::{File, OpenOptions, TryLockError},
     io::{self, Write},
+    os::unix::fs::MetadataExt,
     path::{Path, PathBuf},
 };
 
@@ -234,7 +235,15 @@ pub trait Durable: Write + Send {
 
 impl Durable for File {
     fn sync(&mut self) -> io::Result<()> {
-        self.sync_data()
+        self.sync_data()?;
+        // What is written into a deleted file is lost when it is closed.
+        if self.metadata()?.nlink() == 0 {
+            return Err(io::Error::new(
+                io::ErrorKind::NotFound,
+                "the run folder was deleted while the run was going on",
+            ));
+        }
+        Ok(())
     }
 }
 

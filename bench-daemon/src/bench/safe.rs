@@ -15,7 +15,7 @@ use super::{
     output::{LEAST_SINE, Output, SafeReport, Unsafe},
     roles::{Instruments, fresh},
 };
-use crate::interlock::NO_CURRENT_A;
+use crate::interlock::{Drive, NO_CURRENT_A};
 
 /// How often safe state is tried again, and the pause before each, s.
 const SAFE_RETRIES: usize = 5;
@@ -229,6 +229,29 @@ impl Bench {
         read!("load", load);
         read!("supply", supply);
         found
+    }
+
+    /// Voltage, V, and current, A, by a drive's own meter.
+    ///
+    /// # Errors
+    /// [`BenchError::Missing`] where the bench lacks it; inside, the link's.
+    pub async fn read(
+        &mut self,
+        drive: Drive,
+    ) -> Result<Result<(f64, f64), LinkError>, BenchError> {
+        macro_rules! read {
+            ($field:ident) => {
+                match self.instruments.$field.as_mut() {
+                    Some(instrument) => Ok(instrument.read().await),
+                    None => Err(BenchError::Missing { role: drive.role() }),
+                }
+            };
+        }
+        match drive {
+            Drive::Supply4q => read!(supply4q),
+            Drive::Load => read!(load),
+            Drive::Supply => read!(supply),
+        }
     }
 
     async fn try_safe(&mut self) -> Vec<Output> {

@@ -15,7 +15,7 @@ use super::{
 use crate::{
     config::LOAD_CUT_OFF_V,
     executor::thermostat::Thermostat,
-    interlock::Reading,
+    interlock::{Drive, Reading},
     journal::{Note, NoteKind},
     plan::{CampaignRun, Missed, Step},
     record::Event,
@@ -128,12 +128,7 @@ impl Rig<'_> {
     }
 
     pub(super) async fn load_volts(&mut self) -> Result<(f64, f64), ExecuteError> {
-        let error = self.bench.error("load");
-        let (volts, amps) = require(&mut self.bench.instruments.load, "load")?
-            .measure()
-            .await
-            .map_err(error)?;
-        Ok((volts.value(), amps.value()))
+        self.read_drive(Drive::Load).await
     }
 }
 
@@ -281,31 +276,27 @@ impl Executor<'_> {
             self.rig.clock.sleep_s(POLL_S).await;
             // The supply has no sense leads: the load's, with its input off, see the cell itself.
             let (volts, drawn_a) = self.rig.load_volts().await?;
-            let (terminal, amps) = require(&mut self.rig.bench.instruments.supply, "supply")?
-                .measure()
-                .await
-                .map_err(&error)?;
+            let (terminal_v, amps) = self.rig.read_drive(Drive::Supply).await?;
             let temperature_c = self.rig.temperature_now_and_then().await?;
             let now_s = self.rig.clock.now_s();
             let reading = Reading {
                 time_s: now_s,
                 voltage_v: Some(volts),
-                current_a: Some(amps.value()),
+                current_a: Some(amps),
                 temperature_c,
             };
             self.rig.judge("charge", reading)?;
             self.rig.no_current(LOAD_CURRENT, drawn_a)?;
             self.rig.look_back().await?;
             self.rig.others_off(&["load", "supply"]).await?;
-            self.rig
-                .cross_check_charger(terminal.value(), volts, amps.value())?;
+            self.rig.cross_check_charger(terminal_v, volts, amps)?;
             if volts >= until_v {
                 break;
             }
             // Near the limit of the supply its current falls, as it should.
             if volts < limit_v - 0.1 {
                 self.rig
-                    .explained(follows("supply", poll, current_a, amps.value()))
+                    .explained(follows("supply", poll, current_a, amps))
                     .await?;
             }
             bound(step, now_s - start_s, max_s, || {
@@ -333,12 +324,8 @@ impl Executor<'_> {
         loop {
             self.rig.clock.sleep_s(REST_POLL_S).await;
             let (volts, drawn_a) = self.rig.load_volts().await?;
-            let error = self.rig.bench.error("supply");
-            let (_, fed) = require(&mut self.rig.bench.instruments.supply, "supply")?
-                .measure()
-                .await
-                .map_err(error)?;
-            let current_a = Some(fed.value() - drawn_a);
+            let (_, fed_a) = self.rig.read_drive(Drive::Supply).await?;
+            let current_a = Some(fed_a - drawn_a);
             let temperature_c = self.rig.temperature_now_and_then().await?;
             let now_s = self.rig.clock.now_s();
             self.rig.judge(
@@ -350,7 +337,7 @@ impl Executor<'_> {
                     temperature_c,
                 },
             )?;
-            self.rig.idle_meters(drawn_a, fed.value()).await?;
+            self.rig.idle_meters(drawn_a, fed_a).await?;
             window.push_back((now_s, volts));
             while window
                 .front()

@@ -16,7 +16,7 @@ use super::{
 };
 use crate::{
     config::LOAD_CUT_OFF_V,
-    interlock::Reading,
+    interlock::{Drive, Reading},
     plan::{Flow, Leg},
 };
 
@@ -129,14 +129,9 @@ impl Executor<'_> {
             self.rig.clock.sleep_s(POLL_S).await;
             let (volts, drawn_a) = self.rig.load_volts().await?;
             self.rig.no_current(LOAD_CURRENT, drawn_a)?;
-            let (terminal, fed) = require(&mut self.rig.bench.instruments.supply, "supply")?
-                .measure()
-                .await
-                .map_err(&error)?;
-            let fed_a = fed.value();
+            let (terminal_v, fed_a) = self.rig.read_drive(Drive::Supply).await?;
             self.keep("charge", &mut last_s, volts, fed_a).await?;
-            self.rig
-                .cross_check_charger(terminal.value(), volts, fed_a)?;
+            self.rig.cross_check_charger(terminal_v, volts, fed_a)?;
             let full = poll >= RISEN_POLLS && volts > limit_v - NEAR_LIMIT_V && fed_a <= cut_off_a;
             if full
                 || charge_c.is_some_and(|charge_c| self.direct.legs.charge_c - from_c >= charge_c)
@@ -164,13 +159,7 @@ impl Executor<'_> {
         while last_s - start_s < leg.max_s {
             self.rig.clock.sleep_s(POLL_S).await;
             let (volts, drawn_a) = self.rig.load_volts().await?;
-            let error = self.rig.bench.error("supply");
-            let fed_a = require(&mut self.rig.bench.instruments.supply, "supply")?
-                .measure()
-                .await
-                .map_err(error)?
-                .1
-                .value();
+            let (_, fed_a) = self.rig.read_drive(Drive::Supply).await?;
             let time_s = self.rig.clock.now_s();
             let temperature_c = self.rig.temperature_now_and_then().await?;
             let reading = Reading {

@@ -19,7 +19,7 @@ use super::{
     watch::{BELOW_GREATEST_V, LOAD_CURRENT},
 };
 use crate::{
-    interlock::Reading,
+    interlock::{Drive, Reading},
     plan::{Level, TracePlan},
 };
 
@@ -206,13 +206,9 @@ impl Rig<'_> {
             Flowing::Nothing => 0.0,
             Flowing::Load { .. } => -drawn_a,
             Flowing::Supply => {
-                let error = self.bench.error("supply");
-                let (terminal, fed) = require(&mut self.bench.instruments.supply, "supply")?
-                    .measure()
-                    .await
-                    .map_err(error)?;
-                terminal_v = Some(terminal.value());
-                fed.value()
+                let (volts, fed_a) = self.read_drive(Drive::Supply).await?;
+                terminal_v = Some(volts);
+                fed_a
             }
         };
         let now_s = self.clock.now_s();

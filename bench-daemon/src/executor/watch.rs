@@ -8,7 +8,7 @@ use instruments::{fixture::Fixture, link::LinkError};
 use super::{ExecuteError, POLL_S, Rig, require};
 use crate::{
     executor::thermostat::Action,
-    interlock::{Allowance, Mean, NO_CURRENT_A, Reading, Trip},
+    interlock::{Allowance, Drive, Mean, NO_CURRENT_A, Reading, Trip},
     plan::{Flow, Step},
     watch::Envelope,
 };
@@ -419,30 +419,25 @@ impl Rig<'_> {
     }
 
     pub(super) async fn read_supply4q(&mut self) -> Result<Reading, ExecuteError> {
-        let error = self.bench.error("supply4q");
         let start_s = self.clock.now_s();
-        let (mut volts, amps) = require(&mut self.bench.instruments.supply4q, "supply4q")?
-            .measure()
-            .await
-            .map_err(error)?;
+        let (mut volts, amps) = self.read_drive(Drive::Supply4q).await?;
         // The current is what was asked for last.
         let time_s = self.clock.now_s();
         self.watching.read_s = time_s - start_s;
         // The supply sees the drop of its leads; the load, with its input off, is a voltmeter at
         // the jig.
-        let error = self.bench.error("load");
-        if let Some(load) = self.bench.instruments.load.as_mut() {
-            let (seen, drawn) = load.measure().await.map_err(error)?;
+        if self.bench.instruments.load.is_some() {
+            let (seen, drawn_a) = self.read_drive(Drive::Load).await?;
             volts = seen;
-            self.watching.shown_v = Some(seen.value());
+            self.watching.shown_v = Some(seen);
             // As a voltmeter it draws nothing.
-            self.no_current(LOAD_CURRENT, drawn.value())?;
+            self.no_current(LOAD_CURRENT, drawn_a)?;
         }
         let temperature_c = self.temperature_now_and_then().await?;
         Ok(Reading {
             time_s,
-            voltage_v: Some(volts.value()),
-            current_a: Some(amps.value()),
+            voltage_v: Some(volts),
+            current_a: Some(amps),
             temperature_c,
         })
     }
@@ -500,25 +495,47 @@ impl Rig<'_> {
             return Ok(());
         }
         self.watching.others_s = self.clock.now_s();
-        macro_rules! off {
-            ($role:literal, $field:ident, $what:expr) => {
-                let error = self.bench.error($role);
-                if let Some(instrument) = self
-                    .bench
-                    .instruments
-                    .$field
-                    .as_mut()
-                    .filter(|_| !used.contains(&$role))
-                {
-                    let (_, amps) = instrument.measure().await.map_err(error)?;
-                    self.no_current($what, amps.value())?;
-                }
-            };
+        for drive in Drive::ALL {
+            if self.has_drive(drive) && !used.contains(&drive.role()) {
+                let (_, amps) = self.read_drive(drive).await?;
+                self.no_current(drive.current(), amps)?;
+            }
         }
-        off!("supply4q", supply4q, "current of the bipolar supply");
-        off!("load", load, LOAD_CURRENT);
-        off!("supply", supply, CHARGER_CURRENT);
         Ok(())
+    }
+
+    fn has_drive(&self, drive: Drive) -> bool {
+        let instruments = &self.bench.instruments;
+        match drive {
+            Drive::Supply4q => instruments.supply4q.is_some(),
+            Drive::Load => instruments.load.is_some(),
+            Drive::Supply => instruments.supply.is_some(),
+        }
+    }
+
+    /// Voltage, V, and current, A, by a drive's own meter. A reading that the step in work does not
+    /// allow is asked for once more: one glitch of a meter decides nothing.
+    pub(super) async fn read_drive(&mut self, drive: Drive) -> Result<(f64, f64), ExecuteError> {
+        let envelope = Envelope::of(self.interlock.allowance());
+        let limits = *self.interlock.limits();
+        let reads_cell = match drive {
+            Drive::Supply4q => self.bench.instruments.load.is_none(),
+            Drive::Load => true,
+            Drive::Supply => false,
+        };
+        let (least_a, greatest_a) = envelope.amps(drive);
+        let allowed = |(volts, amps): &(f64, f64)| {
+            (least_a..=greatest_a).contains(amps)
+                && (!reads_cell || (limits.min_v..=limits.max_v).contains(volts))
+        };
+        let error = self.bench.error(drive.role());
+        let first = self.bench.read(drive).await?.map_err(&error)?;
+        if allowed(&first) {
+            return Ok(first);
+        }
+        let again = self.bench.read(drive).await?.map_err(error)?;
+        tracing::info!("{}: read {first:?}, then {again:?} V and A", drive.role());
+        Ok(again)
     }
 
     /// The cell's temperature with every tenth reading, or earlier when it grows old.

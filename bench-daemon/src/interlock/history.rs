@@ -94,6 +94,11 @@ impl Interlock {
         self.charge.zero(zero_a);
     }
 
+    /// What the step in work allows.
+    pub fn allowance(&self) -> &Allowance {
+        &self.allowance
+    }
+
     /// Limits of each reading of the step in work.
     pub fn limits(&self) -> &Limits {
         &self.allowance.limits

@@ -255,3 +255,19 @@ fn of_two_that_go_on_with_one_run_the_second_is_refused() {
         assert!(Journal::reopen(folder.path(), &clock, &read).is_ok());
     });
 }
+
+#[test]
+fn a_journal_whose_folder_was_deleted_is_an_error_at_the_next_entry() {
+    let runtime = Clock::runtime(TimeMode::Real).unwrap();
+    let clock = runtime.block_on(async { Clock::start(TimeMode::Real) });
+    let folder = tempfile::tempdir().unwrap();
+    let mut journal = Journal::create(folder.path(), &clock).unwrap();
+    journal.write(Entry::Safe).unwrap();
+    std::fs::remove_dir_all(folder.path()).unwrap();
+    let error = journal.write(Entry::Safe).unwrap_err();
+    let text = crate::record::with_causes(&error);
+    assert!(
+        text.ends_with("the run folder was deleted while the run was going on"),
+        "{text}"
+    );
+}

@@ -158,7 +158,10 @@ impl Run<'_> {
         bench: &mut Bench,
         outcome: Result<Measured, Failure>,
     ) -> Result<Measured, Failure> {
+        // The procedure waits for the watch, which shows on the watch's own clock that it works.
+        let waits = self.clock.wait(None);
         let (alarm, log) = watch.end(bench).await;
+        drop(waits);
         for line in log.lines() {
             tracing::info!("{line}");
             // The reason for the end outweighs an event that cannot be written.

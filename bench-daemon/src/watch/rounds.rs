@@ -33,6 +33,8 @@ const LEAST_PERIOD_S: f64 = 0.05;
 const TEMPERATURE_S: f64 = 5.0;
 /// A drive that no step uses and that is not read for this long is remarked, s.
 const UNREAD_S: f64 = 5.0;
+/// Pause before an instrument that could not be reached is tried again, s.
+const REACH_AGAIN_S: f64 = 0.5;
 /// Longest search for the setting that explains a trip, s.
 const CAUSE: std::time::Duration = std::time::Duration::from_millis(300);
 /// The instruments whose settings are compared, in the order of their turns. The generator has no
@@ -212,7 +214,7 @@ impl<'a> Watched<'a> {
                     && let Err(error) = meter.in_step().await
                 {
                     self.troubles[drive as usize].replace(error.to_string());
-                    self.tick().await;
+                    self.sleep_s(REACH_AGAIN_S).await;
                 }
                 None
             }
