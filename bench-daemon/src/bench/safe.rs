@@ -2,7 +2,7 @@
 //! cell, and reads it back. An output that does not go off is brought to zero by the other ways
 //! that its dialect declares.
 
-use std::{collections::BTreeMap, time::Duration};
+use std::{collections::BTreeMap, future::pending, time::Duration};
 
 use instruments::{
     chiller::Chiller, clock::Clock, exchange::Way, generator::Generator, instrument::Measured,
@@ -23,6 +23,8 @@ const SAFE_PAUSE_S: f64 = 1.0;
 /// How long outputs that do not answer are tried again, s: a network that comes back within this time
 /// ends no run. What answers, and is not off, is wrong and not late.
 const OUTAGE_S: f64 = 30.0;
+/// Pause between two attempts then.
+const OUTAGE_PAUSE: Duration = Duration::from_secs(1);
 /// How often relays are opened again where everything else is off.
 const BATH_RETRIES: usize = 1;
 /// After this time no current may flow, s; what is read twice in a row as none, this far apart, is
@@ -39,6 +41,7 @@ const QUIET_DEADLINE: Duration = Duration::from_secs(2);
 pub(crate) trait Driven {
     async fn off(&mut self) -> Result<(), LinkError>;
     async fn read(&mut self) -> Result<(f64, f64), LinkError>;
+    async fn read_current(&mut self) -> Result<f64, LinkError>;
     fn ways(&self) -> Vec<Way>;
     async fn go_way(&mut self, way: &Way) -> Result<(), LinkError>;
     async fn told(&mut self) -> Vec<String>;
@@ -58,6 +61,10 @@ macro_rules! drives {
 
             async fn read(&mut self) -> Result<(f64, f64), LinkError> {
                 self.measure().await.map(|(volts, amps)| (volts.value(), amps.value()))
+            }
+
+            async fn read_current(&mut self) -> Result<f64, LinkError> {
+                self.measure_current().await.map(|amps| amps.value())
             }
 
             fn ways(&self) -> Vec<Way> {
@@ -132,7 +139,10 @@ impl Bench {
             if attempt > SAFE_RETRIES && !waits {
                 break;
             }
-            if attempt > 0 {
+            if attempt > SAFE_RETRIES {
+                // The network does not come back faster in scaled time.
+                let _ = self.clock.deadline(OUTAGE_PAUSE, pending::<()>()).await;
+            } else if attempt > 0 {
                 self.clock.sleep_s(SAFE_PAUSE_S).await;
             }
             let mut outputs = self.try_safe().await;
@@ -543,6 +553,10 @@ mod tests {
 
         async fn read(&mut self) -> Result<(f64, f64), LinkError> {
             Ok((3.7, self.amps))
+        }
+
+        async fn read_current(&mut self) -> Result<f64, LinkError> {
+            Ok(self.amps)
         }
 
         fn ways(&self) -> Vec<Way> {

@@ -24,8 +24,6 @@ pub struct Rig<'a> {
     pub(crate) recorder: &'a mut Recorder,
     /// Interlock with the allowance of the step in work.
     pub(super) interlock: Interlock,
-    /// The watch beside the procedure; `None` in virtual time, where the procedure makes its checks.
-    pub(super) watch: Option<WatchLink>,
     /// When what was read last.
     pub(super) watching: Watching,
     /// The cell's temperature and its bath.
@@ -45,7 +43,7 @@ impl<'a> Rig<'a> {
     ) -> Self {
         Self {
             bench,
-            setup: Setup::of(experiment),
+            setup: Setup::of(experiment, watch),
             clock,
             recorder,
             interlock: Interlock::new(
@@ -53,7 +51,6 @@ impl<'a> Rig<'a> {
                 experiment.cell.limits,
                 experiment.bench.instruments.logger.is_some(),
             ),
-            watch,
             watching: Watching::default(),
             temperatures: Temperatures::default(),
             driving: Driving::default(),

@@ -6,6 +6,7 @@ use crate::{
     config::{self, Experiment, Jig, Wiring},
     interlock::{Limits, Settings},
     plan::Specimen,
+    watch::WatchLink,
 };
 
 /// What a rig knows of bench and cell. No procedure decides it and it is the same for every step,
@@ -26,11 +27,13 @@ pub(super) struct Setup {
     pub(super) thermostat: config::Thermostat,
     /// A person changes what is in the jig.
     pub(super) person_clamps: bool,
+    /// The watch beside the procedure; `None` in virtual time, where the procedure makes its checks.
+    pub(super) watch: Option<WatchLink>,
 }
 
 impl Setup {
     /// Takes what describes bench and cell out of an experiment.
-    pub(super) fn of(experiment: &Experiment) -> Self {
+    pub(super) fn of(experiment: &Experiment, watch: Option<WatchLink>) -> Self {
         Self {
             cell: experiment.cell.name.clone(),
             specimen: experiment.specimen.clone(),
@@ -39,6 +42,7 @@ impl Setup {
             wiring: experiment.bench.wiring.clone(),
             thermostat: experiment.bench.thermostat,
             person_clamps: matches!(experiment.bench.instruments.jig, Some(Jig::Person)),
+            watch,
         }
     }
 }

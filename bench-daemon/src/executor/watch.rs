@@ -198,7 +198,7 @@ impl Rig<'_> {
     /// From now on an allowance holds, and the run folder tells its limits.
     pub(super) fn allow(&mut self, allowance: Allowance) {
         self.recorder.envelope(&allowance.limits);
-        if let Some(watch) = &self.watch {
+        if let Some(watch) = &self.setup.watch {
             watch.allow(Envelope::of(&allowance));
         }
         self.interlock.begin(allowance, self.clock.machine_s());
@@ -280,7 +280,7 @@ impl Rig<'_> {
     ///
     /// The watch does so by itself where there is one.
     pub(super) async fn look_back(&mut self) -> Result<(), ExecuteError> {
-        if self.watch.is_some() {
+        if self.setup.watch.is_some() {
             return Ok(());
         }
         for _ in 0..DRIVES {
@@ -491,7 +491,7 @@ impl Rig<'_> {
     ///
     /// The watch does so by itself where there is one.
     pub(super) async fn others_off(&mut self, used: &[&str]) -> Result<(), ExecuteError> {
-        if self.watch.is_some() || self.clock.now_s() - self.watching.others_s < POLL_S {
+        if self.setup.watch.is_some() || self.clock.now_s() - self.watching.others_s < POLL_S {
             return Ok(());
         }
         self.watching.others_s = self.clock.now_s();
@@ -646,7 +646,7 @@ impl Rig<'_> {
     /// A reading of the step in work was within its limits: what the step before allowed holds no
     /// longer.
     fn settle(&self) {
-        if let Some(watch) = &self.watch {
+        if let Some(watch) = &self.setup.watch {
             watch.settle();
         }
     }

@@ -93,7 +93,12 @@ impl Run<'_> {
         let watch_clock = self.clock.apart();
         let before_watch = watch_clock.wait(None);
         let mut lease = tokio::select! {
-            taken = BenchLease::take(self.experiment, self.recorder.folder(), [&self.clock, &watch_clock], progress.doing()) => taken?,
+            taken = BenchLease::take(
+                self.experiment,
+                self.recorder.folder(),
+                [&self.clock, &watch_clock],
+                progress.doing(),
+            ) => taken?,
             () = stop.requested() => return Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
         };
         let (mut bench, identities) = match self.open(&connections).await {

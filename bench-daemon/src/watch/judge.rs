@@ -15,8 +15,12 @@ const MEMORY_S: f64 = 3.0;
 pub(super) enum Judgement {
     /// It is within the envelope.
     Within,
-    /// It is not, for the first time: it is asked again at once.
-    AskAgain,
+    /// It is not, for the first time: it is asked again at once, with the voltage where that was
+    /// the cause.
+    AskAgain {
+        /// The voltage was beyond its limits.
+        volts: bool,
+    },
     /// It is not, again.
     Beyond(Trip),
 }
@@ -57,7 +61,9 @@ impl Judge {
         if since_s <= MEMORY_S {
             Judgement::Beyond(trip)
         } else {
-            Judgement::AskAgain
+            Judgement::AskAgain {
+                volts: matches!(trip, Trip::Limit { unit: "V", .. }),
+            }
         }
     }
 
@@ -70,7 +76,8 @@ impl Judge {
         let volts = envelope
             .volts()
             .filter(|_| self.reads_cell)
-            .map(|limits| ("cell voltage", reading.volts.value(), "V", limits));
+            .zip(reading.volts)
+            .map(|(limits, volts)| ("cell voltage", volts.value(), "V", limits));
         let amps = (what, reading.amps.value(), "A", envelope.amps(self.drive));
         std::iter::once(amps)
             .chain(volts)
@@ -113,14 +120,14 @@ mod tests {
             .iter()
             .map(|(time_s, volts, amps)| {
                 let reading = Measured {
-                    volts: Volts(*volts),
+                    volts: Some(Volts(*volts)),
                     amps: Amps(*amps),
                     asked_s: *time_s,
                     answered_s: *time_s,
                 };
                 match judge.judge(&reading, &envelope, *time_s) {
                     Judgement::Within => "within",
-                    Judgement::AskAgain => "again",
+                    Judgement::AskAgain { .. } => "again",
                     Judgement::Beyond(_) => "beyond",
                 }
             })

@@ -108,6 +108,17 @@ impl Rounds {
     }
 }
 
+/// What is read next of a drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Next {
+    /// Whatever the procedure has read, or the drive itself when it is due.
+    Usual,
+    /// Voltage and current, at once.
+    Volts,
+    /// The current, at once.
+    Amps,
+}
+
 /// State of the loops; they run on one thread.
 struct Watched<'a> {
     shared: &'a Shared,
@@ -120,7 +131,8 @@ struct Watched<'a> {
     ages_s: [Cell<f64>; 3],
     /// The last error of each drive's link.
     troubles: [RefCell<String>; 3],
-    temperature_age_s: Cell<f64>,
+    /// The same of the cell's temperature; none without a logger.
+    temperature_age_s: Cell<Option<f64>>,
 }
 
 impl<'a> Watched<'a> {
@@ -137,7 +149,7 @@ impl<'a> Watched<'a> {
             present,
             ages_s: Default::default(),
             troubles: Default::default(),
-            temperature_age_s: Cell::new(0.0),
+            temperature_age_s: Cell::new(None),
         }
     }
 
@@ -175,20 +187,20 @@ impl<'a> Watched<'a> {
             return pending().await;
         };
         let mut judge = Judge::new(drive, self.reads_cell(drive));
-        let (mut judged_s, mut at_once) = (None, true);
+        let (mut judged_s, mut next) = (None, Next::Volts);
         loop {
             let theirs = meter
                 .last_measured()
                 .filter(|reading| judged_s.is_none_or(|judged_s| reading.answered_s > judged_s));
             let age_s =
                 judged_s.map_or(f64::INFINITY, |judged_s| self.clock.machine_s() - judged_s);
-            let (reading, own) = match theirs {
-                Some(reading) if !at_once => (reading, false),
-                _ if !at_once && age_s < self.period_s() => {
+            let (reading, own) = match (theirs, next) {
+                (Some(reading), Next::Usual) => (reading, false),
+                (None, Next::Usual) if age_s < self.period_s() => {
                     self.tick().await;
                     continue;
                 }
-                _ => match self.read(drive, meter).await {
+                _ => match self.read(drive, meter, next).await {
                     Some(reading) => (reading, true),
                     None => continue,
                 },
@@ -197,17 +209,34 @@ impl<'a> Watched<'a> {
             judged_s = Some(reading.answered_s);
             let envelope = self.envelope(reading.asked_s);
             match judge.judge(&reading, &envelope, self.clock.now_s()) {
-                Judgement::Within => at_once = false,
-                Judgement::AskAgain => at_once = true,
+                Judgement::Within => next = Next::Usual,
+                Judgement::AskAgain { volts: true } => next = Next::Volts,
+                Judgement::AskAgain { volts: false } => next = Next::Amps,
                 Judgement::Beyond(trip) => return Alarm::Trip(trip),
             }
         }
     }
 
     /// Reads a drive. A link that fails is connected anew, and its instrument identified.
-    async fn read<D: Driven>(&self, drive: Drive, meter: &mut D) -> Option<Measured> {
-        match meter.read().await {
-            Ok(_) => meter.last_measured(),
+    async fn read<D: Driven>(&self, drive: Drive, meter: &mut D, next: Next) -> Option<Measured> {
+        // The voltage of the cell is asked for with every second reading.
+        let volts = match next {
+            Next::Usual => {
+                self.reads_cell(drive)
+                    && meter
+                        .last_measured()
+                        .is_none_or(|last| last.volts.is_none())
+            }
+            Next::Volts => true,
+            Next::Amps => false,
+        };
+        let read = if volts {
+            meter.read().await.map(|_| ())
+        } else {
+            meter.read_current().await.map(|_| ())
+        };
+        match read {
+            Ok(()) => meter.last_measured(),
             Err(error) => {
                 self.troubles[drive as usize].replace(error.to_string());
                 if meter.is_dropped()
@@ -236,6 +265,7 @@ impl<'a> Watched<'a> {
         let Some(logger) = logger else {
             return pending().await;
         };
+        self.temperature_age_s.set(Some(0.0));
         let (mut judged_s, mut beyond, mut ready) = (f64::NEG_INFINITY, false, false);
         loop {
             self.tick().await;
@@ -260,7 +290,7 @@ impl<'a> Watched<'a> {
                 continue;
             };
             judged_s = scan.answered_s;
-            self.temperature_age_s.set(0.0);
+            self.temperature_age_s.set(Some(0.0));
             let Some(degc) = scan.cell.map(|celsius| celsius.value()) else {
                 continue;
             };
@@ -335,9 +365,25 @@ impl<'a> Watched<'a> {
                 }
                 self.remark(drive, age_s, &mut remarked[at]);
             }
-            self.temperature_age_s
-                .set(self.temperature_age_s.get() + passed_s);
+            if let Some(trip) = self.judge_temperature_age(passed_s, &envelope) {
+                return Alarm::Trip(trip);
+            }
         }
+    }
+
+    /// Trips where the temperature of the cell is too old while a current may flow.
+    fn judge_temperature_age(&self, passed_s: f64, envelope: &Envelope) -> Option<Trip> {
+        let age_s = self.temperature_age_s.get()? + passed_s;
+        self.temperature_age_s.set(Some(age_s));
+        let greatest = self.pace.temperature_age_s;
+        (envelope.is_live() && age_s > greatest).then_some(Trip::Limit {
+            what: "time without a cell temperature",
+            value: age_s,
+            unit: "s",
+            least: 0.0,
+            greatest,
+            time_s: self.clock.now_s(),
+        })
     }
 
     /// Remarks a drive that no step uses and that does not answer.

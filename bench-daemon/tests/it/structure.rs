@@ -27,6 +27,7 @@ const DAEMON: &[&str] = &[
     "sim",
     "journal",
     "record",
+    "watch",
     "executor",
     "safety",
     "files",

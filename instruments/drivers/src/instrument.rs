@@ -96,8 +96,8 @@ pub struct Scan {
 /// A reading of an instrument's own meters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measured {
-    /// Voltage at its terminals or its sense leads, V.
-    pub volts: Volts,
+    /// Voltage at its terminals or its sense leads, V; none where the current alone was asked for.
+    pub volts: Option<Volts>,
     /// Current, in the direction that the role counts as positive, A.
     pub amps: Amps,
     /// When the current was asked for, s on the machine's clock.
@@ -216,8 +216,17 @@ impl<D: Model + ?Sized> Instrument<D> {
         [volts, amps]: [&str; 2],
     ) -> Result<(Volts, Amps), LinkError> {
         let volts = Volts(self.number(volts).await?);
+        Ok((volts, self.keep_amps(Some(volts), amps).await?))
+    }
+
+    /// Asks for a current, and keeps it as the last reading.
+    pub(crate) async fn keep_amps(
+        &mut self,
+        volts: Option<Volts>,
+        query: &str,
+    ) -> Result<Amps, LinkError> {
         let asked_s = self.link.clock().machine_s();
-        let amps = Amps(self.number(amps).await?);
+        let amps = Amps(self.number(query).await?);
         let measured = Measured {
             volts,
             amps,
@@ -225,7 +234,7 @@ impl<D: Model + ?Sized> Instrument<D> {
             answered_s: self.link.clock().machine_s(),
         };
         *self.measured.lock().unwrap_or_else(PoisonError::into_inner) = Some(measured);
-        Ok((volts, amps))
+        Ok(amps)
     }
 
     /// Plays a script; stops at the first message that is refused or not believed.

@@ -30,6 +30,7 @@ use std::{
     time::Duration,
 };
 
+pub use conversation::ENDS_MESSAGES;
 pub use error::LinkError;
 pub use guard::{Grammar, NEVER_SENT};
 pub use profile::{LinkOptions, LinkProfile};
@@ -45,9 +46,6 @@ use conversation::Conversation;
 
 use crate::{clock::Clock, transport::Address};
 
-/// Bytes that data on a stream must not hold: those that end a message, and the one that begins a
-/// block.
-pub const ENDS_MESSAGES: [u8; 3] = [b'\n', b'\r', b'#'];
 /// How long an exchange may go on after another handle has taken over: an answer that is on its way
 /// is faster than a new connection.
 const LAST_WORDS: Duration = Duration::from_millis(300);

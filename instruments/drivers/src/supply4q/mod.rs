@@ -128,4 +128,13 @@ impl Instrument<dyn Dialect> {
         let queries = self.dialect.measure();
         self.volts_and_amps(queries).await
     }
+
+    /// The current alone, in half the time.
+    ///
+    /// # Errors
+    /// As [`Self::measure`].
+    pub async fn measure_current(&mut self) -> Result<Amps, LinkError> {
+        let [_, amps] = self.dialect.measure();
+        self.keep_amps(None, amps).await
+    }
 }

@@ -1,25 +1,30 @@
 //! State of the one connection that all handles of a link share, and the rules of one exchange on
-//! it. [`Link`](super::Link) decides who speaks next; here one speaker has the connection.
+//! it. `Link` decides who speaks next; here one speaker has the connection.
 
 use std::time::Duration;
 
 use instruments_scpi::{
     decode::{Expect, Response},
-    excerpt, status, text_of,
+    excerpt,
+    status::{self, ErrorEntry},
+    text_of,
 };
 
 use super::{
-    ENDS_MESSAGES, LinkError, LinkOptions, LinkProfile,
     connection::{Broken, Connection},
+    error::LinkError,
     guard::{self, Refusal},
+    profile::{LinkOptions, LinkProfile},
 };
 use crate::{
     clock::{Clock, TimeMode},
     transcript::{BlockRecord, Direction, INLINE_BLOCK_BYTES, Payload, Record},
     transport::{self, Address},
 };
-use instruments_scpi::status::ErrorEntry;
 
+/// Bytes that data on a stream must not hold: those that end a message, and the one that begins a
+/// block.
+pub const ENDS_MESSAGES: [u8; 3] = [b'\n', b'\r', b'#'];
 /// Most entries that are taken out of an error queue at once; real queues hold 10 to 30.
 const MAX_QUEUED_ERRORS: usize = 20;
 
@@ -38,6 +43,8 @@ pub(super) struct Conversation {
     pub(super) identity: Option<String>,
     /// Why there is no connection.
     why: String,
+    /// The error that dropped the connection last.
+    dropped_by: String,
     /// Bench time before which nothing may be sent, s.
     ready_at_s: f64,
 }
@@ -52,6 +59,7 @@ impl Conversation {
             asked: String::new(),
             identity: None,
             why: "not connected yet".to_owned(),
+            dropped_by: String::new(),
             ready_at_s: f64::NEG_INFINITY,
         }
     }
@@ -427,7 +435,13 @@ impl Conversation {
     pub(super) fn drop_connection(&mut self, error: &LinkError) {
         self.connection = None;
         self.why = error.to_string();
-        tracing::warn!(link = %self.options.name, %error, "the link is dropped");
+        // An instrument that stays away is tried often; the log names each error once.
+        if self.dropped_by == self.why {
+            tracing::debug!(link = %self.options.name, %error, "the link is dropped again");
+        } else {
+            tracing::warn!(link = %self.options.name, %error, "the link is dropped");
+            self.dropped_by.clone_from(&self.why);
+        }
         self.remark(&format!("dropped: {error}"));
     }
 

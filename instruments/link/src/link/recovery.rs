@@ -7,7 +7,7 @@
 
 use instruments_scpi::{excerpt, status, text_of};
 
-use super::{LinkError, connection::Connection, conversation::Conversation};
+use super::{connection::Connection, conversation::Conversation, error::LinkError};
 use crate::{
     clock::Clock,
     link::Grammar,
