@@ -4,6 +4,7 @@
 
 mod ages;
 mod allowance;
+mod bath;
 mod charge;
 mod history;
 mod limits;
@@ -11,8 +12,11 @@ mod meters;
 mod noise;
 mod period;
 mod temperatures;
+mod thermometers;
 
 pub use allowance::{Allowance, Mean, Settings};
+pub use bath::{BathFault, BathJudge, BathReading};
 pub use history::Interlock;
 pub use limits::{Limits, NO_CURRENT_A, Reading, Trip, judge};
 pub use meters::{Quantity, Stuck};
+pub use thermometers::{ThermometerFault, ThermometerJudge, ThermometerReadings};
