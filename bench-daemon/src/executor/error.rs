@@ -108,3 +108,14 @@ pub enum ExecuteError {
         reason: String,
     },
 }
+
+impl ExecuteError {
+    /// A temperature, or what makes it, is wrong: the bath must not go on.
+    pub fn is_of_temperature(&self) -> bool {
+        match self {
+            Self::Trip(trip) => trip.is_of_temperature(),
+            Self::Disagree { what, .. } | Self::Frozen { what, .. } => what.contains("temperature"),
+            _ => false,
+        }
+    }
+}
