@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use super::{Finished, ResumeContext, Session, stop::StopSignals};
+use super::{Accepted, Finished, ResumeContext, Session, stop::StopSignals};
 use crate::{
     bench::BenchError,
     config::{AutoResume, Experiment},
@@ -189,7 +189,8 @@ impl Session {
                 held.as_ref()
                     .map_or(Ok(()), |(state, _)| Ok(state.refuse_latched()?))
             };
-            let (experiment, context) = match ResumeContext::read(folder, false, free) {
+            let (experiment, context) = match ResumeContext::read(folder, Accepted::default(), free)
+            {
                 Ok((_, context)) if !context.has_driven() => {
                     remark!("eis-bench: nothing was switched on yet: it does not go on by itself");
                     return outcome;
