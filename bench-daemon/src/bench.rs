@@ -9,6 +9,7 @@ mod safe;
 pub mod state_readback;
 pub mod survey;
 
+pub use bath::BathOrder;
 pub use error::BenchError;
 pub use output::{BathLeft, Output, SafeReport, Unsafe};
 pub(crate) use roles::for_roles;

@@ -2,6 +2,7 @@
 //! caller brings the bench into safe state afterwards, whatever the outcome.
 
 mod ask;
+mod bath;
 mod burst;
 mod crest;
 mod cross_check;

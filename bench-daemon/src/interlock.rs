@@ -4,6 +4,7 @@
 
 mod ages;
 mod allowance;
+mod bath;
 mod charge;
 mod drives;
 mod history;
@@ -12,9 +13,12 @@ mod meters;
 mod noise;
 mod period;
 mod temperatures;
+mod thermometers;
 
 pub use allowance::{Allowance, Mean, Settings};
+pub use bath::{BathFault, BathJudge, BathReading};
 pub use drives::{Drive, Drives};
 pub use history::Interlock;
 pub use limits::{CURRENT_MARGIN, Limits, NO_CURRENT_A, Reading, Trip, judge};
 pub use meters::{Quantity, Stuck};
+pub use thermometers::{ThermometerFault, ThermometerJudge, ThermometerReadings};

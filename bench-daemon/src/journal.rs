@@ -18,12 +18,15 @@ use std::{
 };
 
 use analysis::run_folder::{JOURNAL, TORN_JOURNAL};
-use instruments::clock::{Clock, TimeMode};
+use instruments::{
+    clock::{Clock, TimeMode},
+    exchange::Identity,
+};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::{
-    bench::state_readback::InstrumentReadback,
+    bench::{Identified, state_readback::InstrumentReadback},
     interlock::Reading,
     measure::SweepPoint,
     operator::question::{Answer, Question},
@@ -108,6 +111,9 @@ pub enum Entry {
     },
     /// Something odd, for the report.
     Note(Note),
+    /// The instruments of the run by their own answers: at its start, and again if a person has
+    /// accepted other ones.
+    Instruments(Vec<InstrumentIdentity>),
     /// State of an instrument that a resumed run found before it changed anything.
     Found(InstrumentReadback),
     /// The run goes on after its process had died or been stopped.
@@ -131,6 +137,35 @@ pub enum Entry {
         /// How.
         how: String,
     },
+}
+
+/// An instrument by its own answer.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct InstrumentIdentity {
+    /// Its role.
+    pub role: String,
+    /// The whole answer.
+    pub identity: String,
+    /// Its serial number, where it reports one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub serial: Option<String>,
+}
+
+impl InstrumentIdentity {
+    /// Takes role and identity of an instrument that has answered.
+    pub fn of(identified: &Identified) -> Self {
+        let identity = &identified.identity;
+        Self {
+            role: identified.role.to_owned(),
+            identity: identity.raw.clone(),
+            serial: identity.has_serial().then(|| identity.serial.clone()),
+        }
+    }
+
+    /// The identity, split into its parts.
+    pub fn parsed(&self) -> Identity {
+        Identity::parse(&self.identity)
+    }
 }
 
 /// Something odd, for the report.

@@ -22,7 +22,7 @@ use std::path::Path;
 
 pub(crate) use play::nobody_drives;
 pub(crate) use recompute::{RecomputedPoint, Recorded, RecordedPoint, on_all_cores};
-pub(crate) use resume_context::{ResumeContext, begun_experiment};
+pub(crate) use resume_context::{Accepted, ResumeContext, begun_experiment};
 pub(crate) use stop::{StopSignals, caught};
 
 use crate::{safety::failure::Failure, sim::Simulation};

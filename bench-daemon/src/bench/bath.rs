@@ -1,10 +1,13 @@
 //! Handles a bath that closes its own loop, once everything else is off. It moves no charge and may
-//! be what cools the cell. It keeps its set-point, unless that is known to be wrong. No drive waits
-//! for it. It is asked for a short time only, because it may serve another client.
+//! be what cools the cell, so that it keeps its set-point unless something is wrong: its set-point,
+//! its control, or what its own sensor reads. No drive waits for it. It is asked for a short time
+//! only, because it may serve another client.
 
 use std::time::Duration;
 
-use instruments::{chiller::Chiller, exchange::plain, units::Celsius};
+use instruments::{
+    chiller::Chiller, clock::Clock, exchange::plain, link::LinkError, units::Celsius,
+};
 
 use super::{
     Bench,
@@ -12,9 +15,32 @@ use super::{
     output::BathLeft,
     roles::fresh,
 };
+use crate::interlock::{BathFault, BathJudge, BathReading};
 
 /// Longest wait for its answers.
 const ASKED: Duration = Duration::from_secs(5);
+/// How long a bath far from its set-point is watched for its direction, and the pause between two
+/// readings, s.
+const WATCHED_S: f64 = 10.0;
+const AGAIN_S: f64 = 1.0;
+
+/// What a bath is judged by, beside its own settings.
+#[derive(Debug, Clone, Default)]
+pub struct BathOrder {
+    /// Least and greatest temperature of the cell, °C, where they are known.
+    pub cell_c: Option<(f64, f64)>,
+    /// Why it must be stopped whatever it does, in words.
+    pub stop: Option<String>,
+}
+
+/// What the sensor of a bath has read.
+enum SensorReading {
+    /// The last temperature, °C, and nothing is wrong.
+    Sound(f64),
+    Wrong(BathFault),
+    /// Why there is no reading.
+    Unread(String),
+}
 
 impl Bench {
     /// Connects to the bath and asks who it is.
@@ -29,49 +55,64 @@ impl Bench {
         reached.map_err(|source| wrap("chiller", self.model("chiller"), source))
     }
 
-    /// Stops a bath that closes its loop itself, that this run has started, and that is no longer
-    /// set as the run has set it: nobody knows where it goes. What became of it; nothing where it
-    /// is as it should be.
-    pub async fn stray_bath(&mut self) -> Option<BathLeft> {
+    /// Stops a bath that closes its loop itself and that this run has started, if it is no longer
+    /// set as the run has set it, if its own sensor shows that it is not under control, or if the
+    /// order says so. Returns what became of it; `None` if it was left as it is and its sensor was
+    /// read.
+    pub async fn stop_stray_bath(&mut self, order: &BathOrder) -> Option<BathLeft> {
+        let clock = self.clock.clone();
         let bath = self
             .instruments
             .chiller
             .as_mut()
             .filter(|chiller| !chiller.is_regulated() && chiller.was_told())?;
+        if let Some(reason) = &order.stop {
+            return Some(stopped(bath, reason).await);
+        }
         let asked = async {
             fresh(bath).await;
-            bath.differs().await
+            let differs = bath.differs().await?;
+            Ok::<_, LinkError>((differs, bath.setpoint().await?))
         };
-        match self.clock.deadline(ASKED, asked).await {
-            Ok(Ok(None)) => None,
-            Ok(Ok(Some(met))) => Some(stopped(bath, &met).await),
-            Ok(Err(error)) => {
-                tracing::warn!("bath: {error}");
+        match within(&clock, asked).await {
+            Ok((Some(met), _)) => Some(stopped(bath, &met).await),
+            Ok((None, None)) => None,
+            Ok((None, Some(setpoint))) => {
+                match read_sensor(bath, &clock, setpoint.value(), order.cell_c).await {
+                    SensorReading::Sound(_) => None,
+                    SensorReading::Wrong(fault) => Some(stopped(bath, &fault.to_string()).await),
+                    SensorReading::Unread(why) => Some(unread(setpoint.value(), &why)),
+                }
+            }
+            Err(why) => {
+                tracing::warn!("bath: {why}");
                 Some(BathLeft::astray(&format!(
-                    "it was not reached: where it goes is not known: {error}"
+                    "it was not reached: where it goes is not known: {why}"
                 )))
             }
-            Err(_) => Some(BathLeft::astray(&format!(
-                "it did not answer within {ASKED:?}: where it goes is not known"
-            ))),
         }
     }
 
     /// The same for a bath that another process, which is dead, had started at this set-point, °C.
-    pub async fn stray_bath_of(&mut self, setpoint_c: f64) -> Option<BathLeft> {
+    pub async fn stop_stray_bath_of(
+        &mut self,
+        setpoint_c: f64,
+        order: &BathOrder,
+    ) -> Option<BathLeft> {
         self.instruments
             .chiller
             .as_ref()?
             .was_left_at(Celsius(setpoint_c))
             .await;
-        self.stray_bath().await
+        self.stop_stray_bath(order).await
     }
 
-    /// State of a bath that closes its own loop, for a person. A bath whose set-point lies outside
-    /// the limits of the cell, °C, is stopped. Where the limits are not known it is left alone.
-    /// Returns `None` on a bench without such a bath.
+    /// State of a bath that closes its own loop, for a person. A bath is stopped if its set-point
+    /// or its sensor lies outside the limits of the cell, °C, where they are known, or if it moves
+    /// away from its set-point. Returns `None` on a bench without such a bath.
     pub async fn bath(&mut self, cell_c: Option<(f64, f64)>) -> Option<BathLeft> {
         let model = self.model("chiller").to_owned();
+        let clock = self.clock.clone();
         let bath = self
             .instruments
             .chiller
@@ -79,54 +120,98 @@ impl Bench {
             .filter(|chiller| !chiller.is_regulated())?;
         let asked = async {
             fresh(bath).await;
-            Ok::<_, instruments::link::LinkError>((
-                bath.setpoint().await?,
-                bath.status().await?.running,
-            ))
+            Ok::<_, LinkError>((bath.setpoint().await?, bath.status().await?.running))
         };
-        let (setpoint, running) = match self.clock.deadline(ASKED, asked).await {
-            Ok(Ok((Some(setpoint), running))) => (setpoint.value(), running),
-            Ok(Ok((None, _))) => return None,
-            Ok(Err(error)) => {
-                tracing::warn!("bath: {error}");
-                return Some(BathLeft::told(format!(
-                    "the bath ({model}) was not reached and keeps what it was set to: {error}"
-                )));
-            }
-            Err(_) => {
-                return Some(BathLeft::told(format!(
-                    "the bath ({model}) did not answer within {ASKED:?} and keeps what it was set \
-                    to"
+        let (setpoint_c, running) = match within(&clock, asked).await {
+            Ok((Some(setpoint), running)) => (setpoint.value(), running),
+            Ok((None, _)) => return None,
+            Err(why) => {
+                tracing::warn!("bath: {why}");
+                return Some(BathLeft::astray(&format!(
+                    "it ({model}) was not reached and keeps what it was set to: {why}"
                 )));
             }
         };
-        let text = plain(setpoint);
+        let text = plain(setpoint_c);
         if !running {
             return Some(BathLeft::told(format!(
                 "the bath ({model}) stands still; its set-point is {text} °C"
             )));
         }
-        match cell_c.filter(|(least, greatest)| !(*least..=*greatest).contains(&setpoint)) {
-            None => Some(BathLeft::told(format!(
-                "the bath ({model}) goes on and holds {text} °C"
-            ))),
-            Some((least, greatest)) => {
-                let met = format!(
-                    "its set-point is {text} °C, and the cell bears {} °C to {} °C",
-                    plain(least),
-                    plain(greatest)
-                );
-                Some(stopped(bath, &met).await)
-            }
+        if let Some((least, greatest)) =
+            cell_c.filter(|(least, greatest)| !(*least..=*greatest).contains(&setpoint_c))
+        {
+            let met = format!(
+                "its set-point is {text} °C, and the cell bears {} °C to {} °C",
+                plain(least),
+                plain(greatest)
+            );
+            return Some(stopped(bath, &met).await);
         }
+        Some(match read_sensor(bath, &clock, setpoint_c, cell_c).await {
+            SensorReading::Sound(sensor_c) => BathLeft::told(format!(
+                "the bath ({model}) goes on: set to {setpoint_c:.1} °C, its sensor reads \
+                {sensor_c:.1} °C"
+            )),
+            SensorReading::Wrong(fault) => stopped(bath, &fault.to_string()).await,
+            SensorReading::Unread(why) => unread(setpoint_c, &why),
+        })
     }
 }
 
-/// Stops a bath; where it does not stop, it is told the other ways of its dialect.
+/// Waits for answers of a bath, but not for long; why there are none, in words.
+async fn within<T>(
+    clock: &Clock,
+    asked: impl Future<Output = Result<T, LinkError>>,
+) -> Result<T, String> {
+    match clock.deadline(ASKED, asked).await {
+        Ok(answered) => answered.map_err(|error| error.to_string()),
+        Err(_) => Err(format!("it did not answer within {ASKED:?}")),
+    }
+}
+
+/// A bath that runs, and whose temperature nobody knows.
+fn unread(setpoint_c: f64, why: &str) -> BathLeft {
+    tracing::warn!("bath: {why}");
+    BathLeft::astray(&format!(
+        "set to {setpoint_c:.1} °C; its temperature was not read"
+    ))
+}
+
+/// Reads the sensor of a bath that runs, and judges it. One reading is enough if the bath is near
+/// its set-point; a bath that is far from it is watched for its direction.
+async fn read_sensor(
+    bath: &mut Chiller,
+    clock: &Clock,
+    setpoint_c: f64,
+    cell_c: Option<(f64, f64)>,
+) -> SensorReading {
+    let mut judge = BathJudge::leaving(cell_c);
+    let end_s = clock.now_s() + WATCHED_S;
+    loop {
+        let sensor_c = match within(clock, bath.temperature()).await {
+            Ok(celsius) => celsius.value(),
+            Err(why) => return SensorReading::Unread(why),
+        };
+        let reading = BathReading {
+            sensor_c: Some(sensor_c),
+            setpoint_c,
+        };
+        if let Some(fault) = judge.judge(reading, clock.now_s()) {
+            return SensorReading::Wrong(fault);
+        }
+        if BathJudge::is_held(reading) || clock.now_s() >= end_s {
+            return SensorReading::Sound(sensor_c);
+        }
+        clock.sleep_s(AGAIN_S).await;
+    }
+}
+
+/// Stops a bath and reads that back; one that does not stop is given the other ways of its dialect.
 async fn stopped(bath: &mut Chiller, met: &str) -> BathLeft {
     fresh(bath).await;
     let Err(error) = bath.stop().await else {
-        return BathLeft::told(format!("the bath was stopped, for {met}"));
+        return BathLeft::told(format!("the bath was stopped, read back, for {met}"));
     };
     tracing::warn!("bath: {error}");
     for way in bath.zero() {

@@ -6,7 +6,7 @@
 
 use instruments::{
     chiller::{self, Chiller},
-    exchange::{Answer, Exchange, Identity, Setting, look},
+    exchange::{Answer, Exchange, Identity, Setting, fold, look},
     generator::{self, Generator},
     instrument::{Instrument, Model},
     jig::{self, Jig},
@@ -226,7 +226,7 @@ impl AnyInstrument {
                     })+
                     Self::Jig(jig) => {
                         let identity = jig.identify().await?;
-                        let recognised = identity.raw.contains(jig::MOCK_JIG);
+                        let recognised = fold(&identity.raw).contains(&fold(jig::MOCK_JIG));
                         Ok((identity, recognised))
                     }
                 }

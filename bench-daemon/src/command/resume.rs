@@ -23,7 +23,7 @@ use crate::{
     journal::{self, Entry, Line},
     operator::run_control::RunControl,
     record::RecordError,
-    run::{ResumeContext, Session},
+    run::{Accepted, ResumeContext, Session},
     safety::bench_lease,
     safety::failure::Failure,
     support::terminal::say,
@@ -38,6 +38,10 @@ pub struct ResumeArgs {
     /// although the cell has moved: the cell was looked at.
     #[arg(long)]
     pub accept_charge: bool,
+    /// Go on although an instrument is another one than before, by serial number or identity: the
+    /// finished part was measured with the old one, and the report tells both.
+    #[arg(long)]
+    pub accept_instruments: bool,
 }
 
 /// Tables and transcripts only grow: what is there must be the beginning of what comes.
@@ -54,7 +58,11 @@ pub fn resume(args: &ResumeArgs) -> Result<(), Failure> {
     let folder = &args.folder.components().collect::<PathBuf>();
     // A run that is still going on must find its folder, and what is wanted of it, as they are.
     // What it has left on is switched off whatever became of it.
-    let (experiment, context) = ResumeContext::read(folder, args.accept_charge, |experiment| {
+    let accepted = Accepted {
+        charge: args.accept_charge,
+        instruments: args.accept_instruments,
+    };
+    let (experiment, context) = ResumeContext::read(folder, accepted, |experiment| {
         bench_lease::refuse(&experiment.bench)?;
         refuse_going(folder)
     })?;

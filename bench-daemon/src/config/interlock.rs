@@ -98,6 +98,7 @@ impl Section {
                     (0.01, 1000.0),
                     "%",
                 ))?,
+            capacity_c,
             frozen_c: 0.01
                 * capacity_c
                 * within((

@@ -1,7 +1,7 @@
 //! Decides whether the last report of the doctor still holds for a bench: same file, same
 //! instruments, unaltered, complete, and not too old.
 
-use instruments::clock;
+use instruments::{clock, exchange::fold};
 
 use super::{Outcome, Report};
 use crate::{bench::Identified, config, safety::state::State, support::hash};
@@ -55,7 +55,7 @@ fn judge(
             .instruments
             .iter()
             .find(|instrument| instrument.role == identified.role);
-        if known.is_none_or(|known| known.identity != identified.identity.raw) {
+        if known.is_none_or(|known| fold(&known.identity) != fold(&identified.identity.raw)) {
             return Some(format!(
                 "another {} answers than in {of}: {}",
                 identified.role, identified.identity.raw

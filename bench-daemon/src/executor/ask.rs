@@ -105,6 +105,8 @@ impl Rig<'_> {
         }
         self.others_off(&["supply4q"]).await?;
         self.regulate().await?;
-        self.watch_chiller().await
+        self.watch_chiller().await?;
+        self.cross_check_bath().await?;
+        Ok(())
     }
 }

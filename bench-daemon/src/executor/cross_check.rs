@@ -1,6 +1,6 @@
 //! Compares meters that measure the same quantity: voltmeter and scope, voltmeter and charger
-//! terminals, thermocouple and bath, supply ammeter and shunt. A meter that stands still where its
-//! noise would move it counts as broken.
+//! terminals, supply ammeter and shunt. A meter that stands still where its noise would move it
+//! counts as broken.
 
 use instruments::scope::Waveform;
 
@@ -19,13 +19,6 @@ const VOLTMETER_GAIN: f64 = 0.005;
 const OFFSET_GAIN: f64 = 0.015;
 /// Leads of a charger without sense leads, Ω: 2 m of 1.5 mm², two contacts and a fuse.
 const LEADS_OHM: f64 = 0.1;
-/// A cell that carries no current for long has the bath's temperature, but for what its mounting
-/// lets through, K.
-const COLDER_K: f64 = 10.0;
-/// Allowed warming of a cell under a periodic current, K. It is half of the way from 20 °C to 60
-/// °C, at which cells are no longer discharged. Under a large direct current the cell may use all
-/// of that way.
-const WARMER_K: f64 = 20.0;
 /// How far the effective value by the supply's readings may be from that by the shunt, as a share:
 /// readings a second apart of a period of five.
 const EFFECTIVE: f64 = 0.3;
@@ -43,10 +36,8 @@ impl Rig<'_> {
         };
         let (what, meter, value, other) = match quantity {
             Quantity::Temperature => {
-                let bath = self
-                    .bath_c()
-                    .await
-                    .map(|celsius| format!("; the bath is at {celsius:.2} °C"));
+                let bath_c = self.watch_bath().await.ok().flatten();
+                let bath = bath_c.map(|celsius| format!("; the bath is at {celsius:.2} °C"));
                 (
                     "cell temperature",
                     "the logger",
@@ -86,55 +77,6 @@ impl Rig<'_> {
         } else {
             ("the bipolar supply", None)
         }
-    }
-
-    /// The bath's temperature, which the run folder tells too; none without a chiller that runs.
-    async fn bath_c(&mut self) -> Option<f64> {
-        let chiller = self
-            .bench
-            .instruments
-            .chiller
-            .as_mut()
-            .filter(|_| self.temperatures.chiller_runs)?;
-        let bath_c = chiller.temperature().await.ok()?.value();
-        self.recorder
-            .bath(Some(bath_c), self.temperatures.setpoint_c);
-        Some(bath_c)
-    }
-
-    /// A bath that holds the cell is not far from it. While nothing can flow, or the temperature is
-    /// to change, nothing is judged.
-    pub(super) async fn cross_check_bath(&mut self) -> Result<(), ExecuteError> {
-        let judged = self.interlock.is_live() && !self.interlock.tempering();
-        let Some(cell_c) = self
-            .temperatures
-            .last_c
-            .filter(|celsius| celsius.is_finite() && judged)
-        else {
-            return Ok(());
-        };
-        let Some(bath_c) = self.bath_c().await else {
-            return Ok(());
-        };
-        let warmer_k = if self.interlock.allowed_mean().is_some() {
-            WARMER_K
-        } else {
-            f64::INFINITY
-        };
-        if (-COLDER_K..=warmer_k).contains(&(cell_c - bath_c)) {
-            return Ok(());
-        }
-        Err(ExecuteError::Disagree {
-            what: "temperature",
-            one: format!("thermocouple on the cell {cell_c:.2} °C"),
-            other: format!("bath {bath_c:.2} °C"),
-            allowed: match warmer_k.is_finite() {
-                true => format!(
-                    "{warmer_k} K where the cell is warmer, {COLDER_K} K where it is colder"
-                ),
-                false => format!("{COLDER_K} K where the cell is colder"),
-            },
-        })
     }
 
     /// The mean of the scope's record of the cell against the voltmeter.

@@ -3,6 +3,7 @@
 use std::{collections::VecDeque, ops::RangeInclusive};
 
 use instruments::{
+    fixture::Fixture,
     load::{Discharge, Draw},
     supply::Charge,
     units::{Amps, Celsius, Volts},
@@ -17,7 +18,7 @@ use crate::{
     executor::thermostat::Thermostat,
     interlock::{Drive, Reading},
     journal::{Note, NoteKind},
-    plan::{CampaignRun, Missed, Step},
+    plan::{CampaignRun, Missed, Stage, Step},
     record::Event,
 };
 
@@ -190,15 +191,30 @@ impl Executor<'_> {
         }
     }
 
-    pub(super) async fn hold_temperature(&mut self, step: &Step) -> Result<(), ExecuteError> {
-        let Step::HoldTemperature {
-            setpoint_c,
-            within_k,
-            max_s,
-        } = *step
-        else {
-            return Ok(());
-        };
+    /// Brings the bath of a resumed run to the temperature of a finished stage again, and watches it
+    /// from here on, because the process that had started it is gone and the bath may have been
+    /// stopped. With `waits` the cell is waited for. It moves no charge, so that the journal holds
+    /// nothing of it.
+    pub async fn hold_again(&mut self, stage: &Stage, waits: bool) -> Result<(), ExecuteError> {
+        for step in &stage.steps {
+            let Step::HoldTemperature { setpoint_c, .. } = *step else {
+                continue;
+            };
+            self.person.progress.begin(&stage.title(), step);
+            self.rig.recorder.event(Event::Step, &step.to_string())?;
+            self.rig.begin(Fixture::Cell, step);
+            if waits {
+                self.hold_temperature(step).await?;
+            } else {
+                self.start_bath(setpoint_c).await?;
+            }
+            self.person.progress.end(step);
+        }
+        Ok(())
+    }
+
+    /// Starts the bath at a set-point, and watches it from here on.
+    async fn start_bath(&mut self, setpoint_c: f64) -> Result<(), ExecuteError> {
         let error = self.rig.bench.error("chiller");
         let chiller = require(&mut self.rig.bench.instruments.chiller, "chiller")?;
         match self.rig.temperatures.thermostat.as_mut() {
@@ -217,6 +233,19 @@ impl Executor<'_> {
         if self.rig.temperatures.thermostat.is_none() {
             self.person.progress.bath(setpoint_c);
         }
+        Ok(())
+    }
+
+    pub(super) async fn hold_temperature(&mut self, step: &Step) -> Result<(), ExecuteError> {
+        let Step::HoldTemperature {
+            setpoint_c,
+            within_k,
+            max_s,
+        } = *step
+        else {
+            return Ok(());
+        };
+        self.start_bath(setpoint_c).await?;
         let start_s = self.rig.clock.now_s();
         let mut steady_since_s = None;
         loop {

@@ -114,6 +114,17 @@ pub enum ExecuteError {
     },
 }
 
+impl ExecuteError {
+    /// A temperature, or what makes it, is wrong: the bath must not go on.
+    pub fn is_of_temperature(&self) -> bool {
+        match self {
+            Self::Trip(trip) => trip.is_of_temperature(),
+            Self::Disagree { what, .. } | Self::Frozen { what, .. } => what.contains("temperature"),
+            _ => false,
+        }
+    }
+}
+
 impl From<Alarm> for ExecuteError {
     fn from(alarm: Alarm) -> Self {
         match alarm {

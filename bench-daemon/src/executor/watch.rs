@@ -8,7 +8,7 @@ use instruments::{fixture::Fixture, link::LinkError};
 use super::{ExecuteError, POLL_S, Rig, require};
 use crate::{
     executor::thermostat::Action,
-    interlock::{Allowance, Drive, Mean, NO_CURRENT_A, Reading, Trip},
+    interlock::{Allowance, Drive, Mean, NO_CURRENT_A, Reading, ThermometerReadings, Trip},
     plan::{Flow, Step},
     watch::Envelope,
 };
@@ -554,13 +554,14 @@ impl Rig<'_> {
 
     /// The cell's temperature; nothing on a bench without a logger. An open thermocouple is a
     /// reading that is no number, and trips. A chiller that was started is asked at the same time
-    /// whether it still runs.
+    /// whether it still runs, and its own sensor is judged.
     pub(super) async fn cell_temperature(&mut self) -> Result<Option<f64>, ExecuteError> {
         self.regulate().await?;
         self.check_stuck_meter().await?;
         self.watch_chiller().await?;
         let error = self.bench.error("logger");
         let Some(logger) = self.bench.instruments.logger.as_mut() else {
+            self.cross_check_bath().await?;
             return Ok(None);
         };
         if !self.temperatures.logger_ready {
@@ -568,14 +569,15 @@ impl Rig<'_> {
             self.temperatures.logger_ready = true;
         }
         let readings = logger.scan().await.map_err(error)?;
-        self.temperatures.last_c = Some(
-            readings
-                .first()
-                .copied()
-                .flatten()
-                .map_or(f64::NAN, |celsius| celsius.value()),
-        );
-        self.cross_check_bath().await?;
+        let [cell_c, air_c] =
+            [0, 1].map(|channel| Some(readings.get(channel).copied().flatten()?.value()));
+        self.temperatures.last_c = Some(cell_c.unwrap_or(f64::NAN));
+        let bath_c = self.cross_check_bath().await?;
+        self.judge_thermometers(ThermometerReadings {
+            cell_c,
+            air_c,
+            bath_c,
+        })?;
         Ok(self.temperatures.last_c)
     }
 
@@ -618,15 +620,20 @@ impl Rig<'_> {
         };
         self.recorder.bath(reading_c, self.temperatures.setpoint_c);
         match thermostat.step(reading_c, self.clock.now_s()) {
-            Action::Pulse(seconds) => Ok(chiller.pulse(seconds).await.map_err(error)?),
+            Action::Pulse(seconds) => chiller.pulse(seconds).await.map_err(error)?,
             Action::Fault(fault) => {
                 chiller.pulse(0.0).await.map_err(error)?;
-                Err(Trip::Chiller {
+                return Err(Trip::Chiller {
                     message: fault.to_string(),
                     time_s: now_s,
                 }
-                .into())
+                .into());
             }
+        }
+        // The loop itself judges how old its last reading is.
+        match reading_c {
+            Some(celsius) => self.judge_bath(Some(celsius - self.setup.thermostat.sensor_offset_k)),
+            None => Ok(()),
         }
     }
 

@@ -26,6 +26,9 @@ pub struct Settings {
     /// The same for a voltage and a current that a slow sinusoid moves, s; at least two of its
     /// periods.
     pub frozen_s: f64,
+    /// Capacity of the cell, C.
+    #[serde(skip)]
+    pub capacity_c: f64,
 }
 
 /// The mean of a periodic current.

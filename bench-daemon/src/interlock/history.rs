@@ -6,11 +6,13 @@ use instruments::chiller;
 use super::{
     ages::Ages,
     allowance::{Allowance, Mean, Settings},
+    bath::BathReading,
     charge::ChargeCount,
     limits::{Limits, Reading, Trip, judge},
     meters::{Meters, Stuck},
     period::Period,
     temperatures::Temperatures,
+    thermometers::ThermometerReadings,
 };
 
 /// Judges readings, one after the other.
@@ -37,7 +39,7 @@ impl Interlock {
             ages: Ages::new(logger),
             charge: ChargeCount::default(),
             period: Period::default(),
-            temperatures: Temperatures::default(),
+            temperatures: Temperatures::new(&settings, &limits),
             meters: Meters::default(),
         }
     }
@@ -84,7 +86,7 @@ impl Interlock {
 
     /// Something else is in the jig: what was seen before says nothing of it.
     pub fn forget(&mut self) {
-        self.temperatures.forget();
+        self.temperatures.change_fixture();
         self.meters = Meters::default();
     }
 
@@ -141,6 +143,7 @@ impl Interlock {
             .ages
             .judge(reading, machine_s, allowance.live, &settings);
         self.charge.count(reading);
+        self.temperatures.take_reading(reading);
         judge(&allowance.limits, reading)
             .or(late)
             .or_else(|| {
@@ -158,6 +161,21 @@ impl Interlock {
             message: status.raw.clone(),
             time_s,
         })
+    }
+
+    /// Judges a reading of the bath's own sensor.
+    pub fn judge_bath(&mut self, reading: BathReading, time_s: f64) -> Option<Trip> {
+        self.temperatures.judge_bath(reading, time_s)
+    }
+
+    /// Judges a look at all thermometers.
+    pub fn judge_thermometers(
+        &mut self,
+        readings: ThermometerReadings,
+        time_s: f64,
+    ) -> Option<Trip> {
+        self.temperatures
+            .judge_thermometers(readings, self.allowance.cell, time_s)
     }
 
     /// Judges the mean over the last period, as soon as a whole one was read.

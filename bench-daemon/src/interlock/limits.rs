@@ -1,5 +1,7 @@
 //! Limits of one reading, and the trip that ends a run.
 
+use super::{bath::BathFault, thermometers::ThermometerFault};
+
 /// Limits of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Limits {
@@ -90,6 +92,22 @@ pub enum Trip {
         /// Bench time, s.
         time_s: f64,
     },
+    /// The own sensor of the bath shows that it is not under control.
+    #[error("bath: {fault}, at {time_s:.1} s")]
+    Bath {
+        /// What is wrong.
+        fault: BathFault,
+        /// Bench time, s.
+        time_s: f64,
+    },
+    /// The thermometers contradict each other, the bath or the heat in the cell.
+    #[error("thermometer: {fault}, at {time_s:.1} s")]
+    Thermometer {
+        /// What is wrong.
+        fault: ThermometerFault,
+        /// Bench time, s.
+        time_s: f64,
+    },
 }
 
 /// Words for a value that left its limits, or that cannot be read.
@@ -129,6 +147,15 @@ fn set_by(what: &str) -> &'static str {
 }
 
 impl Trip {
+    /// A temperature, or what makes it, is wrong: the bath must not go on.
+    pub fn is_of_temperature(&self) -> bool {
+        match self {
+            Self::Limit { unit, .. } => matches!(*unit, "°C" | "K/min"),
+            Self::Caused { trip, .. } => trip.is_of_temperature(),
+            Self::Chiller { .. } | Self::Bath { .. } | Self::Thermometer { .. } => true,
+        }
+    }
+
     /// The same with a cause, where one is known.
     #[must_use]
     pub fn because(self, cause: Option<String>) -> Self {

@@ -1,23 +1,70 @@
-//! Rate of the cell's temperature.
+//! Rate of the cell's temperature, and what judges bath and thermometers.
 
 use std::collections::VecDeque;
 
 use super::{
     allowance::Settings,
-    limits::{Reading, Trip},
+    bath::{BathJudge, BathReading},
+    limits::{Limits, Reading, Trip},
+    thermometers::{ThermometerJudge, ThermometerReadings},
 };
 
 /// Fewest temperatures, and least share of the window, that make a rate.
 const RATE: (usize, f64) = (3, 0.5);
 
-/// Temperatures within the window, °C, behind their bench times, s.
-#[derive(Debug, Default)]
-pub(super) struct Temperatures(VecDeque<(f64, f64)>);
+/// The temperatures of cell, air and bath.
+#[derive(Debug)]
+pub(super) struct Temperatures {
+    /// Those of the cell within the window, °C, behind their bench times, s.
+    window: VecDeque<(f64, f64)>,
+    bath: BathJudge,
+    thermometers: ThermometerJudge,
+}
 
 impl Temperatures {
+    /// Nothing was read yet.
+    pub(super) fn new(settings: &Settings, limits: &Limits) -> Self {
+        Self {
+            window: VecDeque::new(),
+            bath: BathJudge::watching(Some((limits.min_c, limits.max_c))),
+            thermometers: ThermometerJudge::new(settings.capacity_c),
+        }
+    }
+
+    /// Something else is in the jig.
+    pub(super) fn change_fixture(&mut self) {
+        self.forget();
+        self.thermometers.forget();
+    }
+
+    /// Takes a reading of voltage and current, which tell the heat in the cell.
+    pub(super) fn take_reading(&mut self, reading: &Reading) {
+        if let Some(volts) = reading.voltage_v {
+            let amps = reading.current_a.unwrap_or(0.0);
+            self.thermometers.take_power(volts, amps, reading.time_s);
+        }
+    }
+
+    /// Judges a reading of the bath's own sensor.
+    pub(super) fn judge_bath(&mut self, reading: BathReading, time_s: f64) -> Option<Trip> {
+        let fault = self.bath.judge(reading, time_s)?;
+        Some(Trip::Bath { fault, time_s })
+    }
+
+    /// Judges a look at all thermometers; `cell` is false while a control is in the jig.
+    pub(super) fn judge_thermometers(
+        &mut self,
+        readings: ThermometerReadings,
+        cell: bool,
+        time_s: f64,
+    ) -> Option<Trip> {
+        let fault = self.thermometers.judge(readings, cell, time_s)?;
+        Some(Trip::Thermometer { fault, time_s })
+    }
+
     /// Drops what was read so far: it says nothing of what comes.
     pub(super) fn forget(&mut self) {
-        self.0.clear();
+        self.window.clear();
     }
 
     /// Takes a reading, and judges the least-squares slope over the window, unless the temperature
@@ -30,19 +77,19 @@ impl Temperatures {
     ) -> Option<Trip> {
         let (window_s, greatest) = (settings.window_s, 60.0 * settings.rate_k_per_s);
         let new = (reading.time_s, reading.temperature_c?);
-        self.0.push_back(new);
+        self.window.push_back(new);
         while self
-            .0
+            .window
             .front()
             .is_some_and(|(time_s, _)| new.0 - time_s > window_s)
         {
-            self.0.pop_front();
+            self.window.pop_front();
         }
-        let span_s = new.0 - self.0.front().map_or(new.0, |(time_s, _)| *time_s);
-        if tempering || self.0.len() < RATE.0 || span_s < RATE.1 * window_s {
+        let span_s = new.0 - self.window.front().map_or(new.0, |(time_s, _)| *time_s);
+        if tempering || self.window.len() < RATE.0 || span_s < RATE.1 * window_s {
             return None;
         }
-        let value = 60.0 * slope(&self.0);
+        let value = 60.0 * slope(&self.window);
         (!(-greatest..=greatest).contains(&value)).then_some(Trip::Limit {
             what: "rate of the cell temperature",
             value,

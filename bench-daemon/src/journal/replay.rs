@@ -8,7 +8,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    journal::{Entry, Line, Note, PointDone, Started},
+    journal::{Entry, InstrumentIdentity, Line, Note, PointDone, Started},
     plan::{AfterCrash, Plan, Purpose, Stage, Step},
 };
 
@@ -34,6 +34,8 @@ pub struct JournalReplay {
     pub started: Started,
     /// Bench time of the last entry, s.
     pub last_s: f64,
+    /// The instruments that it began with, or those that were accepted last.
+    pub instruments: Vec<InstrumentIdentity>,
     /// Its stages, as far as they were begun.
     pub stages: BTreeMap<usize, StageReplay>,
     /// Warnings of the run.
@@ -99,6 +101,7 @@ impl JournalReplay {
         let mut replay = Self {
             started,
             last_s: *time_s,
+            instruments: Vec::new(),
             stages: BTreeMap::new(),
             notes: Vec::new(),
             latest: None,
@@ -133,6 +136,7 @@ impl JournalReplay {
                 stage.points.insert(point.step, (**point).clone());
             }
             Entry::StageDone { stage } => self.stages.entry(*stage).or_default().finished = true,
+            Entry::Instruments(found) => self.instruments.clone_from(found),
             Entry::Note(note) => self.notes.push(note.clone()),
             Entry::Ended { how } => self.ended = Some(how.clone()),
             Entry::Started(_)

@@ -107,6 +107,7 @@ mod tests {
             reading_age_s: 10.0,
             temperature_age_s: 60.0,
             frozen_s: 30.0,
+            capacity_c: 1.0,
             frozen_c: 10.0,
         };
         let cell = Cell {

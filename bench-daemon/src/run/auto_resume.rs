@@ -7,7 +7,7 @@ use std::{collections::BTreeMap, path::Path};
 
 use instruments::transport::MemoryHub;
 
-use super::{Finished, ResumeContext, Session, stop::StopSignals};
+use super::{Accepted, Finished, ResumeContext, Session, stop::StopSignals};
 use crate::{
     bench::{Bench, BenchError, Connections},
     config::{AutoResume, Experiment},
@@ -207,7 +207,8 @@ impl Session {
                 held.as_ref()
                     .map_or(Ok(()), |(state, _)| Ok(state.refuse_latched()?))
             };
-            let (experiment, context) = match ResumeContext::read(folder, false, free) {
+            let (experiment, context) = match ResumeContext::read(folder, Accepted::default(), free)
+            {
                 Ok((_, context)) if !context.has_driven() => {
                     remark!("eis-bench: nothing was switched on yet: it does not go on by itself");
                     return outcome;

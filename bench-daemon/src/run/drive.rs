@@ -163,6 +163,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         let mut run = None;
         if let Some(ResumeContext { next, replay, .. }) = self.context {
             run = replay.latest.and_then(|latest| self.run_of(latest));
+            self.hold_again().await?;
             if let Some(repeated_reset) = next.repeated_reset {
                 self.stage(repeated_reset, ResumePoint::default()).await?;
             }
@@ -185,6 +186,26 @@ impl<'a, 'b> Drive<'a, 'b> {
             self.stage(number, ResumePoint::default()).await?;
         }
         Ok(())
+    }
+
+    /// Brings the bath back to the temperature of the last finished stage that set one. The cell is
+    /// waited for unless a control is in the jig.
+    async fn hold_again(&mut self) -> Result<(), Failure> {
+        let Some(context) = self.context else {
+            return Ok(());
+        };
+        let held = |(number, stage): &(usize, &'b Stage)| {
+            stage.purpose == Purpose::Temperature && context.replay.finished(*number)
+        };
+        let Some((_, stage)) = self.plan.stages.iter().enumerate().filter(held).last() else {
+            return Ok(());
+        };
+        let open = (context.next.open).and_then(|(number, _)| self.plan.stages.get(number));
+        let waits = !matches!(
+            open.map(|stage| &stage.purpose),
+            Some(Purpose::Sweep(fixture, _)) if *fixture != Fixture::Cell
+        );
+        Ok(self.executor.hold_again(stage, waits).await?)
     }
 
     /// Points of a stage that was interrupted.

@@ -2,6 +2,7 @@
 //! results.
 
 mod begun;
+mod identities;
 
 use std::collections::BTreeMap;
 
@@ -15,7 +16,7 @@ use super::{
     stop::{StopSignals, caught},
 };
 use crate::{
-    bench::{Bench, Connections, Identified, state_readback},
+    bench::{BathOrder, Bench, Connections, Identified, state_readback},
     doctor,
     executor::ExecuteError,
     interlock::NO_CURRENT_A,
@@ -135,6 +136,9 @@ impl Run<'_> {
             Some(watch) => self.end_watch(watch, &mut bench, outcome).await,
             None => outcome,
         };
+        let hot = (outcome.as_ref().err())
+            .filter(|failure| failure.is_of_temperature())
+            .map(ToString::to_string);
         let outcome = match caught(async { Ok(bench.made_safe().await) }).await {
             Ok(safe) => Failure::unsafe_first(safe, outcome),
             Err(panic) => Err(Failure::Unsafe {
@@ -142,12 +146,10 @@ impl Run<'_> {
                 cause: String::new(),
             }),
         };
-        if outcome.is_err()
-            && let Ok(Some(bath)) = caught(async { Ok(bench.stray_bath().await) }).await
-        {
-            remark!("eis-bench: {bath}");
-            self.recorder.warning(&bath.words);
-        }
+        let outcome = match outcome {
+            Err(failure) => Err(self.settle_bath(&mut bench, failure, hot).await),
+            finished => finished,
+        };
         // What could not be switched off is left to the guardian, which needs the instruments for
         // itself.
         drop(bench);
@@ -178,6 +180,36 @@ impl Run<'_> {
         match alarm {
             Some(alarm) => Err(ExecuteError::from(alarm).into()),
             None => outcome,
+        }
+    }
+
+    /// Stops a bath that must not go on after a run that ended early: one that is not under control,
+    /// and any bath if a temperature ended the run. A cell without current cools without a bath. A
+    /// bath that must stop and does not is reported before the reason of the end.
+    async fn settle_bath(
+        &mut self,
+        bench: &mut Bench,
+        failure: Failure,
+        hot: Option<String>,
+    ) -> Failure {
+        let limits = &self.experiment.cell.limits;
+        let must_stop = hot.is_some();
+        let order = BathOrder {
+            cell_c: Some((limits.min_c, limits.max_c)),
+            stop: hot,
+        };
+        let settled = caught(async { Ok(bench.stop_stray_bath(&order).await) }).await;
+        let Ok(Some(bath)) = settled else {
+            return failure;
+        };
+        remark!("eis-bench: {bath}");
+        self.recorder.warning(&bath.words);
+        if !(bath.astray && must_stop) || matches!(failure, Failure::Unsafe { .. }) {
+            return failure;
+        }
+        Failure::Unsafe {
+            failures: bath.words,
+            cause: format!(" (after: {failure})"),
         }
     }
 
@@ -244,6 +276,7 @@ impl Run<'_> {
     ) -> Result<(Bench, Vec<Identified>), Failure> {
         let mut bench = Bench::open(&self.experiment.bench, connections).await?;
         let identities = bench.identify_strictly().await?;
+        self.check_instruments(&identities)?;
         self.doctored(&identities)?;
         self.manifest(&identities, "running")?;
         // Only what this run may have left on is its own to switch off.
@@ -333,7 +366,7 @@ impl Run<'_> {
         let Some(text) = context.moved(volts) else {
             return Ok(());
         };
-        if !context.accepted {
+        if !context.accepted.charge {
             let help = "bring the cell to its state by hand, or go on with --accept-charge, which \
             flags these points";
             return Err(Failure::Usage(format!(

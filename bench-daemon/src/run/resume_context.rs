@@ -27,13 +27,21 @@ use crate::{
 /// voltmeters differ by a few more. Beyond it the cell has another state of charge.
 const MOVED_V: f64 = 0.02;
 
+/// What a person has looked at and accepts, so that a run may go on all the same.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Accepted {
+    /// The cell may have another charge than the run knows.
+    pub(crate) charge: bool,
+    /// Other instruments than before may answer.
+    pub(crate) instruments: bool,
+}
+
 /// Finished part of a run, and the point where it goes on.
 pub(crate) struct ResumeContext {
     pub(super) read: Read,
     pub(super) replay: JournalReplay,
     pub(super) next: ResumeDecision,
-    /// A person has looked at the cell.
-    pub(super) accepted: bool,
+    pub(super) accepted: Accepted,
     /// Reason of an automatic retry, in words; `None` where a person resumes it.
     after: Option<String>,
 }
@@ -56,7 +64,7 @@ impl ResumeContext {
     /// `bench` says; a step that moved a charge that nobody knows.
     pub(crate) fn read(
         folder: &Path,
-        accept_charge: bool,
+        accepted: Accepted,
         bench: impl FnOnce(&Experiment) -> Result<(), Failure>,
     ) -> Result<(Experiment, Self), Failure> {
         let read = journal::read(folder).map_err(|error| Failure::Usage(error.to_string()))?;
@@ -87,8 +95,7 @@ impl ResumeContext {
         };
         // A world in virtual time is played again from its beginning: nothing of its charge is
         // unknown.
-        let accepted = accept_charge;
-        let accept_charge = accept_charge || replay.started.time == TimeMode::Virtual.to_string();
+        let accept_charge = accepted.charge || replay.started.time == TimeMode::Virtual.to_string();
         let next = replay
             .next(plan.plan(), recorded, accept_charge)
             .map_err(|error| usage(error.to_string()))?;

@@ -170,6 +170,11 @@ impl Failure {
         })
     }
 
+    /// A temperature, or what makes it, ended the run: the bath must not go on.
+    pub fn is_of_temperature(&self) -> bool {
+        matches!(self, Self::Execute(error) if error.is_of_temperature())
+    }
+
     /// The exit code; `eis-bench --help` lists them.
     pub fn exit_code(&self) -> u8 {
         match self {

@@ -33,7 +33,7 @@ use tokio::sync::mpsc::UnboundedReceiver;
 pub use keeper::{GuardianError, Keeper, wait_for_earlier};
 
 use crate::{
-    bench::{Bench, Connections, Identified, SafeReport},
+    bench::{BathOrder, Bench, Connections, Identified, SafeReport},
     config,
     interlock::Trip,
     safety::state::{Latched, Lock, State, StateError, pid},
@@ -380,13 +380,18 @@ impl<'a> Watch<'a> {
         }
     }
 
-    /// A bath that closes its own loop goes on, unless it is no longer set as the run has set it.
-    /// Looked at once, when nothing moves charge any more.
+    /// A bath that closes its own loop goes on, unless it is no longer set as the run has set it, or
+    /// its own sensor shows that it is not under control. It is looked at once, when nothing moves
+    /// charge any more.
     async fn bath(&mut self, bench: &mut Bench) {
         let Some(setpoint_c) = self.report.bath_c else {
             return;
         };
-        let Some(bath) = bench.stray_bath_of(setpoint_c).await else {
+        let order = BathOrder {
+            cell_c: self.charge.cell_c,
+            stop: None,
+        };
+        let Some(bath) = bench.stop_stray_bath_of(setpoint_c, &order).await else {
             return;
         };
         tracing::warn!("{bath}");

@@ -122,6 +122,7 @@ impl Watch {
             | Entry::Ended { .. }
             | Entry::Safe
             | Entry::Note(_)
+            | Entry::Instruments(_)
             | Entry::Found(_) => {}
         }
     }

@@ -118,7 +118,7 @@ fn safe_leaves_a_bath_alone_that_the_cell_bears_and_stops_one_that_it_does_not()
     safe.expect_code(0);
     assert!(
         safe.stdout
-            .ends_with("the bath (julabo) goes on and holds 70 °C\n"),
+            .contains("the bath (julabo) goes on: set to 70.0 °C, its sensor reads "),
         "{}",
         safe.stdout
     );
@@ -127,7 +127,8 @@ fn safe_leaves_a_bath_alone_that_the_cell_bears_and_stops_one_that_it_does_not()
     safe.expect_code(0);
     assert!(
         safe.stdout.ends_with(
-            "the bath was stopped, for its set-point is 70 °C, and the cell bears 0 °C to 45 °C\n"
+            "the bath was stopped, read back, for its set-point is 70 °C, and the cell bears 0 °C to \
+            45 °C\n"
         ),
         "{}",
         safe.stdout
@@ -165,7 +166,8 @@ fn the_guardian_stops_a_bath_only_where_it_is_no_longer_set_as_the_run_has_set_i
         assert_eq!(tell_bath(&ports, other), setpoint);
         signal(guardian, Signal::SIGCONT);
         let report = report(&files, "verified");
-        let stopped = "the bath was stopped, for its set-point is 70 °C, this run set 25 °C";
+        let stopped =
+            "the bath was stopped, read back, for its set-point is 70 °C, this run set 25 °C";
         assert_eq!(
             report["bath_ended"],
             if other.is_empty() {
@@ -177,7 +179,7 @@ fn the_guardian_stops_a_bath_only_where_it_is_no_longer_set_as_the_run_has_set_i
         );
         let safe = on_bench(&files, &["safe"]);
         let words = if other.is_empty() {
-            "goes on and holds 25 °C"
+            "goes on: set to 25.0 °C, its sensor reads 2"
         } else {
             "stands still; its set-point is 70 °C"
         };

@@ -200,7 +200,9 @@ fn a_bath_that_somebody_else_sets_to_70_degrees_is_named_at_the_next_readings() 
     // Nobody knows where it goes: it goes nowhere.
     let notes = files.text("run/events.csv");
     assert!(
-        notes.contains("the bath was stopped, for its set-point is 70 °C, this run set 25 °C"),
+        notes.contains(
+            "the bath was stopped, read back, for its set-point is 70 °C, this run set 25 °C"
+        ),
         "{notes}"
     );
 }

@@ -9,7 +9,7 @@ mod identity;
 mod setting_text;
 
 pub use expect::{Expect, after_header, field, hex_word, leading_number, plain};
-pub use identity::Identity;
+pub use identity::{Identity, fold};
 pub use setting_text::{CHOSEN, ON_OFF, Says, Setting, Shows};
 
 use instruments_link::link::{Link, LinkError};

@@ -13,7 +13,8 @@ use instruments_link::{
 };
 
 use crate::exchange::{
-    Bound, Exchange, ExpectedAnswers, Identity, Setting, Way, leading_number, plain, play, play_all,
+    Bound, Exchange, ExpectedAnswers, Identity, Setting, Way, fold, leading_number, plain, play,
+    play_all,
 };
 
 /// A model of instrument, whatever its role.
@@ -24,8 +25,13 @@ pub trait Model: Send + Sync {
     /// Pace and deadlines of its link.
     fn profile(&self) -> LinkProfile;
 
-    /// Whether an identity answer is this model's.
-    fn recognises(&self, identity: &Identity) -> bool;
+    /// Whether an identity answer is this model's. Case and runs of spaces do not matter.
+    fn recognises(&self, identity: &Identity) -> bool {
+        self.recognises_folded(&identity.folded())
+    }
+
+    /// The same for an identity in capitals and with single spaces ([`Identity::folded`]).
+    fn recognises_folded(&self, identity: &Identity) -> bool;
 
     /// The question for the identity.
     fn identity_query(&self) -> &'static str {
@@ -158,7 +164,7 @@ impl<D: Model + ?Sized> Instrument<D> {
         let accepted = self
             .accepted
             .as_deref()
-            .is_some_and(|text| !text.is_empty() && identity.raw.contains(text));
+            .is_some_and(|text| !text.is_empty() && identity.folded().raw.contains(&fold(text)));
         accepted || self.dialect.recognises(identity)
     }
 

@@ -61,6 +61,9 @@ pub enum Fault {
     ShortBlock,
     /// From now on the zero error of the bipolar supply grows.
     OffsetDrift,
+    /// From now on a bath that runs heats without end, whatever its set-point is. Stopped, it heats
+    /// no more.
+    BathRunsAway,
 }
 
 impl Fault {
@@ -82,7 +85,8 @@ impl Fault {
         Self::OutputOff,
     ];
 
-    /// Those of an instrument that lies.
+    /// Those of an instrument that lies. [`Self::BathRunsAway`] is none: the bath tells the truth
+    /// about its temperature.
     pub const LIES: [Self; 6] = [
         Self::StuckOutput,
         Self::SecondClient,

@@ -73,6 +73,10 @@ pub trait Plant: Send {
     /// From now on the zero error of the bipolar supply grows. A world without one ignores it.
     fn drift(&mut self, _t_s: f64, _drift: Drift) {}
 
+    /// From now on a chiller that runs brings its bath to this temperature, °C, whatever its
+    /// set-point is. A world without a bath ignores it.
+    fn bath_runs_away(&mut self, _t_s: f64, _towards_c: f64) {}
+
     /// How late every answer of every instrument is at `t_s`, s.
     fn late_s(&self, _t_s: f64) -> f64 {
         0.0

@@ -264,6 +264,15 @@ fn every_dialect_recognises_its_own_model_and_no_other() {
                 &[model.key]
             };
             assert_eq!(recognised_by(&identity), expected, "{}", identity.raw);
+            for raw in [
+                identity.raw.to_uppercase(),
+                identity.raw.to_lowercase(),
+                identity.raw.replace(' ', "   ").replace(',', " , "),
+            ] {
+                let spelled = Identity::parse(&raw);
+                assert_eq!(recognised_by(&spelled), expected, "{raw}");
+                assert!(spelled.is_same_instrument(&identity), "{raw}");
+            }
             assert_eq!(
                 rig.sent().len(),
                 1,

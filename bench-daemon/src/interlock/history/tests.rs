@@ -17,6 +17,7 @@ const SETTINGS: Settings = Settings {
     temperature_age_s: 60.0,
     frozen_c: 50.0,
     frozen_s: 30.0,
+    capacity_c: 5000.0,
 };
 
 fn live(charge_c: (f64, f64)) -> Interlock {

@@ -69,7 +69,9 @@ impl Latched {
                 cause: latched.cause,
                 ..Self::of_trip(by, trip)
             },
-            Trip::Chiller { time_s, .. } => Self {
+            Trip::Chiller { time_s, .. }
+            | Trip::Bath { time_s, .. }
+            | Trip::Thermometer { time_s, .. } => Self {
                 bench_time_s: Some(*time_s),
                 ..latched
             },

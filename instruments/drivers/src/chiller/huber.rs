@@ -74,7 +74,7 @@ impl Model for Huber {
         SETTINGS
     }
 
-    fn recognises(&self, identity: &Identity) -> bool {
+    fn recognises_folded(&self, identity: &Identity) -> bool {
         register(&identity.raw).is_some_and(|(address, _)| address == SETPOINT)
     }
 }

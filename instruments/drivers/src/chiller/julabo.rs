@@ -57,8 +57,8 @@ impl Model for Julabo {
         SETTINGS
     }
 
-    fn recognises(&self, identity: &Identity) -> bool {
-        identity.raw.to_ascii_uppercase().starts_with("JULABO")
+    fn recognises_folded(&self, identity: &Identity) -> bool {
+        identity.raw.starts_with("JULABO")
     }
 }
 

@@ -47,7 +47,7 @@ impl Model for RelayBoard {
         "ID"
     }
 
-    fn recognises(&self, identity: &Identity) -> bool {
+    fn recognises_folded(&self, identity: &Identity) -> bool {
         identity.raw.starts_with("THERMOSTAT BOARD")
     }
 }

@@ -19,12 +19,12 @@ pub struct Identity {
 
 impl Identity {
     /// Splits an `*IDN?` answer at its commas; answers without commas (old Kepco cards, Julabo)
-    /// give maker and model by their first blank, and `#VER:model:firmware` is CAENels'.
+    /// give maker and model by their first blank, `#VER:model:firmware` is CAENels', and `{S00`
+    /// with four digits is Huber's set-point.
     pub fn parse(raw: &str) -> Self {
         let raw = raw.trim().to_owned();
-        if let Some((model, firmware)) = raw
-            .strip_prefix("#VER:")
-            .map(|rest| rest.split_once(':').unwrap_or((rest, "")))
+        if let Some((model, firmware)) =
+            without_prefix(&raw, "#VER:").map(|rest| rest.split_once(':').unwrap_or((rest, "")))
         {
             let (model, firmware) = (model.to_owned(), firmware.to_owned());
             return Self {
@@ -33,6 +33,16 @@ impl Identity {
                 model,
                 serial: String::new(),
                 firmware,
+            };
+        }
+        // The answer is the set-point, which says nothing of the unit.
+        if without_prefix(&raw, "{S00").is_some() {
+            return Self {
+                raw,
+                maker: "Huber".to_owned(),
+                model: "PB".to_owned(),
+                serial: String::new(),
+                firmware: String::new(),
             };
         }
         let fields: Vec<String> = parse_response(&raw)
@@ -62,15 +72,103 @@ impl Identity {
         }
     }
 
+    /// The same in capitals and with single spaces, none beside a comma: the form in which
+    /// identities are compared.
+    #[must_use]
+    pub fn folded(&self) -> Self {
+        Self {
+            raw: fold(&self.raw),
+            maker: fold(&self.maker),
+            model: fold(&self.model),
+            serial: fold(&self.serial),
+            firmware: fold(&self.firmware),
+        }
+    }
+
+    /// Whether both answers are of one instrument. Case and runs of spaces do not matter. If both
+    /// report a serial number, maker, model and serial number decide: firmware may be updated.
+    /// Otherwise everything that they report decides.
+    pub fn is_same_instrument(&self, other: &Self) -> bool {
+        let (one, other) = (self.folded(), other.folded());
+        let named = |identity: &Self| (identity.maker.clone(), identity.model.clone());
+        let numbered = one.has_serial() || other.has_serial();
+        named(&one) == named(&other)
+            && one.has_serial() == other.has_serial()
+            && if numbered {
+                one.serial == other.serial
+            } else {
+                one.firmware == other.firmware
+            }
+    }
+
+    /// Whether the instrument reports a serial number: `0` is none.
+    pub fn has_serial(&self) -> bool {
+        self.serial.chars().any(|c| !matches!(c, '0' | ' ' | '-'))
+    }
+
     /// Whether a web server answered: the status line of HTTP/1.
     pub fn is_web_server(&self) -> bool {
         self.raw.starts_with("HTTP/1.")
     }
 }
 
+/// A text in capitals, with single spaces and none beside a comma.
+pub fn fold(text: &str) -> String {
+    let fields = text.split(',').map(|field| {
+        let words: Vec<&str> = field.split_whitespace().collect();
+        words.join(" ")
+    });
+    fields.collect::<Vec<_>>().join(",").to_uppercase()
+}
+
+/// What follows a prefix, whatever its case.
+fn without_prefix<'a>(text: &'a str, prefix: &str) -> Option<&'a str> {
+    let (head, rest) = text.split_at_checked(prefix.len())?;
+    head.eq_ignore_ascii_case(prefix).then_some(rest)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn case_and_spaces_do_not_make_another_instrument_and_a_serial_number_does() {
+        let bop = "KEPCO,BOP1KW 50-20,E156884,2.01";
+        for (one, other, same) in [
+            (bop, "kepco , Bop1kw  50-20 ,e156884, 2.01", true),
+            (bop, "KEPCO,BOP1KW 50-20,E156884,2.07", true),
+            (bop, "KEPCO,BOP1KW 50-20,E156885,2.01", false),
+            (bop, "KEPCO,BOP1KW 100-10,E156884,2.01", false),
+            (bop, "KEPCO,BOP1KW 50-20,0,2.01", false),
+            (
+                "HEWLETT-PACKARD,34970A,0,13-2-2",
+                "Hewlett-Packard,34970A, 0,13-2-2",
+                true,
+            ),
+            (
+                "HEWLETT-PACKARD,34970A,0,13-2-2",
+                "HEWLETT-PACKARD,34970A,,13-2-2",
+                true,
+            ),
+            (
+                "HEWLETT-PACKARD,34970A,0,13-2-2",
+                "HEWLETT-PACKARD,34970A,0,13-2-3",
+                false,
+            ),
+            ("JULABO CF31 VERSION 5.0", "Julabo  CF31 version 5.0", true),
+            ("JULABO CF31 VERSION 5.0", "JULABO CF31 VERSION 5.1", false),
+            (
+                "#VER:FAST-PS 2020-400:1.5.9",
+                "#ver:fast-ps  2020-400:1.5.9",
+                true,
+            ),
+            ("{S0009C4", "{S001388", true),
+        ] {
+            let (first, second) = (Identity::parse(one), Identity::parse(other));
+            assert_eq!(first.is_same_instrument(&second), same, "{one} | {other}");
+            assert_eq!(second.is_same_instrument(&first), same, "{other} | {one}");
+        }
+    }
 
     #[test]
     fn a_web_server_is_no_instrument() {

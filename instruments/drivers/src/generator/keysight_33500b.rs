@@ -130,11 +130,11 @@ impl Model for Keysight {
         SETTINGS
     }
 
-    fn recognises(&self, identity: &Identity) -> bool {
-        let maker = identity.maker.to_ascii_lowercase();
+    fn recognises_folded(&self, identity: &Identity) -> bool {
+        let maker = &identity.maker;
         // 33509B to 33522B, and the 33600A with the same tree.
         let model = identity.model.starts_with("335") || identity.model.starts_with("336");
-        (maker.starts_with("keysight") || maker.starts_with("agilent"))
+        (maker.starts_with("KEYSIGHT") || maker.starts_with("AGILENT"))
             && model
             && identity.model.len() >= 6
     }

@@ -118,8 +118,8 @@ impl Model for Sdg {
         SETTINGS
     }
 
-    fn recognises(&self, identity: &Identity) -> bool {
-        identity.maker.starts_with("Siglent")
+    fn recognises_folded(&self, identity: &Identity) -> bool {
+        identity.maker.starts_with("SIGLENT")
             && identity.model.starts_with("SDG")
             && identity.model.contains('X')
     }

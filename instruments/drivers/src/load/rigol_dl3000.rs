@@ -70,9 +70,8 @@ impl Model for Dl3000 {
         SETTINGS
     }
 
-    fn recognises(&self, identity: &Identity) -> bool {
-        identity.maker.to_ascii_uppercase().starts_with("RIGOL")
-            && identity.model.starts_with("DL30")
+    fn recognises_folded(&self, identity: &Identity) -> bool {
+        identity.maker.starts_with("RIGOL") && identity.model.starts_with("DL30")
     }
 }
 

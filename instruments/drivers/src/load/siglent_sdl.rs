@@ -62,8 +62,8 @@ impl Model for Sdl {
         SETTINGS
     }
 
-    fn recognises(&self, identity: &Identity) -> bool {
-        identity.maker.starts_with("Siglent") && identity.model.starts_with("SDL")
+    fn recognises_folded(&self, identity: &Identity) -> bool {
+        identity.maker.starts_with("SIGLENT") && identity.model.starts_with("SDL")
     }
 }
 

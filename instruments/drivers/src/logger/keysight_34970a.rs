@@ -27,7 +27,7 @@ impl Model for Keysight34970a {
         }
     }
 
-    fn recognises(&self, identity: &Identity) -> bool {
+    fn recognises_folded(&self, identity: &Identity) -> bool {
         ["34970A", "34972A", "DAQ970A"]
             .iter()
             .any(|model| identity.model.starts_with(model))

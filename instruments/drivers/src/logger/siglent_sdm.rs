@@ -26,8 +26,8 @@ impl Model for SiglentSdm {
         }
     }
 
-    fn recognises(&self, identity: &Identity) -> bool {
-        identity.maker.to_ascii_uppercase().starts_with("SIGLENT")
+    fn recognises_folded(&self, identity: &Identity) -> bool {
+        identity.maker.starts_with("SIGLENT")
             && ["SDM3065X", "SDM3055"]
                 .iter()
                 .any(|model| identity.model.starts_with(model))

@@ -51,9 +51,8 @@ impl Model for Dho {
         }
     }
 
-    fn recognises(&self, identity: &Identity) -> bool {
-        identity.maker.to_ascii_uppercase().starts_with("RIGOL")
-            && identity.model.starts_with("DHO")
+    fn recognises_folded(&self, identity: &Identity) -> bool {
+        identity.maker.starts_with("RIGOL") && identity.model.starts_with("DHO")
     }
 }
 

@@ -50,8 +50,8 @@ impl Model for Sds {
         }
     }
 
-    fn recognises(&self, identity: &Identity) -> bool {
-        identity.maker.starts_with("Siglent")
+    fn recognises_folded(&self, identity: &Identity) -> bool {
+        identity.maker.starts_with("SIGLENT")
             && identity.model.starts_with("SDS")
             && identity.model.ends_with("HD")
     }

@@ -58,9 +58,9 @@ impl Model for Keysight {
         SETTINGS
     }
 
-    fn recognises(&self, identity: &Identity) -> bool {
-        let maker = identity.maker.to_ascii_lowercase();
-        (maker.starts_with("keysight") || maker.starts_with("agilent"))
+    fn recognises_folded(&self, identity: &Identity) -> bool {
+        let maker = &identity.maker;
+        (maker.starts_with("KEYSIGHT") || maker.starts_with("AGILENT"))
             && identity.model.starts_with("E36312A")
     }
 }

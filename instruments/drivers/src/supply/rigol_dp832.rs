@@ -46,9 +46,8 @@ impl Model for Dp832 {
         SETTINGS
     }
 
-    fn recognises(&self, identity: &Identity) -> bool {
-        identity.maker.to_ascii_uppercase().starts_with("RIGOL")
-            && identity.model.starts_with("DP832")
+    fn recognises_folded(&self, identity: &Identity) -> bool {
+        identity.maker.starts_with("RIGOL") && identity.model.starts_with("DP832")
     }
 }
 

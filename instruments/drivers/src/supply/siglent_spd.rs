@@ -60,8 +60,8 @@ impl Model for Spd {
         SETTINGS
     }
 
-    fn recognises(&self, identity: &Identity) -> bool {
-        identity.maker.starts_with("Siglent") && identity.model.starts_with("SPD3303X")
+    fn recognises_folded(&self, identity: &Identity) -> bool {
+        identity.maker.starts_with("SIGLENT") && identity.model.starts_with("SPD3303X")
     }
 }
 

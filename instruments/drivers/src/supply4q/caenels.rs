@@ -94,7 +94,7 @@ impl Model for FastPs {
         SETTINGS
     }
 
-    fn recognises(&self, identity: &Identity) -> bool {
+    fn recognises_folded(&self, identity: &Identity) -> bool {
         // The first two digits are the rated amperes, the next two the volts: volts at the analog
         // input mean other amperes on another member.
         let rating = identity.raw.strip_prefix("#VER:FAST-PS ");

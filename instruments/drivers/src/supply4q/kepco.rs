@@ -102,8 +102,8 @@ impl Model for Kepco {
         SETTINGS
     }
 
-    fn recognises(&self, identity: &Identity) -> bool {
-        let raw = identity.raw.to_ascii_uppercase();
+    fn recognises_folded(&self, identity: &Identity) -> bool {
+        let raw = &identity.raw;
         let rating = rating(&identity.model);
         let switching = raw.contains("1KW")
             || rating.is_some_and(|(volts, amps)| volts * amps >= SWITCHING_FROM_W);

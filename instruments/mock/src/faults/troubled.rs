@@ -42,6 +42,9 @@ const DRIFT: Drift = Drift {
     greatest_a: 0.9,
 };
 
+/// Temperature towards which a bath heats that runs away, °C.
+const RUNAWAY_C: f64 = 90.0;
+
 /// Makes a simulated instrument on which things go wrong as scheduled.
 ///
 /// # Errors
@@ -119,6 +122,10 @@ impl Troubled {
             Fault::SecondClient => !self.known.meddling.is_empty(),
             Fault::ShortBlock => self.known.role == "scope",
             Fault::OffsetDrift => self.known.role == "supply4q",
+            // A bath with relays has no control of its own that could fail.
+            Fault::BathRunsAway => {
+                self.known.role == "chiller" && self.known.key != "relay-thermostat"
+            }
             Fault::FrozenMeter => !self.known.messages.measure.is_empty(),
             _ => true,
         }
@@ -266,6 +273,11 @@ impl Device for Troubled {
                 .lock()
                 .unwrap_or_else(PoisonError::into_inner)
                 .drift(now_s, DRIFT),
+            Fault::BathRunsAway => self
+                .plant
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .bath_runs_away(now_s, RUNAWAY_C),
             Fault::SecondClient => {
                 #[expect(
                     clippy::cast_possible_truncation,

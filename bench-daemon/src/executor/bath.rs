@@ -1,0 +1,115 @@
+//! Reads and judges the bath of the cell by its own sensor, and compares the cell's thermometer with
+//! it.
+
+use instruments::link::LinkError;
+
+use super::{ExecuteError, Rig};
+use crate::interlock::{BathReading, ThermometerReadings};
+
+/// A cell that carries no current for long has the bath's temperature, but for what its mounting
+/// lets through, K.
+const COLDER_K: f64 = 10.0;
+/// Allowed warming of a cell under a periodic current, K. It is half of the way from 20 °C to 60
+/// °C, at which cells are no longer discharged. Under a large direct current the cell may use all
+/// of that way.
+const WARMER_K: f64 = 20.0;
+
+impl Rig<'_> {
+    /// Reads the own sensor of a bath that this run has started, records the reading and judges it.
+    /// Returns `None` if no bath was started, or if the sensor gives no temperature.
+    pub(super) async fn watch_bath(&mut self) -> Result<Option<f64>, ExecuteError> {
+        let error = self.bench.error("chiller");
+        let Some(chiller) = self
+            .bench
+            .instruments
+            .chiller
+            .as_mut()
+            .filter(|_| self.temperatures.chiller_runs)
+        else {
+            return Ok(None);
+        };
+        let sensor_c = match chiller.temperature().await {
+            Ok(celsius) => Some(celsius.value()),
+            Err(LinkError::Unexpected { .. }) => None,
+            Err(failed) => return Err(error(failed).into()),
+        };
+        self.recorder.bath(sensor_c, self.temperatures.setpoint_c);
+        // A loop that the daemon closes is judged where it is closed.
+        if self.temperatures.thermostat.is_none() {
+            self.judge_bath(sensor_c)?;
+        }
+        Ok(sensor_c)
+    }
+
+    /// Judges a reading of the bath's own sensor, °C.
+    pub(super) fn judge_bath(&mut self, sensor_c: Option<f64>) -> Result<(), ExecuteError> {
+        let Some(setpoint_c) = self.temperatures.setpoint_c else {
+            return Ok(());
+        };
+        let reading = BathReading {
+            sensor_c,
+            setpoint_c,
+        };
+        match self.interlock.judge_bath(reading, self.clock.now_s()) {
+            Some(trip) => Err(trip.into()),
+            None => Ok(()),
+        }
+    }
+
+    /// Watches the bath, and compares the cell's thermometer with it: a bath that holds the cell is
+    /// not far from it. While nothing can flow, or the temperature is to change, the two are not
+    /// compared. A bath whose loop the daemon closes is read by [`Self::regulate`] then. Returns
+    /// what the bath's sensor reads, °C.
+    pub(super) async fn cross_check_bath(&mut self) -> Result<Option<f64>, ExecuteError> {
+        let judged = self.interlock.is_live() && !self.interlock.tempering();
+        let cell_c = self
+            .temperatures
+            .last_c
+            .filter(|celsius| celsius.is_finite() && judged);
+        if cell_c.is_none() && self.temperatures.thermostat.is_some() {
+            return Ok(None);
+        }
+        let bath_c = self.watch_bath().await?;
+        if let Some((cell_c, bath_c)) = cell_c.zip(bath_c) {
+            self.compare_with_bath(cell_c, bath_c)?;
+        }
+        Ok(bath_c)
+    }
+
+    /// Judges what all thermometers of one look read.
+    pub(super) fn judge_thermometers(
+        &mut self,
+        readings: ThermometerReadings,
+    ) -> Result<(), ExecuteError> {
+        let now_s = self.clock.now_s();
+        match self.interlock.judge_thermometers(readings, now_s) {
+            Some(trip) => Err(trip.into()),
+            None => Ok(()),
+        }
+    }
+
+    fn compare_with_bath(&self, cell_c: f64, bath_c: f64) -> Result<(), ExecuteError> {
+        let warmer_k = if self.interlock.allowed_mean().is_some() {
+            WARMER_K
+        } else {
+            f64::INFINITY
+        };
+        if (-COLDER_K..=warmer_k).contains(&(cell_c - bath_c)) {
+            return Ok(());
+        }
+        Err(ExecuteError::Disagree {
+            what: "temperature",
+            one: format!("thermocouple on the cell {cell_c:.2} °C"),
+            other: match self.temperatures.setpoint_c {
+                Some(setpoint_c) => format!("bath {bath_c:.2} °C (set to {setpoint_c:.1} °C)"),
+                None => format!("bath {bath_c:.2} °C"),
+            },
+            allowed: match warmer_k.is_finite() {
+                true => format!(
+                    "{warmer_k} K where the cell is warmer, {COLDER_K} K where it is colder"
+                ),
+                false => format!("{COLDER_K} K where the cell is colder"),
+            },
+        })
+    }
+}

@@ -1,0 +1,416 @@
+//! Judges what the own sensor of a bath reads. Pure: readings with their times in, a fault or
+//! nothing out. The daemon asks it at each watch of the bath; the guardian and `eis-bench safe` ask
+//! it with a few readings in a row.
+
+use serde::{Deserialize, Serialize};
+
+/// Distance from its set-point within which a bath counts as held, K. Circulators hold 0.1 K and
+/// overshoot by 1 K to 2 K.
+const HELD_K: f64 = 3.0;
+/// How far beyond the cell's temperature limits the sensor may read, K: a bath that holds the cell
+/// at a limit regulates about it.
+const BEYOND_LIMITS_K: f64 = 1.0;
+/// Change of the distance from the set-point that shows a direction, K: more than the noise and the
+/// digits of a bath's sensor.
+const DIRECTION_K: f64 = 0.2;
+/// Decrease of the distance from its greatest value by which a bath turns back, K.
+const TURNED_K: f64 = 0.5;
+
+/// One reading of a bath.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BathReading {
+    /// Temperature by its own sensor, °C; `None` if the answer was no temperature.
+    pub sensor_c: Option<f64>,
+    /// Its set-point, °C.
+    pub setpoint_c: f64,
+}
+
+/// What is wrong with a bath.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
+pub enum BathFault {
+    /// Its sensor reads a temperature that the cell does not bear.
+    #[error(
+        "its sensor reads {sensor_c:.1} °C, and the cell bears {least_c} °C to {greatest_c} °C; \
+        its set-point is {setpoint_c:.1} °C"
+    )]
+    OutsideLimits {
+        /// Reading of its sensor, °C.
+        sensor_c: f64,
+        /// Its set-point, °C.
+        setpoint_c: f64,
+        /// Least temperature of the cell, °C.
+        least_c: f64,
+        /// Greatest temperature of the cell, °C.
+        greatest_c: f64,
+    },
+    /// It goes away from its set-point and does not turn back.
+    #[error(
+        "its sensor reads {sensor_c:.1} °C and moves away from the set-point of {setpoint_c:.1} \
+        °C: the distance was {nearest_k:.1} K before"
+    )]
+    MovesAway {
+        /// Reading of its sensor, °C.
+        sensor_c: f64,
+        /// Its set-point, °C.
+        setpoint_c: f64,
+        /// Least distance between the two since it had this set-point, K.
+        nearest_k: f64,
+    },
+    /// Its sensor gives no temperature.
+    #[error("its sensor has read no temperature for {age_s:.0} s")]
+    Unread {
+        /// Time since the last temperature, s.
+        age_s: f64,
+    },
+}
+
+/// How far and how long a bath may do what a sound one does for a while.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Patience {
+    /// Growth of the distance from the set-point beyond its least value, K.
+    grown_k: f64,
+    /// How long the distance may stay grown, and how long a bath outside the cell's limits may take
+    /// for the next step towards its set-point, s.
+    away_s: f64,
+    /// How long the sensor may read no temperature, s.
+    unread_s: f64,
+}
+
+/// The bath is read again and again, and somebody stops it later if it does not turn back.
+const WATCHED: Patience = Patience {
+    grown_k: HELD_K,
+    away_s: 60.0,
+    unread_s: 60.0,
+};
+/// The bath is read for some seconds, and nobody watches it afterwards.
+const LEFT_ALONE: Patience = Patience {
+    grown_k: DIRECTION_K,
+    away_s: 0.0,
+    unread_s: 0.0,
+};
+
+/// Course of the distance between sensor and set-point since the bath has this set-point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Course {
+    setpoint_c: f64,
+    /// Least distance, K.
+    nearest_k: f64,
+    /// Distance at the last step towards the set-point, K, and its time, s; `None` before the first.
+    step: (f64, Option<f64>),
+    began_s: f64,
+    /// Since when the distance has been grown, s, and its greatest value since then, K.
+    away: Option<(f64, f64)>,
+    /// Every reading was outside the cell's limits.
+    outside: bool,
+}
+
+impl Course {
+    fn begin(setpoint_c: f64, distance_k: f64, now_s: f64) -> Self {
+        Self {
+            setpoint_c,
+            nearest_k: distance_k,
+            step: (distance_k, None),
+            began_s: now_s,
+            away: None,
+            outside: true,
+        }
+    }
+
+    /// Takes a distance; true if the bath moves away.
+    fn moves_away(&mut self, distance_k: f64, now_s: f64, patience: Patience) -> bool {
+        self.nearest_k = self.nearest_k.min(distance_k);
+        if distance_k <= self.step.0 - DIRECTION_K {
+            self.step = (distance_k, Some(now_s));
+        }
+        if distance_k <= HELD_K || distance_k <= self.nearest_k + patience.grown_k {
+            self.away = None;
+            return false;
+        }
+        let (since_s, farthest_k) = self.away.unwrap_or((now_s, distance_k));
+        if distance_k < farthest_k - TURNED_K {
+            // It comes back: from here on it approaches again.
+            *self = Self {
+                outside: self.outside,
+                ..Self::begin(self.setpoint_c, distance_k, now_s)
+            };
+            return false;
+        }
+        self.away = Some((since_s, farthest_k.max(distance_k)));
+        now_s - since_s >= patience.away_s
+    }
+
+    /// It has made a step towards its set-point within this time, or was given it within this time.
+    fn approaches(&self, now_s: f64, within_s: f64) -> bool {
+        now_s - self.step.1.unwrap_or(self.began_s) < within_s
+    }
+}
+
+/// Judges the readings of one bath, one after the other.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BathJudge {
+    /// Least and greatest temperature of the cell, °C, if they are known.
+    cell_c: Option<(f64, f64)>,
+    patience: Patience,
+    course: Option<Course>,
+    /// Time of the last temperature, or of the first question, s.
+    read_s: Option<f64>,
+}
+
+impl BathJudge {
+    /// A judge of a bath that is read at each watch. It stops a bath that is more than [`HELD_K`]
+    /// farther from its set-point than before for 60 s without turning back. `cell_c` is the least
+    /// and the greatest temperature of the cell, °C.
+    pub fn watching(cell_c: Option<(f64, f64)>) -> Self {
+        Self::new(cell_c, WATCHED)
+    }
+
+    /// A judge of a bath that nobody watches after a few readings: it has no patience.
+    pub fn leaving(cell_c: Option<(f64, f64)>) -> Self {
+        Self::new(cell_c, LEFT_ALONE)
+    }
+
+    fn new(cell_c: Option<(f64, f64)>, patience: Patience) -> Self {
+        Self {
+            cell_c,
+            patience,
+            course: None,
+            read_s: None,
+        }
+    }
+
+    /// Judges a reading that was taken at `now_s`. A new set-point begins a new course: a bath that
+    /// approaches it, however far it is, is sound.
+    pub fn judge(&mut self, reading: BathReading, now_s: f64) -> Option<BathFault> {
+        let Some(sensor_c) = reading.sensor_c.filter(|celsius| celsius.is_finite()) else {
+            let age_s = now_s - *self.read_s.get_or_insert(now_s);
+            return (age_s >= self.patience.unread_s).then_some(BathFault::Unread { age_s });
+        };
+        self.read_s = Some(now_s);
+        let setpoint_c = reading.setpoint_c;
+        let distance_k = (sensor_c - setpoint_c).abs();
+        let course = self
+            .course
+            .get_or_insert_with(|| Course::begin(setpoint_c, distance_k, now_s));
+        if course.setpoint_c != setpoint_c {
+            *course = Course::begin(setpoint_c, distance_k, now_s);
+        }
+        let away = course.moves_away(distance_k, now_s, self.patience);
+        let outside = self.cell_c.filter(|(least_c, greatest_c)| {
+            !(least_c - BEYOND_LIMITS_K..=greatest_c + BEYOND_LIMITS_K).contains(&sensor_c)
+        });
+        course.outside &= outside.is_some();
+        let comes_back = course.outside && course.approaches(now_s, self.patience.away_s);
+        match outside.filter(|_| !comes_back) {
+            Some((least_c, greatest_c)) => Some(BathFault::OutsideLimits {
+                sensor_c,
+                setpoint_c,
+                least_c,
+                greatest_c,
+            }),
+            None => away.then_some(BathFault::MovesAway {
+                sensor_c,
+                setpoint_c,
+                nearest_k: course.nearest_k,
+            }),
+        }
+    }
+
+    /// Whether a reading tells all that can be known: a bath near its set-point is held.
+    pub fn is_held(reading: BathReading) -> bool {
+        reading
+            .sensor_c
+            .is_some_and(|sensor_c| (sensor_c - reading.setpoint_c).abs() <= HELD_K)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const CELL_C: Option<(f64, f64)> = Some((0.0, 45.0));
+
+    /// First fault, and its time, of readings every ten seconds for two hours.
+    fn first_fault(
+        mut judge: BathJudge,
+        setpoint_c: f64,
+        sensor_c: impl Fn(f64) -> f64,
+    ) -> Option<(f64, BathFault)> {
+        (0..720).find_map(|k| {
+            let now_s = 10.0 * f64::from(k);
+            let reading = BathReading {
+                sensor_c: Some(sensor_c(now_s)).filter(|celsius| celsius.is_finite()),
+                setpoint_c,
+            };
+            Some((now_s, judge.judge(reading, now_s)?))
+        })
+    }
+
+    /// First-order approach from one temperature to another.
+    fn approach(from_c: f64, to_c: f64, tau_s: f64) -> impl Fn(f64) -> f64 {
+        move |now_s| to_c + (from_c - to_c) * (-now_s / tau_s).exp()
+    }
+
+    #[test]
+    fn a_bath_that_approaches_holds_or_overshoots_is_sound() {
+        let overshoots = |now_s: f64| 40.0 + 5.6 * (-now_s / 200.0).exp() * (now_s / 60.0).sin();
+        let noisy = |now_s: f64| 25.0 + 0.1 * (now_s * 7.0).sin();
+        let late = |now_s: f64| if now_s < 900.0 { 22.0 } else { 40.0 };
+        let dips = |now_s: f64| 22.0 - 2.5 * (-now_s / 50.0).exp() + now_s / 400.0;
+        for (case, setpoint_c, sensor_c) in [
+            (
+                "heats",
+                40.0,
+                &approach(22.0, 40.0, 600.0) as &dyn Fn(f64) -> f64,
+            ),
+            ("cools", 5.0, &approach(40.0, 5.0, 900.0)),
+            ("heats slowly", 45.0, &approach(5.0, 45.0, 3000.0)),
+            ("holds at the limit", 45.0, &|now_s| {
+                45.4 + 0.3 * (now_s / 100.0).sin()
+            }),
+            ("overshoots", 40.0, &overshoots),
+            ("is noisy", 25.0, &noisy),
+            ("does not move for a while", 40.0, &late),
+            ("mixes first", 40.0, &dips),
+            (
+                "cools from where no cell may be",
+                25.0,
+                &approach(70.0, 25.0, 400.0),
+            ),
+        ] {
+            let fault = first_fault(BathJudge::watching(CELL_C), setpoint_c, sensor_c);
+            assert_eq!(fault, None, "{case}");
+        }
+    }
+
+    #[test]
+    fn a_bath_that_runs_away_is_at_fault_within_two_minutes_of_leaving_its_band() {
+        for (case, sensor_c, at_most_s, away) in [
+            (
+                "heats",
+                &(|now_s| 25.0 + 0.1 * now_s) as &dyn Fn(f64) -> f64,
+                100.0,
+                true,
+            ),
+            ("heats slowly", &|now_s| 25.0 + 0.01 * now_s, 370.0, true),
+            ("cools", &|now_s| 25.0 - 0.1 * now_s, 100.0, true),
+            (
+                "jumps and stays",
+                &|now_s| if now_s < 100.0 { 25.0 } else { 33.0 },
+                160.0,
+                true,
+            ),
+            ("heats fast", &|now_s| 25.0 + now_s, 30.0, false),
+            (
+                "turns in the middle",
+                &|now_s| 40.0 - 0.05 * now_s.min(200.0) + 0.1 * (now_s - 200.0).max(0.0),
+                300.0,
+                true,
+            ),
+            ("is hot and stays", &|_| 70.0, 60.0, false),
+            (
+                "is hot and gets hotter",
+                &|now_s| 70.0 + 0.1 * now_s,
+                60.0,
+                false,
+            ),
+            (
+                "cools and stands still outside",
+                &|now_s| (70.0 - 0.1 * now_s).max(60.0),
+                160.0,
+                false,
+            ),
+        ] {
+            let Some((at_s, fault)) = first_fault(BathJudge::watching(CELL_C), 25.0, sensor_c)
+            else {
+                panic!("{case}: no fault")
+            };
+            assert!(at_s <= at_most_s, "{case}: {at_s} s");
+            assert_eq!(
+                matches!(fault, BathFault::MovesAway { .. }),
+                away,
+                "{case}: {fault}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_sensor_that_reads_nothing_is_a_fault_after_a_minute() {
+        let fault = first_fault(BathJudge::watching(None), 25.0, |now_s| {
+            if now_s < 100.0 { 25.0 } else { f64::NAN }
+        });
+        let (at_s, fault) = fault.unwrap();
+        assert_eq!(at_s, 150.0);
+        assert_eq!(
+            fault.to_string(),
+            "its sensor has read no temperature for 60 s"
+        );
+    }
+
+    #[test]
+    fn a_bath_that_nobody_watches_afterwards_is_judged_within_seconds() {
+        let fault = |cell_c, sensors_c: &[f64]| {
+            let mut judge = BathJudge::leaving(cell_c);
+            sensors_c.iter().enumerate().find_map(|(k, sensor_c)| {
+                let reading = BathReading {
+                    sensor_c: Some(*sensor_c),
+                    setpoint_c: 25.0,
+                };
+                judge.judge(reading, k as f64)
+            })
+        };
+        for (sensors_c, cell_c, words) in [
+            (&[24.9, 25.0, 25.1][..], CELL_C, None),
+            (
+                &[75.0],
+                CELL_C,
+                Some(
+                    "its sensor reads 75.0 °C, and the cell bears 0 °C to 45 °C; its set-point is \
+                    25.0 °C",
+                ),
+            ),
+            (
+                &[75.0, 75.1, 75.3],
+                None,
+                Some(
+                    "its sensor reads 75.3 °C and moves away from the set-point of 25.0 °C: the \
+                    distance was 50.0 K before",
+                ),
+            ),
+            (
+                &[30.0, 30.1, 30.3],
+                CELL_C,
+                Some(
+                    "its sensor reads 30.3 °C and moves away from the set-point of 25.0 °C: the \
+                    distance was 5.0 K before",
+                ),
+            ),
+            (&[30.0, 29.9, 29.7], CELL_C, None),
+            (&[30.0, 30.0, 30.0], CELL_C, None),
+            (&[10.0, 10.4, 11.0], CELL_C, None),
+        ] {
+            let met = fault(cell_c, sensors_c).map(|fault| fault.to_string());
+            assert_eq!(met.as_deref(), words, "{sensors_c:?}");
+        }
+    }
+
+    #[test]
+    fn a_new_set_point_begins_a_new_course() {
+        let mut judge = BathJudge::watching(CELL_C);
+        for k in 0..400 {
+            let now_s = 10.0 * f64::from(k);
+            let setpoint_c = if k < 200 { 25.0 } else { 5.0 };
+            let sensor_c = if k < 200 {
+                25.0
+            } else {
+                // Its compressor starts late.
+                approach(25.0, 5.0, 300.0)((now_s - 2120.0).max(0.0))
+            };
+            let reading = BathReading {
+                sensor_c: Some(sensor_c),
+                setpoint_c,
+            };
+            assert_eq!(judge.judge(reading, now_s), None, "{now_s}");
+        }
+    }
+}

@@ -1,0 +1,394 @@
+//! Judges the thermometers against each other, against the bath and against the heat in the cell: one
+//! that does not move although it must, two that are swapped, an air that no room has. Pure.
+//!
+//! A thermometer with coarse digits and without noise stands still rightly. What decides is by how
+//! much the cell must have warmed at least, with a heat capacity and a cooling that are generous.
+
+use std::collections::VecDeque;
+
+/// Temperatures that the air of a room may have, °C.
+const ROOM_C: (f64, f64) = (-30.0, 55.0);
+/// Least change that the cell must have made before a reading that stays the very same is at fault,
+/// K: ten steps of a thermometer with one decimal.
+const MUST_MOVE_K: f64 = 1.0;
+/// Greatest heat capacity of a cell with its holder, J/K per Ah: four times that of a cylindrical
+/// lithium-ion cell.
+const HEAT_CAPACITY_J_PER_K_AH: f64 = 60.0;
+/// How fast a cell gives its heat away at most, as a time constant, s: to blocks with water, and to
+/// still air.
+const COOLS_S: (f64, f64) = (60.0, 600.0);
+/// How slowly a cell follows its bath at most, as a time constant, s.
+const FOLLOWS_S: f64 = 3600.0;
+/// Two looks that are farther apart say nothing of the time between them, s.
+const GAP_S: f64 = 300.0;
+/// How long the movement of the air is followed, s.
+const AIR_WINDOW_S: f64 = 1800.0;
+/// Rise of the air within that time that must show at the cell, K, and the least share of it there.
+const AIR_RISES_K: f64 = 8.0;
+const AIR_SHARE: f64 = 0.5;
+/// Least difference between two temperatures that are not the same, and greatest between two that
+/// are, K.
+const DIFFERENT_K: f64 = 10.0;
+const ALIKE_K: f64 = 5.0;
+/// How long the air must look like the cell in its bath, s.
+const ALIKE_S: f64 = 300.0;
+/// Looks in a row at which a fine thermometer repeats itself beside another one that does not.
+const REPEATS: u32 = 20;
+/// Greatest change of the air from look to look that is noise, K.
+const NOISE_K: f64 = 0.1;
+/// A current from which on a resistance can be told, A, and resistances that a cell may have, Ω.
+const TELLS_A: f64 = 0.5;
+const OHM: (f64, f64) = (1.0e-4, 1.0);
+
+/// One look at all thermometers; what is not there or gives no number is `None`.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ThermometerReadings {
+    /// The cell, °C.
+    pub cell_c: Option<f64>,
+    /// The air of the room, the second channel of the logger, °C.
+    pub air_c: Option<f64>,
+    /// The bath by its own sensor, °C.
+    pub bath_c: Option<f64>,
+}
+
+/// What is wrong with the thermometers.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum ThermometerFault {
+    /// The air has a temperature that no room has.
+    #[error(
+        "that of the air reads {air_c:.1} °C, expected {} °C to {} °C: is it swapped with that of \
+        the cell?",
+        ROOM_C.0,
+        ROOM_C.1
+    )]
+    NoRoom {
+        /// Reading, °C.
+        air_c: f64,
+    },
+    /// The air warms, and the cell does not.
+    #[error(
+        "that of the air has risen by {rise_k:.1} K to {air_c:.1} °C, and that of the cell by \
+        {cell_rise_k:.1} K: are the two swapped?"
+    )]
+    AirWarms {
+        /// Reading of the air, °C.
+        air_c: f64,
+        /// By how much it has risen, K.
+        rise_k: f64,
+        /// By how much the cell has risen meanwhile, K.
+        cell_rise_k: f64,
+    },
+    /// The air is as warm as the bath, and the cell is not.
+    #[error(
+        "that of the cell reads {cell_c:.1} °C, that of the air {air_c:.1} °C, and the bath \
+        {bath_c:.1} °C: are the two swapped?"
+    )]
+    AirInBath {
+        /// Reading of the cell, °C.
+        cell_c: f64,
+        /// Reading of the air, °C.
+        air_c: f64,
+        /// Reading of the bath, °C.
+        bath_c: f64,
+    },
+    /// The bath has moved, and the cell's thermometer has not.
+    #[error(
+        "that of the cell reads {cell_c} °C all the while, although the bath went from \
+        {bath_from_c:.1} °C to {bath_c:.1} °C, which must have moved it by {must_k:.1} K: it is \
+        frozen"
+    )]
+    StillBesideBath {
+        /// Reading of the cell, °C.
+        cell_c: f64,
+        /// The bath when the reading changed last, °C.
+        bath_from_c: f64,
+        /// The bath now, °C.
+        bath_c: f64,
+        /// By how much the cell must have moved at least, K.
+        must_k: f64,
+    },
+    /// The cell was heated, and its thermometer has not moved.
+    #[error(
+        "that of the cell reads {cell_c} °C all the while, although {heat_j:.0} J of heat in the \
+        cell must have warmed it by {must_k:.1} K: it is frozen"
+    )]
+    StillWhileHeated {
+        /// Reading of the cell, °C.
+        cell_c: f64,
+        /// Heat since the reading changed last, J.
+        heat_j: f64,
+        /// By how much the cell must have warmed at least, K.
+        must_k: f64,
+    },
+    /// The other thermometer of the same logger shows noise, and that of the cell does not.
+    #[error(
+        "that of the cell has read {cell_c} °C {times} times in a row, while that of the air \
+        changed each time by its noise: it is frozen"
+    )]
+    StillBesideAir {
+        /// Reading of the cell, °C.
+        cell_c: f64,
+        /// How often it was read alike.
+        times: u32,
+    },
+}
+
+/// Heat in the cell by its own resistance, as far as a step of the current tells it.
+#[derive(Debug, Clone, Copy, Default)]
+struct Heat {
+    rest_v: Option<f64>,
+    ohm: Option<f64>,
+    /// Current that was read last with its time, A and s.
+    last: Option<(f64, f64)>,
+    /// Heat that no look has taken yet, J.
+    joules: f64,
+}
+
+impl Heat {
+    fn take(&mut self, volts: f64, amps: f64, time_s: f64) {
+        if let (Some((before_a, before_s)), Some(ohm)) = (self.last, self.ohm) {
+            let passed_s = (time_s - before_s).clamp(0.0, GAP_S);
+            // The smaller of two currents: a peak that was met by chance counts for nothing.
+            self.joules += ohm * before_a.abs().min(amps.abs()).powi(2) * passed_s;
+        }
+        let rested = self
+            .last
+            .is_none_or(|(before_a, _)| before_a.abs() < TELLS_A);
+        self.last = Some((amps, time_s));
+        if !volts.is_finite() {
+            return;
+        }
+        if amps.abs() < TELLS_A {
+            self.rest_v = Some(volts);
+        } else if let Some(rest_v) = self.rest_v.filter(|_| rested) {
+            let ohm = (volts - rest_v) / amps;
+            self.ohm = Some(ohm)
+                .filter(|ohm| (OHM.0..=OHM.1).contains(ohm))
+                .or(self.ohm);
+        }
+    }
+}
+
+/// What must have happened to the cell since its reading changed last.
+#[derive(Debug, Clone, Copy)]
+struct Still {
+    cell_c: f64,
+    /// The bath then, °C.
+    bath_from_c: Option<f64>,
+    /// Least movement by the bath, and least warming by heat, K.
+    by_bath_k: f64,
+    by_heat_k: f64,
+    heat_j: f64,
+    /// Looks at which the cell repeated itself while the air changed by its noise.
+    repeats: u32,
+}
+
+impl Still {
+    fn begin(cell_c: f64, bath_c: Option<f64>) -> Self {
+        Self {
+            cell_c,
+            bath_from_c: bath_c,
+            by_bath_k: 0.0,
+            by_heat_k: 0.0,
+            heat_j: 0.0,
+            repeats: 0,
+        }
+    }
+
+    /// Lets `passed_s` pass with heat in the cell, J.
+    fn pass(&mut self, passed_s: f64, heat_j: f64, bath_c: Option<f64>, capacity_j_per_k: f64) {
+        let cools_s = if bath_c.is_some() {
+            COOLS_S.0
+        } else {
+            COOLS_S.1
+        };
+        self.heat_j += heat_j;
+        self.by_heat_k = self.by_heat_k * (-passed_s / cools_s).exp() + heat_j / capacity_j_per_k;
+        if let Some((from_c, now_c)) = self.bath_from_c.zip(bath_c) {
+            let left = (-passed_s / FOLLOWS_S).exp();
+            let goal_k = now_c - from_c;
+            self.by_bath_k = goal_k + (self.by_bath_k - goal_k) * left;
+        }
+        if self.bath_from_c.is_none() {
+            self.bath_from_c = bath_c;
+        }
+    }
+
+    fn fault(&self, bath_c: Option<f64>) -> Option<ThermometerFault> {
+        let cell_c = self.cell_c;
+        if let Some((bath_from_c, bath_c)) = self.bath_from_c.zip(bath_c)
+            && self.by_bath_k.abs() > MUST_MOVE_K
+        {
+            return Some(ThermometerFault::StillBesideBath {
+                cell_c,
+                bath_from_c,
+                bath_c,
+                must_k: self.by_bath_k,
+            });
+        }
+        if self.by_heat_k > MUST_MOVE_K {
+            return Some(ThermometerFault::StillWhileHeated {
+                cell_c,
+                heat_j: self.heat_j,
+                must_k: self.by_heat_k,
+            });
+        }
+        (self.repeats >= REPEATS && is_fine(cell_c)).then_some(ThermometerFault::StillBesideAir {
+            cell_c,
+            times: self.repeats + 1,
+        })
+    }
+}
+
+/// Whether a reading shows that its thermometer has fine digits: it is no multiple of a hundredth
+/// or of a sixteenth of a degree.
+fn is_fine(celsius: f64) -> bool {
+    [100.0, 16.0].iter().all(|steps| {
+        let scaled = celsius * steps;
+        (scaled - scaled.round()).abs() > 1.0e-6 * scaled.abs().max(1.0)
+    })
+}
+
+/// Judges looks at the thermometers, one after the other.
+#[derive(Debug)]
+pub struct ThermometerJudge {
+    /// Greatest heat capacity of the cell, J/K.
+    capacity_j_per_k: f64,
+    heat: Heat,
+    last: Option<(f64, ThermometerReadings)>,
+    still: Option<Still>,
+    /// Times, s, and readings of air and cell, °C, within the window.
+    air: VecDeque<(f64, f64, f64)>,
+    /// Since when the air has looked like the cell in its bath, s.
+    alike_s: Option<f64>,
+}
+
+impl ThermometerJudge {
+    /// A judge for a cell of this capacity, C.
+    pub fn new(capacity_c: f64) -> Self {
+        Self {
+            capacity_j_per_k: HEAT_CAPACITY_J_PER_K_AH * capacity_c / 3600.0,
+            heat: Heat::default(),
+            last: None,
+            still: None,
+            air: VecDeque::new(),
+            alike_s: None,
+        }
+    }
+
+    /// Something else is in the jig: what was seen before says nothing of it.
+    pub fn forget(&mut self) {
+        (self.heat, self.last, self.still) = (Heat::default(), None, None);
+        self.air.clear();
+        self.alike_s = None;
+    }
+
+    /// Takes the voltage, V, and the current, A, of a reading at `time_s`, which tell the heat in the
+    /// cell.
+    pub fn take_power(&mut self, volts: f64, amps: f64, time_s: f64) {
+        self.heat.take(volts, amps, time_s);
+    }
+
+    /// Judges a look at `now_s`. `cell` is false while the cell lies beside the jig, where only the
+    /// air is judged.
+    pub fn judge(
+        &mut self,
+        readings: ThermometerReadings,
+        cell: bool,
+        now_s: f64,
+    ) -> Option<ThermometerFault> {
+        let finite = |value: Option<f64>| value.filter(|celsius| celsius.is_finite());
+        let readings = ThermometerReadings {
+            cell_c: finite(readings.cell_c),
+            air_c: finite(readings.air_c),
+            bath_c: finite(readings.bath_c),
+        };
+        let no_room = readings
+            .air_c
+            .filter(|air_c| !(ROOM_C.0..=ROOM_C.1).contains(air_c));
+        if let Some(air_c) = no_room {
+            return Some(ThermometerFault::NoRoom { air_c });
+        }
+        let heat_j = std::mem::take(&mut self.heat.joules);
+        if !cell {
+            self.forget();
+            return None;
+        }
+        let before = self
+            .last
+            .replace((now_s, readings))
+            .filter(|(before_s, _)| now_s - before_s <= GAP_S);
+        self.judge_still(readings, before, heat_j, now_s)
+            .or_else(|| self.judge_air(readings, now_s))
+    }
+
+    fn judge_still(
+        &mut self,
+        readings: ThermometerReadings,
+        before: Option<(f64, ThermometerReadings)>,
+        heat_j: f64,
+        now_s: f64,
+    ) -> Option<ThermometerFault> {
+        let cell_c = readings.cell_c?;
+        let Some((still, (before_s, before))) = self
+            .still
+            .as_mut()
+            .zip(before)
+            .filter(|(still, _)| still.cell_c == cell_c)
+        else {
+            self.still = Some(Still::begin(cell_c, readings.bath_c));
+            return None;
+        };
+        still.pass(
+            now_s - before_s,
+            heat_j,
+            readings.bath_c,
+            self.capacity_j_per_k,
+        );
+        let noise = readings
+            .air_c
+            .zip(before.air_c)
+            .is_some_and(|(now_c, before_c)| {
+                now_c != before_c && (now_c - before_c).abs() < NOISE_K
+            });
+        still.repeats = if noise { still.repeats + 1 } else { 0 };
+        still.fault(readings.bath_c)
+    }
+
+    fn judge_air(&mut self, readings: ThermometerReadings, now_s: f64) -> Option<ThermometerFault> {
+        let (cell_c, air_c) = readings.cell_c.zip(readings.air_c)?;
+        self.air.push_back((now_s, air_c, cell_c));
+        while self
+            .air
+            .front()
+            .is_some_and(|(time_s, ..)| now_s - time_s > AIR_WINDOW_S)
+        {
+            self.air.pop_front();
+        }
+        let coldest = self.air.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let (rise_k, cell_rise_k) = (air_c - coldest.1, cell_c - coldest.2);
+        if rise_k > AIR_RISES_K && cell_rise_k < AIR_SHARE * rise_k {
+            return Some(ThermometerFault::AirWarms {
+                air_c,
+                rise_k,
+                cell_rise_k,
+            });
+        }
+        let bath_c = readings
+            .bath_c
+            .filter(|bath_c| air_c - cell_c > DIFFERENT_K && (air_c - bath_c).abs() < ALIKE_K);
+        let Some(bath_c) = bath_c else {
+            self.alike_s = None;
+            return None;
+        };
+        let since_s = *self.alike_s.get_or_insert(now_s);
+        (now_s - since_s >= ALIKE_S).then_some(ThermometerFault::AirInBath {
+            cell_c,
+            air_c,
+            bath_c,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;
