@@ -107,6 +107,12 @@ impl Bench {
     /// dialect. Who fails is tried again for a while on a fresh connection: switching off is
     /// idempotent. Whose word was once wrong is not believed again.
     pub async fn safe_state(&mut self) -> SafeReport {
+        let report = self.switch_off().await;
+        self.last_safe = Some(report.clone());
+        report
+    }
+
+    async fn switch_off(&mut self) -> SafeReport {
         let mut report = SafeReport::default();
         for attempt in 0..=SAFE_RETRIES {
             if attempt > 0 {

@@ -94,7 +94,7 @@ impl Run<'_> {
         };
         let (mut bench, identities) = match self.open(&connections).await {
             Ok(opened) => opened,
-            Err(failure) => return lease.end(Err(failure)).await,
+            Err(failure) => return lease.end(Err(failure), None).await,
         };
         let environment = RunEnvironment {
             clock: &self.clock,
@@ -128,8 +128,8 @@ impl Run<'_> {
         }
         // What could not be switched off is left to the guardian, which needs the instruments for
         // itself.
-        drop(bench);
-        let outcome = lease.end(outcome).await;
+        let read = bench.close();
+        let outcome = lease.end(outcome, read).await;
         self.conclude(outcome, &identities, &connections, simulation)
     }
 
