@@ -69,6 +69,15 @@ impl OutputPlace {
         })
     }
 
+    #[cfg(test)]
+    pub(super) fn at(role: &'static str, folder: PathBuf) -> Self {
+        Self {
+            role,
+            name: OUTPUT.to_owned(),
+            folders: vec![folder],
+        }
+    }
+
     /// The latest reading of it.
     fn latest(&self) -> Option<Kept> {
         self.folders
