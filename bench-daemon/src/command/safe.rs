@@ -8,6 +8,7 @@ use std::{
 };
 
 use clap::Args;
+use every::SafeOptions;
 use instruments::{clock::Clock, transport::MemoryHub};
 use nix::{
     sys::signal::{Signal, kill},
@@ -51,7 +52,11 @@ pub struct SafeArgs {
 pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
     match &args.config {
         Some(config) => safe_one(config, args),
-        None => every::safe_every(args),
+        None => every::safe_every(&SafeOptions {
+            kill: args.kill,
+            json: args.json,
+            by: &args.by,
+        }),
     }
 }
 
@@ -285,12 +290,12 @@ async fn switch_off(
     let report = report.with_bath(bath);
     tell(&report, args.json);
     if !args.json {
+        say!("{}: {}", report.bench, report.read);
         report
             .outputs
             .iter()
             .for_each(|output| say!("{}", output.line()));
         report.bath.iter().for_each(|bath| say!("{bath}"));
-        say!("{}: {}", report.bench, report.read);
     }
     if let Some(Err(error)) = states
         .told

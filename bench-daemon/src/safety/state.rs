@@ -10,6 +10,7 @@
 mod error;
 mod files;
 mod latched;
+mod output_place;
 mod outputs;
 mod place;
 mod process;
@@ -27,7 +28,7 @@ use serde::Serialize;
 pub use files::{Holder, OpenRun, Settled};
 use files::{Latch, close_open, json, make, named_holder, open, read, read_open, remove};
 pub use latched::Latched;
-use outputs::OutputPlace;
+use output_place::OutputPlace;
 pub use process::{began, is_stopped, pid};
 pub use registry::{KnownBench, known_benches};
 

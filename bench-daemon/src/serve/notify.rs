@@ -210,10 +210,20 @@ fn start(server: &Arc<Server>, notices: Vec<Notice>) {
 struct Seen {
     /// Causes of the trips that are there, by bench.
     trips: BTreeMap<String, String>,
-    /// Since when a person has to look at the outputs of a bench, and whether that was told.
-    unread: BTreeMap<String, (f64, bool)>,
+    /// Outputs that a person has to look at, by bench.
+    unread: BTreeMap<String, Unread>,
     /// Questions that were told: the run, and the number of the question, by bench.
     questions: BTreeMap<String, (Option<String>, u64)>,
+}
+
+/// Outputs that a person has to look at.
+#[derive(Debug)]
+struct Unread {
+    /// Since when, s.
+    since_s: f64,
+    /// What was read of them, without the time.
+    states: Vec<String>,
+    told: bool,
 }
 
 impl Seen {
@@ -248,26 +258,44 @@ impl Seen {
                 self.unread.remove(&bench.bench);
                 continue;
             }
-            let now_s = server.clock.now_s();
-            let (since_s, told) = self
-                .unread
-                .entry(bench.bench.clone())
-                .or_insert((now_s, false));
-            if !*told && now_s - *since_s >= SETTLED_S {
-                *told = true;
-                let title = format!("{}: {}", bench.bench, bench.outputs.words);
-                let text = format!(
-                    "Look at the bench, and switch it off: `{}` on its machine.",
-                    bench.safe_command
-                );
-                fresh.push(
-                    server
-                        .notices
-                        .add(About::Unverified, Some(&bench.bench), title, text),
-                );
-            }
+            fresh.extend(self.outputs(server, &bench));
         }
         fresh
+    }
+
+    /// Outputs that a person has to look at, once that is so for a while, and again as soon as other
+    /// states were read.
+    fn outputs(&mut self, server: &Server, bench: &Live) -> Option<Notice> {
+        let now_s = server.clock.now_s();
+        let states: Vec<String> = std::iter::once(format!("{:?}", bench.outputs.state))
+            .chain(
+                bench
+                    .outputs
+                    .outputs
+                    .iter()
+                    .map(|reading| format!("{} {}", reading.role, reading.state.name())),
+            )
+            .collect();
+        let begun = || Unread {
+            since_s: now_s,
+            states: states.clone(),
+            told: false,
+        };
+        let unread = self.unread.entry(bench.bench.clone()).or_insert_with(begun);
+        if unread.states != states {
+            *unread = begun();
+        }
+        if unread.told || now_s - unread.since_s < SETTLED_S {
+            return None;
+        }
+        unread.told = true;
+        let title = format!("{}: {}", bench.bench, bench.outputs.words);
+        let text = format!(
+            "Look at the bench, and switch it off: `{}` on its machine.",
+            bench.safe_command
+        );
+        let notices = &server.notices;
+        Some(notices.add(About::Unverified, Some(&bench.bench), title, text))
     }
 
     /// A question that was not told yet; after a restart it is told once more, for nobody knows

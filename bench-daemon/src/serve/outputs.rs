@@ -6,9 +6,7 @@ use std::{process::Stdio, sync::Arc, time::Duration};
 
 use super::Server;
 use crate::{
-    bench::outputs::OutputsState,
-    config,
-    safety::failure::{BUSY_CODE, pasted},
+    bench::outputs::OutputsState, config, safety::failure::BUSY_CODE, support::present::quoted,
 };
 
 /// `eis-bench outputs` is waited for so long.
@@ -25,9 +23,11 @@ pub enum ReadError {
     Machine(String),
 }
 
-/// The command that switches a bench off on the server's machine, as it is pasted into a shell.
+/// The command that switches a bench off on the server's machine, as it is pasted into a shell in
+/// any folder.
 pub fn safe_command(bench: &config::Bench) -> String {
-    format!("eis-bench safe {}", pasted(&bench.path))
+    let whole = std::fs::canonicalize(&bench.path).unwrap_or_else(|_| bench.path.clone());
+    format!("eis-bench safe {}", quoted(&whole))
 }
 
 /// Asks every instrument that can move charge what it does; changes nothing on any of them.

@@ -7,7 +7,6 @@ use std::{
     thread,
 };
 
-use super::SafeArgs;
 use crate::{
     safety::{
         failure::Failure,
@@ -15,6 +14,13 @@ use crate::{
     },
     support::terminal::{remark, say},
 };
+
+/// How each bench is switched off; see the arguments of `safe`.
+pub(super) struct SafeOptions<'a> {
+    pub(super) kill: bool,
+    pub(super) json: bool,
+    pub(super) by: &'a str,
+}
 
 /// Exit code of a bench whose file is not as expected.
 const NOT_LOADED: i32 = 2;
@@ -24,7 +30,7 @@ const NOT_LOADED: i32 = 2;
 /// # Errors
 /// [`Failure::Unsafe`] if one of them is not verified, has no file any more, or if it is not known
 /// which benches there are.
-pub(super) fn safe_every(args: &SafeArgs) -> Result<(), Failure> {
+pub(super) fn safe_every(options: &SafeOptions<'_>) -> Result<(), Failure> {
     let known = known_benches().map_err(|error| unverified(vec![error.to_string()]))?;
     let known: Vec<KnownBench> = known.into_iter().filter(|known| !is_over(known)).collect();
     if known.is_empty() {
@@ -40,13 +46,13 @@ pub(super) fn safe_every(args: &SafeArgs) -> Result<(), Failure> {
     thread::scope(|scope| {
         let begun: Vec<_> = known
             .iter()
-            .map(|known| (known, scope.spawn(|| switch_off(known, args))))
+            .map(|known| (known, scope.spawn(|| switch_off(known, options))))
             .collect();
         for (known, work) in begun {
             let ended = work
                 .join()
                 .unwrap_or_else(|_| Err("the process that switches off was lost".to_owned()));
-            if let Err(why) = tell(known, ended, args.json) {
+            if let Err(why) = tell(known, ended, options.json) {
                 wrong.push(format!("{} ({}): {why}", known.bench, known.file.display()));
             }
         }
@@ -75,7 +81,7 @@ fn is_over(known: &KnownBench) -> bool {
 }
 
 /// Switches one bench off.
-fn switch_off(known: &KnownBench, args: &SafeArgs) -> Result<Output, String> {
+fn switch_off(known: &KnownBench, options: &SafeOptions<'_>) -> Result<Output, String> {
     if !known.file.exists() {
         let record = known
             .record()
@@ -89,9 +95,9 @@ fn switch_off(known: &KnownBench, args: &SafeArgs) -> Result<Output, String> {
     command
         .arg("safe")
         .arg(&known.file)
-        .args(["--by", &args.by]);
-    command.args(args.kill.then_some("--kill"));
-    command.args(args.json.then_some("--json"));
+        .args(["--by", options.by]);
+    command.args(options.kill.then_some("--kill"));
+    command.args(options.json.then_some("--json"));
     command.stdin(Stdio::null());
     command.output().map_err(|error| error.to_string())
 }

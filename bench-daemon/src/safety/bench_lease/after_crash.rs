@@ -153,12 +153,17 @@ impl RunEnd {
             let safe = report.safe.clone()?;
             Some((report, safe))
         }) {
+            let readings = safe.readings("guardian");
+            // An older guardian does not say when it read.
+            let read = if readings.is_empty() {
+                safe.message
+            } else {
+                OutputsState::read_earlier(&readings, clock::unix_time_s()).words
+            };
             return Self {
                 words: format!(
-                    "{process} died; its guardian, process {}: {}",
-                    report.pid,
-                    OutputsState::read_earlier(&safe.readings("guardian"), clock::unix_time_s())
-                        .words
+                    "{process} died; its guardian, process {}: {read}",
+                    report.pid
                 ),
                 flowing: None,
             };

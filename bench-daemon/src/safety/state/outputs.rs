@@ -5,87 +5,20 @@
 //! Whoever only reads takes a lock of its own. Runs, and whoever switches off, end it: it changes
 //! nothing, and instruments take one client.
 
-use std::{
-    fs::TryLockError,
-    path::{Path, PathBuf},
-};
+use std::{fs::TryLockError, path::Path};
 
-use instruments::transport::Address;
 use nix::{
     sys::signal::{Signal, kill},
     unistd::Pid,
 };
-use serde::{Deserialize, Serialize};
 
-use super::{
-    Lock, State, StateError,
-    files::{json, open, read, remove},
-    io,
-    place::InstrumentPlace,
-};
+use super::{Lock, State, StateError, files::open, io, output_place::OutputPlace};
 use crate::{
-    bench::outputs::{DRIVES, KnownReading, OutputReading, OutputsState},
-    support::{hash, locks, moment::Moment},
+    bench::outputs::{KnownReading, OutputReading, OutputsState},
+    support::{locks, moment::Moment},
 };
 
-const OUTPUT: &str = "output.json";
 const READER_LOCK: &str = "reader.lock";
-
-/// A reading as it is on disk.
-#[derive(Serialize, Deserialize)]
-struct Kept {
-    #[serde(flatten)]
-    reading: OutputReading,
-    at: Moment,
-}
-
-/// An output of a bench, and where its readings are kept.
-#[derive(Debug, Clone)]
-pub(super) struct OutputPlace {
-    role: &'static str,
-    name: String,
-    folders: Vec<PathBuf>,
-}
-
-impl OutputPlace {
-    /// The output of an instrument that can move charge, or the relays of a bath; none for any
-    /// other. Instruments behind one GPIB adapter share a folder, and are told apart by the names
-    /// of their files.
-    pub(super) fn of(place: &InstrumentPlace) -> Option<Self> {
-        if !DRIVES.contains(&place.role) && place.role != "chiller" {
-            return None;
-        }
-        let name = match &place.address {
-            Address::Gpib { .. } => {
-                let key = hash::sha256(&place.address.to_string());
-                format!("output_{}.json", key.get(..8).unwrap_or_default())
-            }
-            _ => OUTPUT.to_owned(),
-        };
-        Some(Self {
-            role: place.role,
-            name,
-            folders: place.folders.clone(),
-        })
-    }
-
-    #[cfg(test)]
-    pub(super) fn at(role: &'static str, folder: PathBuf) -> Self {
-        Self {
-            role,
-            name: OUTPUT.to_owned(),
-            folders: vec![folder],
-        }
-    }
-
-    /// The latest reading of it.
-    fn latest(&self) -> Option<Kept> {
-        self.folders
-            .iter()
-            .filter_map(|folder| read::<Kept>(&folder.join(&self.name)).ok().flatten()?.ok())
-            .max_by(|one, other| one.reading.unix_s.total_cmp(&other.reading.unix_s))
-    }
-}
 
 impl State {
     /// Keeps what was read of the outputs.
@@ -94,47 +27,24 @@ impl State {
     /// A file that cannot be written; the others are written.
     pub fn keep_readings(&self, readings: &[OutputReading]) -> Result<(), StateError> {
         let now = Moment::now();
-        let mut outcome = Ok(());
-        for reading in readings {
-            let Some(place) = self.outputs.iter().find(|place| place.role == reading.role) else {
-                continue;
-            };
-            let kept = Kept {
-                reading: reading.clone(),
-                at: now.clone(),
-            };
-            for folder in &place.folders {
-                outcome = outcome.and(json(&folder.join(&place.name), &kept));
-            }
-        }
-        outcome
+        readings.iter().fold(Ok(()), |outcome, reading| {
+            let mut places = self.outputs.iter();
+            let place = places.find(|place| place.role == reading.role);
+            let kept = place.map_or(Ok(()), |place| place.keep(reading, &now));
+            outcome.and(kept)
+        })
     }
 
     /// Forgets every reading, for an output may be switched on from here on.
     pub(super) fn forget_readings(&self) -> Result<(), StateError> {
-        self.outputs.iter().try_for_each(|place| {
-            let mut folders = place.folders.iter();
-            folders.try_for_each(|folder| remove(folder, &place.name))
-        })
+        self.outputs.iter().try_for_each(OutputPlace::forget)
     }
 
     /// State of the outputs, as far as it was read back.
     pub fn outputs(&self) -> OutputsState {
         let now = Moment::now();
-        let known: Vec<KnownReading> = self
-            .outputs
-            .iter()
-            .filter_map(|place| {
-                let kept = place.latest()?;
-                Some(KnownReading {
-                    age_s: kept.at.age_s(&now),
-                    reading: OutputReading {
-                        role: place.role.to_owned(),
-                        ..kept.reading
-                    },
-                })
-            })
-            .collect();
+        let each = self.outputs.iter().filter_map(|place| place.known(&now));
+        let known: Vec<KnownReading> = each.collect();
         let drives: Vec<&str> = self
             .outputs
             .iter()
