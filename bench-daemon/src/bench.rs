@@ -4,6 +4,7 @@
 mod bath;
 mod error;
 mod output;
+pub mod outputs;
 mod roles;
 mod safe;
 pub mod state_readback;
@@ -41,6 +42,8 @@ pub struct Bench {
     /// Roles whose output said that it is off while a current flowed, and by what it was brought to
     /// zero.
     lied: BTreeMap<String, String>,
+    /// Report of the last time that everything was switched off.
+    last_safe: Option<SafeReport>,
 }
 
 /// An instrument's identity, for the manifest.
@@ -119,6 +122,7 @@ impl Bench {
             clock: connections.clock.clone(),
             command_offset_v: config.wiring.command_offset_v,
             lied: BTreeMap::new(),
+            last_safe: None,
         }
     }
 
@@ -134,6 +138,7 @@ impl Bench {
             clock: clock.clone(),
             command_offset_v: self.command_offset_v,
             lied: self.lied.clone(),
+            last_safe: None,
         }
     }
 
@@ -278,6 +283,11 @@ impl Bench {
         let found = self.identify().await?;
         found.iter().try_for_each(Identified::expected)?;
         Ok(found)
+    }
+
+    /// Closes every connection; gives what was read back when everything was switched off last.
+    pub fn close(self) -> Option<SafeReport> {
+        self.last_safe
     }
 
     /// The model that the configuration gives a role.

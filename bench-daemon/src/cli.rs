@@ -20,7 +20,7 @@ const GROUPS: [(&str, &[&str]); 7] = [
         "A bench",
         &[
             "run", "resume", "pause", "go-on", "abort", "reorder", "answer", "plan", "identify",
-            "doctor", "safe", "clear", "mock",
+            "doctor", "outputs", "safe", "clear", "mock",
         ],
     ),
     ("Spectra and records", &["fit", "kk", "ocv", "joint"]),
@@ -58,8 +58,11 @@ Examples:
     eis-bench identify configs/benches/thesis.toml
   Examine a bench before its first use, with the fake cell in the place of the cell:
     eis-bench doctor configs/benches/thesis.toml --fixture fake_cell
-  Switch a bench off, now, whoever runs it:
+  What its outputs do; changes nothing:
+    eis-bench outputs configs/benches/thesis.toml
+  Switch a bench off, now, whoever runs it; without a file every bench that runs or ran here:
     eis-bench safe configs/benches/thesis.toml
+    eis-bench safe
   The simulated instruments on real ports, until Ctrl-C:
     eis-bench mock configs/benches/demo.toml --json
   A page and an API for benches, with a queue:
@@ -165,6 +168,8 @@ enum Command {
     /// Examine a bench before its first use: instruments, probes, drive, limits, safe state,
     /// guardian; writes a signed report.
     Doctor(command::doctor::DoctorArgs),
+    /// Read what the outputs of a bench do; changes nothing.
+    Outputs(command::outputs::OutputsArgs),
     /// Switch a bench off, whoever runs it, and print what was read back.
     Safe(command::safe::SafeArgs),
     /// Show why a bench is latched, and let it run again after a person has looked.
@@ -288,6 +293,7 @@ pub fn main() -> ExitCode {
         Command::Mock(args) => command::mock::mock(&args),
         Command::Identify(args) => command::identify::identify(&args),
         Command::Doctor(args) => command::doctor::doctor(&args),
+        Command::Outputs(args) => command::outputs::outputs(&args),
         Command::Safe(args) => command::safe::safe(&args),
         Command::Clear(args) => command::clear::clear(&args),
         Command::Guardian(args) => command::guardian::guardian(&args),

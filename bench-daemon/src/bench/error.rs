@@ -51,6 +51,19 @@ pub enum BenchError {
     },
 }
 
+impl BenchError {
+    /// Role of the instrument that it is about; none where it is about several.
+    pub fn role(&self) -> Option<&'static str> {
+        match self {
+            Self::Link { role, .. }
+            | Self::Identity { role, .. }
+            | Self::Missing { role }
+            | Self::Dialect { role, .. } => Some(role),
+            Self::Unsafe(_) => None,
+        }
+    }
+}
+
 /// Wraps a link's error with its role and its model in the configuration.
 pub(super) fn wrap(role: &'static str, model: &str, source: LinkError) -> BenchError {
     BenchError::Link {

@@ -2,9 +2,11 @@
 //! which current still flows, by whose reading, what bounds it, and what to unplug. The daemon, its
 //! guardian, `eis-bench safe` and the server share it.
 
+use instruments::clock;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::outputs::{OutputReading, OutputState, OutputsState};
 use crate::interlock::NO_CURRENT_A;
 
 /// State in which one instrument was left.
@@ -50,6 +52,29 @@ impl Output {
             && !self.lied
             && self.trouble.is_none()
             && (!metered || self.amps.is_some_and(|amps| amps.abs() <= NO_CURRENT_A))
+    }
+
+    /// What was read, as it is kept.
+    fn reading(&self, unix_s: f64, by: &str) -> OutputReading {
+        let is_metered = METERED.contains(&self.role.as_str());
+        let state = if self.verified() {
+            OutputState::Off
+        } else if self.lied || (!self.off && (self.amps.is_some() || self.holds())) {
+            OutputState::On
+        } else if self.off && is_metered && self.amps.is_some_and(f64::is_finite) {
+            OutputState::Current
+        } else {
+            OutputState::Unreachable
+        };
+        OutputReading {
+            role: self.role.clone(),
+            model: self.model.clone(),
+            state,
+            volts: self.volts,
+            amps: self.amps,
+            unix_s,
+            by: by.to_owned(),
+        }
     }
 
     /// It was left on, for its offset holds the supply's zero error at no current: nobody tried to
@@ -224,6 +249,12 @@ pub struct SafeReport {
     /// State of a bath that closes its own loop, where it was looked at.
     #[serde(default)]
     pub bath: Option<BathLeft>,
+    /// When the outputs were read back, s since 1970; none where nothing was read.
+    #[serde(default)]
+    pub read_unix_s: Option<f64>,
+    /// State of the outputs in words, with the time of the reading.
+    #[serde(default)]
+    pub read: String,
 }
 
 impl SafeReport {
@@ -277,13 +308,28 @@ impl SafeReport {
                 .collect::<Vec<_>>()
                 .join("; ")
         };
-        Self {
+        let mut report = Self {
             bench: bench.to_owned(),
             verified,
             message,
             outputs,
             bath: None,
-        }
+            read_unix_s: Some(clock::unix_time_s()),
+            read: String::new(),
+        };
+        report.read = OutputsState::just_read(&report.readings("")).words;
+        report
+    }
+
+    /// What was read of each output; nothing where nothing was read.
+    pub fn readings(&self, by: &str) -> Vec<OutputReading> {
+        let Some(unix_s) = self.read_unix_s else {
+            return Vec::new();
+        };
+        self.outputs
+            .iter()
+            .map(|output| output.reading(unix_s, by))
+            .collect()
     }
 
     /// Everything that moves charge is off; a bath may not be.

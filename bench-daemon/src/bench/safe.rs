@@ -132,6 +132,12 @@ impl Bench {
     }
 
     async fn safe_state_within(&mut self, outage_s: f64) -> SafeReport {
+        let report = self.switch_off(outage_s).await;
+        self.last_safe = Some(report.clone());
+        report
+    }
+
+    async fn switch_off(&mut self, outage_s: f64) -> SafeReport {
         let began_s = self.clock.machine_s();
         let mut report = SafeReport::default();
         for attempt in 0.. {

@@ -4,10 +4,14 @@
 //! After a crash nobody knows what the instruments were last told. A run that goes on writes down
 //! what it found before it switches anything off.
 
-use instruments::exchange::Answer;
+use instruments::{clock, exchange::Answer};
 use serde::{Deserialize, Serialize};
 
-use crate::bench::{Bench, BenchError};
+use super::outputs::{OutputReading, OutputState};
+use crate::{
+    bench::{Bench, BenchError},
+    interlock::NO_CURRENT_A,
+};
 
 /// State in which one instrument was found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -25,10 +29,47 @@ pub struct InstrumentReadback {
 }
 
 impl InstrumentReadback {
+    /// Its output is off, and its meter shows no current.
+    pub fn is_quiet(&self) -> bool {
+        self.off && self.amps.unwrap_or(0.0).abs() <= NO_CURRENT_A
+    }
+
     /// It can move charge; a bath cannot.
     pub fn moves_charge(&self) -> bool {
         self.role != "chiller"
     }
+}
+
+/// What [`look_each`] has found, as it is kept: also of those that did not answer.
+pub fn readings(
+    bench: &Bench,
+    found: &[Result<InstrumentReadback, BenchError>],
+    by: &str,
+) -> Vec<OutputReading> {
+    let unix_s = clock::unix_time_s();
+    let one = |found: &Result<InstrumentReadback, BenchError>| {
+        let (role, state, meter) = match found {
+            Ok(found) => {
+                let state = match (found.off, found.is_quiet()) {
+                    (true, true) => OutputState::Off,
+                    (true, false) => OutputState::Current,
+                    (false, _) => OutputState::On,
+                };
+                (found.role.as_str(), state, (found.volts, found.amps))
+            }
+            Err(error) => (error.role()?, OutputState::Unreachable, (None, None)),
+        };
+        Some(OutputReading {
+            role: role.to_owned(),
+            model: bench.model(role).to_owned(),
+            state,
+            volts: meter.0,
+            amps: meter.1,
+            unix_s,
+            by: by.to_owned(),
+        })
+    };
+    found.iter().filter_map(one).collect()
 }
 
 /// Looks at everything that can move charge, and at the bath.

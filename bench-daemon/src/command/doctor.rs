@@ -452,12 +452,12 @@ impl Visit<'_> {
         };
         let mut bench = match Bench::open(self.config, connections).await {
             Ok(bench) => bench,
-            Err(error) => return lease.end(Err(error.into())).await,
+            Err(error) => return lease.end(Err(error.into()), None).await,
         };
         // Nothing was changed yet, and what another program has switched on is not the doctor's to
         // switch off.
         if let Err(failure) = nobody_drives(&mut bench).await {
-            return lease.end(Err(failure)).await;
+            return lease.end(Err(failure), bench.close()).await;
         }
         let mut examination = Examination::new(self.config, self.clock.clone(), bench, findings);
         let examined = tokio::select! {
@@ -471,7 +471,7 @@ impl Visit<'_> {
             mut findings,
             ..
         } = examination;
-        drop(bench);
+        let read = bench.close();
         if safe.is_ok() {
             findings.add(
                 "safe.end",
@@ -484,7 +484,7 @@ impl Visit<'_> {
             );
         }
         lease
-            .end(Failure::unsafe_first(safe, examined))
+            .end(Failure::unsafe_first(safe, examined), read)
             .await
             .map(|()| findings)
     }

@@ -24,6 +24,7 @@ pub mod mock;
 pub mod model_args;
 pub mod ocv;
 pub mod ocv_slope;
+pub mod outputs;
 pub mod pack;
 pub mod pack_simulate;
 pub mod pack_size;

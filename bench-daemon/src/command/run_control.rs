@@ -205,14 +205,11 @@ fn bench_state(bench: &config::Bench) -> String {
     );
     match State::of(bench).and_then(|state| {
         state.map_or(Ok(None), |state| {
-            Ok(Some((state.latched()?, state.open_run()?)))
+            Ok(Some((state.latched()?, state.outputs())))
         })
     }) {
         Ok(Some((Some(cause), _))) => format!("its bench is latched: {cause}; {safe}"),
-        Ok(Some((None, Some(_)))) => {
-            format!("nobody has verified yet that its bench is off: {safe}")
-        }
-        Ok(Some((None, None))) => "its bench was switched off after it".to_owned(),
+        Ok(Some((None, read))) => format!("its bench: {}; {safe}", read.words),
         Ok(None) => "its simulated bench is gone with it".to_owned(),
         Err(error) => format!("what its bench was left in is not known ({error}): {safe}"),
     }

@@ -1,8 +1,14 @@
 //! `eis-bench safe`: switches a bench off at any time, whoever runs it, and proves it.
 
-use std::{collections::BTreeMap, path::PathBuf};
+mod every;
+
+use std::{
+    collections::BTreeMap,
+    path::{Path, PathBuf},
+};
 
 use clap::Args;
+use every::SafeOptions;
 use instruments::{clock::Clock, transport::MemoryHub};
 use nix::{
     sys::signal::{Signal, kill},
@@ -22,8 +28,9 @@ use crate::{
 /// Arguments of `safe`.
 #[derive(Debug, Args)]
 pub struct SafeArgs {
-    /// The bench file, or an experiment on it.
-    pub config: PathBuf,
+    /// The bench file, or an experiment on it. Left out: every bench that runs or ran on this
+    /// machine, all at the same time.
+    pub config: Option<PathBuf>,
     /// First end the process that runs the bench (SIGKILL): most instruments take one client only,
     /// and that is it.
     #[arg(long)]
@@ -31,15 +38,30 @@ pub struct SafeArgs {
     /// Print the report as JSON, one line for each time that the bench is switched off.
     #[arg(long)]
     pub json: bool,
+    /// Who switches off, for the record.
+    #[arg(long, hide = true, default_value = "safe")]
+    pub by: String,
 }
 
-/// Brings a bench into safe state and prints what was read back. A process that runs the bench is
-/// asked to end first, so that nobody switches on again what was switched off here.
+/// Brings a bench, or every known bench, into safe state and prints what was read back. A process
+/// that runs the bench is asked to end first, so that it does not switch on again what was switched
+/// off here.
 ///
 /// # Errors
 /// [`Failure::Unsafe`] when it could not be verified.
 pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
-    let bench = load_any_bench(&args.config)?;
+    match &args.config {
+        Some(config) => safe_one(config, args),
+        None => every::safe_every(&SafeOptions {
+            kill: args.kill,
+            json: args.json,
+            by: &args.by,
+        }),
+    }
+}
+
+fn safe_one(config: &Path, args: &SafeArgs) -> Result<(), Failure> {
+    let bench = load_any_bench(config)?;
     if bench.in_process() {
         simulated(bench.name, args.json);
         return Ok(());
@@ -50,6 +72,8 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
         None
     });
     let state = state.as_ref();
+    // Instruments take one client.
+    let _no_reader = state.map(State::end_reader);
     match runner(state) {
         Runner::Nobody => {}
         Runner::Somebody(holder) => end(
@@ -75,7 +99,7 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
         // he is asked to end, and has a guardian.
         let latch = state.filter(|_| gone);
         let states = States { told: state, latch };
-        let off = switch_off(&bench, &clock, states, args.json)
+        let off = switch_off(&bench, &clock, states, args)
             .await
             .inspect_err(|_| {
                 if !gone {
@@ -95,9 +119,7 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
                 told: state,
                 latch: state,
             };
-            return switch_off(&bench, &clock, states, args.json)
-                .await
-                .map(drop);
+            return switch_off(&bench, &clock, states, args).await.map(drop);
         }
         let failures = match runner(state) {
             Runner::Unknown(why) => format!(
@@ -251,7 +273,7 @@ async fn switch_off(
     config: &config::Bench,
     clock: &Clock,
     states: States<'_>,
-    json: bool,
+    args: &SafeArgs,
 ) -> Result<SafeReport, Failure> {
     let connections = Connections {
         clock: clock.clone(),
@@ -266,13 +288,20 @@ async fn switch_off(
         beside.bath(states.told.and_then(last_cell_c))
     );
     let report = report.with_bath(bath);
-    tell(&report, json);
-    if !json {
+    tell(&report, args.json);
+    if !args.json {
+        say!("{}: {}", report.bench, report.read);
         report
             .outputs
             .iter()
             .for_each(|output| say!("{}", output.line()));
         report.bath.iter().for_each(|bath| say!("{bath}"));
+    }
+    if let Some(Err(error)) = states
+        .told
+        .map(|state| state.keep_readings(&report.readings(&args.by)))
+    {
+        remark!("eis-bench: what was read back is not kept: {error}");
     }
     let Err(unproven) = report.clone().proven() else {
         return Ok(report);

@@ -206,9 +206,11 @@ pub async fn hold(
     }
     // Here it comes only when it could not switch on, or somebody has woken it up.
     let safe = bench.made_safe().await;
-    drop(bench);
+    let read = bench.close();
     let outcome = on.map_err(Failure::from);
-    lease.end(safe.map_err(Failure::from).and(outcome)).await
+    lease
+        .end(safe.map_err(Failure::from).and(outcome), read)
+        .await
 }
 
 async fn output_on(config: &config::Bench, bench: &mut Bench) -> Result<(), BenchError> {

@@ -104,7 +104,7 @@ impl Run<'_> {
         };
         let (mut bench, identities) = match self.open(&connections).await {
             Ok(opened) => opened,
-            Err(failure) => return lease.end(Err(failure)).await,
+            Err(failure) => return lease.end(Err(failure), None).await,
         };
         let pace = Pace::of(self.experiment);
         let mut watch = match Watch::start(&bench, pace, &watch_clock) {
@@ -152,8 +152,8 @@ impl Run<'_> {
         };
         // What could not be switched off is left to the guardian, which needs the instruments for
         // itself.
-        drop(bench);
-        let outcome = lease.end(outcome).await;
+        let read = bench.close();
+        let outcome = lease.end(outcome, read).await;
         self.conclude(outcome, &identities, &connections, simulation)
     }
 

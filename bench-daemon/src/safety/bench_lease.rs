@@ -10,12 +10,13 @@ use std::path::Path;
 use instruments::clock::Clock;
 
 use crate::{
+    bench::SafeReport,
     config::{self, Experiment},
     executor::ExecuteError,
     operator::progress::Doing,
     safety::failure::Failure,
     safety::guardian::{Charge, GuardianError, Keeper, wait_for_earlier},
-    safety::state::{Latched, Lock, State, StateError},
+    safety::state::{Latched, Lock, OpenFiles, State, StateError},
     support::hash,
     support::terminal::remark,
 };
@@ -35,6 +36,7 @@ pub fn refuse(bench: &config::Bench) -> Result<(), Failure> {
         return Ok(());
     };
     let _lock = state.lock(&open.holder.run)?;
+    let _no_reader = state.end_reader();
     Clock::runtime(bench.time())?.block_on(async {
         let clock = Clock::start(bench.time());
         settle_earlier(bench, &state, &clock).await
@@ -63,7 +65,8 @@ struct HeldBench {
     keeper: Keeper,
     run: std::path::PathBuf,
     doing: Doing,
-    _lock: Lock,
+    open: OpenFiles,
+    _locks: [Lock; 2],
 }
 
 impl BenchLease {
@@ -118,6 +121,7 @@ impl BenchLease {
         };
         let run = std::path::absolute(charge.run)?;
         let lock = state.lock(&run)?;
+        let no_reader = state.end_reader();
         state.refuse_latched()?;
         settle_earlier(charge.bench, &state, clock).await?;
         let charge = Charge {
@@ -128,17 +132,21 @@ impl BenchLease {
             sha256: charge.sha256.clone(),
         };
         let keeper = Keeper::start(&charge, clocks, doing).await?;
-        if let Err(error) = state.begin(&run) {
-            keeper.dismiss(clock).await;
-            return Err(error.into());
-        }
+        let open = match state.begin(&run) {
+            Ok(open) => open,
+            Err(error) => {
+                keeper.dismiss(clock).await;
+                return Err(error.into());
+            }
+        };
         Ok(Self {
             held: Some(HeldBench {
                 state,
                 keeper,
                 run,
                 doing: doing.clone(),
-                _lock: lock,
+                open,
+                _locks: [lock, no_reader],
             }),
             clock: clock.clone(),
         })
@@ -153,18 +161,27 @@ impl BenchLease {
     }
 
     /// Gives the bench back: latches it where a person has to look, and dismisses the guardian, or
-    /// leaves an unverified safe state to it. The bench's connections must be closed.
-    pub async fn end<T>(self, outcome: Result<T, Failure>) -> Result<T, Failure> {
+    /// leaves an unverified safe state to it. The bench's connections must be closed; `read` is what
+    /// was read back before that.
+    pub async fn end<T>(
+        self,
+        outcome: Result<T, Failure>,
+        read: Option<SafeReport>,
+    ) -> Result<T, Failure> {
         let Some(HeldBench {
             state,
             keeper,
             run,
             doing,
-            _lock,
+            mut open,
+            _locks,
         }) = self.held
         else {
             return outcome;
         };
+        if let Some(Err(error)) = read.map(|read| state.keep_readings(&read.readings("run"))) {
+            tracing::warn!("{error}");
+        }
         let mut latched = Ok(());
         if let Some(cause) = outcome.as_ref().err().and_then(latching_cause) {
             latched = state.latch(&cause.during(&run, &doing.now().step));
@@ -179,7 +196,7 @@ impl BenchLease {
         } else {
             keeper.dismiss(&self.clock).await;
             // A bench that could not be latched stays that of an open run: the next one latches it.
-            latched = latched.and_then(|()| state.settled());
+            latched = latched.and_then(|()| state.settled_by(&mut open));
         }
         if let Err(error) = latched {
             remark!("eis-bench: {error}");

@@ -31,6 +31,8 @@ pub(crate) fn pasted(path: &Path) -> String {
 /// How [`Failure::Refused`] begins.
 pub const GATE_REFUSED: &str = "the quality gate refused";
 
+/// Exit code of a bench that another process has.
+pub const BUSY_CODE: u8 = 8;
 /// Exit code of [`Failure::Refused`].
 pub const REFUSED_CODE: u8 = 11;
 /// Exit code of [`Failure::Invalid`].
@@ -197,8 +199,8 @@ impl Failure {
             Self::Unsafe { .. } => 6,
             Self::State(StateError::Latched { .. }) => 7,
             Self::Going(_)
-            | Self::State(StateError::Busy { .. })
-            | Self::Guardian(GuardianError::Busy(_) | GuardianError::Another) => 8,
+            | Self::State(StateError::Busy { .. } | StateError::InUse { .. })
+            | Self::Guardian(GuardianError::Busy(_) | GuardianError::Another) => BUSY_CODE,
             Self::State(StateError::Io { .. } | StateError::Nowhere)
             | Self::Guardian(GuardianError::State(_)) => 2,
             Self::Guardian(

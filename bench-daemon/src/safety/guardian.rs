@@ -53,8 +53,6 @@ const READY: &str = "ready";
 const REFUSED: &str = "refused ";
 
 const REPORT: &str = "guardian.json";
-/// Roles that can move charge.
-pub const DRIVES: [&str; 4] = ["supply4q", "generator", "load", "supply"];
 /// Roles that are switched off or looked at.
 const ROLES: [&str; 5] = ["supply4q", "generator", "load", "supply", "chiller"];
 /// So long after everything else was off it goes on trying to reach a board of relays, s: the
@@ -62,7 +60,6 @@ const ROLES: [&str; 5] = ["supply4q", "generator", "load", "supply", "chiller"];
 const RELAYS_DROP_S: f64 = 90.0;
 /// Pauses between two attempts, s: each twice the one before, up to the last.
 const BACKOFF_S: (f64, f64) = (1.0, 10.0);
-const EVERYTHING: &str = "every output is off and read back";
 /// So often it tries where even its folder has been taken away.
 const PATIENCE: u32 = 30;
 /// A killed process is gone after this time, or the system hangs.
@@ -140,6 +137,12 @@ impl Report {
     /// The last guardian's, where there is one that can be understood.
     pub fn read(state: &State) -> Option<Self> {
         serde_json::from_str(&std::fs::read_to_string(state.path(REPORT)).ok()?).ok()
+    }
+
+    /// It has read everything that moves charge back as off after a run.
+    pub fn has_verified(&self, run: &Path) -> bool {
+        matches!(self.status, Status::Verified | Status::BathNotReached)
+            && Path::new(&self.run) == run
     }
 }
 
@@ -358,7 +361,7 @@ impl<'a> Watch<'a> {
                 self.bath(&mut bench).await;
             }
             drop(bench);
-            self.report.safe = Some(safe.clone());
+            self.keep_reading(&safe);
             if safe.verified {
                 return self.verified(&safe, Status::Verified);
             }
@@ -404,6 +407,14 @@ impl<'a> Watch<'a> {
         self.report.bath_ended = Some(bath.words);
     }
 
+    /// Keeps what was read back, as well as that can be written.
+    fn keep_reading(&mut self, safe: &SafeReport) {
+        if let Err(error) = self.state.folder.keep_readings(&safe.readings("guardian")) {
+            tracing::error!("{error}");
+        }
+        self.report.safe = Some(safe.clone());
+    }
+
     fn failed(&mut self, safe: &SafeReport) {
         tracing::error!(
             "attempt {}: {}; {}",
@@ -439,12 +450,9 @@ impl<'a> Watch<'a> {
     fn verified(&mut self, safe: &SafeReport, status: Status) -> Result<(), GuardianError> {
         let took_s = self.report.took_s.unwrap_or(0.0);
         tracing::warn!(
-            "{}, {took_s:.1} s after the guardian stepped in",
-            if safe.verified {
-                EVERYTHING
-            } else {
-                &safe.message
-            }
+            "{}: {}, {took_s:.1} s after the guardian stepped in",
+            safe.read,
+            safe.message
         );
         // The load's leads see the cell itself. What cannot be read any more may be anything.
         let read = |role: &&str| {

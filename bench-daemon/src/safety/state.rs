@@ -10,8 +10,11 @@
 mod error;
 mod files;
 mod latched;
+mod output_place;
+mod outputs;
 mod place;
 mod process;
+mod registry;
 
 use std::{
     fs::{self, File, OpenOptions, TryLockError},
@@ -23,9 +26,11 @@ use instruments::clock;
 use serde::Serialize;
 
 pub use files::{Holder, OpenRun, Settled};
-use files::{Latch, json, make, named_holder, open, read, remove};
+use files::{Latch, close_open, json, make, named_holder, open, read, read_open, remove};
 pub use latched::Latched;
+use output_place::OutputPlace;
 pub use process::{began, is_stopped, pid};
+pub use registry::{KnownBench, known_benches};
 
 use crate::{config, support::account};
 use error::io;
@@ -51,7 +56,13 @@ pub struct State {
     file: PathBuf,
     /// Its own folder and those of its instruments, in the order in which everybody locks them.
     places: Vec<PathBuf>,
+    outputs: Vec<OutputPlace>,
+    mocked: bool,
 }
+
+/// Files of an open run, held open: that it is over gets there where no file can be opened any more.
+#[derive(Debug)]
+pub struct OpenFiles(Vec<File>);
 
 impl State {
     /// The folders of a bench, made if they are not there; none for one that is simulated in this
@@ -67,10 +78,16 @@ impl State {
         make(&folder)?;
         // However the way to it was typed, it is one folder.
         let own = fs::canonicalize(&folder).map_err(io(&folder, "cannot be found"))?;
-        let mut places = place::places(bench)?;
+        let instruments = place::places(bench)?;
+        let outputs = instruments.iter().filter_map(OutputPlace::of).collect();
+        let mut places: Vec<PathBuf> = instruments
+            .into_iter()
+            .flat_map(|instrument| instrument.folders)
+            .collect();
         places.iter().try_for_each(|place| make(place))?;
         places.push(own);
         places.sort_unstable();
+        places.dedup();
         // However a file is reached, it is one file.
         let file = fs::canonicalize(&bench.path)
             .or_else(|_| std::path::absolute(&bench.path))
@@ -80,6 +97,8 @@ impl State {
             bench: bench.name.clone(),
             file,
             places,
+            outputs,
+            mocked: bench.is_mocked(),
         };
         // Whatever is wrong with a folder is to show before anything is energised.
         state
@@ -340,27 +359,60 @@ impl State {
         Ok(())
     }
 
-    /// Says that a run may switch outputs on from here on.
+    /// Says that a run may switch outputs on from here on: what was read of them before no longer
+    /// stands.
     ///
     /// # Errors
     /// A file that cannot be written: then nothing may be switched on.
-    pub fn begin(&self, run: &Path) -> Result<(), StateError> {
+    pub fn begin(&self, run: &Path) -> Result<OpenFiles, StateError> {
+        self.forget_readings()?;
+        if let Err(error) = self.register() {
+            tracing::warn!("`eis-bench safe` without a bench file will not find it: {error}");
+        }
         let open = OpenRun {
             holder: self.own(run),
             unix_s: clock::unix_time_s(),
             places: self.places.clone(),
         };
-        self.places
-            .iter()
-            .try_for_each(|place| json(&place.join(OPEN), &open))
+        let files = self.places.iter().map(|place| {
+            let path = place.join(OPEN);
+            json(&path, &open)?;
+            files::open(&path)
+        });
+        Ok(OpenFiles(files.collect::<Result<_, _>>()?))
     }
 
     /// Says that every output is off and was read back.
     ///
     /// # Errors
-    /// A file that cannot be removed.
+    /// A file that cannot be removed; that it is over is written into it all the same, if it can
+    /// be.
     pub fn settled(&self) -> Result<(), StateError> {
-        self.places.iter().try_for_each(|place| remove(place, OPEN))
+        let existing = self.places.iter().map(|place| place.join(OPEN));
+        let files = existing
+            .filter(|path| path.exists())
+            .filter_map(|path| files::open(&path).ok());
+        self.settled_by(&mut OpenFiles(files.collect()))
+    }
+
+    /// As [`Self::settled`], by files that were opened when the run began.
+    ///
+    /// # Errors
+    /// As [`Self::settled`].
+    pub fn settled_by(&self, files: &mut OpenFiles) -> Result<(), StateError> {
+        for file in &mut files.0 {
+            if let Err(error) = close_open(file) {
+                tracing::warn!("the end of the run cannot be written behind it: {error}");
+            }
+        }
+        if self.mocked {
+            self.unregister();
+        }
+        // One that cannot be removed must not keep the others.
+        self.places.iter().fold(Ok(()), |outcome, place| {
+            let removed = remove(place, OPEN);
+            outcome.and(removed)
+        })
     }
 
     /// The same of a run that was found, wherever it says so. Which run that was stays written
@@ -376,6 +428,7 @@ impl State {
         let settled = Settled {
             run: open.holder.run.clone(),
             unix_s: clock::unix_time_s(),
+            read: self.outputs().words,
         };
         for place in self.places.iter().chain(&open.places) {
             // It is settled without this, too.
@@ -397,7 +450,7 @@ impl State {
     /// A file that cannot be read.
     pub fn open_run(&self) -> Result<Option<OpenRun>, StateError> {
         for place in &self.places {
-            if let Some(found) = read::<OpenRun>(&place.join(OPEN))? {
+            if let Some(found) = read_open(&place.join(OPEN))? {
                 let holder = Holder {
                     pid: 0,
                     began: None,

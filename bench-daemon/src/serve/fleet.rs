@@ -28,7 +28,7 @@ use super::{
     submission::{self, ExperimentRequest, Refused, Submission},
     watch::Watch,
 };
-use crate::{config, safety::failure::Failure, support::hash};
+use crate::{bench::outputs::OutputsKind, config, safety::failure::Failure, support::hash};
 use capabilities::capabilities;
 
 /// The fleet's part of the data folder.
@@ -294,7 +294,8 @@ fn condition(live: Live, waits: bool, held: Option<String>) -> Condition {
         BenchState::Idle if held.is_none() && live.held.is_none() => State::Idle,
         BenchState::Idle | BenchState::Unknown => State::Held,
     };
-    let unknown = || "nobody has verified that its outputs are off".to_owned();
+    let words = live.outputs.words.clone();
+    let unknown = || words.clone();
     let is_unknown = live.state == BenchState::Unknown;
     let going = live.run.filter(|run| run.going);
     let fresh = live.reading.filter(|reading| reading.fresh);
@@ -303,7 +304,13 @@ fn condition(live: Live, waits: bool, held: Option<String>) -> Condition {
         held: held.or(live.held).or_else(|| is_unknown.then(unknown)),
         run: going.as_ref().and_then(|run| run.run.clone()),
         left_s: going.as_ref().and_then(|run| run.left_s),
-        verified: going.is_none().then_some(live.verified),
+        verified: match live.outputs.state {
+            _ if live.verified => Some(true),
+            _ if is_unknown => Some(false),
+            OutputsKind::On | OutputsKind::Unreachable => Some(false),
+            // What was not read, or not lately, is not known.
+            _ => None,
+        },
         reading: fresh.map(|reading| Reading {
             voltage_v: reading.voltage_v,
             current_a: reading.current_a,

@@ -4,7 +4,11 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::queue::HeldBy;
-use crate::{bench::Output, interlock::Limits, safety::state::Latched};
+use crate::{
+    bench::{Output, outputs::OutputsState},
+    interlock::Limits,
+    safety::state::Latched,
+};
 
 /// A bench as it is now.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
@@ -33,18 +37,41 @@ pub struct Live {
     pub question: Option<QuestionNow>,
     /// Report of the last stop.
     pub stop: Option<StopReport>,
-    /// Nothing runs, and no run has left an output of which nobody has verified that it is off.
+    /// State of the outputs: what was read back, and when.
+    pub outputs: OutputsState,
+    /// Nothing runs, and every output was last read back as off by a reading that is current; or
+    /// the bench is simulated within a run's process, and none runs.
     pub verified: bool,
+    /// The command that switches the bench off on the server's machine.
+    pub safe_command: String,
+    /// Interval at which the server reads the outputs while nothing runs, s; none where it does
+    /// not.
+    pub read_idle_s: Option<f64>,
+}
+
+impl Live {
+    /// A person has to look at its outputs: nothing runs, and they were left by a run of which no
+    /// reading is known, or something was not read as off.
+    pub fn needs_look(&self) -> bool {
+        match self.state {
+            BenchState::Unknown => true,
+            BenchState::Idle | BenchState::Latched => self.outputs.is_alarming(),
+            BenchState::Running
+            | BenchState::Paused
+            | BenchState::Asking
+            | BenchState::Stopping => false,
+        }
+    }
 }
 
 /// State of a bench.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BenchState {
-    /// Not known: nobody has looked yet, or a run has died and nobody has verified its outputs off.
+    /// The server has not looked yet, or a run has ended whose outputs were not read back as off.
     #[default]
     Unknown,
-    /// Nothing.
+    /// Nothing runs; what its outputs do stands in `outputs`.
     Idle,
     /// A run is in work.
     Running,
@@ -215,14 +242,15 @@ pub struct InstrumentNow {
     pub identity: Option<String>,
     /// Whether that is the configured model.
     pub recognised: Option<bool>,
-    /// Whether its output is on, by its own word; none for an instrument without one or before it
-    /// was asked.
+    /// Whether its output is on, or carries a current; none for an instrument without one, before
+    /// it was asked, or if it was not reached.
     pub output: Option<bool>,
-    /// Bench time of that word, s.
+    /// Bench time of its own word in a run, s; none if it was read since.
     pub output_s: Option<f64>,
-    /// Who has read it back as off after the run, where that was not the run itself: `guardian`,
-    /// `stop`, or `safe`, which may also have been the next run.
-    pub output_by: Option<&'static str>,
+    /// When it was read outside a run, or at its end, s since 1970.
+    pub output_unix_s: Option<f64>,
+    /// Who read it then: `run`, `guardian`, `stop`, `safe`, `read` or `next run`.
+    pub output_by: Option<String>,
     /// Bench time of its last answer, s.
     pub answered_s: Option<f64>,
     /// Fault of it, as far as is known.
@@ -296,6 +324,10 @@ pub struct StopReport {
     pub steps: Vec<String>,
     /// State in which the bench was left, in one sentence, once it was read back.
     pub message: String,
+    /// State of the outputs in words, with the time of the reading.
+    pub read: String,
+    /// When they were read back, s since 1970.
+    pub read_unix_s: Option<f64>,
     /// States that were read back, one for each instrument.
     pub outputs: Vec<OutputRead>,
 }
@@ -408,12 +440,13 @@ mod tests {
             verified: false,
             message,
             outputs: vec![load],
-            bath: None,
+            ..SafeReport::default()
         };
         let stop = StopReport {
             bench: "demo".to_owned(),
             by: "ann".to_owned(),
             message: safe.message.clone(),
+            read: safe.read.clone(),
             outputs: safe.outputs.iter().map(OutputRead::from).collect(),
             ..StopReport::default()
         };

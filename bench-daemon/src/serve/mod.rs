@@ -8,7 +8,7 @@
 //!
 //! In reading order: [`settings`], [`token`], [`audit`], [`hub`] (events), [`queue`],
 //! [`submission`], [`watch`] (a run folder, read as it grows), [`timeline`] (its readings and
-//! events), [`live`], [`proof`], [`supervisor`]
+//! events), [`live`], [`outputs`], [`supervisor`]
 //! (the one thread that begins and watches), [`stop`], [`http`].
 
 pub mod analyses;
@@ -33,15 +33,14 @@ pub mod investigations;
 pub mod investigator;
 pub mod jobs;
 pub mod live;
-pub mod locks;
 pub mod metrics;
 pub mod models;
 pub mod notebook;
 pub mod notices;
 pub mod notify;
 pub mod otlp;
+pub mod outputs;
 pub mod pack;
-pub mod proof;
 pub mod queue;
 pub mod queue_now;
 mod server;
@@ -136,6 +135,7 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     beside("archive", &server, archivist::work)?;
     beside("investigator", &server, investigator::work)?;
     beside("notices", &server, notify::work)?;
+    beside("idle benches", &server, outputs::read_idle_benches)?;
     fleet::join(&server)?;
     say!("listening on {}", listener.url());
     notify.say("READY=1");

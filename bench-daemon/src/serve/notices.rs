@@ -19,7 +19,7 @@ const REMEMBERED: usize = 100;
 pub enum About {
     /// A bench has tripped and is latched.
     Trip,
-    /// Nobody has verified that the outputs of a bench are off.
+    /// The outputs of a bench were not read back as off.
     Unverified,
     /// A person is to change the fixture of a bench, and a run waits for it.
     Question,

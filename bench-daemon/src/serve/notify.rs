@@ -1,7 +1,7 @@
 //! Notices to people who are not at the page: by a webhook and by e-mail. A run does not wait for
 //! them, and neither does the server.
 //!
-//! Told are trips and latches, benches whose outputs nobody has verified off, and ends of runs. In
+//! Told are trips and latches, benches whose outputs were not read back as off, and ends of runs. In
 //! quiet hours what can wait is kept and told together at their end.
 
 use std::{
@@ -25,7 +25,7 @@ use serde::Serialize;
 use super::{
     Server,
     jobs::Job,
-    live::{BenchState, Live},
+    live::Live,
     notices::{About, EMAIL, Notice, WEBHOOK},
     targets::{Email, Encryption},
 };
@@ -38,8 +38,8 @@ const PATIENCE: Duration = Duration::from_secs(20);
 const LOOK_S: f64 = 5.0;
 /// Time between two questions whether the benches have been looked at, s.
 const FIRST_S: f64 = 0.1;
-/// A bench is told to be without a verified end once it is so for this long, s: after a run its
-/// process is looked at first.
+/// Outputs that were not read as off are told once it is so for this long, s: after a run its
+/// guardian reads them first.
 const SETTLED_S: f64 = 10.0;
 
 /// The body of a webhook.
@@ -210,13 +210,24 @@ fn start(server: &Arc<Server>, notices: Vec<Notice>) {
 struct Seen {
     /// Causes of the trips that are there, by bench.
     trips: BTreeMap<String, String>,
-    unverified: BTreeMap<String, (f64, bool)>,
+    /// Outputs that a person has to look at, by bench.
+    unread: BTreeMap<String, Unread>,
     /// Questions that were told: the run, and the number of the question, by bench.
     questions: BTreeMap<String, (Option<String>, u64)>,
 }
 
+/// Outputs that a person has to look at.
+#[derive(Debug)]
+struct Unread {
+    /// Since when, s.
+    since_s: f64,
+    /// What was read of them, without the time.
+    states: Vec<String>,
+    told: bool,
+}
+
 impl Seen {
-    /// New trips, and benches that have been without a verified end for a while.
+    /// New trips, and benches whose outputs a person has to look at for a while.
     fn benches(&mut self, server: &Server, first: bool) -> Vec<Notice> {
         let live: Vec<Live> = server.live().values().cloned().collect();
         let mut fresh = Vec::new();
@@ -243,37 +254,48 @@ impl Seen {
                 self.trips.remove(&bench.bench);
             }
             fresh.extend(self.question(server, &bench));
-            let at_work = matches!(
-                bench.state,
-                BenchState::Running
-                    | BenchState::Paused
-                    | BenchState::Asking
-                    | BenchState::Stopping
-            );
-            if bench.verified || at_work {
-                self.unverified.remove(&bench.bench);
+            if !bench.needs_look() {
+                self.unread.remove(&bench.bench);
                 continue;
             }
-            let now_s = server.clock.now_s();
-            let (since_s, told) = self
-                .unverified
-                .entry(bench.bench.clone())
-                .or_insert((now_s, false));
-            if !*told && now_s - *since_s >= SETTLED_S {
-                *told = true;
-                let title = format!(
-                    "{}: nobody has verified that its outputs are off",
-                    bench.bench
-                );
-                let text = "Look at the bench, and switch it off: eis-bench safe.".to_owned();
-                fresh.push(
-                    server
-                        .notices
-                        .add(About::Unverified, Some(&bench.bench), title, text),
-                );
-            }
+            fresh.extend(self.outputs(server, &bench));
         }
         fresh
+    }
+
+    /// Outputs that a person has to look at, once that is so for a while, and again as soon as other
+    /// states were read.
+    fn outputs(&mut self, server: &Server, bench: &Live) -> Option<Notice> {
+        let now_s = server.clock.now_s();
+        let states: Vec<String> = std::iter::once(format!("{:?}", bench.outputs.state))
+            .chain(
+                bench
+                    .outputs
+                    .outputs
+                    .iter()
+                    .map(|reading| format!("{} {}", reading.role, reading.state.name())),
+            )
+            .collect();
+        let begun = || Unread {
+            since_s: now_s,
+            states: states.clone(),
+            told: false,
+        };
+        let unread = self.unread.entry(bench.bench.clone()).or_insert_with(begun);
+        if unread.states != states {
+            *unread = begun();
+        }
+        if unread.told || now_s - unread.since_s < SETTLED_S {
+            return None;
+        }
+        unread.told = true;
+        let title = format!("{}: {}", bench.bench, bench.outputs.words);
+        let text = format!(
+            "Look at the bench, and switch it off: `{}` on its machine.",
+            bench.safe_command
+        );
+        let notices = &server.notices;
+        Some(notices.add(About::Unverified, Some(&bench.bench), title, text))
     }
 
     /// A question that was not told yet; after a restart it is told once more, for nobody knows

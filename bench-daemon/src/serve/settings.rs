@@ -46,6 +46,10 @@ struct Raw {
     /// Paths of the bench files, from the folder of this file; the names of the benches must
     /// differ.
     benches: Vec<String>,
+    /// Interval at which the outputs of benches are read while nothing runs on them, 10 s to 600 s:
+    /// connects, asks, and lets go again; other programs on the same instruments may meet it. Left
+    /// out: they are read when a person asks for it.
+    read_idle: Option<Quantity<Duration>>,
     /// Certificate and key. Left out: the server listens on this machine only.
     tls: Option<RawTls>,
     /// Reverse proxy in front of the server, which encrypts and may ask who somebody is.
@@ -217,6 +221,8 @@ pub struct Settings {
     pub configs: PathBuf,
     /// The benches.
     pub benches: Vec<config::Bench>,
+    /// Interval at which the outputs of benches are read while nothing runs on them, s.
+    pub read_idle_s: Option<f64>,
     /// Certificate chain and key, PEM.
     pub tls: Option<(PathBuf, PathBuf)>,
     /// Name under which browsers reach a reverse proxy in front of it, over TLS.
@@ -367,6 +373,10 @@ impl Settings {
                     (0.1, 600.0),
                 )?,
             },
+            read_idle_s: raw
+                .read_idle
+                .map(|every| within("read_idle", every.si, (10.0, 600.0)))
+                .transpose()?,
             stop_wait_s: within(
                 "stop.wait",
                 raw.stop.wait.map_or(10.0, |wait| wait.si),

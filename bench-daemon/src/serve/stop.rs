@@ -14,7 +14,6 @@ use nix::{
 use super::{
     Server,
     live::{OutputRead, StopReport},
-    locks,
     queue::HeldBy,
 };
 use crate::{
@@ -22,6 +21,7 @@ use crate::{
     config,
     operator::run_control::{RunAction, RunControl},
     safety::state::{Holder, State},
+    support::locks,
 };
 
 /// `eis-bench safe` is waited for so long: it tries each instrument several times.
@@ -112,6 +112,8 @@ async fn again(server: &Arc<Server>, bench: &config::Bench, report: &mut StopRep
     report.verified = false;
     report.outputs.clear();
     report.message.clear();
+    report.read.clear();
+    report.read_unix_s = None;
     tell(
         server,
         report,
@@ -219,7 +221,7 @@ fn in_work(server: &Server, bench: &config::Bench) -> Option<(i32, PathBuf)> {
 async fn switch_off(server: &Server, bench: &config::Bench, gone: bool, report: &mut StopReport) {
     let mut command = tokio::process::Command::new(&server.program);
     command
-        .args(["safe", "--json"])
+        .args(["safe", "--json", "--by", "stop"])
         .arg(&bench.path)
         .stdin(Stdio::null())
         .kill_on_drop(true)
@@ -271,6 +273,8 @@ async fn switch_off(server: &Server, bench: &config::Bench, gone: bool, report: 
         .map(|told| format!("LOOK AT THE BENCH: {}", told.message));
     if let Some(told) = &told {
         report.message.clone_from(&told.message);
+        report.read.clone_from(&told.read);
+        report.read_unix_s = told.read_unix_s;
         report.outputs = told.outputs.iter().map(OutputRead::from).collect();
     }
     report.verified = output.status.success()
@@ -284,7 +288,7 @@ async fn switch_off(server: &Server, bench: &config::Bench, gone: bool, report: 
         server,
         report,
         if report.verified {
-            "every output is off and was read back".to_owned()
+            report.read.clone()
         } else {
             words.unwrap_or(last)
         },

@@ -28,9 +28,8 @@ use super::{
     Server,
     audit::private,
     jobs::{Ended, Job},
-    live::{self, BenchState, InstrumentNow, Live, StopReport},
-    locks,
-    proof::Proof,
+    live::{self, BenchState, InstrumentNow, Live},
+    outputs,
     queue::{HeldBy, Item, Kind, Process},
     shelf,
     spectra::{self, Spectrum, Stamps},
@@ -38,11 +37,12 @@ use super::{
     watch::Watch,
 };
 use crate::{
+    bench::outputs::{DRIVES, OutputState, OutputsKind, OutputsState},
     config,
     operator::{BY_FOLDER, OPERATOR_VARIABLE},
     safety::failure::{Failure, GATE_REFUSED, REFUSED_CODE},
     safety::state::{Holder, State},
-    support::telemetry::context,
+    support::{locks, telemetry::context},
 };
 pub use identity::{Answer, Identity};
 
@@ -397,8 +397,7 @@ impl SupervisedBench {
         self.told = (live, now_s);
     }
 
-    /// A run has ended of which nobody has verified that every output is off; where that cannot be
-    /// read, nobody knows.
+    /// A run has ended whose outputs were not read back as off, or that cannot be known.
     fn left_open(&self) -> bool {
         !self.bench.in_process()
             && self
@@ -414,30 +413,13 @@ impl SupervisedBench {
             .is_some_and(|(_, watch)| watch.ended().is_none() && watch.reading(false).is_some())
     }
 
-    /// Who has read every output back as off since the last run, if anybody has; nobody where a run
-    /// is in work.
-    fn proof(&self, going: bool, stop: Option<&StopReport>) -> Option<Proof> {
-        if going {
-            return None;
+    /// State of the outputs: what was read back, and when.
+    fn outputs(&self, going: bool) -> OutputsState {
+        match &self.state {
+            _ if going => OutputsState::in_run(),
+            None => OutputsState::simulated(),
+            Some(state) => state.outputs(),
         }
-        if self.bench.in_process() {
-            return Some(Proof::nothing_left());
-        }
-        let after = || Proof::after(self.state.as_ref()?, self.watch.as_ref()?.1.folder());
-        stop.and_then(Proof::of_stop).or_else(after)
-    }
-
-    /// Whether nobody has taken the bench since a stop, from a terminal perhaps: what that has
-    /// shown is then no longer so.
-    fn stands(&self, stop: &StopReport) -> bool {
-        let taken = self
-            .state
-            .as_ref()
-            .and_then(|state| std::fs::metadata(state.path("lock")).ok()?.modified().ok());
-        let taken_s = taken
-            .and_then(|taken| taken.duration_since(std::time::UNIX_EPOCH).ok())
-            .map_or(0.0, |since| since.as_secs_f64());
-        taken_s <= stop.unix_s
     }
 
     fn live(&self, server: &Server, going: bool) -> Live {
@@ -446,9 +428,9 @@ impl SupervisedBench {
             .as_ref()
             .and_then(|state| state.latched().ok().flatten());
         let stop = server.stops().get(&self.bench.name).cloned();
-        let last = stop.as_ref().filter(|stop| self.stands(stop));
-        let proof = self.proof(going, last);
-        let unproven = !going && (self.left_open() || (self.died() && proof.is_none()));
+        let outputs = self.outputs(going);
+        let is_unread = outputs.state == OutputsKind::NotRead;
+        let unproven = !going && (self.left_open() || (self.died() && is_unread));
         let paused = self.watch.as_ref().is_some_and(|(_, watch)| watch.paused());
         let question = self
             .watch
@@ -493,67 +475,37 @@ impl SupervisedBench {
             soc: self.watch.as_ref().and_then(|(_, watch)| watch.soc()),
             reading,
             limits,
-            instruments: self.instruments(server, proof.as_ref(), !going && self.died()),
+            instruments: self.instruments(server, &outputs),
             trip: trip.map(Into::into),
             question,
-            verified: !going && !unproven && last.is_none_or(StopReport::proven),
+            verified: !going && !unproven && outputs.is_off(),
+            outputs,
+            safe_command: outputs::safe_command(&self.bench),
+            read_idle_s: server.settings.read_idle_s.filter(|_| self.state.is_some()),
             stop,
         }
     }
 
-    fn instruments(
-        &self,
-        server: &Server,
-        proof: Option<&Proof>,
-        died: bool,
-    ) -> Vec<InstrumentNow> {
+    fn instruments(&self, server: &Server, outputs: &OutputsState) -> Vec<InstrumentNow> {
         let asked = server
             .identities()
             .get(&self.bench.name)
             .cloned()
             .unwrap_or_default();
-        let watch = self.watch.as_ref().map(|(_, watch)| watch);
         let one = |(role, instrument): (&'static str, &config::Instrument)| {
             let identity = asked
                 .iter()
                 .chain(&self.manifest)
                 .find(|identity| identity.role == role);
-            let monitor = watch.and_then(|watch| watch.monitor(role));
-            let answered_s = monitor.and_then(|monitor| monitor.answered_s);
-            let remark = monitor
-                .and_then(|monitor| monitor.remark.as_ref())
-                .filter(|remark| answered_s.is_none_or(|answered| remark.1 > answered));
-            let trouble = remark
-                .filter(|(text, _)| text.contains("dropped") || text.contains("cannot"))
-                .map(|(text, _)| text.clone());
-            let output = monitor.and_then(|monitor| monitor.output);
-            let proven = proof.filter(|proof| proof.covers(role));
-            let unknown = died && proof.is_none() && output.is_some();
-            // Where nothing is left that could be read back, an instrument without an output has
-            // not got one.
-            let told_off = proven.is_some_and(|proof| proof.by.is_some() || output.is_some());
-            InstrumentNow {
+            let now = InstrumentNow {
                 role: role.to_owned(),
                 model: instrument.model.clone(),
                 address: instrument.address.to_string(),
                 identity: identity.map(|identity| identity.identity.raw.clone()),
                 recognised: identity.map(|identity| identity.recognised),
-                output: if told_off {
-                    Some(false)
-                } else {
-                    output.filter(|_| !unknown).map(|(on, _)| on)
-                },
-                output_s: output
-                    .filter(|_| proven.is_none())
-                    .map(|(_, time_s)| time_s),
-                output_by: proven.and_then(|proof| proof.by),
-                answered_s,
-                trouble: if unknown {
-                    Some(self.after_death().to_owned())
-                } else {
-                    trouble.filter(|_| proven.is_none())
-                },
-            }
+                ..self.by_transcript(role)
+            };
+            self.by_reading(now, outputs)
         };
         self.bench
             .instruments
@@ -563,7 +515,62 @@ impl SupervisedBench {
             .collect()
     }
 
-    /// State of an output whose run has died, as long as nobody has verified it, in words.
+    /// What the transcript of the last run says of an instrument.
+    fn by_transcript(&self, role: &str) -> InstrumentNow {
+        let watch = self.watch.as_ref().map(|(_, watch)| watch);
+        let Some(monitor) = watch.and_then(|watch| watch.monitor(role)) else {
+            return InstrumentNow::default();
+        };
+        let remark = monitor.remark.as_ref().filter(|remark| {
+            monitor
+                .answered_s
+                .is_none_or(|answered| remark.1 > answered)
+        });
+        InstrumentNow {
+            output: monitor.output.map(|(on, _)| on),
+            output_s: monitor.output.map(|(_, time_s)| time_s),
+            answered_s: monitor.answered_s,
+            trouble: remark
+                .filter(|(text, _)| text.contains("dropped") || text.contains("cannot"))
+                .map(|(text, _)| text.clone()),
+            ..InstrumentNow::default()
+        }
+    }
+
+    /// The same with what was read since. What the transcript of a run says of an output does not
+    /// outlive the run.
+    fn by_reading(&self, now: InstrumentNow, outputs: &OutputsState) -> InstrumentNow {
+        if outputs.state == OutputsKind::InRun || !DRIVES.contains(&now.role.as_str()) {
+            return now;
+        }
+        if outputs.state == OutputsKind::Simulated {
+            return InstrumentNow {
+                output: now.output.map(|_| false),
+                output_s: None,
+                trouble: None,
+                ..now
+            };
+        }
+        let Some(reading) = outputs.of_role(&now.role) else {
+            return InstrumentNow {
+                output: None,
+                output_s: None,
+                trouble: now.output.map(|_| self.after_death().to_owned()),
+                ..now
+            };
+        };
+        let is_reached = reading.state != OutputState::Unreachable;
+        InstrumentNow {
+            output: is_reached.then_some(!reading.is_off()),
+            output_s: None,
+            output_unix_s: Some(reading.unix_s),
+            output_by: Some(reading.by.clone()),
+            trouble: (!is_reached).then(|| "not reached when it was read last".to_owned()),
+            ..now
+        }
+    }
+
+    /// State of an output that was not read since a run, in words.
     fn after_death(&self) -> &'static str {
         let guarded = self
             .state
@@ -572,7 +579,7 @@ impl SupervisedBench {
         if guarded {
             "the run's process died: the guardian switches off"
         } else {
-            "the run's process died, and nobody has verified that this is off"
+            "not read since the last run began"
         }
     }
 }

@@ -23,6 +23,24 @@ pub fn unix_s(text: &str) -> Result<f64, String> {
         })
 }
 
+/// Local time of day of a moment, s since 1970, such as `14:32`; with its date where that is not
+/// the date of `now_unix_s`.
+pub fn local_time(unix_s: f64, now_unix_s: f64) -> String {
+    let local = |unix_s: f64| {
+        let whole = unix_s.floor() as i64;
+        Timestamp::from_second(whole).map(|at| at.to_zoned(TimeZone::system()))
+    };
+    let (Ok(at), Ok(now)) = (local(unix_s), local(now_unix_s)) else {
+        return format!("{unix_s:.0} s after 1970");
+    };
+    let format = if at.date() == now.date() {
+        "%H:%M"
+    } else {
+        "%Y-%m-%d %H:%M"
+    };
+    at.strftime(format).to_string()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -33,5 +51,16 @@ mod tests {
         assert_eq!(unix_s("1970-01-02"), Ok(86_400.0));
         assert_eq!(unix_s("1970-01-01T01:00:00Z"), Ok(3_600.0));
         assert!(unix_s("yesterday").is_err() && unix_s("inf").is_err());
+    }
+
+    #[test]
+    fn a_time_of_another_day_has_its_date() {
+        let today = local_time(1.0e9, 1.0e9 + 1.0);
+        assert!(today.len() == 5 && today.ends_with(":46"), "{today}");
+        let then = local_time(1.0e9, 1.0e9 + 3.0 * 86_400.0);
+        assert!(
+            then.starts_with("2001-09-0") && then.ends_with(&today),
+            "{then}"
+        );
     }
 }

@@ -41,7 +41,8 @@ fn where_both_processes_died_under_current_the_next_start_says_what_it_finds_swi
         unheard.expect_code(2);
         for text in [
             "nobody listens: the process of this run is gone, at ",
-            "nobody has verified yet that its bench is off: `eis-bench safe ",
+            "outputs not read since a run began at ",
+            "`eis-bench safe ",
         ] {
             assert!(
                 unheard.message().contains(text),
@@ -64,12 +65,11 @@ fn where_both_processes_died_under_current_the_next_start_says_what_it_finds_swi
     latched.expect_code(7);
     for text in [
         format!("process {} on ", pid(&child)),
-        "died, and so did its guardian: nobody has switched off after it; found supply4q ON, "
+        "died, and so did its guardian: whether they switched off is not known; found supply4q ON, "
             .to_owned(),
         "found load off, ".to_owned(),
-        "now every output is off and read back: a current that nobody watched may have flowed in \
-        step \"point "
-            .to_owned(),
+        "now outputs read off at ".to_owned(),
+        ": a current may have flowed unwatched in step \"point ".to_owned(),
     ] {
         assert!(
             latched.message().contains(&text),
@@ -97,9 +97,14 @@ fn who_switches_off_after_both_died_settles_what_they_left_and_somebody_has_to_l
     kill_both(&files, &mut child);
     let safe = program(&["safe".as_ref(), files.path(BENCH).as_os_str()]);
     safe.expect_code(0);
-    let words = "and so did its guardian: nobody has switched off after it; now every output is \
-    off and read back: a current that nobody watched may have flowed";
+    let words = "and so did its guardian: whether they switched off is not known; now outputs read \
+    off at ";
     assert!(safe.stderr.contains(words), "{}", safe.stderr);
+    assert!(
+        safe.stdout.contains("demo: outputs read off at "),
+        "{}",
+        safe.stdout
+    );
     ports.assert_outputs_off();
     assert!(!state(&files, "open.json").exists());
     let trip = fs::read_to_string(state(&files, "trip.json")).unwrap();
@@ -128,7 +133,7 @@ fn where_both_processes_died_while_nothing_was_on_it_is_said_and_nobody_has_to_l
     assert!(
         resumed
             .stderr
-            .contains("nobody has switched off after it; found supply4q off, "),
+            .contains("whether they switched off is not known; found supply4q off, "),
         "{}",
         resumed.stderr
     );

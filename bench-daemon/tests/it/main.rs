@@ -47,6 +47,7 @@ mod multisine;
 mod observe;
 mod ocv_joint;
 mod ocv_soc;
+mod outputs_state;
 mod overlap;
 mod profiles;
 mod quality;

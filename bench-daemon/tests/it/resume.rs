@@ -405,7 +405,7 @@ fn a_charge_that_nobody_knows_is_not_moved_again_by_itself() {
     let latched = resume(&run, &[]);
     latched.expect_code(7);
     for text in [
-        "and so did its guardian: nobody has switched off after it; found supply4q ON, ",
+        "and so did its guardian: whether they switched off is not known; found supply4q ON, ",
         " in step \"trace pulse, repeat 1: ",
     ] {
         assert!(

@@ -514,7 +514,7 @@ fn after_a_killed_run_outputs_are_shown_as_its_guardian_or_somebody_else_has_ver
         "{live}"
     );
     assert_eq!(
-        supply["trouble"], "the run's process died, and nobody has verified that this is off",
+        supply["trouble"], "not read since the last run began",
         "{live}"
     );
     crate::guardian::on_bench(&files, &["safe"]).expect_code(0);

@@ -99,6 +99,17 @@ fn every_call_wants_its_scope_and_no_other() {
             assert_eq!((none.status, path.as_str()), (200, "/api/v1/openapi.json"));
             continue;
         };
+        // Whoever stands at the machine can stop; a stop that a proxy passes on wants a token.
+        if path == "/api/v1/stop" || path == "/api/v1/benches/demo/stop" {
+            assert_eq!(none.status, 200, "{method} {path}");
+            let passed_on = format!(
+                "POST {path} HTTP/1.1\r\nHost: {}\r\nX-Forwarded-For: 10.0.0.7\r\n\
+                Connection: close\r\nContent-Length: 0\r\n\r\n",
+                served.address
+            );
+            assert_eq!(served.raw(passed_on.as_bytes()).status, 401, "{path}");
+            continue;
+        }
         assert_eq!(
             (none.status, &none.json()["code"]),
             (401, &"unauthorised".into()),
@@ -142,6 +153,13 @@ fn every_call_wants_its_scope_and_no_other() {
         serde_json::json!({ "name": "read-only", "scopes": ["read"], "benches": ["demo"] })
     );
     let audit = data(&files, "audit.jsonl");
+    assert!(
+        audit.contains(
+            "\"who\":\"local\",\"from\":\"127.0.0.1\",\
+            \"what\":\"POST /api/v1/benches/demo/stop\",\"outcome\":\"200\""
+        ),
+        "{audit}"
+    );
     assert!(
         audit.contains("\"who\":\"operate-only\"")
             && audit.contains("\"what\":\"POST /api/v1/queue\",\"outcome\":\"403 forbidden\"")

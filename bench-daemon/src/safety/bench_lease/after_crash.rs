@@ -1,20 +1,23 @@
-//! Settles a bench after a run that died together with its guardian, for example by a reboot:
-//! nobody has switched it off. The state of the instruments is reported first, then they are
-//! switched off. Where a current may have flowed unwatched, the bench is latched: a person has to
+//! Settles a bench after a run that left no record of its end, for example after a reboot. What the
+//! records say of the end is reported, then the state of the instruments; then they are switched
+//! off. Where a current may have flowed unwatched, the bench is latched: a person has to
 //! look at the cell.
 
 use std::collections::BTreeMap;
 
-use instruments::{clock::Clock, transport::MemoryHub};
+use instruments::{
+    clock::{self, Clock},
+    transport::MemoryHub,
+};
 
 use crate::{
-    bench::state_readback,
+    bench::outputs::{OutputReading, OutputsState},
+    bench::state_readback::{self, InstrumentReadback},
     bench::{Bench, Connections},
     config,
-    interlock::NO_CURRENT_A,
     journal::{self, Entry, Line},
     safety::failure::Failure,
-    safety::guardian::last_cell_c,
+    safety::guardian::{Report, last_cell_c},
     safety::state::{Latched, OpenRun, State, StateError},
     support::terminal::remark,
 };
@@ -32,11 +35,7 @@ pub(super) async fn settle(
     let Some(open) = state.open_run()? else {
         return Ok(());
     };
-    let flowing = match journal::read(&open.holder.run) {
-        Ok(read) => flowing(&read.lines),
-        // Nobody knows what it was doing.
-        Err(error) => Some(format!("(unknown: {error})")),
-    };
+    let end = RunEnd::read(state, &open);
     let connections = Connections {
         clock: clock.clone(),
         hub: MemoryHub::new(),
@@ -44,11 +43,10 @@ pub(super) async fn settle(
     };
     let mut bench = Bench::unconnected(bench, &connections)?;
     let found = state_readback::look_each(&mut bench).await;
-    let quiet = found.iter().all(|found| {
-        found
-            .as_ref()
-            .is_ok_and(|found| found.off && found.amps.unwrap_or(0.0).abs() <= NO_CURRENT_A)
-    });
+    let quiet = found
+        .iter()
+        .all(|found| found.as_ref().is_ok_and(InstrumentReadback::is_quiet));
+    keep(state, &state_readback::readings(&bench, &found, NEXT_RUN));
     // A bath moves no charge: what it does is told, and judged by nobody but the reader.
     let bath = state_readback::look_bath(&mut bench).await;
     let listed: Vec<String> = found
@@ -60,8 +58,8 @@ pub(super) async fn settle(
                 .map_or_else(|error| format!("not reached: {error}"), ToString::to_string)
         })
         .collect();
-    let text = format!("{}; {}", died(&open), listed.join("; "));
-    if quiet && flowing.is_none() {
+    let text = format!("{}; {}", end.words, listed.join("; "));
+    if quiet && end.flowing.is_none() {
         // It died while nothing was on.
         remark!("eis-bench: {text}");
         tracing::warn!("{text}");
@@ -70,8 +68,9 @@ pub(super) async fn settle(
     let switched = bench.safe_state().await;
     let bath = bench.bath(last_cell_c(state)).await;
     let switched = switched.with_bath(bath);
+    keep(state, &switched.readings(NEXT_RUN));
     let outcome = if switched.verified {
-        "now every output is off and read back".to_owned()
+        format!("now {}", switched.read)
     } else {
         format!("NOT SWITCHED OFF: {}", switched.message)
     };
@@ -79,9 +78,9 @@ pub(super) async fn settle(
         .bath
         .as_ref()
         .map_or_else(String::new, |bath| format!("; {bath}"));
-    let cause = format!("{text}{bath}; {outcome}: a current that nobody watched may have flowed");
+    let cause = format!("{text}{bath}; {outcome}: {UNWATCHED}");
     remark!("eis-bench: {cause}");
-    let step = flowing.unwrap_or_default();
+    let step = end.flowing.unwrap_or_default();
     state.latch_with(
         &Latched::new("daemon", &cause).during(&open.holder.run, &step),
         &open,
@@ -110,16 +109,9 @@ pub(crate) fn settle_verified(state: &State) -> Result<(), StateError> {
     else {
         return Ok(());
     };
-    let flowing = journal::read(&open.holder.run).map_or_else(
-        |error| Some(format!("(unknown: {error})")),
-        |read| flowing(&read.lines),
-    );
-    if let Some(step) = flowing {
-        let cause = format!(
-            "{}; now every output is off and read back: a current that nobody watched may have \
-            flowed",
-            died(&open)
-        );
+    let end = RunEnd::read(state, &open);
+    if let Some(step) = end.flowing {
+        let cause = format!("{}; now {}: {UNWATCHED}", end.words, state.outputs().words);
         remark!("eis-bench: {cause}");
         state.latch_with(
             &Latched::new("safe", &cause).during(&open.holder.run, &step),
@@ -129,12 +121,83 @@ pub(crate) fn settle_verified(state: &State) -> Result<(), StateError> {
     state.settle(&open)
 }
 
-fn died(open: &OpenRun) -> String {
-    let file = open.holder.file.display();
-    format!(
-        "process {} on {file} died, and so did its guardian: nobody has switched off after it",
-        open.holder.pid
-    )
+/// Who reads the outputs before a run begins.
+const NEXT_RUN: &str = "next run";
+const UNWATCHED: &str = "a current may have flowed unwatched";
+
+/// Keeps what was read, as well as that can be written.
+fn keep(state: &State, readings: &[OutputReading]) {
+    if let Err(error) = state.keep_readings(readings) {
+        tracing::warn!("{error}");
+    }
+}
+
+/// What the records of an open run say of its end, and nothing beyond them.
+struct RunEnd {
+    /// Who has read back what, or that it is not known.
+    words: String,
+    /// The step in which a current may have flowed when the journal ended; none where every output
+    /// was off then, or was read back as off since.
+    flowing: Option<String>,
+}
+
+impl RunEnd {
+    fn read(state: &State, open: &OpenRun) -> Self {
+        let process = format!(
+            "process {} on {}",
+            open.holder.pid,
+            open.holder.file.display()
+        );
+        let verified = Report::read(state).filter(|report| report.has_verified(&open.holder.run));
+        if let Some((report, safe)) = verified.and_then(|report| {
+            let safe = report.safe.clone()?;
+            Some((report, safe))
+        }) {
+            let readings = safe.readings("guardian");
+            // An older guardian does not say when it read.
+            let read = if readings.is_empty() {
+                safe.message
+            } else {
+                OutputsState::read_earlier(&readings, clock::unix_time_s()).words
+            };
+            return Self {
+                words: format!(
+                    "{process} died; its guardian, process {}: {read}",
+                    report.pid
+                ),
+                flowing: None,
+            };
+        }
+        let journal = journal::read(&open.holder.run);
+        let ended = journal.as_ref().ok().and_then(|read| ended(&read.lines));
+        let words = match ended {
+            Some(how) => format!(
+                "process {} ended its run ({how}) and could not write down what it read back of \
+                the outputs: {}",
+                open.holder.pid,
+                open.holder.file.display()
+            ),
+            None => format!(
+                "{process} died, and so did its guardian: whether they switched off is not known"
+            ),
+        };
+        Self {
+            words,
+            flowing: match journal {
+                Ok(read) => flowing(&read.lines),
+                Err(error) => Some(format!("(unknown: {error})")),
+            },
+        }
+    }
+}
+
+/// How the run of a journal ended, if its process wrote that down.
+fn ended(lines: &[Line]) -> Option<&str> {
+    lines.iter().rev().find_map(|line| match &line.entry {
+        Entry::Ended { how } => Some(Some(how.as_str())),
+        Entry::Safe | Entry::Note(_) => None,
+        _ => Some(None),
+    })?
 }
 
 /// The step in which a current may have flowed when the journal ended; none where every output was

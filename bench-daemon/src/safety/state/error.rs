@@ -34,6 +34,14 @@ pub enum StateError {
         /// Its run folder.
         run: PathBuf,
     },
+    /// Whoever would only ask must wait.
+    #[error("expected a bench that can be asked, found {by} at work on {bench}")]
+    InUse {
+        /// The bench.
+        bench: String,
+        /// Who has it.
+        by: &'static str,
+    },
     /// A person has to look first.
     #[error("{bench} is latched: {trip}. Look at the bench and the cell, then `eis-bench clear \
     {}`", path.display())]

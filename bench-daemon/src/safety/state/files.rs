@@ -2,10 +2,12 @@
 
 use std::{
     fs::{self, File, OpenOptions},
+    io::{Seek, Write},
     path::{Path, PathBuf},
 };
 
 use analysis::dataset::write_atomically;
+use instruments::clock;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{Latched, StateError, began, io};
@@ -45,6 +47,16 @@ pub struct OpenRun {
     pub(super) places: Vec<PathBuf>,
 }
 
+/// Line behind an open run: its outputs were read back as off. It is written in place, so that it
+/// gets there where no file can be made or removed any more.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Closed {
+    /// The process that has read them.
+    pub(super) pid: i32,
+    /// When, s since 1970.
+    pub(super) unix_s: f64,
+}
+
 /// A run that died together with its guardian, and after which every output was read back as off by
 /// somebody else.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -53,6 +65,9 @@ pub struct Settled {
     pub run: PathBuf,
     /// When, s since 1970.
     pub unix_s: f64,
+    /// What was read back, in words; absent in the file of an older version.
+    #[serde(default)]
+    pub read: String,
 }
 
 /// A latch as it is on disk.
@@ -101,6 +116,39 @@ pub(super) fn read<T: DeserializeOwned>(
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
         Err(source) => Err(io(path, "cannot be read")(source)),
     }
+}
+
+/// The open run of a file, unless a line behind it says that its outputs were read back as off.
+pub(super) fn read_open(
+    path: &Path,
+) -> Result<Option<Result<OpenRun, serde_json::Error>>, StateError> {
+    let text = match fs::read_to_string(path) {
+        Ok(text) => text,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        Err(source) => return Err(io(path, "cannot be read")(source)),
+    };
+    let mut values = serde_json::Deserializer::from_str(&text).into_iter::<serde_json::Value>();
+    let open = match values.next() {
+        Some(open) => open.and_then(serde_json::from_value),
+        None => serde_json::from_str(&text),
+    };
+    let closed = values
+        .next()
+        .and_then(Result::ok)
+        .and_then(|value| serde_json::from_value::<Closed>(value).ok());
+    Ok(closed.is_none().then_some(open))
+}
+
+/// Writes behind an open run that its outputs were read back as off.
+pub(super) fn close_open(file: &mut File) -> std::io::Result<()> {
+    let closed = Closed {
+        pid: super::pid(),
+        unix_s: clock::unix_time_s(),
+    };
+    let line = serde_json::to_string(&closed)?;
+    file.seek(std::io::SeekFrom::End(0))?;
+    writeln!(file, "{line}")?;
+    file.sync_data()
 }
 
 pub(super) fn json<T: Serialize>(path: &Path, value: &T) -> Result<(), StateError> {

@@ -4,35 +4,49 @@
 
 use std::path::PathBuf;
 
+use instruments::transport::Address;
+
 use super::{StateError, VARIABLE};
 use crate::{config, support::addresses::keys, support::hash};
 
-/// The folders of a bench's instruments, sorted, each once.
+/// The folders of one instrument, one for each name that its address has.
+pub(super) struct InstrumentPlace {
+    pub(super) role: &'static str,
+    pub(super) address: Address,
+    pub(super) folders: Vec<PathBuf>,
+}
+
+/// The folders of each instrument of a bench.
 ///
 /// Mocks on this machine are no more than their bench file says: their ports are given to others
 /// when they have ended, and so their folders lie with the rest of the bench's state.
 ///
 /// # Errors
 /// [`StateError::Nowhere`].
-pub(super) fn places(bench: &config::Bench) -> Result<Vec<PathBuf>, StateError> {
+pub(super) fn places(bench: &config::Bench) -> Result<Vec<InstrumentPlace>, StateError> {
     let root = if bench.is_mocked() {
         bench.state_folder.clone()
     } else {
         root()?
     }
     .join("instruments");
-    let addressed = bench.instruments.addressed();
-    let mut places: Vec<PathBuf> = addressed
-        .iter()
-        .flat_map(|(_, instrument)| keys(&instrument.address))
-        .map(|key| root.join(folder(&key)))
-        .collect();
-    places.sort_unstable();
-    places.dedup();
-    Ok(places)
+    let addressed = bench.instruments.addressed().into_iter();
+    let places = addressed.map(|(role, instrument)| InstrumentPlace {
+        role,
+        address: instrument.address.clone(),
+        folders: keys(&instrument.address)
+            .iter()
+            .map(|key| root.join(folder(key)))
+            .collect(),
+    });
+    Ok(places.collect())
 }
 
-fn root() -> Result<PathBuf, StateError> {
+/// Folder of the state of all instruments of this machine.
+///
+/// # Errors
+/// [`StateError::Nowhere`].
+pub(super) fn root() -> Result<PathBuf, StateError> {
     let variable = |name: &str| {
         std::env::var_os(name)
             .filter(|value| !value.is_empty())

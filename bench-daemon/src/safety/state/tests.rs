@@ -7,11 +7,13 @@ fn state(folder: &Path) -> State {
         bench: "b".to_owned(),
         file: "b.toml".into(),
         places: vec![folder.to_owned()],
+        outputs: Vec::new(),
+        mocked: true,
     }
 }
 
 /// Benches with a folder of their own each, whose instruments have the folders of these names.
-fn sharing(root: &Path, benches: [(&str, &[&str]); 3]) -> [State; 3] {
+fn sharing(root: &Path, benches: [(&str, &[&'static str]); 3]) -> [State; 3] {
     benches.map(|(name, instruments)| {
         let folder = root.join(name);
         let mut places: Vec<PathBuf> = instruments
@@ -27,7 +29,12 @@ fn sharing(root: &Path, benches: [(&str, &[&str]); 3]) -> [State; 3] {
             folder,
             bench: name.to_owned(),
             file: root.join(name).with_extension("toml"),
+            outputs: instruments
+                .iter()
+                .map(|instrument| OutputPlace::at(instrument, root.join(instrument)))
+                .collect(),
             places,
+            mocked: true,
         }
     })
 }
@@ -237,4 +244,100 @@ fn a_folder_that_cannot_be_written_is_named() {
             .starts_with("/proc/no-such-folder/lock: the state of the bench cannot be written: "),
         "{message}"
     );
+}
+
+#[test]
+fn what_was_read_of_a_shared_instrument_is_known_to_both_benches_until_a_run_begins() {
+    use crate::bench::outputs::{OutputReading, OutputState, OutputsKind};
+    let root = tempfile::tempdir().unwrap();
+    let [one, two, apart] = sharing(
+        root.path(),
+        [
+            ("one", &["load", "supply"]),
+            ("two", &["load"]),
+            ("apart", &["generator"]),
+        ],
+    );
+    let read = |role: &str, state, unix_s| OutputReading {
+        role: role.to_owned(),
+        model: "m".to_owned(),
+        state,
+        volts: None,
+        amps: None,
+        unix_s,
+        by: "read".to_owned(),
+    };
+    let now_s = clock::unix_time_s();
+    assert_eq!(one.outputs().words, "outputs not read");
+    one.keep_readings(&[
+        read("load", OutputState::Off, now_s - 2.0),
+        read("supply", OutputState::Off, now_s - 2.0),
+    ])
+    .unwrap();
+    let states = || [&one, &two, &apart].map(|bench| bench.outputs().state);
+    assert_eq!(
+        states(),
+        [OutputsKind::Off, OutputsKind::Off, OutputsKind::NotRead]
+    );
+    // Found on through the other bench.
+    two.keep_readings(&[read("load", OutputState::On, now_s)])
+        .unwrap();
+    assert_eq!(
+        states(),
+        [OutputsKind::On, OutputsKind::On, OutputsKind::NotRead]
+    );
+    let open = two.begin(Path::new("runs/a")).unwrap();
+    assert_eq!(states(), [OutputsKind::NotRead; 3]);
+    assert!(
+        two.outputs()
+            .words
+            .starts_with("outputs not read since a run began at "),
+        "{}",
+        two.outputs().words
+    );
+    drop(open);
+    two.settled().unwrap();
+}
+
+#[test]
+fn a_run_whose_record_cannot_be_removed_is_over_all_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let state = state(folder.path());
+    let mut open = state.begin(Path::new("runs/a")).unwrap();
+    assert!(state.open_run().unwrap().is_some());
+    // What the run writes into its open file before it is removed.
+    let (path, saved) = (state.path(OPEN), state.path("saved"));
+    fs::hard_link(&path, &saved).unwrap();
+    state.settled_by(&mut open).unwrap();
+    assert!(!path.exists());
+    fs::rename(&saved, &path).unwrap();
+    assert_eq!(state.open_run().unwrap(), None);
+    // A line that was torn says nothing.
+    let text = fs::read_to_string(&path).unwrap();
+    fs::write(&path, &text[..text.len() - 4]).unwrap();
+    assert!(state.open_run().unwrap().is_some());
+}
+
+#[test]
+fn who_only_reads_makes_way_for_runs_and_is_refused_beside_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let state = state(folder.path());
+    let reader = state.lock_reader().unwrap();
+    let words = |refused: Result<Lock, StateError>| refused.unwrap_err().to_string();
+    assert_eq!(
+        words(state.lock_reader()),
+        "expected a bench that can be asked, found another reading of its outputs, or a switching \
+        off at work on b"
+    );
+    drop(reader);
+    let run = state.lock(Path::new("runs/a")).unwrap();
+    assert!(words(state.lock_reader()).contains("runs b for runs/a"));
+    drop(run);
+    let guardian = state.lock_guardian().unwrap();
+    assert!(words(state.lock_reader()).contains("the guardian of a run"));
+    drop(guardian);
+    let off = (state.end_reader(), state.end_reader());
+    assert!(words(state.lock_reader()).contains("switching off"));
+    drop(off);
+    state.lock_reader().unwrap();
 }

@@ -12,15 +12,17 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::{
     App,
-    caller::{Clearer, Known, Operator, Reader},
+    caller::{Clearer, Known, Operator, Reader, Stopping},
     problem::Refusal,
 };
 use crate::{
+    bench::outputs::OutputsState,
     config,
     safety::state,
     serve::{
         audit::Deed,
         live::{InstrumentNow, Live, StopReport, TripNow},
+        outputs::{self, ReadError},
         stop::{self, Stopper},
         supervisor::Identity,
         token::Scope,
@@ -231,6 +233,32 @@ pub async fn identify(
     }))
 }
 
+/// Asks every instrument that can move charge what its output does; changes nothing on any of them,
+/// and lets go of them again. Refused while a run or a stop is in work, whose own readings show the
+/// outputs.
+#[utoipa::path(
+    post,
+    path = "/api/v1/benches/{bench}/outputs/read",
+    tag = "benches",
+    params(("bench" = String, Path)),
+    responses((status = 200, body = OutputsState)),
+    security(("token" = ["operate"]))
+)]
+pub async fn read_outputs(
+    _caller: Operator,
+    State(app): State<App>,
+    Path(bench): Path<String>,
+) -> Result<Json<OutputsState>, Refusal> {
+    let config = known(&app, &bench)?;
+    outputs::read(&app.server, config)
+        .await
+        .map(Json)
+        .map_err(|error| match &error {
+            ReadError::Busy(why) => Refusal::conflict(why.clone()),
+            ReadError::Machine(_) => Refusal::machine(&error),
+        })
+}
+
 /// Identities of the instruments.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Identified {
@@ -252,17 +280,18 @@ pub struct IdentifiedOne {
 }
 
 /// Stops whatever runs on a bench and reads every output back. Answers when that is done; events
-/// tell how it goes. Every token may stop, and nobody is told that they ask too often.
+/// tell how it goes. Every token may stop, and so may anyone on the server's machine, with or
+/// without a token; stops are not limited in number.
 #[utoipa::path(
     post,
     path = "/api/v1/benches/{bench}/stop",
     tag = "benches",
     params(("bench" = String, Path)),
     responses((status = 200, body = StopReport)),
-    security(("token" = []))
+    security(("token" = []), ())
 )]
 pub async fn stop(
-    caller: Known,
+    caller: Stopping,
     State(app): State<App>,
     Path(bench): Path<String>,
 ) -> Result<Json<StopReport>, Refusal> {
@@ -277,16 +306,17 @@ pub async fn stop(
         .map_err(|error| Refusal::machine(&error))
 }
 
-/// Stops every bench at once, as the stop of each of them does. Answers when all is done.
+/// Stops every bench at once, as the stop of each of them does. Answers when all is done. Whoever may
+/// stop one bench may stop all.
 #[utoipa::path(
     post,
     path = "/api/v1/stop",
     tag = "benches",
     responses((status = 200, body = [StopReport])),
-    security(("token" = []))
+    security(("token" = []), ())
 )]
 pub async fn stop_all(
-    caller: Known,
+    caller: Stopping,
     State(app): State<App>,
 ) -> Result<Json<Vec<StopReport>>, Refusal> {
     let benches = app.server.settings.benches.clone();

@@ -17,10 +17,13 @@ use crate::{
         session::{self, PROOF_HEADER},
         token::{Scope, Token, TokenError},
     },
-    support::hash,
+    support::{
+        hash,
+        loopback::{is_loopback, names_loopback},
+    },
 };
 
-/// Who asks where no token exists at all: anybody on this machine.
+/// Who asks where no token exists at all, or who stops without one: anybody on this machine.
 const LOCAL: &str = "local";
 
 /// Somebody with the scope number `SCOPE` of [`Scope::ALL`]; behind the last of them, with any.
@@ -83,6 +86,61 @@ impl<const SCOPE: usize> FromRequestParts<App> for With<SCOPE> {
             token_sha256,
         })
     }
+}
+
+/// Somebody who may stop: with any token, or on this machine without one. Who could stop before
+/// there were tokens can stop afterwards, and whoever stands at the bench's machine can always.
+#[derive(Debug, Clone)]
+pub struct Stopping {
+    /// Their name.
+    pub name: String,
+}
+
+impl FromRequestParts<App> for Stopping {
+    type Rejection = Refusal;
+
+    async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, Refusal> {
+        match Known::from_request_parts(parts, app).await {
+            Ok(known) => Ok(Self { name: known.name }),
+            Err(_) if is_of_this_machine(parts) => {
+                if let Some(named) = parts.extensions.get::<Named>() {
+                    let _ = named.0.set(LOCAL.to_owned());
+                }
+                Ok(Self {
+                    name: LOCAL.to_owned(),
+                })
+            }
+            Err(refusal) => Err(refusal),
+        }
+    }
+}
+
+/// Headers of a request that a proxy has passed on.
+const PASSED_ON: [&str; 5] = [
+    "forwarded",
+    "via",
+    "x-forwarded-for",
+    "x-forwarded-host",
+    "x-real-ip",
+];
+
+/// The request comes from this machine, under one of its own names, and not through a proxy.
+fn is_of_this_machine(parts: &Parts) -> bool {
+    let host = parts
+        .headers
+        .get(header::HOST)
+        .and_then(|host| host.to_str().ok())
+        .unwrap_or_default();
+    let name = host
+        .rsplit_once(':')
+        .filter(|(_, port)| port.chars().all(|c| c.is_ascii_digit()))
+        .map_or(host, |(name, _)| name);
+    let peer = parts.extensions.get::<Peer>();
+    peer.is_some_and(|peer| is_loopback(peer.0))
+        && names_loopback(name)
+        && PASSED_ON
+            .iter()
+            .all(|header| !parts.headers.contains_key(*header))
 }
 
 /// The token of a request, shown with it or by its session, and its SHA-256. Where there is no token

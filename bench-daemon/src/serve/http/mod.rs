@@ -47,6 +47,7 @@ pub fn router(app: &App) -> Router {
         .route("/benches/{bench}", get(benches::detail))
         .route("/benches/{bench}/instruments", get(benches::instruments))
         .route("/benches/{bench}/identify", post(benches::identify))
+        .route("/benches/{bench}/outputs/read", post(benches::read_outputs))
         .route("/benches/{bench}/stop", post(benches::stop))
         .route("/benches/{bench}/trips", get(benches::trips))
         .route("/benches/{bench}/trips/clear", post(benches::clear))

@@ -26,6 +26,7 @@ use super::{
         benches::detail,
         benches::instruments,
         benches::identify,
+        benches::read_outputs,
         benches::stop,
         benches::stop_all,
         benches::trips,

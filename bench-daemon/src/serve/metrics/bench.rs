@@ -98,8 +98,14 @@ pub(super) const METRICS: &[Metric] = &[
     gauge(
         "outputs_verified",
         "",
-        "Nothing runs, and no output is left of which nobody has verified that it is off.",
+        "Nothing runs, and every output was last read back as off, by a reading that is current.",
         |now| now.benches(|live| flag(live.verified)),
+    ),
+    gauge(
+        "outputs_need_look",
+        "",
+        "Nothing runs, and the outputs were not read since a run, or not read as off.",
+        |now| now.benches(|live| flag(live.needs_look())),
     ),
     counter(
         "trips_total",

@@ -8,6 +8,7 @@ import {
   drawMissed,
   drawNow,
   drawOthers,
+  drawOutputs,
   drawOverview,
   drawRun,
   drawStop,
@@ -15,6 +16,7 @@ import {
   duration,
   el,
   fill,
+  isLoud,
   outcome,
   person,
   saveBlob,
@@ -52,18 +54,21 @@ const WORDS = {
   stopping: (tries) => (tries === 1 ? "■ STOPPING …" : `■ STOPPING, TRY ${tries} …`),
   escape: (stop) => `Esc once more within 1.5 s: ${stop}`,
   stops: (reports) => `Stopped. ${reports.join("; ")}.`,
-  stoppedOff: (bench) => `${bench}: every output is off, read back`,
+  stoppedOff: (bench, words) => `${bench}: ${words}`,
   stoppedSimulated: (bench) => `${bench}: simulated within the run's process, which has ended`,
   stoppedUnverified: (bench) => `▲ ${bench}: STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH`,
-  stopSignIn: (why) =>
+  stopSignIn: (why, safe) =>
     `The stop was refused: sign in first (${why}). ` +
-    "Without a token: the emergency switch, or on the machine: eis-bench safe",
-  stopRefused: (why) =>
+    `Without a token: the emergency switch, or on the machine: ${safe}`,
+  stopRefused: (why, safe) =>
     `The stop was refused: ${why}. NOTHING WAS STOPPED, and it is not sent again. ` +
-    "Use the emergency switch, or on the machine: eis-bench safe",
-  stopUnheard: (waited, why) =>
+    `Use the emergency switch, or on the machine: ${safe}`,
+  stopUnheard: (waited, why, safe) =>
     `No word after ${waited} s that the bench is off (${why}). The stop is sent again. ` +
-    "Use the emergency switch, or on the machine: eis-bench safe",
+    `Use the emergency switch, or on the machine: ${safe}`,
+  // Without a bench file it switches off every bench that runs or ran on the machine.
+  safeEvery: "eis-bench safe",
+  outputsRead: ({ words }) => `Read: ${words}.`,
   noAnswer: "no answer yet",
   curveOf: (run, name) => `${run}: ${name}`,
   noAddress: (hash, bench) => `There is nothing at ${hash}: ${bench} is shown.`,
@@ -174,7 +179,7 @@ function tellStops(reports) {
   const fine = (report) => report.verified || report.simulated;
   const words = (report) =>
     report.verified
-      ? WORDS.stoppedOff(report.bench)
+      ? WORDS.stoppedOff(report.bench, report.read)
       : report.simulated
         ? WORDS.stoppedSimulated(report.bench)
         : WORDS.stoppedUnverified(report.bench);
@@ -213,9 +218,10 @@ async function insistOnStop(button, path, { body, patience, waits } = {}) {
     try {
       answer = await stopNow(path, body, patience);
     } catch (error) {
-      answer = stopIsRefused(error) ? null : undefined;
+      answer = stopIsRefused(error, path) ? null : undefined;
       const isLate = error.name === "TimeoutError";
-      if (answer === undefined) stopSays(WORDS.stopUnheard(waited(), isLate ? WORDS.noAnswer : error.message));
+      const why = isLate ? WORDS.noAnswer : error.message;
+      if (answer === undefined) stopSays(WORDS.stopUnheard(waited(), why, safeCommand(path)));
       if (answer === undefined && !isLate) await new Promise((done) => setTimeout(done, 500));
     }
   }
@@ -224,11 +230,17 @@ async function insistOnStop(button, path, { body, patience, waits } = {}) {
   return answer;
 }
 
+// The command that does on the machine what a stop was to do.
+function safeCommand(path) {
+  const bench = path.startsWith("/benches/") ? live() : null;
+  return (bench && bench.safe_command) || WORDS.safeEvery;
+}
+
 // Whether the server refuses a stop for good, which is said.
-function stopIsRefused(error) {
+function stopIsRefused(error, path) {
   const isRefused = error instanceof Refused && error.status < 500 && error.status !== 429;
-  if (isUnknown(error)) stopSays(WORDS.stopSignIn(error.message));
-  else if (isRefused) stopSays(WORDS.stopRefused(error.message));
+  if (isUnknown(error)) stopSays(WORDS.stopSignIn(error.message, safeCommand(path)));
+  else if (isRefused) stopSays(WORDS.stopRefused(error.message, safeCommand(path)));
   return isRefused;
 }
 
@@ -239,8 +251,7 @@ function stopLabel(all) {
 }
 
 // On such a bench a current may flow.
-const loud = (bench) =>
-  bench.state === "running" || bench.state === "unknown" || (bench.state === "latched" && !bench.verified);
+const loud = (bench) => bench.state === "running" || isLoud(bench) || (bench.state === "latched" && !bench.verified);
 
 // Benches that are as they were after a stop of another one.
 function miss(reports) {
@@ -539,6 +550,7 @@ function draw() {
   );
   drawActs();
   drawInstruments(now);
+  drawOutputs(now);
   drawOverview([...known.benches.values()], known.bench);
   if (!$("stop").classList.contains("pressed")) text($("stop"), stopLabel(false));
   drawOthers(
@@ -596,6 +608,9 @@ function sayEnd({ item, ended }) {
 function drawRights() {
   $("identify").disabled = !may("operate");
   $("identify").title = may("operate") ? "" : lacks("operate");
+  const atWork = live() && !["idle", "latched", "unknown"].includes(live().state);
+  $("readoutputs").disabled = !may("operate") || atWork || live().outputs.state === "simulated";
+  $("readoutputs").title = !may("operate") ? lacks("operate") : atWork ? live().outputs.words : "";
   for (const control of $("submit").querySelectorAll("button[type=submit]")) control.disabled = !may("energise");
   $("maynot").hidden = may("energise");
   text($("maynot"), may("energise") ? "" : WORDS.maySubmit(lacks("energise")));
@@ -913,6 +928,9 @@ $("login").addEventListener("submit", async (event) => {
   }
   return begin();
 });
+$("readoutputs").addEventListener("click", () =>
+  attempt(() => post(`/benches/${known.bench}/outputs/read`), WORDS.outputsRead),
+);
 $("identify").addEventListener("click", () =>
   attempt(
     () => post(`/benches/${known.bench}/identify`),

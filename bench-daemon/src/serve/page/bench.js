@@ -10,7 +10,7 @@ const WORDS = {
   somebody: "somebody on this machine",
   roles: { supply4q: "bipolar supply" },
   states: {
-    unknown: ["?", "Unknown: nobody has verified that every output is off"],
+    unknown: ["?", "Unknown: a run has left outputs that were not read back as off"],
     idle: ["○", "Idle: nothing runs"],
     running: ["▶", "Running: current may flow"],
     paused: ["❚❚", "Paused: every output off"],
@@ -71,24 +71,32 @@ const WORDS = {
   notAsked: "not asked",
   otherModel: (model) => `${model} ✕ another model answers`,
   modelNotAsked: (model) => `${model} (not asked yet)`,
-  readBackBy: (who) => `read back by ${who}`,
-  provers: { guardian: "the guardian", stop: "the stop" },
-  safe: "eis-bench safe",
+  readBackBy: (who, time) => `read ${time} by ${who}`,
+  readers: {
+    run: "the run",
+    guardian: "the guardian",
+    stop: "the stop",
+    safe: "eis-bench safe",
+    read: "a reading",
+    "next run": "the next run",
+  },
+  withOutputs: (words, outputs) => `${words}; ${outputs}`,
+  readsIdle: (time) => `This server reads the outputs every ${time} while nothing runs.`,
+  readsNever: "This server does not read idle benches by itself.",
   trouble: (words) => `▲ ${words}`,
   overview: (sign, bench, state, left, proof) => `${sign} ${bench}: ${state}${left}${proof}`,
   overviewAsking: "waits for a person",
   overviewTrip: (cause) => `latched, ${cause}`,
   overviewLeft: (time) => `, ${time} left`,
-  verifiedOff: ", outputs verified off",
-  notVerified: ", outputs NOT verified",
+  overviewOutputs: (words, isLoud) => `, ${isLoud ? "▲ " : ""}${words}`,
   warning: "▲ ",
   otherTrip: (bench, cause) => `${bench} is latched: ${cause}`,
-  otherUnknown: (bench) => `${bench}: nobody has verified that its outputs are off`,
+  otherOutputs: (bench, words) => `${bench}: ${words}`,
   otherStop: (bench) => `${bench} was stopped, but not verified: LOOK AT THE BENCH`,
   show: (bench) => `Show ${bench}`,
   missed: (benches) => `▲ NOT stopped: ${benches}. `,
   missedOne: (bench, state) => `${bench} (${state})`,
-  missedLatched: "latched, its outputs are not verified",
+  missedOutputs: (state, outputs) => `${state}, ${outputs}`,
   missedHint: "STOP ALL stops every bench. ",
   close: "Close this message",
   looked: "Who looked, and what was found ",
@@ -101,7 +109,7 @@ const WORDS = {
   stoppedSimulated: (bench) =>
     `✓ Stopped ${bench}: it is simulated within the run's process, and that has ended. ` +
     "There is no output to read back.",
-  stopped: (bench) => `✓ Stopped ${bench}: every output is off, read back.`,
+  stopped: (bench, words) => `✓ Stopped ${bench}: ${words}.`,
   stoppedUnverified: (bench) => `▲ ${bench} STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH.`,
   stoppedBy: (who, time) => ` By ${who}, ${time}.`,
   stopSteps: "What was done and read back",
@@ -208,9 +216,19 @@ function running(live) {
 // Sign and words of a state.
 const stateOf = (state) => WORDS.states[state] || [WORDS.noState, state];
 
+// A bench on which nothing runs: what its outputs do is said of a reading only, with its time.
+export const rests = (live) => ["idle", "latched", "unknown"].includes(live.state);
+
+// A person has to look at the outputs: they were left by a run without a reading, or were not read as off.
+export const isLoud = (live) =>
+  live.state === "unknown" ||
+  (rests(live) && ["on", "unreachable"].includes(live.outputs.state)) ||
+  (rests(live) && live.outputs.state === "stale" && live.outputs.outputs.some((one) => one.state !== "off"));
+
 export function drawNow(live) {
-  const [sign, words] = live.state === "running" ? running(live) : stateOf(live.state);
-  $("state").className = `state ${live.state}`;
+  const [sign, plain] = live.state === "running" ? running(live) : stateOf(live.state);
+  const words = rests(live) ? WORDS.withOutputs(plain, live.outputs.words) : plain;
+  $("state").className = `state ${rests(live) && isLoud(live) ? "latched" : live.state}`;
   text($("state"), WORDS.state(sign, words));
   const reading = live.reading;
   const fresh = reading && reading.fresh;
@@ -366,7 +384,7 @@ export function drawInstruments(live) {
           ? WORDS.otherModel(one.model)
           : one.model;
       const answer = one.output_by
-        ? WORDS.readBackBy(WORDS.provers[one.output_by] || WORDS.safe)
+        ? WORDS.readBackBy(WORDS.readers[one.output_by] || one.output_by, when(one.output_unix_s))
         : one.trouble
           ? WORDS.trouble(one.trouble)
           : one.answered_s === null
@@ -374,15 +392,24 @@ export function drawInstruments(live) {
             : going
               ? WORDS.answered(duration(Math.max(0, now - one.answered_s)))
               : WORDS.lastRun;
+      const said = one.output_by && one.trouble ? `${WORDS.trouble(one.trouble)}; ${answer}` : answer;
       return el(
         "tr",
         { class: one.trouble ? "trouble" : "" },
         el("th", { scope: "row", title: one.role }, WORDS.roles[one.role] || one.role),
-        el("td", {}, output, el("small", {}, answer)),
+        el("td", {}, output, el("small", {}, said)),
         el("td", { title: one.identity || "" }, who, el("small", {}, one.address)),
       );
     }),
   );
+}
+
+// What was read of the outputs, and whether the server reads them by itself.
+export function drawOutputs(live) {
+  text($("outputssaid"), rests(live) ? live.outputs.words : "");
+  const every = live.read_idle_s;
+  text($("readsidle"), every ? WORDS.readsIdle(duration(every)) : WORDS.readsNever);
+  $("readsidle").hidden = live.outputs.state === "simulated";
 }
 
 // The worst is first: a person looks there.
@@ -390,14 +417,14 @@ const WORST = ["latched", "unknown", "stopping", "asking", "running", "paused", 
 
 // All benches in a line, each with its address.
 export function drawOverview(benches, chosen) {
-  const rank = (one) => (WORST.indexOf(one.state) + WORST.length + 1) % (WORST.length + 1);
+  const rank = (one) =>
+    one.state === "idle" && isLoud(one) ? 1 : (WORST.indexOf(one.state) + WORST.length + 1) % (WORST.length + 1);
   const item = (one) => {
     const [sign] = stateOf(one.state);
     const hasEnd = one.run && one.run.going && one.run.left_s !== null;
     const left = hasEnd ? WORDS.overviewLeft(duration(one.run.left_s)) : "";
     // While a run or a stop is at work nothing is claimed of the outputs.
-    const rests = ["idle", "latched", "unknown"].includes(one.state);
-    const proof = !rests ? "" : one.verified ? WORDS.verifiedOff : WORDS.notVerified;
+    const proof = rests(one) ? WORDS.overviewOutputs(one.outputs.words, isLoud(one)) : "";
     const plain = one.state === "asking" ? WORDS.overviewAsking : one.state;
     const state = one.trip ? WORDS.overviewTrip(one.trip.cause) : plain;
     const words = WORDS.overview(sign, one.bench, state, left, proof);
@@ -409,7 +436,7 @@ export function drawOverview(benches, chosen) {
         "a",
         {
           href: `#${encodeURIComponent(one.bench)}`,
-          class: `bench ${one.state}`,
+          class: `bench ${rests(one) && isLoud(one) ? "latched" : one.state}`,
           "aria-current": here ? "page" : null,
         },
         words,
@@ -424,14 +451,14 @@ export function drawOverview(benches, chosen) {
 export function drawOthers(others, choose) {
   const loud = others.filter(
     (one) =>
-      one.trip || one.state === "unknown" || (one.stop && one.stop.over && !one.stop.verified && !one.stop.simulated),
+      one.trip || isLoud(one) || (one.stop && one.stop.over && !one.stop.verified && !one.stop.simulated),
   );
   const words = loud.map((one) => [
     one.bench,
     one.trip
       ? WORDS.otherTrip(one.bench, one.trip.cause)
-      : one.state === "unknown"
-        ? WORDS.otherUnknown(one.bench)
+      : isLoud(one)
+        ? WORDS.otherOutputs(one.bench, one.outputs.words)
         : WORDS.otherStop(one.bench),
   ]);
   const banner = $("others");
@@ -456,9 +483,8 @@ export function drawOthers(others, choose) {
 // stays until that is no longer so, or a person has read it.
 export function drawMissed(benches, close) {
   const banner = $("missed");
-  const words = benches
-    .map((one) => WORDS.missedOne(one.bench, one.state === "latched" ? WORDS.missedLatched : one.state))
-    .join(", ");
+  const state = (one) => (rests(one) ? WORDS.missedOutputs(one.state, one.outputs.words) : one.state);
+  const words = benches.map((one) => WORDS.missedOne(one.bench, state(one))).join(", ");
   banner.hidden = !words;
   if (banner.dataset.key === words) return;
   banner.dataset.key = words;
@@ -516,7 +542,7 @@ export function drawStop(report) {
     : report.simulated
       ? WORDS.stoppedSimulated(report.bench)
       : report.verified
-        ? WORDS.stopped(report.bench)
+        ? WORDS.stopped(report.bench, report.read)
         : WORDS.stoppedUnverified(report.bench);
   const key = `${report.bench} ${report.unix_s} ${report.over} ${report.verified} ${report.steps.length}`;
   if (banner.dataset.key === key) return;

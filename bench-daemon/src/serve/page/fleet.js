@@ -49,7 +49,7 @@ const WORDS = {
   lastKnown: (words) => `last known: ${words}`,
   nothing: "nothing",
   ago: (time) => `${time} ago`,
-  outputs: { true: "✓ off, read back", false: "▲ NOT verified", null: "not told" },
+  outputs: { true: "✓ off, read back", false: "▲ NOT verified", null: "not read" },
   outputsSilent: "▲ not known now",
   current: (amps) => `${amps} A`,
   temperature: (low, high) => `${low} to ${high} °C`.replaceAll("-", "−"),

@@ -7,7 +7,7 @@ import { el, fill, when } from "./bench.js";
 const WORDS = {
   title: "Notices",
   about:
-    "Trips, benches that nobody has verified off, and ends of runs are told by a webhook and by e-mail. " +
+    "Trips, benches whose outputs were not read back as off, and ends of runs are told by a webhook and by e-mail. " +
     "The section [notify] of the server's file says where to.",
   webhook: "Webhook",
   email: "E-mail to",

@@ -1,0 +1,429 @@
+//! State of the outputs of a bench: what was read back, and when. API, page, command line, guardian
+//! and notices show the words that are made here, so that none of them says more than was read.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use crate::support::calendar::local_time;
+
+/// A reading is current for this long, s. An older one says how things were, not how they are:
+/// another client or a hand at a panel may have switched an output on since.
+pub const CURRENT_FOR_S: f64 = 900.0;
+
+/// Roles of the instruments that can move charge.
+pub const DRIVES: [&str; 4] = ["supply4q", "generator", "load", "supply"];
+
+/// State in which one output was read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum OutputState {
+    /// Off by its own word, and no current flows by its meter, where it has one.
+    Off,
+    /// On, or its word that it is off was wrong.
+    On,
+    /// Off by its own word, but its meter shows a current.
+    Current,
+    /// It did not answer, or not to what was asked.
+    Unreachable,
+}
+
+impl OutputState {
+    /// Its name, as the API has it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Off => "off",
+            Self::On => "on",
+            Self::Current => "current",
+            Self::Unreachable => "unreachable",
+        }
+    }
+}
+
+/// Reading of one output.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct OutputReading {
+    /// Role of the instrument.
+    pub role: String,
+    /// Its model in the bench file.
+    pub model: String,
+    /// What was read.
+    pub state: OutputState,
+    /// Voltage that it measured, V.
+    pub volts: Option<f64>,
+    /// Current that it measured, A.
+    pub amps: Option<f64>,
+    /// When, s since 1970.
+    pub unix_s: f64,
+    /// Who read it: `run`, `guardian`, `safe`, `stop` (of the server), `read` (a reading that was
+    /// asked for), or `next run` (before it began).
+    pub by: String,
+}
+
+impl OutputReading {
+    /// It is off, and nothing flows.
+    pub fn is_off(&self) -> bool {
+        self.state == OutputState::Off
+    }
+}
+
+/// A reading with its age.
+#[derive(Debug, Clone, PartialEq)]
+pub struct KnownReading {
+    /// The reading.
+    pub reading: OutputReading,
+    /// Its age, s; none if the machine's clock was set since.
+    pub age_s: Option<f64>,
+}
+
+/// State of the outputs of a bench as a whole.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum OutputsKind {
+    /// At least one output was never read, or not since a run began that has left no reading.
+    #[default]
+    NotRead,
+    /// Each was read as off, and each reading is current.
+    Off,
+    /// At least one was read as on, or as carrying a current.
+    On,
+    /// At least one was not reached, and the others were read as off.
+    Unreachable,
+    /// The reading is too old to be current, or the machine's clock was set since.
+    Stale,
+    /// A run is in work: its own readings are the state.
+    InRun,
+    /// The bench is simulated within the process of a run: there are no outputs beside it.
+    Simulated,
+}
+
+/// State of the outputs of a bench: what was read back, and when.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct OutputsState {
+    /// What is known.
+    pub state: OutputsKind,
+    /// The same in words, with the time of the reading (the machine's local time).
+    pub words: String,
+    /// When the oldest of the readings was taken, s since 1970.
+    pub read_unix_s: Option<f64>,
+    /// Age of it in whole minutes, s; none if nothing was read or the clock was set since.
+    pub age_s: Option<f64>,
+    /// The readings, one for each output that was read.
+    pub outputs: Vec<OutputReading>,
+}
+
+impl OutputsState {
+    /// State of a bench from what is known of each of its outputs. `roles` are those that must have
+    /// been read; `begun_unix_s` is when a run began that has left no reading, s since 1970.
+    pub fn of(
+        roles: &[&str],
+        known: &[KnownReading],
+        begun_unix_s: Option<f64>,
+        now_unix_s: f64,
+    ) -> Self {
+        let missing: Vec<&str> = roles
+            .iter()
+            .filter(|role| known.iter().all(|one| one.reading.role != **role))
+            .copied()
+            .collect();
+        let read_unix_s = known.iter().map(|one| one.reading.unix_s).reduce(f64::min);
+        let Some(read_unix_s) = read_unix_s else {
+            return Self::not_read(begun_unix_s, now_unix_s);
+        };
+        let ages: Option<Vec<f64>> = known.iter().map(|one| one.age_s).collect();
+        let age_s = ages.map(|ages| ages.into_iter().fold(0.0, f64::max));
+        let readings: Vec<OutputReading> = known.iter().map(|one| one.reading.clone()).collect();
+        let time = local_time(read_unix_s, now_unix_s);
+        let aged = aged(age_s);
+        let state = if aged.is_some() {
+            OutputsKind::Stale
+        } else {
+            kind(&readings, &missing)
+        };
+        Self {
+            state,
+            words: format!(
+                "{}{}",
+                what(&readings, &missing, &time),
+                aged.unwrap_or_default()
+            ),
+            read_unix_s: Some(read_unix_s),
+            age_s: age_s.map(|age_s| (age_s / 60.0).floor() * 60.0),
+            outputs: readings,
+        }
+    }
+
+    /// State right after a reading.
+    pub fn just_read(readings: &[OutputReading]) -> Self {
+        let read_unix_s = readings.first().map_or(0.0, |reading| reading.unix_s);
+        Self::read_earlier(readings, read_unix_s)
+    }
+
+    /// State at the time of a reading, said later: with its date where that is not today's.
+    pub fn read_earlier(readings: &[OutputReading], now_unix_s: f64) -> Self {
+        let known: Vec<KnownReading> = readings
+            .iter()
+            .map(|reading| KnownReading {
+                reading: reading.clone(),
+                age_s: Some(0.0),
+            })
+            .collect();
+        Self::of(&[], &known, None, now_unix_s)
+    }
+
+    fn not_read(begun_unix_s: Option<f64>, now_unix_s: f64) -> Self {
+        let since = begun_unix_s.map_or_else(String::new, |begun_s| {
+            format!(" since a run began at {}", local_time(begun_s, now_unix_s))
+        });
+        Self {
+            words: format!("outputs not read{since}"),
+            ..Self::default()
+        }
+    }
+
+    /// State while a run is in work.
+    pub fn in_run() -> Self {
+        Self {
+            state: OutputsKind::InRun,
+            words: "a run is in work: its readings show the outputs".to_owned(),
+            ..Self::default()
+        }
+    }
+
+    /// State of a bench that is simulated within the process of a run.
+    pub fn simulated() -> Self {
+        Self {
+            state: OutputsKind::Simulated,
+            words: "simulated within a run's process: no outputs to read".to_owned(),
+            ..Self::default()
+        }
+    }
+
+    /// Every output was read as off by a reading that is current, or there is none.
+    pub fn is_off(&self) -> bool {
+        matches!(self.state, OutputsKind::Off | OutputsKind::Simulated)
+    }
+
+    /// Something was read that a person has to look at.
+    pub fn is_alarming(&self) -> bool {
+        matches!(self.state, OutputsKind::On | OutputsKind::Unreachable)
+            || self.state == OutputsKind::Stale && self.outputs.iter().any(|one| !one.is_off())
+    }
+
+    /// The reading of a role.
+    pub fn of_role(&self, role: &str) -> Option<&OutputReading> {
+        self.outputs.iter().find(|reading| reading.role == role)
+    }
+}
+
+/// What makes a reading old, in words; none for one that is current.
+fn aged(age_s: Option<f64>) -> Option<String> {
+    match age_s {
+        None => Some(", and the machine's clock was set since: no longer current".to_owned()),
+        Some(age_s) if age_s > CURRENT_FOR_S => {
+            Some(format!(", {} ago: no longer current", duration(age_s)))
+        }
+        Some(_) => None,
+    }
+}
+
+fn kind(readings: &[OutputReading], missing: &[&str]) -> OutputsKind {
+    let any = |state| readings.iter().any(|reading| reading.state == state);
+    if any(OutputState::On) || any(OutputState::Current) {
+        OutputsKind::On
+    } else if any(OutputState::Unreachable) {
+        OutputsKind::Unreachable
+    } else if missing.is_empty() {
+        OutputsKind::Off
+    } else {
+        OutputsKind::NotRead
+    }
+}
+
+/// What was read, in words; what is not off comes first.
+fn what(readings: &[OutputReading], missing: &[&str], time: &str) -> String {
+    let all = |state| readings.iter().all(|reading| reading.state == state);
+    if missing.is_empty() && all(OutputState::Off) {
+        return format!("outputs read off at {time}");
+    }
+    if missing.is_empty() && all(OutputState::Unreachable) {
+        return format!("outputs not reached at {time}");
+    }
+    let odd: Vec<String> = readings
+        .iter()
+        .filter(|reading| !reading.is_off())
+        .map(clause)
+        .chain(
+            missing
+                .iter()
+                .map(|role| format!("{} not read", name(role))),
+        )
+        .collect();
+    format!("{} (read {time})", odd.join(", "))
+}
+
+fn clause(reading: &OutputReading) -> String {
+    let name = name(&reading.role);
+    let flows = reading
+        .amps
+        .filter(|amps| amps.abs() >= 0.005)
+        .map(|amps| format!("{:.2} A", amps.abs()));
+    match (reading.state, flows) {
+        (OutputState::Off, _) => format!("{name} off"),
+        (OutputState::On, Some(flows)) => format!("{name} on, {flows}"),
+        (OutputState::On, None) => format!("{name} on"),
+        (OutputState::Current, flows) => {
+            format!("{name} off but {} flow", flows.unwrap_or_default())
+        }
+        (OutputState::Unreachable, _) => format!("{name} not reached"),
+    }
+}
+
+fn name(role: &str) -> &str {
+    match role {
+        "supply4q" => "bipolar supply",
+        "supply" => "charger",
+        "chiller" => "relays of the bath",
+        other => other,
+    }
+}
+
+fn duration(seconds: f64) -> String {
+    let minutes = seconds / 60.0;
+    if minutes < 120.0 {
+        format!("{} min", minutes.floor())
+    } else if minutes < 48.0 * 60.0 {
+        format!("{} h", (minutes / 60.0).floor())
+    } else {
+        format!("{} d", (minutes / 1440.0).floor())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NOW_S: f64 = 1.8e9;
+    const ROLES: [&str; 2] = ["load", "supply"];
+
+    fn known(role: &str, state: OutputState, age_s: Option<f64>) -> KnownReading {
+        KnownReading {
+            reading: OutputReading {
+                role: role.to_owned(),
+                model: "m".to_owned(),
+                state,
+                volts: None,
+                amps: None,
+                unix_s: NOW_S - age_s.unwrap_or(0.0),
+                by: "safe".to_owned(),
+            },
+            age_s,
+        }
+    }
+
+    #[test]
+    fn the_words_say_what_was_read_and_when_and_nothing_else() {
+        use OutputState::{Current, Off, On, Unreachable};
+        let time = local_time(NOW_S, NOW_S);
+        let draws = |mut one: KnownReading| {
+            one.reading.amps = Some(-20.0);
+            one
+        };
+        let both = |load, supply| {
+            vec![
+                known("load", load, Some(0.0)),
+                known("supply", supply, Some(0.0)),
+            ]
+        };
+        for (known, kind, words) in [
+            (vec![], OutputsKind::NotRead, "outputs not read".to_owned()),
+            (
+                both(Off, Off),
+                OutputsKind::Off,
+                format!("outputs read off at {time}"),
+            ),
+            (
+                both(On, Off),
+                OutputsKind::On,
+                format!("load on (read {time})"),
+            ),
+            (
+                vec![
+                    draws(known("load", On, Some(0.0))),
+                    known("supply", Off, Some(0.0)),
+                ],
+                OutputsKind::On,
+                format!("load on, 20.00 A (read {time})"),
+            ),
+            (
+                vec![
+                    draws(known("load", Current, Some(0.0))),
+                    known("supply", Off, Some(0.0)),
+                ],
+                OutputsKind::On,
+                format!("load off but 20.00 A flow (read {time})"),
+            ),
+            (
+                both(On, Unreachable),
+                OutputsKind::On,
+                format!("load on, charger not reached (read {time})"),
+            ),
+            (
+                both(Off, Unreachable),
+                OutputsKind::Unreachable,
+                format!("charger not reached (read {time})"),
+            ),
+            (
+                both(Unreachable, Unreachable),
+                OutputsKind::Unreachable,
+                format!("outputs not reached at {time}"),
+            ),
+            (
+                vec![known("load", Off, Some(0.0))],
+                OutputsKind::NotRead,
+                format!("charger not read (read {time})"),
+            ),
+            (
+                vec![known("load", Off, None), known("supply", Off, None)],
+                OutputsKind::Stale,
+                format!(
+                    "outputs read off at {time}, and the machine's clock was set since: no longer \
+                    current"
+                ),
+            ),
+        ] {
+            let state = OutputsState::of(&ROLES, &known, None, NOW_S);
+            assert_eq!((state.state, state.words), (kind, words));
+        }
+    }
+
+    #[test]
+    fn a_reading_is_current_for_a_bounded_time() {
+        let at = |age_s: f64| {
+            let one = known("load", OutputState::Off, Some(age_s));
+            let state = OutputsState::of(&["load"], &[one], None, NOW_S);
+            let end = state.words.split_once(", ").map(|(_, end)| end.to_owned());
+            (state.state, state.is_off(), end)
+        };
+        assert_eq!(at(CURRENT_FOR_S), (OutputsKind::Off, true, None));
+        for (age_s, words) in [
+            (CURRENT_FOR_S + 1.0, "15 min ago: no longer current"),
+            (3.0 * 3600.0, "3 h ago: no longer current"),
+            (3.0 * 86_400.0, "3 d ago: no longer current"),
+        ] {
+            assert_eq!(
+                at(age_s),
+                (OutputsKind::Stale, false, Some(words.to_owned()))
+            );
+        }
+    }
+
+    #[test]
+    fn a_run_that_has_left_no_reading_is_named_by_its_time() {
+        let state = OutputsState::of(&ROLES, &[], Some(NOW_S), NOW_S);
+        let words = format!(
+            "outputs not read since a run began at {}",
+            local_time(NOW_S, NOW_S)
+        );
+        assert_eq!((state.state, state.words), (OutputsKind::NotRead, words));
+    }
+}

@@ -1,0 +1,107 @@
+//! Where the readings of one output are kept, and how they are written there.
+
+use std::path::PathBuf;
+
+use instruments::transport::Address;
+use serde::{Deserialize, Serialize};
+
+use super::{
+    StateError,
+    files::{json, read, remove},
+    place::InstrumentPlace,
+};
+use crate::{
+    bench::outputs::{DRIVES, KnownReading, OutputReading},
+    support::{hash, moment::Moment},
+};
+
+const OUTPUT: &str = "output.json";
+
+/// A reading as it is on disk.
+#[derive(Serialize, Deserialize)]
+struct Kept {
+    #[serde(flatten)]
+    reading: OutputReading,
+    at: Moment,
+}
+
+/// An output of a bench, and where its readings are kept.
+#[derive(Debug, Clone)]
+pub(super) struct OutputPlace {
+    pub(super) role: &'static str,
+    name: String,
+    folders: Vec<PathBuf>,
+}
+
+impl OutputPlace {
+    /// The output of an instrument that can move charge, or the relays of a bath; none for any
+    /// other. Instruments behind one GPIB adapter share a folder, and are told apart by the names
+    /// of their files.
+    pub(super) fn of(place: &InstrumentPlace) -> Option<Self> {
+        if !DRIVES.contains(&place.role) && place.role != "chiller" {
+            return None;
+        }
+        let name = match &place.address {
+            Address::Gpib { .. } => {
+                let key = hash::sha256(&place.address.to_string());
+                format!("output_{}.json", key.get(..8).unwrap_or_default())
+            }
+            _ => OUTPUT.to_owned(),
+        };
+        Some(Self {
+            role: place.role,
+            name,
+            folders: place.folders.clone(),
+        })
+    }
+
+    #[cfg(test)]
+    pub(super) fn at(role: &'static str, folder: PathBuf) -> Self {
+        Self {
+            role,
+            name: OUTPUT.to_owned(),
+            folders: vec![folder],
+        }
+    }
+
+    /// The latest reading of it, with its age.
+    pub(super) fn known(&self, now: &Moment) -> Option<KnownReading> {
+        let kept = self
+            .folders
+            .iter()
+            .filter_map(|folder| read::<Kept>(&folder.join(&self.name)).ok().flatten()?.ok())
+            .max_by(|one, other| one.reading.unix_s.total_cmp(&other.reading.unix_s))?;
+        Some(KnownReading {
+            age_s: kept.at.age_s(now),
+            reading: OutputReading {
+                role: self.role.to_owned(),
+                ..kept.reading
+            },
+        })
+    }
+
+    /// Keeps a reading in every folder that it has.
+    ///
+    /// # Errors
+    /// A file that cannot be written; the others are written.
+    pub(super) fn keep(&self, reading: &OutputReading, at: &Moment) -> Result<(), StateError> {
+        let kept = Kept {
+            reading: reading.clone(),
+            at: at.clone(),
+        };
+        self.folders.iter().fold(Ok(()), |outcome, folder| {
+            let written = json(&folder.join(&self.name), &kept);
+            outcome.and(written)
+        })
+    }
+
+    /// Removes every reading.
+    ///
+    /// # Errors
+    /// A file that cannot be removed.
+    pub(super) fn forget(&self) -> Result<(), StateError> {
+        self.folders
+            .iter()
+            .try_for_each(|folder| remove(folder, &self.name))
+    }
+}

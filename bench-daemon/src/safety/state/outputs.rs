@@ -1,0 +1,121 @@
+//! What was read of the outputs of a bench, kept in the folders of its instruments, so that every
+//! process and every bench file that shares an instrument knows it. A run removes the readings
+//! before it may switch anything on: only a later one stands.
+//!
+//! Whoever only reads takes a lock of its own. Runs, and whoever switches off, end it: it changes
+//! nothing, and instruments take one client.
+
+use std::{fs::TryLockError, path::Path};
+
+use nix::{
+    sys::signal::{Signal, kill},
+    unistd::Pid,
+};
+
+use super::{Lock, State, StateError, files::open, io, output_place::OutputPlace};
+use crate::{
+    bench::outputs::{KnownReading, OutputReading, OutputsState},
+    support::{locks, moment::Moment},
+};
+
+const READER_LOCK: &str = "reader.lock";
+
+impl State {
+    /// Keeps what was read of the outputs.
+    ///
+    /// # Errors
+    /// A file that cannot be written; the others are written.
+    pub fn keep_readings(&self, readings: &[OutputReading]) -> Result<(), StateError> {
+        let now = Moment::now();
+        readings.iter().fold(Ok(()), |outcome, reading| {
+            let mut places = self.outputs.iter();
+            let place = places.find(|place| place.role == reading.role);
+            let kept = place.map_or(Ok(()), |place| place.keep(reading, &now));
+            outcome.and(kept)
+        })
+    }
+
+    /// Forgets every reading, for an output may be switched on from here on.
+    pub(super) fn forget_readings(&self) -> Result<(), StateError> {
+        self.outputs.iter().try_for_each(OutputPlace::forget)
+    }
+
+    /// State of the outputs, as far as it was read back.
+    pub fn outputs(&self) -> OutputsState {
+        let now = Moment::now();
+        let each = self.outputs.iter().filter_map(|place| place.known(&now));
+        let known: Vec<KnownReading> = each.collect();
+        let drives: Vec<&str> = self
+            .outputs
+            .iter()
+            .map(|place| place.role)
+            .filter(|role| *role != "chiller")
+            .collect();
+        let begun_unix_s = self.open_run().ok().flatten().map(|open| open.unix_s);
+        OutputsState::of(
+            &drives,
+            &known,
+            begun_unix_s.filter(|begun_s| *begun_s > 0.0),
+            now.unix_s,
+        )
+    }
+
+    /// Takes the place of whoever only reads the outputs; refused while a run, a guardian, somebody
+    /// who switches off, or another reader has the bench.
+    ///
+    /// # Errors
+    /// [`StateError::Busy`], [`StateError::InUse`]; a file that cannot be opened.
+    pub fn lock_reader(&self) -> Result<Lock, StateError> {
+        let mut files = Vec::new();
+        for place in &self.places {
+            let path = place.join(READER_LOCK);
+            let file = open(&path)?;
+            match file.try_lock() {
+                Ok(()) => files.push(file),
+                Err(TryLockError::WouldBlock) => {
+                    return Err(self.in_use("another reading of its outputs, or a switching off"));
+                }
+                Err(TryLockError::Error(source)) => {
+                    return Err(io(&path, "cannot be locked")(source));
+                }
+            }
+        }
+        self.refuse_busy()?;
+        if self.lock_guardian()?.is_none() {
+            return Err(self.in_use("the guardian of a run"));
+        }
+        Ok(Lock(files))
+    }
+
+    fn in_use(&self, by: &'static str) -> StateError {
+        StateError::InUse {
+            bench: self.bench.clone(),
+            by,
+        }
+    }
+
+    /// Ends whoever only reads the outputs, and keeps others from beginning to as long as the lock
+    /// lives. It never fails: what cannot be locked must not hinder a run or a switching off.
+    pub fn end_reader(&self) -> Lock {
+        let mut files = Vec::new();
+        for place in &self.places {
+            let path = place.join(READER_LOCK);
+            let Ok(file) = open(&path) else {
+                continue;
+            };
+            // A process that is killed frees its locks.
+            let is_free = !matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock))
+                || (end_process_of(&path) && file.lock_shared().is_ok());
+            files.extend(is_free.then_some(file));
+        }
+        Lock(files)
+    }
+}
+
+/// Ends the process that holds a lock by reading: it has nothing to finish. Whether it was found.
+fn end_process_of(path: &Path) -> bool {
+    // Not 0 and not 1: those are whole groups.
+    locks::holder(path)
+        .filter(|reader| *reader > 1)
+        .is_some_and(|reader| kill(Pid::from_raw(reader), Signal::SIGKILL).is_ok())
+}
