@@ -109,7 +109,7 @@ impl Run<'_> {
         let pace = Pace::of(self.experiment);
         let mut watch = match Watch::start(&bench, pace, &watch_clock) {
             Ok(watch) => watch,
-            Err(error) => return lease.end(Err(error.into())).await,
+            Err(error) => return lease.end(Err(error.into()), None).await,
         };
         drop(before_watch);
         let environment = RunEnvironment {
