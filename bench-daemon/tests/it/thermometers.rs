@@ -25,14 +25,36 @@ fn brief() -> Files {
 #[test]
 fn frozen_and_swapped_thermometers_end_the_run_with_their_cause() {
     let heater = "heater = { from_s = 100.0, watts = 12.0 }";
-    for (fault, words) in [
+    // A sweep moves no charge on the whole, by which a thermometer that stands still would be known.
+    let sweep = || {
+        Files::demo()
+            .without(EXPERIMENT, "temperature")
+            .without(EXPERIMENT, "fixture_check")
+            .without(EXPERIMENT, "soc_reset")
+    };
+    for (files, fault, words) in [
         (
+            sweep(),
             "thermometer_freezes_s = 0.0",
             "interlock: thermometer: that of the cell has read 2",
         ),
-        ("thermometers_swapped_s = 0.0", "are the two swapped?"),
+        (
+            brief(),
+            "thermometer_freezes_s = 0.0",
+            "charge while the cell temperature stood still",
+        ),
+        (
+            sweep(),
+            "thermometers_swapped_s = 0.0",
+            "are the two swapped?",
+        ),
+        (
+            brief(),
+            "thermometers_swapped_s = 0.0",
+            "are the two swapped?",
+        ),
     ] {
-        let files = brief().append(SCENARIO, &format!("[faults]\n{fault}\n{heater}"));
+        let files = files.append(SCENARIO, &format!("[faults]\n{fault}\n{heater}"));
         let (text, code, greatest_c) = ended(&files);
         assert!(text.contains(words), "{fault}: {text}");
         assert_eq!(code, 5, "{text}");
