@@ -409,10 +409,9 @@ impl State {
             self.unregister();
         }
         // One that cannot be removed must not keep the others.
-        self.places.iter().fold(Ok(()), |outcome, place| {
-            let removed = remove(place, OPEN);
-            outcome.and(removed)
-        })
+        let places = self.places.iter();
+        let removed: Vec<_> = places.map(|place| remove(place, OPEN)).collect();
+        removed.into_iter().collect()
     }
 
     /// The same of a run that was found, wherever it says so. Which run that was stays written

@@ -31,7 +31,7 @@ const NOT_LOADED: i32 = 2;
 /// [`Failure::Unsafe`] if one of them is not verified, has no file any more, or if it is not known
 /// which benches there are.
 pub(super) fn safe_every(options: &SafeOptions<'_>) -> Result<(), Failure> {
-    let known = known_benches().map_err(|error| unverified(vec![error.to_string()]))?;
+    let known = known_benches().map_err(|error| unverified(&[error.to_string()]))?;
     let known: Vec<KnownBench> = known.into_iter().filter(|known| !is_over(known)).collect();
     if known.is_empty() {
         remark!(
@@ -40,7 +40,7 @@ pub(super) fn safe_every(options: &SafeOptions<'_>) -> Result<(), Failure> {
             under another account, run this as that account, or name the common state folder in \
             EIS_BENCH_STATE"
         );
-        return Err(unverified(vec!["no bench is known".to_owned()]));
+        return Err(unverified(&["no bench is known".to_owned()]));
     }
     let mut wrong = Vec::new();
     thread::scope(|scope| {
@@ -60,11 +60,11 @@ pub(super) fn safe_every(options: &SafeOptions<'_>) -> Result<(), Failure> {
     if wrong.is_empty() {
         Ok(())
     } else {
-        Err(unverified(wrong))
+        Err(unverified(&wrong))
     }
 }
 
-fn unverified(wrong: Vec<String>) -> Failure {
+fn unverified(wrong: &[String]) -> Failure {
     Failure::Unsafe {
         failures: wrong.join("; "),
         cause: String::new(),

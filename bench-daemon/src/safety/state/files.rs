@@ -147,8 +147,8 @@ pub(super) fn close_open(file: &mut File) -> std::io::Result<()> {
     };
     let line = serde_json::to_string(&closed)?;
     file.seek(std::io::SeekFrom::End(0))?;
-    writeln!(file, "{line}")?;
-    file.sync_data()
+    // Not waited for: as a rule the file is removed next.
+    writeln!(file, "{line}")
 }
 
 pub(super) fn json<T: Serialize>(path: &Path, value: &T) -> Result<(), StateError> {

@@ -43,7 +43,7 @@ impl OutputPlace {
         }
         let name = match &place.address {
             Address::Gpib { .. } => {
-                let key = hash::sha256(&place.address.to_string());
+                let key = hash::sha256(place.address.to_string());
                 format!("output_{}.json", key.get(..8).unwrap_or_default())
             }
             _ => OUTPUT.to_owned(),
@@ -89,10 +89,11 @@ impl OutputPlace {
             reading: reading.clone(),
             at: at.clone(),
         };
-        self.folders.iter().fold(Ok(()), |outcome, folder| {
-            let written = json(&folder.join(&self.name), &kept);
-            outcome.and(written)
-        })
+        let folders = self.folders.iter();
+        let written: Vec<_> = folders
+            .map(|folder| json(&folder.join(&self.name), &kept))
+            .collect();
+        written.into_iter().collect()
     }
 
     /// Removes every reading.

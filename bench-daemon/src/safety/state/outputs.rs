@@ -27,12 +27,13 @@ impl State {
     /// A file that cannot be written; the others are written.
     pub fn keep_readings(&self, readings: &[OutputReading]) -> Result<(), StateError> {
         let now = Moment::now();
-        readings.iter().fold(Ok(()), |outcome, reading| {
+        let keep = |reading: &OutputReading| {
             let mut places = self.outputs.iter();
             let place = places.find(|place| place.role == reading.role);
-            let kept = place.map_or(Ok(()), |place| place.keep(reading, &now));
-            outcome.and(kept)
-        })
+            place.map_or(Ok(()), |place| place.keep(reading, &now))
+        };
+        let kept: Vec<_> = readings.iter().map(keep).collect();
+        kept.into_iter().collect()
     }
 
     /// Forgets every reading, for an output may be switched on from here on.
