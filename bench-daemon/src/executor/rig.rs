@@ -2,12 +2,13 @@
 
 use instruments::clock::Clock;
 
-use super::{burst::Burst, setup::Setup};
+use super::{burst::Burst, setup::Setup, zero::Zeros};
 use crate::{
     bench::{Bench, BenchError},
     config::Experiment,
     executor::thermostat::Thermostat,
     interlock::Interlock,
+    measure::repeated::SeenRecords,
     record::Recorder,
 };
 
@@ -124,6 +125,8 @@ pub(super) struct FirstMean {
     pub(super) volts_per_div: [f64; 2],
     /// Mean of the current, A.
     pub(super) zero_a: f64,
+    /// The mean was measured while no sinusoid was driven through a cell.
+    pub(super) measured: bool,
 }
 
 /// Drive of the cell since the last power-up.
@@ -139,6 +142,10 @@ pub(super) struct Driving {
     pub(super) mean_change_a: f64,
     /// It was said that the bipolar supply is not bounded.
     pub(super) told: bool,
+    /// Means of the channels while no current flowed through a cell.
+    pub(super) zeros: Zeros,
+    /// Records that the scope has sent.
+    pub(super) records: SeenRecords,
 }
 
 /// Seconds between two readings while current flows.

@@ -27,7 +27,10 @@ use power::Power;
 pub fn plan(experiment: &Experiment) -> Plan {
     let mut stages = Vec::new();
     let power = Power::of(experiment);
-    let settings = experiment.eis.as_ref().map(|eis| Arc::new(settings(eis)));
+    let settings = experiment
+        .eis
+        .as_ref()
+        .map(|eis| Arc::new(settings(eis, experiment.fixture_check.is_none())));
     let limits = &experiment.cell.limits;
     let beyond_hz = experiment
         .fixture_check
@@ -149,7 +152,7 @@ fn temperature(temperature: &Temperature) -> Stage {
 }
 
 /// The settings that all points of the sweeps share.
-fn settings(eis: &Eis) -> SweepSettings {
+fn settings(eis: &Eis, zero_first: bool) -> SweepSettings {
     SweepSettings {
         amplitude_a: eis.amplitude_a,
         periods_on_screen: eis.periods_on_screen,
@@ -157,6 +160,7 @@ fn settings(eis: &Eis) -> SweepSettings {
         mains_hz: eis.mains_hz,
         overlap: eis.overlap,
         quality: eis.quality,
+        zero_first,
     }
 }
 

@@ -17,7 +17,7 @@ use crate::{
     config::Experiment,
     executor::{ExecuteError, Executor, Person, ResumePoint, Rig, within},
     journal::{Entry, PointDone},
-    measure::SweepPoint,
+    measure::{SweepPoint, channels::ControlPotentials},
     operator::Operator,
     operator::progress::Progress,
     operator::run_control::{self, RunControl},
@@ -319,6 +319,11 @@ impl<'a, 'b> Drive<'a, 'b> {
             restored,
         )?;
         self.executor.known.correction = self.accumulator.measured.correction.clone();
+        let shunt_ohm = self.experiment.bench.wiring.shunt.r_ohm;
+        let controls = self.accumulator.measured.sweeps.values().flatten();
+        self.executor.known.controls = controls
+            .filter_map(|point| ControlPotentials::of(point, shunt_ohm))
+            .collect();
         Ok(())
     }
 }

@@ -25,9 +25,9 @@ use super::{
     FINISHED, multisine, results, resume_context, run_accumulator::RunAccumulator, sweep_writer,
 };
 use crate::{
-    executor::{ChannelRecord, PointRequest, analyse},
+    executor::{ChannelRecord, PointRequest, analyse, check_channels},
     journal::{self, Entry, Line, replay::JournalReplay},
-    measure::SweepPoint,
+    measure::{SweepPoint, channels::ControlPotentials},
     plan::{Purpose, Step},
     procedure,
     record::Recorder,
@@ -349,6 +349,8 @@ impl Recorded {
             index,
             freq_hz: meta.freq_hz,
             mains_hz: eis.and_then(|eis| eis.mains_hz),
+            amplitude_a: self.amplitude_a(known),
+            shunt_ohm: self.experiment.bench.wiring.shunt.r_ohm,
         };
         let ranging: Vec<String> = known
             .point
@@ -358,6 +360,8 @@ impl Recorded {
             .cloned()
             .collect();
         let point = analyse(&request, &channel_record, ranging)
+            .map_err(|error| failed(&format!("{}: {error}", path.display())))?;
+        check_channels(&point, &request, &self.control_potentials())
             .map_err(|error| failed(&format!("{}: {error}", path.display())))?;
         let mut failing = eis
             .and_then(|eis| eis.quality)
@@ -391,6 +395,35 @@ impl Recorded {
             bytes,
             samples,
         })
+    }
+
+    /// Amplitude of the current that the plan has for a point, A.
+    fn amplitude_a(&self, known: &RecordedPoint) -> f64 {
+        let steps = self
+            .plan
+            .stages
+            .get(known.stage)
+            .map_or(&[][..], |stage| &stage.steps);
+        let driven = steps.iter().find_map(|step| match *step {
+            Step::Sine {
+                index, amplitude_a, ..
+            } if index == known.point.index => Some(amplitude_a),
+            _ => None,
+        });
+        driven.unwrap_or(f64::NAN)
+    }
+
+    /// Potentials of the channels with the run's controls in the jig.
+    fn control_potentials(&self) -> Vec<ControlPotentials> {
+        let shunt_ohm = self.experiment.bench.wiring.shunt.r_ohm;
+        let points = self
+            .replay
+            .stages
+            .values()
+            .flat_map(|stage| stage.points.values());
+        points
+            .filter_map(|done| ControlPotentials::of(&done.point, shunt_ohm))
+            .collect()
     }
 
     /// The correction of a run before, where this one had no controls of its own.

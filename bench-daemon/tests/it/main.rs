@@ -79,3 +79,4 @@ mod traces;
 mod typed;
 mod upgrade;
 mod verdicts;
+mod wrong_numbers;
