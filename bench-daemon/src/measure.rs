@@ -6,6 +6,7 @@ pub mod point;
 pub mod quality;
 pub(crate) mod repeated;
 pub(crate) mod spectrum_gate;
+pub(crate) mod zero;
 
 /// Harmonics that are fitted besides the sinusoid: a cell, a supply or an amplifier driven too far
 /// shows in these first.

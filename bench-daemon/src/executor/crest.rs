@@ -3,13 +3,11 @@
 
 use instruments::{fixture::Fixture, scope::Waveform};
 
-use super::{
-    ExecuteError, Executor, Rig,
-    rig::FirstMean,
-    watch::drawn,
-    zero::{SINCE_ZERO, allowed_since_zero_a},
+use super::{ExecuteError, Executor, Rig, rig::FirstMean, watch::drawn};
+use crate::{
+    interlock::{NO_CURRENT_A, Trip},
+    measure::zero::{SINCE_ZERO, allowed_since_zero_a},
 };
-use crate::interlock::{NO_CURRENT_A, Trip};
 
 /// No cell for which this bench is made has more at any frequency of a sweep, Ω. Its record tells
 /// the truth a moment later.
@@ -70,9 +68,12 @@ impl Rig<'_> {
         // carried over.
         let first = match self.driving.first_mean {
             Some(first) if first.volts_per_div == volts_per_div => first,
-            _ => self.first_mean(fixture, asked, mean_a)?,
+            _ => self.first_mean(fixture, asked, mean_a),
         };
         self.driving.first_mean = Some(first);
+        if fixture != Fixture::Cell {
+            self.keep_zero(asked);
+        }
         // A channel that clips shows what is common to both, and is measured again; noise is no
         // current: the quality gate judges it.
         let clips = [below, above]

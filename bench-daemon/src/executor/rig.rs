@@ -2,13 +2,13 @@
 
 use instruments::clock::Clock;
 
-use super::{burst::Burst, setup::Setup, zero::Zeros};
+use super::{burst::Burst, setup::Setup};
 use crate::{
     bench::{Bench, BenchError},
     config::Experiment,
     executor::thermostat::Thermostat,
     interlock::Interlock,
-    measure::repeated::SeenRecords,
+    measure::{repeated::SeenRecords, zero::Zeros},
     record::Recorder,
 };
 

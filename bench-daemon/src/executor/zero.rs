@@ -2,6 +2,7 @@
 //! current that comes with the first sinusoid is in every record of a sweep, so that no change from
 //! record to record shows it; against this zero it shows in the first record.
 
+use analysis::dataset::Capture;
 use instruments::{fixture::Fixture, scope::Waveform};
 
 use super::{
@@ -11,96 +12,85 @@ use super::{
     rig::FirstMean,
 };
 use crate::{
-    interlock::NO_CURRENT_A,
+    measure::{
+        repeated::digest_record,
+        zero::{ChannelMeans, allowed_since_zero_a},
+    },
     plan::{Frame, SweepSettings, fixture_name},
 };
 
-/// Name of what trips.
-pub(super) const SINCE_ZERO: &str = "mean of the cell current since the zero of the channels";
-/// Direct current that a sinusoid may bring with it, as a share of its amplitude: generators are
-/// specified to 0.25 % to 0.5 % (33500B, SDG1000X).
-const OFFSET_SHARE: f64 = 0.01;
 /// Length of a record of the zero, s: ten periods of a mains of 50 Hz, twelve of 60 Hz.
 const ZERO_S: f64 = 0.2;
 /// For the scope to fill its screen, s.
 const FILL_S: f64 = 0.05;
 
-/// Greatest mean of a record beyond the zero of the channels, A: the supply has shown less than
-/// this before the first sinusoid.
-pub(super) fn allowed_since_zero_a(amplitude_a: f64) -> f64 {
-    NO_CURRENT_A + OFFSET_SHARE * amplitude_a
+/// One channel of a record.
+struct ChannelSamples {
+    volts_per_div: f64,
+    volts: Vec<f64>,
+    clips: bool,
 }
 
-/// Means of C1 to C3 in one record, V.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct ChannelMeans {
-    volts_per_div: [f64; 3],
-    volts: [f64; 3],
-}
-
-/// Means of the channels while no current flows through a cell, one for each set of scales.
-#[derive(Debug, Default)]
-pub(super) struct Zeros(Vec<ChannelMeans>);
-
-impl Zeros {
-    /// The latest on a set of scales counts.
-    fn keep(&mut self, means: ChannelMeans) {
-        self.0
-            .retain(|known| known.volts_per_div != means.volts_per_div);
-        self.0.push(means);
+impl ChannelSamples {
+    fn of(waveform: &Waveform) -> Self {
+        Self {
+            volts_per_div: waveform.preamble.volts_per_div,
+            volts: channel_volts(waveform),
+            clips: waveform.clipped_share() > 0.0,
+        }
     }
 
-    /// The zero on these scales of the shunt's channels; best that with the same scale of C3.
-    fn on(&self, means: &ChannelMeans) -> Option<&ChannelMeans> {
-        let same = |known: &&ChannelMeans| known.volts_per_div[..2] == means.volts_per_div[..2];
-        let whole = |known: &&ChannelMeans| known.volts_per_div == means.volts_per_div;
-        self.0
-            .iter()
-            .find(whole)
-            .or_else(|| self.0.iter().rfind(same))
+    fn of_capture(capture: &Capture, slot: usize) -> Self {
+        let (channel, codes) = (&capture.meta.channels[slot], &capture.codes[slot]);
+        let ends = [channel.scale.code_min, channel.scale.code_max];
+        Self {
+            volts_per_div: channel.volts_per_div,
+            volts: codes
+                .iter()
+                .map(|code| channel.scale.volts(*code))
+                .collect(),
+            clips: codes.iter().any(|code| ends.contains(code)),
+        }
     }
 }
 
-impl ChannelMeans {
-    /// Means over whole periods; none where a channel clips.
-    fn of(waveforms: [&Waveform; 3], freq_hz: f64) -> Option<Self> {
-        let clips = waveforms.iter().any(|one| one.clipped_share() > 0.0);
-        let volts = waveforms.map(|waveform| {
-            let volts = channel_volts(waveform);
-            mean(whole_periods(&volts, waveform.interval_s * freq_hz))
-        });
-        (!clips).then(|| Self {
-            volts_per_div: waveforms.map(|waveform| waveform.preamble.volts_per_div),
-            volts,
-        })
-    }
+/// Means over whole periods; none where a channel clips.
+fn means_of(channels: &[ChannelSamples; 3], periods_per_sample: f64) -> Option<ChannelMeans> {
+    let clips = channels.iter().any(|channel| channel.clips);
+    (!clips).then(|| ChannelMeans {
+        volts_per_div: channels.each_ref().map(|channel| channel.volts_per_div),
+        volts: channels
+            .each_ref()
+            .map(|channel| mean(whole_periods(&channel.volts, periods_per_sample))),
+    })
+}
+
+fn means_of_record(asked: &Drawn<'_>) -> Option<ChannelMeans> {
+    let [below, above, low, _] = asked.waveforms;
+    let channels = [below, above, low].map(ChannelSamples::of);
+    means_of(&channels, below.interval_s * asked.freq_hz)
 }
 
 impl Rig<'_> {
     /// The mean that the records on these scales are compared with: the zero of the channels where
-    /// it was measured, else the first record itself. The zero of a control is kept.
+    /// it was measured, else the first record itself.
     pub(super) fn first_mean(
         &mut self,
         fixture: Fixture,
         asked: &Drawn<'_>,
         mean_a: f64,
-    ) -> Result<FirstMean, ExecuteError> {
-        let [below, above, low, _] = asked.waveforms;
+    ) -> FirstMean {
+        let [below, above, ..] = asked.waveforms;
         let volts_per_div = [below, above].map(|waveform| waveform.preamble.volts_per_div);
         let by_itself = FirstMean {
             volts_per_div,
             zero_a: mean_a - self.driving.mean_change_a,
             measured: false,
         };
-        let Some(means) = ChannelMeans::of([below, above, low], asked.freq_hz) else {
-            return Ok(by_itself);
-        };
-        if fixture != Fixture::Cell {
-            self.driving.zeros.keep(means);
-            return Ok(by_itself);
-        }
-        let Some(zero) = self.driving.zeros.on(&means).copied() else {
-            return Ok(by_itself);
+        let means = means_of_record(asked).filter(|_| fixture == Fixture::Cell);
+        let zero = means.and_then(|means| self.driving.zeros.on(&means).copied());
+        let Some((means, zero)) = means.zip(zero) else {
+            return by_itself;
         };
         let zero_a = (zero.volts[1] - zero.volts[0]) / self.setup.wiring.shunt.r_ohm;
         let change_a = mean_a - zero_a;
@@ -114,13 +104,13 @@ impl Rig<'_> {
                 current",
                 1.0e3 * change_a * self.setup.wiring.shunt.r_ohm
             ));
-            return Ok(by_itself);
+            return by_itself;
         }
-        Ok(FirstMean {
+        FirstMean {
             zero_a,
             measured: true,
             ..by_itself
-        })
+        }
     }
 
     /// Whether C3 shows less than half of a direct current: it lies above shunt and return wire, so
@@ -133,6 +123,27 @@ impl Rig<'_> {
         (moved_v / below_ohm).abs() < 0.5 * change_a.abs()
     }
 
+    /// Keeps the means of a record of a control as the zero of the channels.
+    pub(super) fn keep_zero(&mut self, asked: &Drawn<'_>) {
+        if let Some(means) = means_of_record(asked) {
+            self.driving.zeros.keep(means);
+        }
+    }
+
+    /// Recalls a record that this run had taken before its process died.
+    pub(crate) fn recall(&mut self, fixture: Fixture, capture: &Capture) {
+        let codes = capture.codes.each_ref().map(Vec::as_slice);
+        let name = format!("{} at {} Hz", fixture_name(fixture), capture.meta.freq_hz);
+        let _ = self.driving.records.remember(digest_record(codes), name);
+        let channels = [0, 1, 2].map(|slot| ChannelSamples::of_capture(capture, slot));
+        let periods_per_sample = capture.meta.interval_s * capture.meta.freq_hz;
+        if let Some(means) = means_of(&channels, periods_per_sample)
+            && fixture != Fixture::Cell
+        {
+            self.driving.zeros.keep(means);
+        }
+    }
+
     /// Refuses a record that the scope has sent before in this run.
     pub(super) fn refuse_old_record(
         &mut self,
@@ -141,7 +152,7 @@ impl Rig<'_> {
     ) -> Result<(), ExecuteError> {
         let codes = asked.waveforms.each_ref().map(|one| one.codes.as_slice());
         let name = format!("{} at {} Hz", fixture_name(fixture), asked.freq_hz);
-        let earlier = self.driving.records.earlier(codes, name);
+        let earlier = self.driving.records.remember(digest_record(codes), name);
         earlier.map_or(Ok(()), |earlier| {
             Err(ExecuteError::Repeated {
                 freq_hz: asked.freq_hz,
@@ -181,16 +192,21 @@ impl Executor<'_> {
             .await?;
         self.rig.freeze().await?;
         let error = self.rig.bench.error("scope");
-        let mut waveforms = Vec::with_capacity(3);
-        for channel in 1..=3 {
+        let mut waveforms = Vec::with_capacity(4);
+        for channel in 1..=4 {
             let scope = require(&mut self.rig.bench.instruments.scope, "scope")?;
             let waveform = scope.download(channel, settings.record_points).await;
             waveforms.push(waveform.map_err(&error)?);
         }
-        if let [below, above, low] = waveforms.as_slice()
-            && let Some(means) = ChannelMeans::of([below, above, low], 0.0)
-        {
-            self.rig.driving.zeros.keep(means);
+        let driving = &mut self.rig.driving;
+        if let [below, above, low, high] = waveforms.as_slice() {
+            let codes = [below, above, low, high].map(|waveform| waveform.codes.as_slice());
+            let name = "the zero of the channels".to_owned();
+            let _ = driving.records.remember(digest_record(codes), name);
+            let channels = [below, above, low].map(ChannelSamples::of);
+            if let Some(means) = means_of(&channels, 0.0) {
+                driving.zeros.keep(means);
+            }
         }
         Ok(())
     }

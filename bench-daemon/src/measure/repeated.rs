@@ -10,7 +10,7 @@ use std::{
 };
 
 /// Digests of the codes of the four channels.
-type Digest = [u64; 4];
+pub(crate) type Digest = [u64; 4];
 
 /// Records that were seen, with their names.
 #[derive(Debug, Default)]
@@ -18,22 +18,22 @@ pub(crate) struct SeenRecords {
     known: HashMap<Digest, String>,
 }
 
-impl SeenRecords {
-    /// Remembers a record under a name; gives the name of an earlier one with the same codes. A
-    /// record in which nothing moves proves nothing.
-    pub(crate) fn earlier(&mut self, codes: [&[i16]; 4], name: String) -> Option<String> {
-        let moves = codes
-            .iter()
-            .any(|channel| channel.iter().any(|code| Some(code) != channel.first()));
-        if !moves {
-            return None;
-        }
-        let digest = codes.map(|channel| {
+/// Digest of a record; none where nothing moves, for that proves nothing.
+pub(crate) fn digest_record(codes: [&[i16]; 4]) -> Option<Digest> {
+    let moves = |channel: &[i16]| channel.iter().any(|code| Some(code) != channel.first());
+    codes.into_iter().any(moves).then(|| {
+        codes.map(|channel| {
             let mut hasher = DefaultHasher::new();
             channel.hash(&mut hasher);
             hasher.finish()
-        });
-        self.known.insert(digest, name)
+        })
+    })
+}
+
+impl SeenRecords {
+    /// Remembers a record under a name; gives the name of an earlier one with the same codes.
+    pub(crate) fn remember(&mut self, digest: Option<Digest>, name: String) -> Option<String> {
+        self.known.insert(digest?, name)
     }
 }
 
@@ -45,7 +45,8 @@ mod tests {
     fn a_record_is_known_again_by_all_four_channels() {
         let mut seen = SeenRecords::default();
         let (moves, other, still) = ([1, 2, 3], [1, 2, 4], [7, 7, 7]);
-        let mut earlier = |codes: [&[i16]; 4], name: &str| seen.earlier(codes, name.to_owned());
+        let mut earlier =
+            |codes: [&[i16]; 4], name: &str| seen.remember(digest_record(codes), name.to_owned());
         let first: [&[i16]; 4] = [&moves, &moves, &still, &moves];
         assert_eq!(earlier(first, "3 Hz"), None);
         // Three channels that are alike are chance where they are dead or clip.

@@ -27,7 +27,11 @@ use super::{
 use crate::{
     executor::{ChannelRecord, PointRequest, analyse, check_channels},
     journal::{self, Entry, Line, replay::JournalReplay},
-    measure::{SweepPoint, channels::ControlPotentials},
+    measure::{
+        SweepPoint,
+        channels::ControlPotentials,
+        repeated::{Digest, SeenRecords, digest_record},
+    },
     plan::{Purpose, Step},
     procedure,
     record::Recorder,
@@ -74,6 +78,8 @@ pub(crate) struct RecomputedPoint {
     pub(crate) bytes: u64,
     /// Samples of all channels.
     pub(crate) samples: u64,
+    /// Digest of its codes; none where it was read by pieces.
+    digest: Option<Digest>,
 }
 
 impl Recorded {
@@ -180,7 +186,19 @@ impl Recorded {
         if let Some(moved) = moved_captures(&self.folder).map_err(Failure::Usage)? {
             return Err(Failure::Usage(moved));
         }
-        on_all_cores(known, |known| self.point(known))
+        let points = on_all_cores(known, |known| self.point(known))?;
+        let mut seen = SeenRecords::default();
+        for point in &points {
+            if let Some(earlier) = seen.remember(point.digest, point.file.clone())
+                && earlier != point.file
+            {
+                return Err(self.failed(&format!(
+                    "{}: expected a new record from the scope, found that of {earlier} again",
+                    point.file
+                )));
+            }
+        }
+        Ok(points)
     }
 
     /// Everything that follows from the points, and from the records of multisines and traces, into
@@ -333,6 +351,10 @@ impl Recorded {
         } else {
             Records::Whole(dataset::read_capture(&path).map_err(|error| failed(&figures(&error)))?)
         };
+        let digest = match &stored {
+            Records::Whole(capture) => digest_record(capture.codes.each_ref().map(Vec::as_slice)),
+            Records::Stored(_) => None,
+        };
         let (meta, channels) = stored.channel_record();
         let channel_record = ChannelRecord {
             channels,
@@ -394,6 +416,7 @@ impl Recorded {
             file: file.to_owned(),
             bytes,
             samples,
+            digest,
         })
     }
 
