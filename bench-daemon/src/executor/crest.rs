@@ -214,22 +214,21 @@ struct Balance {
 }
 
 impl Balance {
-    /// Fault of the mean of a record, and by how much it may be off, A; and of its
-    /// change since the first record on the same scales. The zeros of the channels do not change
+    /// Fault of the mean of a record, and by how much it may be off, A; of its change since the first
+    /// record on the same scales; and of its distance from the zero of the channels. The zeros of the channels do not change
     /// from record to record, and the supply has shown that nothing flowed before the first: a
     /// change may be as large as one of the two allowances for the mean, not as their sum. Records
     /// come some seconds apart, and a drift goes on between them.
     fn direct(&self) -> Option<(&'static str, f64, f64)> {
-        let change_a = self.mean_a - self.first.zero_a;
-        let change = if self.first.measured {
-            (SINCE_ZERO, change_a, allowed_since_zero_a(self.amplitude_a))
-        } else {
-            (
-                "change of the mean of the cell current from record to record",
-                change_a,
-                (0.1 * self.amplitude_a).max(NO_CURRENT_A),
-            )
-        };
+        let change = (
+            "change of the mean of the cell current from record to record",
+            self.mean_a - self.first.zero_a,
+            (0.1 * self.amplitude_a).max(NO_CURRENT_A),
+        );
+        let since_zero = self.first.channels_a.map(|zero_a| {
+            let allowed_a = allowed_since_zero_a(self.amplitude_a);
+            (SINCE_ZERO, self.mean_a - zero_a, allowed_a)
+        });
         let whole = (
             "mean of the cell current in a record",
             self.mean_a,
@@ -237,6 +236,7 @@ impl Balance {
         );
         [whole, change]
             .into_iter()
+            .chain(since_zero)
             .find(|(_, value, greatest)| value.abs() > *greatest)
     }
 }
@@ -327,7 +327,7 @@ mod tests {
                 first: FirstMean {
                     volts_per_div: [0.02; 2],
                     zero_a,
-                    measured: false,
+                    channels_a: None,
                 },
                 amplitude_a: 1.0,
             }

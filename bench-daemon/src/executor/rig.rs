@@ -125,8 +125,8 @@ pub(super) struct FirstMean {
     pub(super) volts_per_div: [f64; 2],
     /// Mean of the current, A.
     pub(super) zero_a: f64,
-    /// The mean was measured while no sinusoid was driven through a cell.
-    pub(super) measured: bool,
+    /// The same by the zero of the channels, where that was measured, A.
+    pub(super) channels_a: Option<f64>,
 }
 
 /// Drive of the cell since the last power-up.

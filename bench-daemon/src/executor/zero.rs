@@ -72,8 +72,8 @@ fn means_of_record(asked: &Drawn<'_>) -> Option<ChannelMeans> {
 }
 
 impl Rig<'_> {
-    /// The mean that the records on these scales are compared with: the zero of the channels where
-    /// it was measured, else the first record itself.
+    /// The means that the records on these scales are compared with: that of the first record, and
+    /// the zero of the channels where it was measured.
     pub(super) fn first_mean(
         &mut self,
         fixture: Fixture,
@@ -85,7 +85,7 @@ impl Rig<'_> {
         let by_itself = FirstMean {
             volts_per_div,
             zero_a: mean_a - self.driving.mean_change_a,
-            measured: false,
+            channels_a: None,
         };
         let means = means_of_record(asked).filter(|_| fixture == Fixture::Cell);
         let zero = means.and_then(|means| self.driving.zeros.on(&means).copied());
@@ -107,8 +107,7 @@ impl Rig<'_> {
             return by_itself;
         }
         FirstMean {
-            zero_a,
-            measured: true,
+            channels_a: Some(zero_a),
             ..by_itself
         }
     }
@@ -126,7 +125,7 @@ impl Rig<'_> {
     /// Keeps the means of a record of a control as the zero of the channels.
     pub(super) fn keep_zero(&mut self, asked: &Drawn<'_>) {
         if let Some(means) = means_of_record(asked) {
-            self.driving.zeros.keep(means);
+            self.driving.zeros.keep_of_control(means);
         }
     }
 
@@ -140,7 +139,7 @@ impl Rig<'_> {
         if let Some(means) = means_of(&channels, periods_per_sample)
             && fixture != Fixture::Cell
         {
-            self.driving.zeros.keep(means);
+            self.driving.zeros.keep_of_control(means);
         }
     }
 
@@ -170,7 +169,8 @@ impl Executor<'_> {
         fixture: Fixture,
         settings: &SweepSettings,
     ) -> Result<(), ExecuteError> {
-        let due = settings.zero_first && self.rig.driving.first_mean.is_none();
+        let driving = &self.rig.driving;
+        let due = driving.first_mean.is_none() && driving.zeros.lacks_controls();
         if fixture != Fixture::Cell || !due {
             return Ok(());
         }

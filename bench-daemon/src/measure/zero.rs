@@ -23,24 +23,38 @@ pub(crate) struct ChannelMeans {
 
 /// Means of the channels while no current flows through a cell, one for each set of scales.
 #[derive(Debug, Default)]
-pub(crate) struct Zeros(Vec<ChannelMeans>);
+pub(crate) struct Zeros {
+    means: Vec<ChannelMeans>,
+    by_controls: bool,
+}
 
 impl Zeros {
     /// Keeps the means of a record; the latest on a set of scales counts.
     pub(crate) fn keep(&mut self, means: ChannelMeans) {
-        self.0
+        self.means
             .retain(|known| known.volts_per_div != means.volts_per_div);
-        self.0.push(means);
+        self.means.push(means);
+    }
+
+    /// Keeps the means of a record of a control.
+    pub(crate) fn keep_of_control(&mut self, means: ChannelMeans) {
+        self.by_controls = true;
+        self.keep(means);
+    }
+
+    /// Whether no control has shown the zero.
+    pub(crate) fn lacks_controls(&self) -> bool {
+        !self.by_controls
     }
 
     /// The zero on these scales of the shunt's channels, if possible with the same scale of C3.
     pub(crate) fn on(&self, means: &ChannelMeans) -> Option<&ChannelMeans> {
         let same = |known: &&ChannelMeans| known.volts_per_div[..2] == means.volts_per_div[..2];
         let whole = |known: &&ChannelMeans| known.volts_per_div == means.volts_per_div;
-        self.0
+        self.means
             .iter()
             .find(whole)
-            .or_else(|| self.0.iter().rfind(same))
+            .or_else(|| self.means.iter().rfind(same))
     }
 }
 
@@ -63,5 +77,8 @@ mod tests {
         assert_eq!(on([0.02, 0.02, 0.16]), Some(3.0));
         assert_eq!(on([0.02, 0.04, 0.04]), None);
         assert_eq!(allowed_since_zero_a(3.0), 0.13);
+        assert!(zeros.lacks_controls());
+        zeros.keep_of_control(means([0.04, 0.04, 0.04], 4.0));
+        assert!(!zeros.lacks_controls());
     }
 }

@@ -22,9 +22,6 @@ pub struct SweepSettings {
     pub overlap: Option<bool>,
     /// The quality gate.
     pub quality: Option<Quality>,
-    /// The zero of the channels is recorded before the first sinusoid, because no control of the run
-    /// shows it.
-    pub zero_first: bool,
 }
 
 /// Points per channel of a scope's record.
@@ -45,6 +42,5 @@ pub(crate) fn test_settings() -> std::sync::Arc<SweepSettings> {
         mains_hz: None,
         overlap: None,
         quality: None,
-        zero_first: false,
     })
 }

@@ -27,10 +27,7 @@ use power::Power;
 pub fn plan(experiment: &Experiment) -> Plan {
     let mut stages = Vec::new();
     let power = Power::of(experiment);
-    let settings = experiment
-        .eis
-        .as_ref()
-        .map(|eis| Arc::new(settings(eis, experiment.fixture_check.is_none())));
+    let settings = experiment.eis.as_ref().map(|eis| Arc::new(settings(eis)));
     let limits = &experiment.cell.limits;
     let beyond_hz = experiment
         .fixture_check
@@ -152,7 +149,7 @@ fn temperature(temperature: &Temperature) -> Stage {
 }
 
 /// The settings that all points of the sweeps share.
-fn settings(eis: &Eis, zero_first: bool) -> SweepSettings {
+fn settings(eis: &Eis) -> SweepSettings {
     SweepSettings {
         amplitude_a: eis.amplitude_a,
         periods_on_screen: eis.periods_on_screen,
@@ -160,7 +157,6 @@ fn settings(eis: &Eis, zero_first: bool) -> SweepSettings {
         mains_hz: eis.mains_hz,
         overlap: eis.overlap,
         quality: eis.quality,
-        zero_first,
     }
 }
 

@@ -37,7 +37,9 @@ fn alone(points: usize) -> Files {
 }
 
 /// Bench time at which the controls are done and the cell is not yet measured, s.
-const BETWEEN_S: f64 = 20.0;
+const BETWEEN_S: f64 = 30.0;
+/// The same with seven points.
+const CELL_OF_7_S: f64 = 54.0;
 
 fn faulty(files: Files, fault: &str) -> Files {
     files.append(SCENARIO, fault)
@@ -61,6 +63,10 @@ fn strong(files: Files) -> Files {
 }
 
 const DEAD: &str = "C3 shows nothing of the sinusoid: its lead is off, or the channel is dead";
+const ONE_TWO: &str = "the leads of C1 and C2 are exchanged";
+const ONE_THREE: &str = "the leads of C1 and C3 are exchanged";
+const AGAIN: &str = "the scope repeats an old record";
+const SINCE_ZERO: &str = "interlock: mean of the cell current since the zero of the channels";
 const FACTOR: &str = "C3 reads 10 times its voltage: its probe factor is wrong";
 
 #[test]
@@ -68,88 +74,74 @@ fn wrong_numbers_are_refused_and_the_channel_or_the_scope_is_named() {
     let late = "[faults.scope_repeats]\nfrom_s = 0.0\nlate = true";
     let repeats = "[faults.scope_repeats]\nfrom_s = 0.0";
     let later = format!("[faults.scope_repeats]\nfrom_s = {BETWEEN_S}\nlate = true");
-    let again = "the scope repeats an old record";
     let first = BETWEEN_S;
-    let swapped = |one, other| format!("the leads of C{one} and C{other} are exchanged");
-    let since = "interlock: mean of the cell current since the zero of the channels";
     let cases = [
-        (
-            "C3 dead",
-            with_controls(3),
-            channel(first, 3, 0.0),
-            DEAD.to_owned(),
-            3,
-        ),
-        (
-            "C3 dead, no controls",
-            alone(2),
-            channel(0.0, 3, 0.0),
-            DEAD.to_owned(),
-            3,
-        ),
+        ("C3 dead", with_controls(3), channel(first, 3, 0.0), DEAD, 3),
+        ("C3 dead, alone", alone(2), channel(0.0, 3, 0.0), DEAD, 3),
         (
             "C3 at 10",
             with_controls(3),
             channel(first, 3, 10.0),
-            FACTOR.to_owned(),
+            FACTOR,
             3,
         ),
         (
-            "C3 at 10, no controls",
+            "C3 at 10, alone",
             alone(2),
             channel(0.0, 3, 10.0),
-            FACTOR.to_owned(),
+            FACTOR,
             3,
         ),
         (
             "C1 C2",
             with_controls(3),
             probes(first, [2, 1, 3, 4]),
-            swapped(1, 2),
+            ONE_TWO,
             3,
         ),
         (
-            "C1 C2, no controls",
+            "C1 C2, alone",
             alone(2),
             probes(0.0, [2, 1, 3, 4]),
-            swapped(1, 2),
+            ONE_TWO,
             3,
         ),
         (
             "C1 C3",
             with_controls(3),
             probes(first, [3, 2, 1, 4]),
-            swapped(1, 3),
+            ONE_THREE,
             3,
         ),
         (
-            "C1 C3, no controls",
+            "C1 C3, alone",
             alone(2),
             probes(0.0, [3, 2, 1, 4]),
-            swapped(1, 3),
+            ONE_THREE,
             3,
         ),
-        ("repeats", alone(3), repeats.to_owned(), again.to_owned(), 3),
-        ("previous", alone(3), late.to_owned(), again.to_owned(), 3),
+        ("repeats", alone(3), repeats.to_owned(), AGAIN, 3),
+        ("previous", alone(3), late.to_owned(), AGAIN, 3),
+        ("previous, later", with_controls(4), later, AGAIN, 3),
         (
-            "offset, no controls",
-            alone(3),
+            "offset, alone",
+            strong(alone(3)),
             offset(0.0),
-            since.to_owned(),
+            SINCE_ZERO,
             5,
         ),
         (
             "offset",
-            with_controls(3),
+            strong(with_controls(3)),
             offset(first),
-            since.to_owned(),
+            SINCE_ZERO,
             5,
         ),
     ];
     let mut wrong = Vec::new();
     for (name, files, fault, cause, code) in cases {
         let told = told(faulty(files, &fault));
-        if told.code != code || !told.words.contains(&cause) {
+        if told.code != code || !told.words.contains(cause) {
             wrong.push(format!("{name}: code {}: {}", told.code, told.words));
         }
     }
@@ -188,9 +180,9 @@ fn a_model_at_its_bounds_or_of_too_few_points_is_no_result_of_run_or_fit() {
 #[test]
 fn points_that_are_let_through_beside_many_that_are_refused_are_refused_and_give_no_model() {
     let files = with_controls(7).append(EXPERIMENT, "[eis.quality]\nagain = 0");
-    // 18° at 300 Hz.
-    let fault = "[effects.after_controls]\nskew_s = 1.67e-4";
-    let told = told(faulty(files, fault));
+    // Some 18° at every frequency: 100 of 10 000 samples of five periods.
+    let fault = format!("{}\nlate_samples = 100.0", channel(CELL_OF_7_S, 4, 1.0));
+    let told = told(faulty(files, &fault));
     let rows = told.files.text("run/spectrum.csv");
     let believed = rows
         .lines()
@@ -218,8 +210,8 @@ fn points_that_are_let_through_beside_many_that_are_refused_are_refused_and_give
 
 #[test]
 fn a_zero_of_the_scope_that_has_moved_since_the_controls_is_a_note_and_no_current() {
-    let moved = "[effects.after_controls]\nshunt_zero_v_per_h = 0.2";
-    let told = told(faulty(with_controls(2), moved));
+    let moved = "[effects.after_controls]\nshunt_zero_v_per_h = 0.1";
+    let told = told(faulty(with_controls(7), moved));
     assert_eq!(told.code, 0, "{}", told.words);
     let note = "note: the zero of C1 and C2 moved by ";
     assert!(told.words.contains(note), "{}", told.words);
