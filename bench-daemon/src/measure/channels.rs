@@ -1,11 +1,12 @@
 //! Judges the four channels of a record as what they are: potentials along one loop of passive
 //! parts. Pure.
 //!
-//! The shunt lies between C1 and C2, a wire between C2 and C3, the jig between C3 and C4. The same
-//! current flows through all of them, so that the potentials per ampere must rise by a positive
-//! resistance from part to part, wherever the loop is earthed. C1 to C3 do not depend on what is in
-//! the jig: there they must show what they showed with a control in it. Where a record contradicts
-//! this, each single fault of the leads is tried, and those that explain the record are named.
+//! The shunt lies between C1 and C2, a wire between C2 and C3, the jig between C3 and C4; or the jig
+//! first, and the wire between C4 and C1. The same current flows through all of them, so that the
+//! potentials per ampere must rise by a positive resistance from part to part, wherever the loop is
+//! earthed. Where C1 to C3 lie between earth and jig they do not depend on what is in the jig: they
+//! must show what they showed with a control in it. Where a record contradicts this, each single
+//! fault of the leads is tried, and those that explain the record are named.
 
 use analysis::{calibration::Priors, spectrum::ChannelPhasors};
 use instruments::fixture::Fixture;
@@ -101,6 +102,12 @@ impl ControlPotentials {
             freq_hz: point.phasors.freq_hz,
             ohm: [low, high, tap].map(|volts| volts / amps),
         })
+    }
+
+    /// Whether C1 to C3 lie between earth and jig, so that what is in the jig does not move them.
+    fn is_below_jig(&self) -> bool {
+        let [low, high, tap] = self.ohm;
+        low.re > 0.0 && tap.re >= high.re
     }
 }
 
@@ -232,19 +239,18 @@ impl Potentials {
 
     /// What no loop of passive parts, and no loop that the controls were measured in, shows.
     fn contradictions(&self, request: &LoopRequest<'_>) -> Vec<String> {
-        let mut found: Vec<String> = [(1, 2), (2, 3)]
-            .into_iter()
-            .filter_map(|(from, to)| self.negative(from, to))
-            .collect();
-        let control = request
-            .controls
-            .iter()
-            .find(|control| (control.freq_hz / self.freq_hz - 1.0).abs() < SAME_FREQUENCY);
-        found.extend(
-            (0..3)
-                .filter_map(|slot| self.moved(slot, control?.ohm[slot]))
-                .collect::<Vec<_>>(),
-        );
+        // Where the jig lies between earth and shunt, the wire is the one between C4 and C1.
+        let wire = self
+            .negative(1, 2)
+            .filter(|_| self.negative(3, 0).is_some());
+        let mut found: Vec<String> = wire.into_iter().chain(self.negative(2, 3)).collect();
+        let same = |control: &&ControlPotentials| {
+            (control.freq_hz / self.freq_hz - 1.0).abs() < SAME_FREQUENCY
+        };
+        let control = request.controls.iter().find(same);
+        if let Some(control) = control.filter(|control| control.is_below_jig()) {
+            found.extend((0..3).filter_map(|slot| self.moved(slot, control.ohm[slot])));
+        }
         found
     }
 
@@ -348,6 +354,8 @@ mod tests {
             let volts = SOUND.map(|v| v - earth);
             assert_eq!(cause(volts, &[]), None, "{earth}");
         }
+        // The jig between earth and shunt.
+        assert_eq!(cause([41e-3, 51e-3, 17e-3, 29e-3], &[]), None);
         let [a, b, c, d] = SOUND;
         assert_eq!(cause([0.99 * a, 1.01 * b, 1.01 * c, 0.99 * d], &[]), None);
         // A short in the jig, read with such gains, seems to be less than nothing.
