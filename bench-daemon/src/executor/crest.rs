@@ -215,10 +215,10 @@ struct Balance {
 
 impl Balance {
     /// Fault of the mean of a record, and by how much it may be off, A; of its change since the first
-    /// record on the same scales; and of its distance from the zero of the channels. The zeros of the channels do not change
-    /// from record to record, and the supply has shown that nothing flowed before the first: a
-    /// change may be as large as one of the two allowances for the mean, not as their sum. Records
-    /// come some seconds apart, and a drift goes on between them.
+    /// record on the same scales; and of its distance from the zero of the channels. The zeros of
+    /// the channels do not change from record to record, and the supply has shown that nothing
+    /// flowed before the first: a change may be as large as one of the two allowances for the mean,
+    /// not as their sum. Records come some seconds apart, and a drift goes on between them.
     fn direct(&self) -> Option<(&'static str, f64, f64)> {
         let change = (
             "change of the mean of the cell current from record to record",

@@ -128,9 +128,15 @@ pub(crate) fn find_channel_fault(
     if found.is_empty() {
         return None;
     }
-    let causes: Vec<String> = causes(request)
-        .filter(|cause| explains(*cause, phasors, request))
-        .map(|cause| cause.to_string())
+    let explained: Vec<(Cause, bool)> = causes(request)
+        .filter_map(|cause| Some((cause, explains(cause, phasors, request)?)))
+        .collect();
+    // The usual order of shunt and jig explains more than the other one.
+    let usual = explained.iter().any(|(_, usual)| *usual);
+    let causes: Vec<String> = explained
+        .iter()
+        .filter(|(_, of_usual)| *of_usual == usual)
+        .map(|(cause, _)| cause.to_string())
         .collect();
     let cause = match causes.len() {
         // Another amplitude has more causes than leads.
@@ -162,15 +168,16 @@ fn causes(request: &LoopRequest<'_>) -> impl Iterator<Item = Cause> {
         .chain(swaps)
 }
 
-/// Whether the record is that of a sound loop once a fault is taken out of it.
-fn explains(cause: Cause, phasors: &ChannelPhasors, request: &LoopRequest<'_>) -> bool {
+/// Whether the record is that of a sound loop once a fault is taken out of it: nothing where it is
+/// not, else whether the jig lies above the shunt, as usual.
+fn explains(cause: Cause, phasors: &ChannelPhasors, request: &LoopRequest<'_>) -> Option<bool> {
     let mut mended = *phasors;
     let mut dead = None;
     match cause {
         Cause::Dead(slot) => {
             let largest = phasors.volts.iter().map(|v| v.norm()).fold(0.0, f64::max);
             if phasors.volts[slot].norm() > (DEAD * largest).max(CERTAIN * noise_v(phasors, slot)) {
-                return false;
+                return None;
             }
             dead = Some(slot);
         }
@@ -181,10 +188,10 @@ fn explains(cause: Cause, phasors: &ChannelPhasors, request: &LoopRequest<'_>) -
             mended.variance.swap(one, other);
         }
     }
-    Potentials::of(&mended, request, dead).is_some_and(|potentials| {
-        potentials.contradictions(request).is_empty()
-            && potentials.wrong_amplitude(request).is_none()
-    })
+    let potentials = Potentials::of(&mended, request, dead)?;
+    let sound = potentials.contradictions(request).is_empty()
+        && potentials.wrong_amplitude(request).is_none();
+    sound.then(|| potentials.negative(1, 2).is_none())
 }
 
 /// Standard deviation of a channel's phasor, V.

@@ -66,6 +66,7 @@ const DEAD: &str = "C3 shows nothing of the sinusoid: its lead is off, or the ch
 const ONE_TWO: &str = "the leads of C1 and C2 are exchanged";
 const ONE_THREE: &str = "the leads of C1 and C3 are exchanged";
 const AGAIN: &str = "the scope repeats an old record";
+const OLDER: &str = "Hz in the record: is it an older one?";
 const SINCE_ZERO: &str = "interlock: mean of the cell current since the zero of the channels";
 const FACTOR: &str = "C3 reads 10 times its voltage: its probe factor is wrong";
 
@@ -122,7 +123,7 @@ fn wrong_numbers_are_refused_and_the_channel_or_the_scope_is_named() {
         ),
         ("repeats", alone(3), repeats.to_owned(), AGAIN, 3),
         ("previous", alone(3), late.to_owned(), AGAIN, 3),
-        ("previous, later", with_controls(4), later, AGAIN, 3),
+        ("previous, later", with_controls(4), later, OLDER, 3),
         (
             "offset, alone",
             strong(alone(3)),
@@ -179,7 +180,7 @@ fn a_model_at_its_bounds_or_of_too_few_points_is_no_result_of_run_or_fit() {
 
 #[test]
 fn points_that_are_let_through_beside_many_that_are_refused_are_refused_and_give_no_model() {
-    let files = with_controls(7).append(EXPERIMENT, "[eis.quality]\nagain = 0");
+    let files = with_controls(7).append(EXPERIMENT, "[eis.quality]\nagain = 1");
     // Some 18° at every frequency: 100 of 10 000 samples of five periods.
     let fault = format!("{}\nlate_samples = 100.0", channel(CELL_OF_7_S, 4, 1.0));
     let told = told(faulty(files, &fault));
