@@ -29,6 +29,7 @@ mod trace_rows;
 mod traced;
 mod watch;
 mod wave;
+mod zero;
 
 use std::sync::Arc;
 
@@ -38,7 +39,7 @@ use instruments::fixture::Fixture;
 pub use error::ExecuteError;
 pub(crate) use multisine::{BandFit, fit_band};
 use point_overlap::{NextPoint, SweepState};
-pub(crate) use record::{ChannelRecord, PointRequest, analyse};
+pub(crate) use record::{ChannelRecord, PointRequest, analyse, check_channels};
 pub use resume_point::ResumePoint;
 pub use rig::Rig;
 use screen::Screen;
@@ -86,6 +87,7 @@ impl<'a> Executor<'a> {
                 correction,
                 idle: Reading::default(),
                 lines: Vec::new(),
+                controls: Vec::new(),
             },
             person,
             position: Position::default(),

@@ -111,7 +111,7 @@ def test_a_table_of_many_gives_a_table(two_rc):
     assert fitted["spectrum_id"] == ["b", "a", "c", "short"]
     np.testing.assert_allclose(fitted["r_ohm"][:3] / fitted["r_ohm"][0], [1.0, 2.0, 3.0], rtol=1e-3)
     assert [error is None for error in fitted["error"]] == [True, True, True, False]
-    assert "need as many numbers" in fitted["error"][3]
+    assert "need as many points" in fitted["error"][3]
 
 
 def test_a_table_of_fits_has_the_columns_of_all(two_rc):

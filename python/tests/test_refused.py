@@ -62,7 +62,7 @@ def test_a_file_that_is_not_there(tmp_path):
     ("call", "words"),
     [
         (lambda s: eb.fit_erm(s, 99), "RC branches"),
-        (lambda s: eb.fit_erm(s.between(1, 50), 4), "need as many numbers"),
+        (lambda s: eb.fit_erm(s.between(1, 50), 4), "need as many points"),
         (lambda s: eb.fit_erm(s, 2, ocv_slope="steep"), "ocv_slope: expected `fit`, `none`"),
         (lambda s: eb.fit_erm(s, 2, objective="modulus", ocv_slope="fit"), "objective complex"),
         (lambda s: eb.fit_erm(s, "many"), "rc: expected"),

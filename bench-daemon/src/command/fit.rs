@@ -13,7 +13,7 @@ use crate::{
     safety::failure::Failure,
     support::{
         present::{self, branches_table, fit_warnings, models_table},
-        terminal::say,
+        terminal::{remark, say},
     },
 };
 use std::path::Path;
@@ -143,6 +143,7 @@ fn fit_group(
         .iter()
         .map(fit)
         .collect::<Result<_, _>>()?;
+    let fits = offered(&name, fits)?;
     more.add(&prepared, &fits, &args.more)?;
     Ok(Group {
         name,
@@ -151,6 +152,28 @@ fn fit_group(
         more,
         refused,
     })
+}
+
+/// The fits whose parameters are measured. One that stands at a bound is said, and is no result.
+fn offered(name: &str, fits: Vec<ErmFit>) -> Result<Vec<ErmFit>, Failure> {
+    let mut refused = Vec::new();
+    let mut offered = Vec::new();
+    for fit in fits {
+        match fit.at_bounds() {
+            None => offered.push(fit),
+            Some(why) => refused.push(format!(
+                "{name}: no model with {} RC: {why}",
+                fit.erm.branches.len()
+            )),
+        }
+    }
+    if offered.is_empty() {
+        return Err(Failure::Usage(refused.join("; ")));
+    }
+    for text in refused {
+        remark!("eis-bench: {text}");
+    }
+    Ok(offered)
 }
 
 /// The orders asked for; none for `auto`.

@@ -4,7 +4,10 @@
 use instruments::{fixture::Fixture, scope::Waveform};
 
 use super::{ExecuteError, Executor, Rig, rig::FirstMean, watch::drawn};
-use crate::interlock::{NO_CURRENT_A, Trip};
+use crate::{
+    interlock::{NO_CURRENT_A, Trip},
+    measure::zero::{SINCE_ZERO, allowed_since_zero_a},
+};
 
 /// No cell for which this bench is made has more at any frequency of a sweep, Ω. Its record tells
 /// the truth a moment later.
@@ -44,6 +47,7 @@ impl Rig<'_> {
         fixture: Fixture,
         asked: &Drawn<'_>,
     ) -> Result<(), ExecuteError> {
+        self.refuse_old_record(fixture, asked)?;
         let Drawn {
             waveforms,
             freq_hz,
@@ -62,16 +66,14 @@ impl Rig<'_> {
         let volts_per_div = [below, above].map(|waveform| waveform.preamble.volts_per_div);
         // On new scales the zeros of the channels are others: what had changed until then is
         // carried over.
-        let driving = &mut self.driving;
-        let first = match driving.first_mean {
+        let first = match self.driving.first_mean {
             Some(first) if first.volts_per_div == volts_per_div => first,
-            _ => FirstMean {
-                volts_per_div,
-                zero_a: mean_a - driving.mean_change_a,
-            },
+            _ => self.first_mean(fixture, asked, mean_a),
         };
-        driving.first_mean = Some(first);
-        let FirstMean { zero_a, .. } = first;
+        self.driving.first_mean = Some(first);
+        if fixture != Fixture::Cell {
+            self.keep_zero(asked);
+        }
         // A channel that clips shows what is common to both, and is measured again; noise is no
         // current: the quality gate judges it.
         let clips = [below, above]
@@ -92,7 +94,7 @@ impl Rig<'_> {
         let balance = Balance {
             mean_a,
             greatest_a: greatest,
-            zero_a,
+            first,
             amplitude_a,
         };
         if let Some((what, value, greatest)) = balance.direct().or(crest) {
@@ -109,7 +111,7 @@ impl Rig<'_> {
             };
             return Err(trip.because(self.cause().await).into());
         }
-        self.driving.mean_change_a = mean_a - zero_a;
+        self.driving.mean_change_a = mean_a - first.zero_a;
         if fixture != Fixture::Cell {
             return Ok(());
         }
@@ -205,24 +207,28 @@ struct Balance {
     mean_a: f64,
     /// Greatest mean that is allowed, A.
     greatest_a: f64,
-    /// The mean of the first record on the same scales, A.
-    zero_a: f64,
+    /// The mean of the first record on the same scales.
+    first: FirstMean,
     /// Amplitude that is asked for, A.
     amplitude_a: f64,
 }
 
 impl Balance {
-    /// Fault of the mean of a record, and by how much it may be off, A; and of its
-    /// change since the first record on the same scales. The zeros of the channels do not change
-    /// from record to record, and the supply has shown that nothing flowed before the first: a
-    /// change may be as large as one of the two allowances for the mean, not as their sum. Records
-    /// come some seconds apart, and a drift goes on between them.
+    /// Fault of the mean of a record, and by how much it may be off, A; of its change since the first
+    /// record on the same scales; and of its distance from the zero of the channels. The zeros of
+    /// the channels do not change from record to record, and the supply has shown that nothing
+    /// flowed before the first: a change may be as large as one of the two allowances for the mean,
+    /// not as their sum. Records come some seconds apart, and a drift goes on between them.
     fn direct(&self) -> Option<(&'static str, f64, f64)> {
         let change = (
             "change of the mean of the cell current from record to record",
-            self.mean_a - self.zero_a,
+            self.mean_a - self.first.zero_a,
             (0.1 * self.amplitude_a).max(NO_CURRENT_A),
         );
+        let since_zero = self.first.channels_a.map(|zero_a| {
+            let allowed_a = allowed_since_zero_a(self.amplitude_a);
+            (SINCE_ZERO, self.mean_a - zero_a, allowed_a)
+        });
         let whole = (
             "mean of the cell current in a record",
             self.mean_a,
@@ -230,6 +236,7 @@ impl Balance {
         );
         [whole, change]
             .into_iter()
+            .chain(since_zero)
             .find(|(_, value, greatest)| value.abs() > *greatest)
     }
 }
@@ -245,7 +252,7 @@ fn within(samples: &[f64], middle: f64) -> f64 {
 }
 
 /// The samples of whole periods, of which one is so many.
-fn whole_periods(samples: &[f64], periods_per_sample: f64) -> &[f64] {
+pub(super) fn whole_periods(samples: &[f64], periods_per_sample: f64) -> &[f64] {
     let periods = (samples.len() as f64 * periods_per_sample + PERIOD_SLACK).floor();
     let count = (periods / periods_per_sample).round() as usize;
     samples
@@ -264,6 +271,13 @@ pub(super) fn difference(high: &Waveform, low: &Waveform) -> Vec<f64> {
         .zip(&low.codes)
         .map(|(high_code, low_code)| volts(high, *high_code) - volts(low, *low_code))
         .collect()
+}
+
+/// The samples of a channel, V.
+pub(super) fn channel_volts(waveform: &Waveform) -> Vec<f64> {
+    let preamble = &waveform.preamble;
+    let volts = |code: &i16| f64::from(*code) * preamble.volts_per_code - preamble.offset_v;
+    waveform.codes.iter().map(volts).collect()
 }
 
 pub(super) fn mean(samples: &[f64]) -> f64 {
@@ -310,7 +324,11 @@ mod tests {
             Balance {
                 mean_a,
                 greatest_a: 0.7,
-                zero_a,
+                first: FirstMean {
+                    volts_per_div: [0.02; 2],
+                    zero_a,
+                    channels_a: None,
+                },
                 amplitude_a: 1.0,
             }
             .direct()

@@ -51,6 +51,27 @@ pub enum ExecuteError {
         /// Reading of another meter, in words that follow.
         other: String,
     },
+    /// The channels of a record contradict each other.
+    #[error("{freq_hz} Hz: the channels contradict each other: {found}: {cause}")]
+    Channels {
+        /// Frequency, Hz.
+        freq_hz: f64,
+        /// What was expected and what was found.
+        found: String,
+        /// Faults of leads that explain it, in words.
+        cause: String,
+    },
+    /// The scope sends a record that it has sent before.
+    #[error(
+        "{freq_hz} Hz: expected a new record from the scope, found that of {earlier} again, code by \
+        code in all four channels: the scope repeats an old record"
+    )]
+    Repeated {
+        /// Frequency, Hz.
+        freq_hz: f64,
+        /// The record that was sent before, in words.
+        earlier: String,
+    },
     /// The interlock.
     #[error("interlock: {0}")]
     Trip(#[from] Trip),

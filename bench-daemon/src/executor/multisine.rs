@@ -18,7 +18,11 @@ use instruments::{
 
 use super::{ExecuteError, Executor, Rig, burst::MOST_LONGER, crest::Drawn, require};
 use crate::{
-    measure::{HarmonicsAndDrift, SweepPoint, quality::Measures},
+    measure::{
+        HarmonicsAndDrift, SweepPoint,
+        channels::{ChannelFault, LoopRequest, find_channel_fault},
+        quality::Measures,
+    },
     plan::{Band, MAX_RANGING},
     record::{capture_of, code_scale},
 };
@@ -124,6 +128,7 @@ impl Rig<'_> {
         warnings.extend(judge_images(&fit));
         let commanded_a = band.design.amplitude * band.peak_a;
         for phasors in &fit.excited {
+            self.check_loop(phasors, commanded_a)?;
             self.check_line(phasors, commanded_a)?;
         }
         let BandFit {
@@ -210,6 +215,23 @@ impl Rig<'_> {
             ));
         }
         Ok((turn_rad > NOTED_TURN_RAD).then_some(message))
+    }
+
+    /// The channels at a line must be those of one loop.
+    fn check_loop(&self, phasors: &ChannelPhasors, amplitude_a: f64) -> Result<(), ExecuteError> {
+        let request = LoopRequest {
+            fixture: Fixture::Cell,
+            shunt_ohm: self.setup.wiring.shunt.r_ohm,
+            amplitude_a,
+            controls: &[],
+        };
+        find_channel_fault(phasors, &request).map_or(Ok(()), |ChannelFault { found, cause }| {
+            Err(ExecuteError::Channels {
+                freq_hz: phasors.freq_hz,
+                found,
+                cause,
+            })
+        })
     }
 
     fn check_line(&self, phasors: &ChannelPhasors, amplitude_a: f64) -> Result<(), ExecuteError> {

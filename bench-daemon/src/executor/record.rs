@@ -11,6 +11,7 @@ use super::ExecuteError;
 use crate::{
     measure::{
         HARMONICS, HarmonicsAndDrift, SweepPoint,
+        channels::{ChannelFault, ControlPotentials, LoopRequest, find_channel_fault},
         harmonics_and_drift::fit_harmonics_and_drift,
         quality::{Failing, measure},
     },
@@ -35,6 +36,9 @@ pub(crate) struct PointRequest {
     pub(crate) index: usize,
     pub(crate) freq_hz: f64,
     pub(crate) mains_hz: Option<f64>,
+    /// Amplitude of the current that was commanded, A.
+    pub(crate) amplitude_a: f64,
+    pub(crate) shunt_ohm: f64,
 }
 
 /// A record of the four channels, wherever its samples are.
@@ -76,6 +80,7 @@ pub(crate) fn analyse(
         index,
         freq_hz,
         mains_hz,
+        ..
     } = *request;
     let fail = |reason: String| ExecuteError::Signal { freq_hz, reason };
     let interval_s = channel_record.interval_s;
@@ -149,6 +154,34 @@ pub(crate) fn analyse(
         spent: crate::measure::Spent::default(),
         measures,
         failing: Vec::<Failing>::new(),
+    })
+}
+
+/// Refuses a point whose channels cannot be those of one loop; a channel that clips is judged by the
+/// quality gate.
+///
+/// # Errors
+/// [`ExecuteError::Channels`], with the channel where one explains it.
+pub(crate) fn check_channels(
+    point: &SweepPoint,
+    request: &PointRequest,
+    controls: &[ControlPotentials],
+) -> Result<(), ExecuteError> {
+    if point.measures.clipped > 0.0 {
+        return Ok(());
+    }
+    let request = LoopRequest {
+        fixture: request.fixture,
+        shunt_ohm: request.shunt_ohm,
+        amplitude_a: request.amplitude_a,
+        controls,
+    };
+    find_channel_fault(&point.phasors, &request).map_or(Ok(()), |ChannelFault { found, cause }| {
+        Err(ExecuteError::Channels {
+            freq_hz: point.phasors.freq_hz,
+            found,
+            cause,
+        })
     })
 }
 

@@ -8,6 +8,7 @@ use crate::{
     config::Experiment,
     executor::thermostat::Thermostat,
     interlock::Interlock,
+    measure::{repeated::SeenRecords, zero::Zeros},
     record::Recorder,
     watch::WatchLink,
 };
@@ -126,6 +127,8 @@ pub(super) struct FirstMean {
     pub(super) volts_per_div: [f64; 2],
     /// Mean of the current, A.
     pub(super) zero_a: f64,
+    /// The same by the zero of the channels, where that was measured, A.
+    pub(super) channels_a: Option<f64>,
 }
 
 /// Drive of the cell since the last power-up.
@@ -141,6 +144,10 @@ pub(super) struct Driving {
     pub(super) mean_change_a: f64,
     /// It was said that the bipolar supply is not bounded.
     pub(super) told: bool,
+    /// Means of the channels while no current flowed through a cell.
+    pub(super) zeros: Zeros,
+    /// Records that the scope has sent.
+    pub(super) records: SeenRecords,
 }
 
 /// Seconds between two readings while current flows.

@@ -13,7 +13,7 @@ use super::{
     burst::MOST_LONGER,
     crest::Drawn,
     point_overlap::Tone,
-    record::{ChannelRecord, PointRequest, analyse},
+    record::{ChannelRecord, PointRequest, analyse, check_channels},
     require,
     watch::drawn,
 };
@@ -115,7 +115,10 @@ impl Executor<'_> {
         };
         let mut driven_s = match self.sweep.take_started(&tone) {
             Some(since_s) => since_s,
-            None => self.driven(fixture, &tone).await?,
+            None => {
+                self.measure_zero(fixture, settings).await?;
+                self.driven(fixture, &tone).await?
+            }
         };
         let scope = require(&mut self.rig.bench.instruments.scope, "scope")?.capabilities();
         if self.scope.verticals[0].is_none() {
@@ -189,8 +192,11 @@ impl Executor<'_> {
                     index,
                     freq_hz,
                     mains_hz: settings.mains_hz,
+                    amplitude_a,
+                    shunt_ohm: self.rig.setup.wiring.shunt.r_ohm,
                 };
                 let point = analyse(&request, &ChannelRecord::of(&waveforms), warnings)?;
+                check_channels(&point, &request, &self.known.controls)?;
                 let met_a = self.rig.check_current(&point, amplitude_a)?;
                 self.rig.cross_check_supply(effective_a, met_a)?;
                 return Ok(SweepPoint {

@@ -7,6 +7,7 @@ use instruments::fixture::Fixture;
 
 use crate::{
     interlock::Reading,
+    measure::channels::ControlPotentials,
     operator::Operator,
     operator::progress::Progress,
     plan::{CampaignRun, Log, Specimen},
@@ -55,6 +56,8 @@ pub(crate) struct Known {
     pub(crate) idle: Reading,
     /// Lines of multisines, with their noise and distortion, until somebody takes them.
     pub(crate) lines: Vec<Line>,
+    /// Potentials of the channels with the controls of this run in the jig.
+    pub(crate) controls: Vec<ControlPotentials>,
 }
 
 /// Where the reset of the state of charge stands.

@@ -72,6 +72,10 @@ pub enum Criterion {
     Repeatability,
     /// The point in its sweep.
     KramersKronig,
+    /// The sign of the real part.
+    Passivity,
+    /// Points beside it that the sweep refuses.
+    Neighbours,
 }
 
 impl std::fmt::Display for Criterion {
@@ -83,6 +87,8 @@ impl std::fmt::Display for Criterion {
             Self::Drift => "drift",
             Self::Repeatability => "difference of the halves",
             Self::KramersKronig => "Kramers–Kronig residual",
+            Self::Passivity => "negative real part of Z",
+            Self::Neighbours => "refused neighbours",
         })
     }
 }
@@ -113,6 +119,13 @@ impl std::fmt::Display for Failing {
             };
             format!("{value:.digits$} %")
         };
+        if self.criterion == Criterion::Neighbours {
+            return write!(
+                f,
+                "{}: expected more points in a row than the {} refused beside them, found {}",
+                self.criterion, self.limit, self.value
+            );
+        }
         write!(
             f,
             "{}: expected at most {}, found {}",
@@ -161,7 +174,10 @@ impl Quality {
 impl Failing {
     /// It is of the finished sweep, not of the record.
     pub fn is_of_sweep(&self) -> bool {
-        self.criterion == Criterion::KramersKronig
+        matches!(
+            self.criterion,
+            Criterion::KramersKronig | Criterion::Passivity | Criterion::Neighbours
+        )
     }
 }
 

@@ -1,6 +1,10 @@
 //! Plays a plan stage by stage, enters sweeps and traces into the index, and gathers their results.
 
-use analysis::{calibration::Correction, dataset::SweepEntry, run_folder::CORRECTION};
+use analysis::{
+    calibration::Correction,
+    dataset::{self, SweepEntry},
+    run_folder::CORRECTION,
+};
 use instruments::{
     clock::{Clock, TimeMode},
     fixture::Fixture,
@@ -17,7 +21,7 @@ use crate::{
     config::Experiment,
     executor::{ExecuteError, Executor, Person, ResumePoint, Rig, within},
     journal::{Entry, PointDone},
-    measure::SweepPoint,
+    measure::{SweepPoint, channels::ControlPotentials},
     operator::Operator,
     operator::progress::Progress,
     operator::run_control::{self, RunControl},
@@ -107,6 +111,7 @@ impl<'a, 'b> Drive<'a, 'b> {
             .cloned();
         let left_c = context.charge_left_c(self.executor.rig.recorder, self.plan)?;
         self.executor.take_over(latest, left_c);
+        self.recall_records(context);
         for (number, stage) in self
             .plan
             .stages
@@ -149,6 +154,20 @@ impl<'a, 'b> Drive<'a, 'b> {
             self.finish(fixture, repeat, settled, true)?;
         }
         Ok(())
+    }
+
+    /// Recalls the records of finished points. One that cannot be read any more, or was moved to an
+    /// archive, is left out: it is needed to recognise it and for nothing else.
+    fn recall_records(&mut self, context: &ResumeContext) {
+        let rig = &mut self.executor.rig;
+        let stages = context.replay.stages.values();
+        for done in stages.flat_map(|stage| stage.points.values()) {
+            for (file, _) in &done.files {
+                if let Ok(capture) = dataset::read_capture(&rig.recorder.path(file)) {
+                    rig.recall(done.point.fixture, &capture);
+                }
+            }
+        }
     }
 
     /// Everything that is left to do.
@@ -348,6 +367,11 @@ impl<'a, 'b> Drive<'a, 'b> {
             restored,
         )?;
         self.executor.known.correction = self.accumulator.measured.correction.clone();
+        let shunt_ohm = self.experiment.bench.wiring.shunt.r_ohm;
+        let controls = self.accumulator.measured.sweeps.values().flatten();
+        self.executor.known.controls = controls
+            .filter_map(|point| ControlPotentials::of(point, shunt_ohm))
+            .collect();
         Ok(())
     }
 }

@@ -25,9 +25,13 @@ use super::{
     FINISHED, multisine, results, resume_context, run_accumulator::RunAccumulator, sweep_writer,
 };
 use crate::{
-    executor::{ChannelRecord, PointRequest, analyse},
+    executor::{ChannelRecord, PointRequest, analyse, check_channels},
     journal::{self, Entry, Line, replay::JournalReplay},
-    measure::SweepPoint,
+    measure::{
+        SweepPoint,
+        channels::ControlPotentials,
+        repeated::{Digest, SeenRecords, digest_record},
+    },
     plan::{Purpose, Step},
     procedure,
     record::Recorder,
@@ -74,6 +78,8 @@ pub(crate) struct RecomputedPoint {
     pub(crate) bytes: u64,
     /// Samples of all channels.
     pub(crate) samples: u64,
+    /// Digest of its codes; none where it was read by pieces.
+    digest: Option<Digest>,
 }
 
 impl Recorded {
@@ -180,7 +186,19 @@ impl Recorded {
         if let Some(moved) = moved_captures(&self.folder).map_err(Failure::Usage)? {
             return Err(Failure::Usage(moved));
         }
-        on_all_cores(known, |known| self.point(known))
+        let points = on_all_cores(known, |known| self.point(known))?;
+        let mut seen = SeenRecords::default();
+        for point in &points {
+            if let Some(earlier) = seen.remember(point.digest, point.file.clone())
+                && earlier != point.file
+            {
+                return Err(self.failed(&format!(
+                    "{}: expected a new record from the scope, found that of {earlier} again",
+                    point.file
+                )));
+            }
+        }
+        Ok(points)
     }
 
     /// Everything that follows from the points, and from the records of multisines and traces, into
@@ -333,6 +351,10 @@ impl Recorded {
         } else {
             Records::Whole(dataset::read_capture(&path).map_err(|error| failed(&figures(&error)))?)
         };
+        let digest = match &stored {
+            Records::Whole(capture) => digest_record(capture.codes.each_ref().map(Vec::as_slice)),
+            Records::Stored(_) => None,
+        };
         let (meta, channels) = stored.channel_record();
         let channel_record = ChannelRecord {
             channels,
@@ -349,6 +371,8 @@ impl Recorded {
             index,
             freq_hz: meta.freq_hz,
             mains_hz: eis.and_then(|eis| eis.mains_hz),
+            amplitude_a: self.amplitude_a(known),
+            shunt_ohm: self.experiment.bench.wiring.shunt.r_ohm,
         };
         let ranging: Vec<String> = known
             .point
@@ -358,6 +382,8 @@ impl Recorded {
             .cloned()
             .collect();
         let point = analyse(&request, &channel_record, ranging)
+            .map_err(|error| failed(&format!("{}: {error}", path.display())))?;
+        check_channels(&point, &request, &self.control_potentials())
             .map_err(|error| failed(&format!("{}: {error}", path.display())))?;
         let mut failing = eis
             .and_then(|eis| eis.quality)
@@ -390,7 +416,37 @@ impl Recorded {
             file: file.to_owned(),
             bytes,
             samples,
+            digest,
         })
+    }
+
+    /// Amplitude of the current that the plan has for a point, A.
+    fn amplitude_a(&self, known: &RecordedPoint) -> f64 {
+        let steps = self
+            .plan
+            .stages
+            .get(known.stage)
+            .map_or(&[][..], |stage| &stage.steps);
+        let driven = steps.iter().find_map(|step| match *step {
+            Step::Sine {
+                index, amplitude_a, ..
+            } if index == known.point.index => Some(amplitude_a),
+            _ => None,
+        });
+        driven.unwrap_or(f64::NAN)
+    }
+
+    /// Potentials of the channels with the run's controls in the jig.
+    fn control_potentials(&self) -> Vec<ControlPotentials> {
+        let shunt_ohm = self.experiment.bench.wiring.shunt.r_ohm;
+        let points = self
+            .replay
+            .stages
+            .values()
+            .flat_map(|stage| stage.points.values());
+        points
+            .filter_map(|done| ControlPotentials::of(&done.point, shunt_ohm))
+            .collect()
     }
 
     /// The correction of a run before, where this one had no controls of its own.

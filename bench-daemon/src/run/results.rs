@@ -195,7 +195,10 @@ fn fit_orders(
             },
             0,
         ) {
-            Ok(fit) if fit.objective.is_finite() => fits.push(fit),
+            Ok(fit) if fit.objective.is_finite() => match fit.at_bounds() {
+                None => fits.push(fit),
+                Some(why) => recorder.warning(&format!("no model with {rc} RC: {why}")),
+            },
             Ok(_) => recorder.warning(&format!(
                 "no model with {rc} RC: its objective is not finite"
             )),

@@ -17,7 +17,7 @@ use crate::{
     doctor::fixture_check,
     executor::Executor,
     journal::PointDone,
-    measure::SweepPoint,
+    measure::{SweepPoint, spectrum_gate::judge_sweep},
     plan::{CampaignRun, Stage, Step, fixture_name},
     record::{RecordError, Recorder, sweep_name},
 };
@@ -162,6 +162,9 @@ impl<'a> SweepWriter<'a> {
             }
             same
         });
+        if self.fixture == Fixture::Cell {
+            judge_sweep(&mut points, &corrected);
+        }
         let flags = flag_texts(&points);
         recorder.flagged_spectrum(&self.raw, &as_read, &flags)?;
         if let Some(file) = &self.file {

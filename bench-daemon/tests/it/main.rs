@@ -84,3 +84,4 @@ mod typed;
 mod upgrade;
 mod verdicts;
 mod watch;
+mod wrong_numbers;

@@ -91,7 +91,7 @@ impl Case {
     }
 }
 
-const NEARLY_FULL: (&str, &str, &str) = (SCENARIO, "initial_soc = 0.60", "initial_soc = 0.975");
+const NEARLY_FULL: (&str, &str, &str) = (SCENARIO, "initial_soc = 0.60", "initial_soc = 0.981");
 const NEARLY_EMPTY: (&str, &str, &str) = (SCENARIO, "initial_soc = 0.60", "initial_soc = 0.015");
 /// Nobody looks whether a reading moves with a slow sinusoid.
 const BLIND: (&str, &str) = ("frozen_time = \"30 s\"", "frozen_time = \"3600 s\"");
@@ -102,7 +102,7 @@ const WEAK: (&str, &str, &str) = (SCENARIO, "[cell]", "[cell]\ngreatest_charge_a
 fn only_the_voltage_limit_saves_a_cell_that_a_drifting_supply_charges() {
     let case = Case {
         files: || sweep(20),
-        faults: "[faults]\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.15 }",
+        faults: "[faults]\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.1 }",
         common: &[(
             "charge_drift_max = \"0.5 %\"",
             "charge_drift_max = \"1000 %\"",
@@ -127,7 +127,7 @@ fn only_the_charge_balance_saves_a_cell_whose_voltmeter_has_stopped() {
     let case = Case {
         files: || sweep(20),
         faults: "[faults]\nvoltmeter_freezes_s = 55.0\n\
-        bipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.15 }",
+        bipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.1 }",
         common: &[
             ("frozen_charge = \"1 %\"", "frozen_charge = \"1000 %\""),
             BLIND,
@@ -280,7 +280,7 @@ fn only_the_chillers_own_word_saves_a_cell_that_is_no_longer_cooled() {
 fn only_the_voltage_limit_saves_a_cell_that_a_drifting_supply_discharges() {
     let case = Case {
         files: || sweep(20),
-        faults: "[faults]\nbipolar_drifts = { from_s = 60.0, a_per_s = -0.05, greatest_a = 0.15 }",
+        faults: "[faults]\nbipolar_drifts = { from_s = 60.0, a_per_s = -0.05, greatest_a = 0.1 }",
         common: &[(
             "charge_drift_max = \"0.5 %\"",
             "charge_drift_max = \"1000 %\"",
@@ -319,7 +319,7 @@ fn only_the_look_at_frozen_values_saves_a_cell_in_a_sweep_whose_voltmeter_has_st
     let case = Case {
         files: || sweep(20),
         faults: "[faults]\nvoltmeter_freezes_s = 55.0\n\
-        bipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.15 }",
+        bipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.1 }",
         common: &[
             (
                 "charge_drift_max = \"0.5 %\"",

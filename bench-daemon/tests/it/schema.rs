@@ -102,7 +102,7 @@ fn model_files_follow_their_schema() {
     let schema = json(format!("{root}/docs/model.schema.json").as_ref());
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("fit");
-    let spectrum = format!("{root}/fixtures/data/spectra/vendors/autolab.txt");
+    let spectrum = format!("{root}/fixtures/data/spectra/vendors/impedance_py.csv");
     program(&[
         "fit".as_ref(),
         spectrum.as_ref(),

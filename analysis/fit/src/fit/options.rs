@@ -156,23 +156,18 @@ pub enum FitError {
         /// Value found.
         met: String,
     },
-    /// More parameters than the data have numbers.
+    /// More parameters than the data have independent points.
     #[error(
-        "fit: {rc} RC branches have {parameters} parameters and need as many numbers, met \
-        {numbers} \
-         ({frequencies} distinct frequencies, objective {objective})"
+        "fit: {rc} RC branches have {parameters} parameters and need as many points, met \
+        {frequencies} distinct frequencies"
     )]
     TooFewFrequencies {
         /// Branches asked for.
         rc: usize,
         /// Their parameters.
         parameters: usize,
-        /// Independent numbers in the data.
-        numbers: usize,
         /// Distinct frequencies in the data.
         frequencies: usize,
-        /// The objective: magnitudes alone give one number per frequency, complex values two.
-        objective: Objective,
     },
     /// More branches than supported.
     #[error("fit: expected 0 to {MAX_RC} RC branches, met {met}")]
@@ -231,20 +226,16 @@ impl FitOptions {
         Ok(())
     }
 
+    /// Refuses more parameters than independent points. Real and imaginary part of one point are
+    /// tied by Kramers and Kronig, and share the errors of its record, so that they do not count as
+    /// two.
     pub(crate) fn check_size(&self, frequencies: usize) -> Result<(), FitError> {
-        let (rc, parameters, objective) = (self.rc, self.parameter_count(), self.objective);
-        let numbers = if objective == Objective::Modulus {
-            frequencies
-        } else {
-            2 * frequencies
-        };
-        if parameters > numbers {
+        let (rc, parameters) = (self.rc, self.parameter_count());
+        if parameters > frequencies {
             return Err(FitError::TooFewFrequencies {
                 rc,
                 parameters,
-                numbers,
                 frequencies,
-                objective,
             });
         }
         Ok(())

@@ -86,7 +86,8 @@ pub fn select_order(
             .len()
     });
     let fewest = groups.min().unwrap_or(0);
-    let fits_into = |rc: &usize| 2 * fewest > 2 * rc + 4;
+    // As many points as parameters, and one that may be left out.
+    let fits_into = |rc: &usize| fewest >= 2 * rc + 2;
     let orders: Vec<usize> = (0..=options.most)
         .filter(|rc| *rc == 0 || fits_into(rc))
         .collect();

@@ -4,7 +4,7 @@ use super::minima::LocalMinimum;
 use super::options::{Bounds, Objective};
 use super::storage::ChargeStorage;
 use super::uncertainty::ErmSigma;
-use super::warning::Warnings;
+use super::warning::{WarningCode, Warnings};
 use analysis_model::model::Erm;
 use analysis_numeric::stats::t_factor;
 use analysis_signal::spectrum::OcvSlope;
@@ -60,6 +60,17 @@ pub struct ErmFit {
 const MANY: f64 = 1e8;
 
 impl ErmFit {
+    /// Why the model is no result: its parameters that stand at a bound, in sentences. There the
+    /// bound decides and not the data, so that neither the parameter nor a sum with it is measured.
+    pub fn at_bounds(&self) -> Option<String> {
+        let held = self
+            .warnings
+            .iter()
+            .filter(|warning| warning.code == WarningCode::AtBound);
+        let words: Vec<&str> = held.map(|warning| warning.words.as_str()).collect();
+        (!words.is_empty()).then(|| words.join("; "))
+    }
+
     /// Half width of a 95 % interval in sigmas: 1.96, more where the sigmas rest on few cells
     /// (Student's t).
     pub fn sigmas_of_95(&self) -> f64 {

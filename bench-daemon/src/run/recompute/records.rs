@@ -238,7 +238,7 @@ impl Recorded {
         dataset::read_capture(&path).map_err(|error| Failure::Usage(figures(&error)))
     }
 
-    fn failed(&self, what: &str) -> Failure {
+    pub(super) fn failed(&self, what: &str) -> Failure {
         Failure::Usage(format!("{}: {what}", self.folder.display()))
     }
 }

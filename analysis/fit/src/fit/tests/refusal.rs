@@ -54,8 +54,8 @@ fn refusals_say_what_was_expected() {
         (
             vec![sweep(), sweep()],
             FitOptions { rc: 6, ..options },
-            "fit: 6 RC branches have 13 parameters and need as many numbers, met 12 (6 distinct \
-            frequencies, objective sum-abs)",
+            "fit: 6 RC branches have 13 parameters and need as many points, met 6 distinct \
+            frequencies",
         ),
         (
             vec![sweep()],
@@ -64,8 +64,8 @@ fn refusals_say_what_was_expected() {
                 objective: Objective::Modulus,
                 ..options
             },
-            "fit: 3 RC branches have 7 parameters and need as many numbers, met 6 (6 distinct \
-            frequencies, objective modulus)",
+            "fit: 3 RC branches have 7 parameters and need as many points, met 6 distinct \
+            frequencies",
         ),
         (
             vec![sweep()],
