@@ -23,7 +23,7 @@ mod window;
 
 use std::{fmt::Write, sync::Mutex};
 
-use deed::{Attack, Deed};
+use deed::Attack;
 use judge::Usual;
 use options::Options;
 use table::Row;

@@ -24,6 +24,8 @@ pub(crate) struct Row {
     pub(crate) zero_s: Option<f64>,
     pub(crate) still: bool,
     pub(crate) happened: bool,
+    /// The run has taken the bench: it said that everything is off before its first step.
+    pub(crate) began: bool,
     /// The run had to be asked to end.
     pub(crate) hung: bool,
     pub(crate) code: Option<i32>,
@@ -146,7 +148,7 @@ pub(crate) fn summary(rows: &[Row]) -> String {
     );
     for window in Window::ALL {
         let line: Vec<String> = (0..GROUPS.len())
-            .map(|group| worst(cells.get(&(window, group)).map_or(&[], Vec::as_slice)))
+            .map(|group| worst(cells.get(&(window, group)).map_or(&[][..], Vec::as_slice)))
             .collect();
         text.push_str(&format!("| {} | {} |\n", window.name(), line.join(" | ")));
     }
@@ -158,7 +160,7 @@ pub(crate) fn totals(rows: &[Row]) -> String {
     let played: Vec<&Row> = rows.iter().filter(|row| row.happened).collect();
     let counted = |fits: &dyn Fn(&Row) -> bool| played.iter().filter(|row| fits(row)).count();
     let late = counted(&|row| {
-        row.attack.window.is_watched() && (row.beyond_s > row.deadline_s || row.still)
+        row.attack.window.is_watched() && row.began && (row.beyond_s > row.deadline_s || row.still)
     });
     let numbers = counted(&|row| row.wrong_points > 0 && row.code == Some(0));
     let words = counted(&|row| !row.false_words.is_empty());
@@ -193,7 +195,9 @@ pub(crate) fn slow(rows: &[Row]) -> String {
         }
     }
     for (late_ms, rows) in by_latency {
-        let watched = rows.iter().filter(|row| row.attack.window.is_watched());
+        let watched = rows
+            .iter()
+            .filter(|row| row.attack.window.is_watched() && row.began);
         let longest = watched.map(|row| row.beyond_s).fold(0.0, f64::max);
         let bounds = rows.iter().filter_map(|row| row.bound_s);
         let bound = bounds.fold(f64::NAN, f64::max);

@@ -594,6 +594,11 @@ impl Trial<'_> {
             zero_s,
             still,
             happened: self.happened(),
+            began: self
+                .journal
+                .entries
+                .iter()
+                .any(|entry| entry.kind == "safe"),
             hung: self.hung,
             code,
             message: last_message(&text),
