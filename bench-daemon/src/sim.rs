@@ -19,7 +19,7 @@ pub use ports::{Over, Transport};
 
 use crate::{
     config::{Bench, ConfigError, Source},
-    mocks::{self, FaultLog, Happened, MockOptions, Quirks, Schedule, SharedPlant},
+    mocks::{self, FaultLog, Happened, MockOptions, Quirks, Remote, Schedule, SharedPlant},
 };
 
 /// Reason why a simulation cannot be made.
@@ -61,7 +61,11 @@ pub struct Simulation {
     faults: Option<Schedule>,
     happened: FaultLog,
     quirks: BTreeMap<&'static str, Quirks>,
+    remotes: Option<Remotes>,
 }
+
+/// Remote controls of the served instruments, by role.
+type Remotes = Arc<Mutex<BTreeMap<&'static str, Remote>>>;
 
 /// Where a mock listens.
 #[derive(Debug, Clone, serde::Serialize)]
@@ -101,6 +105,7 @@ impl Simulation {
             faults: None,
             happened: FaultLog::default(),
             quirks: BTreeMap::new(),
+            remotes: None,
         })
     }
 
@@ -114,6 +119,22 @@ impl Simulation {
     #[must_use]
     pub fn with_quirks(self, quirks: BTreeMap<&'static str, Quirks>) -> Self {
         Self { quirks, ..self }
+    }
+
+    /// The same with a remote control for each instrument that it serves ([`Self::remote`]).
+    #[must_use]
+    pub fn with_remotes(self) -> Self {
+        Self {
+            remotes: Some(Remotes::default()),
+            ..self
+        }
+    }
+
+    /// The remote control of an instrument that is served; `None` without [`Self::with_remotes`].
+    pub fn remote(&self, role: &str) -> Option<Remote> {
+        let remotes = self.remotes.as_ref()?;
+        let remotes = remotes.lock().unwrap_or_else(PoisonError::into_inner);
+        remotes.get(role).cloned()
     }
 
     /// The faults that have happened.
@@ -213,9 +234,16 @@ impl Simulation {
             Some(faults) => mocks::make_troubled(model, plant, &options, faults, &self.happened),
             None => mocks::make(model, plant, &options),
         };
-        made.map_err(|error| SimError::Model {
+        let device = made.map_err(|error| SimError::Model {
             role,
             reason: error.to_string(),
-        })
+        })?;
+        let Some(remotes) = &self.remotes else {
+            return Ok(device);
+        };
+        let (device, remote) = Remote::of(device);
+        let mut remotes = remotes.lock().unwrap_or_else(PoisonError::into_inner);
+        remotes.insert(role, remote);
+        Ok(device)
     }
 }

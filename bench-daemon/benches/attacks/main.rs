@@ -1,90 +1,128 @@
-//! Attacks on a bench: real processes on real ports, a simulated cell that records what it bears.
-//! For each attack one row: charge beyond what the step asked for, worst voltage and temperature,
-//! time to zero, exit code, last message, and what a resumed run found.
+//! Attacks on a bench: the product of windows of a run and faults, on real processes and real ports,
+//! with a simulated cell that records what it bears.
 //!
 //! `cargo bench --profile dev -p bench-daemon --bench attacks -- [--program PATH] [--only WORDS]
-//! [--out FILE.md]`; another build of the program can stand trial in the same attacks. Fails where
-//! more than the envelope of the step flowed for too long, or where a wrong number has no flag.
+//! [--sample N] [--jobs N] [--resume] [--list] [--out FILE.md]`; another build of the program can
+//! stand trial in the same attacks. Fails where more than the envelope of the step flowed for too
+//! long, where a wrong number has no flag, and where the last words were false.
 
 #![expect(
     clippy::expect_used,
     reason = "a trial that cannot be set up has no row"
 )]
 
-mod list;
+mod deed;
+mod job;
+mod judge;
+mod options;
+mod scene;
+mod table;
+mod timeline;
 mod trial;
+mod window;
 
-use std::sync::Mutex;
+use std::{fmt::Write, sync::Mutex};
 
-use list::{Attack, Deed};
-use trial::{Row, Usual, stand};
+use deed::Attack;
+use judge::Usual;
+use options::Options;
+use table::Row;
+use trial::Play;
 
-/// Attacks at a time: most of each is waiting.
-const AT_A_TIME: usize = 32;
+/// A trial whose own looks came later than this, s, is played again where it went wrong.
+const BUSY_S: f64 = 0.5;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let (mut program, mut only, mut out) = (
-        env!("CARGO_BIN_EXE_eis-bench").to_owned(),
-        String::new(),
-        None,
+    let program = env!("CARGO_BIN_EXE_eis-bench");
+    let options = Options::read(std::env::args().skip(1), program)?;
+    let (product, skipped) = deed::product();
+    let (quiet, attacks) = options.select(product);
+    let mut head = format!(
+        "{} attacks of {} windows",
+        attacks.len(),
+        window::Window::ALL.len()
     );
-    let mut words = std::env::args().skip(1);
-    while let Some(word) = words.next() {
-        match word.as_str() {
-            "--program" => program = words.next().ok_or("--program: expected a path")?,
-            "--only" => only = words.next().ok_or("--only: expected a part of a name")?,
-            "--out" => out = Some(words.next().ok_or("--out: expected a file")?),
-            "--bench" => {}
-            other => {
-                return Err(format!(
-                    "expected --program PATH, --only WORDS or --out FILE, found {other:?}"
-                )
-                .into());
-            }
-        }
+    for (why, count) in &skipped {
+        write!(head, "\n{count} pairs are left out: {why}")?;
+    }
+    println!("{head}\n");
+    if options.list {
+        attacks
+            .iter()
+            .for_each(|attack| println!("{}", attack.name()));
+        return Ok(());
     }
     let usual = Usual::default();
-    let (quiet, attacks): (Vec<Attack>, Vec<Attack>) = list::all()
-        .into_iter()
-        .partition(|attack| attack.deed == Deed::Nothing);
-    let attacks: Vec<Attack> = attacks
-        .into_iter()
-        .filter(|attack| attack.name().contains(&only))
-        .collect();
-    let rows = Mutex::new(Vec::new());
+    let play = Play {
+        program: &options.program,
+        usual: &usual,
+        resumes: options.resumes,
+    };
     // What nothing does to a run is what the others are compared with.
-    for some in [quiet, attacks] {
-        let next = Mutex::new(some.iter().enumerate());
-        std::thread::scope(|scope| {
-            for _ in 0..AT_A_TIME {
-                scope.spawn(|| {
-                    loop {
-                        let Some((number, attack)) =
-                            next.lock().ok().and_then(|mut next| next.next())
-                        else {
-                            return;
-                        };
-                        let row = stand(&program, attack, &usual);
-                        eprintln!("{}", row.line());
-                        if let Ok(mut rows) = rows.lock() {
-                            rows.push(((attack.deed != Deed::Nothing, number), row));
-                        }
+    let alone = quiet.first().map(|attack| play.stand(attack).took_s);
+    let mut rows = play_all(&play, &quiet, options.jobs);
+    let among = rows.first().map(|row| row.took_s);
+    if let Some((alone_s, among_s)) = alone.zip(among) {
+        println!(
+            "{}: {alone_s:.1} s alone, {among_s:.1} s among {} at a time\n",
+            rows[0].attack.name(),
+            options.jobs
+        );
+    }
+    rows.extend(play_all(&play, &attacks, options.jobs));
+    report(&rows, &options)
+}
+
+/// Plays attacks, some at a time; rows in their order.
+fn play_all(play: &Play<'_>, attacks: &[Attack], jobs: usize) -> Vec<Row> {
+    let (next, rows) = (
+        Mutex::new(attacks.iter().enumerate()),
+        Mutex::new(Vec::new()),
+    );
+    std::thread::scope(|scope| {
+        for _ in 0..jobs {
+            scope.spawn(|| {
+                while let Some((number, attack)) = next.lock().ok().and_then(|mut next| next.next())
+                {
+                    let mut row = play.stand(attack);
+                    if !row.wrong().is_empty() && row.lag_s > BUSY_S {
+                        eprintln!("the machine was busy, once more: {}", row.line());
+                        row = play.stand(attack);
                     }
-                });
-            }
-        });
-    }
-    let mut rows: Vec<((bool, usize), Row)> =
-        rows.into_inner().map_err(|_| "a trial has panicked")?;
+                    eprintln!("{}", row.line());
+                    if let Ok(mut rows) = rows.lock() {
+                        rows.push((number, row));
+                    }
+                }
+            });
+        }
+    });
+    let mut rows = rows.into_inner().unwrap_or_default();
     rows.sort_by_key(|(number, _)| *number);
-    let mut table = Row::HEAD.to_owned();
-    rows.iter()
-        .for_each(|(_, row)| table.push_str(&format!("{}\n", row.line())));
-    println!("{table}");
-    if let Some(out) = out {
-        std::fs::write(out, &table)?;
+    rows.into_iter().map(|(_, row)| row).collect()
+}
+
+/// Prints the table, and writes it and the rows where that is asked for.
+fn report(rows: &[Row], options: &Options) -> Result<(), Box<dyn std::error::Error>> {
+    let text = format!(
+        "{}\n{}\n{}",
+        table::totals(rows),
+        table::summary(rows),
+        table::slow(rows)
+    );
+    println!("{text}");
+    let mut lines = Row::HEAD.to_owned();
+    for row in rows {
+        writeln!(lines, "{}", row.line())?;
     }
-    let wrong: Vec<String> = rows.iter().flat_map(|(_, row)| row.wrong()).collect();
+    if let Some(out) = &options.out {
+        std::fs::write(out, format!("{text}\n{lines}"))?;
+    }
+    let wrong: Vec<String> = rows
+        .iter()
+        .filter(|row| !row.wrong().is_empty())
+        .map(|row| format!("{}: {}", row.attack.name(), row.wrong().join("; ")))
+        .collect();
     println!(
         "{} attacks, {} with something that must not be",
         rows.len(),

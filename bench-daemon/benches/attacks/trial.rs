@@ -1,389 +1,214 @@
-//! Runs one attack, from its files to its row of results. The mocks are served by a thread of this
-//! process, so that the strain of the cell is known. The program under attack knows only addresses.
+//! Plays one attack, from its files to its row of results.
 
 use std::{
-    collections::BTreeMap,
     fs,
-    path::Path,
+    path::{Path, PathBuf},
     process::{Child, Command, Stdio},
-    sync::{Arc, Mutex, PoisonError, mpsc},
     time::{Duration, Instant},
 };
 
-use analysis::dataset::read_spectrum_csv;
-use bench_daemon::{config::load_bench, sim::Simulation};
-use fixtures::SimulatedBench;
-use instruments::{
-    clock::{Clock, TimeMode},
-    fixture::Fixture,
-    mock::{
-        FaultSwitch, Schedule,
-        plant::{Meter, Plant},
-    },
+use instruments::mock::{
+    Armed, Fault, Schedule,
+    plant::{Drift, Plant},
 };
 use nix::{
     sys::signal::{Signal, kill},
     unistd::Pid,
 };
-use num_complex::Complex64;
 
-use crate::list::{Attack, Deed, Job, RECHARGE_S};
+use super::{
+    deed::{Attack, BIPOLAR_FIXED, Deed, Hand},
+    job::Job,
+    judge::{
+        NOTHING_A, Usual, beyond, deadline_s, false_words, printed_bound_s, shares, wrong_points,
+    },
+    scene::{Scene, Switches, lock},
+    table::Row,
+    timeline::{Journal, Said},
+    window::{Cue, Window},
+};
 
-/// Bench time runs so many times as fast: deadlines of links are of the wall, so that a discharge,
-/// which nobody can wait for, loses ten times as long by them.
-fn factor(job: Job) -> f64 {
-    if job == Job::Reset { 10.0 } else { 1.0 }
-}
-
-/// Between two looks at the true current, bench s.
-const SAMPLE_S: f64 = 0.05;
-/// Before the charge of a reset is surely under way the discharge may still be, s.
-const GOES_OVER_S: f64 = 200.0;
-/// Nothing flows, A.
-const NOTHING_A: f64 = 0.1;
-/// Longest wait for a process, of the wall.
-const PATIENCE: Duration = Duration::from_secs(300);
-/// Time after the end of a process within which its last output arrives, wall clock.
+/// Between two looks at a run.
+const LOOK: Duration = Duration::from_millis(20);
+/// A run that was asked to end may take this long, s; then it is killed.
+const ENDING_S: f64 = 30.0;
+/// A run is asked to end this long after the deed, s: where it would not end soon by itself, where
+/// it would, and where it must go on after an outage.
+const OBSERVED_S: (f64, f64, f64) = (25.0, 150.0, 280.0);
+/// A window that has not come by then does not come, s.
+const REACHED_S: f64 = 200.0;
+/// A pause or a prompt ends this long after the deed, s.
+const WAITED_S: f64 = 12.0;
+/// The second client comes this long after answers became late, s.
+const SLOW_FIRST_S: f64 = 3.0;
+/// How late blocks of the scope are in the window of their download, s.
+const BLOCK_S: f64 = 3.0;
+/// The longest work of a guardian that is waited for, s, and of a command.
+const GUARDIAN_S: f64 = 60.0;
+const COMMAND: Duration = Duration::from_secs(300);
+/// Time after the end of a process within which its last output arrives.
 const LINGER: Duration = Duration::from_secs(2);
-/// Share by which a number may be off without being wrong.
-const OFF: f64 = 0.01;
+/// Roles of the instruments on ports.
+const ROLES: [&str; 7] = [
+    "supply4q",
+    "generator",
+    "scope",
+    "load",
+    "supply",
+    "chiller",
+    "logger",
+];
 
-/// Result of one attack.
-pub(crate) struct Row {
-    name: String,
-    job: Job,
-    /// Charge beyond the envelope of the step and 10 %, A·s.
-    beyond_as: f64,
-    /// From the first to the last instant beyond it, s.
-    beyond_s: f64,
-    /// The greatest and least voltage, V, and the greatest temperature, °C, of the cell.
-    worst: (f64, f64, f64),
-    abuse: usize,
-    /// From the attack to the last current, s; none where some still flowed at the end.
-    zero_s: Option<f64>,
-    still: bool,
-    happened: bool,
-    code: Option<i32>,
-    message: String,
-    /// Points that are wrong and have no flag.
-    wrong: usize,
-    resumed: String,
+/// How attacks are played.
+pub(crate) struct Play<'a> {
+    pub(crate) program: &'a str,
+    pub(crate) usual: &'a Usual,
+    /// A run that did not end with 0 is resumed on mended instruments.
+    pub(crate) resumes: bool,
 }
 
-impl Row {
-    pub(crate) const HEAD: &'static str = "| attack | beyond the step, A·s (s) | worst V, °C | to \
-    zero, s | code | message | resumed |\n|---|---|---|---|---|---|---|\n";
+/// One attack under way.
+struct Trial<'a> {
+    play: &'a Play<'a>,
+    attack: Attack,
+    folder: &'a Path,
+    run: PathBuf,
+    scene: &'a Scene,
+    switches: Switches,
+    child: Child,
+    journal: Journal,
+    said: Said,
+    /// Messages of the program and of its guardian, with their times, s.
+    reports: Vec<(f64, String)>,
+    deed_s: Option<f64>,
+    /// What is still to come: bench time, s, and whose hand.
+    later: Vec<(f64, Hand)>,
+    /// The number of the last question that was answered, and whether the pause was asked for.
+    answered: u64,
+    paused: bool,
+    prelude: bool,
+    asked_to_end_s: Option<f64>,
+    helpers: Vec<Child>,
+    hung: bool,
+}
 
-    pub(crate) fn line(&self) -> String {
-        let Self {
-            name,
-            beyond_as,
-            beyond_s,
-            worst: (least_v, most_v, most_c),
-            zero_s,
-            code,
-            message,
-            resumed,
-            ..
-        } = self;
-        let zero = match (self.still, zero_s) {
-            (true, _) => "STILL FLOWS".to_owned(),
-            (false, Some(zero_s)) if self.code != Some(0) => format!("{zero_s:.1}"),
-            _ => "–".to_owned(),
+impl Play<'_> {
+    /// Plays one attack.
+    pub(crate) fn stand(&self, attack: &Attack) -> Row {
+        let job = attack.window.job();
+        let folder = job.files();
+        let switches = Switches::default();
+        let schedule = match attack.deed {
+            Deed::Fault(role, fault) => Some(Schedule {
+                seed: 1,
+                per_message: 1.0,
+                most: 1,
+                faults: vec![fault],
+                role: Some(role.to_owned()),
+                awaits: Some(switches.begun.clone()),
+                repaired: switches.repaired.clone(),
+                ..Schedule::default()
+            }),
+            _ => None,
         };
-        let code = code.map_or("none".to_owned(), |code| code.to_string());
-        let message: String = message.replace('|', "/").chars().take(220).collect();
-        let happened = if self.happened {
-            ""
-        } else {
-            " (did not happen)"
-        };
-        format!(
-            "| {name}{happened} | {beyond_as:.2} ({beyond_s:.1}) | {least_v:.3}…{most_v:.3}, \
-            {most_c:.1} | {zero} | {code} | {message} | {resumed} |"
-        )
-    }
-
-    /// Violations of the safety rules, in words; empty where there are none.
-    pub(crate) fn wrong(&self) -> Vec<String> {
-        let period_s: f64 = if self.job == Job::Slow { 5.0 } else { 0.1 };
-        let mut wrong = Vec::new();
-        if self.beyond_s > period_s.max(2.0) + 1.0 {
-            wrong.push(format!(
-                "{}: {:.1} s beyond the envelope of the step",
-                self.name, self.beyond_s
-            ));
+        let scene = Scene::serve(folder.path(), schedule, job.has_person());
+        if attack.window == Window::Download
+            && let Some(scope) = scene.remote("scope")
+        {
+            scope.delay_blocks(BLOCK_S);
         }
-        if self.wrong > 0 && self.code == Some(0) {
-            wrong.push(format!(
-                "{}: {} points are wrong, without a flag and with exit code 0",
-                self.name, self.wrong
-            ));
-        }
-        if self.still {
-            wrong.push(format!("{}: a current still flows at the end", self.name));
-        }
-        if self.abuse > 0 {
-            wrong.push(format!(
-                "{}: the cell was harmed {} times",
-                self.name, self.abuse
-            ));
-        }
-        wrong
-    }
-}
-
-/// The least and the greatest current that the step in work asks for at a bench time, A.
-fn asked_a(job: Job, time_s: f64) -> (f64, f64) {
-    match job {
-        Job::Slow | Job::Fast => (-1.0, 1.0),
-        // A discharge, then a charge: when the one has gone over into the other differs from run to
-        // run by some seconds.
-        Job::Reset if time_s < RECHARGE_S - GOES_OVER_S => (-5.0, 0.0),
-        // And a sweep behind it.
-        Job::Reset if time_s > RECHARGE_S => (-1.0, 3.0),
-        Job::Reset => (-5.0, 3.0),
-    }
-}
-
-/// Samples of bench time, s, and true current, A.
-type Samples = Arc<Mutex<Vec<(f64, f64)>>>;
-
-struct Served {
-    world: Arc<Mutex<SimulatedBench>>,
-    simulation: Simulation,
-    samples: Samples,
-    stop: Option<tokio::sync::oneshot::Sender<()>>,
-    thread: Option<std::thread::JoinHandle<()>>,
-}
-
-impl Drop for Served {
-    fn drop(&mut self) {
-        if let Some(stop) = self.stop.take() {
-            let _ = stop.send(());
-        }
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
-    }
-}
-
-fn lock<T>(shared: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    shared.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Serves the mocks with their schedule and writes their addresses into the bench file.
-fn serve(folder: &Path, schedule: Option<Schedule>, factor: f64) -> Served {
-    let path = folder.join("benches/demo.toml");
-    let (bench, _) = load_bench(&path).expect("the bench of the demo");
-    let simulation = Simulation::new(&folder.join("scenarios/p45b.toml"), 1)
-        .expect("its scenario")
-        .with_faults(schedule);
-    let (world, samples) = (simulation.world().clone(), Samples::default());
-    let (stop, mut stopped) = tokio::sync::oneshot::channel();
-    let (tell, told) = mpsc::channel();
-    let (served, seen, kept) = (simulation.clone(), world.clone(), samples.clone());
-    let mode = TimeMode::Scaled(factor);
-    let thread = std::thread::spawn(move || {
-        let runtime = Clock::runtime(mode).expect("a runtime");
-        runtime.block_on(async {
-            let clock = Clock::start(mode);
-            let addresses = served
-                .serve_on_ports(&bench, &[], &clock)
-                .await
-                .expect("free ports");
-            tell.send(addresses).expect("a listener");
-            while stopped.try_recv().is_err() {
-                clock.sleep_s(SAMPLE_S).await;
-                let mut world = lock(&seen);
-                let now_s = clock.now_s();
-                world.read(now_s, Meter::BipolarAmps);
-                let amps = world.truth_current_a();
-                lock(&kept).push((now_s, amps));
-            }
-        });
-    });
-    let mut text = fs::read_to_string(&path)
-        .expect("the bench file")
-        .replace("[simulation]", &format!("[simulation]\ntime = \"{mode}\""));
-    for served in told.recv().expect("addresses") {
-        text = text.replace(
-            &format!("\"memory:{}\"", served.role),
-            &format!("{:?}", served.address),
-        );
-    }
-    fs::write(&path, text).expect("a bench file");
-    Served {
-        world,
-        simulation,
-        samples,
-        stop: Some(stop),
-        thread: Some(thread),
-    }
-}
-
-/// The demo's files, changed for the job.
-fn files(job: Job) -> tempfile::TempDir {
-    let folder = tempfile::tempdir().expect("a folder");
-    let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
-    for name in [
-        "experiments/demo.toml",
-        "benches/demo.toml",
-        "cells/p45b.toml",
-        "scenarios/p45b.toml",
-    ] {
-        let path = folder.path().join(name);
-        fs::create_dir_all(path.parent().expect("a folder")).expect("a folder");
-        fs::copy(configs.join(name), path).expect("a copy");
-    }
-    let experiment = folder.path().join("experiments/demo.toml");
-    let mut text = without(
-        &fs::read_to_string(&experiment).expect("the experiment"),
-        &["temperature", "fixture_check"],
-    );
-    let (start, stop, points) = match job {
-        Job::Slow => ("0.2 Hz", "2 Hz", 3),
-        Job::Fast => ("100 Hz", "300 Hz", 8),
-        Job::Reset => ("100 Hz", "300 Hz", 2),
-    };
-    if job != Job::Reset {
-        text = without(&text, &["soc_reset"]);
-    }
-    for (from, to) in [
-        ("start = \"0.1 Hz\"", format!("start = \"{start}\"")),
-        ("stop = \"300 Hz\"", format!("stop = \"{stop}\"")),
-        ("points = 20", format!("points = {points}")),
-        ("rc = [1, 2, 3, 4]", "rc = [1]".to_owned()),
-    ] {
-        assert!(text.contains(from), "{from}");
-        text = text.replacen(from, &to, 1);
-    }
-    fs::write(experiment, text).expect("the experiment");
-    folder
-}
-
-fn without(text: &str, sections: &[&str]) -> String {
-    let mut inside = false;
-    let mut kept = String::new();
-    for line in text.lines() {
-        if let Some(name) = line.strip_prefix('[') {
-            inside = sections.iter().any(|section| {
-                name.starts_with(&format!("{section}]")) || name.starts_with(&format!("{section}."))
-            });
-        }
-        if !inside {
-            kept.push_str(line);
-            kept.push('\n');
-        }
-    }
-    kept
-}
-
-/// Plays one attack.
-pub(crate) fn stand(program: &str, attack: &Attack, usual: &Usual) -> Row {
-    let folder = files(attack.job);
-    let repaired = FaultSwitch::default();
-    let schedule = match attack.deed {
-        Deed::Fault(role, fault, variant) => Some(Schedule {
-            seed: 1,
-            per_message: 1.0,
-            most: 1,
-            faults: vec![fault],
-            role: Some(role.to_owned()),
-            from_s: attack.from_s,
-            variant: Some(variant),
-            repaired: repaired.clone(),
-        }),
-        Deed::Signal(..) | Deed::Nothing => None,
-    };
-    let served = serve(folder.path(), schedule, factor(attack.job));
-    let run = folder.path().join("run");
-    let mut child = start(
-        program,
-        &[
+        let run = folder.path().join("run");
+        let experiment = folder.path().join("experiments/attack.toml");
+        let mut child = self.start(&[
             "run".as_ref(),
-            folder.path().join("experiments/demo.toml").as_os_str(),
+            experiment.as_os_str(),
             "--out".as_ref(),
             run.as_os_str(),
-        ],
-    );
-    let mut deed_s = None;
-    if let Deed::Signal(whom, signal) = attack.deed {
-        wait(|| {
-            lock(&served.samples)
-                .last()
-                .is_some_and(|(now_s, _)| *now_s > attack.from_s)
+        ]);
+        let said = Said::default();
+        let pipes = [
+            child
+                .stdout
+                .take()
+                .map(|pipe| said.listen(pipe, scene.clock.clone())),
+            child
+                .stderr
+                .take()
+                .map(|pipe| said.listen(pipe, scene.clock.clone())),
+        ];
+        let mut trial = Trial {
+            play: self,
+            attack: *attack,
+            folder: folder.path(),
+            journal: Journal::of(&run),
+            run,
+            scene: &scene,
+            switches,
+            child,
+            said,
+            reports: Vec::new(),
+            deed_s: None,
+            later: Vec::new(),
+            answered: 0,
+            paused: false,
+            prelude: false,
+            asked_to_end_s: None,
+            helpers: Vec::new(),
+            hung: false,
+        };
+        let code = trial.until_end();
+        // A guardian that goes on may hold the pipes: what was said until now is enough.
+        wait_at_most(LINGER, || {
+            pipes.iter().flatten().all(|pipe| pipe.is_finished())
         });
-        deed_s = lock(&served.samples).last().map(|(now_s, _)| *now_s);
-        signal_to(&child, (whom, signal), folder.path());
+        let ended_s = scene.now_s();
+        trial.until_guardian_rests(code);
+        trial.judge(code, ended_s)
     }
-    let (code, text) = ended(&mut child);
-    if matches!(attack.deed, Deed::Signal(..)) || code == Some(6) {
-        // The guardian is still at it.
-        wait(|| {
-            status(folder.path())
-                .is_some_and(|status| status != "watching" && status != "switching off")
-                || quiet_for(&served, 60.0)
-        });
-    }
-    let happened = served.simulation.happened();
-    deed_s = deed_s.or_else(|| happened.first().map(|happened| happened.time_s));
-    let samples = lock(&served.samples).clone();
-    let (beyond_as, beyond_s) = beyond(attack.job, &samples);
-    let witness = lock(&served.world).witness();
-    let still = samples
-        .last()
-        .is_some_and(|(_, amps)| amps.abs() > NOTHING_A);
-    let last_s = samples
-        .iter()
-        .rev()
-        .find(|(_, amps)| amps.abs() > NOTHING_A)
-        .map_or(0.0, |(now_s, _)| *now_s);
-    let shares = shares(&run, &served);
-    if attack.deed == Deed::Nothing {
-        lock(usual).insert(attack.job, shares.iter().map(|(_, share)| *share).collect());
-    }
-    // Not held while others want it.
-    let usual = lock(usual).get(&attack.job).cloned();
-    let wrong = wrong_points(&shares, usual.as_ref(), &text);
-    repaired.mend();
-    let resumed = if code == Some(0) {
-        "–".to_owned()
-    } else {
-        resume(program, (folder.path(), &served), usual.as_ref())
-    };
-    Row {
-        name: attack.name(),
-        job: attack.job,
-        beyond_as,
-        beyond_s,
-        worst: (witness.least_v, witness.greatest_v, witness.greatest_c),
-        abuse: witness.abuse.len(),
-        zero_s: deed_s
-            .filter(|_| !still)
-            .map(|deed_s| (last_s - deed_s).max(0.0)),
-        still,
-        happened: !happened.is_empty() || matches!(attack.deed, Deed::Signal(..) | Deed::Nothing),
-        code,
-        message: text
-            .lines()
-            .rev()
-            .find_map(|line| line.strip_prefix("eis-bench: "))
-            .unwrap_or_default()
-            .to_owned(),
-        wrong,
-        resumed,
-    }
-}
 
-fn start(program: &str, words: &[&std::ffi::OsStr]) -> Child {
-    Command::new(program)
-        .args(words)
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("the program")
+    fn start(&self, words: &[&std::ffi::OsStr]) -> Child {
+        Command::new(self.program)
+            .args(words)
+            .env("EIS_BENCH_OPERATOR", "run-folder")
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program")
+    }
+
+    /// Runs a command to its end; its exit code and what it has said.
+    fn command(&self, words: &[&std::ffi::OsStr]) -> (Option<i32>, String) {
+        let mut child = self.start(words);
+        let pipes = (child.stdout.take(), child.stderr.take());
+        let reader = std::thread::spawn(move || {
+            let mut text = String::new();
+            let (out, err) = pipes;
+            if let Some(mut out) = out {
+                let _ = std::io::Read::read_to_string(&mut out, &mut text);
+            }
+            if let Some(mut err) = err {
+                let _ = std::io::Read::read_to_string(&mut err, &mut text);
+            }
+            text
+        });
+        let mut status = None;
+        wait_at_most(COMMAND, || {
+            status = child.try_wait().ok().flatten();
+            status.is_some()
+        });
+        if status.is_none() {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+        wait_at_most(LINGER, || reader.is_finished());
+        let text = if reader.is_finished() {
+            reader.join().unwrap_or_default()
+        } else {
+            String::new()
+        };
+        (status.and_then(|status| status.code()), text)
+    }
 }
 
 #[expect(
@@ -393,185 +218,444 @@ fn start(program: &str, words: &[&std::ffi::OsStr]) -> Child {
 fn wait_at_most(most: Duration, mut done: impl FnMut() -> bool) {
     let start = Instant::now();
     while start.elapsed() < most && !done() {
-        std::thread::sleep(Duration::from_millis(20));
+        std::thread::sleep(LOOK);
     }
 }
 
-fn wait(done: impl FnMut() -> bool) {
-    wait_at_most(PATIENCE, done);
-}
-
-/// How a process ends, killed when it does not within the patience, and what it has said.
-fn ended(child: &mut Child) -> (Option<i32>, String) {
-    let messages = [
-        child.stdout.take().map(listen),
-        child.stderr.take().map(listen),
-    ];
-    let mut status = None;
-    wait(|| {
-        status = child.try_wait().ok().flatten();
-        status.is_some()
-    });
-    if status.is_none() {
-        let _ = child.kill();
-        let _ = child.wait();
+impl Trial<'_> {
+    /// Follows the run to its end; its exit code.
+    fn until_end(&mut self) -> Option<i32> {
+        let mut status = None;
+        wait_at_most(Duration::MAX, || {
+            status = self.child.try_wait().ok().flatten();
+            status.is_some() || self.look()
+        });
+        self.journal.read(self.scene.now_s());
+        if status.is_none() {
+            self.hung = true;
+            let _ = self.child.kill();
+            status = self.child.wait().ok();
+        }
+        for mut helper in self.helpers.drain(..) {
+            let _ = helper.kill();
+            let _ = helper.wait();
+        }
+        status.and_then(|status| status.code())
     }
-    // A guardian that goes on may hold the pipes: what was said until now is enough.
-    wait_at_most(LINGER, || {
-        messages
+
+    /// One look at the run; whether its time is over.
+    fn look(&mut self) -> bool {
+        let now_s = self.scene.now_s();
+        self.journal.read(now_s);
+        self.note_guardian(now_s);
+        self.serve_person(now_s);
+        self.prepare(now_s);
+        if self.deed_s.is_none() && self.attack.deed != Deed::Nothing && self.is_in_window(now_s) {
+            self.deed_s = Some(now_s);
+            self.act(now_s);
+        }
+        self.act_later(now_s);
+        self.end_in_time(now_s)
+    }
+
+    /// Asks the run to end where it has taken too long; whether that has not helped.
+    fn end_in_time(&mut self, now_s: f64) -> bool {
+        let (long_s, soon_s, outage_s) = OBSERVED_S;
+        let soon = self.attack.window.ends_soon();
+        let most_s = match (self.attack.deed.is_transient(), soon) {
+            (true, _) if self.attack.window != Window::Leg => outage_s,
+            (true, _) => 2.0 * long_s,
+            (false, true) => soon_s,
+            (false, false) => long_s,
+        };
+        let late = match self.deed_s {
+            Some(deed_s) => now_s - deed_s > most_s,
+            None if self.attack.deed == Deed::Nothing && self.attack.window == Window::Leg => {
+                now_s > long_s
+            }
+            None if self.attack.deed == Deed::Nothing => now_s > outage_s,
+            None => now_s > REACHED_S,
+        };
+        if late && self.asked_to_end_s.is_none() {
+            self.hung = soon;
+            self.asked_to_end_s = Some(now_s);
+            self.signal((0, Signal::SIGINT));
+        }
+        self.asked_to_end_s
+            .is_some_and(|asked_s| now_s - asked_s > ENDING_S)
+    }
+
+    /// The window is reached.
+    fn is_in_window(&self, now_s: f64) -> bool {
+        let since = |entry_s: f64, delay_s: f64| now_s - entry_s >= delay_s;
+        match self.attack.window.cue() {
+            Cue::Step(words, delay_s) => self.journal.last().is_some_and(|entry| {
+                entry.kind == "intent"
+                    && entry.text().contains(words)
+                    && since(entry.now_s, delay_s)
+            }),
+            Cue::Entry(kind, delay_s) => self
+                .journal
+                .entries
+                .iter()
+                .find(|entry| entry.kind == kind)
+                .is_some_and(|entry| since(entry.now_s, delay_s)),
+            Cue::LastSafe => self
+                .journal
+                .last_safe_s(self.attack.window.job().stages())
+                .is_some(),
+            Cue::Said(words, delay_s) => self
+                .said
+                .at_s(words)
+                .is_some_and(|said_s| since(said_s, delay_s)),
+            Cue::Heard(role, words) => self
+                .scene
+                .remote(role)
+                .and_then(|remote| remote.heard())
+                .is_some_and(|(heard_s, message)| {
+                    message.contains(words) && now_s - heard_s < BLOCK_S
+                }),
+        }
+    }
+
+    /// Brings the run into windows that do not come by themselves.
+    fn prepare(&mut self, now_s: f64) {
+        if self.attack.window == Window::Pause {
+            self.pause(now_s);
+        }
+        let in_sine = self.journal.last().is_some_and(|entry| {
+            entry.kind == "intent" && entry.text().starts_with("point") && now_s - entry.now_s > 0.5
+        });
+        if self.attack.window.is_after_fault() && !self.prelude && in_sine {
+            self.prelude = true;
+            self.arm("supply4q", Fault::Reset, "?");
+        }
+    }
+
+    /// Asks for a pause, and for its end.
+    fn pause(&mut self, now_s: f64) {
+        let wish = |course: &str| {
+            let text = format!("{{\"course\":\"{course}\",\"order\":[]}}");
+            let path = self.run.join("wishes.tmp");
+            let _ = fs::write(&path, text)
+                .and_then(|()| fs::rename(&path, self.run.join("wishes.json")));
+        };
+        let is_paused = self
+            .journal
+            .last()
+            .is_some_and(|entry| entry.kind == "paused");
+        if !self.paused && !self.journal.entries.is_empty() {
+            self.paused = true;
+            wish("pause");
+        }
+        let over = match self.deed_s {
+            Some(deed_s) => now_s - deed_s > WAITED_S,
+            None => self.attack.deed == Deed::Nothing,
+        };
+        if is_paused && over {
+            wish("go_on");
+        }
+    }
+
+    /// Answers a question as a person does, who changes the fixture.
+    fn serve_person(&mut self, now_s: f64) {
+        let Some(entry) = self.journal.last().filter(|entry| entry.kind == "asked") else {
+            return;
+        };
+        let over = match self.deed_s {
+            Some(deed_s) => now_s - deed_s > WAITED_S,
+            None => self.attack.deed == Deed::Nothing || now_s - entry.now_s > WAITED_S,
+        };
+        if !over || entry.number == self.answered {
+            return;
+        }
+        self.answered = entry.number;
+        let fixture = serde_json::from_value(entry.value["fixture"].clone());
+        if let Ok(fixture) = fixture {
+            lock(&self.scene.world).mount(now_s, fixture);
+        }
+        let number = self.answered.to_string();
+        self.helpers.push(self.play.start(&[
+            "answer".as_ref(),
+            self.run.as_os_str(),
+            "--done".as_ref(),
+            "--question".as_ref(),
+            number.as_ref(),
+        ]));
+    }
+
+    /// Does the deed.
+    fn act(&mut self, now_s: f64) {
+        match self.attack.deed {
+            Deed::Nothing => {}
+            Deed::Hand(hand) => self.meddle(hand),
+            Deed::Hang(role, fault, within) => self.arm(role, fault, within),
+            Deed::Fault(..) => self.switches.begun.throw(),
+            Deed::Slow(late_s, hand) => {
+                for remote in ROLES.iter().filter_map(|role| self.scene.remote(role)) {
+                    remote.delay(late_s);
+                }
+                self.later.push((now_s + SLOW_FIRST_S, hand));
+            }
+            Deed::Gone(role, span_s, closed) => {
+                let gone = ROLES
+                    .iter()
+                    .filter(|known| role.is_none_or(|role| role == **known));
+                for remote in gone.filter_map(|role| self.scene.remote(role)) {
+                    remote.leave(now_s + span_s, closed);
+                }
+            }
+            Deed::Signal(whom, signal) => self.signal((whom, signal)),
+            Deed::FolderGone => {
+                let _ = fs::remove_dir_all(&self.run);
+            }
+            Deed::Offset(greatest_a) => lock(&self.scene.world).drift(
+                now_s,
+                Drift {
+                    a_per_s: 100.0,
+                    greatest_a,
+                },
+            ),
+        }
+    }
+
+    fn act_later(&mut self, now_s: f64) {
+        let due: Vec<Hand> = self
+            .later
             .iter()
-            .flatten()
-            .all(|(reader, _)| reader.is_finished())
-    });
-    let text = messages
-        .iter()
-        .flatten()
-        .map(|(_, text)| lock(text).clone())
-        .collect::<String>();
-    (status.and_then(|status| status.code()), text)
-}
-
-/// Collects what comes out of a pipe.
-fn listen(
-    mut pipe: impl std::io::Read + Send + 'static,
-) -> (std::thread::JoinHandle<()>, Arc<Mutex<String>>) {
-    let text = Arc::new(Mutex::new(String::new()));
-    let kept = text.clone();
-    let reader = std::thread::spawn(move || {
-        let mut bytes = [0; 4096];
-        while let Ok(count @ 1..) = pipe.read(&mut bytes) {
-            lock(&kept).push_str(&String::from_utf8_lossy(&bytes[..count]));
+            .filter(|(at_s, _)| *at_s <= now_s)
+            .map(|(_, hand)| *hand)
+            .collect();
+        self.later.retain(|(at_s, _)| *at_s > now_s);
+        for hand in due {
+            // The time to zero counts from the hand on.
+            self.deed_s = Some(now_s);
+            self.meddle(hand);
         }
-    });
-    (reader, text)
-}
-
-fn status(folder: &Path) -> Option<String> {
-    let text = fs::read_to_string(folder.join("benches/.eis-bench/demo/guardian.json")).ok()?;
-    Some(
-        serde_json::from_str::<serde_json::Value>(&text).ok()?["status"]
-            .as_str()?
-            .to_owned(),
-    )
-}
-
-fn signal_to(child: &Child, (whom, signal): (u8, Signal), folder: &Path) {
-    let guardian = || {
-        let text = fs::read_to_string(folder.join("benches/.eis-bench/demo/guardian.json")).ok()?;
-        i32::try_from(serde_json::from_str::<serde_json::Value>(&text).ok()?["pid"].as_i64()?).ok()
-    };
-    if whom >= 1
-        && let Some(pid) = guardian()
-    {
-        let _ = kill(Pid::from_raw(pid), signal);
-    }
-    if whom != 1 {
-        let _ = kill(
-            Pid::from_raw(i32::try_from(child.id()).unwrap_or(i32::MAX)),
-            signal,
-        );
-    }
-}
-
-/// Nothing has flowed for so long, bench s.
-fn quiet_for(served: &Served, span_s: f64) -> bool {
-    let samples = lock(&served.samples);
-    let Some((now_s, _)) = samples.last() else {
-        return false;
-    };
-    samples
-        .iter()
-        .rev()
-        .take_while(|(at_s, _)| now_s - at_s < span_s)
-        .all(|(_, amps)| amps.abs() <= NOTHING_A)
-}
-
-/// Charge beyond the envelope of the step, A·s, and the time from its first to its last instant, s.
-fn beyond(job: Job, samples: &[(f64, f64)]) -> (f64, f64) {
-    let excess = |(time_s, amps): (f64, f64)| {
-        let (least, most) = asked_a(job, time_s);
-        (1.1f64.mul_add(least, -NOTHING_A) - amps)
-            .max(amps - 1.1f64.mul_add(most, NOTHING_A))
-            .max(0.0)
-    };
-    let (mut charge, mut first, mut last) = (0.0, None, 0.0);
-    for pair in samples.windows(2) {
-        let over = excess(pair[1]);
-        if over > 0.0 {
-            charge += over * (pair[1].0 - pair[0].0);
-            first.get_or_insert(pair[1].0);
-            last = pair[1].0;
+        if let Deed::Hang(role, ..) = self.attack.deed
+            && let Some(befell_s) = self.scene.remote(role).and_then(|remote| remote.befell_s())
+            && !self.prelude
+        {
+            self.prelude = true;
+            self.deed_s = Some(befell_s);
+            self.meddle(BIPOLAR_FIXED);
         }
     }
-    (charge, first.map_or(0.0, |first| last - first))
-}
 
-/// Ratio of measured to true impedance at each point of an undisturbed run, by job. The bench has
-/// no fixture check.
-pub(crate) type Usual = Mutex<BTreeMap<Job, Vec<Complex64>>>;
+    fn meddle(&self, hand: Hand) {
+        let now_s = self.scene.now_s();
+        if let Some(remote) = self.scene.remote(hand.role) {
+            for message in hand.messages {
+                remote.send(now_s, message);
+            }
+        }
+    }
 
-/// The points of the cell's spectrum, each over the truth, with their frequencies, Hz.
-fn shares(run: &Path, served: &Served) -> Vec<(f64, Complex64)> {
-    let Ok(points) = read_spectrum_csv(&run.join("spectrum.csv")) else {
-        return Vec::new();
-    };
-    let world = lock(&served.world);
-    points
-        .iter()
-        .map(|point| {
-            (
-                point.freq_hz,
-                point.z_ohm / world.truth_impedance(Fixture::Cell, point.freq_hz),
-            )
+    fn arm(&self, role: &str, fault: Fault, within: &str) {
+        if let Some(remote) = self.scene.remote(role) {
+            remote.arm(Armed {
+                fault,
+                within: within.to_owned(),
+            });
+        }
+    }
+
+    /// The report of the guardian.
+    fn guardian(&self) -> Option<serde_json::Value> {
+        let path = self.folder.join("benches/.eis-bench/demo/guardian.json");
+        serde_json::from_str(&fs::read_to_string(path).ok()?).ok()
+    }
+
+    /// Notes what the guardian reports, where that is new.
+    fn note_guardian(&mut self, now_s: f64) {
+        let Some(status) = self
+            .guardian()
+            .and_then(|report| Some(report["status"].as_str()?.to_owned()))
+        else {
+            return;
+        };
+        let text = match status.as_str() {
+            "verified" | "verified, bath not reached" => {
+                format!("guardian.json: {status}: every output is off")
+            }
+            other => format!("guardian.json: {other}"),
+        };
+        if self.reports.last().is_none_or(|(_, last)| *last != text) {
+            self.reports.push((now_s, text));
+        }
+    }
+
+    fn signal(&self, (whom, signal): (u8, Signal)) {
+        if whom >= 1
+            && let Some(pid) = self.guardian().and_then(|report| report["pid"].as_i64())
+            && let Ok(pid) = i32::try_from(pid)
+        {
+            let _ = kill(Pid::from_raw(pid), signal);
+        }
+        if whom != 1
+            && let Ok(pid) = i32::try_from(self.child.id())
+        {
+            let _ = kill(Pid::from_raw(pid), signal);
+        }
+    }
+
+    /// Waits for a guardian that is still at work.
+    fn until_guardian_rests(&mut self, code: Option<i32>) {
+        if !matches!(self.attack.deed, Deed::Signal(..)) && code.is_some_and(|code| code != 6) {
+            return;
+        }
+        wait_at_most(Duration::from_secs_f64(GUARDIAN_S), || {
+            self.note_guardian(self.scene.now_s());
+            self.reports.last().is_some_and(|(_, text)| {
+                !text.ends_with("watching") && !text.ends_with("switching off")
+            }) || self.scene.is_quiet_for(20.0)
+        });
+    }
+
+    fn happened(&self) -> bool {
+        match self.attack.deed {
+            Deed::Nothing => true,
+            Deed::Fault(..) => !self.scene.simulation.happened().is_empty(),
+            Deed::Hang(role, ..) => self
+                .scene
+                .remote(role)
+                .is_some_and(|remote| remote.befell_s().is_some()),
+            Deed::Slow(..) => self.deed_s.is_some() && self.later.is_empty(),
+            _ => self.deed_s.is_some(),
+        }
+    }
+
+    /// What may flow at which time. A journal that was deleted says nothing: then all that the job
+    /// ever asks for may flow.
+    fn envelope(&self, ended_s: f64) -> Vec<(f64, (f64, f64))> {
+        let job = self.attack.window.job();
+        let mut envelope = match self.attack.deed {
+            Deed::FolderGone => vec![(0.0, job.extremes_a())],
+            _ => self.journal.envelope(job),
+        };
+        // Whoever was killed has left on what its step asked for, until its guardian has acted.
+        if !self.attack.deed.takes_lease() {
+            envelope.push((ended_s, (0.0, 0.0)));
+        }
+        envelope
+    }
+
+    /// The bound that the program prints, s.
+    fn bound_s(&self) -> Option<f64> {
+        if self.attack.deed.late_s() == 0.0 {
+            return None;
+        }
+        printed_bound_s(&self.said.text()).or_else(|| {
+            let experiment = self.folder.join("experiments/attack.toml");
+            let (_, text) = self
+                .play
+                .command(&["plan".as_ref(), experiment.as_os_str()]);
+            printed_bound_s(&text)
         })
-        .collect()
-}
+    }
 
-/// How many points are off by more than a hundredth without a word in what the program has said.
-fn wrong_points(
-    shares: &[(f64, Complex64)],
-    usual: Option<&Vec<Complex64>>,
-    messages: &str,
-) -> usize {
-    let Some(usual) = usual else { return 0 };
-    let off = |((freq_hz, share), usual): &(&(f64, Complex64), &Complex64)| {
-        (*share / *usual - 1.0).norm() > OFF && !messages.contains(&format!("{freq_hz:.4} Hz"))
-    };
-    shares.iter().zip(usual).filter(off).count()
-}
+    fn judge(&mut self, code: Option<i32>, ended_s: f64) -> Row {
+        let attack = self.attack;
+        let job = attack.window.job();
+        let samples = self.scene.samples();
+        let gap_s = attack.window.period_s().max(2.0);
+        let (beyond_as, beyond_s) = beyond(&samples, &self.envelope(ended_s), gap_s);
+        let still = samples
+            .last()
+            .is_some_and(|sample| sample.amps.abs() > NOTHING_A);
+        let last_s = samples
+            .iter()
+            .rev()
+            .find(|sample| sample.amps.abs() > NOTHING_A)
+            .map(|sample| sample.now_s);
+        let zero_s = self
+            .deed_s
+            .zip(last_s)
+            .filter(|_| !still && code != Some(0))
+            .map(|(deed_s, last_s)| (last_s - deed_s).max(0.0));
+        let shares = shares(&self.run, self.scene);
+        if attack.deed == Deed::Nothing {
+            lock(self.play.usual).insert(job, shares.iter().map(|(_, share)| *share).collect());
+        }
+        // Not held while others want it.
+        let usual = lock(self.play.usual).get(&job).cloned();
+        let text = self.said.text();
+        let mut said = self.said.lines();
+        said.extend(self.reports.iter().cloned());
+        let witness = lock(&self.scene.world).witness();
+        let bound_s = self.bound_s();
+        let mut row = Row {
+            attack,
+            beyond_as,
+            beyond_s,
+            bound_s,
+            deadline_s: deadline_s(&attack, bound_s),
+            worst: (witness.least_v, witness.greatest_v, witness.greatest_c),
+            zero_s,
+            still,
+            happened: self.happened(),
+            began: self
+                .journal
+                .entries
+                .iter()
+                .any(|entry| entry.kind == "safe"),
+            hung: self.hung,
+            code,
+            message: last_message(&text),
+            wrong_points: wrong_points(&shares, usual.as_ref(), &text),
+            points: shares.len(),
+            usual: usual.as_ref().map_or(0, Vec::len),
+            false_words: false_words(&said, &samples),
+            took_s: ended_s,
+            lag_s: self.scene.lag_s(),
+            resumed: "–".to_owned(),
+        };
+        self.clean_up(code, &mut row);
+        row
+    }
 
-/// Clears the latch, with every instrument sound again, and goes on with the run.
-fn resume(
-    program: &str,
-    (folder, served): (&Path, &Served),
-    usual: Option<&Vec<Complex64>>,
-) -> String {
-    let bench = folder.join("benches/demo.toml");
-    let _ = ended(&mut start(
-        program,
-        &["safe".as_ref(), bench.as_os_str(), "--kill".as_ref()],
-    ));
-    let _ = ended(&mut start(
-        program,
-        &["clear".as_ref(), bench.as_os_str(), "--yes".as_ref()],
-    ));
-    let run = folder.join("run");
-    let (code, text) = ended(&mut start(program, &["resume".as_ref(), run.as_os_str()]));
-    let shares = shares(&run, served);
-    let (points, wrong) = (shares.len(), wrong_points(&shares, usual, &text));
-    match code {
-        Some(0) if wrong == 0 => format!("finished, {points} points right"),
-        Some(0) => format!("finished, {wrong} of {points} points wrong"),
-        code => {
-            let message = text
-                .lines()
-                .rev()
-                .find_map(|line| line.strip_prefix("eis-bench: "))
-                .unwrap_or_default();
-            format!(
-                "code {code:?}: {}",
-                message.chars().take(80).collect::<String>()
-            )
+    /// Ends what is left of the run on mended instruments, and goes on with it where that is asked
+    /// for.
+    fn clean_up(&self, code: Option<i32>, row: &mut Row) {
+        self.switches.repaired.throw();
+        for remote in ROLES.iter().filter_map(|role| self.scene.remote(role)) {
+            remote.delay(0.0);
+        }
+        if code == Some(0) {
+            return;
+        }
+        let bench = self.folder.join("benches/demo.toml");
+        self.play
+            .command(&["safe".as_ref(), bench.as_os_str(), "--kill".as_ref()]);
+        if self.play.resumes {
+            row.resumed = self.resume(row.attack.window.job());
         }
     }
+
+    /// Clears the latch and goes on with the run.
+    fn resume(&self, job: Job) -> String {
+        let bench = self.folder.join("benches/demo.toml");
+        self.play
+            .command(&["clear".as_ref(), bench.as_os_str(), "--yes".as_ref()]);
+        let (code, text) = self
+            .play
+            .command(&["resume".as_ref(), self.run.as_os_str()]);
+        let shares = shares(&self.run, self.scene);
+        let usual = lock(self.play.usual).get(&job).cloned();
+        let (points, wrong) = (shares.len(), wrong_points(&shares, usual.as_ref(), &text));
+        match code {
+            Some(0) if wrong == 0 => format!("finished, {points} points right"),
+            Some(0) => format!("finished, {wrong} of {points} points wrong"),
+            code => format!("code {code:?}: {}", last_message(&text)),
+        }
+    }
+}
+
+/// The last message of the program.
+fn last_message(text: &str) -> String {
+    text.lines()
+        .rev()
+        .find_map(|line| line.strip_prefix("eis-bench: "))
+        .unwrap_or_default()
+        .to_owned()
 }

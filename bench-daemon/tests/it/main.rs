@@ -10,6 +10,7 @@ mod accuracy;
 mod additions;
 mod architecture;
 mod archive;
+mod attack_matrix;
 mod bad_day;
 mod batch;
 mod bath;

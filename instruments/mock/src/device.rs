@@ -59,10 +59,29 @@ pub trait Device: Send {
         0.0
     }
 
+    /// How the instrument is away from its network at `now_s`; `None` while it is reached.
+    fn absence(&self, now_s: f64) -> Option<Absence> {
+        let _ = now_s;
+        None
+    }
+
     /// A second client is refused while a first one is served; else it waits.
     fn refuses_second(&self) -> bool {
         false
     }
+}
+
+/// How an instrument is away from its network.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Absence {
+    /// The cable is out until this bench time, s: messages arrive when it is back, as TCP repeats
+    /// them.
+    Silent {
+        /// When it is back, s.
+        until_s: f64,
+    },
+    /// Every connection is closed, and its messages are lost.
+    Closed,
 }
 
 /// Options of a mock.

@@ -8,6 +8,7 @@
 //! one comes when follows from the seed and the number of the message alone, so that a schedule can
 //! be played again.
 
+mod remote;
 mod troubled;
 
 use std::sync::{
@@ -15,6 +16,7 @@ use std::sync::{
     atomic::{AtomicBool, Ordering},
 };
 
+pub use remote::{Armed, Remote};
 pub use troubled::make_troubled;
 
 /// Fault of one message.
@@ -112,30 +114,32 @@ pub struct Schedule {
     pub role: Option<String>,
     /// Not before this bench time, s.
     pub from_s: f64,
+    /// Not before this switch is thrown; without one, `from_s` alone decides.
+    pub awaits: Option<FaultSwitch>,
     /// Which of the things that another client may do; left to chance without it.
     pub variant: Option<usize>,
     /// Whoever mends the instruments.
     pub repaired: FaultSwitch,
 }
 
-/// A switch that ends every fault and every lie of a bench; clones are the same switch.
+/// A switch that begins or ends the faults of a bench; clones are the same switch.
 #[derive(Debug, Clone, Default)]
 pub struct FaultSwitch(Arc<AtomicBool>);
 
 impl FaultSwitch {
-    /// From now on the instruments are sound.
-    pub fn mend(&self) {
+    /// Throws the switch for good.
+    pub fn throw(&self) {
         self.0.store(true, Ordering::SeqCst);
     }
 
-    fn is_so(&self) -> bool {
+    fn is_thrown(&self) -> bool {
         self.0.load(Ordering::SeqCst)
     }
 }
 
 impl PartialEq for FaultSwitch {
     fn eq(&self, other: &Self) -> bool {
-        Arc::ptr_eq(&self.0, &other.0) || self.is_so() == other.is_so()
+        Arc::ptr_eq(&self.0, &other.0) || self.is_thrown() == other.is_thrown()
     }
 }
 
@@ -148,6 +152,7 @@ impl Default for Schedule {
             faults: Vec::new(),
             role: None,
             from_s: 0.0,
+            awaits: None,
             variant: None,
             repaired: FaultSwitch::default(),
         }

@@ -38,7 +38,9 @@ mod spd;
 mod tree;
 mod world;
 
-pub use faults::{Fault, FaultLog, FaultSwitch, Happened, Schedule, Trouble, make_troubled};
+pub use faults::{
+    Armed, Fault, FaultLog, FaultSwitch, Happened, Remote, Schedule, Trouble, make_troubled,
+};
 pub use messages::Messages;
 use plant::SharedPlant;
 use quirks::{Quirk, QuirkError, Quirks};
@@ -48,7 +50,7 @@ pub use serve::{
     serve_tcp, serve_usbtmc, serve_vxi11,
 };
 
-pub use device::{Device, MockOptions};
+pub use device::{Absence, Device, MockOptions};
 
 /// One line of [`MODELS`].
 pub struct Model {

@@ -34,7 +34,7 @@ use instruments_link::{
 };
 use instruments_scpi::decode::ProgramFramer;
 
-use super::Device;
+use super::{Absence, Device};
 
 /// Longest message that a mock reads, bytes; a longer one is dropped.
 const LONGEST_MESSAGE: usize = 1 << 20;
@@ -66,6 +66,12 @@ pub async fn serve(
                     continue;
                 }
             };
+            while let Some(absence) = device.absence(clock.now_s()) {
+                match absence {
+                    Absence::Silent { until_s } => clock.sleep_s(until_s - clock.now_s()).await,
+                    Absence::Closed => return Ok(()),
+                }
+            }
             let (steps, then) = answer(device, clock.now_s(), &message);
             for step in steps {
                 match step {

@@ -6,10 +6,10 @@ use instruments_scpi::decode::Terminator;
 
 use super::{
     super::{
-        Device, MakeError, MockOptions, Model, make, model,
+        Absence, Device, MakeError, MockOptions, Model, make, model,
         plant::{Drift, SharedPlant},
     },
-    Fault, FaultLog, Happened, Schedule, Trouble,
+    Fault, FaultLog, FaultSwitch, Happened, Schedule, Trouble,
 };
 
 /// A device on which things go wrong.
@@ -178,7 +178,7 @@ impl Device for Troubled {
     }
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
-        if self.schedule.repaired.is_so() {
+        if self.schedule.repaired.is_thrown() {
             return self.device.handle(now_s, message);
         }
         let known = &self.known.messages;
@@ -220,10 +220,19 @@ impl Device for Troubled {
         self.device.refuses_second()
     }
 
+    fn absence(&self, now_s: f64) -> Option<Absence> {
+        self.device.absence(now_s)
+    }
+
     fn trouble(&mut self, now_s: f64, message: &[u8]) -> Option<Trouble> {
         let (chance, which, share) = (self.uniform(), self.uniform(), self.uniform());
-        let may = !self.schedule.repaired.is_so()
+        let may = !self.schedule.repaired.is_thrown()
             && now_s >= self.schedule.from_s
+            && self
+                .schedule
+                .awaits
+                .as_ref()
+                .is_none_or(FaultSwitch::is_thrown)
             && self.happened < self.schedule.most
             && chance < self.schedule.per_message;
         if !may || self.schedule.faults.is_empty() {

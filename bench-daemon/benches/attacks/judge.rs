@@ -1,0 +1,227 @@
+//! Judges a trial: what the cell bore, whether numbers are right, and whether last words are true.
+
+use std::{collections::BTreeMap, path::Path, sync::Mutex};
+
+use analysis::dataset::read_spectrum_csv;
+use instruments::fixture::Fixture;
+use num_complex::Complex64;
+
+use super::{
+    deed::{Attack, Deed},
+    job::Job,
+    scene::{Sample, Scene, lock},
+    table::Row,
+};
+
+/// Nothing flows, A.
+pub(crate) const NOTHING_A: f64 = 0.1;
+/// Where nothing should flow, more than this is beyond the envelope, A.
+const IDLE_A: f64 = 0.2;
+/// Share by which a number may be off without being wrong.
+const OFF: f64 = 0.01;
+/// The journal is seen this much before or after the current changes, s.
+const BLUR_S: f64 = 0.3;
+/// The guardian acts when it has heard nothing of the daemon for this long, s.
+const LEASE_S: f64 = 5.0;
+/// From the cause to zero on instruments that answer fast, s: the longer of a period and the first,
+/// and the second.
+const DEADLINE_S: (f64, f64) = (2.0, 1.0);
+/// Answers later than this lengthen the deadline, s.
+const FAST_ANSWER_S: f64 = 0.3;
+/// What is said of an output holds for the time just before, s.
+const BEFORE_S: f64 = 1.0;
+/// Words that say that everything is off.
+const OFF_WORDS: [&str; 4] = [
+    "every output is off",
+    "every output is verified off",
+    "every output was read back as off",
+    "outputs verified off",
+];
+
+/// Charge beyond the envelope, A·s, and the longest stretch beyond it, s, which gaps of less than
+/// `gap_s` do not end.
+pub(crate) fn beyond(samples: &[Sample], envelope: &[(f64, (f64, f64))], gap_s: f64) -> (f64, f64) {
+    let (mut charge, mut longest) = (0.0, 0.0);
+    let mut stretch: Option<(f64, f64)> = None;
+    for pair in samples.windows(2) {
+        let (before_s, Sample { now_s, amps, .. }) = (pair[0].now_s, pair[1]);
+        let (least, most) = asked(envelope, now_s);
+        let over = (least - amps).max(amps - most);
+        if over <= 0.0 {
+            continue;
+        }
+        charge += over * (now_s - before_s);
+        let start_s = match stretch {
+            Some((start_s, end_s)) if now_s - end_s <= gap_s => start_s,
+            _ => before_s,
+        };
+        stretch = Some((start_s, now_s));
+        longest = f64::max(longest, now_s - start_s);
+    }
+    (charge, longest)
+}
+
+/// What may flow at a time, A: the margin is included, and so are the neighbours in time.
+fn asked(envelope: &[(f64, (f64, f64))], now_s: f64) -> (f64, f64) {
+    let from = envelope
+        .iter()
+        .rposition(|(at_s, _)| *at_s <= now_s - BLUR_S)
+        .unwrap_or(0);
+    let near = envelope
+        .iter()
+        .skip(from)
+        .take_while(|(at_s, _)| *at_s <= now_s + BLUR_S);
+    let (least, most) = near.fold((0.0_f64, 0.0_f64), |(least, most), (_, (low, high))| {
+        (least.min(*low), most.max(*high))
+    });
+    let margin = |amps: f64| {
+        if amps == 0.0 {
+            IDLE_A
+        } else {
+            1.1f64.mul_add(amps.abs(), NOTHING_A)
+        }
+    };
+    (-margin(least), margin(most))
+}
+
+/// The deadline of an attack, s: the bound that the program's plan prints counts where answers are
+/// late.
+pub(crate) fn deadline_s(attack: &Attack, bound_s: Option<f64>) -> f64 {
+    let base_s = attack.window.period_s().max(DEADLINE_S.0) + DEADLINE_S.1;
+    let lease_s = if attack.deed.takes_lease() {
+        LEASE_S
+    } else {
+        0.0
+    };
+    let bound_s = bound_s.filter(|_| attack.deed.late_s() > FAST_ANSWER_S);
+    bound_s.map_or(base_s, |bound_s| bound_s.max(base_s)) + lease_s
+}
+
+/// The bound in a line of a plan: `watch: from a cause to zero within 3.0 s (…)`.
+pub(crate) fn printed_bound_s(text: &str) -> Option<f64> {
+    let line = text
+        .lines()
+        .rev()
+        .find(|line| line.trim_start().starts_with("watch:"))?;
+    let number = line.split_once("within ")?.1.split_whitespace().next()?;
+    number.parse().ok()
+}
+
+/// Words of the program that were false when they were said.
+pub(crate) fn false_words(lines: &[(f64, String)], samples: &[Sample]) -> Vec<String> {
+    let live = |now_s: f64| {
+        let mut before = samples
+            .iter()
+            .filter(|sample| (now_s - BEFORE_S..=now_s).contains(&sample.now_s))
+            .peekable();
+        before.peek()?;
+        let flags: Vec<bool> = before.map(|sample| sample.live).collect();
+        Some((
+            flags.iter().all(|live| *live),
+            flags.iter().any(|live| *live),
+        ))
+    };
+    let mut wrong = Vec::new();
+    for (now_s, line) in lines {
+        let Some((all, any)) = live(*now_s) else {
+            continue;
+        };
+        let says_off = OFF_WORDS.iter().any(|words| line.contains(words));
+        if says_off && all {
+            wrong.push(format!("an output was on, but: {line}"));
+        }
+        if line.contains("nobody has switched off") && !any {
+            wrong.push(format!("every output was off, but: {line}"));
+        }
+    }
+    wrong
+}
+
+/// Ratio of measured to true impedance at each point of an undisturbed run, by job.
+pub(crate) type Usual = Mutex<BTreeMap<Job, Vec<Complex64>>>;
+
+/// The points of the cell's first spectrum, each over the truth, with their frequencies, Hz.
+pub(crate) fn shares(run: &Path, scene: &Scene) -> Vec<(f64, Complex64)> {
+    let Ok(points) = read_spectrum_csv(&run.join("spectrum.csv")) else {
+        return Vec::new();
+    };
+    let world = lock(&scene.world);
+    points
+        .iter()
+        .map(|point| {
+            let truth = world.truth_impedance(Fixture::Cell, point.freq_hz);
+            (point.freq_hz, point.z_ohm / truth)
+        })
+        .collect()
+}
+
+/// Number of points that are off by more than a hundredth without a word in what the program has
+/// said.
+pub(crate) fn wrong_points(
+    shares: &[(f64, Complex64)],
+    usual: Option<&Vec<Complex64>>,
+    messages: &str,
+) -> usize {
+    let Some(usual) = usual else { return 0 };
+    let off = |((freq_hz, share), usual): &(&(f64, Complex64), &Complex64)| {
+        (*share / *usual - 1.0).norm() > OFF && !messages.contains(&format!("{freq_hz:.4} Hz"))
+    };
+    shares.iter().zip(usual).filter(off).count()
+}
+
+impl Row {
+    /// Violations, in words; empty where there are none.
+    pub(crate) fn wrong(&self) -> Vec<String> {
+        let mut wrong = self.false_words.clone();
+        if !self.happened {
+            return Vec::new();
+        }
+        // A run that refuses to begin leaves the bench to whoever has it.
+        let watched = self.attack.window.is_watched() && self.began;
+        if watched && self.beyond_s > self.deadline_s {
+            wrong.push(format!(
+                "{:.1} s beyond the envelope, deadline {:.1} s",
+                self.beyond_s, self.deadline_s
+            ));
+        }
+        if watched && self.still {
+            wrong.push("a current still flows at the end".to_owned());
+        }
+        if self.wrong_points > 0 && self.code == Some(0) {
+            let count = self.wrong_points;
+            wrong.push(format!(
+                "{count} points are wrong, without a flag and with exit code 0"
+            ));
+        }
+        wrong.extend(self.unfinished());
+        if self.attack.deed == Deed::FolderGone && self.code == Some(0) {
+            wrong.push("ended with 0, although its folder is gone".to_owned());
+        }
+        if self.hung {
+            wrong.push("did not end by itself".to_owned());
+        }
+        wrong
+    }
+
+    /// A run that does not go on after an outage that has passed, or after nothing at all.
+    fn unfinished(&self) -> Option<String> {
+        let must = self.attack.deed.is_transient() || self.attack.deed == Deed::Nothing;
+        if !must {
+            return None;
+        }
+        let is_right = self.code == Some(0) && self.wrong_points == 0 && self.points == self.usual;
+        let is_latched = self.code == Some(6);
+        let fails = if self.attack.window.ends_soon() {
+            !is_right
+        } else {
+            is_latched
+        };
+        fails.then(|| {
+            let code = self.code.map_or("none".to_owned(), |code| code.to_string());
+            format!(
+                "did not end right after it had passed: code {code}, {} of {} points",
+                self.points, self.usual
+            )
+        })
+    }
+}

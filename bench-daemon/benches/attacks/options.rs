@@ -1,0 +1,92 @@
+//! Options of the command.
+
+use std::path::PathBuf;
+
+use super::deed::{Attack, Deed};
+
+/// Attacks at a time: most of each is waiting.
+const AT_A_TIME: usize = 16;
+const EXPECTED: &str =
+    "--program PATH, --only WORDS, --sample N, --jobs N, --resume, --list or --out FILE.md";
+
+/// What is played, and how.
+#[derive(Debug, Clone)]
+pub(crate) struct Options {
+    pub(crate) program: String,
+    only: String,
+    sample: Option<usize>,
+    pub(crate) jobs: usize,
+    pub(crate) resumes: bool,
+    pub(crate) list: bool,
+    pub(crate) out: Option<PathBuf>,
+}
+
+impl Options {
+    /// Reads the words of the command line.
+    ///
+    /// # Errors
+    /// A word that is none of them, or without its value.
+    pub(crate) fn read(
+        mut words: impl Iterator<Item = String>,
+        program: &str,
+    ) -> Result<Self, String> {
+        let mut options = Self {
+            program: program.to_owned(),
+            only: String::new(),
+            sample: None,
+            jobs: AT_A_TIME,
+            resumes: false,
+            list: false,
+            out: None,
+        };
+        while let Some(word) = words.next() {
+            let mut value = || words.next().ok_or(format!("{word}: expected a value"));
+            let number = |text: String| {
+                text.parse::<usize>()
+                    .ok()
+                    .filter(|number| *number > 0)
+                    .ok_or(format!("{word}: expected a number above 0, found {text:?}"))
+            };
+            match word.as_str() {
+                "--program" => options.program = value()?,
+                "--only" => options.only = value()?,
+                "--sample" => options.sample = Some(number(value()?)?),
+                "--jobs" => options.jobs = number(value()?)?,
+                "--resume" => options.resumes = true,
+                "--list" => options.list = true,
+                "--out" => options.out = Some(value()?.into()),
+                "--bench" => {}
+                other => return Err(format!("expected {EXPECTED}, found {other:?}")),
+            }
+        }
+        Ok(options)
+    }
+
+    /// The undisturbed runs that the chosen attacks are compared with, one per job, and the
+    /// attacks.
+    pub(crate) fn select(&self, product: Vec<Attack>) -> (Vec<Attack>, Vec<Attack>) {
+        let (quiet, attacks): (Vec<_>, Vec<_>) = product
+            .into_iter()
+            .partition(|attack| attack.deed == Deed::Nothing);
+        let mut attacks: Vec<Attack> = attacks
+            .into_iter()
+            .filter(|attack| attack.name().contains(&self.only))
+            .collect();
+        if let Some(sample) = self.sample.filter(|sample| *sample < attacks.len()) {
+            let count = attacks.len();
+            attacks = (0..sample).map(|k| attacks[k * count / sample]).collect();
+        }
+        let mut jobs = Vec::new();
+        let quiet = quiet
+            .into_iter()
+            .filter(|one| {
+                let job = one.window.job();
+                let wanted = attacks.iter().any(|attack| attack.window.job() == job);
+                let first = !jobs.contains(&job);
+                jobs.push(job);
+                wanted && first
+            })
+            .collect();
+        (quiet, attacks)
+    }
+}
