@@ -48,6 +48,7 @@ pub(crate) trait Driven {
     fn rating_a(&self) -> f64;
     async fn renew(&mut self);
     async fn in_step(&mut self) -> Result<(), LinkError>;
+    async fn reconnect_to_same(&mut self) -> Result<(), LinkError>;
     fn is_dropped(&mut self) -> bool;
     fn last_measured(&self) -> Option<Measured>;
 }
@@ -89,6 +90,10 @@ macro_rules! drives {
 
             async fn in_step(&mut self) -> Result<(), LinkError> {
                 self.reconnect_and_identify().await
+            }
+
+            async fn reconnect_to_same(&mut self) -> Result<(), LinkError> {
+                self.reconnect_to_same().await
             }
 
             fn is_dropped(&mut self) -> bool {
@@ -598,6 +603,10 @@ mod tests {
                     "the identity of a m",
                 ))
             }
+        }
+
+        async fn reconnect_to_same(&mut self) -> Result<(), LinkError> {
+            Ok(())
         }
 
         fn is_dropped(&mut self) -> bool {

@@ -126,16 +126,29 @@ impl InForce {
     }
 
     /// What holds for a reading that was asked for at `asked_s`.
-    pub(super) fn at(&mut self, asked_s: f64) -> Envelope {
-        match self.before {
+    pub(super) fn at(&mut self, asked_s: f64) -> Envelopes {
+        let allowed = match self.before {
             Some((before, until_s)) if asked_s <= until_s => self.present.or(before),
             Some(_) => {
                 self.before = None;
                 self.present
             }
             None => self.present,
+        };
+        Envelopes {
+            allowed,
+            present: self.present,
         }
     }
+}
+
+/// What decides on a reading, and what a message names.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Envelopes {
+    /// What the present step or the one before allows.
+    pub(super) allowed: Envelope,
+    /// What the present step allows.
+    pub(super) present: Envelope,
 }
 
 #[cfg(test)]
@@ -190,14 +203,14 @@ mod tests {
         let mut force = InForce::new();
         force.change(wide, 1.0);
         force.change(narrow, 10.0);
-        assert_eq!(force.at(9.0).amps(Drive::Supply4q), (-5.1, 5.1));
+        assert_eq!(force.at(9.0).allowed.amps(Drive::Supply4q), (-5.1, 5.1));
         force.settle();
-        assert_eq!(force.at(9.0).amps(Drive::Supply4q), (-1.02, 1.02));
+        assert_eq!(force.at(9.0).allowed.amps(Drive::Supply4q), (-1.02, 1.02));
         force.change(wide, 20.0);
         force.change(narrow, 30.0);
-        assert_eq!(force.at(31.0).amps(Drive::Supply4q), (-1.02, 1.02));
+        assert_eq!(force.at(31.0).allowed.amps(Drive::Supply4q), (-1.02, 1.02));
         // The same envelope again does not bring the one before back.
         force.change(narrow, 90.0);
-        assert_eq!(force.at(40.0).amps(Drive::Supply4q), (-1.02, 1.02));
+        assert_eq!(force.at(40.0).allowed.amps(Drive::Supply4q), (-1.02, 1.02));
     }
 }

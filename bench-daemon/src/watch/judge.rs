@@ -3,7 +3,7 @@
 
 use instruments::instrument::Measured;
 
-use super::envelope::Envelope;
+use super::envelope::Envelopes;
 use crate::interlock::{Drive, Trip};
 
 /// Two readings beyond the envelope within this time end the run, s: a slow sinusoid of too large
@@ -48,10 +48,10 @@ impl Judge {
     pub(super) fn judge(
         &mut self,
         reading: &Measured,
-        envelope: &Envelope,
+        envelopes: &Envelopes,
         time_s: f64,
     ) -> Judgement {
-        let Some(trip) = self.trip(reading, envelope, time_s) else {
+        let Some(trip) = self.trip(reading, envelopes, time_s) else {
             return Judgement::Within;
         };
         let since_s = self
@@ -67,30 +67,31 @@ impl Judge {
         }
     }
 
-    fn trip(&self, reading: &Measured, envelope: &Envelope, time_s: f64) -> Option<Trip> {
-        let what = if envelope.uses(self.drive) {
+    /// The quantity that is beyond what is allowed, with the limits of the present step.
+    fn trip(&self, reading: &Measured, envelopes: &Envelopes, time_s: f64) -> Option<Trip> {
+        let Envelopes { allowed, present } = envelopes;
+        let what = if present.uses(self.drive) {
             "cell current"
         } else {
             self.drive.current()
         };
-        let volts = envelope
-            .volts()
-            .filter(|_| self.reads_cell)
-            .zip(reading.volts)
-            .map(|(limits, volts)| ("cell voltage", volts.value(), "V", limits));
-        let amps = (what, reading.amps.value(), "A", envelope.amps(self.drive));
-        std::iter::once(amps)
-            .chain(volts)
-            .find_map(|(what, value, unit, (least, greatest))| {
-                (!(least..=greatest).contains(&value)).then_some(Trip::Limit {
-                    what,
-                    value,
-                    unit,
-                    least,
-                    greatest,
-                    time_s,
-                })
+        let limited = |what, value, unit, allowed: (f64, f64), (least, greatest)| {
+            (!(allowed.0..=allowed.1).contains(&value)).then_some(Trip::Limit {
+                what,
+                value,
+                unit,
+                least,
+                greatest,
+                time_s,
             })
+        };
+        let of = self.drive;
+        let amps = reading.amps.value();
+        limited(what, amps, "A", allowed.amps(of), present.amps(of)).or_else(|| {
+            let volts = reading.volts.filter(|_| self.reads_cell)?.value();
+            let limits = allowed.volts()?;
+            limited("cell voltage", volts, "V", limits, limits)
+        })
     }
 }
 
@@ -99,7 +100,10 @@ mod tests {
     use instruments::units::{Amps, Volts};
 
     use super::*;
-    use crate::interlock::{Allowance, Drives, Limits};
+    use crate::{
+        interlock::{Allowance, Drives, Limits},
+        watch::Envelope,
+    };
 
     fn judged(readings: &[(f64, f64, f64)]) -> Vec<&'static str> {
         let limits = Limits {
@@ -115,6 +119,10 @@ mod tests {
             drives: Drives::SUPPLY4Q,
             ..Allowance::idle(limits)
         });
+        let envelopes = Envelopes {
+            allowed: envelope,
+            present: envelope,
+        };
         let mut judge = Judge::new(Drive::Supply4q, true);
         readings
             .iter()
@@ -125,7 +133,7 @@ mod tests {
                     asked_s: *time_s,
                     answered_s: *time_s,
                 };
-                match judge.judge(&reading, &envelope, *time_s) {
+                match judge.judge(&reading, &envelopes, *time_s) {
                     Judgement::Within => "within",
                     Judgement::AskAgain { .. } => "again",
                     Judgement::Beyond(_) => "beyond",

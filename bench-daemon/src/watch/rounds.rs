@@ -168,7 +168,7 @@ impl<'a> Watched<'a> {
     }
 
     fn envelope(&self, asked_s: f64) -> Envelope {
-        locked(&self.shared.force).at(asked_s)
+        locked(&self.shared.force).at(asked_s).allowed
     }
 
     /// The meter that sees the cell itself: the load's leads, or else the bipolar supply's.
@@ -207,8 +207,8 @@ impl<'a> Watched<'a> {
             };
             self.count(drive, &reading, judged_s, own);
             judged_s = Some(reading.answered_s);
-            let envelope = self.envelope(reading.asked_s);
-            match judge.judge(&reading, &envelope, self.clock.now_s()) {
+            let envelopes = locked(&self.shared.force).at(reading.asked_s);
+            match judge.judge(&reading, &envelopes, self.clock.now_s()) {
                 Judgement::Within => next = Next::Usual,
                 Judgement::AskAgain { volts: true } => next = Next::Volts,
                 Judgement::AskAgain { volts: false } => next = Next::Amps,
@@ -240,7 +240,7 @@ impl<'a> Watched<'a> {
             Err(error) => {
                 self.troubles[drive as usize].replace(error.to_string());
                 if meter.is_dropped()
-                    && let Err(error) = meter.in_step().await
+                    && let Err(error) = meter.reconnect_to_same().await
                 {
                     self.troubles[drive as usize].replace(error.to_string());
                     self.sleep_s(REACH_AGAIN_S).await;

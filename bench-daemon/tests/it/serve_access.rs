@@ -103,7 +103,7 @@ fn every_call_wants_its_scope_and_no_other() {
         if path == "/api/v1/stop" || path == "/api/v1/benches/demo/stop" {
             assert_eq!(none.status, 200, "{method} {path}");
             let passed_on = format!(
-                "POST {path} HTTP/1.1\r\nHost: {}\r\nX-Forwarded-For: 10.0.0.7\r\n\
+                "POST {path} HTTP/1.1\r\nHost: {}\r\nX-Forwarded-For: 192.0.2.7\r\n\
                 Connection: close\r\nContent-Length: 0\r\n\r\n",
                 served.address
             );

@@ -86,6 +86,8 @@ pub struct Instrument<D: Model + ?Sized + 'static> {
     pub(crate) expected: Arc<tokio::sync::Mutex<ExpectedAnswers>>,
     /// The last reading of its meters, by whichever handle.
     measured: Arc<std::sync::Mutex<Option<Measured>>>,
+    /// Its identity when it was asked for first, by whichever handle.
+    identified: Arc<std::sync::Mutex<Option<Identity>>>,
     /// The last scan of its thermometers, by whichever handle.
     pub(crate) scanned: Arc<std::sync::Mutex<Option<Scan>>>,
 }
@@ -122,6 +124,7 @@ impl<D: Model + ?Sized> Instrument<D> {
             accepted: None,
             expected: Arc::default(),
             measured: Arc::default(),
+            identified: Arc::default(),
             scanned: Arc::default(),
         }
     }
@@ -137,6 +140,7 @@ impl<D: Model + ?Sized> Instrument<D> {
             accepted: self.accepted.clone(),
             expected: self.expected.clone(),
             measured: self.measured.clone(),
+            identified: self.identified.clone(),
             scanned: self.scanned.clone(),
         }
     }
@@ -175,6 +179,15 @@ impl<D: Model + ?Sized> Instrument<D> {
     /// # Errors
     /// The link's.
     pub async fn identify(&mut self) -> Result<Identity, LinkError> {
+        let identity = self.ask_identity().await?;
+        self.identified
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .get_or_insert_with(|| identity.clone());
+        Ok(identity)
+    }
+
+    async fn ask_identity(&mut self) -> Result<Identity, LinkError> {
         let identity = Identity::parse(&self.link.query(self.dialect.identity_query()).await?);
         if self.recognises(&identity) || !matches!(self.link.address(), Address::UsbTmc { .. }) {
             return Ok(identity);
@@ -194,16 +207,43 @@ impl<D: Model + ?Sized> Instrument<D> {
     /// The link's, and [`LinkError::Unexpected`] for an answer that is not this model's identity.
     pub async fn reconnect_and_identify(&mut self) -> Result<(), LinkError> {
         self.link.reconnect().await?;
-        let identity = self.identify().await?;
+        let identity = self.ask_identity().await?;
         if self.recognises(&identity) {
             return Ok(());
         }
         let expected = format!("the identity of a {}", self.dialect.key());
+        self.refuse_identity(&identity, &expected)
+    }
+
+    /// As [`Self::reconnect_and_identify`], and refuses another instrument than the one that was
+    /// asked first: another one may have been connected in its place.
+    ///
+    /// # Errors
+    /// Also [`LinkError::Unexpected`] for another instrument.
+    pub async fn reconnect_to_same(&mut self) -> Result<(), LinkError> {
+        self.reconnect_and_identify().await?;
+        let before = self
+            .identified
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone();
+        let identity = self.identify().await?;
+        match before {
+            Some(before) if !before.is_same_instrument(&identity) => {
+                // Its answers must not be taken for those of the other one.
+                self.link.disconnect("another instrument answers").await;
+                self.refuse_identity(&identity, &format!("`{}`", before.raw))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn refuse_identity(&self, identity: &Identity, expected: &str) -> Result<(), LinkError> {
         Err(LinkError::unexpected(
             self.link.name(),
             self.dialect.identity_query(),
             &identity.raw,
-            &expected,
+            expected,
         ))
     }
 

@@ -75,8 +75,8 @@ struct Shared {
 /// One exchange, given up shortly after another handle has taken over.
 macro_rules! exchange {
     ($self:ident, |$conversation:ident| $work:expr) => {{
-        let mut guard = $self.turn().await?;
-        let $conversation = &mut *guard;
+        let mut turn = $self.turn().await?;
+        let $conversation = &mut *turn;
         tokio::select! {
             biased;
             outcome = $work => outcome,
@@ -177,6 +177,13 @@ impl Link {
     /// As [`Link::open`], and [`LinkError::NotCleared`]; the link stays dropped then.
     pub async fn reconnect(&mut self) -> Result<(), LinkError> {
         exchange!(self, |conversation| conversation.reconnect())
+    }
+
+    /// Drops the connection; `why` stands in the errors until [`Self::reconnect`].
+    pub async fn disconnect(&mut self, why: &str) {
+        if let Ok(mut conversation) = self.turn().await {
+            conversation.disconnect(why);
+        }
     }
 
     /// Sends a message that has no answer, then empties the error queue where the profile names

@@ -26,6 +26,9 @@ use crate::{
 /// Who asks where no token exists at all, or who stops without one: anybody on this machine.
 const LOCAL: &str = "local";
 
+/// Code of the refusal of a session without the header of the page.
+const FORGED: &str = "forged";
+
 /// Somebody with the scope number `SCOPE` of [`Scope::ALL`]; behind the last of them, with any.
 #[derive(Debug, Clone)]
 pub struct With<const SCOPE: usize> {
@@ -102,6 +105,9 @@ impl FromRequestParts<App> for Stopping {
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, Refusal> {
         match Known::from_request_parts(parts, app).await {
             Ok(known) => Ok(Self { name: known.name }),
+            // A browser that sends its cookie and not the page's header was made to do so by a page
+            // of elsewhere.
+            Err(refusal) if refusal.1.code == FORGED => Err(refusal),
             Err(_) if is_of_this_machine(parts) => {
                 if let Some(named) = parts.extensions.get::<Named>() {
                     let _ = named.0.set(LOCAL.to_owned());
@@ -183,7 +189,7 @@ fn who(parts: &Parts, app: &App) -> Result<(Token, Option<String>), Refusal> {
         .ok_or_else(session_ended)?;
     if !parts.method.is_safe() && !parts.headers.contains_key(PROOF_HEADER) {
         let message = format!("expected a header `{PROOF_HEADER}` with a session, found none");
-        return Err(Refusal::new(StatusCode::FORBIDDEN, "forged", message));
+        return Err(Refusal::new(StatusCode::FORBIDDEN, FORGED, message));
     }
     let token = app
         .server

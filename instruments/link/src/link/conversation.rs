@@ -107,6 +107,13 @@ impl Conversation {
         self.finish(connection, sent)
     }
 
+    /// Drops the connection.
+    pub(super) fn disconnect(&mut self, why: &str) {
+        (self.connection, self.stalled) = (None, None);
+        why.clone_into(&mut self.why);
+        self.remark(&format!("dropped: {why}"));
+    }
+
     /// Asks and waits for a line; remembers an identity.
     pub(super) async fn query(&mut self, message: &str) -> Result<String, LinkError> {
         let answer = self
