@@ -206,7 +206,12 @@ fn points_that_are_let_through_beside_many_that_are_refused_are_refused_and_give
         again.as_os_str(),
     ]);
     ended.expect_code(11);
-    assert_eq!(told.files.text("again/spectrum.csv"), rows);
+    let again = told.files.text("again/spectrum.csv");
+    assert_eq!(
+        again.matches("refused neighbours").count(),
+        rows.matches("refused neighbours").count(),
+        "{again}"
+    );
 }
 
 #[test]
