@@ -606,6 +606,7 @@ impl Trial<'_> {
             points: shares.len(),
             usual: usual.as_ref().map_or(0, Vec::len),
             false_words: false_words(&said, &samples),
+            went_on_s: self.deed_s.map_or(0.0, |deed_s| ended_s - deed_s),
             took_s: ended_s,
             lag_s: self.scene.lag_s(),
             resumed: "–".to_owned(),
