@@ -4,6 +4,7 @@ use std::{collections::BTreeMap, path::Path, sync::Mutex};
 
 use analysis::dataset::read_spectrum_csv;
 use instruments::fixture::Fixture;
+use nix::sys::signal::Signal;
 use num_complex::Complex64;
 
 use super::{
@@ -202,7 +203,9 @@ impl Row {
                 self.went_on_s
             ));
         }
-        if self.hung {
+        // A process that was stopped ends only where somebody else ends it.
+        let is_stopped = matches!(self.attack.deed, Deed::Signal(_, Signal::SIGSTOP));
+        if self.hung && !is_stopped {
             wrong.push("did not end by itself".to_owned());
         }
         wrong
