@@ -73,7 +73,7 @@ const fn hand(
 const LOAD_20: Hand = hand(
     "load on at 20 A",
     "load",
-    &[":CURR:IRANG 30", ":CURR:LEV:IMM 20", ":INP ON"],
+    &[":INP OFF", ":CURR:IRANG 30", ":CURR:LEV:IMM 20", ":INP ON"],
     Needs::Nothing,
 );
 pub(crate) const BIPOLAR_FIXED: Hand = hand(
@@ -233,7 +233,7 @@ fn deeds(window: Window) -> Vec<Deed> {
     deeds.extend(LATENCIES_S.map(|late_s| Deed::Slow(late_s, second)));
     deeds.extend([7.0, 10.0].map(|span_s| Deed::Gone(None, span_s, false)));
     deeds.extend(ROLES.map(|role| Deed::Gone(Some(role), 10.0, false)));
-    deeds.extend(["supply4q", "supply"].map(|role| Deed::Gone(Some(role), 7.0, true)));
+    deeds.extend([None, Some("supply4q"), Some("supply")].map(|role| Deed::Gone(role, 10.0, true)));
     use Signal::{SIGKILL, SIGSTOP};
     deeds.extend(
         [

@@ -4,6 +4,7 @@ use std::{collections::BTreeMap, path::Path, sync::Mutex};
 
 use analysis::dataset::read_spectrum_csv;
 use instruments::fixture::Fixture;
+use nix::sys::signal::Signal;
 use num_complex::Complex64;
 
 use super::{
@@ -28,6 +29,8 @@ const LEASE_S: f64 = 5.0;
 const DEADLINE_S: (f64, f64) = (2.0, 1.0);
 /// Answers later than this lengthen the deadline, s.
 const FAST_ANSWER_S: f64 = 0.3;
+/// A run may go on without its folder for this long, s: whatever it measures is lost.
+const FOLDER_S: f64 = 15.0;
 /// What is said of an output holds for the time just before, s.
 const BEFORE_S: f64 = 1.0;
 /// Words that say that everything is off.
@@ -194,10 +197,15 @@ impl Row {
             ));
         }
         wrong.extend(self.unfinished());
-        if self.attack.deed == Deed::FolderGone && self.code == Some(0) {
-            wrong.push("ended with 0, although its folder is gone".to_owned());
+        if self.attack.deed == Deed::FolderGone && self.went_on_s > FOLDER_S {
+            wrong.push(format!(
+                "went on for {:.0} s without its folder",
+                self.went_on_s
+            ));
         }
-        if self.hung {
+        // A process that was stopped ends only where somebody else ends it.
+        let is_stopped = matches!(self.attack.deed, Deed::Signal(_, Signal::SIGSTOP));
+        if self.hung && !is_stopped {
             wrong.push("did not end by itself".to_owned());
         }
         wrong

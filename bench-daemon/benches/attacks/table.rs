@@ -36,6 +36,8 @@ pub(crate) struct Row {
     pub(crate) usual: usize,
     /// Words of the program that were false when they were said.
     pub(crate) false_words: Vec<String>,
+    /// From the deed to the end of the run, s.
+    pub(crate) went_on_s: f64,
     /// Length of the run, s.
     pub(crate) took_s: f64,
     /// The greatest delay of the trial itself, s.
@@ -82,7 +84,12 @@ impl Row {
             (false, None) => "–".to_owned(),
         };
         let code = self.code.map_or("none".to_owned(), |code| code.to_string());
-        let cut = |text: &str| -> String { text.replace('|', "/").chars().take(220).collect() };
+        let cut = |text: &str| -> String {
+            text.replace(|letter: char| letter == '|' || letter.is_control(), "/")
+                .chars()
+                .take(220)
+                .collect()
+        };
         let happened = if self.happened {
             ""
         } else {

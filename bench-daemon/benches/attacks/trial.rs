@@ -606,6 +606,7 @@ impl Trial<'_> {
             points: shares.len(),
             usual: usual.as_ref().map_or(0, Vec::len),
             false_words: false_words(&said, &samples),
+            went_on_s: self.deed_s.map_or(0.0, |deed_s| ended_s - deed_s),
             took_s: ended_s,
             lag_s: self.scene.lag_s(),
             resumed: "–".to_owned(),
@@ -624,11 +625,25 @@ impl Trial<'_> {
         if code == Some(0) {
             return;
         }
+        // A guardian that was stopped, or still tries, would meet the instruments of later trials.
+        self.end_guardian();
         let bench = self.folder.join("benches/demo.toml");
         self.play
             .command(&["safe".as_ref(), bench.as_os_str(), "--kill".as_ref()]);
         if self.play.resumes {
             row.resumed = self.resume(row.attack.window.job());
+        }
+    }
+
+    /// Kills the guardian of this trial, where it still runs.
+    fn end_guardian(&self) {
+        let Some(pid) = self.guardian().and_then(|report| report["pid"].as_i64()) else {
+            return;
+        };
+        let words = fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+        let is_its = String::from_utf8_lossy(&words).contains(&*self.folder.to_string_lossy());
+        if is_its && let Ok(pid) = i32::try_from(pid) {
+            let _ = kill(Pid::from_raw(pid), Signal::SIGKILL);
         }
     }
 
