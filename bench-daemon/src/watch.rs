@@ -12,72 +12,32 @@
 //! In virtual time nothing runs beside the procedure, and nothing can be harmed: there the
 //! procedure makes the same checks with each of its own readings.
 
+mod alarm;
 mod envelope;
 mod judge;
 mod log;
 mod pace;
 mod rounds;
+mod shared;
 mod unwatched;
 
 use std::{
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::{Arc, Mutex},
     thread::JoinHandle,
 };
 
 use instruments::clock::{Clock, TimeMode};
 use tokio::{runtime::Handle, sync::watch};
 
+pub use alarm::Alarm;
 pub use envelope::Envelope;
 pub use log::WatchLog;
 pub use pace::Pace;
 pub use unwatched::unwatched;
 
-use crate::{
-    bench::{Bench, SafeReport},
-    interlock::Trip,
-};
+use crate::bench::{Bench, SafeReport};
 use envelope::InForce;
-
-/// What the watch has found.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Alarm {
-    /// A reading left its limits twice.
-    #[error("interlock: {0}")]
-    Trip(Trip),
-    /// An instrument is not set as this run has set it.
-    #[error("{role}: {met}: another client, a hand at its panel, or a protection?")]
-    Meddled {
-        /// Its role.
-        role: &'static str,
-        /// State by its own answer.
-        met: String,
-    },
-    /// The meter of a drive in use does not answer.
-    #[error(
-        "{role}: expected a reading within {limit_s:.1} s while a current may flow, found none for \
-        {age_s:.1} s: {why}"
-    )]
-    Blind {
-        /// Its role.
-        role: &'static str,
-        /// Time without a reading, s.
-        age_s: f64,
-        /// Longest time without a reading, s.
-        limit_s: f64,
-        /// The last error of its link.
-        why: String,
-    },
-    /// The watch itself has ended.
-    #[error("the watch of the bench has ended: {0}")]
-    Lost(String),
-}
-
-/// What the watch and the procedure share.
-#[derive(Debug)]
-struct Shared {
-    force: Mutex<InForce>,
-    log: Mutex<WatchLog>,
-}
+use shared::{Shared, locked};
 
 /// The procedure's end of the watch.
 #[derive(Debug, Clone)]
@@ -178,14 +138,10 @@ impl Watch {
                 }
             }
             Ok(Err(_)) | Err(_) => {
-                alarm = alarm.or(Some(Alarm::Lost("it has panicked".to_owned())))
+                alarm = alarm.or(Some(Alarm::Lost("it has panicked".to_owned())));
             }
         }
         let log = std::mem::take(&mut *locked(&self.link.shared.log));
         (alarm, log)
     }
-}
-
-fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -198,7 +198,7 @@ impl Session {
                 "eis-bench: {failure}; every output is off: going on by itself in {wait_s:.0} s \
                 ({which})"
             );
-            match self.waited(wait_s, &experiment, folder, &mut stop) {
+            match self.waited(wait_s, experiment, folder, &mut stop) {
                 Ok(true) => {}
                 Ok(false) => return outcome,
                 Err(failure) => return Err(latched(failure, held.as_ref(), folder)),

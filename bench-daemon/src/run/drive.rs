@@ -216,7 +216,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         let held = |(number, stage): &(usize, &'b Stage)| {
             stage.purpose == Purpose::Temperature && context.replay.finished(*number)
         };
-        let Some((_, stage)) = self.plan.stages.iter().enumerate().filter(held).last() else {
+        let Some((_, stage)) = self.plan.stages.iter().enumerate().rfind(held) else {
             return Ok(());
         };
         let open = (context.next.open).and_then(|(number, _)| self.plan.stages.get(number));

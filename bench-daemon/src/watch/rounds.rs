@@ -15,10 +15,11 @@ use instruments::{
 use tokio::sync::watch;
 
 use super::{
-    Alarm, Pace, Shared,
+    alarm::Alarm,
     envelope::Envelope,
     judge::{Judge, Judgement},
-    locked,
+    pace::Pace,
+    shared::{Shared, locked},
 };
 use crate::{
     bench::{Bench, Driven, Instruments, SafeReport},

@@ -1,5 +1,8 @@
 use super::*;
 
+/// What the thermometers see, by time in s.
+type WorldAt<'w> = &'w dyn Fn(f64) -> World;
+
 /// Capacity of the cell of the demo, C.
 const CAPACITY_C: f64 = 4.5 * 3600.0;
 
@@ -113,7 +116,7 @@ fn sound_thermometers_are_left_alone_coarse_and_noiseless_ones_too() {
 #[test]
 fn thermometers_that_are_frozen_or_swapped_are_named_before_the_cell_is_hot() {
     let runaway = |now_s: f64| 25.0 + (now_s - 600.0).max(0.0) * 0.05;
-    let cases: [(&str, &dyn Fn(f64) -> World, &str, f64); 7] = [
+    let cases: [(&str, WorldAt<'_>, &str, f64); 7] = [
         (
             "still, bath runs away",
             &|now_s| World::bath(runaway(now_s)),

@@ -1,0 +1,37 @@
+//! What the watch finds.
+
+use crate::interlock::Trip;
+
+/// What the watch has found.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Alarm {
+    /// A reading left its limits twice.
+    #[error("interlock: {0}")]
+    Trip(Trip),
+    /// An instrument is not set as this run has set it.
+    #[error("{role}: {met}: another client, a hand at its panel, or a protection?")]
+    Meddled {
+        /// Its role.
+        role: &'static str,
+        /// State by its own answer.
+        met: String,
+    },
+    /// The meter of a drive in use does not answer.
+    #[error(
+        "{role}: expected a reading within {limit_s:.1} s while a current may flow, found none for \
+        {age_s:.1} s: {why}"
+    )]
+    Blind {
+        /// Its role.
+        role: &'static str,
+        /// Time without a reading, s.
+        age_s: f64,
+        /// Longest time without a reading, s.
+        limit_s: f64,
+        /// The last error of its link.
+        why: String,
+    },
+    /// The watch itself has ended.
+    #[error("the watch of the bench has ended: {0}")]
+    Lost(String),
+}
