@@ -32,6 +32,7 @@ use crate::{
     sim::Simulation,
     support::terminal::{remark, say},
     support::{account, hash},
+    watch::unwatched,
 };
 
 /// Arguments of `doctor`.
@@ -141,6 +142,7 @@ pub fn doctor(args: &DoctorArgs) -> Result<(), Failure> {
         sha256: String::new(),
     }
     .sealed();
+    unwatched(&config).iter().for_each(|line| remark!("{line}"));
     doctor::write(&report, &folder)?;
     keep(&report, &config)?;
     tell(&report, &folder, args.json)

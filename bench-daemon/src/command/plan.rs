@@ -140,11 +140,7 @@ fn endings(experiment: &Experiment, plan: &Plan) -> Vec<String> {
 fn watched(experiment: &Experiment) -> Vec<String> {
     let pace = Pace::of(experiment);
     let mut lines = vec![pace.describe(&experiment.bench.instruments)];
-    lines.extend(
-        unwatched(experiment)
-            .iter()
-            .map(|what| format!("not watched: {what}")),
-    );
+    lines.extend(unwatched(&experiment.bench));
     lines
 }
 

@@ -26,7 +26,7 @@ use crate::{
     safety::{bench_lease::BenchLease, failure::Failure},
     sim::Simulation,
     support::{present::quoted, terminal::remark},
-    watch::{Alarm, Pace, Watch},
+    watch::{Alarm, Pace, Watch, unwatched},
 };
 pub(super) use begun::Run;
 
@@ -112,6 +112,11 @@ impl Run<'_> {
             Err(error) => return lease.end(Err(error.into()), None).await,
         };
         drop(before_watch);
+        for line in unwatched(&self.experiment.bench) {
+            if watch.is_some() {
+                self.recorder.warning(&line);
+            }
+        }
         let environment = RunEnvironment {
             clock: &self.clock,
             operator: &self.operator,

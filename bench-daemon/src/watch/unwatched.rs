@@ -1,10 +1,10 @@
 //! What the watch cannot see on a bench, so that a person knows it before the run.
 
-use crate::config::{Experiment, Jig};
+use crate::config::{Bench, Jig};
 
-/// What nothing on this bench measures a second time, as sentences.
-pub fn unwatched(experiment: &Experiment) -> Vec<String> {
-    let instruments = &experiment.bench.instruments;
+/// What nothing on this bench measures a second time, as lines that begin with "not watched".
+pub fn unwatched(bench: &Bench) -> Vec<String> {
+    let instruments = &bench.instruments;
     let mut lines = Vec::new();
     if instruments.supply.is_some() {
         lines.push(
@@ -33,4 +33,7 @@ pub fn unwatched(experiment: &Experiment) -> Vec<String> {
         );
     }
     lines
+        .into_iter()
+        .map(|line| format!("not watched: {line}"))
+        .collect()
 }

@@ -115,9 +115,9 @@ fn objectives_are_named_as_on_the_command_line() {
 }
 
 #[test]
-fn as_many_numbers_as_parameters_fit_without_uncertainty() {
+fn as_many_points_as_parameters_are_enough() {
     let mut s = sweep();
-    s.points.truncate(2);
+    s.points.truncate(3);
     let fit = fit_erm(
         &[s],
         &FitOptions {
