@@ -73,7 +73,13 @@ const fn hand(
 const LOAD_20: Hand = hand(
     "load on at 20 A",
     "load",
-    &[":INP OFF", ":CURR:IRANG 30", ":CURR:LEV:IMM 20", ":INP ON"],
+    &[
+        ":INP OFF",
+        ":VOLT:LEV:ON 0",
+        ":CURR:IRANG 30",
+        ":CURR:LEV:IMM 20",
+        ":INP ON",
+    ],
     Needs::Nothing,
 );
 pub(crate) const BIPOLAR_FIXED: Hand = hand(

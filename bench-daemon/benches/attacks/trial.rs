@@ -412,7 +412,7 @@ impl Trial<'_> {
             Deed::Offset(greatest_a) => lock(&self.scene.world).drift(
                 now_s,
                 Drift {
-                    a_per_s: 100.0,
+                    a_per_s: greatest_a,
                     greatest_a,
                 },
             ),
