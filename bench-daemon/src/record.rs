@@ -30,7 +30,10 @@ use analysis::{
     dataset::RunIndex,
     run_folder::{self, BathRow},
 };
-use instruments::{clock::Clock, transcript::Tap};
+use instruments::{
+    clock::{Clock, TimeMode},
+    transcript::Tap,
+};
 use serde::Serialize;
 
 use error::io;
@@ -189,8 +192,15 @@ impl Recorder {
     /// Writes a reading.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// A file that cannot be written; a folder that was deleted, into which nothing can be.
     pub fn reading(&mut self, phase: &str, reading: &Reading) -> Result<(), RecordError> {
+        if self.clock.mode() != TimeMode::Virtual {
+            let journal = self.path(run_folder::JOURNAL);
+            std::fs::metadata(&journal).map_err(io(
+                &journal,
+                "the run folder was deleted or moved while the run was going on",
+            ))?;
+        }
         self.tables.reading(&self.folder, phase, reading)
     }
 

@@ -70,10 +70,9 @@ impl Judge {
     /// The quantity that is beyond what is allowed, with the limits of the present step.
     fn trip(&self, reading: &Measured, envelopes: &Envelopes, time_s: f64) -> Option<Trip> {
         let Envelopes { allowed, present } = envelopes;
-        let what = if present.uses(self.drive) {
-            "cell current"
-        } else {
-            self.drive.current()
+        let what = match self.drive {
+            Drive::Supply4q if present.uses(self.drive) => "cell current",
+            drive => drive.current(),
         };
         let limited = |what, value, unit, allowed: (f64, f64), (least, greatest)| {
             (!(allowed.0..=allowed.1).contains(&value)).then_some(Trip::Limit {
