@@ -34,8 +34,9 @@ const SAFE_SETTLE_S: f64 = 0.5;
 /// the new one by then.
 const SAFE_SETTLE_AGAIN_S: f64 = 1.0;
 const SAFE_AGAIN_S: f64 = 0.1;
-/// Longest wait for the generator's least sine before the supply is switched off.
-const QUIET_DEADLINE: Duration = Duration::from_secs(2);
+/// Longest wait for the generator's least sine before the supply is switched off: its first message
+/// has arrived by then, and what a slow generator reads back is not waited for.
+const QUIET_DEADLINE: Duration = Duration::from_millis(700);
 
 /// An instrument that can move charge and measures its own current.
 pub(crate) trait Driven {
