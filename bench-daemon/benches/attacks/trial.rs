@@ -328,7 +328,7 @@ impl Trial<'_> {
         });
         if self.attack.window.is_after_fault() && !self.prelude && in_sine {
             self.prelude = true;
-            self.arm("supply4q", Fault::Reset, "?");
+            self.arm("scope", Fault::Reset, "?");
         }
     }
 
