@@ -537,8 +537,8 @@ fn a_trace_that_is_in_the_index_is_done_whatever_the_journal_says() {
     let files = traced();
     let ports = Ports::serve(&files, 4.0, 1);
     let run = files.path("run");
-    // Before the twelfth line: the trace is done.
-    die(&files, &run, "journal:26");
+    // Before the sixteenth line: the trace is done.
+    die(&files, &run, "journal:31");
     let journal = fs::read_to_string(run.join("journal.jsonl")).unwrap();
     assert!(
         journal
