@@ -158,7 +158,7 @@ pub struct BathJudge {
 }
 
 impl BathJudge {
-    /// A judge of a bath that is read at each watch. It stops a bath that is more than [`HELD_K`]
+    /// A judge of a bath that is read at each watch. It stops a bath that is more than 3 K
     /// farther from its set-point than before for 60 s without turning back. `cell_c` is the least
     /// and the greatest temperature of the cell, °C.
     pub fn watching(cell_c: Option<(f64, f64)>) -> Self {
