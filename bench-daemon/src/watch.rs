@@ -123,6 +123,14 @@ impl Watch {
         .unwrap_or_else(|| Alarm::Lost("its thread has ended".to_owned()))
     }
 
+    /// As [`Self::alarm`]; for ever where there is no watch.
+    pub async fn alarm_of(watch: Option<&mut Self>) -> Alarm {
+        match watch {
+            Some(watch) => watch.alarm().await,
+            None => std::future::pending().await,
+        }
+    }
+
     /// Ends the watch. If it has raised an alarm, this waits until it has switched everything off;
     /// what it has learnt about outputs that report a wrong state goes to `bench`.
     pub async fn end(self, bench: &mut Bench) -> (Option<Alarm>, WatchLog) {

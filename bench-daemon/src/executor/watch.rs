@@ -34,8 +34,8 @@ const TEMPERATURE_EVERY: u32 = 10;
 /// Readings in a period from which on each of them must differ from the one before.
 const FOLLOWED: f64 = 5.0;
 /// Names of the currents of instruments that must carry none.
-pub(super) const LOAD_CURRENT: &str = "current of the load";
-pub(super) const CHARGER_CURRENT: &str = "current of the charger";
+pub(super) const LOAD_CURRENT: &str = Drive::Load.current();
+pub(super) const CHARGER_CURRENT: &str = Drive::Supply.current();
 /// The swing of the cell's voltage under a smaller amplitude may be lost between two digits of a
 /// voltmeter, A.
 const SEEN_A: f64 = 0.5;
@@ -518,11 +518,7 @@ impl Rig<'_> {
     pub(super) async fn read_drive(&mut self, drive: Drive) -> Result<(f64, f64), ExecuteError> {
         let envelope = Envelope::of(self.interlock.allowance());
         let limits = *self.interlock.limits();
-        let reads_cell = match drive {
-            Drive::Supply4q => self.bench.instruments.load.is_none(),
-            Drive::Load => true,
-            Drive::Supply => false,
-        };
+        let reads_cell = drive.reads_cell(self.bench.instruments.load.is_some());
         let (least_a, greatest_a) = envelope.amps(drive);
         let allowed = |(volts, amps): &(f64, f64)| {
             (least_a..=greatest_a).contains(amps)

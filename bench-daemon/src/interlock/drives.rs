@@ -16,7 +16,7 @@ impl Drive {
     pub const ALL: [Self; 3] = [Self::Supply4q, Self::Load, Self::Supply];
 
     /// The name of its role in the bench file.
-    pub fn role(self) -> &'static str {
+    pub const fn role(self) -> &'static str {
         match self {
             Self::Supply4q => "supply4q",
             Self::Load => "load",
@@ -24,8 +24,18 @@ impl Drive {
         }
     }
 
+    /// Whether its meter sees the voltage of the cell itself: the load's leads do, and those of the
+    /// bipolar supply on a bench without a load.
+    pub fn reads_cell(self, has_load: bool) -> bool {
+        match self {
+            Self::Load => true,
+            Self::Supply4q => !has_load,
+            Self::Supply => false,
+        }
+    }
+
     /// The quantity that its meter shows, for messages.
-    pub fn current(self) -> &'static str {
+    pub const fn current(self) -> &'static str {
         match self {
             Self::Supply4q => "current of the bipolar supply",
             Self::Load => "current of the load",

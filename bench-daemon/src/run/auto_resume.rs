@@ -248,19 +248,21 @@ impl Session {
             let mut bench = Bench::unconnected(&experiment.bench, &connections)?;
             let pace = Pace::of(experiment);
             let mut watch = Watch::start(&bench, pace, &self.clock.apart())?;
-            let alarm = async {
-                match &mut watch {
-                    Some(watch) => watch.alarm().await,
-                    None => std::future::pending().await,
-                }
-            };
             let waited = tokio::select! {
                 waited = self.wait_for_person(wait_s, folder, stop) => Ok(waited),
-                alarm = alarm => Err(Failure::from(ExecuteError::from(alarm))),
+                alarm = Watch::alarm_of(watch.as_mut()) => {
+                    Err(Failure::from(ExecuteError::from(alarm)))
+                }
             };
-            if let Some(watch) = watch {
-                watch.end(&mut bench).await;
-            }
+            let alarm = match watch {
+                Some(watch) => watch.end(&mut bench).await.0,
+                None => None,
+            };
+            // The alarm may have come in the moment in which the wait was over.
+            let waited = waited.and_then(|waited| match alarm {
+                Some(alarm) => Err(ExecuteError::from(alarm).into()),
+                None => Ok(waited),
+            });
             match waited {
                 Ok(true) => Ok(!stop.came().await),
                 Ok(false) => Ok(false),

@@ -26,7 +26,7 @@ use crate::{
     safety::{bench_lease::BenchLease, failure::Failure},
     sim::Simulation,
     support::{present::quoted, terminal::remark},
-    watch::{Alarm, Pace, Watch, unwatched},
+    watch::{Pace, Watch, unwatched},
 };
 pub(super) use begun::Run;
 
@@ -133,7 +133,7 @@ impl Run<'_> {
             ) => outcome,
             () = stop.requested() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
             lost = lease.lost() => Err(lost.into()),
-            alarm = raised(watch.as_mut()) => Err(ExecuteError::from(alarm).into()),
+            alarm = Watch::alarm_of(watch.as_mut()) => Err(ExecuteError::from(alarm).into()),
         };
         progress.finish();
         let _after_watch = watch_clock.wait(None);
@@ -337,14 +337,6 @@ impl Run<'_> {
         if let Err(error) = told {
             tracing::error!("{error}");
         }
-    }
-}
-
-/// Waits for an alarm of the watch; for ever where there is none.
-async fn raised(watch: Option<&mut Watch>) -> Alarm {
-    match watch {
-        Some(watch) => watch.alarm().await,
-        None => std::future::pending().await,
     }
 }
 

@@ -172,13 +172,8 @@ impl<'a> Watched<'a> {
         locked(&self.shared.force).at(asked_s).allowed
     }
 
-    /// The meter that sees the cell itself: the load's leads, or else the bipolar supply's.
     fn reads_cell(&self, drive: Drive) -> bool {
-        match drive {
-            Drive::Load => true,
-            Drive::Supply4q => !self.present[Drive::Load as usize],
-            Drive::Supply => false,
-        }
+        drive.reads_cell(self.present[Drive::Load as usize])
     }
 
     /// Judges each reading of a drive, by whoever asked for it, and asks when the procedure does
