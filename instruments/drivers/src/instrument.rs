@@ -207,44 +207,46 @@ impl<D: Model + ?Sized> Instrument<D> {
     /// The link's, and [`LinkError::Unexpected`] for an answer that is not this model's identity.
     pub async fn reconnect_and_identify(&mut self) -> Result<(), LinkError> {
         self.link.reconnect().await?;
-        let identity = self.ask_identity().await?;
-        if self.recognises(&identity) {
-            return Ok(());
-        }
-        let expected = format!("the identity of a {}", self.dialect.key());
-        self.refuse_identity(&identity, &expected)
+        self.identify_model().await.map(|_| ())
     }
 
-    /// As [`Self::reconnect_and_identify`], and refuses another instrument than the one that was
-    /// asked first: another one may have been connected in its place.
+    /// Asks who it is, and refuses another model.
+    async fn identify_model(&mut self) -> Result<Identity, LinkError> {
+        let identity = self.ask_identity().await?;
+        if self.recognises(&identity) {
+            return Ok(identity);
+        }
+        let expected = format!("the identity of a {}", self.dialect.key());
+        Err(self.refusal(&identity, &expected))
+    }
+
+    /// Asks who it is, and refuses another instrument than the one that was asked first.
     ///
     /// # Errors
-    /// Also [`LinkError::Unexpected`] for another instrument.
-    pub async fn reconnect_to_same(&mut self) -> Result<(), LinkError> {
-        self.reconnect_and_identify().await?;
-        let before = self
+    /// The link's, and [`LinkError::Unexpected`].
+    pub async fn identify_same(&mut self) -> Result<(), LinkError> {
+        let identity = self.identify_model().await?;
+        let first = self
             .identified
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
+            .get_or_insert_with(|| identity.clone())
             .clone();
-        let identity = self.identify().await?;
-        match before {
-            Some(before) if !before.is_same_instrument(&identity) => {
-                // Its answers must not be taken for those of the other one.
-                self.link.disconnect("another instrument answers").await;
-                self.refuse_identity(&identity, &format!("`{}`", before.raw))
-            }
-            _ => Ok(()),
+        if first.is_same_instrument(&identity) {
+            return Ok(());
         }
+        // Its answers must not be taken for those of the other one.
+        self.link.disconnect("another instrument answers").await;
+        Err(self.refusal(&identity, &format!("`{}`", first.raw)))
     }
 
-    fn refuse_identity(&self, identity: &Identity, expected: &str) -> Result<(), LinkError> {
-        Err(LinkError::unexpected(
+    fn refusal(&self, identity: &Identity, expected: &str) -> LinkError {
+        LinkError::unexpected(
             self.link.name(),
             self.dialect.identity_query(),
             &identity.raw,
             expected,
-        ))
+        )
     }
 
     /// Asks for one number.

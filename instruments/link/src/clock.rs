@@ -189,6 +189,11 @@ impl Clock {
         instant_now().duration_since(self.start).as_secs_f64()
     }
 
+    /// Stack of a thread that drives instruments, bytes: as much as the main thread has. The futures
+    /// of a run nest deep, and an unoptimised build keeps each of them on the stack while it makes
+    /// it.
+    pub const STACK_BYTES: usize = 8 << 20;
+
     /// The runtime on which a clock of this mode runs. In virtual time it is paused and has one
     /// thread, and so is deterministic. Else a thread of its own serves sockets and timers, so that
     /// a task that computes delays no other one.
@@ -204,6 +209,7 @@ impl Clock {
         }
         tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
+            .thread_stack_size(Self::STACK_BYTES)
             .enable_all()
             .build()
     }

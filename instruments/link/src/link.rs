@@ -24,7 +24,7 @@ mod recovery;
 
 use std::{
     sync::{
-        Arc,
+        Arc, PoisonError,
         atomic::{AtomicU64, Ordering},
     },
     time::Duration,
@@ -70,6 +70,8 @@ struct Shared {
     speaker: AtomicU64,
     speaker_changed: Notify,
     handles: AtomicU64,
+    /// How long the last two questions for a line took, s, the later one first.
+    answer_times_s: std::sync::Mutex<[f64; 2]>,
 }
 
 /// One exchange, given up shortly after another handle has taken over.
@@ -106,6 +108,7 @@ impl Link {
             speaker: AtomicU64::new(SHARED),
             speaker_changed: Notify::new(),
             handles: AtomicU64::new(1),
+            answer_times_s: std::sync::Mutex::default(),
         };
         Self {
             options,
@@ -236,7 +239,29 @@ impl Link {
     /// [`LinkError::Dropped`] when it was dropped before; [`LinkError::Unsendable`] when `message`
     /// is not printable ASCII.
     pub async fn query(&mut self, message: &str) -> Result<String, LinkError> {
-        exchange!(self, |conversation| conversation.query(message))
+        exchange!(self, |conversation| async {
+            let asked_s = self.options.clock.machine_s();
+            let answer = conversation.query(message).await;
+            if matches!(answer, Ok(_) | Err(LinkError::Timeout { .. })) {
+                self.note_answer_time(self.options.clock.machine_s() - asked_s);
+            }
+            answer
+        })
+    }
+
+    fn note_answer_time(&self, time_s: f64) {
+        let times = &self.shared.answer_times_s;
+        let mut times_s = times.lock().unwrap_or_else(PoisonError::into_inner);
+        *times_s = [time_s, times_s[0]];
+    }
+
+    /// The shorter of the times, s, that the last two questions for a line took, by whichever
+    /// handle; one that was not answered in time counts with its deadline. Time in which another
+    /// handle had its turn does not count. Zero before the second question.
+    pub fn answer_time_s(&self) -> f64 {
+        let times = &self.shared.answer_times_s;
+        let [last_s, before_s] = *times.lock().unwrap_or_else(PoisonError::into_inner);
+        last_s.min(before_s)
     }
 
     /// Asks and waits for a block; answers its payload.

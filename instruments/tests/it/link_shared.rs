@@ -82,3 +82,29 @@ fn an_answer_that_is_on_its_way_is_taken_before_a_handle_is_kept_out() {
         },
     );
 }
+
+#[test]
+fn the_answer_time_is_the_shorter_of_the_last_two_without_the_turn_of_another_handle() {
+    with_link(plain(), script, async |mut procedure, _, _| {
+        let mut watch = procedure.share(procedure.clock());
+        let (slow, short) = tokio::join!(procedure.query("SLOW?"), watch.query("CURR?"));
+        assert_eq!(
+            (slow.unwrap(), short.unwrap()),
+            ("slow".into(), "0.25".into())
+        );
+        // The second question waited for the first one, and was answered at once.
+        assert!(watch.answer_time_s() < 0.1, "{}", watch.answer_time_s());
+        procedure.query("SLOW?").await.unwrap();
+        assert!(watch.answer_time_s() < 0.1);
+        procedure.query("SLOW?").await.unwrap();
+        assert!(
+            (watch.answer_time_s() - 0.8).abs() < 0.05,
+            "{}",
+            watch.answer_time_s()
+        );
+        procedure.query("NEVER?").await.unwrap_err();
+        // No answer counts with its deadline.
+        let deadline_s = plain().timeout.as_secs_f64();
+        assert!((watch.answer_time_s() - deadline_s.min(0.8)).abs() < 0.05);
+    });
+}

@@ -1,9 +1,12 @@
 //! Open channel with its decoder, for the link. Knows neither deadlines nor order.
 
-use std::{future::poll_fn, io, pin::Pin, task::Poll, time::Duration};
+use std::{future::poll_fn, io, os::fd::AsFd, pin::Pin, task::Poll, time::Duration};
 
 use instruments_scpi::decode::{DecodeError, DecoderOptions, Expect, Response, ResponseDecoder};
-use tokio::io::{AsyncRead, AsyncReadExt, ReadBuf};
+use tokio::{
+    io::{AsyncRead, AsyncReadExt, ReadBuf},
+    net::TcpStream,
+};
 
 use crate::transport::{Channel, Stream};
 
@@ -170,6 +173,9 @@ impl Connection {
         let Channel::Stream(stream) = &mut self.channel else {
             return Ok(None);
         };
+        if let Stream::Tcp(socket) = stream {
+            return read_socket(socket, &mut self.chunk);
+        }
         poll_fn(|cx| {
             let mut buffer = ReadBuf::new(&mut self.chunk);
             Poll::Ready(match Pin::new(&mut *stream).poll_read(cx, &mut buffer) {
@@ -178,6 +184,17 @@ impl Connection {
             })
         })
         .await
+    }
+}
+
+/// Reads from the socket itself. The runtime, asked in its place, does not know yet of bytes that
+/// came while its threads were busy, and they would be taken for the next answer.
+fn read_socket(socket: &TcpStream, buffer: &mut [u8]) -> io::Result<Option<usize>> {
+    let mut socket = std::net::TcpStream::from(socket.as_fd().try_clone_to_owned()?);
+    match io::Read::read(&mut socket, buffer) {
+        Ok(count) => Ok(Some(count)),
+        Err(error) if error.kind() == io::ErrorKind::WouldBlock => Ok(None),
+        Err(error) => Err(error),
     }
 }
 
