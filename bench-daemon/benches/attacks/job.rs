@@ -107,6 +107,17 @@ impl Job {
     }
 }
 
+/// Adds the usual time of an answer, s, of every drive to the bench file.
+pub(crate) fn state_answers(folder: &Path, answer_s: f64) {
+    let path = folder.join("benches/demo.toml");
+    let mut text = fs::read_to_string(&path).expect("the bench file");
+    for role in ["supply4q", "load", "supply"] {
+        let head = format!("[instruments.{role}]\n");
+        text = text.replace(&head, &format!("{head}answer = \"{answer_s:.2} s\"\n"));
+    }
+    fs::write(path, text).expect("the bench file");
+}
+
 /// The least and the greatest current that a step asks for, A, by its words in the journal; `None`
 /// where it goes on with what the step before it asked for.
 pub(crate) fn asked_a(step: &str, job: Job) -> Option<(f64, f64)> {

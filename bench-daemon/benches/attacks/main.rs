@@ -2,7 +2,7 @@
 //! with a simulated cell that records what it bears.
 //!
 //! `cargo bench --profile dev -p bench-daemon --bench attacks -- [--program PATH] [--only WORDS]
-//! [--sample N] [--jobs N] [--resume] [--list] [--out FILE.md]`; another build of the program can
+//! [--sample N] [--jobs N] [--resume] [--stated] [--list] [--out FILE.md]`; another build of the program can
 //! stand trial in the same attacks. Fails where more than the envelope of the step flowed for too
 //! long, where a wrong number has no flag, and where the last words were false.
 
@@ -57,6 +57,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         program: &options.program,
         usual: &usual,
         resumes: options.resumes,
+        stated: options.stated,
     };
     // What nothing does to a run is what the others are compared with.
     let alone = quiet.first().map(|attack| play.stand(attack).took_s);

@@ -7,7 +7,7 @@ use super::deed::{Attack, Deed};
 /// Attacks at a time: most of each is waiting.
 const AT_A_TIME: usize = 16;
 const EXPECTED: &str =
-    "--program PATH, --only WORDS, --sample N, --jobs N, --resume, --list or --out FILE.md";
+    "--program PATH, --only WORDS, --sample N, --jobs N, --resume, --stated, --list or --out FILE";
 
 /// What is played, and how.
 #[derive(Debug, Clone)]
@@ -17,6 +17,8 @@ pub(crate) struct Options {
     sample: Option<usize>,
     pub(crate) jobs: usize,
     pub(crate) resumes: bool,
+    /// The bench file states how late answers are.
+    pub(crate) stated: bool,
     pub(crate) list: bool,
     pub(crate) out: Option<PathBuf>,
 }
@@ -36,6 +38,7 @@ impl Options {
             sample: None,
             jobs: AT_A_TIME,
             resumes: false,
+            stated: false,
             list: false,
             out: None,
         };
@@ -53,6 +56,7 @@ impl Options {
                 "--sample" => options.sample = Some(number(value()?)?),
                 "--jobs" => options.jobs = number(value()?)?,
                 "--resume" => options.resumes = true,
+                "--stated" => options.stated = true,
                 "--list" => options.list = true,
                 "--out" => options.out = Some(value()?.into()),
                 "--bench" => {}

@@ -18,7 +18,7 @@ use nix::{
 
 use super::{
     deed::{Attack, BIPOLAR_FIXED, Deed, Hand},
-    job::Job,
+    job::{self, Job},
     judge::{
         NOTHING_A, Usual, beyond, deadline_s, false_words, printed_bound_s, shares, wrong_points,
     },
@@ -59,12 +59,17 @@ const ROLES: [&str; 7] = [
     "logger",
 ];
 
+/// What a bench file states for an instrument that answers at once, s.
+const USUAL_ANSWER_S: f64 = 0.1;
+
 /// How attacks are played.
 pub(crate) struct Play<'a> {
     pub(crate) program: &'a str,
     pub(crate) usual: &'a Usual,
     /// A run that did not end with 0 is resumed on mended instruments.
     pub(crate) resumes: bool,
+    /// The bench file states how late answers are.
+    pub(crate) stated: bool,
 }
 
 /// One attack under way.
@@ -97,6 +102,9 @@ impl Play<'_> {
     pub(crate) fn stand(&self, attack: &Attack) -> Row {
         let job = attack.window.job();
         let folder = job.files();
+        if self.stated && attack.deed.late_s() > 0.0 {
+            job::state_answers(folder.path(), attack.deed.late_s() + USUAL_ANSWER_S);
+        }
         let switches = Switches::default();
         let schedule = match attack.deed {
             Deed::Fault(role, fault) => Some(Schedule {
