@@ -61,6 +61,7 @@ pub mod watch;
 
 use std::sync::{Arc, atomic::Ordering};
 
+use instruments::clock::Clock;
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 
 use crate::{run::StopSignals, safety::failure::Failure, support::terminal::say};
@@ -95,6 +96,7 @@ pub fn serve(settings: Settings) -> Result<(), Failure> {
     // Requests, and the stop among them, do not wait for one that computes.
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
+        .thread_stack_size(Clock::STACK_BYTES)
         .enable_all()
         .build()?;
     let outcome = runtime.block_on(until_stopped(settings));
@@ -115,6 +117,7 @@ fn beside(
         .build()?;
     std::thread::Builder::new()
         .name(name.to_owned())
+        .stack_size(Clock::STACK_BYTES)
         .spawn(move || runtime.block_on(work(server)))?;
     Ok(())
 }
