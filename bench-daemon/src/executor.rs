@@ -159,7 +159,7 @@ impl<'a> Executor<'a> {
                 _ => None,
             };
             self.person.progress.begin(&stage.title(), step);
-            self.rig.allow(allowance);
+            self.rig.allow(allowance, step);
             if let Step::Mount(other) = *step {
                 fixture = other;
             }

@@ -71,18 +71,41 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Starts a watch of a bench's instruments; nothing may flow until [`WatchLink::allow`]. Returns
-    /// `None` in virtual time. Must be called inside the runtime of the clock.
+    /// Starts a watch beside a procedure; nothing may flow until [`WatchLink::allow`]. Returns `None`
+    /// in virtual time. Must be called inside the runtime of the clock.
     ///
     /// # Errors
     /// The system has no thread.
     pub fn start(bench: &Bench, pace: Pace, clock: &Clock) -> std::io::Result<Option<Self>> {
+        Self::begin(bench, pace, clock, false)
+    }
+
+    /// As [`Self::start`], for a wait in which no procedure runs. A drive that shows a current is
+    /// switched off at once, and judged by its next reading.
+    ///
+    /// # Errors
+    /// The system has no thread.
+    pub fn start_waiting(
+        bench: &Bench,
+        pace: Pace,
+        clock: &Clock,
+    ) -> std::io::Result<Option<Self>> {
+        Self::begin(bench, pace, clock, true)
+    }
+
+    fn begin(
+        bench: &Bench,
+        pace: Pace,
+        clock: &Clock,
+        waits: bool,
+    ) -> std::io::Result<Option<Self>> {
         if clock.mode() == TimeMode::Virtual {
             return Ok(None);
         }
         let shared = Arc::new(Shared {
             force: Mutex::new(InForce::new()),
             log: Mutex::new(WatchLog::default()),
+            waits,
         });
         let (found, alarm) = watch::channel(None);
         let (stop, stopped) = watch::channel(false);
@@ -100,6 +123,7 @@ impl Watch {
         let runtime = Handle::current();
         let thread = std::thread::Builder::new()
             .name("watch".to_owned())
+            .stack_size(Clock::STACK_BYTES)
             .spawn(move || runtime.block_on(work.keep(found, stopped)))?;
         Ok(Some(Self {
             link,
@@ -112,6 +136,11 @@ impl Watch {
     /// The procedure's end.
     pub fn link(&self) -> WatchLink {
         self.link.clone()
+    }
+
+    /// Whether every drive of the bench was read a moment ago, and answers in time.
+    pub fn sees_every_drive(&self) -> bool {
+        locked(&self.link.shared.log).sees_every_drive
     }
 
     /// Waits for an alarm. When this returns the watch is already switching everything off.

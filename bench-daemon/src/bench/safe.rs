@@ -49,8 +49,10 @@ pub(crate) trait Driven {
     fn rating_a(&self) -> f64;
     async fn renew(&mut self);
     async fn in_step(&mut self) -> Result<(), LinkError>;
-    async fn reconnect_to_same(&mut self) -> Result<(), LinkError>;
+    async fn reconnect(&mut self) -> Result<(), LinkError>;
+    async fn identify_same(&mut self) -> Result<(), LinkError>;
     fn is_dropped(&mut self) -> bool;
+    fn answer_time_s(&mut self) -> f64;
     fn last_measured(&self) -> Option<Measured>;
 }
 
@@ -93,12 +95,20 @@ macro_rules! drives {
                 self.reconnect_and_identify().await
             }
 
-            async fn reconnect_to_same(&mut self) -> Result<(), LinkError> {
-                self.reconnect_to_same().await
+            async fn reconnect(&mut self) -> Result<(), LinkError> {
+                self.link_mut().reconnect().await
+            }
+
+            async fn identify_same(&mut self) -> Result<(), LinkError> {
+                self.identify_same().await
             }
 
             fn is_dropped(&mut self) -> bool {
                 self.link_mut().is_dropped()
+            }
+
+            fn answer_time_s(&mut self) -> f64 {
+                self.link_mut().answer_time_s()
             }
 
             fn last_measured(&self) -> Option<Measured> {
@@ -606,12 +616,20 @@ mod tests {
             }
         }
 
-        async fn reconnect_to_same(&mut self) -> Result<(), LinkError> {
+        async fn reconnect(&mut self) -> Result<(), LinkError> {
+            Ok(())
+        }
+
+        async fn identify_same(&mut self) -> Result<(), LinkError> {
             Ok(())
         }
 
         fn is_dropped(&mut self) -> bool {
             false
+        }
+
+        fn answer_time_s(&mut self) -> f64 {
+            0.0
         }
 
         fn last_measured(&self) -> Option<Measured> {

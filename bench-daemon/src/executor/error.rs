@@ -151,7 +151,7 @@ impl From<Alarm> for ExecuteError {
         match alarm {
             Alarm::Trip(trip) => Self::Trip(trip),
             Alarm::Meddled { role, met } => Self::Meddled { role, met },
-            Alarm::Blind { .. } | Alarm::Lost(_) => Self::Watch(alarm),
+            Alarm::Blind { .. } | Alarm::Slow { .. } | Alarm::Lost(_) => Self::Watch(alarm),
         }
     }
 }

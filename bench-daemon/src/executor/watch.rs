@@ -192,14 +192,19 @@ impl Rig<'_> {
     /// From now on the allowance of a step holds.
     pub(super) fn begin(&mut self, fixture: Fixture, step: &Step) {
         let allowance = self.allowance(fixture, step);
-        self.allow(allowance);
+        self.allow(allowance, step);
     }
 
-    /// From now on an allowance holds, and the run folder tells its limits.
-    pub(super) fn allow(&mut self, allowance: Allowance) {
+    /// From now on the allowance of a step holds, and the run folder tells its limits.
+    pub(super) fn allow(&mut self, allowance: Allowance, step: &Step) {
         self.recorder.envelope(&allowance.limits);
         if let Some(watch) = &self.setup.watch {
-            watch.allow(Envelope::of(&allowance));
+            let envelope = Envelope::of(&allowance);
+            watch.allow(match *step {
+                // The command stands at zero: twice the zero error that the step accepts.
+                Step::PowerUp { idle_a, .. } => envelope.at_most(drawn(2.0 * idle_a)),
+                _ => envelope,
+            });
         }
         self.interlock.begin(allowance, self.clock.machine_s());
     }

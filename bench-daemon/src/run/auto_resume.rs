@@ -19,11 +19,14 @@ use crate::{
     safety::guardian::GuardianError,
     safety::state::{Lock, State},
     support::terminal::remark,
-    watch::{Alarm, Pace, Watch},
+    watch::{Alarm, Pace, Watch, WatchLog},
 };
 
 /// Interval at which it looks for a run control request while it waits, s.
 const LOOK_S: f64 = 0.5;
+
+/// Longest wait beyond the one of the budget for drives that do not answer in time, s.
+const MOST_LONGER_S: f64 = 60.0;
 
 /// How often it may still go on by itself.
 #[derive(Debug, Clone, Copy)]
@@ -106,7 +109,7 @@ fn passes(failure: &Failure) -> bool {
         | Failure::Execute(ExecuteError::Bench(BenchError::Link { source, .. })) => {
             source.may_pass()
         }
-        Failure::Execute(ExecuteError::Watch(Alarm::Blind { .. })) => true,
+        Failure::Execute(ExecuteError::Watch(Alarm::Blind { .. } | Alarm::Slow { .. })) => true,
         // The next guardian connects before anybody else.
         Failure::Guardian(error) => error.may_pass(),
         _ => false,
@@ -193,14 +196,18 @@ impl Session {
             let (Ok(held), Ok(writing)) = (held(experiment, folder), journal::hold(folder)) else {
                 return outcome;
             };
-            let text = format!("went on by itself ({which}) after: {failure}");
+            let mut text = format!("went on by itself ({which}) after: {failure}");
             remark!(
                 "eis-bench: {failure}; every output is off: going on by itself in {wait_s:.0} s \
                 ({which})"
             );
             match self.waited(wait_s, experiment, folder, &mut stop) {
-                Ok(true) => {}
-                Ok(false) => return outcome,
+                Ok(Some(remarks)) => {
+                    for remark in remarks {
+                        text = format!("{text}; {remark}");
+                    }
+                }
+                Ok(None) => return outcome,
                 Err(failure) => return Err(latched(failure, held.as_ref(), folder)),
             }
             let free = |_: &Experiment| {
@@ -209,10 +216,9 @@ impl Session {
             };
             let (experiment, context) = match ResumeContext::read(folder, Accepted::default(), free)
             {
-                Ok((_, context)) if !context.has_driven() => {
-                    remark!("eis-bench: nothing was switched on yet: it does not go on by itself");
-                    return outcome;
-                }
+                // Instruments that did not even answer at the start are not waited for: their
+                // addresses may be wrong.
+                Ok((_, context)) if !context.has_reached_the_bench() => return outcome,
                 Ok(read) => read,
                 Err(error) => {
                     remark!("eis-bench: it cannot go on by itself: {error}");
@@ -224,8 +230,10 @@ impl Session {
         }
     }
 
-    /// Waits unless a person wants the run to end; whether to go on. A watch reads every meter that
-    /// answers meanwhile: no current may flow.
+    /// Waits unless a person wants the run to end, in which case this returns `None`. A watch reads
+    /// every meter that answers meanwhile: no current may flow. Returns the remarks of the watch. The
+    /// wait ends once the watch sees every drive, for the next part of the run needs all of them; if
+    /// it does not, the wait takes a minute longer.
     ///
     /// # Errors
     /// The alarm of the watch. Everything that answers was switched off then.
@@ -235,9 +243,9 @@ impl Session {
         experiment: &Experiment,
         folder: &Path,
         stop: &mut StopSignals,
-    ) -> Result<bool, Failure> {
+    ) -> Result<Option<Vec<String>>, Failure> {
         let Some(runtime) = &self.runtime else {
-            return Ok(false);
+            return Ok(None);
         };
         runtime.block_on(async {
             let connections = Connections {
@@ -247,16 +255,26 @@ impl Session {
             };
             let mut bench = Bench::unconnected(&experiment.bench, &connections)?;
             let pace = Pace::of(experiment);
-            let mut watch = Watch::start(&bench, pace, &self.clock.apart())?;
-            let waited = tokio::select! {
-                waited = self.wait_for_person(wait_s, folder, stop) => Ok(waited),
+            let mut watch = Watch::start_waiting(&bench, pace, &self.clock.apart())?;
+            let mut waited = tokio::select! {
+                goes_on = self.wait_for_person(wait_s, folder, stop) => Ok(goes_on),
                 alarm = Watch::alarm_of(watch.as_mut()) => {
                     Err(Failure::from(ExecuteError::from(alarm)))
                 }
             };
-            let alarm = match watch {
-                Some(watch) => watch.end(&mut bench).await.0,
-                None => None,
+            let until_s = self.clock.now_s() + MOST_LONGER_S;
+            while let (Ok(true), Some(watch)) = (&waited, watch.as_mut())
+                && !watch.sees_every_drive()
+                && self.clock.now_s() < until_s
+            {
+                waited = tokio::select! {
+                    goes_on = self.wait_for_person(LOOK_S, folder, stop) => Ok(goes_on),
+                    alarm = watch.alarm() => Err(ExecuteError::from(alarm).into()),
+                };
+            }
+            let (alarm, log) = match watch {
+                Some(watch) => watch.end(&mut bench).await,
+                None => (None, WatchLog::default()),
             };
             // The alarm may have come in the moment in which the wait was over.
             let waited = waited.and_then(|waited| match alarm {
@@ -264,8 +282,8 @@ impl Session {
                 None => Ok(waited),
             });
             match waited {
-                Ok(true) => Ok(!stop.came().await),
-                Ok(false) => Ok(false),
+                Ok(true) if !stop.came().await => Ok(Some(log.remarks)),
+                Ok(_) => Ok(None),
                 Err(failure) => Failure::unsafe_first(bench.made_safe().await, Err(failure)),
             }
         })

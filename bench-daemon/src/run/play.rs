@@ -102,15 +102,40 @@ impl Run<'_> {
             ) => taken?,
             () = stop.requested() => return Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
         };
-        let (mut bench, identities) = match self.open(&connections).await {
-            Ok(opened) => opened,
-            Err(failure) => return lease.end(Err(failure), None).await,
-        };
         let pace = Pace::of(self.experiment);
-        let mut watch = match Watch::start(&bench, pace, &watch_clock) {
-            Ok(watch) => watch,
+        let mut bench = match Bench::open(&self.experiment.bench, &connections).await {
+            Ok(bench) => bench,
             Err(error) => return lease.end(Err(error.into()), None).await,
         };
+        // Only what this run may have left on is its own to switch off; otherwise the watch begins
+        // once it is known that no other program drives the bench.
+        let has_driven = self.context.as_ref().is_some_and(ResumeContext::has_driven);
+        let mut watch = match has_driven.then(|| Watch::start(&bench, pace, &watch_clock)) {
+            Some(Ok(watch)) => watch,
+            Some(Err(error)) => return lease.end(Err(error.into()), None).await,
+            None => None,
+        };
+        let opened = tokio::select! {
+            opened = self.check_bench(&mut bench) => opened,
+            alarm = Watch::alarm_of(watch.as_mut()) => Err(ExecuteError::from(alarm).into()),
+        };
+        let identities = match opened {
+            Ok(identities) => identities,
+            Err(failure) => {
+                let alarm = match watch {
+                    Some(watch) => watch.end(&mut bench).await.0,
+                    None => None,
+                };
+                let failure = alarm.map_or(failure, |alarm| ExecuteError::from(alarm).into());
+                return lease.end(Err(failure), None).await;
+            }
+        };
+        if !has_driven {
+            watch = match Watch::start(&bench, pace, &watch_clock) {
+                Ok(watch) => watch,
+                Err(error) => return lease.end(Err(error.into()), None).await,
+            };
+        }
         drop(before_watch);
         for line in unwatched(&self.experiment.bench) {
             if watch.is_some() {
@@ -274,24 +299,20 @@ impl Run<'_> {
         }
     }
 
-    /// Connects to the instruments, which must be the configured ones. Changes nothing on them.
-    async fn open(
-        &mut self,
-        connections: &Connections,
-    ) -> Result<(Bench, Vec<Identified>), Failure> {
-        let mut bench = Bench::open(&self.experiment.bench, connections).await?;
+    /// Checks that the instruments are the configured ones. Changes nothing on them.
+    async fn check_bench(&mut self, bench: &mut Bench) -> Result<Vec<Identified>, Failure> {
         let identities = bench.identify_strictly().await?;
         self.check_instruments(&identities)?;
         self.doctored(&identities)?;
         self.manifest(&identities, "running")?;
         // Only what this run may have left on is its own to switch off.
         if !self.context.as_ref().is_some_and(ResumeContext::has_driven) {
-            nobody_drives(&mut bench).await?;
+            nobody_drives(bench).await?;
         }
         if self.context.is_some() {
-            self.read_back_outputs(&mut bench).await?;
+            self.read_back_outputs(bench).await?;
         }
-        Ok((bench, identities))
+        Ok(identities)
     }
 
     /// A bench that no report of the doctor speaks for is remarked, or refused where its file wants

@@ -137,6 +137,12 @@ impl ResumeContext {
             .any(|line| matches!(line.entry, Entry::Intent { live: true, .. }))
     }
 
+    /// Whether the run has once reached every instrument and brought the bench into safe state.
+    pub(super) fn has_reached_the_bench(&self) -> bool {
+        let lines = &self.read.lines;
+        self.has_driven() || lines.iter().any(|line| line.entry == Entry::Safe)
+    }
+
     /// How many points were finished.
     pub(super) fn points(&self) -> usize {
         self.replay

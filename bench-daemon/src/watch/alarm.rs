@@ -31,6 +31,19 @@ pub enum Alarm {
         /// The last error of its link.
         why: String,
     },
+    /// The meter of a drive in use answers, but later than the bound of the watch allows.
+    #[error(
+        "{role}: expected an answer within {limit_s:.2} s while a current may flow, found {answer_s:.2} s \
+        twice in a row; if its answers usually take that long, state it as `answer` in the bench file"
+    )]
+    Slow {
+        /// Its role.
+        role: &'static str,
+        /// The shorter of the last two answer times, s.
+        answer_s: f64,
+        /// Longest answer time that is tolerated twice in a row, s.
+        limit_s: f64,
+    },
     /// The watch itself has ended.
     #[error("the watch of the bench has ended: {0}")]
     Lost(String),

@@ -70,6 +70,17 @@ impl Envelope {
         }
     }
 
+    /// The same with no current of more than `most_a`, A, in either direction.
+    #[must_use]
+    pub fn at_most(self, most_a: f64) -> Self {
+        Self {
+            amps: self
+                .amps
+                .map(|(least, greatest)| (least.max(-most_a), greatest.min(most_a))),
+            ..self
+        }
+    }
+
     /// Least and greatest current of a drive, A.
     pub fn amps(&self, drive: Drive) -> (f64, f64) {
         self.amps[drive as usize]

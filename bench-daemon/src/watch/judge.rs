@@ -20,6 +20,8 @@ pub(super) enum Judgement {
     AskAgain {
         /// The voltage was beyond its limits.
         volts: bool,
+        /// What a second reading would confirm.
+        trip: Trip,
     },
     /// It is not, again.
     Beyond(Trip),
@@ -63,6 +65,7 @@ impl Judge {
         } else {
             Judgement::AskAgain {
                 volts: matches!(trip, Trip::Limit { unit: "V", .. }),
+                trip,
             }
         }
     }

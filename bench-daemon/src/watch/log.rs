@@ -24,6 +24,8 @@ pub struct WatchLog {
     pub readings: [Readings; 3],
     /// Remarks for the report: what could not be read for a while.
     pub remarks: Vec<String>,
+    /// Every drive of the bench was read a moment ago, and answers in time.
+    pub sees_every_drive: bool,
 }
 
 impl WatchLog {

@@ -16,6 +16,8 @@ const MARGIN_S: f64 = 1.0;
 const ANSWERS: f64 = 5.0;
 /// Answers that may pass without a reading, beside [`MARGIN_S`].
 const ANSWERS_WITHOUT: f64 = 4.0;
+/// Twice in a row, an answer of a drive in use may take its usual time and this part more.
+const LATE: f64 = 1.5;
 /// Answers that it may take to set what a step needs.
 const ANSWERS_TO_SET: f64 = 12.0;
 
@@ -94,6 +96,11 @@ impl Pace {
     /// Longest time without a reading of a drive in use, s.
     pub fn blind_s(&self, drive: Drive) -> f64 {
         MARGIN_S + ANSWERS_WITHOUT * self.answers_s[drive as usize].max(ANSWER_S)
+    }
+
+    /// Longest answer time of a drive in use that is tolerated twice in a row, s.
+    pub(super) fn late_s(&self, drive: Drive) -> f64 {
+        LATE * self.answers_s[drive as usize].max(ANSWER_S)
     }
 
     /// Longest time from a cause that a meter shows at once to no current, s.

@@ -10,6 +10,7 @@ use std::{
 use instruments::{
     clock::{Clock, TimeMode},
     instrument::Measured,
+    link::LinkError,
     logger::Logger,
 };
 use tokio::sync::watch;
@@ -120,6 +121,19 @@ enum Next {
     Amps,
 }
 
+/// State of the reading of one drive.
+#[derive(Debug, Default)]
+struct DriveState {
+    /// The bench has it.
+    present: bool,
+    /// Time since its last reading, s in which the watch could run.
+    age_s: Cell<f64>,
+    /// It was read, and its answers are not later than the bound of the watch allows.
+    in_time: Cell<bool>,
+    /// The last error of its link.
+    trouble: RefCell<String>,
+}
+
 /// State of the loops; they run on one thread.
 struct Watched<'a> {
     shared: &'a Shared,
@@ -127,17 +141,17 @@ struct Watched<'a> {
     pace: Pace,
     /// Machine seconds to one bench second.
     machine_per_bench: f64,
-    present: [bool; 3],
-    /// Time since the last reading of each drive, s in which the watch could run.
-    ages_s: [Cell<f64>; 3],
-    /// The last error of each drive's link.
-    troubles: [RefCell<String>; 3],
+    drives: [DriveState; 3],
     /// The same of the cell's temperature; none without a logger.
     temperature_age_s: Cell<Option<f64>>,
 }
 
 impl<'a> Watched<'a> {
     fn new(shared: &'a Shared, clock: &'a Clock, pace: Pace, present: [bool; 3]) -> Self {
+        let drives = present.map(|present| DriveState {
+            present,
+            ..DriveState::default()
+        });
         let machine_per_bench = match clock.mode() {
             TimeMode::Scaled(factor) => 1.0 / factor,
             TimeMode::Real | TimeMode::Virtual => 1.0,
@@ -147,9 +161,7 @@ impl<'a> Watched<'a> {
             clock,
             pace,
             machine_per_bench,
-            present,
-            ages_s: Default::default(),
-            troubles: Default::default(),
+            drives,
             temperature_age_s: Cell::new(None),
         }
     }
@@ -173,7 +185,7 @@ impl<'a> Watched<'a> {
     }
 
     fn reads_cell(&self, drive: Drive) -> bool {
-        drive.reads_cell(self.present[Drive::Load as usize])
+        drive.reads_cell(self.drives[Drive::Load as usize].present)
     }
 
     /// Judges each reading of a drive, by whoever asked for it, and asks when the procedure does
@@ -183,8 +195,21 @@ impl<'a> Watched<'a> {
             return pending().await;
         };
         let mut judge = Judge::new(drive, self.reads_cell(drive));
-        let (mut judged_s, mut next) = (None, Next::Volts);
+        let first = if self.shared.waits {
+            Next::Amps
+        } else {
+            Next::Volts
+        };
+        let (mut judged_s, mut next) = (None, first);
         loop {
+            let (answer_s, late_s) = (meter.answer_time_s(), self.pace.late_s(drive));
+            if answer_s > late_s && self.envelope(self.clock.machine_s()).uses(drive) {
+                return Alarm::Slow {
+                    role: drive.role(),
+                    answer_s,
+                    limit_s: late_s,
+                };
+            }
             let theirs = meter
                 .last_measured()
                 .filter(|reading| judged_s.is_none_or(|judged_s| reading.answered_s > judged_s));
@@ -202,15 +227,45 @@ impl<'a> Watched<'a> {
                 },
             };
             self.count(drive, &reading, judged_s, own);
+            let state = &self.drives[drive as usize];
+            state.in_time.set(meter.answer_time_s() <= late_s);
             judged_s = Some(reading.answered_s);
             let envelopes = locked(&self.shared.force).at(reading.asked_s);
             match judge.judge(&reading, &envelopes, self.clock.now_s()) {
                 Judgement::Within => next = Next::Usual,
-                Judgement::AskAgain { volts: true } => next = Next::Volts,
-                Judgement::AskAgain { volts: false } => next = Next::Amps,
+                // Another answer would come too late, and nothing should flow.
+                Judgement::AskAgain { trip, .. }
+                    if !self.shared.waits
+                        && meter.answer_time_s() > late_s
+                        && !envelopes.allowed.uses(drive) =>
+                {
+                    return Alarm::Trip(trip);
+                }
+                Judgement::AskAgain { volts, .. } => {
+                    next = if volts { Next::Volts } else { Next::Amps };
+                    if self.shared.waits {
+                        self.end_stray_current(drive, meter, &reading).await;
+                    }
+                }
                 Judgement::Beyond(trip) => return Alarm::Trip(trip),
             }
         }
+    }
+
+    /// Switches off a drive that shows a current where nothing may flow, and remarks it.
+    async fn end_stray_current<D: Driven>(&self, drive: Drive, meter: &mut D, reading: &Measured) {
+        let off = match meter.off().await {
+            Ok(()) => "it was switched off".to_owned(),
+            Err(error) => format!("switching it off failed: {error}"),
+        };
+        let remark = format!(
+            "while the run waited, the {} was {:.2} A at {:.0} s, where nothing may flow; {off}",
+            drive.current(),
+            reading.amps.value(),
+            self.clock.now_s()
+        );
+        tracing::warn!("the watch: {remark}");
+        locked(&self.shared.log).remarks.push(remark);
     }
 
     /// Reads a drive. A link that fails is connected anew, and its instrument identified.
@@ -234,11 +289,15 @@ impl<'a> Watched<'a> {
         match read {
             Ok(()) => meter.last_measured(),
             Err(error) => {
-                self.troubles[drive as usize].replace(error.to_string());
+                self.drives[drive as usize]
+                    .trouble
+                    .replace(error.to_string());
                 if meter.is_dropped()
-                    && let Err(error) = meter.reconnect_to_same().await
+                    && let Err(error) = self.reconnect(meter).await
                 {
-                    self.troubles[drive as usize].replace(error.to_string());
+                    self.drives[drive as usize]
+                        .trouble
+                        .replace(error.to_string());
                     self.sleep_s(REACH_AGAIN_S).await;
                 }
                 None
@@ -246,8 +305,18 @@ impl<'a> Watched<'a> {
         }
     }
 
+    /// Connects anew, and identifies the instrument. In a wait it is switched off first: with late
+    /// answers its identity and its current take seconds.
+    async fn reconnect<D: Driven>(&self, meter: &mut D) -> Result<(), LinkError> {
+        meter.reconnect().await?;
+        if self.shared.waits {
+            meter.off().await?;
+        }
+        meter.identify_same().await
+    }
+
     fn count(&self, drive: Drive, reading: &Measured, judged_s: Option<f64>, own: bool) {
-        self.ages_s[drive as usize].set(0.0);
+        self.drives[drive as usize].age_s.set(0.0);
         locked(&self.shared.log).count(
             drive,
             judged_s.map(|judged_s| reading.answered_s - judged_s),
@@ -343,20 +412,22 @@ impl<'a> Watched<'a> {
             let passed_s = (now_s - last_s).min(2.0 * self.period_s() / TICKS);
             last_s = now_s;
             let envelope = self.envelope(now_s);
+            locked(&self.shared.log).sees_every_drive = self.sees_every_drive();
             for drive in Drive::ALL {
                 let at = drive as usize;
-                if !self.present[at] {
+                let state = &self.drives[at];
+                if !state.present {
                     continue;
                 }
-                let age_s = self.ages_s[at].get() + passed_s;
-                self.ages_s[at].set(age_s);
+                let age_s = state.age_s.get() + passed_s;
+                state.age_s.set(age_s);
                 let limit_s = self.pace.blind_s(drive);
                 if envelope.uses(drive) && age_s > limit_s {
                     return Alarm::Blind {
                         role: drive.role(),
                         age_s,
                         limit_s,
-                        why: self.troubles[at].borrow().clone(),
+                        why: state.trouble.borrow().clone(),
                     };
                 }
                 self.remark(drive, age_s, &mut remarked[at]);
@@ -365,6 +436,16 @@ impl<'a> Watched<'a> {
                 return Alarm::Trip(trip);
             }
         }
+    }
+
+    fn sees_every_drive(&self) -> bool {
+        Drive::ALL
+            .into_iter()
+            .filter(|drive| self.drives[*drive as usize].present)
+            .all(|drive| {
+                let state = &self.drives[drive as usize];
+                state.in_time.get() && state.age_s.get() <= self.pace.blind_s(drive)
+            })
     }
 
     /// Trips where the temperature of the cell is too old while a current may flow.
@@ -391,7 +472,7 @@ impl<'a> Watched<'a> {
                 "the {} was not read for more than {UNREAD_S} s from {:.0} s on: {}",
                 drive.current(),
                 self.clock.now_s() - age_s / self.machine_per_bench,
-                self.troubles[drive as usize].borrow()
+                self.drives[drive as usize].trouble.borrow()
             );
             tracing::warn!("the watch: {text}");
             locked(&self.shared.log).remarks.push(text);

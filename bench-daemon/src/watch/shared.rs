@@ -9,6 +9,9 @@ use super::{envelope::InForce, log::WatchLog};
 pub(super) struct Shared {
     pub(super) force: Mutex<InForce>,
     pub(super) log: Mutex<WatchLog>,
+    /// No procedure runs: nothing may flow, and a drive that shows a current is switched off before
+    /// it is asked again.
+    pub(super) waits: bool,
 }
 
 /// A lock that a panic of the other side does not poison.

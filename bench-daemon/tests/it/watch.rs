@@ -7,7 +7,7 @@ use std::{
     net::{TcpListener, TcpStream},
     sync::{
         Arc,
-        atomic::{AtomicBool, Ordering},
+        atomic::{AtomicBool, AtomicU64, Ordering},
     },
     time::Duration,
 };
@@ -60,53 +60,59 @@ fn a_current_is_seen_while_the_procedure_reads_the_thermometer_alone() {
     }
 }
 
-/// Stands between the program and an instrument; can cut the wire.
+/// Stands between the program and an instrument; can cut the wire, and delay answers.
+#[derive(Default)]
 struct Wire {
-    cut: Arc<AtomicBool>,
+    is_cut: AtomicBool,
+    late_ms: AtomicU64,
 }
 
 impl Wire {
-    fn before(files: &Files, role: &str) -> Self {
+    fn before(files: &Files, role: &str) -> Arc<Self> {
         let (instrument, listener) = files.stand_before(role);
-        let cut = Arc::new(AtomicBool::new(false));
-        let flag = cut.clone();
-        std::thread::spawn(move || accept(&listener, &instrument, &flag));
-        Self { cut }
+        let wire = Arc::new(Self::default());
+        let shared = wire.clone();
+        std::thread::spawn(move || accept(&listener, &instrument, &shared));
+        wire
     }
 
     fn set_cut(&self, cut: bool) {
-        self.cut.store(cut, Ordering::SeqCst);
+        self.is_cut.store(cut, Ordering::SeqCst);
+    }
+
+    fn set_late(&self, late: Duration) {
+        let late_ms = u64::try_from(late.as_millis()).unwrap();
+        self.late_ms.store(late_ms, Ordering::SeqCst);
     }
 }
 
-fn accept(listener: &TcpListener, instrument: &str, cut: &Arc<AtomicBool>) {
+fn accept(listener: &TcpListener, instrument: &str, wire: &Arc<Wire>) {
     for client in listener.incoming() {
-        let (Ok(client), false) = (client, cut.load(Ordering::SeqCst)) else {
+        let (Ok(client), false) = (client, wire.is_cut.load(Ordering::SeqCst)) else {
             continue;
         };
         let Ok(server) = TcpStream::connect(instrument) else {
             continue;
         };
-        let pairs = [
-            (client.try_clone().unwrap(), server.try_clone().unwrap()),
-            (server, client),
-        ];
-        for (from, to) in pairs {
-            let cut = cut.clone();
-            std::thread::spawn(move || carry(from, to, &cut));
-        }
+        let (asks, hears) = (client.try_clone().unwrap(), server.try_clone().unwrap());
+        let (there, back) = (wire.clone(), wire.clone());
+        std::thread::spawn(move || carry(asks, hears, &there, false));
+        std::thread::spawn(move || carry(server, client, &back, true));
     }
 }
 
 /// Carries bytes until either side closes or the wire is cut.
-fn carry(mut from: TcpStream, mut to: TcpStream, cut: &AtomicBool) {
+fn carry(mut from: TcpStream, mut to: TcpStream, wire: &Wire, answers: bool) {
     from.set_read_timeout(Some(Duration::from_millis(20)))
         .unwrap();
     let mut buffer = [0; 65536];
-    while !cut.load(Ordering::SeqCst) {
+    while !wire.is_cut.load(Ordering::SeqCst) {
         match from.read(&mut buffer) {
             Ok(0) => break,
             Ok(count) => {
+                if answers {
+                    pause(Duration::from_millis(wire.late_ms.load(Ordering::SeqCst)));
+                }
                 if to.write_all(&buffer[..count]).is_err() {
                     break;
                 }
@@ -121,6 +127,30 @@ fn carry(mut from: TcpStream, mut to: TcpStream, cut: &AtomicBool) {
     }
     let _ = from.shutdown(std::net::Shutdown::Both);
     let _ = to.shutdown(std::net::Shutdown::Both);
+}
+
+#[test]
+fn a_drive_that_answers_too_late_ends_the_current_and_the_run_waits_until_it_is_in_time() {
+    let files = Files::short(6);
+    let ports = Ports::serve(&files, FACTOR, 1);
+    let wire = Wire::before(&files, "supply4q");
+    let run = files.path("late");
+    let mut child = start(&files, &run, &[]);
+    wait_for_points(&mut child, &run, ("spectrum.csv", 2));
+    wire.set_late(Duration::from_millis(700));
+    // In scaled time the wait of five seconds is over after half a second; the answers are not in
+    // time until now.
+    pause(Duration::from_secs(5));
+    wire.set_late(Duration::ZERO);
+    let (code, text) = end(child);
+    assert_eq!(code, Some(0), "{text}");
+    assert!(text.contains("expected an answer within 0.45 s"), "{text}");
+    assert_eq!(text.matches("going on by itself").count(), 1, "{text}");
+    assert_eq!(
+        read_spectrum_csv(&run.join("spectrum.csv")).unwrap().len(),
+        6
+    );
+    ports.assert_outputs_off();
 }
 
 #[test]
