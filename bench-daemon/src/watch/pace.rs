@@ -14,6 +14,9 @@ const MARGIN_S: f64 = 1.0;
 /// Answers between a cause and no current at worst: the one in work of the procedure, the current,
 /// the current once more, and two that switch off.
 const ANSWERS: f64 = 5.0;
+/// The same for meters slower than [`ANSWER_S`]: procedure, watch and comparison of settings then
+/// queue for one connection. Measured on answers 1 s late: 10.2 s at most.
+const ANSWERS_OF_SLOW: f64 = 12.0;
 /// Answers that may pass without a reading, beside [`MARGIN_S`].
 const ANSWERS_WITHOUT: f64 = 4.0;
 /// Twice in a row, an answer of a drive in use may take its usual time and this part more.
@@ -105,7 +108,13 @@ impl Pace {
 
     /// Longest time from a cause that a meter shows at once to no current, s.
     pub fn bound_s(&self) -> f64 {
-        PERIOD_S + MARGIN_S + ANSWERS * self.slowest_s()
+        let slowest_s = self.slowest_s();
+        let answers = if slowest_s > ANSWER_S {
+            ANSWERS_OF_SLOW
+        } else {
+            ANSWERS
+        };
+        PERIOD_S + MARGIN_S + answers * slowest_s
     }
 
     /// How long the envelope of the step before may hold, s.
@@ -123,8 +132,8 @@ mod tests {
         for (answer_s, bound_s, blind_s) in [
             (0.1, 3.0, 2.2),
             (0.3, 3.0, 2.2),
-            (1.0, 6.5, 5.0),
-            (2.0, 11.5, 9.0),
+            (1.0, 13.5, 5.0),
+            (2.0, 25.5, 9.0),
         ] {
             let pace = Pace {
                 answers_s: [ANSWER_S, answer_s, ANSWER_S],
