@@ -197,9 +197,14 @@ impl Session {
                 return outcome;
             };
             let mut text = format!("went on by itself ({which}) after: {failure}");
+            // An output that another program has switched on is not this run's to report as off.
+            let outputs = if unreached(failure) {
+                "this run has switched nothing on since"
+            } else {
+                "every output is off"
+            };
             remark!(
-                "eis-bench: {failure}; every output is off: going on by itself in {wait_s:.0} s \
-                ({which})"
+                "eis-bench: {failure}; {outputs}: going on by itself in {wait_s:.0} s ({which})"
             );
             match self.waited(wait_s, experiment, folder, &mut stop) {
                 Ok(Some(remarks)) => {
