@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use analysis::dataset::read_capture as read_capture_file;
-use analysis::formats::{CurrentSign, SeriesOptions, read_series_with_left_out};
+use analysis::formats::{CurrentSign, ReadSeries, SeriesOptions, read_record};
 use analysis::ocv::{OcvCurve, OcvOptions, extract};
 use analysis::series::TimeSeries;
 use numpy::{IntoPyArray, PyReadonlyArray1};
@@ -23,8 +23,8 @@ pub(crate) fn read_series<'py>(
     let options = SeriesOptions {
         sign: sign.map_err(|error| refused(&format!("sign: {error}")))?,
     };
-    let (series, left_out) = apart(py, || {
-        read_series_with_left_out(&path, &options).map_err(|error| error.to_string())
+    let ReadSeries { series, notes, .. } = apart(py, || {
+        read_record(&path, &options).map_err(|error| error.to_string())
     })?;
     let columns = PyDict::new(py);
     columns.set_item("time_s", series.time_s.into_pyarray(py))?;
@@ -33,16 +33,6 @@ pub(crate) fn read_series<'py>(
     if let Some(temperature_c) = series.temperature_c {
         columns.set_item("temperature_c", temperature_c.into_pyarray(py))?;
     }
-    let notes = match left_out.as_slice() {
-        [] => Vec::new(),
-        [first, ..] => vec![format!(
-            "{}: {} rows without voltage or current or before another one at the same time were left \
-            out, the first in line {}",
-            path.display(),
-            left_out.len(),
-            first.line
-        )],
-    };
     Ok((columns, notes))
 }
 

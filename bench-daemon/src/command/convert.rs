@@ -9,9 +9,9 @@ use analysis::{
     batch::write_long_form,
     dataset,
     formats::{
-        SeriesOptions, SpectrumFormat, bdf_text,
+        CurrentSign, SpectrumFormat, bdf_text,
         model::{CellModel, ModelFormat},
-        read_series, spectrum_text, write_bdf_parquet,
+        spectrum_text, write_bdf_parquet,
     },
     given::GivenModel,
     ocv::OcvCurve,
@@ -19,7 +19,10 @@ use analysis::{
 };
 use clap::Args;
 
-use super::model_args::{self, ModelArgs, TYPED};
+use super::{
+    model_args::{self, ModelArgs, TYPED},
+    ocv,
+};
 use crate::{
     files,
     record::RecordError,
@@ -51,6 +54,10 @@ pub struct ConvertArgs {
     /// The folder to write into. Nothing that is there is written over.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
+    /// For time series: the direction that they count positive, `discharge` or `charge` [default: as
+    /// the voltage and the file's columns tell]
+    #[arg(long, value_name = "DIRECTION")]
+    pub positive: Option<CurrentSign>,
     /// For a model: its open-circuit voltage, as `ocv --out` writes it.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["ocv_v", "capacity_ah"])]
     pub ocv: Option<PathBuf>,
@@ -274,8 +281,7 @@ fn tell_left_out(spectrum: &Spectrum, flagged: &[FlaggedPoint], keeps_sigma: boo
 }
 
 fn series(args: &ConvertArgs, file: &Path) -> Result<(), Failure> {
-    let series = read_series(file, &SeriesOptions::default())
-        .map_err(|error| Failure::Usage(error.to_string()))?;
+    let series = ocv::read(file, args.positive)?;
     let stem = stem(file);
     let path = free(
         args,

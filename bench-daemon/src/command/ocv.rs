@@ -8,12 +8,12 @@ use crate::{
     figures::ocv::{picture, write},
     files,
     safety::failure::Failure,
-    support::terminal::say,
+    support::terminal::{remark, say},
 };
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    formats::{CurrentSign, SeriesOptions, read_series},
+    formats::{CurrentSign, SeriesOptions, read_record},
     ocv::{OcvExtraction, OcvOptions, compensated, extract},
     series::TimeSeries,
 };
@@ -54,8 +54,8 @@ pub struct OcvArgs {
     /// A polynomial of this order besides, with its error and where it falls.
     #[arg(long, value_name = "ORDER")]
     pub poly: Option<usize>,
-    /// Direction that the files count positive, `discharge` or `charge` [default: by format and
-    /// file name]
+    /// Direction that the files count positive, `discharge` or `charge` [default: as the voltage and
+    /// the file's columns tell]
     #[arg(long, value_name = "DIRECTION")]
     pub positive: Option<CurrentSign>,
     /// Write `ocv.csv`, `ocv.json` and `ocv.svg`/`.png` into this folder.
@@ -162,9 +162,14 @@ fn within(series: &TimeSeries, window: Window) -> Result<TimeSeries, Failure> {
     )))
 }
 
-/// A time series as a command names it.
+/// A time series as a command names it; tells how it was read.
 pub(super) fn read(path: &Path, sign: Option<CurrentSign>) -> Result<TimeSeries, Failure> {
-    read_series(path, &SeriesOptions { sign }).map_err(|error| Failure::Usage(error.to_string()))
+    let read = read_record(path, &SeriesOptions { sign });
+    let read = read.map_err(|error| Failure::Usage(error.to_string()))?;
+    for note in &read.notes {
+        remark!("{note}");
+    }
+    Ok(read.series)
 }
 
 fn print_text(name: &str, found: &OcvExtraction) {

@@ -207,7 +207,7 @@ fn what_cannot_be_used_is_said_and_ends_with_2() {
         ),
         (
             vec!["ocv", &sweep],
-            "expected the columns \"time_s,voltage_v,current_a\"",
+            "expected columns of a time, a voltage and a current",
         ),
         (
             vec!["ocv", &slow, "--positive", "discharge"],

@@ -47,8 +47,8 @@ class Series(Table):
 def read_series(path: PathLike, sign: Optional[str] = None) -> Series:
     """Reads current and voltage over time of a cycler's file; formats: ``docs/formats.md``.
 
-    ``sign`` says which direction the file counts positive, ``charge`` or ``discharge``, where its
-    format does not.
+    ``sign`` says which direction the file counts positive, ``charge`` or ``discharge``; without it
+    the voltage and the file's columns decide.
 
     Raises EisError, which names file, line and column.
     """

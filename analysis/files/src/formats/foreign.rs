@@ -29,15 +29,15 @@ const MAGIC: [(&[u8], &str); 20] = [
     ),
     (
         b"\0\x01\0\0Standard Jet DB",
-        "an Arbin .res (an Access database); export the impedances as CSV",
+        "an Arbin .res (an Access database); export it as CSV or Excel from MITS Pro",
     ),
     (
         b"\0\x01\0\0Standard ACE DB",
-        "an Access database; export the impedances as CSV",
+        "an Access database; export its table as CSV",
     ),
     (
         b"SQLite format 3\0",
-        "an SQLite database; export the impedances as CSV",
+        "an SQLite database; export its table as CSV",
     ),
     (b"\x93NUMPY", "a NumPy array"),
     (
@@ -48,15 +48,23 @@ const MAGIC: [(&[u8], &str); 20] = [
     (b"II*\0", "a picture"),
 ];
 
+/// Neware's archive of binary tables.
+const NDAX: &str = "a Neware .ndax, which is binary; export it as CSV or Excel from BTSDA";
+
 /// Extensions of files that are known and not read; of texts too.
-const EXTENSIONS: [(&str, &str); 6] = [
+const EXTENSIONS: [(&str, &str); 8] = [
     ("mpr", "bytes that are no EC-Lab .mpr; export it as .mpt"),
     (
         "isw",
         "a Zahner .isw, which is binary; export it as a text list",
     ),
-    ("res", "an Arbin .res; export the impedances as CSV"),
+    (
+        "res",
+        "an Arbin .res; export it as CSV or Excel from MITS Pro",
+    ),
     ("nda", "a Neware .nda, which is binary; export it as CSV"),
+    ("ndax", NDAX),
+    ("sr", "a sigrok session; export it as CSV from PulseView"),
     ("mat", "a MATLAB .mat that is not of Level 5 (`save -v7`)"),
     (
         "fods",
@@ -73,7 +81,9 @@ pub(super) fn binary(path: &Path, bytes: &[u8]) -> Option<FormatError> {
         .map(|(_, kind)| *kind);
     let kind = match known {
         Some(kind) => kind,
-        None if bytes.starts_with(b"PK\x03\x04") => archive(bytes),
+        None if bytes.starts_with(b"PK\x03\x04") => {
+            by_extension(path).unwrap_or_else(|| archive(bytes))
+        }
         // A text has no zero byte.
         None if bytes.contains(&0) => {
             by_extension(path).unwrap_or("a binary file of unknown kind; export the data as text")
@@ -127,6 +137,8 @@ fn archive(bytes: &[u8]) -> &'static str {
         "an OpenDocument spreadsheet that cannot be decoded; export the table as CSV"
     } else if has(bytes, b"xl/") {
         "an Excel workbook that cannot be decoded; export the table as CSV"
+    } else if has(bytes, b".ndc") {
+        NDAX
     } else {
         "a ZIP archive; unpack it"
     }

@@ -7,7 +7,7 @@ use super::{
     text::{self, Row, Text, shorten},
 };
 use analysis_numeric::Covariance2;
-use analysis_signal::spectrum::{ImpedancePoint, Origin};
+use analysis_signal::spectrum::{ImpedancePoint, Origin, SourcedSpectrum};
 use num_complex::Complex64;
 
 const PROJECT: [&str; 3] = ["freq_hz", "z_re_ohm", "z_im_ohm"];
@@ -72,10 +72,8 @@ pub(super) fn parse(text: &Text<'_>) -> Result<FileSpectra, FormatError> {
             "an empty file"
         });
     };
-    let (layout, rows) = match Layout::of(text, first)? {
-        (layout, true) => (layout, rest),
-        (layout, false) => (layout, text.rows.as_slice()),
-    };
+    let (layout, named) = Layout::of(text, first)?;
+    let rows = if named { rest } else { text.rows.as_slice() };
     if rows.is_empty() {
         return empty("only a header");
     }
@@ -111,10 +109,40 @@ pub(super) fn parse(text: &Text<'_>) -> Result<FileSpectra, FormatError> {
     );
     let mut read = sweeps::sort(text.path, all, |origin, several| {
         name(origin, &stem, several)
-    });
+    })?;
+    if !named {
+        read.notes.extend(inductive(text, &read.spectra));
+    }
     super::shared::attach(text, &mut read.spectra)?;
     super::flags::attach(text, &mut read.spectra);
     Ok(read)
+}
+
+/// A remark on a list without names whose points are inductive, which may be −Im Z.
+fn inductive(text: &Text<'_>, spectra: &[SourcedSpectrum]) -> Option<String> {
+    let points = || spectra.iter().flat_map(|one| &one.spectrum.points);
+    let (all, above) = (
+        points().count(),
+        points().filter(|p| p.z_ohm.im > 0.0).count(),
+    );
+    let file = text.path.file_name().unwrap_or_default().to_string_lossy();
+    (all > 2 && 10 * above > 9 * all).then(|| {
+        format!(
+            "{file}: its list has no names and is taken as f, Re Z, Im Z; Im Z is above 0 at {above} of \
+             {all} points: if the file holds −Im Z, put the line \"f,re,-im\" before the numbers"
+        )
+    })
+}
+
+/// The refusal of a text whose first line is of no known format.
+pub(super) fn unknown(text: &Text<'_>) -> FormatError {
+    let first = text.rows.first();
+    FormatError::UnknownFormat {
+        file: text.file(),
+        line: first.map_or(1, |first| first.line),
+        met: first.map_or_else(String::new, Row::excerpt),
+        nearest: String::new(),
+    }
 }
 
 fn name(origin: &Origin, stem: &str, several: bool) -> String {
@@ -139,12 +167,7 @@ fn name(origin: &Origin, stem: &str, several: bool) -> String {
 impl Layout {
     /// The layout that a file's first row announces, and whether that row is a header.
     fn of(text: &Text<'_>, first: &Row<'_>) -> Result<(Self, bool), FormatError> {
-        let unknown = || FormatError::UnknownFormat {
-            file: text.file(),
-            line: first.line,
-            met: first.excerpt(),
-            nearest: String::new(),
-        };
+        let unknown = || unknown(text);
         let column = |index, name| Column { index, name };
         if first
             .fields

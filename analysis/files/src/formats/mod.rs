@@ -39,6 +39,7 @@ pub mod model;
 mod mpr;
 mod native;
 mod nearest;
+mod plain;
 mod profile;
 pub mod scope;
 pub(crate) mod shared;
@@ -53,7 +54,7 @@ pub use bdf::{bdf_text, write_bdf_parquet};
 pub use error::{ErrorPlace, FormatError};
 pub use profile::{ProfileReadError, ReadOptions, first_bare_row, parse_profile, read_profile};
 pub use timeseries::{
-    CurrentSign, LeftOut, SeriesOptions, SeriesReadError, read_series, read_series_with_left_out,
+    CurrentSign, LeftOut, ReadSeries, SeriesOptions, SeriesReadError, read_record, read_series,
 };
 pub use write::{SpectrumFormat, spectrum_text};
 
@@ -194,27 +195,32 @@ fn of_sheets(path: &Path, sheets: &[Sheet]) -> Result<FileSpectra, FormatError> 
 }
 
 fn parse_text(path: &Path, bytes: &[u8]) -> Result<FileSpectra, FormatError> {
+    // Ivium's files hold bytes of marks between their lines.
     let decoded = text::utf_16(bytes);
-    let bytes = decoded.as_deref().map_or(bytes, str::as_bytes);
-    if let Some(read) = native::parse(path, bytes) {
+    if let Some(read) = native::parse(path, decoded.as_deref().map_or(bytes, str::as_bytes)) {
         return read;
     }
-    if let Some(error) = foreign::binary(path, bytes) {
+    if let Some(error) = foreign::binary(path, decoded.as_deref().map_or(bytes, str::as_bytes)) {
         return Err(error);
     }
-    let own = text::Text::new(path, bytes).and_then(|text| layout::parse(&text));
+    let plain = plain::text(bytes);
+    let bytes = plain.as_bytes();
+    let text = text::Text::new(path, bytes)?;
+    // The names of a list may stand in a comment before it.
+    let own = if vendor::names_in_comment(&plain) {
+        Err(layout::unknown(&text))
+    } else {
+        layout::parse(&text)
+    };
     match own {
-        Err(error @ (FormatError::UnknownFormat { .. } | FormatError::NotText { .. })) => {
-            let refused = || match error {
-                FormatError::UnknownFormat {
-                    file, line, met, ..
-                } => FormatError::UnknownFormat {
-                    file,
-                    line,
-                    met,
-                    nearest: nearest::nearest(bytes),
-                },
-                other => other,
+        Err(FormatError::UnknownFormat {
+            file, line, met, ..
+        }) => {
+            let refused = || FormatError::UnknownFormat {
+                file,
+                line,
+                met,
+                nearest: nearest::nearest(bytes),
             };
             vendor::parse(path, bytes)
                 .unwrap_or_else(|| Err(foreign::text(path, bytes).unwrap_or_else(refused)))

@@ -79,7 +79,7 @@ const SINGLE: [(u16, u16); 33] = [
 ];
 /// Columns that are passed on, by the names that EC-Lab exports. Of several currents or voltages the
 /// first in a record is taken.
-const NAMED: [(u16, &str); 15] = [
+const NAMED: [(u16, &str); 17] = [
     (4, "time/s"),
     (6, "Ewe/V"),
     (77, "<Ewe>/V"),
@@ -95,7 +95,15 @@ const NAMED: [(u16, &str); 15] = [
     (24, "cycle number"),
     (213, "z cycle"),
     (469, "z cycle"),
+    (7, DELTA_Q),
+    (23, DELTA_Q),
 ];
+/// Charge since the record before, of which techniques without a current (GCPL) are told: its current
+/// is this over the time since.
+const DELTA_Q: &str = "dq/mA.h";
+/// The mode, in the two lowest bits of the flags; 3 is at rest.
+const MODE: &str = "mode";
+const MODE_BITS: u8 = 3;
 
 /// Kind of a value.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -103,6 +111,8 @@ enum Kind {
     Double,
     Single,
     Whole,
+    /// The byte of the flags.
+    Flags,
     /// Bytes that are passed over.
     Other(usize),
 }
@@ -112,6 +122,7 @@ impl Kind {
         match self {
             Self::Double => 8,
             Self::Single | Self::Whole => 4,
+            Self::Flags => 1,
             Self::Other(width) => width,
         }
     }
@@ -165,24 +176,64 @@ fn decoded(bytes: &[u8]) -> Result<String, String> {
         ));
     }
     let columns = placed(&ids, record)?;
-    let mut text = String::new();
+    let has = |names: &[&str]| columns.iter().any(|column| names.contains(&column.name));
+    let lacks_current = !has(&["I/mA", "<I>/mA", "freq/Hz"]);
+    let (of_charge, of_mode) = (
+        lacks_current && has(&[DELTA_Q]),
+        lacks_current && !has(&[DELTA_Q]),
+    );
+    let columns: Vec<Column> = columns
+        .into_iter()
+        .filter(|column| (column.name != DELTA_Q || of_charge) && (column.name != MODE || of_mode))
+        .collect();
+    let time = columns.iter().position(|column| column.name == "time/s");
+    // As the text of EC-Lab's technique OCV, which has no current.
+    let mut text = if of_mode {
+        "EC-Lab ASCII FILE\n".to_owned()
+    } else {
+        String::new()
+    };
     for (nth, column) in columns.iter().enumerate() {
         text.push_str(if nth > 0 { "\t" } else { "" });
-        text.push_str(column.name);
+        text.push_str(if column.name == DELTA_Q {
+            "I/mA"
+        } else {
+            column.name
+        });
     }
     text.push('\n');
+    let mut before_s = f64::NAN;
     for record in records.chunks_exact(record.max(1)) {
+        let double = |column: &Column| {
+            let eight = record.get(column.at..).and_then(<[u8]>::first_chunk);
+            eight.map_or(f64::NAN, |eight| f64::from_le_bytes(*eight))
+        };
+        let now_s = time.map_or(f64::NAN, |time| double(&columns[time]));
         for (nth, column) in columns.iter().enumerate() {
             text.push_str(if nth > 0 { "\t" } else { "" });
             let value = record.get(column.at..).unwrap_or_default();
             // Writing to a string cannot fail.
+            if column.name == DELTA_Q {
+                // Of the first record the time since is not known.
+                let amps = double(column) * 3600.0 / (now_s - before_s);
+                let _ = write!(text, "{}", if amps.is_finite() { amps } else { 0.0 });
+                continue;
+            }
             let _ = match (column.kind, value.first_chunk(), value.first_chunk()) {
                 (Kind::Double, Some(eight), _) => write!(text, "{}", f64::from_le_bytes(*eight)),
                 (Kind::Single, _, Some(four)) => write!(text, "{}", f32::from_le_bytes(*four)),
                 (Kind::Whole, _, Some(four)) => write!(text, "{}", u32::from_le_bytes(*four)),
+                (Kind::Flags, ..) => {
+                    write!(
+                        text,
+                        "{}",
+                        value.first().map_or(0, |flags| flags & MODE_BITS)
+                    )
+                }
                 _ => Ok(()),
             };
         }
+        before_s = now_s;
         text.push('\n');
     }
     Ok(text)
@@ -263,6 +314,13 @@ fn placed(ids: &[u16], record: usize) -> Result<Vec<Column>, String> {
     let mut at = 0;
     for (id, kind) in ids.iter().zip(kinds) {
         let kind = kind.unwrap_or(Kind::Other(left));
+        if kind == Kind::Flags {
+            columns.push(Column {
+                name: MODE,
+                at,
+                kind,
+            });
+        }
         let name = NAMED.iter().find(|(named, _)| named == id);
         if let Some((_, name)) = name.filter(|(_, name)| columns.iter().all(|c| c.name != *name)) {
             columns.push(Column { name, at, kind });
@@ -279,7 +337,9 @@ fn kind(id: u16) -> Option<Kind> {
         Some(Kind::Whole)
     } else if SHORT.contains(&id) {
         Some(Kind::Other(2))
-    } else if BYTE.contains(&id) || FLAGS.contains(&id) {
+    } else if FLAGS.contains(&id) {
+        Some(Kind::Flags)
+    } else if BYTE.contains(&id) {
         Some(Kind::Other(1))
     } else {
         let single = SINGLE

@@ -18,6 +18,7 @@ use super::text::shorten;
 use analysis_numeric::Covariance2;
 use analysis_signal::spectrum::{ImpedancePoint, Origin};
 use num_complex::Complex64;
+use serde_json::Value;
 use std::path::Path;
 
 /// First bytes of an Ivium file.
@@ -35,11 +36,17 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Option<Read> {
         let text: String = bytes.iter().map(|byte| char::from(*byte)).collect();
         return Some(ivium(path, &text));
     }
-    let text = std::str::from_utf8(bytes).ok()?;
+    let text = std::str::from_utf8(bytes)
+        .ok()?
+        .trim_start_matches('\u{feff}');
     if text.starts_with(AUTOLAB) {
         return Some(autolab(path, text));
     }
-    if text.starts_with('{') && text.contains("\"PalmSens.DataFiles.SessionFile\"") {
+    if text.starts_with('{')
+        && text
+            .to_lowercase()
+            .contains("\"palmsens.datafiles.sessionfile\"")
+    {
         return Some(palmsens(path, text));
     }
     elchemea(path, text)
@@ -83,7 +90,7 @@ fn sorted(path: &Path, rows: Vec<MeasuredRow>, keys: Vec<Key>) -> Read {
         || "spectrum".to_owned(),
         |stem| stem.to_string_lossy().into_owned(),
     );
-    Ok(sweeps::sort(path, Rows { rows, keys }, |_, _| stem.clone()))
+    sweeps::sort(path, Rows { rows, keys }, |_, _| stem.clone())
 }
 
 /// Lines with their numbers, from which values are taken one after another.
@@ -236,39 +243,87 @@ fn palmsens(path: &Path, text: &str) -> Read {
     };
     // The end of the file has a byte order mark.
     let text = text.trim_end_matches(['\u{feff}', '\0']).trim_end();
-    let session: serde_json::Value =
+    let session: Value =
         serde_json::from_str(text).map_err(|error| wrong("JSON", error.to_string()))?;
+    let session = with_small_keys(session);
     let none = Vec::new();
-    let measurements = session["Measurements"].as_array().unwrap_or(&none);
+    let measurements = session["measurements"].as_array().unwrap_or(&none);
     let mut rows = Vec::new();
     for (nth, measurement) in measurements.iter().enumerate() {
-        let arrays = measurement["DataSet"]["Values"].as_array().unwrap_or(&none);
-        let values = |name: &str| -> Option<Vec<f64>> {
-            let array = arrays.iter().find(|a| a["Description"] == name)?;
-            let values = array["DataValues"].as_array()?.iter();
-            values.map(|value| value["V"].as_f64()).collect()
-        };
-        // Other techniques have no impedance.
-        let (Some(freq), Some(re), Some(minus_im)) =
-            (values("Frequency"), values("ZRe"), values("ZIm"))
-        else {
-            continue;
-        };
-        if freq.len() != re.len() || re.len() != minus_im.len() {
-            return Err(wrong(
-                "as many frequencies as impedances",
-                format!("{}, {} and {}", freq.len(), re.len(), minus_im.len()),
-            ));
+        // Scans of each channel; the measurement's own arrays repeat the last channel.
+        let mut sets = Vec::new();
+        scans(&measurement["eisdatalist"], "", &mut sets);
+        if sets.len() < 2 {
+            sets.clear();
+            sets.push((nth.to_string(), &measurement["dataset"]));
         }
-        let points = freq.into_iter().zip(re).zip(minus_im);
-        rows.extend(points.map(|((freq_hz, re), minus_im)| {
-            row(
-                1,
-                vec![nth.to_string()],
-                freq_hz,
-                Complex64::new(re, -minus_im),
-            )
-        }));
+        for (count, (title, set)) in sets.iter().enumerate() {
+            let arrays = set["values"].as_array().unwrap_or(&none);
+            let values = |name: &str| -> Option<Vec<f64>> {
+                let array = arrays.iter().find(|array| is_named(array, name))?;
+                let values = array["datavalues"].as_array()?.iter();
+                values.map(|value| value["v"].as_f64()).collect()
+            };
+            // Other techniques have no impedance.
+            let (Some(freq), Some(re), Some(minus_im)) =
+                (values("Frequency"), values("ZRe"), values("ZIm"))
+            else {
+                continue;
+            };
+            if freq.len() != re.len() || re.len() != minus_im.len() {
+                return Err(wrong(
+                    "as many frequencies as impedances",
+                    format!("{}, {} and {}", freq.len(), re.len(), minus_im.len()),
+                ));
+            }
+            // Titles may come again.
+            let key = if sets.len() > 1 {
+                format!("{}.{} {title}", nth + 1, count + 1)
+            } else {
+                title.clone()
+            };
+            let points = freq.into_iter().zip(re).zip(minus_im);
+            rows.extend(points.map(|((freq_hz, re), minus_im)| {
+                row(1, vec![key.clone()], freq_hz, Complex64::new(re, -minus_im))
+            }));
+        }
     }
     sorted(path, rows, vec![Key::Table])
+}
+
+/// The sets of arrays below a list of channels and their scans, with their titles: of a channel with
+/// scans those of the scans.
+fn scans<'a>(list: &'a Value, before: &str, found: &mut Vec<(String, &'a Value)>) {
+    for one in list.as_array().into_iter().flatten() {
+        let title = one["title"].as_str().unwrap_or_default();
+        let short = title.split(':').next().unwrap_or_default();
+        let title = format!("{before} {short}").trim().to_owned();
+        let known = found.len();
+        scans(&one["subscans"], &title, found);
+        let has_set = one["dataset"]["values"]
+            .as_array()
+            .is_some_and(|all| !all.is_empty());
+        if found.len() == known && has_set {
+            found.push((title, &one["dataset"]));
+        }
+    }
+}
+
+fn is_named(array: &Value, name: &str) -> bool {
+    let description = array["description"].as_str();
+    description.is_some_and(|met| met.eq_ignore_ascii_case(name))
+}
+
+/// JSON whose keys are in small letters, as some versions write them.
+fn with_small_keys(value: Value) -> Value {
+    match value {
+        Value::Object(fields) => {
+            let small = fields
+                .into_iter()
+                .map(|(key, value)| (key.to_lowercase(), with_small_keys(value)));
+            Value::Object(small.collect())
+        }
+        Value::Array(all) => all.into_iter().map(with_small_keys).collect(),
+        other => other,
+    }
 }

@@ -120,17 +120,13 @@ fn of_series(lines: &[&str]) -> Option<String> {
 fn of_list(lines: &[&str]) -> Option<String> {
     let row = first_row(lines)?;
     let count = numbers(lines[row])?;
-    let lacks = if count == 3 && lines[row].contains(',') {
-        return None;
-    } else if count == 3 {
-        "holds its 3 numbers without commas".to_owned()
-    } else {
-        format!("has {count} numbers and not three, and no line names them")
-    };
     let line = row + 1;
-    Some(format!(
-        "that of impedance.py's list, but line {line} {lacks}"
-    ))
+    (count != 3).then(|| {
+        format!(
+            "that of impedance.py's list, but line {line} has {count} numbers and not three, and no \
+             line names them"
+        )
+    })
 }
 
 /// The first line of nothing but numbers.

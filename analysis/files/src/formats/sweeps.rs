@@ -11,6 +11,8 @@
 //! another part of the band belongs to the same sweep.
 
 use super::FileSpectra;
+use super::error::FormatError;
+use super::text;
 use analysis_signal::spectrum::{ImpedancePoint, Origin, SourcedSpectrum, Spectrum};
 use std::{collections::BTreeMap, path::Path};
 
@@ -20,6 +22,8 @@ const SAME: f64 = 0.01;
 /// Fewest points of a run that goes back to the start and is a sweep by itself: a line and a
 /// direction that it turns to.
 const FEWEST: usize = 3;
+/// Lines that a remark names, at most.
+const SHOWN: usize = 10;
 
 /// A row of a file.
 #[derive(Debug, Clone)]
@@ -89,13 +93,21 @@ pub(super) fn label_value(field: &str) -> String {
     number.map_or_else(|| field.to_owned(), |value| value.to_string())
 }
 
-/// Sorts rows into spectra. `name` is that of a spectrum that needs no telling apart; where it is
-/// the file's without extension, parts of it are called after the whole name, as `file.mpt#loop2`.
+/// Sorts rows into spectra; points that are no measurement are left out. `name` is that of a spectrum
+/// that needs no telling apart; where it is the file's without extension, parts of it are called after
+/// the whole name, as `file.mpt#loop2`.
 pub(super) fn sort(
     path: &Path,
     mut all: Rows,
     name: impl Fn(&Origin, bool) -> String,
-) -> FileSpectra {
+) -> Result<FileSpectra, FormatError> {
+    let unmeasured = all.drop_unmeasured();
+    if all.rows.is_empty() {
+        return Err(FormatError::Empty {
+            file: path.to_owned(),
+            met: "no point that was measured: all are overloads, 0 + 0j or empty",
+        });
+    }
     all.drop_row_numbers();
     let mut parts: Vec<Part> = Vec::new();
     for MeasuredRow {
@@ -147,7 +159,8 @@ pub(super) fn sort(
     if let Some(note) = told(&all.keys, &restarts, &spectra) {
         notes.insert(0, format!("{file}: {note}"));
     }
-    FileSpectra { spectra, notes }
+    notes.extend(unmeasured.map(|note| format!("{file}: {note}")));
+    Ok(FileSpectra { spectra, notes })
 }
 
 /// Sentence on the values that spectra were separated by; none where they were not.
@@ -187,6 +200,35 @@ fn told(keys: &[Key], restarts: &[usize], spectra: &[SourcedSpectrum]) -> Option
 }
 
 impl Rows {
+    /// Leaves out points that are no measurement: overloads, what lacks a part, and 0 + 0j, which a
+    /// program writes where it has none. Gives a remark with their lines.
+    fn drop_unmeasured(&mut self) -> Option<String> {
+        let good = |row: &MeasuredRow| {
+            let z = row.point.z_ohm;
+            text::is_measured(z.re) && text::is_measured(z.im) && z.norm() > 0.0
+        };
+        let lines: Vec<String> = self
+            .rows
+            .iter()
+            .filter(|row| !good(row))
+            .map(|row| row.line.to_string())
+            .collect();
+        self.rows.retain(good);
+        let shown = lines
+            .iter()
+            .take(SHOWN)
+            .cloned()
+            .collect::<Vec<_>>()
+            .join(", ");
+        let more = if lines.len() > SHOWN { ", …" } else { "" };
+        (!lines.is_empty()).then(|| {
+            format!(
+                "points that are no measurement (an overload, 0 + 0j, or no number) are left out: \
+                 line {shown}{more}"
+            )
+        })
+    }
+
     /// Leaves out keys that tell no spectra apart: those of one value, and numbers of rows or
     /// points, whose every value has one frequency of many.
     fn drop_row_numbers(&mut self) {

@@ -115,7 +115,7 @@ pub(super) fn shorten(text: &str) -> String {
 
 /// The names of columns that a comment announces, as files of impedance.py with uncertainties have
 /// them.
-fn announced(line: &str) -> Option<&str> {
+pub(super) fn announced(line: &str) -> Option<&str> {
     let names = line.strip_prefix('#')?.trim();
     (names == WITH_SIGMA).then_some(names)
 }
@@ -142,9 +142,13 @@ pub(super) fn utf_16(bytes: &[u8]) -> Option<String> {
     )
 }
 
-/// Fields of a line without surrounding blanks and quotes.
+/// Fields of a line without surrounding blanks and quotes. Several blanks in a row part once.
 pub(crate) fn fields(line: &str, separator: char) -> impl Iterator<Item = &str> {
-    line.split(separator).map(unquote)
+    let by_blanks = separator == ' ';
+    let parts = line.split(move |c| c == separator || by_blanks && c == '\t');
+    parts
+        .map(unquote)
+        .filter(move |field| !by_blanks || !field.is_empty())
 }
 
 /// Lines of a text that are not blank, with their numbers from 1.
@@ -159,34 +163,103 @@ pub(crate) fn is_comment(line: &str) -> bool {
     line.trim_start().starts_with('#')
 }
 
-/// Character between two fields, as the first line that is no comment tells it.
+/// Character between two fields, as the first line that is no comment tells it: a semicolon, a
+/// tabulator, a comma, or blanks where there is none of these or where each word is a number.
 pub(crate) fn separator(first: &str) -> char {
-    [';', '\t']
+    let found = [';', '\t', ',']
         .into_iter()
-        .find(|separator| first.contains(*separator))
-        .unwrap_or(',')
+        .find(|separator| first.contains(*separator));
+    let mut words = first.split_whitespace();
+    let several = words.clone().count() > 1;
+    match found {
+        None if several => ' ',
+        // With a decimal comma.
+        Some(',') if several && words.all(|word| number(word, ' ').is_some()) => ' ',
+        found => found.unwrap_or(','),
+    }
 }
 
-/// The number in a field. Where fields are not separated by commas, a comma is a decimal point;
-/// thousands are not grouped.
+/// The number in a field. Where fields are not separated by commas, a comma is a decimal point. Of a
+/// comma and a point in one number the first groups thousands, as an apostrophe does; an exponent may
+/// be written with `D`, as in Fortran.
 pub(crate) fn number(field: &str, separator: char) -> Option<f64> {
-    if separator == ',' || !field.contains(',') {
+    if !field.starts_with(|c: char| c.is_ascii_digit() || matches!(c, '-' | '+' | '.' | ',')) {
         return field.parse().ok();
     }
+    if separator == ',' || !field.contains([',', '\'', '’']) {
+        return plain_number(field);
+    }
+    let ungrouped = |mark: char| is_grouped(field, mark).then(|| field.replace(mark, ""));
+    if let Some(field) = ungrouped('\'').or_else(|| ungrouped('’')) {
+        return number(&field, separator);
+    }
+    let (commas, points) = (field.matches(',').count(), field.matches('.').count());
     // A comma without a digit behind it parts fields.
     let decimal = field
-        .split_once(',')
+        .rsplit_once(',')
         .is_some_and(|(_, digits)| digits.starts_with(|c: char| c.is_ascii_digit()));
-    let plain = decimal && !field.contains('.') && field.matches(',').count() == 1;
-    plain
-        .then(|| field.replacen(',', ".", 1))
-        .and_then(|field| field.parse().ok())
+    match (commas, points) {
+        (1, 0) if decimal => plain_number(&field.replacen(',', ".", 1)),
+        (2.., 0) | (1.., 1) if is_grouped(field, ',') => plain_number(&field.replace(',', "")),
+        (1, 1..) if is_grouped(field, '.') => {
+            plain_number(&field.replace('.', "").replacen(',', ".", 1))
+        }
+        _ => None,
+    }
 }
 
-/// The decimal mark of a field that is a number with one.
+fn plain_number(field: &str) -> Option<f64> {
+    let fortran = || {
+        let (mantissa, exponent) = field.split_once(['D', 'd'])?;
+        format!("{mantissa}e{exponent}").parse().ok()
+    };
+    field.parse().ok().or_else(fortran)
+}
+
+/// Whether each of these marks in a number stands before three digits of its whole part.
+pub(super) fn is_grouped(field: &str, mark: char) -> bool {
+    let field = field.trim_start_matches(['-', '+']);
+    let ends = |c: char| c != mark && matches!(c, '.' | ',' | 'e' | 'E' | 'D');
+    let whole = field.split(ends).next().unwrap_or_default();
+    let mut groups = whole.split(mark);
+    let first = groups.next().unwrap_or_default();
+    let digits = |group: &str| !group.is_empty() && group.chars().all(|c| c.is_ascii_digit());
+    let mut rest = groups.peekable();
+    let within = rest.peek().is_some();
+    within
+        && digits(first)
+        && first.len() <= 3
+        && !first.starts_with('0')
+        && rest.all(|group| group.len() == 3 && digits(group))
+        && field.matches(mark).count() == whole.matches(mark).count()
+}
+
+/// Least number that stands for an overload or for no measurement: SCPI writes 9.9E37 and 9.91E37.
+const OVERLOAD: f64 = 9.0e37;
+
+/// Whether a number can have been measured.
+pub(crate) fn is_measured(value: f64) -> bool {
+    value.abs() < OVERLOAD
+}
+
+/// Words for a value that was not measured.
+const MISSING: [&str; 20] = [
+    "", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "inf", "-inf", "+inf", "ol",
+    "o.l", "ovl", "ovld", "ovrld", "overload", "overflow",
+];
+
+/// Whether a field says that nothing was measured.
+pub(crate) fn is_missing(field: &str) -> bool {
+    let short = field.len() <= 8 && !field.starts_with(|c: char| c.is_ascii_digit());
+    short && MISSING.iter().any(|word| field.eq_ignore_ascii_case(word))
+}
+
+/// The decimal mark of a field that is a number with one: the last of both.
 pub(super) fn mark(field: &str, separator: char) -> Option<char> {
-    let mark = [',', '.'].into_iter().find(|mark| field.contains(*mark))?;
-    number(field, separator).map(|_| mark)
+    let at = field.rfind([',', '.'])?;
+    let mark = field[at..].chars().next()?;
+    let alone = field.matches(mark).count() == 1;
+    number(field, separator).filter(|_| alone).map(|_| mark)
 }
 
 pub(super) fn unquote(field: &str) -> &str {

@@ -26,7 +26,9 @@
 //! by which EC-Lab marks direct current, are left out. What follows a mark of an aborted
 //! measurement is not read. Every further table of impedances is a spectrum of its own.
 
+mod line;
 mod names;
+mod polar;
 mod rows;
 mod table;
 
@@ -41,7 +43,7 @@ use std::path::Path;
 /// # Errors
 /// [`FormatError`] for a table without rows, or with numbers that cannot be a measurement.
 pub(super) fn parse(path: &Path, bytes: &[u8]) -> Option<Result<FileSpectra, FormatError>> {
-    let text = decoded(bytes);
+    let text = String::from_utf8_lossy(bytes);
     let lines: Vec<&str> = text
         .lines()
         .map(|line| line.trim_end_matches('\r'))
@@ -77,7 +79,10 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Option<Result<FileSpectra, For
     let Reader {
         rows, mut notes, ..
     } = reader;
-    let mut read = sweeps::sort(path, rows, |_, _| stem.clone());
+    let mut read = match sweeps::sort(path, rows, |_, _| stem.clone()) {
+        Ok(read) => read,
+        Err(error) => return Some(Err(error)),
+    };
     read.notes.append(&mut notes);
     Some(Ok(read))
 }
@@ -87,22 +92,27 @@ pub(super) fn quantities(line: &str) -> Option<Vec<&'static str>> {
     may_be_names(line).then(|| table::quantities(line))?
 }
 
-/// A row of numbers names nothing; its only letter is that of an exponent.
+/// A row of numbers names nothing; its only letters are those of exponents, `e` or `D`.
 fn may_be_names(line: &str) -> bool {
     line.len() > 2
         && line
             .chars()
-            .any(|c| c.is_alphabetic() && !matches!(c, 'e' | 'E'))
+            .any(|c| c.is_alphabetic() && !matches!(c, 'e' | 'E' | 'd' | 'D'))
 }
 
-/// The text; degrees and square centimetres come in code pages of one byte, whose first half is
-/// ASCII.
-fn decoded(bytes: &[u8]) -> String {
-    let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
-    std::str::from_utf8(bytes).map_or_else(
-        |_| bytes.iter().map(|byte| char::from(*byte)).collect(),
-        str::to_owned,
-    )
+/// Whether the last comment before a list of numbers without names holds names of an impedance, as
+/// `numpy.savetxt` writes them.
+pub(super) fn names_in_comment(text: &str) -> bool {
+    let mut lines = text.lines().map(str::trim).filter(|line| !line.is_empty());
+    let mut named = false;
+    let first = lines.find(|line| {
+        let comment = line.starts_with(['#', '%']);
+        if comment && crate::formats::text::announced(line).is_none() {
+            named |= table::table(Path::new(""), &[*line], 0).is_some();
+        }
+        !comment
+    });
+    named && first.is_some_and(|first| !may_be_names(first))
 }
 
 #[cfg(test)]

@@ -5,8 +5,8 @@ use std::path::{Component, Path, PathBuf};
 
 use analysis::{
     formats::{
-        FormatError, ReadOptions, SeriesOptions, SeriesReadError, read_file, read_profile,
-        read_series,
+        FormatError, ReadOptions, ReadSeries, SeriesOptions, SeriesReadError, read_file,
+        read_profile, read_record,
     },
     forward::Interpolation,
     series::TimeSeries,
@@ -92,9 +92,10 @@ fn one(args: &InitArgs, path: &Path, names: &mut Names) -> Result<Content, Failu
         kind,
         text,
     };
-    let series_error = match read_series(path, &options) {
-        Ok(series) => {
-            let text = format!("{} rows", series.len());
+    let series_error = match read_record(path, &options) {
+        Ok(ReadSeries { series, notes, .. }) => {
+            let mut text = format!("{} rows", series.len());
+            text.extend(notes.iter().map(|note| format!("; {note}")));
             return Ok(Content {
                 finding: finding(Some(FileKind::Log), text),
                 log: Some(Log {
@@ -144,6 +145,7 @@ fn nearest(path: &Path, series: &SeriesReadError, spectra: &FormatError) -> Stri
         series,
         SeriesReadError::UnknownFormat { .. }
             | SeriesReadError::Text(_)
+            | SeriesReadError::Foreign { .. }
             | SeriesReadError::Read { .. }
     );
     if knows_columns {

@@ -11,8 +11,8 @@ use analysis::{
     dataset::TRACE_COLUMNS,
     diagnosis::{Sweep, SweepPoint},
     formats::{
-        CurrentSign, FormatError, LeftOut, SeriesOptions, SeriesReadError,
-        read_series_with_left_out, read_sourced,
+        CurrentSign, FormatError, LeftOut, ReadSeries, SeriesOptions, SeriesReadError, read_record,
+        read_sourced,
     },
     series::{SeriesError, TimeSeries},
     spectrum::{SourcedSpectrum, Spectrum},
@@ -42,6 +42,8 @@ pub(super) enum FileError {
 #[derive(Debug, Default)]
 pub(super) struct Files {
     series: HashMap<(PathBuf, Option<Sign>), (TimeSeries, Vec<LeftOut>)>,
+    /// Remarks on how they were read.
+    pub(super) notes: Vec<String>,
 }
 
 /// A hashable [`CurrentSign`]: true for discharge.
@@ -60,10 +62,17 @@ impl Files {
         );
         match self.series.entry(key) {
             std::collections::hash_map::Entry::Occupied(known) => Ok(known.into_mut()),
-            std::collections::hash_map::Entry::Vacant(place) => Ok(place.insert(
-                read_series_with_left_out(path, &SeriesOptions { sign })
-                    .map_err(|error| series_error(&error))?,
-            )),
+            std::collections::hash_map::Entry::Vacant(place) => {
+                let read = read_record(path, &SeriesOptions { sign });
+                let ReadSeries {
+                    series,
+                    left_out,
+                    notes,
+                    ..
+                } = read.map_err(|error| series_error(&error))?;
+                self.notes.extend(notes);
+                Ok(place.insert((series, left_out)))
+            }
         }
     }
 }
@@ -171,7 +180,9 @@ pub(super) fn part(series: &TimeSeries, window: Range<usize>) -> TimeSeries {
 fn series_error(error: &SeriesReadError) -> FileError {
     let text = error.to_string();
     match error {
-        SeriesReadError::Read { .. } | SeriesReadError::Sign { .. } => FileError::Usage(text),
+        SeriesReadError::Read { .. }
+        | SeriesReadError::Sign { .. }
+        | SeriesReadError::Contradiction { .. } => FileError::Usage(text),
         // No line at all is a file that was cut off; a line of other columns is the wrong file.
         SeriesReadError::UnknownFormat { place, .. } if !place.is_empty() => FileError::Usage(text),
         SeriesReadError::Text(FormatError::Read { .. }) => FileError::Usage(text),

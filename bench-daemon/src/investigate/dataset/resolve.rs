@@ -78,7 +78,7 @@ pub(super) fn read(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
     let mut loaded = Loaded {
         set,
         problems,
-        notes: notes.into_iter().collect(),
+        notes: notes.into_iter().chain(resolver.files.notes).collect(),
         findings: resolver.findings,
         accept: raw.accept.iter().flatten().map(|one| one.kind()).collect(),
         refused: Vec::new(),

@@ -282,7 +282,7 @@ fn mistakes_name_file_line_and_field() {
         (
             "p.bdf.csv",
             "s.csv",
-            "dataset.toml:3: runs.1.file: s.csv, line 1: expected the columns",
+            "dataset.toml:3: runs.1.file: s.csv, line 1: expected columns",
         ),
         (
             "[[runs]]",
@@ -328,7 +328,7 @@ fn a_damaged_file_is_a_problem_and_not_an_error() {
                 [[runs]]\nfile = \"s.csv\"\nkind = \"eis\"\nsoc = 0.5\ntemperature_c = 25\n";
     let back = SERIES.replace("13,", "11.5,");
     for (kind, text, expected) in [
-        ("time", "", "expected the columns"),
+        ("time", "", "expected columns"),
         ("time", back.as_str(), "its times go back: "),
         (
             "time",

@@ -200,3 +200,64 @@ fn a_structure_of_matlab_is_a_record() {
         );
     }
 }
+
+/// A file of EC-Lab before 11.50 with these columns and records.
+fn mpr(ids: &[u16], records: &[Vec<u8>]) -> Vec<u8> {
+    let mut data = u32::try_from(records.len()).unwrap().to_le_bytes().to_vec();
+    data.push(u8::try_from(ids.len()).unwrap());
+    data.extend(ids.iter().flat_map(|id| id.to_le_bytes()));
+    data.resize(405, 0);
+    data.extend(records.concat());
+    let mut file = b"BIO-LOGIC MODULAR FILE\x1a".to_vec();
+    file.resize(52, 0);
+    file.extend(b"MODULE");
+    file.extend(format!("{:<10}{:<25}", "VMP data", "VMP data").bytes());
+    file.extend(u32::try_from(data.len()).unwrap().to_le_bytes());
+    file.extend(2_u32.to_le_bytes());
+    file.extend(b"01/01/24");
+    file.extend(data);
+    file
+}
+
+#[test]
+fn battery_techniques_of_ec_lab_have_a_current() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.mpr");
+    // GCPL: 20 rows at rest, then 2 A out; charge since the row before in mAh, every half second.
+    let amps = |k: i32| if k < 20 { 0.0 } else { -2.0 };
+    let gcpl = (0..40).map(|k| {
+        let dq: f64 = amps(k) * 1e3 * 0.5 / 3600.0;
+        let volts: f32 = if k < 20 { 3.7 } else { 3.6 };
+        let mut record = vec![1];
+        record.extend((0.5 * f64::from(k)).to_le_bytes());
+        record.extend(dq.to_le_bytes());
+        record.extend(volts.to_le_bytes());
+        record
+    });
+    std::fs::write(&path, mpr(&[1, 4, 23, 6], &gcpl.collect::<Vec<_>>())).unwrap();
+    let read = read_series(&path, &SeriesOptions::default()).unwrap();
+    assert_eq!(read.len(), 40);
+    assert!(
+        (read.current_a[10], read.current_a[30]) == (0.0, 2.0),
+        "{:?}",
+        read.current_a
+    );
+    // OCV: mode 3, no current.
+    let ocv = |mode: u8| {
+        let of = |k: i32| {
+            let mut record = vec![mode];
+            record.extend(f64::from(k).to_le_bytes());
+            record.extend(3.7_f32.to_le_bytes());
+            record
+        };
+        mpr(&[1, 4, 6], &(0..20).map(of).collect::<Vec<_>>())
+    };
+    std::fs::write(&path, ocv(3)).unwrap();
+    let read = read_series(&path, &SeriesOptions::default()).unwrap();
+    assert!(read.len() == 20 && read.current_a.iter().all(|a| *a == 0.0));
+    std::fs::write(&path, ocv(1)).unwrap();
+    let refused = read_series(&path, &SeriesOptions::default())
+        .unwrap_err()
+        .to_string();
+    assert!(refused.contains("without a current"), "{refused}");
+}

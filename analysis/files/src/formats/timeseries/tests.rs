@@ -70,7 +70,9 @@ fn of_rows_at_one_time_the_last_is_kept() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.bdf.csv");
     std::fs::write(&path, text).unwrap();
-    let (series, left_out) = read_series_with_left_out(&path, &SeriesOptions::default()).unwrap();
+    let ReadSeries {
+        series, left_out, ..
+    } = read_record(&path, &SeriesOptions::default()).unwrap();
     assert_eq!(series.time_s, [0.0, 1.0, 2.0]);
     assert_eq!(series.current_a, [-0.0, 2.0, 2.0]);
     assert_eq!(left_out.len(), 1);
@@ -84,7 +86,7 @@ fn of_rows_at_one_time_the_last_is_kept() {
 fn currents_without_a_direction_are_not_guessed() {
     let text = "Test Time (s),Current (A),Voltage (V)\n0,2,4.1\n36,2,4.0\n";
     let told = read("x.txt", text.as_bytes()).unwrap_err();
-    assert!(told.contains("its currents have no sign"), "{told}");
+    assert!(told.contains("its currents are all of one sign"), "{told}");
     assert_eq!(
         read("x_discharge.txt", text.as_bytes()).unwrap().current_a,
         [2.0, 2.0]

@@ -102,6 +102,8 @@ fn plain(name: &str) -> String {
             'μ' => text.push('µ'),
             '²' => text.push('2'),
             '·' | '⋅' | '×' => text.push('.'),
+            '（' => text.push('('),
+            '）' => text.push(')'),
             other => text.push(other),
         }
     }
@@ -123,7 +125,9 @@ fn split(written: &str) -> Vec<Split> {
             .filter(|c| !c.is_whitespace() && *c != '_')
             .flat_map(char::to_lowercase)
             .collect();
-        joined.trim_end_matches(['.', ':', ',']).to_owned()
+        let joined = joined.trim_end_matches(['.', ':', ',']);
+        // RelaxIS.
+        joined.strip_prefix("data:").unwrap_or(joined).to_owned()
     };
     let mut ways = vec![Split {
         base: base(written),
@@ -145,6 +149,7 @@ fn split(written: &str) -> Vec<Split> {
         }
     };
     way(written.split_once('/'), true);
+    way(written.rsplit_once(" in "), true);
     way(
         written
             .strip_suffix(']')
@@ -180,6 +185,8 @@ fn short(base: &str) -> bool {
             | "hz"
             | "rs"
             | "xs"
+            | "r"
+            | "x"
     )
 }
 
@@ -196,7 +203,10 @@ const CORRECTED: [&str; 7] = [
 
 /// The quantity of a name without unit, its sign, and whether it is corrected for a drift.
 fn base_of(base: &str) -> Option<(Quantity, f64, bool)> {
-    let (sign, base) = match base.strip_prefix('-').or_else(|| base.strip_prefix("neg")) {
+    let negated = ["-", "neg.", "neg", "minus"]
+        .iter()
+        .find_map(|minus| base.strip_prefix(minus));
+    let (sign, base) = match negated {
         Some(rest) => (-1.0, rest),
         None => (1.0, base),
     };
@@ -207,19 +217,26 @@ fn base_of(base: &str) -> Option<(Quantity, f64, bool)> {
         .find_map(|suffix| base.strip_suffix(suffix));
     let (drift_corrected, base) = (corrected.is_some(), corrected.unwrap_or(base));
     let quantity = match base {
-        "f" | "freq" | "frequency" | "hz" => Quantity::Frequency,
+        "f" | "freq" | "freqs" | "frequency" | "hz" | "frequenz" | "fréquence" | "frequence"
+        | "频率" | "测试频率" => Quantity::Frequency,
         // ZPlot's (a) and (b) are no units.
         "z'" | "z'(a)" | "re" | "real" | "zre" | "zreal" | "rez" | "realz" | "re(z)"
-        | "real(z)" | "realpart" | "impedancereal" | "realimpedance" | "rs" => Quantity::Real,
+        | "real(z)" | "realpart" | "impedancereal" | "realimpedance" | "rs" | "r" | "zrealpart"
+        | "realteil" | "partieréelle" | "partiereelle" | "实部" | "阻抗实部" | "z实部" => {
+            Quantity::Real
+        }
         "z\"" | "z\"(b)" | "im" | "imag" | "imaginary" | "zim" | "zimg" | "zimag" | "imz"
         | "imagz" | "im(z)" | "imag(z)" | "imaginarypart" | "impedanceimag"
         | "impedanceimaginary" | "imagimpedance" | "imaginaryimpedance" | "zimaginary"
-        | "reactance" | "xs" => Quantity::Imaginary,
+        | "reactance" | "xs" | "x" | "zimagpart" | "imaginärteil" | "imaginaerteil"
+        | "partieimaginaire" | "虚部" | "阻抗虚部" | "z虚部" => Quantity::Imaginary,
         "|z|" | "zmod" | "zabs" | "abs" | "absz" | "mod(z)" | "abs(z)" | "modulus" | "zmodulus"
         | "magnitude" | "zmagnitude" | "impedancemodulus" | "impedancemagnitude" | "z"
-        | "impedance" => Quantity::Modulus,
+        | "impedance" | "zmag" | "z-mag" | "betrag" | "impedanzbetrag" | "module" | "模值"
+        | "阻抗模值" | "阻抗模" => Quantity::Modulus,
         "phase" | "phase(z)" | "zphz" | "zphase" | "phasez" | "phaseangle" | "impedancephase"
-        | "theta" | "phi" | "angle" | "arg(z)" => Quantity::Phase,
+        | "theta" | "phi" | "angle" | "arg(z)" | "theta(z)" | "phasenwinkel" | "相位"
+        | "相位角" | "相角" => Quantity::Phase,
         _ => return None,
     };
     // A frequency or a modulus below zero there is none.
@@ -235,7 +252,9 @@ fn unit_of(quantity: Quantity, written: &str) -> Option<Unit> {
     let refused = |why| Unit::Refused(written.trim().to_owned(), why);
     Some(match quantity {
         Quantity::Phase => angle(&text).map_or_else(|| refused(UNKNOWN), Unit::Factor),
-        Quantity::Frequency => prefixed(&text, &["hz"]).unwrap_or_else(refused_as(&refused)),
+        Quantity::Frequency => {
+            prefixed(&text, &["hz", "hertz"]).unwrap_or_else(refused_as(&refused))
+        }
         _ if text.to_lowercase().contains("cm") || text.contains("m2") || text.contains("m^2") => {
             refused(AREA)
         }

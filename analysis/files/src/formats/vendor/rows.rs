@@ -1,11 +1,13 @@
 //! The rows of a table.
 
+use super::line::Line;
 use super::names::Quantity;
+use super::polar::{self, Beside};
 use super::table::{self, Column, Curve, Table};
 use crate::formats::{
     error::FormatError,
     sweeps::{Key, MeasuredRow, Rows, label_value},
-    text::{self, shorten},
+    text,
 };
 use analysis_numeric::Covariance2;
 use analysis_signal::spectrum::{ImpedancePoint, Origin};
@@ -30,14 +32,8 @@ pub(super) struct Reader<'a> {
     pub(super) met_table: bool,
     tables: Vec<String>,
     mark: Option<char>,
-}
-
-/// One line of a table.
-struct Line<'a> {
-    path: &'a Path,
-    at: usize,
-    fields: Vec<&'a str>,
-    separator: char,
+    /// What stands beside the rows of the table that is read.
+    beside: Vec<Beside>,
 }
 
 /// Kind of a line below the names.
@@ -64,6 +60,7 @@ impl<'a> Reader<'a> {
             met_table: false,
             tables: Vec::new(),
             mark: None,
+            beside: Vec::new(),
         }
     }
 
@@ -81,6 +78,8 @@ impl<'a> Reader<'a> {
         self.met_table = true;
         let name = self.name_table(header);
         let before = self.rows.rows.len();
+        self.beside.clear();
+        let mut short = None;
         let (mut seen, mut end) = (0, self.lines.len());
         for at in header + 1..self.lines.len() {
             if is_title(self.lines[at]).is_some() {
@@ -104,6 +103,11 @@ impl<'a> Reader<'a> {
                     break;
                 }
                 LineKind::Row(freq) => {
+                    line.check_width(
+                        &table,
+                        *short.get_or_insert(line.fields.len()),
+                        self.is_ec_lab(),
+                    )?;
                     seen += 1;
                     // So EC-Lab marks direct current.
                     if freq != 0.0 {
@@ -129,8 +133,12 @@ impl<'a> Reader<'a> {
         if line.filled() == 0 || seen == 0 && self.counts_rows(line, table) {
             return Ok(LineKind::Nothing);
         }
+        // A log with impedances in some of its rows.
+        if table.read().all(|column| line.lacks(column)) && line.fields.len() > table.freq.index {
+            return Ok(LineKind::Nothing);
+        }
         if let Some(freq) = line.number(table.freq.index) {
-            return line.check_width(table.width).map(|()| LineKind::Row(freq));
+            return Ok(LineKind::Row(freq));
         }
         let number = |column: &Column| line.number(column.index).is_some();
         if table
@@ -149,13 +157,14 @@ impl<'a> Reader<'a> {
         }
         let below = line.at - table.line;
         if seen == 0 && below <= UNITS && !self.ends(line.at) {
-            return Ok(
-                if [line.filled(), line.fields.len()].contains(&table.width) {
-                    LineKind::Units
-                } else {
-                    LineKind::Nothing
-                },
-            );
+            // RelaxIS tells the circumstances there.
+            let told = line.fields.iter().any(|field| field.contains(['=', ':']));
+            let as_wide = [line.filled(), line.fields.len()].contains(&table.width);
+            return Ok(if as_wide && !told {
+                LineKind::Units
+            } else {
+                LineKind::Nothing
+            });
         }
         if !self.ends(line.at) && self.goes_on(line.at + 1, table) {
             return Err(line.wrong(
@@ -166,8 +175,19 @@ impl<'a> Reader<'a> {
         Ok(LineKind::End)
     }
 
-    /// Tells what was not read, and settles phases without unit.
+    /// Whether the file is EC-Lab's, whose rows may end before its names do.
+    fn is_ec_lab(&self) -> bool {
+        self.lines
+            .first()
+            .is_some_and(|line| line.contains("-Lab ASCII FILE"))
+    }
+
+    /// Tells what was not read, settles phases without unit, and holds parts against modulus and phase.
     fn tell(&mut self, table: &Table, before: usize) -> Result<(), FormatError> {
+        let rows = &mut self.rows.rows[before..];
+        if let Some(note) = polar::compare(self.path, table, rows, &self.beside)? {
+            self.notes.push(format!("{}: {note}", self.file()));
+        }
         let left: Vec<&str> = table
             .others
             .iter()
@@ -269,6 +289,14 @@ impl<'a> Reader<'a> {
                 key.push(value.clone());
             }
             key.resize(key.len().max(self.rows.keys.len()), String::new());
+            let value = |column: &Option<Column>| {
+                let column = column.as_ref()?;
+                Some(line.number(column.index)? * column.factor())
+            };
+            self.beside.push(Beside {
+                modulus: value(&table.polar.modulus).unwrap_or(f64::NAN),
+                phase: value(&table.polar.phase).unwrap_or(f64::NAN),
+            });
             self.rows.rows.push(MeasuredRow {
                 line: line.at + 1,
                 origin: Origin::default(),
@@ -366,101 +394,4 @@ fn is_title(line: &str) -> Option<&str> {
     let mut fields = line.split('\t');
     let name = fields.next().filter(|name| !name.is_empty())?;
     (fields.next()?.trim() == "TABLE").then_some(name)
-}
-
-impl Line<'_> {
-    fn number(&self, column: usize) -> Option<f64> {
-        self.fields
-            .get(column)
-            .and_then(|field| text::number(field, self.separator))
-    }
-
-    /// Fields up to the last that is not empty.
-    fn filled(&self) -> usize {
-        self.fields
-            .iter()
-            .rposition(|field| !field.is_empty())
-            .map_or(0, |last| last + 1)
-    }
-
-    fn check_width(&self, width: usize) -> Result<(), FormatError> {
-        if self.filled() > width || self.fields.len() < width {
-            Err(self.ragged(width))
-        } else {
-            Ok(())
-        }
-    }
-
-    fn ragged(&self, expected: usize) -> FormatError {
-        let met = if self.filled() > expected {
-            self.filled()
-        } else {
-            self.fields.len()
-        };
-        FormatError::FieldCount {
-            file: self.path.to_owned(),
-            line: self.at + 1,
-            column: met.min(expected) + 1,
-            expected,
-            met,
-        }
-    }
-
-    /// An impedance; of one whose phase has no unit, modulus and phase as they stand.
-    fn impedance(&self, curve: &Curve) -> Result<Complex64, FormatError> {
-        let [a, b] = &curve.columns;
-        if b.quantity == Quantity::Imaginary {
-            let part = |column: &Column| {
-                Ok(self.finite(column, "a finite number in Ω", |_| true)? * column.factor())
-            };
-            return Ok(Complex64::new(part(a)?, part(b)?));
-        }
-        let modulus = self.finite(a, "a finite magnitude of zero or more in Ω", |value| {
-            value >= 0.0
-        })? * a.factor();
-        let angle = self.finite(b, "a finite angle", |_| true)? * b.factor();
-        Ok(if b.unit.is_some() {
-            Complex64::from_polar(modulus, angle)
-        } else {
-            Complex64::new(modulus, angle)
-        })
-    }
-
-    fn finite(
-        &self,
-        column: &Column,
-        expected: &'static str,
-        good: impl Fn(f64) -> bool,
-    ) -> Result<f64, FormatError> {
-        self.number(column.index)
-            .filter(|value| value.is_finite() && good(*value))
-            .ok_or_else(|| self.wrong(column, expected))
-    }
-
-    fn wrong(&self, column: &Column, expected: &'static str) -> FormatError {
-        let name = match column.quantity {
-            Quantity::Frequency => "frequency",
-            Quantity::Real => "Re Z",
-            Quantity::Imaginary => "Im Z",
-            Quantity::Modulus => "|Z|",
-            Quantity::Phase => "phase",
-        };
-        self.wrong_named(column.index, name, expected)
-    }
-
-    fn wrong_named(&self, index: usize, name: &'static str, expected: &'static str) -> FormatError {
-        let field = self.fields.get(index);
-        let met = field.map_or_else(
-            || "the end of the line".to_owned(),
-            |field| shorten(field).trim_matches('"').to_owned(),
-        );
-        FormatError::Field {
-            file: self.path.to_owned(),
-            line: self.at + 1,
-            column: index + 1,
-            name,
-            expected,
-            met,
-        }
-    }
 }

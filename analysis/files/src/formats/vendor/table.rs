@@ -14,7 +14,7 @@ pub(super) struct Column {
     pub(super) index: usize,
     pub(super) title: String,
     pub(super) quantity: Quantity,
-    sign: f64,
+    pub(super) sign: f64,
     /// Factor that converts its numbers to Hz, Ω or rad; none where no unit is written.
     pub(super) unit: Option<f64>,
 }
@@ -35,6 +35,13 @@ pub(super) struct Curve {
     pub(super) columns: [Column; 2],
 }
 
+/// Modulus and phase beside the real and the imaginary part, which are held against them.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Polar {
+    pub(super) modulus: Option<Column>,
+    pub(super) phase: Option<Column>,
+}
+
 /// The columns of a table.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Table {
@@ -49,6 +56,7 @@ pub(super) struct Table {
     pub(super) labels: Vec<(&'static str, usize)>,
     /// Impedances of other electrodes, which are not read.
     pub(super) others: Vec<Other>,
+    pub(super) polar: Polar,
 }
 
 /// A column that is not read.
@@ -73,7 +81,21 @@ struct Header<'a> {
 /// # Errors
 /// A column named twice; a unit that its quantity cannot have.
 pub(super) fn table(path: &Path, lines: &[&str], at: usize) -> Option<Result<Table, FormatError>> {
-    let mut found: Vec<(char, Header<'_>)> = candidates(lines[at])
+    let mut ways = candidates(lines[at]);
+    // Names in a comment say nothing of what parts the rows.
+    if lines[at].trim_start().starts_with(['#', '%']) {
+        let others = |(_, titles): &(char, Vec<_>)| {
+            let of = |separator: &char| numbers_below(lines, at, *separator) == Some(titles.len());
+            let separator = [';', '\t', ',', ' '].into_iter().find(of);
+            separator.map(|separator| (separator, titles.clone()))
+        };
+        ways = ways
+            .iter()
+            .filter_map(others)
+            .chain(ways.iter().cloned())
+            .collect();
+    }
+    let mut found: Vec<(char, Header<'_>)> = ways
         .into_iter()
         .map(|(separator, titles)| (separator, Header::new(path, at, titles)))
         .filter(|(_, h)| h.is_whole())
@@ -136,7 +158,9 @@ pub(super) fn quantities(line: &str) -> Option<Vec<&'static str>> {
 
 /// A line parted by what can separate names: one way, but for blanks, which may stand within names.
 fn candidates(line: &str) -> Vec<(char, Vec<&str>)> {
-    let line = line.trim_start_matches('\u{feff}');
+    let line = line
+        .trim_start_matches('\u{feff}')
+        .trim_start_matches(['#', '%']);
     // VersaStudio: the list ends with a nought that is no column.
     if let Some(definition) = line.strip_prefix("Definition=") {
         let mut titles = fields(definition, ',');
@@ -227,7 +251,13 @@ fn numbers_below(lines: &[&str], at: usize, separator: char) -> Option<usize> {
 
 impl<'a> Header<'a> {
     fn new(path: &'a Path, at: usize, titles: Vec<&'a str>) -> Self {
-        let named = titles.iter().map(|title| names::named(title)).collect();
+        // Maccor: the amplitudes of the voltage and of the current.
+        let amplitudes = titles
+            .iter()
+            .any(|title| title.eq_ignore_ascii_case("VMag"));
+        let is_current = |title: &str| amplitudes && title.eq_ignore_ascii_case("IMag");
+        let named = |title: &&str| names::named(title).filter(|_| !is_current(title));
+        let named = titles.iter().map(named).collect();
         Self {
             path,
             line: at + 1,
@@ -296,7 +326,16 @@ impl<'a> Header<'a> {
                 used: false,
             })
             .collect();
+        let beside = |quantity| {
+            let there = cartesian && self.has(quantity);
+            there.then(|| self.column(quantity, false).ok()).flatten()
+        };
+        let polar = Polar {
+            modulus: beside(Quantity::Modulus),
+            phase: beside(Quantity::Phase),
+        };
         Ok(Table {
+            polar,
             line: self.line - 1,
             separator,
             width: self.titles.len(),
@@ -409,6 +448,17 @@ impl Table {
                 .and_then(|field| names::unit_under(column.quantity, field))
             {
                 column.take_unit(unit, path, line)?;
+            }
+        }
+        // What only serves a comparison is passed over where its unit is odd.
+        for place in [&mut self.polar.modulus, &mut self.polar.phase] {
+            let unit = |column: &Column| names::unit_under(column.quantity, row.get(column.index)?);
+            if let Some(unit) = place.as_ref().and_then(unit)
+                && place
+                    .as_mut()
+                    .is_some_and(|column| column.take_unit(unit, path, line).is_err())
+            {
+                *place = None;
             }
         }
         Ok(())

@@ -140,9 +140,9 @@ fn wrong_numbers_are_named() {
             "line 4, column 1 (frequency): expected a positive finite frequency in Hz, met \"1O\"",
         ),
         (
-            "1.000,5\t2\t3\n4\t2\t3\n",
+            "1.00,5\t2\t3\n4\t2\t3\n",
             "line 2, column 1 (frequency): expected a positive finite frequency in Hz, \
-            met \"1.000,5\"",
+            met \"1.00,5\"",
         ),
         (
             "1\t2\t3\nnote\n4\t2\t3\n",

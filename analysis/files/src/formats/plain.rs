@@ -1,0 +1,194 @@
+//! The text of a file as the readers take it: UTF-8, signs of a typewriter, and no separator within a
+//! field.
+//!
+//! * UTF-16 with a byte order mark, UTF-8, else a code page of one byte (the first half is ASCII, and
+//!   the second Latin)
+//! * the minus U+2212 is `-`; blanks that do not break, between digits, group thousands and are dropped
+//! * a table by RFC 4180 whose quoted fields hold the separator gets tabulators for it. In a column of
+//!   numbers with points, commas before each three digits group thousands and are dropped
+
+use super::text;
+use std::borrow::Cow;
+
+/// Fields of a row of a table, at least.
+const FIELDS: usize = 3;
+/// Blanks that do not break.
+const FIXED_BLANKS: [char; 3] = ['\u{a0}', '\u{202f}', '\u{2009}'];
+
+/// The text of bytes. Lines keep their numbers.
+pub(super) fn text(bytes: &[u8]) -> Cow<'_, str> {
+    let decoded = match text::utf_16(bytes) {
+        Some(decoded) => Cow::Owned(decoded.trim_start_matches('\u{feff}').to_owned()),
+        None => {
+            let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
+            std::str::from_utf8(bytes).map_or_else(
+                |_| Cow::Owned(bytes.iter().map(|byte| char::from(*byte)).collect()),
+                Cow::Borrowed,
+            )
+        }
+    };
+    let is_odd = |c: char| c == '\u{2212}' || FIXED_BLANKS.contains(&c);
+    let typed = if decoded.is_ascii() || !decoded.contains(is_odd) {
+        decoded
+    } else {
+        Cow::Owned(typed(&decoded))
+    };
+    if !typed.contains('"') {
+        return typed;
+    }
+    let unquoted = [';', '\t', ',']
+        .into_iter()
+        .find_map(|separator| without_quotes(&typed, separator));
+    unquoted.map_or(typed, Cow::Owned)
+}
+
+/// A text with the signs of a typewriter.
+fn typed(text: &str) -> String {
+    let mut kept = String::with_capacity(text.len());
+    let mut characters = text.chars().peekable();
+    let mut before = '\n';
+    while let Some(c) = characters.next() {
+        let next = characters.peek().copied().unwrap_or('\n');
+        let grouping = before.is_ascii_digit() && next.is_ascii_digit();
+        match c {
+            '\u{2212}' => kept.push('-'),
+            blank if FIXED_BLANKS.contains(&blank) && grouping => {}
+            blank if FIXED_BLANKS.contains(&blank) => kept.push(' '),
+            other => kept.push(other),
+        }
+        before = c;
+    }
+    kept
+}
+
+/// The table with tabulators, where quoted fields of its rows hold the separator; else nothing.
+fn without_quotes(text: &str, separator: char) -> Option<String> {
+    if !may_hold(text, separator) {
+        return None;
+    }
+    let byte = u8::try_from(separator).ok()?;
+    let mut reader = csv::ReaderBuilder::new()
+        .delimiter(byte)
+        .has_headers(false)
+        .flexible(true)
+        .from_reader(text.as_bytes());
+    let mut records: Vec<(usize, Vec<String>)> = Vec::new();
+    let (mut holds, mut line, mut counted) = (false, 1, 0);
+    for record in reader.records() {
+        let record = record.ok()?;
+        // A record begins behind the blank lines before it.
+        let start = record.position().map_or(0, csv::Position::byte);
+        let start = usize::try_from(start).ok()?;
+        let blank = text
+            .get(start..)?
+            .find(|c| !matches!(c, '\n' | '\r'))
+            .unwrap_or(0);
+        line += text.get(counted..start + blank)?.matches('\n').count();
+        counted = start + blank;
+        let fields: Vec<String> = record.iter().map(plain).collect();
+        holds |= fields.len() >= FIELDS && record.iter().any(|field| field.contains(separator));
+        records.push((line, fields));
+    }
+    if !holds {
+        return None;
+    }
+    let width = records
+        .iter()
+        .map(|(_, fields)| fields.len())
+        .max()
+        .unwrap_or(0);
+    for column in 0..width {
+        ungroup(&mut records, column);
+    }
+    let mut lines = String::with_capacity(text.len());
+    let mut at = 1;
+    for (line, fields) in &records {
+        // A field over several lines leaves them behind as blank ones.
+        while at < *line {
+            lines.push('\n');
+            at += 1;
+        }
+        lines.push_str(&fields.join("\t"));
+        lines.push('\n');
+        at += 1;
+    }
+    Some(lines)
+}
+
+/// Whether the separator stands behind an opening quote of some line.
+fn may_hold(text: &str, separator: char) -> bool {
+    text.lines().any(|line| {
+        let mut quoted = false;
+        line.chars().any(|c| {
+            quoted ^= c == '"';
+            quoted && c == separator
+        })
+    })
+}
+
+/// A field on one line and without tabulators.
+fn plain(field: &str) -> String {
+    field.trim().replace(['\t', '\n', '\r'], " ")
+}
+
+/// Drops the commas of a column that group thousands: some of its numbers have a decimal point, and all
+/// commas stand before three digits.
+fn ungroup(records: &mut [(usize, Vec<String>)], column: usize) {
+    let fields = || records.iter().filter_map(|(_, fields)| fields.get(column));
+    let number = |field: &&String| {
+        field.contains(|c: char| c.is_ascii_digit())
+            && field
+                .chars()
+                .all(|c| c.is_ascii_digit() || "+-.,eE".contains(c))
+    };
+    let has_point = fields().filter(number).any(|field| field.contains('.'));
+    let mut with_comma = fields()
+        .filter(number)
+        .filter(|field| field.contains(','))
+        .peekable();
+    let grouped = has_point
+        && with_comma.peek().is_some()
+        && with_comma.all(|field| text::is_grouped(field, ','));
+    if !grouped {
+        return;
+    }
+    for (_, fields) in records {
+        if let Some(field) = fields
+            .get_mut(column)
+            .filter(|field| text::is_grouped(field, ','))
+        {
+            *field = field.replace(',', "");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quoted_separators_become_tabulators_and_lines_keep_their_numbers() {
+        assert_eq!(
+            text(b"\"a, b\",c,d\n\n\"1,5\",\"2,5\",3\n\"x\ny\",1,2\nz,3,4\n"),
+            "a, b\tc\td\n\n1,5\t2,5\t3\nx y\t1\t2\n\nz\t3\t4\n"
+        );
+        // Quotes without a separator within stay.
+        assert_eq!(
+            text(b"\"a\",\"b\",\"c\"\n1,2,3\n"),
+            "\"a\",\"b\",\"c\"\n1,2,3\n"
+        );
+        assert_eq!(
+            text(b"\"f\",\"re\",\"im\"\n\"31,622.78\",\"0.1\",\"0\"\n\"1,000\",\"0.2\",\"0\"\n"),
+            "f\tre\tim\n31622.78\t0.1\t0\n1000\t0.2\t0\n"
+        );
+    }
+
+    #[test]
+    fn signs_of_a_typesetter_become_those_of_a_typewriter() {
+        assert_eq!(
+            text("1\u{a0}000;\u{2212}2;a\u{a0}b".as_bytes()),
+            "1000;-2;a b"
+        );
+        assert_eq!(text(b"Imagin\xE4rteil"), "Imaginärteil");
+    }
+}

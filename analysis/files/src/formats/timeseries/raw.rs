@@ -1,0 +1,135 @@
+//! The columns of a record as they stand in the file.
+
+use super::LeftOut;
+
+/// Quantity of a column.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Quantity {
+    /// Time since the start, s.
+    Time,
+    /// Voltage, V.
+    Voltage,
+    /// Current with the sign of the file, A.
+    Current,
+    /// Temperature, °C.
+    Temperature,
+    /// 1 where a word says discharge, −1 for charge, 0 for rest.
+    State,
+    /// Charge that went in, Ah.
+    ChargeAh,
+    /// Charge that came out, Ah.
+    DischargeAh,
+    /// Time of a wall clock, s.
+    Wall,
+    /// Number of the step of the program.
+    Step,
+}
+
+/// Number of quantities.
+pub(super) const QUANTITIES: usize = 9;
+
+/// A value of each quantity; NaN where it lacks.
+pub(super) type Values = [f64; QUANTITIES];
+
+/// Columns of a record, of one length; those that the file lacks are empty.
+#[derive(Debug, Default)]
+pub(super) struct Raw {
+    columns: [Vec<f64>; QUANTITIES],
+    present: [bool; QUANTITIES],
+    /// Lines of the rows.
+    lines: Vec<usize>,
+    /// Rows without a voltage or a current, and those that another one replaced.
+    pub(super) left_out: Vec<LeftOut>,
+    /// Remarks on how it was read.
+    pub(super) notes: Vec<String>,
+    /// True where the file's program counts charge positive by its own rule.
+    pub(super) charge_positive: bool,
+}
+
+impl Raw {
+    /// An empty record with these columns.
+    pub(super) fn with(present: [bool; QUANTITIES]) -> Self {
+        Self {
+            present,
+            ..Self::default()
+        }
+    }
+
+    /// Adds a row of this line.
+    pub(super) fn push(&mut self, line: usize, values: Values) {
+        let time_s = values[Quantity::Time as usize];
+        let lacks = values[Quantity::Voltage as usize].is_nan()
+            || values[Quantity::Current as usize].is_nan();
+        if lacks {
+            self.left_out.push(LeftOut {
+                line,
+                time_s,
+                replaced: false,
+            });
+            return;
+        }
+        // Cyclers write one time twice where a step ends.
+        let again = self.get(Quantity::Time).last() == Some(&time_s);
+        if again {
+            self.left_out.push(LeftOut {
+                line: self.lines.pop().unwrap_or(line),
+                time_s,
+                replaced: true,
+            });
+            for column in &mut self.columns {
+                column.pop();
+            }
+        }
+        self.lines.push(line);
+        let all = self.columns.iter_mut().zip(values).zip(self.present);
+        for ((column, value), _) in all.filter(|(_, present)| *present) {
+            column.push(value);
+        }
+    }
+
+    /// Goes on with the rows of another sheet.
+    pub(super) fn append(&mut self, mut other: Self) {
+        if self.lines.is_empty() {
+            self.present = other.present;
+            self.charge_positive = other.charge_positive;
+        }
+        for (column, more) in self.columns.iter_mut().zip(&mut other.columns) {
+            column.append(more);
+        }
+        self.lines.append(&mut other.lines);
+        self.left_out.append(&mut other.left_out);
+        for note in other.notes {
+            if !self.notes.contains(&note) {
+                self.notes.push(note);
+            }
+        }
+    }
+
+    /// A column; empty where the file lacks it.
+    pub(super) fn get(&self, quantity: Quantity) -> &[f64] {
+        &self.columns[quantity as usize]
+    }
+
+    /// Takes a column out; nothing where the file lacks it.
+    pub(super) fn take(&mut self, quantity: Quantity) -> Option<Vec<f64>> {
+        self.present[quantity as usize]
+            .then(|| std::mem::take(&mut self.columns[quantity as usize]))
+    }
+
+    /// Multiplies a column.
+    pub(super) fn scale(&mut self, quantity: Quantity, factor: f64) {
+        for value in &mut self.columns[quantity as usize] {
+            *value *= factor;
+        }
+    }
+
+    /// The line of a row.
+    pub(super) fn line(&self, row: usize) -> usize {
+        self.lines.get(row).copied().unwrap_or(0)
+    }
+
+    /// Number of rows.
+    pub(super) fn len(&self) -> usize {
+        self.lines.len()
+    }
+}
