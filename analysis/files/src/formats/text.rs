@@ -243,9 +243,9 @@ pub(crate) fn is_measured(value: f64) -> bool {
 }
 
 /// Words for a value that was not measured.
-const MISSING: [&str; 20] = [
-    "", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "inf", "-inf", "+inf", "ol",
-    "o.l", "ovl", "ovld", "ovrld", "overload", "overflow",
+const MISSING: [&str; 17] = [
+    "", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "ol", "o.l", "ovl", "ovld",
+    "ovrld", "overload", "overflow",
 ];
 
 /// Whether a field says that nothing was measured.

@@ -25,6 +25,7 @@ mod frame;
 mod kinds;
 mod moment;
 mod names;
+mod parts;
 mod raw;
 #[cfg(test)]
 mod study;
@@ -36,31 +37,8 @@ use super::spreadsheet::{self, Sheet};
 use super::{mat, mpr};
 use analysis_signal::series::TimeSeries;
 pub use error::SeriesReadError;
+pub use parts::{CurrentSign, LeftOut};
 use std::path::Path;
-use std::str::FromStr;
-
-/// Direction of the current that a file counts positive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum CurrentSign {
-    /// Discharging is positive.
-    Discharge,
-    /// Charging is positive.
-    Charge,
-}
-
-impl FromStr for CurrentSign {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "discharge" => Ok(Self::Discharge),
-            "charge" => Ok(Self::Charge),
-            met => Err(format!(
-                "expected which direction is positive, `discharge` or `charge`, met {met:?}"
-            )),
-        }
-    }
-}
 
 /// Options of reading a time series.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -68,6 +46,9 @@ pub struct SeriesOptions {
     /// Direction that the file counts positive, where what stands in it is not to decide.
     pub sign: Option<CurrentSign>,
 }
+
+/// Of so many rows one may share its time with the next without a word.
+const REPEATED: usize = 20;
 
 /// A record, and how it was read.
 #[derive(Debug, Clone, PartialEq)]
@@ -80,18 +61,6 @@ pub struct ReadSeries {
     pub steps: Option<Vec<f64>>,
     /// Remarks on what was taken for what, each a sentence with the file's name.
     pub notes: Vec<String>,
-}
-
-/// A row that was left out, because it holds no voltage or no current, or because another one at the
-/// same time follows.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LeftOut {
-    /// Its line, from 1; in Parquet the row.
-    pub line: usize,
-    /// Its time, s.
-    pub time_s: f64,
-    /// It was measured, and another row at the same time was kept in its place.
-    pub replaced: bool,
 }
 
 /// Reads a time series; its name is the file's without folder.
@@ -169,6 +138,14 @@ pub fn read_record(path: &Path, options: &SeriesOptions) -> Result<ReadSeries, S
         read.notes.push(format!(
             "{file}: {count} rows without a measured voltage or current are left out, the first in \
              line {first}"
+        ));
+    }
+    // One row more at the end of each step is usual.
+    let replaced = read.left_out.iter().filter(|row| row.replaced).count();
+    if REPEATED * replaced > read.series.len() {
+        read.notes.push(format!(
+            "{file}: the time stands still in {replaced} rows, of which {} are kept: the last at each time",
+            read.series.len()
         ));
     }
     let valid = read.series.validate();

@@ -7,7 +7,7 @@ use super::raw::{Quantity, Raw};
 use std::path::Path;
 
 /// Ratios of units that are taken for each other: ms, min, h, days.
-const FACTORS: [f64; 5] = [1.0e3, 60.0, 3600.0, 86_400.0, 24.0];
+const FACTORS: [f64; 4] = [1.0e3, 60.0, 3600.0, 86_400.0];
 /// Deviation from such a ratio that counts as it. Clocks of a second, and sums over coarse rows, are
 /// off by less; the nearest other ratios are 100 times as far away.
 const NEAR: f64 = 0.03;
@@ -15,6 +15,8 @@ const NEAR: f64 = 0.03;
 const SHORTEST_S: f64 = 60.0;
 /// Fewest rows of counted charge that are compared.
 const FEWEST: usize = 10;
+/// Part by which the current may change between two rows whose charge is compared.
+const STEADY: f64 = 0.1;
 /// Voltage beyond which a number without a unit is no voltage of a pack, V.
 const GREATEST_V: f64 = 1000.0;
 
@@ -159,9 +161,10 @@ fn of_charge(raw: &Raw) -> Option<(f64, [f64; 2])> {
     for quantity in [Quantity::ChargeAh, Quantity::DischargeAh] {
         for (k, pair) in raw.get(quantity).windows(2).enumerate() {
             let grown = pair[1] - pair[0];
-            // Where it starts again the row tells nothing.
-            if grown > 0.0 {
-                let mean = 0.5 * (current[k].abs() + current[k + 1].abs());
+            let mean = 0.5 * (current[k].abs() + current[k + 1].abs());
+            // Where it starts again or the current steps the row tells nothing.
+            let steady = (current[k + 1] - current[k]).abs() < STEADY * mean;
+            if grown > 0.0 && steady {
                 counted += grown;
                 integral += mean * (time[k + 1] - time[k]) / 3600.0;
                 rows += 1;
@@ -169,7 +172,11 @@ fn of_charge(raw: &Raw) -> Option<(f64, [f64; 2])> {
         }
     }
     let enough = rows >= FEWEST && integral > 0.0;
-    enough.then(|| Some((factor(counted / integral)?, [counted, integral])))?
+    let ratio = enough.then(|| factor(counted / integral)).flatten()?;
+    // Days are no unit of it.
+    (1.0 / 3600.0..=3600.0)
+        .contains(&ratio)
+        .then_some((ratio, [counted, integral]))
 }
 
 /// The factor of units that a ratio is; none for any other ratio.

@@ -5,8 +5,8 @@
 //! which must agree; and only where these are silent the name of a file whose currents have one sign,
 //! and the rule of the file's program.
 
-use super::CurrentSign;
 use super::evidence::{self, Load, REST_PART};
+use super::parts::CurrentSign;
 use super::raw::{Quantity, Raw};
 
 /// Part of the weight that may speak against the rest: single rows are noisy, or late by one.
@@ -289,6 +289,7 @@ fn by_custom(
     };
     match known.named {
         // A minus sign says that the file has a rule, and cyclers have one.
+        _ if !positive && raw.charge_positive => Ok((CurrentSign::Charge, None)),
         _ if !positive => Ok((CurrentSign::Charge, note("their minus sign: a discharge"))),
         Some(named) => Ok((named, note("the file's name"))),
         None if raw.charge_positive => Ok((CurrentSign::Charge, note("its format: a charge"))),

@@ -2,6 +2,7 @@
 //! their own.
 
 use super::*;
+use proptest::prelude::*;
 
 /// Time, voltage and current, charge positive: rest, 3 A out, rest, 1.2 A in, rest, at 1 s.
 fn rows() -> Vec<[f64; 3]> {
@@ -362,4 +363,36 @@ fn refusals_say_what_is_missing() {
             .all(|a| *a == 0.0)
     );
     refused("x.mpt", &open(1), &["without a current", "I/mA"]);
+}
+
+#[test]
+fn times_that_stand_still_are_told() {
+    let head = "Test Time / s,Voltage / V,Current / A";
+    let read = read(
+        "x.csv",
+        &text(head, |_, [t, v, a]| {
+            format!("{},{v},{a}", (t / 5.0).floor())
+        }),
+    )
+    .unwrap();
+    assert_eq!(read.series.len(), 20);
+    assert!(
+        read.notes[0].contains("stands still in 80 rows"),
+        "{:?}",
+        read.notes
+    );
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(512))]
+
+    #[test]
+    fn no_text_makes_it_panic(
+        head in "(Test Time / s|Time|Unix Time / s|Voltage / V|U/V|Current / A|I/mA|State|Step|Md|mode|Date\
+                 |Charge Capacity / Ah|Discharge Capacity / Ah|,|;|\t| |\"|#|\n){0,20}",
+        soup in "([0-9]{1,3}|-|\\.|,|;|\t| |\"|\n|nan|9.9E37|D|C|R|1:02:03|2024-01-01 00:00:00|e|é|\u{2212}){0,80}",
+    ) {
+        let _ = table::read(Path::new("x"), format!("{head}\n{soup}").as_bytes());
+        let _ = read("x.csv", &format!("Time,Voltage,Current\n{soup}"));
+    }
 }

@@ -1,6 +1,6 @@
 //! The columns of a record as they stand in the file.
 
-use super::LeftOut;
+use super::parts::LeftOut;
 
 /// Quantity of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -148,6 +148,13 @@ impl Table<'_> {
             raw.push(row.line, values);
         }
         raw.charge_positive = self.columns.charge_positive;
+        let surest = &self.columns.times[0];
+        if surest.index != time.index {
+            raw.notes.push(format!(
+                "the time is taken from \"{}\", for \"{}\" starts again, stands still or is no time",
+                time.title, surest.title
+            ));
+        }
         if self.columns.rest_mode.is_some() {
             let told = "EC-Lab's technique OCV writes no current: it is 0 A at rest";
             raw.notes.push(told.to_owned());

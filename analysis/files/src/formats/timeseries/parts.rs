@@ -1,0 +1,38 @@
+//! What a record is told by: the direction that a file counts positive, and rows that were left out.
+
+use std::str::FromStr;
+
+/// Direction of the current that a file counts positive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CurrentSign {
+    /// Discharging is positive.
+    Discharge,
+    /// Charging is positive.
+    Charge,
+}
+
+impl FromStr for CurrentSign {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "discharge" => Ok(Self::Discharge),
+            "charge" => Ok(Self::Charge),
+            met => Err(format!(
+                "expected which direction is positive, `discharge` or `charge`, met {met:?}"
+            )),
+        }
+    }
+}
+
+/// A row that was left out, because it holds no voltage or no current, or because another one at the
+/// same time follows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LeftOut {
+    /// Its line, from 1; in Parquet the row.
+    pub line: usize,
+    /// Its time, s.
+    pub time_s: f64,
+    /// It was measured, and another row at the same time was kept in its place.
+    pub replaced: bool,
+}
