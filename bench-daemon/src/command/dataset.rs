@@ -6,6 +6,8 @@ mod print;
 mod read;
 
 use crate::command::printed::say_json;
+use std::collections::BTreeMap;
+
 use analysis::{dataset, formats::CurrentSign, series::TimeSeries};
 
 use crate::{
@@ -68,11 +70,11 @@ fn init(args: &InitArgs) -> Result<(), Failure> {
             .filter(|spectrum| spectrum.refusal.is_none())
             .count();
     if used == 0 {
-        return Err(Failure::Usage(
+        return Err(Failure::Usage(format!(
             "expected at least one run or spectrum that can be used, found none; nothing is \
-            written"
-                .to_owned(),
-        ));
+            written{}",
+            commonest(&findings)
+        )));
     }
     if args.dry_run {
         if !args.json {
@@ -112,6 +114,19 @@ fn check(args: &InitArgs) -> Result<(), Failure> {
     }
     if let Some(soc) = args.soc_start.filter(|soc| !(0.0..=1.0).contains(soc)) {
         return fail("soc-start", "a state of charge from 0 to 1", soc);
+    }
+    if let Some(soc) = args.soc.filter(|soc| !(0.0..=1.0).contains(soc)) {
+        return fail("soc", "a state of charge from 0 to 1", soc);
+    }
+    if !(args.near > 0.0 && args.near <= 1.0) {
+        return fail("near", "a distance above 0 up to 1", args.near);
+    }
+    if args.soc.is_some() && args.soc_start.is_none() && args.ocv.is_none() && args.at.is_empty() {
+        return Err(Failure::Usage(
+            "--soc: expected --soc-start with --capacity-ah, --at NAME:soc=…, or --ocv beside it, met \
+            none: the state of charge of the loads is not known"
+                .to_owned(),
+        ));
     }
     if args.soc_start.is_some() && args.capacity_ah.is_none() && args.ocv.is_none() {
         return Err(Failure::Usage(
@@ -172,6 +187,9 @@ fn found(args: &InitArgs, contents: Vec<Content>) -> Result<Findings, Failure> {
         count_charge(&log.series, &mut found, known);
         let temperature_c = stated.temperature_c.or(args.temperature_c);
         for load in &mut found {
+            if load.refusal.is_none() {
+                load.refusal = args.soc.and_then(|soc| elsewhere(load.soc, soc, args.near));
+            }
             if load.refusal.is_none() && load.temperature_c.or(temperature_c).is_none() {
                 load.refusal = Some(
                     "no temperature: the log holds none, --temperature-c states it".to_owned(),
@@ -197,6 +215,37 @@ fn found(args: &InitArgs, contents: Vec<Content>) -> Result<Findings, Failure> {
         spectra,
         runs,
     })
+}
+
+/// The reason for which most loads are left out, as the end of a message.
+fn commonest(findings: &Findings) -> String {
+    let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
+    for reason in findings
+        .logs
+        .iter()
+        .flat_map(|log| &log.loads)
+        .filter_map(|load| load.refusal.as_deref())
+    {
+        *counts.entry(reason).or_default() += 1;
+    }
+    let most = counts.into_iter().max_by_key(|(_, count)| *count);
+    most.map_or_else(String::new, |(reason, count)| {
+        format!("; {count} loads are left out because: {reason}")
+    })
+}
+
+/// Why a load is not one at a state of charge.
+fn elsewhere(met: Option<f64>, wanted: f64, near: f64) -> Option<String> {
+    match met {
+        Some(met) if (met - wanted).abs() <= near => None,
+        Some(met) => Some(format!(
+            "at {:.1} % SOC, not within {:.1} % of --soc {:.1} %",
+            100.0 * met,
+            100.0 * near,
+            100.0 * wanted
+        )),
+        None => Some("its state of charge is not known: --soc cannot pick it".to_owned()),
+    }
 }
 
 fn lasting_s(series: &TimeSeries) -> f64 {

@@ -43,6 +43,12 @@ pub(super) struct InitArgs {
     /// State of charge at the first row of each log, 0 to 1.
     #[arg(long, value_name = "SOC")]
     pub soc_start: Option<f64>,
+    /// Use loads at this state of charge only, 0 to 1. It needs --soc-start with a capacity, or --ocv.
+    #[arg(long, value_name = "SOC")]
+    pub soc: Option<f64>,
+    /// Distance from --soc up to which a load is used.
+    #[arg(long, value_name = "SOC", default_value_t = 0.05, requires = "soc")]
+    pub near: f64,
     /// OCV curve, as `ocv --out` writes it: it gives states of charge, and the data set names it.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
@@ -65,8 +71,8 @@ pub(super) struct InitArgs {
     /// Slowest sampling of a pulse or a drive cycle.
     #[arg(long, value_name = "TIME", default_value = "1 s", value_parser = duration)]
     pub sampling: f64,
-    /// Direction that the logs count positive, `discharge` or `charge` [default: by format and
-    /// file name]
+    /// Direction that the logs count positive, `discharge` or `charge` [default: as the voltage and
+    /// the file's columns tell]
     #[arg(long, value_name = "DIRECTION")]
     pub positive: Option<CurrentSign>,
     /// Print what would be written, and write nothing.

@@ -6,7 +6,7 @@ use analysis::series::TimeSeries;
 
 use super::thresholds::{
     CONSTANT_PART, CUT_S, FEWEST_AT_LIMIT, LIMIT_BAND_V, LIMIT_CURRENT_PART, LIMIT_PART,
-    LONGEST_PAUSE_S, REST_PART, SHORTEST_REST_S,
+    LONGEST_PAUSE_S, REST_PART, SHORTEST_PULSE_S, SHORTEST_REST_S,
 };
 
 /// A stretch of a log, at rest or not.
@@ -68,10 +68,17 @@ pub(super) fn segments(series: &TimeSeries) -> Vec<Segment> {
     }
     let all = joined(all, |_, pause, _| pause.lasting_s(series) < SHORTEST_REST_S);
     joined(all, |before, pause, after| {
-        let courses = [before, after].map(|load| course(series, load));
+        // A pulse before or after the pause is a load of its own, as in an HPPC.
+        let of_cycle = |load: &Segment| match course(series, load) {
+            Course::Varying => true,
+            Course::Constant => load.lasting_s(series) < SHORTEST_PULSE_S,
+            Course::AtLimit => false,
+        };
+        let varies = |load: &Segment| course(series, load) == Course::Varying;
         pause.lasting_s(series) < LONGEST_PAUSE_S
-            && courses.contains(&Course::Varying)
-            && !courses.contains(&Course::AtLimit)
+            && (varies(before) || varies(after))
+            && of_cycle(before)
+            && of_cycle(after)
     })
 }
 

@@ -27,6 +27,9 @@ pub(super) const FEWEST_OF_SLOPE: usize = 5;
 /// Deviation from its median up to which a current is constant, as a fraction. Half and twice the
 /// current are 50 times as far away; cyclers hold 0.1 %.
 pub(super) const CONSTANT_PART: f64 = 0.02;
+/// Shortest constant current that is a pulse and no part of a drive cycle, s. Convention: HPPC pulses
+/// last 10 s, and 5 s in short ones.
+pub(super) const SHORTEST_PULSE_S: f64 = 4.0;
 /// Longest constant current that is a pulse, s. Convention: HPPC pulses last 10 s to 30 s.
 pub(super) const LONGEST_PULSE_S: f64 = 300.0;
 /// Shortest varying current that is a drive cycle, s. Convention.
