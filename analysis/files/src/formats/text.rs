@@ -243,14 +243,33 @@ pub(crate) fn is_measured(value: f64) -> bool {
 }
 
 /// Words for a value that was not measured.
-const MISSING: [&str; 17] = [
-    "", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---", "ol", "o.l", "ovl", "ovld",
-    "ovrld", "overload", "overflow",
+const MISSING: [&str; 21] = [
+    "",
+    "nan",
+    "na",
+    "n/a",
+    "#n/a",
+    "null",
+    "none",
+    "-",
+    "--",
+    "---",
+    "ol",
+    "o.l",
+    "ovl",
+    "ovld",
+    "ovrld",
+    "over",
+    "+over",
+    "-over",
+    "overrange",
+    "overload",
+    "overflow",
 ];
 
 /// Whether a field says that nothing was measured.
 pub(crate) fn is_missing(field: &str) -> bool {
-    let short = field.len() <= 8 && !field.starts_with(|c: char| c.is_ascii_digit());
+    let short = field.len() <= 9 && !field.starts_with(|c: char| c.is_ascii_digit());
     short && MISSING.iter().any(|word| field.eq_ignore_ascii_case(word))
 }
 

@@ -20,6 +20,13 @@ const STEADY: f64 = 0.1;
 /// Voltage beyond which a number without a unit is no voltage of a pack, V.
 const GREATEST_V: f64 = 1000.0;
 
+/// Charge that a cycler counts.
+pub(super) const COUNTED: [Quantity; 3] = [
+    Quantity::ChargeAh,
+    Quantity::DischargeAh,
+    Quantity::Capacity,
+];
+
 /// Names of the columns whose unit is not written.
 #[derive(Debug, Default)]
 pub(super) struct Open {
@@ -158,7 +165,7 @@ fn of_wall(raw: &Raw) -> Option<(f64, [f64; 2])> {
 fn of_charge(raw: &Raw) -> Option<(f64, [f64; 2])> {
     let (time, current) = (raw.get(Quantity::Time), raw.get(Quantity::Current));
     let (mut counted, mut integral, mut rows) = (0.0, 0.0, 0);
-    for quantity in [Quantity::ChargeAh, Quantity::DischargeAh] {
+    for quantity in COUNTED {
         for (k, pair) in raw.get(quantity).windows(2).enumerate() {
             let grown = pair[1] - pair[0];
             let mean = 0.5 * (current[k].abs() + current[k + 1].abs());

@@ -7,7 +7,7 @@
 
 use super::super::text;
 use super::names::{
-    CHARGE, CURRENT, DISCHARGE, Names, STATES, STEP, TEMPERATURE, TIME, VOLTAGE, WALL,
+    CAPACITY, CHARGE, CURRENT, DISCHARGE, Names, STATES, STEP, TEMPERATURE, TIME, VOLTAGE, WALL,
 };
 use super::raw::{QUANTITIES, Quantity};
 
@@ -52,12 +52,13 @@ impl Columns {
     }
 }
 
-static READ: [(Quantity, &Names); 7] = [
+static READ: [(Quantity, &Names); 8] = [
     (Quantity::Voltage, &VOLTAGE),
     (Quantity::Current, &CURRENT),
     (Quantity::Temperature, &TEMPERATURE),
     (Quantity::ChargeAh, &CHARGE),
     (Quantity::DischargeAh, &DISCHARGE),
+    (Quantity::Capacity, &CAPACITY),
     (Quantity::Wall, &WALL),
     (Quantity::Step, &STEP),
 ];

@@ -1,7 +1,7 @@
 //! A record from Parquet: the bench's own, and tables with the names of cyclers.
 
 use super::super::text::{self, shorten};
-use super::agreement::{self, Open};
+use super::agreement::{self, COUNTED, Open};
 use super::columns::{self, Columns, direction_of};
 use super::error::SeriesReadError;
 use super::moment::Stamp;
@@ -13,7 +13,8 @@ use std::path::Path;
 /// Columns of the bench's own files, which have a checksum.
 const BENCH: [&str; 3] = ["time_s", "voltage_v", "current_a"];
 /// Quantities that are plain numbers.
-const NUMBERS: [Quantity; 6] = [
+const NUMBERS: [Quantity; 7] = [
+    Quantity::Capacity,
     Quantity::Voltage,
     Quantity::Current,
     Quantity::Temperature,
@@ -142,7 +143,7 @@ fn of_columns(path: &Path, frame: &DataFrame, columns: &Columns) -> Result<Raw, 
         voltage: plain(Quantity::Voltage),
         current: plain(Quantity::Current),
         maccor: columns.maccor,
-        capacity: [Quantity::ChargeAh, Quantity::DischargeAh]
+        capacity: COUNTED
             .into_iter()
             .filter_map(|quantity| columns.get(quantity))
             .all(|found| found.unit.is_some()),

@@ -173,6 +173,13 @@ fn contradictions_are_refused_with_their_rows() {
     };
     let head = "Test Time / s,Voltage / V,Current / A,Discharge Capacity / Ah";
     refused("x.csv", &text(head, counted), &["a factor of 1000"]);
+    // Milliamperes under A, beside a charge that tells no direction.
+    let counted = |k: usize, [t, v, a]: [f64; 3]| {
+        let count = |from: usize, a: f64| a * (k.clamp(from, from + 20) - from) as f64 / 3600.0;
+        format!("{t},{v},{},{}", 1e3 * a, count(19, 3.0) + count(59, 1.2))
+    };
+    let head = "Test Time / s,Voltage / V,Current / A,Capacity / Ah";
+    refused("x.csv", &text(head, counted), &["a factor of 0.001"]);
 }
 
 #[test]

@@ -189,6 +189,21 @@ pub(super) static DISCHARGE: Names = Names {
     short: &[],
 };
 
+/// Charge that was counted without a word on its direction, Ah.
+pub(super) static CAPACITY: Names = Names {
+    names: &[
+        "capacity",
+        "cap",
+        "amphr",
+        "ahaccu",
+        "(qqo)",
+        "kapazität",
+        "容量",
+    ],
+    units: CAPACITY_UNITS,
+    short: &[],
+};
+
 /// A wall clock; the size of a number tells its unit.
 pub(super) static WALL: Names = Names {
     names: &[

@@ -19,6 +19,8 @@ pub(super) enum Quantity {
     ChargeAh,
     /// Charge that came out, Ah.
     DischargeAh,
+    /// Charge that was counted without a word on its direction, Ah.
+    Capacity,
     /// Time of a wall clock, s.
     Wall,
     /// Number of the step of the program.
@@ -26,7 +28,7 @@ pub(super) enum Quantity {
 }
 
 /// Number of quantities.
-pub(super) const QUANTITIES: usize = 9;
+pub(super) const QUANTITIES: usize = 10;
 
 /// A value of each quantity; NaN where it lacks.
 pub(super) type Values = [f64; QUANTITIES];

@@ -3,7 +3,7 @@
 use super::super::error::FormatError;
 use super::super::text::{self, Row, Text, shorten};
 use super::super::{foreign, plain};
-use super::agreement::{self, Open};
+use super::agreement::{self, COUNTED, Open};
 use super::columns::{self, Columns, Found, direction_of};
 use super::error::SeriesReadError;
 use super::moment::Stamp;
@@ -13,7 +13,8 @@ use std::path::Path;
 /// EC-Lab's number of the mode in which no current flows.
 const MODE_OF_REST: f64 = 3.0;
 /// Quantities whose fields may hold anything: one that is no number is unknown.
-const BESIDE: [Quantity; 4] = [
+const BESIDE: [Quantity; 5] = [
+    Quantity::Capacity,
     Quantity::Temperature,
     Quantity::ChargeAh,
     Quantity::DischargeAh,
@@ -171,7 +172,7 @@ impl Table<'_> {
             voltage: plain(Quantity::Voltage),
             current: plain(Quantity::Current),
             maccor: self.columns.maccor,
-            capacity: [Quantity::ChargeAh, Quantity::DischargeAh]
+            capacity: COUNTED
                 .into_iter()
                 .filter_map(|quantity| self.columns.get(quantity))
                 .all(|found| found.unit.is_some()),

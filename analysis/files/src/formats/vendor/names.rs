@@ -232,11 +232,11 @@ fn base_of(base: &str) -> Option<(Quantity, f64, bool)> {
         | "partieimaginaire" | "虚部" | "阻抗虚部" | "z虚部" => Quantity::Imaginary,
         "|z|" | "zmod" | "zabs" | "abs" | "absz" | "mod(z)" | "abs(z)" | "modulus" | "zmodulus"
         | "magnitude" | "zmagnitude" | "impedancemodulus" | "impedancemagnitude" | "z"
-        | "impedance" | "zmag" | "z-mag" | "betrag" | "impedanzbetrag" | "module" | "模值"
-        | "阻抗模值" | "阻抗模" => Quantity::Modulus,
+        | "impedance" | "zmag" | "z-mag" | "betrag" | "impedanz" | "impedanzbetrag" | "module"
+        | "模值" | "阻抗模值" | "阻抗模" => Quantity::Modulus,
         "phase" | "phase(z)" | "zphz" | "zphase" | "phasez" | "phaseangle" | "impedancephase"
-        | "theta" | "phi" | "angle" | "arg(z)" | "theta(z)" | "phasenwinkel" | "相位"
-        | "相位角" | "相角" => Quantity::Phase,
+        | "theta" | "phi" | "angle" | "arg(z)" | "θ" | "φ" | "theta(z)" | "phasenwinkel"
+        | "相位" | "相位角" | "相角" => Quantity::Phase,
         _ => return None,
     };
     // A frequency or a modulus below zero there is none.
