@@ -63,6 +63,7 @@ fn names_that_programs_write_are_known() {
         "频率(Hz),阻抗实部(Ohm),阻抗虚部(Ohm)\n",
         "Data: Frequency,Data: Z',Data: Z''\n",
         "frequency_hertz,real_impedance_ohm,imaginary_impedance_ohm\n",
+        "Frequency / Hz,Real Impedance / ohm,Imaginary Impedance / ohm\n",
         "f,r,x\n",
     ] {
         is_truth("x.csv", &text(head, csv));

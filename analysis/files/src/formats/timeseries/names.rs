@@ -166,6 +166,9 @@ pub(super) static CHARGE: Names = Names {
     names: &[
         "chargecapacity",
         "chargingcapacity",
+        "schedulechargingcapacity",
+        "cyclechargingcapacity",
+        "stepchargingcapacity",
         "chgcap",
         "capchg",
         "qcharge",
@@ -180,6 +183,9 @@ pub(super) static DISCHARGE: Names = Names {
     names: &[
         "dischargecapacity",
         "dischargingcapacity",
+        "scheduledischargingcapacity",
+        "cycledischargingcapacity",
+        "stepdischargingcapacity",
         "dchgcap",
         "capdchg",
         "qdischarge",
