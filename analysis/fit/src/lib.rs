@@ -11,4 +11,5 @@ pub mod fit;
 pub mod given;
 pub mod joint;
 pub mod rows;
+mod sizes;
 pub mod validity;

@@ -1,9 +1,18 @@
 //! Options of a fit, checked before any work is done.
 
+use crate::sizes::sizes_ohm;
 use analysis_signal::spectrum::Spectrum;
 use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
 use std::fmt;
+use std::ops::RangeInclusive;
 use std::str::FromStr;
+
+/// Values that SCPI-99 (7.2.1.4 and 7.2.1.5) has for infinity, 9.9e37, and for no number, 9.91e37, in
+/// one part or in both.
+const OVERLOAD_OHM: RangeInclusive<f64> = 9.8e37..=1.5e38;
+/// A branch of this share of the least |Z| is the smallest that a capacitance is wanted for.
+const SMALL: f64 = 0.01;
 
 /// Most RC branches a fit may have.
 pub const MAX_RC: usize = 8;
@@ -85,23 +94,43 @@ impl Default for Bounds {
 }
 
 impl Bounds {
-    /// The thesis' bounds, which suit power cells; moved by powers of ten for impedances of another
-    /// size.
+    /// The thesis' bounds, which suit power cells, moved by powers of ten for impedances of another
+    /// size: the lower ones of R by the least |Z|, the upper ones by the greatest, so that neither
+    /// hides the other. The bounds of C are wide enough for every branch within the band. One wrong
+    /// row moves none of them.
     pub fn for_spectra(spectra: &[Spectrum]) -> Self {
         let thesis = Self::default();
-        let greatest = spectra
-            .iter()
-            .flat_map(|spectrum| &spectrum.points)
-            .map(|point| point.z_ohm.norm())
-            .fold(0.0, f64::max);
-        let suits = 0.01 * thesis.r_ohm.1..=0.5 * thesis.r_ohm.1;
-        if greatest <= 0.0 || !greatest.is_finite() || suits.contains(&greatest) {
+        let sizes = || spectra.iter().flat_map(|s| sizes_ohm(&s.points));
+        let (least, greatest) = (
+            sizes().fold(f64::INFINITY, f64::min),
+            sizes().fold(0.0, f64::max),
+        );
+        if !(least > 0.0 && greatest.is_finite()) {
             return thesis;
         }
-        let factor = 10.0_f64.powf((greatest / (0.5 * thesis.r_ohm.1)).log10().ceil());
+        let (low, high) = (Self::factor(least), Self::factor(greatest));
+        let omega = || {
+            let points = spectra.iter().flat_map(|s| &s.points);
+            points.map(|point| TAU * point.freq_hz)
+        };
+        let fastest = 1.0 / omega().fold(0.0, f64::max);
+        let slowest = 1.0 / omega().fold(f64::INFINITY, f64::min);
         Self {
-            r_ohm: (thesis.r_ohm.0 * factor, thesis.r_ohm.1 * factor),
-            c_f: (thesis.c_f.0 / factor, thesis.c_f.1 / factor),
+            r_ohm: (thesis.r_ohm.0 * low, thesis.r_ohm.1 * high),
+            c_f: (
+                (thesis.c_f.0 / high).min(fastest / greatest),
+                (thesis.c_f.1 / low).max(slowest / (SMALL * least)),
+            ),
+        }
+    }
+
+    /// The power of ten that brings an impedance to a size that the thesis' bounds suit.
+    fn factor(z_ohm: f64) -> f64 {
+        let greatest = Self::default().r_ohm.1;
+        if (0.01 * greatest..=0.5 * greatest).contains(&z_ohm) {
+            1.0
+        } else {
+            10.0_f64.powf((z_ohm / (0.5 * greatest)).log10().ceil())
         }
     }
 }
@@ -260,6 +289,13 @@ pub(crate) fn check_spectra(spectra: &[Spectrum]) -> Result<(), FitError> {
             };
             if !(p.freq_hz.is_finite() && p.freq_hz > 0.0) {
                 return bad("a positive finite frequency in Hz", p.freq_hz.to_string());
+            }
+            let parts = [p.z_ohm.re.abs(), p.z_ohm.im.abs(), p.z_ohm.norm()];
+            if parts.iter().any(|part| OVERLOAD_OHM.contains(part)) {
+                return bad(
+                    "an impedance (9.9e37 is what meters send of an overload: leave the row out)",
+                    p.z_ohm.to_string(),
+                );
             }
             if !(p.z_ohm.is_finite() && p.z_ohm.norm_sqr() > 0.0) {
                 return bad(

@@ -15,6 +15,7 @@ use super::outliers::standing_out;
 use super::problem::Problem;
 use super::result::ErmFit;
 use super::verdict::{OrderRow, for_other_cells, judge};
+use super::warnings::is_r_zero;
 use super::whiteness::{Lag1, lag1};
 use analysis_numeric::{
     Covariance2,
@@ -171,13 +172,13 @@ fn row(
         }),
         left_out_cell: None,
         left_out_change: None,
-        held_by_bounds: held_by_bounds(&fits),
+        held_by_bounds: held_by_bounds(&fits, &problems),
         reduced_chi2: (absolute && freedom > 0.0).then_some(chi2 / freedom),
         stands_out: problems
             .iter()
             .zip(&fits)
             .any(|(p, f)| !standing_out(p, &f.erm).is_empty()),
-        unidentified: unidentified(&fits),
+        unidentified: unidentified(&fits, &problems),
     })
 }
 
@@ -192,24 +193,30 @@ fn aicc(chi2: f64, numbers: f64, parameters: f64) -> f64 {
 }
 
 /// Names of the parameters that a bound holds in at least half of the fits.
-fn held_by_bounds(fits: &[ErmFit]) -> Vec<String> {
+fn held_by_bounds(fits: &[ErmFit], problems: &[Problem]) -> Vec<String> {
     let Some(first) = fits.first() else {
         return Vec::new();
     };
-    let held: Vec<Vec<String>> = fits.iter().map(super::warnings::held_by_bounds).collect();
+    let held: Vec<Vec<String>> = fits
+        .iter()
+        .zip(problems)
+        .map(|(fit, problem)| super::warnings::held_by_bounds(fit, problem))
+        .collect();
     let names = first.erm.parameter_names().into_iter();
     names
         .filter(|name| 2 * held.iter().filter(|held| held.contains(name)).count() >= fits.len())
         .collect()
 }
 
-/// Names of the parameters that at least half of the fits do not fix.
-fn unidentified(fits: &[ErmFit]) -> Vec<String> {
+/// Names of the parameters that at least half of the fits do not fix; a series resistance of zero
+/// is fixed.
+fn unidentified(fits: &[ErmFit], problems: &[Problem]) -> Vec<String> {
     let Some(first) = fits.first() else {
         return Vec::new();
     };
-    let loose = |fit: &ErmFit, i: usize| {
+    let loose = |(fit, problem): (&ErmFit, &Problem), i: usize| {
         let relative = match i {
+            0 if is_r_zero(&fit.erm, &fit.bounds, problem) => return false,
             0 => fit.sigma.r_ohm.map(|s| s / fit.erm.r_ohm),
             _ => {
                 let (b, s) = (
@@ -227,7 +234,10 @@ fn unidentified(fits: &[ErmFit]) -> Vec<String> {
     };
     let names = first.erm.parameter_names().into_iter().enumerate();
     names
-        .filter(|(i, _)| 2 * fits.iter().filter(|f| loose(f, *i)).count() >= fits.len())
+        .filter(|(i, _)| {
+            let loose = fits.iter().zip(problems).filter(|of| loose(*of, *i));
+            2 * loose.count() >= fits.len()
+        })
         .map(|(_, name)| name)
         .collect()
 }

@@ -7,6 +7,7 @@
 
 use super::common::{self, Common, MeasuredPoint, Sym2};
 use super::options::Objective;
+use crate::sizes::weight_sizes_ohm;
 use analysis_model::model::{Erm, RcBranch};
 use analysis_numeric::{Covariance2, Smooth};
 use analysis_signal::spectrum::Spectrum;
@@ -86,6 +87,10 @@ impl Problem {
             && tagged
                 .iter()
                 .all(|tag| inverse_covariance(&covariance(tag)).is_some());
+        let sizes: Vec<Vec<f64>> = spectra
+            .iter()
+            .map(|s| weight_sizes_ohm(&s.points))
+            .collect();
         let mut groups: Vec<Group> = Vec::new();
         let mut seen: Vec<Vec<MeasuredPoint>> = Vec::new();
         for tag in &tagged {
@@ -94,7 +99,10 @@ impl Problem {
                 Objective::Complex if absolute_weights => {
                     inverse_covariance(&covariance(tag)).unwrap_or([1.0, 0.0, 1.0])
                 }
-                Objective::Complex => [1.0 / p.z_ohm.norm_sqr(), 0.0, 1.0 / p.z_ohm.norm_sqr()],
+                Objective::Complex => {
+                    let relative = sizes[tag.0][tag.1].powi(-2);
+                    [relative, 0.0, relative]
+                }
                 Objective::SumAbs | Objective::Modulus => [1.0, 0.0, 1.0],
             };
             let point = DataPoint {

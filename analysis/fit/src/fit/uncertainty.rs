@@ -6,6 +6,7 @@ use super::evidence::{CELL_CORNER, Evidence, FrequencyShare, NORM_CORNER, Normal
 use super::options::{FitOptions, Objective};
 use super::problem::{Group, Problem, impedance, quadratic};
 use super::search::log_bounds;
+use super::warnings::is_r_zero;
 use analysis_model::model::Erm;
 use analysis_numeric::{
     Smooth,
@@ -70,14 +71,20 @@ impl Uncertainty {
             clusters,
             taken(problem, &x, &free),
         );
+        // A resistance of zero is as certain as the sum that it is a part of needs.
+        let zero = is_r_zero(erm, &options.bounds, problem);
         let entry = |i: usize, j: usize| -> Option<f64> {
+            if zero && (i == 0 || j == 0) {
+                return covariance.as_ref().map(|_| 0.0);
+            }
             let (row, column) = (
                 free.iter().position(|f| *f == i)?,
                 free.iter().position(|f| *f == j)?,
             );
             covariance.as_ref().map(|c| c[row * free.len() + column])
         };
-        let sigma = sigma_of(erm, &entry);
+        let mut sigma = sigma_of(erm, &entry);
+        sigma.r_ohm = sigma.r_ohm.filter(|_| !zero);
         let log_covariance = (0..n)
             .map(|i| (0..n).map(|j| entry(i, j)).collect())
             .collect();

@@ -1,14 +1,18 @@
 //! Warnings to the user of a fitted model, in sentences.
 
-use super::options::Objective;
+use super::options::{Bounds, Objective};
 use super::problem::Problem;
 use super::result::ErmFit;
 use super::warning::{Warning, WarningCode, Warnings};
+use analysis_model::model::Erm;
 use analysis_signal::spectrum::Spectrum;
 use std::f64::consts::TAU;
 
 /// A parameter this near to a bound (as a ratio) counts as held by it.
 const NEAR_BOUND: f64 = 1.02;
+/// A branch whose time constant is this many times that of the highest frequency has fallen to a
+/// tenth of its resistance there.
+const FALLEN_OFF: f64 = 3.0;
 /// Relative sigma above which a parameter counts as not identified.
 const UNIDENTIFIED: f64 = 0.5;
 /// Reduced χ² above which the model misses the data or the uncertainty is understated.
@@ -27,7 +31,7 @@ pub(crate) fn warnings(
             last digits",
         ));
     }
-    at_bounds(fit, &mut found);
+    at_bounds(fit, problem, &mut found);
     not_identified(fit, &mut found);
     outside_the_band(fit, problem, &mut found);
     if fit.objective_kind == Objective::Complex && !problem.absolute_weights {
@@ -106,25 +110,47 @@ fn parameters(fit: &ErmFit) -> Vec<Parameter> {
     all
 }
 
-/// Names of the parameters that stand at a bound.
-pub(super) fn held_by_bounds(fit: &ErmFit) -> Vec<String> {
+/// The series resistance is zero as far as the data tell: it stands at its lower bound, and all
+/// branches have fallen off within the band, so that none of them stands for it.
+pub(super) fn is_r_zero(erm: &Erm, bounds: &Bounds, problem: &Problem) -> bool {
+    let Some(fastest) = problem.groups.last() else {
+        return false;
+    };
+    let fallen = |tau_s: f64| TAU * fastest.freq_hz * tau_s > FALLEN_OFF;
+    !erm.branches.is_empty()
+        && erm.r_ohm <= bounds.r_ohm.0 * NEAR_BOUND
+        && erm.time_constants_s().into_iter().all(fallen)
+}
+
+/// Names of the parameters that stand at a bound; a series resistance of zero does not count.
+pub(super) fn held_by_bounds(fit: &ErmFit, problem: &Problem) -> Vec<String> {
     let held =
         |p: &Parameter| p.value <= p.bounds.0 * NEAR_BOUND || p.value >= p.bounds.1 / NEAR_BOUND;
+    let zero = usize::from(is_r_zero(&fit.erm, &fit.bounds, problem));
     parameters(fit)
         .into_iter()
+        .skip(zero)
         .filter(held)
         .map(|p| p.name)
         .collect()
 }
 
-fn at_bounds(fit: &ErmFit, found: &mut Warnings) {
+fn at_bounds(fit: &ErmFit, problem: &Problem, found: &mut Warnings) {
+    let zero = is_r_zero(&fit.erm, &fit.bounds, problem);
+    if zero {
+        found.push(WarningCode::NotIdentified.says(format!(
+            "R is zero as far as these data tell: less than {:.1e} Ω, with every branch within the \
+            band",
+            fit.erm.r_ohm
+        )));
+    }
     for Parameter {
         name,
         value,
         bounds: (lo, hi),
         unit,
         ..
-    } in parameters(fit)
+    } in parameters(fit).into_iter().skip(usize::from(zero))
     {
         if value <= lo * NEAR_BOUND {
             found.push(

@@ -12,6 +12,7 @@ use super::ladder::{Ladder, SERIES, Whitening};
 use super::noise::{Noise, NoiseSource};
 use super::tail::{pair_tail, sum_tail};
 use super::{DOUBTFUL_RATE, FALSE_ALARM_RATE, ValidityError};
+use crate::sizes::sizes_ohm;
 use analysis_numeric::Covariance2;
 use analysis_signal::spectrum::Spectrum;
 use num_complex::Complex64;
@@ -245,7 +246,7 @@ impl<'a> Test<'a> {
         let ladder = Ladder::new(omega, tau_range_s, most);
         let leverage = Vec::with_capacity(points);
         let restraint_per_ohm =
-            1.0 / (LARGEST * z_ohm.iter().map(|z| z.norm()).fold(0.0, f64::max));
+            1.0 / (LARGEST * sizes_ohm(&spectrum.points).into_iter().fold(0.0, f64::max));
         Ok(Self {
             spectrum,
             noise,

@@ -8,6 +8,7 @@
 use super::ladder::{Ladder, Whitening};
 use super::tail::deviate_tail;
 use super::{ValidityError, same_grid};
+use crate::sizes::weight_sizes_ohm;
 use analysis_numeric::Covariance2;
 use analysis_signal::spectrum::{ImpedancePoint, Spectrum};
 use num_complex::Complex64;
@@ -97,11 +98,10 @@ impl Noise {
         } else {
             (NoiseSource::Smoother, from_smoother(spectrum)?)
         };
-        let covariance = spectrum
-            .points
-            .iter()
+        let covariance = weight_sizes_ohm(&spectrum.points)
+            .into_iter()
             .zip(&relative)
-            .map(|(p, r)| Covariance2::circular((r * p.z_ohm.norm()).powi(2)))
+            .map(|(size, r)| Covariance2::circular((r * size).powi(2)))
             .collect();
         Ok(Self {
             covariance,
@@ -202,6 +202,7 @@ fn from_smoother(spectrum: &Spectrum) -> Result<(Vec<f64>, f64), ValidityError> 
         + 1;
     let order = wanted.min(3 * z.len() / 5).max(2);
     let mut ladder = Ladder::new(omega, tau_range_s, order);
+    let sizes = weight_sizes_ohm(points);
     let re = Whitening {
         a: 1.0,
         b: 0.0,
@@ -214,9 +215,9 @@ fn from_smoother(spectrum: &Spectrum) -> Result<(Vec<f64>, f64), ValidityError> 
     };
     let mut left = vec![(0.0, 0.0); z.len()];
     for part in [re, im] {
-        for (left, (square, dof)) in left
-            .iter_mut()
-            .zip(smooth_part(&mut ladder, &z, part, order))
+        for (left, (square, dof)) in
+            left.iter_mut()
+                .zip(smooth_part(&mut ladder, (&z, &sizes), part, order))
         {
             *left = (left.0 + square, left.1 + dof);
         }
@@ -254,16 +255,16 @@ fn from_smoother(spectrum: &Spectrum) -> Result<(Vec<f64>, f64), ValidityError> 
 /// none of outliers.
 fn smooth_part(
     ladder: &mut Ladder,
-    z: &[Complex64],
+    (z, sizes): (&[Complex64], &[f64]),
     part: Whitening,
     order: usize,
 ) -> Vec<(f64, f64)> {
-    let scaled = |z: &Complex64| Whitening {
-        a: part.a / z.norm(),
+    let scaled = |size: &f64| Whitening {
+        a: part.a / size,
         b: 0.0,
-        c: part.c / z.norm(),
+        c: part.c / size,
     };
-    let mut whiten: Vec<Whitening> = z.iter().map(scaled).collect();
+    let mut whiten: Vec<Whitening> = sizes.iter().map(scaled).collect();
     let mut used = z.len() as f64;
     let mut leverage = Vec::new();
     loop {
