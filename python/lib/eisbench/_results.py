@@ -358,7 +358,7 @@ class Assessment:
 
     @property
     def grades(self) -> dict[str, str]:
-        """Grade of each spectrum: ``good``, ``doubtful``, ``bad``."""
+        """Grade of each spectrum: ``good``, ``doubtful``, ``cannot-be-judged``, ``bad``."""
         return {entry["name"]: entry["verdict"]["grade"] for entry in self.spectra}
 
     def _cells(self) -> tuple[list[str], list[list[str]]]:

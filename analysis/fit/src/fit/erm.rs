@@ -146,17 +146,13 @@ fn fit(
             .map(|words| WarningCode::ChargeStorage.says(words)),
     );
     let repeats = clusters.remark(fit.cells.is_none() && problem.absolute_weights);
-    let signs = sign_remarks(spectra);
-    let outliers = outliers::remarks(spectra, &fit.erm);
+    let signs = sign_remarks(spectra, options.rc);
+    let outliers = outliers::remarks(spectra, Some(&fit.erm));
     fit.warnings
         .extend(repeats.map(|words| WarningCode::Repeats.says(words)));
     fit.warnings
         .extend(signs.into_iter().map(|words| WarningCode::Sign.says(words)));
-    fit.warnings.extend(
-        outliers
-            .into_iter()
-            .map(|words| WarningCode::Outliers.says(words)),
-    );
+    fit.warnings.extend(outliers);
     Ok(fit)
 }
 

@@ -10,8 +10,10 @@ use num_complex::Complex64;
 
 use super::options::Objective;
 use super::problem::{Group, Problem, quadratic};
+use super::warning::{Warning, WarningCode};
 use crate::validity::{
-    FEWEST_POINTS, KkOutcome, KkPoint, KramersKronig, Noise, NoiseSource, kramers_kronig, thinned,
+    FEWEST_POINTS, KkOutcome, KkPoint, KramersKronig, Noise, NoiseSource, flaws, kramers_kronig,
+    thinned,
 };
 use analysis_model::model::Erm;
 use analysis_numeric::{Covariance2, significant::format_significant};
@@ -59,49 +61,96 @@ pub(super) fn standing_out(problem: &Problem, erm: &Erm) -> Vec<usize> {
         .collect()
 }
 
-/// Names the points that stand out of a fit of these spectra; nothing where none does. Of many
-/// spectra those are looked at that hold the furthest.
-pub(super) fn remarks(spectra: &[Spectrum], erm: &Erm) -> Vec<String> {
-    let suspects = standing_out(&Problem::new(spectra, Objective::Complex), erm);
-    let found: Vec<String> = suspects
+/// Names the points that stand out of a fit of an ERM to these spectra, and those that `kk` calls
+/// bad: a model that misses the data hides them. Says which spectra `kk` does not believe as a
+/// whole. Of many spectra those are looked at first that hold the furthest.
+pub(super) fn remarks(spectra: &[Spectrum], erm: Option<&Erm>) -> Vec<Warning> {
+    let suspects = erm.map_or_else(Vec::new, |erm| {
+        standing_out(&Problem::new(spectra, Objective::Complex), erm)
+    });
+    let several = spectra.len() > 1;
+    let mut found: Vec<String> = suspects
         .iter()
         .take(MOST_NAMED)
-        .flat_map(|number| of_spectrum(&spectra[*number], spectra.len() > 1))
+        .flat_map(|number| of_suspect(&spectra[*number], several))
         .collect();
-    let more = found.len().saturating_sub(MOST_NAMED);
-    let mut named: Vec<String> = found.into_iter().take(MOST_NAMED).collect();
-    if more > 0 {
-        named.push(format!("{more} more points lie as far off"));
+    let mut whole = Vec::new();
+    for (number, spectrum) in spectra.iter().enumerate() {
+        let flaws = flaws(spectrum, spectra.len());
+        if !suspects.iter().take(MOST_NAMED).any(|n| *n == number) || found.is_empty() {
+            let source = source(if is_stated(spectrum) {
+                NoiseSource::Stated
+            } else {
+                NoiseSource::Smoother
+            });
+            found.extend(
+                flaws
+                    .points
+                    .iter()
+                    .map(|p| words(p, spectrum, several, source)),
+            );
+        }
+        whole.extend(flaws.whole.map(|why| {
+            if several {
+                format!("{}: {why}", spectrum.name)
+            } else {
+                why
+            }
+        }));
     }
-    named
+    let of = |code: WarningCode, all: Vec<String>, others: &str| {
+        let more = all.len().saturating_sub(MOST_NAMED);
+        let more = (more > 0).then(|| format!("{more} more {others}"));
+        all.into_iter()
+            .take(MOST_NAMED)
+            .chain(more)
+            .map(|words| code.says(words))
+            .collect::<Vec<Warning>>()
+    };
+    let mut remarks = of(WarningCode::Outliers, found, "points lie as far off");
+    remarks.extend(of(WarningCode::Validity, whole, "spectra are as bad"));
+    remarks
 }
 
-fn of_spectrum(spectrum: &Spectrum, several: bool) -> Vec<String> {
-    let Some(kk) = tested(spectrum) else {
-        return Vec::new();
-    };
-    let source = if kk.noise == NoiseSource::Stated {
+fn is_stated(spectrum: &Spectrum) -> bool {
+    spectrum
+        .points
+        .iter()
+        .all(|p| p.covariance.re_re > 0.0 && p.covariance.im_im > 0.0)
+}
+
+fn source(noise: NoiseSource) -> &'static str {
+    if noise == NoiseSource::Stated {
         ""
     } else {
         ", by the scatter of the others"
+    }
+}
+
+fn of_suspect(spectrum: &Spectrum, several: bool) -> Vec<String> {
+    let Some(kk) = tested(spectrum) else {
+        return Vec::new();
     };
+    let out = kk.points.iter().filter(|p| p.left_out);
+    out.map(|p| words(p, spectrum, several, source(kk.noise)))
+        .collect()
+}
+
+fn words(p: &KkPoint, spectrum: &Spectrum, several: bool, source: &str) -> String {
     let of = if several {
         format!(" of {}", spectrum.name)
     } else {
         String::new()
     };
-    let name = |p: &KkPoint| {
-        let (freq_hz, sigmas, percent) = (
-            format_significant(p.freq_hz, 3),
-            format_significant(p.sigmas, 3),
-            format_significant(p.percent(), 3),
-        );
-        format!(
-            "the point at {freq_hz} Hz{of} lies {sigmas} σ off the fit to the others ({percent} % \
-            of |Z|{source}): measure it again or leave it out"
-        )
-    };
-    kk.points.iter().filter(|p| p.left_out).map(name).collect()
+    let (freq_hz, sigmas, percent) = (
+        format_significant(p.freq_hz, 3),
+        format_significant(p.sigmas, 3),
+        format_significant(p.percent(), 3),
+    );
+    format!(
+        "the point at {freq_hz} Hz{of} lies {sigmas} σ off the fit to the others ({percent} % of \
+        |Z|{source}): measure it again or leave it out"
+    )
 }
 
 /// The Kramers–Kronig test, where it holds but for single points: by the noise as stated, else by

@@ -32,6 +32,9 @@ pub enum WarningCode {
     Sign,
     /// Points that no model of relaxations passes through.
     Outliers,
+    /// The spectrum as a whole, or an end of it, is no measurement of a linear, steady system, or
+    /// its noise hides whether it is.
+    Validity,
     /// A warning of the fit to spectra and pulses together.
     Joint,
     /// A warning that was read from a file that has no codes.
@@ -55,6 +58,7 @@ impl WarningCode {
             Self::Repeats => "repeats",
             Self::Sign => "sign",
             Self::Outliers => "outliers",
+            Self::Validity => "validity",
             Self::Joint => "joint",
             Self::Unknown => "unknown",
         }

@@ -92,7 +92,10 @@ impl ResultRows for ValidityRows {
         let doubts = (grade != Grade::Good).then(|| assessed.verdict.text.clone());
         Ok(RowValues {
             cells,
-            warning_codes: doubts.iter().map(|_| format!("grade_{grade}")).collect(),
+            warning_codes: doubts
+                .iter()
+                .map(|_| format!("grade_{}", grade.name()))
+                .collect(),
             warnings: doubts.into_iter().collect(),
             fitted: None,
         })
@@ -109,7 +112,7 @@ fn tests(assessed: &Assessed, points: usize) -> Vec<Cell> {
     });
     vec![
         Cell::whole(points),
-        Cell::Text(Some(verdict.grade.to_string())),
+        Cell::text(verdict.grade.name()),
         Cell::Text(Some(verdict.text.clone())),
         Cell::Number(verdict.valid_band_hz.map(|band| band.0)),
         Cell::Number(verdict.valid_band_hz.map(|band| band.1)),

@@ -121,6 +121,7 @@ pub fn assess(spectra: &[Spectrum], records: &[Record]) -> Result<Assessment, Va
             stationarity: stationarity.as_ref().filter(|_| alike(spectrum)),
             records,
             spectrum,
+            noise,
         };
         Ok(Assessed {
             name: spectrum.name.clone(),
@@ -165,6 +166,7 @@ pub fn assess_by(spectrum: &Spectrum, noise: &Noise) -> Result<Assessed, Validit
         stationarity: None,
         records: &[],
         spectrum,
+        noise,
     };
     Ok(Assessed {
         name: spectrum.name.clone(),

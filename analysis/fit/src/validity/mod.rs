@@ -7,6 +7,8 @@
 //! of false alarms: of a hundred valid spectra at most one is called bad.
 
 mod assess;
+mod ceiling;
+mod flaws;
 mod kramers_kronig;
 mod ladder;
 mod linearity;
@@ -21,11 +23,14 @@ mod verdict;
 mod z_hit;
 
 pub use assess::{Assessed, Assessment, assess, assess_by};
+pub use flaws::{Flaws, flaws};
 pub use kramers_kronig::{FEWEST_POINTS, KkOutcome, KkPoint, KramersKronig, kramers_kronig};
 pub use linearity::{Linearity, LinearityPoint, linearity};
 pub use noise::{FEWEST_REPEATS, Noise, NoiseSource};
 pub use record::{Harmonic, Record, beyond_noise};
-pub use signs::{inductive_from_hz, sign_remarks, wrong_sign_remarks};
+pub use signs::{
+    inductive_from_hz, sign_remarks, slow_loop_hz, slow_loop_remarks, wrong_sign_remarks,
+};
 pub use stationarity::{Drift, DriftShape, Stationarity, StationarityPoint, stationarity};
 pub use thin::{MOST_POINTS, thinned};
 pub use verdict::{Grade, PointVerdict, SpectrumVerdict};

@@ -14,6 +14,8 @@ const SIGNIFICANT: f64 = 3.0;
 /// The same where no uncertainty is known, as a share of |Z|: what `kk` calls bad of a noise that
 /// it had to estimate.
 const LARGE: f64 = 0.01;
+/// Least size of a slow loop, as a share of |Z|: what `kk` doubts.
+const LOOP: f64 = 0.003;
 
 /// Im Z is above zero beyond its uncertainty.
 fn is_inductive(point: &ImpedancePoint) -> bool {
@@ -31,6 +33,59 @@ fn is_inductive(point: &ImpedancePoint) -> bool {
 pub fn inductive_from_hz(points: &[ImpedancePoint]) -> Option<f64> {
     let upper = points.iter().rev().take_while(|p| is_inductive(p)).count();
     (upper > 0 && upper < points.len()).then(|| points[points.len() - upper].freq_hz)
+}
+
+/// The lowest and the highest frequency of the widest run of points with Im Z > 0 that does not reach
+/// the upper end of the band, Hz: a slow inductive loop. Beyond three standard deviations of the
+/// noise and 0.3 % of |Z|, at two neighbours at least; none where there is no such run.
+pub fn slow_loop_hz(spectrum: &Spectrum, noise: &Noise) -> Option<(f64, f64)> {
+    let points = &spectrum.points;
+    let above: Vec<bool> = points
+        .iter()
+        .zip(&noise.covariance)
+        .map(|(p, c)| p.z_ohm.im > (SIGNIFICANT * c.im_im.sqrt()).max(LOOP * p.z_ohm.norm()))
+        .collect();
+    let mut runs: Vec<(usize, usize)> = Vec::new();
+    for k in (0..above.len()).filter(|k| above[*k]) {
+        match runs.last_mut() {
+            Some((_, last)) if *last + 1 == k => *last = k,
+            _ => runs.push((k, k)),
+        }
+    }
+    let (first, last) = runs
+        .into_iter()
+        .filter(|(first, last)| last > first && last + 1 < points.len())
+        .max_by_key(|(first, last)| last - first)?;
+    Some((points[first].freq_hz, points[last].freq_hz))
+}
+
+/// That there is a slow inductive loop, by the noise that is known or estimated; none where there is
+/// none.
+fn slow_loop(spectrum: &Spectrum) -> Option<String> {
+    let mut measured = spectrum.clone();
+    if let Some(slope) = spectrum.less {
+        // What was taken out of the points is capacitive, so that without it they may look
+        // inductive.
+        let put_back = |p: &mut ImpedancePoint| p.z_ohm += slope.impedance(p.freq_hz);
+        measured.points.iter_mut().for_each(put_back);
+    }
+    let inductive = |p: &&ImpedancePoint| p.z_ohm.im > LOOP * p.z_ohm.norm();
+    // To estimate the noise is some work, which most spectra need not.
+    if measured.points.iter().filter(inductive).count() < 2 || measured.validate().is_err() {
+        return None;
+    }
+    let noise = Noise::of(&measured, &[]).ok()?;
+    slow_loop_hz(&measured, &noise).map(slow_loop_words)
+}
+
+/// Words on a slow loop between two frequencies.
+pub(super) fn slow_loop_words((from_hz, to_hz): (f64, f64)) -> String {
+    let short = |freq_hz| format_significant(freq_hz, 3);
+    format!(
+        "Im Z > 0 from {} Hz to {} Hz: a slow inductive loop, or a cell that changed during the sweep",
+        short(from_hz),
+        short(to_hz)
+    )
 }
 
 /// That the upper end of the band is inductive; none where it is not.
@@ -67,8 +122,9 @@ fn of(spectrum: &Spectrum, spectra: usize, words: &str) -> String {
 }
 
 /// Remarks on spectra for a fit of resistances and capacitances: an imaginary part of the wrong
-/// sign, an inductive end of the band.
-pub fn sign_remarks(spectra: &[Spectrum]) -> Vec<String> {
+/// sign, an inductive end of the band, a slow inductive loop. `rc` is the number of branches of the
+/// fit.
+pub fn sign_remarks(spectra: &[Spectrum], rc: usize) -> Vec<String> {
     const ADVICE: &str = "which resistances and capacitances cannot follow: fit below, with \
     --to-hz, or a circuit with L";
     let mut found = wrong_sign_remarks(spectra);
@@ -77,8 +133,35 @@ pub fn sign_remarks(spectra: &[Spectrum]) -> Vec<String> {
             inductive(&spectrum.points)
                 .map(|words| of(spectrum, spectra.len(), &format!("{words}, {ADVICE}"))),
         );
+        let circuit = with_inductive_branch(rc);
+        found.extend(slow_loop(spectrum).map(|words| {
+            let advice = format!(
+                "{words}; resistances and capacitances cannot follow it, and the slow ones come out \
+                wrong: fit with --circuit '{circuit}', whose last branch is inductive"
+            );
+            of(spectrum, spectra.len(), &advice)
+        }));
     }
     found
+}
+
+/// Names the spectra with a slow loop, for a fit of a circuit without an inductance.
+pub fn slow_loop_remarks(spectra: &[Spectrum]) -> Vec<String> {
+    let words = |s: &Spectrum| {
+        let advice = format!(
+            "{}; without an inductance the circuit cannot follow it: put -p(R,L) in series",
+            slow_loop(s)?
+        );
+        Some(of(s, spectra.len(), &advice))
+    };
+    let sound = spectra.iter().filter(|s| !is_conjugated(s));
+    sound.filter_map(words).collect()
+}
+
+/// A circuit of R, so many RC branches, and a resistance beside an inductance.
+fn with_inductive_branch(rc: usize) -> String {
+    let branches: String = (1..=rc).map(|k| format!("-p(R{k},C{k})")).collect();
+    format!("R0{branches}-p(R{0},L{0})", rc + 1)
 }
 
 /// As the Kramers–Kronig test finds it. Where less than half of the points are above the axis there

@@ -1,5 +1,7 @@
 //! Spectra made here by closed formulas, with noise of a known size, valid and spoilt.
 
+mod nonsense;
+
 use super::*;
 use analysis_numeric::{Covariance2, Rng};
 use analysis_signal::spectrum::ImpedancePoint;

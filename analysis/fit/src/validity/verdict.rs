@@ -1,10 +1,11 @@
 //! Verdict of all tests together, in words: one per point, one per spectrum.
 
+use super::ceiling::{along_the_curve, not_judged};
 use super::kramers_kronig::{KkOutcome, KkPoint, KramersKronig};
 use super::linearity::Linearity;
-use super::noise::NoiseSource;
+use super::noise::{Noise, NoiseSource};
 use super::record::{Record, beyond_noise};
-use super::signs::{WRONG_SIGN, inductive};
+use super::signs::{WRONG_SIGN, inductive, slow_loop_hz, slow_loop_words};
 use super::stationarity::Stationarity;
 use super::z_hit::ZHit;
 use super::{DOUBTFUL_RATE, FALSE_ALARM_RATE};
@@ -36,16 +37,29 @@ pub enum Grade {
     Good,
     /// Something does, but chance or a small effect could explain it.
     Doubtful,
+    /// So much is noise that nothing can be told.
+    CannotBeJudged,
     /// It is wrong, or was measured on something that was not linear or did not stay the same.
     Bad,
+}
+
+impl Grade {
+    /// Name as JSON and tables have it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Good => "good",
+            Self::Doubtful => "doubtful",
+            Self::CannotBeJudged => "cannot-be-judged",
+            Self::Bad => "bad",
+        }
+    }
 }
 
 impl fmt::Display for Grade {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
-            Self::Good => "good",
-            Self::Doubtful => "doubtful",
-            Self::Bad => "bad",
+            Self::CannotBeJudged => "cannot be judged",
+            named => named.name(),
         })
     }
 }
@@ -86,6 +100,7 @@ pub(super) struct Findings<'a> {
     pub(super) stationarity: Option<&'a Stationarity>,
     pub(super) records: &'a [Record],
     pub(super) spectrum: &'a Spectrum,
+    pub(super) noise: &'a Noise,
 }
 
 impl PointVerdict {
@@ -113,12 +128,36 @@ pub(super) fn verdict(findings: &Findings<'_>) -> SpectrumVerdict {
         (false, true) => Grade::Doubtful,
         (false, false) => Grade::Bad,
     };
-    let text = text(findings, &points, valid_band_hz);
-    SpectrumVerdict {
+    let mut text = text(findings, &points, valid_band_hz);
+    let along = along_the_curve(findings.spectrum, findings.noise, findings.kk)
+        .filter(|_| grade < Grade::Bad);
+    let grade = along.iter().fold(grade, |grade, words| {
+        text += &format!("; {words}");
+        grade.max(Grade::Doubtful)
+    });
+    let verdict = SpectrumVerdict {
         grade,
         text,
         valid_band_hz,
         points,
+    };
+    match not_judged(findings.spectrum, findings.noise).filter(|_| grade != Grade::Bad) {
+        Some(why) => cannot_be_judged(verdict, &why),
+        None => verdict,
+    }
+}
+
+/// A verdict that is taken back: no point is known to be good.
+fn cannot_be_judged(verdict: SpectrumVerdict, why: &str) -> SpectrumVerdict {
+    let hidden = |point: PointVerdict| PointVerdict {
+        grade: point.grade.max(Grade::CannotBeJudged),
+        ..point
+    };
+    SpectrumVerdict {
+        grade: Grade::CannotBeJudged,
+        text: why.to_owned(),
+        valid_band_hz: None,
+        points: verdict.points.into_iter().map(hidden).collect(),
     }
 }
 
@@ -190,7 +229,7 @@ fn point(findings: &Findings<'_>, harmonics: &[Vec<bool>], k: usize) -> PointVer
 }
 
 /// Grade of a residual of `percent` % of |Z|; no test makes it worse.
-fn by_size(kk: &KramersKronig, percent: f64) -> Grade {
+pub(super) fn by_size(kk: &KramersKronig, percent: f64) -> Grade {
     let (doubtful, bad) = if kk.noise == NoiseSource::Stated {
         KK_STATED_PERCENT
     } else {
@@ -206,7 +245,7 @@ fn by_size(kk: &KramersKronig, percent: f64) -> Grade {
 }
 
 /// Grade of the largest residual over the band; no test makes it worse.
-fn by_worst(kk: &KramersKronig) -> Grade {
+pub(super) fn by_worst(kk: &KramersKronig) -> Grade {
     by_size(kk, kk.worst().map_or(0.0, KkPoint::percent))
 }
 
@@ -299,7 +338,7 @@ fn by_record(record: &Record, beyond: &[bool], verdict: &mut PointVerdict) {
 }
 
 /// No point is worth anything, for a reason that is common to all.
-fn is_nothing_valid(kk: &KramersKronig) -> bool {
+pub(super) fn is_nothing_valid(kk: &KramersKronig) -> bool {
     let whole = match kk.outcome {
         KkOutcome::SignSwapped => by_worst(kk) != Grade::Good,
         KkOutcome::Disagrees => by_worst(kk) == Grade::Bad,
@@ -324,7 +363,7 @@ fn valid_band(points: &[PointVerdict], kk: &KramersKronig) -> Option<(f64, f64)>
 }
 
 /// Sentence on why no point is valid.
-fn nothing_valid(kk: &KramersKronig) -> String {
+pub(super) fn nothing_valid(kk: &KramersKronig) -> String {
     if kk.is_reversed() {
         return "not valid: the real part is negative: leads reversed? (Kramers–Kronig cannot see \
         it)"
@@ -392,15 +431,16 @@ fn text(findings: &Findings<'_>, points: &[PointVerdict], band: Option<(f64, f64
     if differ > 0 {
         text += &format!("; its repeats differ by more than noise at {differ} frequencies");
     }
-    if let Some(words) =
-        inductive(&findings.spectrum.points).filter(|_| kk.outcome != KkOutcome::SignSwapped)
-    {
-        text += &format!("; {words}");
+    if kk.outcome != KkOutcome::SignSwapped {
+        let slow = slow_loop_hz(findings.spectrum, findings.noise).map(slow_loop_words);
+        for words in inductive(&findings.spectrum.points).into_iter().chain(slow) {
+            text += &format!("; {words}");
+        }
     }
     text
 }
 
 /// Frequency with three significant digits.
-fn short(freq_hz: f64) -> String {
+pub(super) fn short(freq_hz: f64) -> String {
     format_significant(freq_hz, 3)
 }

@@ -38,7 +38,7 @@ impl Judged {
     fn rank(&self) -> usize {
         match self.outcome.as_ref().map(|assessed| assessed.verdict.grade) {
             Ok(Grade::Bad) => 3,
-            Ok(Grade::Doubtful) => 2,
+            Ok(Grade::Doubtful | Grade::CannotBeJudged) => 2,
             Err(_) => 1,
             Ok(Grade::Good) => 0,
         }

@@ -21,7 +21,7 @@ use super::cells::CellSweeps;
 use super::clusters::Clusters;
 use super::options::Objective;
 use super::warning::{WarningCode, Warnings};
-use analysis_model::model::Circuit;
+use analysis_model::model::{Circuit, ElementKind};
 use analysis_numeric::Smooth;
 use analysis_signal::spectrum::Spectrum;
 use data::Data;
@@ -140,7 +140,21 @@ fn fit(
     let signs = crate::validity::wrong_sign_remarks(spectra);
     fit.warnings
         .extend(signs.into_iter().map(|words| WarningCode::Sign.says(words)));
+    if !has_inductance(circuit) {
+        let loops = crate::validity::slow_loop_remarks(spectra);
+        fit.warnings
+            .extend(loops.into_iter().map(|words| WarningCode::Sign.says(words)));
+    }
+    fit.warnings.extend(super::outliers::remarks(spectra, None));
     Ok(fit)
+}
+
+fn has_inductance(circuit: &Circuit) -> bool {
+    let mut found = false;
+    circuit
+        .root()
+        .visit(&mut |element| found |= matches!(element.kind, ElementKind::L | ElementKind::La));
+    found
 }
 
 fn check_values(circuit: &Circuit, options: &CircuitOptions) -> Result<(), CircuitFitError> {
