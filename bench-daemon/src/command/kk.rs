@@ -434,6 +434,9 @@ fn print_drt(distribution: &Distribution) {
             }
         );
     }
+    if let Some(slow_loop) = &drt.slow_loop {
+        say!("    {}", slow_loop.in_words());
+    }
     let branches = start
         .iter()
         .map(|rc| format!("{:.3} mΩ ∥ {} F", 1.0e3 * rc.r_ohm, significant(rc.c_f, 3)));

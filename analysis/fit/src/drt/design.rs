@@ -5,7 +5,7 @@ use analysis_signal::spectrum::Spectrum;
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 use std::f64::consts::TAU;
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 
 /// Elements before the continuum: R∞, L, 1/C, A.
 pub(super) const SERIES: usize = 4;
@@ -18,6 +18,8 @@ const MOST_NODES: usize = 160;
 #[derive(Debug)]
 pub(super) struct Design {
     pub(super) tau_s: Vec<f64>,
+    /// Time constant of the inductive branch, s: the element behind the continuum.
+    pub(super) loop_tau_s: Option<f64>,
     pub(super) omega: Vec<f64>,
     /// AᵀA.
     pub(super) normal: DMatrix<f64>,
@@ -32,18 +34,24 @@ pub(super) struct Design {
 }
 
 impl Design {
-    /// The problem with a grid that reaches as far beyond the slow end of the band as told.
-    pub(super) fn new(spectrum: &Spectrum, noise: &Noise, slow_reach: f64) -> Self {
+    /// The problem with a grid that reaches as far beyond the slow end of the band as told, and
+    /// with an inductive branch of a time constant where one is wanted.
+    pub(super) fn new(
+        spectrum: &Spectrum,
+        noise: &Noise,
+        slow_reach: f64,
+        loop_tau_s: Option<f64>,
+    ) -> Self {
         let omega: Vec<f64> = spectrum.points.iter().map(|p| TAU * p.freq_hz).collect();
         let tau_s = grid(omega[0] / slow_reach..=omega[omega.len() - 1] * REACH);
-        let n = SERIES + tau_s.len();
+        let n = SERIES + tau_s.len() + usize::from(loop_tau_s.is_some());
         let mut rows = DMatrix::zeros(2 * omega.len(), n);
         let mut data = DVector::zeros(2 * omega.len());
         for (k, (point, w)) in spectrum.points.iter().zip(noise.whitening()).enumerate() {
             data[2 * k] = w.a * point.z_ohm.re;
             data[2 * k + 1] = w.b * point.z_ohm.re + w.c * point.z_ohm.im;
             for j in 0..n {
-                let z = element(j, omega[k], &tau_s);
+                let z = element(j, omega[k], &tau_s, loop_tau_s);
                 rows[(2 * k, j)] = w.a * z.re;
                 rows[(2 * k + 1, j)] = w.b * z.re + w.c * z.im;
             }
@@ -57,11 +65,17 @@ impl Design {
             normal: rows.transpose() * &rows,
             right: rows.transpose() * &data,
             square: data.dot(&data),
-            penalty: penalty(tau_s.len()),
+            penalty: penalty(tau_s.len(), n),
             omega,
             tau_s,
+            loop_tau_s,
             step,
         }
+    }
+
+    /// Places of the continuum among the unknowns.
+    pub(super) fn nodes(&self) -> Range<usize> {
+        SERIES..SERIES + self.tau_s.len()
     }
 
     /// The model's impedance at the measured frequencies, Ω.
@@ -69,7 +83,7 @@ impl Design {
         let at = |omega: &f64| {
             x.iter()
                 .enumerate()
-                .map(|(j, x)| *x * element(j, *omega, &self.tau_s))
+                .map(|(j, x)| *x * element(j, *omega, &self.tau_s, self.loop_tau_s))
                 .sum()
         };
         self.omega.iter().map(at).collect()
@@ -85,19 +99,23 @@ fn grid(omega: RangeInclusive<f64>) -> Vec<f64> {
 }
 
 /// Impedance of an element of unit size.
-fn element(j: usize, omega: f64, tau_s: &[f64]) -> Complex64 {
+fn element(j: usize, omega: f64, tau_s: &[f64], loop_tau_s: Option<f64>) -> Complex64 {
+    let relaxation = |tau_s: f64| Complex64::new(1.0, omega * tau_s).inv();
     match j {
         0 => Complex64::new(1.0, 0.0),
         1 => Complex64::new(0.0, omega),
         2 => Complex64::new(0.0, -1.0 / omega),
         3 => Complex64::new(1.0, -1.0) / (2.0 * omega).sqrt(),
-        node => Complex64::new(1.0, omega * tau_s[node - SERIES]).inv(),
+        node => match tau_s.get(node - SERIES) {
+            Some(tau_s) => relaxation(*tau_s),
+            None => -loop_tau_s.map_or(Complex64::ZERO, relaxation),
+        },
     }
 }
 
-/// Second differences with zeros beyond both ends.
-fn penalty(nodes: usize) -> DMatrix<f64> {
-    let mut differences = DMatrix::zeros(nodes + 2, SERIES + nodes);
+/// Second differences of the continuum with zeros beyond both ends, among so many unknowns.
+fn penalty(nodes: usize, unknowns: usize) -> DMatrix<f64> {
+    let mut differences = DMatrix::zeros(nodes + 2, unknowns);
     for row in 0..nodes + 2 {
         for (offset, value) in [(-2_i64, 1.0), (-1, -2.0), (0, 1.0)] {
             if let Some(node) = usize::try_from(row as i64 + offset)

@@ -10,6 +10,8 @@
 //! λ, not what another smoothness would show.
 //!
 //! Inductive and diffusive ends have elements of their own, so that they do not come out as peaks.
+//! A loop with Im Z > 0 at low frequency has one branch with a negative resistance, whose time
+//! constant is searched.
 //! Knows no fit; [`start_values`] serves one.
 
 mod design;
@@ -22,6 +24,7 @@ pub use peaks::Peak;
 pub use solve::drt;
 pub use start::start_values;
 
+use analysis_numeric::significant::format_significant;
 use analysis_signal::spectrum::SpectrumError;
 use num_complex::Complex64;
 use serde::Serialize;
@@ -33,6 +36,51 @@ pub struct Estimate {
     pub value: f64,
     /// Its standard deviation.
     pub sigma: f64,
+}
+
+/// A band below the upper end of a sweep in which Im Z > 0, which no resistances and capacitances
+/// follow.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SlowLoop {
+    /// Its lowest and highest frequency, Hz.
+    pub band_hz: (f64, f64),
+    /// The inductive branch that follows it; none where the spectrum is described as well without.
+    pub branch: Option<InductiveBranch>,
+}
+
+/// A branch −R/(1 + jωτ): a resistance in parallel with the inductance Rτ, less the resistance.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct InductiveBranch {
+    /// Its time constant, s; without an uncertainty.
+    pub tau_s: f64,
+    /// The resistance by which it lowers that at zero frequency, Ω.
+    pub r_ohm: Estimate,
+}
+
+impl SlowLoop {
+    /// What there is and what becomes of it, in a sentence.
+    pub fn in_words(&self) -> String {
+        let short = |value| format_significant(value, 3);
+        let (from, to) = self.band_hz;
+        let seen = format!(
+            "Im Z > 0 from {} Hz to {} Hz, a slow inductive loop",
+            short(from),
+            short(to)
+        );
+        match &self.branch {
+            Some(InductiveBranch { tau_s, r_ohm }) => format!(
+                "{seen}: it is followed by a branch of its own, −{} ± {} mΩ with {} s, which counts \
+                in no peak",
+                short(1e3 * r_ohm.value),
+                format_significant(1e3 * r_ohm.sigma, 2),
+                short(*tau_s)
+            ),
+            None => format!(
+                "{seen}: this distribution cannot follow it, and its slow resistances come out too \
+                small"
+            ),
+        }
+    }
 }
 
 /// Distribution of relaxation times of a spectrum.
@@ -64,6 +112,9 @@ pub struct Drt {
     pub peaks: Vec<Peak>,
     /// Time constants 1/ω of the ends of the band, s.
     pub band_tau_s: (f64, f64),
+    /// A loop at low frequency with Im Z > 0; none where there is none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub slow_loop: Option<SlowLoop>,
     /// The model at the measured frequencies, Ω.
     #[serde(skip)]
     pub fitted_ohm: Vec<Complex64>,

@@ -1,12 +1,13 @@
 //! The choice of λ, and the solution with its uncertainty.
 
-use super::design::{Design, REACH, SERIES};
+use super::design::{Design, REACH};
 use super::nonnegative::{Solution, solve};
 use super::peaks::peaks;
-use super::{Drt, DrtError, Estimate};
-use crate::validity::Noise;
+use super::{Drt, DrtError, Estimate, InductiveBranch, SlowLoop};
+use crate::validity::{Noise, slow_loop_hz};
 use analysis_signal::spectrum::Spectrum;
 use nalgebra::{DMatrix, DVector};
+use std::f64::consts::TAU;
 
 const FEWEST_POINTS: usize = 6;
 const PENALTY_ON_FREEDOM: f64 = 1.4;
@@ -16,6 +17,11 @@ const AS_GOOD: f64 = 1.03;
 /// Decades of λ that are tried, relative to the size of the data's normal matrix.
 const DECADES: (i32, i32) = (-9, 1);
 const PER_DECADE: i32 = 2;
+/// Factor by which the time constant of an inductive branch may lie beyond the band of its loop,
+/// and how many are tried: evenly over the logarithm, and then in halved steps.
+const LOOP_REACH: f64 = 10.0;
+const LOOP_STEPS: usize = 25;
+const LOOP_HALVINGS: usize = 6;
 
 /// A solution for one λ and how good cross-validation finds it.
 struct Candidate {
@@ -62,28 +68,83 @@ pub fn drt(spectrum: &Spectrum, noise: &Noise) -> Result<Drt, DrtError> {
     let singular = || DrtError::Singular {
         spectrum: spectrum.name.clone(),
     };
+    let slow_loop = slow_loop_hz(spectrum, noise);
     // The part below the band is either slow elements of the continuum or the tail of the series
     // elements. The continuum alone can always imitate both together, in steps. So the two are
     // tried apart.
-    let tried = [REACH, 1.0].map(|reach| {
-        let design = Design::new(spectrum, noise, reach);
-        choose(&design).map(|best| (design, best))
+    let tried = [REACH, 1.0].into_iter().flat_map(|reach| {
+        let plain = Design::new(spectrum, noise, reach, None);
+        let with_loop = slow_loop.and_then(|band_hz| with_loop(spectrum, noise, reach, band_hz));
+        [Some(plain), with_loop]
     });
     let found = tried
-        .into_iter()
         .flatten()
+        .filter_map(|design| choose(&design).map(|best| (design, best)))
         .min_by(|a, b| a.1.score.total_cmp(&b.1.score));
     let (design, best) = found.ok_or_else(singular)?;
     let covariance = covariance(&design, &best).ok_or_else(singular)?;
-    Ok(result(&design, &best, &covariance))
+    let mut drt = result(&design, &best, &covariance);
+    drt.slow_loop = slow_loop.map(|band_hz| SlowLoop {
+        band_hz,
+        branch: inductive_branch(&design, &best, &covariance),
+    });
+    Ok(drt)
+}
+
+/// The problem with an inductive branch, whose time constant is the one that leaves least: near the
+/// band of the loop, at the strength of regularisation that cross-validation takes in its middle.
+fn with_loop(
+    spectrum: &Spectrum,
+    noise: &Noise,
+    reach: f64,
+    (from_hz, to_hz): (f64, f64),
+) -> Option<Design> {
+    let made = |tau_s: f64| Design::new(spectrum, noise, reach, Some(tau_s));
+    let (fast, slow) = (1.0 / (TAU * to_hz), 1.0 / (TAU * from_hz));
+    let middle = choose(&made((fast * slow).sqrt()))?;
+    let mut free = middle.solution.free;
+    let mut cost = |log_tau: f64| {
+        let design = made(log_tau.exp());
+        let matrix = &design.normal + &design.penalty * middle.lambda;
+        let solution = solve(&matrix, &design.right, &free)?;
+        // ½xᵀKx − cᵀx at its minimum.
+        let cost = -0.5 * solution.x.dot(&design.right);
+        free = solution.free;
+        Some(cost)
+    };
+    let (lo, hi) = ((LOOP_REACH.recip() * fast).ln(), (LOOP_REACH * slow).ln());
+    let mut best = (f64::INFINITY, 0.5 * (lo + hi));
+    let mut step = (hi - lo) / (LOOP_STEPS - 1) as f64;
+    for k in 0..LOOP_STEPS {
+        let at = lo + k as f64 * step;
+        best = cost(at).map_or(best, |cost| if cost < best.0 { (cost, at) } else { best });
+    }
+    for _ in 0..LOOP_HALVINGS {
+        step *= 0.5;
+        for at in [best.1 - step, best.1 + step] {
+            best = cost(at).map_or(best, |cost| if cost < best.0 { (cost, at) } else { best });
+        }
+    }
+    Some(made(best.1.exp()))
+}
+
+/// The inductive branch of a solution; none where it has none.
+fn inductive_branch(
+    design: &Design,
+    best: &Candidate,
+    covariance: &DMatrix<f64>,
+) -> Option<InductiveBranch> {
+    let (tau_s, at) = (design.loop_tau_s?, design.nodes().end);
+    let r_ohm = Estimate {
+        value: best.solution.x[at],
+        sigma: covariance[(at, at)].sqrt(),
+    };
+    (r_ohm.value > 0.0).then_some(InductiveBranch { tau_s, r_ohm })
 }
 
 fn choose(design: &Design) -> Option<Candidate> {
-    let nodes = design.normal.nrows() - SERIES;
-    let size = (SERIES..design.normal.nrows())
-        .map(|j| design.normal[(j, j)])
-        .sum::<f64>()
-        / nodes as f64;
+    let nodes = design.tau_s.len();
+    let size = design.nodes().map(|j| design.normal[(j, j)]).sum::<f64>() / nodes as f64;
     let mut free: Vec<usize> = (0..design.normal.nrows()).collect();
     let mut candidates = Vec::new();
     // From smooth to rough, each start with the free set of the last.
@@ -162,7 +223,7 @@ fn result(design: &Design, best: &Candidate, covariance: &DMatrix<f64>) -> Drt {
         value: x[j],
         sigma: covariance[(j, j)].sqrt(),
     };
-    let nodes = SERIES..x.len();
+    let nodes = design.nodes();
     let held = |j: &usize| best.solution.free.contains(j);
     let area_variance: f64 = nodes
         .clone()
@@ -185,7 +246,7 @@ fn result(design: &Design, best: &Candidate, covariance: &DMatrix<f64>) -> Drt {
         elastance_per_f: estimate(2),
         warburg_ohm_per_sqrt_s: estimate(3),
         polarisation_ohm: Estimate {
-            value: nodes.map(|j| x[j]).sum(),
+            value: nodes.clone().map(|j| x[j]).sum(),
             sigma: area_variance.max(0.0).sqrt(),
         },
         lambda: best.lambda,
@@ -193,11 +254,12 @@ fn result(design: &Design, best: &Candidate, covariance: &DMatrix<f64>) -> Drt {
         reduced_chi2: reduced_chi2(design, best),
         peaks: peaks(
             &design.tau_s,
-            &x.as_slice()[SERIES..],
-            &covariance.view_range(SERIES.., SERIES..).into_owned(),
+            &x.as_slice()[nodes.clone()],
+            &covariance.view_range(nodes.clone(), nodes).into_owned(),
             band.0..=band.1,
         ),
         band_tau_s: band,
+        slow_loop: None,
         tau_s: design.tau_s.clone(),
         fitted_ohm: design.impedance(x),
     }

@@ -237,3 +237,42 @@ fn refuses_too_few_points() {
         "distribution of relaxation times of \"made\": expected at least 6 points, met 5"
     );
 }
+
+/// −1.5 mΩ at 8 s beside the two RC.
+const LOOP: Cell = |w| TWO_RC(w) - 1.5e-3 / Complex64::new(1.0, w * 8.0);
+
+#[test]
+fn a_slow_loop_has_a_branch_of_its_own() {
+    for seed in 0..5 {
+        let drt = distribution(&made(seed, (50, 0.003, 3000.0), 1e-3, LOOP));
+        let slow_loop = drt.slow_loop.unwrap();
+        let branch = slow_loop.branch.unwrap();
+        assert!(
+            (branch.r_ohm.value - 1.5e-3).abs() < 1e-4 + 2.0 * branch.r_ohm.sigma
+                && (branch.tau_s / 8.0).ln().abs() < 0.15,
+            "seed {seed}: {branch:?}"
+        );
+        let large: Vec<&Peak> = drt.peaks.iter().filter(|p| p.r_ohm > 3e-4).collect();
+        assert_eq!(large.len(), 2, "seed {seed}: {:?}", drt.peaks);
+        for (peak, (r, tau)) in large.iter().zip([(2e-3, 3e-3), (3e-3, 0.3)]) {
+            assert!(
+                (peak.r_ohm / r - 1.0).abs() < 0.05 && (peak.tau_s / tau).ln().abs() < 0.06,
+                "seed {seed}: {peak:?}"
+            );
+        }
+        assert!(
+            (0.4..1.8).contains(&drt.reduced_chi2),
+            "{}",
+            drt.reduced_chi2
+        );
+        let words = slow_loop.in_words();
+        assert!(
+            words.starts_with("Im Z > 0 from 0.00") && words.contains("a branch of its own, −"),
+            "{words}"
+        );
+    }
+    assert_eq!(
+        distribution(&made(1, THESIS_BAND, 1e-3, TWO_RC)).slow_loop,
+        None
+    );
+}
