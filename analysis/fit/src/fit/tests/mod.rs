@@ -8,6 +8,7 @@ mod order;
 mod outliers;
 mod profile;
 mod refusal;
+mod scale;
 mod spread;
 mod storage;
 mod thesis;
