@@ -28,6 +28,9 @@ use serde::{Deserialize, Serialize};
 /// Highest order that is tried where the data choose it.
 pub const MOST_AUTO: usize = 6;
 
+/// Residuals relative to |Z| that are rounding.
+const ROUNDING: f64 = 1e-8;
+
 /// Options of the choice of an order.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OrderOptions {
@@ -153,6 +156,12 @@ fn row(
     let count = lags.len() as f64;
     let freedom = numbers.saturating_sub(parameters) as f64;
     let absolute = fits.iter().all(|f| f.reduced_chi2.is_some());
+    // Of exact data every order that is high enough leaves rounding, in which none is better.
+    let chi2 = if absolute {
+        chi2
+    } else {
+        chi2.max(ROUNDING.powi(2) * numbers as f64)
+    };
     Ok(OrderRow {
         rc,
         chi2,

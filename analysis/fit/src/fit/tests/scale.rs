@@ -96,12 +96,18 @@ fn a_fast_branch_within_the_band_has_room_for_its_capacitance() {
 
 #[test]
 fn without_a_series_resistance_the_branches_are_counted_all_the_same() {
-    for size in [1e-3, 1.0, 1e4] {
+    for (size, noise) in [
+        (1e-3, 1e-3),
+        (1.0, 1e-3),
+        (1e4, 1e-3),
+        (1.0, 0.0),
+        (1e3, 0.0),
+    ] {
         let circuit: Circuit<'_> = (
             1e-9 * size,
             &[(10.0 * size, 1e-4 / size), (30.0 * size, 0.05 / size)],
         );
-        let sweep = wide(circuit, 1e-3);
+        let sweep = wide(circuit, noise);
         let options = OrderOptions {
             most: 4,
             bounds: Bounds::for_spectra(std::slice::from_ref(&sweep)),
@@ -113,7 +119,7 @@ fn without_a_series_resistance_the_branches_are_counted_all_the_same() {
             sweeps: vec![sweep.clone()],
         }];
         let order = select_order(&cells, &options).unwrap();
-        assert_eq!(order.recommended, 2, "{size}: {order:?}");
+        assert_eq!(order.recommended, 2, "{size}, {noise}: {order:?}");
         let met = fit(&sweep, 2, Objective::Complex);
         assert!(
             met.erm.r_ohm < 1e-3 * size
