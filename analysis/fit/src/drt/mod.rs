@@ -24,6 +24,7 @@ pub use peaks::Peak;
 pub use solve::drt;
 pub use start::start_values;
 
+use crate::validity::LoopBand;
 use analysis_numeric::significant::format_significant;
 use analysis_signal::spectrum::SpectrumError;
 use num_complex::Complex64;
@@ -42,8 +43,8 @@ pub struct Estimate {
 /// follow.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SlowLoop {
-    /// Its lowest and highest frequency, Hz.
-    pub band_hz: (f64, f64),
+    /// Where it is.
+    pub band: LoopBand,
     /// The inductive branch that follows it; none where the spectrum is described as well without.
     pub branch: Option<InductiveBranch>,
 }
@@ -61,11 +62,11 @@ impl SlowLoop {
     /// What there is and what becomes of it, in a sentence.
     pub fn in_words(&self) -> String {
         let short = |value| format_significant(value, 3);
-        let (from, to) = self.band_hz;
+        let LoopBand { from_hz, to_hz } = self.band;
         let seen = format!(
             "Im Z > 0 from {} Hz to {} Hz, a slow inductive loop",
-            short(from),
-            short(to)
+            short(from_hz),
+            short(to_hz)
         );
         match &self.branch {
             Some(InductiveBranch { tau_s, r_ohm }) => format!(

@@ -4,7 +4,7 @@ use super::design::{Design, REACH};
 use super::nonnegative::{Solution, solve};
 use super::peaks::peaks;
 use super::{Drt, DrtError, Estimate, InductiveBranch, SlowLoop};
-use crate::validity::{Noise, slow_loop_hz};
+use crate::validity::{LoopBand, Noise, slow_loop_band};
 use analysis_signal::spectrum::Spectrum;
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
@@ -68,13 +68,13 @@ pub fn drt(spectrum: &Spectrum, noise: &Noise) -> Result<Drt, DrtError> {
     let singular = || DrtError::Singular {
         spectrum: spectrum.name.clone(),
     };
-    let slow_loop = slow_loop_hz(spectrum, noise);
+    let slow_loop = slow_loop_band(spectrum, noise);
     // The part below the band is either slow elements of the continuum or the tail of the series
     // elements. The continuum alone can always imitate both together, in steps. So the two are
     // tried apart.
     let tried = [REACH, 1.0].into_iter().flat_map(|reach| {
         let plain = Design::new(spectrum, noise, reach, None);
-        let with_loop = slow_loop.and_then(|band_hz| with_loop(spectrum, noise, reach, band_hz));
+        let with_loop = slow_loop.and_then(|band| with_loop(spectrum, noise, reach, band));
         [Some(plain), with_loop]
     });
     let found = tried
@@ -84,8 +84,8 @@ pub fn drt(spectrum: &Spectrum, noise: &Noise) -> Result<Drt, DrtError> {
     let (design, best) = found.ok_or_else(singular)?;
     let covariance = covariance(&design, &best).ok_or_else(singular)?;
     let mut drt = result(&design, &best, &covariance);
-    drt.slow_loop = slow_loop.map(|band_hz| SlowLoop {
-        band_hz,
+    drt.slow_loop = slow_loop.map(|band| SlowLoop {
+        band,
         branch: inductive_branch(&design, &best, &covariance),
     });
     Ok(drt)
@@ -93,14 +93,9 @@ pub fn drt(spectrum: &Spectrum, noise: &Noise) -> Result<Drt, DrtError> {
 
 /// The problem with an inductive branch, whose time constant is the one that leaves least: near the
 /// band of the loop, at the strength of regularisation that cross-validation takes in its middle.
-fn with_loop(
-    spectrum: &Spectrum,
-    noise: &Noise,
-    reach: f64,
-    (from_hz, to_hz): (f64, f64),
-) -> Option<Design> {
+fn with_loop(spectrum: &Spectrum, noise: &Noise, reach: f64, band: LoopBand) -> Option<Design> {
     let made = |tau_s: f64| Design::new(spectrum, noise, reach, Some(tau_s));
-    let (fast, slow) = (1.0 / (TAU * to_hz), 1.0 / (TAU * from_hz));
+    let (fast, slow) = (1.0 / (TAU * band.to_hz), 1.0 / (TAU * band.from_hz));
     let middle = choose(&made((fast * slow).sqrt()))?;
     let mut free = middle.solution.free;
     let mut cost = |log_tau: f64| {

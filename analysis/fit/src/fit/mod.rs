@@ -40,6 +40,7 @@ mod verdict;
 mod warning;
 mod warnings;
 mod whiteness;
+mod zero;
 
 pub(crate) use addition::augmented;
 pub use addition::{Addition, AdditionEvidence, AdditionParameter};

@@ -294,7 +294,7 @@ pub(crate) fn check_spectra(spectra: &[Spectrum]) -> Result<(), FitError> {
             if parts.iter().any(|part| OVERLOAD_OHM.contains(part)) {
                 return bad(
                     "an impedance (9.9e37 is what meters send of an overload: leave the row out)",
-                    p.z_ohm.to_string(),
+                    format!("{:e} + {:e}i", p.z_ohm.re, p.z_ohm.im),
                 );
             }
             if !(p.z_ohm.is_finite() && p.z_ohm.norm_sqr() > 0.0) {

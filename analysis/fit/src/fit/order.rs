@@ -15,8 +15,8 @@ use super::outliers::standing_out;
 use super::problem::Problem;
 use super::result::ErmFit;
 use super::verdict::{OrderRow, for_other_cells, judge};
-use super::warnings::is_r_zero;
 use super::whiteness::{Lag1, lag1};
+use super::zero::is_r_zero;
 use analysis_numeric::{
     Covariance2,
     stats::{FDistribution, normal_tail},

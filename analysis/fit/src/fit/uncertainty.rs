@@ -6,7 +6,7 @@ use super::evidence::{CELL_CORNER, Evidence, FrequencyShare, NORM_CORNER, Normal
 use super::options::{FitOptions, Objective};
 use super::problem::{Group, Problem, impedance, quadratic};
 use super::search::log_bounds;
-use super::warnings::is_r_zero;
+use super::zero::is_r_zero;
 use analysis_model::model::Erm;
 use analysis_numeric::{
     Smooth,

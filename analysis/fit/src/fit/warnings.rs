@@ -1,18 +1,13 @@
 //! Warnings to the user of a fitted model, in sentences.
 
-use super::options::{Bounds, Objective};
+use super::options::Objective;
 use super::problem::Problem;
 use super::result::ErmFit;
 use super::warning::{Warning, WarningCode, Warnings};
-use analysis_model::model::Erm;
+use super::zero::{NEAR_BOUND, is_r_zero};
 use analysis_signal::spectrum::Spectrum;
 use std::f64::consts::TAU;
 
-/// A parameter this near to a bound (as a ratio) counts as held by it.
-const NEAR_BOUND: f64 = 1.02;
-/// A branch whose time constant is this many times that of the highest frequency has fallen to a
-/// tenth of its resistance there.
-const FALLEN_OFF: f64 = 3.0;
 /// Relative sigma above which a parameter counts as not identified.
 const UNIDENTIFIED: f64 = 0.5;
 /// Reduced χ² above which the model misses the data or the uncertainty is understated.
@@ -108,18 +103,6 @@ fn parameters(fit: &ErmFit) -> Vec<Parameter> {
         });
     }
     all
-}
-
-/// The series resistance is zero as far as the data tell: it stands at its lower bound, and all
-/// branches have fallen off within the band, so that none of them stands for it.
-pub(super) fn is_r_zero(erm: &Erm, bounds: &Bounds, problem: &Problem) -> bool {
-    let Some(fastest) = problem.groups.last() else {
-        return false;
-    };
-    let fallen = |tau_s: f64| TAU * fastest.freq_hz * tau_s > FALLEN_OFF;
-    !erm.branches.is_empty()
-        && erm.r_ohm <= bounds.r_ohm.0 * NEAR_BOUND
-        && erm.time_constants_s().into_iter().all(fallen)
 }
 
 /// Names of the parameters that stand at a bound; a series resistance of zero does not count.

@@ -21,9 +21,10 @@ pub struct Flaws {
     pub whole: Option<String>,
 }
 
-/// Tests a spectrum by itself, as one of so many that are fitted together: as `kk` where it is alone,
-/// and of several so that of a thousand sound fits no more than one is accused. Nothing is found where it cannot be tested; an imaginary part of the
-/// wrong sign is left to [`super::wrong_sign_remarks`].
+/// Tests a spectrum by itself, as one of so many that are fitted together: as `kk` where it is
+/// alone, and of several so that of a thousand sound fits no more than one is accused. Nothing is
+/// found where it cannot be tested; an imaginary part of the wrong sign is left to
+/// [`super::wrong_sign_remarks`].
 pub fn flaws(spectrum: &Spectrum, among: usize) -> Flaws {
     if spectrum.points.len() < FEWEST_POINTS || spectrum.validate().is_err() {
         return Flaws::default();

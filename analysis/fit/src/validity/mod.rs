@@ -29,7 +29,8 @@ pub use linearity::{Linearity, LinearityPoint, linearity};
 pub use noise::{FEWEST_REPEATS, Noise, NoiseSource};
 pub use record::{Harmonic, Record, beyond_noise};
 pub use signs::{
-    inductive_from_hz, sign_remarks, slow_loop_hz, slow_loop_remarks, wrong_sign_remarks,
+    LoopBand, inductive_from_hz, sign_remarks, slow_loop_band, slow_loop_remarks,
+    wrong_sign_remarks,
 };
 pub use stationarity::{Drift, DriftShape, Stationarity, StationarityPoint, stationarity};
 pub use thin::{MOST_POINTS, thinned};

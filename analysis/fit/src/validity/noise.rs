@@ -217,7 +217,7 @@ fn from_smoother(spectrum: &Spectrum) -> Result<(Vec<f64>, f64), ValidityError> 
     for part in [re, im] {
         for (left, (square, dof)) in
             left.iter_mut()
-                .zip(smooth_part(&mut ladder, (&z, &sizes), part, order))
+                .zip(smooth_part(&mut ladder, &z, &sizes, part, order))
         {
             *left = (left.0 + square, left.1 + dof);
         }
@@ -255,7 +255,8 @@ fn from_smoother(spectrum: &Spectrum) -> Result<(Vec<f64>, f64), ValidityError> 
 /// none of outliers.
 fn smooth_part(
     ladder: &mut Ladder,
-    (z, sizes): (&[Complex64], &[f64]),
+    z: &[Complex64],
+    sizes: &[f64],
     part: Whitening,
     order: usize,
 ) -> Vec<(f64, f64)> {

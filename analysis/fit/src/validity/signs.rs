@@ -5,6 +5,7 @@ use super::noise::Noise;
 use super::thin::thinned;
 use analysis_numeric::significant::format_significant;
 use analysis_signal::spectrum::{ImpedancePoint, Spectrum};
+use serde::Serialize;
 
 /// Of a spectrum that obeys Kramers–Kronig with the other sign of its imaginary part only.
 pub(super) const WRONG_SIGN: &str =
@@ -35,10 +36,18 @@ pub fn inductive_from_hz(points: &[ImpedancePoint]) -> Option<f64> {
     (upper > 0 && upper < points.len()).then(|| points[points.len() - upper].freq_hz)
 }
 
-/// The lowest and the highest frequency of the widest run of points with Im Z > 0 that does not reach
-/// the upper end of the band, Hz: a slow inductive loop. Beyond three standard deviations of the
+/// A run of points with Im Z > 0 below the upper end of the band: a slow inductive loop.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct LoopBand {
+    /// The lowest frequency, Hz.
+    pub from_hz: f64,
+    /// The highest frequency, Hz.
+    pub to_hz: f64,
+}
+
+/// The widest run of points with Im Z > 0 that does not reach the upper end of the band. Beyond three standard deviations of the
 /// noise and 0.3 % of |Z|, at two neighbours at least; none where there is no such run.
-pub fn slow_loop_hz(spectrum: &Spectrum, noise: &Noise) -> Option<(f64, f64)> {
+pub fn slow_loop_band(spectrum: &Spectrum, noise: &Noise) -> Option<LoopBand> {
     let points = &spectrum.points;
     let above: Vec<bool> = points
         .iter()
@@ -56,7 +65,10 @@ pub fn slow_loop_hz(spectrum: &Spectrum, noise: &Noise) -> Option<(f64, f64)> {
         .into_iter()
         .filter(|(first, last)| last > first && last + 1 < points.len())
         .max_by_key(|(first, last)| last - first)?;
-    Some((points[first].freq_hz, points[last].freq_hz))
+    Some(LoopBand {
+        from_hz: points[first].freq_hz,
+        to_hz: points[last].freq_hz,
+    })
 }
 
 /// That there is a slow inductive loop, by the noise that is known or estimated; none where there is
@@ -75,11 +87,11 @@ fn slow_loop(spectrum: &Spectrum) -> Option<String> {
         return None;
     }
     let noise = Noise::of(&measured, &[]).ok()?;
-    slow_loop_hz(&measured, &noise).map(slow_loop_words)
+    slow_loop_band(&measured, &noise).map(slow_loop_words)
 }
 
-/// Words on a slow loop between two frequencies.
-pub(super) fn slow_loop_words((from_hz, to_hz): (f64, f64)) -> String {
+/// Words on a slow loop.
+pub(super) fn slow_loop_words(LoopBand { from_hz, to_hz }: LoopBand) -> String {
     let short = |freq_hz| format_significant(freq_hz, 3);
     format!(
         "Im Z > 0 from {} Hz to {} Hz: a slow inductive loop, or a cell that changed during the sweep",
@@ -133,7 +145,7 @@ pub fn sign_remarks(spectra: &[Spectrum], rc: usize) -> Vec<String> {
             inductive(&spectrum.points)
                 .map(|words| of(spectrum, spectra.len(), &format!("{words}, {ADVICE}"))),
         );
-        let circuit = with_inductive_branch(rc);
+        let circuit = with_inductive_branch(spectrum, rc);
         found.extend(slow_loop(spectrum).map(|words| {
             let advice = format!(
                 "{words}; resistances and capacitances cannot follow it, and the slow ones come out \
@@ -158,10 +170,12 @@ pub fn slow_loop_remarks(spectra: &[Spectrum]) -> Vec<String> {
     sound.filter_map(words).collect()
 }
 
-/// A circuit of R, so many RC branches, and a resistance beside an inductance.
-fn with_inductive_branch(rc: usize) -> String {
+/// A circuit of R, so many RC branches, and a resistance beside an inductance; with an inductance
+/// in series where the upper end of the band shows one.
+fn with_inductive_branch(spectrum: &Spectrum, rc: usize) -> String {
+    let leads = inductive_from_hz(&spectrum.points).map_or("", |_| "L0-");
     let branches: String = (1..=rc).map(|k| format!("-p(R{k},C{k})")).collect();
-    format!("R0{branches}-p(R{0},L{0})", rc + 1)
+    format!("{leads}R0{branches}-p(R{0},L{0})", rc + 1)
 }
 
 /// As the Kramers–Kronig test finds it. Where less than half of the points are above the axis there

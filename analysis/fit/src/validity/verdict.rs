@@ -5,7 +5,7 @@ use super::kramers_kronig::{KkOutcome, KkPoint, KramersKronig};
 use super::linearity::Linearity;
 use super::noise::{Noise, NoiseSource};
 use super::record::{Record, beyond_noise};
-use super::signs::{WRONG_SIGN, inductive, slow_loop_hz, slow_loop_words};
+use super::signs::{WRONG_SIGN, inductive, slow_loop_band, slow_loop_words};
 use super::stationarity::Stationarity;
 use super::z_hit::ZHit;
 use super::{DOUBTFUL_RATE, FALSE_ALARM_RATE};
@@ -432,7 +432,7 @@ fn text(findings: &Findings<'_>, points: &[PointVerdict], band: Option<(f64, f64
         text += &format!("; its repeats differ by more than noise at {differ} frequencies");
     }
     if kk.outcome != KkOutcome::SignSwapped {
-        let slow = slow_loop_hz(findings.spectrum, findings.noise).map(slow_loop_words);
+        let slow = slow_loop_band(findings.spectrum, findings.noise).map(slow_loop_words);
         for words in inductive(&findings.spectrum.points).into_iter().chain(slow) {
             text += &format!("; {words}");
         }

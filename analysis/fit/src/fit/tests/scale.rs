@@ -200,7 +200,7 @@ fn an_overload_is_refused() {
     assert!(
         words.starts_with(
             "fit: spectrum \"simulated\", point 5 (counted from 1): expected an impedance (9.9e37 is \
-            what meters send of an overload: leave the row out), met 99000"
+            what meters send of an overload: leave the row out), met 9.9e37"
         ),
         "{words}"
     );
@@ -232,6 +232,18 @@ fn a_slow_loop_is_said_with_a_circuit_that_follows_it() {
     {
         assert!(near(*value, expected, 0.05), "{:?}", met.values);
     }
+    // Leads of 0.3 µH are in it, too, where they show.
+    let mut with_leads = spectrum.clone();
+    for p in &mut with_leads.points {
+        p.z_ohm.im += std::f64::consts::TAU * p.freq_hz * 3e-7;
+    }
+    let words = fit(&with_leads, 1, Objective::Complex).warnings.words();
+    assert!(
+        words
+            .iter()
+            .any(|w| w.contains("'L0-R0-p(R1,C1)-p(R2,L2)'")),
+        "{words:?}"
+    );
     // A circuit without an inductance says so too.
     let plain = "R0-p(R1,C1)-p(R2,C2)".parse().unwrap();
     let met = crate::fit::fit_circuit(&[spectrum], &plain, &options).unwrap();

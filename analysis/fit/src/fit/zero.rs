@@ -1,0 +1,25 @@
+//! Is the series resistance zero? Its logarithm has a bound, which is no fault where the data show
+//! no resistance.
+
+use super::options::Bounds;
+use super::problem::Problem;
+use analysis_model::model::Erm;
+use std::f64::consts::TAU;
+
+/// A parameter this near to a bound (as a ratio) counts as held by it.
+pub(super) const NEAR_BOUND: f64 = 1.02;
+/// A branch whose time constant is this many times that of the highest frequency has fallen to a
+/// tenth of its resistance there.
+const FALLEN_OFF: f64 = 3.0;
+
+/// The series resistance is zero as far as the data tell: it stands at its lower bound, and all
+/// branches have fallen off within the band, so that none of them stands for it.
+pub(super) fn is_r_zero(erm: &Erm, bounds: &Bounds, problem: &Problem) -> bool {
+    let Some(fastest) = problem.groups.last() else {
+        return false;
+    };
+    let fallen = |tau_s: f64| TAU * fastest.freq_hz * tau_s > FALLEN_OFF;
+    !erm.branches.is_empty()
+        && erm.r_ohm <= bounds.r_ohm.0 * NEAR_BOUND
+        && erm.time_constants_s().into_iter().all(fallen)
+}
