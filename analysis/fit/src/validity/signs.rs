@@ -45,8 +45,9 @@ pub struct LoopBand {
     pub to_hz: f64,
 }
 
-/// The widest run of points with Im Z > 0 that does not reach the upper end of the band. Beyond three standard deviations of the
-/// noise and 0.3 % of |Z|, at two neighbours at least; none where there is no such run.
+/// The widest run of points with Im Z > 0 that does not reach the upper end of the band. Beyond
+/// three standard deviations of the noise and 0.3 % of |Z|, at two neighbours at least; none where
+/// there is no such run.
 pub fn slow_loop_band(spectrum: &Spectrum, noise: &Noise) -> Option<LoopBand> {
     let points = &spectrum.points;
     let above: Vec<bool> = points
