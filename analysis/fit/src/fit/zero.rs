@@ -11,15 +11,20 @@ pub(super) const NEAR_BOUND: f64 = 1.02;
 /// A branch whose time constant is this many times that of the highest frequency has fallen to a
 /// tenth of its resistance there.
 const FALLEN_OFF: f64 = 3.0;
+/// Share of the greatest |Z| that the data may still have at the highest frequency.
+const LEFT: f64 = 0.4;
 
 /// The series resistance is zero as far as the data tell: it stands at its lower bound, and all
-/// branches have fallen off within the band, so that none of them stands for it.
+/// branches have fallen off within the band, so that none of them stands for it, and so has what was
+/// measured.
 pub(super) fn is_r_zero(erm: &Erm, bounds: &Bounds, problem: &Problem) -> bool {
     let Some(fastest) = problem.groups.last() else {
         return false;
     };
     let fallen = |tau_s: f64| TAU * fastest.freq_hz * tau_s > FALLEN_OFF;
-    !erm.branches.is_empty()
+    let sizes = problem.groups.iter().map(|g| g.mean.norm());
+    fastest.mean.norm() < LEFT * sizes.fold(0.0, f64::max)
+        && !erm.branches.is_empty()
         && erm.r_ohm <= bounds.r_ohm.0 * NEAR_BOUND
         && erm.time_constants_s().into_iter().all(fallen)
 }
