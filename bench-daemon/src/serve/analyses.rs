@@ -35,7 +35,7 @@ pub use story::{Conclusion, Recommended, Story};
 
 /// Analyses that may wait.
 const MOST_WAITING: usize = 100;
-/// Analyses that are told.
+/// Maximum number of analyses in the list.
 const MOST_TOLD: usize = 200;
 /// File of what its process wrote.
 pub(super) const OUTPUT: &str = "output.txt";
@@ -174,7 +174,8 @@ impl Analyses {
         request: Request,
         by: &str,
     ) -> Result<Analysis, AnalysisError> {
-        // Numbers are given once, and who looks at the list waits for no file that is read here.
+        // Serialises submissions, so that each number is assigned once. Readers of the list take
+        // another lock and do not wait for the files that are read here.
         let _turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
         let id = self.next_id(request.kind)?;
         let arguments = arguments(settings, &request, &self.results(&id))?;
@@ -272,7 +273,7 @@ impl Analyses {
         let changed = one.clone();
         self.keep(&changed)?;
         drop(all);
-        // Whoever does it looks whether its own is the one.
+        // The worker checks whether the cancelled analysis is the one it runs.
         self.cancel.notify_one();
         hub.tell("analysis", &changed);
         Ok(changed)
@@ -305,7 +306,7 @@ impl Analyses {
         }
     }
 
-    /// Changes the first that fits, keeps and tells it.
+    /// Changes the first analysis that matches, saves it and publishes it.
     fn change_where(
         &self,
         hub: &Hub,
@@ -325,7 +326,7 @@ impl Analyses {
         Some(changed)
     }
 
-    /// Changes the one of this name, keeps and tells it.
+    /// Changes the analysis of this name, saves it and publishes it.
     pub(super) fn change(&self, hub: &Hub, id: &str, change: impl FnOnce(&mut Analysis)) {
         self.change_where(hub, |one| one.id == id, change);
     }

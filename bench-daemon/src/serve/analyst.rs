@@ -22,7 +22,7 @@ use crate::{
     support::confined_path::tail,
 };
 
-/// Time between two looks at the output of a process, s.
+/// Interval between two reads of a process's output, s.
 const LOOK_S: f64 = 0.5;
 /// Time that a process has to end when it is cancelled.
 const PATIENCE: Duration = Duration::from_secs(3);
@@ -126,7 +126,7 @@ async fn process(server: &Server, analysis: &Analysis) -> Result<Option<String>,
     }
 }
 
-/// Reads how far a process is, and tells it where it has changed.
+/// Reads the progress of a process and publishes it if it has changed.
 fn look(server: &Server, analysis: &Analysis, folder: &Path) {
     let text = tail(folder, OUTPUT);
     let Some(words) = text

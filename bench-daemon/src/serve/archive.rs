@@ -25,7 +25,7 @@ use super::settings::Settings;
 
 /// Folder of the analyses in the data folder.
 const ANALYSES: &str = "analyses";
-/// Runs with trouble that are told.
+/// Maximum number of runs with trouble in the list.
 const MOST_TROUBLES: usize = 20;
 
 /// The archive as it is now.
@@ -120,7 +120,7 @@ fn is_run(folder: &Path) -> bool {
         .any(|file| folder.join(file).is_file())
 }
 
-/// A plain part of a path; hidden folders are nobody's runs.
+/// Checks whether a name is a plain path component. Hidden folders are not runs.
 fn is_name(name: &str) -> bool {
     !name.is_empty() && !name.starts_with('.') && !name.contains(['/', '\0'])
 }
@@ -227,7 +227,7 @@ impl ArchiveKeeper {
         self.more.notify_one();
     }
 
-    /// The archive as it was at the last look.
+    /// Returns the state of the archive when it was last read.
     pub fn now(&self) -> MutexGuard<'_, ArchiveNow> {
         self.now.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -236,7 +236,7 @@ impl ArchiveKeeper {
         self.wanted.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Looks at the receipts; what is told of the work stays.
+    /// Reads the receipts again. The state of the push in progress is kept.
     pub(super) fn look(&self, settings: &Settings) {
         match ArchiveNow::of(settings) {
             Ok(Some(found)) => {

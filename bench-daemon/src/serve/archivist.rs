@@ -12,12 +12,12 @@ use crate::support::chance::chance;
 
 /// Pauses before a push is begun again, the first and the longest, s. Each is twice the one before.
 const PAUSES_S: [f64; 2] = [2.0, 300.0];
-/// Time between two looks for captures that are due to be moved, s.
+/// Interval between two checks for captures that are due to be moved, s.
 const THIN_S: f64 = 6.0 * 3600.0;
-/// All runs are looked at again after so long without a push, s: one that was in use by another process
-/// when it was to be sent tells nobody that it is free.
+/// Interval without a push after which all runs are checked again, s. A run that another process
+/// held when it was due sends no notification when it becomes free.
 const LOOK_AGAIN_S: f64 = 3600.0;
-/// Time between two looks at the receipts while runs are sent, s.
+/// Interval between two reads of the receipts while runs are sent, s.
 const LOOK_S: f64 = 30.0;
 /// Exit code of a push that has done its work and found runs that do not go into the store as they are.
 const REFUSED_CODE: i32 = 10;
@@ -103,7 +103,8 @@ async fn process(server: &Server, act: &str, runs: &[String]) -> Result<(), Stri
     let mut last = text.lines().rev();
     let last = last.find_map(|line| line.strip_prefix("eis-bench: "));
     match output.status.code() {
-        // A run that was refused is told by its receipt, and is not sent again before it changes.
+        // The receipt of a refused run records the reason. The run is not sent again before it
+        // changes.
         Some(0 | REFUSED_CODE) => Ok(()),
         _ => Err(last.map_or_else(
             || format!("its process ended with {}", output.status),

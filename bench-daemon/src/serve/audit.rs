@@ -20,15 +20,15 @@ use crate::journal::checksum;
 const FILE: &str = "audit.jsonl";
 /// How far the trail went when it was written last.
 const HEAD: &str = "audit.head.json";
-/// Its group may read it, nobody else.
+/// File mode: readable by the group, inaccessible to all other accounts.
 const MODE: u32 = 0o640;
-/// Who writes down that the trail was altered.
+/// Name under which the server itself records that the trail was altered.
 const SERVER: &str = "server";
-/// Of so many altered lines the numbers are told.
+/// Maximum number of altered lines that are listed by line number.
 const NUMBERS: usize = 8;
 
-/// Gives a file to its account alone, and to its group for reading where that is wanted; one that
-/// everybody could write is refused: nobody knows what it says.
+/// Restricts a file to its own account, and to its group for reading if `mode` says so. Refuses a
+/// file that is writable by everyone, because its content cannot be trusted.
 ///
 /// # Errors
 /// The system's.
@@ -67,10 +67,10 @@ pub struct Deed {
     pub chain: String,
 }
 
-/// Who did something.
+/// The author of a request.
 #[derive(Debug, Clone, Copy)]
 pub struct By<'a> {
-    /// Name; `-` for somebody whom nobody knows.
+    /// Name; `-` if the author is unknown.
     pub who: &'a str,
     /// Address; `-` for the server itself.
     pub from: &'a str,
@@ -83,9 +83,8 @@ struct Head {
     lines: usize,
     /// The checksum of the last.
     chain: String,
-    /// Checksum over the lines that are not as they were written, of which the trail has told; none
-    /// without such lines. They stay as they are, and telling them at each start would fill the
-    /// trail.
+    /// Checksum over the altered lines that the trail has already reported; empty if there are
+    /// none. Altered lines stay in the file, and a report at each start would fill the trail.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     told: String,
 }
@@ -98,11 +97,11 @@ pub struct Audit {
 }
 
 impl Audit {
-    /// Goes on with the trail of a data folder.
+    /// Opens the trail of a data folder to append to it.
     ///
     /// # Errors
-    /// The system's; a trail that was altered is told, in the log and in the trail itself, and gone
-    /// on with.
+    /// The system's. A trail that was altered is not an error: the alteration is reported in the
+    /// log and in the trail itself, and the trail continues.
     pub fn open(data: &Path) -> std::io::Result<Self> {
         let path = data.join(FILE);
         let mut file = OpenOptions::new()
@@ -183,14 +182,14 @@ fn chain(before: &str, deed: &Deed) -> String {
     ))
 }
 
-/// The request of a line. A server may have died within a letter of several bytes: what is no text
-/// must not keep the next one from starting.
+/// Parses the request of a line. A server may have crashed inside a multi-byte character, so
+/// invalid UTF-8 must not prevent the next start.
 fn read(line: &[u8]) -> Option<Deed> {
     serde_json::from_str(&String::from_utf8_lossy(line)).ok()
 }
 
-/// How far the trail went by the file beside it; none where there is no such file. A failure says
-/// what is wrong with the file.
+/// Reads the recorded length of the trail from the file beside it, or `None` if that file does
+/// not exist. A failure describes what is wrong with the file.
 fn named(path: &Path) -> Result<Option<Head>, String> {
     let wrong = |what: &str| {
         format!(
@@ -213,7 +212,7 @@ fn named(path: &Path) -> Result<Option<Head>, String> {
     }
 }
 
-/// How far the trail goes, and what is wrong with it that it has not told yet.
+/// Returns the length of the trail, and its defects that have not been reported yet.
 fn check(path: &Path) -> std::io::Result<(Head, Vec<String>)> {
     let named = named(path);
     let known = named.as_ref().ok().and_then(Option::as_ref);
@@ -503,7 +502,7 @@ mod tests {
             );
             assert_eq!(check(&path).unwrap().1, [""; 0]);
         }
-        // Who empties the trail and damages the file beside it is told of, too.
+        // An empty trail with a damaged file beside it is reported, too.
         std::fs::write(&path, "").unwrap();
         std::fs::write(&head, "{").unwrap();
         assert_eq!(check(&path).unwrap().1.len(), 1);

@@ -15,7 +15,8 @@ use crate::{measure::HARMONICS, support::confined_path};
 
 /// Largest file that is opened for a picture, bytes.
 const LARGEST: u64 = 64 * 1024 * 1024;
-/// Samples of a picture, at most; each stretch is told by its least and greatest.
+/// Maximum number of samples in a picture. Each interval is represented by its minimum and
+/// maximum.
 const MOST: usize = 2000;
 
 /// Record of a point.

@@ -75,7 +75,7 @@ impl CatalogKeeper {
     }
 
     fn refresh(&self, folder: PathBuf) {
-        // Without a thread that scans there is nobody to be told.
+        // If no scanning thread runs, the request has no receiver and is dropped.
         let _ = self.wake.send(folder);
     }
 
@@ -102,7 +102,7 @@ impl CatalogKeeper {
         note(&mut self.state.lock().unwrap_or_else(PoisonError::into_inner));
     }
 
-    /// Tells of a scan that failed, and notes either; whether it was done.
+    /// Runs a scan, logs its failure and records the outcome. Returns whether the scan succeeded.
     fn told(&self, scan: impl FnOnce() -> Result<(), CatalogError>) -> bool {
         self.note(|state| state.scanning = true);
         let scanned = scan();
@@ -165,7 +165,8 @@ impl CatalogKeeper {
         match scan() {
             Err(error) if error.is_damaged() => {
                 tracing::warn!("the catalogue is built again: {error}");
-                // With what SQLite keeps beside it: pages of the damaged one are none of the new one's.
+                // Also removes SQLite's side files: pages of the damaged database do not belong
+                // to the new one.
                 for end in ["", "-wal", "-shm"] {
                     let _ = fs::remove_file(self.data.join(format!("{FILE}{end}")));
                 }
@@ -198,7 +199,7 @@ impl CatalogKeeper {
         Ok(())
     }
 
-    /// Who asked for a run, as its record tells.
+    /// Returns who requested a run, as its record states.
     fn beside(&self, folder: &Path) -> Beside {
         let run = folder.file_name().and_then(|name| name.to_str());
         let job = run.and_then(|run| jobs::read(&self.data, run));
@@ -225,7 +226,7 @@ mod tests {
         keeper.scan().unwrap();
         let file = keeper.file();
         let whole = fs::read(&file).unwrap();
-        // No database, and one whose pages behind the head are none.
+        // A file that is not a database, and a database whose pages after the header are missing.
         for text in [&b"a text that is no database at all"[..], &whole[..100]] {
             let mut text = text.to_vec();
             text.resize(whole.len(), 0x5a);

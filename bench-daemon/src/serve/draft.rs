@@ -170,7 +170,8 @@ fn key_of(path: &Path) -> Option<&'static str> {
 impl From<ConfigError> for Mistake {
     fn from(error: ConfigError) -> Self {
         match &error {
-            // In a file that the draft names: told whole, at the key that names it.
+            // The mistake is in a file that the draft names: it is reported in full, at the key
+            // that names the file.
             ConfigError::Field { path, .. } if key_of(path).is_some() => Self {
                 field: key_of(path).unwrap_or_default().to_owned(),
                 message: error.to_string(),
@@ -192,7 +193,8 @@ impl From<ConfigError> for Mistake {
 }
 
 impl Mistake {
-    /// In the text that stands at a path. A mistake in a file that it names is told whole.
+    /// Converts a mistake in the text at a path. A mistake in a file that the text names is
+    /// reported in full.
     fn within(own: &Path, error: ConfigError) -> Self {
         match error {
             ConfigError::Field {
@@ -271,7 +273,7 @@ pub struct KeyChange {
     pub now: Option<String>,
 }
 
-/// Keys in which two texts differ; none where one of both is no TOML.
+/// Returns the keys in which two texts differ, or `None` if one of them is not valid TOML.
 pub fn key_changes(was: &str, now: &str) -> Option<Vec<KeyChange>> {
     let table = |text| toml::from_str(text).ok().map(Value::Table);
     let (was, now) = (table(was)?, table(now)?);
@@ -305,8 +307,8 @@ fn compare(key: &str, was: Option<&Value>, now: Option<&Value>, found: &mut Vec<
     }
 }
 
-/// Values of a table, or of a list of tables, by name; nothing of what is not there, and none of
-/// any other value.
+/// Returns the values of a table, or of a list of tables, by name. Returns an empty list for a
+/// missing value and `None` for a value of any other type.
 fn parts(value: Option<&Value>) -> Option<Parts<'_>> {
     match value {
         None => Some(Vec::new()),

@@ -22,7 +22,7 @@ use super::{
 };
 use crate::safety::failure::REFUSED_CODE;
 
-/// How many runs are told at once where nobody asks for more or fewer.
+/// Default number of runs in one reply.
 const MOST: usize = 100;
 
 /// A cell of a run.
@@ -642,7 +642,7 @@ pub fn campaign(data: &Path, run: &str) -> Option<Matrix> {
         }
     }
     runs.sort_by_key(|run| run.number);
-    // Runs may be reordered; the first that is not there is the next where nobody did.
+    // Runs may be reordered; by default the next run is the first one without a spectrum.
     if let Some(next) = runs
         .iter_mut()
         .find(|run| run.state == "to do")

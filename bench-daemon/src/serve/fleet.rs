@@ -1,6 +1,6 @@
-//! The benches of this server in a fleet. The fleet hands over experiments as text, which go through
-//! the checks and into the queue of whatever is submitted here; a run does not know who asked for it.
-//! It can hold and stop a bench. It cannot clear a latch, raise a limit or change a file.
+//! The benches of this server in a fleet. The fleet submits experiments as text. They pass the
+//! same checks and the same queue as local submissions, and a run does not depend on its origin.
+//! The fleet can hold and stop a bench. It cannot clear a latch, raise a limit or change a file.
 
 mod capabilities;
 
@@ -275,7 +275,7 @@ fn end(ended: Option<Ended>, folder: &Path) -> End {
             content_sha256,
         };
     }
-    // Its end could not be written down: its journal tells.
+    // Its end could not be recorded; the journal contains it.
     let mut watch = Watch::new(folder);
     watch.look();
     let words = watch.ended().unwrap_or("nobody knows how it ended");

@@ -59,8 +59,8 @@ pub struct FleetSection {
 
 /// Address of a server that is started with its defaults on this machine.
 pub const DEFAULT_SERVER: &str = "nats://127.0.0.1:4222";
-/// Heartbeats come three times within it. Long enough that a server that is restarted is no reason
-/// to move work, short beside the minutes of a run.
+/// Heartbeats are sent three times within the lease. The lease is long enough that a server
+/// restart does not move work, and short compared with the minutes of a run.
 const LEASE_S: f64 = 30.0;
 
 impl FleetSection {
@@ -92,7 +92,7 @@ impl FleetSection {
         })
     }
 
-    /// The fleet as a client sees it who has no file of a server.
+    /// Returns the fleet settings of a client that has no server file.
     ///
     /// # Errors
     /// An address or a name that is not as expected.

@@ -1,4 +1,4 @@
-//! The fleet as it is told to programs, by the API and on the command line.
+//! The state of the fleet as the API and the command line report it.
 
 use bench_fleet::{
     BenchView, FleetView, JobCounts, JobState, Needs,

@@ -1,4 +1,4 @@
-//! Reads a file that grows: whole new lines since the last look.
+//! Follows a growing file: returns the complete lines that were added since the last read.
 
 use std::{
     fs::File,
@@ -7,7 +7,7 @@ use std::{
     path::PathBuf,
 };
 
-/// Most that is read at one look, bytes.
+/// Maximum number of bytes in one read.
 const AT_ONCE: u64 = 4 * 1024 * 1024;
 
 /// A file and how far it was read.
@@ -18,7 +18,7 @@ pub struct Follow {
     at: u64,
 }
 
-/// Result of one look at a file.
+/// Result of one read of a file.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct FileGrowth {
     /// Whole lines that are new.

@@ -18,7 +18,7 @@ use super::{
     jobs::{Ended, Job, Jobs},
 };
 
-/// Time between two looks at the disk, s.
+/// Interval between two checks of the disk, s.
 const LOOK_S: f64 = 5.0;
 
 /// Folder of the runs in the data folder.
@@ -66,7 +66,7 @@ pub struct BenchHealth {
     pub finished_unix_s: Option<f64>,
     /// Controls of the last run that has measured some.
     pub controls: Vec<ControlNow>,
-    /// A run whose controls are still to be read.
+    /// A run whose controls have not been read yet.
     unread: Option<String>,
 }
 
@@ -109,7 +109,8 @@ impl Health {
         });
     }
 
-    /// Looks at what the runs of before have left, and then at disk and controls, until the end.
+    /// Checks what earlier runs have left, and then checks the disk and the controls until the
+    /// end.
     pub async fn work(&self, clock: &Clock) {
         self.earlier();
         while !self.stop.load(Ordering::Relaxed) {
@@ -120,7 +121,7 @@ impl Health {
         }
     }
 
-    /// Ends the looks.
+    /// Ends the checks.
     pub fn end(&self) {
         self.stop.store(true, Ordering::Relaxed);
     }

@@ -1,6 +1,6 @@
-//! Events of the server, for whoever listens. Events are kept once, for all listeners together;
-//! each reads at its own pace, and one that is too slow finds that it has missed some. Nothing here
-//! ever waits for a listener.
+//! Events of the server. Each event is stored once for all listeners. A listener reads at its own
+//! pace; a listener that is too slow detects that it has missed some. Nothing here ever waits for
+//! a listener.
 
 use std::{
     collections::VecDeque,
@@ -10,9 +10,9 @@ use std::{
 use serde::Serialize;
 use tokio::sync::watch;
 
-/// So many events are kept.
+/// Number of events that are kept.
 const KEPT: usize = 2048;
-/// So many are handed out at once.
+/// Maximum number of events in one read.
 const AT_ONCE: usize = 64;
 
 /// One event.
@@ -51,7 +51,8 @@ struct Ring {
 }
 
 impl Hub {
-    /// No event yet. `epoch` tells numbers of this process from those of an earlier one.
+    /// Creates a hub without events. `epoch` distinguishes event numbers of this process from
+    /// those of an earlier one.
     pub fn new(epoch: u64) -> Self {
         Self {
             epoch,
@@ -127,7 +128,8 @@ impl Hub {
         format!("{}-{number}", self.epoch)
     }
 
-    /// The number behind such a name; none for one of another process, or of nobody.
+    /// Returns the number of such an identifier, or `None` if it is invalid or from another
+    /// process.
     pub fn number(&self, id: &str) -> Option<u64> {
         let (epoch, number) = id.split_once('-')?;
         let number = number
@@ -137,7 +139,7 @@ impl Hub {
         (epoch.parse() == Ok(self.epoch)).then_some(number)
     }
 
-    /// Tells when there is something new.
+    /// Returns a receiver that is notified of new events.
     pub fn wake(&self) -> watch::Receiver<u64> {
         self.wake.subscribe()
     }

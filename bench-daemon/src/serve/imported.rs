@@ -17,7 +17,7 @@ use crate::{safety::failure::Failure, support::terminal::say};
 
 /// Longest file, bytes: a spectrum of a thousand points has some 100 kB in any format that is read.
 pub const LONGEST: usize = 8_000_000;
-/// Files that are read at the same time: so many are in memory.
+/// Maximum number of files that are read, and held in memory, at the same time.
 pub const AT_ONCE: usize = 2;
 /// Most points of a file: in JSON a point has some 150 bytes, so that an answer has at most 3 MB.
 pub const MOST_POINTS: usize = 20_000;

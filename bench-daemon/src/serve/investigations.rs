@@ -18,7 +18,7 @@ pub use record::{
     InvestigationStep,
 };
 
-/// Investigations that are told.
+/// Maximum number of investigations in the list.
 const MOST_TOLD: usize = 200;
 
 /// All investigations of a server.
@@ -26,7 +26,7 @@ const MOST_TOLD: usize = 200;
 pub struct Investigations {
     folder: PathBuf,
     all: Mutex<Vec<Investigation>>,
-    /// Those that an earlier server has left, as long as nobody has looked at them.
+    /// Investigations that an earlier server has left and that have not been checked yet.
     left: Mutex<BTreeSet<String>>,
     /// Lets one change be made after the other.
     turn: Mutex<()>,
@@ -126,7 +126,7 @@ impl Investigations {
         write_atomically(&path, text.as_bytes()).map_err(|error| error.to_string())
     }
 
-    /// Keeps, shows and tells one as it is now.
+    /// Saves, shows and publishes an investigation in its present state.
     ///
     /// # Errors
     /// As [`Self::keep`]: then it is not shown.
@@ -136,7 +136,7 @@ impl Investigations {
         Ok(())
     }
 
-    /// Shows and tells one as it is now.
+    /// Shows and publishes an investigation in its present state.
     pub(super) fn show(&self, hub: &Hub, one: &Investigation) {
         let mut all = self.lock();
         match all.iter_mut().find(|known| known.id == one.id) {

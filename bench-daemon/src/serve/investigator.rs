@@ -1,10 +1,10 @@
-//! Goes on with investigations: diagnoses all runs so far, puts the recommended experiment at the
-//! end of the queue, and again, by the rule of `eis-bench investigate`.
+//! Continues investigations: diagnoses all runs so far, appends the recommended experiment to the
+//! queue, and repeats this by the rule of `eis-bench investigate`.
 //!
-//! It does nothing that a person could not do at the page. A diagnosis is an analysis like any
-//! other, and an experiment goes through the checks of any submission. What was done stands in the
-//! record before it counts, so that a server that is started again goes on from there. A stop, a
-//! hold or a latch of the bench ends an investigation; it never begins again by itself.
+//! It does nothing that a user could not do at the page. A diagnosis is an ordinary analysis, and
+//! an experiment passes the checks of any submission. Each step is written to the record before
+//! it takes effect, so that a restarted server continues from there. A stop, a hold or a latch of
+//! the bench ends an investigation; it never restarts automatically.
 
 use std::{f64::consts::FRAC_2_PI, sync::Arc};
 
@@ -194,7 +194,7 @@ fn asked(server: &Server, one: &Investigation) -> Result<String, AnalysisError> 
     Ok(taken.id)
 }
 
-/// Ends with a verdict, or plays the recommended experiment.
+/// Ends with a verdict, or runs the recommended experiment.
 fn concluded(server: &Server, one: &mut Investigation, analysis: &Analysis) -> Result<(), Ending> {
     let found = server.analyses.conclusion(&server.settings, analysis);
     let Some(found) = found else {
@@ -294,7 +294,7 @@ fn alternating_c(plan: &Plan) -> f64 {
     stages.flat_map(|stage| &stage.steps).map(moved_c).sum()
 }
 
-/// Who began an investigation may have lost the right to let current flow.
+/// The user that began an investigation may have lost the permission to let current flow.
 fn may_energise(server: &Server, by: &str) -> Result<(), Ending> {
     let tokens = server.tokens.all().unwrap_or_default();
     let may = tokens.iter().any(|token| {
@@ -307,9 +307,9 @@ fn may_energise(server: &Server, by: &str) -> Result<(), Ending> {
     Err(Ending::of(End::Stopped, why))
 }
 
-/// Why the cell in the jig may be another one than that of an investigation: the last run on its
-/// bench is none of its own, and was of a cell with another name or serial number. Cells that no
-/// experiment names are told apart by their kind only.
+/// Returns why the cell in the jig may differ from the cell of an investigation: the last run on
+/// its bench belongs to another origin and measured a cell with another name or serial number.
+/// Cells that no experiment names are distinguished by their kind only.
 fn other_cell(server: &Server, one: &Investigation) -> Option<String> {
     let data = &server.settings.data;
     let mut latest = server.jobs.latest();
@@ -571,7 +571,7 @@ pub fn cancel(server: &Server, id: &str, by: &str) -> Result<Investigation, Anal
     }
     let asked = one.steps.last().and_then(|step| step.analysis.as_ref());
     if let Some(analysis) = asked {
-        // It may have ended by itself.
+        // The analysis may have ended in the meantime.
         let _ = server.analyses.cancel(&server.hub, analysis);
     }
     take_out(server, &one);

@@ -50,8 +50,8 @@ pub struct Live {
 }
 
 impl Live {
-    /// A person has to look at its outputs: nothing runs, and they were left by a run of which no
-    /// reading is known, or something was not read as off.
+    /// Returns whether a person must inspect the outputs: nothing runs, and the last run left
+    /// them without a known reading, or an output was not read as off.
     pub fn needs_look(&self) -> bool {
         match self.state {
             BenchState::Unknown => true,
@@ -278,7 +278,7 @@ pub struct TripNow {
 
 impl From<Latched> for TripNow {
     fn from(latched: Latched) -> Self {
-        // The folder of the run is nobody's business beyond this machine.
+        // The run's folder is not disclosed beyond this machine.
         let Latched {
             cause,
             quantity,
@@ -375,7 +375,7 @@ impl From<&Output> for OutputRead {
 /// The limits of a cell, or of a control in its place, with the margin that a reading leaves.
 pub fn limits(limits: &Limits, cell: bool, reading: &ReadingNow) -> Vec<Limit> {
     let limits = if cell { *limits } else { limits.of_control() };
-    // An old reading leaves no margin: nobody knows how things are.
+    // An old reading gives no margin, because the present state is unknown.
     let margin = |value: Option<f64>, least: Option<f64>, greatest: f64| {
         let value = value.filter(|_| reading.fresh)?;
         Some(least.map_or(greatest - value, |least| {

@@ -86,8 +86,8 @@ pub fn serve(settings: Settings) -> Result<(), Failure> {
             settings.data.display()
         )));
     }
-    // A connection is a file. Where the system grants more than it gives by itself, they are taken;
-    // where it does not, the longest silent go.
+    // Each connection needs a file descriptor. The limit is raised to the maximum that the system
+    // grants; if it grants no more, the longest silent connections are closed.
     if let Err(error) = getrlimit(Resource::RLIMIT_NOFILE)
         .and_then(|(_, most)| setrlimit(Resource::RLIMIT_NOFILE, most, most))
     {
@@ -146,7 +146,7 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
         let mut seen = 0;
         while let Some(every_s) = notify.watchdog_s {
             server.clock.sleep_s(every_s).await;
-            // A supervisor that no longer looks is no life.
+            // A supervisor that no longer polls is not alive.
             let looks = server.counts.looks.load(Ordering::Relaxed);
             if looks != std::mem::replace(&mut seen, looks) {
                 notify.say("WATCHDOG=1");

@@ -1,5 +1,5 @@
-//! Notes and tags that people give to runs and cells. They lie beside the run folders, whose files
-//! never change, one file each: a line per entry, only ever appended.
+//! Notes and tags that users attach to runs and cells. They lie beside the run folders, whose
+//! files never change. Each run or cell has one file, to which entries are appended line by line.
 
 use std::{
     collections::BTreeSet,
@@ -50,7 +50,7 @@ pub struct Note {
 struct Line {
     unix_s: f64,
     by: String,
-    /// Name of the run or cell, for whoever reads the file.
+    /// Name of the run or cell, for readers of the file.
     about: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     text: Option<String>,

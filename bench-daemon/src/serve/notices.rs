@@ -30,8 +30,8 @@ pub enum About {
 }
 
 impl About {
-    /// Whether it is told in quiet hours: a bench that waits with every output off waits until
-    /// morning.
+    /// Returns whether it is sent in quiet hours. A bench that waits with all outputs off can
+    /// wait until morning.
     pub fn is_urgent(self) -> bool {
         !matches!(self, Self::End | Self::Question)
     }

@@ -1,8 +1,9 @@
-//! Notices to people who are not at the page: by a webhook and by e-mail. A run does not wait for
-//! them, and neither does the server.
+//! Notifications to people away from the page, by webhook and e-mail. Neither a run nor the
+//! server waits for them.
 //!
-//! Told are trips and latches, benches whose outputs were not read back as off, and ends of runs. In
-//! quiet hours what can wait is kept and told together at their end.
+//! Notifications report trips and latches, benches whose outputs were not read back as off, and
+//! ends of runs. During quiet hours, whatever can wait is collected and sent together at their
+//! end.
 
 use std::{
     collections::BTreeMap,
@@ -34,12 +35,12 @@ use super::{
 const AGAIN_S: [f64; 4] = [2.0, 10.0, 60.0, 600.0];
 /// A receiver may take so long, s.
 const PATIENCE: Duration = Duration::from_secs(20);
-/// Time between two looks at what waits for the end of quiet hours, s.
+/// Interval between two checks of what waits for the end of quiet hours, s.
 const LOOK_S: f64 = 5.0;
 /// Time between two questions whether the benches have been looked at, s.
 const FIRST_S: f64 = 0.1;
-/// Outputs that were not read as off are told once it is so for this long, s: after a run its
-/// guardian reads them first.
+/// Time for which outputs must not have been read as off before it is reported, s: after a run
+/// its guardian reads them first.
 const SETTLED_S: f64 = 10.0;
 
 /// The body of a webhook.
@@ -62,12 +63,12 @@ pub async fn test(server: &Arc<Server>, by: &str) -> Notice {
     all.pop().unwrap_or(notice)
 }
 
-/// Watches the benches and tells what happens, for ever.
+/// Watches the benches and sends notifications, forever.
 pub async fn work(server: Arc<Server>) {
     let mut wake = server.hub.wake();
     let mut number = server.hub.latest();
     let mut seen = Seen::default();
-    // What was there before this server is what its first look finds.
+    // The first poll shows the state that existed before this server.
     while server.counts.looks.load(Ordering::Relaxed) == 0 {
         server.clock.sleep_s(FIRST_S).await;
     }
@@ -166,7 +167,7 @@ impl Kept {
         });
     }
 
-    /// Those that are still to be told: a question that was answered is not.
+    /// Returns the notices that are still due. The notice of an answered question is dropped.
     fn due(&self, server: &Server) -> Vec<Notice> {
         let live = server.live();
         let waits = |notice: &Notice| {
@@ -210,13 +211,13 @@ fn start(server: &Arc<Server>, notices: Vec<Notice>) {
 struct Seen {
     /// Causes of the trips that are there, by bench.
     trips: BTreeMap<String, String>,
-    /// Outputs that a person has to look at, by bench.
+    /// Outputs that a person must inspect, by bench.
     unread: BTreeMap<String, Unread>,
-    /// Questions that were told: the run, and the number of the question, by bench.
+    /// Questions that were reported: the run, and the number of the question, by bench.
     questions: BTreeMap<String, (Option<String>, u64)>,
 }
 
-/// Outputs that a person has to look at.
+/// Outputs that a person must inspect.
 #[derive(Debug)]
 struct Unread {
     /// Since when, s.
@@ -227,13 +228,14 @@ struct Unread {
 }
 
 impl Seen {
-    /// New trips, and benches whose outputs a person has to look at for a while.
+    /// Returns notices of new trips, and of benches whose outputs have needed inspection for a
+    /// while.
     fn benches(&mut self, server: &Server, first: bool) -> Vec<Notice> {
         let live: Vec<Live> = server.live().values().cloned().collect();
         let mut fresh = Vec::new();
         for bench in live {
             if let Some(trip) = &bench.trip {
-                // One that cannot be read has another time at each look.
+                // A trip record that cannot be read has another time at each poll.
                 let known = self.trips.insert(bench.bench.clone(), trip.cause.clone());
                 if known.as_ref() != Some(&trip.cause) && !first {
                     let step = trip.step.as_ref().map(|step| format!(", in step “{step}”"));
@@ -263,8 +265,8 @@ impl Seen {
         fresh
     }
 
-    /// Outputs that a person has to look at, once that is so for a while, and again as soon as other
-    /// states were read.
+    /// Returns a notice of outputs that a person must inspect, once that is so for a while, and
+    /// again as soon as other states are read.
     fn outputs(&mut self, server: &Server, bench: &Live) -> Option<Notice> {
         let now_s = server.clock.now_s();
         let states: Vec<String> = std::iter::once(format!("{:?}", bench.outputs.state))
@@ -298,8 +300,8 @@ impl Seen {
         Some(notices.add(About::Unverified, Some(&bench.bench), title, text))
     }
 
-    /// A question that was not told yet; after a restart it is told once more, for nobody knows
-    /// whether it was.
+    /// Returns the notice of a question that was not reported yet. After a restart it is reported
+    /// once more, because it is unknown whether it was sent.
     fn question(&mut self, server: &Server, bench: &Live) -> Option<Notice> {
         let Some(question) = &bench.question else {
             self.questions.remove(&bench.bench);
@@ -344,7 +346,7 @@ fn is_quiet(quiet: Option<(Time, Time)>, now: Time) -> bool {
     })
 }
 
-/// Sends notices to every target, each by itself; of several one message.
+/// Sends notices to every target independently; several notices are one message.
 async fn send(server: &Arc<Server>, notices: &[Notice], again: usize) {
     let targets = &server.settings.notify;
     let hook = targets.webhook.clone().map(|address| {

@@ -1,6 +1,6 @@
-//! Reads the outputs of a bench on which nothing runs: asked for by a person, or at an interval that
-//! the server's file names. The asking is done by a process of its own (`eis-bench outputs`), so
-//! that an instrument that hangs holds up nobody; a run, and whoever switches off, end it.
+//! Reads the outputs of an idle bench, on request or at an interval that the server's file names.
+//! A separate process (`eis-bench outputs`) queries the instruments, so that an instrument that
+//! hangs blocks nothing else. A run or a stop ends that process.
 
 use std::{process::Stdio, sync::Arc, time::Duration};
 
@@ -68,7 +68,7 @@ pub async fn read(server: &Server, bench: &config::Bench) -> Result<OutputsState
             .unwrap_or("a run or a stop has ended the reading")
             .to_owned();
         match output.status.code() {
-            // It was ended by whoever needs the instruments.
+            // The read was ended because the instruments were needed elsewhere.
             None => ReadError::Busy(why),
             Some(code) if code == i32::from(BUSY_CODE) => ReadError::Busy(why),
             Some(_) => ReadError::Machine(why),

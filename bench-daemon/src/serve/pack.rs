@@ -38,11 +38,11 @@ const ROWS: f64 = 500.0;
 const CONSTANT_S: f64 = 10.0;
 /// Most cells in series and in parallel.
 const MOST_CELLS: u32 = 1000;
-/// Runs whose models are told, the latest.
+/// Maximum number of runs whose models are listed, the latest first.
 const MOST_RUNS: usize = 200;
 /// Largest factor on a profile.
 const LARGEST_SCALE: f64 = 100.0;
-/// Difference from the temperature of the measurement that is told, K.
+/// Larger differences from the temperature of the measurement are reported, K.
 const NEAR_K: f64 = 2.0;
 
 /// Text of a profile of the repository.
@@ -282,7 +282,7 @@ fn of_file(folder: &Path, name: &str) -> Result<GivenModel, String> {
     read_model(&folder.join(&file), None).map_err(|error| format!("model.name: {error}"))
 }
 
-/// The open-circuit voltage that the cell's file tells.
+/// Returns the open-circuit voltage that the cell's file states.
 fn ocv(settings: &Settings, run: &str) -> Option<OcvCurve> {
     let file = submission::cell_file(&settings.data, run)?;
     resolve_cell(&Source::read(&file).ok()?).ok()?.ocv

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 const FILE: &str = "queue.json";
-/// So many may wait.
+/// Maximum number of waiting entries.
 const MOST: usize = 1000;
 
 /// Action of a queued run.
@@ -75,7 +75,7 @@ pub struct Wanted {
     pub seed: Option<u64>,
     /// Expected duration, bench s.
     pub expected_s: f64,
-    /// Who asks.
+    /// Name of the caller.
     pub by: String,
     /// When, s since 1970.
     pub unix_s: f64,
@@ -179,7 +179,7 @@ impl Queue {
         here.or_else(|| self.held_by(HeldBy::Fleet, bench))
     }
 
-    /// The side whose reason is the one that is shown.
+    /// Returns the side whose reason for a hold is shown.
     pub fn holder(&self, bench: &str) -> HeldBy {
         match self.kept.held.contains_key(bench) {
             false if self.kept.held_by_fleet.contains_key(bench) => HeldBy::Fleet,

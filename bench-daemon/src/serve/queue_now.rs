@@ -33,7 +33,7 @@ impl QueueNow {
 }
 
 impl Server {
-    /// Tells everybody what is in the queue.
+    /// Publishes the queue.
     pub fn tell_queue(&self) {
         let shown = QueueNow::of(self);
         self.hub.tell("queue", &shown);

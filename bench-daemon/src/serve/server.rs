@@ -44,9 +44,9 @@ pub struct Server {
     pub settings: Settings,
     /// Events of the server.
     pub hub: Hub,
-    /// Who may do what.
+    /// Tokens and their permissions.
     pub tokens: Tokens,
-    /// Who did what.
+    /// Audit trail.
     pub audit: Audit,
     /// Real time.
     pub clock: Clock,
@@ -56,7 +56,7 @@ pub struct Server {
     pub counts: Counts,
     /// Notes on benches and disk for the metrics.
     pub health: Health,
-    /// Maker of spans; none where nobody traces.
+    /// Tracer; `None` if tracing is off.
     pub tracer: Option<SdkTracer>,
     /// Counts of what went to a collector.
     pub telemetry: Arc<client::Counts>,
@@ -66,7 +66,7 @@ pub struct Server {
     pub analyses: Analyses,
     /// The model that the pack explorer has asked for last.
     pub last_model: LastModel,
-    /// Notices to people who are not at the page.
+    /// Notifications to people away from the page.
     pub notices: Notices,
     /// Sessions of browsers.
     pub sessions: Sessions,
@@ -98,9 +98,9 @@ pub struct Counts {
     pub listeners: AtomicU64,
     /// Connections at present.
     pub connections: AtomicU64,
-    /// Listeners that were told that they had missed something.
+    /// Number of times that listeners were informed of missed events.
     pub lagged: AtomicU64,
-    /// Looks of the supervisor.
+    /// Number of polls of the supervisor.
     pub looks: AtomicU64,
     /// When the server was started, s since 1970.
     pub started_unix_s: f64,
@@ -188,8 +188,8 @@ impl Server {
         })
     }
 
-    /// Whether everybody on this machine may do everything: it is reached from nowhere else, and there
-    /// is no token at all.
+    /// Returns whether every local caller may do everything: the server is reachable from this
+    /// machine only, and no token exists.
     ///
     /// # Errors
     /// Tokens that cannot be read.
@@ -202,7 +202,7 @@ impl Server {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Lets nobody else make a version of a file meanwhile.
+    /// Locks the configuration store, so that no other version of a file is written meanwhile.
     pub fn shelf(&self) -> MutexGuard<'_, ()> {
         self.shelf.lock().unwrap_or_else(PoisonError::into_inner)
     }

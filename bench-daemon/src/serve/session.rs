@@ -1,6 +1,6 @@
-//! Sessions of browsers: whoever shows a token once gets a cookie that no script can read. Only
-//! SHA-256 of its number and of the token are kept, and in memory: a server that starts again knows
-//! none.
+//! Sessions of browsers. A browser that presents a token once gets a cookie that scripts cannot
+//! read. Only the SHA-256 of the session number and of the token are kept, in memory: a restarted
+//! server has no sessions.
 
 use std::{
     collections::BTreeMap,

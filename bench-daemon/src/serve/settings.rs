@@ -233,7 +233,7 @@ pub struct Settings {
     pub telemetry: TelemetrySettings,
     /// Its bounds.
     pub limits: Limits,
-    /// So long a run has to end by itself after a stop, s, before it is ended.
+    /// Time that a run has to end after a stop request before it is killed, s.
     pub stop_wait_s: f64,
     /// Store that ended runs are sent to.
     pub archive: Option<Archive>,
@@ -251,7 +251,7 @@ pub struct TelemetrySettings {
 }
 
 impl TelemetrySettings {
-    /// Tells the process of a run where its traces go.
+    /// Passes the trace endpoint to the process of a run.
     pub fn hand_over(&self, command: &mut Command) {
         if let Some(base) = &self.otlp {
             endpoint::hand_over(base, command);
@@ -582,7 +582,8 @@ fn benches(source: &Source, paths: &[String]) -> Result<Vec<config::Bench>, Conf
     Ok(found)
 }
 
-/// The same from the root: whoever is started here, or asks later, means the same file.
+/// Returns the absolute path, so that processes started from here, and later ones, use the same
+/// file.
 fn absolute(path: PathBuf) -> PathBuf {
     std::path::absolute(&path).unwrap_or(path)
 }

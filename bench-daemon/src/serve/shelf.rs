@@ -1,8 +1,8 @@
-//! Files of the configuration as people change them over the API. The folder of the configuration
-//! is never written: a changed file is a version in the data folder, with who changed it and why,
-//! and the latest version is read in the place of the file. No version is ever taken away.
+//! Configuration files that users change over the API. The configuration folder is never written.
+//! A changed file is stored as a version in the data folder, with its author and reason, and the
+//! latest version is used instead of the file. Versions are never deleted.
 //!
-//! A version of a bench is read in the place of nothing: its guardian and `eis-bench safe` read the
+//! A version of a bench does not take effect that way: its guardian and `eis-bench safe` read the
 //! bench's own file. It is a proposal, until `eis-bench config take` writes it into that file.
 
 use std::{
@@ -145,7 +145,7 @@ pub enum ShelfError {
 pub struct Change<'a> {
     /// The text.
     pub text: &'a str,
-    /// Who makes it.
+    /// Its author.
     pub by: &'a str,
     /// Why.
     pub why: &'a str,
@@ -162,7 +162,7 @@ pub struct Taking<'a> {
     pub text: &'a str,
     /// The text in force until now.
     pub before: &'a str,
-    /// Who does it.
+    /// Name of the caller.
     pub by: &'a str,
 }
 
@@ -287,8 +287,7 @@ fn first(all: &[Kept]) -> Option<&Kept> {
     all.iter().find(|kept| kept.version.version == 0)
 }
 
-/// The last version that somebody made of a bench, where it is a proposal whose text is not in
-/// force.
+/// Returns the last version of a bench by a user if it is a proposal whose text is not in force.
 fn open_proposal(all: &[Kept]) -> Option<&Kept> {
     let in_force = first(all).map(|kept| &kept.version.sha256);
     let last = all
@@ -304,8 +303,8 @@ fn open_proposal(all: &[Kept]) -> Option<&Kept> {
     is_open.then_some(last)
 }
 
-/// A file; the version of this number, else the latest. The latest of a bench is the one that is
-/// proposed, else its file. None where there is no such file.
+/// Returns a file: the version of this number, otherwise the latest. The latest version of a
+/// bench is its proposal, otherwise its file. Returns `None` if there is no such file.
 ///
 /// # Errors
 /// A version that cannot be read.
@@ -358,8 +357,8 @@ fn alone(settings: &Settings, kind: FileKind) -> Result<File, ShelfError> {
     Ok(folder)
 }
 
-/// Adds a version. The caller has checked its text, and lets nobody else of this process do this
-/// meanwhile.
+/// Adds a version. The caller must have checked its text, and must hold the lock against other
+/// writers of this process.
 ///
 /// # Errors
 /// [`ShelfError`].
@@ -392,7 +391,7 @@ pub fn write(
     add(settings, kind, name, new)
 }
 
-/// Number of the version that is made next, where there is room for so many.
+/// Returns the number of the next version, if the limit allows another one.
 fn next_number(
     settings: &Settings,
     kind: FileKind,
@@ -406,7 +405,7 @@ fn next_number(
     Ok(last + 1)
 }
 
-/// Writes a version. Whoever calls this is alone with the folder.
+/// Writes a version. The caller must have exclusive access to the folder.
 fn add(settings: &Settings, kind: FileKind, name: &str, new: New<'_>) -> Result<(), ShelfError> {
     let number = next_number(settings, kind, name, 1)?;
     let kept = Kept {
@@ -428,8 +427,8 @@ fn add(settings: &Settings, kind: FileKind, name: &str, new: New<'_>) -> Result<
         .map_err(|error| failed(&error))
 }
 
-/// Keeps the text in force of a bench where no version holds it, lets the file be written, and
-/// remembers who put which version in force. Nobody makes a version meanwhile.
+/// Saves the text of a bench that is in force if no version contains it, calls `put` to write the
+/// file, and records who put which version in force. No version can be written meanwhile.
 ///
 /// # Errors
 /// [`ShelfError`]; where the file could not be written, that of `put`.
@@ -466,7 +465,7 @@ pub fn take<E: From<ShelfError>>(
     Ok(add(settings, kind, name, new)?)
 }
 
-/// Words for a bench whose file is another one than the server read at its start.
+/// Returns the message for a bench whose file differs from the one the server read at its start.
 pub fn restart(bench: &str) -> String {
     format!("the file of the bench {bench} was changed since the server began: restart the server")
 }
@@ -521,7 +520,7 @@ mod tests {
 
     const BENCH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../configs/benches/demo.toml");
 
-    /// A server of one bench, whose file may be changed.
+    /// Settings of a server with one bench whose file may be changed.
     fn settings(folder: &Path) -> Settings {
         std::fs::copy(BENCH, folder.join("demo.toml")).unwrap();
         let text = "listen = \"127.0.0.1:0\"\ndata = \"data\"\nconfigs = \".\"\n\

@@ -29,10 +29,10 @@ const SAFE: Duration = Duration::from_secs(90);
 /// A run that was being begun when the stop came is ended in a second turn; nothing is begun behind
 /// the first.
 const TURNS: usize = 3;
-/// Time between two looks whether the run has ended, s.
+/// Interval between two checks whether the run has ended, s.
 const LOOK_S: f64 = 0.1;
 
-/// Who stops a bench.
+/// The author of a stop.
 #[derive(Debug, Clone, Copy)]
 pub struct Stopper<'a> {
     /// The side that holds the bench behind it.
@@ -59,7 +59,7 @@ impl<'a> Stopper<'a> {
     }
 }
 
-/// Stops a bench. Whoever asks while it is being stopped gets the outcome of that.
+/// Stops a bench. Requests that arrive while it is being stopped share the outcome.
 pub async fn stop(server: &Arc<Server>, bench: &config::Bench, by: Stopper<'_>) -> StopReport {
     let mut report = StopReport {
         bench: bench.name.clone(),

@@ -46,9 +46,9 @@ use crate::{
 };
 pub use identity::{Answer, Identity};
 
-/// Time between two looks, s.
+/// Interval between two polls, s.
 const LOOK_S: f64 = 0.2;
-/// A bench that changes all the time is told this often, s.
+/// Minimum interval between two published states of a bench that changes constantly, s.
 const TELL_S: f64 = 0.5;
 /// So long a process may take until its journal is there, s.
 const BIRTH_S: f64 = 60.0;
@@ -161,8 +161,9 @@ impl SupervisedBench {
             _ => None,
         };
         self.child = None;
-        // A server that died behind the start of a run and before it had written that down starts it
-        // again: the second process finds the folder of the first, does nothing, and tells nothing.
+        // A server that crashed after the start of a run and before it recorded the start begins
+        // the run again. The second process finds the folder of the first, does nothing, and
+        // prints nothing.
         let is_second = item.kind == Kind::Run && code == Some(NOTHING_DONE);
         let code = code.filter(|_| !(is_second && folder.join(JOURNAL).exists()));
         if code.is_none() && lives(&folder, &item) {
@@ -268,9 +269,9 @@ impl SupervisedBench {
         }
     }
 
-    /// Writes down that a place is in work. No lock is held from the look at the stops to here, so
-    /// that a slow disk never holds up a stop: one that came in between finds no process, or finds
-    /// it late, and so the process is ended here.
+    /// Records that an entry has started. No lock is held between the check of the stops and this
+    /// point, so that a slow disk never delays a stop. A stop that arrived in between finds no
+    /// process, or finds it late; therefore the process is ended here.
     fn begun(&self, server: &Server, item: &Item, pid: i32, last_stop: Option<f64>) {
         let process = Process {
             pid,
@@ -286,7 +287,7 @@ impl SupervisedBench {
             let mut stops = server.stops();
             let stopped = stops.get(&self.bench.name).map(|stop| stop.unix_s) != last_stop;
             if !stopped {
-                // What the last stop has shown is no longer so.
+                // The outcome of the last stop is no longer valid.
                 stops.remove(&self.bench.name);
             }
             stopped
@@ -323,7 +324,8 @@ impl SupervisedBench {
                 .any(|name| locks::holder(&state.path(name)).is_some())
     }
 
-    /// Watches the run in work, whoever began it; returns whether it goes on.
+    /// Watches the active run, including one that another process began. Returns whether it
+    /// continues.
     fn follow(&mut self, server: &Server) -> bool {
         let item = server.queue().in_work(&self.bench.name).cloned();
         let ours = item.map(|item| (server.runs().join(&item.run), Some(item.run)));
@@ -385,7 +387,7 @@ impl SupervisedBench {
             || live.stop != self.told.0.stop
             || live.trip != self.told.0.trip
             || live.question != self.told.0.question;
-        // What the first look finds was there before this server.
+        // The trip that the first poll finds existed before this server.
         if self.told.1.is_finite() && live.trip.is_some() && live.trip != self.told.0.trip {
             server.health.tripped(&self.bench.name);
         }
@@ -397,7 +399,8 @@ impl SupervisedBench {
         self.told = (live, now_s);
     }
 
-    /// A run has ended whose outputs were not read back as off, or that cannot be known.
+    /// Returns whether a run has ended whose outputs were not read back as off, or whose outputs
+    /// are unknown.
     fn left_open(&self) -> bool {
         !self.bench.in_process()
             && self
@@ -606,7 +609,7 @@ fn held_behind(server: &Server, item: &Item, ended: &Ended) -> (HeldBy, String) 
     }
 }
 
-/// Whether the process of a run lives that is no child of this server.
+/// Returns whether the process of a run lives that is not a child of this server.
 fn lives(folder: &Path, item: &Item) -> bool {
     let journal = folder.join(JOURNAL);
     if locks::holder(&journal).is_some() {

@@ -39,7 +39,7 @@ impl Notify {
         }
     }
 
-    /// Says something, such as `READY=1`. Nobody who does not listen is waited for.
+    /// Sends a message, such as `READY=1`. Does not wait for a receiver.
     pub fn say(&self, text: &str) {
         if let Some((socket, address)) = &self.to {
             let _ = socket.send_to_addr(text.as_bytes(), address);

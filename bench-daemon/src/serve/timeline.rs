@@ -1,9 +1,9 @@
-//! Readings and events of a run over time, thinned so that a picture of them is right.
+//! Readings and events of a run over time, thinned without loss of peaks.
 //!
-//! Of rows that are too many, stretches of equal time are each told by the rows that hold their
-//! least and greatest voltage, current and temperature, and by their first and last: no peak is
-//! lost, and every row is one that was read. Fewer rows than asked for are told as they are. The
-//! bath is thinned alike.
+//! If there are too many rows, each interval of equal length is represented by its first and last
+//! row and by the rows that hold its minimum and maximum voltage, current and temperature. No
+//! peak is lost, and every row is one that was read. If there are fewer rows than requested, all
+//! of them are returned. Rows of the bath are thinned in the same manner.
 
 use std::{
     borrow::Cow,
@@ -27,19 +27,19 @@ use crate::{
     support::{confined_path, present::significant},
 };
 
-/// Rows that tell a stretch at most: first, last, and two extremes of three quantities.
+/// Maximum number of rows for an interval: first, last, and two extremes of three quantities.
 const ROWS_OF_A_STRETCH: usize = 8;
-/// Marks, and bounds, that are told at most, the latest: a sweep has some dozens.
+/// Maximum number of marks, and of bounds, in a reply, the latest: a sweep has some dozens.
 const MOST_MARKS: usize = 2000;
 /// Runs whose readings are kept in memory: a million rows are 40 MB.
 const KEPT_RUNS: usize = 4;
 /// Digits of the frequency of a point.
 const FREQ_DIGITS: i32 = 4;
-/// The journal tells a pause right before the event does: within this time both tell the same, s.
+/// Maximum time between the journal entry of a pause and its event, s: both describe one pause.
 const SAME_S: f64 = 1.0;
-/// How the journal begins to tell the end of a run that did not finish.
+/// Prefix of the journal entry of a run that did not finish.
 const ENDED_EARLY: &str = "ended early: ";
-/// Words of the failures that latch a bench, by which the journal tells them.
+/// Journal texts of the failures that latch a bench.
 const TRIPS: [&str; 3] = [
     "interlock: ",
     "LOOK AT THE BENCH: ",
@@ -71,7 +71,7 @@ const OF_BATH: [Quantity<BathRow>; 2] = [
     |row| row.setpoint_c.unwrap_or(f64::NAN),
 ];
 
-/// A row of readings; what was not read is no number.
+/// A row of readings; a quantity that was not read is NaN.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Row {
     time_s: f64,
@@ -108,7 +108,7 @@ struct Place {
 /// Whole lines that a file has gained.
 struct Gain {
     text: String,
-    /// Another file lies in the place of the one that was read: what that one told holds no more.
+    /// The file was replaced by another one: earlier content is no longer valid.
     anew: bool,
 }
 
@@ -152,7 +152,7 @@ struct Known {
     told: Told,
 }
 
-/// Marks and pauses that the journal tells.
+/// Marks and pauses from the journal.
 #[derive(Debug, Default)]
 struct Told {
     marks: Vec<Mark>,
@@ -183,7 +183,7 @@ impl Known {
             self.rows.clear();
             self.current = None;
         }
-        // The head is no row: it has no time.
+        // The header has no time and is skipped.
         let rows = gain.text.lines().filter_map(ReadingRow::parse);
         rows.map(Row::from).for_each(|row| self.push(row));
         Some(())
@@ -245,7 +245,7 @@ impl Told {
         }
     }
 
-    /// Whether the journal tells what an event of a request tells too.
+    /// Returns whether the journal already contains the event of a request.
     fn has_request(&self, row: &EventRow<'_>) -> bool {
         row.kind == Some(Event::Request)
             && self.marks.iter().any(|mark| {
@@ -424,7 +424,7 @@ impl Mark {
         )
     }
 
-    /// An event; none of what the bench tells at every step.
+    /// Converts an event. Returns `None` for events that the bench reports at every step.
     fn of_event(row: &EventRow<'_>) -> Option<Self> {
         let told = |kind: &Event| !matches!(kind, Event::Bench | Event::OutputOn);
         let kind = row.kind.filter(told)?.label();
@@ -515,7 +515,7 @@ impl From<run_folder::Between> for Between {
 fn text_of(folder: &Path, name: &str) -> String {
     let mut text = String::new();
     if let Some(mut file) = confined_path::open(folder, name) {
-        // What cannot be read is told as far as it could.
+        // A file that cannot be read to its end is used as far as it could be read.
         let _ = file.read_to_string(&mut text);
     }
     text
@@ -567,7 +567,7 @@ fn marks(told: &Told, events: &str, part: &Part) -> Vec<Mark> {
     marks
 }
 
-/// The last ones of what is too much to tell.
+/// Returns the latest entries if there are too many.
 fn latest<T>(mut all: Vec<T>) -> Vec<T> {
     all.drain(..all.len().saturating_sub(MOST_MARKS));
     all
@@ -588,7 +588,7 @@ fn fresh<'a>(known: &'a mut VecDeque<Known>, folder: &Path) -> Option<&'a Known>
     known.front()
 }
 
-/// Places of at most so many rows that tell the rest, rising.
+/// Returns the indices of at most `most` rows that represent all rows, in rising order.
 fn thinned<R>(
     rows: &[R],
     time_s: Quantity<R>,
@@ -824,7 +824,7 @@ mod tests {
             (40.0, GO_ON, "goes on on request"),
         ];
         assert_eq!(told(&whole), expected);
-        // A part in the middle of it has none of its marks.
+        // A part in the middle of the run contains no marks.
         let part = read(&folder, 34.0, 36.0);
         assert!(part.marks.is_empty() && part.pauses.len() == 1);
     }

@@ -1,5 +1,5 @@
-//! Tokens of the server. A token is 32 random bytes in hexadecimal, shown once. Only its SHA-256 is
-//! stored: with so many random bits nobody finds the original, so that no slow hash is needed.
+//! Tokens of the server. A token is 32 random bytes in hexadecimal, shown once. Only its SHA-256
+//! is stored: 256 random bits cannot be found by trial, so that no slow hash is needed.
 
 use std::{
     fs,
@@ -18,7 +18,7 @@ use crate::{support::confined_path::plain, support::hash};
 
 const FILE: &str = "tokens.json";
 const PREFIX: &str = "eb_";
-/// Nobody else may read or write them.
+/// File mode: readable and writable by the owner only.
 const MODE: u32 = 0o600;
 
 /// Scope of a token.
@@ -76,7 +76,7 @@ pub fn random() -> Result<String, TokenError> {
 /// A token as it is kept.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Token {
-    /// Whose it is.
+    /// Name of its holder.
     pub name: String,
     /// Scopes that it opens.
     pub scopes: Vec<Scope>,
@@ -118,7 +118,7 @@ pub enum TokenError {
     /// A name that is there already.
     #[error("expected a new name, found that of a token that is there: {0}; revoke it first")]
     Taken(String),
-    /// A name of nobody.
+    /// An unknown name.
     #[error("expected the name of a token, found {0:?}, which is none")]
     Unknown(String),
     /// A machine without chance.
@@ -145,10 +145,10 @@ impl Tokens {
         }
     }
 
-    /// All of them.
+    /// Returns all tokens.
     ///
     /// # Errors
-    /// A file that cannot be read or understood: then nobody is let in.
+    /// A file that cannot be read or parsed: then every token is refused.
     pub fn all(&self) -> Result<Vec<Token>, TokenError> {
         let stamp = match fs::metadata(&self.path) {
             Ok(meta) => Some((
@@ -173,7 +173,7 @@ impl Tokens {
         Ok(known.1.clone())
     }
 
-    /// Whose token this is, and what it opens; nothing for one that has ended.
+    /// Returns the holder and the scopes of a token, or `None` for an expired one.
     ///
     /// # Errors
     /// As [`Tokens::all`].
@@ -186,7 +186,7 @@ impl Tokens {
     /// # Errors
     /// As [`Tokens::all`].
     pub fn whose_sha256(&self, sha256: &str) -> Result<Option<Token>, TokenError> {
-        // Every one is compared to its end: how long it takes tells nothing.
+        // Every hash is compared in constant time, so that the duration reveals nothing.
         let same = |token: &Token| bool::from(token.sha256.as_bytes().ct_eq(sha256.as_bytes()));
         let found =
             self.all()?.into_iter().fold(
@@ -229,10 +229,10 @@ impl Tokens {
         Ok(secret)
     }
 
-    /// Takes one back; it opens nothing from the next request on.
+    /// Revokes a token. It is refused from the next request on.
     ///
     /// # Errors
-    /// A name of nobody; a file that cannot be written.
+    /// An unknown name; a file that cannot be written.
     pub fn revoke(&self, name: &str) -> Result<(), TokenError> {
         let _alone = self.alone()?;
         let mut tokens = self.all()?;
@@ -244,8 +244,8 @@ impl Tokens {
         self.write(&tokens)
     }
 
-    /// Whoever changes the tokens is alone meanwhile: two at once would each write what the other
-    /// has not seen.
+    /// Takes an exclusive lock to change the tokens: two concurrent writers would each discard
+    /// the other's change.
     fn alone(&self) -> Result<fs::File, TokenError> {
         let path = self.path.with_extension("lock");
         let file = fs::File::options()

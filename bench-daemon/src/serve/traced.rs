@@ -16,7 +16,7 @@ use opentelemetry_sdk::trace::Span;
 use super::{Server, jobs::Ended, queue::Item};
 use crate::support::telemetry::context;
 
-/// The context that the work for a request belongs to, as text; none where nobody traces.
+/// The trace context of the work for a request, as text; empty if tracing is off.
 #[derive(Debug, Clone, Default)]
 pub struct Traced(pub Option<String>);
 
@@ -28,8 +28,8 @@ impl<S: Sync> FromRequestParts<S> for Traced {
     }
 }
 
-/// Begins the span of a request that changes something, and says to the request which it is. What
-/// only looks has none: pages look all the time.
+/// Begins the span of a request that changes something, and attaches it to the request. Requests
+/// that only read get no span, because pages poll constantly.
 pub fn begin(server: &Server, request: &mut Request) -> Option<Span> {
     if matches!(
         *request.method(),
@@ -62,7 +62,8 @@ fn of_request(request: &Request) -> SpanBuilder {
         ])
 }
 
-/// Name of the span of a request: its method and the first part of the path that tells routes apart.
+/// Returns the span name of a request: its method and the first part of the path that
+/// distinguishes routes.
 pub fn name(method: &Method, path: &str) -> String {
     let part = |path: &str| path.split('/').next().unwrap_or_default().to_owned();
     match path.strip_prefix("/api/v1/") {

@@ -17,7 +17,7 @@ use crate::bench::survey::KnownDialect;
 #[derive(Debug)]
 pub struct TranscriptMonitor {
     follow: Follow,
-    /// The setting that tells whether its output is on.
+    /// The setting that reports whether its output is on.
     switch: Option<Setting>,
     asked: Option<String>,
     /// Bench time of its last answer, s.
@@ -125,7 +125,7 @@ mod tests {
         }
     }
 
-    /// Roles without an output, and the board whose relays go off by themselves.
+    /// Roles without an output, and the board whose relays open automatically.
     const WITHOUT_SWITCH: [&str; 3] = ["scope", "logger", "relay-thermostat"];
 
     #[test]

@@ -63,7 +63,7 @@ impl Watch {
         self.files.folder()
     }
 
-    /// Experiment that runs, once the journal tells it.
+    /// Returns the active experiment once the journal contains it.
     pub fn experiment(&self) -> Option<&Experiment> {
         self.run.experiment.as_ref()
     }
@@ -76,7 +76,7 @@ impl Watch {
     /// Reads on.
     pub fn look(&mut self) {
         if let Some(files) = self.files.replaced() {
-            // Played again from its seed: nothing holds any more that was known of it.
+            // The run was simulated again from its seed: earlier state is no longer valid.
             *self = Self::of(files);
         }
         while let Some(lines) = self.files.journal() {

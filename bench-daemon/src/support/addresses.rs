@@ -37,8 +37,8 @@ pub(crate) fn keys(address: &Address) -> Vec<String> {
         Address::HiSlip { socket, .. } => named(&socket.host, socket.port),
         Address::Serial(settings) => file("serial", &settings.path),
         Address::UsbTmc { path } => file("usbtmc", path),
-        // It speaks to one address at a time, and to the one that was set last: whoever has one of
-        // its instruments has it whole.
+        // It addresses one instrument at a time, the one that was set last, so a process that
+        // uses one of its instruments needs the whole adapter.
         Address::Gpib { adapter, .. } => match adapter {
             Adapter::Tcp(socket) => tcp(socket),
             Adapter::Serial(settings) => file("serial", &settings.path),
@@ -54,7 +54,7 @@ fn tcp(Socket { host, port }: &Socket) -> Vec<String> {
         .collect()
 }
 
-/// Mocks share the loopback address, where the port is what tells them apart.
+/// Mocks share the loopback address, where the port distinguishes them.
 fn named(host: &str, port: u16) -> Vec<String> {
     let hosts = hosts(host, port);
     if hosts.iter().any(|host| host == HERE) {

@@ -11,10 +11,10 @@ use std::{
 /// End of a log that is read, bytes.
 const TAIL_BYTES: u64 = 64 * 1024;
 
-/// Opens a regular file below a folder for reading; `None` for anything else.
+/// Opens a regular file below a folder for reading; returns `None` for anything else.
 ///
-/// The path is taken apart first, and the file that was opened is asked where it lies: a link that
-/// is put in place between two looks opens nothing.
+/// The path is split first, and the location of the opened file is checked afterwards, so that a
+/// link that is created between the two checks opens nothing.
 pub fn open(root: &Path, name: &str) -> Option<File> {
     let path = Path::new(name);
     let plain = path
@@ -25,7 +25,7 @@ pub fn open(root: &Path, name: &str) -> Option<File> {
         return None;
     }
     let root = root.canonicalize().ok()?;
-    // Without O_NONBLOCK a named pipe would hold up whoever opens it.
+    // Without O_NONBLOCK, opening a named pipe would block.
     let file = File::options()
         .read(true)
         .custom_flags(nix::libc::O_NONBLOCK | nix::libc::O_NOCTTY)

@@ -1,11 +1,11 @@
-//! The crash drill: the process kills itself (SIGKILL) at a chosen point, or the disk is full for a
-//! file, so that what remains can be looked at. For simulated benches only.
+//! Crash injection: the process kills itself (SIGKILL) at a chosen point, or the disk is full for
+//! a file, so that the remains can be inspected. For simulated benches only.
 //!
-//! `EIS_BENCH_DRILL=exchange:N` dies at the N-th line of all transcripts together: a message that
-//! is just about to be sent, or an answer that has just arrived. `EIS_BENCH_DRILL=journal:N` dies
-//! at the N-th end of a write to the journal, the even ones after it, the odd ones before it.
-//! `EIS_BENCH_DRILL=full:NAME:N` lets the N-th write to files of the run folder whose names begin
-//! so fail, and all after it.
+//! `EIS_BENCH_DRILL=exchange:N` dies at the N-th line of all transcripts together: before a
+//! message is sent, or after a reply has arrived. `EIS_BENCH_DRILL=journal:N` dies at the N-th
+//! end of a write to the journal, the even ones after it, the odd ones before it.
+//! `EIS_BENCH_DRILL=full:NAME:N` makes the N-th write to files of the run folder whose names
+//! begin with `NAME` fail, and all writes after it.
 
 use std::{
     io::{self, Write},
@@ -120,7 +120,7 @@ impl Drill {
         }
     }
 
-    /// A transcript each of whose lines is a point of the drill, once it is written.
+    /// Wraps a transcript so that each line is a crash point once it is written.
     pub fn transcript<W: Write + Send + 'static>(
         &self,
         file: W,

@@ -3,15 +3,15 @@
 
 use std::{os::unix::fs::MetadataExt, path::Path};
 
-/// The process that holds an exclusive lock (flock) on a file, by the system's own list; none where
-/// nobody does.
+/// Returns the process that holds an exclusive lock (flock) on a file, from the system's list of
+/// locks, or `None` if the file is not locked.
 pub fn holder(path: &Path) -> Option<i32> {
     let inode = std::fs::metadata(path).ok()?.ino();
     holder_in(&std::fs::read_to_string("/proc/locks").ok()?, inode)
 }
 
-/// Lines are `1: FLOCK ADVISORY WRITE 22707 fe:00:10412823 0 EOF`; who waits has `->` behind the
-/// number.
+/// Lines are `1: FLOCK ADVISORY WRITE 22707 fe:00:10412823 0 EOF`; a waiting process has `->`
+/// after the number.
 fn holder_in(locks: &str, inode: u64) -> Option<i32> {
     locks.lines().find_map(|line| {
         let words: Vec<&str> = line.split_whitespace().collect();

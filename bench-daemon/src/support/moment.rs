@@ -1,5 +1,5 @@
-//! Moments whose distance stays known when the machine's clock is set: beside the calendar time
-//! each holds the time since the machine was started (proc(5)), which nobody can set.
+//! Moments whose distance stays known when the machine's clock is set: beside the calendar time,
+//! each holds the time since the machine was started (proc(5)), which cannot be set.
 
 use std::fs;
 

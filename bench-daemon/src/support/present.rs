@@ -180,7 +180,7 @@ fn number(value: f64, sigma: Option<f64>) -> String {
     )
 }
 
-/// A number with so many significant digits, without exponent while it is readable so.
+/// Formats a number with this many significant digits, without exponent while that is readable.
 pub fn significant(value: f64, digits: i32) -> String {
     if value == 0.0 || !value.is_finite() {
         return format!("{value}");

@@ -1,8 +1,8 @@
-//! The hashes of a finished run: `SHA256SUMS`, one line for every other file of the folder, as
-//! `sha256sum --check` reads it.
+//! The hashes of a finished run: `SHA256SUMS`, one line for every other file of the folder, in
+//! the format of `sha256sum --check`.
 //!
-//! They find what was altered by accident, the list itself included; whoever means harm can write
-//! another list.
+//! They detect accidental changes, including changes of the list itself. They do not protect
+//! against an attacker, who can write another list.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -81,11 +81,11 @@ pub fn write(folder: &Path) -> Result<(), SumsError> {
     )?)
 }
 
-/// Compares all files of a folder with their hashes. A file that was moved to an archive is no missing
-/// one where its hash was the listed one.
+/// Compares all files of a folder with their hashes. A file that was moved to an archive does not
+/// count as missing if its hash was the listed one.
 ///
 /// # Errors
-/// [`SumsError`]; files that are missing are altered ones.
+/// [`SumsError`]; missing files count as altered.
 pub fn check(folder: &Path) -> Result<Checked, SumsError> {
     let path = folder.join(SUMS);
     let bytes = fs::read(&path).map_err(|source| SumsError::Read { path, source })?;

@@ -51,8 +51,8 @@ pub struct Telemetry {
 }
 
 impl Telemetry {
-    /// Starts what the environment asks for. What it asks for and cannot be is told, and is off: no
-    /// measurement fails for it.
+    /// Starts the telemetry that the environment requests. A setting that cannot be used is
+    /// reported and stays off, because telemetry must not make a measurement fail.
     pub fn from_environment(instance: &str) -> Self {
         if endpoint::is_disabled() {
             return Self::default();
@@ -65,7 +65,7 @@ impl Telemetry {
         })
     }
 
-    /// Starts traces; `instance` tells this process from others on this machine.
+    /// Starts traces; `instance` distinguishes this process from others on this machine.
     ///
     /// # Errors
     /// A setting of the environment that cannot be used, in words.
@@ -82,7 +82,7 @@ impl Telemetry {
         Ok(telemetry)
     }
 
-    /// Maker of spans; none where nobody asks for them.
+    /// Returns the tracer, or `None` if tracing is off.
     pub fn tracer(&self) -> Option<SdkTracer> {
         let tracers = self.tracers.as_ref()?;
         Some(tracers.tracer(SERVICE))
@@ -180,7 +180,8 @@ impl Telemetry {
     }
 }
 
-/// Source of all of it, as it is told; the environment may add to it and change it.
+/// Returns the resource attributes of all telemetry; the environment can add to them and change
+/// them.
 fn resource(instance: &str) -> Resource {
     let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let host = host.trim().to_owned();

@@ -1,5 +1,5 @@
-//! Prints to the terminal without failing. A reader that has gone is no reason to stop a
-//! measurement, so that the text is dropped; `println!` would panic.
+//! Prints to the terminal without failing. A closed reader must not stop a measurement, so the
+//! text is dropped; `println!` would panic.
 
 use std::{fmt, io::Write};
 

@@ -266,7 +266,8 @@ fn only(options: &Options, allowed: &[&str]) -> Result<(), AnalysisError> {
     }
 }
 
-/// The spectra: of one run where they lie; of several as copies under names that tell the run.
+/// Returns the input spectra. Those of one run are read in place; those of several runs are
+/// copied to file names that contain the run.
 fn inputs(
     settings: &Settings,
     request: &Request,

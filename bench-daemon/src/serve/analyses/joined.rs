@@ -75,7 +75,7 @@ pub(super) fn joined(
     Ok(Joined { folder, ocv })
 }
 
-/// When a run began, s since 1970; 0 where nobody knows.
+/// Returns when a run began, s since 1970, or 0 if that is unknown.
 fn begun_s(settings: &Settings, run: &str) -> f64 {
     let process = jobs::read(&settings.data, run).and_then(|job| job.item.process);
     process.map_or(0.0, |process| process.started_unix_s)

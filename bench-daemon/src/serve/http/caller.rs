@@ -23,7 +23,8 @@ use crate::{
     },
 };
 
-/// Who asks where no token exists at all, or who stops without one: anybody on this machine.
+/// Name of a caller without a token: any local process if no token exists, or a local process
+/// that stops a bench.
 const LOCAL: &str = "local";
 
 /// Code of the refusal of a session without the header of the page.
@@ -40,9 +41,9 @@ pub struct With<const SCOPE: usize> {
     pub token_sha256: Option<String>,
 }
 
-/// Whoever has a token, whatever it opens.
+/// A caller with any token, whatever its scopes.
 pub type Known = With<{ Scope::ALL.len() }>;
-/// May look.
+/// A caller with permission to read.
 pub type Reader = With<0>;
 /// May operate.
 pub type Operator = With<1>;
@@ -51,11 +52,11 @@ pub type Energiser = With<2>;
 /// May clear a latch.
 pub type Clearer = With<3>;
 
-/// Who is at the other end.
+/// The peer of a connection.
 #[derive(Debug, Clone, Copy)]
 pub struct Peer(pub IpAddr);
 
-/// The name of who asked, for the audit trail, as soon as it is known.
+/// The caller's name for the audit trail, set as soon as it is known.
 #[derive(Debug, Clone, Default)]
 pub struct Named(pub Arc<OnceLock<String>>);
 
@@ -91,8 +92,9 @@ impl<const SCOPE: usize> FromRequestParts<App> for With<SCOPE> {
     }
 }
 
-/// Somebody who may stop: with any token, or on this machine without one. Who could stop before
-/// there were tokens can stop afterwards, and whoever stands at the bench's machine can always.
+/// A caller with permission to stop: with any token, or without one from this machine. A local
+/// caller that could stop before tokens existed can still stop afterwards, so a stop at the
+/// bench's machine is always possible.
 #[derive(Debug, Clone)]
 pub struct Stopping {
     /// Their name.
@@ -149,9 +151,9 @@ fn is_of_this_machine(parts: &Parts) -> bool {
             .all(|header| !parts.headers.contains_key(*header))
 }
 
-/// The token of a request, shown with it or by its session, and its SHA-256. Where there is no token
-/// at all, everybody on this machine may do everything; beyond it nobody may anything, for then the
-/// last token was revoked or its file is gone.
+/// Returns the token of a request, presented with it or by its session, and its SHA-256. If no
+/// token exists, every local caller may do everything and remote callers may do nothing: in that
+/// case the last token was revoked, or its file is missing.
 fn who(parts: &Parts, app: &App) -> Result<(Token, Option<String>), Refusal> {
     let unavailable = |error: TokenError| Refusal::machine(&error);
     if app.server.open_to_all().map_err(unavailable)? {
@@ -215,10 +217,10 @@ fn session_ended() -> Refusal {
     )
 }
 
-/// The token that was shown, and its SHA-256.
+/// Returns the presented token, and its SHA-256.
 ///
 /// # Errors
-/// One of nobody, or too many of them from this peer.
+/// An unknown token, or too many of them from this peer.
 pub(super) fn shown(
     parts: &Parts,
     app: &App,
@@ -233,7 +235,8 @@ pub(super) fn shown(
         return Ok((token, Some(hash::sha256(secret))));
     }
     let peer = parts.extensions.get::<Peer>().map(|peer| peer.0);
-    // Who has a token is let in all the same: nobody is to be shut out by a neighbour.
+    // A valid token is accepted regardless of the limit: failed attempts of a neighbour must not
+    // lock out its holder.
     if peer.is_some_and(|peer| !app.guesses.take(peer, app.server.clock.now_s())) {
         return Err(Refusal::of(
             StatusCode::TOO_MANY_REQUESTS,

@@ -128,7 +128,8 @@ async fn ask<T: Send + 'static>(
     .await
 }
 
-/// A folder as its place in the data folder: where that lies is nobody's business.
+/// Returns a folder relative to the data folder, because the path of the data folder is not
+/// disclosed.
 fn within(data: &Path, folder: &str) -> String {
     let data = std::fs::canonicalize(data).unwrap_or_else(|_| data.to_path_buf());
     let within = Path::new(folder).strip_prefix(data);

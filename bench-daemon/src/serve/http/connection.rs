@@ -51,18 +51,19 @@ use crate::{safety::failure::Failure, serve::Server};
 const HEAD_BYTES: usize = 16 * 1024;
 /// The silent of one peer have this part of all places.
 const PEER_SHARE: usize = 2;
-/// Of those who were heard one peer, which may be a whole laboratory behind a proxy, has all places
-/// but this part.
+/// One peer, which may be a whole laboratory behind a proxy, can hold all places of active
+/// connections except this fraction.
 const OTHERS_SHARE: usize = 4;
-/// Nobody is let go of before this time, s, unless so many times as many as there are places have
-/// come in it, or as many as the system has files for: then it is a flood.
+/// A silent connection is not closed before this time, s, unless `FLOOD` times as many
+/// connections as there are places arrive within it, or as many as the system has files for. That
+/// is treated as a flood.
 const GRACE_S: f64 = 1.0;
 const FLOOD: usize = 16;
 /// Open files that no connection may take: a stop above all needs some, for it starts `eis-bench
 /// safe` and reads what that says.
 const RESERVED: usize = 128;
-/// So many are let go of where there are no files for one connection more, and the pause before it
-/// is looked again, s: whoever comes waits behind those who came before.
+/// Number of connections that are closed if no file is free for another one, and the pause before
+/// the next attempt, s. New connections wait behind earlier ones.
 const AT_ONCE: usize = 8;
 const FULL_S: f64 = 0.001;
 /// Pause after a socket that could not be accepted, s: out of files, most likely.
@@ -108,7 +109,7 @@ impl Listener {
         )
     }
 
-    /// Serves whoever comes, for ever.
+    /// Accepts and serves connections forever.
     pub async fn accept(&self, server: &Arc<Server>) {
         let app = App::of(server);
         let router = router(&app);
@@ -159,11 +160,11 @@ impl Listener {
 /// How many connections there may be.
 #[derive(Debug, PartialEq, Eq)]
 struct Bounds {
-    /// Those who have asked for something.
+    /// Maximum number of connections that have sent a request.
     active: usize,
-    /// Those who are silent, as long as each of them may stay its time.
+    /// Maximum number of silent connections for which each may use its full time.
     silent: usize,
-    /// Those who are silent, at any time.
+    /// Maximum number of silent connections at any time.
     flood: usize,
     /// All of them.
     all: usize,
@@ -171,7 +172,7 @@ struct Bounds {
 
 impl Bounds {
     fn of_system(connections: usize) -> Self {
-        // Where the system does not tell, it is taken to give what it gives everybody.
+        // If the system does not report its limit, assume the usual default.
         let files = getrlimit(Resource::RLIMIT_NOFILE).map_or(1024, |(files, _)| {
             usize::try_from(files).unwrap_or(usize::MAX)
         });
@@ -199,7 +200,7 @@ impl Bounds {
     }
 }
 
-/// One who has not yet asked for anything.
+/// A connection that has not sent a request yet.
 struct Waiting {
     /// Whether it has, meanwhile.
     asked: Arc<AtomicBool>,
@@ -209,18 +210,20 @@ struct Waiting {
     task: AbortHandle,
 }
 
-/// Places for connections. Who has come and says nothing has a place until others need it: the
-/// longest silent of the same peer goes first, so that whoever comes with a request, a stop above
-/// all, is always heard. Nobody goes within the time that a head takes, as long as the system has
-/// files. Who has asked for something stays, as far as there are places.
+/// Places for connections. A silent connection keeps its place until others need it. The longest
+/// silent connection of the same peer is closed first, so that a peer with a request, above all a
+/// stop, is always served. No connection is closed within the time that a request head takes, as
+/// long as the system has files. A connection that has sent a request stays, as far as places are
+/// free.
 struct Places {
-    /// Those who have not yet asked for anything, by the order in which they came.
+    /// Connections that have not sent a request yet, in the order of their arrival.
     silent: VecDeque<Waiting>,
     active: ActivePlaces,
 }
 
 impl Places {
-    /// Lets the longest silent go, whoever it is: nobody else can come.
+    /// Closes the longest silent connection of any peer, because no other connection can be
+    /// accepted.
     fn let_one_go(&mut self) {
         self.silent.retain(|waiting| {
             !waiting.asked.load(Ordering::Relaxed) && !waiting.task.is_finished()
@@ -256,7 +259,7 @@ impl Places {
             let Some(waiting) = longest.filter(old).and_then(|at| silent.remove(at)) else {
                 return;
             };
-            // Not one whose request comes just now.
+            // A connection whose request arrives at this moment is not closed.
             if !waiting.asked.swap(true, Ordering::Relaxed) {
                 waiting.task.abort();
             }
@@ -264,8 +267,8 @@ impl Places {
     }
 }
 
-/// Places of those who have asked for something, and whose they are: a quarter is for other peers
-/// than the one that has the most.
+/// Places of connections that have sent a request, by peer. A quarter of them is reserved for
+/// peers other than the one that holds the most.
 #[derive(Clone)]
 struct ActivePlaces {
     most: usize,
@@ -326,8 +329,8 @@ struct Place {
 }
 
 impl Place {
-    /// It has asked for something: it is no longer one of the silent. Whether there is a place for
-    /// it.
+    /// Marks the connection as active once it has sent a request. Returns whether a place is
+    /// free.
     fn activate(&mut self) -> bool {
         self.asked.store(true, Ordering::Relaxed);
         if self.held.is_none() {
@@ -402,7 +405,7 @@ async fn requests<S>(
                 None => Refusal::of(StatusCode::SERVICE_UNAVAILABLE, words).into_response(),
             };
             if !active {
-                // Who has no place does not keep his connection either.
+                // The server closes connections beyond the limit.
                 answer
                     .headers_mut()
                     .insert(header::CONNECTION, HeaderValue::from_static("close"));
@@ -447,8 +450,9 @@ fn acceptor(certificate: &std::path::Path, key: &std::path::Path) -> Result<TlsA
     Ok(TlsAcceptor::from(Arc::new(config)))
 }
 
-/// A stream that gives up a peer which does not take what it is sent. What the HTTP library answers
-/// by itself, to a head that is none or is too long, gets the shape of every other refusal.
+/// A stream that gives up a peer which does not accept what is sent to it. Replies that the HTTP
+/// library generates itself, to an invalid or overlong head, get the format of every other
+/// refusal.
 struct TimedStream<S> {
     stream: S,
     clock: Clock,

@@ -72,7 +72,7 @@ pub async fn events(
     let (number, greeting) = match known {
         None => (server.hub.latest(), "hello"),
         Some(Some(number)) => (number, "hello"),
-        // Of an earlier server, or of nobody.
+        // The identifier belongs to an earlier server, or is invalid.
         Some(None) => (server.hub.latest(), "lost"),
     };
     server.counts.listeners.fetch_add(1, Ordering::Relaxed);
@@ -96,7 +96,7 @@ pub async fn events(
 
 async fn next(mut listener: Listener) -> Option<(Result<Bytes, Infallible>, Listener)> {
     loop {
-        // A wake between this look and the wait is not missed.
+        // A wake between this read and the wait is not missed.
         listener.wake.mark_unchanged();
         // A token may have been revoked since the last event.
         if !listener.welcome() {

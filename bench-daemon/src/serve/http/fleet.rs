@@ -134,7 +134,7 @@ fn client(app: &App) -> Result<Client, Refusal> {
     Ok(fleet(app)?.client()?)
 }
 
-/// Who asks, as other sites read it.
+/// Returns the caller's name as other sites show it.
 fn by(app: &App, name: &str) -> String {
     let section = app.server.settings.fleet.as_ref();
     format!("{name}@{}", section.map_or("", |section| &section.site))
@@ -154,7 +154,7 @@ pub async fn now(_caller: Reader, State(app): State<App>) -> Result<Json<FleetNo
     let view = match fleet.seer().await {
         Ok(seer) => seer.view(),
         Err(error) if fleet.is_connected() => return Err(error.into()),
-        // Without the NATS server there is nothing to be shown, and that is told.
+        // Without the NATS server no state is known, and the reply says so.
         Err(_) => FleetView::unseen(&settings.fleet),
     };
     Ok(Json(FleetNow::of(view, settings.server.clone())))
@@ -467,8 +467,8 @@ pub async fn stop_all(
     Ok(Json(stopped))
 }
 
-/// Stops through the NATS server, and why further benches may not have been reached. Where it does not
-/// tell its benches, those are asked that were seen before.
+/// Sends stops through the NATS server. Returns their replies, and why further benches may not
+/// have been reached. If NATS does not list its benches, the benches seen earlier are asked.
 async fn stopped_through(
     app: &App,
     who: &str,

@@ -55,7 +55,7 @@ pub async fn guard(State(app): State<App>, mut request: Request, next: Next) -> 
         traced::answered(span, traced::name(&method, &path), response.status());
     }
     let known = named.0.get().is_some();
-    // Somebody whom nobody knows must not fill the disk with their attempts.
+    // Attempts of unknown callers must not fill the disk.
     let noted = known || app.strangers.take(peer, app.server.clock.now_s());
     if noted && !matches!(method, Method::GET | Method::HEAD | Method::OPTIONS) {
         let code = response
@@ -80,7 +80,7 @@ pub async fn guard(State(app): State<App>, mut request: Request, next: Next) -> 
 
 async fn admit(app: &App, peer: IpAddr, request: Request) -> Result<Request, Refusal> {
     let (now_s, limits) = (app.server.clock.now_s(), &app.server.settings.limits);
-    // Nobody is told that they stop too often.
+    // Stop requests bypass the rate limit.
     if !is_stop(request.method(), request.uri()) && !app.rate.take(peer, now_s) {
         return Err(Refusal::of(
             StatusCode::TOO_MANY_REQUESTS,
@@ -103,7 +103,7 @@ async fn admit(app: &App, peer: IpAddr, request: Request) -> Result<Request, Ref
         app.server.settings.listen.ip().is_loopback(),
         app.server.settings.proxy_host.as_deref(),
     )?;
-    // Nobody without a token may send a body that is as large as a file.
+    // A caller without a token must not send a body as large as a file.
     if body::is_file(request.method(), request.uri()) {
         return Ok(request);
     }

@@ -1,4 +1,4 @@
-//! Routes of notices to people who are not at the page.
+//! Routes of notifications to people away from the page.
 
 use axum::{Json, extract::State};
 use serde::Serialize;

@@ -353,7 +353,7 @@ async fn send_request(
         .rev()
         .find_map(|line| line.strip_prefix("eis-bench: "))
         .unwrap_or("the request was refused");
-    // Whoever asks knows the run by its name, and nothing of this machine's folders.
+    // The caller knows the run by its name; the machine's folders are not disclosed.
     let prefix = format!("{}: ", folder.display());
     Err(Refusal::conflict(why.strip_prefix(&prefix).unwrap_or(why)))
 }

@@ -132,7 +132,7 @@ pub struct OfRun {
     value: serde_json::Value,
 }
 
-/// A text as values; null where it is no TOML.
+/// Returns a text as values, or null if it is not valid TOML.
 fn value_of(text: &str) -> serde_json::Value {
     let value: Option<toml::Value> = toml::from_str(text).ok();
     value

@@ -1,4 +1,4 @@
-//! Quantities of the archive; none of them where no archive is configured.
+//! Metrics of the archive; empty if no archive is configured.
 
 use super::{
     metric::{Metric, gauge},

@@ -14,8 +14,8 @@ fn flag(on: bool) -> Option<f64> {
     Some(f64::from(on))
 }
 
-/// Whoever keeps these as a series must not be given what was read long ago, or of a control, as what
-/// the cell is at now.
+/// Returns the reading of the cell. A time series must not contain an old reading, or one of a
+/// control, as the present state of the cell.
 fn of_cell(live: &Live) -> Option<&ReadingNow> {
     let reading = live.reading.as_ref()?;
     (reading.fresh && reading.fixture == "cell").then_some(reading)

@@ -1,5 +1,5 @@
-//! Quantities of the fleet; none of them where no fleet is configured. The NATS server away, there is
-//! nothing but that: what was counted before would be old.
+//! Metrics of the fleet; empty if no fleet is configured. If the NATS server is unreachable, only
+//! that is reported: earlier counts would be stale.
 
 use bench_fleet::{Fleet, JobCounts, JobState, Tally};
 

@@ -41,8 +41,8 @@ fn waiting(data: &Path) -> (Server, Item) {
     (server, item)
 }
 
-/// A run is begun on a bench whose stops are `now`, after the supervisor saw `seen`: what ended its
-/// process, and which stop is kept.
+/// Starts a run on a bench whose stops are `now`, after the supervisor saw `seen`. Returns the
+/// signal that ended its process, and the stop that is kept.
 fn begun(seen: Option<f64>, now: Option<f64>) -> (Option<i32>, Option<f64>) {
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
@@ -64,7 +64,7 @@ fn begun(seen: Option<f64>, now: Option<f64>) -> (Option<i32>, Option<f64>) {
     let post = SupervisedBench::new(&server, &bench).unwrap();
     let mut child = Command::new("sleep").arg("600").spawn().unwrap();
     post.begun(&server, &item, i32::try_from(child.id()).unwrap(), seen);
-    // Whoever was not asked to end is killed here.
+    // A process that received no request to end is killed here.
     let kept = server.stops().get(&bench.name).map(|stop| stop.unix_s);
     assert!(server.queue().in_work(&bench.name).is_some());
     if kept.is_none() {
@@ -83,7 +83,7 @@ fn a_run_that_was_being_begun_when_a_stop_came_is_ended_and_the_stop_goes_on() {
         begun(Some(5.0), Some(6.0)),
         (Some(Signal::SIGTERM as i32), Some(6.0))
     );
-    // What an earlier stop has shown is no longer so.
+    // The outcome of an earlier stop is no longer valid.
     assert_eq!(
         begun(Some(5.0), Some(5.0)),
         (Some(Signal::SIGKILL as i32), None)

@@ -83,7 +83,7 @@ impl Position {
         self.stages.entry(stage).or_default().finished = true;
     }
 
-    /// Stage in work at a bench time, s, as far as the journal tells.
+    /// Returns the active stage at a bench time, s, as far as the journal contains it.
     pub(super) fn stage_at(&self, time_s: f64) -> Option<usize> {
         let mut last = self.begun.iter().rev();
         last.find(|(begun_s, _)| *begun_s <= time_s)

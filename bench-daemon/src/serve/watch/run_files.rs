@@ -56,7 +56,8 @@ impl RunFiles {
     }
 }
 
-/// Whole lines that are new, where there are any. What cannot be read now is read at the next look.
+/// Returns the complete new lines, if there are any. Lines that cannot be read now are read at
+/// the next poll.
 fn grown(file: &mut Follow) -> Option<Vec<String>> {
     file.look()
         .ok()

@@ -1,5 +1,5 @@
-//! Posts what is exported, by the HTTP client that the webhooks have. It is called by the threads of
-//! the exporters only, and holds up nobody else.
+//! Posts exported telemetry with the HTTP client of the webhooks. Only the exporter threads call
+//! it, so it blocks nothing else.
 
 use std::{
     future::{self, Future},
@@ -14,15 +14,15 @@ use std::{
 use instruments::clock::{Clock, TimeMode};
 use opentelemetry_http::{Bytes, HttpClient, HttpError, Request, Response};
 
-/// Target of the lines of a log that tell of telemetry. They go to the terminal and not into the run
-/// folder: what is in there does not depend on a collector.
+/// Log target of messages about telemetry. They go to the terminal and not into the run folder,
+/// whose content must not depend on a collector.
 pub const TARGET: &str = "telemetry";
 
 /// A collector may take so long for one request: at a stop not much more than that is in flight.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Of an answer so much is read; a collector says little.
 const MOST_ANSWER_BYTES: u64 = 64 << 10;
-/// A collector that takes nothing is told about once in this time, s.
+/// Minimum interval between two reports of a collector that accepts nothing, s.
 const TELL_S: f64 = 600.0;
 
 /// Counts of what was sent since the start.
@@ -75,7 +75,7 @@ impl Poster {
         Ok(Response::from_parts(parts, bytes.into()))
     }
 
-    /// Counts a failure, and tells of it where that was not done lately.
+    /// Counts a failure, and reports it unless that was done recently.
     fn failed(&self, what: &dyn std::fmt::Display) {
         self.counts.failures.fetch_add(1, Ordering::Relaxed);
         let now_ms = (self.clock.now_s() * 1.0e3) as u64 + 1;

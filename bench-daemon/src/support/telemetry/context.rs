@@ -24,7 +24,7 @@ impl Extractor for Parent<'_> {
     }
 }
 
-/// The context that a text names; none where it is no such text.
+/// Parses the context that a text names, or returns `None` if it is not such a text.
 pub fn parent(text: &str) -> Option<Context> {
     let context =
         TraceContextPropagator::new().extract_with_context(&Context::new(), &Parent(text));

@@ -37,7 +37,7 @@ impl Endpoints {
         })
     }
 
-    /// Addresses that the environment names; none where it names none.
+    /// Returns the addresses that the environment names; they are absent if it names none.
     ///
     /// # Errors
     /// A variable whose value cannot be used, with its name.

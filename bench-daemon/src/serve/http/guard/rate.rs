@@ -10,7 +10,7 @@ use std::{
 /// the long run and at once.
 pub const GUESSES: (f64, f64) = (0.5, 20.0);
 
-/// So many peers are remembered.
+/// Maximum number of peers that are remembered.
 const PEERS: usize = 10_000;
 
 /// How often each peer may do something: a bucket that refills.
@@ -35,7 +35,7 @@ impl Rate {
     pub fn take(&self, peer: IpAddr, now_s: f64) -> bool {
         let mut buckets = self.buckets.lock().unwrap_or_else(PoisonError::into_inner);
         if buckets.len() > PEERS {
-            // Who has not been seen for so long has a full one again.
+            // A bucket that has had time to refill is dropped.
             buckets.retain(|_, (left, seen_s)| *left + (now_s - *seen_s) * self.per_s < self.burst);
         }
         let (left, seen_s) = buckets.entry(peer).or_insert((self.burst, now_s));
