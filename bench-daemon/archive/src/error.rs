@@ -26,7 +26,7 @@ pub enum ArchiveError {
         /// The reason.
         why: String,
     },
-    /// A run that goes on, or whose end nobody has told yet.
+    /// A run that is in progress, or whose end is not recorded yet.
     #[error("{run}: not archived yet: {why}")]
     Waiting {
         /// Name of the run.
@@ -66,7 +66,7 @@ pub enum ArchiveError {
         /// SHA-256 and size that came back.
         found: String,
     },
-    /// A file of the store that is none of this program.
+    /// A file in the store that this program did not write.
     #[error("{store}, {path}: {why}")]
     Content {
         /// The store.

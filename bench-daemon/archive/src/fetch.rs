@@ -94,8 +94,8 @@ pub(crate) fn settle(receipts: &Receipts, source: &RunSource) -> Result<(), Arch
     receipts.write(&receipt)
 }
 
-/// Brings a whole run into a new folder. Diagnoses that lay beside it come into a folder beside it, whose
-/// name ends in `.analyses`.
+/// Downloads a whole run into a new folder. Diagnoses that were stored beside it are written to a
+/// second folder, whose name ends in `.analyses`.
 ///
 /// # Errors
 /// A folder that is there already, a run that is not in the store; [`ArchiveError`].

@@ -19,7 +19,7 @@ pub const STORE_FORMAT: &str = "eis-bench store";
 pub const STORE_VERSION: u32 = 1;
 /// Version of the columns of the tables.
 pub const TABLES_VERSION: u32 = 1;
-/// The file that tells format and version.
+/// The file that states format and version.
 pub(crate) const STORE_FILE: &str = "store.json";
 /// Folder of the lists of files.
 pub(crate) const RUNS: &str = "runs";

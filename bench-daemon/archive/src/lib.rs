@@ -1,13 +1,13 @@
-//! Store and forward: finished runs to an object store, and their rows as Parquet.
+//! Store and forward: uploads finished runs to an object store, and their rows as Parquet.
 //!
-//! A run goes up file by file, each addressed by its hash, sent only where it is absent, and read back.
-//! Its rows follow, then its list, which makes it exist in the store. What is done at any point can be
-//! done again: the store is the same afterwards. This crate has no clock and waits for nothing but the
-//! store; who calls it says when, and tries again.
+//! A run is uploaded file by file. Each file is addressed by its hash, sent only if it is absent,
+//! and read back. Then follow its rows, and at last its list, which makes the run exist in the
+//! store. Every operation can be repeated at any point with an identical result. This crate has
+//! no clock and waits only for the store; the caller schedules operations and retries them.
 //!
-//! In reading order: [`layout`] (where things lie), [`store`] (folder or S3), `objects` (bytes, verified),
-//! [`snapshot`] (a run folder), [`receipt`] (what became of a run), [`push`], [`verify`], [`fetch`],
-//! [`thin`].
+//! In reading order: [`layout`] (where things lie), [`store`] (folder or S3), `objects` (bytes,
+//! verified), [`snapshot`] (a run folder), [`receipt`] (the state of a run), [`push`],
+//! [`verify`], [`fetch`], [`thin`].
 
 mod error;
 pub mod fetch;

@@ -85,7 +85,8 @@ impl Store {
             Err(Error::AlreadyExists { .. }) => {}
             Err(error) => return Err(self.failed(path, "make it")(error)),
         }
-        // An answer that was lost leaves it open who made the object: what is there decides.
+        // If the reply was lost, it is unknown whether this request created the object; the
+        // stored content decides.
         match self.bytes(path).await? {
             Some(found) if found == bytes => Ok(None),
             Some(found) => Ok(Some(found)),
@@ -298,7 +299,7 @@ pub(crate) enum Source<'a> {
     Memory(&'a [u8]),
 }
 
-/// A file whose bytes are not those that were hashed has changed.
+/// Checks whether a file still has the bytes that were hashed.
 fn same(found: &Hashed, wanted: &Hashed, file: &FilePath) -> Result<(), ArchiveError> {
     match found == wanted {
         true => Ok(()),

@@ -31,7 +31,7 @@ use crate::{
 
 /// Small files that are sent at the same time.
 const AT_ONCE: usize = 4;
-/// Files up to this size are small, bytes: so many of them are in memory at once.
+/// Files up to this size are small, bytes: `AT_ONCE` of them are in memory at once.
 const SMALL: u64 = 1 << 20;
 /// How often a run that changes meanwhile is begun again.
 const BEGINNINGS: usize = 3;
@@ -50,9 +50,9 @@ pub enum Outcome {
 pub struct Now {
     /// Time, s since 1970.
     pub unix_s: f64,
-    /// Who asked for the run.
+    /// The user that requested the run.
     pub operator: Option<String>,
-    /// A run whose journal tells no end is pushed, too.
+    /// Also pushes a run whose journal contains no end.
     pub unfinished: bool,
     /// Reads back the objects in the store, though its receipt says that it is there.
     pub again: bool,
@@ -120,10 +120,10 @@ impl<'a> Pusher<'a> {
         }
     }
 
-    /// Puts a run into the store as it is now.
+    /// Uploads a run in its present state.
     ///
     /// # Errors
-    /// [`ArchiveError`], which the receipt of the run tells, too.
+    /// [`ArchiveError`], which is also written to the receipt of the run.
     pub async fn push(&mut self, source: &RunSource, now: &Now) -> Result<Outcome, ArchiveError> {
         let _lock = self.receipts.lock()?;
         let mut pushed = Err(waiting(source, true));
@@ -157,7 +157,8 @@ impl<'a> Pusher<'a> {
         if receipt.kept.is_none() {
             self.store.name().clone_into(&mut receipt.store);
         }
-        // Whoever works in a folder may end and leave every file as it is: then it is looked at again.
+        // The process that works in the folder may end and leave every file unchanged; therefore
+        // the run is checked again.
         let stamp = match error {
             ArchiveError::Waiting { in_use: true, .. } => String::new(),
             _ => source.stamp(),

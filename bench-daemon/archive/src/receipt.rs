@@ -18,7 +18,7 @@ use crate::{
 pub const FOLDER: &str = "archive";
 /// Folder in it of files that are being fetched.
 const PARTIAL: &str = "partial";
-/// File in it that whoever works on the archive holds.
+/// Lock file in it, held by the process that works on the archive.
 const LOCK: &str = "lock";
 
 /// Fate of a run.
@@ -27,7 +27,7 @@ const LOCK: &str = "lock";
 pub struct Receipt {
     /// Name of the run.
     pub run: String,
-    /// The store that this is told of.
+    /// The store that this receipt refers to.
     pub store: String,
     /// The run as it is in the store, verified; none before.
     pub kept: Option<Kept>,
@@ -88,7 +88,7 @@ pub enum TroubleKind {
     Failed,
     /// The folder is not what its list of hashes says.
     Refused,
-    /// The run goes on, or its journal tells no end.
+    /// The run is in progress, or its journal contains no end.
     Waiting,
 }
 
@@ -104,7 +104,7 @@ pub enum RunState {
     Failed,
     /// It does not go into the store as it is.
     Refused,
-    /// Its journal tells no end.
+    /// Its journal contains no end.
     Waiting,
 }
 
@@ -126,8 +126,8 @@ impl Receipt {
         }
     }
 
-    /// The run is to be sent to a store as it is now: what it was there before is stale once that is
-    /// done. What is told of another store is forgotten.
+    /// Marks the run as due to be sent to a store in its present state. Its earlier content in
+    /// the store becomes stale after that. State of another store is discarded.
     pub(crate) fn begin(&mut self, store: &str, going: Placed) {
         if self.store != store {
             *self = Self {
@@ -173,10 +173,10 @@ impl Receipts {
         self.folder.join(format!("{run}.json"))
     }
 
-    /// The receipt of a run; an empty one where there is none.
+    /// Reads the receipt of a run, or returns an empty one if none exists.
     ///
     /// # Errors
-    /// A file that cannot be read or is no receipt: it is never taken for none.
+    /// A file that cannot be read or is not a receipt: it never counts as missing.
     pub fn read(&self, run: &str) -> Result<Receipt, ArchiveError> {
         let path = self.path(run);
         let text = match fs::read(&path) {
@@ -238,10 +238,10 @@ impl Receipts {
         Ok(folder)
     }
 
-    /// Waits until nobody else works on the archive of this data folder, and keeps others from it.
+    /// Waits for the exclusive lock on the archive of this data folder, and takes it.
     ///
     /// # Errors
-    /// A file that cannot be made.
+    /// A file that cannot be created.
     pub fn lock(&self) -> Result<File, ArchiveError> {
         let path = self.folder.join(LOCK);
         let made = File::options().create(true).append(true).open(&path);

@@ -18,7 +18,8 @@ use crate::{
 const REQUEST: Duration = Duration::from_secs(120);
 /// Longest time until a connection stands.
 const CONNECT: Duration = Duration::from_secs(10);
-/// Longest time in which a request is repeated by itself; after it the run is tried again as a whole.
+/// Maximum time in which a request is retried automatically; after it, the whole run is tried
+/// again.
 const REPEATED: Duration = Duration::from_secs(60);
 /// Repetitions of a request.
 const REPEATS: usize = 4;

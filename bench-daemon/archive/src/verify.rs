@@ -38,7 +38,7 @@ impl<'a> Verifier<'a> {
         }
     }
 
-    /// Reads a run back that a receipt tells of, with its rows.
+    /// Reads back a run that a receipt lists, with its rows.
     ///
     /// # Errors
     /// A store that does not answer.

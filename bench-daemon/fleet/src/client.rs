@@ -27,19 +27,19 @@ pub use forget::{Ages, Forgotten};
 const LONGEST_TEXT: usize = 512 * 1024;
 /// Most jobs of one submission.
 pub const MOST_COUNT: usize = 10_000;
-/// So many jobs are put into the queue at once: their answers are waited for together.
+/// Number of jobs that are queued concurrently; their replies are awaited together.
 const AT_ONCE: usize = 64;
 /// A bench that is asked how it is answers within so long, or counts as not heard.
 const LOOK: Duration = Duration::from_secs(3);
 /// The same where much depends on the answer: before a bench answers it asks the broker, 3 s, and may
 /// write to a slow disk.
 const PATIENT_LOOK: Duration = Duration::from_secs(10);
-/// The same for a stop, which reads every output back: `eis-bench safe` takes at most 90 s, after the
-/// run had 10 s to end by itself.
+/// Timeout of a stop, which reads every output back: `eis-bench safe` takes at most 90 s, after
+/// the run had 10 s to end on its own.
 const STOP: Duration = Duration::from_secs(120);
 /// All jobs and benches are waited for so long, s.
 const WHOLE_S: f64 = 10.0;
-/// Attempts to write a record against others who write it too.
+/// Maximum number of attempts to write a record that others write, too.
 const ATTEMPTS: usize = 20;
 
 /// Work to be put into the queue.
@@ -51,7 +51,7 @@ pub struct Submission {
     pub text: String,
     /// Requirements on the bench.
     pub needs: Needs,
-    /// So many jobs of it.
+    /// Number of jobs of this experiment.
     pub count: usize,
     /// Seed of the first job, where another one than the experiment's is wanted; the next job has the
     /// next one.
@@ -60,7 +60,7 @@ pub struct Submission {
     pub campaign: Option<String>,
     /// Label of the cell.
     pub cell: Option<String>,
-    /// Who asks.
+    /// Name of the caller.
     pub by: String,
 }
 
@@ -69,7 +69,7 @@ pub struct Submission {
 pub struct Command {
     /// Kind of the order.
     pub kind: OrderKind,
-    /// Who.
+    /// Name of the caller.
     pub by: String,
     /// Why.
     pub why: String,
@@ -156,7 +156,7 @@ impl Client {
         let key = hex(&Sha256::digest(text.as_bytes()));
         let texts = &self.link.texts;
         for _ in 0..ATTEMPTS {
-            // One that is there is written again, so that nobody forgets it before its jobs are there.
+            // An existing text is written again, so that it is not removed before its jobs exist.
             let found = texts.get::<IgnoredAny>(&key).await?;
             let revision = found.map_or(0, |found| found.revision);
             if let Swap::Written(_) = texts.swap(&key, &text, revision).await? {
@@ -230,8 +230,8 @@ impl Client {
         Ok(count)
     }
 
-    /// Puts a started job whose bench is gone back into the queue: a person says that it may run
-    /// again.
+    /// Puts a started job whose bench is gone back into the queue, after a person has decided
+    /// that it may run again.
     ///
     /// # Errors
     /// A job that is not started; a bench that has it and answers; a broker that does not answer.
@@ -249,8 +249,8 @@ impl Client {
         self.change(&found, &found.value.released(words)).await
     }
 
-    /// Whether a bench no longer has a job: it does not answer, or it says so itself. An answer that
-    /// cannot be understood is no such word.
+    /// Checks that a bench no longer has a job: it does not answer, or it reports so itself. An
+    /// invalid reply does not count as such a report.
     async fn is_gone(&self, place: &Place, job: &str) -> Result<(), FleetError> {
         let conflict = |found: &str| {
             Err(FleetError::Conflict(format!(
@@ -278,11 +278,11 @@ impl Client {
         }
     }
 
-    /// Gives an order to a bench. The broker keeps it, and the bench is asked to follow it now.
+    /// Gives an order to a bench. The broker stores it, and the bench is asked to follow it now.
     ///
     /// # Errors
-    /// No such bench. A broker that does not answer is told in the outcome: a stop may reach the
-    /// bench all the same.
+    /// No such bench. A broker that does not answer is reported in the outcome: a stop may reach
+    /// the bench nevertheless.
     pub async fn order(&self, place: &Place, command: &Command) -> Result<Outcome, FleetError> {
         let is_known = is_plain(&place.site)
             && is_plain(&place.bench)
@@ -307,8 +307,8 @@ impl Client {
     /// # Errors
     /// A broker that does not answer: which benches there are is not known.
     pub async fn stop_all(&self, by: &str, why: &str) -> Result<Vec<Outcome>, FleetError> {
-        // The benches alone: a stop does not wait for the records of the jobs. By their keys, so that
-        // one whose record cannot be read is stopped too.
+        // Reads the benches only: a stop does not wait for the records of the jobs. Uses their
+        // keys, so that a bench with an invalid record is stopped too.
         let benches = self.whole::<IgnoredAny>(&self.link.benches).await?;
         let places: Vec<Place> =
             benches.with(|all| all.keys().filter_map(|key| Place::of_key(key)).collect());
@@ -380,7 +380,7 @@ impl Client {
     }
 
     async fn job(&self, job: &str) -> Result<Stored<Job>, FleetError> {
-        // What is no key of the broker is no job either.
+        // A text that is not a valid key of the broker is not a job.
         let found = match is_plain(job) {
             true => self.link.job(job).await?,
             false => None,
@@ -428,7 +428,7 @@ impl Client {
         Ok(())
     }
 
-    /// Looks at the fleet for as long as what is returned lives.
+    /// Watches the fleet as long as the returned value lives.
     ///
     /// # Errors
     /// A broker whose records do not come.
@@ -451,9 +451,9 @@ impl Client {
     }
 }
 
-/// A look at the fleet.
+/// A subscription to the state of the fleet.
 pub struct Looking {
-    /// Whoever sees it.
+    /// The watcher that holds the state.
     pub seer: Arc<Seer>,
     _tasks: tokio::task::JoinSet<()>,
 }
@@ -536,8 +536,9 @@ fn check(submission: &Submission) -> Result<(), FleetError> {
     Ok(())
 }
 
-/// Beginning of the names of the jobs of one submission. Names are in the order of submission as far
-/// as the calendars of those who submit agree; nothing but the order of the queue depends on it.
+/// Returns the prefix of the job names of one submission. Names follow the order of submission as
+/// far as the calendars of the submitting machines agree; only the order of the queue depends on
+/// it.
 fn batch() -> Result<String, FleetError> {
     let micros = (clock::unix_time_s() * 1.0e6) as i64;
     let now = jiff::Timestamp::from_microsecond(micros)

@@ -3,7 +3,7 @@
 /// Why it is not done.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum FleetError {
-    /// The broker does not answer: nobody knows whether it was done.
+    /// The broker does not answer: the outcome of the operation is unknown.
     #[error("the fleet's server does not answer: {0}")]
     Unreachable(String),
     /// A file or a value of the settings.

@@ -90,11 +90,11 @@ impl Fleet {
         Ok(Client::through(joined.shared.link.clone()))
     }
 
-    /// The whole fleet. It is followed from the first question on until nobody has asked for a minute;
-    /// the first answer waits for its records.
+    /// Returns the state of the whole fleet. It is followed from the first request until there
+    /// has been no request for a minute; the first reply waits for the records.
     ///
     /// # Errors
-    /// A broker that is not there; records that do not come within seconds.
+    /// A broker that is unreachable; records that do not arrive within seconds.
     pub async fn seer(&self) -> Result<Arc<Seer>, FleetError> {
         let joined = self.joined().ok_or_else(|| self.not_reached())?;
         joined.sight.seer().await
@@ -184,7 +184,7 @@ async fn reach(joining: &Joining) -> Arc<Shared> {
 
 async fn shared(joining: &Joining) -> Result<Arc<Shared>, FleetError> {
     let link = Link::open(&joining.settings).await?;
-    // Of a job that is over nobody here needs more than its state.
+    // For a job that is over, only its state is needed here.
     let over = |job: &Job| job.state.is_over().then(|| job.state.index());
     Ok(Arc::new(Shared {
         link,

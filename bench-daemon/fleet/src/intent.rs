@@ -1,5 +1,6 @@
-//! Intents: what this daemon is about to begin or has begun for the fleet, on disk before the broker
-//! is told. After a restart the daemon goes on with what it finds here, and with nothing else.
+//! Intents: what this daemon is about to begin or has begun for the fleet, written to disk before
+//! the broker is informed. After a restart the daemon continues only with the intents it finds
+//! here.
 
 use std::{
     collections::BTreeMap,
@@ -26,11 +27,11 @@ pub struct Intent {
     pub name: String,
     /// Another seed than the experiment's.
     pub seed: Option<u64>,
-    /// Who asked for it.
+    /// Name of the caller.
     pub by: String,
     /// The bench of this daemon.
     pub bench: String,
-    /// The bench was told to begin it.
+    /// The bench has received the request to begin it.
     pub begun: bool,
 }
 

@@ -12,7 +12,8 @@ use crate::local::{Capabilities, End};
 pub enum JobState {
     /// It waits for a bench.
     Queued,
-    /// A bench prepares it. Nothing has begun: it goes back by itself where the bench dies.
+    /// A bench prepares it. Nothing has begun: the job returns to the queue automatically if the
+    /// bench dies.
     Claimed,
     /// Its run may have begun. Only its bench goes on with it, or a person puts it back.
     Started,
@@ -174,8 +175,8 @@ impl std::fmt::Display for Place {
 /// Longest name of a job, an experiment, a site or a bench, letters.
 pub const LONGEST_NAME: usize = 60;
 
-/// Whether a text is a name of letters, digits, `-` and `_`: nothing that leads out of a folder, or
-/// is no key of the broker.
+/// Checks whether a text consists of letters, digits, `-` and `_`, so that it cannot leave a
+/// folder and is a valid key of the broker.
 pub fn is_plain(text: &str) -> bool {
     let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
     (1..=LONGEST_NAME).contains(&text.len()) && text.chars().all(plain)
@@ -208,7 +209,7 @@ pub struct Job {
     /// Another seed than the experiment's.
     #[serde(default)]
     pub seed: Option<u64>,
-    /// Who asked for it, where, and when.
+    /// Who submitted it, where, and when.
     pub asked: Asked,
     /// Label of the campaign that it belongs to.
     #[serde(default)]
@@ -216,9 +217,10 @@ pub struct Job {
     /// Label of the cell that it is for.
     #[serde(default)]
     pub cell: Option<String>,
-    /// How often it was put into the queue, from 1. A run of an earlier turn is none of this one.
+    /// Number of times that it was put into the queue, from 1. A run of an earlier turn does not
+    /// count for this one.
     pub turn: u32,
-    /// Who has it, or had it last.
+    /// The bench that has it, or had it last.
     #[serde(default)]
     pub holder: Option<Holder>,
     /// SHA-256 of the run's `SHA256SUMS`, once it is done: a catalogue names the run by it.
@@ -232,12 +234,12 @@ pub struct Job {
     pub refused: BTreeMap<String, String>,
 }
 
-/// Who asked for a job.
+/// The origin of a job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Asked {
     /// Name of the token or account.
     pub by: String,
-    /// When by their machine's calendar, s since 1970. Told, and never compared.
+    /// Submission time by their machine's calendar, s since 1970. Shown only, never compared.
     pub unix_s: f64,
 }
 

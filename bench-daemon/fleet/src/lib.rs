@@ -1,17 +1,18 @@
 //! One bench among many: registration, a queue of work, leases and stops over NATS JetStream. The
 //! only user of NATS.
 //!
-//! The broker arbitrates and nothing else: every change of a job is a compare-and-swap on its
-//! revision, so that no wall clock decides who has a job. A bench takes a job in two steps. `queued →
-//! claimed` may be taken back by anybody once it has stood unchanged for the lease time. `claimed →
-//! started` is the one point after which a run may begin, and only a person takes it back.
+//! The broker only arbitrates: every change of a job is a compare-and-swap on its revision, so
+//! that no wall clock decides which bench has a job. A bench takes a job in two steps. Any bench
+//! may revert `queued → claimed` once the claim has stood unchanged for the lease time. A run may
+//! begin only after `claimed → started`, and only a person can revert that step.
 //!
-//! The daemon that owns the benches implements [`LocalBench`]; this crate knows nothing of it.
+//! The daemon that owns the benches implements [`LocalBench`]; this crate does not depend on the
+//! daemon.
 //!
-//! In reading order: [`job`], [`standing`] (holds and stops), [`local`] (what a bench must be able
-//! to do), [`link`] (the broker), `watched`, [`intent`] (what a restart goes on with), `member`
-//! (the work of a bench), [`view`] (the fleet as it is shown), [`client`] (what people ask for),
-//! `sight` (the whole fleet as a daemon sees it), [`fleet`] (the benches of a daemon).
+//! In reading order: [`job`], [`standing`] (holds and stops), [`local`] (what a bench must be
+//! able to do), [`link`] (the broker), `watched`, [`intent`] (what a restart continues with),
+//! `member` (the work of a bench), [`view`] (the fleet as it is shown), [`client`] (requests of
+//! users), `sight` (the whole fleet as a daemon sees it), [`fleet`] (the benches of a daemon).
 
 pub mod client;
 pub mod error;

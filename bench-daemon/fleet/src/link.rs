@@ -1,5 +1,5 @@
-//! The connection to the broker: buckets with compare-and-swap, subjects of orders, and a stream of
-//! events. Reconnects by itself.
+//! The connection to the broker: buckets with compare-and-swap, subjects of orders, and a stream
+//! of events. Reconnects automatically.
 
 use std::{sync::Arc, time::Duration};
 
@@ -38,7 +38,7 @@ pub(crate) struct Link {
     pub(crate) jobs: Bucket,
     /// Texts of experiments by SHA-256.
     pub(crate) texts: Bucket,
-    /// Benches as they tell of themselves.
+    /// Benches as they report themselves.
     pub(crate) benches: Bucket,
     /// Standing orders to benches.
     pub(crate) orders: Bucket,
@@ -224,10 +224,12 @@ impl Link {
         }))
     }
 
-    /// Writes a record, again until the outcome is known. It may take until the broker is back.
+    /// Writes a record and retries until the outcome is known. This may take until the broker is
+    /// back.
     ///
-    /// A write whose answer was lost may have happened, or may happen yet. Then the same write is
-    /// sent again: it is refused where the first one came through, and `mine` knows that record.
+    /// A write whose reply was lost may have happened, or may still happen. In that case the
+    /// write is sent again. It is refused if the first one succeeded, and `mine` recognises that
+    /// record.
     pub(crate) async fn swap_surely<T: Serialize + DeserializeOwned>(
         &self,
         write: Write<'_, T>,
@@ -346,10 +348,10 @@ impl Bucket {
         put.map(|entry| stored(&entry)).transpose()
     }
 
-    /// Writes a record where the revision is still the expected one; 0 means that there is none.
+    /// Writes a record if its revision is still the expected one; 0 means that there is none.
     ///
     /// # Errors
-    /// A broker that does not answer: then nobody knows whether it was written.
+    /// A broker that does not answer: then it is unknown whether the record was written.
     pub(crate) async fn swap<T: Serialize>(
         &self,
         key: &str,
@@ -394,7 +396,7 @@ impl Bucket {
         watch.map_err(|error| FleetError::unreachable(&error))
     }
 
-    /// The greatest revision that was written; 0 where there is no record at all.
+    /// Returns the greatest revision that was written; 0 if no record exists.
     ///
     /// # Errors
     /// As [`Self::swap`].
@@ -409,7 +411,7 @@ impl Bucket {
     }
 }
 
-/// A write that was refused, or of which nobody knows.
+/// Classifies a failed write: refused, or of unknown outcome.
 fn lost(error: &kv::UpdateError) -> Result<Swap, FleetError> {
     match error.kind() {
         kv::UpdateErrorKind::WrongLastRevision => Ok(Swap::Lost),

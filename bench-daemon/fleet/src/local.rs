@@ -1,4 +1,4 @@
-//! Abilities that a bench of this daemon must have for the fleet, and what it tells of itself.
+//! Abilities that a bench of this daemon must have for the fleet, and the state that it reports.
 
 use futures_util::future::BoxFuture;
 use serde::{Deserialize, Serialize};
@@ -27,7 +27,7 @@ pub enum BenchState {
     /// Nothing is begun on it.
     #[default]
     Held,
-    /// A person has to look at it and to clear it, at its own server.
+    /// A person must inspect it and clear it, at its own server.
     Latched,
     /// A run waits for a person at the jig.
     Asking,
@@ -76,7 +76,7 @@ pub struct Order {
     pub name: String,
     /// Another seed than the experiment's.
     pub seed: Option<u64>,
-    /// Who asked for it.
+    /// Name of the caller.
     pub by: String,
 }
 
@@ -143,7 +143,7 @@ pub trait LocalBench: Send + Sync + 'static {
     /// Takes a run that waits out of the queue of the bench; false where it does not wait.
     fn withdraw(&self, run: &str) -> bool;
 
-    /// Tells the fate of a run.
+    /// Returns the fate of a run.
     fn fate(&self, run: &str) -> Fate;
 
     /// From now on nothing begins on it; what is in work goes on.
@@ -161,6 +161,6 @@ pub trait LocalBench: Send + Sync + 'static {
     /// Stops the bench and reads its outputs back; the report in JSON has at least `verified`.
     fn stop<'a>(&'a self, by: &'a str) -> BoxFuture<'a, serde_json::Value>;
 
-    /// Writes down who did what to this bench through the fleet.
+    /// Records an action on this bench through the fleet in the audit trail.
     fn audit(&self, who: &str, what: &str, outcome: &str);
 }

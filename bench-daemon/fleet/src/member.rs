@@ -25,8 +25,8 @@ use obey::Obedience;
 use post::Post;
 pub(crate) use shared::Shared;
 
-/// Time between two looks of a bench, s. A job begins at most so late, which is little beside the
-/// minutes of a run.
+/// Interval between two polls of a bench, s. It delays the start of a job by at most this time,
+/// which is short compared with the minutes of a run.
 const LOOK_S: f64 = 0.25;
 /// Time between two samples of telemetry of a bench that runs, s.
 const TELEMETRY_S: f64 = 10.0;
@@ -72,8 +72,8 @@ struct Rhythm {
     telemetry_s: f64,
     /// When claims of others were looked at last, s.
     claims_s: f64,
-    /// Among so many of the oldest jobs one is chosen: more after each job that another bench was
-    /// faster to take.
+    /// Number of the oldest jobs among which one is chosen. It grows after each job that another
+    /// bench claimed first.
     window: usize,
     /// Nothing is taken before, s: the bench could take nothing the last time.
     again_s: f64,
@@ -115,7 +115,8 @@ impl Member {
         let mut told = None;
         loop {
             let trouble = self.look().await.err();
-            // A broker that is away is told by the connection; a disk or a record is told here, once.
+            // The connection reports an unreachable broker; trouble with a disk or a record is
+            // reported here, once.
             let news = trouble.filter(|error| !matches!(error, FleetError::Unreachable(_)));
             if let Some(error) = news.as_ref().filter(|error| told.as_ref() != Some(*error)) {
                 tracing::error!("fleet: {}: nothing is taken: {error}", self.me.place);
@@ -133,7 +134,7 @@ impl Member {
         let condition = self.bench.condition();
         let heard = self.hear(&condition.run).await;
         let told = self.tell(&condition).await;
-        // A trouble with one of them keeps none of the others back; but nothing new is taken.
+        // Trouble with one job does not block the others, but no new job is taken.
         self.go_on().await?;
         followed.and(heard)?;
         if !told? || !self.shared.jobs.is_whole() {
@@ -169,7 +170,8 @@ impl Member {
         seen.map(|seen| seen.value).unwrap_or_default()
     }
 
-    /// Tells how the bench is, where that is due; whether it is signed on.
+    /// Reports the state of the bench if a report is due. Returns whether the bench is
+    /// registered.
     async fn tell(&mut self, condition: &Condition) -> Result<bool, FleetError> {
         let jobs = self.obedience.jobs()?;
         let record = record(&self.shared, &self.obedience, &self.standing(), &jobs);
@@ -225,7 +227,7 @@ impl Member {
     }
 }
 
-/// A bench as it tells of itself, under what stands for it.
+/// Returns the record of a bench as it reports itself, with its standing orders.
 fn record(
     shared: &Shared,
     obedience: &Obedience,

@@ -41,7 +41,7 @@ pub(crate) struct BenchRecord {
 }
 
 impl BenchRecord {
-    /// The same with what the bench itself tells. Its own reason of a hold comes first.
+    /// Adds what the bench itself reports. Its own reason for a hold takes precedence.
     pub(crate) fn with(self, condition: &Condition) -> Self {
         let state = match condition.state {
             BenchState::Idle if self.held.is_some() => BenchState::Held,
@@ -62,7 +62,7 @@ impl BenchRecord {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Question {
-    /// How it is; it looks at its standing orders first.
+    /// Query of its state; the bench reads its standing orders first.
     Look,
     /// To stop now.
     Stop(Said),

@@ -20,7 +20,7 @@ pub struct FleetSettings {
     pub lease_s: f64,
 }
 
-/// How the broker knows who connects.
+/// Authentication at the broker.
 #[derive(Clone, PartialEq, Eq)]
 pub enum Credentials {
     /// A token.

@@ -1,5 +1,6 @@
-//! The whole fleet as a daemon sees it. Heartbeats of all benches, and jobs that are over, go to a daemon
-//! only while somebody looks: with so many daemons as benches they would grow with their square.
+//! The whole fleet as a daemon sees it. A daemon receives heartbeats of all benches, and jobs
+//! that are over, only while a user watches the fleet. Otherwise heartbeat traffic would grow
+//! quadratically, because there are as many daemons as benches.
 
 use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},
@@ -15,10 +16,10 @@ use crate::{
     watched::Watched,
 };
 
-/// The fleet is not followed any more once nobody has asked for so long, s. The page asks every few
-/// seconds.
+/// Time without a request after which the fleet is no longer followed, s. The page sends a
+/// request every few seconds.
 const IDLE_S: f64 = 60.0;
-/// Whoever asks first waits for the records at most so long, s.
+/// Maximum time that the first request waits for the records, s.
 const PATIENCE_S: f64 = 5.0;
 /// Time between two counts, s: as often as Prometheus asks for metrics in the example.
 const COUNT_S: f64 = 15.0;
@@ -30,7 +31,7 @@ const RETRY_S: f64 = 2.0;
 /// A count waits for the records at most so long.
 const READ: Duration = Duration::from_secs(10);
 
-/// Whoever looks at the whole fleet through a daemon.
+/// The shared view of the whole fleet through a daemon.
 pub(crate) struct Sight {
     link: Arc<Link>,
     fleet: String,
@@ -40,14 +41,14 @@ pub(crate) struct Sight {
     counted: Mutex<Option<Tally>>,
 }
 
-/// A look for people.
+/// An open subscription for users.
 struct Open {
     looking: Looking,
     asked_s: f64,
 }
 
 impl Sight {
-    /// Nobody looks yet.
+    /// Creates a view without a subscription.
     pub(crate) fn of(link: &Arc<Link>, fleet: &str, jobs: &Arc<Watched<Job>>) -> Arc<Self> {
         Arc::new(Self {
             link: link.clone(),
@@ -89,7 +90,7 @@ impl Sight {
         self.open.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Ends looks that nobody asks for any more, for ever.
+    /// Closes subscriptions without recent requests, forever.
     pub(crate) async fn close(self: Arc<Self>) {
         loop {
             self.link.clock.sleep_s(IDLE_S / 4.0).await;

@@ -9,11 +9,11 @@ use serde::{Deserialize, Serialize};
 pub struct Said {
     /// Its number.
     pub id: String,
-    /// Who.
+    /// Name of the author.
     pub by: String,
     /// Why.
     pub why: String,
-    /// When by their machine's calendar, s since 1970. Told, and never compared.
+    /// Time by their machine's calendar, s since 1970. Shown only, never compared.
     pub unix_s: f64,
 }
 
@@ -43,7 +43,7 @@ impl OrderKind {
     }
 }
 
-/// Who speaks through the fleet, as the bench's own server writes it down.
+/// Returns the name of a fleet user as the bench's own server records it.
 pub fn through_the_fleet(by: &str) -> String {
     format!("fleet: {by}")
 }
@@ -56,7 +56,7 @@ pub struct Standing {
     pub hold: Option<Said>,
     /// It takes no further job.
     pub drain: Option<Said>,
-    /// The latest stop that nobody has taken back.
+    /// The latest stop that was not revoked.
     pub stop: Option<Said>,
     /// The latest release.
     pub release: Option<Said>,

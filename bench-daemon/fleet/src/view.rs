@@ -1,4 +1,4 @@
-//! The fleet as it is shown: benches with what they told last, and jobs.
+//! The fleet as it is shown: benches with their last reports, and jobs.
 
 use std::{
     collections::BTreeMap,
@@ -83,7 +83,7 @@ pub struct JobCounts {
 }
 
 impl JobCounts {
-    /// Number of jobs in a state; those that are lost are told apart from those that are started.
+    /// Returns the number of jobs in a state; lost jobs are counted separately from started ones.
     pub fn of(&self, state: JobState) -> usize {
         let count = self.by_state[state.index()];
         match state {
@@ -111,7 +111,7 @@ pub struct FleetView {
 }
 
 impl FleetView {
-    /// A fleet whose broker is not there, and was not since somebody asks.
+    /// Returns a fleet whose broker has been unreachable since the first request.
     pub fn unseen(fleet: &str) -> Self {
         Self {
             fleet: fleet.to_owned(),
@@ -135,7 +135,7 @@ pub struct JobFilter {
     pub campaign: Option<String>,
     /// After this job.
     pub after: Option<String>,
-    /// At most so many.
+    /// Maximum number of jobs.
     pub most: usize,
 }
 
@@ -179,7 +179,7 @@ pub struct JobPage {
     pub after: Option<String>,
 }
 
-/// Answers of benches that were asked how they are; none of those that were not heard.
+/// Replies of benches to a query of their state; benches that did not reply are absent.
 #[derive(Debug, Default)]
 pub struct Looks(pub(crate) BTreeMap<Place, Option<BenchRecord>>);
 
@@ -191,7 +191,7 @@ impl Looks {
     }
 }
 
-/// Whoever sees the fleet.
+/// Holds the observed state of the fleet.
 pub struct Seer {
     link: Arc<Link>,
     fleet: String,
@@ -224,8 +224,8 @@ impl Seer {
         self.jobs.is_whole() && self.benches.is_whole()
     }
 
-    /// Takes what benches have answered: it is newer than what they told last, and those that did not
-    /// answer count as silent.
+    /// Takes the replies of benches: they are newer than the last reports, and benches that did
+    /// not reply count as silent.
     pub fn asked(&self, looks: Looks) {
         *self.asked.lock().unwrap_or_else(PoisonError::into_inner) = looks;
     }
@@ -253,7 +253,7 @@ impl Seer {
         }
     }
 
-    /// Reads what every bench has told last, once, and counts.
+    /// Reads the last report of every bench, once, and counts.
     ///
     /// # Errors
     /// A broker that does not answer.
@@ -310,8 +310,8 @@ impl Seer {
         self.benches.with(|all| all.values().map(view).collect())
     }
 
-    /// Whether nobody goes on with a started job, as far as is seen: its bench is silent, or has told
-    /// of itself since without naming it.
+    /// Returns whether a started job is abandoned, as far as is visible: its bench is silent, or
+    /// has reported since without naming the job.
     fn is_lost(&self, seen: &Seen<Job>, benches: &[BenchView]) -> bool {
         let job = &seen.value;
         let (JobState::Started, Some(holder)) = (job.state, &job.holder) else {
@@ -355,7 +355,7 @@ impl Seer {
     }
 }
 
-/// A bench as it told of itself, so long ago.
+/// Returns a bench as it reported itself `silent_s` ago.
 fn shown(record: &BenchRecord, silent_s: f64) -> BenchView {
     let is_heard = !record.left && silent_s <= record.lease_s;
     let signed_off = record.left.then(|| "its daemon has signed off".to_owned());

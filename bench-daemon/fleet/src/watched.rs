@@ -1,5 +1,5 @@
-//! A copy of a bucket that follows its changes. A copy may be old: whoever acts on it writes with the
-//! revision that it has seen.
+//! A copy of a bucket that follows its changes. A copy may be stale: a writer uses the revision
+//! that it has seen.
 
 use std::{
     collections::BTreeMap,
@@ -37,7 +37,8 @@ type Records<T> = BTreeMap<String, Seen<T>>;
 #[derive(Debug)]
 pub(crate) struct Watched<T> {
     open: Mutex<Copy<T>>,
-    /// Class of a record of which nothing else is kept; none of one that is kept.
+    /// Returns the class of a record of which only the class is kept, or `None` for a record that
+    /// is kept.
     class: fn(&T) -> Option<usize>,
     /// What is seen first is as old as the broker's calendar says.
     is_dated: bool,
@@ -113,12 +114,12 @@ impl<T: DeserializeOwned + Clone + Send + 'static> Watched<T> {
         self.open().whole
     }
 
-    /// Looks at the records; what it does must be short.
+    /// Calls a function with the records; it must be short.
     pub(crate) fn with<A>(&self, look: impl FnOnce(&Records<T>) -> A) -> A {
         self.with_all(|kept| look(&kept.records))
     }
 
-    /// Looks at all that is known; what it does must be short.
+    /// Calls a function with everything that is known; it must be short.
     pub(crate) fn with_all<A>(&self, look: impl FnOnce(&Kept<T>) -> A) -> A {
         look(&self.open().kept)
     }
@@ -213,7 +214,7 @@ impl<T: DeserializeOwned + Clone + Send + 'static> Watched<T> {
             Ok(found) => found,
             Err(error) => {
                 tracing::warn!("fleet: {error}");
-                // What stood there before is no longer so.
+                // The earlier value is no longer valid.
                 None
             }
         };

@@ -12,8 +12,8 @@ use crate::{
     support::{account::who, terminal::say},
 };
 
-/// Looks for the entry of an answer, and the time between two of them, s: together twice as long as
-/// a slow bench needs to be read back as off.
+/// Number of checks for the entry of an answer, and the interval between two of them, s. Together
+/// they last twice as long as a slow bench needs to be read back as off.
 const LOOKS: usize = 40;
 const LOOK_S: f64 = 0.25;
 
@@ -80,7 +80,7 @@ pub fn answer(args: &AnswerArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Waits until a run has taken the answer to a question, for [`LOOKS`] looks at most.
+/// Waits until a run has accepted the answer to a question, for [`LOOKS`] checks at most.
 fn taken(folder: &Path, number: u64) -> Result<bool, Failure> {
     let is_taken = || {
         let lines = journal::read(folder).map(|read| read.lines);

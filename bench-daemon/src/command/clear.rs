@@ -27,10 +27,10 @@ pub struct ClearArgs {
     pub found: Option<String>,
 }
 
-/// Shows why a bench is latched and clears it when a person says so.
+/// Shows why a bench is latched and clears the latch after a confirmation.
 ///
 /// # Errors
-/// A state that cannot be read or written; nobody who confirms.
+/// A state that cannot be read or written; no confirmation.
 pub fn clear(args: &ClearArgs) -> Result<(), Failure> {
     let bench = load_any_bench(&args.config)?;
     let Some(state) = State::of(&bench)? else {

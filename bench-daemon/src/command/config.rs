@@ -155,7 +155,7 @@ fn check(files: &[PathBuf], json: bool) -> Result<(), Failure> {
     }
 }
 
-/// Keys that tell the kind of a file.
+/// Keys that identify the kind of a file.
 #[derive(serde::Deserialize)]
 struct Telling {
     cell: Option<toml::Value>,

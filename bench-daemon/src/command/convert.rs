@@ -254,7 +254,7 @@ fn reasons(point: &ImpedancePoint, flagged: &[FlaggedPoint]) -> String {
     reasons.collect::<Vec<_>>().join("; ")
 }
 
-/// Tells what a spectrum has and the format has no place for.
+/// Reports the data of a spectrum that the format cannot hold.
 fn tell_left_out(spectrum: &Spectrum, flagged: &[FlaggedPoint], keeps_sigma: bool) {
     let name = &spectrum.name;
     if !flagged.is_empty() {

@@ -31,12 +31,12 @@ use crate::{
     support::terminal::say,
 };
 
-/// Diagnoses, prints, and writes into a folder if asked to.
+/// Diagnoses, prints, and writes into a folder if requested.
 ///
 /// # Errors
 /// A file or an argument that is not as expected; a folder that cannot be written;
-/// [`Failure::Invalid`], once everything is told, where the data cannot be diagnosed. Any other
-/// verdict is a result and no error.
+/// [`Failure::Invalid`], after all output, if the data cannot be diagnosed. Any other verdict is
+/// a result and not an error.
 pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
     if let Some(path) = &args.table {
         return table::table(args, path);
@@ -98,7 +98,7 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
             say_json(&diagnoses)?;
         }
     }
-    // Everything is told and written by now; whoever reads nothing but the exit code must know.
+    // All output is printed and written by now; the exit code must report invalid data, too.
     match outcomes
         .iter()
         .find(|outcome| outcome.diagnosis.verdict == Verdict::Invalid)
@@ -108,10 +108,10 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
     }
 }
 
-/// Prints what was found.
+/// Prints the findings.
 ///
 /// # Errors
-/// [`Failure::Invalid`], once everything is told, where the data of a cell cannot be diagnosed.
+/// [`Failure::Invalid`], after all output, if the data of a cell cannot be diagnosed.
 fn tell_findings(all: &[Looked<'_>], as_json: bool) -> Result<(), Failure> {
     if as_json {
         let text = one_or_list(all).map_err(|error| Failure::Analysis(error.to_string()))?;
@@ -173,9 +173,9 @@ pub(crate) fn finished(
     Ok(())
 }
 
-/// The last step of a run that asks for it: its own data against one of its own models, each cell
-/// by itself, written below its folder. In words; a diagnosis that cannot be made costs nothing of
-/// what was measured.
+/// Performs the last step of a run that requests it: diagnoses the run's own data against one of
+/// its own models, each cell separately, and writes the results below its folder. Returns the
+/// outcome in words. A failed diagnosis does not affect the measured data.
 fn of_run(run: &Path, rc: usize) -> String {
     let told = diagnose_run(run, rc)
         .unwrap_or_else(|failure| vec![format!("could not be made: {failure}")]);

@@ -161,7 +161,7 @@ fn keep(report: &Report, config: &config::Bench) -> Result<(), Failure> {
     Ok(state.json(REPORT, report)?)
 }
 
-/// Nobody is to be surprised by a current.
+/// Requires a confirmation before current flows.
 fn confirmed(config: &config::Bench, args: &DoctorArgs) -> Result<(), Failure> {
     let device = matches!(config.instruments.jig, Some(config::Jig::Device(_)));
     if args.fixture.is_none() || args.yes || device || Operator::detect() == Operator::Terminal {
@@ -314,7 +314,8 @@ impl Visit<'_> {
         Ok((findings, instruments))
     }
 
-    /// Nobody is asked on a bench that is latched, or whose report could not be written.
+    /// Marks the instrument checks as not performed: the bench is latched, or its report could
+    /// not be written.
     fn unasked(&self, findings: &mut Findings) {
         let reach: Vec<String> = self
             .config
@@ -333,7 +334,7 @@ impl Visit<'_> {
         );
     }
 
-    /// Nobody begins a run while the instruments are being asked.
+    /// Locks the bench, so that no run starts while the instruments are queried.
     fn lock(&self) -> Result<Option<Lock>, Failure> {
         let Some(state) = State::of(self.config)? else {
             return Ok(None);
@@ -341,7 +342,7 @@ impl Visit<'_> {
         Ok(Some(state.lock(&std::path::absolute(self.folder)?)?))
     }
 
-    /// Each instrument by itself, so that one that is silent does not hide the others.
+    /// Queries each instrument separately, so that a silent one does not hide the others.
     async fn reach(&self, findings: &mut Findings, connections: &Connections) -> Vec<Instrument> {
         let mut found = Vec::new();
         for (role, instrument) in self.config.instruments.addressed() {
@@ -432,8 +433,8 @@ impl Visit<'_> {
                 }
                 lease
             }
-            // Somebody has the bench, or a person has to look at it first: that is no fault that a
-            // report is to remember.
+            // The bench is in use, or a person must inspect it first. The report does not record
+            // this as a fault.
             Err(failure @ (Failure::State(_) | Failure::Guardian(GuardianError::Busy(_)))) => {
                 return Err(failure);
             }
@@ -504,7 +505,7 @@ impl Visit<'_> {
         Ok(())
     }
 
-    /// Safe state first: nobody reaches into a jig that is live.
+    /// Safe state comes first: the jig must not be live when a person reaches into it.
     async fn mount(
         &self,
         examination: &mut Examination<'_>,

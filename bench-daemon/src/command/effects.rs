@@ -1,5 +1,5 @@
-//! `eis-bench effects`: the catalogue of effects that a model may lack, which of them a data set
-//! could tell apart, and the thresholds of the diagnosis.
+//! `eis-bench effects`: the catalogue of effects that a model may lack, the effects that a data
+//! set can distinguish, and the thresholds of the diagnosis.
 
 use std::path::PathBuf;
 

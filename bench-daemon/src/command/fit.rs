@@ -154,7 +154,8 @@ fn fit_group(
     })
 }
 
-/// The fits whose parameters are measured. One that stands at a bound is said, and is no result.
+/// Returns the fits whose parameters are measured. A fit with a parameter at a bound is reported,
+/// and is not a result.
 fn offered(name: &str, fits: Vec<ErmFit>) -> Result<Vec<ErmFit>, Failure> {
     let mut refused = Vec::new();
     let mut offered = Vec::new();

@@ -31,13 +31,13 @@ pub use args::FleetArgs;
 /// A text that no job has is kept for so long, s: a submission writes it before its jobs.
 const YOUNG_TEXT_S: f64 = 86_400.0;
 
-/// A fleet that was asked: whoever looks for a moment only cannot observe that a bench is silent.
+/// A snapshot of a fleet from one query. A short query cannot observe that a bench is silent.
 struct Asked {
     view: FleetView,
     page: JobPage,
 }
 
-/// Shows a fleet, or tells it something.
+/// Shows a fleet, or sends it a command.
 ///
 /// # Errors
 /// An argument that is not as expected; a NATS server that does not answer; a stop that is not
@@ -126,7 +126,7 @@ fn section(connect: &ConnectArgs) -> Result<FleetSection, Failure> {
     })
 }
 
-/// Who asks, as benches write it down: the account and its machine.
+/// Returns the caller's name for the records of the benches: the account and its machine.
 fn by() -> String {
     let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     format!("{}@{}", account::who(), host.trim())

@@ -1,5 +1,5 @@
-//! `eis-bench identify`: who answers at the configured addresses, or at any others, what it can do
-//! and what is programmed into it.
+//! `eis-bench identify`: queries which instruments answer at the configured addresses, or at any
+//! others, what they can do and what is programmed into them.
 
 use crate::command::printed::say_json;
 use std::{collections::BTreeMap, path::Path};
@@ -60,12 +60,12 @@ impl IdentifiedInstrument {
     }
 }
 
-/// Asks each instrument and prints the answers; one that is silent does not keep the others from
-/// being asked.
+/// Queries each instrument and prints the replies. A silent instrument does not prevent queries
+/// of the others.
 ///
 /// # Errors
-/// A mistake in a file; a bench that somebody runs, of which nobody is asked; after all were asked,
-/// an instrument that does not answer or is of no known model.
+/// A mistake in a file; a bench that a process runs, whose instruments are not queried; after all
+/// queries, an instrument that does not answer or whose model is unknown.
 pub fn identify(args: &IdentifyArgs) -> Result<(), Failure> {
     let mut found = Vec::new();
     for of in &args.of {
@@ -285,7 +285,7 @@ fn web(identity: &Identity) -> String {
     )
 }
 
-/// One dialect for each way of asking who is there.
+/// Returns one dialect for each identification method.
 fn ways() -> Vec<KnownDialect> {
     let mut ways: Vec<KnownDialect> = Vec::new();
     for known in KnownDialect::all() {

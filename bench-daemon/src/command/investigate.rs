@@ -50,12 +50,12 @@ pub struct InvestigateArgs {
     pub json: bool,
 }
 
-/// Plays the investigation and prints how it ends.
+/// Runs the investigation and prints how it ends.
 ///
 /// # Errors
-/// A file or an argument that is not as expected, a budget that nobody confirms, before anything is
-/// energised; later whatever ends a run; in the end data that cannot be diagnosed, and points that
-/// the quality gate has refused.
+/// Before anything is energised: a file or an argument that is not as expected, or a budget
+/// without confirmation. Later: whatever ends a run. At the end: data that cannot be diagnosed,
+/// and points that the quality gate has refused.
 pub fn investigate(args: &InvestigateArgs) -> Result<(), Failure> {
     let mut experiment = load_experiment(&args.experiment, args.bench.as_deref())?;
     experiment.seed = args.seed.unwrap_or(experiment.seed);

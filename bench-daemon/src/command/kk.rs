@@ -1,5 +1,5 @@
-//! `eis-bench kk`: may these spectra be believed? Kramers–Kronig, Z-HIT, linearity, stationarity,
-//! and the distribution of relaxation times.
+//! `eis-bench kk`: validates spectra by Kramers–Kronig, Z-HIT, linearity and stationarity tests,
+//! and computes the distribution of relaxation times.
 
 mod records;
 
@@ -55,7 +55,7 @@ pub struct KkArgs {
 
 /// Branches offered to a fit as start values.
 const START_BRANCHES: usize = 4;
-/// So many spectra of a cell are shown with the table of their points.
+/// Maximum number of spectra of a cell that are shown with the table of their points.
 const SHOWN_WHOLE: usize = 2;
 
 /// The spectra of one cell and what is to be thought of them.

@@ -67,10 +67,10 @@ impl ModelArgs {
         }
     }
 
-    /// Reads the model; the curve of `ocv` takes the place of its own.
+    /// Reads the model; the curve of `ocv` replaces its own.
     ///
     /// # Errors
-    /// A file or a text that is no model, a curve that is none.
+    /// A file or a text that is not a model, a file that is not a curve.
     pub(super) fn read(&self, ocv: Option<&Path>) -> Result<GivenModel, Failure> {
         let curve = ocv.map(files::read_curve).transpose()?;
         let model = match (&self.model, &self.erm) {
@@ -104,10 +104,10 @@ impl ModelArgs {
         self.model.is_none() && self.erm.is_none()
     }
 
-    /// Reads the model that a data set names. A complaint names the place that names it.
+    /// Reads the model that a data set names. An error names the location in the data set.
     ///
     /// # Errors
-    /// A file that is no model.
+    /// A file that is not a model.
     pub(super) fn read_named(&self, file: &NamedFile) -> Result<GivenModel, Failure> {
         let band_hz = self.ladder_band_hz.as_deref().map(band).transpose()?;
         files::read_model(&file.path, band_hz).map_err(|error| {
@@ -124,7 +124,7 @@ impl ModelArgs {
             .map_or_else(|| "--erm".to_owned(), |path| path.display().to_string())
     }
 
-    /// The arguments that read the same model again, quoted; `path` tells a file.
+    /// Returns the quoted arguments that read this model again; `path` formats a file.
     pub(super) fn again(&self, path: impl Fn(&Path) -> String) -> String {
         let mut text = match (&self.model, &self.erm) {
             (Some(model), _) => format!(" --model {}", quoted(Path::new(&path(model)))),
@@ -158,7 +158,8 @@ pub(super) fn band(text: &str) -> Result<(f64, f64), Failure> {
     })
 }
 
-/// Warnings of the model's fit and what the model does not tell, in sentences.
+/// Returns the warnings of the model's fit and the properties that the model does not contain, in
+/// sentences.
 pub(super) fn notes(model: &GivenModel) -> Vec<String> {
     let mut notes: Vec<String> = model
         .warnings

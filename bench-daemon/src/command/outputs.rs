@@ -79,7 +79,7 @@ async fn read(config: &config::Bench, clock: &Clock) -> Result<Vec<OutputReading
     };
     let mut bench = Bench::unconnected(config, &connections)?;
     let mut found = state_readback::look_each(&mut bench).await;
-    // A bath that closes its own loop goes on between runs: that is no output.
+    // A bath that closes its own loop continues between runs and does not count as an output.
     let has_relays = bench.instruments.chiller.as_ref();
     if has_relays.is_some_and(Chiller::is_regulated) {
         found.extend(state_readback::look_bath(&mut bench).await);

@@ -188,7 +188,8 @@ pub fn size(args: &SizeArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// DC resistance of a cell, Ω, as given or of the model, and what that does not tell.
+/// Returns the DC resistance of a cell, Ω, as given or of the model, and what that value does not
+/// include.
 fn dc_resistance(args: &SizeArgs) -> Result<(f64, Vec<String>), Failure> {
     if let Some(dcir_ohm) = args.dcir_ohm {
         return Ok((dcir_ohm, Vec::new()));

@@ -56,7 +56,7 @@ struct ToldStage {
     steps: Vec<String>,
 }
 
-/// Ways in which a current ends by itself when no further message arrives, in words.
+/// Describes how a current ends automatically if no further message arrives.
 fn endings(experiment: &Experiment, plan: &Plan) -> Vec<String> {
     let (bench, limits) = (&experiment.bench, &experiment.cell.limits);
     let generator = bench
@@ -144,7 +144,8 @@ fn watched(experiment: &Experiment) -> Vec<String> {
     lines
 }
 
-/// The waits that no plan bounds, in words: those for a person who changes what is in the jig.
+/// Describes the waits that the plan does not bound: those for a person who changes what is in
+/// the jig.
 fn persons(experiment: &Experiment, plan: &Plan) -> Option<String> {
     if !matches!(experiment.bench.instruments.jig, Some(Jig::Person)) {
         return None;
@@ -199,7 +200,7 @@ fn unattended(role: &str, instrument: &Instrument, how: Unattended, limits: &Lim
     }
 }
 
-/// A bipolar supply for which there is no second way to zero.
+/// Describes a bipolar supply without a second path to zero.
 fn one_way(instruments: &Instruments) -> Option<String> {
     let supply = instruments.supply4q.as_ref()?;
     let none = by_key(supply4q::DIALECTS, &supply.model)?.zero().is_empty();

@@ -1,10 +1,10 @@
 //! `eis-bench replay`: analyses recorded captures again with the present program, and lists the
 //! changes.
 //!
-//! A run of the same version comes out bit-identical. Otherwise every point that changed is told
-//! with its change over its stated uncertainty. Nothing is changed in the run folder; `--out`
-//! writes what comes out into a folder of its own. Captures of other programs are described by a
-//! TOML.
+//! The results of a run of this version are bit-identical. Otherwise every changed point is
+//! listed with the ratio of its change to its stated uncertainty. The run folder is not modified;
+//! `--out` writes the results into a folder of its own. A TOML file describes captures of other
+//! programs.
 
 mod captures;
 
@@ -145,8 +145,7 @@ pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     if args.json {
         say_json(&all)?;
     }
-    // What is written is a run folder like any other; whoever reads nothing but the exit code must
-    // know.
+    // The output is an ordinary run folder; the exit code must report the changes, too.
     if count > 0 && args.out.is_some() {
         Err(Failure::Refused { count })
     } else {
@@ -496,7 +495,7 @@ impl Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        // A left-over in the system's folder of temporary files is no failure.
+        // A remnant in the system's folder of temporary files is not an error.
         let _ = fs::remove_dir_all(&self.0);
     }
 }

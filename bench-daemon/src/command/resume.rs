@@ -1,10 +1,10 @@
-//! `eis-bench resume`: a run that died or was stopped goes on in its folder, with the configuration
-//! as it was.
+//! `eis-bench resume`: continues a run that crashed or was stopped, in its folder and with its
+//! original configuration.
 //!
-//! On instruments that live on, it looks at them first, brings them into safe state, and goes on at
-//! the next unfinished point. A simulated world in virtual time has died with its process: the
-//! whole run is played again from its seed into a folder beside, and takes the place of the old one
-//! when everything that the old one had finished came out the same, bit by bit.
+//! If the instruments persist, it queries them first, brings them into safe state, and continues
+//! at the next unfinished point. A simulated world in virtual time ends with its process. In that
+//! case the whole run is simulated again from its seed into a separate folder, which replaces the
+//! old one if everything that the old run had finished is bit-identical.
 
 use std::{
     fs,
@@ -118,7 +118,7 @@ fn refuse_going(folder: &Path) -> Result<(), Failure> {
     }
 }
 
-/// Plays a run in virtual time again and puts it in the place of what was finished of it.
+/// Simulates a run in virtual time again and replaces the finished part of it.
 fn replay(
     experiment: &Experiment,
     folder: &Path,
@@ -151,8 +151,8 @@ fn replay(
     Ok((summary.replace(&from, &to), gated))
 }
 
-/// When the last step was begun, s: a run that ended by itself, on a full disk perhaps, went
-/// another way after that.
+/// Returns when the last step began, s. A run that ended on its own, for example on a full disk,
+/// took another path after that.
 fn begun_s(folder: &Path) -> f64 {
     let lines = journal::read(folder).map_or_else(|_| Vec::new(), |read| read.lines);
     let begun = lines
@@ -162,7 +162,7 @@ fn begun_s(folder: &Path) -> f64 {
     begun.map_or(0.0, |line| line.time_s)
 }
 
-/// Finished part of a run, and the run played again.
+/// Finished part of a run, and the run simulated again.
 #[derive(Clone, Copy)]
 struct Folders<'a> {
     old: &'a Path,
@@ -174,7 +174,7 @@ fn compare(folders: Folders<'_>, below: &Path, begun_s: f64) -> Result<(), Failu
     for entry in fs::read_dir(folders.old.join(below))? {
         let entry = entry?;
         let name = below.join(entry.file_name());
-        // Files that had not got their names yet are nobody's.
+        // Files without their final names are ignored.
         if entry.file_type()?.is_dir() {
             compare(folders, &name, begun_s)?;
         } else if !entry.file_name().to_string_lossy().starts_with('.') {
@@ -276,9 +276,9 @@ fn time_s(text: &[u8], at: usize) -> Option<f64> {
     number.parse().ok()
 }
 
-/// Moves every file of a folder into another, over those that are there, the journal last:
-/// interrupted, it leaves files that are equal or beginnings, and a journal that tells of an
-/// unfinished run, so that all of it is done again.
+/// Moves every file of a folder into another one, over existing files, the journal last. An
+/// interruption leaves files that are equal or beginnings, and a journal of an unfinished run, so
+/// that the whole operation is repeated.
 fn replace(from: &Path, to: &Path) -> Result<(), Failure> {
     fs::create_dir_all(to)?;
     let entries = fs::read_dir(from)?.collect::<Result<Vec<_>, _>>()?;

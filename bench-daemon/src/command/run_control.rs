@@ -60,10 +60,11 @@ pub fn send_action(args: &FolderArgs, action: RunAction) -> Result<(), Failure> 
     Ok(())
 }
 
-/// Says which runs of a campaign come next. What was said before about the order holds no more.
+/// Sets which runs of a campaign come next. Replaces any earlier order.
 ///
 /// # Errors
-/// As [`send_action`]; runs that are none of the campaign's, that are named twice or were begun.
+/// As [`send_action`]; runs that do not belong to the campaign, that are named twice or that have
+/// begun.
 pub fn reorder(args: &ReorderArgs) -> Result<(), Failure> {
     let usage = |text: String| Failure::Usage(format!("{}: {text}", args.folder.display()));
     let replay = going_on(&args.folder)?;
@@ -101,7 +102,8 @@ pub fn reorder(args: &ReorderArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The runs of the campaign by their numbers, as far as they came; none where there is no campaign.
+/// Returns the runs of the campaign by number, as far as they have progressed; empty without a
+/// campaign.
 fn run_statuses(folder: &Path, replay: &JournalReplay) -> Result<Vec<(usize, RunStatus)>, Failure> {
     let experiment = begun_experiment(folder, &replay.started)?;
     let plan = procedure::plan(&experiment);
@@ -141,7 +143,7 @@ fn going_on(folder: &Path) -> Result<JournalReplay, Failure> {
         .map_err(|error| Failure::Usage(error.to_string()))?
         .lines;
     let replay = JournalReplay::of(&lines).map_err(|error| usage(error.to_string()))?;
-    // One that waits to go on by itself has ended for now, and holds its journal.
+    // A run that waits to continue automatically has ended for now, but still holds its journal.
     if let Some(how) = replay
         .ended
         .as_ref()
@@ -175,8 +177,8 @@ fn going_on(folder: &Path) -> Result<JournalReplay, Failure> {
     Ok(replay)
 }
 
-/// Of a run whose process is gone: that nobody hears, how far it came, what its bench was left in,
-/// and what to do.
+/// Describes a run without a process: requests have no receiver. States how far the run came, in
+/// which state it left its bench, and what to do.
 fn unheard(folder: &Path, replay: &JournalReplay, lines: &[Line]) -> String {
     let points: usize = replay.stages.values().map(|stage| stage.points.len()).sum();
     let last = lines.iter().rev().find_map(|line| match &line.entry {

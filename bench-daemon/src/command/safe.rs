@@ -1,4 +1,5 @@
-//! `eis-bench safe`: switches a bench off at any time, whoever runs it, and proves it.
+//! `eis-bench safe`: switches a bench off at any time, even while another process runs it, and
+//! verifies the result.
 
 mod every;
 
@@ -88,15 +89,15 @@ fn safe_one(config: &Path, args: &SafeArgs) -> Result<(), Failure> {
     }
     Clock::runtime(bench.time())?.block_on(async {
         let clock = Clock::start(bench.time());
-        // Who ends on request switches off by itself, and lets go of instruments that take one
-        // client.
+        // A process that ends on request switches off its outputs itself, and releases
+        // instruments that accept one client.
         let gone = ended(state, &clock, ENDS_S.0).await;
         // Its guardian switches off after it, over the same connections.
         if gone {
             guarded(state, &clock).await;
         }
-        // Where somebody else holds the connections, that nothing is known is no reason to latch:
-        // he is asked to end, and has a guardian.
+        // If another process holds the connections, an unknown state does not latch the bench:
+        // that process has been asked to end, and has a guardian.
         let latch = state.filter(|_| gone);
         let states = States { told: state, latch };
         let off = switch_off(&bench, &clock, states, args)
@@ -148,8 +149,8 @@ fn safe_one(config: &Path, args: &SafeArgs) -> Result<(), Failure> {
     })
 }
 
-/// Says of a bench that lives in the process that runs it that there is nothing to ask: nobody has
-/// read anything back, so that nothing is verified.
+/// Reports that a bench that exists only inside its process cannot be queried. Nothing has been
+/// read back, so nothing is verified.
 fn simulated(bench: String, json: bool) {
     let message = format!(
         "{bench} is simulated in the process that runs it: there is nothing to switch off and \
@@ -191,7 +192,7 @@ fn tell(report: &SafeReport, json: bool) {
 
 const UNKNOWN: &str = "whether a process runs the bench is not known";
 
-/// Who runs the bench.
+/// The process that runs the bench.
 #[derive(Debug)]
 enum Runner {
     Nobody,
@@ -216,8 +217,8 @@ const LOOK_S: f64 = 0.1;
 /// A guardian is done within this time, s, or tries without success.
 const GUARDED_S: f64 = 10.0;
 
-/// Waits until nobody runs the bench, so long at most; whether it is so. Where that cannot be known
-/// it is not.
+/// Waits until no process runs the bench, for at most `at_most_s`. Returns whether that is so; if
+/// it is unknown, returns `false`.
 async fn ended(state: Option<&State>, clock: &Clock, at_most_s: f64) -> bool {
     let start_s = clock.machine_s();
     loop {
@@ -262,7 +263,7 @@ fn end(holder: &Holder, how: Signal) {
 /// The state of a bench, for what it is used while switching off.
 #[derive(Clone, Copy)]
 struct States<'a> {
-    /// Tells what the cell bears.
+    /// Contains the limits of the cell.
     told: Option<&'a State>,
     /// Is latched where something is not verified.
     latch: Option<&'a State>,

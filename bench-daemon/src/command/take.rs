@@ -1,7 +1,9 @@
-//! `eis-bench config take`: a person at the machine puts a proposed version of a bench in force.
+//! `eis-bench config take`: an operator at the machine puts a proposed version of a bench in
+//! force.
 //!
-//! The server keeps proposals and writes no bench file: the guardian and `eis-bench safe` read it.
-//! It is written here, while nobody uses the bench, once the keys that change were shown.
+//! The server stores proposals and does not write bench files, because the guardian and
+//! `eis-bench safe` read them. This command writes the file while the bench is not in use, after
+//! it has shown the keys that change.
 
 use std::{
     fs,
@@ -60,11 +62,11 @@ impl From<ShelfError> for Failure {
     }
 }
 
-/// Shows which keys change, and writes the file of the bench when a person says so.
+/// Shows which keys change, and writes the file of the bench after a confirmation.
 ///
 /// # Errors
-/// No such version; a text that is wrong; a bench that is in use, latched or not verified off;
-/// nobody who confirms; a file that cannot be written.
+/// No such version; a text that is wrong; a bench that is in use, latched or not verified off; no
+/// confirmation; a file that cannot be written.
 pub fn take(args: &TakeArgs) -> Result<(), Failure> {
     let settings = Settings::load(&args.server)?;
     let bench = settings.bench(&args.bench).ok_or_else(|| {
@@ -143,7 +145,7 @@ fn proposal(
     })
 }
 
-/// Prints who proposed what, and every key that changes.
+/// Prints the author of the proposal, and every key that changes.
 fn show(bench: &config::Bench, proposal: &Proposal) {
     let Version {
         version, by, why, ..
@@ -192,8 +194,8 @@ fn printable(text: &str) -> String {
     text.chars().map(plain).collect()
 }
 
-/// Refuses a bench that is run, latched, or left by a run of which nobody has verified that every
-/// output is off. No guardian can begin on it as long as the lock is held.
+/// Refuses a bench that is in use, latched, or left by a run whose outputs have not all been
+/// verified off. No guardian can start on it as long as the lock is held.
 fn refuse_in_use(bench: &config::Bench) -> Result<Option<Lock>, Failure> {
     let Some(state) = State::of(bench)? else {
         return Ok(None);
@@ -223,7 +225,7 @@ fn confirmed() -> bool {
     std::io::stdin().lock().read_line(&mut line).is_ok() && line.trim() == "take"
 }
 
-/// Writes the file, while nobody uses the bench and nobody makes a version of it.
+/// Writes the file while the bench is not in use and no version of it is being written.
 fn put_in_force(
     settings: &Settings,
     bench: &config::Bench,
@@ -250,8 +252,8 @@ fn put_in_force(
     })
 }
 
-/// Writes a file anew, whole or not at all; its folder, its permissions and its owner stay, so that
-/// whoever read it can read it.
+/// Replaces a file atomically. Its folder, permissions and owner stay, so that every account that
+/// could read it still can.
 fn replace(path: &Path, text: &str) -> Result<(), Failure> {
     let folder = path.parent().unwrap_or(path);
     let name = path.file_name().unwrap_or_default().to_string_lossy();

@@ -155,7 +155,7 @@ pub fn token(args: &TokenArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Who may do what on a server that has no token, in words.
+/// Describes what callers may do on a server without tokens.
 fn without_tokens(listen: SocketAddr) -> String {
     if listen.ip().is_loopback() {
         return "from now on everybody on this machine may do everything".to_owned();

@@ -72,7 +72,7 @@ struct Verified {
     recomputed: Counts,
     /// Numbers that came out otherwise.
     differences: Vec<Difference>,
-    /// Results that no capture tells anew, by file.
+    /// Results that cannot be recomputed from a capture, by file.
     as_read: Vec<String>,
     /// Remarks, as sentences.
     notes: Vec<String>,

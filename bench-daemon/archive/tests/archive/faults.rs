@@ -56,7 +56,7 @@ impl Faults {
         self.0.lock().unwrap().operations
     }
 
-    /// All operations fail after so many.
+    /// Makes all operations fail after this number of them.
     pub(crate) fn die_after(&self, operations: u64) {
         let mut plan = self.0.lock().unwrap();
         (plan.operations, plan.dead_from) = (0, Some(operations));

@@ -374,9 +374,9 @@ fn diagnoses_of_single_cells_in_the_run_folder_are_seen_and_have_rows() {
         cells.iter().flatten().cloned().collect::<Vec<String>>()
     };
     assert_eq!(texts("diagnosis"), ["diagnosis/P45B", "diagnosis/other"]);
-    // The run has one cell: there is no other that it could be of.
+    // The run has one cell, so the diagnosis must refer to it.
     assert_eq!(texts("cell"), ["P45B", "P45B"]);
-    // One that is made again, in a folder whose own entries stay.
+    // A diagnosis that is made again, in a folder whose own entries stay.
     let file = run.folder.join("diagnosis/other/diagnosis.json");
     fs::write(&file, fs::read_to_string(&file).unwrap() + "\n").unwrap();
     assert_ne!(run.stamp(), after);
@@ -440,7 +440,7 @@ fn a_folder_that_changes_meanwhile_is_begun_again() {
             }
         });
         place.push(&run).unwrap();
-        // A change behind the last look is another one, which the next push finds.
+        // A change after the last check is a separate one, which the next push finds.
         place.push(&run).unwrap();
         place.assert_holds(&run);
         let (rows, sha256) = (place.rows(), place.kept(&run).placed.run_sha256);

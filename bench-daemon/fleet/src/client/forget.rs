@@ -41,7 +41,7 @@ impl Client {
         let texts = self.whole::<IgnoredAny>(&self.link.texts).await?;
         let jobs = self.whole::<Job>(&self.link.jobs).await?;
         let benches = self.whole::<BenchRecord>(&self.link.benches).await?;
-        // Heartbeats tell what the broker's calendar says; no other one is compared with it.
+        // Heartbeats show the broker's calendar time; ages are compared with no other clock.
         let newest = [newest(&texts), newest(&jobs), newest(&benches)];
         let now_s = newest.into_iter().fold(f64::NEG_INFINITY, f64::max);
         let is_old =

@@ -12,7 +12,7 @@ use crate::{
     standing::{Said, Standing, through_the_fleet},
 };
 
-/// A bench that is told something.
+/// A bench that follows orders.
 pub(crate) struct Obedience {
     bench: Arc<dyn LocalBench>,
     desk: Desk,
@@ -41,10 +41,11 @@ impl Obedience {
         &self.bench
     }
 
-    /// Jobs that the bench has, by its intents: known from the first moment after a restart on.
+    /// Returns the jobs that the bench has, by its intents: known from the first moment after a
+    /// restart.
     ///
     /// # Errors
-    /// A folder or a file that cannot be read: then nobody knows.
+    /// A folder or a file that cannot be read: then the jobs are unknown.
     pub(super) fn jobs(&self) -> Result<Vec<String>, FleetError> {
         let intents = self.desk.all()?;
         Ok(intents.into_iter().map(|intent| intent.job).collect())
@@ -85,11 +86,11 @@ impl Obedience {
         self.heard.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Follows what stands and was not yet followed. The stop comes first, and nothing that cannot be
-    /// written down keeps it back.
+    /// Follows standing orders that were not followed yet. The stop comes first, and a failure to
+    /// record it does not delay it.
     ///
     /// # Errors
-    /// A file that cannot be read or written: the order is followed again at the next look.
+    /// A file that cannot be read or written: the order is followed again at the next poll.
     pub(super) async fn follow(self: &Arc<Self>, standing: &Standing) -> Result<(), FleetError> {
         let mut followed = self.followed.lock().await;
         let known = match &*followed {
@@ -114,7 +115,8 @@ impl Obedience {
         };
         let drained = match is_new(&standing.drain, &known.drain) {
             Some(said) => {
-                // Whoever takes work asks what stands; here the drain is only written down.
+                // The code that takes work checks the standing orders; here the drain is only
+                // recorded.
                 self.note(&said, "drain", said_of(Ok(()))).await;
                 self.keep(&mut followed, |kept| kept.drain = Some(said.id))
             }
@@ -184,7 +186,7 @@ impl Obedience {
         let look = aside(&self.bench, move |bench| {
             let is_going = |intent: &Intent| matches!(bench.fate(&intent.run), Fate::Going);
             let run = bench.condition().run;
-            // Where nobody knows the jobs, there may be one.
+            // If the jobs are unknown, assume that there is one.
             intents.map_or(true, |all| all.iter().any(is_going)) || (run.is_some() && run == heard)
         });
         look.await.unwrap_or(true)

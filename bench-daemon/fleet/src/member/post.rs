@@ -10,9 +10,9 @@ use crate::{
     record::BenchRecord,
 };
 
-/// So many heartbeats come within the lease: two may be lost.
+/// Number of heartbeats within the lease: two may be lost.
 const BEATS: f64 = 3.0;
-/// A bench that changes all the time tells it so often at most, s.
+/// Minimum interval between two reports of a bench that changes constantly, s.
 const CHANGE_S: f64 = 0.5;
 
 /// The place of a bench in the list of the fleet.
@@ -23,7 +23,7 @@ pub(super) struct Post {
     told: Option<BenchRecord>,
     told_s: f64,
     rival: Option<Rival>,
-    /// Another process has taken the name: the data folder is none of this process alone.
+    /// Another process has taken the name: the data folder is not exclusive to this process.
     is_displaced: bool,
 }
 
@@ -46,12 +46,13 @@ impl Post {
         }
     }
 
-    /// State that was told last.
+    /// Returns the state that was reported last.
     pub(super) fn told_state(&self) -> Option<BenchState> {
         self.told.as_ref().map(|told| told.state)
     }
 
-    /// Tells how the bench is, where that is due; whether it is signed on.
+    /// Reports the state of the bench if a report is due. Returns whether the bench is
+    /// registered.
     ///
     /// # Errors
     /// A broker that does not answer.

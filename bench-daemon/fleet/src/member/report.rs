@@ -12,7 +12,7 @@ use crate::{
 };
 
 impl Member {
-    /// Looks at every job that the bench has.
+    /// Checks every job that the bench has.
     pub(super) async fn go_on(&mut self) -> Result<(), FleetError> {
         for intent in self.desk.all()? {
             let run = intent.run.clone();
@@ -101,8 +101,8 @@ impl Member {
         .await
     }
 
-    /// A started job whose run has not begun goes back into the queue: this bench knows that nothing
-    /// has begun, and nobody else does.
+    /// Puts a started job whose run has not begun back into the queue. Only this bench knows that
+    /// nothing has begun.
     async fn not_begun(&self, intent: &Intent, words: String) -> Result<(), FleetError> {
         let found = self.shared.link.job(&intent.job).await?;
         match found.filter(|found| self.is_ours(&found.value, intent)) {
@@ -139,7 +139,8 @@ impl Member {
         Ok(found.is_some_and(|found| found.value.turn != intent.turn))
     }
 
-    /// Takes a run out of the queue of the bench whose job a person has put back. One in work goes on.
+    /// Removes a run from the queue of the bench if a person has put its job back. An active run
+    /// continues.
     async fn withdraw(&self, intent: &Intent) -> Result<(), FleetError> {
         let run = intent.run.clone();
         if aside(&self.bench, move |bench| bench.withdraw(&run)).await? {
@@ -213,7 +214,7 @@ impl Member {
         Ok(())
     }
 
-    /// Puts a claim back into the queue; whoever was faster is right.
+    /// Puts a claim back into the queue. If another writer was faster, its record stands.
     pub(super) async fn put_back(
         &self,
         found: &Stored<Job>,

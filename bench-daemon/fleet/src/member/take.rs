@@ -1,4 +1,4 @@
-//! Takes work from the queue: claim, check, start. Claims that nobody goes on with are put back.
+//! Takes work from the queue: claim, check, start. Abandoned claims are put back.
 
 use sha2::{Digest, Sha256};
 
@@ -148,8 +148,8 @@ impl Member {
         Ok(())
     }
 
-    /// Puts claims back that nobody goes on with: those of this bench that it does not work on, and
-    /// those of others that have stood unchanged for the lease time.
+    /// Puts abandoned claims back: those of this bench that it does not work on, and those of
+    /// others that have stood unchanged for the lease time.
     pub(super) async fn return_claims(&mut self) {
         let now_s = self.shared.link.clock.now_s();
         let lease_s = self.shared.lease_s;

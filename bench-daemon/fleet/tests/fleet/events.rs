@@ -1,5 +1,5 @@
-//! Events and telemetry, as a program that is none of this project hears them. Needs `nats-server` in
-//! the PATH, and says so where it is not there.
+//! Events and telemetry as an external program receives them. Needs `nats-server` in the PATH,
+//! and reports if it is missing.
 use std::{collections::BTreeSet, time::Duration};
 
 use async_nats::jetstream::{self, consumer::push::OrderedConfig};

@@ -7,7 +7,7 @@ use crate::support::{
 };
 use bench_fleet::{FleetSettings, JobState, client::Looking, view::JobFilter};
 
-/// A drill: so many of each.
+/// Numbers of a soak test.
 #[derive(Clone, Copy)]
 struct Drill {
     daemons: usize,
@@ -20,11 +20,11 @@ struct Drill {
     broker_every_s: f64,
     broker_away_s: f64,
     daemon_kills: usize,
-    /// Daemons whose machines go off with them, and never come back.
+    /// Number of daemons whose machines are switched off with them and never return.
     machines_off: usize,
     /// A third of the daemons is cut off for so long, s; 0 for none.
     cut_s: f64,
-    /// Daemons through which somebody looks at the fleet, as the page does.
+    /// Number of daemons through which a user watches the fleet, as the page does.
     looked_at: usize,
 }
 
@@ -53,7 +53,7 @@ impl Stage {
         let network = Network::to(broker.port).await;
         let direct = settings(broker.address(), drill.lease_s);
         let beyond = settings(network.address(), drill.lease_s);
-        // Somebody is there who waits until the broker is.
+        // Waits until the broker is ready.
         drop(client(&direct).await);
         let (mut daemons, mut machines) = (Vec::new(), Vec::new());
         for number in 0..drill.daemons {
@@ -75,7 +75,7 @@ impl Stage {
         })
     }
 
-    /// Looks at the fleet from now on.
+    /// Starts to watch the fleet.
     async fn looking(&self) -> Looking {
         let client = client(&self.settings).await;
         loop {
@@ -184,7 +184,7 @@ impl Stage {
         open.map(|view| view.job).collect()
     }
 
-    /// A person who has looked puts back what is lost; returns the jobs.
+    /// Puts lost jobs back, as a person would after an inspection; returns the jobs.
     async fn release_lost(&mut self) -> Vec<String> {
         let client = client(&self.settings).await;
         let looking = client.seer("lab").await.unwrap();
@@ -208,7 +208,7 @@ impl Stage {
     }
 }
 
-/// Plays a drill, and says what the ledgers of the benches hold.
+/// Runs a soak test, and checks the ledgers of the benches.
 async fn play(drill: Drill) {
     let folder = tempfile::tempdir().unwrap();
     let Some(mut stage) = Stage::build(folder.path(), &drill).await else {
@@ -306,8 +306,8 @@ async fn play(drill: Drill) {
     assert!(twice.is_empty(), "{twice:?}");
     assert_eq!(never.count(), 0);
     assert_eq!(seen.driven_by_two, 0);
-    // A machine can be lost after the end of its run and before that was reported: a person who puts
-    // the job back has it run a second time, and both runs end.
+    // A machine can be lost after the end of its run and before that was reported. A person who
+    // puts the job back makes it run a second time, and both runs end.
     let most = drill.jobs + stage.tally.released;
     assert!((drill.jobs..=most).contains(&seen.ends), "{}", seen.ends);
     assert_eq!(seen.begins.len(), drill.jobs);

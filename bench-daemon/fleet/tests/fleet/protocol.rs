@@ -128,7 +128,7 @@ async fn a_lost_run_is_put_back_by_a_person_only_and_the_old_bench_tells_of_a_se
     let job = lab.submit(&work("work", 1)).await;
     lab.is(&job, JobState::Started).await;
     until("the run", 10.0, async || !old.going().is_empty()).await;
-    // As long as its bench answers and has it, nobody puts it back.
+    // As long as its bench answers and has it, the job cannot be put back.
     let refused = lab.people.release_job(&job, "ann", "I think so").await;
     assert!(refused.unwrap_err().to_string().contains("stop it there"));
     daemon.kill();
@@ -140,7 +140,7 @@ async fn a_lost_run_is_put_back_by_a_person_only_and_the_old_bench_tells_of_a_se
         .unwrap();
     lab.is(&job, JobState::Done).await;
     assert!(ledger(&new).contains(&format!("begin work-{job}-t2")));
-    // The machine has not burnt: its run came to its end, and that is told.
+    // The machine was not destroyed: its run reached its end, and that is reported.
     daemon.start();
     until("the conflict", 30.0, async || {
         lab.job(&job)
@@ -393,7 +393,7 @@ async fn a_bench_that_was_cut_off_follows_a_stop_late_and_spares_what_a_person_b
     for bench in ["b1", "b2"] {
         let (place, command) = (place(bench), stop.clone());
         let outcome = lab.people.order(&place, &command);
-        // Nobody waits two minutes for an answer that cannot come.
+        // The client must not wait two minutes for a reply that cannot arrive.
         let clock = crate::support::clock();
         let _ = clock
             .deadline(std::time::Duration::from_secs(5), outcome)

@@ -9,17 +9,17 @@ use crate::{
     support::{pause, until, work},
 };
 
-/// Number of those who follow the heartbeats, as the broker counts them.
+/// Returns the number of subscribers to heartbeats, as the broker counts them.
 async fn followers(lab: &Lab) -> usize {
     let client = async_nats::connect(lab.broker.address()).await.unwrap();
     let context = jetstream::new(client);
     let stream = context.get_stream("KV_eis-lab-benches").await.unwrap();
-    // Those of whom nobody hears any more are kept by the broker for a while.
+    // The broker keeps inactive consumers for a while.
     let consumers: Vec<_> = stream.consumers().try_collect().await.unwrap();
     consumers.iter().filter(|one| one.push_bound).count()
 }
 
-/// State of a bench, as a daemon shows it to somebody who asks.
+/// Returns the state of a bench, as a daemon shows it on request.
 async fn state(fleet: &Fleet, bench: &str) -> Option<&'static str> {
     let view = fleet.seer().await.ok()?.view();
     let found = view.benches.iter().find(|one| one.place.bench == bench);
@@ -48,7 +48,7 @@ async fn a_daemon_tells_of_the_whole_fleet_and_follows_it_only_while_somebody_lo
     second.kill();
     let next = lab.submit(&there).await;
     let fleet = first.fleet.clone().unwrap();
-    // Without anybody who looks there are the counts, of heartbeats that are read from time to time.
+    // Without a watching user, counts come from heartbeats that are read from time to time.
     until("a count with the lost job", 60.0, async || {
         let tally = fleet.tally();
         tally.is_some_and(|tally| tally.jobs.lost == 1 && tally.stranded == 1)
@@ -62,7 +62,7 @@ async fn a_daemon_tells_of_the_whole_fleet_and_follows_it_only_while_somebody_lo
         followers(&lab).await == 0
     })
     .await;
-    // Whoever looks sees at once what is silent, and the job that is over.
+    // A new watcher sees silent benches at once, and the job that is over.
     assert_eq!(state(&fleet, "b1").await, Some("idle"));
     assert_eq!(state(&fleet, "b2").await, Some("silent"));
     assert!(followers(&lab).await > 0);

@@ -189,8 +189,8 @@ pub(crate) fn resident_mb(path: &str) -> f64 {
     kb.unwrap_or_default() / 1024.0
 }
 
-/// A network between daemons and a broker that can be cut: connections are closed or hang, and
-/// nobody gets through.
+/// A network between daemons and a broker that can be cut: connections are closed or hang, and no
+/// new connection succeeds.
 pub(crate) struct Network {
     pub(crate) port: u16,
     cut: watch::Sender<bool>,
@@ -237,7 +237,7 @@ async fn pass(mut client: TcpStream, broker: u16, mut cut: watch::Receiver<bool>
         _ = tokio::io::copy_bidirectional(&mut client, &mut server) => {}
         _ = cut.changed() => {
             if hangs {
-                // Nothing passes, and nobody is told.
+                // Data is dropped silently.
                 let _ = cut.changed().await;
             }
         }
@@ -352,7 +352,7 @@ fn append(folder: &Path, line: &str) {
     ledger.write_all(format!("{line}\n").as_bytes()).unwrap();
 }
 
-/// Whole or not at all: whoever looks meanwhile finds no end.
+/// Writes atomically, so that a concurrent reader finds no partial end.
 fn end(folder: &Path, run: &str, how: &str) {
     let beside = folder.join(format!("{run}.ended"));
     fs::write(&beside, how).unwrap();
@@ -540,7 +540,7 @@ impl Daemon {
     }
 }
 
-/// A submission of so many jobs.
+/// Returns a submission of `count` jobs.
 pub(crate) fn work(name: &str, count: usize) -> Submission {
     Submission {
         name: name.to_owned(),

@@ -1,4 +1,4 @@
-//! Files that were named, alone or by their folder, and what tells whether they changed.
+//! Input files, named directly or by their folder, and the data that detects changes of them.
 
 use std::fs;
 use std::path::{Path, PathBuf};

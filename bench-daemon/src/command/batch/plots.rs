@@ -16,7 +16,7 @@ pub enum Plots {
 }
 
 impl Plots {
-    /// The choice that was made, or the one for so many spectra.
+    /// Returns the requested choice, or the default for this number of spectra.
     pub fn chosen(asked: Option<Self>, spectra: usize) -> Self {
         let unasked = if spectra > DRAWN_UNASKED {
             Self::None
@@ -26,7 +26,7 @@ impl Plots {
         asked.unwrap_or(unasked)
     }
 
-    /// Whether a spectrum is drawn that needs a look or not.
+    /// Returns whether a spectrum is drawn, given whether it needs inspection.
     pub fn draws(self, needs_a_look: bool) -> bool {
         match self {
             Self::None => false,

@@ -64,7 +64,8 @@ impl Items for Source {
         (self.next as f64 + open) / self.files.len().max(1) as f64
     }
 
-    /// The next spectrum. A file that is none of spectra is one without a result.
+    /// Returns the next spectrum. A file that does not contain spectra counts as one without a
+    /// result.
     fn next(&mut self) -> Result<Option<TableSpectrum>, Failure> {
         loop {
             if let Some(ready) = self.ready.pop_front() {

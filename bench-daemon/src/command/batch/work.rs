@@ -15,10 +15,10 @@ pub trait Items {
     /// A thing.
     type Item: Sync;
 
-    /// What tells whether another call has the same things.
+    /// Returns a text that is equal for two calls on the same inputs and options.
     ///
     /// # Errors
-    /// A file that cannot be looked at.
+    /// A file that cannot be inspected.
     fn identity(&self) -> Result<String, Failure>;
 
     /// Share of everything that is read, 0 to 1.

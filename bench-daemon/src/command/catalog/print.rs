@@ -17,7 +17,7 @@ use crate::support::{
 /// Digits of a resistance in a table.
 const DIGITS: i32 = 4;
 
-/// A time, with a mark where only the file tells it.
+/// Formats a time, with a mark if only the file's time stamp is known.
 fn time(unix_s: f64, source: TimeSource) -> String {
     let mark = match source {
         TimeSource::Clock => ' ',

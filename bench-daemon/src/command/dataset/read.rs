@@ -1,5 +1,5 @@
-//! Reads the files of `dataset init`, tells their kinds, and names their paths from the folder of
-//! the data set.
+//! Reads the files of `dataset init`, detects their kinds, and expresses their paths relative to
+//! the folder of the data set.
 
 use std::path::{Component, Path, PathBuf};
 
@@ -44,7 +44,7 @@ pub(super) fn stated(all: &[Stated], name: &str) -> Place {
         .map_or_else(Place::default, |one| one.place)
 }
 
-/// Reads all files. One that no reader takes is told and passed over.
+/// Reads all files. A file that no reader accepts is reported and skipped.
 pub(super) fn read_all(args: &InitArgs) -> Result<Vec<Content>, Failure> {
     let mut names = Names::default();
     let contents: Vec<Content> = args

@@ -55,14 +55,14 @@ pub(crate) struct Judged {
     defaults: NamedFiles,
     /// The one cell that is meant, where there are several.
     specimen: Option<String>,
-    /// The run folder of which it is a step: what it tells of files is told from there, so that a
-    /// run is the same in whichever folder.
+    /// The run folder if the diagnosis is a step of a run. File paths are reported relative to
+    /// it, so that the output does not depend on the location of the folder.
     pub(super) within: Option<PathBuf>,
     /// It was asked for points that a quality gate has refused.
     refused_points: bool,
     /// No effect is looked for.
     pub(super) base_only: bool,
-    /// Nothing is told of what is being done.
+    /// Suppresses progress messages.
     pub(super) quiet: bool,
 }
 
@@ -145,7 +145,7 @@ impl Judged {
         })
     }
 
-    /// The names of the cells that are to be judged, each by itself: a model is one cell's.
+    /// Returns the names of the cells to diagnose separately, because a model describes one cell.
     pub(super) fn cells(&self, specimen: Option<&str>) -> Result<Vec<String>, Failure> {
         let mut cells: Vec<String> = Vec::new();
         for run in &self.loaded.set.runs {
@@ -169,8 +169,8 @@ impl Judged {
         }
     }
 
-    /// Each cell by itself, with its name; the one that was asked for, and each of several, is
-    /// named in the command that repeats it.
+    /// Returns the name of each cell with its data. A cell that was requested, and each of
+    /// several cells, is named in the command that repeats its diagnosis.
     pub(super) fn each<'a>(
         &'a self,
         cells: &'a [String],
@@ -238,7 +238,7 @@ impl Judged {
         by_data_set.or(self.ocv.as_deref())
     }
 
-    /// A path as it is told.
+    /// Returns a path as it is printed.
     pub(super) fn told(&self, path: &Path) -> String {
         match self
             .within

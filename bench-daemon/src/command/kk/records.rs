@@ -29,12 +29,12 @@ struct Line<'a> {
     row: &'a Row,
 }
 
-/// Reads `freq_hz` and any of `periods,drift_over_amplitude`, `hN,sigma_hN`; with each record the
-/// number of its line.
+/// Reads `freq_hz` and any of `periods,drift_over_amplitude`, `hN,sigma_hN`. Returns each record
+/// with its line number.
 ///
 /// # Errors
-/// A file that cannot be read, a column that is not known or lacks its partner, a column that is
-/// missing, a field that is no number.
+/// A file that cannot be read, a column that is unknown or lacks its partner, a column that is
+/// missing, a field that is not a number.
 pub(super) fn read(path: &Path) -> Result<Vec<(usize, Record)>, Failure> {
     let table =
         Table::read(path, Hash::Comment).map_err(|error| Failure::Usage(error.to_string()))?;

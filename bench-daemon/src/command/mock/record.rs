@@ -33,15 +33,15 @@ use crate::{
     support::terminal::say,
 };
 
-/// Between two looks at how far the conversation has come, s.
+/// Interval between two checks of the progress of the conversation, s.
 const LOOK_S: f64 = 0.1;
 
-/// Reads a transcript as a device that answers by it, and how it will have gone; `model` where
-/// nothing else tells whose conversation it is.
+/// Reads a transcript as a device that replies according to it, and the expected outcome of the
+/// conversation; `model` is used if the file does not name the instrument's model.
 ///
 /// # Errors
-/// A file that cannot be read or is no transcript; a model that is not known; several conversations
-/// in one file.
+/// A file that cannot be read or is not a transcript; an unknown model; several conversations in
+/// one file.
 pub fn load(path: &Path, model: Option<&str>) -> Result<(Replay, Outcome), Failure> {
     let complain = |reason: String| Failure::Usage(format!("{}: {reason}", path.display()));
     let text = std::fs::read_to_string(path).map_err(|error| complain(error.to_string()))?;

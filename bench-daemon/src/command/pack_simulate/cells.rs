@@ -248,7 +248,7 @@ struct Row<'t> {
 }
 
 impl Row<'_> {
-    /// Text in a column; `None` where it is empty or there is no such column.
+    /// Returns the text in a column, or `None` if it is empty or the column does not exist.
     fn text(&self, column: &str) -> Option<&str> {
         let index = self.table.columns.iter().position(|name| name == column)?;
         Some(self.row.field(index)).filter(|text| !text.is_empty())

@@ -22,7 +22,7 @@ pub(super) struct SafeOptions<'a> {
     pub(super) by: &'a str,
 }
 
-/// Exit code of a bench whose file is not as expected.
+/// Exit code of a bench whose file is invalid.
 const NOT_LOADED: i32 = 2;
 
 /// Switches off every known bench, and prints what was read back of each.

@@ -79,8 +79,8 @@ impl Case {
                 largest_scale(&bare, &rest, &profile, &scale)?,
             ]),
         };
-        // Where the run stopped the voltage has no derivative, and there is no lowest one. With
-        // additions the fit's parameters are not all.
+        // At the point where the run stopped, the voltage has no derivative and no minimum. With
+        // additions, the fit's parameters are incomplete.
         let slopes_v = if full.summary.feasible && file.additions.is_empty() {
             slopes_v(file, model, state, &profile, &full, &options)?
         } else {
@@ -99,8 +99,8 @@ impl Case {
     pub(super) fn output(&self, file: &GivenModel, model: &SimModel, trace: PathBuf) -> Output {
         let (full, simple) = (&self.full.summary, &self.simple.summary);
         let factor = |k: usize| self.limits.map(|l| l[k].factor);
-        // The peak of the profile itself where it is a power; else that of the simulation is no
-        // measure of the factor.
+        // For a power profile this is the peak of the profile itself; for other profiles the peak
+        // does not follow from the factor.
         let asked = self.profile.peak();
         let peak = |k: usize| {
             factor(k)

@@ -35,7 +35,7 @@ struct Load {
 /// Each model with each profile.
 struct Loads {
     models: Vec<TableModel>,
-    /// The one model of a file that is no table.
+    /// The model of a file that is not a table.
     single: Option<GivenModel>,
     profiles: usize,
     next: usize,
@@ -182,7 +182,7 @@ fn factor(
     }
 }
 
-/// A column of numbers, and what it tells of a simulation.
+/// A column of numbers, and the quantity of a simulation that it shows.
 type Figure = (&'static str, fn(&Summary) -> f64);
 
 /// Columns of numbers.
