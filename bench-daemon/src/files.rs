@@ -20,7 +20,7 @@ use crate::{
     safety::failure::Failure, support::present::refused_in_words, support::terminal::remark,
 };
 
-/// Reads the spectra of a file, and says how they were told apart and what was left out.
+/// Reads the spectra of a file, and reports how they were separated and what was left out.
 pub(crate) fn read_spectra(path: &Path) -> Result<Vec<SourcedSpectrum>, Failure> {
     let read = read_file(path).map_err(|error| Failure::Usage(error.to_string()))?;
     for note in &read.notes {

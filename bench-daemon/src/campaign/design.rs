@@ -1,9 +1,10 @@
-//! Which cell is measured on which bench, and when.
+//! Assigns cells to benches, and sets the order of the measurements.
 //!
-//! Each cell goes to the benches that have the fewest cells so far, and among those to the ones that
-//! share the fewest cells with its other benches, so that benches are compared in pairs equally
-//! often. The order on a bench is random within a round, so that a drift of the bench is no
-//! difference between batches. All first visits come before all second ones.
+//! Each cell goes to the benches that have the fewest cells so far, and among those to the
+//! benches that share the fewest cells with its other benches, so that pairs of benches are
+//! compared equally often. The order on a bench is random within a round, so that a drift of the
+//! bench does not appear as a difference between batches. All first visits come before all second
+//! ones.
 
 use std::collections::BTreeMap;
 
@@ -41,7 +42,8 @@ impl Design {
         let mut loads = Loads::new(file.benches.len());
         for cell in order {
             let mut benches = loads.choose(file.benches_per_cell, &mut rng);
-            // Which bench sees a cell first is chance, so that the order is no difference either.
+            // The first bench of a cell is random, so that the order does not appear as a
+            // difference either.
             shuffle(&mut benches, &mut rng);
             for (round, bench) in benches.into_iter().enumerate() {
                 rounds[round][bench].push(cell);

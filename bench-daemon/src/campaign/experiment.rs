@@ -9,11 +9,11 @@ use crate::config::{ConfigError, load_experiment};
 const NUMBER_WIDTH: usize = 4;
 
 impl CampaignFile {
-    /// The experiment of a visit as text. Paths in it are as `path` makes them of those of the file;
-    /// the bench is another one where that is given.
+    /// Returns the experiment of a visit as text. `path` converts the paths of the file to those
+    /// in the text; a given bench replaces the bench of the file.
     ///
     /// # Errors
-    /// The experiment file is no TOML.
+    /// The experiment file is not valid TOML.
     pub fn text(
         &self,
         visit: &Visit,

@@ -187,7 +187,8 @@ fn benches(source: &Source, raw: &Raw) -> Result<Vec<BenchOfCampaign>, ConfigErr
             );
             return Err(source.complain("benches.name", reason));
         }
-        // A run does not know the site: two of one name could not be told apart in the report.
+        // A run does not record the site: the report could not distinguish two benches of one
+        // name.
         let own = own_name(name);
         if !known.insert(own) {
             let reason =

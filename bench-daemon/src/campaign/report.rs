@@ -365,7 +365,8 @@ impl Rows {
         let batches = self.column(|row| row.batch);
         let several = |names: &Names| names.known.len() > 1;
         let mut factors = Vec::new();
-        // What is measured once each cannot be told from what repeats scatter.
+        // With one measurement per cell, differences between cells cannot be separated from the
+        // scatter of repeats.
         if several(&self.cells) && self.cells.known.len() < self.rows.len() {
             factors.push(Factor {
                 name: CELL,
@@ -378,7 +379,7 @@ impl Rows {
                 levels: &benches,
             });
         }
-        // Where a batch is not known, that is none of its own.
+        // An unknown batch does not count as a batch of its own.
         if self
             .batches
             .known

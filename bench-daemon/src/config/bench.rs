@@ -36,11 +36,11 @@ pub struct Bench {
     pub path: PathBuf,
     /// SHA-256 of its text.
     pub sha256: String,
-    /// Where its state is kept: who runs it, and why it must not be run.
+    /// Folder of its state: which process runs it, and why it must not be run.
     pub state_folder: PathBuf,
     /// The process that watches over it.
     pub guardian: Guardian,
-    /// How a bath is held whose loop the daemon closes.
+    /// Control of a bath whose loop the daemon closes.
     pub thermostat: Thermostat,
     /// Requirement of a run on the last report of `eis-bench doctor`.
     pub doctor: Doctor,
@@ -191,7 +191,7 @@ pub struct Instrument {
     pub answer_s: f64,
 }
 
-/// Who changes the fixture.
+/// How the fixture is changed.
 #[derive(Debug, Clone)]
 pub enum Jig {
     /// A person, asked on the terminal.
@@ -209,7 +209,7 @@ pub struct Wiring {
     pub command_trim: f64,
     /// Offset of the generator that brings the mean current to zero, V.
     pub command_offset_v: f64,
-    /// The generator is told how many periods it plays, where it can be.
+    /// The number of periods is set on the generator, if it supports bursts.
     pub bursts: bool,
     /// The current shunt.
     pub shunt: KnownImpedance,

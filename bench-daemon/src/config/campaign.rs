@@ -128,7 +128,7 @@ impl Check<'_> {
         })
     }
 
-    /// A simulated bench has so many cells and no more.
+    /// Refuses a campaign with more cells than the simulated bench has.
     pub(super) fn specimens(
         &self,
         campaign: &Campaign,
@@ -153,7 +153,7 @@ impl Check<'_> {
     }
 }
 
-/// Names that are one for a file system that does not tell capital letters from small ones.
+/// Returns the message for names that are equal on a case-insensitive file system.
 fn same_name(known: &str, name: &str) -> String {
     if known == name {
         return format!("expected names that differ, found {name:?} twice");

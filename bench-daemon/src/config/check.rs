@@ -22,11 +22,11 @@ use crate::mocks::HISTORY_S;
 const CHARGE_MARGIN_V: f64 = 0.02;
 /// Greatest part of the capacity that half a period of a sine may move.
 const MOST_SWING: f64 = 0.02;
-/// How far below the end of a discharge the load stops by itself, V.
+/// Distance below the end of a discharge at which the load stops automatically, V.
 pub(crate) const LOAD_CUT_OFF_V: f64 = 0.05;
 /// A frame on the simulated bench ends within this many periods before it is fetched.
 const SIMULATED_SLACK_PERIODS: f64 = 3.0;
-/// Samples per period below which a sinusoid is not to be believed.
+/// Number of samples per period below which a fitted sinusoid is unreliable.
 const MIN_SAMPLES_PER_PERIOD: f64 = 8.0;
 
 /// Frequencies that the instruments of a sweep reach.
@@ -40,7 +40,8 @@ struct Reach {
     driven_hz: f64,
 }
 
-/// Refuses a sweep whose slowest frame a simulated bench would have forgotten before it is fetched.
+/// Refuses a sweep whose slowest frame a simulated bench would have discarded before it is
+/// fetched.
 pub(crate) fn check_frames(bench: &Bench, eis: &Eis) -> Result<(), String> {
     let scope = bench
         .instruments

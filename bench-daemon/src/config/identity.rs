@@ -1,5 +1,5 @@
-//! Who a cell is: the section `[identity]` of a cell file, and `[specimen]` of an experiment, which
-//! names the one cell that is measured.
+//! The identity of a cell: the section `[identity]` of a cell file, and `[specimen]` of an
+//! experiment, which names the one cell that is measured.
 
 use serde::{Deserialize, Serialize};
 
@@ -49,7 +49,8 @@ pub(super) struct RawSpecimen {
 }
 
 impl Identity {
-    /// Refuses texts that are empty, too long or of several lines, and a term that is no address.
+    /// Refuses texts that are empty, too long or of several lines, and a term that is not an
+    /// address.
     pub(super) fn check(&self, source: &Source, section: &str) -> Result<(), ConfigError> {
         let fields = [
             ("serial", &self.serial),
@@ -97,7 +98,7 @@ impl Identity {
 }
 
 impl RawSpecimen {
-    /// The cell with its name, and who it is.
+    /// Resolves the cell with its name and its identity.
     pub(super) fn resolve(
         &self,
         source: &Source,

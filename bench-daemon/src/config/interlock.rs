@@ -33,8 +33,8 @@ pub(super) struct Section {
     temperature_age_max: Option<Quantity<Duration>>,
 }
 
-/// A field: its name, what was typed, its default, its range, and the unit that the range is told
-/// in.
+/// A field: its name, its typed value, its default, its range, and the unit of the range in
+/// messages.
 type Field<'a> = (&'a str, Option<f64>, f64, (f64, f64), &'a str);
 
 impl Section {

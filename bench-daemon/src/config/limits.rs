@@ -30,7 +30,8 @@ pub(super) struct Section {
 }
 
 impl Section {
-    /// Refuses a cell whose limits, or whose capacity, by which charge is judged, lie beyond these.
+    /// Refuses a cell whose limits or capacity lie beyond these; the capacity sets the limits of
+    /// charge.
     ///
     /// # Errors
     /// The first such field.

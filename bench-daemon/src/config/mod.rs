@@ -76,7 +76,7 @@ pub struct Experiment {
     pub multisine: Option<Multisine>,
     /// Several cells, each measured several times, if there are any.
     pub campaign: Option<Campaign>,
-    /// Currents that step, in the order in which each round plays them.
+    /// Current steps, in the order in which each round runs them.
     pub traces: Vec<Trace>,
     /// The fits.
     pub fit: Fit,
@@ -89,8 +89,8 @@ pub struct Experiment {
     pub sources: Vec<Source>,
 }
 
-/// When a run that something has ended goes on by itself. After what has touched a limit of the
-/// cell, and where an output is not known to be off, it never does.
+/// When an interrupted run continues automatically. It never continues after a limit of the cell
+/// was touched, or if an output is not known to be off.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AutoResume {
     /// How often after faults of the wire, which pass.

@@ -52,7 +52,7 @@ pub struct Band {
 /// the record's band; the scope folds them back into it, and the plan chooses rates and lines so
 /// that they miss the lines.
 const STEPS_PER_PERIOD: usize = 64;
-/// Steps that are not exceeded: an SDG has no more, and to a 33500B so many go as a hundred
+/// Maximum number of steps: an SDG has no more, and a 33500B receives this many as a hundred
 /// kilobytes of text.
 const GREATEST_STEPS: usize = 16_384;
 /// Samples of the record in a period of the fastest line, at least.

@@ -51,8 +51,8 @@ impl Check<'_> {
             .map_or(0.0, |dialect| dialect.capabilities().max_current.value());
         let supply_a = by_key(supply::DIALECTS, &supply.model)
             .map_or(0.0, |dialect| dialect.capabilities().max_current.value());
-        // Faster than 1C is no open-circuit voltage, and the bounds in time follow from the
-        // current.
+        // A discharge faster than 1C does not measure an open-circuit voltage. The bounds in time
+        // follow from the current.
         let greatest_a = |instrument_a: f64, limit_a: f64| {
             instrument_a.min(limit_a).min(self.cell.capacity_c / 3600.0)
         };

@@ -10,7 +10,7 @@ use crate::{measure::quality::Quality, plan::Missed};
 pub struct Cell {
     /// Its name.
     pub name: String,
-    /// Who it is.
+    /// Its identity.
     #[serde(skip_serializing_if = "super::Identity::is_empty")]
     pub identity: super::Identity,
     /// Capacity, C.
@@ -49,8 +49,8 @@ pub struct FixtureCheck {
     pub controls: Vec<(Fixture, Tolerance)>,
     /// How far a control may be off after the correction, as a share.
     pub corrected_tolerance: f64,
-    /// Frequencies beyond those of the sweep at which the controls are looked at, Hz: they are
-    /// judged by nothing, and tell how far the bench goes.
+    /// Frequencies beyond those of the sweep at which the controls are measured, Hz. No check
+    /// uses them; they show the usable range of the bench.
     pub beyond_hz: Vec<f64>,
 }
 
@@ -122,8 +122,8 @@ pub struct Eis {
     pub record_points: u64,
     /// Points in the scope's memory per channel.
     pub memory_points: u64,
-    /// Frequency of the mains whose pick-up is fitted besides the sinusoid, Hz; `None` if there is
-    /// none to expect.
+    /// Frequency of the mains whose pick-up is fitted besides the sinusoid, Hz; `None` if no
+    /// pick-up is expected.
     pub mains_hz: Option<f64>,
     /// In which order the frequencies come.
     pub order: Order,

@@ -159,8 +159,8 @@ impl Source {
         })
     }
 
-    /// A text as if it were a file at `path`, written by somebody who must not read everything:
-    /// what it names is read within the fence only.
+    /// Treats a text as a file at `path` by an author with restricted read access: files that it
+    /// names are read within the fence only.
     pub fn fenced(path: &Path, text: String, fence: &Arc<Fence>) -> Self {
         Self {
             path: path.to_owned(),

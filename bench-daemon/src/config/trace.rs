@@ -23,7 +23,7 @@ pub struct Trace {
     pub role: Role,
     /// Traces of one group repeat each other.
     pub repeat_group: String,
-    /// How often it is played.
+    /// Number of repetitions.
     pub repeat: usize,
     /// Rest before it, nothing connected, s.
     pub rest_s: f64,
@@ -33,7 +33,7 @@ pub struct Trace {
     pub resistance_max_ohm: f64,
     /// Currents, one after the other.
     pub segments: Vec<Segment>,
-    /// Instruments that play them.
+    /// Instruments that drive them.
     pub through: Through,
     /// Averaging of rows that are shorter than a step.
     pub averaged: Option<Averaged>,

@@ -11,8 +11,8 @@ use analysis::{
 
 use crate::safety::failure::Failure;
 
-/// One spectrum of a run by itself, with the records that it was made from; else why it was not
-/// tested.
+/// Tests one spectrum of a run separately, with the records that it was made from. Otherwise
+/// returns why it was not tested.
 pub(crate) fn tested(spectrum: &Spectrum, records: &[Record]) -> Result<Assessed, String> {
     let assessment =
         assess(std::slice::from_ref(spectrum), records).map_err(|error| error.to_string())?;

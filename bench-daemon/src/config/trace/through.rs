@@ -1,4 +1,5 @@
-//! Instruments that can play a trace: checks each way against what its instruments can, row by row.
+//! Instruments that can drive a trace: checks each method against the abilities of its
+//! instruments, row by row.
 
 use std::ops::RangeInclusive;
 
@@ -21,7 +22,7 @@ const LONGEST_S: f64 = 86_400.0;
 /// Nothing flows for so long at least behind a wave, s: in this time it is taken away before it
 /// comes again.
 const TAIL_S: f64 = 4.0;
-/// The scope looks for so long behind a wave, s.
+/// Time for which the scope records after a wave, s.
 pub(crate) const AFTER_WAVE_S: f64 = 1.0;
 /// Times of rows are differences of rounded ones: a nanosecond is none.
 const GRID_PER_S: f64 = 1.0e9;
@@ -209,8 +210,8 @@ impl Check<'_> {
         })
     }
 
-    /// Largest current that the bipolar supply and its generator can drive, A. The load is the
-    /// voltmeter that tells the voltage at rest.
+    /// Returns the largest current that the bipolar supply and its generator can drive, A. The
+    /// load contains the voltmeter that measures the voltage at rest.
     fn driven_a(&self) -> Result<(f64, String), String> {
         let instruments = &self.bench.instruments;
         self.present(instruments.supply4q.is_some(), "supply4q")?;

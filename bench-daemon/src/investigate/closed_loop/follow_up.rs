@@ -26,8 +26,8 @@ const START_WITHIN_V: f64 = 0.06;
 const SHORTEST_S: f64 = 0.5;
 /// Frequencies below this are swept with few periods, Hz: each takes minutes.
 const SLOW_HZ: f64 = 0.05;
-/// So many are waited for and so many recorded: a screen may be two and a half times as long as
-/// asked for, and must fill.
+/// Number of periods that are waited for, and number that are recorded: a screen may be two and a
+/// half times as long as requested, and must fill.
 const SLOW_PERIODS: (f64, f64) = (6.0, 2.5);
 
 /// Where a planned run begins: the campaign, and where it left the cell.
@@ -42,7 +42,7 @@ pub(super) struct Site {
 }
 
 impl Site {
-    /// Errors tell in words what the campaign lacks.
+    /// Errors describe what the campaign lacks.
     pub(super) fn new(first: &Experiment, set: &DataSet, ocv: &OcvCurve) -> Result<Self, String> {
         let soc = |run: &Run| {
             if let Start::Ocv(v) = run.start {
@@ -76,8 +76,8 @@ impl Site {
         })
     }
 
-    /// The experiment that plays planned runs, and its time on the bench, min. Errors tell in words
-    /// what bench, cell or campaign lack.
+    /// Returns the experiment that executes planned runs, and its time on the bench, min. Errors
+    /// describe what bench, cell or campaign lack.
     pub(super) fn experiment(&self, runs: &[PlannedRun]) -> Result<(Experiment, f64), String> {
         let Some(leading) = runs.first() else {
             return Err("expected a planned run, found none".to_owned());
@@ -117,8 +117,8 @@ impl Site {
         Ok((experiment, minutes))
     }
 
-    /// Runs of one experiment are played in turn: all with the same thing in the jig, one sweep at
-    /// most, and none may leave the cell elsewhere.
+    /// Checks whether runs can be executed in turn in one experiment: all have the same object in
+    /// the jig, at most one is a sweep, and none may leave the cell in another state.
     fn can_follow_each_other(&self, runs: &[PlannedRun]) -> Result<(), String> {
         if runs.windows(2).any(|w| w[0].fixture != w[1].fixture) {
             return Err("its runs want different things in the jig".to_owned());

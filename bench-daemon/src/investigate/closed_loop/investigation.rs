@@ -6,13 +6,13 @@ use serde::Serialize;
 use super::rule::{Budget, End};
 use crate::{safety::failure::Failure, support::present::significant};
 
-/// Reason why a run was not played in the end, the one that is nearest to be played first.
+/// Reason why a run was not executed in the end. Later variants are closer to execution.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum WhyNot {
-    /// It can be played, and would tell nothing of what is open.
+    /// It can be executed, but gives no information on the open questions.
     TellsNothing,
-    /// It was played as often as it may be.
+    /// It was executed as often as allowed.
     Played,
     /// It costs more than what is left of the budget.
     Cost,
@@ -32,7 +32,7 @@ impl WhyNot {
     }
 }
 
-/// A run of the menu that was not played in the end.
+/// A run of the menu that was not executed in the end.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct NotPlayed {
     /// Name in the menu.
@@ -44,8 +44,8 @@ pub struct NotPlayed {
 }
 
 impl NotPlayed {
-    /// Cells of the table: run, reason, detail; without names of the code, the place in the plan and
-    /// digits that nobody needs.
+    /// Returns the cells of the table: run, reason, detail, without names of the code, the
+    /// position in the plan and superfluous digits.
     pub fn cells(&self) -> [String; 3] {
         let detail = match self.detail.split_once("): ") {
             Some((place, reason)) if place.starts_with("stage ") => reason,
@@ -106,7 +106,7 @@ pub struct Investigation {
     pub end: End,
     /// The end in one sentence.
     pub end_text: String,
-    /// Runs of the menu that were not played in the end; empty where no question was open.
+    /// Runs of the menu that were not executed in the end; empty if no question was open.
     pub not_played: Vec<NotPlayed>,
     /// Points that the quality gate has refused to the end, of all runs.
     pub refused_points: usize,

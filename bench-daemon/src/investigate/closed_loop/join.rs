@@ -22,7 +22,7 @@ const SENTINEL: &str = "sentinel_repeat";
 /// The run folders that are joined.
 #[derive(Clone, Copy)]
 pub(super) struct Folders<'a> {
-    /// The campaign's, whose first run begins the count of time.
+    /// The campaign's folder. Its first run is the origin of time.
     pub(super) first: &'a Path,
     /// The experiment's after it.
     pub(super) later: &'a Path,
@@ -78,8 +78,8 @@ pub(super) fn add(
     })
 }
 
-/// Adds the runs of a recommended experiment whose plan is not at hand. Its file names the group
-/// of a record; of sweeps, those of the sentinel alone repeat the campaign.
+/// Adds the runs of a recommended experiment whose plan is unavailable. Its file names the group
+/// of a record; only sweeps of the sentinel repeat the campaign.
 ///
 /// # Errors
 /// A run folder that cannot be read.

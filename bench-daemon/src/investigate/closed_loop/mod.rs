@@ -67,10 +67,10 @@ pub struct Means<'a> {
     pub budget: Budget,
 }
 
-/// Plays an investigation and writes `investigation.json`, `.md` and `.html` with their pictures,
-/// `model.json`, `model_augmented.json` where something was added, the joined data set, and a run
-/// folder per step. A later run that ended early ends the investigation, which is written all the
-/// same.
+/// Runs an investigation and writes `investigation.json`, `.md` and `.html` with their pictures,
+/// `model.json`, `model_augmented.json` if something was added, the joined data set, and a run
+/// folder per step. A later run that ended early ends the investigation, which is written
+/// nevertheless.
 ///
 /// # Errors
 /// A campaign that ended early, a model that cannot be fitted, a folder that cannot be written.
@@ -165,15 +165,15 @@ struct Workspace<'a> {
 /// Results of the runs of the menu.
 #[derive(Debug, Clone, Default)]
 struct MenuOutcome {
-    /// Names of those that can be played.
+    /// Names of runs that can be executed.
     allowed: Vec<String>,
-    /// Those that cannot be played, each as it was asked for.
+    /// Runs that cannot be executed, as requested.
     refused: Vec<NotPlayed>,
 }
 
 impl MenuOutcome {
-    /// Every run of the menu once, with the reason why it is not played: what can be played tells
-    /// nothing, for else it would have been asked for.
+    /// Returns every run of the menu once, with the reason why it is not executed. A run that can
+    /// be executed gives no information, otherwise it would have been requested.
     fn not_played(self) -> Vec<NotPlayed> {
         let mut runs: Vec<NotPlayed> = Vec::new();
         let nothing = |run| NotPlayed {
@@ -183,7 +183,7 @@ impl MenuOutcome {
         };
         for run in self.allowed.into_iter().map(nothing).chain(self.refused) {
             match runs.iter_mut().find(|known| known.run == run.run) {
-                // Of several forms of a run, the one that is nearest to be played is told.
+                // Of several forms of a run, the one closest to execution is reported.
                 Some(known) if run.why < known.why => *known = run,
                 Some(_) => {}
                 None => runs.push(run),
@@ -327,7 +327,7 @@ impl Workspace<'_> {
         }
     }
 
-    /// Plays an experiment and joins what it measured; returns the minutes that it took.
+    /// Runs an experiment and joins its measurements; returns the minutes that it took.
     fn buy(
         &mut self,
         experiment: &Experiment,

@@ -16,7 +16,7 @@ use crate::{
     support::present::significant,
 };
 
-/// Columns of the runs that were not played.
+/// Columns of the table of runs that were not executed.
 pub(crate) const NOT_PLAYED: [&str; 3] = ["Run", "Why not", "Detail"];
 
 /// Writes all of them.
@@ -182,7 +182,7 @@ impl Investigation {
     }
 }
 
-/// The runs that were not played, for a terminal.
+/// Formats the runs that were not executed, for a terminal.
 pub(crate) fn not_played_text(runs: &[NotPlayed]) -> String {
     let rows: Vec<[String; 3]> = std::iter::once(NOT_PLAYED.map(str::to_owned))
         .chain(runs.iter().map(NotPlayed::cells))

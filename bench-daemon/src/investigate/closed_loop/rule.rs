@@ -96,7 +96,7 @@ impl Budget {
     }
 }
 
-/// End that a verdict means by itself, with the sentence; none while a question is open.
+/// Returns the end that a verdict implies, with its sentence, or `None` while a question is open.
 pub fn settled(verdict: Verdict) -> Option<(End, &'static str)> {
     match verdict {
         Verdict::Explained => Some((End::Explained, "what was missing has a name")),
@@ -109,7 +109,7 @@ pub fn settled(verdict: Verdict) -> Option<(End, &'static str)> {
     }
 }
 
-/// Sentence of an investigation that has played as many runs as it may.
+/// Returns the sentence of an investigation that has executed the maximum number of runs.
 pub fn most_played() -> String {
     format!("{MOST_RUNS} runs were played, which is the most")
 }

@@ -19,7 +19,7 @@ use analysis::{
     table::{Hash, Row, Table},
 };
 
-/// A run whose file is there but cannot be what was measured.
+/// A run whose file exists but cannot be a measurement.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("run {run:?}: {text}")]
 pub struct DataSetProblem {
@@ -85,7 +85,7 @@ pub(super) fn spectra(path: &Path) -> Result<Vec<SourcedSpectrum>, FileError> {
         | FormatError::Header { .. }
         | FormatError::Foreign { .. }
         | FormatError::Unit { .. } => FileError::Usage(error.to_string()),
-        // Rows that are wrong, and what a later version may tell.
+        // Invalid rows, and errors that a later version may add.
         _ => FileError::Damaged(error.to_string()),
     })?;
     for one in &spectra {
@@ -103,7 +103,7 @@ pub(super) fn sweep(spectrum: &Spectrum, bias_a: f64, amplitude_a: Option<f64>) 
         SweepPoint {
             freq_hz: point.freq_hz,
             z_ohm: point.z_ohm,
-            // A sigma of zero would weigh without limit: it is no statement.
+            // A sigma of zero would give infinite weight, so it counts as missing.
             sigma_ohm: Some(sigma).filter(|(re, im)| *re > 0.0 && *im > 0.0),
             amplitude_a: Some(point.amplitude_a)
                 .filter(|a| a.is_finite())
@@ -124,8 +124,8 @@ pub(super) const SIGMA_COLUMN: &str = "Voltage Standard Deviation / V";
 /// Columns of a record in time that state from when to when each sample is a mean.
 pub(super) const WINDOW_COLUMNS: [&str; 2] = [TRACE_COLUMNS[5].name, TRACE_COLUMNS[6].name];
 
-/// Numbers of a further column of a table of so many samples; none where the table has no such
-/// column.
+/// Returns the numbers of an additional column of a table with this number of samples, or `None`
+/// if the table does not have the column.
 pub(super) fn column(
     path: &Path,
     name: &str,

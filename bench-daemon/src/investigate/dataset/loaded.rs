@@ -24,7 +24,7 @@ pub struct Loaded {
     pub notes: Vec<String>,
     /// Oddities of the files.
     pub findings: Vec<Finding>,
-    /// Findings whose correction is asked for.
+    /// Findings whose correction is requested.
     pub accept: Vec<FindingKind>,
     /// Points that the quality gate of their measurement has refused, by the names of their runs,
     /// and whether they are used all the same.
@@ -34,7 +34,8 @@ pub struct Loaded {
 /// How a data set is read.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Reading {
-    /// Error that an inherited correction leaves, which a run without its own controls cannot tell.
+    /// Error that an inherited correction leaves; a run without its own controls cannot determine
+    /// it.
     pub known: Option<CommonError>,
     /// Points that a quality gate has refused are used, too.
     pub refused_points: bool,

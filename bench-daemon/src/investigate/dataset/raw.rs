@@ -235,7 +235,7 @@ pub(super) enum Fixture {
     FakeCell,
 }
 
-/// The sign convention of a file whose current is positive in this direction.
+/// Returns the sign convention of a file whose current is positive in this direction.
 pub(super) fn sign(positive: CurrentPositive) -> CurrentSign {
     match positive {
         CurrentPositive::Charge => CurrentSign::Charge,

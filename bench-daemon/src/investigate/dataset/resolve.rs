@@ -143,8 +143,8 @@ fn with_starts(mut listed: Vec<(Run, Option<f64>)>) -> Vec<Run> {
     listed.into_iter().map(|(run, _)| run).collect()
 }
 
-/// A record lasts as long as its samples tell, a sweep at least a period of each of its
-/// frequencies.
+/// Returns the minimum duration: the samples of a record, or at least one period of each
+/// frequency of a sweep.
 fn least_duration_s(data: &RunData) -> f64 {
     match data {
         RunData::Time(record) => record.series.time_s.last().copied().unwrap_or(0.0),
@@ -279,7 +279,7 @@ impl Resolver<'_> {
             )
         })?;
         let part = files::part(series, window.clone());
-        // In the time of the part, whose first sample is at zero.
+        // Time is that of the part, whose first sample is at zero.
         let begun_s = series
             .time_s
             .iter()

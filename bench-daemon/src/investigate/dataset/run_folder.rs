@@ -26,17 +26,18 @@ use super::{
 };
 use crate::config::ConfigError;
 
-/// Standard deviation of a voltage that nobody has measured, V: by as much can an offset of the
-/// supply move it.
+/// Standard deviation of a voltage that was not measured, V: an offset of the supply can move it
+/// by this amount.
 const UNSEEN_V: f64 = 3e-3;
 /// Taken where a run was made without a thermometer, °C.
 const ROOM_C: f64 = 25.0;
 
-/// Reads a run folder. What its quality gate has refused is left out unless that is asked for here
-/// or was asked for in the experiment.
+/// Reads a run folder. Points that its quality gate has refused are left out, unless they are
+/// requested here or were requested in the experiment.
 ///
 /// # Errors
-/// [`ConfigError`] for a folder that is none, or whose files are not as this program writes them.
+/// [`ConfigError`] for a folder that is not a run folder, or whose files have another format than
+/// those of this program.
 pub(super) fn read(folder: &Path, how: Reading) -> Result<Loaded, ConfigError> {
     let manifest: Manifest = json(
         &folder.join(MANIFEST),

@@ -1,6 +1,6 @@
 //! Proposes the runs of a data set from logs and spectra of a cycler: finds rests, pulses,
-//! discharges and drive cycles, tells repeats, and splits the runs. It reads and writes no file;
-//! `eis-bench dataset init` does.
+//! discharges and drive cycles, detects repeats, and splits the runs. It reads and writes no
+//! files; `eis-bench dataset init` does.
 
 mod load;
 mod noise;

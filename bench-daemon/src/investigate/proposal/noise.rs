@@ -8,18 +8,18 @@ use super::{
     thresholds::{CODES_PART, FEWEST_STEPS, KEPT_VARIANCE, NEAR_CODES, OFF_CODE},
 };
 
-/// Errors of the channels that logs tell; none where they do not.
+/// Errors of the channels as derived from logs; `None` if the logs do not show them.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Estimate {
     /// White noise of one voltage sample, V.
     pub voltage_noise_v: Option<f64>,
-    /// Whether the codes hide the noise of the voltage: it is no more than stated.
+    /// Whether the codes hide the noise of the voltage; the stated value is then an upper bound.
     pub voltage_noise_hidden: bool,
     /// Step of the voltage channel's codes, V.
     pub voltage_resolution_v: Option<f64>,
     /// White noise of one current sample, A.
     pub current_noise_a: Option<f64>,
-    /// Whether the codes hide the noise of the current: it is no more than stated.
+    /// Whether the codes hide the noise of the current; the stated value is then an upper bound.
     pub current_noise_hidden: bool,
     /// Step of the current channel's codes, A.
     pub current_resolution_a: Option<f64>,

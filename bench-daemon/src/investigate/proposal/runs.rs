@@ -38,8 +38,8 @@ pub struct Place {
 }
 
 impl Place {
-    /// Whether both are one within these tolerances. What one of them does not tell counts as the
-    /// same.
+    /// Returns whether both are equal within these tolerances. A value that one of them lacks
+    /// counts as equal.
     fn is_near(&self, other: &Self, within: &Tolerance) -> bool {
         let near = |a: Option<f64>, b: Option<f64>, most: f64| match (a, b) {
             (Some(a), Some(b)) => (a - b).abs() < most,
@@ -124,7 +124,7 @@ pub struct FoundSpectrum {
     pub inductive: bool,
     /// Circumstances as stated.
     pub place: Place,
-    /// Values of `place` that nobody stated: they are those of the runs in time.
+    /// Values of `place` that were not stated: they are copied from the runs in time.
     pub assumed: Vec<String>,
     /// Reason why it is not used.
     pub refusal: Option<String>,

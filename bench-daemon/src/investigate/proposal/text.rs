@@ -9,7 +9,7 @@ use super::{
     runs::{FoundLog, FoundSpectrum, ProposedRun},
 };
 
-/// Names of a data set that nobody measures.
+/// Names of a data set that cannot be measured.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Named {
     /// Name of the data set.
@@ -71,7 +71,7 @@ name = {}
 /// Why a key of `[bench]` may be missing.
 const NOT_TOLD: &str = "the data do not tell it; the diagnosis assumes it";
 
-/// Keys that no single campaign of a cycler tells.
+/// Keys that a single campaign of a cycler never determines.
 const NEVER_TOLD: [&str; 7] = [
     "voltage_offset_v",
     "voltage_drift_v",

@@ -71,9 +71,10 @@ pub(super) const SOC_BEYOND: f64 = 0.02;
 pub(super) const NEAR_CODES: f64 = 8.0;
 /// Part of the small steps of a channel that are whole codes, where it has codes. Convention.
 pub(super) const CODES_PART: f64 = 0.9;
-/// Distance of a step from whole codes that is no code, in codes. Convention.
+/// Distance of a step from whole codes above which it does not count as a code, in codes.
+/// Convention.
 pub(super) const OFF_CODE: f64 = 0.2;
-/// Fewest steps that tell a code. Convention.
+/// Fewest steps that determine a code. Convention.
 pub(super) const FEWEST_STEPS: usize = 20;
 /// Mean square of normal deviates without the largest tenth, over that of all. Mathematics:
 /// 1 − 2·1.645·φ(1.645)/0.9.
