@@ -458,9 +458,9 @@ fn first_row_s(rows: &[TraceRow]) -> f64 {
     rows.first().map_or(0.0, |row| row.time_s)
 }
 
-/// Noise of each of so many rows, that of one sample of the scope (V), less by as many as the row
-/// is the mean of; and the window of that mean. In the series' own time, whose first row is at
-/// zero.
+/// Returns the noise of each of `rows` rows, and the averaging windows. The noise of a row is
+/// that of one scope sample (V), reduced by the number of samples it averages. Windows are in the
+/// time of the series, which begins with zero.
 fn told_of(
     read: &[TraceRow],
     sample_sigma_v: f64,

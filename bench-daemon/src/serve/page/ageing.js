@@ -201,17 +201,17 @@ function choose(select, choices) {
 function take(part) {
   const { got, cells } = part;
   const serials = cells.filter((one) => one.serial);
-  // The choice by itself is told with what it came to.
+  // The automatic choice is shown with its result.
   const own = part.rc.value ? part.ownRc : got.rc;
   part.ownRc = own;
   choose(part.rc, [["", WORDS.rcAuto(own ?? WORDS.unknown)], ...got.orders.map((rc) => [String(rc), WORDS.rcOf(rc)])]);
   const choices = serials.map((one) => [one.serial, WORDS.serialOf(one.serial, one.runs)]);
-  // A link may name one that is no more.
+  // A link may name a serial number that no longer exists.
   const chosen = part.serial.value;
   if (chosen && !choices.some(([value]) => value === chosen)) choices.push([chosen, WORDS.serialOf(chosen, 0)]);
   choose(part.serial, [["", WORDS.serialAll], ...choices]);
   part.serialLabel.hidden = choices.length < 2;
-  // Of a cell without serial numbers its name is all that tells it from others.
+  // A cell without serial numbers is identified by its name only.
   const meant = cells.filter((one) => !part.serial.value || one.serial === part.serial.value);
   const told = (key) => [...new Set(meant.map((one) => one[key]).filter(Boolean))].join(", ");
   const words = ["batch", "chemistry"].map((key) => (told(key) ? WORDS.identity[key](told(key)) : ""));
@@ -262,7 +262,7 @@ function drawHints(part) {
 // Whether several cells are shown, which have one name.
 const isMixed = (part) => !part.serial.value && part.cells.filter((one) => one.serial).length > 1;
 
-// A chart for each quantity; those that go are taken away.
+// Draws a chart for each quantity, and removes charts that are no longer needed.
 function drawFigures(part) {
   if (noCharts()) return;
   const there = new Set(part.quantities.map((one) => one.key));

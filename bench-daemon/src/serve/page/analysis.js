@@ -249,7 +249,7 @@ function investigationItem(one) {
   );
 }
 
-// The rows are changed in place: whoever is at a button or has scrolled stays there while events arrive.
+// Rows are updated in place, so that focus and scroll position survive incoming events.
 function analysesTable(mine) {
   const rows = new Map();
   const body = el("tbody", {});
@@ -341,7 +341,7 @@ function linked(runs) {
   ]);
 }
 
-// State in words, bar and what it does now.
+// State as text, progress bar and present action.
 function progressBar(name) {
   const state = el("span", { class: "an-state" });
   const bar = el("progress", { max: 1, "aria-label": WORDS.progressOf(name) });
@@ -690,7 +690,7 @@ async function openOne(mine, id) {
     }
     text(heading, nameOf(analysis));
     page.update(analysis);
-    // An event may tell the end without the results.
+    // An event may report the end without the results.
     if (isOver(analysis) && !analysis.files) mine.reload();
   };
   mine.told = put;
@@ -710,7 +710,7 @@ async function openOne(mine, id) {
   await mine.reload();
 }
 
-// An investigation by itself: its steps, and the button that cancels it.
+// Opens a single investigation: its steps, and the button that cancels it.
 async function openInvestigation(mine, id) {
   const heading = title(WORDS.loading);
   const body = el("section", {});
@@ -903,7 +903,7 @@ function logView(mine, id) {
       lines: [WORDS.failedLoad(error.message)],
     }));
     if (view !== mine) return;
-    // Whoever has scrolled up reads there.
+    // If the user has scrolled up, the position stays.
     const below = lines.scrollHeight - lines.scrollTop - lines.clientHeight < 30;
     text(lines, all.lines.join("\n") || WORDS.logEmpty);
     if (below) lines.scrollTop = lines.scrollHeight;

@@ -106,7 +106,7 @@ const WORDS = {
 
 // So long the stream has at the start, before the page asks without it, ms.
 const FIRST_MS = 2000;
-// After so long without a word a person is told so, ms.
+// Silence after which the page shows that the server is not heard, ms.
 const UNHEARD_MS = 4000;
 
 const known = {
@@ -130,7 +130,7 @@ const may = (scope) => known.scopes.includes(scope);
 const live = () => known.benches.get(known.bench);
 
 let silence = 0;
-// What is said of an answer, of the end of a run or of an address is taken back where it is no longer so.
+// Messages about an answer, the end of a run or an address are removed once they are no longer true.
 let saidOf = "";
 
 function say(words, bad, of = "") {
@@ -142,7 +142,7 @@ function say(words, bad, of = "") {
   text($("said"), words || "");
 }
 
-// The server does not know who asks, or not any more.
+// The server does not know the user, or no longer does.
 const isUnknown = (error) => error instanceof Refused && (error.status === 401 || error.status === 403);
 
 const failure = (error) => (error instanceof Refused ? WORDS.refused(error.message) : WORDS.notReached(error.message));
@@ -192,7 +192,7 @@ function tellStops(reports) {
 // Stops the bench that is shown, or all of them.
 async function stop(all) {
   const button = $(all ? "stopall" : "stop");
-  // Who stops before it is known which bench is meant, means all of them.
+  // A stop before a bench is selected stops all benches.
   const one = all ? "" : known.bench;
   const found = await insistOnStop(button, one ? `/benches/${one}/stop` : "/stop");
   if (found) {
@@ -204,9 +204,9 @@ async function stop(all) {
   text(button, stopLabel(all));
 }
 
-// Sends a stop until it is answered, and gives the answer; null where it was refused. A request that hangs is
-// given up after some seconds, `patience` or a few, and sent again: the server does a stop once, and tells everybody
-// who asks meanwhile how it went. `waits(seconds)` are the words while a long one is waited for.
+// Sends a stop until the server replies, and returns the reply, or null if the stop was refused. A request that hangs
+// is abandoned after `patience` or a few seconds, and sent again: the server performs a stop once, and repeated
+// requests get its outcome. `waits(seconds)` returns the message during a long wait.
 async function insistOnStop(button, path, { body, patience, waits } = {}) {
   button.classList.add("pressed");
   const began = Date.now();
@@ -236,7 +236,7 @@ function safeCommand(path) {
   return (bench && bench.safe_command) || WORDS.safeEvery;
 }
 
-// Whether the server refuses a stop for good, which is said.
+// Returns whether the server refuses a stop permanently, and shows the reason.
 function stopIsRefused(error, path) {
   const isRefused = error instanceof Refused && error.status < 500 && error.status !== 429;
   if (isUnknown(error)) stopSays(WORDS.stopSignIn(error.message, safeCommand(path)));
@@ -299,7 +299,7 @@ async function load(run) {
   known.spectra.set(run, new Map(found.map((one) => [one.name, one])));
 }
 
-// What a sweep is called in words: `raw_fake_cell` is the fake cell.
+// Display name of a sweep: `raw_fake_cell` is the fake cell.
 const named = (name) => name.replace(/^raw_/, "").replaceAll("_", " ");
 
 // Of a run its corrected spectra, or, while it has none, the sweep that grows.
@@ -325,7 +325,7 @@ function curves() {
         points: one.points,
         corrected: one.corrected,
       });
-  // A control looks the same whether it grows or was measured before: by its name, not by its place.
+  // A control has one colour while it is measured and afterwards: the colour follows its name, not its position.
   const looks = (one, place) => (runs.length > 1 ? place : Math.max(0, LOOKS.indexOf(one.name)));
   return found.slice(0, 25).map((one, place) => ({ ...one, index: looks(one, place) }));
 }
@@ -566,7 +566,7 @@ function draw() {
   drawTrip(now, clear, may("clear-trip") ? "" : lacks("clear-trip"));
   const send = (question, serial) => answer(now, question, serial);
   drawQuestion(now, send, may("energise") ? "" : lacks("energise"));
-  // What a stop has shown is no longer so once something runs again, or has tripped since.
+  // The outcome of a stop is removed once something runs again, or has tripped since.
   const over =
     ["running", "paused", "asking"].includes(now.state) || (now.trip && now.stop && now.trip.unix_s > now.stop.unix_s);
   if (over) $("stopped").hidden = true;
@@ -583,24 +583,24 @@ async function answer({ bench, run }, question, serial) {
   }
   known.answered = run.run;
   say(WORDS.answerTaken, false, "answer");
-  // The question goes, and with it what has the focus. Whoever is elsewhere, or at the next question, stays there.
+  // The question closes together with its focused control. Focus elsewhere, or at the next question, stays.
   const next = live() && live().question;
   const isHere = document.activeElement === document.body || $("question").contains(document.activeElement);
   if (isHere && bench === known.bench && (!next || next.number === question.number)) $("now-h").focus();
   return "";
 }
 
-// Of a bench that does something else now, what was said before is no longer so.
+// Removes earlier messages about a bench that now does something else.
 function unsay(before, now) {
   if (now.bench !== known.bench || !before || before.state === now.state) return;
   if (saidOf === "answer" || (saidOf === "end" && ["running", "asking"].includes(now.state))) say("");
 }
 
-// Whoever has answered a question of a run is told when it does not come to its end.
+// Informs a user who answered a question of a run if the run does not finish.
 function sayEnd({ item, ended }) {
   if (!ended || item.run !== known.answered) return;
   known.answered = "";
-  // A stop tells of itself.
+  // A stop shows its own message.
   if (!ended.finished && $("stopped").hidden) say(WORDS.runEnded(item.run, outcome(ended)), true, "end");
 }
 
@@ -650,7 +650,7 @@ const context = {
   go: (hash) => go(hash),
   benches: () => [...known.benches.keys()],
   bench: () => known.bench,
-  // Whoever looks at a run that goes means its bench, when they stop.
+  // While a user watches an active run, a stop refers to its bench.
   watch: (bench) => {
     if (!known.benches.has(bench)) return;
     known.bench = bench;
@@ -713,7 +713,7 @@ async function show() {
     $("stopped").hidden = true;
     // The stop means this bench from now on, and says so.
     draw();
-    // Whoever comes from another part begins at the top of this one.
+    // Navigation from another part starts at the top of this one.
     if (opened > 1) $("now-h").focus({ preventScroll: true });
     return;
   }
@@ -807,14 +807,14 @@ async function offerFleet() {
   $("fleetlink").hidden = !isThere;
 }
 
-// A stream that does not come is no reason to show nothing, nor is an answer that does not come.
+// A missing event stream or a missing reply must not leave the page empty.
 async function insist() {
   if (known.asked || !may("read")) return;
   await again();
   setTimeout(insist, FIRST_MS);
 }
 
-// Somebody else may have signed in, or nobody be signed in any more: then the page begins anew.
+// If another user has signed in, or the session has ended, the page starts again.
 async function recognise() {
   const nobody = { name: "", scopes: [] };
   const who = await get("/whoami").catch((error) => (isUnknown(error) ? nobody : null));

@@ -144,14 +144,13 @@ export function text(node, value) {
   if (node.textContent !== value) node.textContent = value;
 }
 
-// Only what looks different is exchanged: a button that is new between press and release loses the click.
+// Replaces only nodes that differ: a button that is replaced between press and release loses the click.
 export function fill(parent, ...children) {
   const next = parent.cloneNode(false);
   next.append(...children);
   if (parent.isEqualNode(next)) return;
-  // Whoever goes by keyboard stays where they were: at the control of the same name, else at the first.
-  // A box has no text of its own, but a label.
-  // A link is what it leads to.
+  // Keyboard focus stays at the control of the same name, otherwise it moves to the first. A box is identified by its
+  // label, because it has no text, and a link by its target.
   const named = (control) =>
     control.getAttribute("href") || control.getAttribute("aria-label") || control.textContent;
   const held = parent.contains(document.activeElement) ? named(document.activeElement) : null;
@@ -191,19 +190,19 @@ export function when(unix_s) {
   return new Date(at - 60000 * at.getTimezoneOffset()).toISOString().slice(0, 19).replace("T", " ");
 }
 
-// Who did something: without tokens nobody has a name.
+// Display name of a user. Without tokens, users have no names.
 export const person = (who) => (who === "local" ? WORDS.somebody : who);
 
 const fixed = (value, digits) =>
   value === null || value === undefined ? WORDS.unknown : value.toFixed(digits).replace("-", "−");
 
-// Through these a current can flow; a bath that runs is no current.
+// Roles through which current can flow. A running bath does not count.
 const DRIVES = ["supply4q", "generator", "load", "supply"];
 // As the interlock has it, A.
 const NO_CURRENT_A = 0.1;
 
-// Where a run is in work, whether a current may flow: by each output's own word and by the meter.
-// What is not known may be a current.
+// Returns whether current may flow in an active run, by the reported state of each output and by the meter. An unknown
+// state counts as current.
 function running(live) {
   const drives = live.instruments.filter((one) => DRIVES.includes(one.role));
   if (!drives.length || drives.some((one) => one.output !== false)) return WORDS.states.running;
@@ -213,13 +212,13 @@ function running(live) {
   return WORDS.flows(fixed(Math.abs(amps), 2));
 }
 
-// Sign and words of a state.
+// Symbol and text of a state.
 const stateOf = (state) => WORDS.states[state] || [WORDS.noState, state];
 
-// A bench on which nothing runs: what its outputs do is said of a reading only, with its time.
+// Returns whether the bench is idle. The state of its outputs is then shown only from a reading, with its time.
 export const rests = (live) => ["idle", "latched", "unknown"].includes(live.state);
 
-// A person has to look at the outputs: they were left by a run without a reading, or were not read as off.
+// Returns whether a person must inspect the outputs: a run left them without a reading, or they were not read as off.
 export const isLoud = (live) =>
   live.state === "unknown" ||
   (rests(live) && ["on", "unreachable"].includes(live.outputs.state)) ||
@@ -278,8 +277,8 @@ function figures(list, rows, remark) {
   );
 }
 
-// Where a value lies between its limits, with the margin in words. The quantity that has tripped the
-// bench says so, with the value that was read then.
+// Shows a value between its limits, with the margin as text. The quantity that tripped the bench is marked, with the
+// value that was read then.
 function bar(limit, trip) {
   if (!trip || trip.quantity !== limit.quantity || trip.value === null) return meter(limit);
   const node = meter({ ...limit, value: trip.value });
@@ -404,7 +403,7 @@ export function drawInstruments(live) {
   );
 }
 
-// What was read of the outputs, and whether the server reads them by itself.
+// Shows the readings of the outputs, and whether the server reads them automatically.
 export function drawOutputs(live) {
   text($("outputssaid"), rests(live) ? live.outputs.words : "");
   const every = live.read_idle_s;
@@ -412,7 +411,7 @@ export function drawOutputs(live) {
   $("readsidle").hidden = live.outputs.state === "simulated";
 }
 
-// The worst is first: a person looks there.
+// States in order of severity, the worst first.
 const WORST = ["latched", "unknown", "stopping", "asking", "running", "paused", "idle"];
 
 // All benches in a line, each with its address.
@@ -479,8 +478,8 @@ export function drawOthers(others, choose) {
   );
 }
 
-// Benches that a stop of another one has left as they were, as long as current may flow on them: it
-// stays until that is no longer so, or a person has read it.
+// Shows benches that a stop of another bench did not affect, as long as current may flow on them. The message stays
+// until that is no longer so, or a user closes it.
 export function drawMissed(benches, close) {
   const banner = $("missed");
   const state = (one) => (rests(one) ? WORDS.missedOutputs(one.state, one.outputs.words) : one.state);
@@ -495,7 +494,7 @@ export function drawMissed(benches, close) {
   );
 }
 
-// Nobody clears without saying who looked and what they found: it is kept with the trip.
+// Clearing requires the name of the inspector and the finding; both are stored with the trip.
 function clearing(live, clear, lacks) {
   const said = el("input", {
     id: "found",

@@ -94,9 +94,9 @@ const COUNTS = { runs: FIELDS, spectra: CATALOGUED, cells: CATALOGUED };
 const ENDED = ["good", "doubtful", "failed", "unfinished", "damaged"];
 const VERDICTS = { runs: ["good", "doubtful", "failed", "in work"], spectra: ENDED, cells: ENDED };
 const MOST_TICKED = { runs: 12, spectra: 24 };
-// So many curves can still be told from each other.
+// Maximum number of curves that can be distinguished.
 const MOST_CURVES = 24;
-// So many rows are added at a time; so many are asked for.
+// Number of rows that are added at a time, and number of rows that are requested.
 const ROWS = 20;
 const ASKED = 100;
 const DAMAGED = 20;
@@ -210,7 +210,7 @@ function field(name, query) {
   return el("label", { "data-field": name }, WORDS.fields[name], input);
 }
 
-// What can be chosen. What is chosen stays, for a link may name what is no more.
+// Sets the options. The selected value stays, because a link may name a value that no longer exists.
 function choices(select, values, chosen = select.value) {
   const all = [...new Set([...(chosen ? [chosen] : []), ...values])].sort((a, b) => a.localeCompare(b));
   const key = JSON.stringify(all);
@@ -237,7 +237,7 @@ function asked() {
   return new URLSearchParams(filled.map((name) => [name, value(name)]));
 }
 
-// The midnight, local time, at which a day begins, or so many days later, s since 1970.
+// Returns the midnight, local time, at which a day begins, or that of `later` days after it, s since 1970.
 function midnight(day, later) {
   const [year, month, date] = day.split("-").map(Number);
   return new Date(year, month - 1, date + later).getTime() / 1e3;
@@ -321,7 +321,7 @@ function form(query) {
   return el("section", {}, view.form, view.copied, view.link);
 }
 
-// Looks for something else, under the same conditions as far as they count there.
+// Searches for another kind of object, with the present conditions as far as they apply.
 function become(name) {
   Object.assign(view, { kind: name, found: [], more: null, number: null, shown: ROWS });
   view.ticked.clear();
@@ -434,7 +434,7 @@ function take(got, before) {
 function told(shown) {
   const { from, to } = view.form.elements;
   const nouns = WORDS.nouns[view.kind];
-  // Where the server does not tell the number of all, it is known by what was asked for.
+  // If the server does not report the total, it follows from the request.
   const number = view.number ?? view.found.length;
   if (view.found.length) return WORDS.found(number, view.more && number === view.found.length, shown, nouns);
   if (from.value && to.value && from.value > to.value) return WORDS.daysSwapped;
@@ -456,7 +456,7 @@ function drawFound() {
   const isFull = canTick() && view.ticked.size >= most();
   const row = (one) => el("tr", {}, canTick() ? cell(WORDS.compare, tick(one, isFull)) : null, ...kind().cells(one));
   keyed(view.rows, rows, kind().key, row, view.form.elements.text);
-  // A box that was ticked is the same node, and is told here: what it shows is no attribute.
+  // A box that was ticked keeps its node, so its state is set here: `checked` is not an attribute.
   for (const box of view.rows.querySelectorAll("input")) box.checked = view.ticked.has(box.value);
   view.results.hidden = !rows.length;
   view.full.hidden = !canTick();

@@ -69,7 +69,7 @@ const WORDS = {
 };
 
 const MOST_CURVES = 12;
-// First, latest, and so many between.
+// Initial number of spectra: first, latest, and evenly spaced ones between them.
 const AT_FIRST = 8;
 const LATE_MS = 300;
 const CHARTS = [
@@ -104,7 +104,7 @@ function drawCharts() {
   }
 }
 
-// What the charts show, in words.
+// Describes the charts as text.
 function trend() {
   const words = CHARTS.map(([name, value]) => {
     const known = view.history.filter((one) => Number.isFinite(one[value]));
@@ -247,7 +247,7 @@ async function load() {
   return true;
 }
 
-// After an event. The catalogue follows the end of a run by itself.
+// Refreshes after an event. The catalogue follows the end of a run automatically.
 function again() {
   load().catch(() => {});
   view.ageing.refresh();
@@ -302,7 +302,7 @@ function build(parent) {
   view.notes = notes(said, path("notes"), view.ctx);
 }
 
-// The first time; a cell that nobody measured is told in the page.
+// First load. The page shows a message for a cell without measurements.
 async function first() {
   const mine = view;
   try {
@@ -340,8 +340,8 @@ export async function open(parent, where, ctx) {
   await ctx.attempt(first);
 }
 
-// Which cells a run has is not told with it: the history is asked for again whenever a run has begun or ended, and
-// whenever a spectrum is complete.
+// Events of a run do not name its cells. The history is requested again whenever a run has begun or ended, and whenever
+// a spectrum is complete.
 export function heard(kind, data) {
   if (!view) return;
   const complete = kind === "spectrum" && data.spectrum.corrected;

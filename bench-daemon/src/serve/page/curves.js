@@ -120,7 +120,7 @@
   const magnitude = (p) => Math.hypot(p.re_ohm, p.im_ohm);
   const angle = (p) => (180 / Math.PI) * Math.atan2(p.im_ohm, p.re_ohm);
   const known = (p) => Number.isFinite(p.re_sigma_ohm) && Number.isFinite(p.im_sigma_ohm);
-  // Standard uncertainty of |Z|, Ω, and of the phase, °, the errors of both parts taken as independent.
+  // Standard uncertainty of |Z|, Ω, and of the phase, °; the errors of both parts are assumed to be independent.
   const magnitudeSigma = (p) => Math.hypot(p.re_ohm * p.re_sigma_ohm, p.im_ohm * p.im_sigma_ohm) / magnitude(p);
   const angleSigma = (p) =>
     ((180 / Math.PI) * Math.hypot(p.im_ohm * p.re_sigma_ohm, p.re_ohm * p.im_sigma_ohm)) / magnitude(p) ** 2;
@@ -285,7 +285,7 @@
     const most = rows[d3.maxIndex(rows, magnitude)];
     const unit = unitOf(magnitude(most) / 10);
     const places = Math.max(0, 2 - Math.floor(Math.log10(magnitude(most) / SIZES[unit] || 1)));
-    // Twice, so that nothing is told as −0.
+    // Rounded twice, so that −0 is never shown.
     const ohms = (value) => `${minus(Number((value / SIZES[unit]).toFixed(places)).toFixed(places))} ${unit}`;
     const far = (row, part) => Math.abs(row[`${part}_ohm`]) > 2 * row[`${part}_sigma_ohm`];
     const judged = rows.filter(known);
@@ -398,7 +398,7 @@
     return Math.abs(at.x - view.x) <= half && Math.abs(at.y - view.y) <= tall;
   }
 
-  // By the buttons and keys both kinds of axes come nearer, around the point that is told if it is in sight.
+  // Buttons and keys zoom both kinds of axes around the selected point, if it is visible.
   function zoomBy(s, factor) {
     if (!s.bounds) return;
     for (const plot of [s.plots.nyquist, s.plots.bode]) {
@@ -420,7 +420,7 @@
     say(s.said, s.words.whole);
   }
 
-  // Who goes by keyboard is followed.
+  // Scrolls to the selected point during keyboard navigation.
   function reveal(s) {
     for (const plot of [s.plots.nyquist, s.plots.bode]) {
       const view = s.views[plot.view];
@@ -511,7 +511,7 @@
       group.append(svg("g", { class: name }, svg("path", { class: "cv-model", d: `M${points.join("L")}` })));
   }
 
-  // Where a model is drawn, the line from point to point would be taken for it.
+  // If a model is drawn, lines between points could be mistaken for it.
   const joined = (s, one) => !s.fitted.some((model) => model.curve === one.id);
 
   function drawNyquist(s, plot) {
@@ -550,7 +550,7 @@
       : d3.scaleLinear(ends, range);
   }
 
-  // Of rows those whose frequency is in sight, or all of them if none is.
+  // Returns the rows whose frequency is visible, or all of them if none is.
   function sighted(rows, x) {
     const [low, high] = x.domain();
     const found = rows.filter((row) => row.freq_hz >= low && row.freq_hz <= high);
@@ -724,7 +724,7 @@
     drawTable(s);
   }
 
-  // ---- the point that is told -------------------------------------------------------------------
+  // ---- the selected point ------------------------------------------------------------------------
 
   function nearest(plot, [x, y]) {
     let [best, least] = [null, REACH];
@@ -743,7 +743,7 @@
     mark(s);
   }
 
-  // Rings around the point in all plots, and its words in the line.
+  // Highlights the selected point in all plots, and shows its values as text.
   function mark(s) {
     for (const plot of Object.values(s.plots)) {
       const same = (spot) => s.active && spot.id === s.active.id && spot.place === s.active.place;
@@ -780,7 +780,7 @@
 
   const filled = (s) => s.shown.filter((one) => one.points.length);
 
-  // To the next point of the curve; with nothing told yet, to the first.
+  // Selects the next point of the curve, or the first if none is selected.
   function walk(s, by) {
     const curves = filled(s);
     if (!curves.length) return;
@@ -790,7 +790,7 @@
     reveal(s);
   }
 
-  // To the point of the next curve whose frequency is nearest.
+  // Selects the point of the next curve with the nearest frequency.
   function change(s, by) {
     const curves = filled(s);
     if (!s.active || !curves.length) return walk(s, 0);
@@ -899,7 +899,7 @@
     return `${one.name} (${count}${one.given.corrected ? "" : `, ${s.words.asRead}`})`;
   }
 
-  // The buttons stay the same nodes, so that nobody loses the focus or a click.
+  // The buttons keep their nodes, so that focus and clicks are not lost.
   function drawLegend(s) {
     const turn = (_, one) => {
       if (!s.hidden.delete(one.id)) s.hidden.add(one.id);
@@ -1113,7 +1113,7 @@
       .each((file, k, nodes) => say(nodes[k], put(s.words.takeOut, { file: file.name })));
   }
 
-  // Offers to compare with files; `read` makes the spectra of one, or tells why not.
+  // Offers comparison with files; `read` returns the spectra of a file, or throws the reason.
   function offerFiles(s, read) {
     const { words } = s;
     s.read = read;
@@ -1161,7 +1161,7 @@
     const files = [s.fileList, s.fileSaid];
     s.root = el("div", { class: "cv" }, makeTools(s), ...files, s.legend, s.notes, s.area, ...told, s.details);
     parent.append(s.root);
-    // A report has nobody who calls `fit`, and a page that was hidden had no width.
+    // In a report `fit` is never called, and a hidden page had no width.
     new ResizeObserver(() => s.area.clientWidth !== s.width && later(s)).observe(s.area);
   }
 
@@ -1179,7 +1179,7 @@
       hidden: new Set(),
       log: { magnitude: false, frequency: true },
       views: { near: null, band: null },
-      // Chosen by a person: null where nobody has chosen yet.
+      // The user's choice: null before the first choice.
       wanted: null,
       base: null,
       against: null,

@@ -1,4 +1,4 @@
-// What the views of the catalogue, of a run, of a cell and of the fleet share: tables of runs, verdicts in words, rows
+// Shared by the views of the catalogue, of a run, of a cell and of the fleet: tables of runs, verdicts as text, rows
 // that keep the focus.
 "use strict";
 
@@ -40,7 +40,7 @@ export const CALM_MS = 1000;
 
 export const address = (...parts) => `#/${parts.map(encodeURIComponent).join("/")}`;
 
-// Why a person may not do something, in words; null where they may.
+// Returns why the user may not do something, as text, or null if it is allowed.
 export function lack(ctx, scope) {
   return ctx.may(scope)
     ? null
@@ -50,13 +50,13 @@ export function lack(ctx, scope) {
       );
 }
 
-// A verdict as a sign, a word and a colour.
+// Shows a verdict as a symbol, a word and a colour.
 export function verdict(name) {
   const [sign, words, colour] = WORDS.verdicts[name] || ["?", name, "quiet"];
   return el("span", { class: `fd-verdict ${colour}` }, el("span", { "aria-hidden": "true" }, `${sign} `), words);
 }
 
-// What a spectrum is called in words: `raw_fake_cell` is the fake cell, `spectra/A_1` is A 1.
+// Display name of a spectrum: `raw_fake_cell` is the fake cell, `spectra/A_1` is A 1.
 export const named = (name) => name.replace(/^spectra\//, "").replace(/^raw_/, "").replaceAll("_", " ");
 
 // Does `work` a second after `now()` was called first, however often it is called until then.
@@ -94,8 +94,8 @@ function hold(parent, held, spare) {
   if (next) next.focus({ preventScroll: true });
 }
 
-// Brings the rows of `parent` to what `items` say. A row that looks the same stays the same node, so that focus,
-// scroll and a press of a button survive; where the row in focus goes, its neighbour or `spare` gets the focus.
+// Updates the rows of `parent` to `items`. A row with unchanged content keeps its node, so that focus, scroll position
+// and a press of a button survive. If the focused row is removed, its neighbour or `spare` gets the focus.
 export function keyed(parent, items, key, draw, spare = null) {
   const held = heldIn(parent);
   const old = new Map([...parent.children].map((node) => [node.dataset.key, node]));
@@ -191,7 +191,7 @@ export const curve = (run, spectrum, name) => ({
   name,
 });
 
-// The panel that draws spectra; it keeps to the width of `parent` by itself.
+// The panel that draws spectra; it follows the width of `parent` automatically.
 export function plot(parent, onPoint) {
   if (window.eisCurves) return window.eisCurves.panel(parent, { onPoint });
   parent.replaceChildren(el("p", { class: "bad" }, WORDS.noPlots));

@@ -1,5 +1,5 @@
-// View `#/fleet`: every bench of every server of the fleet, its jobs, and what a person may do about them. Rows stay
-// the same nodes while their words change, so that focus, scroll and a press of a button survive.
+// View `#/fleet`: every bench of every server of the fleet, its jobs, and the actions on them. Rows keep their nodes
+// while their text changes, so that focus, scroll position and a press of a button survive.
 "use strict";
 
 import { $, duration, el, fill, person, text, when } from "./bench.js";
@@ -235,7 +235,7 @@ function workOf(one) {
 
 const isOff = (one) => one.outputs_verified === true && one.state !== "silent";
 
-// A row of a bench; `update(bench)` brings its words to what is so now.
+// Returns a row of a bench; `update(bench)` sets its text to the present state.
 function benchRow(first) {
   const heads = WORDS.columns;
   const name = WORDS.name(first);
@@ -278,7 +278,7 @@ function benchRow(first) {
     text(parts.can, canDo(one.capabilities || {}));
     const isHeld = ["held", "draining"].includes(one.state) || !isUnset(one.held);
     acts.hold.hidden = acts.drain.hidden = isHeld;
-    // A bench in work may be draining too, which its state does not tell.
+    // A running bench may also be draining, which its state does not show.
     acts.release.hidden = !isHeld && one.state === "idle";
     for (const node of Object.values(acts)) node.disabled = Boolean(lack(view.ctx, "energise"));
   };
@@ -352,7 +352,7 @@ function choose(select, choices) {
   if (select.selectedIndex < 0) select.selectedIndex = 0;
 }
 
-// Does something for a form, whether it was done: what was refused is told in the form, where one looks.
+// Performs an action of a form and returns whether it succeeded. The form shows a refusal next to the button.
 async function doing(said, work, words) {
   const { ctx } = view;
   text(said, "");
@@ -413,8 +413,8 @@ function closeWhy() {
 
 // ---- the stop -----------------------------------------------------------------------------------
 
-// What became of a bench, by what the answer says of it. What nobody has said is not reached, and what was not read
-// back is not verified.
+// Returns the outcome for a bench according to the reply. A bench without a report was not reached, and an output that
+// was not read back is not verified.
 function fateOf(name, found) {
   const report = found && found.report;
   const words = [found && found.words, report && report.message, ...outputsOf(report)].filter(Boolean).join("; ");
@@ -442,7 +442,7 @@ function reportsOf(answer) {
 
 function tellStop(answer, benches) {
   const reports = reportsOf(answer);
-  // A bench that answers, and was not known here, is told too.
+  // A bench that replied but was unknown here is listed, too.
   const names = [...new Set([...benches.map(WORDS.name), ...reports.keys()])];
   const fates = names.map((name) => fateOf(name, reports.get(name)));
   const of = (kind) => fates.filter((one) => one.kind === kind);
@@ -493,7 +493,7 @@ async function stop(path, body, benches, node, label) {
   const { ctx } = view;
   const answer = await ctx.stop(node, path, { body, patience: STOP_MS, waits: WORDS.stopWaits });
   text(node, label);
-  // What was refused is told where it was.
+  // A refusal has already been shown at the button.
   if (answer !== null) ctx.stopSays(...tellStop(answer, benches));
   poll();
 }
@@ -733,7 +733,7 @@ async function takeExperiment() {
   const mine = view;
   const name = mine.send.experiment.value;
   const asked = () => mine.ctx.get(`/files/experiments/${encodeURIComponent(name)}`);
-  // Whoever writes their own keeps what is there.
+  // Text that the user writes is kept.
   const got = name ? await mine.ctx.attempt(asked) : null;
   if (!got || view !== mine || mine.send.experiment.value !== name) return;
   mine.send.text.value = got.text;
@@ -792,7 +792,7 @@ function planOf({ plan, margins }) {
   ];
 }
 
-// The greatest current of the plan is what the bench must be able to do, unless a person has said so.
+// The greatest current of the plan is the required capability, unless the user has set another one.
 function takeCurrent(margins) {
   const amps = margins.filter((one) => one.unit === "A").flatMap((one) => [one.planned_least, one.planned_greatest]);
   const greatest = Math.max(0, ...amps.filter(known).map(Math.abs));
@@ -845,7 +845,7 @@ function fits(one, needs) {
   );
 }
 
-// Says what is sent, how often and who can do it, and asks once more.
+// Shows what is submitted, how often and which benches can run it, and asks for a confirmation.
 function confirm() {
   if (reasonNow()) return drawReason();
   const { send, fleet } = view;
@@ -1022,7 +1022,7 @@ function build(parent) {
   drawReason();
 }
 
-// Where there is no fleet, that is said, and nothing else.
+// Without a fleet, only a message to that effect is shown.
 async function first() {
   const mine = view;
   try {

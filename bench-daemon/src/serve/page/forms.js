@@ -222,7 +222,7 @@ const SCOPES = ["read", "operate", "energise", "clear-trip"];
 const WAIT_MS = 300;
 const SMALL_MARGIN = 0.1;
 
-// What is open. Whoever waits for an answer looks afterwards whether it is still the same one.
+// The open form. After each await, check that it is still the current one.
 let view = null;
 let ids = 0;
 
@@ -269,7 +269,7 @@ function clock(unix_s) {
 
 // ---- fields -------------------------------------------------------------------------------------
 
-// Where a node is on the page: `box` around it, `control` to go to, `mistake` for words, `help` ids.
+// Elements of a node: `box` around it, `control` to focus, `mistake` for messages, `help` ids.
 const places = new WeakMap();
 
 function pieces(description) {
@@ -362,7 +362,7 @@ function choiceBox(node, attributes) {
   return [selectBox(node, choices, { ...attributes, "aria-describedby": described }, tell), about];
 }
 
-// A number and its unit; a unit that is typed behind the number is taken over.
+// A number and its unit; a unit that is typed after the number is adopted.
 function quantityBox(node, attributes, label) {
   const unit = el("select", {
     "aria-label": WORDS.form.unit(label),
@@ -381,8 +381,8 @@ function quantityBox(node, attributes, label) {
     ...attributes,
     onchange: (event) => {
       schema.type(node, event.target.value);
-      // Where nothing is taken over nothing is checked anew: whoever leaves the box to press a button
-      // must find it as it was.
+      // Without a change nothing is checked again: a user who leaves the box to press a button must find the button in
+      // its place.
       if (event.target.value === node.text) return;
       event.target.value = node.text;
       drawUnits();
@@ -650,7 +650,7 @@ function drawForm() {
   suggest();
 }
 
-// The files of this server for the paths of an experiment; whoever wants another one types it.
+// Suggests the files of this server for the paths of an experiment; any other path can be typed.
 async function suggest() {
   const mine = view;
   if (mine.kind !== "experiments") return;
@@ -839,7 +839,7 @@ function unchecked(error) {
   settle("failed");
 }
 
-// ---- what is told about the check ---------------------------------------------------------------
+// ---- result of the check ------------------------------------------------------------------------
 
 function statusWords() {
   const { answer } = view;
@@ -871,7 +871,7 @@ function drawState() {
   parts.takeBack.hidden = waits !== WORDS.stale.unreadable;
   drawText();
   if (view.state === "checked") drawPlan();
-  // What is no longer so is not shown; while an answer is awaited, the last one stays.
+  // An outdated plan is hidden; while a reply is pending, the last one stays.
   parts.plan.hidden = view.state === "failed" || view.state === "wrong" || !parts.plan.childNodes.length;
   drawReasons();
 }
@@ -941,7 +941,7 @@ function marginWords({ unit, margin, least, greatest }) {
     : ["good", WORDS.margin.left(figure(margin, unit), by)];
 }
 
-// Where the plan lies between the limits, with the margin in words.
+// Shows where the plan lies between the limits, with the margin as text.
 function marginBar(limit) {
   const { quantity, unit, planned_least, planned_greatest, least, greatest } = limit;
   const [level, words] = marginWords(limit);
@@ -980,7 +980,7 @@ async function copy() {
     await navigator.clipboard.writeText(area.value);
     text(fileSaid, WORDS.file.copied);
   } catch {
-    // Without https a page may not write to the clipboard by itself.
+    // Without https a page cannot write to the clipboard directly.
     area.focus();
     area.select();
     text(fileSaid, WORDS.file.select);
@@ -1610,7 +1610,7 @@ async function lists(mine, ...paths) {
   return Promise.all(paths.map(caught));
 }
 
-// A list, or words why there is none.
+// Returns a list, or text that explains why there is none.
 function orWhy(title, answer, found, item) {
   if (!answer.error) return startList(title, found(answer), item);
   const words = el("p", { class: "bad" }, WORDS.start.unread(reasonOf(answer.error)));

@@ -1,5 +1,5 @@
-// Notes on a run or on a cell: who wrote what and when, and a form to write one more. The form is never drawn anew, so
-// that what is being typed survives whatever comes from the server.
+// Notes on a run or on a cell, with author and time, and a form to add one. The form is never redrawn, so that text in
+// it survives any event from the server.
 "use strict";
 
 import { el, person, text, when } from "./bench.js";
@@ -42,7 +42,7 @@ export function notes(parent, path, ctx) {
     text(said, mistake);
     if (mistake) return field.focus();
     if (!(await ctx.attempt(() => ctx.post(path, { text: written })))) return undefined;
-    // Whoever has gone on typing meanwhile keeps what they typed.
+    // Text that was typed in the meantime is kept.
     if (field.value.trim() === written) field.value = "";
     text(said, WORDS.added);
     return ctx.attempt(refresh);
@@ -64,7 +64,7 @@ export function notes(parent, path, ctx) {
   return { take, refresh };
 }
 
-// What is wrong with a note, in words; "" where nothing is.
+// Returns what is wrong with a note, or "" if it is valid.
 function wrong(written) {
   const count = [...written].length;
   if (!count) return WORDS.empty;

@@ -1,5 +1,5 @@
-// Notices to people who are not at the page: where they go, what came of the latest, and a try. This
-// browser can tell them too, as long as the page is open in it.
+// Notifications to people away from the page: targets, outcome of the latest, and a test. This browser can show them
+// too, as long as the page is open in it.
 "use strict";
 
 import { el, fill, when } from "./bench.js";
@@ -32,7 +32,7 @@ const CHOICE = "notices";
 
 const parts = { ctx: null, facts: null, table: null, here: null };
 
-// Whether this browser tells notices: it was asked to, and may.
+// Returns whether this browser shows notifications: they are enabled and permitted.
 export const tellsHere = () =>
   Boolean(window.Notification) && Notification.permission === "granted" && localStorage.getItem(CHOICE) === "on";
 
@@ -41,7 +41,7 @@ export function tellHere(notice) {
   try {
     new Notification(notice.title, { body: notice.text, tag: `eis-bench ${notice.number}` });
   } catch {
-    // Some browsers of phones tell through a service worker only.
+    // Some mobile browsers show notifications through a service worker only.
   }
 }
 

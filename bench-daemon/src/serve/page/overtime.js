@@ -19,10 +19,10 @@ const STILL = 4;
 
 const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
-// What is said where charts cannot be drawn; null where they can.
+// Message if charts cannot be drawn, otherwise null.
 export const noCharts = () => (window.uPlot ? null : WORDS.noCharts);
 
-// A value and the ends of its bar, in a unit so many times smaller; what has no uncertainty has no bar.
+// Returns a value and the ends of its error bar, multiplied by `times`; without an uncertainty there is no bar.
 export function bar({ value, sigma }, times) {
   const half = Number.isFinite(sigma) ? sigma : NaN;
   return { value: times * value, low: times * (value - half), high: times * (value + half) };
@@ -58,9 +58,9 @@ const MARKS = {
   },
 };
 
-// A chart within `holder`; `look` has the `name` of the quantity, the `axis` and the `colour`. `show(points)` draws
-// points in the order of time, each with `unix_s`, `value`, `low` and `high` of its bar, its `mark`, whether it is
-// `joined` to others, and perhaps the `href` that a press on it leads to.
+// Creates a chart within `holder`; `look` has the `name` of the quantity, the `axis` and the `colour`. `show(points)`
+// draws points in the order of time, each with `unix_s`, `value`, `low` and `high` of its bar, its `mark`, whether it
+// is `joined` to others, and an optional `href` that a press on it opens.
 export function overTime(holder, look) {
   const state = { points: [] };
   const chart = makeChart(holder, look, state);
@@ -176,7 +176,7 @@ function zoomed(points, low, high) {
   return low <= points[0].unix_s && high >= points[points.length - 1].unix_s ? stretch(points) : [low, high];
 }
 
-// As many digits as tell one tick from the next.
+// Uses as many digits as distinguish adjacent ticks.
 const figures = (_, ticks, axis, space, step) => ticks.map((value) => value.toFixed(decimals(step)).replace("-", "−"));
 
 // Days, and hours below them where the ticks are closer than a day.

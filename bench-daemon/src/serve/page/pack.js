@@ -105,7 +105,7 @@ const ERM = "6.43 mΩ; 1.51 mΩ, 0.553 F; 4.77 mΩ, 1.084 kF";
 
 // So soon after a change it is calculated, ms: while one drags, that often; never two at a time.
 const PAUSE_MS = 80;
-// The address and the words for whoever listens follow when one rests.
+// The address and the screen-reader text are updated once a slider rests.
 const REST_MS = 600;
 const HEIGHT = 220;
 const MOST_ROWS = 60;
@@ -473,7 +473,7 @@ async function once(mine) {
 
 function answerView(mine) {
   const kept = el("p", { class: "an-kept" }, WORDS.asking);
-  // Stays in sight below the sliders; it says nothing that is not said above.
+  // Stays visible below the sliders; it repeats information from above only.
   const brief = el("p", { class: "an-brief", "aria-hidden": "true", hidden: true });
   const spoken = el("p", { class: "an-hidden", role: "status" });
   const trouble = el("p", { class: "bad", role: "alert", hidden: true });
@@ -590,7 +590,7 @@ function tableView() {
   return { node, show };
 }
 
-// Which places are told by a word.
+// Positions that are labelled.
 function marked({ voltage_v, current_a }) {
   const best = (values, better) =>
     values.reduce((found, value, place) => (value !== null && better(value, values[found]) ? place : found), 0);
@@ -658,7 +658,8 @@ function strip(holder, lines) {
   return new window.uPlot(options, [[], ...lines.map(() => [])], holder);
 }
 
-// Two strips with one time. They are hidden from whoever listens: the table and the figures say the same.
+// Two strips with one time axis. They are hidden from screen readers, because the table and the figures contain the
+// same data.
 function plotsView() {
   const about = el("p", { class: "quiet" }, window.uPlot ? WORDS.plots : WORDS.noPlots);
   const holders = [el("div", { class: "strip", "aria-hidden": "true" }), el("div", { class: "strip" })];

@@ -59,7 +59,7 @@ function answer(question, send, lacks) {
   const go = el("button", { type: "submit", disabled: off }, WORDS.go);
   const onsubmit = async (event) => {
     event.preventDefault();
-    // Who presses twice answers once, also while the question is still in sight.
+    // A double press answers once, even while the question is still visible.
     if (go.getAttribute("aria-disabled")) return;
     if (!done.checked) {
       say(WORDS.first, true);
@@ -69,7 +69,7 @@ function answer(question, send, lacks) {
     say(WORDS.sending, false);
     go.setAttribute("aria-disabled", "true");
     const why = await send(question, serial.value.trim() || null);
-    // What is refused is told here, where one looks: above, the header may hide it.
+    // A refusal is shown here, because the header may hide a message above.
     say(why, true);
     if (!why) return;
     go.removeAttribute("aria-disabled");

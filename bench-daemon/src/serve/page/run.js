@@ -136,7 +136,7 @@ const ANALYSES = {
 const REPORT = "report.html";
 const TAG = /^[\p{L}\p{N}_-]{1,40}$/u;
 const MOST_TAGS = 20;
-// So many spectra can be told from each other in one plot.
+// Maximum number of spectra that can be distinguished in one plot.
 const MOST_CURVES = 12;
 const LOG_LINES = 200;
 // The longest file of spectra that the server reads; and how long it may take over a slow line.
@@ -156,8 +156,8 @@ const orNone = (ctx, asked, none) =>
 
 // ---- what it is ---------------------------------------------------------------------------------
 
-// What the search knows of this run: its cells, its verdict and its tags. No other request tells it.
-// Its cells and tags, with all tags that exist.
+// Fetches the search entry of this run: its cells, its verdict and its tags, together with all existing tags. No other
+// request returns them.
 async function findCard(ctx, run) {
   const [told, found] = await Promise.all([ctx.get(`/runs/${encodeURIComponent(run)}`), ctx.get("/runs/find?most=1")]);
   return { card: told.card, tags: found.tags };
@@ -246,7 +246,7 @@ function drawActs() {
 async function analyse(kind) {
   const mine = view;
   const one = only();
-  // A diagnosis takes the whole run: of a campaign the cell whose spectrum is chosen.
+  // A diagnosis uses the whole run; for a campaign, it uses the cell whose spectrum is selected.
   const place = mine.campaign && one ? mine.campaign.runs.find((run) => run.spectrum === one.name) : null;
   const body =
     kind === "diagnose"
@@ -280,7 +280,7 @@ function preferred() {
 }
 
 function drawChoice() {
-  // Nobody's curve goes away while they look at it; but what is corrected takes the place of what is as read.
+  // A visible curve is not removed; but a corrected spectrum replaces the raw one.
   if (!shown().length || (!view.byHand && !only().corrected)) view.chosen = preferred();
   const many = corrected().length;
   const options = view.spectra.map((one) => [one.name, named(one.name) + (one.corrected ? "" : WORDS.asRead)]);
@@ -399,7 +399,7 @@ function drawCampaign() {
   text(view.placeSaid, chosen ? WORDS.place(chosen.cell, chosen.repeat, chosen.words) : "");
 }
 
-// A place of the matrix: what became of it as sign, word and colour; it shows its spectrum where there is one.
+// An entry of the matrix: its outcome as symbol, word and colour; it shows its spectrum if there is one.
 function place(one, name, repeat) {
   const state = one ? (one.state === "done" && one.verdict) || one.state : "none";
   const [sign, words] = WORDS.states[state] || ["?", state];
@@ -527,7 +527,7 @@ function filesSection() {
   );
 }
 
-// The last lines; whoever reads the end is kept at the end, and whoever reads further up is left there.
+// Loads the last lines. If the view is at the end, it stays there; otherwise the scroll position stays.
 async function loadLog() {
   const mine = view;
   if (!mine || !mine.log.open) return;
@@ -726,7 +726,7 @@ function rms(values) {
   return Math.sqrt(read.reduce((sum, value) => sum + value * value, 0) / read.length);
 }
 
-// The figures that the server tells, which knows all samples; else those of what it sent.
+// Uses the figures that the server computes from all samples, otherwise those of the samples that it sent.
 function figures({ channels, samples }) {
   const heads = WORDS.figureHeads;
   const row = (one) => {
@@ -835,7 +835,7 @@ function residualChart(parent, one) {
   return overTime(parent, 140, WORDS.residual, one, [one.residual], series);
 }
 
-// On a log axis there is no place for nothing: a line of frequency or amplitude 0 is left out.
+// A log axis cannot show zero: a line of frequency or amplitude 0 is left out.
 function spectrumChart(parent, one) {
   const kept = one.freq_hz.map((_, k) => k).filter((k) => one.freq_hz[k] > 0 && one.amplitude[k] > 0);
   const pick = (values) => kept.map((k) => values[k]);
@@ -851,7 +851,7 @@ function section(id, title, ...parts) {
   return el("section", { "aria-labelledby": id }, el("h3", { id }, title), ...parts);
 }
 
-// Each part is drawn as it comes; what fails fails for all that wait for it, and is said once.
+// Draws each part as it arrives; an error affects all parts that wait for the request, and is shown once.
 async function load() {
   const mine = view;
   const { ctx, run } = mine;
@@ -953,7 +953,7 @@ export async function open(parent, where, ctx) {
     close();
     parent.replaceChildren();
     const opened = open(parent, where, ctx);
-    // Nobody asked to be taken elsewhere.
+    // A rebuild must not move the focus.
     if (held && held.isConnected) held.focus({ preventScroll: true });
     return opened;
   };

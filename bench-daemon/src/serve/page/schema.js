@@ -10,7 +10,7 @@ const A_NUMBER = new RegExp(`^${NUMBER}$`);
 const A_WHOLE = /^[+-]?[0-9]+$/;
 const A_QUANTITY = new RegExp(`^\\s*(${NUMBER})\\s*(\\S.*?)\\s*$`);
 const SHORT_NAMES = new Set(["eis", "ocv", "soc", "rc"]);
-// The end of a key whose value is a bare number of this unit.
+// Suffix of a key whose value is a bare number of this unit.
 const UNITS_OF_KEYS = new Map([["v", "V"], ["a", "A"], ["s", "s"]]);
 
 // What a control holds is not what its field wants; `code` says why.
@@ -70,7 +70,7 @@ function shownAs(root, part, value) {
   return apart ? { kind: "list", of, items } : { kind: "anything" };
 }
 
-// One of each unit that looks the same: Ω has two code points, and µ, too.
+// Returns one of each unit with identical appearance: Ω has two code points, and µ, too.
 function unitsOf(part) {
   const seen = new Set();
   return (part["x-units"] || []).filter((unit) => {
@@ -79,7 +79,7 @@ function unitsOf(part) {
   });
 }
 
-// A key in words: `soc_reset` is "SOC reset", `voltage_v` is "Voltage (V)".
+// Returns a key as text: `soc_reset` is "SOC reset", `voltage_v` is "Voltage (V)".
 export function labelOf(key) {
   const [first, ...rest] = key.split("_").map((word) => (SHORT_NAMES.has(word) ? word.toUpperCase() : word));
   const unit = UNITS_OF_KEYS.get(rest[rest.length - 1]);
@@ -87,7 +87,7 @@ export function labelOf(key) {
   return [first.charAt(0).toUpperCase() + first.slice(1), ...rest].join(" ");
 }
 
-// The pieces of a description, every second one a name that stood in backticks; links become words.
+// Splits a description; every second piece is a name that was in backticks. Links become text.
 export function piecesOf(description) {
   return description.replace(/\[([^\]]*)\]\([^)]*\)/g, "$1").split("`");
 }
@@ -123,7 +123,7 @@ function firstUnit(part) {
 function quantity(node, part, value) {
   node.known = part["x-units"];
   const parts = value === undefined ? { number: "", unit: firstUnit(part) } : split(value, node.known);
-  // A text that is no number with a unit is shown as it was typed, with no unit chosen.
+  // A text that is not a number with a unit is shown as typed, with no unit selected.
   node.text = parts ? parts.number : value;
   node.unit = parts ? parts.unit : "";
   node.units = unitsOf(part);
@@ -491,8 +491,8 @@ function changeOne(all, { path, key, old, next }) {
   return body ? [...all.slice(0, table.from), ...body, ...all.slice(table.to)] : null;
 }
 
-// A text in which only what differs is written anew, so that its comments stay; null where that is
-// not simple. Whoever uses it reads it again and looks whether it says what it should.
+// Returns a text in which only the differences are rewritten, so that its comments stay, or null if that is not simple.
+// The caller must parse the result and check that it has the intended content.
 export function patch(text, was, now) {
   let all = text.split("\n");
   for (const change of changesOf(was, now, [])) {
@@ -504,7 +504,7 @@ export function patch(text, was, now) {
 
 // ---- lines of two texts -------------------------------------------------------------------------
 
-// Beyond this many pairs of lines, what differs is told as a whole.
+// Beyond this many pairs of lines, the difference is reported as a whole.
 const MOST_PAIRS = 4e6;
 
 // Longest common run of lines, by rows of the table of lengths from the end.

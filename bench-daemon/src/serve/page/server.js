@@ -1,5 +1,5 @@
-// Speaking with the server: requests with the browser's session, whose cookie no script can read, and
-// the stream of events, which comes back by itself where it was cut off.
+// Communication with the server: requests with the browser's session, whose cookie scripts cannot read, and the stream
+// of events, which reconnects automatically.
 "use strict";
 
 const WORDS = {
@@ -23,7 +23,7 @@ const PROOF = { "X-Eis-Bench": "page" };
 // A request that is not answered within this time is given up: a browser gives each host few
 // connections, and one that hangs keeps the others out.
 const PATIENCE_MS = 15000;
-// A stop is tried again so soon: whoever asks again joins the stop under way.
+// Retry interval of a stop, ms: a repeated request joins the stop in progress.
 const STOP_MS = 4000;
 
 async function asked(method, path, body, patience = PATIENCE_MS) {
@@ -38,7 +38,7 @@ async function asked(method, path, body, patience = PATIENCE_MS) {
   return response;
 }
 
-// What is done may be answered without a word.
+// A successful request may have an empty reply.
 const NO_CONTENT = 204;
 const valueOf = (response) => (response.status === NO_CONTENT ? {} : response.json());
 
@@ -58,7 +58,7 @@ function channelOf(name) {
   }
 }
 
-// All tabs of a browser have one session: the tab that begins or ends it tells the others.
+// All tabs of a browser share one session: the tab that begins or ends it notifies the others.
 const session = channelOf("session");
 
 // The token is shown once, for a session.
@@ -75,19 +75,20 @@ export async function signOut() {
 // Calls `changed()` when another tab has begun or ended the session.
 export const onSession = (changed) => session?.addEventListener("message", changed);
 
-// Whoever hears nothing for so long is no longer connected, whatever the system says: the server speaks every 15 s.
+// Silence after which the connection counts as lost, whatever the system reports: the server sends something every 15
+// s.
 const SILENCE_MS = 40000;
 // A tab that hears nothing for so long of the one that listens takes its place: that one says more
 // often that it is there, connected or not.
 const ABSENCE_MS = SILENCE_MS + 15000;
 const BEAT_MS = 5000;
 
-// Calls `on(kind, data)` for each event, and `link(state)` as the connection comes and goes. What was
-// before `link("up")` is not told: ask for it then. All tabs of a browser with the same session, which
-// is that of `who`, share one stream: the tab that holds the lock listens and passes on what it hears,
-// and that it tries where it hears nothing; when it is closed, the next one takes over. From a tab that
-// says nothing any more, for a browser may freeze a tab that nobody looks at, the lock is taken. So
-// there is never a second stream, for a browser gives each host few connections, and the stop needs one.
+// Calls `on(kind, data)` for each event, and `link(state)` when the connection opens or closes. Events before
+// `link("up")` are not delivered: request the state then. All tabs of a browser with the same session, which is that of
+// `who`, share one stream. The tab that holds the lock listens and forwards what it receives, and reports its attempts
+// while it receives nothing; when it is closed, the next tab takes over. If that tab falls silent, because a browser
+// may freeze a background tab, another tab steals the lock. So there is never a second stream: a browser allows each
+// host few connections, and the stop needs one.
 export async function listen(who, on, link) {
   // Where a session before this one has come to is nothing to this one.
   server.lastId = "";
@@ -112,7 +113,7 @@ export async function listen(who, on, link) {
 function linked(tab, state) {
   tab.state = state;
   tab.link(state);
-  // Without a token that is known nothing is heard any more; whoever logs in anew listens anew.
+  // Without a valid token no events arrive; a new login listens again.
   if (state === "refused") tab.over.abort();
 }
 
@@ -131,16 +132,16 @@ function hear(tab, data) {
   }
 }
 
-// Waits for the lock, or takes it, and listens for all as long as it is not taken from this tab;
-// whether it is to be taken in the next turn.
+// Waits for the lock, or steals it, and listens for all tabs until it is stolen from this tab. Returns whether to steal
+// it in the next turn.
 async function turn(tab, name, steal) {
-  // Who listens for all says whether it is connected.
+  // The listening tab reports whether it is connected.
   tab.channel.postMessage({ ask: true });
   const waits = new AbortController();
   const robbed = new AbortController();
   const over = () => waits.abort();
   tab.over.signal.addEventListener("abort", over);
-  // Not all look at the same time: the first to take the lock tells the others.
+  // Tabs check at different times: the first to steal the lock notifies the others.
   const watch = setInterval(
     () => {
       if (tab.leads || Date.now() - tab.heard < ABSENCE_MS) return;
@@ -154,7 +155,7 @@ async function turn(tab, name, steal) {
     return false;
   } catch (error) {
     if (error.name !== "AbortError") throw error;
-    // What the tab heard that has taken the lock, this one has not.
+    // Events that the new lock holder received did not reach this tab.
     if (!waits.signal.aborted) linked(tab, "down");
     return waits.signal.aborted;
   } finally {
@@ -178,7 +179,7 @@ async function lead(tab, robbed) {
     linked(tab, state);
     beat();
   };
-  // While it is connected, the server's own words tell that it is: a timer would go on without them.
+  // While connected, received data shows that the connection is alive: a timer would continue without it.
   const tries = setInterval(() => {
     if (tab.state === "down") beat();
   }, BEAT_MS);
@@ -209,7 +210,7 @@ async function stream(on, link, beat = () => {}, ends = new AbortController().si
       pause = 250;
       await read(response.body.getReader(), on, beat);
     } catch {
-      // Told below, and tried again.
+      // Reported below, and tried again.
     } finally {
       clearTimeout(patience);
       request.abort();

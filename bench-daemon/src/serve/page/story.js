@@ -1,5 +1,5 @@
-// What an analysis has found: the story of a diagnosis with the experiments that it recommends, pictures, numbers as
-// tables, and all files. And an investigation, which plays these experiments by itself: its form and its steps.
+// Results of an analysis: the story of a diagnosis with the experiments that it recommends, pictures, numbers as
+// tables, and all files. Also an investigation, which runs these experiments automatically: its form and its steps.
 "use strict";
 
 import { duration, el, fill, person, saveBlob, text, when } from "./bench.js";
@@ -75,7 +75,7 @@ const WORDS = {
   yesNo: { true: "yes", false: "no" },
 };
 
-// Larger JSON than this is not made a table: nobody reads it, and the page would stand still.
+// JSON larger than this is not shown as a table: it would be unreadable, and the page would freeze.
 const MOST_BYTES = 2e6;
 const MOST_ROWS = 200;
 const MOST_TABLES = 60;
@@ -255,7 +255,7 @@ function number(value, sigma, unit) {
   const measure = Math.abs(value || sigma || 0);
   const found = PREFIXED.includes(unit) ? PREFIXES.find(([size]) => measure >= size) : null;
   let [size, prefix] = found || [1, ""];
-  // Nobody counts kiloseconds.
+  // Kiloseconds are not used.
   if (unit === "s" && size > 1) [size, prefix] = [1, ""];
   const behind = unit ? ` ${prefix}${unit}` : "";
   if (!(sigma > 0)) return `${plain(value / size)}${behind}`;
@@ -293,7 +293,7 @@ function ofSigma(key, all) {
   return key.includes("sigma") ? found : undefined;
 }
 
-// Splits an object: what stands in a table of its own, and what is told by a number beside it.
+// Returns the keys of an object that are shown as rows, and the uncertainties by key.
 function split(value, sigma) {
   const sigmas = { ...(isMap(sigma) ? sigma : {}) };
   const rows = [];
@@ -513,7 +513,7 @@ function experiment(ctx, one) {
   ];
 }
 
-// Why it cannot be queued is told, not hidden.
+// Shows why an experiment cannot be queued.
 function refuse(card, why, names) {
   const has = ["read", "operate", "energise", "clear-trip"].filter((scope) => card.ctx.may(scope));
   if (!names.length) text(why, WORDS.noBench);
@@ -522,7 +522,7 @@ function refuse(card, why, names) {
   card.queue.disabled = !why.hidden;
 }
 
-// A plan is that of one bench: with another one it is no longer true.
+// A plan applies to one bench; another bench invalidates it.
 function changed(card) {
   card.asked += 1;
   const before = card.draft;
@@ -594,7 +594,7 @@ function margins(all) {
   return framed(WORDS.margins, table);
 }
 
-// Nothing is queued whose plan was not shown; the question says the bench, the duration and the margins.
+// An experiment is queued only after its plan was shown. The question states the bench, the duration and the margins.
 async function confirm(card) {
   if (card.sent) return;
   const shownDraft = card.draft || (await showPlan(card));
@@ -622,7 +622,7 @@ async function confirm(card) {
       el("div", { class: "acts" }, yes, no),
     ),
   );
-  // The first word is that nothing is done: who holds the key down queues nothing.
+  // The focus starts at the button that cancels, so that a held key queues nothing.
   no.focus();
 }
 
@@ -653,7 +653,7 @@ async function send(card, draft, buttons) {
 
 // ---- an investigation ---------------------------------------------------------------------------
 
-// Rule of the server, for the words: experiments at most, and the same one at most.
+// Limits of the server for the text: maximum number of experiments, and maximum number of equal ones.
 const [MOST_RUNS, MOST_AGAIN] = [6, 2];
 
 const TOLD = {
@@ -719,7 +719,7 @@ const TOLD = {
 
 const isInvestigationOver = (one) => Boolean(one.ended);
 
-// Words for the state of an investigation, with their level.
+// Text for the state of an investigation, with its level.
 export function investigationState(one) {
   if (!one.ended) return [TOLD.states[one.state] || one.state, ""];
   const [sign, level] = TOLD.ended[one.ended.end] || ["■", "note"];
@@ -757,7 +757,7 @@ export function investigationForm(ctx, run, isOpen) {
   const bench = el("select", {}, el("option", { value: "" }, TOLD.own), ...names);
   const wrong = el("p", { class: "bad", role: "alert", hidden: true });
   const said = el("p", { role: "status" });
-  // No button of the form submits it: who holds Enter down begins nothing.
+  // No button submits the form, so that a held Enter key starts nothing.
   const begin = el("button", { type: "button" }, TOLD.begin);
   const no = el("button", { type: "button" }, TOLD.no);
   const list = (words) => el("ul", {}, ...words.map((one) => el("li", {}, one)));
@@ -820,7 +820,7 @@ async function beginInvestigation(ctx, run, { minutes, charge, bench, wrong, sai
   return ctx.go(`#/analysis/${encodeURIComponent(one.id)}`);
 }
 
-// How much of the budget is spent, as a bar and in words.
+// Shows how much of the budget is used, as a bar and as text.
 function useRow(name) {
   const bar = el("progress", { max: 1, "aria-label": name });
   const words = el("b", {});
@@ -853,7 +853,7 @@ function investigationStep(step) {
   return item;
 }
 
-// The steps of an investigation with what they have used; `heard` tells how far its diagnosis is.
+// The steps of an investigation with the resources they used; `heard` receives the progress of its diagnosis.
 export function investigationView(first) {
   const state = el("p", { class: "an-state", role: "status" });
   const progress = el("p", { class: "quiet" });

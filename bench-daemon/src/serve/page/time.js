@@ -88,7 +88,8 @@ const STRIPS = [
 ];
 // Quantities that have limits and bounds.
 const BOUNDED = ["voltage_v", "current_a", "temperature_c"];
-// Letter, ink and dashes of what happened. Those that come first keep their letter where there is no room for all.
+// Letter, colour and dashes of each kind of event. Earlier entries keep their letter if there is not enough room for
+// all.
 const SIGNS = {
   trip: ["T", "--bad", []],
   pause: ["P", "--note", []],
@@ -110,7 +111,7 @@ const shown = { run: "", part: "recent", zoom: null, asked: 0, told: null, times
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const lastOf = (list) => list[list.length - 1];
 const isNumber = (value) => value !== null && value !== undefined;
-// Nothing is told as −0.
+// Avoids −0.
 const fixed = (value, digits) =>
   isNumber(value) ? value.toFixed(digits).replace(/^-(?=[0.]*$)/, "") : WORDS.none;
 // With the sign for minus, as in tables and strips.
@@ -209,8 +210,8 @@ function letter(ctx, text, x, y, ink) {
   ctx.fillText(text, x, y + size / 2);
 }
 
-// Upright lines where something happened, with a letter at the top; a tick where there is no room for it: thousands of
-// dashed lines would take long to draw, and hide the readings.
+// Draws vertical lines at events, with a letter at the top, or a tick if there is no room: thousands of dashed lines
+// would be slow to draw, and would hide the readings.
 function events(chart, ctx, box) {
   const bottom = box.top + box.height;
   const [tick, near] = [TICK_PX * devicePixelRatio, LETTER_PX * devicePixelRatio];
@@ -417,7 +418,7 @@ function spread(values, { digits, unit }) {
   return WORDS.between(fixed(Math.min(...values), digits), fixed(Math.max(...values), digits), unit);
 }
 
-// What is told beside the strips, for whoever does not see them.
+// Text alternative of the strips for screen readers.
 function words(told) {
   if (!told.time_s.length && !told.bath.time_s.length) return shown.zoom ? WORDS.nothingHere : WORDS.nothingYet;
   const of = Object.fromEntries(STRIPS.map((one) => [one.key, spread(valuesOf(told, one), one)]));
@@ -429,7 +430,7 @@ function words(told) {
   return WORDS.said(span, of) + WORDS.rows(told.rows, told.whole);
 }
 
-// Letters and lines of the strips in words: of what happened only what is in sight.
+// Describes the letters and lines of the strips as text, for visible events only.
 function legend(told) {
   const kinds = new Set(told.marks.map((mark) => mark.kind));
   const item = (sign, text) => el("li", {}, sign, ` ${text}`);
@@ -501,7 +502,7 @@ function stretch({ time_s, marks }) {
   return [start, end > start ? end : start + 1];
 }
 
-// Each strip in a task of its own, so that none of them keeps the page from answering.
+// Draws each strip in a separate task, so that the page stays responsive.
 async function drawStrips(told) {
   const [start, end] = stretch(told);
   for (const { one, chart } of shown.charts) {
@@ -572,7 +573,7 @@ export async function drawTime(get, run, limits) {
     shown.times = timesByKind(told.marks);
     await draw(choose);
   } catch {
-    // A run that has no reading yet; whoever calls says when the server is lost.
+    // A run without readings; the caller reports a lost server.
     if (asked === shown.asked && !shown.told) empty();
   }
 }

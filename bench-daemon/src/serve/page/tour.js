@@ -1,5 +1,4 @@
-// The first steps on a bench, for whoever is new here: they are ticked as they are done, and gone for
-// good when a person says so.
+// The first steps on a bench for new users: each is ticked when it is done, and the list can be dismissed permanently.
 "use strict";
 
 import { $, el, fill } from "./bench.js";
