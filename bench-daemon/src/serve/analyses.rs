@@ -1,5 +1,5 @@
-//! Analyses that people ask for over the API: fits, tests and diagnoses of runs. The record of each,
-//! its output and its results lie in a folder of its own; [`super::analyst`] does them.
+//! Analyses that users request over the API: fits, tests and diagnoses of runs. Each analysis has
+//! a folder with its record, its output and its results; [`super::analyst`] runs them.
 
 mod arguments;
 mod error;
@@ -81,7 +81,8 @@ pub struct Analyses {
 }
 
 impl Analyses {
-    /// Those of a data folder; what was in work has ended with its server.
+    /// Opens the analyses of a data folder. An analysis that was running has ended with its
+    /// server.
     pub fn open(data: &Path) -> Self {
         let folder = data.join("analyses");
         let entries = std::fs::read_dir(&folder).into_iter().flatten().flatten();
@@ -121,7 +122,7 @@ impl Analyses {
         opened
     }
 
-    /// All of them, the latest last.
+    /// Locks and returns all analyses, the latest last.
     pub(super) fn lock(&self) -> MutexGuard<'_, Vec<Analysis>> {
         self.all.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -231,7 +232,7 @@ impl Analyses {
         write_atomically(&folder.join(name), text.as_bytes()).map_err(|error| failed(&error))
     }
 
-    /// Arguments of the process of an analysis, as they were made when it was taken.
+    /// Returns the arguments of the process of an analysis, as stored on submission.
     ///
     /// # Errors
     /// In words: a file that cannot be read.
@@ -250,7 +251,7 @@ impl Analyses {
         self.lock().iter().find(|one| one.id == id).cloned()
     }
 
-    /// Conclusion of a diagnosis of one cell; none where it has no results.
+    /// Returns the conclusion of a diagnosis of one cell, or `None` if it has no results.
     pub fn conclusion(&self, settings: &Settings, analysis: &Analysis) -> Option<Conclusion> {
         story::conclusion(settings, analysis, &self.results(&analysis.id))
     }
@@ -286,7 +287,7 @@ impl Analyses {
             .any(|one| one.id == id && one.state == State::InWork)
     }
 
-    /// Whether there is one of this name.
+    /// Returns whether an analysis of this name exists.
     pub fn exists(&self, id: &str) -> bool {
         self.lock().iter().any(|one| one.id == id)
     }
@@ -317,7 +318,7 @@ impl Analyses {
         let one = all.iter_mut().find(|one| fits(one))?;
         change(one);
         let changed = one.clone();
-        // Kept before another change: the file is that of the latest.
+        // Saved before the next change, so that the file always contains the latest state.
         if let Err(error) = self.keep(&changed) {
             tracing::error!("{error}");
         }
@@ -341,8 +342,8 @@ impl Analyses {
     }
 }
 
-/// Ends a process that an earlier server has left behind: the one of this number, where its command
-/// line names the folder of the results.
+/// Ends a process that an earlier server has left: the one with this process number, if its
+/// command line contains the folder of the results.
 fn end_left(pid: Option<i32>, results: &Path) {
     let Some(pid) = pid.filter(|pid| *pid > 1) else {
         return;

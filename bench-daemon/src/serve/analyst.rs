@@ -1,5 +1,5 @@
-//! Does the analyses that people have asked for. Each is a command of this program, run by a process
-//! of its own, one after the other, so that neither the server nor a run waits for it.
+//! Runs the analyses that users have requested. Each is a command of this program in a separate
+//! process. They run one after the other, so that neither the server nor a run waits for them.
 
 use std::{
     fs::File, os::unix::fs::OpenOptionsExt, path::Path, process::Stdio, sync::Arc, time::Duration,
@@ -98,7 +98,7 @@ async fn process(server: &Server, analysis: &Analysis) -> Result<Option<String>,
     analyses.change(&server.hub, &analysis.id, |one| one.pid = Some(pid));
     let mut told_to_end = false;
     let status = loop {
-        // A wake that was meant for an earlier one ends nothing.
+        // A wake-up that was meant for an earlier analysis has no effect.
         if !told_to_end && !analyses.is_in_work(&analysis.id) {
             told_to_end = true;
             let _ = kill(group, Signal::SIGTERM);
@@ -155,7 +155,7 @@ fn look(server: &Server, analysis: &Analysis, folder: &Path) {
     });
 }
 
-/// The share in words such as `searches: 3 of 12`.
+/// Parses the completed fraction from a text such as `searches: 3 of 12`.
 fn share(words: &str) -> Option<f64> {
     let (before, after) = words.rsplit_once(" of ")?;
     let done: f64 = before.rsplit(' ').next()?.parse().ok()?;

@@ -1,5 +1,5 @@
-//! State of the archive of the server's own runs. [`super::archivist`] sends them: nothing waits for it,
-//! neither a request nor a run.
+//! State of the archive of the server's own runs. [`super::archivist`] sends them. Neither a
+//! request nor a run waits for it.
 
 use std::{
     collections::BTreeSet,
@@ -74,8 +74,8 @@ pub struct TroubleNow {
     pub why: String,
 }
 
-/// Runs of a data folder, each with the folders of its diagnoses beside it; all of them where none is
-/// named.
+/// Returns the named runs of a data folder, or all runs if none is named, each with the folders
+/// of its diagnoses.
 ///
 /// # Errors
 /// A name without a run folder, a data folder that cannot be read.
@@ -126,7 +126,8 @@ fn is_name(name: &str) -> bool {
 }
 
 impl ArchiveNow {
-    /// The state of the runs of a data folder, by their receipts; none without an archive.
+    /// Returns the state of the runs of a data folder from their receipts, or `None` without an
+    /// archive.
     ///
     /// # Errors
     /// A receipt or a folder that cannot be read.
@@ -183,7 +184,7 @@ fn add(now: &mut ArchiveNow, receipt: &Receipt, stamp: &str) {
     }
 }
 
-/// Runs that are to be sent.
+/// Runs that are due to be sent.
 #[derive(Debug, Default)]
 pub(super) struct Wanted {
     /// All that are not in the store yet.

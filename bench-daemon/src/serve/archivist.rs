@@ -1,6 +1,6 @@
-//! Sends what is to be in the archive, by processes of this program: `eis-bench archive push` after the
-//! end of each run and analysis, and at the start and every hour for what is not there yet. While the store cannot be
-//! reached it is begun again after longer and longer pauses.
+//! Sends runs to the archive with processes of this program. `eis-bench archive push` runs after
+//! the end of each run and analysis, and at the start and every hour for runs that are not
+//! archived yet. While the store is unreachable, it is retried after increasing pauses.
 
 use std::{process::Stdio, sync::Arc};
 
@@ -22,8 +22,8 @@ const LOOK_S: f64 = 30.0;
 /// Exit code of a push that has done its work and found runs that do not go into the store as they are.
 const REFUSED_CODE: i32 = 10;
 
-/// Sends what is not in the store yet, then whatever ends, for ever. Returns at once where no archive is
-/// configured.
+/// Sends runs that are not in the store yet, and then every run that ends, forever. Returns at
+/// once if no archive is configured.
 pub async fn work(server: Arc<Server>) {
     let Some(archive) = &server.settings.archive else {
         return;

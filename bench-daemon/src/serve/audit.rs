@@ -1,7 +1,7 @@
-//! Audit trail: who did what, and when. One line of JSON for each request is appended and synced
-//! before the answer goes out. Each line carries a checksum over itself and the line before, so
-//! that a removed or altered line shows. The number of lines and the last checksum stand in a file
-//! beside it, so that a truncated end shows too.
+//! Audit trail: who did what, and when. For each request, one line of JSON is appended and synced
+//! before the reply is sent. Each line contains a checksum over itself and the previous line,
+//! which reveals removed and altered lines. A second file contains the number of lines and the
+//! last checksum, which reveals a truncated end.
 
 use std::{
     fs::{File, OpenOptions},
@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use crate::journal::checksum;
 
 const FILE: &str = "audit.jsonl";
-/// How far the trail went when it was written last.
+/// File with the length of the trail at the last write.
 const HEAD: &str = "audit.head.json";
 /// File mode: readable by the group, inaccessible to all other accounts.
 const MODE: u32 = 0o640;
@@ -284,7 +284,8 @@ fn altered(lines: &[usize]) -> String {
     )
 }
 
-/// Ends a line that was cut off when a server died, so that it stays a line of its own.
+/// Terminates a line that was cut off by a crash of the server, so that it remains a separate
+/// line.
 fn end_torn_line(file: &mut File) -> std::io::Result<()> {
     let mut last = [b'\n'];
     if file.seek(SeekFrom::End(-1)).is_ok() {

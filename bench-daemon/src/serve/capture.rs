@@ -1,5 +1,5 @@
-//! The record behind a point of a spectrum: four channels over time with the fitted sinusoid, what
-//! the fit leaves, and the amplitudes of all frequencies in it.
+//! The record of a point of a spectrum: four channels over time with the fitted sinusoid, the
+//! residual, and the amplitudes of all frequencies in the residual.
 
 use std::path::Path;
 
@@ -118,7 +118,7 @@ fn path_of(run: &Path, spectrum: &str, freq_hz: f64) -> Option<String> {
     Some(format!("{folder}/{last}"))
 }
 
-/// Where the record of a point was moved to, in words; none where it was not moved.
+/// Describes where the record of a point was moved to, or returns `None` if it was not moved.
 fn moved(run: &Path, spectrum: &str, freq_hz: f64) -> Option<String> {
     let folder = format!("{CAPTURES}/{}/point", folder_of(run, spectrum));
     let wanted = format!("_{freq_hz:.6}Hz");
@@ -129,7 +129,7 @@ fn moved(run: &Path, spectrum: &str, freq_hz: f64) -> Option<String> {
     found.then(|| list.words())
 }
 
-/// The record of a point.
+/// Returns the record of a point.
 ///
 /// # Errors
 /// In words: there is none, it cannot be read, or it cannot be fitted.
@@ -211,7 +211,8 @@ fn of(capture: &Capture, path: String) -> Result<CaptureView, String> {
     })
 }
 
-/// Places of at most about `most` values: all of them, or the least and greatest of each stretch.
+/// Returns the indices of about `most` values: all of them, or the minimum and maximum of each
+/// interval.
 fn extremes(values: &[f64], most: usize) -> Vec<usize> {
     if values.len() <= most {
         return (0..values.len()).collect();

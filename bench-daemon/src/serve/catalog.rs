@@ -1,6 +1,5 @@
-//! The catalogue of the server's own runs and diagnoses. It is brought up to date by a thread of its
-//! own: whole at the start, and what is new after the end of each run and analysis. Requests only
-//! read it.
+//! The catalogue of the server's own runs and diagnoses. A separate thread updates it: completely
+//! at the start, and incrementally after the end of each run and analysis. Requests only read it.
 
 use std::{
     fs,
@@ -52,7 +51,7 @@ pub struct ScanState {
 }
 
 impl CatalogKeeper {
-    /// The keeper of a data folder; nothing is scanned yet.
+    /// Creates the catalogue keeper of a data folder. Does not scan yet.
     pub fn of(data: &Path) -> Self {
         let (wake, wakes) = channel();
         Self {
@@ -124,7 +123,7 @@ impl CatalogKeeper {
         &self.data
     }
 
-    /// Scans everything now, and a folder whenever that is asked for, until the end.
+    /// Scans everything now, and single folders on request, until the end.
     pub fn work(&self) {
         let taken = self
             .wakes
@@ -143,7 +142,7 @@ impl CatalogKeeper {
             }
             match woken {
                 Err(RecvTimeoutError::Disconnected) => return,
-                // What a scan that failed has not read is anywhere.
+                // A failed scan may have missed any folder, so everything is scanned again.
                 _ if !done => done = self.told(|| self.scan()),
                 // What did not begin has no folder.
                 Ok(folder) if folder.is_dir() => done = self.told(|| self.scan_again(folder)),
@@ -156,8 +155,8 @@ impl CatalogKeeper {
         self.data.join(FILE)
     }
 
-    /// Scans everything. The catalogue is the server's own and never the only copy: a damaged one is
-    /// built again.
+    /// Scans everything. The catalogue belongs to the server and is never the only copy: a
+    /// damaged one is rebuilt.
     fn scan(&self) -> Result<(), CatalogError> {
         let roots = [RUNS, ANALYSES].map(|name| self.data.join(name));
         let roots: Vec<PathBuf> = roots.into_iter().filter(|root| root.is_dir()).collect();

@@ -1,4 +1,4 @@
-//! Controls of an ended run against what is known of them: whether the bench drifts.
+//! Compares the controls of an ended run with their known values, to detect a drift of the bench.
 
 use std::path::Path;
 
@@ -48,7 +48,7 @@ struct Worst {
     worst_magnitude_freq_hz: Option<f64>,
 }
 
-/// Reads the controls of a run folder; none where it has none.
+/// Reads the controls of a run folder; returns an empty list if it has none.
 pub fn read(run: &Path) -> Vec<ControlNow> {
     let recorded: Vec<Recorded> = std::fs::read_to_string(run.join(CONTROLS))
         .ok()

@@ -1,5 +1,5 @@
-//! Drafts of files: what an experiment would do on a bench, or the field that is not as expected,
-//! and the keys in which two texts differ. Touches nothing.
+//! Drafts of files: the plan of an experiment on a bench, or the field that is not as expected,
+//! and the keys in which two texts differ. Changes nothing.
 
 use std::path::{Path, PathBuf};
 
@@ -82,14 +82,15 @@ pub fn submission(
     Submission::new(settings, request).map_err(Mistake::from)
 }
 
-/// Whether a text may stand in the place of a file.
+/// Checks whether a text may replace a file.
 ///
 /// # Errors
 /// The first mistake.
 pub fn check(settings: &Settings, kind: FileKind, name: &str, text: &str) -> Result<(), Mistake> {
     match kind {
         FileKind::Experiments => {
-            // On the bench that it names, where that is one of this server's; else on the first.
+            // Uses the bench that the experiment names if it belongs to this server, otherwise
+            // the first one.
             let first = settings.benches.first().map(|bench| bench.name.as_str());
             submission(settings, text, None)
                 .or_else(|_| submission(settings, text, first))
@@ -100,7 +101,8 @@ pub fn check(settings: &Settings, kind: FileKind, name: &str, text: &str) -> Res
     }
 }
 
-/// A text at a path; what it names is read in the folder of the configuration, and `also` there.
+/// Treats a text as a file at a path. Files that it names are read in the configuration folder,
+/// and in `also`.
 fn fenced(
     settings: &Settings,
     path: &Path,
@@ -230,7 +232,7 @@ impl Mistake {
     }
 }
 
-/// Demands of the plan of a submission beside the limits of its cell.
+/// Returns the demands of the plan of a submission, with the limits of its cell.
 pub fn margins(submission: &Submission) -> Vec<Margin> {
     let extent = procedure::plan(&submission.experiment).extent();
     let limits = &submission.experiment.cell.limits;

@@ -1,5 +1,5 @@
-//! Finds runs by what is known of them, and the history of a cell over its runs. Built from the
-//! records and folders of the runs; what cannot change any more is remembered.
+//! Searches runs by their properties, and returns the history of a cell over its runs. The data
+//! come from the records and folders of the runs; data that can no longer change are cached.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -131,7 +131,7 @@ pub struct Finder {
     ended: Mutex<BTreeMap<Arc<str>, Arc<Card>>>,
 }
 
-/// Where runs and their records lie.
+/// Locations of runs and their records.
 #[derive(Debug, Clone, Copy)]
 pub struct Places<'a> {
     /// The data folder.
@@ -233,7 +233,7 @@ impl Finder {
         cells.into_values().collect()
     }
 
-    /// A cell over its runs; none where no run has measured it.
+    /// Returns the history of a cell over its runs, or `None` if no run has measured it.
     pub fn cell(&self, places: Places<'_>, cell: &str) -> Option<CellHistory> {
         let all = self.all(places).into_iter().map(|(card, _)| card);
         let runs: Vec<Card> = all
@@ -292,7 +292,7 @@ impl Wanted {
 }
 
 impl Card {
-    /// Whether every word stands somewhere in what is known of the run.
+    /// Returns whether every word occurs in the data of the run.
     fn says(&self, notes: &str, words: &str) -> bool {
         let mut all = [
             &self.run,
@@ -318,7 +318,7 @@ impl Card {
     }
 }
 
-/// The same with its notes and tags, and the texts of the notes.
+/// Returns the card with its notes and tags, and the texts of the notes.
 fn with_entries(mut card: Arc<Card>, notebook: &Notebook) -> (Arc<Card>, String) {
     let entries = notebook.read(About::Run(&card.run));
     if entries.notes.is_empty() && entries.tags.is_empty() {
@@ -488,7 +488,7 @@ fn moments(data: &Path, card: &Card, cell: &str) -> Vec<Moment> {
         return Vec::new();
     };
     let started = run_folder::started_unix_s(&folder);
-    // A sweep names its cell where there are several; else it is of the only one.
+    // A sweep names its cell if the run has several; otherwise it belongs to the only one.
     let only = match card.cells.as_slice() {
         [one] => &one.name,
         _ => &index.cell,
@@ -523,8 +523,8 @@ fn moments(data: &Path, card: &Card, cell: &str) -> Vec<Moment> {
     of_cell.filter_map(moment).collect()
 }
 
-/// The point where the imaginary part changes its sign, between the two points beside it; else the
-/// point of the highest frequency.
+/// Returns the point at which the imaginary part changes its sign, interpolated between its
+/// neighbours, or otherwise the point of the highest frequency.
 fn crossing(spectrum: &Spectrum) -> Option<Point> {
     let between = spectrum.points.windows(2).rev().find_map(|pair| {
         let [low, high] = pair else { return None };
@@ -577,7 +577,7 @@ pub struct MatrixRun {
     words: String,
 }
 
-/// The campaign of a run; none where it is none.
+/// Returns the campaign of a run, or `None` if the run is not a campaign.
 pub fn campaign(data: &Path, run: &str) -> Option<Matrix> {
     let folder = data.join("runs").join(run);
     let experiment = submission::value_of_run(data, run)?;

@@ -60,7 +60,7 @@ pub fn join(server: &Arc<Server>) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Signs off; runs go on, and jobs stay with their benches.
+/// Signs off. Runs continue, and jobs stay with their benches.
 pub async fn leave(server: &Server) {
     /// A server that ends waits for the broker no longer.
     const PATIENCE: std::time::Duration = std::time::Duration::from_secs(2);
@@ -77,7 +77,7 @@ struct ServedBench {
 }
 
 impl ServedBench {
-    /// The server, as long as it is there.
+    /// Returns the server while it exists.
     fn server(&self) -> Result<Arc<Server>, String> {
         let gone = || "the server is ending".to_owned();
         self.server.upgrade().ok_or_else(gone)
@@ -308,7 +308,7 @@ fn condition(live: Live, waits: bool, held: Option<String>) -> Condition {
             _ if live.verified => Some(true),
             _ if is_unknown => Some(false),
             OutputsKind::On | OutputsKind::Unreachable => Some(false),
-            // What was not read, or not lately, is not known.
+            // A state that was not read, or not recently, is unknown.
             _ => None,
         },
         reading: fresh.map(|reading| Reading {

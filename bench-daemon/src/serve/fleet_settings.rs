@@ -53,7 +53,7 @@ pub struct FleetSection {
     pub credentials: Option<PathBuf>,
     /// Certificates that its own is checked against.
     pub ca: Option<PathBuf>,
-    /// A claim that has stood unchanged for so long is taken back, s.
+    /// Time after which an unchanged claim is revoked, s.
     pub lease_s: f64,
 }
 
@@ -109,7 +109,7 @@ impl FleetSection {
         })
     }
 
-    /// Reads the file with what the NATS server asks for.
+    /// Reads the file with the credentials for the NATS server.
     ///
     /// # Errors
     /// A file that others may read, or that is not as expected.
@@ -149,7 +149,8 @@ fn check_name(name: &str) -> Result<(), String> {
     is_plain(name).then_some(()).ok_or_else(expected)
 }
 
-/// To another machine nothing goes in clear text: a job is an experiment that lets current flow.
+/// Refuses clear-text connections to another machine, because a job is an experiment that lets
+/// current flow.
 fn check_server(server: &str) -> Result<(), String> {
     let expected = || {
         format!("expected tls://HOST:PORT, or nats://HOST:PORT on this machine, found {server:?}")

@@ -189,7 +189,7 @@ impl From<BenchView> for FleetBench {
 }
 
 impl FleetNow {
-    /// The fleet as it is seen, on a NATS server.
+    /// Converts the view of the fleet on a NATS server.
     pub fn of(view: FleetView, server: String) -> Self {
         let stranded = view.stranded.into_iter();
         Self {

@@ -23,7 +23,7 @@ pub struct Follow {
 pub struct FileGrowth {
     /// Whole lines that are new.
     pub lines: Vec<String>,
-    /// The file is another one or became shorter: what was read before holds no more.
+    /// The file was replaced or truncated: earlier content is no longer valid.
     pub anew: bool,
 }
 
@@ -37,10 +37,10 @@ impl Follow {
         }
     }
 
-    /// Reads the lines that are new.
+    /// Reads the new lines.
     ///
     /// # Errors
-    /// The system's; a file that is not there has nothing new.
+    /// The system's. A file that does not exist has no new lines.
     pub fn look(&mut self) -> io::Result<FileGrowth> {
         let mut file = match File::open(&self.path) {
             Ok(file) => file,

@@ -36,7 +36,7 @@ pub struct Health {
 /// Notes so far.
 #[derive(Debug, Clone, Default)]
 pub struct Noted {
-    /// The disk of the data folder, once it was looked at.
+    /// The disk of the data folder, once it has been checked.
     pub disk: Option<Disk>,
     /// Each bench.
     pub benches: BTreeMap<String, BenchHealth>,
@@ -71,7 +71,7 @@ pub struct BenchHealth {
 }
 
 impl Health {
-    /// Notes on the benches of these names; nothing was looked at yet.
+    /// Creates the health data of these benches, without any check yet.
     pub fn of<'a>(data: &Path, jobs: &Arc<Jobs>, benches: impl Iterator<Item = &'a str>) -> Self {
         let benches = benches.map(|bench| (bench.to_owned(), BenchHealth::default()));
         let noted = Noted {
@@ -86,7 +86,7 @@ impl Health {
         }
     }
 
-    /// Everything that was noted.
+    /// Returns all health data.
     pub fn noted(&self) -> Noted {
         self.lock().clone()
     }
@@ -148,7 +148,7 @@ impl Health {
             self.note(bench, |health| {
                 runs.filter_map(|job| job.ended.as_ref())
                     .for_each(|ended| health.seen(ended));
-                // What has ended meanwhile is newer.
+                // A run that ended in the meantime is newer.
                 if health.controls.is_empty() {
                     health.controls = found.unwrap_or_default();
                 }

@@ -78,7 +78,7 @@ impl Hub {
         self.wake.send_replace(number);
     }
 
-    /// Nothing comes any more.
+    /// Closes the hub: no further events follow.
     pub fn close(&self) {
         self.ring
             .lock()
@@ -87,7 +87,7 @@ impl Hub {
         self.wake.send_modify(|_| {});
     }
 
-    /// Nothing comes any more.
+    /// Returns whether the hub is closed.
     pub fn closed(&self) -> bool {
         self.ring
             .lock()
@@ -103,7 +103,7 @@ impl Hub {
             .latest
     }
 
-    /// Those after the event of this number.
+    /// Returns the events after the event of this number.
     pub fn after(&self, number: u64) -> ReceivedEvents {
         let ring = self.ring.lock().unwrap_or_else(PoisonError::into_inner);
         let oldest = ring

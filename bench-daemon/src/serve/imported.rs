@@ -1,9 +1,8 @@
-//! Spectra of a file that somebody sends, to be compared with those of a run. Nothing of it is
-//! kept.
+//! Spectra of an uploaded file, for comparison with those of a run. Nothing is stored.
 //!
-//! A file may be made to take more memory or time than there is, a packed one above all. It is
-//! therefore read by a process of its own with bounds of both, the hidden command `read-spectra`:
-//! what that needs too much of ends that process, and neither the server nor a run.
+//! A file, above all a compressed one, can be crafted to exhaust memory or time. It is therefore
+//! read by a separate process with limits of both, the hidden command `read-spectra`. Exceeding a
+//! limit ends that process, and affects neither the server nor a run.
 
 use std::{collections::BTreeMap, io::Read, path::Path};
 
@@ -19,7 +18,8 @@ use crate::{safety::failure::Failure, support::terminal::say};
 pub const LONGEST: usize = 8_000_000;
 /// Maximum number of files that are read, and held in memory, at the same time.
 pub const AT_ONCE: usize = 2;
-/// Most points of a file: in JSON a point has some 150 bytes, so that an answer has at most 3 MB.
+/// Maximum number of points of a file. In JSON a point has some 150 bytes, so that a reply has at
+/// most 3 MB.
 pub const MOST_POINTS: usize = 20_000;
 
 /// Memory of the process that reads a file, bytes of address space: the largest file takes less
@@ -82,7 +82,7 @@ pub struct ImportedSpectra {
     pub notes: Vec<String>,
 }
 
-/// Reads the bytes of a file; its name serves names and messages only.
+/// Reads the bytes of a file. Its name is used for names and messages only.
 ///
 /// # Errors
 /// A file that is not of a known format, or has more than [`MOST_POINTS`]: it is named, with what
@@ -102,7 +102,7 @@ pub fn read(name: &str, bytes: &[u8]) -> Result<ImportedSpectra, String> {
     })
 }
 
-/// A spectrum in the shape of those of a run, with what the quality gate has said of its points.
+/// Converts a spectrum to the format of those of a run, with the quality flags of its points.
 fn shown(sourced: &SourcedSpectrum) -> Spectrum {
     let flagged = sourced.flagged.iter();
     let refused: BTreeMap<u64, String> = flagged

@@ -1,6 +1,6 @@
-//! Investigations that people have asked for: diagnoses and recommended experiments in turn, until
-//! it is clear what a model lacks or the budget ends. The record of each is a file of its own;
-//! [`super::investigator`] goes on with them.
+//! Investigations that users have requested: alternating diagnoses and recommended experiments,
+//! until it is clear what a model lacks or the budget is spent. Each investigation has a record
+//! in a separate file; [`super::investigator`] continues them.
 
 mod record;
 
@@ -33,7 +33,7 @@ pub struct Investigations {
 }
 
 impl Investigations {
-    /// Those of a data folder.
+    /// Opens the investigations of a data folder.
     pub fn open(data: &Path) -> Self {
         let folder = data.join("investigations");
         let entries = std::fs::read_dir(&folder).into_iter().flatten().flatten();
@@ -62,7 +62,7 @@ impl Investigations {
         self.all.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Keeps others from changing one until it is dropped.
+    /// Locks out other changes of investigations until the guard is dropped.
     pub(super) fn turn(&self) -> MutexGuard<'_, ()> {
         self.turn.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -77,14 +77,14 @@ impl Investigations {
         self.lock().iter().find(|one| one.id == id).cloned()
     }
 
-    /// Names of those that go on.
+    /// Returns the names of active investigations.
     pub(super) fn going(&self) -> Vec<String> {
         let all = self.lock();
         let going = all.iter().filter(|one| one.ended.is_none());
         going.map(|one| one.id.clone()).collect()
     }
 
-    /// The one that goes on about a run.
+    /// Returns the active investigation of a run.
     pub(super) fn going_about(&self, run: &str) -> Option<String> {
         let all = self.lock();
         let found = all
@@ -93,7 +93,7 @@ impl Investigations {
         Some(found.id.clone())
     }
 
-    /// Whether an earlier server has left it, the first time that somebody asks.
+    /// Returns whether an earlier server has left it; true only for the first query.
     pub(super) fn was_left(&self, id: &str) -> bool {
         let mut left = self.left.lock().unwrap_or_else(PoisonError::into_inner);
         left.remove(id)
@@ -115,7 +115,7 @@ impl Investigations {
         format!("investigation-{}", latest.unwrap_or(0_u64) + 1)
     }
 
-    /// Writes the record of one, whole or not at all.
+    /// Writes the record of an investigation atomically.
     ///
     /// # Errors
     /// In words: a file that cannot be written.

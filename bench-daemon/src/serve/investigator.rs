@@ -32,7 +32,7 @@ use crate::{
     support::confined_path,
 };
 
-/// Investigations that may go on at the same time.
+/// Maximum number of active investigations.
 const MOST_GOING: usize = 20;
 
 /// Why an investigation ends.
@@ -50,8 +50,8 @@ impl Ending {
     }
 }
 
-/// Goes on with all investigations, until the server ends. Whatever moves one is an event: there is
-/// no timer here, which would not bear the end of the runtime.
+/// Continues all investigations until the server ends. Only events trigger progress: there is no
+/// timer here, because it would not survive the end of the runtime.
 pub async fn work(server: Arc<Server>) {
     let mut wake = server.hub.wake();
     while !server.hub.closed() {
@@ -77,7 +77,7 @@ fn look(server: &Server) {
     }
 }
 
-/// Goes on with one as far as that is possible now.
+/// Advances an investigation as far as possible now.
 fn advance(server: &Server, before: &Investigation) {
     let was_left = server.analyses.investigations.was_left(&before.id);
     let mut one = before.clone();
@@ -93,8 +93,8 @@ fn advance(server: &Server, before: &Investigation) {
     }
 }
 
-/// Keeps what was done. Where that cannot be written the investigation ends: it would do the same
-/// again.
+/// Saves progress. If it cannot be written, the investigation ends, because it would repeat the
+/// step.
 fn put(server: &Server, one: &Investigation) {
     let investigations = &server.analyses.investigations;
     if let Err(error) = investigations.put(&server.hub, one) {
@@ -117,7 +117,7 @@ fn next(server: &Server, one: &mut Investigation, was_left: bool) -> Result<(), 
     }
 }
 
-/// Why nothing may be begun on a bench; none where it is free for the queue.
+/// Returns why no run may begin on a bench, or `None` if it is free for the queue.
 fn held(server: &Server, bench: &str) -> Option<String> {
     let stops = server.stops().get(bench).cloned();
     let stopped = stops
@@ -143,7 +143,7 @@ fn free(server: &Server, bench: &str) -> Result<(), Ending> {
 
 // ---- the diagnosis ------------------------------------------------------------------------------
 
-/// Goes on from the last diagnosis, where that has ended.
+/// Continues after the last diagnosis once it has ended.
 fn diagnosed(server: &Server, one: &mut Investigation, was_left: bool) -> Result<(), Ending> {
     let asked = one.steps.last().and_then(|step| step.analysis.as_ref());
     let Some(analysis) = asked.and_then(|id| server.analyses.find(id)) else {
@@ -180,7 +180,7 @@ fn diagnose(server: &Server, one: &mut Investigation) -> Result<(), Ending> {
     Ok(())
 }
 
-/// The name of the diagnosis of all runs so far, once it is asked for.
+/// Requests the diagnosis of all runs so far and returns its name.
 fn asked(server: &Server, one: &Investigation) -> Result<String, AnalysisError> {
     let request = Request {
         kind: AnalysisKind::Diagnose,
@@ -231,8 +231,7 @@ fn concluded(server: &Server, one: &mut Investigation, analysis: &Analysis) -> R
 
 // ---- the experiment -----------------------------------------------------------------------------
 
-/// Puts the recommended experiment at the end of the queue, where it may be run and the budget pays
-/// for it.
+/// Appends the recommended experiment to the queue if it may be run and the budget covers it.
 fn play(server: &Server, one: &mut Investigation, recommended: &Recommended) -> Result<(), Ending> {
     let name = &recommended.name;
     let request = ExperimentRequest {
@@ -325,7 +324,7 @@ fn other_cell(server: &Server, one: &Investigation) -> Option<String> {
     ))
 }
 
-/// The investigation with its experiment at the end of the queue.
+/// Appends an experiment to the queue and returns the updated investigation.
 ///
 /// # Errors
 /// In words: a queue that is held or full, a file that cannot be written. Then nothing is queued.
@@ -355,8 +354,8 @@ fn handed_over(
     submission
         .freeze(&settings.data.join("submitted").join(&run))
         .map_err(|error| error.to_string())?;
-    // The record names the run before the queue does. A server that dies in between has queued
-    // nothing, and the next one sees that: nothing is queued twice.
+    // The record names the run before the queue does. If the server crashes in between, nothing
+    // is queued, and the next server detects that: nothing is queued twice.
     server.analyses.investigations.put(&server.hub, &handed)?;
     let wanted = Wanted {
         kind: Kind::Run,
@@ -384,7 +383,7 @@ fn handed_over(
     Ok(handed)
 }
 
-/// Goes on once the experiment has come to its end.
+/// Continues once the experiment has ended.
 fn measured(server: &Server, one: &mut Investigation) -> Result<(), Ending> {
     if let Some(place) = place(server, one) {
         free(server, &one.bench)?;
@@ -413,8 +412,7 @@ fn measured(server: &Server, one: &mut Investigation) -> Result<(), Ending> {
     diagnose(server, one)
 }
 
-/// Takes what the last run has spent from the budget: the time that it took, and the charge of its
-/// plan.
+/// Subtracts the cost of the last run from the budget: its time, and the charge of its plan.
 fn account(server: &Server, one: &mut Investigation, run: &str) {
     let mut watch = Watch::new(&server.runs().join(run));
     watch.look();
@@ -436,7 +434,7 @@ struct Place {
     begun: bool,
 }
 
-/// The place of its last experiment; none where that is not in the queue.
+/// Returns the state of its last experiment in the queue, or `None` if it is not queued.
 fn place(server: &Server, one: &Investigation) -> Option<Place> {
     let step = one.steps.last()?;
     let id = step.experiment.as_ref()?.place;
@@ -449,8 +447,8 @@ fn place(server: &Server, one: &Investigation) -> Option<Place> {
     Some(Place { id, begun })
 }
 
-/// Takes its experiment out of the queue, where it waits there: an investigation that has ended
-/// lets no current flow.
+/// Removes its waiting experiment from the queue: an ended investigation must not let current
+/// flow.
 fn take_out(server: &Server, one: &Investigation) {
     let Some(place) = place(server, one).filter(|place| !place.begun) else {
         return;
@@ -554,11 +552,11 @@ fn bench_of(server: &Server, run: &str, wanted: Option<String>) -> Result<String
     Ok(bench)
 }
 
-/// Ends an investigation. Its experiment is taken out of the queue where it waits there; one that
-/// runs goes on to its end.
+/// Ends an investigation. A waiting experiment is removed from the queue; a running one continues
+/// to its end.
 ///
 /// # Errors
-/// A name of none, or of one that has ended; a record that cannot be written.
+/// An unknown name, or that of an ended investigation; a record that cannot be written.
 pub fn cancel(server: &Server, id: &str, by: &str) -> Result<Investigation, AnalysisError> {
     let investigations = &server.analyses.investigations;
     let _turn = investigations.turn();

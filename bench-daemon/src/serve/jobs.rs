@@ -1,4 +1,4 @@
-//! Record of each run that was begun here: one small file each beside the run folders. It is
+//! Record of each run that this server began: one small file each, beside the run folders. It is
 //! written when the run begins and when it has ended.
 
 use std::{
@@ -77,7 +77,7 @@ impl Begun {
 }
 
 impl Jobs {
-    /// Those of a data folder. Each record is read once.
+    /// Opens the records of a data folder. Each record is read once.
     pub fn of(data: &Path) -> Self {
         let mut begun: Vec<Begun> = every(data).map(|job| Begun::of(&job)).collect();
         begun.sort_by(Begun::order);
@@ -87,7 +87,7 @@ impl Jobs {
         }
     }
 
-    /// All of them, the latest first.
+    /// Returns all records, the latest first.
     pub fn begun(&self) -> Vec<Begun> {
         self.lock().clone()
     }
@@ -100,7 +100,7 @@ impl Jobs {
             .filter_map(move |begun| read(&data, &begun.run))
     }
 
-    /// Writes what is known of a run, whole or not at all.
+    /// Writes the record of a run atomically.
     ///
     /// # Errors
     /// In words: a file that cannot be written.

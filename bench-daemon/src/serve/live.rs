@@ -86,7 +86,7 @@ pub enum BenchState {
 }
 
 impl BenchState {
-    /// All of them.
+    /// All states.
     pub const ALL: [Self; 7] = [
         Self::Unknown,
         Self::Idle,
@@ -333,12 +333,12 @@ pub struct StopReport {
 }
 
 impl StopReport {
-    /// It is over, and has left nothing of which it is not known that it is off.
+    /// Returns whether the stop is over and its outputs are verified off, or simulated.
     pub fn proven(&self) -> bool {
         self.over && (self.verified || self.simulated)
     }
 
-    /// Why nothing is begun behind it.
+    /// Returns why the bench is held after the stop.
     pub fn held(&self) -> String {
         format!("stopped by {}", self.by)
     }

@@ -1,5 +1,5 @@
-//! The one list of what is measured of a server. `/metrics` and OTLP are made of it, so that they
-//! never differ.
+//! The single list of the server's metrics. `/metrics` and OTLP are both generated from it, so
+//! that they never differ.
 
 mod archive;
 mod bench;
@@ -13,7 +13,7 @@ pub use metric::{Kind, Metric, PREFIX};
 pub use sample::Sample;
 pub use snapshot::Snapshot;
 
-/// Everything that is measured.
+/// Returns all metrics.
 pub fn all() -> impl Iterator<Item = &'static Metric> {
     server::METRICS
         .iter()

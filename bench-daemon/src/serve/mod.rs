@@ -1,15 +1,15 @@
-//! The daemon: a queue of experiments, each of them run by a process of its own (`eis-bench run`),
-//! watched through its folder, and shown over HTTP.
+//! The daemon: a queue of experiments over HTTP. A separate process runs each experiment
+//! (`eis-bench run`), and the daemon watches it through its folder.
 //!
-//! A run does not know that it is served. It has its own guardian, journal and safe state, so that
-//! nothing that happens to the server – a crash, a kill, a client too many – reaches it; a server
-//! that is restarted finds it by its lock. A run is controlled as from a terminal: run control
-//! requests in its folder, SIGTERM, `eis-bench safe`.
+//! A run does not depend on the server. It has its own guardian, journal and safe state, so that
+//! no event of the server – a crash, a kill, too many clients – affects it; a restarted server
+//! finds the run by its lock. A run is controlled as from a terminal: run control requests in its
+//! folder, SIGTERM, `eis-bench safe`.
 //!
 //! In reading order: [`settings`], [`token`], [`audit`], [`hub`] (events), [`queue`],
 //! [`submission`], [`watch`] (a run folder, read as it grows), [`timeline`] (its readings and
-//! events), [`live`], [`outputs`], [`supervisor`]
-//! (the one thread that begins and watches), [`stop`], [`http`].
+//! events), [`live`], [`outputs`], [`supervisor`] (the one thread that begins and watches),
+//! [`stop`], [`http`].
 
 pub mod analyses;
 pub mod analyst;
@@ -68,7 +68,7 @@ use crate::{run::StopSignals, safety::failure::Failure, support::terminal::say};
 pub use server::{Counts, Server};
 use settings::Settings;
 
-/// Serves until a signal asks to stop. Runs in work go on; the next server finds them.
+/// Serves until a signal requests a stop. Active runs continue; the next server finds them.
 ///
 /// # Errors
 /// Any failure to listen.

@@ -7,8 +7,8 @@ pub use crate::figures::curves::ModelOver;
 use crate::support::confined_path;
 use analysis::{fit::ModelFile, run_folder};
 
-/// All models of a run over the spectrum of this name, the highest order first; none where the run
-/// has no such spectrum.
+/// Returns all models of a run over the spectrum of this name, the highest order first, or `None`
+/// if the run has no such spectrum.
 pub fn over(folder: &Path, spectrum: &str) -> Option<Vec<ModelOver>> {
     let file = format!("{spectrum}.csv");
     if !spectra::stamps(folder).contains_key(&file) {

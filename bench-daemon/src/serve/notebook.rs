@@ -76,7 +76,7 @@ pub struct Notebook {
 }
 
 impl Notebook {
-    /// That of a data folder.
+    /// Opens the notebook of a data folder.
     pub fn of(data: &Path) -> Self {
         let folder = data.join("notes");
         let files = std::fs::read_dir(folder.join("runs"));
@@ -90,7 +90,7 @@ impl Notebook {
         }
     }
 
-    /// The name of a cell may hold anything; that of a file may not.
+    /// A cell name may contain any character; a file name may not.
     fn path(&self, about: About<'_>) -> PathBuf {
         match about {
             About::Run(run) => self.folder.join("runs").join(format!("{run}.jsonl")),
@@ -145,7 +145,7 @@ impl Notebook {
         Ok(note)
     }
 
-    /// Gives these tags and no others.
+    /// Replaces all tags with these.
     ///
     /// # Errors
     /// The system's.
@@ -231,7 +231,7 @@ mod tests {
         assert_eq!(texts, ["swollen", "line 1\nline 2"]);
         assert_eq!(entries.notes[1].by, "ben");
         assert_eq!(entries.tags, ["b"]);
-        // A torn line loses itself and nothing else.
+        // Only the torn line is lost.
         let path = book.path(cell);
         let torn = [
             std::fs::read(&path).unwrap(),
@@ -241,7 +241,7 @@ mod tests {
         std::fs::write(&path, torn).unwrap();
         book.note(cell, "ann", "after it").unwrap();
         assert_eq!(book.read(cell).notes.len(), 3);
-        // Nothing was written beside the folder of the notes.
+        // Nothing was written outside the folder of the notes.
         let names = |path: &Path| std::fs::read_dir(path).unwrap().count();
         assert_eq!(
             (names(folder.path()), names(&folder.path().join("notes"))),

@@ -65,7 +65,7 @@ pub const EMAIL: &str = "e-mail";
 #[derive(Debug)]
 pub struct Notices {
     latest: Mutex<VecDeque<Notice>>,
-    /// Tries to send, by target: those that failed, and those that succeeded.
+    /// Attempts to send, by target: failed ones, and successful ones.
     tries: Mutex<BTreeMap<&'static str, [u64; 2]>>,
     /// Places for notices that are just being sent.
     pub sending: Semaphore,
@@ -73,7 +73,7 @@ pub struct Notices {
     pub testing: Semaphore,
 }
 
-/// Notices that are sent at the same time.
+/// Maximum number of notices that are sent at the same time.
 const AT_ONCE: usize = 4;
 
 impl Default for Notices {
@@ -97,7 +97,7 @@ impl Notices {
         self.lock().iter().rev().cloned().collect()
     }
 
-    /// Remembers a notice that is to be sent.
+    /// Stores a notice that is due to be sent.
     pub fn add(&self, about: About, bench: Option<&str>, title: String, text: String) -> Notice {
         let mut latest = self.lock();
         let notice = Notice {
@@ -122,7 +122,7 @@ impl Notices {
         tries.entry(target).or_default()[usize::from(succeeded)] += 1;
     }
 
-    /// Tries by target: those that failed, and those that succeeded.
+    /// Returns the attempts by target: failed ones, and successful ones.
     pub fn tries(&self) -> BTreeMap<&'static str, [u64; 2]> {
         self.tries
             .lock()

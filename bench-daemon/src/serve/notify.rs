@@ -51,7 +51,7 @@ struct Hook<'a> {
     notice: &'a Notice,
 }
 
-/// Sends a notice that somebody tries; gives what came of it.
+/// Sends a test notice and returns its outcome.
 pub async fn test(server: &Arc<Server>, by: &str) -> Notice {
     let text = format!("{by} tried whether notices arrive.");
     let notice = server
@@ -119,8 +119,8 @@ pub async fn work(server: Arc<Server>) {
     }
 }
 
-/// Notices that wait for the end of quiet hours. They are on the disk too, until they are sent, so
-/// that they outlive the server.
+/// Notices that wait for the end of quiet hours. They are also stored on disk until they are
+/// sent, so that they survive the server.
 #[derive(Clone)]
 struct Kept {
     path: PathBuf,
@@ -128,7 +128,7 @@ struct Kept {
 }
 
 impl Kept {
-    /// Those that an earlier server has kept.
+    /// Reads the notices that an earlier server has stored.
     fn read(server: &Server) -> Self {
         let path = server.settings.data.join("notices.json");
         let earlier: Vec<Notice> = std::fs::read_to_string(&path)
@@ -157,7 +157,7 @@ impl Kept {
         outcome
     }
 
-    /// Keeps one; a question in the place of the one that its bench asked before.
+    /// Stores a notice; a question replaces the previous question of its bench.
     fn push(&self, notice: Notice) {
         self.change(|all| {
             if notice.about == About::Question {
@@ -180,14 +180,14 @@ impl Kept {
         })
     }
 
-    /// Forgets those that were sent.
+    /// Removes notices that were sent.
     fn sent(&self, sent: &[Notice]) {
         let is_sent = |one: &Notice| sent.iter().any(|other| other.number == one.number);
         self.change(|all| all.retain(|one| !is_sent(one)));
     }
 }
 
-/// Sends what was kept, beside what comes next, and forgets it once it is sent.
+/// Sends stored notices concurrently with new ones, and removes them once they are sent.
 fn tell_kept(server: &Arc<Server>, kept: &Kept) {
     let due = kept.due(server);
     if due.is_empty() {
@@ -200,7 +200,7 @@ fn tell_kept(server: &Arc<Server>, kept: &Kept) {
     });
 }
 
-/// Sends beside what comes next.
+/// Sends concurrently with later notices.
 fn start(server: &Arc<Server>, notices: Vec<Notice>) {
     let server = server.clone();
     tokio::spawn(async move { send(&server, &notices, AGAIN_S.len()).await });
@@ -222,7 +222,7 @@ struct Seen {
 struct Unread {
     /// Since when, s.
     since_s: f64,
-    /// What was read of them, without the time.
+    /// The states that were read, without the time.
     states: Vec<String>,
     told: bool,
 }
@@ -335,7 +335,7 @@ fn ended(server: &Server, data: &str) -> Option<Notice> {
     )
 }
 
-/// Whether a time lies in quiet hours, which may go over midnight.
+/// Returns whether a time lies in quiet hours, which may extend over midnight.
 fn is_quiet(quiet: Option<(Time, Time)>, now: Time) -> bool {
     quiet.is_some_and(|(from, to)| {
         if from <= to {
@@ -381,7 +381,7 @@ async fn send(server: &Arc<Server>, notices: &[Notice], again: usize) {
     tokio::join!(post, mail);
 }
 
-/// Tries, and tries again where it failed.
+/// Sends, and retries after a failure.
 async fn tried(
     server: &Arc<Server>,
     numbers: &[u64],

@@ -15,7 +15,7 @@ use super::{
 };
 use crate::support::telemetry::{Telemetry, endpoint::Endpoints};
 
-/// Starts what is asked for. No server fails for a collector.
+/// Starts the configured telemetry. A missing collector never stops the server.
 pub fn start(settings: &Settings) -> Telemetry {
     let instance = settings.listen.port().to_string();
     let Some(base) = &settings.telemetry.otlp else {

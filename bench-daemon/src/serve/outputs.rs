@@ -23,14 +23,14 @@ pub enum ReadError {
     Machine(String),
 }
 
-/// The command that switches a bench off on the server's machine, as it is pasted into a shell in
+/// Returns the command that switches a bench off on the server's machine, for use in a shell in
 /// any folder.
 pub fn safe_command(bench: &config::Bench) -> String {
     let whole = std::fs::canonicalize(&bench.path).unwrap_or_else(|_| bench.path.clone());
     format!("eis-bench safe {}", quoted(&whole))
 }
 
-/// Asks every instrument that can move charge what it does; changes nothing on any of them.
+/// Queries the state of every instrument that can move charge; changes nothing on any of them.
 ///
 /// # Errors
 /// [`ReadError::Busy`] while a run or a stop is at work on the bench.
@@ -84,8 +84,8 @@ fn is_at_work(server: &Server, bench: &str) -> bool {
     runs || server.stops().get(bench).is_some_and(|stop| !stop.over)
 }
 
-/// Reads every bench on which nothing runs at the interval of the server's file, for ever; nothing
-/// without one.
+/// Reads every idle bench at the interval of the server's file, forever. Does nothing without an
+/// interval.
 pub async fn read_idle_benches(server: Arc<Server>) {
     let Some(every_s) = server.settings.read_idle_s else {
         return;

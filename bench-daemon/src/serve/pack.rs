@@ -1,5 +1,5 @@
-//! The pack explorer: what a load does to a pack of cells of a fitted model, fast enough to be
-//! asked while somebody drags.
+//! The pack explorer: simulates a load on a pack of cells of a fitted model, fast enough to
+//! follow a slider.
 
 use std::{
     cmp::Ordering,
@@ -352,7 +352,8 @@ pub fn under_load(settings: &Settings, last: &LastModel, load: &Load) -> Result<
     Ok(told(run, window, load.current_max_a, cautions))
 }
 
-/// A remark where the cells are to be at another temperature than that of the measurement.
+/// Returns a remark if the requested temperature of the cells differs from that of the
+/// measurement.
 fn temperature(wanted_c: f64, measured_c: Option<f64>) -> Option<String> {
     match measured_c {
         Some(measured_c) if (wanted_c - measured_c).abs() <= NEAR_K => None,
@@ -366,7 +367,7 @@ fn temperature(wanted_c: f64, measured_c: Option<f64>) -> Option<String> {
     }
 }
 
-/// The answer; `window` is that of the pack.
+/// Builds the reply; `window` is that of the pack.
 fn told(
     run: Simulation,
     window: CellWindow,

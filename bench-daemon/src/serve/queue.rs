@@ -1,6 +1,6 @@
-//! Queue of runs: which runs, in which order, on which bench. Each change is on disk before it
-//! counts, whole or not at all. A server that died or was restarted knows what was asked of it and
-//! what was under way.
+//! Queue of runs: which runs, in which order, on which bench. Each change is written to disk
+//! atomically before it takes effect, so that a restarted server knows its requests and what was
+//! in progress.
 
 use std::{
     collections::BTreeMap,
@@ -65,7 +65,7 @@ pub struct Process {
 /// Request for a run.
 #[derive(Debug, Clone)]
 pub struct Wanted {
-    /// To run or to go on.
+    /// Whether to run or to resume.
     pub kind: Kind,
     /// Name of the experiment.
     pub experiment: String,
@@ -86,9 +86,9 @@ pub struct Wanted {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 struct Kept {
     latest: u64,
-    /// Benches on which nothing is begun, and why.
+    /// Benches on which no run may begin, and why.
     held: BTreeMap<String, String>,
-    /// The same by the fleet.
+    /// Benches that the fleet holds, and why.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     held_by_fleet: BTreeMap<String, String>,
     items: Vec<Item>,
@@ -129,13 +129,13 @@ pub enum QueueError {
     /// Too many.
     #[error("expected at most {MOST} places in the queue, found as many")]
     Full,
-    /// No such place.
+    /// An unknown queue number.
     #[error("expected the number of a place in the queue, found {0}")]
     Unknown(u64),
     /// It is being done.
     #[error("expected a place that waits, found {0}, which is in work: stop it instead")]
     InWork(u64),
-    /// Twice the same.
+    /// A number that was given twice.
     #[error("expected each number once, found {0} twice")]
     Twice(u64),
 }
@@ -148,10 +148,10 @@ pub struct Queue {
 }
 
 impl Queue {
-    /// That of a data folder, or an empty one.
+    /// Opens the queue of a data folder, or an empty one.
     ///
     /// # Errors
-    /// A file that cannot be read or understood.
+    /// A file that cannot be read or parsed.
     pub fn open(data: &Path) -> Result<Self, QueueError> {
         let path = data.join(FILE);
         let fail = |what, reason: String| QueueError::Io {
@@ -173,7 +173,7 @@ impl Queue {
         &self.kept.items
     }
 
-    /// Why nothing is begun on a bench; what this server says comes first.
+    /// Returns why a bench is held; this server's reason takes precedence.
     pub fn held(&self, bench: &str) -> Option<&str> {
         let here = self.held_by(HeldBy::Here, bench);
         here.or_else(|| self.held_by(HeldBy::Fleet, bench))
@@ -217,7 +217,7 @@ impl Queue {
         self.kept.latest + 1
     }
 
-    /// A place at the end. `run` makes the name of the run from the number.
+    /// Appends an entry. `run` makes the name of the run from the number.
     ///
     /// # Errors
     /// A queue that is full or cannot be written: then nothing was changed.
@@ -251,10 +251,10 @@ impl Queue {
         Ok(item)
     }
 
-    /// Takes a place that waits out.
+    /// Removes a waiting entry.
     ///
     /// # Errors
-    /// A number of nothing, or of what is in work.
+    /// An unknown number, or that of an active entry.
     pub fn cancel(&mut self, id: u64) -> Result<Item, QueueError> {
         let item = self.item(id)?.clone();
         if item.process.is_some() {
@@ -264,7 +264,7 @@ impl Queue {
         Ok(item)
     }
 
-    /// Puts these first, in this order; the others follow as they were.
+    /// Moves these entries to the front, in this order; the others follow in their present order.
     ///
     /// # Errors
     /// As [`Queue::cancel`]; a number that is named twice.
@@ -288,10 +288,11 @@ impl Queue {
         self.change(|kept| kept.items.sort_by_key(place))
     }
 
-    /// From now on nothing is begun on a bench. The first reason of a side stays.
+    /// Holds a bench: no run begins on it from now on. The first reason of a side stays.
     ///
     /// # Errors
-    /// A queue that cannot be written; it is held all the same as long as this process lives.
+    /// A queue that cannot be written; the bench is nevertheless held as long as this process
+    /// lives.
     pub fn hold(&mut self, by: HeldBy, bench: &str, why: &str) -> Result<(), QueueError> {
         self.kept
             .holds(by)
@@ -300,7 +301,8 @@ impl Queue {
         self.change(|_| {})
     }
 
-    /// Takes back the hold of one side: waiting runs may begin where the other does not hold the bench.
+    /// Releases the hold of one side: waiting runs may begin if the other side does not hold the
+    /// bench.
     ///
     /// # Errors
     /// A queue that cannot be written.

@@ -17,7 +17,7 @@ pub struct QueueNow {
 }
 
 impl QueueNow {
-    /// That of a server.
+    /// Returns the queue state of a server.
     pub fn of(server: &Server) -> Self {
         let queue = server.queue();
         let held = |bench: &crate::config::Bench| {

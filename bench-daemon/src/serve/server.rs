@@ -58,7 +58,7 @@ pub struct Server {
     pub health: Health,
     /// Tracer; `None` if tracing is off.
     pub tracer: Option<SdkTracer>,
-    /// Counts of what went to a collector.
+    /// Counts of exported telemetry.
     pub telemetry: Arc<client::Counts>,
     /// Readings of runs.
     pub timelines: Timelines,
@@ -116,10 +116,10 @@ impl Counts {
 }
 
 impl Server {
-    /// Opens the data folder; nothing is begun yet. Must be called inside a runtime.
+    /// Opens the data folder without starting anything. Must be called inside a runtime.
     ///
     /// # Errors
-    /// A data folder that cannot be made, read or written; another server that uses it.
+    /// A data folder that cannot be created, read or written; another server that uses it.
     pub fn open(settings: Settings, telemetry: &Telemetry) -> Result<Self, Failure> {
         let tokens = Tokens::of(&settings.data);
         if !settings.is_of_this_machine()
@@ -224,7 +224,7 @@ impl Server {
             .unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Where runs, their records and their notes lie.
+    /// Returns the locations of runs, their records and their notes.
     pub fn places(&self) -> Places<'_> {
         Places {
             data: &self.settings.data,

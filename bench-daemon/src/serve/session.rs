@@ -12,9 +12,9 @@ use crate::support::hash;
 
 /// Name of the cookie.
 pub const COOKIE: &str = "eis_bench_session";
-/// Header that a request with a cookie carries where it changes something: a page of elsewhere
-/// cannot send it without asking this server first (OWASP, custom request headers against forged
-/// requests).
+/// Header that a request with a cookie must carry if it changes something. A page of another
+/// origin cannot send it without a preflight request to this server (OWASP, custom request
+/// headers against forged requests).
 pub const PROOF_HEADER: &str = "x-eis-bench";
 /// Longest session, s (NIST SP 800-63B, 4.2.3: to show the token again after 12 h at most).
 pub const LONGEST_S: f64 = 12.0 * 3600.0;
@@ -82,7 +82,7 @@ pub fn number(cookies: &str) -> Option<&str> {
     pair.split_once('=').map(|(_, number)| number)
 }
 
-/// The cookie of a session; one of nothing ends it in the browser.
+/// Returns the cookie of a session; `None` as number ends the session in the browser.
 pub fn cookie(number: Option<&str>, encrypted: bool) -> String {
     let secure = if encrypted { "; Secure" } else { "" };
     let (number, age_s) = number.map_or(("", 0.0), |number| (number, LONGEST_S));

@@ -1,4 +1,4 @@
-//! Settings of a server from its file: where it listens, what it serves, and its bounds. They are
+//! Settings of a server from its file: its address, what it serves, and its limits. They are
 //! resolved once; every error names file, line and field.
 
 use std::{
@@ -203,7 +203,8 @@ pub struct Archive {
     pub place: StorePlace,
     /// Name of this site in it.
     pub site: String,
-    /// Time from the verified upload of a run to the removal of its captures, s; none for never.
+    /// Time from the verified upload of a run to the removal of its captures, s; `None` for
+    /// never.
     pub captures_after_s: Option<f64>,
 }
 
@@ -212,7 +213,7 @@ pub struct Archive {
 pub struct Settings {
     /// Its file.
     pub file: PathBuf,
-    /// Where it listens.
+    /// Address of its socket.
     pub listen: SocketAddr,
     /// The only folder that it writes to: queue, runs, tokens, audit trail.
     pub data: PathBuf,
@@ -221,7 +222,7 @@ pub struct Settings {
     pub configs: PathBuf,
     /// The benches.
     pub benches: Vec<config::Bench>,
-    /// Interval at which the outputs of benches are read while nothing runs on them, s.
+    /// Interval at which the outputs of idle benches are read, s.
     pub read_idle_s: Option<f64>,
     /// Certificate chain and key, PEM.
     pub tls: Option<(PathBuf, PathBuf)>,
@@ -244,7 +245,7 @@ pub struct Settings {
 /// Traces and metrics of a server and of the runs that it begins.
 #[derive(Debug, Clone, Default)]
 pub struct TelemetrySettings {
-    /// Base address of the collector; none where the environment says it.
+    /// Base address of the collector; `None` if the environment sets it.
     pub otlp: Option<String>,
     /// A span for each message to an instrument.
     pub exchanges: bool,
@@ -271,10 +272,9 @@ pub struct Limits {
     pub requests_per_s: f64,
     /// Requests of one peer at once.
     pub burst: f64,
-    /// Connections at the same time.
+    /// Maximum number of simultaneous connections.
     pub connections: usize,
-    /// So long a peer may take for the head of a request, for its body, or to take what it is sent,
-    /// s.
+    /// Time limit for a peer to send a request head or a body, or to accept a reply, s.
     pub patience_s: f64,
 }
 
@@ -385,7 +385,8 @@ impl Settings {
         })
     }
 
-    /// It is reached from this machine only: it listens nowhere else, and no proxy passes others on.
+    /// Returns whether the server is reachable from this machine only: it listens nowhere else,
+    /// and no proxy forwards to it.
     pub fn is_of_this_machine(&self) -> bool {
         self.listen.ip().is_loopback() && self.proxy_host.is_none()
     }

@@ -98,7 +98,7 @@ pub struct Version {
     pub kind: VersionKind,
 }
 
-/// A version with its text, as it is kept.
+/// A stored version with its text.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Kept {
     #[serde(flatten)]
@@ -124,12 +124,12 @@ pub struct Shelved {
 /// Why a file is not changed.
 #[derive(Debug, thiserror::Error)]
 pub enum ShelfError {
-    /// Somebody else was faster.
+    /// Another user has changed the file in the meantime.
     #[error(
         "expected the text that is there now (SHA-256 {found}), found another one: it was changed meanwhile"
     )]
     Changed {
-        /// Checksum of what is there.
+        /// Checksum of the present text.
         found: String,
     },
     /// Too many.
@@ -149,7 +149,7 @@ pub struct Change<'a> {
     pub by: &'a str,
     /// Why.
     pub why: &'a str,
-    /// Checksum of the text that it was made from; none for a file that is new.
+    /// Checksum of the text that it was made from; `None` for a new file.
     pub was_sha256: Option<&'a str>,
 }
 
@@ -166,7 +166,7 @@ pub struct Taking<'a> {
     pub by: &'a str,
 }
 
-/// A version that is to be kept.
+/// A version that is about to be stored.
 #[derive(Clone, Copy)]
 struct New<'a> {
     kind: VersionKind,
@@ -183,7 +183,7 @@ fn folder_of(settings: &Settings, kind: FileKind, name: &str) -> PathBuf {
     kind_folder(settings, kind).join(name)
 }
 
-/// The file of the configuration, without what was changed here.
+/// Returns the file of the configuration, without changes made over the API.
 fn original(settings: &Settings, kind: FileKind, name: &str) -> Option<String> {
     if kind == FileKind::Benches {
         return std::fs::read_to_string(&settings.bench(name)?.path).ok();
@@ -347,7 +347,7 @@ pub fn read(
     }))
 }
 
-/// Lets no other process make a version of a file of a kind, as long as it is kept.
+/// Locks the files of a kind against other processes, as long as the returned file lives.
 fn alone(settings: &Settings, kind: FileKind) -> Result<File, ShelfError> {
     let path = kind_folder(settings, kind);
     let failed = |error: std::io::Error| ShelfError::Io(format!("{}: {error}", path.display()));
@@ -440,7 +440,7 @@ pub fn take<E: From<ShelfError>>(
 ) -> Result<(), E> {
     let kind = FileKind::Benches;
     let _alone = alone(settings, kind)?;
-    // One for the text before, and one for the text that is taken.
+    // One for the text before, and one for the text that is put in force.
     next_number(settings, kind, name, 2)?;
     let before = hash::sha256(taking.before);
     let is_kept = kept(settings, kind, name)?
@@ -470,7 +470,8 @@ pub fn restart(bench: &str) -> String {
     format!("the file of the bench {bench} was changed since the server began: restart the server")
 }
 
-/// Why nothing may be begun on a bench: its file is another one than the server read at its start.
+/// Returns why no run may begin on a bench: its file differs from the one that the server read at
+/// its start.
 pub fn restart_needed(bench: &config::Bench) -> Option<String> {
     match std::fs::read_to_string(&bench.path) {
         Ok(text) if hash::sha256(&text) == bench.sha256 => None,

@@ -61,7 +61,7 @@ pub fn stamps(run: &Path) -> Stamps {
         .collect()
 }
 
-/// Reads one; nothing where it cannot be read now.
+/// Reads a spectrum, or returns `None` if it cannot be read now.
 pub fn read(run: &Path, file: &str) -> Option<Spectrum> {
     let text = std::io::read_to_string(confined_path::open(run, file)?).ok()?;
     let flags = flags(&text);
@@ -82,7 +82,7 @@ pub fn read(run: &Path, file: &str) -> Option<Spectrum> {
     })
 }
 
-/// Reasons of the gate for each row; nothing where the table has no such column.
+/// Returns the reasons of the gate for each row; empty if the table has no such column.
 fn flags(text: &str) -> Vec<&str> {
     let mut lines = text.lines().filter(|line| !line.starts_with('#'));
     let header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();

@@ -26,8 +26,8 @@ use crate::{
 
 /// `eis-bench safe` is waited for so long: it tries each instrument several times.
 const SAFE: Duration = Duration::from_secs(90);
-/// A run that was being begun when the stop came is ended in a second turn; nothing is begun behind
-/// the first.
+/// A run that was starting when the stop came is ended in a second turn; no run begins after the
+/// first.
 const TURNS: usize = 3;
 /// Interval between two checks whether the run has ended, s.
 const LOOK_S: f64 = 0.1;
@@ -35,14 +35,14 @@ const LOOK_S: f64 = 0.1;
 /// The author of a stop.
 #[derive(Debug, Clone, Copy)]
 pub struct Stopper<'a> {
-    /// The side that holds the bench behind it.
+    /// The side that holds the bench after the stop.
     pub held_by: HeldBy,
     /// Name.
     pub name: &'a str,
 }
 
 impl<'a> Stopper<'a> {
-    /// Somebody at this server.
+    /// Returns a user of this server.
     pub fn here(name: &'a str) -> Self {
         Self {
             held_by: HeldBy::Here,
@@ -50,7 +50,7 @@ impl<'a> Stopper<'a> {
         }
     }
 
-    /// Somebody through the fleet.
+    /// Returns a user of the fleet.
     pub fn fleet(name: &'a str) -> Self {
         Self {
             held_by: HeldBy::Fleet,
@@ -82,8 +82,8 @@ pub async fn stop(server: &Arc<Server>, bench: &config::Bench, by: Stopper<'_>) 
         return outcome(server, &bench.name).await;
     }
     server.hub.tell("stop", &report);
-    // As long as the stop is not over nothing is begun, whatever the disk does; and from then on
-    // because the bench is held.
+    // No run begins until the stop is over, whatever the disk does; after that, the hold prevents
+    // it.
     let mut gone = end_run(server, bench, &mut report).await;
     hold(server, report.held_by, &report);
     switch_off(server, bench, gone, &mut report).await;
@@ -106,8 +106,8 @@ pub async fn stop(server: &Arc<Server>, bench: &config::Bench, by: Stopper<'_>) 
     report
 }
 
-/// Ends what came into work while the outputs were switched off; returns whether nothing runs any
-/// more.
+/// Ends a run that started while the outputs were switched off. Returns whether no run is active
+/// any more.
 async fn again(server: &Arc<Server>, bench: &config::Bench, report: &mut StopReport) -> bool {
     report.verified = false;
     report.outputs.clear();
@@ -124,7 +124,7 @@ async fn again(server: &Arc<Server>, bench: &config::Bench, report: &mut StopRep
     gone
 }
 
-/// Holds a bench behind its stop, for one side.
+/// Holds a bench after its stop, for one side.
 pub fn hold(server: &Server, by: HeldBy, report: &StopReport) {
     let held = server.queue().hold(by, &report.bench, &report.held());
     if let Err(error) = held {
@@ -147,7 +147,7 @@ fn tell(server: &Server, report: &mut StopReport, step: String) {
     server.hub.tell("stop", report);
 }
 
-/// Asks the run to end and waits for it; returns whether nothing runs any more.
+/// Asks the run to end and waits for it. Returns whether no run is active any more.
 async fn end_run(server: &Server, bench: &config::Bench, report: &mut StopReport) -> bool {
     let Some((pid, folder)) = in_work(server, bench) else {
         tell(server, report, "no run was in work".to_owned());
@@ -181,7 +181,7 @@ async fn end_run(server: &Server, bench: &config::Bench, report: &mut StopReport
     }
     let wait_s = server.settings.stop_wait_s;
     if bench.in_process() {
-        // There is nothing outside it that could stay on.
+        // No output outside the process could stay on.
         let _ = kill(Pid::from_raw(pid), Signal::SIGKILL);
     }
     tell(
@@ -195,7 +195,8 @@ async fn end_run(server: &Server, bench: &config::Bench, report: &mut StopReport
     false
 }
 
-/// The process that runs the bench, and its run folder. Not 0 and not 1: those are whole groups.
+/// Returns the process that runs the bench, and its run folder. Never returns 0 or 1, because a
+/// signal to these would reach whole groups.
 fn in_work(server: &Server, bench: &config::Bench) -> Option<(i32, PathBuf)> {
     let holder = || {
         let state = State::of(bench).ok().flatten()?;
@@ -262,7 +263,7 @@ async fn switch_off(server: &Server, bench: &config::Bench, gone: bool, report: 
             .to_owned(),
         );
     }
-    // The last report counts: where the run ended late there are two.
+    // The last report counts: there are two if the run ended late.
     let told = wording
         .lines()
         .rev()

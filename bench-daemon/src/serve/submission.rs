@@ -1,6 +1,6 @@
-//! Makes a checked, frozen experiment from a peer's request. Files are read within the folder of
-//! the configuration only, and the plan is checked. Everything that was checked is copied into the
-//! data folder, so that later changes of a file do not alter the submission.
+//! Makes a checked, frozen experiment from a peer's request. Files are read within the
+//! configuration folder only, and the plan is checked. All checked files are copied into the data
+//! folder, so that later changes of a file do not alter the submission.
 
 use std::{
     path::{Path, PathBuf},
@@ -15,9 +15,9 @@ use crate::{
     procedure,
 };
 
-/// Folder of the experiments, in that of the configuration.
+/// Folder of the experiments within the configuration folder.
 const EXPERIMENTS: &str = "experiments";
-/// Longest name of an experiment: that of the run has its number behind it.
+/// Maximum length of an experiment name; the name of the run appends a number.
 const LONGEST_NAME: usize = 60;
 
 /// A submission that was refused.
@@ -29,7 +29,7 @@ pub enum Refused {
     /// A field is not as expected.
     #[error("{0}")]
     Mistake(ConfigError),
-    /// It cannot be run as it is.
+    /// The request cannot be run.
     #[error("{0}")]
     Unfit(String),
     /// It cannot be kept.
@@ -42,15 +42,15 @@ pub enum Refused {
 pub struct ExperimentRequest<'a> {
     /// Its name.
     pub name: &'a str,
-    /// Its text; none for that of the file of this name.
+    /// Its text; `None` for the text of the file of this name.
     pub text: Option<&'a str>,
-    /// The bench; none for the one that the experiment names.
+    /// The bench; `None` for the one that the experiment names.
     pub bench: Option<&'a str>,
 }
 
 /// An experiment that may be run.
 pub struct Submission {
-    /// The experiment, on the bench that it is to be run on.
+    /// The experiment, on the bench that will run it.
     pub experiment: Experiment,
     /// Expected duration of its plan, bench s.
     pub expected_s: f64,
@@ -59,7 +59,7 @@ pub struct Submission {
     fence: Arc<Fence>,
 }
 
-/// The text of an experiment by its name.
+/// Returns the text of an experiment by its name.
 ///
 /// # Errors
 /// No such experiment; a file that cannot be read.
@@ -71,7 +71,7 @@ pub fn text_of(settings: &Settings, name: &str) -> Result<String, Refused> {
 }
 
 impl Submission {
-    /// An experiment as it is asked for.
+    /// Checks a requested experiment.
     ///
     /// # Errors
     /// Reason why it cannot be run.
@@ -120,15 +120,15 @@ impl Submission {
         })
     }
 
-    /// Copies what was checked into the data folder.
+    /// Copies the checked files into the data folder.
     ///
     /// # Errors
     /// A folder that cannot be written.
     pub fn freeze(&self, folder: &Path) -> Result<(), Refused> {
         let kept = |error: &dyn std::fmt::Display| Refused::Kept(error.to_string());
         for source in &self.experiment.sources {
-            // The bench and its scenario stay where they are: its state is beside it, and the
-            // guardian reads the same file.
+            // The bench and its scenario are not copied: the state lies beside the bench file,
+            // and the guardian reads the same file.
             let name = self
                 .fence
                 .relative(source.path())
@@ -140,7 +140,8 @@ impl Submission {
             }
             write_atomically(&path, source.text().as_bytes()).map_err(|error| kept(&error))?;
         }
-        // What the bench was when the plan was checked: a run on another one is not begun.
+        // Hash of the bench file when the plan was checked: a run on a changed bench does not
+        // begin.
         let sha256 = &self.experiment.bench.sha256;
         write_atomically(&folder.join(shelf::BENCH_SHA256), sha256.as_bytes())
             .map_err(|error| kept(&error))
@@ -169,19 +170,19 @@ pub fn frozen(folder: &Path) -> Option<PathBuf> {
         .map(|entry| entry.path())
 }
 
-/// Text of the experiment of a run as it was submitted, with its path.
+/// Returns the text of the experiment of a run as it was submitted, with its path.
 pub fn of_run(data: &Path, run: &str) -> Option<(PathBuf, String)> {
     let path = frozen(&data.join("submitted").join(run))?;
     let text = std::fs::read_to_string(&path).ok()?;
     Some((path, text))
 }
 
-/// The same as values.
+/// Returns the submitted experiment of a run as values.
 pub fn value_of_run(data: &Path, run: &str) -> Option<toml::Value> {
     toml::from_str(&of_run(data, run)?.1).ok()
 }
 
-/// The file of the cell of a run as it was submitted.
+/// Returns the submitted cell file of a run.
 pub fn cell_file(data: &Path, run: &str) -> Option<PathBuf> {
     let (path, text) = of_run(data, run)?;
     let experiment: toml::Value = toml::from_str(&text).ok()?;
@@ -189,7 +190,8 @@ pub fn cell_file(data: &Path, run: &str) -> Option<PathBuf> {
     path.parent()?.join(cell).canonicalize().ok()
 }
 
-/// The bench of this name, or that which the experiment names, where it is one of the server's.
+/// Returns the bench of this name, or the bench that the experiment names, if it belongs to the
+/// server.
 fn chosen<'a>(
     settings: &'a Settings,
     path: &Path,

@@ -52,10 +52,10 @@ const LOOK_S: f64 = 0.2;
 const TELL_S: f64 = 0.5;
 /// So long a process may take until its journal is there, s.
 const BIRTH_S: f64 = 60.0;
-/// Exit code of a process that has refused what it was asked for.
+/// Exit code of a process that has refused its request.
 const NOTHING_DONE: i32 = 2;
 
-/// Parts what the processes of a run wrote into its log.
+/// Separates the output of the processes of a run in its log.
 const RESUMED: &str = "-- resumed --";
 
 /// The thread at work.
@@ -94,7 +94,7 @@ pub fn start(server: &Arc<Server>) -> Result<Supervisor, Failure> {
 }
 
 impl Supervisor {
-    /// Ends it; runs go on.
+    /// Ends the supervisor; runs continue.
     pub fn end(self) {
         self.end.store(true, Ordering::Relaxed);
         let _ = self.thread.join();
@@ -105,13 +105,13 @@ impl Supervisor {
 struct SupervisedBench {
     bench: config::Bench,
     state: Option<State>,
-    /// The process in work, where it is this server's child, with its place in the queue.
+    /// The active process if it is a child of this server, with its queue number.
     child: Option<(u64, Child)>,
     watch: Option<(Option<String>, Watch)>,
     manifest: Vec<Identity>,
     stamps: Stamps,
     told: (Live, f64),
-    /// Why nothing is begun until the server is restarted.
+    /// Why no run begins until the server is restarted.
     restart: Option<String>,
 }
 
@@ -173,7 +173,7 @@ impl SupervisedBench {
         watch.look();
         let word = last_word(&log_of(server, &item.run));
         let how = how_it_ended(watch.ended(), word);
-        // With points that its quality gate has refused, a run is finished all the same.
+        // A run with points that its quality gate has refused counts as finished.
         let as_finished = |code: i32| code == 0 || code == i32::from(REFUSED_CODE);
         let finished = watch.ended() == Some("finished") && code.is_none_or(as_finished);
         self.over(
@@ -221,9 +221,9 @@ impl SupervisedBench {
         server.tell_queue();
     }
 
-    /// Begins what comes next, where the bench is free.
+    /// Begins the next run if the bench is free.
     fn begin(&mut self, server: &Server) {
-        // A stop that is over holds the bench, so that the queue is asked after this.
+        // A completed stop holds the bench; therefore the queue is checked afterwards.
         let last_stop = match server.stops().get(&self.bench.name) {
             Some(stop) if !stop.over => return,
             stop => stop.map(|stop| stop.unix_s),
@@ -312,7 +312,8 @@ impl SupervisedBench {
         server.tell_queue();
     }
 
-    /// Latched, run by somebody else, or still looked after by the guardian of an earlier run.
+    /// Returns whether the bench is latched, in use by another process, or still under the
+    /// guardian of an earlier run.
     fn taken(&self) -> bool {
         let Some(state) = &self.state else {
             return false;
@@ -416,7 +417,7 @@ impl SupervisedBench {
             .is_some_and(|(_, watch)| watch.ended().is_none() && watch.reading(false).is_some())
     }
 
-    /// State of the outputs: what was read back, and when.
+    /// Returns the state of the outputs: the readings, and their time.
     fn outputs(&self, going: bool) -> OutputsState {
         match &self.state {
             _ if going => OutputsState::in_run(),
@@ -518,7 +519,7 @@ impl SupervisedBench {
             .collect()
     }
 
-    /// What the transcript of the last run says of an instrument.
+    /// Returns the state of an instrument according to the transcript of the last run.
     fn by_transcript(&self, role: &str) -> InstrumentNow {
         let watch = self.watch.as_ref().map(|(_, watch)| watch);
         let Some(monitor) = watch.and_then(|watch| watch.monitor(role)) else {
@@ -540,8 +541,8 @@ impl SupervisedBench {
         }
     }
 
-    /// The same with what was read since. What the transcript of a run says of an output does not
-    /// outlive the run.
+    /// Updates the state with later readings. The output state from a run's transcript is not
+    /// valid after the run.
     fn by_reading(&self, now: InstrumentNow, outputs: &OutputsState) -> InstrumentNow {
         if outputs.state == OutputsKind::InRun || !DRIVES.contains(&now.role.as_str()) {
             return now;
@@ -573,7 +574,7 @@ impl SupervisedBench {
         }
     }
 
-    /// State of an output that was not read since a run, in words.
+    /// Describes an output that was not read since a run.
     fn after_death(&self) -> &'static str {
         let guarded = self
             .state
@@ -595,7 +596,7 @@ struct Changed<'a> {
     spectrum: Spectrum,
 }
 
-/// Side that holds a bench behind a run that did not come to its end, and why.
+/// Returns the side that holds a bench after a run that did not finish, and why.
 fn held_behind(server: &Server, item: &Item, ended: &Ended) -> (HeldBy, String) {
     // A stop is forgotten when the next run has begun: one that is there has ended this run.
     let stops = server.stops();

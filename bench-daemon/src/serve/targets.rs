@@ -12,7 +12,7 @@ pub struct Targets {
     pub webhook: Option<String>,
     /// E-mail.
     pub email: Option<Email>,
-    /// Local time from when and until when what can wait is kept.
+    /// Start and end of quiet hours in local time, in which non-urgent notices are stored.
     pub quiet: Option<(Time, Time)>,
 }
 
@@ -25,7 +25,7 @@ pub struct Email {
     pub port: u16,
     /// Encryption of the connection.
     pub encryption: Encryption,
-    /// User, where it asks for one.
+    /// User, if the server requires one.
     pub user: Option<String>,
     /// File that holds the password.
     pub password_file: Option<PathBuf>,

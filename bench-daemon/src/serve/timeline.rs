@@ -47,9 +47,9 @@ const TRIPS: [&str; 3] = [
 ];
 /// Kind of a mark of a point of a sweep.
 const POINT: &str = "point";
-/// Kind of a mark where the run begins to wait on request.
+/// Kind of a mark where a requested pause begins.
 const PAUSE: &str = "pause";
-/// Kind of a mark where it goes on.
+/// Kind of a mark where the run continues.
 const GO_ON: &str = "go_on";
 /// Kind of a mark of a trip.
 const TRIP: &str = "trip";
@@ -82,7 +82,7 @@ struct Row {
     charge_c: f64,
 }
 
-/// Between two readings of the current that lie further apart nothing is known to have flowed, s.
+/// Maximum distance of two current readings between which charge is integrated, s.
 const CHARGE_GAP_S: f64 = 30.0;
 
 impl From<ReadingRow<'_>> for Row {
@@ -113,7 +113,7 @@ struct Gain {
 }
 
 impl Place {
-    /// Reads what a file has gained; nothing where it cannot be read.
+    /// Reads the new part of a file, or returns `None` if it cannot be read.
     fn look(&mut self, folder: &Path, name: &str) -> Option<Gain> {
         let mut file = confined_path::open(folder, name)?;
         let meta = file.metadata().ok()?;
@@ -160,7 +160,7 @@ struct Told {
 }
 
 impl Known {
-    /// Reads what the files have gained; nothing without a file of readings.
+    /// Reads the new parts of the files, or returns `None` without a file of readings.
     fn look(&mut self) -> Option<()> {
         // The journal is read before the readings, and may be ahead of them.
         if let Some(gain) = self.journal.look(&self.folder, JOURNAL) {
@@ -263,7 +263,7 @@ fn kind_of_end(how: &str) -> &'static str {
     }
 }
 
-/// Runs that were asked for last, so that of a file that grows only what is new is read.
+/// The runs that were requested last. For a growing file, only the new part is read.
 #[derive(Debug, Default)]
 pub struct Timelines {
     known: Mutex<VecDeque<Known>>,
@@ -294,7 +294,7 @@ impl Part {
         self.meets(time_s, time_s)
     }
 
-    /// Whether a stretch of time lies in it, at least with a part.
+    /// Returns whether an interval overlaps this part.
     fn meets(&self, from_s: f64, to_s: f64) -> bool {
         self.from_s.is_none_or(|least_s| to_s >= least_s)
             && self.to_s.is_none_or(|greatest_s| from_s <= greatest_s)
@@ -433,7 +433,7 @@ impl Mark {
 }
 
 impl Timelines {
-    /// Reads a part of a run folder; nothing where it has no readings.
+    /// Reads a part of a run folder, or returns `None` if it has no readings.
     pub fn read(&self, folder: &Path, part: &Part, most: usize) -> Option<Readings> {
         let events = text_of(folder, EVENTS);
         let envelopes = text_of(folder, ENVELOPE);
@@ -451,7 +451,7 @@ impl Timelines {
 
 impl Readings {
     fn of(all: &[Row], part: &Part, most: usize) -> Self {
-        // Of the whole run, which may be long, nothing is copied.
+        // The rows of a whole run, which may be long, are not copied.
         let rows: Cow<'_, [Row]> = if part.is_all() {
             Cow::Borrowed(all)
         } else {
@@ -539,7 +539,7 @@ fn bounds(text: &str, end_s: f64, part: &Part) -> Vec<Envelope> {
         .collect()
 }
 
-/// Pauses in a part of a run; one that goes on ends with the last reading.
+/// Returns the pauses in a part of a run; an open pause ends with the last reading.
 fn pauses(all: &[Pause], end_s: f64, part: &Part) -> Vec<Pause> {
     all.iter()
         .map(|pause| Pause {
@@ -804,7 +804,7 @@ mod tests {
         let began = (30.0, Entry::Paused);
         let text = "from the journal".to_owned();
         let resumed = Entry::Resumed { text };
-        // It goes on at present, or ends in one of three ways.
+        // The pause is still open, or ends by one of three causes.
         assert_eq!(pause(vec![began.clone()]), [(30.0, 100.0)]);
         for end in [
             resumed,
@@ -885,7 +885,7 @@ mod tests {
         }
         assert_eq!(of_rows(&rows, 10_000).len(), 10_000);
         assert!(of_rows(&[], 8).is_empty());
-        // All at one time, as a clock that stands writes them.
+        // All rows have one time, as a stopped clock writes them.
         let still: Vec<Row> = (0..50).map(|_| row(0)).collect();
         assert!(of_rows(&still, 8).len() <= 8);
     }
@@ -918,7 +918,7 @@ mod tests {
             ..Part::default()
         };
         assert_eq!(times(&part), [2.0]);
-        // A new file in the place of the old one.
+        // A new file replaces the old one.
         fs::write(folder.path().join("new"), "time_s\n9.0,rest,3.7,,\n").unwrap();
         fs::rename(folder.path().join("new"), &path).unwrap();
         assert_eq!(times(&whole), [9.0]);

@@ -49,7 +49,7 @@ pub enum Scope {
 }
 
 impl Scope {
-    /// All of them.
+    /// All scopes.
     pub const ALL: [Self; 4] = [Self::Read, Self::Operate, Self::Energise, Self::ClearTrip];
 
     /// Its name.
@@ -73,7 +73,7 @@ pub fn random() -> Result<String, TokenError> {
     Ok(hash::hex(&bytes))
 }
 
-/// A token as it is kept.
+/// A token as it is stored.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Token {
     /// Name of its holder.
@@ -84,8 +84,7 @@ pub struct Token {
     pub sha256: String,
     /// When it was made, s since 1970.
     pub made_unix_s: u64,
-    /// From when on it opens nothing, s since 1970; null where it never ends, as those of versions
-    /// before 0.2.
+    /// Expiry, s since 1970; null if it never expires, like tokens of versions before 0.2.
     #[serde(default)]
     pub expires_unix_s: Option<u64>,
 }
@@ -137,7 +136,7 @@ pub struct Tokens {
 type Stamp = (u64, u32, u64, i64, i64);
 
 impl Tokens {
-    /// Those of a data folder.
+    /// Opens the tokens of a data folder.
     pub fn of(data: &Path) -> Self {
         Self {
             path: data.join(FILE),
@@ -181,7 +180,7 @@ impl Tokens {
         self.whose_sha256(&hash::sha256(presented))
     }
 
-    /// The same by the SHA-256 of the token.
+    /// Returns a token by its SHA-256.
     ///
     /// # Errors
     /// As [`Tokens::all`].
@@ -196,10 +195,11 @@ impl Tokens {
         Ok(found.filter(|token| !token.has_expired()))
     }
 
-    /// Makes one and returns it: it is shown this once. It ends after `valid_s`, where that is said.
+    /// Creates a token and returns it; it is shown only once. It expires after `valid_s`, if
+    /// given.
     ///
     /// # Errors
-    /// A name that is none or taken; a file that cannot be written.
+    /// A name that is invalid or in use; a file that cannot be written.
     pub fn add(
         &self,
         name: &str,

@@ -75,7 +75,7 @@ pub fn name(method: &Method, path: &str) -> String {
 /// Ends the span of a request.
 pub fn answered(mut span: Span, name: String, status: StatusCode) {
     let code = status.as_u16();
-    // What is not there has any name, and names of spans are to be few.
+    // An unknown path may have any name, and the number of span names must stay small.
     if status != StatusCode::NOT_FOUND {
         span.update_name(name);
     }

@@ -1,6 +1,6 @@
-//! Reads the last answers of an instrument from the transcript that a run writes: when it answered,
-//! and whether its output is on. A run reads every switch back, so that the answer to such a
-//! question is the instrument's own statement.
+//! Reads the last replies of an instrument from the transcript that a run writes: when it
+//! replied, and whether its output is on. A run reads every switch back, so that the reply is the
+//! instrument's own statement.
 
 use std::{path::Path, str::FromStr};
 
@@ -44,7 +44,7 @@ impl TranscriptMonitor {
 
     /// Reads on.
     pub fn look(&mut self) {
-        // What cannot be read says nothing; the run goes on all the same.
+        // An unreadable transcript gives no information; the run continues.
         for line in self.follow.look().unwrap_or_default().lines {
             // Without its end a line is a torn one.
             let Ok(transcript) = Transcript::from_str(&format!("{line}\n")) else {

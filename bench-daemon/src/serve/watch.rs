@@ -1,5 +1,5 @@
 //! Watches a run from outside through its folder: journal, readings and transcripts are read as
-//! they grow. The run knows nothing of it and never waits for it.
+//! they grow. The run does not depend on this and never waits for it.
 
 mod condition;
 mod measured;
@@ -140,8 +140,8 @@ impl Watch {
         self.latest_s = self.latest_s.max(row.time_s);
     }
 
-    /// The last reading; `going` states whether the run's process lives. One of an earlier process
-    /// is not fresh.
+    /// Returns the last reading; `going` states whether the run's process lives. A reading of an
+    /// earlier process is not fresh.
     pub fn reading(&self, going: bool) -> Option<ReadingNow> {
         self.measured
             .reading(going.then_some(self.condition.process_s))
@@ -167,7 +167,7 @@ impl Watch {
         self.condition.ended.as_deref()
     }
 
-    /// Where it is; `going` states whether its process lives.
+    /// Returns the state of the run; `going` states whether its process lives.
     pub fn now(&self, run: Option<String>, going: bool) -> RunNow {
         let stages = &self.run.plan.stages;
         let at = self.position.at;

@@ -1,5 +1,5 @@
-//! The command line of an analysis. What a peer has written is checked, and never begins an
-//! argument.
+//! Builds the command line of an analysis. Input from a peer is validated, and is never parsed as
+//! an option.
 
 use std::{
     collections::BTreeSet,
@@ -89,7 +89,7 @@ fn unfit<T>(text: impl Into<String>) -> Result<T, AnalysisError> {
     Err(AnalysisError::Unfit(text.into()))
 }
 
-/// The arguments behind the name of the program.
+/// Returns the arguments after the program name.
 ///
 /// # Errors
 /// [`AnalysisError::Unfit`] in words that name the field.
@@ -178,7 +178,7 @@ fn kk(options: &Options, arguments: &mut Vec<String>) -> Result<(), AnalysisErro
     if options.drt == Some(true) {
         arguments.push("--drt".to_owned());
     }
-    // Several spectra may be of several cells; nothing says that they repeat each other.
+    // Several spectra may belong to several cells, so they are not treated as repeats.
     arguments.push("--separate".to_owned());
     Ok(())
 }

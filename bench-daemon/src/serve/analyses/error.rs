@@ -3,7 +3,7 @@
 /// Why an analysis is not taken or not cancelled.
 #[derive(Debug, thiserror::Error)]
 pub enum AnalysisError {
-    /// It cannot be done as it is asked for.
+    /// The request is invalid.
     #[error("{0}")]
     Unfit(String),
     /// No such analysis.

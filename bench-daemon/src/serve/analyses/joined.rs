@@ -1,4 +1,4 @@
-//! Data set of a diagnosis of several runs: a campaign, and experiments of the same cell after it.
+//! Data set for a diagnosis of several runs: a campaign, and later experiments on the same cell.
 
 use std::{
     collections::BTreeSet,
@@ -26,7 +26,7 @@ use crate::{
 pub(super) struct Joined {
     /// Its folder.
     pub(super) folder: PathBuf,
-    /// Open-circuit voltage of the cell by its file; none where it states none.
+    /// Open-circuit voltage of the cell from its file; `None` if the file states none.
     pub(super) ocv: Option<PathBuf>,
 }
 

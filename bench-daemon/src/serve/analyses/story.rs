@@ -62,9 +62,9 @@ pub(super) struct Next {
 pub struct Conclusion {
     /// The verdict.
     pub verdict: Verdict,
-    /// The same in a sentence.
+    /// The verdict as a sentence.
     pub sentence: String,
-    /// Recommended experiment, where there is one that this server can run.
+    /// Recommended experiment, if there is one that this server can run.
     pub next: Option<Recommended>,
 }
 
@@ -77,7 +77,7 @@ pub struct Recommended {
     pub text: String,
 }
 
-/// Conclusion of a diagnosis of one cell; none where it has no results.
+/// Returns the conclusion of a diagnosis of one cell, or `None` if it has no results.
 pub(super) fn conclusion(
     settings: &Settings,
     analysis: &Analysis,

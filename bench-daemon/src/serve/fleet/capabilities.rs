@@ -5,8 +5,8 @@ use instruments::{chiller, fixture::Fixture, instrument::by_key, load, supply, s
 
 use crate::config::{Bench, Instrument, Jig};
 
-/// Properties of a bench. A job that needs more is not taken; one that needs less is checked
-/// against the limits of its cell all the same.
+/// Returns the properties of a bench. A job that needs more is not taken; one that needs less is
+/// nevertheless checked against the limits of its cell.
 pub(super) fn capabilities(bench: &Bench) -> Capabilities {
     Capabilities {
         current_a: current_a(bench),

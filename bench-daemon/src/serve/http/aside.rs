@@ -1,8 +1,8 @@
-//! Work that reads files: done beside the threads that serve others.
+//! Runs work that reads files outside the threads that serve requests.
 
 use super::problem::Refusal;
 
-/// Does the work on a thread for work that waits.
+/// Runs blocking work on a thread for such work.
 ///
 /// # Errors
 /// Those of the work; work that has panicked.

@@ -19,8 +19,8 @@ pub(super) struct BodyBounds {
     pub(super) patience_s: f64,
 }
 
-/// Whether the body is a file, which its handler reads once the caller is known: it is larger than
-/// what anybody may send.
+/// Returns whether the body is a file, which its handler reads once the caller is known, because
+/// it may be larger than other bodies.
 pub(super) fn is_file(method: &Method, uri: &Uri) -> bool {
     method == Method::POST && uri.path() == "/api/v1/spectra/read"
 }

@@ -30,14 +30,15 @@ const LOCAL: &str = "local";
 /// Code of the refusal of a session without the header of the page.
 const FORGED: &str = "forged";
 
-/// Somebody with the scope number `SCOPE` of [`Scope::ALL`]; behind the last of them, with any.
+/// A caller with the scope number `SCOPE` of [`Scope::ALL`]; a number beyond the last scope
+/// accepts any scope.
 #[derive(Debug, Clone)]
 pub struct With<const SCOPE: usize> {
     /// Their name.
     pub name: String,
     /// Scopes of the caller.
     pub scopes: Vec<Scope>,
-    /// SHA-256 of the token; none where no token is asked for.
+    /// SHA-256 of the token; `None` if no token is required.
     pub token_sha256: Option<String>,
 }
 
@@ -132,7 +133,8 @@ const PASSED_ON: [&str; 5] = [
     "x-real-ip",
 ];
 
-/// The request comes from this machine, under one of its own names, and not through a proxy.
+/// Returns whether the request comes from this machine, under one of its own names, and not
+/// through a proxy.
 fn is_of_this_machine(parts: &Parts) -> bool {
     let host = parts
         .headers

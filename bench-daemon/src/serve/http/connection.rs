@@ -1,6 +1,6 @@
-//! Accepts connections for the routes: a limited number at once, encrypted where there is a
-//! certificate. Slow clients are dropped, be it with the head of a request or with reading the
-//! answer.
+//! Accepts connections for the routes: a limited number at once, encrypted if a certificate is
+//! configured. Slow clients are dropped, whether they are slow to send a request head or to read
+//! the reply.
 
 use std::{
     collections::{HashMap, VecDeque},
@@ -69,7 +69,7 @@ const FULL_S: f64 = 0.001;
 /// Pause after a socket that could not be accepted, s: out of files, most likely.
 const BREATH_S: f64 = 0.1;
 
-/// Where a server listens.
+/// The socket and the settings of a listening server.
 pub struct Listener {
     socket: TcpListener,
     tls: Option<TlsAcceptor>,
@@ -77,10 +77,10 @@ pub struct Listener {
 }
 
 impl Listener {
-    /// Begins to listen.
+    /// Starts to listen.
     ///
     /// # Errors
-    /// An address that is taken; a certificate or key that cannot be used.
+    /// An address that is in use; a certificate or key that cannot be used.
     pub async fn bind(server: &Server) -> Result<Self, Failure> {
         let listen = server.settings.listen;
         let tls = server
@@ -100,7 +100,7 @@ impl Listener {
         })
     }
 
-    /// Where a browser finds it.
+    /// Returns the address for a browser.
     pub fn url(&self) -> String {
         format!(
             "{}://{}",
@@ -166,7 +166,7 @@ struct Bounds {
     silent: usize,
     /// Maximum number of silent connections at any time.
     flood: usize,
-    /// All of them.
+    /// Maximum number of all connections.
     all: usize,
 }
 
@@ -462,8 +462,8 @@ struct TimedStream<S> {
     instead: Option<(Vec<u8>, usize)>,
 }
 
-/// A refusal in the place of one that the library made, which has no body; none for any other
-/// answer.
+/// Returns a refusal that replaces one that the library made, which has no body, or `None` for
+/// any other reply.
 fn instead_of(answer: &[u8]) -> Option<Vec<u8>> {
     let text = std::str::from_utf8(answer).ok()?;
     let status: u16 = text.strip_prefix("HTTP/1.")?.get(2..5)?.parse().ok()?;

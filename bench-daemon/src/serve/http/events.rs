@@ -1,6 +1,6 @@
-//! Sends all changes as server-sent events. Each listener reads the one store of events at its own
-//! pace. One that is too slow gets a notice that it has missed some, and goes on with those that
-//! are there.
+//! Sends all changes as server-sent events. Each listener reads the shared store of events at its
+//! own pace. A listener that is too slow gets a notice that it has missed some, and continues
+//! with the stored ones.
 
 use std::{
     convert::Infallible,
@@ -21,7 +21,7 @@ use utoipa::IntoParams;
 use super::{App, caller::Reader};
 use crate::serve::Server;
 
-/// So long nothing is sent at most, s.
+/// Maximum time without data on the stream, s.
 const HEARTBEAT_S: f64 = 15.0;
 
 /// Where a listener goes on.

@@ -29,7 +29,7 @@ use crate::serve::{
     submission::{name_of, text_of},
 };
 
-/// Jobs of one page where nothing else is asked for.
+/// Default number of jobs on one page.
 const PAGE: usize = 100;
 
 /// Conditions on jobs; all of them must hold.
@@ -413,14 +413,14 @@ pub async fn stop(
     work.await.map_err(|error| Refusal::machine(&error))?
 }
 
-/// The stop of a bench of this server; none for a bench of another one.
+/// Stops a bench of this server; returns `None` for a bench of another server.
 async fn own_stop(app: &App, place: &Place, who: &str) -> Option<StopReport> {
     let section = app.server.settings.fleet.as_ref()?;
     let bench = app.server.settings.bench(&place.bench)?;
     if section.site != place.site {
         return None;
     }
-    // As the fleet says it, so that the fleet's release takes it back.
+    // Uses the fleet's name of the user, so that a release by the fleet lifts the hold.
     let by = through_the_fleet(&by(app, who));
     Some(stop::stop(&app.server, bench, Stopper::fleet(&by)).await)
 }

@@ -25,7 +25,7 @@ use crate::{
 };
 pub use rate::{GUESSES, Rate};
 
-/// Nothing from elsewhere, no script in a page, no frame around it.
+/// Forbids content from other origins, inline scripts and frames.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; \
 img-src 'self' data:; form-action 'none'; \
                       base-uri 'none'; frame-ancestors 'none'";

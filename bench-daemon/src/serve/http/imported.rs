@@ -1,4 +1,4 @@
-//! Route of spectra of a file that somebody sends.
+//! Route for the spectra of an uploaded file.
 
 use std::{ffi::OsStr, path::Path, process::Stdio, time::Duration};
 
@@ -36,7 +36,7 @@ pub struct FileNamed {
 }
 
 impl FileNamed {
-    /// The name, where it is one of a file.
+    /// Returns the name if it is a plain file name.
     fn plain(self) -> Result<String, Refusal> {
         let is_file = Path::new(&self.name).file_name() == Some(OsStr::new(&self.name));
         if is_file && self.name.len() <= LONGEST_NAME && !self.name.contains(char::is_control) {
@@ -138,7 +138,7 @@ fn of_bytes(headers: &HeaderMap) -> Result<(), Refusal> {
     ))
 }
 
-/// A place among the files that are read at the same time.
+/// Takes one of the permits for files that are read at the same time.
 async fn place(app: &App) -> Result<OwnedSemaphorePermit, Refusal> {
     let patience = Duration::from_secs_f64(app.server.settings.limits.patience_s);
     let waits = app.imports.clone().acquire_owned();

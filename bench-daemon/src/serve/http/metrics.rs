@@ -50,7 +50,7 @@ fn text(server: &Server) -> String {
     text
 }
 
-/// Labels in braces; nothing where there are none.
+/// Labels in braces; empty without labels.
 struct Labels<'a>(&'a Sample);
 
 impl Display for Labels<'_> {

@@ -118,7 +118,7 @@ struct Document;
 /// Parts common to all paths: how a token is shown, and how a request is refused.
 struct Common;
 
-/// Refusals that any request may meet, and those of requests with a token.
+/// Refusals that apply to any request, and those of requests with a token.
 const REFUSALS: [(&str, &str); 10] = [
     ("400", "The path, the query or the body is not as expected."),
     (

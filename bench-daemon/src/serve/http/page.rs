@@ -1,5 +1,5 @@
-//! Serves the files of the page, which are part of the program: compressed where the browser takes
-//! that, and not again where it has them.
+//! Serves the files of the page, which are part of the program. They are compressed if the
+//! browser accepts that, and are not sent again if it has them.
 
 use std::{io::Write, sync::LazyLock};
 
@@ -138,7 +138,7 @@ pub(super) fn routes() -> Router<App> {
 mod tests {
     use super::*;
 
-    /// Largest weight of the page as it is sent, bytes: the project's budget.
+    /// Maximum transferred size of the page, bytes: the project's budget.
     const BUDGET: usize = 400_000;
 
     #[test]

@@ -42,7 +42,7 @@ impl Refusal {
         Self::new(status, code_of(status), message)
     }
 
-    /// No such thing.
+    /// The requested object does not exist.
     pub fn not_found(what: &str, found: &str) -> Self {
         Self::of(
             StatusCode::NOT_FOUND,
@@ -50,7 +50,7 @@ impl Refusal {
         )
     }
 
-    /// A body that is JSON, but not what is expected.
+    /// A body that is valid JSON, but has unexpected content.
     pub fn unfit(message: impl Into<String>) -> Self {
         Self::of(StatusCode::UNPROCESSABLE_ENTITY, message)
     }

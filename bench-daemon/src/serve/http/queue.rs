@@ -253,7 +253,7 @@ pub async fn submit(
             unix_s: clock::unix_time_s(),
             traceparent: traced.0,
         };
-        // What is to be run is there before the queue names it.
+        // The files of the run are written before the queue names it.
         let mut queue = server.queue();
         let run = format!("{}-{}", experiment.name, queue.next_id());
         submission.freeze(&server.settings.data.join("submitted").join(&run))?;
@@ -354,7 +354,7 @@ pub async fn release(
     aside(move || {
         let (by, held) = {
             let queue = app.server.queue();
-            // What is shown is taken back: a hold of the fleet behind it shows then.
+            // Revokes the hold that is shown; a hold of the fleet then becomes visible.
             (queue.holder(&bench), queue.held(&bench).map(str::to_owned))
         };
         let text = format!(
@@ -374,7 +374,7 @@ pub async fn release(
     .await
 }
 
-/// Words, or that there are none.
+/// Returns the text, or a placeholder for an empty one.
 fn said(words: &str) -> &str {
     if words.trim().is_empty() {
         "no reason given"

@@ -38,7 +38,8 @@ pub struct SignedIn {
     ends_after_s: f64,
 }
 
-/// Ends the session that a request shows, whatever comes of it: a number is never used again.
+/// Ends the session that a request presents, whatever its outcome: a session number is never
+/// reused.
 fn end_old(app: &App, headers: &HeaderMap) {
     let cookies = headers
         .get(header::COOKIE)

@@ -140,7 +140,7 @@ fn value_of(text: &str) -> serde_json::Value {
         .unwrap_or_default()
 }
 
-/// Values as TOML; what is null is left out.
+/// Formats values as TOML; null values are left out.
 fn text_of(mut value: serde_json::Value) -> Result<String, Refusal> {
     without_nulls(&mut value);
     if !value.is_object() {

@@ -100,7 +100,7 @@ pub struct InvestigationEnded {
 }
 
 impl InvestigationStep {
-    /// A run of which nothing is known yet.
+    /// Creates a step for a run without results yet.
     pub(in crate::serve) fn of(run: &str) -> Self {
         Self {
             run: run.to_owned(),
@@ -120,7 +120,7 @@ impl Investigation {
             .filter_map(|step| step.experiment.as_ref())
     }
 
-    /// The same, ended.
+    /// Returns the investigation as ended.
     pub(in crate::serve) fn closed(mut self, end: End, why: &str) -> Self {
         self.state = InvestigationState::Ended;
         self.ended = Some(InvestigationEnded {

@@ -43,7 +43,7 @@ fn bytes(now: &ArchiveNow) -> Vec<Sample> {
     labelled("kind", sizes)
 }
 
-/// All of them.
+/// All metrics of the archive.
 pub(super) const METRICS: &[Metric] = &[
     gauge(
         "archive_runs",

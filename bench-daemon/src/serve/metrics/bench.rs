@@ -75,7 +75,7 @@ fn oldest_s(now: &Snapshot<'_>, live: &Live) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// All of them.
+/// All metrics of benches.
 pub(super) const METRICS: &[Metric] = &[
     gauge(
         "state",

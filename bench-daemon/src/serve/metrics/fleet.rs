@@ -9,7 +9,7 @@ use super::{
     snapshot::Snapshot,
 };
 
-/// Values under the label `fleet`, which is the same for all servers of a fleet.
+/// Values with the label `fleet`, which is equal for all servers of a fleet.
 struct Rows<'a>(&'a Fleet);
 
 impl Rows<'_> {
@@ -52,7 +52,7 @@ fn jobs(counts: &JobCounts) -> impl Iterator<Item = (&'static str, usize)> {
     by_state.into_iter().chain([("lost", counts.lost)])
 }
 
-/// All of them.
+/// All metrics of the fleet.
 pub(super) const METRICS: &[Metric] = &[
     gauge(
         "fleet_connected",

@@ -16,7 +16,7 @@ pub enum Kind {
 
 /// A quantity that is measured.
 pub struct Metric {
-    /// Its name, behind [`PREFIX`]. It ends in the unit, as Prometheus wants it.
+    /// Its name after [`PREFIX`]. It ends in the unit, as Prometheus requires.
     pub name: &'static str,
     /// Its course.
     pub kind: Kind,

@@ -30,7 +30,7 @@ fn disk(now: &Snapshot<'_>, value: impl Fn(Disk) -> f64) -> Vec<Sample> {
         .map_or_else(Vec::new, |disk| Sample::plain(value(disk)))
 }
 
-/// Notices by target, so that both rows are there from the start.
+/// Returns notices by target, so that both series exist from the start.
 fn notices(now: &Snapshot<'_>, sent: bool) -> Vec<Sample> {
     let of = |(target, counts): (&'static str, [u64; 2])| Sample {
         labels: vec![("target", target.to_owned())],
@@ -52,7 +52,7 @@ fn version(_: &Snapshot<'_>) -> Vec<Sample> {
     }]
 }
 
-/// All of them.
+/// All metrics of the server.
 pub(super) const METRICS: &[Metric] = &[
     gauge(
         "build_info",

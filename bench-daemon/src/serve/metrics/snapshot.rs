@@ -47,7 +47,7 @@ impl<'a> Snapshot<'a> {
         self.live.iter().filter_map(sample).collect()
     }
 
-    /// A value of what was noted on each bench.
+    /// Returns one health value of each bench.
     pub fn noted(&self, value: impl Fn(&BenchHealth) -> Option<f64>) -> Vec<Sample> {
         let none = BenchHealth::default();
         self.benches(|live| value(self.noted.benches.get(&live.bench).unwrap_or(&none)))

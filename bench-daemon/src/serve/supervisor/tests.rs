@@ -1,4 +1,4 @@
-//! The start of a run and a stop at the same time.
+//! Tests of a run that starts at the time of a stop.
 
 use std::{
     os::unix::process::ExitStatusExt,

@@ -12,7 +12,7 @@ pub(super) struct Condition {
     pub(super) paused: bool,
     /// Question that waits for an answer.
     pub(super) question: Option<QuestionNow>,
-    /// Everything was off and read back at the last entry.
+    /// At the last entry, all outputs were read back as off.
     pub(super) safe: bool,
     /// How it ended, if it did.
     pub(super) ended: Option<String>,
@@ -37,7 +37,7 @@ impl Condition {
                 asked_s: line.time_s,
             });
         } else if !matches!(line.entry, Entry::Note(_)) {
-            // Nothing else is written while a person is waited for.
+            // Any other entry means that the run no longer waits for a person.
             self.question = None;
         }
         match &line.entry {

@@ -18,8 +18,8 @@ pub(super) struct Measured {
 }
 
 impl Measured {
-    /// Takes the next reading, of a fixture, where that is known. The cell's data are those of the
-    /// experiment, where it can be read.
+    /// Takes the next reading, with its fixture if known. The cell's data are those of the
+    /// experiment if it can be read.
     pub(super) fn take(
         &mut self,
         row: &ReadingRow<'_>,
@@ -42,8 +42,8 @@ impl Measured {
         }
         let kept_c = before.as_ref().and_then(|before| before.temperature_c);
         let (voltage_v, current_a) = match (now.voltage_v, now.current_a, &before) {
-            // Some readings are of the temperature only. What was read of another thing in the jig
-            // says nothing of this one.
+            // Some readings contain the temperature only. Values of another fixture do not apply
+            // to this one.
             (None, None, Some(before)) if before.fixture == now.fixture => {
                 (before.voltage_v, before.current_a)
             }

@@ -12,7 +12,7 @@ pub(super) struct Position {
     pub(super) at: Option<Place>,
     /// Stages with the bench time at which each was begun, s, in order.
     begun: Vec<(f64, usize)>,
-    /// The step in work, in words.
+    /// The active step, as text.
     pub(super) text: String,
 }
 
@@ -37,9 +37,9 @@ struct StageDone {
 /// Expected bench time of a plan, s.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ExpectedTime {
-    /// Of all of it.
+    /// Time of the whole plan, s.
     pub(super) total_s: f64,
-    /// Of what is left.
+    /// Time of the remaining part, s.
     pub(super) left_s: f64,
 }
 
@@ -96,7 +96,7 @@ impl Position {
         steps.filter(|point| **point).count()
     }
 
-    /// Expected bench time of a plan, and of what is left of it at a bench time, s.
+    /// Returns the expected bench time of a plan, and of its remaining part at a bench time, s.
     pub(super) fn expected(&self, plan: &Plan, now_s: f64) -> ExpectedTime {
         let (mut total_s, mut left_s) = (0.0, 0.0);
         for (number, stage) in plan.stages.iter().enumerate() {

@@ -35,7 +35,7 @@ impl RunFiles {
         &self.folder
     }
 
-    /// The files of another run that stands in the place of the one that was read, where one does.
+    /// Returns the files of another run that has replaced the one that was read, if one has.
     pub(super) fn replaced(&mut self) -> Option<Self> {
         let inode = std::fs::metadata(self.folder.join(JOURNAL)).map_or(0, |meta| meta.ino());
         let known = std::mem::replace(&mut self.inode, inode);
@@ -45,12 +45,12 @@ impl RunFiles {
         })
     }
 
-    /// Lines of the journal that are new, where there are any.
+    /// Returns new lines of the journal, if there are any.
     pub(super) fn journal(&mut self) -> Option<Vec<String>> {
         grown(&mut self.journal)
     }
 
-    /// Rows of the readings that are new, where there are any.
+    /// Returns new rows of the readings, if there are any.
     pub(super) fn readings(&mut self) -> Option<Vec<String>> {
         grown(&mut self.readings)
     }

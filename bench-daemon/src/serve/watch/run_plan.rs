@@ -21,14 +21,14 @@ pub(super) struct RunPlan {
     pub(super) time: String,
     /// Bench time that passes in one second on the wall, s; none in virtual time.
     factor: Option<f64>,
-    /// The experiment, where it can be read.
+    /// The experiment, if it can be read.
     pub(super) experiment: Option<Experiment>,
-    /// Its plan; without stages where there is none.
+    /// Its plan; without stages if it is unknown.
     pub(super) plan: Plan,
 }
 
 impl RunPlan {
-    /// Nothing is known yet.
+    /// Returns an unknown plan.
     pub(super) fn unknown() -> Self {
         Self {
             name: String::new(),
