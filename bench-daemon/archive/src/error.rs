@@ -18,7 +18,7 @@ pub enum ArchiveError {
         /// Error of the operating system.
         source: io::Error,
     },
-    /// A run that does not go into the archive as it is.
+    /// A run that the archive does not accept in its present state.
     #[error("{run}: not archived: {why}")]
     Refused {
         /// Name of the run.
@@ -42,7 +42,7 @@ pub enum ArchiveError {
         /// The file.
         file: PathBuf,
     },
-    /// The store does not do what it is asked for.
+    /// The store refuses or fails an operation.
     #[error("{store}, {path}: could not {action}: {source}")]
     Store {
         /// The store.
@@ -96,12 +96,13 @@ pub enum ArchiveError {
 }
 
 impl ArchiveError {
-    /// The store, not the run, is why: the next run would fail in the same way.
+    /// Returns whether the store, not the run, is the cause: the next run would fail for the same
+    /// reason.
     pub fn is_of_store(&self) -> bool {
         matches!(self, Self::Store { .. } | Self::Setting { .. })
     }
 
-    /// The same may go well when it is tried again.
+    /// Returns whether a retry may succeed.
     pub fn may_pass(&self) -> bool {
         matches!(
             self,

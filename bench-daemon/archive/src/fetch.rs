@@ -25,11 +25,11 @@ pub struct Fetched {
     pub bytes: u64,
 }
 
-/// Brings the moved captures of a run back into its folder. Each is put in place once its bytes are
-/// those that were moved.
+/// Downloads the moved captures of a run into its folder. Each is put in place once its bytes are
+/// verified.
 ///
 /// # Errors
-/// [`ArchiveError`]; what has come back by then stays.
+/// [`ArchiveError`]; captures that have been restored by then stay.
 pub async fn fetch_moved(
     store: &Store,
     receipts: &Receipts,
@@ -74,7 +74,8 @@ pub async fn fetch_moved(
     Ok(fetched)
 }
 
-/// The receipt follows what was moved or came back: neither changes what the run is.
+/// Updates the receipt after captures were moved or restored. Neither changes the identity of the
+/// run.
 pub(crate) fn settle(receipts: &Receipts, source: &RunSource) -> Result<(), ArchiveError> {
     let mut receipt = receipts.read(&source.name)?;
     let moved = Archived::read(&source.folder).map_err(ArchiveError::Record)?;
@@ -140,7 +141,7 @@ fn target(out: &Path, file: &FileEntry) -> Option<PathBuf> {
     }
 }
 
-/// A path in a folder; none where it leads out of it.
+/// Returns a path in a folder, or `None` if it leads out of the folder.
 fn within(folder: &Path, path: &str) -> Option<PathBuf> {
     let path = Path::new(path);
     let plain = path

@@ -6,7 +6,7 @@ use sha2::{Digest, Sha256};
 
 use crate::ArchiveError;
 
-/// Bytes that are read at once.
+/// Number of bytes in one read.
 const PIECE: usize = 1 << 18;
 
 /// A hash and the number of bytes that it is of.

@@ -34,7 +34,7 @@ pub(crate) struct StoreHead {
 }
 
 impl StoreHead {
-    /// That of this program.
+    /// Returns the format and version of this program.
     pub(crate) fn own() -> Self {
         Self {
             format: STORE_FORMAT.to_owned(),
@@ -122,7 +122,7 @@ pub struct RunList {
     pub placed: Placed,
     /// Name of its folder.
     pub name: String,
-    /// Identity of the same run before it changed.
+    /// Identity of the run before it changed.
     pub supersedes: Option<String>,
     /// Its files, by path.
     pub files: Vec<FileEntry>,
@@ -146,7 +146,8 @@ pub(crate) fn object(sha256: &str) -> String {
     format!("objects/sha256/{first}/{sha256}")
 }
 
-/// SHA-256 of a run: that of the sorted lines of its files, each of hash, two blanks and path.
+/// Returns the SHA-256 of a run: that of the sorted lines of its files, each of hash, two blanks
+/// and path.
 pub fn run_sha256(files: &[FileEntry]) -> String {
     let line = |file: &FileEntry| format!("{}  {}\n", file.sha256, file.path);
     let mut lines: Vec<String> = files.iter().map(line).collect();

@@ -20,7 +20,7 @@ use crate::{
 const PART: usize = 5 * 1024 * 1024;
 /// How often bytes are sent that come back as others.
 const SENDINGS: usize = 3;
-/// How often an object is read before its bytes are taken for wrong.
+/// Number of reads of an object before its bytes count as wrong.
 const READINGS: usize = 2;
 
 impl Store {
@@ -51,7 +51,7 @@ impl Store {
         Path::parse(path).map_err(wrong)
     }
 
-    /// An object; none where there is none.
+    /// Returns an object, or `None` if it does not exist.
     async fn get(&self, path: &str) -> Result<Option<GetResult>, ArchiveError> {
         match self.objects.get(&self.at(path)?).await {
             Ok(object) => Ok(Some(object)),
@@ -60,7 +60,7 @@ impl Store {
         }
     }
 
-    /// All bytes of a small object; none where there is none.
+    /// Returns all bytes of a small object, or `None` if it does not exist.
     pub(crate) async fn bytes(&self, path: &str) -> Result<Option<Vec<u8>>, ArchiveError> {
         let Some(object) = self.get(path).await? else {
             return Ok(None);
@@ -102,13 +102,13 @@ impl Store {
         }
     }
 
-    /// Hash and size of an object as it comes back; none where there is none.
+    /// Reads an object back and returns its hash and size, or `None` if it does not exist.
     pub(crate) async fn hashed(&self, path: &str) -> Result<Option<Hashed>, ArchiveError> {
         self.read(path, &mut std::io::sink(), FilePath::new(path))
             .await
     }
 
-    /// Hash and size of an object that comes back twice alike; none where it does not.
+    /// Returns hash and size of an object if two reads agree, otherwise `None`.
     pub(crate) async fn hashed_twice(&self, path: &str) -> Result<Option<Hashed>, ArchiveError> {
         let first = self.hashed(path).await?;
         let second = match first {
@@ -138,7 +138,8 @@ impl Store {
         Ok(Some(hasher.end()))
     }
 
-    /// Whether an object is there with these bytes. Its size is asked first, then it is read back.
+    /// Checks whether an object exists with these bytes. Queries its size first, and then reads
+    /// it back.
     async fn has(&self, path: &str, wanted: &Hashed) -> Result<bool, ArchiveError> {
         match self.objects.head(&self.at(path)?).await {
             Ok(meta) if meta.size == wanted.bytes => self.comes_back(path, wanted).await,
@@ -147,8 +148,8 @@ impl Store {
         }
     }
 
-    /// Whether an object comes back with these bytes. It is read a second time where it came back as
-    /// another, for the way back may be at fault.
+    /// Checks whether an object reads back with these bytes. Reads it a second time after a
+    /// mismatch, because the transfer may be at fault.
     async fn comes_back(&self, path: &str, wanted: &Hashed) -> Result<bool, ArchiveError> {
         for _ in 0..READINGS {
             if self.hashed(path).await?.as_ref() == Some(wanted) {
@@ -158,8 +159,8 @@ impl Store {
         Ok(false)
     }
 
-    /// Makes sure that an object is there with these bytes, sends it where it is not, and reads it
-    /// back; the bytes that were sent.
+    /// Ensures that an object exists with these bytes: sends it if necessary, and reads it back.
+    /// Returns the number of bytes sent.
     pub(crate) async fn ensure(
         &self,
         path: &str,
@@ -180,10 +181,10 @@ impl Store {
         Err(self.wrong(path, wanted).await)
     }
 
-    /// Checks that an object is there with these bytes.
+    /// Checks that an object exists with these bytes.
     ///
     /// # Errors
-    /// [`ArchiveError::Bytes`] where it is not.
+    /// [`ArchiveError::Bytes`] if it does not.
     pub(crate) async fn check(&self, path: &str, wanted: &Hashed) -> Result<(), ArchiveError> {
         match self.has(path, wanted).await? {
             true => Ok(()),

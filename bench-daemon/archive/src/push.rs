@@ -29,17 +29,17 @@ use crate::{
     tables::{self, TableFile},
 };
 
-/// Small files that are sent at the same time.
+/// Number of small files that are sent at the same time.
 const AT_ONCE: usize = 4;
 /// Files up to this size are small, bytes: `AT_ONCE` of them are in memory at once.
 const SMALL: u64 = 1 << 20;
-/// How often a run that changes meanwhile is begun again.
+/// Number of attempts for a run that changes in the meantime.
 const BEGINNINGS: usize = 3;
 
 /// Result of a push.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Outcome {
-    /// It was there already, as it is now.
+    /// The store already contained it in its present state.
     Unchanged(Kept),
     /// It is there now.
     Archived(Kept),
@@ -54,7 +54,7 @@ pub struct Now {
     pub operator: Option<String>,
     /// Also pushes a run whose journal contains no end.
     pub unfinished: bool,
-    /// Reads back the objects in the store, though its receipt says that it is there.
+    /// Reads back the objects in the store even if the receipt lists the run as archived.
     pub again: bool,
 }
 
@@ -70,7 +70,7 @@ pub struct Pusher<'a> {
     begun: bool,
 }
 
-/// A run as it is pushed.
+/// A run during a push.
 struct Going<'a> {
     source: &'a RunSource,
     now: &'a Now,
@@ -153,7 +153,7 @@ impl<'a> Pusher<'a> {
             _ => TroubleKind::Failed,
         };
         let mut receipt = self.receipts.read(&source.name)?;
-        // What an older receipt says of another store stays until this one has the run.
+        // An older receipt of another store stays valid until this store has the run.
         if receipt.kept.is_none() {
             self.store.name().clone_into(&mut receipt.store);
         }
@@ -226,7 +226,7 @@ impl<'a> Pusher<'a> {
         (kept.stamp == stamp).then(|| kept.clone())
     }
 
-    /// The run as it is now, if it may be archived.
+    /// Reads the present state of the run, if it may be archived.
     fn look<'b>(
         &self,
         source: &'b RunSource,
@@ -251,7 +251,7 @@ impl<'a> Pusher<'a> {
         })
     }
 
-    /// Record that is kept, where only the stamp of the folder has changed and not what is in it.
+    /// Returns the stored record if only the stamp of the folder has changed and not its content.
     fn same_content(
         &self,
         receipt: &mut Receipt,
@@ -282,7 +282,8 @@ impl<'a> Pusher<'a> {
         Ok(Some(found))
     }
 
-    /// The list of a run in the store; none where there is none. It must be that of these files.
+    /// Returns the list of a run in the store, or `None` if there is none. It must match these
+    /// files.
     async fn list(&self, snapshot: &Snapshot) -> Result<Option<RunList>, ArchiveError> {
         let list = self.store.run_list(&snapshot.run_sha256).await?;
         match list {
@@ -327,8 +328,8 @@ impl<'a> Pusher<'a> {
         Ok(sent_bytes)
     }
 
-    /// Writes rows and list. Where somebody else has made the list meanwhile, the rows go where that
-    /// one says: the same run has its rows in one place.
+    /// Writes rows and list. If another process has written the list in the meantime, the rows go
+    /// to the location in that list, so that the rows of a run have one location.
     async fn rows_and_list(
         &self,
         going: &Going<'_>,
@@ -409,7 +410,7 @@ impl<'a> Pusher<'a> {
         })
     }
 
-    /// Removes the rows of what the run was before.
+    /// Removes the rows of earlier states of the run.
     async fn remove_stale(&self, receipt: &mut Receipt) -> Result<(), ArchiveError> {
         for placed in &receipt.stale {
             if self.receipts.is_shared(&receipt.run, placed)? {
@@ -451,8 +452,8 @@ impl<'a> Pusher<'a> {
     }
 }
 
-/// Where rows go, and whether those that are there stay: they are of the same content, and the run may
-/// be in another folder, too.
+/// Location of rows, and whether existing rows stay: they have equal content, and the run may
+/// also exist in another folder.
 struct RowsAt {
     placed: Placed,
     rows_stay: bool,
@@ -466,10 +467,10 @@ struct Sent {
 }
 
 impl Store {
-    /// The list of a run; none where there is none.
+    /// Returns the list of a run, or `None` if there is none.
     ///
     /// # Errors
-    /// [`ArchiveError::Content`]: a list that is not that of this hash.
+    /// [`ArchiveError::Content`]: a list that does not match this hash.
     pub async fn run_list(&self, run_sha256: &str) -> Result<Option<RunList>, ArchiveError> {
         let path = RunList::path(run_sha256);
         let Some(bytes) = self.bytes(&path).await? else {

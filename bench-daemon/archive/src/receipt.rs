@@ -29,20 +29,20 @@ pub struct Receipt {
     pub run: String,
     /// The store that this receipt refers to.
     pub store: String,
-    /// The run as it is in the store, verified; none before.
+    /// The verified run in the store; `None` before.
     pub kept: Option<Kept>,
-    /// The run as it is being sent: its rows may be in the store already.
+    /// The run that is being sent: its rows may already be in the store.
     pub going: Option<Placed>,
-    /// Rows of the run as it was before, which are still to be removed.
+    /// Rows of earlier states of the run that are still to be removed.
     pub stale: Vec<Placed>,
-    /// Why the last push has failed; none where it has not.
+    /// Why the last push has failed; `None` if it succeeded.
     pub trouble: Option<Trouble>,
 }
 
 /// A run in the store, every byte of it read back.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Kept {
-    /// Where it is.
+    /// Its location.
     #[serde(flatten)]
     pub placed: Placed,
     /// State of the run folder at that time ([`crate::snapshot::RunSource::stamp`]).
@@ -55,7 +55,7 @@ pub struct Kept {
     pub sent_bytes: u64,
     /// When it was verified, s since 1970.
     pub verified_unix_s: f64,
-    /// Its identity before, where it has changed.
+    /// Its previous identity, if it has changed.
     pub supersedes: Option<String>,
     /// Its rows.
     pub tables: Vec<FileEntry>,
@@ -76,7 +76,7 @@ pub struct Trouble {
     pub unix_s: f64,
     /// Its kind.
     pub kind: TroubleKind,
-    /// State of the run folder at that time; empty where a process worked in it.
+    /// State of the run folder at that time; empty if a process worked in it.
     pub stamp: String,
 }
 
@@ -84,9 +84,9 @@ pub struct Trouble {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TroubleKind {
-    /// The same may go well when it is tried again.
+    /// A retry may succeed.
     Failed,
-    /// The folder is not what its list of hashes says.
+    /// The folder does not match its list of hashes.
     Refused,
     /// The run is in progress, or its journal contains no end.
     Waiting,
@@ -96,13 +96,13 @@ pub enum TroubleKind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RunState {
-    /// In the store as it is here, verified.
+    /// In the store in its present state, verified.
     Archived,
-    /// Not in the store yet, or not as it is here.
+    /// Not in the store yet, or not in its present state.
     Pending,
     /// The last push has failed.
     Failed,
-    /// It does not go into the store as it is.
+    /// The store does not accept it in its present state.
     Refused,
     /// Its journal contains no end.
     Waiting,
@@ -144,7 +144,7 @@ impl Receipt {
         self.going = Some(going);
     }
 
-    /// Hash of the run as it was before it changed.
+    /// Returns the hash of the run before it changed.
     pub(crate) fn before(&self, run_sha256: &str) -> Option<String> {
         let kept = self.kept.as_ref().map(|kept| &kept.placed.run_sha256);
         kept.filter(|before| *before != run_sha256).cloned()
@@ -158,10 +158,10 @@ pub struct Receipts {
 }
 
 impl Receipts {
-    /// Those of a data folder, which is made where it is not there.
+    /// Opens the receipts of a data folder, and creates the folder if it does not exist.
     ///
     /// # Errors
-    /// A folder that cannot be made.
+    /// A folder that cannot be created.
     pub fn of(data: &Path) -> Result<Self, ArchiveError> {
         let folder = data.join(FOLDER);
         let made = fs::create_dir_all(&folder);
@@ -221,7 +221,8 @@ impl Receipts {
         names.iter().map(|name| self.read(name)).collect()
     }
 
-    /// Whether another run has its rows in the same place: two runs with the same content are one.
+    /// Returns whether another run shares the location of its rows: two runs with equal content
+    /// are one.
     pub(crate) fn is_shared(&self, run: &str, placed: &Placed) -> Result<bool, ArchiveError> {
         let is_there = |receipt: &Receipt| {
             let kept = receipt.kept.as_ref().map(|kept| &kept.placed);

@@ -23,7 +23,7 @@ use crate::{
 /// Folder of the diagnoses that lie beside a run folder, in the paths of its files.
 pub(crate) const ANALYSES: &str = "analyses";
 
-/// A run that is to be archived.
+/// A run to be archived.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RunSource {
     /// Its name.
@@ -39,7 +39,7 @@ pub struct RunSource {
 pub struct Snapshot {
     /// The run by its content.
     pub run_sha256: String,
-    /// Its files by path, those that were moved to an archive included.
+    /// Its files by path, including those that were moved to an archive.
     pub files: Vec<FileEntry>,
 }
 
@@ -54,7 +54,7 @@ impl RunSource {
         }
     }
 
-    /// Where the bytes of a file are.
+    /// Returns the location of the bytes of a file.
     pub(crate) fn place(&self, path: &str) -> PathBuf {
         let beside = path.strip_prefix(ANALYSES).and_then(|rest| {
             let (name, file) = rest.strip_prefix('/')?.rsplit_once('/')?;
@@ -64,8 +64,8 @@ impl RunSource {
         beside.unwrap_or_else(|| self.folder.join(path))
     }
 
-    /// State of the files that change when the run goes on, is computed again or diagnosed. Moving its
-    /// captures does not change it.
+    /// Returns the state of the files that change when the run continues, is recomputed or
+    /// diagnosed. Moving its captures does not change it.
     pub fn stamp(&self) -> String {
         let entries = fs::read_dir(&self.folder).into_iter().flatten().flatten();
         let mut names: Vec<_> = entries.map(|entry| entry.file_name()).collect();
@@ -75,8 +75,8 @@ impl RunSource {
         let diagnosed = names
             .iter()
             .map(|name| self.folder.join(name).join(DIAGNOSIS));
-        // Those of single cells lie a folder deeper; without them the state is what it was before they were
-        // looked for.
+        // Diagnoses of single cells lie one folder deeper. Without them the state equals that of
+        // earlier versions.
         let of_cells = diagnoses_within(&self.folder).into_iter();
         let of_cells = of_cells.filter(|folder| folder.parent() != Some(self.folder.as_path()));
         let beside = self.diagnoses.iter().map(|one| one.folder.clone());
@@ -98,10 +98,10 @@ impl RunSource {
             .is_ok_and(|journal| matches!(journal.try_lock_shared(), Err(TryLockError::WouldBlock)))
     }
 
-    /// Reads every file. `is_finished` says that the run has a list of hashes.
+    /// Reads every file. `is_finished` states that the run has a list of hashes.
     ///
     /// # Errors
-    /// [`ArchiveError::Refused`] where the folder is not what its list of hashes says.
+    /// [`ArchiveError::Refused`] if the folder does not match its list of hashes.
     pub fn snapshot(&self, is_finished: bool) -> Result<Snapshot, ArchiveError> {
         let mut files = self.own_files()?;
         self.hold_against_sums(&files, is_finished)?;

@@ -26,7 +26,7 @@ const REPEATS: usize = 4;
 /// Pauses between them, the first and the longest.
 const PAUSES: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(5)];
 
-/// Place of a store.
+/// Location of a store.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum StorePlace {
     /// A folder.
@@ -42,11 +42,11 @@ pub struct Bucket {
     pub name: String,
     /// Beginning of all names in it; empty for none.
     pub prefix: String,
-    /// The server; none for that of AWS in the region.
+    /// The server; `None` for AWS in the region.
     pub endpoint: Option<String>,
-    /// The region; none for that of the environment.
+    /// The region; `None` for that of the environment.
     pub region: Option<String>,
-    /// File with the keys; none for those of the environment.
+    /// File with the keys; `None` for those of the environment.
     pub credentials: Option<PathBuf>,
 }
 
@@ -75,10 +75,10 @@ pub struct Store {
 }
 
 impl Store {
-    /// Opens a store. Nothing is asked of a server yet.
+    /// Opens a store without a request to a server.
     ///
     /// # Errors
-    /// A folder that cannot be made; keys that are missing or that others may read.
+    /// A folder that cannot be created; keys that are missing or that others may read.
     pub fn open(place: &StorePlace) -> Result<Self, ArchiveError> {
         let objects: Arc<dyn ObjectStore> = match place {
             StorePlace::Folder(folder) => Arc::new(local(folder)?),
@@ -138,7 +138,8 @@ fn local(folder: &std::path::Path) -> Result<LocalFileSystem, ArchiveError> {
 }
 
 fn remote(bucket: &Bucket) -> Result<Arc<dyn ObjectStore>, ArchiveError> {
-    // The client asks for the process' cryptography; a second one that asks finds the first.
+    // The client uses the cryptography provider of the process; a second installation has no
+    // effect.
     let _ = rustls::crypto::ring::default_provider().install_default();
     let keys = Keys::of(bucket)?;
     let client = ClientOptions::new()
@@ -191,7 +192,7 @@ struct Keys {
 }
 
 impl Keys {
-    /// Those of the file of a bucket, else those of the environment.
+    /// Returns the keys from the file of a bucket, otherwise those of the environment.
     fn of(bucket: &Bucket) -> Result<Self, ArchiveError> {
         let from_file = match &bucket.credentials {
             Some(path) => Some(entries(path)?),
@@ -220,7 +221,7 @@ impl Keys {
             id: needed("aws_access_key_id")?,
             secret: needed("aws_secret_access_key")?,
             token: key("aws_session_token"),
-            // Servers other than that of AWS take any.
+            // Servers other than AWS accept any region.
             region: region.unwrap_or_else(|| "us-east-1".to_owned()),
         })
     }

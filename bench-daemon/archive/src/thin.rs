@@ -39,10 +39,10 @@ pub struct Thinned {
     pub bytes: u64,
 }
 
-/// Moves the captures of a run away where the policy says so.
+/// Moves the captures of a run away if the policy requires it.
 ///
 /// # Errors
-/// [`ArchiveError`]; a capture is removed only after all checks of it.
+/// [`ArchiveError`]; a capture is removed only after all its checks.
 pub async fn thin(
     store: &Store,
     receipts: &Receipts,
@@ -97,7 +97,7 @@ fn counted(captures: &[FileEntry]) -> Thinned {
     }
 }
 
-/// The captures that are in the folder. The folder must be what was archived, to the last byte.
+/// Returns the captures in the folder. The folder must match the archived run to the last byte.
 fn here(source: &RunSource, kept: &Kept) -> Result<Vec<FileEntry>, ArchiveError> {
     let within = format!("{CAPTURES}/");
     if !source.folder.join(CAPTURES).is_dir() || source.is_in_use() {

@@ -104,7 +104,8 @@ impl<'a> Verifier<'a> {
 }
 
 impl Store {
-    /// Hashes of all runs in the store, those of other benches and those that were superseded included.
+    /// Returns the hashes of all runs in the store, including those of other benches and
+    /// superseded ones.
     ///
     /// # Errors
     /// A store that does not answer.

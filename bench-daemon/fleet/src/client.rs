@@ -29,10 +29,10 @@ const LONGEST_TEXT: usize = 512 * 1024;
 pub const MOST_COUNT: usize = 10_000;
 /// Number of jobs that are queued concurrently; their replies are awaited together.
 const AT_ONCE: usize = 64;
-/// A bench that is asked how it is answers within so long, or counts as not heard.
+/// Timeout of a state query of a bench; after it, the bench counts as not heard.
 const LOOK: Duration = Duration::from_secs(3);
-/// The same where much depends on the answer: before a bench answers it asks the broker, 3 s, and may
-/// write to a slow disk.
+/// Timeout of a state query if much depends on the reply: before a bench replies it queries the
+/// broker, 3 s, and may write to a slow disk.
 const PATIENT_LOOK: Duration = Duration::from_secs(10);
 /// Timeout of a stop, which reads every output back: `eis-bench safe` takes at most 90 s, after
 /// the run had 10 s to end on its own.
@@ -64,7 +64,7 @@ pub struct Submission {
     pub by: String,
 }
 
-/// Something that a person says to a bench.
+/// A command of a user to a bench.
 #[derive(Debug, Clone)]
 pub struct Command {
     /// Kind of the order.
@@ -86,9 +86,9 @@ pub struct Outcome {
     pub kept: bool,
     /// The bench has answered.
     pub heard: bool,
-    /// Why nothing is begun on it now.
+    /// Why no run may begin on it now.
     pub held: Option<String>,
-    /// Every output is known to be off; none where the bench was not heard, or runs.
+    /// Every output is known to be off; `None` if the bench was not heard, or runs.
     pub verified: Option<bool>,
     /// Remarks on it, in words.
     pub words: String,
@@ -121,7 +121,7 @@ impl Client {
         self.link.is_connected()
     }
 
-    /// Puts jobs into the queue. Each is there once, whatever answer was lost.
+    /// Puts jobs into the queue. Each is queued exactly once, even if replies are lost.
     ///
     /// # Errors
     /// A submission that is not as expected; a broker that does not answer.
@@ -305,7 +305,7 @@ impl Client {
     /// Stops every bench of the fleet at once.
     ///
     /// # Errors
-    /// A broker that does not answer: which benches there are is not known.
+    /// A broker that does not answer: then the list of benches is unknown.
     pub async fn stop_all(&self, by: &str, why: &str) -> Result<Vec<Outcome>, FleetError> {
         // Reads the benches only: a stop does not wait for the records of the jobs. Uses their
         // keys, so that a bench with an invalid record is stopped too.
@@ -315,10 +315,10 @@ impl Client {
         self.stop_these(&places, by, why).await
     }
 
-    /// Stops these benches at once, whether the broker can keep the order or not.
+    /// Stops these benches at once, whether the broker can store the order or not.
     ///
     /// # Errors
-    /// A machine without chance.
+    /// The system's random numbers are unavailable.
     pub async fn stop_these(
         &self,
         places: &[Place],
@@ -402,7 +402,7 @@ impl Client {
         }
     }
 
-    /// Every record of a bucket as it is now.
+    /// Returns every record of a bucket in its present state.
     async fn whole<T>(&self, bucket: &Bucket) -> Result<Arc<Watched<T>>, FleetError>
     where
         T: DeserializeOwned + Clone + Send + 'static,
@@ -438,7 +438,7 @@ impl Client {
         Ok(looking)
     }
 
-    /// Asks benches how they are now; those that do not answer are in it too.
+    /// Queries the present state of benches. Benches that do not reply are included.
     pub async fn look(&self, places: &[Place]) -> Looks {
         let ask = |place: &Place| {
             let place = place.clone();

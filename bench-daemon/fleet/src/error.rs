@@ -1,4 +1,4 @@
-//! Reasons why something that was asked of the fleet is not done.
+//! Errors of requests to the fleet.
 
 /// Why it is not done.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -17,7 +17,7 @@ pub enum FleetError {
         /// The name that was found.
         found: String,
     },
-    /// Something that was asked for is not as expected.
+    /// The request is not as expected.
     #[error("{0}")]
     Unfit(String),
     /// Not as things are.

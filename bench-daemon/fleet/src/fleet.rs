@@ -1,4 +1,4 @@
-//! The benches of a daemon in a fleet: one connection for all of them.
+//! The benches of a daemon in a fleet. They share one connection.
 
 use std::{
     path::PathBuf,
@@ -36,7 +36,7 @@ pub struct Joining {
     pub benches: Vec<Arc<dyn LocalBench>>,
 }
 
-/// A daemon in a fleet. Dropping it ends its work at once; runs go on.
+/// A daemon in a fleet. Dropping it ends its work at once; runs continue.
 pub struct Fleet {
     settings: FleetSettings,
     joined: Mutex<Option<Joined>>,

@@ -90,10 +90,10 @@ impl Desk {
         self.folder.join("intents").join(format!("{job}.json"))
     }
 
-    /// Every intent.
+    /// Returns all intents.
     ///
     /// # Errors
-    /// A folder or a file that cannot be read: nothing is begun then.
+    /// A folder or a file that cannot be read: then no run begins.
     pub(crate) fn all(&self) -> Result<Vec<Intent>, FleetError> {
         let mut read = self.intents();
         let intents = match &*read {

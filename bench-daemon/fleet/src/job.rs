@@ -15,7 +15,7 @@ pub enum JobState {
     /// A bench prepares it. Nothing has begun: the job returns to the queue automatically if the
     /// bench dies.
     Claimed,
-    /// Its run may have begun. Only its bench goes on with it, or a person puts it back.
+    /// Its run may have begun. Only its bench continues it, or a person puts it back.
     Started,
     /// Its run has come to its end.
     Done,
@@ -26,7 +26,7 @@ pub enum JobState {
 }
 
 impl JobState {
-    /// All of them.
+    /// All states.
     pub const ALL: [Self; 6] = [
         Self::Queued,
         Self::Claimed,
@@ -84,7 +84,7 @@ pub struct Needs {
 }
 
 impl Needs {
-    /// The first requirement that a bench does not meet, in words.
+    /// Describes the first requirement that a bench does not meet.
     pub fn unmet(&self, place: &Place, can: &Capabilities) -> Option<String> {
         let name = |wanted: &Option<String>, found: &str, what: &str| {
             let wanted = wanted.as_deref().filter(|wanted| *wanted != found)?;
@@ -252,7 +252,7 @@ impl Job {
         }
     }
 
-    /// Its run, once there may be one.
+    /// Returns its run, once there may be one.
     pub fn run(&self) -> Option<String> {
         let begun = matches!(
             self.state,
@@ -270,7 +270,7 @@ impl Job {
             .is_some_and(|holder| holder.place == *place)
     }
 
-    /// Why a bench does not take it, in words; none where it may.
+    /// Describes why a bench does not take it, or returns `None` if the bench may.
     pub fn unfit(&self, place: &Place, can: &Capabilities) -> Option<String> {
         let refused = self.refused.get(&place.to_string());
         // Both become names of files at the bench.
@@ -280,7 +280,7 @@ impl Job {
             .or_else(|| refused.map(|why| format!("its check refused it: {why}")))
     }
 
-    /// The same, claimed by a process.
+    /// Returns the job as claimed by a process.
     #[must_use]
     pub fn claimed(&self, by: &Holder) -> Self {
         Self {
@@ -291,7 +291,7 @@ impl Job {
         }
     }
 
-    /// The same, its run about to begin.
+    /// Returns the job as started: its run is about to begin.
     #[must_use]
     pub fn started(&self) -> Self {
         Self {
@@ -300,7 +300,7 @@ impl Job {
         }
     }
 
-    /// The same, back in the queue before anything has begun.
+    /// Returns the job as queued again before anything has begun.
     #[must_use]
     pub fn returned(&self, words: String) -> Self {
         Self {
@@ -311,8 +311,7 @@ impl Job {
         }
     }
 
-    /// The same, back in the queue by the word of a person: any run of before belongs to another
-    /// turn.
+    /// Returns the job as queued again by a person: any earlier run belongs to another turn.
     #[must_use]
     pub fn released(&self, words: String) -> Self {
         Self {
@@ -321,7 +320,7 @@ impl Job {
         }
     }
 
-    /// The same, over.
+    /// Returns the job as ended.
     #[must_use]
     pub fn over(&self, end: &End) -> Self {
         Self {

@@ -22,8 +22,7 @@ use crate::{
 
 /// An answer of the broker is waited for so long. On one machine it comes within milliseconds.
 const ANSWER: Duration = Duration::from_secs(3);
-/// A connection without a sign of life is asked so often; after two questions without an answer it
-/// counts as cut.
+/// Interval of pings on an idle connection; after two pings without a reply it counts as cut.
 const PING: Duration = Duration::from_secs(4);
 /// Longest time between two attempts to connect.
 const RETRY: Duration = Duration::from_secs(2);
@@ -65,7 +64,7 @@ pub(crate) struct Stored<T> {
     pub(crate) broker_unix_s: f64,
 }
 
-/// Definite outcome of a compare-and-swap. Where the broker does not answer there is none.
+/// Definite outcome of a compare-and-swap. If the broker does not answer, there is none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Swap {
     /// It is written, with this revision.
@@ -163,14 +162,14 @@ impl Link {
         heard.map_err(|error| FleetError::unreachable(&error))
     }
 
-    /// Asks a bench and waits for its answer; none where it does not answer in time.
+    /// Queries a bench and waits for its reply; returns `None` if it does not reply in time.
     pub(crate) async fn ask<T: DeserializeOwned>(
         &self,
         place: &Place,
         question: &impl Serialize,
         patience: Duration,
     ) -> Option<T> {
-        // A question to a broker that is away would go out once it is back, however old.
+        // A query during a cut would be sent once the broker is back, however old it is.
         if !self.is_connected() {
             return None;
         }
@@ -211,7 +210,7 @@ impl Link {
         self.jobs.get(job).await
     }
 
-    /// Standing orders to a bench; revision 0 where there are none.
+    /// Returns the standing orders of a bench; revision 0 if there are none.
     ///
     /// # Errors
     /// As [`Self::job`].
@@ -264,7 +263,7 @@ pub(crate) struct Write<'a, T> {
     pub(crate) key: &'a str,
     /// The record.
     pub(crate) value: &'a T,
-    /// Expected revision; 0 where there must be none.
+    /// Expected revision; 0 if there must be no record.
     pub(crate) revision: u64,
 }
 
@@ -308,13 +307,13 @@ fn options(
 }
 
 impl Bucket {
-    /// Opens a bucket and makes it where there is none.
+    /// Opens a bucket and creates it if it does not exist.
     async fn open(context: &Context, name: String) -> Result<Self, FleetError> {
         if let Ok(store) = context.get_key_value(&name).await {
             return Ok(Self(store));
         }
-        // A bucket is a stream of this form. The call that makes buckets asks for an account first, in
-        // a form that servers before 2.10 do not answer.
+        // A bucket is a stream of this form. The call that creates buckets first queries the
+        // account, in a form that servers before 2.10 do not answer.
         let config = stream::Config {
             name: format!("KV_{name}"),
             subjects: vec![format!("$KV.{name}.>")],
@@ -334,10 +333,10 @@ impl Bucket {
             .map_err(|error| FleetError::unreachable(&error))
     }
 
-    /// A record, where there is one.
+    /// Returns a record if there is one.
     ///
     /// # Errors
-    /// A broker that does not answer; a record that cannot be understood.
+    /// A broker that does not answer; a record that cannot be parsed.
     pub(crate) async fn get<T: DeserializeOwned>(
         &self,
         key: &str,
@@ -387,7 +386,7 @@ impl Bucket {
         }
     }
 
-    /// Every record as it is, and then each change.
+    /// Watches a bucket: delivers every present record, and then each change.
     ///
     /// # Errors
     /// As [`Self::swap`].

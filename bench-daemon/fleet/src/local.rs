@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 pub struct Capabilities {
     /// Greatest current that its instruments can drive through a cell, A.
     pub current_a: f64,
-    /// Least and greatest temperature that its bath can hold, °C; none without a bath.
+    /// Minimum and maximum temperature that its bath can hold, °C; `None` without a bath.
     pub temperature_c: Option<[f64; 2]>,
     /// Fixtures that its jig can take.
     pub fixtures: Vec<String>,
@@ -44,14 +44,14 @@ pub struct Reading {
     pub temperature_c: Option<f64>,
 }
 
-/// A bench as it is now.
+/// Present state of a bench.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Condition {
     /// Its state.
     pub state: BenchState,
     /// Nothing runs or waits on it, and nothing keeps a run from beginning.
     pub free: bool,
-    /// Why nothing is begun on it.
+    /// Why no run may begin on it.
     pub held: Option<String>,
     /// The run in work.
     pub run: Option<String>,
@@ -87,7 +87,7 @@ pub struct End {
     pub finished: bool,
     /// How, in words.
     pub words: String,
-    /// SHA-256 of its `SHA256SUMS`, where it has one.
+    /// SHA-256 of its `SHA256SUMS`, if it has one.
     pub content_sha256: Option<String>,
 }
 
@@ -120,39 +120,39 @@ pub trait LocalBench: Send + Sync + 'static {
     /// Its properties.
     fn capabilities(&self) -> Capabilities;
 
-    /// The bench as it is now. Must not wait.
+    /// Returns the present state of the bench. Must not block.
     fn condition(&self) -> Condition;
 
-    /// Checks an experiment as the daemon checks whatever is submitted to it, and keeps what was
-    /// checked. Nothing begins.
+    /// Checks an experiment like any submission to the daemon, and stores the checked files. Does
+    /// not begin a run.
     ///
     /// # Errors
     /// Why this bench does not take it.
     fn prepare(&self, order: &Order, text: &str) -> Result<(), NotTaken>;
 
-    /// Begins a run that was prepared as soon as the bench is free. Does nothing where the bench
-    /// knows a run of this name.
+    /// Begins a prepared run as soon as the bench is free. Does nothing if the bench knows a run
+    /// of this name.
     ///
     /// # Errors
     /// Why it does not begin, in words.
     fn begin(&self, order: &Order) -> Result<(), String>;
 
-    /// Forgets what was prepared: the run never began and never will.
+    /// Deletes a prepared run that has not begun and never will.
     fn discard(&self, order: &Order);
 
-    /// Takes a run that waits out of the queue of the bench; false where it does not wait.
+    /// Removes a waiting run from the queue of the bench. Returns `false` if it does not wait.
     fn withdraw(&self, run: &str) -> bool;
 
     /// Returns the fate of a run.
     fn fate(&self, run: &str) -> Fate;
 
-    /// From now on nothing begins on it; what is in work goes on.
+    /// Holds the bench: no run begins from now on, and an active run continues.
     ///
     /// # Errors
     /// Why it is not held, in words.
     fn hold(&self, by: &str, why: &str) -> Result<(), String>;
 
-    /// Takes back a hold of the fleet. A hold by its own server stays, as does a latch.
+    /// Releases a hold of the fleet. A hold by its own server stays, as does a latch.
     ///
     /// # Errors
     /// Why it stays held, in words.

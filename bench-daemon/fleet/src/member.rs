@@ -1,4 +1,4 @@
-//! The work of one bench in the fleet: it signs on, follows orders, goes on with what it has, and
+//! The work of one bench in the fleet: it registers, follows orders, continues its jobs, and
 //! takes work when it is free.
 
 mod obey;
@@ -75,7 +75,8 @@ struct Rhythm {
     /// Number of the oldest jobs among which one is chosen. It grows after each job that another
     /// bench claimed first.
     window: usize,
-    /// Nothing is taken before, s: the bench could take nothing the last time.
+    /// Time before which no job is taken, s, because the bench could take none at the last
+    /// attempt.
     again_s: f64,
 }
 
@@ -147,8 +148,8 @@ impl Member {
         Ok(())
     }
 
-    /// Asks the broker what stands since a run is in work: a stop that is heard later was said after the
-    /// run had begun.
+    /// Reads the standing orders once a run is active. A stop that arrives later was issued after
+    /// the run had begun.
     async fn hear(&self, run: &Option<String>) -> Result<(), FleetError> {
         if self.obedience.has_heard(run) {
             return Ok(());
@@ -158,7 +159,7 @@ impl Member {
         Ok(())
     }
 
-    /// Asks the broker what stands, and follows it.
+    /// Reads the standing orders from the broker, and follows them.
     async fn follow_now(&self) -> Result<Standing, FleetError> {
         let standing = self.shared.link.standing(&self.me.place).await?.value;
         self.obedience.follow(&standing).await?;
@@ -287,7 +288,7 @@ async fn answer(shared: &Shared, obedience: &Arc<Obedience>, message: &async_nat
     }
     let jobs = match obedience.jobs() {
         Ok(jobs) => Some(jobs),
-        // A bench that does not know its jobs must not say that it has none.
+        // A bench that does not know its jobs must not report an empty list.
         Err(error) => {
             tracing::warn!("fleet: {place}: {error}");
             None

@@ -1,4 +1,4 @@
-//! Record of a bench for the fleet, and how a bench is asked.
+//! Record of a bench for the fleet, and queries to a bench.
 
 use serde::{Deserialize, Serialize};
 
@@ -22,7 +22,7 @@ pub(crate) struct BenchRecord {
     pub(crate) capabilities: Capabilities,
     /// Its state.
     pub(crate) state: BenchState,
-    /// Why nothing is begun on it.
+    /// Why no run may begin on it.
     pub(crate) held: Option<String>,
     /// It takes no further job.
     pub(crate) draining: bool,
@@ -71,9 +71,9 @@ pub(crate) enum Question {
 /// The answer of a bench.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(crate) struct BenchAnswer {
-    /// The bench as it is.
+    /// The present state of the bench.
     pub(crate) record: BenchRecord,
-    /// Jobs that it has begun or is about to begin; none where it does not know.
+    /// Jobs that it has begun or is about to begin; `None` if it does not know.
     pub(crate) jobs: Option<Vec<String>>,
     /// Report of a stop.
     pub(crate) report: Option<serde_json::Value>,

@@ -11,12 +11,12 @@ pub struct FleetSettings {
     pub site: String,
     /// Address of the broker: `nats://HOST:PORT`, or `tls://HOST:PORT`.
     pub server: String,
-    /// How the broker knows this daemon; none where it asks for nothing.
+    /// Credentials of this daemon for the broker; `None` if it requires none.
     pub credentials: Option<Credentials>,
     /// Certificates that the broker's is checked against, PEM.
     pub ca: Option<PathBuf>,
-    /// A claim that has stood unchanged for so long, s, is taken back, and a bench that has not been
-    /// heard for so long may be signed on again by another process.
+    /// Lease time, s. A claim that has stood unchanged for this time is revoked, and another
+    /// process may register a bench that has not been heard for this time.
     pub lease_s: f64,
 }
 
@@ -46,8 +46,8 @@ impl std::fmt::Debug for Credentials {
 }
 
 impl Credentials {
-    /// Reads the text of a credentials file: that of NATS, the seed of an nkey, `USER:PASSWORD`, or
-    /// a token.
+    /// Parses the text of a credentials file: that of NATS, the seed of an nkey, `USER:PASSWORD`,
+    /// or a token.
     ///
     /// # Errors
     /// An empty text.

@@ -21,7 +21,7 @@ use crate::{
 const IDLE_S: f64 = 60.0;
 /// Maximum time that the first request waits for the records, s.
 const PATIENCE_S: f64 = 5.0;
-/// Time between two counts, s: as often as Prometheus asks for metrics in the example.
+/// Interval between two counts, s: that of Prometheus in the example.
 const COUNT_S: f64 = 15.0;
 /// In a large fleet the time is longer, by so much for each bench, s: two records a second go to each
 /// daemon, however many benches there are.

@@ -21,13 +21,13 @@ pub struct Said {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum OrderKind {
-    /// Nothing begins; what is in work goes on.
+    /// No run begins; an active run continues.
     Hold,
-    /// No further job is taken; what the bench has goes on.
+    /// No further job is taken; jobs of the bench continue.
     Drain,
-    /// Ends whatever runs, in safe state, and nothing begins behind it.
+    /// Ends any active run in safe state, and no run begins afterwards.
     Stop,
-    /// The fleet's hold, drain and stop are taken back.
+    /// Revokes hold, drain and stop of the fleet.
     Release,
 }
 
@@ -63,7 +63,7 @@ pub struct Standing {
 }
 
 impl Standing {
-    /// The same after one more order.
+    /// Returns the standing orders after one more order.
     #[must_use]
     pub fn with(&self, kind: OrderKind, said: Said) -> Self {
         let mut next = self.clone();

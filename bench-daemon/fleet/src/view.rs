@@ -22,7 +22,7 @@ pub const MOST_JOBS: usize = 1000;
 pub struct BenchView {
     /// The bench.
     pub place: Place,
-    /// Its state; none where it is silent or has signed off.
+    /// Its state; `None` if it is silent or has signed off.
     pub state: Option<BenchState>,
     /// It takes no further job.
     pub draining: bool,
@@ -36,9 +36,9 @@ pub struct BenchView {
     pub left_s: Option<f64>,
     /// Its properties.
     pub capabilities: Capabilities,
-    /// Why nothing is begun on it.
+    /// Why no run may begin on it.
     pub held: Option<String>,
-    /// Every output is known to be off; none where that is not known.
+    /// Every output is known to be off; `None` if that is unknown.
     pub verified: Option<bool>,
 }
 
@@ -78,7 +78,7 @@ pub struct Tally {
 pub struct JobCounts {
     /// By [`JobState::ALL`].
     pub by_state: [usize; 6],
-    /// Of those that are started: their bench is silent, or knows nothing of them.
+    /// Started jobs whose bench is silent, or does not know them.
     pub lost: usize,
 }
 
@@ -175,7 +175,7 @@ impl JobView {
 pub struct JobPage {
     /// In the order of the queue.
     pub jobs: Vec<JobView>,
-    /// The last of them, where there are more.
+    /// The last job of the page, if there are more.
     pub after: Option<String>,
 }
 
@@ -197,12 +197,12 @@ pub struct Seer {
     fleet: String,
     jobs: Arc<Watched<Job>>,
     benches: Arc<Watched<BenchRecord>>,
-    /// Answers of the benches that were asked.
+    /// Replies of the queried benches.
     asked: Mutex<Looks>,
 }
 
 impl Seer {
-    /// Sees nothing yet; jobs are followed by somebody else.
+    /// Creates an empty view; another watcher follows the jobs.
     pub(crate) fn of(link: &Arc<Link>, fleet: &str, jobs: &Arc<Watched<Job>>) -> Arc<Self> {
         Arc::new(Self {
             link: link.clone(),
@@ -236,7 +236,7 @@ impl Seer {
             .with(|all| all.values().map(|seen| seen.value.place.clone()).collect())
     }
 
-    /// The fleet as it is now.
+    /// Returns the present view of the fleet.
     pub fn view(&self) -> FleetView {
         let benches = self.bench_views();
         let changed = self.benches.with(|all| {
@@ -369,12 +369,12 @@ fn shown(record: &BenchRecord, silent_s: f64) -> BenchView {
         left_s: record.left_s,
         capabilities: record.capabilities.clone(),
         held: signed_off.or_else(|| record.held.clone()),
-        // What was known before the silence need not be so any more.
+        // A state from before the silence may be outdated.
         verified: record.verified.filter(|_| is_heard),
     }
 }
 
-/// Why no bench of the fleet can take a job that waits; none where one can.
+/// Describes why no bench of the fleet can take a waiting job, or returns `None` if one can.
 fn stranded_by(job: &Job, benches: &[BenchView]) -> Option<String> {
     if job.state != JobState::Queued {
         return None;

@@ -18,7 +18,7 @@ use crate::{
 /// Time between two attempts to follow, s.
 const RETRY_S: f64 = 0.5;
 
-/// A record as it was seen.
+/// A record and when it was seen.
 #[derive(Debug, Clone)]
 pub(crate) struct Seen<T> {
     /// Its revision.
@@ -40,23 +40,23 @@ pub(crate) struct Watched<T> {
     /// Returns the class of a record of which only the class is kept, or `None` for a record that
     /// is kept.
     class: fn(&T) -> Option<usize>,
-    /// What is seen first is as old as the broker's calendar says.
+    /// The age of a record at first sight follows from the broker's calendar.
     is_dated: bool,
 }
 
 #[derive(Debug)]
 struct Copy<T> {
     kept: Kept<T>,
-    /// Every record was seen once.
+    /// Every record has been seen once.
     whole: bool,
 }
 
-/// What is known of a bucket.
+/// The known content of a bucket.
 #[derive(Debug)]
 pub(crate) struct Kept<T> {
     /// Records.
     pub(crate) records: Records<T>,
-    /// Classes of those of which nothing else is kept.
+    /// Classes of the records of which only the class is kept.
     pub(crate) classes: BTreeMap<String, usize>,
 }
 
@@ -84,8 +84,8 @@ impl<T: DeserializeOwned + Clone + Send + 'static> Watched<T> {
         Arc::new(Self::of(|_| None))
     }
 
-    /// Keeps every record, and counts what is seen first as old as the broker's calendar says: for
-    /// showing only.
+    /// Creates a copy that keeps every record. The age of a record at first sight follows from
+    /// the broker's calendar: for display only.
     pub(crate) fn dated() -> Arc<Self> {
         Arc::new(Self {
             is_dated: true,
@@ -158,8 +158,8 @@ impl<T: DeserializeOwned + Clone + Send + 'static> Watched<T> {
         let mut entries = bucket.watch().await?;
         // Until every record has come they are gathered beside, so that one that is gone goes.
         let mut beside = Some(Kept::default());
-        // They come in the order of their revisions. The broker's own count of what is left is not
-        // exact where a record changes meanwhile.
+        // Records arrive in the order of their revisions. The broker's own count of remaining
+        // records is inexact if a record changes meanwhile.
         let latest = bucket.latest().await?;
         if latest == 0 {
             self.replace(beside.take().unwrap_or_default());
@@ -190,7 +190,8 @@ impl<T: DeserializeOwned + Clone + Send + 'static> Watched<T> {
         Ok(())
     }
 
-    /// All records at once. What was seen with the same revision before was seen since then.
+    /// Replaces all records at once. A record whose revision was seen before keeps the time of
+    /// its first sight.
     fn replace(&self, mut kept: Kept<T>) {
         let mut open = self.open();
         let is_first = self.is_dated && !open.whole;

@@ -1,8 +1,8 @@
-//! Decides which addresses mean the same instrument, so that two bench files share its lock.
+//! Decides which addresses refer to the same instrument, so that two bench files share its lock.
 //!
-//! Instruments behind one GPIB adapter count as one: an adapter takes one connection. An instrument
-//! on the network is one, be it reached by VXI-11, HiSLIP or the raw socket that goes with them; one
-//! that is reached over LAN and over USB is two to this program.
+//! Instruments behind one GPIB adapter count as one, because an adapter accepts one connection. A
+//! network instrument is one, whether it is reached by VXI-11, HiSLIP or the corresponding raw
+//! socket. An instrument that is reached over LAN and over USB counts as two.
 
 use std::{
     fs,
@@ -16,13 +16,15 @@ use crate::support::loopback::is_loopback;
 /// Ports at which instruments offer their raw socket beside VXI-11 and HiSLIP.
 const RAW_PORTS: [u16; 2] = [5025, 5555];
 
-/// Whether two addresses are the same instrument, or behind the same adapter, at present.
+/// Returns whether two addresses refer to the same instrument, or to the same adapter, at
+/// present.
 pub(crate) fn meet(one: &Address, other: &Address) -> bool {
     let known = keys(one);
     keys(other).iter().any(|key| known.contains(key))
 }
 
-/// Names of an address: as it is typed, and as it resolves at present. One in common is enough.
+/// Returns the names of an address: as typed, and as it resolves at present. One common name is
+/// enough.
 pub(crate) fn keys(address: &Address) -> Vec<String> {
     match address {
         Address::Tcp(socket) => tcp(socket),

@@ -2,7 +2,7 @@
 
 use jiff::{Timestamp, civil::Date, tz::TimeZone};
 
-/// Time as a person writes it, s since 1970. A date alone is its beginning in UTC.
+/// Parses a typed time, s since 1970. A date alone means its beginning in UTC.
 ///
 /// # Errors
 /// In words, what was expected.
@@ -23,8 +23,8 @@ pub fn unix_s(text: &str) -> Result<f64, String> {
         })
 }
 
-/// Local time of day of a moment, s since 1970, such as `14:32`; with its date where that is not
-/// the date of `now_unix_s`.
+/// Formats the local time of day of a moment, s since 1970, such as `14:32`; with the date if it
+/// differs from that of `now_unix_s`.
 pub fn local_time(unix_s: f64, now_unix_s: f64) -> String {
     let local = |unix_s: f64| {
         let whole = unix_s.floor() as i64;

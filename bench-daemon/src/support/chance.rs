@@ -1,4 +1,5 @@
-//! Chance, for pauses: those that lost the same server do not come back together.
+//! Random numbers for pauses, so that clients that lost one server do not reconnect at the same
+//! time.
 
 /// A number from 0 to 1.
 pub fn chance() -> f64 {

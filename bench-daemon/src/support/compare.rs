@@ -1,4 +1,5 @@
-//! Compares two files that should be the same: which number of which row differs, and by how much.
+//! Compares two files that should be equal: finds which number of which row differs, and by how
+//! much.
 
 use std::{collections::BTreeSet, fs, path::Path};
 
@@ -12,7 +13,7 @@ const TOLD: usize = 8;
 pub struct Difference {
     /// The file, relative to the folder.
     pub file: String,
-    /// Where in it, and what was expected and found.
+    /// Location in the file, and what was expected and found.
     pub what: String,
 }
 

@@ -35,7 +35,7 @@ pub fn open(root: &Path, name: &str) -> Option<File> {
     (file.metadata().ok()?.is_file() && lies.starts_with(&root)).then_some(file)
 }
 
-/// The end of a text file below a folder; empty where it cannot be read.
+/// Returns the end of a text file below a folder, or an empty text if it cannot be read.
 pub fn tail(root: &Path, name: &str) -> String {
     let read = || {
         let mut file = open(root, name)?;
@@ -49,8 +49,8 @@ pub fn tail(root: &Path, name: &str) -> String {
     read().unwrap_or_default()
 }
 
-/// The folder of this name directly below another; `None` where there is none, or a link in its
-/// place.
+/// Returns the folder of this name directly below another; `None` if there is none, or if it is a
+/// link.
 pub fn folder(root: &Path, name: &str) -> Option<PathBuf> {
     if !plain(name) {
         return None;

@@ -47,10 +47,10 @@ impl Drill {
         Self(None)
     }
 
-    /// As the environment says.
+    /// Reads the crash point from the environment.
     ///
     /// # Errors
-    /// In words: a text that is none, or a bench that is not simulated.
+    /// In words: an invalid text, or a bench that is not simulated.
     pub fn from_environment(simulated: bool) -> Result<Self, String> {
         match std::env::var(VARIABLE) {
             Ok(text) if simulated => Self::parse(&text),
@@ -94,10 +94,10 @@ impl Drill {
         self.count(&Kind::Journal);
     }
 
-    /// Whether there is room for a write to a file of the run folder.
+    /// Checks whether the simulated disk has room for a write to a file of the run folder.
     ///
     /// # Errors
-    /// As the system says it of a full disk.
+    /// The system's error of a full disk.
     pub fn room(&self, name: &str) -> io::Result<()> {
         let full = |inner: &&Arc<Inner>| matches!(&inner.kind, Kind::Full(prefix) if name.starts_with(prefix));
         let Some(inner) = self.0.as_ref().filter(full) else {

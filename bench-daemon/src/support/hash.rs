@@ -1,4 +1,4 @@
-//! SHA-256 as it is written in files: hexadecimal, lower case.
+//! SHA-256 in the format of files: hexadecimal, lower case.
 
 use std::{fs::File, io::Read, path::Path};
 

@@ -1,5 +1,5 @@
 //! Tracing to the terminal and to the run folder, stamped with bench time, so that two runs in
-//! virtual time write the same log.
+//! virtual time write equal logs.
 
 use std::{
     fmt,
@@ -26,7 +26,7 @@ use super::telemetry::client::TARGET;
 static BENCH_CLOCK: OnceLock<Clock> = OnceLock::new();
 static RUN_LOG: Mutex<Option<Box<dyn Write + Send>>> = Mutex::new(None);
 
-/// Variable that says how detailed traces are.
+/// Environment variable that sets the level of detail of traces.
 pub const DETAIL_VARIABLE: &str = "EIS_BENCH_TRACES";
 /// Its value for a span per message to an instrument.
 pub const EXCHANGES: &str = "exchanges";
@@ -130,7 +130,7 @@ fn write_to(file: impl Write + Send + 'static) {
     }
 }
 
-/// A file of limited size: what is full becomes its `.old`, and the one before that is given up.
+/// A file of limited size: a full file is renamed to `.old`, and the previous one is deleted.
 pub struct Limited {
     path: PathBuf,
     file: File,
@@ -141,7 +141,7 @@ pub struct Limited {
 const MOST_BYTES: u64 = 8 << 20;
 
 impl Limited {
-    /// Begins, or goes on with, a file.
+    /// Creates a file, or appends to it.
     ///
     /// # Errors
     /// A file that cannot be opened.

@@ -1,4 +1,4 @@
-//! Decides whether a host is this machine. It asks no name server: a caller with a name first
+//! Decides whether a host is this machine. It queries no name server: a caller with a name first
 //! resolves it to an address.
 
 use std::net::IpAddr;
@@ -8,7 +8,7 @@ pub fn is_loopback(ip: IpAddr) -> bool {
     ip.to_canonical().is_loopback()
 }
 
-/// A host as it is typed in an address or a URL, an IPv6 number with or without its brackets.
+/// Checks a host as typed in an address or a URL; an IPv6 number may have brackets.
 pub fn names_loopback(host: &str) -> bool {
     let host = host
         .strip_prefix('[')

@@ -15,7 +15,7 @@ const CLOCK_SET_S: f64 = 60.0;
 pub struct Moment {
     /// Calendar time, s since 1970.
     pub unix_s: f64,
-    /// Identity of the start of the machine; none where the system does not give it.
+    /// Identity of the start of the machine; `None` if the system does not provide it.
     #[serde(default)]
     pub boot: Option<String>,
     /// Time since then, s.
@@ -35,8 +35,9 @@ impl Moment {
         }
     }
 
-    /// Time from this moment to a later one, s; none if it lies after that, or if the clock was set
-    /// in between: then neither the age nor the calendar time means anything.
+    /// Returns the time from this moment to a later one, s. Returns `None` if `now` lies earlier,
+    /// or if the clock was set in between: then neither the age nor the calendar time is
+    /// meaningful.
     pub fn age_s(&self, now: &Self) -> Option<f64> {
         let by_calendar_s = now.unix_s - self.unix_s;
         let by_uptime_s = match (self.uptime_s, now.uptime_s) {

@@ -64,8 +64,7 @@ pub fn utc(unix_s: f64) -> String {
     )
 }
 
-/// A path as a shell takes it: in quotes where it has anything else in it than what stands for
-/// itself.
+/// Formats a path for a shell: quoted if it contains a character with a special meaning.
 pub fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
     let plain = |c: char| {
@@ -79,7 +78,7 @@ pub fn quoted(path: &Path) -> String {
     }
 }
 
-/// Title of a picture or a page, with the name of the object where it has one.
+/// Returns the title of a picture or a page, with the name of the object if it has one.
 pub fn titled(what: &str, name: &str) -> String {
     if name.is_empty() {
         what.to_owned()
@@ -172,7 +171,7 @@ pub fn objective(fit: &ErmFit) -> String {
     }
 }
 
-/// A value and, where it is known, its standard deviation.
+/// Formats a value with its standard deviation, if known.
 fn number(value: f64, sigma: Option<f64>) -> String {
     sigma.map_or_else(
         || significant(value, 5),

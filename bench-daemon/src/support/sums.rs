@@ -40,7 +40,7 @@ pub enum SumsError {
     Write(#[from] DatasetError),
 }
 
-/// Something that is not what it was when the run ended.
+/// A file that differs from its state at the end of the run.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Altered {
     /// The file, relative to the folder.
@@ -60,7 +60,7 @@ pub struct Checked {
     pub altered: Vec<Altered>,
 }
 
-/// Writes the hashes of all files of a folder, those that were moved to an archive included.
+/// Writes the hashes of all files of a folder, including those that were moved to an archive.
 ///
 /// # Errors
 /// [`SumsError`].
@@ -114,7 +114,7 @@ pub fn check(folder: &Path) -> Result<Checked, SumsError> {
     Ok(checked)
 }
 
-/// A file that is not what its list says, or that the list does not have.
+/// Describes a file that does not match the list, or that the list does not contain.
 fn differing(
     folder: &Path,
     name: &str,

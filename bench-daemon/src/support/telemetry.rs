@@ -37,7 +37,7 @@ use endpoint::Endpoints;
 /// Name of the service, unless `OTEL_SERVICE_NAME` gives another.
 const SERVICE: &str = "eis-bench";
 const SERVICE_VARIABLE: &str = "OTEL_SERVICE_NAME";
-/// Longest time at the end for what is left.
+/// Maximum time at the end to send the remaining telemetry.
 const END: Duration = Duration::from_secs(2);
 
 /// Traces and metrics to a collector.
@@ -109,12 +109,12 @@ impl Telemetry {
         Ok(())
     }
 
-    /// Counts of what was sent.
+    /// Returns counts of sent telemetry.
     pub fn counts(&self) -> &Arc<Counts> {
         &self.counts
     }
 
-    /// Sends what is left, for two seconds at most.
+    /// Sends the remaining telemetry, for two seconds at most.
     pub fn end(&self) {
         if self.tracers.is_none() && self.meters.is_none() {
             return;

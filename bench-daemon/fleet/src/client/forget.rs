@@ -1,4 +1,4 @@
-//! Takes out of the records what is over or gone.
+//! Removes finished and obsolete records.
 
 use std::collections::BTreeSet;
 
@@ -13,7 +13,7 @@ use crate::{
     watched::{Seen, Watched},
 };
 
-/// Ages from which on records are taken out.
+/// Minimum ages of records that are removed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ages {
     /// A job has been over for so long, s.
@@ -22,7 +22,7 @@ pub struct Ages {
     pub texts_s: f64,
 }
 
-/// Numbers of what was taken out of the records.
+/// Numbers of removed records.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Forgotten {
     /// Jobs.

@@ -1,4 +1,4 @@
-//! Follows standing orders, each once, whether it was heard at once or after a cut.
+//! Follows each standing order once, whether it arrived at once or after a cut.
 
 use std::sync::{Arc, Mutex as Short, MutexGuard, PoisonError};
 
@@ -51,7 +51,7 @@ impl Obedience {
         Ok(intents.into_iter().map(|intent| intent.job).collect())
     }
 
-    /// Stops the bench now, whatever runs on it.
+    /// Stops the bench now, whatever run is active.
     pub(super) async fn stop(&self, said: &Said) -> serde_json::Value {
         *self.stopping() = Some(said.id.clone());
         let report = self.bench.stop(&through_the_fleet(&said.by)).await;
@@ -154,9 +154,10 @@ impl Obedience {
         self.keep(followed, |kept| kept.hold = Some(said.id.clone()))
     }
 
-    /// A stop that was heard late, after a cut. Runs of the fleet were begun before it, for nothing
-    /// is taken unheard, and so was the run that was in work when the fleet was heard last: they end.
-    /// What a person began here meanwhile goes on. Nothing begins.
+    /// Follows a stop that arrived late, after a cut. Runs of the fleet began before it, because
+    /// no job is taken without a connection, and so did the run that was active when the fleet
+    /// was last heard: these runs end. A run that a person has begun at this server in the
+    /// meantime continues. No further run begins.
     async fn follow_stop(
         self: &Arc<Self>,
         said: &Said,
@@ -174,12 +175,13 @@ impl Obedience {
         }
         *self.stopping() = Some(said.id.clone());
         let (this, said) = (self.clone(), said.clone());
-        // It takes as long as the run needs; heartbeats go on meanwhile. A restart does it again.
+        // This takes as long as the run needs to end; heartbeats continue meanwhile. A restart
+        // repeats it.
         tokio::spawn(async move { this.stop(&said).await });
         Ok(())
     }
 
-    /// Whether a run is in work that was begun before a stop that is heard now.
+    /// Returns whether an active run began before a stop that arrives now.
     async fn is_to_end(&self) -> bool {
         let intents = self.desk.all();
         let heard = self.heard_run().clone();

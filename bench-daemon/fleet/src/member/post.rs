@@ -15,10 +15,10 @@ const BEATS: f64 = 3.0;
 /// Minimum interval between two reports of a bench that changes constantly, s.
 const CHANGE_S: f64 = 0.5;
 
-/// The place of a bench in the list of the fleet.
+/// The record of a bench in the list of the fleet.
 pub(super) struct Post {
     shared: Arc<Shared>,
-    /// Revision of the own record, once signed on.
+    /// Revision of its own record, once registered.
     revision: Option<u64>,
     told: Option<BenchRecord>,
     told_s: f64,
@@ -27,7 +27,7 @@ pub(super) struct Post {
     is_displaced: bool,
 }
 
-/// Another process under the same name.
+/// Another process with the same name.
 struct Rival {
     revision: u64,
     since_s: f64,
@@ -160,7 +160,7 @@ impl Post {
     }
 }
 
-/// Whether something changed that others should know at once; time runs on anyway.
+/// Returns whether a change must be reported at once; passing time alone does not count.
 fn changed(told: &BenchRecord, now: &BenchRecord) -> bool {
     let timeless = |record: &BenchRecord| BenchRecord {
         left_s: None,

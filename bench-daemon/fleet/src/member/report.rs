@@ -1,5 +1,5 @@
-//! Goes on with the jobs that a bench has, after a restart too, and reports their ends. The intents
-//! on this disk say which they are; what the broker says decides whether one may begin.
+//! Continues the jobs of a bench, also after a restart, and reports their ends. The intents on
+//! this disk list the jobs; the broker's record decides whether a run may begin.
 
 use super::{Member, shared::aside};
 use crate::{
@@ -46,8 +46,8 @@ impl Member {
         })
     }
 
-    /// A run that is prepared and was not begun: it begins only where the broker says that it is this
-    /// bench's.
+    /// Handles a prepared run that has not begun: it begins only if the broker's record assigns
+    /// it to this bench.
     async fn begin_or_drop(&mut self, intent: &Intent) -> Result<(), FleetError> {
         let found = self.shared.link.job(&intent.job).await?;
         let ours = found.filter(|found| self.is_ours(&found.value, intent));
@@ -114,8 +114,8 @@ impl Member {
         }
     }
 
-    /// Puts a job back of which nothing has begun. What was prepared goes first: a bench beside this one
-    /// may prepare the same run in the same folder.
+    /// Puts a job back that has not begun. The prepared files are deleted first, because a second
+    /// bench of this daemon may prepare the same run in the same folder.
     async fn give_back(
         &self,
         intent: &Intent,
@@ -151,7 +151,7 @@ impl Member {
         Ok(())
     }
 
-    /// Forgets what was prepared and never began.
+    /// Deletes a prepared run that never began.
     pub(super) async fn discard(&self, intent: &Intent) {
         let order = intent.order();
         if let Err(error) = aside(&self.bench, move |bench| bench.discard(&order)).await {
@@ -189,7 +189,7 @@ impl Member {
         Ok(())
     }
 
-    /// A person has put the job back, and this bench has run it all the same.
+    /// Reports a conflict: a person has put the job back, but this bench has run it.
     async fn report_conflict(
         &self,
         intent: &Intent,
@@ -225,8 +225,8 @@ impl Member {
         jobs.swap(job, &next, found.revision).await.map(drop)
     }
 
-    /// Starts a claimed job, once the intent is on disk. Until the broker's word is known this waits:
-    /// no run begins on doubt.
+    /// Starts a claimed job, once the intent is on disk. Waits until the broker's reply is known:
+    /// a run must not begin while the outcome is in doubt.
     pub(super) async fn start(
         &mut self,
         claimed: &Stored<Job>,

@@ -15,7 +15,7 @@ pub(crate) struct Shared {
     pub(crate) jobs: Arc<Watched<Job>>,
     /// Standing orders as they were seen.
     pub(crate) orders: Arc<Watched<Standing>>,
-    /// A claim that has stood unchanged for so long is taken back, s.
+    /// Time after which an unchanged claim is revoked, s.
     pub(crate) lease_s: f64,
     /// The site.
     pub(crate) site: String,

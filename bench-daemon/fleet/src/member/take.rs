@@ -16,7 +16,7 @@ use crate::{
 const MOST_WINDOW: usize = 256;
 
 impl Member {
-    /// Takes a job where one fits.
+    /// Takes a job if one fits.
     pub(super) async fn take(&mut self) -> Result<(), FleetError> {
         if self.shared.link.clock.now_s() < self.rhythm.again_s {
             return Ok(());
@@ -86,7 +86,8 @@ impl Member {
                 return Err(FleetError::File(words));
             }
         }
-        // What was said meanwhile counts, and so does another process under this name.
+        // Orders that were given in the meantime count, and so does another process with this
+        // name.
         let standing = self.shared.link.standing(&self.me.place).await?;
         let is_free = self.bench.condition().free && standing.value.lets_work();
         if !is_free || !self.post.prove().await? {
@@ -98,7 +99,7 @@ impl Member {
         self.start(&claimed, &intent).await
     }
 
-    /// The text of the experiment; in words what is wrong with it.
+    /// Returns the text of the experiment, or a description of what is wrong with it.
     async fn text(&self, job: &Job) -> Result<Result<String, String>, FleetError> {
         let found = match self.shared.link.texts.get(&job.text_sha256).await {
             Ok(found) => found.map(|found: Stored<String>| found.value),
@@ -117,7 +118,7 @@ impl Member {
         })
     }
 
-    /// Nothing is taken for the lease time: the bench could take nothing now.
+    /// Takes no job for the lease time, because the bench could take none now.
     pub(super) fn rest(&mut self) {
         self.rhythm.again_s = self.shared.link.clock.now_s() + self.shared.lease_s;
     }
@@ -156,7 +157,7 @@ impl Member {
         if now_s - self.rhythm.claims_s < lease_s / 4.0 {
             return;
         }
-        // Not all benches at once.
+        // Random delay, so that benches do not all act at once.
         self.rhythm.claims_s = now_s + lease_s / 8.0 * chance(100) as f64 / 100.0;
         let place = &self.me.place;
         let left = |seen: &Seen<Job>| {

@@ -1,5 +1,6 @@
-//! Many benches, one broker, and everything that breaks: each job is run once, seen from the ledgers
-//! of the benches. Needs `nats-server` in the PATH, and says so where it is not there.
+//! Soak test of many benches and one broker with all kinds of faults: each job must run once,
+//! according to the ledgers of the benches. Needs `nats-server` in the PATH, and reports if it is
+//! missing.
 use std::{path::Path, sync::Arc};
 
 use crate::support::{
@@ -85,7 +86,7 @@ impl Stage {
         }
     }
 
-    /// Somebody has the page open at some daemons.
+    /// Simulates users that have the page open at some daemons.
     fn look_at(&self, count: usize) -> tokio::task::JoinSet<()> {
         let mut pages = tokio::task::JoinSet::new();
         for fleet in self
@@ -135,7 +136,7 @@ impl Stage {
         self.network.cut(false);
     }
 
-    /// Kills some, and starts those again that were killed the round before.
+    /// Kills some daemons, and restarts those that were killed in the previous round.
     async fn kill_daemons(&mut self, drill: &Drill, count: usize) {
         for daemon in &mut self.daemons {
             let is_off = daemon.machines[0].capabilities.current_a < 0.0;
@@ -144,7 +145,7 @@ impl Stage {
             }
         }
         for _ in 0..count.min(drill.daemon_kills - self.tally.daemon_kills) {
-            // Spread over all of them.
+            // Distributed over all daemons.
             let index = self.tally.daemon_kills * 7 % self.daemons.len();
             self.daemons[index].kill();
             self.tally.daemon_kills += 1;

@@ -1,5 +1,5 @@
-//! The fleet against a real broker: `nats-server` in the PATH. Where it is not there the tests say so
-//! and pass.
+//! Tests of the fleet against a real broker: `nats-server` in the PATH. If it is missing, the
+//! tests report it and pass.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,

@@ -1,5 +1,5 @@
-//! The rules of the fleet, one by one, against a real broker. Needs `nats-server` in the PATH, and
-//! says so where it is not there.
+//! The rules of the fleet, one by one, against a real broker. Needs `nats-server` in the PATH,
+//! and reports if it is missing.
 use std::{
     path::Path,
     sync::{Arc, atomic::Ordering},
@@ -106,7 +106,7 @@ async fn a_daemon_that_died_between_start_and_begin_goes_on_once_after_its_resta
     daemon.kill();
     pause(4.0).await;
     assert_eq!(ledger(&machine).matches("begin work").count(), 0);
-    // Another bench is free all the time, and does not take what was started.
+    // A second bench is always free, and does not take the started job.
     let other = lab.machine("b2", 0.2);
     let _other = lab.daemon(&other);
     lab.knows("b2").await;
@@ -192,7 +192,7 @@ async fn work_goes_where_it_fits_and_a_reason_is_told_where_it_fits_nowhere() {
         ..work("there", 1)
     };
     let there = lab.submit(&there).await;
-    // The check of b1 refuses it, and says why; b2 takes it.
+    // The check of b1 refuses it with a reason; b2 takes it.
     let checked = Submission {
         text: "not b1".to_owned(),
         ..work("checked", 3)

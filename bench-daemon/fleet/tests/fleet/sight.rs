@@ -1,5 +1,5 @@
-//! The whole fleet as a daemon sees it, and what is forgotten of it. Needs `nats-server` in the PATH,
-//! and says so where it is not there.
+//! The whole fleet as a daemon sees it, and the removal of old records. Needs `nats-server` in
+//! the PATH, and reports if it is missing.
 use async_nats::jetstream;
 use bench_fleet::{Fleet, JobState, Place, client::Ages};
 use futures_util::TryStreamExt;

@@ -68,7 +68,7 @@ pub(crate) struct Broker {
 }
 
 impl Broker {
-    /// Starts one; none where the program is not installed.
+    /// Starts a broker, or returns `None` if the program is not installed.
     pub(crate) fn start(folder: &Path) -> Option<Self> {
         let mut broker = Self {
             child: None,
@@ -84,8 +84,8 @@ impl Broker {
         Some(broker)
     }
 
-    /// Starts one that asks for a password, over TLS with a certificate of its own; none where
-    /// `openssl` or the broker is not installed.
+    /// Starts a broker that requires a password, over TLS with a self-signed certificate; returns
+    /// `None` if `openssl` or the broker is not installed.
     pub(crate) fn start_with_tls(folder: &Path) -> Option<Self> {
         for arguments in [
             "req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=ca -keyout ca.key -out ca.pem",
@@ -359,7 +359,7 @@ fn end(folder: &Path, run: &str, how: &str) {
     fs::rename(beside, folder.join("ended").join(run)).unwrap();
 }
 
-/// A run: it drives the bench alone, and says so in the ledger.
+/// Simulates a run: it drives the bench exclusively, and records that in the ledger.
 async fn play(folder: &Path, run: &str, run_s: f64) {
     let lock = File::create(folder.join("lock")).unwrap();
     if lock.try_lock().is_err() {

@@ -20,12 +20,12 @@ pub const TARGET: &str = "telemetry";
 
 /// A collector may take so long for one request: at a stop not much more than that is in flight.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// Of an answer so much is read; a collector says little.
+/// Maximum number of bytes of a reply that are read; replies of a collector are short.
 const MOST_ANSWER_BYTES: u64 = 64 << 10;
 /// Minimum interval between two reports of a collector that accepts nothing, s.
 const TELL_S: f64 = 600.0;
 
-/// Counts of what was sent since the start.
+/// Counts of sent telemetry since the start.
 #[derive(Debug, Default)]
 pub struct Counts {
     /// Spans that ended here.

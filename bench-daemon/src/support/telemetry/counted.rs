@@ -1,5 +1,5 @@
-//! Counts spans where they end and where a collector has taken them: the difference was lost, on the
-//! full queue or on the way.
+//! Counts spans when they end and when a collector has accepted them. The difference was lost, in
+//! the full queue or in transit.
 
 use std::{
     future::Future,

@@ -14,7 +14,7 @@ const DISABLED_VARIABLE: &str = "OTEL_SDK_DISABLED";
 /// The only protocol that is spoken.
 const PROTOCOL: &str = "http/protobuf";
 
-/// Addresses to which traces and metrics are posted; none where a signal is not asked for.
+/// Addresses to which traces and metrics are posted; `None` for a signal that is off.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Endpoints {
     /// Address of the traces.
@@ -45,7 +45,7 @@ impl Endpoints {
         Self::from_variables(&|name| std::env::var(name).ok())
     }
 
-    /// Nothing is asked for.
+    /// Returns whether all signals are off.
     pub fn is_empty(&self) -> bool {
         self.traces.is_none() && self.metrics.is_none()
     }
@@ -74,7 +74,7 @@ impl Endpoints {
     }
 }
 
-/// Gives a process the address of a collector, in the place of what the environment says.
+/// Passes the address of a collector to a process, instead of the one in the environment.
 pub fn hand_over(base: &str, command: &mut Command) {
     command
         .env(ENDPOINT_VARIABLE, base)
@@ -83,13 +83,13 @@ pub fn hand_over(base: &str, command: &mut Command) {
         .env_remove(PROTOCOL_VARIABLE);
 }
 
-/// The environment switches telemetry off, whatever else asks for it.
+/// Returns whether the environment switches telemetry off, which overrides any other setting.
 pub fn is_disabled() -> bool {
     std::env::var(DISABLED_VARIABLE).is_ok_and(|value| value.eq_ignore_ascii_case("true"))
 }
 
-/// Refuses an address that is not `https://…`, or `http://` on this machine: what is sent names
-/// cells and people's experiments.
+/// Refuses an address that is not `https://…`, or `http://` on this machine: telemetry contains
+/// names of cells and of users' experiments.
 ///
 /// # Errors
 /// In words: expected and found.
