@@ -39,7 +39,8 @@ pub struct AnswerArgs {
 /// Shows the question, or answers it.
 ///
 /// # Errors
-/// A folder in which nothing runs; no question; another question, or another cell, than is asked for.
+/// A folder without an active run; no question; a question or a cell that differs from the
+/// requested one.
 pub fn answer(args: &AnswerArgs) -> Result<(), Failure> {
     let usage = |text: String| Failure::Usage(format!("{}: {text}", args.folder.display()));
     let lines = journal::read(&args.folder)

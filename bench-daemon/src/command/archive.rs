@@ -38,11 +38,11 @@ pub use args::ArchiveArgs;
 /// Pauses between two tries of a run, the first and the longest, s. Each is twice the one before.
 const PAUSES_S: [f64; 2] = [1.0, 30.0];
 
-/// Works on the archive of a server.
+/// Runs an action on the archive of a server.
 ///
 /// # Errors
-/// A file that is not as expected; a store that does not do what it is asked for; runs that are not what
-/// they should be.
+/// A file that is not as expected; a store that refuses or fails an operation; runs that are not
+/// in the expected state.
 pub fn archive(args: &ArchiveArgs) -> Result<(), Failure> {
     let runtime = Clock::runtime(TimeMode::Real)?;
     runtime.block_on(async {
@@ -131,7 +131,7 @@ async fn push(args: &PushArgs) -> Result<(), Failure> {
 }
 
 impl PushArgs {
-    /// Whether a run is to be looked at: a named one is, others where something has changed.
+    /// Returns whether a run is checked: named runs always are, others only if they have changed.
     fn is_wanted(&self, open: &Open, source: &RunSource) -> Result<bool, Failure> {
         let receipt = open.receipts.read(&source.name).map_err(failed)?;
         let state = receipt.state(open.store.name(), &source.stamp());
@@ -144,7 +144,7 @@ impl PushArgs {
     }
 }
 
-/// Pushes a run, again after a pause where that may help.
+/// Pushes a run, and retries after a pause if that may succeed.
 async fn tried(
     pusher: &mut Pusher<'_>,
     clock: &Clock,

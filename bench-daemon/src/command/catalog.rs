@@ -1,4 +1,4 @@
-//! `eis-bench catalog`: a catalogue of run folders, built, asked and written as tables.
+//! `eis-bench catalog`: builds a catalogue of run folders, queries it and writes it as tables.
 
 mod args;
 mod print;
@@ -109,7 +109,7 @@ fn cells(args: &CellsArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Says how a long answer goes on.
+/// Prints how to request the rest of a long reply.
 fn tell_more(after: Option<&str>) {
     if let Some(after) = after {
         remark!("there are more: go on with --after {after}");

@@ -79,14 +79,15 @@ enum Act {
 struct Checked {
     file: PathBuf,
     kind: &'static str,
-    /// The first mistake; none for a file that is right.
+    /// The first mistake; `None` for a valid file.
     mistake: Option<String>,
 }
 
 /// Writes, prints, checks or puts in force.
 ///
 /// # Errors
-/// A folder that cannot be written; after all were read, a file that is wrong; those of [`take::take`].
+/// A folder that cannot be written; an invalid file, after all files were read; those of
+/// [`take::take`].
 pub fn config(args: &ConfigArgs) -> Result<(), Failure> {
     match &args.act {
         Act::New { folder } => {

@@ -171,7 +171,7 @@ pub fn convert(args: &ConvertArgs) -> Result<(), Failure> {
 /// Format in which a model is written, and the end of the file's name.
 #[derive(Clone, Copy)]
 struct Goal {
-    /// None for the project's JSON.
+    /// `None` for the project's JSON.
     format: Option<ModelFormat>,
     ending: &'static str,
 }
@@ -186,7 +186,7 @@ struct Given {
 }
 
 impl To {
-    /// The goal of a model; none for what a model cannot be written as.
+    /// Returns the target format of a model, or `None` if a model has no such format.
     fn of_model(self) -> Option<Goal> {
         let (format, ending) = match self {
             Self::C => (Some(ModelFormat::CHeader), ".h"),
@@ -245,7 +245,7 @@ fn table(args: &ConvertArgs, ending: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Why the quality gate refused a point; empty where it did not.
+/// Returns why the quality gate refused a point; empty if it did not.
 fn reasons(point: &ImpedancePoint, flagged: &[FlaggedPoint]) -> String {
     let reasons = flagged
         .iter()

@@ -165,7 +165,7 @@ fn named(args: &InitArgs) -> Result<Named, Failure> {
     })
 }
 
-/// Loads, runs, split and noise of what was read.
+/// Derives loads, runs, split and noise from the contents.
 fn found(args: &InitArgs, contents: Vec<Content>) -> Result<Findings, Failure> {
     let curve = args.ocv.as_deref().map(files::read_curve).transpose()?;
     let search = LogSearch {

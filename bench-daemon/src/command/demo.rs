@@ -22,10 +22,10 @@ pub struct DemoArgs {
     pub seed: Option<u64>,
 }
 
-/// Writes the files, runs the experiment, and says what one may do next.
+/// Writes the files, runs the experiment, and prints possible next steps.
 ///
 /// # Errors
-/// A folder that holds such files already; as [`super::run::run`].
+/// A folder that contains such files already; as [`super::run::run`].
 pub fn demo(args: &DemoArgs) -> Result<(), Failure> {
     let folder = &args.folder;
     write(folder)?;

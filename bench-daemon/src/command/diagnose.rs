@@ -1,5 +1,5 @@
-//! `eis-bench diagnose`: where a model and a data set disagree, what is missing, and whether adding
-//! it closes the gap.
+//! `eis-bench diagnose`: finds where a model and a data set disagree, which effect is missing,
+//! and whether adding it closes the gap.
 
 mod args;
 mod judged;
@@ -156,8 +156,8 @@ fn tell_findings(all: &[Looked<'_>], as_json: bool) -> Result<(), Failure> {
 /// Folder of the diagnosis that a run makes of itself.
 const IN_RUN: &str = "diagnosis";
 
-/// Diagnoses a finished run where its experiment asks for that, and renews its hashes. A process
-/// that dies meanwhile leaves a whole run.
+/// Diagnoses a finished run if its experiment requests it, and updates its hashes. A crash in the
+/// meantime leaves a complete run.
 ///
 /// # Errors
 /// Hashes that cannot be written.
@@ -215,7 +215,7 @@ fn diagnose_run(run: &Path, rc: usize) -> Result<Vec<String>, Failure> {
     Ok(all.each(&cells, None).map(step).collect())
 }
 
-/// Where the diagnosis of a cell is written: of several each has a folder of its own.
+/// Returns the folder of a cell's diagnosis: with several cells, each has a separate folder.
 fn below(out: &Path, cells: &[String], name: &str) -> PathBuf {
     if cells.len() > 1 {
         out.join(name)
@@ -229,7 +229,8 @@ fn json(outcome: &Outcome) -> Result<String, Failure> {
         .map_err(|error| Failure::Analysis(error.to_string()))
 }
 
-/// The recommended run as an experiment file, where there is one, and a bench and a cell for it.
+/// Writes the recommended run as an experiment file, if there is one, and a bench and a cell for
+/// it.
 fn write_next(
     folder: &Path,
     outcome: &Outcome,
@@ -269,7 +270,7 @@ fn write_next(
     )
 }
 
-/// The diagnosis as one page of HTML, with what it takes to repeat it.
+/// Formats the diagnosis as one HTML page, with the data needed to repeat it.
 fn page(
     outcome: &Outcome,
     judged: &Judged,
@@ -359,7 +360,7 @@ fn story(outcome: &Outcome) -> Result<String, Failure> {
     Ok(text + "\n")
 }
 
-/// Report, pictures, and the augmented model where there is one.
+/// Writes report, pictures, and the augmented model if there is one.
 fn write(folder: &Path, outcome: &Outcome, judged: &Judged) -> Result<(), Failure> {
     files::make_folder(folder)?;
     files::write_text(folder, DIAGNOSIS, &(json(outcome)? + "\n"))?;

@@ -83,7 +83,7 @@ impl Control {
 /// Examines a bench and writes the report.
 ///
 /// # Errors
-/// A mistake in the files; a bench that is in use; [`Failure::Doctor`] where a check failed;
+/// A mistake in the files; a bench that is in use; [`Failure::Doctor`] if a check failed;
 /// [`Failure::Unsafe`].
 pub fn doctor(args: &DoctorArgs) -> Result<(), Failure> {
     let config = load_any_bench(&args.config)?;
@@ -148,8 +148,8 @@ pub fn doctor(args: &DoctorArgs) -> Result<(), Failure> {
     tell(&report, &folder, args.json)
 }
 
-/// Keeps the report for the runs to come. One that came no further than the machine says nothing of
-/// the bench: the report before it stands.
+/// Stores the report for later runs. A report that ended with the checks of the machine contains
+/// nothing about the bench, so the previous report stays.
 fn keep(report: &Report, config: &config::Bench) -> Result<(), Failure> {
     let Some(state) = State::of(config)? else {
         return Ok(());
@@ -238,7 +238,7 @@ fn tell(report: &Report, folder: &Path, json: bool) -> Result<(), Failure> {
 /// The checks of the guardian.
 const GUARDIAN: [&str; 2] = ["guardian.start", "guardian.lease"];
 
-/// Skips what is not done after a check that failed.
+/// Marks the checks as skipped that are not performed after a failed one.
 fn not_after<'a>(findings: &mut Findings, ids: impl IntoIterator<Item = &'a str>) {
     let why = format!("not after {}", findings.stopped().unwrap_or_default());
     findings.skip(&ids.into_iter().collect::<Vec<_>>(), &why, "");

@@ -41,11 +41,11 @@ struct Group {
     refused: Vec<RefusedPoint>,
 }
 
-/// Fits models to spectra, prints them, and writes them into a folder if asked to.
+/// Fits models to spectra, prints them, and writes them into a folder if requested.
 ///
 /// # Errors
-/// A file or an argument that is not as expected; a fit that cannot be made; a folder that cannot
-/// be written.
+/// A file or an argument that is not as expected; a fit that fails; a folder that cannot be
+/// written.
 pub fn fit(args: &FitArgs) -> Result<(), Failure> {
     if let Some(circuit) = &args.circuit.circuit {
         return crate::command::fit::circuit::fit_circuit(args, circuit);
@@ -177,7 +177,7 @@ fn offered(name: &str, fits: Vec<ErmFit>) -> Result<Vec<ErmFit>, Failure> {
     Ok(offered)
 }
 
-/// The orders asked for; none for `auto`.
+/// Returns the requested orders, or `None` for `auto`.
 fn orders(text: &str) -> Result<Option<Vec<usize>>, Failure> {
     match text {
         "all" => return Ok(Some(vec![1, 2, 3, 4])),
@@ -219,7 +219,7 @@ fn report_of(fitted: &[Group]) -> FitReport {
     }
 }
 
-/// The fits, and under `groups` what goes beyond them, where there is any of it.
+/// The fits, and additional results under `groups`, if there are any.
 #[derive(serde::Serialize)]
 struct Printed<'a> {
     #[serde(flatten)]
@@ -354,7 +354,7 @@ fn write(
     )
 }
 
-/// Draws the pictures of a group into its folder; gives those of its report.
+/// Draws the pictures of a group into its folder; returns those of its report.
 fn draw(folder: &Path, group: &Group, controls: &[Spectrum]) -> Result<Vec<Figure>, Failure> {
     let input = FigureInput {
         sweeps: &group.spectra,

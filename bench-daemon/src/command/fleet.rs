@@ -140,7 +140,7 @@ fn told(json: bool, what: &str, how: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The fleet as it is: its records, and which benches answer now.
+/// Returns the present state of the fleet: its records, and which benches reply now.
 async fn ask(client: &Client, fleet: &str, filter: JobFilter) -> Result<Asked, Failure> {
     let looking = client.seer(fleet).await.map_err(failed)?;
     looking

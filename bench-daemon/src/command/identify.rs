@@ -39,7 +39,7 @@ pub struct IdentifyArgs {
 /// Instrument found at one address.
 #[derive(Debug, Serialize)]
 struct IdentifiedInstrument {
-    /// Its role; of a single address, that of the dialect.
+    /// Its role; for a single address, that of the dialect.
     role: Option<&'static str>,
     /// The dialect that was chosen.
     model: Option<String>,
@@ -187,7 +187,7 @@ fn found(
     }
 }
 
-/// Asks an address of which nothing is known, one way of speaking after the other.
+/// Queries an unknown address with one identification method after the other.
 fn single(address: &Address, quiet: bool) -> Result<Vec<IdentifiedInstrument>, Failure> {
     Clock::runtime(TimeMode::Real)?.block_on(async {
         let clock = Clock::start(TimeMode::Real);
@@ -276,7 +276,7 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<IdentifiedInstrument>, F
     })
 }
 
-/// Answer of a web server in the place of an instrument, in words.
+/// Describes the reply of a web server that was found instead of an instrument.
 fn web(identity: &Identity) -> String {
     format!(
         "expected an instrument, met a web server ({:?}); instruments with a web page speak SCPI on \
@@ -320,8 +320,8 @@ fn options(address: &Address, known: &KnownDialect, clock: &Clock) -> LinkOption
     }
 }
 
-/// Lines for the bench file that make a known dialect speak to an unknown model; those of the same
-/// maker come first.
+/// Returns lines for the bench file that select a known dialect for an unknown model; dialects of
+/// the same maker come first.
 fn forcing(role: Option<&str>, identity: &Identity, address: &Address) -> Vec<String> {
     let maker = identity.maker.to_lowercase();
     let mut known: Vec<KnownDialect> = KnownDialect::all()

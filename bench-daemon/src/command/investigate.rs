@@ -1,5 +1,5 @@
-//! `eis-bench investigate`: measures, diagnoses, and measures what the diagnosis asks for, within a
-//! budget.
+//! `eis-bench investigate`: measures, diagnoses, and runs the experiments that the diagnosis
+//! recommends, within a budget.
 
 use crate::command::printed::say_json;
 use crate::command::units;
@@ -96,7 +96,7 @@ pub fn investigate(args: &InvestigateArgs) -> Result<(), Failure> {
     }
 }
 
-/// The budget, confirmed once.
+/// Returns the budget after one confirmation.
 fn budget(args: &InvestigateArgs) -> Result<Budget, Failure> {
     let budget = Budget {
         minutes: args.budget_minutes,

@@ -77,7 +77,7 @@ pub struct JointArgs {
     pub json: bool,
 }
 
-/// Fits, compares, prints, and writes into a folder if asked to.
+/// Fits, compares, prints, and writes into a folder if requested.
 ///
 /// # Errors
 /// A file or an argument that is not as expected; a folder that cannot be written.

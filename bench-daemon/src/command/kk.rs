@@ -58,7 +58,7 @@ const START_BRANCHES: usize = 4;
 /// Maximum number of spectra of a cell that are shown with the table of their points.
 const SHOWN_WHOLE: usize = 2;
 
-/// The spectra of one cell and what is to be thought of them.
+/// The spectra of one cell and their assessment.
 #[derive(Debug, Serialize)]
 struct Group {
     cell: String,
@@ -79,8 +79,7 @@ struct Distribution {
     start: Vec<RcBranch>,
 }
 
-/// Judges spectra, prints what is to be thought of them, and writes plots into a folder if asked
-/// to.
+/// Assesses spectra, prints the results, and writes plots into a folder if requested.
 ///
 /// # Errors
 /// A file or an argument that is not as expected; a folder that cannot be written.
@@ -197,7 +196,7 @@ fn group(
 ) -> Result<Group, Failure> {
     let assessment =
         assess(&measured, records).map_err(|error| Failure::Usage(error.to_string()))?;
-    // What is drawn and distributed is what was judged.
+    // The plots and the distribution use the assessed points.
     let measured: Vec<Spectrum> = measured
         .into_iter()
         .map(|spectrum| thinned(&spectrum).unwrap_or(spectrum))

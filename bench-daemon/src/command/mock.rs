@@ -20,7 +20,7 @@ pub use args::MockArgs;
 /// Serves the simulated instruments of a bench until it is stopped.
 ///
 /// # Errors
-/// A mistake in the files; a port that is taken.
+/// A mistake in the files; a port that is in use.
 pub fn mock(args: &MockArgs) -> Result<(), Failure> {
     let path = match (&args.replay, &args.bench) {
         (Some(transcript), _) => return serve_record(transcript, args),
@@ -104,7 +104,7 @@ pub fn mock(args: &MockArgs) -> Result<(), Failure> {
     })
 }
 
-/// The bench file with other addresses and the time of the mocks; everything else stays as it was
+/// Writes the bench file with other addresses and the time of the mocks; everything else stays as
 /// typed.
 fn write_bench(
     path: &Path,
@@ -159,8 +159,8 @@ fn write_bench(
     }
     std::fs::write(path, text)
         .map_err(|error| Failure::Usage(format!("--write-bench {}: {error}", path.display())))?;
-    // What was written must be read back as a bench: a file in another style (inline tables) would
-    // keep its old addresses.
+    // The written file must parse as a bench with these addresses: a file in another style
+    // (inline tables) would keep its old addresses.
     let (bench, _) = load_bench(path)?;
     let addressed = bench.instruments.addressed();
     let missed = served.iter().find(|mock| {

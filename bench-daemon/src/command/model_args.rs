@@ -117,7 +117,7 @@ impl ModelArgs {
         })
     }
 
-    /// The model as it is called in messages.
+    /// Returns the name of the model for messages.
     pub(super) fn told(&self) -> String {
         self.model
             .as_ref()

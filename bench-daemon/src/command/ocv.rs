@@ -66,7 +66,7 @@ pub struct OcvArgs {
     pub json: bool,
 }
 
-/// Finds the curve, prints it, and writes it into a folder if asked to.
+/// Computes the curve, prints it, and writes it into a folder if requested.
 ///
 /// # Errors
 /// A file or an argument that is not as expected; a folder that cannot be written.

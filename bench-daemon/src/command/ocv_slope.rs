@@ -28,11 +28,11 @@ pub struct SlopeArgs {
     pub ocv_slope: Option<String>,
 }
 
-/// Slope that the arguments ask for.
+/// Returns the slope that the arguments request.
 ///
 /// # Errors
-/// A curve that cannot be read or does not reach the voltage; a slope that is none; a fit of the
-/// slope with an objective that has no room for it.
+/// A curve that cannot be read or does not reach the voltage; an invalid slope; a fit of the
+/// slope with an objective that does not support it.
 pub fn asked(args: &SlopeArgs, objective: Objective) -> Result<Slope, Failure> {
     if let (Some(path), Some(at_v)) = (&args.ocv, args.at_v) {
         let curve = files::read_curve(path)?;
@@ -52,11 +52,11 @@ pub fn asked(args: &SlopeArgs, objective: Objective) -> Result<Slope, Failure> {
         .map_err(|error| Failure::Usage(format!("--ocv-slope{error}")))
 }
 
-/// Slope that the arguments ask for where a circuit is fitted. The elements of the circuit say what
-/// stores charge, so that nothing is taken out by default.
+/// Returns the slope that the arguments request for a circuit fit. The elements of the circuit
+/// define what stores charge, so that by default nothing is subtracted.
 ///
 /// # Errors
-/// As [`asked`]; a slope that is to be fitted.
+/// As [`asked`]; a request to fit the slope.
 pub fn for_circuit(args: &SlopeArgs, objective: Objective) -> Result<Slope, Failure> {
     match args.ocv_slope.as_deref() {
         None if args.ocv.is_none() => Ok(Slope::Left),
@@ -69,7 +69,7 @@ pub fn for_circuit(args: &SlopeArgs, objective: Objective) -> Result<Slope, Fail
     }
 }
 
-/// Charge storage that a fit found, in words.
+/// Describes the charge storage that a fit found.
 pub fn in_words(storage: &ChargeStorage) -> String {
     let micro = |v: f64| significant(1.0e6 * v, 3);
     let sigma = storage

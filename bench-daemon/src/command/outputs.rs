@@ -1,4 +1,4 @@
-//! `eis-bench outputs`: asks the instruments of a bench what their outputs do, and changes nothing.
+//! `eis-bench outputs`: queries the state of a bench's outputs, and changes nothing.
 
 use std::{collections::BTreeMap, path::PathBuf, time::Duration};
 

@@ -40,19 +40,19 @@ struct PackReport {
     window: CellWindow,
     /// Number of packs.
     draws: usize,
-    /// Seed of the draws; none where the cells were given.
+    /// Seed of the draws; `None` if the cells were given.
     seed: Option<u64>,
-    /// None where the cells were given.
+    /// `None` if the cells were given.
     spread: Option<Spread>,
     /// The table that the cells are from.
     cells: Option<PathBuf>,
-    /// Of what the figures are means.
+    /// Population over which the figures are averaged.
     means: cells::Means,
     /// Share of the packs of which a cell leaves the window or that cannot deliver.
     leaving_probability: f64,
     /// Its 95 % interval.
     leaving_interval_95: [f64; 2],
-    /// Share of the packs that cannot deliver all the power asked for.
+    /// Fraction of the packs that cannot deliver the requested power.
     short_of_power_probability: f64,
     identical: Outcome,
     /// The draw with the lowest cell.

@@ -42,14 +42,14 @@ struct Told {
     /// Bench time, s.
     expected_s: f64,
     longest_s: f64,
-    /// Longest wait after `pause` and after `abort`, s; none where nothing has to be waited for.
+    /// Longest wait after `pause` and after `abort`, s; `None` if there is no wait.
     longest_pause_s: Option<f64>,
     longest_abort_s: Option<f64>,
     /// Remarks, as sentences.
     notes: Vec<String>,
 }
 
-/// A stage in words.
+/// A stage as text.
 #[derive(Debug, serde::Serialize)]
 struct ToldStage {
     purpose: String,
@@ -136,7 +136,7 @@ fn endings(experiment: &Experiment, plan: &Plan) -> Vec<String> {
     texts
 }
 
-/// What the watch sees of the bench, how fast it acts, and what it cannot see.
+/// Describes what the watch sees of the bench, how fast it acts, and what it cannot see.
 fn watched(experiment: &Experiment) -> Vec<String> {
     let pace = Pace::of(experiment);
     let mut lines = vec![pace.describe(&experiment.bench.instruments)];
@@ -176,7 +176,7 @@ fn metered(step: &Step) -> bool {
     matches!(step, Step::Trace(trace) if trace.through == Through::LoadAndSupply)
 }
 
-/// Function that ends the current of a load or charger where no message arrives any more, in words.
+/// Describes the function that ends the current of a load or charger if messages stop.
 fn unattended(role: &str, instrument: &Instrument, how: Unattended, limits: &Limits) -> String {
     let model = &instrument.model;
     match how {
@@ -214,7 +214,7 @@ fn one_way(instruments: &Instruments) -> Option<String> {
     })
 }
 
-/// A plan in words.
+/// Describes a plan.
 fn told(experiment: &Experiment, plan: &Plan) -> Told {
     let stage = |stage: &crate::plan::Stage| ToldStage {
         purpose: stage.purpose.to_string(),

@@ -60,7 +60,7 @@ impl ProfileArgs {
     }
 }
 
-/// Interpretation of a profile, in words.
+/// Describes the interpretation of a profile.
 pub(super) fn taken(profile: &Profile) -> String {
     let kind = match profile.demand {
         Demand::Power => "power in W",

@@ -87,7 +87,7 @@ struct Changed {
     file: String,
     stored_points: usize,
     points: usize,
-    /// Its points, those that changed most first.
+    /// Its points, the largest changes first.
     changes: Vec<Change>,
 }
 
@@ -105,9 +105,9 @@ struct Change {
 /// Replays runs.
 ///
 /// # Errors
-/// A folder that cannot be read as a run; a capture that is damaged or cannot be analysed;
-/// [`Failure::Refused`], once everything is written, where the quality gate refuses points of what
-/// was asked for with `--out`.
+/// A folder that is not a readable run; a capture that is damaged or cannot be analysed;
+/// [`Failure::Refused`], after all output, if the quality gate refuses points of the output
+/// requested with `--out`.
 pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     let (described, named): (Vec<PathBuf>, Vec<PathBuf>) = args
         .runs
@@ -224,10 +224,10 @@ pub fn rates(folder: &Path) -> Result<Vec<String>, Failure> {
     Ok(lines)
 }
 
-/// The run folders among and below those that were named.
+/// Returns the run folders among and below the named folders.
 ///
 /// # Errors
-/// A folder with no run in it.
+/// A folder that contains no run.
 pub(super) fn run_folders(named: &[PathBuf]) -> Result<Vec<PathBuf>, Failure> {
     let mut all = Vec::new();
     for folder in named {
@@ -455,7 +455,7 @@ fn tell_changed(spectrum: &Changed) {
     }
 }
 
-/// Takes away what only served the replay: links to what was read, and the beginnings of records.
+/// Removes files that only served the replay: links to input files, and partial records.
 fn tidy(out: &Path) -> Result<(), Failure> {
     for entry in fs::read_dir(out)? {
         let entry = entry?;
@@ -487,7 +487,7 @@ impl Scratch {
         Ok(Self(path))
     }
 
-    /// Where it is.
+    /// Returns its path.
     pub(super) fn path(&self) -> &Path {
         &self.0
     }

@@ -44,20 +44,21 @@ pub struct ResumeArgs {
     pub accept_instruments: bool,
 }
 
-/// Tables and transcripts only grow: what is there must be the beginning of what comes.
+/// Tables and transcripts only grow: the existing content must be the beginning of the new
+/// content.
 const GROWING: [&str; 4] = ["csv", "txt", "jsonl", "torn"];
 /// Files that are written again as the run goes.
 const REWRITTEN: [&str; 1] = ["json"];
 
-/// Goes on with a run.
+/// Resumes a run.
 ///
 /// # Errors
-/// A folder from which it cannot go on; later as `run`.
+/// A folder from which the run cannot continue; later as `run`.
 pub fn resume(args: &ResumeArgs) -> Result<(), Failure> {
     // Without the slash that a terminal appends.
     let folder = &args.folder.components().collect::<PathBuf>();
-    // A run that is still going on must find its folder, and what is wanted of it, as they are.
-    // What it has left on is switched off whatever became of it.
+    // A run that is still active must find its folder and its requests unchanged. Outputs that it
+    // has left on are switched off in any case.
     let accepted = Accepted {
         charge: args.accept_charge,
         instruments: args.accept_instruments,
@@ -127,8 +128,7 @@ fn replay(
     let mut scratch = folder.as_os_str().to_owned();
     scratch.push(".again");
     let scratch = PathBuf::from(scratch);
-    // What an earlier attempt left there is worth nothing; what somebody else has put there is not
-    // ours.
+    // The remains of an earlier attempt can be deleted; files of another origin must not.
     if scratch.join(JOURNAL).exists() {
         fs::remove_dir_all(&scratch)?;
     } else if scratch.exists() {
@@ -235,8 +235,8 @@ fn same(folders: Folders<'_>, name: &Path, begun_s: f64) -> Result<(), Failure> 
     )))
 }
 
-/// A table without what the quality gate has refused of it: that column comes with the whole sweep,
-/// behind the points that were appended as they came.
+/// Returns a table without the flags of the quality gate: that column is written with the
+/// complete sweep, after the points were appended one by one.
 fn unflagged(table: Vec<u8>) -> Vec<u8> {
     let header = table
         .split(|byte| *byte == b'\n')

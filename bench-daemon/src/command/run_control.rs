@@ -34,10 +34,10 @@ pub struct ReorderArgs {
     pub runs: Vec<usize>,
 }
 
-/// Says whether a run is to pause, to go on or to end.
+/// Requests that a run pauses, continues or ends.
 ///
 /// # Errors
-/// A folder in which nothing runs.
+/// A folder without an active run.
 pub fn send_action(args: &FolderArgs, action: RunAction) -> Result<(), Failure> {
     send_request(
         args,
@@ -136,7 +136,7 @@ fn send_request(args: &FolderArgs, request: &RunControl) -> Result<(), Failure> 
         .map_err(|error| Failure::Usage(format!("{}: {error}", args.folder.display())))
 }
 
-/// How far a run came that goes on and can be asked.
+/// Returns the progress of an active run that accepts requests.
 fn going_on(folder: &Path) -> Result<JournalReplay, Failure> {
     let usage = |text: String| Failure::Usage(format!("{}: {text}", folder.display()));
     let lines = journal::read(folder)

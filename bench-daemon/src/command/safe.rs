@@ -44,12 +44,11 @@ pub struct SafeArgs {
     pub by: String,
 }
 
-/// Brings a bench, or every known bench, into safe state and prints what was read back. A process
-/// that runs the bench is asked to end first, so that it does not switch on again what was switched
-/// off here.
+/// Brings a bench, or every known bench, into safe state and prints the readback. A process that
+/// runs the bench is first asked to end, so that it does not switch outputs on again.
 ///
 /// # Errors
-/// [`Failure::Unsafe`] when it could not be verified.
+/// [`Failure::Unsafe`] if the state could not be verified.
 pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
     match &args.config {
         Some(config) => safe_one(config, args),
@@ -67,7 +66,7 @@ fn safe_one(config: &Path, args: &SafeArgs) -> Result<(), Failure> {
         simulated(bench.name, args.json);
         return Ok(());
     }
-    // A state folder that cannot be written must not keep anybody from switching off.
+    // A state folder that cannot be written must not prevent the shutdown.
     let state = State::of(&bench).unwrap_or_else(|error| {
         remark!("eis-bench: {error}");
         None
@@ -92,7 +91,7 @@ fn safe_one(config: &Path, args: &SafeArgs) -> Result<(), Failure> {
         // A process that ends on request switches off its outputs itself, and releases
         // instruments that accept one client.
         let gone = ended(state, &clock, ENDS_S.0).await;
-        // Its guardian switches off after it, over the same connections.
+        // The guardian of that process switches off after it, over the same connections.
         if gone {
             guarded(state, &clock).await;
         }
@@ -133,7 +132,7 @@ fn safe_one(config: &Path, args: &SafeArgs) -> Result<(), Failure> {
                     .to_owned()
             }
         };
-        // The last line is what a machine goes by.
+        // The last line is for programs.
         tell(
             &SafeReport {
                 verified: false,
@@ -183,7 +182,7 @@ struct Simulated {
     simulated: bool,
 }
 
-/// Prints a report as a line of JSON, where that is asked for.
+/// Prints a report as a line of JSON, if requested.
 fn tell(report: &SafeReport, json: bool) {
     if json {
         say!("{}", serde_json::to_string(report).unwrap_or_default());
@@ -260,7 +259,7 @@ fn end(holder: &Holder, how: Signal) {
     }
 }
 
-/// The state of a bench, for what it is used while switching off.
+/// The state of a bench, by its use during the shutdown.
 #[derive(Clone, Copy)]
 struct States<'a> {
     /// Contains the limits of the cell.
@@ -269,7 +268,7 @@ struct States<'a> {
     latch: Option<&'a State>,
 }
 
-/// Switches off and prints what was read back, a line for each instrument, or the report as it is.
+/// Switches off and prints the readback, a line for each instrument, or the report as JSON.
 async fn switch_off(
     config: &config::Bench,
     clock: &Clock,

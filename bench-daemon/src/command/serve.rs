@@ -16,7 +16,7 @@ pub struct ServeArgs {
     pub config: PathBuf,
 }
 
-/// Serves until a signal asks to stop; runs in work go on.
+/// Serves until a signal requests a stop; active runs continue.
 ///
 /// # Errors
 /// A mistake in the file; an address, a certificate or a data folder that cannot be used.

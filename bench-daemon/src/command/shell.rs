@@ -1,4 +1,5 @@
-//! `eis-bench completions` and `eis-bench man`: what a shell and `man` want to know of the commands.
+//! `eis-bench completions` and `eis-bench man`: generates shell completions and manual pages of
+//! the commands.
 
 use std::{io, path::PathBuf};
 

@@ -198,8 +198,8 @@ pub fn sop(args: &SopArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A cell at rest is within the voltages that it may have, and on the model's curve, where there is
-/// one.
+/// Checks that a cell at rest is within its allowed voltages, and on the model's curve, if there
+/// is one.
 fn check_ocv(ocv_v: f64, window: &CellWindow, file: &GivenModel) -> Result<(), Failure> {
     let within = |(low_v, high_v): (f64, f64), what: &str| {
         let text = || {

@@ -119,7 +119,7 @@ pub fn take(args: &TakeArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The version that is asked for, else the one that is proposed.
+/// Returns the requested version, otherwise the proposed one.
 fn proposal(
     settings: &Settings,
     bench: &config::Bench,
@@ -180,8 +180,8 @@ fn in_words(change: &KeyChange) -> String {
     )
 }
 
-/// Everything but the letters of files is escaped: marks that turn the direction of a line around
-/// hide what is put in force.
+/// Escapes all characters except those that files may contain: characters that reverse the
+/// direction of a line could hide what is put in force.
 fn printable(text: &str) -> String {
     let is_plain = |c: char| c.is_ascii_graphic() || c == ' ' || "µμΩ°²³·−äöüÄÖÜß".contains(c);
     let plain = |c: char| {

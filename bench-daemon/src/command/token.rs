@@ -59,7 +59,7 @@ enum Act {
     },
 }
 
-/// How long a token is valid, s; none for ever.
+/// Validity of a token, s; `None` for unlimited.
 #[derive(Debug, Clone, Copy)]
 struct Validity(Option<f64>);
 

@@ -3,8 +3,8 @@
 
 use crate::config::quantity::{Dimension, Quantity};
 
-/// Reads a number in the first unit of its dimension, or with any of its units; gives it in that
-/// first unit, which is the one that flags are named after.
+/// Parses a number in the first unit of its dimension, or with any of its units. Returns it in
+/// that first unit, after which flags are named.
 ///
 /// # Errors
 /// The values that are accepted, in words.

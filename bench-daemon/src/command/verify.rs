@@ -58,9 +58,9 @@ struct Counts {
 #[derive(Debug, Default, serde::Serialize)]
 struct Verified {
     folder: PathBuf,
-    /// It is what it was, and every number follows from its captures, where they are there.
+    /// The run is unaltered, and every number follows from its captures, as far as they exist.
     good: bool,
-    /// Files that were held against their hashes; none where the folder has none.
+    /// Number of files that were compared with their hashes; `None` if the folder has none.
     hashed_files: Option<usize>,
     /// Number of captures that were moved to an archive: nothing is recomputed without them.
     moved_files: usize,
@@ -81,7 +81,7 @@ struct Verified {
 /// Verifies runs.
 ///
 /// # Errors
-/// A run that is not what it was, or cannot be read.
+/// A run that was altered, or cannot be read.
 pub fn verify(args: &VerifyArgs) -> Result<(), Failure> {
     let mut all = Vec::new();
     for folder in run_folders(&args.runs)? {
@@ -107,8 +107,8 @@ fn of_run(folder: &Path) -> Result<Verified, Failure> {
         folder: folder.to_owned(),
         ..Verified::default()
     };
-    // A report is written at the end: where there is one, it must follow from the captures,
-    // whatever the journal says of the end.
+    // A report is written at the end: if it exists, it must follow from the captures, whatever
+    // the journal records about the end.
     if !folder.join(SUMS).exists()
         && !folder.join(REPORT).exists()
         && let Some(how) = Recorded::read(folder)?.stopped()
@@ -142,7 +142,7 @@ fn of_run(folder: &Path) -> Result<Verified, Failure> {
     }
     match recomputed(folder, &mut verified) {
         Ok(differences) => verified.differences = differences,
-        // What was altered may be what is needed.
+        // A required file may be among the altered ones.
         Err(failure) if !verified.altered.is_empty() => {
             verified
                 .notes
@@ -290,7 +290,7 @@ fn recomputed(folder: &Path, verified: &mut Verified) -> Result<Vec<Difference>,
     Ok(differences)
 }
 
-/// Files of a folder that were computed: not what was only read, nor links to it.
+/// Returns the computed files of a folder, without input files and links to them.
 fn made(folder: &Path, below: &Path) -> Result<Vec<String>, Failure> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder.join(below))? {

@@ -28,7 +28,7 @@ pub(super) fn archived(run: &str, kept: &Kept) {
     }
 }
 
-/// The archive as it is.
+/// Prints the state of the archive.
 pub(super) fn status(now: &ArchiveNow) {
     say!("{}, site {}", now.store, now.site);
     for (words, count) in [

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use crate::safety::failure::Failure;
 
-/// Files and those of folders, by name within a folder; hidden ones and folders in it are passed
-/// over. `of` names what they hold.
+/// Returns the named files and the files of named folders, sorted by name within a folder; hidden
+/// files and subfolders are skipped. `of` names what the files contain, for errors.
 pub fn files_of(paths: &[PathBuf], of: &str) -> Result<Vec<PathBuf>, Failure> {
     let mut files = Vec::new();
     for path in paths {

@@ -1,6 +1,6 @@
 //! Choice of the spectra that are drawn.
 
-/// Spectra up to which all are drawn without being asked for: one picture takes longer than a
+/// Maximum number of spectra that are all drawn by default: one picture takes longer than a
 /// hundred fits.
 const DRAWN_UNASKED: usize = 20;
 

@@ -41,7 +41,7 @@ pub struct Job<'a> {
     pub columns: Vec<ResultColumn>,
     /// Things of one part: some seconds of work, so that a call that is killed loses no more.
     pub part: usize,
-    /// What the things are, one and several.
+    /// Noun for the items, singular and plural.
     pub noun: [&'static str; 2],
 }
 
@@ -53,12 +53,12 @@ struct Totals {
     with_warnings: usize,
 }
 
-/// Works on everything and writes the table, with the rows of each thing one after another; goes on
-/// with the parts of a call that was killed. `done` hears of each part.
+/// Processes all items and writes the table, with the rows of the items in order. Continues from
+/// the parts of a call that was killed. Calls `done` for each part.
 ///
 /// # Errors
-/// A file that cannot be read, a table that is there already, a folder that cannot be written. What
-/// is wrong with one thing stands in its row.
+/// A file that cannot be read, a table that exists already, a folder that cannot be written. An
+/// error of one item is written to its row.
 pub fn work<I: Items>(
     job: Job<'_>,
     items: &mut I,

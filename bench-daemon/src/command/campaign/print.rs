@@ -1,4 +1,4 @@
-//! Campaigns in words.
+//! Prints campaigns as text.
 
 use analysis::batch::{Cells, TableColumn};
 

@@ -109,7 +109,7 @@ impl Verdict {
 }
 
 impl FilterArgs {
-    /// The conditions, with a place to go on at, and a length.
+    /// Returns the conditions, with a start position and a maximum length.
     pub(super) fn filter(&self, after: Option<String>, most: usize) -> Filter {
         Filter {
             cell: self.cell.clone(),

@@ -1,4 +1,4 @@
-//! Answers of a catalogue in words.
+//! Prints query results of a catalogue as text.
 
 use analysis::catalog::{
     ageing::Ageing,
@@ -146,7 +146,7 @@ pub(super) fn run(shown: &RunShown) {
     }
 }
 
-/// A cell with what is known of it.
+/// Prints a cell with its known properties.
 fn cell(cell: &CatalogCell) {
     let facts = [
         ("serial number read", &cell.scanned_serial),
@@ -164,7 +164,8 @@ fn cell(cell: &CatalogCell) {
     say!("cell        {}{}", named(cell), told.collect::<String>());
 }
 
-/// Instruments of a run: task on the bench, model, and what the instrument says of itself.
+/// Prints the instruments of a run: role on the bench, model, and the instrument's
+/// identification.
 fn instruments(all: &Value) {
     for one in all.as_array().into_iter().flatten() {
         let facts = ["/role", "/model", "/identity/raw"];

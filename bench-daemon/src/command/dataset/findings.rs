@@ -24,7 +24,7 @@ pub(super) struct Findings {
 pub(super) struct FileFinding {
     /// Path as given.
     pub(super) file: String,
-    /// Kind; none where the file cannot be read.
+    /// Kind; `None` if the file cannot be read.
     pub(super) kind: Option<FileKind>,
     /// Content in a few words, or the nearest reader and the reason.
     pub(super) text: String,

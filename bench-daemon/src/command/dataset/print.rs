@@ -73,7 +73,7 @@ fn file(file: &FileFinding) {
     say!("{}: {kind}: {}", file.file, file.text);
 }
 
-/// Place of a load among all logs.
+/// Position of a load among all logs.
 #[derive(Clone, Copy)]
 struct Position {
     log: usize,

@@ -72,7 +72,7 @@ pub(super) fn read_all(args: &InitArgs) -> Result<Vec<Content>, Failure> {
 struct Names(Vec<String>);
 
 impl Names {
-    /// The name, with a number where it was given before.
+    /// Returns the name, with a number if it is already in use.
     fn unique(&mut self, name: &str) -> String {
         let numbered = (2..).map(|number| format!("{name}_{number}"));
         let mut candidates = std::iter::once(name.to_owned()).chain(numbered);
@@ -208,7 +208,7 @@ fn spectrum(
     }
 }
 
-/// A path as it is named from a folder, which need not be there yet.
+/// Returns a path relative to a folder, which need not exist yet.
 pub(super) fn from_folder(path: &Path, folder: &Path) -> Result<String, Failure> {
     let fail = |path: &Path, error: &std::io::Error| {
         Failure::Usage(format!("{}: {error}", path.display()))

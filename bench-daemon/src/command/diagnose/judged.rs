@@ -49,16 +49,16 @@ pub(crate) struct Judged {
     pub(super) file: GivenModel,
     pub(super) data: PathBuf,
     pub(super) named: ModelArgs,
-    /// The file that the curve was asked for from.
+    /// The requested file of the curve.
     ocv: Option<PathBuf>,
     /// Files that the data set named and no argument did.
     defaults: NamedFiles,
-    /// The one cell that is meant, where there are several.
+    /// The selected cell, if there are several.
     specimen: Option<String>,
     /// The run folder if the diagnosis is a step of a run. File paths are reported relative to
     /// it, so that the output does not depend on the location of the folder.
     pub(super) within: Option<PathBuf>,
-    /// It was asked for points that a quality gate has refused.
+    /// Whether points that a quality gate has refused were requested.
     refused_points: bool,
     /// No effect is looked for.
     pub(super) base_only: bool,
@@ -67,9 +67,9 @@ pub(crate) struct Judged {
 }
 
 impl Judged {
-    /// Reads both. The model is that of the arguments, else that of the data set. The curve is that
-    /// of `ocv`, of a model of the arguments, of the data set, of its model, or of the cell's file
-    /// of a run folder.
+    /// Reads model and data set. The model is that of the arguments, otherwise that of the data
+    /// set. The curve is the first of: `ocv`, that of a model of the arguments, that of the data
+    /// set, that of its model, or that of the cell's file of a run folder.
     pub(crate) fn read(
         data: &Path,
         named: &ModelArgs,
@@ -190,7 +190,7 @@ impl Judged {
         })
     }
 
-    /// The same with the runs of one cell, and those of the controls.
+    /// Restricts the data to the runs of one cell, and those of the controls.
     pub(super) fn of_cell(&self, name: &str) -> Self {
         let mut set = self.loaded.set.clone();
         set.runs
@@ -226,13 +226,13 @@ impl Judged {
         }
     }
 
-    /// The model's file, where it has one.
+    /// Returns the model's file, if it has one.
     pub(super) fn model_path(&self) -> Option<&Path> {
         let by_data_set = self.defaults.model.as_ref().map(|file| file.path.as_path());
         by_data_set.or(self.named.model.as_deref())
     }
 
-    /// The file of the curve, where it has one of its own.
+    /// Returns the file of the curve, if it has a separate one.
     pub(super) fn ocv_path(&self) -> Option<&Path> {
         let by_data_set = self.defaults.ocv.as_ref().map(|file| file.path.as_path());
         by_data_set.or(self.ocv.as_deref())
@@ -251,7 +251,7 @@ impl Judged {
         }
     }
 
-    /// The command that gives the same diagnosis.
+    /// Returns the command that repeats this diagnosis.
     pub(super) fn again(&self) -> String {
         let word = |path: &Path| quoted(Path::new(&self.told(path)));
         let mut text = format!(

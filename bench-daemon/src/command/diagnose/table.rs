@@ -21,7 +21,7 @@ use crate::{
 
 /// Data sets of one part: a diagnosis takes seconds to minutes, and one that is done is kept.
 const PART: usize = 1;
-/// Word for a gap where no effect was looked for.
+/// Name of a gap for which no effect was searched.
 const GAP: &str = "gap";
 
 /// Data sets, one after another.
@@ -148,7 +148,8 @@ fn columns() -> Vec<ResultColumn> {
     columns
 }
 
-/// The rows of a data set: of each held-out run of each cell; one without a run where there is none.
+/// Returns the rows of a data set: one for each held-out run of each cell, or one without a run
+/// if there is none.
 fn rows(args: &DiagnoseArgs, folder: &Path) -> Vec<ResultRow> {
     let name = folder.file_name().unwrap_or(folder.as_os_str());
     let name = name.to_string_lossy();

@@ -41,11 +41,11 @@ struct CircuitReport<'a> {
     fits: Vec<&'a CircuitFit>,
 }
 
-/// Fits a circuit to spectra, prints it, and writes it into a folder if asked to.
+/// Fits a circuit to spectra, prints it, and writes it into a folder if requested.
 ///
 /// # Errors
-/// A file or an argument that is not as expected; a fit that cannot be made; a folder that cannot
-/// be written.
+/// A file or an argument that is not as expected; a fit that fails; a folder that cannot be
+/// written.
 pub fn fit_circuit(args: &FitArgs, text: &str) -> Result<(), Failure> {
     let written = WrittenCircuit::read(text)
         .map_err(|error| Failure::Usage(format!("--circuit: {error}")))?;
@@ -204,8 +204,8 @@ fn objective(fit: &CircuitFit) -> String {
     format!("{}{unit}", present::significant(fit.objective, 5))
 }
 
-/// Name, value, sigma, unit and a remark of one parameter; value and sigma with the same number of
-/// decimals.
+/// Returns name, value, sigma, unit and a remark of one parameter; value and sigma have equal
+/// numbers of decimals.
 fn row(fit: &CircuitFit, index: usize) -> [String; 5] {
     let (value, sigma) = (fit.values[index], fit.sigmas[index]);
     let (factor, prefix) = prefix(value, &fit.units[index]);

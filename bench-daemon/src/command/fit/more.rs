@@ -60,7 +60,7 @@ fn refused(name: &str) -> impl Fn(FitError) -> Failure + '_ {
 }
 
 impl More {
-    /// Chooses the order if asked to.
+    /// Selects the order if requested.
     pub(super) fn choose(
         name: &str,
         prepared: &Prepared,
@@ -80,8 +80,8 @@ impl More {
         })
     }
 
-    /// Adds what the fits allow: the spread where several sweeps of known cells were pooled,
-    /// profiles and seeds where asked for.
+    /// Adds further results that the fits allow: the spread if several sweeps of known cells were
+    /// pooled, and profiles and seeds if requested.
     pub(super) fn add(
         &mut self,
         Prepared { cells, spectra }: &Prepared,
@@ -427,8 +427,8 @@ fn profile_panel(profiles: &[&Profile], limits_named: bool) -> Panel {
     Panel::new(x, AxisSpec::linear("Δχ²").between(0.0, most), traces)
 }
 
-/// The curve between its points, straight in the signed root of Δχ², as far as it is inside the
-/// frame.
+/// Interpolates the curve between its points linearly in the signed root of Δχ², as far as it is
+/// inside the frame.
 fn smooth_curve(profile: &Profile, most: f64) -> Vec<(f64, f64)> {
     const BETWEEN: i32 = 12;
     let signed = |p: &(f64, f64)| {

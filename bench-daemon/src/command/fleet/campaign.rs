@@ -12,8 +12,8 @@ use crate::{
     config::ConfigError,
 };
 
-/// Jobs of a campaign that are not in `known`, the seeds of those that are on record. A visit is
-/// known again by its seed, which follows from the campaign's file.
+/// Returns the jobs of a campaign that are not in `known`, the seeds of recorded jobs. A visit is
+/// identified by its seed, which follows from the campaign's file.
 pub(super) fn missing(
     file: &CampaignFile,
     known: &BTreeSet<u64>,
@@ -45,7 +45,7 @@ pub(super) async fn seeds(
     };
     loop {
         let page = looking.seer.jobs(&filter);
-        // What was cancelled was not done.
+        // A cancelled job was not executed.
         let jobs = page.jobs.iter().map(|view| &view.job);
         let jobs = jobs.filter(|job| job.state != JobState::Cancelled);
         seeds.extend(jobs.filter_map(|job| job.seed));

@@ -1,4 +1,4 @@
-//! A fleet in words and as JSON.
+//! Prints a fleet as text and as JSON.
 
 use bench_fleet::{
     BenchView, FleetView, JobState,
@@ -12,7 +12,7 @@ use crate::{
     support::terminal::say,
 };
 
-/// The fleet as it is now: benches, numbers of jobs, and the jobs that were asked for.
+/// Prints the present state of the fleet: benches, numbers of jobs, and the requested jobs.
 pub(super) fn status(view: &FleetView, page: &JobPage) {
     for bench in &view.benches {
         say!("{}", bench_line(bench));
@@ -61,7 +61,8 @@ fn job_line(view: &JobView) -> String {
     line.trim_end().to_owned()
 }
 
-/// The same for programs: `GET /api/v1/fleet`, and the jobs of `GET /api/v1/fleet/jobs` beside.
+/// The state of the fleet as JSON: `GET /api/v1/fleet`, together with the jobs of `GET
+/// /api/v1/fleet/jobs`.
 #[derive(Debug, Serialize)]
 pub(super) struct Status {
     #[serde(flatten)]

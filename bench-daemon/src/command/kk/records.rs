@@ -13,7 +13,7 @@ use crate::safety::failure::Failure;
 /// Highest harmonic that is looked for.
 const MOST: u32 = 20;
 
-/// Where the columns are.
+/// Positions of the columns.
 struct Columns {
     freq: usize,
     /// Order, ratio, its standard deviation.
@@ -22,7 +22,7 @@ struct Columns {
     drift: Option<(usize, usize)>,
 }
 
-/// A row of the table, with what a message needs.
+/// A row of the table, with its location for error messages.
 struct Line<'a> {
     path: &'a Path,
     header: &'a [String],

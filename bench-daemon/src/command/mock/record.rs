@@ -1,8 +1,9 @@
-//! `eis-bench mock --replay`: a recorded conversation served on a port, strictly.
+//! `eis-bench mock --replay`: serves a recorded conversation on a port, and accepts no deviation
+//! from it.
 //!
-//! The answers are those of the record. Of a long block it keeps length and hash; its bytes are
-//! looked for among the captures of the same run folder. A page that was thrown away and never
-//! became a capture is not to be had, and the replay ends there.
+//! The replies are those of the record. For a long block, the record contains length and hash
+//! only; its bytes are searched in the captures of the same run folder. A page that was discarded
+//! and never became a capture is unavailable, and the replay ends there.
 
 use std::{
     collections::HashMap,
@@ -80,10 +81,11 @@ pub fn load(path: &Path, model: Option<&str>) -> Result<(Replay, Outcome), Failu
     Ok(Replay::new(&transcript, &link, terminator))
 }
 
-/// Serves a transcript until it has been followed to its end, or has been left, or is stopped.
+/// Serves a transcript until the client has reached its end, has disconnected, or the server is
+/// stopped.
 ///
 /// # Errors
-/// As [`load()`]; a port that is taken; the first difference.
+/// As [`load()`]; a port that is in use; the first difference.
 pub(super) fn serve_record(path: &Path, args: &MockArgs) -> Result<(), Failure> {
     let (device, outcome) = load(path, args.model.as_deref())?;
     let expected = device.messages().count();
@@ -168,8 +170,8 @@ fn terminator(key: &str) -> Option<Terminator> {
         .or_else(|| (key == jig::MOCK_JIG).then(|| Jig::profile().terminator))
 }
 
-/// Puts the bytes of long blocks back where a capture has them: signed little-endian words, or the
-/// same from the least code on.
+/// Restores the bytes of long blocks from captures: signed little-endian words, or these relative
+/// to the least code.
 fn restore(transcript: &mut Transcript, captures: &Path) {
     let missing = |record: &Record| match &record.payload {
         Payload::Block(block) if block.bytes.is_none() => Some(block.len),

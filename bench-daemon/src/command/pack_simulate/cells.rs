@@ -19,7 +19,7 @@ use serde::Serialize;
 use super::PackSimulateArgs;
 use crate::{files, safety::failure::Failure, support::terminal::say};
 
-/// The packs cell by cell, where they are given or asked for; the table is written if it is to be.
+/// Returns the packs cell by cell, if given or requested; writes the table if requested.
 pub(super) fn packs(
     args: &PackSimulateArgs,
     setup: &ScatterSetup<'_>,
@@ -57,7 +57,7 @@ fn factors(cell: &PlacedCell) -> impl Iterator<Item = f64> {
         .chain([cell.capacity])
 }
 
-/// The table of packs. Numbers are written so that they are read as the same.
+/// Formats the table of packs. Numbers are written so that they parse to equal values.
 fn written(
     path: &Path,
     packs: &[Vec<PlacedCell>],
@@ -95,8 +95,7 @@ fn written(
     Ok(text)
 }
 
-/// A table of cells as it was read: for each draw, group and place its cell with the line that it
-/// is from.
+/// A parsed table of cells: for each draw, group and place, its cell with its line number.
 struct Table<'a> {
     path: &'a Path,
     setup: &'a ScatterSetup<'a>,
@@ -313,7 +312,7 @@ impl Row<'_> {
         Ok(cell)
     }
 
-    /// The model of a cell, and its capacity over that of the pack's curve.
+    /// Returns the model of a cell, and the ratio of its capacity to that of the pack's curve.
     fn model(&self, path: &str) -> Result<(Erm, f64), Failure> {
         let folder = self.table.path.parent().unwrap_or_else(|| Path::new(""));
         let file = files::read_model(&folder.join(path), None)
@@ -355,7 +354,7 @@ pub(super) fn lowest(
     )
 }
 
-/// Of what the figures are means: of cells, or of packs.
+/// Population over which figures are averaged: cells, or packs.
 #[derive(Debug, Serialize)]
 pub(super) struct Means {
     identical: String,

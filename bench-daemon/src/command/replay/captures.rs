@@ -299,7 +299,7 @@ fn impedance(
             },
         )
     };
-    // Amperes in the place of the shunt's volts: one ohm.
+    // Amperes take the place of the shunt's volts: a shunt of one ohm.
     let four = [
         of(current.minus, current.factor),
         of(Some(current.plus), current.factor),

@@ -1,5 +1,5 @@
-//! `eis-bench safe` without a bench file: every bench that runs or ran on this machine, each by a
-//! process of its own, all at the same time.
+//! `eis-bench safe` without a bench file: switches off every bench that runs or ran on this
+//! machine, each in a separate process, all at the same time.
 
 use std::{
     path::Path,
@@ -25,11 +25,11 @@ pub(super) struct SafeOptions<'a> {
 /// Exit code of a bench whose file is invalid.
 const NOT_LOADED: i32 = 2;
 
-/// Switches off every known bench, and prints what was read back of each.
+/// Switches off every known bench, and prints the readback of each.
 ///
 /// # Errors
-/// [`Failure::Unsafe`] if one of them is not verified, has no file any more, or if it is not known
-/// which benches there are.
+/// [`Failure::Unsafe`] if one of them is not verified or its file no longer exists, or if the
+/// list of benches is unknown.
 pub(super) fn safe_every(options: &SafeOptions<'_>) -> Result<(), Failure> {
     let known = known_benches().map_err(|error| unverified(&[error.to_string()]))?;
     let known: Vec<KnownBench> = known.into_iter().filter(|known| !is_over(known)).collect();
@@ -107,7 +107,7 @@ fn program() -> &'static Path {
     Path::new("/proc/self/exe")
 }
 
-/// Prints what was read back of a bench.
+/// Prints the readback of a bench.
 fn tell(known: &KnownBench, ended: Result<Output, String>, json: bool) -> Result<(), String> {
     if !json {
         say!("{} ({})", known.bench, known.file.display());

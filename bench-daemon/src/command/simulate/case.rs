@@ -25,7 +25,7 @@ pub(super) struct Case {
     pub(super) full: Simulation,
     /// With the DC resistance alone.
     pub(super) simple: Simulation,
-    /// Largest factors of the two; none for a load resistance.
+    /// Largest factors of the two models; `None` for a load resistance.
     limits: Option<[ScaleLimit; 2]>,
     dcir_ohm: f64,
     /// Derivatives of the lowest voltage by ln R, ln R₁, ln C₁, … of the cell, V.
@@ -312,7 +312,7 @@ pub(super) fn print_table(outputs: &[Output]) {
     }
 }
 
-/// Gain of the transient model over the simple one, in words.
+/// Describes the gain of the transient model over the simple one.
 pub(super) fn sentence(o: &Output) -> String {
     let (Some(full), Some(simple)) = (o.largest_factor, o.simple_ir.largest_factor) else {
         return format!("{}: a load resistance has no largest factor", o.profile);
@@ -353,10 +353,10 @@ pub(super) struct Output {
     pack: String,
     #[serde(flatten)]
     pub(super) summary: Summary,
-    /// Where the first infeasible power is met; null if none.
+    /// Location of the first infeasible power; null if there is none.
     pub(super) first_infeasible: Option<Infeasible>,
-    /// One standard deviation of the lowest voltage that comes from the model's fit; null where
-    /// that has no covariance.
+    /// Standard deviation of the lowest voltage due to the model's fit; null if the fit has no
+    /// covariance.
     min_ccv_sigma_v: Option<f64>,
     /// Change of the lowest terminal voltage when one parameter of the cell rises by 1 %, V.
     min_ccv_per_percent_v: Vec<Parameter>,
@@ -375,7 +375,7 @@ pub(super) struct Output {
     pub(super) trace: PathBuf,
 }
 
-/// The same with the DC resistance alone.
+/// Results with the DC resistance alone.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct SimpleIr {
     /// DC resistance of a cell, Ω.

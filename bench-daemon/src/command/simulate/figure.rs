@@ -1,5 +1,5 @@
-//! The picture of one or several profiles: power, voltage with the window, and state of charge
-//! where it is known.
+//! The picture of one or several profiles: power, voltage with the window, and state of charge if
+//! known.
 
 use crate::{files, safety::failure::Failure};
 use std::path::Path;

@@ -162,7 +162,7 @@ pub(super) fn source_of_ocv(
     }
 }
 
-/// The cell at rest where it begins.
+/// Returns the initial state of the cell at rest.
 pub(super) fn state(args: &SimulateArgs, model: &SimModel) -> Result<SimState, Failure> {
     match (args.soc, args.ocv_v) {
         (Some(soc), _) => model

@@ -146,7 +146,7 @@ pub(super) fn table(args: &SimulateArgs, table: &Path) -> Result<(), Failure> {
         let state = state(args, &model)?;
         let profile = &profiles[load.profile];
         check_euler(args, &model, profile)?;
-        // The figures are those of the steps of the solver; rows of a trace are not wanted.
+        // The figures come from the steps of the solver, so rows of a trace are not needed.
         let options = SimOptions {
             max_step_s: args.step_s.unwrap_or(f64::INFINITY),
             ..options(args, profile, window)
@@ -167,7 +167,8 @@ pub(super) fn table(args: &SimulateArgs, table: &Path) -> Result<(), Failure> {
     work(job, &mut loads, row, |_, _| Ok(()))
 }
 
-/// Largest factor on the profile that keeps the window; none for a load resistance.
+/// Returns the largest factor on the profile that keeps the window, or `None` for a load
+/// resistance.
 fn factor(
     model: &SimModel,
     state: &analysis::forward::SimState,
@@ -247,7 +248,7 @@ fn row(
     }
 }
 
-/// What a summary warns of, by code and in words.
+/// Returns the warnings of a summary, as codes and text.
 fn warnings(summary: &Summary) -> Vec<(&'static str, String)> {
     let mut found = Vec::new();
     if let Some(first) = summary.infeasible.first() {
