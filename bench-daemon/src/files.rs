@@ -29,11 +29,11 @@ pub(crate) fn read_spectra(path: &Path) -> Result<Vec<SourcedSpectrum>, Failure>
     Ok(read.spectra)
 }
 
-/// Leaves out what the quality gate of the measurement has refused, as the file says, unless that
-/// is wanted, and says so.
+/// Removes points that the quality gate of the measurement has refused, according to the file,
+/// unless they are requested, and reports that.
 ///
 /// # Errors
-/// [`Failure::Refused`] where nothing is left.
+/// [`Failure::Refused`] if nothing is left.
 pub(crate) fn leave_out_refused(
     sourced: &mut SourcedSpectrum,
     wanted: bool,
@@ -77,7 +77,7 @@ pub(crate) fn refused_points(sweeps: &[SourcedSpectrum], fitted: bool) -> Vec<Re
     sweeps.iter().flat_map(of).collect()
 }
 
-/// Refuses two evaluations of one measurement where spectra are taken together: they are no
+/// Refuses two evaluations of one measurement in a joint use of spectra, because they are not
 /// repeats.
 pub(crate) fn refuse_curves(spectra: &[SourcedSpectrum]) -> Result<(), Failure> {
     let curves: Vec<&str> = spectra
@@ -176,8 +176,8 @@ pub(crate) fn write_pictures(folder: &Path, pictures: &[Picture]) -> Result<(), 
     })
 }
 
-/// Writes the diagnosed model with what was added to it, where something was, and with what predicts
-/// best where no name is certain; `refused` are the points that the gate of the data has refused.
+/// Writes the diagnosed model with the additions, if any, and the best predicting addition if no
+/// effect is certain; `refused` are the points that the gate of the data has refused.
 pub(crate) fn write_augmented(
     folder: &Path,
     base: &GivenModel,

@@ -33,7 +33,7 @@ pub struct Design {
 }
 
 impl Design {
-    /// The design of a campaign; the same file always gives the same.
+    /// Creates the design of a campaign. It is deterministic for a given file.
     pub fn of(file: &CampaignFile) -> Self {
         let mut rng = Rng::new(file.seed);
         let mut order: Vec<usize> = (0..file.cells.len()).collect();

@@ -99,7 +99,7 @@ impl CampaignFile {
         Ok(written)
     }
 
-    /// A seed for each visit: the same whenever the campaign is made again.
+    /// Returns a seed for each visit, which stays equal if the campaign is created again.
     pub fn seed_of(&self, visit: &Visit) -> u64 {
         let words = [visit.cell.name.as_str(), &self.benches[visit.bench].name];
         let text = format!("{}/{}/{}/{}", self.seed, words[0], words[1], visit.repeat);

@@ -37,11 +37,11 @@ pub enum ReportError {
     None {
         /// The campaign.
         campaign: String,
-        /// Order that was asked for.
+        /// Requested order.
         rc: String,
         /// Orders that are there.
         orders: String,
-        /// Runs that were left out, in words that follow.
+        /// Runs that were left out, as text.
         left_out: String,
     },
     /// One quantity.
@@ -63,7 +63,7 @@ pub struct Spread {
     pub levels: usize,
     /// Standard deviation, as a share.
     pub sd: f64,
-    /// Ends of its interval of 95 %; the upper one is none where nothing bounds it.
+    /// Ends of its 95 % interval; the upper one is `None` if it is unbounded.
     pub low: f64,
     /// Upper end.
     pub high: Option<f64>,
@@ -89,7 +89,7 @@ pub struct BenchOffset {
 pub struct CorrectedCell {
     /// The cell.
     pub cell: String,
-    /// Its batch, where it is known.
+    /// Its batch, if known.
     pub batch: Option<String>,
     /// Number of its values.
     pub values: usize,
@@ -148,7 +148,7 @@ pub struct CampaignReport {
     pub quantities: Vec<Quantity>,
 }
 
-/// Runs that count, with their models, and those that do not.
+/// Runs that are used, with their models, and runs that are not.
 #[derive(Debug, Default)]
 struct Chosen {
     fits: Vec<CatalogFit>,
@@ -189,7 +189,7 @@ impl Chosen {
         Ok(())
     }
 
-    /// Why a run does not count; none where it does.
+    /// Returns why a run is not used, or `None` if it is.
     fn why_not(&self, run: &CatalogRun, fits: &[CatalogFit]) -> Option<&'static str> {
         let is_known = |content: &String| self.contents.contains(content);
         match run.verdict {
@@ -228,9 +228,9 @@ impl Chosen {
     }
 }
 
-/// Judges the runs of a campaign in catalogues, by models of one order: the greatest that is there,
-/// unless one is chosen. A run counts where it is finished and its folder is there, and once where
-/// several folders hold the same.
+/// Evaluates the runs of a campaign in catalogues, by models of one order: the greatest
+/// available, unless one is chosen. A run is used if it is finished and its folder exists, and
+/// only once if several folders have equal content.
 ///
 /// # Errors
 /// [`ReportError`].
@@ -301,7 +301,7 @@ struct Row {
     batch: usize,
 }
 
-/// Names of what the rows belong to, in order.
+/// Names of the groups of the rows, in order.
 #[derive(Default)]
 struct Names {
     known: BTreeMap<String, usize>,
@@ -406,7 +406,7 @@ const CELL: &str = "cell";
 const BENCH: &str = "bench";
 
 impl Kind {
-    /// The quantity over all fits that have it; none where fewer than three have.
+    /// Returns the quantity over all fits that have it, or `None` if fewer than three have it.
     fn over(&self, fits: &[CatalogFit]) -> Result<Option<Quantity>, ReportError> {
         let rows = Rows::of(fits, self);
         if rows.rows.len() < 3 {

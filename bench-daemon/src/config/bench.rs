@@ -18,7 +18,7 @@ use crate::{
 pub struct Bench {
     /// Its name.
     pub name: String,
-    /// Its instruments; what is absent is `None`.
+    /// Its instruments; an absent one is `None`.
     pub instruments: Instruments,
     /// How it is wired.
     pub wiring: Wiring,
@@ -26,7 +26,7 @@ pub struct Bench {
     pub fake_cell: Option<KnownImpedance>,
     /// The short bar, where its impedance is known.
     pub short: Option<KnownImpedance>,
-    /// The stray admittance of the open jig, where it was measured.
+    /// The stray admittance of the open jig, if it was measured.
     pub open: Option<StrayAdmittance>,
     /// The simulation behind the addresses, if there is one.
     pub simulation: Option<Simulation>,
@@ -92,7 +92,7 @@ pub struct Thermostat {
     pub band_k: f64,
     /// Time in which a standing error doubles its effect, s.
     pub integral_s: f64,
-    /// A relay is switched on once in it, s.
+    /// Interval in which a relay is switched on once, s.
     pub window_s: f64,
     /// Without a reading for longer the run is stopped, s.
     pub stale_s: f64,
@@ -174,8 +174,8 @@ impl Instruments {
     }
 }
 
-/// Longest usual time until an instrument answers a question, s, where the bench file states no
-/// other. Makers' figures and owners' measurements are below it (`docs/safety.md`).
+/// Default of the longest usual time until an instrument replies to a query, s. Makers' figures
+/// and owners' measurements are below it (`docs/safety.md`).
 pub const ANSWER_S: f64 = 0.3;
 
 /// A model at an address.
@@ -183,7 +183,7 @@ pub const ANSWER_S: f64 = 0.3;
 pub struct Instrument {
     /// Key of the dialect.
     pub model: String,
-    /// Where it is reached.
+    /// Its address.
     pub address: Address,
     /// Text in the identity of another model that is accepted as this one.
     pub accept: Option<String>,
@@ -194,7 +194,7 @@ pub struct Instrument {
 /// How the fixture is changed.
 #[derive(Debug, Clone)]
 pub enum Jig {
-    /// A person, asked on the terminal.
+    /// A person, prompted on the terminal.
     Person,
     /// A device.
     Device(Instrument),
@@ -230,8 +230,8 @@ pub struct Simulation {
     pub quirks: BTreeMap<&'static str, Quirks>,
 }
 
-/// In this process, on the loopback interface, on a pseudo-terminal, or a socket in the place of a
-/// device's file.
+/// Returns whether an address is in this process, on the loopback interface, on a
+/// pseudo-terminal, or a socket instead of a device file.
 pub(super) fn is_local(address: &Address) -> bool {
     match (address, address.host(), address.path()) {
         (_, Some(host), _) => names_loopback(host),

@@ -1,5 +1,5 @@
-//! The section `[campaign]`: several cells, each measured several times, with what the experiment
-//! says of one.
+//! The section `[campaign]`: several cells, each measured several times, by an experiment for one
+//! cell.
 
 use std::sync::Arc;
 
@@ -16,8 +16,8 @@ pub struct Campaign {
     pub cells: Vec<Arc<Specimen>>,
     /// How often each is measured.
     pub repeats: usize,
-    /// Every cell once, then every cell again; else each cell as often as it is to be, then the
-    /// next.
+    /// Order of the runs: if set, every cell once, then every cell again; otherwise all repeats
+    /// of one cell, then the next.
     pub round_robin: bool,
 }
 

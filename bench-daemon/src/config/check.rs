@@ -1,5 +1,5 @@
-//! The sections of an experiment against its bench and its cell: nothing that the bench cannot do
-//! or the cell must not bear gets through.
+//! Checks the sections of an experiment against its bench and its cell, and rejects whatever the
+//! bench cannot do or the cell must not bear.
 
 use std::ops::RangeInclusive;
 
@@ -428,7 +428,8 @@ impl Check<'_> {
             1_000.0..=1.0e7,
             "points",
         )?;
-        // The 1–2–5 series of the time base can put 2.5 times the asked periods on the screen.
+        // The 1–2–5 series of the time base can put 2.5 times the requested periods on the
+        // screen.
         let least_points = (MIN_SAMPLES_PER_PERIOD * 2.5 * eis.periods_on_screen).ceil();
         self.within(
             "eis.record_points",
@@ -486,8 +487,8 @@ impl Check<'_> {
         Ok(steps_a)
     }
 
-    /// The list as given, or the logarithmic grid, rising; between what the generator can set and
-    /// what the supply can follow.
+    /// Returns the list as given, or the logarithmic grid, in rising order, between what the
+    /// generator can set and what the supply can follow.
     fn frequencies(&self, raw: &raw::Eis, reach: Reach) -> Result<Vec<f64>, ConfigError> {
         let Reach {
             least_hz,
@@ -533,8 +534,8 @@ impl Check<'_> {
         }
     }
 
-    /// The frequencies must differ when rounded to what a generator can set, and a simulated bench
-    /// must remember the slowest frame.
+    /// Checks that the frequencies differ when rounded to the generator's resolution, and that a
+    /// simulated bench keeps the slowest frame long enough.
     fn check_grid(&self, eis: &Eis) -> Result<(), ConfigError> {
         if eis.freqs_hz.windows(2).any(|pair| pair[1] <= pair[0]) {
             return Err(self.complain(
@@ -579,8 +580,7 @@ impl Check<'_> {
         })
     }
 
-    /// The order of the model that is to be diagnosed: the highest that is fitted, where none is
-    /// said.
+    /// Returns the order of the model to diagnose; by default, the highest one that is fitted.
     pub(super) fn diagnosis(
         &self,
         raw: &raw::Diagnosis,
@@ -626,7 +626,7 @@ fn log_grid(start_hz: f64, stop_hz: f64, points: usize, include_stop: bool) -> V
         .collect()
 }
 
-/// Rounded to what a generator can set.
+/// Rounds to the generator's resolution.
 fn microhertz(freq_hz: f64) -> f64 {
     (freq_hz * 1.0e6).round() / 1.0e6
 }

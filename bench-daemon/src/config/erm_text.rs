@@ -7,7 +7,7 @@ use analysis::model::{Erm, RcBranch};
 
 use super::quantity::{Capacitance, Dimension, Duration, Quantity, Resistance};
 
-/// Reads a typed model; branches stay in the order in which they were typed.
+/// Parses a typed model; branches stay in the order in which they were typed.
 ///
 /// # Errors
 /// Which element is wrong, what was expected and what was found.

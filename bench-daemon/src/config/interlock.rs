@@ -1,4 +1,4 @@
-//! The section `[interlock]` of a cell file: what the interlock allows beside the limits of the
+//! The section `[interlock]` of a cell file: interlock limits in addition to the limits of the
 //! cell. Every line has a default.
 
 use serde::Deserialize;

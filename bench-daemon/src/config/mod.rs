@@ -1,6 +1,6 @@
-//! Configuration: files as typed (`raw`), read with line numbers (`source`) and units (`quantity`),
-//! checked once (`resolve`, `check`). What comes out of here is complete and within the limits of
-//! cell and instruments; nothing is energised before that.
+//! Configuration: files as typed (`raw`), read with line numbers (`source`) and units
+//! (`quantity`), checked once (`resolve`, `check`). The resulting experiment is complete and
+//! within the limits of cell and instruments; nothing is energised before that check.
 
 use std::sync::Arc;
 

@@ -31,10 +31,10 @@ pub struct OcvSoc {
     pub rest_slope_v_per_s: f64,
     /// The charge is measured too.
     pub both_directions: bool,
-    /// Resistance that the load's drop is compensated with, Ω; that of the interruptions where none
-    /// is given.
+    /// Resistance for the compensation of the load's voltage drop, Ω; by default, that of the
+    /// interruptions.
     pub dcir_ohm: Option<f64>,
-    /// Order of a polynomial besides, where one is wanted.
+    /// Order of an additional polynomial, if requested.
     pub polynomial: Option<usize>,
 }
 

@@ -1,4 +1,4 @@
-//! Raw files → a checked experiment. Every complaint names file, line, field and what was expected.
+//! Raw files → a checked experiment. Every error names file, line, field and what was expected.
 //! The bench is in `resolve_bench`.
 
 use std::{path::Path, sync::Arc};

@@ -1,4 +1,4 @@
-//! A bench file → a checked bench. Every complaint names file, line, field and what was expected.
+//! A bench file → a checked bench. Every error names file, line, field and what was expected.
 
 use std::path::{Path, PathBuf};
 
@@ -63,7 +63,7 @@ pub(crate) fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
             ),
         ));
     }
-    // What it makes flow into the cell when the output goes on, before anything is read.
+    // The offset drives a current into the cell as soon as the output is on, before any reading.
     if !(-MOST_OFFSET_V..=MOST_OFFSET_V).contains(&wiring.command_offset.si) {
         let reason = format!(
             "expected {} V to {MOST_OFFSET_V} V, the zero error of a supply, found {} V",
@@ -129,7 +129,7 @@ pub(crate) fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
     })
 }
 
-/// As it is typed, or beside the bench file and called after the bench.
+/// Returns the state folder as typed, or a folder beside the bench file with the bench's name.
 fn state_folder(source: &Source, raw: &raw_bench::Bench) -> PathBuf {
     raw.state_folder.as_ref().map_or_else(
         || {
@@ -419,7 +419,7 @@ fn keys<D: Model + ?Sized>(dialects: &[&'static D]) -> Vec<&'static str> {
     dialects.iter().map(|dialect| dialect.key()).collect()
 }
 
-/// An instrument as it is typed.
+/// An instrument as typed.
 #[derive(Clone, Copy)]
 struct Typed<'a> {
     model: &'a str,

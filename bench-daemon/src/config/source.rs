@@ -47,12 +47,12 @@ pub struct Source {
     others: Others,
 }
 
-/// Where the files that a file names are read.
+/// Source of the files that a file names.
 #[derive(Debug, Clone)]
 enum Others {
     /// From the disk.
     Disk,
-    /// In the place of files texts are read, by path.
+    /// Texts by path are read instead of files.
     Copies(Arc<Copies>),
     /// From the disk, within a fence.
     Fenced(Arc<Fence>),
@@ -65,12 +65,12 @@ pub struct Fence {
     pub below: PathBuf,
     /// … and these files.
     pub also: Vec<PathBuf>,
-    /// Texts that are read in the place of files below the folder, by their path relative to it.
+    /// Texts that are read instead of files below the folder, by their path relative to it.
     pub instead: Copies,
 }
 
 impl Fence {
-    /// A path below the folder, relative to it; its dots are taken as they are written.
+    /// Returns a path below the folder, relative to it; its dots are not resolved.
     pub fn relative(&self, path: &Path) -> Option<PathBuf> {
         let (path, below) = (plain(path)?, plain(&self.below)?);
         path.strip_prefix(below).ok().map(Path::to_owned)
@@ -142,7 +142,7 @@ impl Source {
         })
     }
 
-    /// A file as it was, beside others as they were: whatever it names is read from there too.
+    /// Opens a file from copies. Files that it names are read from the copies, too.
     ///
     /// # Errors
     /// [`ConfigError::Unreadable`] for a path that is not among them.
@@ -169,7 +169,7 @@ impl Source {
         }
     }
 
-    /// Another file, read as this one was: from the disk, or as it was.
+    /// Opens another file from the same origin as this one: from the disk, or from copies.
     ///
     /// # Errors
     /// [`ConfigError::Unreadable`].
@@ -305,7 +305,7 @@ fn descend(table: &DeTable<'_>, at: usize, path: &mut Vec<String>) {
     }
 }
 
-/// A value, or what is written below its header, is at the position.
+/// Returns whether a value, or the text below its header, is at the position.
 fn holds(value: &DeValue<'_>, span: Range<usize>, at: usize) -> bool {
     let inner = match value {
         DeValue::Table(inner) => inner.iter().any(|(key, value)| {
@@ -425,7 +425,7 @@ mod tests {
             .complain("eis.points", "too few")
             .to_string();
         assert_eq!(complaint, "a.toml:3: eis.points: too few");
-        // A field that is not there is looked for where it would stand.
+        // A missing field is reported at the position where it would stand.
         let complaint = source("\n[eis]\npoints = 2\n")
             .complain("eis.stop.unit", "missing")
             .to_string();

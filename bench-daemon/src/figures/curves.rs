@@ -1,5 +1,4 @@
-//! Spectra and fitted models as the chart of the page draws them, and the same chart within a
-//! report.
+//! Spectra and fitted models in the format of the page's chart, and that chart within a report.
 
 use analysis::{fit::ErmFit, report::Scripted, spectrum::ImpedancePoint};
 use base64::{Engine, prelude::BASE64_STANDARD};
@@ -128,9 +127,9 @@ pub(crate) struct Curve {
     pub id: String,
     /// Name that is shown.
     pub name: String,
-    /// Place of its mark and colour.
+    /// Index of its mark and colour.
     pub index: usize,
-    /// The harness is taken off it.
+    /// Whether the harness has been subtracted.
     pub corrected: bool,
     /// Its points by rising frequency.
     pub points: Vec<Point>,

@@ -53,7 +53,7 @@ pub(crate) fn model_curves(spectra: &[Spectrum], fits: &[ErmFit]) -> Vec<Series>
     fits.iter().enumerate().map(curve).collect()
 }
 
-/// A spectrum as points, what a model gives there as a line.
+/// Draws a spectrum as points, and the model's values as a line.
 pub(crate) fn compared(
     title: &str,
     measured: &Spectrum,

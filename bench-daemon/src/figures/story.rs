@@ -13,7 +13,7 @@ pub(crate) struct Story {
     pub program: String,
     /// The verdict, as in `diagnosis.json`.
     pub verdict: String,
-    /// The same in a sentence.
+    /// The conclusion as a sentence.
     pub summary: String,
     /// In the order of the report.
     pub sections: Vec<Chapter>,
@@ -26,7 +26,7 @@ pub(crate) struct Chapter {
     pub heading: String,
     /// Its paragraphs and points.
     pub text: Vec<String>,
-    /// Its names with what is said of them.
+    /// Its field names and their texts.
     pub fields: Vec<(String, String)>,
 }
 

@@ -14,12 +14,12 @@ const RESET_A: (f64, f64) = (5.0, 3.0);
 const RESET_BELOW_V: f64 = 0.15;
 /// How far the voltage at rest may be off when currents begin, V.
 const START_WITHIN_V: f64 = 0.08;
-/// Resistance of leads and contacts that may come to that of the cell, Ω.
+/// Maximum resistance of leads and contacts in addition to that of the cell, Ω.
 const LEADS_OHM: f64 = 5e-3;
 /// Shortest current that the daemon accepts, s.
 const SHORTEST_S: f64 = 0.5;
 
-/// With what the run is to be done.
+/// Bench, cell and data of the run.
 #[derive(Debug, Clone, Copy)]
 pub struct Setting<'a> {
     /// The bench's file, as seen from the experiment's.
@@ -146,7 +146,7 @@ fn trace(run: &PlannedRun, setting: &Setting<'_>) -> String {
     out
 }
 
-/// The currents with those too short for the daemon joined to what follows, the charge kept.
+/// Joins currents that are too short for the daemon to the following ones; the charge is kept.
 fn timed(segments: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let mut all: Vec<(f64, f64)> = Vec::new();
     for (span_s, amps) in segments {

@@ -9,8 +9,8 @@ const ROUNDING: f64 = 1.0e-9;
 /// Times of rows are differences of rounded ones: a nanosecond is none, s.
 pub(super) const ROUNDING_S: f64 = 1.0e-9;
 
-/// The mean of the rows over each step, and what is lost by that; nothing where every row is whole
-/// steps. The last step is filled up with nothing.
+/// Returns the mean of the rows over each step, and the resulting loss. If every row consists of
+/// whole steps, returns the rows unchanged and `None`. The last step is padded with zero current.
 ///
 /// # Errors
 /// Rows of current and power together, and rows without a duration, in words.

@@ -10,7 +10,7 @@ use super::{
     Segment,
 };
 
-/// A current or a power for a while, as it was asked for; charge positive.
+/// A requested current or power for a duration; charge positive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Row {
     /// A or W.
@@ -31,7 +31,7 @@ impl Row {
         }
     }
 
-    /// Error of the first wrong row, in words.
+    /// Describes the first invalid row.
     pub(super) fn first_wrong(rows: &[Self]) -> Option<String> {
         rows.iter()
             .enumerate()
@@ -222,7 +222,7 @@ fn profile_text(source: &Source) -> &str {
     source.text().trim_start_matches('\u{feff}')
 }
 
-/// Each row holds until the next; the last only says when the profile ends.
+/// Each row holds until the next; the last one only marks the end of the profile.
 fn profile(source: &Source) -> Result<Vec<Row>, String> {
     let options = ReadOptions {
         demand: None,

@@ -3,11 +3,10 @@
 /// A current for a while.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Segment {
-    /// Current, A, charge positive; of a power, what it takes at the least voltage of the cell.
+    /// Current, A, charge positive; for a power, the current at the minimum voltage of the cell.
     pub current_a: f64,
     /// How long it flows, s.
     pub duration_s: f64,
-    /// Power into the cell, W, where it is given: the current follows from the voltage when it
-    /// begins.
+    /// Power into the cell, W, if given: the current follows from the voltage at its start.
     pub power_w: Option<f64>,
 }

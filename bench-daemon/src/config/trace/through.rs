@@ -13,14 +13,14 @@ use crate::plan::{LONGEST_FRAME_S, Through};
 
 /// Shortest row of the bipolar supply, s: a step must be found in the record before the next comes.
 const SHORTEST_BIPOLAR_S: f64 = 0.5;
-/// Shortest row of load and supply, s: their meters are asked every second.
+/// Shortest row of load and supply, s: their meters are read every second.
 const SHORTEST_METERED_S: f64 = 1.0;
 /// Shortest step of a wave, s: the supply settles within a quarter of it.
 const SHORTEST_WAVE_S: f64 = 1.0e-3;
 /// Longest row, s.
 const LONGEST_S: f64 = 86_400.0;
-/// Nothing flows for so long at least behind a wave, s: in this time it is taken away before it
-/// comes again.
+/// Minimum time without current after a wave, s: the wave is removed within it, before it
+/// repeats.
 const TAIL_S: f64 = 4.0;
 /// Time for which the scope records after a wave, s.
 pub(crate) const AFTER_WAVE_S: f64 = 1.0;
@@ -30,7 +30,7 @@ const GRID_PER_S: f64 = 1.0e9;
 const WHOLE: f64 = 1.0e-3;
 
 impl Check<'_> {
-    /// The way that is asked for, or the first that can.
+    /// Returns the requested driver, or the first suitable one.
     pub(super) fn through(
         &self,
         asked: raw::Through,
@@ -173,7 +173,7 @@ impl Check<'_> {
         Ok(Through::LoadAndSupply)
     }
 
-    /// Every row against the shortest one and against what is asked of it.
+    /// Checks every row against the shortest duration and against the limits of the driver.
     fn each(
         &self,
         rows: &[Row],

@@ -25,7 +25,7 @@ pub(crate) fn residuals(assessed: &Assessed) -> Chart {
         let kept = at(&mut kk.points.iter().filter(|point| !point.left_out));
         let out = at(&mut kk.points.iter().filter(|point| point.left_out));
         let zero = kk.points.iter().map(|point| (point.freq_hz, 0.0)).collect();
-        // A point that was left out has a σ of its own; the band is of those that were fitted.
+        // A point that was left out has its own σ; the band shows that of the fitted points.
         let sigma = kk
             .points
             .iter()
@@ -71,7 +71,7 @@ pub(crate) fn residuals(assessed: &Assessed) -> Chart {
     )
 }
 
-/// The modulus as measured and as the phase asks for.
+/// Draws the modulus as measured and as reconstructed from the phase.
 pub(crate) fn z_hit(assessed: &Assessed, measured: &Spectrum) -> Chart {
     let points = &assessed.z_hit.points;
     let line = |y: fn(&analysis::validity::ZHitPoint) -> f64| {

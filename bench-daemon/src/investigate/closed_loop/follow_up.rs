@@ -1,5 +1,5 @@
-//! Makes an experiment on the same bench and cell from planned runs. The controls are not measured
-//! again: the correction stays.
+//! Creates an experiment on the same bench and cell from planned runs. The controls are not
+//! measured again: the correction stays.
 
 use analysis::{
     diagnosis::{DataSet, Fixture, Planned, PlannedRun, Run, RunData, Start},
@@ -18,7 +18,7 @@ use crate::{
 const SOC_NEAR: f64 = 0.05;
 /// Temperature by which the cell may be elsewhere, K.
 const NEAR_K: f64 = 2.0;
-/// The controls in the jig must be those that were planned with, as a share.
+/// Tolerance between the controls in the jig and those of the plan, as a fraction.
 const CONTROL_NEAR: f64 = 0.05;
 /// Open-circuit voltages around the planned one at which a trace may begin, V.
 const START_WITHIN_V: f64 = 0.06;
@@ -30,7 +30,7 @@ const SLOW_HZ: f64 = 0.05;
 /// half times as long as requested, and must fill.
 const SLOW_PERIODS: (f64, f64) = (6.0, 2.5);
 
-/// Where a planned run begins: the campaign, and where it left the cell.
+/// Start of a planned run: the campaign, and the state in which it left the cell.
 #[derive(Debug, Clone)]
 pub(super) struct Site {
     first: Experiment,
@@ -142,7 +142,7 @@ impl Site {
         Ok(())
     }
 
-    /// Brings the cell to another temperature or state of charge, where that is planned.
+    /// Brings the cell to another temperature or state of charge, if planned.
     fn bring(&self, experiment: &mut Experiment, run: &PlannedRun) -> Result<(), String> {
         let (begin_c, begin_soc) = self.begin;
         if (run.temperature_c - begin_c).abs() > NEAR_K {
@@ -209,7 +209,7 @@ fn trace(
         .first()
         .ok_or("the campaign has no trace to take its sampling from")?;
     let limits = &first.cell.limits;
-    // Every repeat begins where the one before it has ended.
+    // Every repeat begins at the end of the previous one.
     let moved_c: f64 = segments
         .iter()
         .map(|(span_s, amps)| span_s * amps)
@@ -269,7 +269,7 @@ mod tests {
     use super::*;
     use crate::{config::load_experiment, plan::Step};
 
-    /// Every point of a planned sweep is driven with the planned amplitude, not with that of the
+    /// Checks that every point of a planned sweep has the planned amplitude, not that of the
     /// campaign.
     #[test]
     fn a_planned_sweep_is_driven_as_planned() {

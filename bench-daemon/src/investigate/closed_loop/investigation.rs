@@ -1,4 +1,4 @@
-//! An investigation as it is written.
+//! The result file of an investigation.
 
 use analysis::diagnosis::{Diagnosis, NextExperiment, Verdict};
 use serde::Serialize;
@@ -14,7 +14,7 @@ pub enum WhyNot {
     TellsNothing,
     /// It was executed as often as allowed.
     Played,
-    /// It costs more than what is left of the budget.
+    /// It costs more than the remaining budget.
     Cost,
     /// Bench, cell or experiment file do not allow it.
     Limit,
@@ -63,7 +63,7 @@ impl NotPlayed {
     }
 }
 
-/// A run that was bought to settle what was open.
+/// A run that was executed to settle open questions.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FollowUpRun {
     /// Experiment that was recommended.
@@ -77,7 +77,7 @@ pub struct FollowUpRun {
 pub struct Step {
     /// Run folder beside the investigation's files.
     pub folder: String,
-    /// The experiment; none for the first campaign.
+    /// The experiment; `None` for the first campaign.
     pub bought: Option<FollowUpRun>,
     /// Verdict.
     pub verdict: Verdict,

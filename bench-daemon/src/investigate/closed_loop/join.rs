@@ -16,7 +16,7 @@ use crate::{
     safety::failure::Failure,
 };
 
-/// Name of the recommended run that measures the first one of the campaign once more.
+/// Name of the recommended run that repeats the first run of the campaign.
 const SENTINEL: &str = "sentinel_repeat";
 
 /// The run folders that are joined.
@@ -45,8 +45,8 @@ struct Names<'a> {
     prefix: &'a str,
 }
 
-/// Adds the runs of an experiment to those before it: they come later, and repeat what the plan
-/// says that they repeat.
+/// Appends the runs of an experiment to the previous ones. Their order and their repeats follow
+/// the plan.
 pub(super) fn add(
     loaded: &mut Loaded,
     folders: Folders<'_>,

@@ -1,10 +1,10 @@
 //! Closed loop of `eis-bench investigate`: a campaign, a model fitted to its sweeps, and a
-//! diagnosis. The recommended run follows on the same bench, and a diagnosis of all data so far. It
-//! ends when no question is open or the budget is spent.
+//! diagnosis. The recommended run follows on the same bench, and then a diagnosis of all data so
+//! far. The loop ends when no question is open or the budget is spent.
 //!
-//! Not here: what a run is (`command::run`), what a diagnosis is (`analysis::diagnosis`). A
-//! simulated world is one and the same over all runs: its time, its charge, its wear and its noise
-//! go on; the diagnosis sees its files alone.
+//! Not here: the execution of a run (`command::run`) and the diagnosis (`analysis::diagnosis`). A
+//! simulated world persists over all runs: its time, its charge, its wear and its noise continue.
+//! The diagnosis reads only its files.
 
 mod follow_up;
 mod investigation;
@@ -46,9 +46,10 @@ pub use rule::{Budget, End, MOST_AGAIN, MOST_RUNS, most_played, settled, verdict
 
 /// Name of the schema of `investigation.json`.
 const SCHEMA: &str = "eis-bench/investigation";
-/// Highest order that is tried where the experiment states none.
+/// Highest order that is tried if the experiment states none.
 const MOST_RC: usize = 6;
-/// Part of a limit that planned currents use: what is driven scatters around what is commanded.
+/// Fraction of a limit that planned currents use, because the actual current scatters around the
+/// set-point.
 const LIMIT_PART: f64 = 0.94;
 /// Greatest current of the bipolar supplies that drive traces, A.
 const BENCH_A: f64 = 20.0;
@@ -229,8 +230,8 @@ impl Workspace<'_> {
         Ok((outcome, menu))
     }
 
-    /// Refuses what was bought often enough, what bench or cell cannot do, and what the budget does
-    /// not pay.
+    /// Refuses runs that were executed often enough, that bench or cell do not permit, or that
+    /// exceed the budget.
     fn playable(&self, bought: &[&'static str], menu: Arc<Mutex<MenuOutcome>>) -> Playable {
         let (site, bought) = (
             Site::new(self.experiment, &self.loaded.set, &self.model.ocv),
@@ -367,8 +368,8 @@ fn step(folder: &Path, bought: Option<FollowUpRun>, diagnosis: &Diagnosis) -> St
     }
 }
 
-/// The ERM of the campaign's sweeps, of the order that they bear, with the curve that the user
-/// states.
+/// Returns the ERM of the campaign's sweeps, of the order that the data support, with the curve
+/// that the user states.
 fn base_model(
     experiment: &Experiment,
     measured: &Measured,

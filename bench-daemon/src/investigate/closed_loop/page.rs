@@ -19,7 +19,7 @@ use crate::{
 /// Columns of the table of runs that were not executed.
 pub(crate) const NOT_PLAYED: [&str; 3] = ["Run", "Why not", "Detail"];
 
-/// Writes all of them.
+/// Writes all files.
 pub(super) fn write(
     folder: &Path,
     investigation: &Investigation,
@@ -39,7 +39,7 @@ pub(super) fn write(
 }
 
 impl Investigation {
-    /// The investigation in words.
+    /// Formats the investigation as Markdown.
     pub fn to_markdown(&self) -> String {
         let mut text = format!(
             "# Investigation {}\n\n**Ended: {}**\n\n",
@@ -102,7 +102,7 @@ impl Investigation {
         text
     }
 
-    /// The investigation as one page: the diagnosis with what was measured and why it ended.
+    /// Formats the investigation as one page: the diagnosis, the measurements, and why it ended.
     fn to_html(&self, pictures: &[report::Picture]) -> Result<String, Failure> {
         let failed = |error: &dyn std::fmt::Display| Failure::Analysis(error.to_string());
         let mut page = report::html(&self.diagnosis, pictures).map_err(|error| failed(&error))?;
@@ -111,7 +111,7 @@ impl Investigation {
             self.name,
             self.diagnosis.verdict.label()
         );
-        // What it says in short comes first, the gaps follow.
+        // The summary comes first, the gaps follow.
         let place = page.sections.len().min(1);
         let own = [self.measured(), self.ended()];
         page.sections.splice(place..place, own);

@@ -1,13 +1,13 @@
-//! Rule by which an investigation goes on or ends, and its budget. The command and the server keep
-//! to the same one.
+//! Rule by which an investigation continues or ends, and its budget. The command and the server
+//! use one rule.
 
 use analysis::diagnosis::Verdict;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Runs that a diagnosis may ask for, at most.
+/// Maximum number of runs that a diagnosis may request.
 pub const MOST_RUNS: usize = 6;
-/// Times that the same run may be asked for.
+/// Maximum number of requests for one run.
 pub const MOST_AGAIN: usize = 2;
 
 /// Every verdict, to be found by its name in a file.
@@ -54,10 +54,10 @@ pub struct Budget {
 }
 
 impl Budget {
-    /// The same, where it can be spent.
+    /// Returns the budget if it is valid.
     ///
     /// # Errors
-    /// In words: a number below 0 or none at all.
+    /// In words: a number below 0, or not a number.
     pub fn checked(self) -> Result<Self, String> {
         if self.minutes >= 0.0 && self.charge_ah >= 0.0 {
             return Ok(self);
@@ -84,7 +84,7 @@ impl Budget {
         }
     }
 
-    /// Why this rest of a budget does not pay a price; none where it does.
+    /// Describes why this remaining budget does not cover a price, or returns `None` if it does.
     pub fn shortfall(self, price: Self) -> Option<String> {
         let pays = price.minutes <= self.minutes && price.charge_ah <= self.charge_ah;
         (!pays).then(|| {

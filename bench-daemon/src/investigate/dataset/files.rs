@@ -1,4 +1,4 @@
-//! Reads the files of a data set's runs, with the place of every error.
+//! Reads the files of a data set's runs; errors contain their location.
 
 use std::{
     collections::HashMap,
@@ -38,7 +38,7 @@ pub(super) enum FileError {
     Damaged(String),
 }
 
-/// Reads files, each series once: a long one may serve many runs.
+/// Reads files and caches each series, because a long one may serve many runs.
 #[derive(Debug, Default)]
 pub(super) struct Files {
     series: HashMap<(PathBuf, Option<Sign>), (TimeSeries, Vec<LeftOut>)>,
@@ -154,7 +154,7 @@ pub(super) fn column(
         .ok_or_else(|| FileError::Damaged(expected()))
 }
 
-/// The samples of a series between two of its times, s; none where they are fewer than two.
+/// Returns the samples of a series between two times, s, or `None` if there are fewer than two.
 pub(super) fn window(series: &TimeSeries, from_s: f64, to_s: f64) -> Option<Range<usize>> {
     let first = series.time_s.partition_point(|t| *t < from_s);
     let last = series.time_s.partition_point(|t| *t <= to_s);

@@ -27,7 +27,7 @@ pub struct Loaded {
     /// Findings whose correction is requested.
     pub accept: Vec<FindingKind>,
     /// Points that the quality gate of their measurement has refused, by the names of their runs,
-    /// and whether they are used all the same.
+    /// and whether they are nevertheless used.
     pub refused: Vec<RefusedPoint>,
 }
 
@@ -48,12 +48,12 @@ pub(super) struct Flagged {
     /// How many points it has.
     pub(super) points: usize,
     pub(super) flagged: Vec<FlaggedPoint>,
-    /// They are used all the same.
+    /// Whether they are nevertheless used.
     pub(super) wanted: bool,
 }
 
 impl Loaded {
-    /// Notes what a quality gate has refused of a sweep.
+    /// Records the points of a sweep that a quality gate has refused.
     pub(super) fn flag(&mut self, refused: &Flagged) {
         let Flagged {
             run,
@@ -91,9 +91,9 @@ impl Loaded {
             }));
     }
 
-    /// Takes out what a quality gate has refused. Repeats are compared point by point: what one of
-    /// them lost, the others lose too; but a sweep of which nothing is left takes nothing of the
-    /// others with it.
+    /// Removes points that a quality gate has refused. Repeats are compared point by point: a
+    /// point that is missing in one of them is removed from the others, too. But a sweep without
+    /// any remaining point does not affect the others.
     pub(crate) fn leave_out_refused(&mut self) {
         let refused = &self.refused;
         let own = |run: &Run, freq_hz: f64| {

@@ -31,13 +31,12 @@ pub use write::write_dataset;
 /// Reads a data set: a `dataset.toml`, the folder that holds one, or a run folder.
 ///
 /// # Errors
-/// [`ConfigError`] with file, line and field for what is not as expected, and for a file that is
-/// not there.
+/// [`ConfigError`] with file, line and field for an unexpected value, and for a missing file.
 pub fn read_dataset(path: &Path) -> Result<Loaded, ConfigError> {
     read_as(path, Reading::default())
 }
 
-/// As [`read_dataset`], with what is asked for of it.
+/// Reads a data set like [`read_dataset`], with options.
 ///
 /// # Errors
 /// As [`read_dataset`].
@@ -48,7 +47,7 @@ pub fn read_as(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
     }
 }
 
-/// Files that a data set names for a diagnosis; none where it is a run folder.
+/// Returns the files that a data set names for a diagnosis; empty for a run folder.
 ///
 /// # Errors
 /// [`ConfigError`] for a `dataset.toml` that is not as expected.
@@ -59,7 +58,7 @@ pub fn named_files(path: &Path) -> Result<NamedFiles, ConfigError> {
     }
 }
 
-/// The file that lists the runs, where there is one.
+/// Returns the file that lists the runs, if there is one.
 fn listing(path: &Path) -> Option<PathBuf> {
     if path.is_file() {
         return Some(path.to_owned());

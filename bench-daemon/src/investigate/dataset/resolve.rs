@@ -1,4 +1,4 @@
-//! `dataset.toml` → a data set. Every complaint names file, line, field and what was expected.
+//! `dataset.toml` → a data set. Every error names file, line, field and what was expected.
 
 use std::{ops::RangeInclusive, path::Path};
 
@@ -116,10 +116,10 @@ fn greatest_a(runs: &[Run]) -> f64 {
     runs.iter().map(of).fold(0.0, f64::max)
 }
 
-/// Reads which files the file names for a diagnosis.
+/// Returns the files that the file names for a diagnosis.
 ///
 /// # Errors
-/// A file that cannot be read, or that holds what it must not.
+/// A file that cannot be read, or that contains something that it must not.
 pub(super) fn named_files(path: &Path) -> Result<NamedFiles, ConfigError> {
     let source = Source::read(path)?;
     let raw: raw::File = source.parse()?;
@@ -361,7 +361,7 @@ fn ends(series: &TimeSeries) -> (f64, f64) {
     (end(series.time_s.first()), end(series.time_s.last()))
 }
 
-/// A sweep, and what the quality gate of its measurement has refused of it.
+/// A sweep, and the points that the quality gate of its measurement has refused.
 type Swept = (Sweep, Vec<FlaggedPoint>);
 
 fn sweep(at: &At<'_>, entry: &raw::Run) -> Result<Result<Swept, String>, ConfigError> {

@@ -1,8 +1,8 @@
-//! A run folder of this program as a data set: by its index `traces.json`; without one, the sweep
-//! of the cell alone.
+//! Reads a run folder of this program as a data set: by its index `traces.json`, or without one,
+//! the sweep of the cell alone.
 //!
-//! Controls are no runs of it where they went into the correction of the cell's sweep: as read they
-//! show a harness that the cell's spectrum no longer has.
+//! Controls are not runs of the data set if the correction of the cell's sweep uses them: their
+//! raw data show a harness that the cell's spectrum no longer has.
 
 use std::path::{Path, PathBuf};
 
@@ -29,7 +29,7 @@ use crate::config::ConfigError;
 /// Standard deviation of a voltage that was not measured, V: an offset of the supply can move it
 /// by this amount.
 const UNSEEN_V: f64 = 3e-3;
-/// Taken where a run was made without a thermometer, °C.
+/// Assumed temperature of a run without a thermometer, °C.
 const ROOM_C: f64 = 25.0;
 
 /// Reads a run folder. Points that its quality gate has refused are left out, unless they are
@@ -222,8 +222,8 @@ impl Reader<'_> {
             if self.loaded.set.calibration.is_some()
                 && sweep.points.len() == entry.own_sigma_ohm.len()
             {
-                // What the correction leaves is common to all sweeps, and stated once for all of
-                // them.
+                // The residual error of the correction is common to all sweeps, and stated once
+                // for all of them.
                 let stated = |[re, im]: &[f64; 2]| {
                     Some((*re, *im)).filter(|(re, im)| *re > 0.0 && *im > 0.0)
                 };
@@ -292,8 +292,8 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Puts the end of the rest before the first row, which is at `row_s` of test time: once the
-    /// supply is up, its offset flows. Nothing is seen of the voltage then.
+    /// Inserts the end of the rest before the first row, which is at `row_s` of test time: once
+    /// the supply is on, its offset flows. The voltage is not measured then.
     fn rest_before(
         &self,
         entry: &TraceEntry,
@@ -334,7 +334,8 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// The one sweep of a folder without an index. What the cell rested at stands in the readings.
+    /// Adds the one sweep of a folder without an index. The rest voltage of the cell is in the
+    /// readings.
     fn the_sweep(&mut self, cell: &str) -> Result<(), ConfigError> {
         let Some((data, flagged)) = self.spectrum(SPECTRUM, "spectrum")? else {
             return Ok(());
@@ -393,7 +394,7 @@ impl Reader<'_> {
         Ok((ocv_v, rows.iter().rev().find_map(|row| row.temperature_c)))
     }
 
-    /// A sweep, and what the quality gate has refused of it as its file says.
+    /// Returns a sweep, and the points that the quality gate has refused according to its file.
     fn spectrum(
         &mut self,
         file: &str,

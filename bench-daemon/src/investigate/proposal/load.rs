@@ -83,13 +83,13 @@ pub struct Load {
     pub from_s: f64,
     /// End of the run in the log's time, s.
     pub to_s: f64,
-    /// Rest before it; none where the load follows another one or begins the log.
+    /// Rest before it; `None` if the load follows another one or begins the log.
     pub rest: Option<Rest>,
-    /// Duration of the rest after it, s; 0 where there is none.
+    /// Duration of the rest after it, s; 0 if there is none.
     pub rest_after_s: f64,
-    /// Temperature of the cell at the start, °C, where it was logged.
+    /// Temperature of the cell at the start, °C, if logged.
     pub temperature_c: Option<f64>,
-    /// State of charge at the start, where it is known.
+    /// State of charge at the start, if known.
     pub soc: Option<f64>,
     /// Whether `soc` was counted, and not taken from the rest voltage.
     pub counted: bool,
@@ -314,7 +314,8 @@ fn rest_of(series: &TimeSeries, rest: &Segment, load_s: f64) -> Rest {
     }
 }
 
-/// Slope of a straight line and its standard uncertainty; 0 and 0 where there are too few samples.
+/// Returns the slope of a straight line and its standard uncertainty; both are 0 if there are too
+/// few samples.
 fn slope(time_s: &[f64], voltage_v: &[f64]) -> (f64, f64) {
     let (t0, v0) = (mean(time_s), mean(voltage_v));
     let sum = |of: &dyn Fn(f64, f64) -> f64| -> f64 {

@@ -69,8 +69,9 @@ struct Noise {
     hidden: bool,
 }
 
-/// Standard deviation of one sample from second differences, with a tenth left out at the top: the
-/// first samples of a relaxation bend. The error of the codes themselves is taken out.
+/// Returns the standard deviation of one sample from second differences. The largest tenth is
+/// left out, because the first samples of a relaxation bend. The error of the codes is
+/// subtracted.
 fn noise(bends: &[f64], code: Option<f64>) -> Option<Noise> {
     if bends.len() < FEWEST_STEPS {
         return None;
@@ -93,8 +94,8 @@ fn noise(bends: &[f64], code: Option<f64>) -> Option<Noise> {
     Some(Noise { sigma, hidden }).filter(|noise| noise.sigma > 0.0)
 }
 
-/// Step of the codes of a channel from the steps between its samples; none where they are no
-/// multiples of one.
+/// Returns the code step of a channel from the differences of its samples, or `None` if they are
+/// not multiples of one step.
 fn code(mut steps: Vec<f64>) -> Option<f64> {
     steps.retain(|step| step.is_finite() && *step > 1e-9);
     steps.sort_by(f64::total_cmp);

@@ -55,7 +55,7 @@ impl Place {
         }
     }
 
-    /// State of charge or rest voltage, in words.
+    /// Describes the state of charge or the rest voltage.
     pub(super) fn state(&self) -> String {
         match (self.soc, self.ocv_v) {
             (Some(soc), _) => format!("{:.1} % SOC", 100.0 * soc),
@@ -101,7 +101,7 @@ pub struct ProposedRun {
     pub start_s: f64,
     /// Purpose.
     pub role: Role,
-    /// Reason for the purpose, in words.
+    /// Reason for the purpose, as text.
     pub reason: String,
 }
 
@@ -112,13 +112,13 @@ pub struct FoundSpectrum {
     pub name: String,
     /// Path of its file from the folder of the data set.
     pub file: String,
-    /// Name in the file, where the file holds several.
+    /// Name in the file, if the file contains several.
     pub among: Option<String>,
     /// Number of points.
     pub points: usize,
-    /// Lowest used frequency, Hz; none where all are used.
+    /// Lowest used frequency, Hz; `None` if all are used.
     pub from_hz: Option<f64>,
-    /// Highest used frequency, Hz; none where all are used.
+    /// Highest used frequency, Hz; `None` if all are used.
     pub to_hz: Option<f64>,
     /// Whether `to_hz` leaves out inductive points.
     pub inductive: bool,
@@ -296,8 +296,8 @@ fn split_state(runs: &mut [ProposedRun], here: &[usize], logs: &[FoundLog]) {
     }
 }
 
-/// Completes the places of spectra by those of the runs, and refuses spectra that were taken at
-/// another one.
+/// Completes the conditions of spectra with those of the runs, and refuses spectra that were
+/// measured under other conditions.
 pub fn check_spectra(spectra: &mut [FoundSpectrum], runs: &[ProposedRun]) {
     let first = runs.first().map(|run| run.place);
     for spectrum in spectra.iter_mut().filter(|one| one.refusal.is_none()) {

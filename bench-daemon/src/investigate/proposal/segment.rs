@@ -9,7 +9,7 @@ use super::thresholds::{
     LONGEST_PAUSE_S, REST_PART, SHORTEST_PULSE_S, SHORTEST_REST_S,
 };
 
-/// A stretch of a log, at rest or not.
+/// A segment of a log, at rest or under load.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Segment {
     /// Its samples.
@@ -50,7 +50,7 @@ pub(super) fn segments(series: &TimeSeries) -> Vec<Segment> {
     let mut all: Vec<Segment> = Vec::new();
     for k in 0..series.len() {
         let before = all.last().is_none_or(|last| last.rest);
-        // A row without a current belongs to what was before.
+        // A row without a current value belongs to the previous segment.
         let rest = match series.current_a[k] {
             a if a.is_finite() => a.abs() <= below_a,
             _ => before,
@@ -82,7 +82,7 @@ pub(super) fn segments(series: &TimeSeries) -> Vec<Segment> {
     })
 }
 
-/// The segments with loads made one where the pause between them does not count.
+/// Returns the segments after joining loads with a negligible pause between them.
 fn joined(
     segments: Vec<Segment>,
     is_one: impl Fn(&Segment, &Segment, &Segment) -> bool,
@@ -120,7 +120,7 @@ pub(super) fn median_a(series: &TimeSeries, samples: Range<usize>) -> f64 {
     median(series.current_a[samples].to_vec())
 }
 
-/// Median of what is finite; 0 of nothing.
+/// Returns the median of the finite values, or 0 if there are none.
 pub(super) fn median(mut values: Vec<f64>) -> f64 {
     values.retain(|value| value.is_finite());
     values.sort_by(f64::total_cmp);

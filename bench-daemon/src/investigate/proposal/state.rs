@@ -24,14 +24,15 @@ pub struct ChargeKnown<'a> {
 struct Anchor {
     sample: usize,
     soc: f64,
-    /// Part of the log that it serves; all of them where none is named.
+    /// Part of the log that it serves; `None` for all parts.
     part: Option<usize>,
 }
 
-/// Enters the state of charge at the start of each load.
+/// Sets the state of charge at the start of each load.
 ///
-/// It is counted from the start of the log where that is known. Else the first usable rest of each
-/// part of the log gives it by the curve, and the loads after it are counted from there.
+/// It is counted from the start of the log if the initial state is known. Otherwise, the first
+/// usable rest of each part of the log determines it by the curve, and it is counted from there
+/// for later loads.
 pub fn count_charge(series: &TimeSeries, loads: &mut [Load], known: ChargeKnown<'_>) {
     let Some(capacity_ah) = known
         .capacity_ah

@@ -9,7 +9,7 @@ use analysis::{
 
 use super::*;
 
-/// A stretch of a constructed log.
+/// A segment of a constructed log.
 #[derive(Clone, Copy)]
 struct Part {
     lasting_s: f64,

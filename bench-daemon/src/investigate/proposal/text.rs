@@ -18,7 +18,7 @@ pub struct Named {
     pub cell: String,
     /// Path of the OCV curve from the folder of the data set.
     pub ocv: Option<String>,
-    /// Direction that the logs count positive, where the user said it.
+    /// Direction that the logs count as positive, if the user stated it.
     pub current_positive: Option<&'static str>,
     /// Shortest rest before a load, s.
     pub rest_s: f64,

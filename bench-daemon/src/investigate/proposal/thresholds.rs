@@ -3,13 +3,13 @@
 /// Part of a log's greatest current below which the cell is at rest. Convention: cyclers of 0.1 %
 /// of full scale read less than that at rest.
 pub(super) const REST_PART: f64 = 2e-3;
-/// Shortest stretch without current that is a rest between two loads, s. Convention: zero
+/// Shortest interval without current that counts as a rest between two loads, s. Convention: zero
 /// crossings of drive cycles are shorter.
 pub(super) const SHORTEST_REST_S: f64 = 5.0;
 /// Longest pause inside a drive cycle, s. Stops of UDDS, US06 and WLTP last less.
 pub(super) const LONGEST_PAUSE_S: f64 = 120.0;
-/// Longest step of a log that still belongs to one stretch, s. Cyclers log rests every 10 min at
-/// the slowest; a longer step is a cut.
+/// Longest step of a log within one segment, s. Cyclers log rests every 10 min at the slowest; a
+/// longer step is a cut.
 pub(super) const CUT_S: f64 = 900.0;
 /// Longest part of a rest that is put before the load into its run, s. Convention: a minute shows
 /// the start voltage and its drift.
@@ -22,7 +22,7 @@ pub(super) const REST_WINDOW_S: f64 = LEAD_S;
 /// Last part of a rest whose median is the rest voltage, s. At [`STEEPEST_V_PER_S`] the voltage
 /// moves by 0.1 mV in it.
 pub(super) const REST_VOLTAGE_S: f64 = 10.0;
-/// Fewest samples of a slope, where the log is slow. Convention.
+/// Fewest samples of a slope, for slow logs. Convention.
 pub(super) const FEWEST_OF_SLOPE: usize = 5;
 /// Deviation from its median up to which a current is constant, as a fraction. Half and twice the
 /// current are 50 times as far away; cyclers hold 0.1 %.
@@ -40,12 +40,12 @@ pub(super) const JITTER_PART: f64 = 0.1;
 pub(super) const FEWEST_OF_DISCHARGE: f64 = 50.0;
 /// Band about the extreme voltage within which a limit holds it, V. Cyclers hold a few millivolts.
 pub(super) const LIMIT_BAND_V: f64 = 5e-3;
-/// Part of a stretch's samples that lie in the band where a limit was hit. Convention.
+/// Fraction of a segment's samples in the band at which a limit counts as reached. Convention.
 pub(super) const LIMIT_PART: f64 = 0.1;
 /// Fewest samples at a limit. Convention.
 pub(super) const FEWEST_AT_LIMIT: usize = 3;
-/// Part of its current that is left at the end of a stretch at a limit, at most. A constant current
-/// loses none.
+/// Maximum fraction of its current that remains at the end of a segment at a limit. A constant
+/// current loses none.
 pub(super) const LIMIT_CURRENT_PART: f64 = 0.95;
 /// Currents of repeats differ by less than this, as a fraction. As [`CONSTANT_PART`].
 pub(super) const SAME_CURRENT_PART: f64 = CONSTANT_PART;
@@ -55,27 +55,27 @@ pub(super) const SAME_DURATION_PART: f64 = 0.05;
 pub(super) const REPEAT_TEMPERATURE_C: f64 = 1.0;
 /// States of charge of repeats differ by less than this. A curve of 1 V then differs by 5 mV.
 pub(super) const REPEAT_SOC: f64 = 5e-3;
-/// Rest voltages of repeats differ by less than this, V, where no state of charge is known.
+/// Maximum difference of the rest voltages of repeats, V, if no state of charge is known.
 pub(super) const REPEAT_V: f64 = 2e-3;
 /// Temperatures of runs that are split together differ by less than this, °C.
 pub(super) const STATE_TEMPERATURE_C: f64 = 3.0;
 /// States of charge of runs that are split together differ by less than this: an HPPC at one state
 /// of charge takes up to 4 %.
 pub(super) const STATE_SOC: f64 = 0.05;
-/// As [`STATE_SOC`] in rest voltage, V, where no state of charge is known.
+/// As [`STATE_SOC`] in rest voltage, V, if no state of charge is known.
 pub(super) const STATE_V: f64 = 0.03;
 /// Part by which a counted state of charge may leave 0 to 1; a capacity is not known better.
 pub(super) const SOC_BEYOND: f64 = 0.02;
 /// Step between the codes of a channel that is looked at, in codes: beyond it the rounding of
 /// decimals adds up.
 pub(super) const NEAR_CODES: f64 = 8.0;
-/// Part of the small steps of a channel that are whole codes, where it has codes. Convention.
+/// Fraction of the small steps of a channel that are whole codes, if it has codes. Convention.
 pub(super) const CODES_PART: f64 = 0.9;
 /// Distance of a step from whole codes above which it does not count as a code, in codes.
 /// Convention.
 pub(super) const OFF_CODE: f64 = 0.2;
 /// Fewest steps that determine a code. Convention.
 pub(super) const FEWEST_STEPS: usize = 20;
-/// Mean square of normal deviates without the largest tenth, over that of all. Mathematics:
-/// 1 − 2·1.645·φ(1.645)/0.9.
+/// Ratio of the mean square of normal deviates without the largest tenth to that of all.
+/// Mathematics: 1 − 2·1.645·φ(1.645)/0.9.
 pub(super) const KEPT_VARIANCE: f64 = 0.623;
