@@ -95,7 +95,7 @@ function parameters(points) {
   return [...found.values()].slice(0, MAX_PARAMETERS);
 }
 
-// Temperatures that are the same within `within`, each with its points; the largest group first.
+// Groups temperatures that are equal within `within`, each with its points; the largest group first.
 function groups(points, within) {
   const sorted = points.filter((one) => known(one.temperature_c)).sort((a, b) => a.temperature_c - b.temperature_c);
   const found = [];
@@ -110,7 +110,8 @@ function groups(points, within) {
     .sort((a, b) => b.points.size - a.points.size);
 }
 
-// The part of the view of a cell, `node` being its section; `refresh()` asks anew. A serial number may be chosen.
+// The ageing part of the view of a cell in the section `node`; `refresh()` requests the data again. A serial number may
+// be selected.
 export function ageing(name, serial, ctx) {
   const part = { name, ctx, got: null, cells: [], charts: new Map(), turn: 0 };
   part.said = el("p", { role: "status" }, WORDS.looking);
@@ -189,7 +190,7 @@ async function refresh(part) {
   }
 }
 
-// What can be chosen; what is chosen stays where it still can be.
+// Sets the options; the selected one stays while it exists.
 function choose(select, choices) {
   const chosen = select.value;
   if (select.dataset.key === JSON.stringify(choices)) return;
@@ -221,7 +222,7 @@ function take(part) {
   draw(part);
 }
 
-// The points with what they compare to.
+// Returns the points with their reference points.
 function marked(part) {
   const { points } = part.got;
   const within = Math.max(0.1, Number(part.within.value) || WITHIN_K);
@@ -229,7 +230,7 @@ function marked(part) {
   const choices = found.map(({ at, points: same }) => [at.toFixed(2), WORDS.atGroup(at.toFixed(1), same.size)]);
   choose(part.at, choices.length ? choices : [["", WORDS.atNone]]);
   const chosen = found.find(({ at }) => at.toFixed(2) === part.at.value);
-  // Where no temperature is known at all there is nothing that differs.
+  // If no temperature is known, there is no difference.
   return points.map((point) => ({ ...point, isSame: chosen ? chosen.points.has(point) : true }));
 }
 
@@ -325,7 +326,7 @@ function drawTable(part) {
         cell(heads[place], el("span", { class: "fd-figure" }, figureOf(one, point))),
       ),
     );
-  // The latest first: it is what one comes for.
+  // The latest entries come first, because they matter most.
   keyed(part.rows, [...part.shown].reverse(), (point) => JSON.stringify([point.run, point.file]), row);
 }
 

@@ -1,4 +1,4 @@
-// Analyses of runs: begin one, see how far all are, and read what one has found.
+// Analyses of runs: start them, follow their progress, and read their results.
 "use strict";
 
 import { duration, el, fill, person, text, when } from "./bench.js";
@@ -131,7 +131,7 @@ const SEARCH_MS = 300;
 const LOG_MS = 2000;
 const OVER = ["done", "failed", "cancelled"];
 
-// What is open now: whatever comes late for another view is dropped.
+// The open view: late replies for another view are dropped.
 let view = null;
 let ids = 0;
 
@@ -142,7 +142,7 @@ const atInvestigation = (id) => `/investigations/${encodeURIComponent(id)}`;
 const isInvestigation = (id) => /^investigation-\d+$/.test(id);
 const newId = () => `an-${(ids += 1)}`;
 
-// What the button that cancels is about.
+// Target of the cancel button.
 const OF_ANALYSIS = {
   name: nameOf,
   sure: WORDS.cancelSure,
@@ -178,7 +178,7 @@ export function close() {
   view = null;
 }
 
-// Why something cannot be done with this token; "" where it can.
+// Returns why an action is not possible with this token, or "" if it is.
 function refusal(ctx, scope) {
   if (ctx.may(scope)) return "";
   return WORDS.needs(scope, SCOPES.filter(ctx.may).join(", ") || WORDS.nothing);
@@ -214,7 +214,7 @@ async function openAll(mine, query) {
   await Promise.all([form.begin(), mine.reload()]);
 }
 
-// Investigations, the latest first; nothing where there is none.
+// Lists investigations, the latest first; empty if there are none.
 function investigationList(mine) {
   const list = el("ul", { "aria-label": WORDS.investigations });
   const node = el("section", { hidden: true }, el("h3", {}, WORDS.investigations), list);
@@ -363,7 +363,7 @@ function progressBar(name) {
   return { node, update };
 }
 
-// The button that cancels; it asks once, in its own place. `next` gets the focus when there is nothing to cancel.
+// The cancel button; it asks for a confirmation in place. `next` gets the focus when there is nothing to cancel.
 function canceller(ctx, first, next, put, about = OF_ANALYSIS) {
   const id = newId();
   const why = refusal(ctx, "operate");
@@ -444,7 +444,7 @@ function beginForm(mine, query, put) {
   return { node: form, begin: runs.search, over: runs.over };
 }
 
-// Hands the analysis over, or says what is wrong at which field.
+// Submits the analysis, or shows what is wrong with which field.
 async function hand({ ctx, chosen, kinds, runs, options, spectra, wrong, submit, put }) {
   const kind = kinds.chosen();
   const mistake = chosen.size ? options.mistake(kind) : { words: WORDS.noRuns, field: runs.field };
@@ -502,7 +502,7 @@ function tick(label, help, control) {
   return el("div", {}, el("label", { class: "an-check" }, control, el("span", {}, label)), el("small", { id }, help));
 }
 
-// The options of each kind; those of another kind are hidden, and keep what was typed.
+// The options of each kind; those of other kinds are hidden, and keep their values.
 function optionFields(query) {
   const typed = { type: "text", autocomplete: "off", spellcheck: "false" };
   const rc = el("input", { ...typed, value: query.get("rc") || "all" });
@@ -551,7 +551,7 @@ function optionFields(query) {
   return { node, show, mistake, values: (kind) => values[kind]() };
 }
 
-// Runs to choose from: what is ticked stays chosen, whatever is searched for next.
+// Runs to select from: ticked runs stay selected during further searches.
 function runChooser(mine, chosen) {
   const input = el("input", { type: "search", autocomplete: "off", spellcheck: "false" });
   const said = el("p", { class: "quiet", role: "status" });
@@ -629,7 +629,7 @@ function runChooser(mine, chosen) {
     timer = setTimeout(search, SEARCH_MS);
   });
   input.addEventListener("keydown", (event) => {
-    // Enter searches at once, and does not begin the analysis.
+    // Enter searches at once, and does not start the analysis.
     if (event.key !== "Enter") return;
     event.preventDefault();
     clearTimeout(timer);
@@ -639,7 +639,7 @@ function runChooser(mine, chosen) {
   return Object.assign(self, { search: () => search(), over: () => clearTimeout(timer) });
 }
 
-// Spectra of the chosen runs, asked for only where somebody unfolds them.
+// Spectra of the selected runs, requested only when the list is unfolded.
 function spectraChooser(mine, chosen) {
   const body = el("div", {});
   const node = el("details", {}, el("summary", {}, WORDS.spectra), el("small", {}, WORDS.spectraHelp), body);
@@ -753,7 +753,7 @@ function investigationPart(mine, first, next) {
   return { node, update, heard: shown.heard };
 }
 
-// Beside a diagnosis: the investigation that it belongs to, or that goes on about its run; else the form.
+// Beside a diagnosis: the investigation that it belongs to, or an active one of its run; otherwise the form.
 function investigationBeside(mine, analysis, heading) {
   const run = analysis.runs[0];
   const body = el("div", {});
@@ -768,7 +768,7 @@ function investigationBeside(mine, analysis, heading) {
       body.replaceChildren(page.node);
     }
     page.update(one);
-    // After its end another one may be begun, with another budget.
+    // After its end, another investigation can start with another budget.
     if (one.ended && body.children.length === 1) body.append(investigationForm(mine.ctx, run, false));
   };
   const load = async () => {
@@ -818,7 +818,7 @@ function analysisPage(mine, first, heading) {
     cancel.update(analysis);
     drawFailure(failure, analysis);
     log.update(analysis);
-    // Once only: what is read, unfolded or typed there stays.
+    // Drawn only once, so that open sections and typed text survive.
     const isWhole = isOver(analysis) && analysis.files;
     const key = isWhole ? JSON.stringify([analysis.files, storiesOf(analysis)]) : drawn;
     if (key === drawn) return;
@@ -892,7 +892,7 @@ function commandLine(analysis) {
   return el("div", {}, el("h3", {}, WORDS.command), el("div", { class: "an-command" }, code, button), said);
 }
 
-// The log, asked for while it is unfolded, and no more often than every two seconds.
+// The log, requested while it is unfolded, at most every two seconds.
 function logView(mine, id) {
   const lines = el("pre", { class: "an-pre an-log", tabindex: 0, role: "group", "aria-label": WORDS.log });
   const node = el("details", {}, el("summary", {}, WORDS.log), lines);
@@ -919,14 +919,14 @@ function logView(mine, id) {
   node.addEventListener("toggle", soon);
   const update = (analysis) => {
     if (analysis.state === "failed" && state !== "failed") node.open = true;
-    // After the end nothing more is written; the last lines are fetched once.
+    // After the end the log no longer changes; the last lines are fetched once.
     if (!OVER.includes(state)) soon();
     state = analysis.state;
   };
   return { node, update, over: () => clearTimeout(timer) };
 }
 
-// What was measured, where the plots of spectra are there.
+// The measured data, if the plots of spectra exist.
 function measured(mine, analysis) {
   if (!window.eisCurves) return "";
   const body = el("div", {});

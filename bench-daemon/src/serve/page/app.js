@@ -1,4 +1,4 @@
-// The page: what it knows, what it asks for, and what the keys do.
+// The page: its state, its requests, and its keys.
 "use strict";
 
 import { Refused, file, get, listen, onSession, post, put, remove, signIn, signOut, stopNow } from "./server.js";
@@ -104,7 +104,7 @@ const WORDS = {
   planStage: (purpose, time) => `${purpose}, about ${time}`,
 };
 
-// So long the stream has at the start, before the page asks without it, ms.
+// Time that the stream has at the start before the page requests the state without it, ms.
 const FIRST_MS = 2000;
 // Silence after which the page shows that the server is not heard, ms.
 const UNHEARD_MS = 4000;
@@ -163,7 +163,7 @@ async function attempt(work, done) {
   }
 }
 
-// What a stop has to say stays until a person has read it, or a stop has gone well.
+// The message of a stop stays until the user closes it, or a stop has succeeded.
 function stopSays(words, bad = true) {
   const banner = $("stopsaid");
   banner.hidden = !words;
@@ -230,7 +230,7 @@ async function insistOnStop(button, path, { body, patience, waits } = {}) {
   return answer;
 }
 
-// The command that does on the machine what a stop was to do.
+// Returns the command that performs the stop on the machine.
 function safeCommand(path) {
   const bench = path.startsWith("/benches/") ? live() : null;
   return (bench && bench.safe_command) || WORDS.safeEvery;
@@ -244,7 +244,7 @@ function stopIsRefused(error, path) {
   return isRefused;
 }
 
-// Where there are several benches, the button says which one it stops.
+// With several benches, the button names the bench that it stops.
 function stopLabel(all) {
   if (all || !known.bench) return WORDS.stopAll;
   return known.benches.size > 1 ? WORDS.stopBench(known.bench) : WORDS.stop;
@@ -330,7 +330,7 @@ function curves() {
   return found.slice(0, 25).map((one, place) => ({ ...one, index: looks(one, place) }));
 }
 
-// Fitted models by curve; asked for once for as many points as there are.
+// Requests fitted models by curve, once for each number of points.
 async function askModels(found) {
   const wanted = found.filter((one) => one.corrected && named(one.file).startsWith("spectrum"));
   for (const one of wanted.slice(0, 4)) {
@@ -431,7 +431,7 @@ function drawQueue() {
       el("button", { type: "submit", disabled: !may("energise") }, WORDS.release),
       may("energise") ? "" : el("span", { class: "quiet" }, lacks("energise")),
     );
-    // Drawn anew only where it says something else: what is typed stays.
+    // Redrawn only if the text changes, so that typed text survives.
     const words = WORDS.held(known.bench, why);
     if ($("held").dataset.words !== words) $("held").replaceChildren(words, release);
     $("held").dataset.words = words;
@@ -574,7 +574,7 @@ function draw() {
   drawRights();
 }
 
-// Answers a question of a bench; gives why it was refused, or nothing.
+// Answers a question of a bench; returns why the answer was refused, or nothing.
 async function answer({ bench, run }, question, serial) {
   try {
     await post(`/runs/${run.run}/answer`, { question: question.number, ...(serial ? { serial } : {}) });
@@ -604,7 +604,7 @@ function sayEnd({ item, ended }) {
   if (!ended.finished && $("stopped").hidden) say(WORDS.runEnded(item.run, outcome(ended)), true, "end");
 }
 
-// What one may not do is shown, and why.
+// Shows actions that are not permitted, with the reason.
 function drawRights() {
   $("identify").disabled = !may("operate");
   $("identify").title = may("operate") ? "" : lacks("operate");
@@ -633,7 +633,7 @@ const MODULES = {
   fleet: "/fleet.js",
 };
 
-// Addresses of before, which people have kept: what they are called now.
+// Old addresses that users may have stored, with their present names.
 const MOVED = { runs: "runs", cells: "cells" };
 
 const context = {
@@ -665,7 +665,7 @@ function go(hash) {
   else location.hash = hash;
 }
 
-// What the address names: `#/run/demo-3?…` a part, anything else a bench.
+// Parses the address: `#/run/demo-3?…` is a part, anything else a bench.
 function address() {
   const [path, query] = location.hash.slice(2).split("?");
   return { path: path.split("/").map(plain), query: new URLSearchParams(query || "") };
@@ -679,7 +679,7 @@ function move() {
   history.replaceState(history.state, "", `#/catalog?${query}`);
 }
 
-// Shows what the address names now. Of a bench that was not shown not everything is known: it is asked for.
+// Shows the target of the address. The state of a bench that was not shown before is incomplete, so it is requested.
 function route() {
   if (!may("read")) return;
   show();
@@ -735,7 +735,7 @@ async function show() {
 // The bench that the address names: `#demo`.
 const addressed = () => (location.hash.startsWith("#/") ? "" : plain(location.hash.slice(1)));
 
-// An address that is broken names nothing.
+// A malformed address has no target.
 function plain(part) {
   try {
     return decodeURIComponent(part);
@@ -764,7 +764,7 @@ async function ask() {
   const names = offered.map((one) => one.experiment);
   if (names.join() !== [...$("experiment").options].map((one) => one.value).join()) {
     $("experiment").replaceChildren(...names.map((name) => el("option", {}, name)));
-    // What was chosen stays chosen; nothing else chooses.
+    // The selection stays; nothing else changes it.
     $("experiment").value = names.includes(before) ? before : names[0] || "";
   }
   known.spectra.clear();
@@ -787,8 +787,8 @@ async function refresh() {
   drawAll();
 }
 
-// Once the stream is there, at the start and whenever it comes back, everything is asked for. What the
-// address names is shown then, where nothing is shown yet, or where a part has not come.
+// Requests the complete state once the stream is connected, at the start and after each reconnection. Then shows the
+// target of the address, if nothing is shown yet or a part is missing.
 async function again() {
   await attempt(ask);
   offerFleet();
@@ -854,7 +854,7 @@ function heard(kind, data) {
 }
 
 function link(state) {
-  // The scopes of a token may have changed while nothing was heard.
+  // The scopes of a token may have changed during the interruption.
   if (state === "up" && known.link === "down") recognise();
   known.link = state;
   text($("link"), WORDS.link[state]);
@@ -915,7 +915,7 @@ $("leave").addEventListener("click", async () => {
 });
 window.addEventListener("hashchange", route);
 onSession(recognise);
-// A plan belongs to what it was made for.
+// A plan belongs to its experiment.
 $("experiment").addEventListener("change", () => ($("plan").hidden = true));
 $("login").addEventListener("submit", async (event) => {
   event.preventDefault();

@@ -1,4 +1,4 @@
-// A bench as it is now, drawn into the page. Nothing here speaks with the server.
+// Draws the present state of a bench into the page. Nothing here sends requests to the server.
 "use strict";
 
 const WORDS = {
@@ -139,7 +139,7 @@ export function saveBlob(blob, name) {
   setTimeout(() => URL.revokeObjectURL(href), 60000);
 }
 
-// Only what has changed is written, so that a reader that speaks is not made to repeat itself.
+// Writes only changes, so that a screen reader does not repeat itself.
 export function text(node, value) {
   if (node.textContent !== value) node.textContent = value;
 }
@@ -183,7 +183,7 @@ export function decimals(step) {
   return 9;
 }
 
-// Local time, the same everywhere: 2026-11-22 08:22:35.
+// Formats local time independently of the locale: 2026-11-22 08:22:35.
 export function when(unix_s) {
   if (!unix_s) return WORDS.unknown;
   const at = new Date(1e3 * unix_s);
@@ -422,7 +422,7 @@ export function drawOverview(benches, chosen) {
     const [sign] = stateOf(one.state);
     const hasEnd = one.run && one.run.going && one.run.left_s !== null;
     const left = hasEnd ? WORDS.overviewLeft(duration(one.run.left_s)) : "";
-    // While a run or a stop is at work nothing is claimed of the outputs.
+    // While a run or a stop is active, no statement about the outputs is shown.
     const proof = rests(one) ? WORDS.overviewOutputs(one.outputs.words, isLoud(one)) : "";
     const plain = one.state === "asking" ? WORDS.overviewAsking : one.state;
     const state = one.trip ? WORDS.overviewTrip(one.trip.cause) : plain;
@@ -446,7 +446,7 @@ export function drawOverview(benches, chosen) {
   fill($("overview"), ...sorted.map(item));
 }
 
-// What the benches that are not shown want a person to know.
+// Notices about the benches that are not shown.
 export function drawOthers(others, choose) {
   const loud = others.filter(
     (one) =>

@@ -1,6 +1,6 @@
-// View `#/catalog?of=…`: runs, spectra and cells across everything that was measured, found by the same conditions.
-// What is ticked, of runs or of spectra, is laid over each other. Runs are found with their tags and notes, those in
-// work too; spectra, cells and damaged folders come from the catalogue.
+// View `#/catalog?of=…`: runs, spectra and cells across all measurements, found by common conditions. Ticked runs or
+// spectra are overlaid. Runs are found with their tags and notes, including active runs; spectra, cells and damaged
+// folders come from the catalogue.
 "use strict";
 
 import { el, fill, text, when } from "./bench.js";
@@ -87,7 +87,7 @@ const WORDS = {
   hertz: (low, high) => `${low} to ${high} Hz`,
 };
 
-// Conditions that count, by what is looked for: the catalogue knows no tags.
+// Conditions that apply, by kind: the catalogue contains no tags.
 const FIELDS = Object.keys(WORDS.fields);
 const CATALOGUED = FIELDS.filter((field) => field !== "tag");
 const COUNTS = { runs: FIELDS, spectra: CATALOGUED, cells: CATALOGUED };
@@ -110,7 +110,7 @@ const figure = (value, digits, words) =>
 // The name of a spectrum is that of its file.
 const stem = (file) => file.replace(/\.csv$/, "");
 
-// ---- what can be looked for -----------------------------------------------------------------------
+// ---- kinds of results -----------------------------------------------------------------------------
 
 const cellLink = (name, serial) => {
   const query = serial ? `?${new URLSearchParams({ serial })}` : "";
@@ -146,7 +146,7 @@ function spectrumCells(one) {
   ];
 }
 
-// Where the runs with a cell are found.
+// Link to the runs with a cell.
 const runsOf = ({ cell: name, serial }) =>
   `#/catalog?${new URLSearchParams(serial ? { cell: name, serial } : { cell: name })}`;
 
@@ -164,8 +164,8 @@ function cellCells(one) {
   ];
 }
 
-// Each with its route, what is in its answer, the heads and cells of its rows, its key, and, where it can be ticked,
-// what it is called.
+// Each kind with its route, the name of its list in the reply, the heads and cells of its rows, its key, and, if its
+// rows can be ticked, their display name.
 const KINDS = {
   runs: {
     path: "/runs/find",
@@ -221,7 +221,7 @@ function choices(select, values, chosen = select.value) {
   select.value = chosen;
 }
 
-// Only conditions that count are shown and asked for.
+// Only conditions that apply are shown and sent.
 function drawFields() {
   for (const label of view.form.querySelectorAll("[data-field]"))
     label.hidden = !COUNTS[view.kind].includes(label.dataset.field);
@@ -230,7 +230,7 @@ function drawFields() {
   choices(verdict, known, known.includes(verdict.value) ? verdict.value : "");
 }
 
-// What the form asks for, as it stands in the address.
+// Returns the conditions of the form in the format of the address.
 function asked() {
   const value = (name) => view.form.elements[name].value.trim();
   const filled = COUNTS[view.kind].filter(value);
@@ -243,7 +243,7 @@ function midnight(day, later) {
   return new Date(year, month - 1, date + later).getTime() / 1e3;
 }
 
-// The same as the server wants it: whole days as seconds.
+// Returns the conditions in the format of the server: whole days as seconds.
 function request() {
   const query = asked();
   const [from, to] = [query.get("from"), query.get("to")];
@@ -261,7 +261,7 @@ function here() {
   return `#/catalog${String(query) ? `?${query}` : ""}`;
 }
 
-// Where the page may not copy, for which browsers want https, the link is shown to be copied by hand.
+// If the page cannot copy, which browsers allow with https only, the link is shown for manual copying.
 async function copy() {
   const link = location.href;
   try {
@@ -316,7 +316,7 @@ function form(query) {
     el("div", { class: "acts" }, el("button", {}, WORDS.find), button(WORDS.clear, clear), button(WORDS.copy, copy)),
   );
   view.copied = el("p", { class: "quiet fd-line", role: "status" });
-  // Not within the form: it is nothing to search for.
+  // Outside the form, because it is not a search condition.
   view.link = el("label", { class: "fd-link", hidden: true }, WORDS.link, el("input", { readonly: true }));
   return el("section", {}, view.form, view.copied, view.link);
 }

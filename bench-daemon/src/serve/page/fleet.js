@@ -601,7 +601,7 @@ async function askLost(number) {
   text(mine.lostMore, number > got.jobs.length && got.jobs.length ? WORDS.lostMore(number - got.jobs.length) : "");
 }
 
-// A question to a person. It is drawn once, so that nothing typed or ticked is lost.
+// A question to the user. It is drawn once, so that no typed text or tick is lost.
 function lostItem(job) {
   const lacks = lack(view.ctx, "energise");
   const said = el("p", { class: "bad", role: "alert", id: id("lost") }, lacks || "");
@@ -702,7 +702,7 @@ function sendForm() {
   );
 }
 
-// Fixtures, sites and benches are those that the fleet has.
+// Fixtures, sites and benches are those of the fleet.
 function needInput(name) {
   const isNumber = ["current_a", "temperature_c"].includes(name);
   return isNumber
@@ -750,7 +750,7 @@ async function takeFile(event) {
   changed();
 }
 
-// What was checked is what is sent: with each change the check is over.
+// Only the checked text is submitted: each change invalidates the check.
 function changed() {
   view.send.confirm.hidden = true;
   drawReason();
@@ -832,7 +832,7 @@ function drawReason() {
   text(view.send.reason, reason);
 }
 
-// Whether a bench says that it can do what is needed.
+// Returns whether a bench has the required capabilities.
 function fits(one, needs) {
   const can = one.capabilities || {};
   const [low, high] = can.temperature_c || [null, null];
@@ -927,7 +927,7 @@ function take(fleet) {
   askJobs();
 }
 
-// Asks once; an answer that comes late is dropped.
+// Sends one request; a late reply is dropped.
 async function poll() {
   const mine = view;
   if (!mine || !mine.fleet) return;
@@ -942,7 +942,7 @@ async function poll() {
   }
 }
 
-// The next question follows the answer to the last: a slow server is not asked twice at once.
+// Each request follows the reply to the previous one: a slow server never gets two at once.
 async function keepAsking(mine) {
   while (view === mine) {
     await new Promise((done) => setTimeout(done, POLL_MS));
@@ -1046,7 +1046,7 @@ export async function open(parent, _, ctx) {
   if (view !== mine || isThere === false) return;
   $("stopfleet").hidden = false;
   $("stopfleet").onclick = stopAll;
-  // A server that did not answer at first is asked again.
+  // If the server did not reply at first, the request is sent again.
   mine.fleet ||= { benches: [], jobs: {} };
   mine.heardAt ||= Date.now();
   offerExperiments();

@@ -1,5 +1,5 @@
-// Experiments, cells and benches as forms made from their schemas, checked by the server at each
-// change, beside the text of the file; what was typed is put aside until it is sent.
+// Experiments, cells and benches as forms generated from their schemas. The server checks them at each change, and the
+// text of the file is shown beside the form. Typed text is stored as a draft until it is submitted.
 "use strict";
 
 import { duration, el, fill, person, saveBlob, text, when } from "./bench.js";
@@ -234,7 +234,7 @@ const reasonOf = (error) => error.message || String(error);
 // An answer of the server, not a connection that broke.
 const isRefusal = (error) => error instanceof view.ctx.Refused;
 
-// ---- drafts that are kept -----------------------------------------------------------------------
+// ---- stored drafts ------------------------------------------------------------------------------
 
 const keyOf = (path) => `fm-draft ${address(...path)}`;
 
@@ -246,7 +246,7 @@ function stored(path) {
   }
 }
 
-// At once with each change: a page can go away at any time.
+// Saves at once with each change, because a page can be closed at any time.
 function keep() {
   const typed = { source: view.source, text: view.text, base: view.base, bench: view.bench };
   const more = { at: Date.now() / 1e3, seed: view.seed, why: view.why, was: view.was };
@@ -452,7 +452,7 @@ function redraw(node, depth) {
   changed();
 }
 
-// Goes to what moves or removes an item of a list, after the list was drawn anew.
+// Focuses the control that moves or removes an item of a list, after the list was redrawn.
 function goToAct(node, name, place) {
   const found = [...places.get(node).box.querySelectorAll(`[data-act="${name} ${CSS.escape(node.key)}"]`)];
   const wanted = found[Math.min(place, found.length - 1)];
@@ -460,7 +460,7 @@ function goToAct(node, name, place) {
   else places.get(node).control.focus();
 }
 
-// Up, down and away, for the item at a place of a list; afterwards the focus stays with what was done.
+// Buttons to move an item of a list up or down, or to remove it; afterwards the focus stays at the button.
 function itemActs(node, place, depth) {
   const what = WORDS.form.item(node.label, place + 1);
   const last = node.items.length - 1;
@@ -472,7 +472,7 @@ function itemActs(node, place, depth) {
   const move = (to, name, back) => () => {
     schema.move(node, place, to);
     redraw(node, depth);
-    // At an end the way back is what is left to press.
+    // At an end of the list, only the opposite direction can be pressed.
     goToAct(node, to === 0 || to === last ? back : name, to);
   };
   const remove = () => {
@@ -555,7 +555,7 @@ function switchOf(node, depth) {
   return el("label", { class: "fm-switch" }, box, WORDS.form.use);
 }
 
-// What is in the file or must be, and folded behind it what may be.
+// Shows fields that are in the file or required, and the optional fields folded below them.
 function fieldsOf(node, depth) {
   const plain = node.fields.filter((field) => !isSection(field));
   const first = plain.filter((field) => field.had || field.needed);
@@ -573,7 +573,7 @@ function fieldsOf(node, depth) {
 
 const gridOf = (fields, depth) => el("div", { class: "fm-grid" }, ...fields.map((field) => draw(field, depth)));
 
-// Stays as open as it was when its section is drawn anew.
+// Keeps its open state when its section is redrawn.
 function folded(node, name, ...children) {
   node.unfolded ||= {};
   const ontoggle = (event) => {
@@ -639,7 +639,7 @@ function draw(node, depth) {
   return node.kind === "rows" ? drawRows(node, depth) : drawField(node);
 }
 
-// The whole form: what belongs to no section first, then a card for each section.
+// Draws the whole form: keys without a section first, then a card for each section.
 function drawForm() {
   const { model } = view;
   const general = { ...model, key: "", fields: model.fields.filter((field) => !isSection(field)) };
@@ -690,7 +690,7 @@ function goTo(node) {
   control.scrollIntoView({ block: "center" });
 }
 
-// Where the server says which key is missing, the field of that key is meant.
+// If the server names a missing key, returns the field of that key.
 function fieldOf(mistake) {
   const missing = /missing field `([^`]+)`/.exec(mistake.message);
   const path = mistake.field.startsWith("(") ? "" : mistake.field;
@@ -737,13 +737,13 @@ function showMistakes() {
 
 // ---- the check ----------------------------------------------------------------------------------
 
-// A change of the form: it is what counts from now on.
+// After a change of the form, the form is authoritative.
 function changed() {
   view.source = "form";
   touched(WAIT_MS);
 }
 
-// A change of the text: it is what counts from now on, and the form waits for it to be read.
+// After a change of the text, the text is authoritative, and the form waits until it has been parsed.
 function typed(words) {
   view.source = "text";
   view.text = words;
@@ -773,8 +773,8 @@ function ask(said) {
   return view.ctx.post("/drafts", { ...said, ...on });
 }
 
-// A change of the form is written into the text that was read last, so that its comments stay; where
-// the text then says something else, the server writes it anew.
+// Writes a change of the form into the text that was parsed last, so that its comments stay. If the result has another
+// meaning, the server rewrites the text.
 async function draft() {
   if (view.source === "text") return ask({ text: view.text });
   const { value } = schema.valueOf(view.model);
@@ -849,7 +849,7 @@ function statusWords() {
   return answer.plan ? WORDS.check.fineFor(duration(answer.plan.expected_s)) : WORDS.check.fine;
 }
 
-// Why the form cannot be used now, or nothing.
+// Returns why the form cannot be used now, or nothing.
 function formWaits() {
   if (view.large) return WORDS.stale.large;
   if (view.source !== "text" || !view.typedText) return "";
@@ -879,10 +879,10 @@ function drawState() {
 function drawText() {
   const { area, comments, fileWaits, fileActs } = view.parts;
   const behind = view.source === "form" && view.state !== "checked";
-  // Only what is different is written: the cursor stays where it is.
+  // Written only if it differs, so that the cursor stays.
   if (area.value !== view.text) area.value = view.text;
   area.readOnly = behind;
-  // A text that lacks the last change goes nowhere.
+  // A text without the last change cannot be submitted.
   for (const act of fileActs) act.disabled = behind;
   fileWaits.hidden = !(view.source === "form" && (view.state === "wrong" || view.state === "failed"));
   comments.hidden = !(view.source === "form" && view.bare);
@@ -1093,7 +1093,7 @@ function closeConfirm() {
   box.replaceChildren();
 }
 
-// Says on which bench what will flow, and asks once more.
+// Shows which current will flow on which bench, and asks for a confirmation.
 function confirm() {
   const { plan, margins, text: words } = view.answer;
   const sent = { text: view.source === "text" ? view.text : words, bench: view.bench };
@@ -1123,7 +1123,7 @@ function confirm() {
   box.scrollIntoView({ block: "nearest" });
 }
 
-// What is in work shows it, and cannot be begun twice.
+// Shows a running action, which cannot start twice.
 function busy(words) {
   view.busy = Boolean(words);
   if (words) text(view.parts.said, words);
@@ -1227,7 +1227,7 @@ function mistakeOf(words) {
   return found && { line: found[1] ? Number(found[1]) : null, field: found[2], message: found[3] };
 }
 
-// What was typed while the answer was on its way stays, as a change of the new version.
+// Text that was typed while the reply was pending stays, as a change of the new version.
 function saved(file, sent) {
   const later = view.text !== sent || view.state === "waits" || view.state === "wrong";
   takeFile(file);
@@ -1250,7 +1250,7 @@ function takeFile(file) {
   view.was = file.sha256;
 }
 
-// The text and the form of a file, as if nothing had been typed.
+// Shows the text and the form of a file without changes.
 function show(words, value) {
   Object.assign(view, { source: "text", text: words, typedText: false });
   become(value);
@@ -1263,7 +1263,7 @@ function closeConflict() {
   view.parts.conflict.replaceChildren();
 }
 
-// Somebody else was faster: both texts are kept, and a person decides.
+// Another user has changed the file: both texts are kept, and the user decides.
 async function conflict(error) {
   const mine = view;
   const theirs = await mine.ctx.get(pathOf(mine.kind, mine.name)).catch(() => null);
@@ -1325,7 +1325,7 @@ function changesTable(changes, own) {
   return el("div", { class: "scroll stack", role: "region", "aria-labelledby": own, tabindex: "0" }, table);
 }
 
-// What is proposed, by whom, and how it differs from the file in force.
+// Shows a proposal, its author, and its difference from the file in force.
 function proposal({ proposed, versions, changes }) {
   const one = versions.find(({ version }) => version === proposed);
   const own = id("force");
@@ -1356,7 +1356,7 @@ function drawForce() {
 
 const newestFirst = (versions) => [...versions].sort((a, b) => b.version - a.version);
 
-// Lines that are the same far from every difference are not shown.
+// Unchanged lines far from any difference are hidden.
 function near(found) {
   const differs = found.map(([sign]) => sign !== " ");
   return found.filter((_, place) => differs.slice(Math.max(0, place - 3), place + 4).some(Boolean));
@@ -1418,7 +1418,7 @@ function takeBack(version, old) {
   return oldPanel(WORDS.versions.replace(version), acts);
 }
 
-// What a version is now: of a bench, the file itself is in force, and at most one is proposed.
+// Returns the state of a version: for a bench, the file itself is in force, and at most one version is proposed.
 function standing({ version }, isNow) {
   if (!isBench()) return isNow ? WORDS.versions.now : "";
   if (version === 0) return WORDS.versions.inForce;
@@ -1500,7 +1500,7 @@ function checkPanel() {
   );
 }
 
-// The form left, what it would do and the text right; on a narrow page one under the other.
+// The form on the left, its plan and the text on the right; one below the other on a narrow page.
 function drawAll() {
   const parts = view.parts;
   const back = () => {
@@ -1535,7 +1535,7 @@ function newView(parent, path, ctx) {
   return view;
 }
 
-// What is begun with: a text and its value, or an empty form; before that, a draft that was kept.
+// Loads the initial content: a text and its value, or an empty form; before that, a stored draft.
 async function begin(mine, kind, load) {
   try {
     const asked = [mine.ctx.get(`/schemas/${SCHEMAS[kind]}`), benchNames(mine.ctx), load()];
@@ -1580,7 +1580,7 @@ function resume(draft) {
   drawAll();
 }
 
-// Nothing is shown that could be written over the draft before a person has decided.
+// Until the user decides about the draft, nothing is shown that could overwrite it.
 function offer(draft, first) {
   const drop = () => {
     forget(view.path);
@@ -1706,7 +1706,7 @@ export async function open(parent, { path }, ctx) {
   return openStart(mine);
 }
 
-// A server that is back is asked anew where it could not be.
+// After the server is back, failed requests are repeated.
 export function heard(kind) {
   if (kind === "hello" && view && view.state === "failed") soon(0);
 }

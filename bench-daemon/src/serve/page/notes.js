@@ -17,8 +17,7 @@ const WORDS = {
 
 const MOST = 4000;
 
-// A section of notes within `parent`, which are those of `path`; `take(notes)` shows them, `refresh()` asks for them
-// and shows them.
+// A section of notes within `parent` for `path`; `take(notes)` shows them, `refresh()` requests and shows them.
 export function notes(parent, path, ctx) {
   const list = el("ol", { class: "fd-notes" });
   const none = el("p", { class: "quiet" }, WORDS.none);

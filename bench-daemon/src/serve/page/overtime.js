@@ -1,5 +1,5 @@
-// A quantity of a cell over calendar time, as a chart with marks and bars. The chart shows what a table beside it has
-// too: it is hidden from readers that speak.
+// A quantity of a cell over calendar time, as a chart with marks and bars. A table beside the chart contains the same
+// data; the chart is hidden from screen readers.
 "use strict";
 
 import { decimals } from "./bench.js";
@@ -28,7 +28,7 @@ export function bar({ value, sigma }, times) {
   return { value: times * value, low: times * (value - half), high: times * (value + half) };
 }
 
-// Marks by what they say of a value; they differ by their shape.
+// Marks by the kind of value; they differ by their shape.
 const MARKS = {
   failed(ctx, x, y, size) {
     ctx.moveTo(x - size, y - size);
@@ -163,14 +163,14 @@ function range(points) {
   return [low - room, high + room];
 }
 
-// A single measurement, or those of one day, still have a stretch of time around them.
+// Adds time around a single measurement, or around those of one day.
 function stretch(points) {
   const [first, last] = [points[0].unix_s, points[points.length - 1].unix_s];
   const room = Math.max(3600, 0.04 * (last - first));
   return [first - room, last + room];
 }
 
-// Drawn over a stretch, the chart shows that; else the whole history.
+// Dragging over an interval zooms to it; otherwise the whole history is shown.
 function zoomed(points, low, high) {
   if (!points.length) return [0, 1];
   return low <= points[0].unix_s && high >= points[points.length - 1].unix_s ? stretch(points) : [low, high];
@@ -179,7 +179,7 @@ function zoomed(points, low, high) {
 // Uses as many digits as distinguish adjacent ticks.
 const figures = (_, ticks, axis, space, step) => ticks.map((value) => value.toFixed(decimals(step)).replace("-", "−"));
 
-// Days, and hours below them where the ticks are closer than a day.
+// Formats dates, and hours below them if ticks are closer than a day.
 function dates(_, ticks, axis, space, step) {
   const day = window.uPlot.fmtDate(DATES);
   const hour = window.uPlot.fmtDate("{MM}-{DD} {HH}:{mm}");

@@ -1,4 +1,4 @@
-// The pack explorer: a model of a cell as a pack, and what a load does to its voltage, as one drags.
+// The pack explorer: shows the effect of a load on the voltage of a pack of modelled cells while a slider moves.
 "use strict";
 
 import { el, fill, text } from "./bench.js";
@@ -86,7 +86,7 @@ const WORDS = {
   unknown: "–",
 };
 
-// Of each field: what is allowed, how far the slider goes, its step, and where it begins.
+// For each field: its allowed range, the range of the slider, its step, and its initial value.
 const FIELDS = {
   series: { allowed: [1, 400], slide: [1, 30], step: 1, start: 16 },
   parallel: { allowed: [1, 400], slide: [1, 12], step: 1, start: 3 },
@@ -99,7 +99,7 @@ const FIELDS = {
   vmax: { allowed: [0, 4000], slide: [0, 140], step: 0.1, start: 67.2 },
   amax: { allowed: [0, 100000], slide: [0, 400], step: 1, start: 135 },
 };
-// Limits of a cell, V: those of the pack follow its cells in series until they are set by hand.
+// Limits of a cell, V: those of the pack follow its cells in series until they are set manually.
 const CELL_V = { vmin: 2.5, vmax: 4.2 };
 const ERM = "6.43 mΩ; 1.51 mΩ, 0.553 F; 4.77 mΩ, 1.084 kF";
 
@@ -118,7 +118,7 @@ const minus = (words) => words.replaceAll("-", "−");
 const rounded = (value, digits) => minus(String(Number(value.toFixed(digits))));
 const fixed = (value, digits) => (value === null || value === undefined ? WORDS.unknown : minus(value.toFixed(digits)));
 const percent = (share) => `${rounded(100 * share, 1)} %`;
-// Without what binary fractions add: 16 × 4.2 is 67.2.
+// Removes rounding errors of binary fractions: 16 × 4.2 is 67.2.
 const tidy = (value) => Number(value.toPrecision(9));
 
 export async function open(parent, address, ctx) {
@@ -152,7 +152,7 @@ export function close() {
   view = null;
 }
 
-// Does something once after a rest.
+// Does something once after a pause.
 function later(mine, name, pause, work) {
   clearTimeout(mine.timers[name]);
   mine.timers[name] = setTimeout(work, pause);
@@ -268,7 +268,7 @@ function packForm(mine, query) {
   return form;
 }
 
-// What the address does not say follows the cells in series.
+// Values that the address does not contain follow the cells in series.
 function startLimits(form) {
   for (const name of Object.keys(CELL_V))
     if (!form.query.get(name)) form.fields[name].set(CELL_V[name] * form.before);
@@ -321,7 +321,7 @@ function stateFields(query, changed) {
   return { bySoc, byVoltage, reason, byNode, measured, measuredNode: labelled(measured, WORDS.asMeasured) };
 }
 
-// The models to choose from; what was chosen, or came with the address, stays chosen.
+// Sets the models to select from; the selection, or that of the address, stays.
 function offer(form, models, why) {
   text(form.why, why);
   form.why.hidden = !why;
@@ -334,7 +334,7 @@ function offer(form, models, why) {
   if (wish && !models.some((one) => same(one, wish)))
     form.models.push({ ...wish, unlisted: true, ocv: true });
   form.settled = form.settled || models.length > 0;
-  // The list is left alone where nothing is new: somebody may have it open.
+  // An unchanged list is not redrawn, because it may be open.
   const key = JSON.stringify([form.models, wish]);
   if (form.select.dataset.key === key) return;
   form.select.dataset.key = key;
@@ -350,7 +350,7 @@ function offer(form, models, why) {
 
 const chosenModel = (form) => (form.select.value === "erm" ? null : form.models[Number(form.select.value)]);
 
-// Shows what counts for what is chosen, and why the rest does not.
+// Shows the fields that apply to the selection, and why others do not.
 function adapt(form) {
   const { fields } = form;
   const model = chosenModel(form);
@@ -370,7 +370,7 @@ function adapt(form) {
   fields.temperature.disable(form.measured.checked);
 }
 
-// Whether all that counts is filled in rightly; what is not says so beside its field.
+// Returns whether all fields that apply are valid; an invalid one shows a message.
 function isFilledIn(form) {
   const { fields } = form;
   const unused = { soc: !form.usesSoc, ocv: form.usesSoc, power: form.profile.value !== "constant" };
@@ -424,7 +424,7 @@ function addressOf(form) {
 
 // ---- asking -------------------------------------------------------------------------------------
 
-// Soon, once for all that changes meanwhile. While one drags it is calculated again and again.
+// Simulates soon, once for all changes in between. While a slider moves, simulations repeat.
 function ask(mine) {
   if (mine.waits) return;
   mine.waits = true;
@@ -447,7 +447,7 @@ async function calculate(mine) {
   mine.busy = false;
 }
 
-// Not where somebody has just gone elsewhere.
+// Not after the user has navigated elsewhere.
 function keepAddress(form) {
   if (location.hash.startsWith("#/pack")) history.replaceState(history.state, "", addressOf(form));
 }
@@ -576,7 +576,7 @@ function drawCautions(node, cautions) {
   );
 }
 
-// The values at evenly spaced instants, and where voltage and current are at their ends.
+// The values at evenly spaced instants, and at the extremes of voltage and current.
 function tableView() {
   const body = el("tbody", {});
   const heads = WORDS.head.map((name) => (name ? el("th", { scope: "col" }, name) : el("td", {})));

@@ -1,5 +1,5 @@
-// The question of a run to the person at the bench: what to change in the jig, and the button that says that it is
-// done. It is drawn anew only when another question waits, so that nothing typed or ticked is lost.
+// The question of a run to the person at the bench: what to change in the jig, and the button that confirms it. It is
+// redrawn only when another question waits, so that no typed text or tick is lost.
 "use strict";
 
 import { $, el, fill, text } from "./bench.js";
@@ -17,8 +17,8 @@ const WORDS = {
   readOnly: (lacks) => `To answer, the token ${lacks}.`,
 };
 
-// Draws the question of a bench into `#question`; `send(question, serial)` answers it, and gives
-// what was refused, or nothing; `lacks` says why one may not.
+// Draws the question of a bench into `#question`; `send(question, serial)` answers it, and returns why the answer was
+// refused, or nothing; `lacks` returns why the user may not answer.
 export function drawQuestion(live, send, lacks) {
   const place = $("question");
   const question = live.question;

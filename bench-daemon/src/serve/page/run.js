@@ -1,5 +1,5 @@
 // View `#/run/NAME`: one run, its spectra with their models, the capture behind each point, its campaign, its files,
-// and what people say about it.
+// and its notes.
 "use strict";
 
 import { $, decimals, duration, el, fill, outcome, person, saveBlob, text, when } from "./bench.js";
@@ -154,7 +154,7 @@ const orNone = (ctx, asked, none) =>
     throw error;
   });
 
-// ---- what it is ---------------------------------------------------------------------------------
+// ---- properties of the run ----------------------------------------------------------------------
 
 // Fetches the search entry of this run: its cells, its verdict and its tags, together with all existing tags. No other
 // request returns them.
@@ -212,7 +212,7 @@ function drawFacts() {
   );
 }
 
-// ---- what to do with it -------------------------------------------------------------------------
+// ---- actions ------------------------------------------------------------------------------------
 
 function acts() {
   const { ctx, run } = view;
@@ -270,7 +270,7 @@ function shown() {
 // The one that is chosen, unless all are.
 const only = () => (view.chosen === ALL ? null : shown()[0]);
 
-// What is shown first: the latest that a campaign has done, else the corrected one.
+// Returns the initial selection: the latest spectrum of a campaign, otherwise the corrected one.
 function preferred() {
   const done = view.campaign ? view.campaign.runs.filter((one) => one.spectrum && one.state === "done") : [];
   const last = done[done.length - 1];
@@ -301,7 +301,7 @@ function chooseSpectrum(name) {
   drawSpectra();
 }
 
-// Draws what is there already, and once more when its models have come; until then those that it had.
+// Draws the available data, and again when the models have arrived; until then with the previous models.
 async function drawSpectra() {
   const mine = view;
   drawChoice();
@@ -311,7 +311,7 @@ async function drawSpectra() {
   mine.panel ||= comparing(mine.ctx, mine.holder, showCapture);
   const one = only();
   showCurves(one ? mine.models.get(one.name) : []);
-  // What is as read is not fitted.
+  // Raw spectra are not fitted.
   if (!one || !one.corrected || mine.asked.has(one.name)) return;
   mine.asked.add(one.name);
   const asked = mine.ctx.get(path("models") + `?${query({ spectrum: one.name })}`);
@@ -321,7 +321,7 @@ async function drawSpectra() {
   if (only() && only().name === one.name) showCurves(models);
 }
 
-// Null where they could not be loaded, undefined where they are on their way.
+// Null if they could not be loaded, undefined while they are loading.
 function modelWords(models) {
   if (models === null) return WORDS.modelsLost;
   return models ? WORDS.models(models.length) : "";
@@ -467,7 +467,7 @@ const fileRow = (file, name) =>
     el("span", { class: "quiet" }, ` ${size(file.bytes)}`),
   );
 
-// The files by their first folder; those in no folder come first.
+// Groups the files by their first folder; files without a folder come first.
 function folders() {
   const found = new Map([["", []]]);
   for (const file of view.files) {
@@ -478,7 +478,7 @@ function folders() {
   return [...found].filter(([, files]) => files.length);
 }
 
-// A folder may have a thousand files: its list is made when it is opened, and stays open when drawn anew.
+// A folder may have a thousand files: its list is created when it is opened, and stays open when redrawn.
 function drawFiles() {
   const there = view.files.some((file) => file.path === REPORT);
   view.report.disabled = !there;
@@ -617,8 +617,9 @@ async function setTags(tags, words) {
 
 // ---- the capture of a point ---------------------------------------------------------------------
 
-// The dialog takes the focus and keeps it, but lies below the head of the page and leaves it in use: a modal one would
-// cover STOP and what the server says. Esc closes it and goes on to the page, where the second Esc stops the bench.
+// The dialog takes the focus and keeps it, but lies below the header of the page, which stays usable: a modal dialog
+// would cover STOP and messages of the server. Esc closes it and continues to the page, where a second Esc stops the
+// bench.
 function dialog(title, below) {
   const back = document.activeElement;
   const heading = el("h3", { id: "fd-dialog", tabindex: "-1" }, title);
@@ -631,7 +632,7 @@ function dialog(title, below) {
     el("p", { class: "quiet" }, below),
     body,
   );
-  // The heading of the page stays: it has no control, and that of the dialog is below it.
+  // The heading of the page stays, because it has no control and that of the dialog is below it.
   const others = [...view.root.children].slice(1);
   const room = () => box.style.setProperty("--fd-top", `${$("top").getBoundingClientRect().bottom}px`);
   const watch = new ResizeObserver(room);
@@ -785,7 +786,7 @@ function labels(log) {
     ticks.map((value) => (value === null ? "" : label(value, step).replaceAll("-", "−")));
 }
 
-// On a log axis lines at whole decades only.
+// Lines of a log axis at whole decades only.
 const decades = (_, ticks) => ticks.map((value) => (Number.isInteger(Math.log10(value)) ? value : null));
 
 const axis = (label, log, size) => ({
@@ -861,7 +862,7 @@ async function load() {
     });
   const ask = (name, none) => orNone(ctx, ctx.get(path(name)), none);
   const info = Promise.all([ctx.get(path()), findCard(ctx, run)]);
-  // Only of a campaign there are places: elsewhere the server has nothing to say.
+  // Only a campaign has a matrix: for other runs the server returns none.
   const campaign = info.then(([, { card }]) => (card && !card.campaign ? null : ask("campaign", null)));
   const spectra = Promise.all([ask("spectra", []), campaign]);
   await Promise.all([
@@ -896,7 +897,7 @@ function takeSpectra([spectra, campaign]) {
   openWanted();
 }
 
-// The point that the address names, once.
+// Opens the point that the address names, once.
 function openWanted() {
   const one = view.wanted && view.spectra.find((found) => found.name === view.wanted.name);
   const point = one && one.points.find((found) => found.freq_hz === view.wanted.freq_hz);
@@ -924,7 +925,7 @@ function build(parent) {
   );
 }
 
-// What is there first: without it nothing else is asked for.
+// Checks first that the run exists: otherwise nothing else is requested.
 async function exists() {
   const mine = view;
   try {
@@ -934,7 +935,7 @@ async function exists() {
     if (!(error instanceof mine.ctx.Refused) || error.status !== 404) throw error;
     const { items } = await mine.ctx.get("/queue");
     if (view !== mine) return false;
-    // It has no folder before it has begun.
+    // A run has no folder before it has begun.
     mine.waits = items.some((item) => item.run === mine.run);
     for (const one of [...mine.root.children].slice(1)) one.remove();
     const words = mine.waits ? WORDS.waits(mine.run) : WORDS.missing(mine.run);
@@ -945,7 +946,7 @@ async function exists() {
 
 export async function open(parent, where, ctx) {
   view = { run: where.path[1], ctx, spectra: [], campaign: null, chosen: "", files: [] };
-  // Models of each spectrum; and of which they are asked for since something has changed.
+  // Models of each spectrum, and the spectra whose models were requested since the last change.
   Object.assign(view, { models: new Map(), asked: new Set() });
   Object.assign(view, { card: null, tagsKnown: [], byHand: false, calm: calmly(() => load().catch(() => {})) });
   view.again = () => {
@@ -980,7 +981,7 @@ export function heard(kind, data) {
   return undefined;
 }
 
-// A sweep has a point more, or a spectrum has come: what else has come with it is asked for.
+// A sweep has a new point, or a spectrum has arrived: requests the data that came with it.
 function grown(spectrum) {
   const at = view.spectra.findIndex((one) => one.name === spectrum.name);
   if (at < 0) view.spectra.push(spectrum);

@@ -1,6 +1,5 @@
-// From a JSON Schema and a value to what a form shows, and from that back to the value. Pure: no page,
-// no server. What was not changed comes back exactly as it was, and so do keys that the schema does
-// not know.
+// Converts a JSON Schema and a value to the content of a form, and back to the value. Pure: no page, no server.
+// Unchanged values are preserved exactly, and so are keys that the schema does not contain.
 "use strict";
 
 // Lists longer than this are one text, not a control for each item.
@@ -13,7 +12,7 @@ const SHORT_NAMES = new Set(["eis", "ocv", "soc", "rc"]);
 // Suffix of a key whose value is a bare number of this unit.
 const UNITS_OF_KEYS = new Map([["v", "V"], ["a", "A"], ["s", "s"]]);
 
-// What a control holds is not what its field wants; `code` says why.
+// The content of a control is invalid for its field; `code` states why.
 class Wrong extends Error {
   constructor(code) {
     super(code);
@@ -23,7 +22,7 @@ class Wrong extends Error {
 
 // ---- schema -------------------------------------------------------------------------------------
 
-// What a part says itself goes before what the part says that it refers to.
+// The keys of a part take precedence over those of the part that it refers to.
 function resolve(root, part) {
   if (!part.$ref) return part;
   return { ...root.$defs[part.$ref.slice("#/$defs/".length)], ...part };
@@ -94,7 +93,7 @@ export function piecesOf(description) {
 
 // ---- schema and value to model ------------------------------------------------------------------
 
-// A number and its unit, where the text is one with a unit that is known.
+// Splits a text into number and unit, if the unit is known.
 export function split(text, units) {
   const found = A_QUANTITY.exec(text);
   return found && units.includes(found[2]) ? { number: found[1], unit: found[2] } : null;
@@ -113,7 +112,7 @@ function textOf(kind, value) {
   return TEXTS[kind] ? TEXTS[kind](value) : value;
 }
 
-// The unit that is offered first: of the default, else of the example.
+// The unit that is offered first: of the default, otherwise of the example.
 function firstUnit(part) {
   const known = part["x-units"];
   const given = [part.default, ...(part.examples || [])].map((text) => text && split(text, known));
@@ -142,7 +141,7 @@ function leaf(node, part, value) {
   return node;
 }
 
-// The keys of a table in the order in which a form shows them: what is there, what must be, the rest.
+// The keys of a table in the order of the form: present keys, required keys, the rest.
 function keysOf(part, value) {
   const there = Object.keys(value || {}).filter((key) => Object.hasOwn(part.properties, key));
   return [...new Set([...there, ...(part.required || []), ...Object.keys(part.properties)])];
@@ -194,7 +193,7 @@ export function modelOf(schema, value) {
   return build(schema, schema, "", value, true);
 }
 
-// ---- what a person does to the structure --------------------------------------------------------
+// ---- changes of the structure -------------------------------------------------------------------
 
 // A section that is switched on has the sections that it must have.
 export function switchTo(node, on) {
@@ -214,7 +213,7 @@ export function move(node, from, to) {
   node.items.splice(to, 0, ...node.items.splice(from, 1));
 }
 
-// What was typed into the box of a number, which may bring its unit along.
+// Applies text typed into the box of a number, which may include a unit.
 export function type(node, text) {
   const parts = node.kind === "quantity" ? split(text, node.known) : null;
   node.text = parts ? parts.number : text;
@@ -274,7 +273,7 @@ const READ = {
 
 export const changed = (node) => node.text !== node.start.text || node.unit !== node.start.unit;
 
-// The value of a field that has one control; undefined where it is left out.
+// Returns the value of a field with one control; undefined if it is left out.
 function leafValue(node) {
   if (!changed(node)) return node.raw;
   if (node.kind === "words" || node.kind === "choice" ? node.text === "" : node.text.trim() === "") return undefined;
@@ -287,20 +286,20 @@ function tableValue(node, path, told) {
   const keys = new Set([...node.order, ...byKey.keys()]);
   const found = [...keys].map((key) => [key, nodeValue(byKey.get(key), [...path, key], told)]);
   const there = found.filter(([, value]) => value !== undefined);
-  // What is off and holds nothing is not there even where all is asked for.
+  // A section that is off and empty is omitted even with `all`.
   return node.on || there.length ? Object.fromEntries(there) : undefined;
 }
 
 function severalValue(node, path, told) {
   const values = node.items.map((item, place) => nodeValue(item, [...path, String(place + 1)], told));
   const there = values.filter((value) => value !== undefined);
-  // Of a list of a certain length all or none must be there: else the others would move up.
+  // In a list of fixed length all items or none must exist, because otherwise later items would move up.
   if (node.size && there.length)
     node.items.forEach((item, place) => {
       const missing = values[place] === undefined && !told.wrong.some((one) => one.node === item);
       if (missing) told.wrong.push({ node: item, path: [...path, String(place + 1)].join("."), code: "missing" });
     });
-  // An empty list is written where one was, or where the list must be and was.
+  // An empty list is written if there was one, or if the list is required and was present.
   const empty = node.had && Array.isArray(node.raw) && (node.needed || !node.raw.length);
   return there.length || empty ? there : undefined;
 }
@@ -317,15 +316,15 @@ function nodeValue(node, path, told) {
   }
 }
 
-// The value that a form makes, and what could not be read: `{value, wrong: [{node, path, code}]}`.
-// With `all`, sections that are switched off are in it, too.
+// Returns the value of a form, and invalid fields: `{value, wrong: [{node, path, code}]}`. With `all`, sections that
+// are switched off are included.
 export function valueOf(model, all = false) {
   const told = { all, wrong: [] };
   const value = nodeValue(model, [], told);
   return { value, wrong: told.wrong };
 }
 
-// Whether a whole number has more digits than a page can hold: it was read wrongly, and must not be
+// Returns whether an integer has more digits than JavaScript can represent: it was parsed inexactly, and must not be
 // sent back.
 export function tooLarge(node) {
   if (node.fields) return node.fields.some(tooLarge);
@@ -357,7 +356,7 @@ export function placeOf(model, path) {
   let node = model;
   for (const name of path.split(".")) {
     const holds = node.kind === "table" || node.kind === "tables" || node.kind === "rows";
-    // What has one control has it for all that is within.
+    // A part with one control uses that control for everything within it.
     if (!holds) return { node, exact: true };
     const next = node.kind === "table" && !node.on ? undefined : child(node, name);
     if (!next) return { node, exact: false };
@@ -393,7 +392,7 @@ function restore(node, state) {
   } else if (state.text !== undefined && node.text !== undefined) {
     node.text = state.text;
     node.unit = state.unit;
-    // Half a number is in no value, and yet a person has begun with it.
+    // A partial number does not appear in the value, but the user has started to type it.
     node.had ||= node.text !== "";
     if (node.unit && !node.units.includes(node.unit)) node.units.push(node.unit);
   }
@@ -411,7 +410,7 @@ export function takeUp(schema, aside) {
 
 // ---- a change within a text ---------------------------------------------------------------------
 
-// A value as it stands in a file, as far as it is simple.
+// A value in the syntax of a file, as far as it is simple.
 const VALUE = /^(?:"(?:[^"\\\n]|\\.)*"|'[^'\n]*'|\[[^[\]#]*\]|[^\s#,[{"']+)/;
 const HEAD = /^\s*(\[\[?)\s*([^[\]]+?)\s*\]\]?\s*(?:#.*)?$/;
 const PLAIN_KEY = /^[\w-]+$/;
@@ -419,7 +418,7 @@ const PLAIN_KEY = /^[\w-]+$/;
 const sorted = (_, value) =>
   isTable(value) ? Object.fromEntries(Object.entries(value).sort(([a], [b]) => (a < b ? -1 : 1))) : value;
 
-// Whether two values say the same, in whatever order their keys stand.
+// Returns whether two values are equal, regardless of the order of their keys.
 export const equal = (a, b) => JSON.stringify(a, sorted) === JSON.stringify(b, sorted);
 
 const isPlain = (value) => (Array.isArray(value) ? value.every(isPlain) : !isTable(value));
@@ -443,7 +442,7 @@ function tablesOf(all) {
   return found.map((one, place) => ({ ...one, to: place + 1 < found.length ? found[place + 1].from - 1 : all.length }));
 }
 
-// The place of the last line that says something: comments behind it belong to what follows.
+// Returns the index of the last line with content: comments after it belong to the following section.
 const lastSaid = (body) => body.findLastIndex((line) => line.trim() && !line.trim().startsWith("#"));
 
 // Writes a key anew within the lines of its table, takes it out, or puts it behind the last one.
@@ -533,7 +532,7 @@ function middle(old, now) {
   return found;
 }
 
-// What became of each line: `[[" " | "-" | "+", line]]`.
+// Returns the difference of lines: `[[" " | "-" | "+", line]]`.
 export function lines(oldText, newText) {
   const [old, now] = [oldText.split("\n"), newText.split("\n")];
   let first = 0;

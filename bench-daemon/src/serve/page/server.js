@@ -49,7 +49,7 @@ export const put = async (path, body) => valueOf(await asked("PUT", path, body))
 export const remove = async (path) => valueOf(await asked("DELETE", path));
 export const file = async (path) => (await asked("GET", path)).blob();
 
-// A channel to the other tabs; null where the browser has none or denies it. STOP works without.
+// A channel to the other tabs; null if the browser has none or denies it. STOP works without it.
 function channelOf(name) {
   try {
     return new BroadcastChannel(name);
@@ -61,7 +61,7 @@ function channelOf(name) {
 // All tabs of a browser share one session: the tab that begins or ends it notifies the others.
 const session = channelOf("session");
 
-// The token is shown once, for a session.
+// The token is sent once, to start a session.
 export async function signIn(token) {
   await post("/session", { token });
   session?.postMessage({});
@@ -72,14 +72,14 @@ export async function signOut() {
   session?.postMessage({});
 }
 
-// Calls `changed()` when another tab has begun or ended the session.
+// Calls `changed()` when another tab has started or ended the session.
 export const onSession = (changed) => session?.addEventListener("message", changed);
 
 // Silence after which the connection counts as lost, whatever the system reports: the server sends something every 15
 // s.
 const SILENCE_MS = 40000;
-// A tab that hears nothing for so long of the one that listens takes its place: that one says more
-// often that it is there, connected or not.
+// Silence of the listening tab after which another tab takes its place: the listening tab reports its presence more
+// often, connected or not.
 const ABSENCE_MS = SILENCE_MS + 15000;
 const BEAT_MS = 5000;
 
@@ -90,7 +90,7 @@ const BEAT_MS = 5000;
 // may freeze a background tab, another tab steals the lock. So there is never a second stream: a browser allows each
 // host few connections, and the stop needs one.
 export async function listen(who, on, link) {
-  // Where a session before this one has come to is nothing to this one.
+  // Event numbers of an earlier session do not apply to this one.
   server.lastId = "";
   const name = `events of ${who}`;
   const channel = navigator.locks ? channelOf(name) : null;
@@ -117,7 +117,7 @@ function linked(tab, state) {
   if (state === "refused") tab.over.abort();
 }
 
-// What another tab says.
+// Handles a message of another tab.
 function hear(tab, data) {
   if (tab.leads) {
     if (data.ask) tab.channel.postMessage({ link: tab.state });
@@ -191,9 +191,8 @@ async function lead(tab, robbed) {
   }
 }
 
-// Ends when the token is refused, or with the signal `ends`; `beat()` comes with whatever the
-// server says, its comments too. A server that does not answer at all is given up and asked again,
-// like any other request.
+// Ends when the token is refused, or with the signal `ends`; `beat()` is called for all received data, including
+// comments. A server that does not reply at all is abandoned and requested again, like any other request.
 async function stream(on, link, beat = () => {}, ends = new AbortController().signal) {
   for (let pause = 500; !ends.aborted; pause = Math.min(pause * 2, 8000)) {
     const request = new AbortController();

@@ -133,7 +133,7 @@ const framed = (name, table) => el("div", { class: "scroll", role: "group", "ari
 
 // ---- pictures -----------------------------------------------------------------------------------
 
-// A picture from a data address: the page may load nothing else.
+// Returns a picture as data address, because the page may load nothing else.
 function dataAddress(blob, path) {
   const type = /\.svg$/i.test(path) ? "image/svg+xml" : "image/png";
   return new Promise((done, fail) => {
@@ -171,7 +171,7 @@ function picture(path, what) {
   return { path, figure, show, fail };
 }
 
-// What is wider than the page is scrolled by keyboard, too.
+// Content that is wider than the page can be scrolled by keyboard, too.
 function enlarge(frame, name) {
   frame.setAttribute("tabindex", "0");
   frame.setAttribute("role", "region");
@@ -181,7 +181,7 @@ function enlarge(frame, name) {
 // The pictures come one after the other: a browser gives each host few connections, and the stop needs one.
 export async function drawPictures(parent, ctx, analysis, what, going) {
   const drawn = new Set(analysis.files.map((one) => one.path).filter((path) => /\.svg$/i.test(path)));
-  // The same as SVG is sharper, and smaller.
+  // The SVG version of a picture is sharper, and smaller.
   const twice = (path) => drawn.has(path.replace(/\.png$/i, ".svg")) && !drawn.has(path);
   const files = analysis.files.filter((one) => isPicture(one.path) && !twice(one.path));
   const pictures = files.map((one) => picture(one.path, what));
@@ -306,7 +306,7 @@ function split(value, sigma) {
   return { rows, sigmas };
 }
 
-// An object `sigma` belongs to the object beside it that has its keys, else to the one it stands in.
+// An object `sigma` belongs to the sibling object that has its keys, otherwise to its parent.
 function owner(value) {
   if (!isMap(value.sigma)) return null;
   const keys = Object.keys(value.sigma);
@@ -482,7 +482,7 @@ function recommended(ctx, one) {
   return card;
 }
 
-// What was planned is kept with the bench it is planned for: only that can be queued.
+// A plan is stored with its bench: it can be queued only there.
 function experiment(ctx, one) {
   const id = `an-next-${(cards += 1)}`;
   const names = ctx.benches();
@@ -533,7 +533,7 @@ function changed(card) {
   if (before) showPlan(card);
 }
 
-// The plan for the chosen bench; null where it was refused, or another bench was chosen meanwhile.
+// The plan for the selected bench; null if it was refused, or if another bench was selected meanwhile.
 async function showPlan(card) {
   const asked = (card.asked += 1);
   const bench = card.bench.value || null;
@@ -742,7 +742,7 @@ function labelled(label, control) {
   return el("label", { class: "an-field" }, label, control);
 }
 
-// The button, and what it asks for before anything is begun.
+// The button, and the inputs that are required before the start.
 export function investigationForm(ctx, run, isOpen) {
   const id = `an-investigate-${(cards += 1)}`;
   const may = ctx.may("energise");
