@@ -333,7 +333,7 @@ function become(name) {
 
 // ---- finding ------------------------------------------------------------------------------------
 
-// Asks until there are `least` or no more; from a cursor on, if there is one.
+// Requests pages until there are `least` rows or no more; starts at a cursor, if given.
 async function collect(least, after) {
   const mine = view;
   const { path, take } = kind();
@@ -358,7 +358,7 @@ function offer({ cells, benches, tags }) {
   choices(elements.tag, tags);
 }
 
-// Finds what the form says; an answer that comes late is dropped.
+// Searches by the conditions of the form; a late reply is dropped.
 async function search() {
   const mine = view;
   clearTimeout(mine.typing);
@@ -381,7 +381,7 @@ async function search() {
   take(got, []);
 }
 
-// Folders that cannot be read are in no other list; of what they hold nothing else may be known.
+// Unreadable folders appear in no other list, because their content may be unknown.
 async function askDamaged() {
   const mine = view;
   mine.damaged.hidden = true;
@@ -399,7 +399,7 @@ async function askDamaged() {
   fill(mine.damaged, el("b", {}, WORDS.damaged), list);
 }
 
-// The same once more after an event, as many as there were.
+// Repeats the search after an event, with the present number of rows.
 async function again() {
   const mine = view;
   const turn = (mine.turn += 1);
@@ -441,7 +441,7 @@ function told(shown) {
   return String(asked()) ? WORDS.none : WORDS.nothingYet;
 }
 
-// A table for what is looked for.
+// Creates the table of the selected kind.
 function makeTable() {
   view.rows = el("tbody", {});
   const heads = [...(canTick() ? [WORDS.compare] : []), ...kind().heads()];
@@ -484,7 +484,7 @@ function tick(one, isFull) {
 
 // ---- comparing ----------------------------------------------------------------------------------
 
-// Of a run its corrected spectra, or those that there are; of a spectrum itself.
+// Returns the corrected spectra of a run, otherwise all of its spectra; or a spectrum itself.
 function chosen(one, spectra) {
   if (view.kind === "spectra") return spectra.filter((spectrum) => spectrum.name === stem(one.file));
   const corrected = spectra.filter((spectrum) => spectrum.corrected);
@@ -510,7 +510,7 @@ function untick(key) {
   compare();
 }
 
-// Loads the spectra of what is ticked, and no other, and draws them.
+// Loads only the spectra of ticked rows, and draws them.
 async function compare() {
   const mine = view;
   drawTicked();

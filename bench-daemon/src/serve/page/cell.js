@@ -1,5 +1,5 @@
-// View `#/cell/NAME`: how a cell has aged: fitted models and resistances over time, its spectra over age, its runs, and
-// what people say about it.
+// View `#/cell/NAME`: the ageing of a cell: fitted models and resistances over time, its spectra by age, its runs, and
+// its notes.
 "use strict";
 
 import { el, fill, text, when } from "./bench.js";
@@ -84,7 +84,7 @@ const keyOf = (one) => JSON.stringify([one.run, one.spectrum]);
 const milli = (ohm) => (Number.isFinite(ohm) ? (1e3 * ohm).toPrecision(4) : WORDS.unknown);
 const hertz = (value) => (Number.isFinite(value) ? `${Number(value.toPrecision(3))} Hz` : WORDS.unknown);
 
-// What a measurement of the cell is called: its date first, since this is about age.
+// Display name of a measurement of the cell: its date first, because the view shows ageing.
 const title = (one) => WORDS.curve(when(one.unix_s).slice(0, 16), one.run, one.repeat);
 
 // ---- resistance over time -----------------------------------------------------------------------
@@ -156,7 +156,7 @@ function drawTable() {
       cell(heads.low, figure(one, CHARTS[1])),
       cell(heads.atLow, hertz(one.at_low_hz)),
     );
-  // The latest first: it is what one comes for.
+  // The latest entries come first, because they matter most.
   keyed(view.rows, [...view.history].reverse(), keyOf, row);
   for (const input of view.rows.querySelectorAll("input")) input.checked = view.ticked.has(input.value);
   text(view.choose, full ? WORDS.full(MOST_CURVES) : WORDS.choose(MOST_CURVES));
@@ -190,7 +190,7 @@ function preferred() {
   return new Set(places.map((place) => keyOf(all[place])));
 }
 
-// Loads what is ticked, and draws it from the oldest to the latest.
+// Loads the ticked spectra, and draws them from the oldest to the latest.
 async function drawSpectra() {
   const mine = view;
   const chosen = mine.history.filter((one) => mine.ticked.has(keyOf(one)));
@@ -313,7 +313,7 @@ async function first() {
   } catch (error) {
     if (!(error instanceof mine.ctx.Refused) || error.status !== 404) throw error;
     if (view !== mine) return false;
-    // What was copied here from elsewhere is in the catalogue only.
+    // Data that were copied from other servers are in the catalogue only.
     await mine.ageing.refresh();
     if (view !== mine) return false;
     const stays = mine.ageing.isEmpty() ? null : mine.ageing.node;

@@ -1,12 +1,12 @@
-// Spectra as plots that one points at: Nyquist, Bode, residuals of a model and the difference of two curves.
-// A classic script that needs window.d3 only, so that the page and a report in one file use the same text.
-// Curves differ by the shape of their marks, by dashes and by name, not by colour alone.
+// Spectra as interactive plots: Nyquist, Bode, residuals of a model and the difference of two curves. A classic script
+// that requires only window.d3, so that the page and a report in one file use identical code. Curves differ by the
+// shape of their marks, by dashes and by name, not by colour alone.
 (() => {
   "use strict";
 
   const { d3 } = window;
 
-  // All that a person reads. What stands in braces is put in.
+  // All visible text. Names in braces are replaced by values.
   const WORDS = {
     tools: "Tools of the plots",
     zoomIn: "Zoom in",
@@ -144,7 +144,7 @@
   const SIZES = { Ω: 1, mΩ: 1e-3, µΩ: 1e-6 };
   const unitOf = (ohm) => (Math.abs(ohm) >= 1 ? "Ω" : Math.abs(ohm) >= 1e-4 ? "mΩ" : "µΩ");
 
-  // A value and its σ with as many digits as the σ bears, in a unit that suits the whole impedance.
+  // Formats a value and its σ with as many digits as σ permits, in a unit that suits the whole impedance.
   function measured(s, ohm, sigma, unit) {
     const [value, error] = [ohm / SIZES[unit], sigma / SIZES[unit]];
     const size = error > 0 ? error / 10 : Math.abs(value) / 1e4;
@@ -164,7 +164,7 @@
     return [low - room, high + room];
   }
 
-  // A mark is the same drawing at another place, so that each costs two numbers only.
+  // All marks share one drawing, so that each adds only its two coordinates.
   const stamps = new Map();
   function shape(kind, x, y, r) {
     const key = 100 * kind + r;
@@ -179,7 +179,7 @@
     return `m${steps[0]}l${steps.slice(1).join("l")}z`;
   }
 
-  // ---- what there is to show --------------------------------------------------------------------
+  // ---- data to show -----------------------------------------------------------------------------
 
   const usable = (p) => p.freq_hz > 0 && Number.isFinite(p.re_ohm) && Number.isFinite(p.im_ohm);
 
@@ -190,8 +190,8 @@
     return { id: given.id, name: given.name, given, source, ...look, points: given.points.filter(usable) };
   }
 
-  // Controls are curves too, but lie far from a cell's: they are hidden until somebody asks for them.
-  // So are all but the first curve of a file, which may hold many.
+  // Controls are curves too, but lie far from those of a cell: they are hidden until the user selects them. So are all
+  // curves of a file except the first, because a file may contain many.
   function take(s, given) {
     const { curves, models, controls } = given;
     const before = new Set(s.curves.map((one) => one.id));
@@ -202,14 +202,14 @@
     s.models = models || [];
     for (const one of s.curves) if (one.source && !s.seen.has(one.id)) s.hidden.add(one.id);
     s.curves.forEach((one) => s.seen.add(one.id));
-    // What was zoomed into says nothing about other curves.
+    // The zoom does not apply to other curves.
     if (!shown.some((one) => before.has(one.id))) s.views = { near: null, band: null };
   }
 
   const curveOf = (s, id) => s.curves.find((one) => one.id === id);
   const placeOf = (one, hertz) => one.points.findIndex((p) => Math.abs(p.freq_hz / hertz - 1) < 1e-6);
 
-  // Works out, once for each drawing, what follows from the data and the choices.
+  // Derives, once for each drawing, all values that follow from the data and the selection.
   function settle(s) {
     s.shown = s.curves.filter((one) => !s.hidden.has(one.id));
     const offered = s.models.filter((one) => s.shown.some((curve) => curve.id === one.curve));
@@ -233,7 +233,7 @@
 
   const along = (s, hertz) => (s.log.frequency ? Math.log10(hertz) : hertz);
 
-  // What of each kind of axes is the whole: the middle, and the ranges from which the span follows.
+  // Full extent of each kind of axes: the middle, and the ranges from which the span follows.
   function bounds(s) {
     const all = s.shown.flatMap((one) => one.points);
     if (!all.length) return null;
@@ -315,7 +315,7 @@
     return { x: (x[0] + x[1]) / 2, y: (y[0] + y[1]) / 2, span };
   }
 
-  // Nothing but what lies within the whole; null is the whole itself.
+  // Restricts a view to the full extent; null is the full extent itself.
   function within(view, plot) {
     const { base, box } = plot;
     if (!view || view.span > 0.999 * base.span) return null;
@@ -343,7 +343,7 @@
     return { x: base.x + (x - cx) * scale, y: base.y - (y - cy) * scale, span: base.span / transform.k };
   }
 
-  // The view that a plot has now, after what the pointer knows of it was brought in line.
+  // Returns the present view of a plot, after the pointer's state was synchronised with it.
   function viewOf(s, plot) {
     plot.base = whole(s, plot);
     s.views[plot.view] = within(s.views[plot.view], plot);
@@ -361,7 +361,7 @@
 
   function zoomable(s, plot) {
     const wheel = (event) => event.ctrlKey || s.area === document.activeElement;
-    // One finger scrolls the page while there is nothing to move.
+    // One finger scrolls the page while the plot is not zoomed.
     const touch = (event) => event.touches.length > 1 || Boolean(s.views[plot.view]);
     plot.zoom = d3
       .zoom()
@@ -369,7 +369,7 @@
       .filter((event) =>
         event.type === "wheel" ? wheel(event) : event.touches ? touch(event) : !event.button && !event.ctrlKey,
       )
-      // What has no source was not done by a person, but by `viewOf`.
+      // An event without a source comes from `viewOf`, not from the user.
       .on("start", (event) => event.sourceEvent && (s.busy = plot))
       .on("zoom", (event) => {
         if (!event.sourceEvent) return;
@@ -388,7 +388,7 @@
     if (!s.waiting) s.waiting = requestAnimationFrame(() => draw(s));
   }
 
-  // Where a point lies on the axes of a plot.
+  // Position of a point on the axes of a plot.
   const spotOf = (s, plot, p) =>
     plot.view === "near" ? { x: 1e3 * p.re_ohm, y: -1e3 * p.im_ohm } : { x: along(s, p.freq_hz), y: 0 };
 
@@ -669,7 +669,7 @@
     const plot = { key, ...PLOTS[key], spots: [], base: null };
     plot.scene = svg("g", {});
     plot.marker = svg("g", { class: "cv-marker" });
-    // It stays while the rest is drawn anew: a finger that began on a node that is gone would be lost.
+    // The node stays while the rest is redrawn: a touch that began on a removed node would be lost.
     plot.hit = svg("rect", { class: `cv-hit cv-hit-${plot.view}` });
     plot.svg = svg("svg", { role: "img", "aria-label": s.words[key] }, plot.scene);
     // A drawing of its own: a ring that moves does not make the browser paint all curves again.
@@ -713,7 +713,7 @@
     const wanted = Object.values(s.plots).filter((plot) => plot.wanted(s));
     if (wanted.length !== s.area.childElementCount || wanted.some((plot) => !plot.holder.parentNode))
       s.area.replaceChildren(...wanted.map((plot) => plot.holder));
-    // Measured before anything else is changed, for then the browser need not lay out the page twice.
+    // Measured before any other change, so that the browser does not lay out the page twice.
     const widths = wanted.map((plot) => Math.max(240, plot.holder.clientWidth || 480));
     s.width = s.area.clientWidth;
     drawTools(s);
@@ -843,7 +843,7 @@
     const [first, firstLabel] = select(words.compare, (value) => (s.base = value));
     const [second, secondLabel] = select(words.compareWith, (value) => (s.against = value));
     second.addEventListener("change", () => {
-      // A curve of a file is asked for by that.
+      // Selecting a curve of a file shows it.
       const one = curveOf(s, second.value);
       if (one && one.source === FILE && s.hidden.delete(one.id)) draw(s);
       say(s.said, s.compared.textContent);
@@ -931,7 +931,7 @@
     s.details = el("details", { ontoggle: () => drawTable(s) }, el("summary", {}, words.table), frame);
   }
 
-  // Only while somebody reads it, and only what has changed: it is by far the most nodes.
+  // Drawn only while it is visible, and only changes: it has by far the most nodes.
   function drawTable(s) {
     if (!s.details.open) return;
     const micro = (sigma) => (Number.isFinite(sigma) ? digits(1e6 * sigma, 3) : s.words.unknown);
@@ -954,7 +954,7 @@
 
   // ---- files ------------------------------------------------------------------------------------
 
-  // A table program would run what begins like a formula.
+  // Escapes text that a spreadsheet would execute as a formula.
   function csvText(text) {
     const harmless = /^[=+\-@\t\r]/.test(text) ? `'${text}` : text;
     return /[",\r\n]/.test(harmless) ? `"${harmless.replaceAll('"', '""')}"` : harmless;
@@ -988,7 +988,7 @@
     return [[...entries, svg("text", { class: "cv-tick", x: 8, y: tall + 12 }, s.notes.textContent)], tall + 24];
   }
 
-  // All plots as they stand on the page, in one drawing that needs no style sheet.
+  // All plots as on the page, in one drawing without a style sheet.
   function sheet(s) {
     const outer = s.area.getBoundingClientRect();
     const [width, height] = [Math.ceil(outer.width), Math.ceil(outer.height)];
@@ -1004,7 +1004,7 @@
     const size = { width, height: height + top, viewBox: `0 0 ${width} ${height + top}` };
     const page = svg("svg", { class: "cv-sheet", "aria-hidden": "true", ...size }, ground, ...legend, ...parts);
     if (s.tools.paper.checked) page.classList.add("cv-paper");
-    // What the style sheet makes of it is known only while it is in the page.
+    // Computed styles exist only while the drawing is in the page.
     s.root.append(page);
     const written = [...page.querySelectorAll("*")].map((node) => {
       const style = getComputedStyle(node);
@@ -1049,14 +1049,14 @@
 
   // ---- files that somebody brings ---------------------------------------------------------------
 
-  // Called what it is called in its file, behind the file's name; the only one like the file.
+  // Names a curve by the file's name and its name in the file; the only curve has the file's name.
   function curvesOf(s, file, spectra) {
     const called = (name) => (name.startsWith(`${file}#`) ? name.slice(file.length + 1) : name);
     const name = (one) => (spectra.length > 1 ? put(s.words.fileOf, { file, name: called(one.name) }) : file);
     return spectra.map((one, k) => ({ ...one, id: JSON.stringify(["file", file, k]), name: name(one) }));
   }
 
-  // Shows and compares the first spectrum of a file; what the same file had before goes.
+  // Shows and compares the first spectrum of a file; earlier curves of the file are removed.
   function bring(s, file, { spectra, notes }) {
     takeOut(s, file);
     const curves = curvesOf(s, file, spectra);
@@ -1082,7 +1082,7 @@
     take(s, s.given);
   }
 
-  // One after the other; a file that cannot be read leaves what is shown as it is.
+  // Reads files one after the other; a file that cannot be read leaves the plots unchanged.
   async function readAll(s, files) {
     const lines = [];
     for (const file of files) {
@@ -1120,7 +1120,7 @@
     const input = el("input", { type: "file", multiple: "", hidden: "" });
     input.addEventListener("change", () => {
       const files = [...input.files];
-      // The same file may be chosen again, for it may have changed.
+      // The same file can be selected again, because it may have changed.
       input.value = "";
       readAll(s, files);
     });

@@ -33,7 +33,7 @@ const WORDS = {
 };
 
 const SCOPES = ["read", "operate", "energise", "clear-trip"];
-// Events come in bursts; the lists are asked for again no more often than this.
+// Events come in bursts; this is the minimum interval between two requests of the lists.
 export const CALM_MS = 1000;
 
 // ---- shared -------------------------------------------------------------------------------------
@@ -76,7 +76,7 @@ export function calmly(work) {
 const CONTROLS = "a[href], button:not(:disabled), input:not(:disabled), select:not(:disabled), textarea:not(:disabled)";
 export const controls = (node) => [...node.querySelectorAll(CONTROLS)];
 
-// Where the focus is within `parent`: in which row, and at which control of it.
+// Returns the position of the focus within `parent`: the row, and the control in it.
 function heldIn(parent) {
   const row = [...parent.children].find((one) => one.contains(document.activeElement));
   if (!row) return null;
@@ -124,7 +124,7 @@ export function table(label, heads, body) {
 }
 
 export const cell = (name, ...children) => el("td", { "data-name": name }, ...children);
-// Of names, which may be long and are broken where need be, but not into single letters.
+// A cell of names, which may be long: they wrap where necessary, but not into single letters.
 export const names = (name, ...children) => cell(name, el("div", { class: "fd-name" }, ...children));
 
 // A view begins with its heading, which gets the focus; `parts` follow it.
@@ -166,7 +166,7 @@ export const cellLinks = (cells) =>
     return [el("span", { class: "fd-one" }, link, place < cells.length - 1 ? "," : ""), " "];
   });
 
-// Spectra of runs, each asked for once.
+// Cache of spectra of runs, each requested once.
 export function shelf(ctx) {
   const kept = new Map();
   return {
@@ -182,7 +182,7 @@ export function shelf(ctx) {
   };
 }
 
-// A curve as the panel wants it, and as a point of it is asked for.
+// A curve in the format of the panel, with the data for requests of its points.
 export const curve = (run, spectrum, name) => ({
   ...spectrum,
   id: JSON.stringify([run, spectrum.name]),

@@ -189,11 +189,11 @@ const WORDS = {
     `▲ No answer (${why}): it is NOT known whether it was sent. Look at the jobs before it is sent again.`,
 };
 
-// So often the server is asked, ms; the jobs at least so often.
+// Interval of requests, ms; jobs are requested at least this often.
 const POLL_MS = 2000;
 const JOBS_MS = 10000;
-// So long a stop is waited for before it is sent again, ms: a bench that is cut off is waited for 120 s by the server,
-// which answers for all benches together.
+// Timeout after which a stop is sent again, ms: the server waits 120 s for a bench that is cut off, and replies for all
+// benches together.
 const STOP_MS = 150000;
 const MOST_ROWS = 300;
 const JOBS = 100;
@@ -316,7 +316,7 @@ function drawBenches() {
   drawStates();
 }
 
-// Brings the children of `parent` to these nodes; what is in its place stays untouched.
+// Sets the children of `parent` to these nodes; nodes that are already in place stay untouched.
 function place(parent, nodes) {
   const asking = view.asking && nodes.indexOf(view.asking.row.node);
   if (view.asking && asking >= 0) nodes.splice(asking + 1, 0, view.asking.node);
@@ -327,7 +327,7 @@ function place(parent, nodes) {
   });
 }
 
-// How many benches are in each state, as what can be chosen.
+// Shows the number of benches in each state, as options of a filter.
 function drawStates() {
   const count = (state) => view.fleet.benches.filter((one) => one.state === state).length;
   const loud = view.fleet.benches.filter((one) => LOUD.includes(one.state)).length;
@@ -338,7 +338,7 @@ function drawStates() {
   ]);
 }
 
-// What can be chosen, without a change of what is.
+// Sets the options without a change of the selection.
 function choose(select, choices) {
   const key = JSON.stringify(choices);
   if (select.dataset.key === key) return;
@@ -371,7 +371,7 @@ async function doing(said, work, words) {
 
 // ---- hold, drain and release of a bench -----------------------------------------------------------
 
-// Asks why, in a row below that of the bench.
+// Asks for a reason, in a row below that of the bench.
 function askWhy(row, kind) {
   const name = WORDS.name(row.bench);
   const said = el("p", { class: "bad", role: "alert", id: id("said") });

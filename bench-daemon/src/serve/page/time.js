@@ -220,7 +220,7 @@ function events(chart, ctx, box) {
   for (const [kind, [sign, ink, dashes]] of Object.entries(SIGNS)) {
     const tall = [];
     for (const x of places(chart, kind, box)) {
-      // At the edge of the strip the letter stays in it.
+      // At the edge of the strip, the letter stays inside.
       const middle = Math.min(Math.max(x, box.left + near / 2 + 1), box.left + box.width - near / 2 - 1);
       const isFree = signed.every((other) => Math.abs(other.middle - middle) >= near);
       if (isFree) signed.push({ sign, middle, ink: colour(ink) });
@@ -242,7 +242,7 @@ function events(chart, ctx, box) {
 const limitsOf = ({ unit, key }) =>
   BOUNDED.includes(key) ? shown.limits.filter((one) => one.unit === unit) : [];
 
-// The limits of the cell over the whole strip, and the bounds of each step while they hold.
+// Draws the limits of the cell over the whole strip, and the bounds of each step for its duration.
 function limits(chart, ctx, box, one) {
   const y = (value) => Math.round(chart.valToPos(value, "y", true));
   const right = box.left + box.width;
@@ -259,7 +259,7 @@ function limits(chart, ctx, box, one) {
       const from = Math.max(box.left, Math.round(chart.valToPos(envelope.from_s, "x", true)));
       const to = Math.min(right, Math.round(chart.valToPos(envelope.to_s, "x", true)));
       const last = lastOf(held);
-      // Steps shorter than a pixel, or with the same bound, are one line.
+      // Steps shorter than a pixel, or with equal bounds, are drawn as one line.
       if (last && last[1] === y(value) && last[2] >= from) last[2] = Math.max(last[2], to);
       else held.push([from, y(value), to, y(value)]);
     }
@@ -365,7 +365,7 @@ function gapOf(times) {
   return Math.max(GAP_S, 20 * usual);
 }
 
-// The readings of one quantity; where it was not read for long, nothing is drawn.
+// The readings of one quantity; long gaps between readings are left empty.
 function line(told, key) {
   const [times, values] = [[], []];
   const gap = gapOf(told.time_s);
@@ -382,7 +382,7 @@ function line(told, key) {
   return [times, values];
 }
 
-// The bath and its setpoint, which holds where nothing is read, and up to the end of the part.
+// The bath and its setpoint, which holds between readings, and up to the end of the part.
 function bathLines({ bath }, end_s) {
   const [times, read, set] = [[], [], []];
   const push = (time, value, setpoint) => {
@@ -469,7 +469,7 @@ function numbers(told) {
   });
 }
 
-// What happened, without steps, which are many; a pause with how long the run waits.
+// Lists events, without steps, which are many; a pause with its duration.
 function happened(told) {
   const text = (mark) => {
     const pause = mark.kind === "pause" && told.pauses.find((one) => one.from_s === mark.time_s);
@@ -494,7 +494,7 @@ function frame(parent) {
   list.replaceWith(scroll({ id: "timemarks", class: "scroll strip-marks" }, marks));
 }
 
-// What happened in this part is in sight: a run ends, and trips, some seconds after its last reading.
+// Events of this part are visible: a run ends, and trips, some seconds after its last reading.
 function stretch({ time_s, marks }) {
   const times = [time_s[0], lastOf(time_s), marks[0]?.time_s, lastOf(marks)?.time_s].filter(isNumber);
   if (!times.length) return [0, 1];
@@ -506,7 +506,7 @@ function stretch({ time_s, marks }) {
 async function drawStrips(told) {
   const [start, end] = stretch(told);
   for (const { one, chart } of shown.charts) {
-    // The same stretch of time in all of them.
+    // All strips show one time interval.
     chart.setData(one.key === "bath_c" ? bathLines(told, end) : line(told, one.key), false);
     chart.batch(() => {
       chart.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
@@ -536,7 +536,7 @@ async function draw(choose) {
   await drawStrips(told);
 }
 
-// What the run before has left in the strips and tables is not of this one.
+// Removes the previous run from strips and tables.
 function empty() {
   $("timesaid").textContent = WORDS.nothingYet;
   if (!shown.charts.length) return;
@@ -544,8 +544,8 @@ function empty() {
   for (const id of ["timekey", "timenumbers", "timehappened"]) fill($(id));
 }
 
-// Shows a run; `get` asks the server. Called again as often as one likes: what is asked for is the
-// latest, and an answer that comes late is dropped.
+// Shows a run; `get` sends requests to the server. Can be called again at any time: the latest request counts, and a
+// late reply is dropped.
 export async function drawTime(get, run, limits) {
   $("time").hidden = !run;
   if (!run || !uPlot) return;
