@@ -1,8 +1,8 @@
 //! Script that a dialect returns to its role: messages, each with a condition that must hold after
-//! it. The role plays it through the link.
+//! it. The role runs it on the link.
 //!
-//! A dialect is sync and sends nothing itself, so that the very texts that go to an instrument can
-//! be printed, tested and read beforehand.
+//! A dialect is synchronous and sends nothing, so that the exact texts for an instrument can be
+//! printed, tested and read beforehand.
 
 mod expect;
 mod identity;
@@ -51,7 +51,7 @@ pub enum Exchange {
         /// The data.
         data: Vec<u8>,
     },
-    /// A command that the instrument answers by itself, as protocols with a confirmation do.
+    /// A command that the instrument itself answers, as in protocols with a confirmation.
     Ask {
         /// The command.
         message: String,
@@ -71,7 +71,7 @@ pub enum Exchange {
     },
 }
 
-/// A way to let no current flow through an instrument whose output does not go off.
+/// A method to stop the current through an instrument whose output does not switch off.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Way {
     /// Effect of the way, as the end of a sentence that begins with "by".
@@ -108,8 +108,8 @@ impl Exchange {
         }
     }
 
-    /// `HEADER value` with so many decimals and never an exponent; `HEADER?` must then show the
-    /// value.
+    /// Returns the command `HEADER value` with `decimals` decimals and never an exponent; `HEADER?`
+    /// must then return the value.
     pub fn fixed(header: &str, value: f64, decimals: usize, tolerance: f64) -> Self {
         match Self::command(header, |command| command.fixed(value, decimals)) {
             Self::Send(message) => Self::number(message, format!("{header}?"), value, tolerance),
@@ -129,7 +129,7 @@ impl Exchange {
         }
     }
 
-    /// A command whose effect is read back as a number.
+    /// Returns a command whose effect is read back as a number.
     pub fn number(
         message: impl Into<String>,
         read_back: impl Into<String>,
@@ -143,7 +143,7 @@ impl Exchange {
         }
     }
 
-    /// A command whose effect is read back as one of several words.
+    /// Returns a command whose effect is read back as one of several keywords.
     pub fn word(
         message: impl Into<String>,
         read_back: impl Into<String>,
@@ -157,8 +157,8 @@ impl Exchange {
     }
 }
 
-/// Plays a script; stops at the first message that is refused or not believed. Errors tell these
-/// settings in words.
+/// Runs a script. Stops at the first message that the instrument refuses or whose read-back does
+/// not match. Errors describe these settings in words.
 ///
 /// # Errors
 /// The link's error for that message.

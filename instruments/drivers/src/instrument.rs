@@ -1,4 +1,4 @@
-//! Common parts of every role: a link, the dialect of the model on it, and the question who it is.
+//! Common parts of every role: a link, the dialect of the model on it, and the identity query.
 
 use std::{
     sync::{Arc, PoisonError},
@@ -43,8 +43,8 @@ pub trait Model: Send + Sync {
         &[]
     }
 
-    /// The setting that tells whether its output or input is on, or its control of a bath; none of
-    /// one that has no such switch.
+    /// Returns the setting that reports whether the output or input is on, or whether a bath is
+    /// controlled. Returns `None` for a model without such a switch.
     fn switch(&self) -> Option<Setting> {
         self.settings()
             .iter()
@@ -129,8 +129,8 @@ impl<D: Model + ?Sized> Instrument<D> {
         }
     }
 
-    /// A second handle on the same instrument, whose waits count on `clock`. Both share the
-    /// connection, the settings that must stay, and the last reading.
+    /// Returns a second handle on the same instrument. Its waits count on `clock`. Both handles
+    /// share the connection, the settings that must stay, and the last reading.
     #[must_use]
     pub fn share(&self, clock: &Clock) -> Self {
         Self {
@@ -157,7 +157,7 @@ impl<D: Model + ?Sized> Instrument<D> {
         Self { channels, ..self }
     }
 
-    /// Accepts an instrument whose identity contains this text as this model.
+    /// Accepts an instrument as this model if its identity contains this text.
     #[must_use]
     pub fn accepting(self, accepted: Option<String>) -> Self {
         Self { accepted, ..self }
@@ -172,12 +172,12 @@ impl<D: Model + ?Sized> Instrument<D> {
         accepted || self.dialect.recognises(identity)
     }
 
-    /// Asks who it is; changes no setting. Where nothing tells that an earlier client left an
-    /// answer unread, a strange identity may be that answer: the link is brought into step then,
-    /// and the question asked again.
+    /// Queries the identity; changes no setting. If the transport cannot detect that an earlier
+    /// client left a reply unread, an unexpected identity may be that reply. In that case the link
+    /// is resynchronised and the query is repeated.
     ///
     /// # Errors
-    /// The link's.
+    /// The link's errors.
     pub async fn identify(&mut self) -> Result<Identity, LinkError> {
         let identity = self.ask_identity().await?;
         self.identified
@@ -200,17 +200,18 @@ impl<D: Model + ?Sized> Instrument<D> {
         Ok(again.map_or(identity, |text| Identity::parse(&text)))
     }
 
-    /// Reconnects and asks who it is: an instrument whose answers belong to other questions does
-    /// not answer with its identity.
+    /// Reconnects and queries the identity. An instrument whose replies belong to other queries
+    /// does not reply with its identity.
     ///
     /// # Errors
-    /// The link's, and [`LinkError::Unexpected`] for an answer that is not this model's identity.
+    /// The link's errors, and [`LinkError::Unexpected`] if the reply is not the identity of this
+    /// model.
     pub async fn reconnect_and_identify(&mut self) -> Result<(), LinkError> {
         self.link.reconnect().await?;
         self.identify_model().await.map(|_| ())
     }
 
-    /// Asks who it is, and refuses another model.
+    /// Queries the identity and refuses another model.
     async fn identify_model(&mut self) -> Result<Identity, LinkError> {
         let identity = self.ask_identity().await?;
         if self.recognises(&identity) {
@@ -220,10 +221,11 @@ impl<D: Model + ?Sized> Instrument<D> {
         Err(self.refusal(&identity, &expected))
     }
 
-    /// Asks who it is, and refuses another instrument than the one that was asked first.
+    /// Queries the identity and refuses any instrument other than the one that was identified
+    /// first.
     ///
     /// # Errors
-    /// The link's, and [`LinkError::Unexpected`].
+    /// The link's errors, and [`LinkError::Unexpected`].
     pub async fn identify_same(&mut self) -> Result<(), LinkError> {
         let identity = self.identify_model().await?;
         let first = self
@@ -285,7 +287,8 @@ impl<D: Model + ?Sized> Instrument<D> {
         Ok(amps)
     }
 
-    /// Plays a script; stops at the first message that is refused or not believed.
+    /// Runs a script. Stops at the first message that the instrument refuses or whose read-back
+    /// does not match.
     pub(crate) async fn play(&mut self, script: &[Exchange]) -> Result<(), LinkError> {
         play(&mut self.link, self.dialect.settings(), script).await
     }
@@ -350,7 +353,8 @@ impl<D: Model + ?Sized> Instrument<D> {
     pub async fn bounded_by(&mut self, bounds: &[Bound]) -> Vec<String> {
         let mut bounds_in_words = Vec::new();
         for Bound { query, words, unit } in bounds {
-            // Who does not answer once is not asked again: that would only take time.
+            // An instrument that fails to answer once is not queried again, because each further
+            // timeout only takes time.
             let Ok(number) = self.number(query).await else {
                 break;
             };

@@ -1,12 +1,12 @@
-//! Bench time: real, scaled or virtual. It is the only module of the project that asks the machine
-//! for the time or sleeps (`clippy.toml` forbids it elsewhere).
+//! Bench time: real, scaled or virtual. This is the only module of the project that reads the
+//! machine's clock or sleeps (`clippy.toml` forbids both elsewhere).
 //!
-//! Bench time is counted in seconds since the clock was made. It runs as fast as the wall clock
-//! (`Real`), a fixed factor faster (`Scaled`, for mocks), or jumps ahead as soon as nobody has
-//! anything left to do (`Virtual`).
+//! Bench time is counted in seconds since the clock was created. It runs as fast as the wall clock
+//! (`Real`), a fixed factor faster (`Scaled`, for mocks), or jumps ahead as soon as every task is
+//! waiting (`Virtual`).
 //!
-//! The virtual clock is tokio's paused clock: exact as long as every stream is in-process, and
-//! wrong as soon as a real socket is in flight (tokio issue 4522), so the caller must refuse to
+//! The virtual clock is tokio's paused clock. It is exact as long as every stream is in-process,
+//! and wrong as soon as a real socket is in flight (tokio issue 4522), so the caller must refuse to
 //! combine the two. Its resolution is one millisecond.
 
 use std::{
@@ -94,7 +94,7 @@ pub struct Clock {
     waits: Arc<Mutex<Waits>>,
 }
 
-/// Waits of tasks on a clock, so that others can tell waiting from hanging.
+/// Waits of tasks on a clock. They distinguish a task that waits from a task that hangs.
 #[derive(Debug, Default)]
 struct Waits {
     next: u64,
@@ -162,9 +162,9 @@ impl Clock {
         }
     }
 
-    /// Seconds on the wall since the last wait ended, or should have ended; zero while one is under
-    /// way within its bound. Whoever computes without end, or waits for what never comes, is
-    /// overdue.
+    /// Returns the wall-clock seconds since the last wait ended or should have ended, and zero
+    /// while a wait is under way within its bound. A task that computes without end, or waits for
+    /// an event that never comes, is overdue.
     pub fn overdue_s(&self) -> f64 {
         let waits = self.waits.lock().unwrap_or_else(PoisonError::into_inner);
         if waits.under_way.values().any(Option::is_none) {

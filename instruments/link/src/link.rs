@@ -117,7 +117,7 @@ impl Link {
         }
     }
 
-    /// A second handle on the same connection, whose waits count on `clock`.
+    /// Returns a second handle on the same connection. Its waits count on `clock`.
     #[must_use]
     pub fn share(&self, clock: &Clock) -> Self {
         Self {
@@ -147,7 +147,7 @@ impl Link {
         &self.options.name
     }
 
-    /// The clock whose time is on the tap.
+    /// Returns the clock that timestamps the tap.
     pub fn clock(&self) -> &Clock {
         &self.options.clock
     }
@@ -212,8 +212,8 @@ impl Link {
         }
     }
 
-    /// Sends a message that has no answer and asks nothing: for instruments without error queue
-    /// whose state is read back later.
+    /// Sends a message without a reply and without an error query: for instruments that have no
+    /// error queue and whose state is read back later.
     ///
     /// # Errors
     /// As [`Link::query`], without a deadline for an answer.
@@ -221,12 +221,12 @@ impl Link {
         exchange!(self, |conversation| conversation.tell(message))
     }
 
-    /// Sends a message whose last argument is data as it is, without a block's header. Nothing is
-    /// asked: what became of it is read back later.
+    /// Sends a message whose last argument is raw data without a block header. No query follows;
+    /// the caller reads the effect back later.
     ///
     /// # Errors
-    /// [`LinkError::Malformed`] for data with a byte that would end the message; else as
-    /// [`Link::send_unchecked`].
+    /// [`LinkError::Malformed`] if the data contains a byte that would end the message; otherwise
+    /// as [`Link::send_unchecked`].
     pub async fn send_data(&mut self, head: &str, data: &[u8]) -> Result<(), LinkError> {
         exchange!(self, |conversation| conversation.send_data(head, data))
     }
@@ -295,12 +295,12 @@ impl Link {
         })
     }
 
-    /// Takes the entries out of the error queue, the oldest first, at most 20. Empty where the
-    /// profile names no error query.
+    /// Removes the entries from the error queue, oldest first, at most 20. Returns an empty list if
+    /// the profile has no error query.
     ///
     /// # Errors
-    /// As [`Link::query`], and [`LinkError::ErrorQueue`], which drops the link, when the answer is
-    /// no entry.
+    /// As [`Link::query`], and [`LinkError::ErrorQueue`], which drops the link, if the reply is not
+    /// an error entry.
     pub async fn drain_errors(&mut self) -> Result<Vec<ErrorEntry>, LinkError> {
         exchange!(self, |conversation| conversation.drain_errors())
     }

@@ -1,5 +1,5 @@
-//! Text format of a conversation with an instrument: a tap on the link writes it, a replay serves
-//! it, a person reads it.
+//! Text format of the traffic with an instrument. A tap on the link writes it, a replay serves it,
+//! and a person can read it.
 //!
 //! One line per message: bench time in seconds, name of the link, direction, text.
 //!
@@ -10,11 +10,11 @@
 //! 12.370000 supply * dropped: no answer to `MEAS:CURR?` within 2s
 //! ```
 //!
-//! `>` was sent, `<` received, `!` received although nobody had asked, `*` is a remark of the link.
-//! `#` behind the direction marks a block: its length in bytes, its hash (64-bit FNV-1a, against
-//! mistakes and not against forgery), its bytes unless it is long, and the text before it if there
-//! was any. Whatever could break a line is escaped: `\n`, `\r`, `\t`, `\\` and `\u{…}` for other
-//! control characters.
+//! `>` marks a sent message, `<` a received one, `!` one that was received without a query, and `*`
+//! a remark of the link. `#` after the direction marks a block: its length in bytes, its hash
+//! (64-bit FNV-1a, against mistakes and not against forgery), its bytes unless it is long, and the
+//! text before it if there was any. Characters that could break a line are escaped: `\n`, `\r`,
+//! `\t`, `\\` and `\u{…}` for other control characters.
 
 use std::{
     fmt, io,
@@ -22,8 +22,8 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-/// Longest block whose bytes a tap writes out; of longer ones it keeps length and hash, since raw
-/// captures are stored elsewhere.
+/// Longest block whose bytes a tap writes out. For longer blocks it records only the length and the
+/// hash, since raw captures are stored elsewhere.
 pub const INLINE_BLOCK_BYTES: usize = 512;
 
 /// Which way a message went.
@@ -33,7 +33,7 @@ pub enum Direction {
     Sent,
     /// From the instrument, as the answer to what was sent before.
     Received,
-    /// From the instrument, although nobody had asked.
+    /// Received from the instrument without a query.
     Unsolicited,
     /// Not on the wire: what the link did (opened, dropped).
     Remark,
@@ -108,7 +108,7 @@ pub struct Record {
     pub payload: Payload,
 }
 
-/// A line that is no record.
+/// A line that is not a valid record.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}: expected {expected}, found `{found}`")]
 pub struct TranscriptError {

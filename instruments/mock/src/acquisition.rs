@@ -58,10 +58,10 @@ pub(super) struct Acquisition<P> {
     pub(super) frame: Option<Frame<P>>,
     /// Frames so far: their number.
     count: u64,
-    /// Number of the frame that was told of.
+    /// Number of the last frame that was reported.
     reported: u64,
     stop_delay_s: f64,
-    /// Told to stop, and will at this time, s.
+    /// The acquisition received a stop command and stops at this time, s.
     stops_s: Option<f64>,
 }
 
@@ -75,7 +75,8 @@ pub(super) struct Frame<P> {
 }
 
 impl<P: Copy> Acquisition<P> {
-    /// As after power-on; it goes on for `stop_delay_s` after it was told to stop.
+    /// Creates the state after power-on. The acquisition continues for `stop_delay_s` after a stop
+    /// command.
     pub(super) fn power_on(stop_delay_s: f64) -> Self {
         Self {
             mode: Mode::Auto,
@@ -150,7 +151,7 @@ impl<P: Copy> Acquisition<P> {
         }
     }
 
-    /// Whether there is a frame that this has not told of before.
+    /// Returns whether there is a frame that this method has not reported before.
     pub(super) fn take_new(&mut self) -> bool {
         let number = self
             .frame

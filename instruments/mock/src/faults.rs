@@ -1,12 +1,12 @@
-//! Seeded faults between an instrument and its client. Messages and answers get lost, come late, in
-//! pieces, twice, garbled or half. Connections stall or break. An error queue runs over, the power
-//! is cut, or a protection or a person at the panel switches an output off. Some instruments give
-//! false answers from some message on: an output stays on, somebody else changes settings, a meter
-//! stands still, answers lag.
+//! Seeded faults between an instrument and its client. Messages and replies are lost, delayed,
+//! split, duplicated, garbled or truncated. Connections stall or break. An error queue overflows,
+//! the power is cut, or a protection or a person at the panel switches an output off. Some
+//! instruments give false replies from some message on: an output stays on, another user changes
+//! settings, a meter does not update, replies lag.
 //!
-//! The faults lie around any device: it does not know of them, and neither does its client. Which
-//! one comes when follows from the seed and the number of the message alone, so that a schedule can
-//! be played again.
+//! The faults wrap any device; neither the device nor its client knows of them. The seed and the
+//! number of the message alone determine which fault occurs when, so that a schedule is
+//! reproducible.
 
 mod remote;
 mod troubled;
@@ -49,7 +49,7 @@ pub enum Fault {
     Overflow,
     /// The power fails: settings are those of switching on, the connection is gone.
     PowerCycle,
-    /// The output goes off by itself.
+    /// The output switches off on its own.
     OutputOff,
     /// From now on no message switches the output off; all others are obeyed.
     StuckOutput,
@@ -87,8 +87,8 @@ impl Fault {
         Self::OutputOff,
     ];
 
-    /// Those of an instrument that lies. [`Self::BathRunsAway`] is none: the bath tells the truth
-    /// about its temperature.
+    /// Faults of an instrument with false replies. [`Self::BathRunsAway`] is not one of them: the
+    /// bath reports its true temperature.
     pub const LIES: [Self; 6] = [
         Self::StuckOutput,
         Self::SecondClient,
@@ -106,7 +106,7 @@ pub struct Schedule {
     pub seed: u64,
     /// Chance of a fault with each message.
     pub per_message: f64,
-    /// So many at most on one instrument.
+    /// Maximum number of faults on one instrument.
     pub most: usize,
     /// Faults that may happen.
     pub faults: Vec<Fault>,
@@ -118,7 +118,7 @@ pub struct Schedule {
     pub awaits: Option<FaultSwitch>,
     /// Which of the things that another client may do; left to chance without it.
     pub variant: Option<usize>,
-    /// Whoever mends the instruments.
+    /// Switch that repairs the instruments.
     pub repaired: FaultSwitch,
 }
 

@@ -1,13 +1,14 @@
-//! Keysight (Agilent) 33500B function generator: a command tree for each channel, numbers answered
-//! with sixteen digits, an error queue that tells what was adjusted.
+//! Keysight (Agilent) 33500B function generator: a command tree for each channel, numeric replies
+//! with sixteen digits, an error queue that reports adjusted settings.
 //!
 //! Voltages are kept as the open-circuit voltage behind 50 Ω; `OUTPut:LOAD` only changes how they
-//! are reported and understood. Only channel 1 is wired to the bench, and only a sine, a constant
-//! voltage and loaded waves are simulated, for ever or in triggered bursts of so many periods.
-//! Sweep and modulation are off and stay off. Assumed: an amplitude or offset that leaves the range
-//! is adjusted to it with −221; the phase restarts when the frequency, the sample rate, the phase,
-//! the function or the output changes; a wave is held from point to point whatever its filter, and
-//! ±32767 of the converter is ± half the amplitude. Waves are taken as text, not as blocks.
+//! are reported and interpreted. Only channel 1 is wired to the bench, and only a sine, a constant
+//! voltage and loaded waves are simulated, continuously or in triggered bursts of a number of
+//! periods. Sweep and modulation are off and stay off. Assumed: an amplitude or offset that leaves
+//! the range is adjusted to it with −221; the phase restarts when the frequency, the sample rate,
+//! the phase, the function or the output changes; a wave is held from point to point regardless of
+//! its filter, and ±32767 of the converter is ± half the amplitude. Waves are accepted as text, not
+//! as blocks.
 
 mod tree;
 mod waves;
@@ -118,8 +119,8 @@ impl Channel {
         }
     }
 
-    /// Brings amplitude and offset into the range, the one that was not asked for last; tells
-    /// whether something had to give.
+    /// Brings amplitude and offset into the range by adjusting the one that was not set last.
+    /// Returns whether a value was adjusted.
     fn settle(&mut self, amplitude_counts: bool) -> bool {
         let old = (self.amplitude_vpp, self.offset_v);
         self.amplitude_vpp = self.amplitude_vpp.clamp(MIN_VPP, 2.0 * MAX_VOLTS);
@@ -244,7 +245,7 @@ impl Keysight {
             .and_then(|name| self.waves[index].get(name))
     }
 
-    /// Tells the world the shape of channel 1.
+    /// Sends the shape of channel 1 to the world.
     fn reshape(&self) {
         let wave = self.wave(0).filter(|_| self.channels[0].arbitrary);
         self.world.plant().shape(self.world.now_s, wave.cloned());

@@ -63,7 +63,7 @@ pub struct Model {
     /// Message with the same effect as its protection, or a person at its panel, that switches the
     /// output off.
     pub panel_off: Option<&'static str>,
-    /// Messages whose effect the faults must know.
+    /// Messages whose effect the faults depend on.
     pub messages: Messages,
     /// Messages that another client might send to it, in several variants.
     pub meddling: &'static [&'static [&'static str]],

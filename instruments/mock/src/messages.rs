@@ -1,4 +1,4 @@
-//! Messages of a model whose effect the faults around it must know.
+//! Messages of a model whose effect the surrounding faults depend on.
 
 /// Messages of one model that switch its output off, and its questions for measurements.
 pub struct Messages {

@@ -1,7 +1,8 @@
-//! The simulated world, as the mocks see it. Every mock of a bench looks at one shared [`Plant`];
-//! what one does to it, the others see.
+//! The simulated world, as the mocks see it. All mocks of a bench share one [`Plant`]; what one
+//! does to it is visible to the others.
 //!
-//! Knows no SCPI and no physics: it is only the seam between the two. `fixtures` implements it.
+//! This module contains no SCPI and no physics; it is only the interface between the two.
+//! `fixtures` implements it.
 //!
 //! Times are bench seconds ([`instruments_link::clock::Clock::now_s`]); calls come with times that
 //! never decrease. Currents into the cell are positive (charge), as the thesis' bench measures them.
@@ -25,8 +26,8 @@ pub struct Drift {
 
 /// One coupled simulated bench.
 pub trait Plant: Send {
-    /// Tells the world what an instrument does to it from `t_s` on, until told otherwise.
-    /// Idempotent: an action carries the whole state.
+    /// Sets what an instrument does to the world from `t_s` until the next call. Idempotent: an
+    /// action carries the whole state.
     fn act(&mut self, t_s: f64, action: Action);
 
     /// Gives the signal of generator channel 1 another shape than a sine from `t_s` on: one period
@@ -96,7 +97,7 @@ pub enum Action {
     Supply(SupplyState),
     /// The chiller.
     Chiller(ChillerState),
-    /// Heater and cooler of a bath whose loop is closed elsewhere.
+    /// Heater and cooler of a bath with an external control loop.
     Bath(BathState),
 }
 
@@ -174,7 +175,7 @@ pub struct ChillerState {
 pub struct BathState {
     /// 1: the heater is on, −1: the cooler, 0: neither.
     pub power: f64,
-    /// It drops by itself at this bench time, s.
+    /// The relay drops automatically at this bench time, s.
     pub until_s: f64,
 }
 

@@ -68,8 +68,8 @@ fn ends_behind_block(reply: &[u8]) -> bool {
     length.is_some_and(|length| reply.len() > 2 + digits + length)
 }
 
-/// An answer that is one number, with so many significant digits. Lists, such as the scaling of a
-/// waveform, are not read-backs and stay exact.
+/// Rounds a reply that is one number to `digits` significant digits. Lists, such as the scaling of
+/// a waveform, are not read-backs and stay exact.
 fn rounded(reply: &[u8], digits: usize) -> Vec<u8> {
     let Ok(text) = std::str::from_utf8(reply) else {
         return reply.to_vec();

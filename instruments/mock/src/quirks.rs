@@ -24,7 +24,7 @@ pub enum Kind {
     Switch(bool),
     /// A number, with its least and its greatest value.
     Number(f64, (f64, f64)),
-    /// One of these words; the first unless told otherwise.
+    /// One of these keywords; the first is the default.
     Word(&'static [&'static str]),
 }
 
@@ -133,7 +133,7 @@ pub(super) const CLAMPS: &[Quirk] = &[quirk(
     Kind::Switch(true),
 )];
 
-/// Of models whose function is answered otherwise than it is set.
+/// Models whose function query returns another keyword than the one that sets it.
 const FUNCTION: Quirk = quirk(
     "function_word",
     "the function is answered by another word than sets it",

@@ -1,10 +1,10 @@
 //! A serial board with a DS18B20 in a bath and two relays, for a heater and a cooler. Its protocol
-//! is this project's own (`docs/thermostat.md`), the sensor's answer that of the Linux kernel's
+//! belongs to this project (`docs/thermostat.md`); the sensor's reply is that of the Linux kernel's
 //! `w1_slave`.
 //!
-//! A relay is switched on for a time, at most a minute, and drops by itself: nothing stays on
-//! because nobody speaks any more. Assumed: the sensor follows the bath at once, and its conversion
-//! is fresh with every question.
+//! A relay is switched on for a limited time, at most a minute, and then drops automatically:
+//! nothing stays on if the client falls silent. Assumed: the sensor follows the bath at once, and
+//! each query returns a fresh conversion.
 
 use instruments_scpi::decode::Terminator;
 

@@ -1,5 +1,5 @@
-//! Siglent SDL1000X DC electronic load. `[:SOURce]` is optional; there is no error queue, so that a
-//! refused command leaves no trace but its read-back, and an unknown query is met with silence.
+//! Siglent SDL1000X DC electronic load. `[:SOURce]` is optional. There is no error queue, so a
+//! refused command is visible only in its read-back, and an unknown query gets no reply.
 //!
 //! Only constant current and constant power draw from the cell; the other functions can be chosen
 //! and read back, but their input draws nothing. Transient, battery, list and program modes are
@@ -221,8 +221,8 @@ impl Sdl {
         self.bounded(value, 0.0..=max)
     }
 
-    /// Setting of a number: one out of range is clamped, or leaves the setting as it was; so does
-    /// what is no number.
+    /// Sets a number. A value out of range is clamped or leaves the setting unchanged; a value that
+    /// is not a number leaves it unchanged.
     fn bounded(&self, value: f64, range: RangeInclusive<f64>) -> Fallible<f64> {
         match value {
             value if range.contains(&value) => Ok(value),

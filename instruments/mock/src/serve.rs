@@ -202,13 +202,13 @@ pub fn serve_pty(
 ) -> io::Result<(String, JoinHandle<()>)> {
     let pty = Pty::open()?;
     let path = pty.path().to_owned();
-    // The terminal outlives its clients: a serial line does not tell the instrument that somebody
-    // has gone.
+    // The terminal outlives its clients: a serial line does not notify the instrument when a client
+    // disconnects.
     let task = tokio::spawn(async move { finish(serve(device.as_mut(), pty, &clock).await) });
     Ok((path, task))
 }
 
-/// A client that breaks off is no fault of the instrument's.
+/// A client that disconnects early is not a fault of the instrument.
 fn finish(outcome: io::Result<()>) {
     match outcome {
         Ok(()) => tracing::debug!("client gone"),

@@ -96,8 +96,8 @@ pub(super) fn fail<T>(code: ErrorCode) -> Fallible<T> {
     Err(Error::new(code))
 }
 
-/// Marks the failure of a known header in the form that it does not have, which some firmware tells
-/// apart from an unknown header.
+/// Marks a known header in a form that it does not have. Some firmware distinguishes this from an
+/// unknown header.
 pub(super) const WRONG_FORM: &[u8] = b"wrong form";
 
 impl<D: ScpiDevice> Command<D> for Verb<D> {
@@ -183,7 +183,8 @@ impl Status {
         self.clamps
     }
 
-    /// A value within its span; one beyond it is refused or limited, and what is no number refused.
+    /// Checks a value against its range. A value beyond the range is refused or clamped; a value
+    /// that is not a number is refused.
     pub(super) fn bounded(&self, value: f64, range: RangeInclusive<f64>) -> Fallible<f64> {
         match value {
             value if range.contains(&value) => Ok(value),

@@ -1,12 +1,12 @@
 //! Arbitrary blocks (IEEE 488.2 clauses 7.7.6 and 8.7.9, 8.7.10): `#` d n…n payload, where d is the
 //! number of digits and n…n the payload's length in bytes; `#0` payload for a block whose length is
-//! not known beforehand. This module reads and writes the header; what ends the payload is the
-//! business of [`super::decode`].
+//! not known beforehand. This module parses and writes the header; [`super::decode`] finds the end
+//! of the payload.
 
 /// The header of a block, as far as it has arrived.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BlockHeader {
-    /// More bytes are needed to tell.
+    /// More bytes are needed to decide.
     Incomplete,
     /// `payload_len` bytes follow after `header_len` bytes of header.
     Definite {

@@ -6,19 +6,19 @@ use super::excerpt;
 
 /// Answer of SCPI instruments for positive infinity (an overload, an open thermocouple).
 pub const SCPI_INFINITY: f64 = 9.9e37;
-/// Answer of SCPI instruments where there is no number.
+/// Reply of SCPI instruments in place of a number that is not available.
 pub const SCPI_NAN: f64 = 9.91e37;
 
 /// A number that could not be read or written.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum NumberError {
-    /// The text is no number.
+    /// The text is not a number.
     #[error("expected a number such as 42, 4.2 or 4.2E+0, found `{0}`")]
     NotANumber(String),
-    /// The text is no Boolean.
+    /// The text is not a Boolean.
     #[error("expected 1, 0, ON or OFF, found `{0}`")]
     NotABoolean(String),
-    /// The text is no `#H`, `#Q` or `#B` number of at most 64 bits.
+    /// The text is not a `#H`, `#Q` or `#B` number of at most 64 bits.
     #[error("expected digits after #H, #Q or #B, at most 64 bits, found `{0}`")]
     NotNonDecimal(String),
     /// The suffix belongs to another unit, or to none.
@@ -157,7 +157,7 @@ impl Quantity {
     }
 }
 
-/// Reads a number and the suffix behind it, if any: `1500 mA`, `2MHZ`, `-3.0E-1 V`, `0.707Vrms`.
+/// Parses a number and the suffix after it, if any: `1500 mA`, `2MHZ`, `-3.0E-1 V`, `0.707Vrms`.
 ///
 /// ```
 /// use instruments_scpi::number::parse_quantity;
@@ -170,8 +170,8 @@ impl Quantity {
 /// ```
 ///
 /// # Errors
-/// [`NumberError::NotANumber`] when there is no number in front, or when something else than one
-/// suffix follows.
+/// [`NumberError::NotANumber`] if the text does not start with a number, or if anything other than
+/// one suffix follows.
 pub fn parse_quantity(text: &str) -> Result<Quantity, NumberError> {
     let fail = || NumberError::NotANumber(excerpt(text.as_bytes()));
     let trimmed = text.trim();

@@ -40,7 +40,7 @@ impl fmt::Display for ErrorEntry {
     }
 }
 
-/// An answer that is no entry of an error queue.
+/// A reply that is not an entry of an error queue.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("expected an error-queue entry such as `0,\"No error\"`, found `{0}`")]
 pub struct StatusError(String);

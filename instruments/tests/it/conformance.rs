@@ -189,8 +189,8 @@ fn where_a_message_has_an_end_the_end_counts() {
     });
 }
 
-/// The bad day: answers that come long after nobody waits for them any more. Whatever is answered
-/// afterwards is the answer to what was asked.
+/// Late replies: they arrive long after the client has stopped waiting for them. Each later query
+/// must still get its own reply.
 async fn stays_in_step(bench: &Bench, profile: LinkProfile, overdue: &[&str]) {
     let log = SharedText::default();
     let mut link = bench.link(profile, Tap::new(log.clone())).await.unwrap();
@@ -431,8 +431,8 @@ fn a_connection_that_breaks_or_closes_half_is_named_and_can_be_renewed() {
 
 #[test]
 fn a_second_client_is_refused_or_waits_and_comes_in_when_the_first_has_gone() {
-    // The kernel lets several clients have one USBTMC device; the file is the only one's who writes
-    // last.
+    // The kernel lets several clients open one USBTMC device, but the file belongs to the client
+    // that wrote last.
     over(&kinds(|kind| kind != Kind::UsbTmc), async |bench| {
         let mut first = bench.patient().await;
         assert_eq!(first.query("FAST?").await.unwrap(), "fast");
@@ -480,8 +480,8 @@ fn a_second_client_is_refused_or_waits_and_comes_in_when_the_first_has_gone() {
 #[test]
 fn what_cannot_be_reached_says_why() {
     Clock::runtime(TimeMode::Real).unwrap().block_on(async {
-        // A port that nobody listens on any more, one that says nothing HiSLIP, VXI-11 or adapter
-        // can be, and no file.
+        // A port without a listener, a port that speaks neither HiSLIP nor VXI-11 nor an adapter's
+        // protocol, and a missing file.
         let closed = TcpListener::bind("127.0.0.1:0")
             .await
             .unwrap()

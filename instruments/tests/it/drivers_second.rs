@@ -1,5 +1,5 @@
-//! Second dialect of each role, whose conventions differ from the first's: channel lists, `ON` and
-//! `OFF` as answers, two line ends, hexadecimal registers.
+//! Second dialect of each role, with conventions that differ from the first: channel lists, `ON`
+//! and `OFF` as replies, two line ends, hexadecimal registers.
 
 use instruments::{
     chiller,

@@ -27,7 +27,7 @@ const LIMITS: Limits = Limits {
     compliance: Volts(4.3),
     current: Amps(3.0),
 };
-/// A user before us, who had a voltage on the output and an analog command.
+/// A previous user left a voltage on the output and an analog command.
 const UNRULY: [&str; 6] = [
     "CURR 2",
     "VOLT 12",

@@ -97,8 +97,8 @@ fn no_question_gets_the_answer_to_another_one_whatever_goes_wrong_on_the_wire() 
             happened > 150 && answered > 1000,
             "{fault:?}: {happened} faults, {answered} answers"
         );
-        // A byte that is another one cannot be told from the right one; an answer of two cannot be,
-        // either.
+        // A garbled byte cannot be distinguished from the right one, and neither can one reply out
+        // of two.
         if fault != Fault::Garble {
             assert_eq!(wrong, [""; 0], "{fault:?}");
         }

@@ -1,11 +1,11 @@
-//! Random and mutated input for everything that reads what others write: here the codec and the
-//! wire forms of the transports on both sides, in `fuzz_models` what the dialects make of answers,
-//! and the mocks. Nothing panics, and nothing holds more than its bound. Whole sessions with both
-//! sides of each transport are in `fuzz_sessions` and `fuzz_usbtmc`.
+//! Random and mutated input for every parser of external data: here the codec and the wire forms of
+//! the transports on both sides, and in `fuzz_models` the reply parsers of the dialects, and the
+//! mocks. Nothing panics, and nothing exceeds its memory bound. Whole sessions with both sides of
+//! each transport are in `fuzz_sessions` and `fuzz_usbtmc`.
 //!
-//! `EIS_BENCH_FUZZ=10000000 cargo test -p instruments --test it fuzz -- --nocapture` takes so many
-//! inputs in each category instead of continuous integration's share; `EIS_BENCH_FUZZ_SEED` chooses
-//! others.
+//! `EIS_BENCH_FUZZ=10000000 cargo test -p instruments --test it fuzz -- --nocapture` sets the
+//! number of inputs in each category instead of continuous integration's share;
+//! `EIS_BENCH_FUZZ_SEED` selects others.
 
 use std::collections::BTreeMap;
 

@@ -32,7 +32,7 @@ use crate::{
     transports::{Kind, serve},
 };
 
-/// One input of `fuzz` in so many.
+/// One session runs per this number of inputs of `fuzz`.
 pub(crate) const SCARCITY: u64 = 200;
 /// How long either side is listened to.
 pub(crate) const MOMENT: Duration = Duration::from_millis(2);

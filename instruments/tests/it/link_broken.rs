@@ -1,5 +1,5 @@
-//! Behaviour of a link when an answer stays away, is none, or nobody is there: in virtual time over
-//! in-process pipes.
+//! Behaviour of a link if a reply is missing or invalid, or if the peer is absent: in virtual time
+//! over in-process pipes.
 
 use std::time::Duration;
 

@@ -271,7 +271,7 @@ fn the_generator_drives_the_world_and_restarts_its_phase_on_a_new_frequency() {
             ..on
         }
     );
-    // Told that 50 Ω hang on it, it puts out twice what it is told, which nothing hangs on.
+    // With its load set to 50 Ω, the generator outputs twice the set voltage at an open end.
     bench.send(&["C1:OUTP LOAD,50", "C1:BSWV AMP,1"]);
     assert_eq!(state(&bench).amplitude_v, 1.0);
     bench.send(&["C2:OUTP ON", "C1:OUTP OFF"]);

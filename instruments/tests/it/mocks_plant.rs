@@ -109,7 +109,7 @@ impl Plant for Recorder {
     }
 }
 
-/// A mock and the world that it looks at.
+/// A mock and the world that it observes.
 pub(crate) struct Bench {
     pub(crate) device: Box<dyn Device>,
     pub(crate) plant: Arc<Mutex<Recorder>>,

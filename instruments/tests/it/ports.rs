@@ -22,8 +22,8 @@ fn in_real_time(test: impl AsyncFnOnce(Clock)) {
         .block_on(async { test(Clock::start(TimeMode::Real)).await });
 }
 
-/// Answers like a chiller: CR in, CR LF out with flow bytes in between; nothing at all to what is
-/// no query.
+/// Replies like a chiller: CR in, CR LF out with flow bytes in between. A message that is not a
+/// query gets no reply.
 fn chiller(message: &str) -> Reply {
     match message {
         "IN_PV_00" => now(b"\x1323.5\x110\r\n".to_vec()),

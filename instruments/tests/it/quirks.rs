@@ -215,7 +215,7 @@ async fn exercise(rig: &Rig, model: &str, role: &str, judge: &Judge) -> Result<(
             };
             let mut logger = driver!(logger).on_channels(channels);
             logger.configure().await?;
-            // An open thermocouple is told as none.
+            // An open thermocouple is reported as `None`.
             if let Some(cell) = logger.scan().await?.first().copied().flatten() {
                 judge.reads("cell", cell.value(), 25.374);
             }

@@ -48,7 +48,7 @@ impl Kind {
         Self::GpibSerial,
     ];
 
-    /// Bytes only: nothing tells where an answer ends, and nothing clears the instrument.
+    /// A byte stream only: it marks no end of a reply, and it cannot clear the instrument.
     pub(crate) fn is_stream(self) -> bool {
         matches!(self, Self::Memory | Self::Tcp | Self::Serial)
     }
@@ -156,7 +156,7 @@ pub(crate) struct Bench {
     pub(crate) hub: MemoryHub,
 }
 
-/// A file name that nobody else has.
+/// Returns a unique file name.
 pub(crate) fn socket_file() -> PathBuf {
     static NUMBER: AtomicU32 = AtomicU32::new(0);
     std::env::temp_dir().join(format!(

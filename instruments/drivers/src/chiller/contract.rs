@@ -26,8 +26,9 @@ pub trait Dialect: Model {
     fn range(&self) -> (Celsius, Celsius);
     /// Set-point, then start; or stop.
     fn run(&self, setpoint: Option<Celsius>) -> Vec<Exchange>;
-    /// Where the daemon closes the loop: heats for so many seconds, cools for a negative number of
-    /// them, lets both be for zero. The pulse ends by itself.
+    /// Returns the commands of one pulse, if the daemon closes the loop: a positive number of
+    /// seconds heats, a negative number cools, zero switches both off. The pulse ends
+    /// automatically.
     fn pulse(&self, _seconds: f64) -> Option<Vec<Exchange>> {
         None
     }
@@ -35,7 +36,8 @@ pub trait Dialect: Model {
     fn zero(&self) -> Vec<Way>;
     /// Queries for bath temperature and status.
     fn queries(&self) -> [&'static str; 2];
-    /// Reads an answer to the first of them, °C; nothing where it is no temperature.
+    /// Parses a reply to the first of the queries, in °C. Returns `None` if it is not a
+    /// temperature.
     fn celsius(&self, answer: &str) -> Option<f64> {
         leading_number(answer)
     }

@@ -64,8 +64,7 @@ impl Model for Huber {
         }
     }
 
-    /// There is no name to ask for: the set-point's register tells the dialect, and nothing else
-    /// does.
+    /// The instrument has no name query: only the set-point's register identifies the dialect.
     fn identity_query(&self) -> &'static str {
         "{M00****"
     }
@@ -155,8 +154,8 @@ impl Dialect for Huber {
     fn celsius(&self, answer: &str) -> Option<f64> {
         let (_, value) = register(answer)?;
         let hundredths = value.cast_signed();
-        // The protocol has values beyond 327 °C wrap around below absolute sense; no cell is that
-        // hot, so that neither is believed.
+        // In this protocol values above 327 °C wrap around to below absolute zero. No cell is that
+        // hot, so neither is accepted.
         (value != NOT_AVAILABLE && hundredths > NO_SENSOR).then(|| f64::from(hundredths) / 100.0)
     }
 

@@ -114,8 +114,8 @@ impl Dialect for Julabo {
             .next()
             .and_then(|code| code.parse::<i32>().ok());
         let warning_only = raw.to_ascii_uppercase().contains("WARNING");
-        // −08…−11 complain of the last command; they say nothing of the bath.
-        // What cannot be read is no good news.
+        // Codes −08 to −11 report an error in the last command, not in the bath. A status that
+        // cannot be parsed counts as an alarm.
         let alarm = code.is_none_or(|code| code < 0 && !(-11..=-8).contains(&code))
             && !(warning_only && code.is_some());
         Status {

@@ -41,7 +41,7 @@ impl Instrument<dyn Dialect> {
         {
             Some((query, yes)) => {
                 let running = yes.judge(&self.link.query(query).await?).is_ok();
-                // What it does in remote mode it was told to.
+                // In remote mode the bath does what it was commanded.
                 Ok(Status {
                     running,
                     remote: true,
@@ -69,7 +69,7 @@ impl Instrument<dyn Dialect> {
             ));
         }
         let script = self.dialect.run(Some(setpoint));
-        // Where the daemon closes the loop, it changes what the relays are told all the time.
+        // If the daemon closes the loop, it changes the relay commands continuously.
         if self.is_regulated() {
             self.play(&script).await
         } else {
@@ -143,10 +143,10 @@ impl Instrument<dyn Dialect> {
         };
     }
 
-    /// Its set-point; none of a bath whose loop is closed elsewhere.
+    /// Returns the set-point, or `None` for a bath whose loop is closed elsewhere.
     ///
     /// # Errors
-    /// The link's; an answer that is no number.
+    /// The link's errors, including a reply that is not a number.
     pub async fn setpoint(&mut self) -> Result<Option<Celsius>, LinkError> {
         match self.dialect.setpoint() {
             Some(query) => self.celsius(query).await.map(Some),
@@ -154,10 +154,10 @@ impl Instrument<dyn Dialect> {
         }
     }
 
-    /// Temperature of the bath.
+    /// Returns the temperature of the bath.
     ///
     /// # Errors
-    /// The link's; an answer that is no number.
+    /// The link's errors, including a reply that is not a number.
     pub async fn temperature(&mut self) -> Result<Celsius, LinkError> {
         self.celsius(self.dialect.queries()[0]).await
     }

@@ -1,10 +1,10 @@
 //! A serial board with a DS18B20 in the bath and two relays, for a heater and a cooler
-//! (`docs/thermostat.md`). It has no set-point: the loop is closed from here, by pulses that end by
-//! themselves.
+//! (`docs/thermostat.md`). It has no set-point: the daemon closes the loop with pulses that end
+//! automatically.
 //!
-//! The sensor's answer is the text of the Linux kernel's `w1_slave`: nine bytes, their sum, `YES`
-//! or `NO`, and `t=` in thousandths of a degree. It is believed when bytes, sum and number agree,
-//! and when it is not the 85 °C that the sensor shows before its first conversion.
+//! The sensor's reply is the text of the Linux kernel's `w1_slave`: nine bytes, their checksum,
+//! `YES` or `NO`, and `t=` in thousandths of a degree. It is accepted if bytes, checksum and number
+//! agree, and if it is not the 85 °C that the sensor reports before its first conversion.
 
 use instruments_domain::units::Celsius;
 use instruments_link::link::{Grammar, LinkProfile};
@@ -94,7 +94,7 @@ impl Dialect for RelayBoard {
         })
     }
 
-    /// A new pulse takes the place of the one in work, and ends by itself.
+    /// A new pulse replaces the running one and ends automatically.
     fn zero(&self) -> Vec<Way> {
         vec![Way {
             name: "its shortest pulse",

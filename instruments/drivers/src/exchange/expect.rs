@@ -26,7 +26,7 @@ pub enum Expect {
     Switch(bool),
     /// One of these words, whatever the case.
     Word(&'static [&'static str]),
-    /// One of these words; other answers are told with their meaning where it is known.
+    /// One of these keywords. Errors report other replies with their meaning if it is known.
     Confirmed {
         /// Answers that count as done.
         words: &'static [&'static str],

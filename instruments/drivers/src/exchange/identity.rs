@@ -1,4 +1,4 @@
-//! Identity of an instrument: its answer to the question who it is.
+//! Identity of an instrument: its reply to the identity query.
 
 use instruments_scpi::message::parse_response;
 

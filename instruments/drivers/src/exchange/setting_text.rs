@@ -14,7 +14,8 @@ pub struct Setting {
     pub name: &'static str,
     /// Meaning of its answers.
     pub says: Says,
-    /// It tells whether the instrument's output or input is on, or its control of a bath.
+    /// The setting reports whether the instrument's output or input is on, or whether a bath is
+    /// controlled.
     pub is_switch: bool,
 }
 
@@ -38,7 +39,7 @@ pub enum Shows {
     Text(&'static str),
     /// Its field of this name has this word.
     Field(&'static str, &'static str),
-    /// A status word whose bits under this mask are these.
+    /// A status word whose bits under this mask have this value.
     Bits(u32, u32),
 }
 
@@ -49,7 +50,7 @@ pub const ON_OFF: Says = Says::States(&[
     (Shows::Word("0"), "off"),
     (Shows::Word("OFF"), "off"),
 ]);
-/// Setting whose values have no words: an error only says that it has another value.
+/// Setting whose values have no names: an error only states that it has another value.
 pub const CHOSEN: Says = Says::States(&[]);
 
 /// Fields of a generator's answers, and their units.
@@ -70,7 +71,7 @@ fn with_unit(value: f64, unit: &str) -> String {
 }
 
 impl Setting {
-    /// A setting whose answer is a number.
+    /// Creates a setting whose reply is a number.
     pub const fn number(question: &'static str, name: &'static str, unit: &'static str) -> Self {
         Self {
             question,
@@ -90,8 +91,8 @@ impl Setting {
         }
     }
 
-    /// The setting that tells whether the instrument's output or input is on, or its control of a
-    /// bath.
+    /// Creates the setting that reports whether the instrument's output or input is on, or whether
+    /// a bath is controlled.
     pub const fn switch(question: &'static str, name: &'static str, says: Says) -> Self {
         Self {
             question,

@@ -44,12 +44,12 @@ pub struct Wave {
 }
 
 impl Wave {
-    /// A wave whose name ends in a digest of its shape: an instrument that plays a wave of that
-    /// name plays this shape, not one that was loaded before it. `kind` has at most four letters,
-    /// for names of twelve characters are all that a 33500B takes. Names are not used again for
-    /// another shape, although no command is known by which an SDG forgets one: were the upload
-    /// lost, the old shape would play under the new amplitude. Frequency, amplitude and offset are
-    /// those of `sine`.
+    /// Creates a wave whose name ends in a digest of its shape. An instrument that outputs a wave
+    /// of that name therefore outputs this shape, not one that was loaded earlier. `kind` has at
+    /// most four letters, because a 33500B accepts names of at most twelve characters. A name is
+    /// never reused for another shape, since no command is known that deletes a wave from an SDG:
+    /// if the upload were lost, the old shape would be output with the new amplitude. Frequency,
+    /// amplitude and offset are those of `sine`.
     pub fn named(kind: &str, steps: Vec<f64>, sine: Sine) -> Self {
         Self {
             name: format!("{kind}{:08x}", digest(&steps)),
@@ -92,7 +92,8 @@ pub trait Dialect: Model {
     fn output(&self, channel: u8, on: bool) -> Vec<Exchange>;
     /// A sine; the output stays as it is.
     fn sine(&self, channel: u8, sine: &Sine) -> Vec<Exchange>;
-    /// Most steps of a wave; none where the model plays no waves.
+    /// Returns the maximum number of steps of a wave, or `None` if the model has no arbitrary
+    /// waves.
     fn wave_steps(&self) -> Option<usize> {
         None
     }
@@ -108,8 +109,8 @@ pub trait Dialect: Model {
     fn most_periods(&self) -> Option<u32> {
         None
     }
-    /// From now on so many periods of what is set, then the offset without a further message;
-    /// without a number no end. The output stays as it is.
+    /// Starts `periods` periods of the current signal, followed by the offset without a further
+    /// message. Without a number the signal does not end. The output state does not change.
     fn burst(&self, channel: u8, periods: Option<u32>) -> Vec<Exchange> {
         let (message, reason) = (
             format!("burst on channel {channel}"),
@@ -121,9 +122,9 @@ pub trait Dialect: Model {
             Vec::new()
         }
     }
-    /// The least sine around an offset, as near to a direct current as it comes; the output and the
-    /// rest stay as they are. A unit whose least amplitude is greater than its manual says is not
-    /// refused for that, up to 20 mVpp.
+    /// Sets the smallest sine around an offset, the closest approximation of a direct current. The
+    /// output state and the other settings do not change. A unit is not refused if its smallest
+    /// amplitude exceeds that of its manual, up to 20 mVpp.
     fn direct(&self, channel: u8, offset: Volts) -> Vec<Exchange>;
     /// The least sine around an offset, everything else that could move the output off; the output
     /// stays as it is.

@@ -1,5 +1,5 @@
-//! Keysight (Agilent) 33500B: a command tree for each channel, an error queue that tells what was
-//! adjusted, an output load that changes every volt.
+//! Keysight (Agilent) 33500B: a command tree for each channel, an error queue that reports adjusted
+//! settings, and an output load setting that scales every voltage.
 
 use instruments_domain::units::{Hertz, Volts};
 use instruments_link::link::LinkProfile;
@@ -256,7 +256,8 @@ impl Dialect for Keysight {
         let tolerance_v = 1.0e-3 * peak_to_peak_v.abs() + AMPLITUDE_STEP_V;
         let [unit, least] = still(&source);
         vec![
-            // What plays at present may be cleared, and leaves a sine of its amplitude.
+            // The wave that is output at present may be cleared; this leaves a sine of its
+            // amplitude.
             unit,
             least,
             // A name that is there already is refused.
@@ -304,8 +305,8 @@ impl Dialect for Keysight {
         Some(BURST_PERIODS)
     }
 
-    /// Assumed: a burst that still plays ends where bursts are switched off, and the signal begins
-    /// at phase zero with its trigger.
+    /// Assumed: switching bursts off ends a burst that is still running, and the signal begins at
+    /// phase zero with its trigger.
     fn burst(&self, channel: u8, periods: Option<u32>) -> Vec<Exchange> {
         let source = format!("SOUR{channel}:BURS");
         let state = |on| Exchange::switch(&format!("{source}:STAT"), on);
@@ -383,7 +384,7 @@ impl Dialect for Keysight {
     }
 }
 
-/// The least amplitude, whatever plays.
+/// Sets the smallest amplitude, regardless of the waveform.
 fn still(source: &str) -> [Exchange; 2] {
     let least_v = 2.0 * MIN_AMPLITUDE.value();
     [

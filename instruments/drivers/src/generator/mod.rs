@@ -1,4 +1,4 @@
-//! The signal generator whose sine is the command of the bipolar supply.
+//! The signal generator. Its sine is the set-point of the bipolar supply.
 
 mod contract;
 mod keysight_33500b;
@@ -42,13 +42,14 @@ impl Instrument<dyn Dialect> {
         }
     }
 
-    /// Most steps of a wave; none where the model plays no waves.
+    /// Returns the maximum number of steps of a wave, or `None` if the model has no arbitrary
+    /// waves.
     pub fn wave_steps(&self) -> Option<usize> {
         self.dialect.wave_steps()
     }
 
-    /// Loads a wave, plays it and reads back what can be read back: its name, its frequency, its
-    /// amplitude, not its shape.
+    /// Loads a wave, outputs it and reads back its name, frequency and amplitude. The shape cannot
+    /// be read back.
     ///
     /// # Errors
     /// As [`Self::sine`].
@@ -63,8 +64,8 @@ impl Instrument<dyn Dialect> {
         self.dialect.most_periods()
     }
 
-    /// Begins so many periods of what was set, after which the output stays at its offset whether
-    /// or not anybody says more; without a number, no end.
+    /// Starts `periods` periods of the current signal. Afterwards the output stays at its offset,
+    /// even if no further message arrives. Without a number the signal does not end.
     ///
     /// # Errors
     /// As [`Self::sine`].

@@ -228,8 +228,8 @@ impl Dialect for Sdg {
         Some(BURST_PERIODS)
     }
 
-    /// Assumed: a burst that still plays ends where bursts are switched off, and the signal begins
-    /// at its phase with the trigger.
+    /// Assumed: switching bursts off ends a burst that is still running, and the signal begins at
+    /// its phase with the trigger.
     fn burst(&self, channel: u8, periods: Option<u32>) -> Vec<Exchange> {
         let state = |arguments: &str, expect| set(channel, "BTWV", arguments, expect);
         let Some(periods) = periods else {
@@ -292,7 +292,7 @@ struct Amplitude {
     tolerance_v: f64,
 }
 
-/// A sine whose amplitude is read back as given.
+/// Returns the command for a sine whose amplitude is read back as specified.
 fn basic_wave(channel: u8, sine: &Sine, read_back: Amplitude) -> Exchange {
     let (freq_hz, peak_to_peak_v, offset_v) = (
         sine.freq.value(),
@@ -304,7 +304,7 @@ fn basic_wave(channel: u8, sine: &Sine, read_back: Amplitude) -> Exchange {
         ("AMP", read_back.vpp, read_back.tolerance_v),
         ("OFST", offset_v, OFFSET_TOLERANCE_V),
     ];
-    // What is no number is refused, and not sent.
+    // A value that is not a number is refused and not sent.
     let number = if peak_to_peak_v.is_finite() {
         Expect::All(Vec::new())
     } else {

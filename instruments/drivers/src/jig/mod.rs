@@ -31,10 +31,10 @@ impl Jig {
         Self { link }
     }
 
-    /// Asks who it is; changes nothing.
+    /// Queries the identity; changes nothing.
     ///
     /// # Errors
-    /// The link's.
+    /// The link's errors.
     pub async fn identify(&mut self) -> Result<Identity, LinkError> {
         Ok(Identity::parse(&self.link.query("*IDN?").await?))
     }

@@ -25,10 +25,10 @@ impl Instrument<dyn Dialect> {
         self.dialect.capabilities()
     }
 
-    /// Input off, then constant current or power with the limits read back.
+    /// Switches the input off, then sets constant current or power and reads the limits back.
     ///
     /// # Errors
-    /// The first message that was refused or whose read-back was wrong.
+    /// The error of the first message that was refused or whose read-back was wrong.
     pub async fn prepare(&mut self, discharge: &Discharge) -> Result<(), LinkError> {
         let mut expected = self.expected.clone().lock_owned().await;
         *expected = ExpectedAnswers::default();
@@ -91,10 +91,10 @@ impl Instrument<dyn Dialect> {
         look(&mut self.link, &self.dialect.input(false)).await
     }
 
-    /// Voltage at the sense terminals and current drawn.
+    /// Returns the voltage at the sense terminals and the current drawn.
     ///
     /// # Errors
-    /// The link's; an answer that is no number.
+    /// The link's errors, including a reply that is not a number.
     pub async fn measure(&mut self) -> Result<(Volts, Amps), LinkError> {
         let queries = self.dialect.measure();
         self.volts_and_amps(queries).await

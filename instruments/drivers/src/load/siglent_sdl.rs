@@ -139,7 +139,7 @@ impl Dialect for Sdl {
                         range_value,
                         0.1,
                     ),
-                    // Above 36 V there is no cell, and the coarse range reads ten times worse.
+                    // No cell exceeds 36 V, and the coarse range resolves ten times worse.
                     Exchange::number(":CURR:VRANG 36", ":CURR:VRANG?", 36.0, 0.1),
                 ]
             }
@@ -150,8 +150,8 @@ impl Dialect for Sdl {
             ],
         };
         script.extend(self.level(discharge.draw));
-        // With the latch off the input opens by itself when the cell falls below this voltage: a
-        // second guard beside the daemon.
+        // With the latch off, the input opens automatically when the cell falls below this voltage.
+        // This is a second guard beside the daemon.
         script.push(Exchange::switch(":VOLT:LATC", false));
         script.push(Exchange::fixed(":VOLT:LEV:ON", stop, 3, 5.0e-3));
         // And a third one above the current that is asked for; that of an earlier discharge must
@@ -180,7 +180,7 @@ impl Dialect for Sdl {
     }
 
     fn watch(&self) -> Vec<Exchange> {
-        // Above 36 V there is no cell, and the coarse range reads ten times worse.
+        // No cell exceeds 36 V, and the coarse range resolves ten times worse.
         vec![Exchange::number(
             ":CURR:VRANG 36",
             ":CURR:VRANG?",

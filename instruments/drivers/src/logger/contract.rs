@@ -4,8 +4,8 @@ use crate::{exchange::Exchange, instrument::Model};
 
 /// One model's language.
 pub trait Dialect: Model {
-    /// Whether there is such a channel; one that takes any number has a card whose slots are not
-    /// known from here.
+    /// Returns whether the channel exists. A model that accepts any number has a card whose slots
+    /// are not known here.
     fn has_channel(&self, _channel: u16) -> bool {
         true
     }

@@ -37,8 +37,8 @@ pub struct Capabilities {
     pub horizontal_div: f64,
     /// Slowest time per division.
     pub max_time_per_div: Seconds,
-    /// It can send every n-th point by itself; else all are fetched and thinned out here, and every
-    /// page is asked for by its ends.
+    /// The scope can send every n-th point. If it cannot, the driver fetches all points and
+    /// decimates them, and requests every page by its ends.
     pub thins_out: bool,
 }
 
@@ -67,8 +67,8 @@ impl Capabilities {
             .map_or(greatest, |pair| Volts(pair[0].0.value() * 1.03))
     }
 
-    /// The fastest time per division of the 1–2–5 series whose screen is at least as long as
-    /// `span`.
+    /// Returns the fastest time per division of the 1–2–5 series whose screen is at least as long
+    /// as `span`.
     pub fn time_per_div(&self, span: Seconds) -> Seconds {
         let least = span.value() / self.horizontal_div;
         let decade = 10.0_f64.powf(least.log10().floor());
@@ -212,11 +212,11 @@ pub trait Dialect: Model {
     fn preamble_is_text(&self) -> bool {
         false
     }
-    /// Reads a descriptor; where it does not tell how many points the record has, none, and the
-    /// delay of the first.
+    /// Parses a descriptor. If it does not contain the number of points, the number is `None` and
+    /// the delay is that of the first point.
     ///
     /// # Errors
-    /// Expected content of the descriptor.
+    /// The expected content of the descriptor.
     fn preamble(&self, block: &[u8]) -> Result<Preamble, String>;
     /// Reads the samples of a page.
     ///

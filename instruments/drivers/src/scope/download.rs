@@ -196,8 +196,8 @@ impl Instrument<dyn Dialect> {
         })
     }
 
-    /// The descriptor of the chosen channel; where it does not tell the points, the record has
-    /// those of the memory.
+    /// Reads the descriptor of the chosen channel. If it does not contain the number of points, the
+    /// record has the points of the memory.
     async fn preamble(&mut self, in_memory: u64) -> Result<Preamble, LinkError> {
         let query = self.dialect.queries().preamble;
         let (bytes, met) = if self.dialect.preamble_is_text() {
@@ -245,7 +245,7 @@ impl Instrument<dyn Dialect> {
     }
 }
 
-/// Points of the memory for one of so many downloaded points.
+/// Returns how many points of the memory correspond to one of `points` downloaded points.
 fn stride_of(in_memory: u64, points: u64) -> u64 {
     ((in_memory as f64 / points.max(1) as f64).round() as u64).max(1)
 }

@@ -33,10 +33,10 @@ impl Instrument<dyn Dialect> {
         self.dialect.capabilities()
     }
 
-    /// Plays one intent.
+    /// Executes one intent.
     ///
     /// # Errors
-    /// The first message that was refused or whose read-back was wrong.
+    /// The error of the first message that was refused or whose read-back was wrong.
     pub async fn set(&mut self, intent: &Intent) -> Result<(), LinkError> {
         self.play(&self.dialect.script(intent)).await
     }

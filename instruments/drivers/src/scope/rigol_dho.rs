@@ -1,9 +1,9 @@
 //! Rigol DHO800 (and 900, 1000, 4000): the preamble is a line of text, codes are unsigned and not
-//! left-justified, points are counted from one, and every point has to be fetched: what is not
-//! wanted is thrown away here.
+//! left-justified, and points are counted from one. Every point must be fetched; the driver
+//! discards the unwanted ones.
 //!
-//! It understands bare numbers only, without units. There is no error queue that its guide lists,
-//! so that everything is read back.
+//! It accepts only bare numbers, without units. Its guide lists no error queue, so every setting is
+//! read back.
 
 use instruments_domain::units::{Seconds, Volts};
 use instruments_link::link::LinkProfile;
@@ -261,7 +261,7 @@ impl Dialect for Dho {
     }
 }
 
-/// The least memory depth that holds so many points, and its name.
+/// Returns the smallest memory depth that holds `points` points, and its name.
 fn depth(points: u64) -> (&'static str, f64) {
     match points {
         0..=1_000 => ("1k", 1.0e3),

@@ -30,10 +30,10 @@ impl Instrument<dyn Dialect> {
         self.dialect.capabilities()
     }
 
-    /// Output off, then the limits, read back.
+    /// Switches the output off, then sets the limits and reads them back.
     ///
     /// # Errors
-    /// The first message that was refused or whose read-back was wrong.
+    /// The error of the first message that was refused or whose read-back was wrong.
     pub async fn prepare(&mut self, charge: &Charge) -> Result<(), LinkError> {
         self.expect_nothing().await;
         forget_errors(&mut self.link).await?;
@@ -84,10 +84,10 @@ impl Instrument<dyn Dialect> {
         look(&mut self.link, &self.dialect.output(false)).await
     }
 
-    /// Voltage at the terminals and current delivered.
+    /// Returns the voltage at the terminals and the current delivered.
     ///
     /// # Errors
-    /// The link's; an answer that is no number.
+    /// The link's errors, including a reply that is not a number.
     pub async fn measure(&mut self) -> Result<(Volts, Amps), LinkError> {
         let queries = self.dialect.measure();
         self.volts_and_amps(queries).await

@@ -166,7 +166,7 @@ impl Dialect for FastPs {
         }]
     }
 
-    /// There is no set-point to bring to zero: a module that is off has none.
+    /// No set-point must be brought to zero: a module that is off has none.
     fn prepare(&self, _: &Limits) -> Vec<Exchange> {
         vec![
             confirmed(

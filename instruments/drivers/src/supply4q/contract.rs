@@ -31,7 +31,7 @@ pub enum Holds {
     Nothing,
 }
 
-/// Limits that a model holds by itself, whatever is sent to it.
+/// Limits that a model enforces itself, regardless of what is sent to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OwnLimits {
     /// Least and greatest voltage, V.

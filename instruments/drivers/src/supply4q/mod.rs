@@ -30,11 +30,11 @@ impl Instrument<dyn Dialect> {
         self.dialect.capabilities()
     }
 
-    /// Output off, then current mode with zero current and the limits read back. The cell is not
-    /// yet connected to anything that drives it.
+    /// Switches the output off, then sets current mode with zero current and reads the limits back.
+    /// At this point nothing drives the cell.
     ///
     /// # Errors
-    /// The first message that was refused or whose read-back was wrong.
+    /// The error of the first message that was refused or whose read-back was wrong.
     pub async fn prepare(&mut self, limits: &Limits) -> Result<(), LinkError> {
         let mut expected = self.expected.clone().lock_owned().await;
         *expected = ExpectedAnswers::default();
@@ -85,10 +85,10 @@ impl Instrument<dyn Dialect> {
         look(&mut self.link, &self.dialect.output(false)).await
     }
 
-    /// The limits that it holds by itself, where it can be asked for them; changes nothing.
+    /// Queries the limits that the supply enforces itself, if it can report them; changes nothing.
     ///
     /// # Errors
-    /// The link's; an answer that is not four numbers around zero.
+    /// The link's errors, including a reply that is not four numbers around zero.
     pub async fn own_limits(&mut self) -> Result<Option<OwnLimits>, LinkError> {
         let Some(query) = self.dialect.own_limits() else {
             return Ok(None);
@@ -120,10 +120,10 @@ impl Instrument<dyn Dialect> {
         }
     }
 
-    /// Terminal voltage and current (charge positive).
+    /// Returns the terminal voltage and the current (charge positive).
     ///
     /// # Errors
-    /// The link's, or [`LinkError`] for an answer that is no number.
+    /// The link's error, or a [`LinkError`] for a reply that is not a number.
     pub async fn measure(&mut self) -> Result<(Volts, Amps), LinkError> {
         let queries = self.dialect.measure();
         self.volts_and_amps(queries).await

@@ -62,8 +62,8 @@ impl Connection {
         matches!(self.channel, Channel::Stream(Stream::Serial(_)))
     }
 
-    /// The instrument can be made to forget what it was asked, and what was asked on this
-    /// connection can be told from what will be.
+    /// Returns whether the instrument can discard its pending queries, and whether replies to
+    /// earlier queries can be distinguished from later ones on this connection.
     pub(super) fn can_be_cleared(&self) -> bool {
         self.channel.carries_end()
     }
@@ -114,8 +114,8 @@ impl Connection {
         Ok(())
     }
 
-    /// Device clear. Afterwards nothing that was asked before is answered, as far as the transport
-    /// can tell.
+    /// Sends a device clear. Afterwards no earlier query is answered, as far as the transport can
+    /// detect.
     pub(super) async fn clear(&mut self) -> Result<(), Broken> {
         self.decoder.clear();
         self.channel.clear().await.map_err(broken)
@@ -146,8 +146,8 @@ impl Connection {
         if self.channel.carries_end() {
             return Ok(self.decoder.take_rest());
         }
-        // Lets the runtime look at its sockets; without it, bytes that are there already would not
-        // be seen.
+        // Lets the runtime poll its sockets. Otherwise bytes that have already arrived would not be
+        // seen.
         tokio::task::yield_now().await;
         let mut unasked = self.decoder.take_rest();
         let mut total = unasked.len();

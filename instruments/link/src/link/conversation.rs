@@ -1,5 +1,5 @@
 //! State of the one connection that all handles of a link share, and the rules of one exchange on
-//! it. `Link` decides who speaks next; here one speaker has the connection.
+//! it. `Link` decides which handle speaks next; here one handle has the connection.
 
 use std::time::Duration;
 
@@ -41,7 +41,7 @@ pub(super) struct Conversation {
     pub(super) asked: String,
     /// The instrument's answer to `*IDN?`.
     pub(super) identity: Option<String>,
-    /// Why there is no connection.
+    /// Reason for the missing connection.
     why: String,
     /// The error that dropped the connection last.
     dropped_by: String,
@@ -64,7 +64,7 @@ impl Conversation {
         }
     }
 
-    /// The clock whose time is on the tap.
+    /// Returns the clock that timestamps the tap.
     pub(super) fn clock(&self) -> &Clock {
         &self.options.clock
     }

@@ -56,7 +56,8 @@ pub enum LinkError {
         /// Answer that came.
         found: String,
     },
-    /// The message holds what would end it or is no text an instrument reads; nothing was sent.
+    /// The message contains its own terminator or is not text that an instrument can read. It was
+    /// not sent.
     #[error("{link}: expected a message of printable ASCII, found `{message}`; nothing was sent")]
     Unsendable {
         /// The instrument.
@@ -64,8 +65,8 @@ pub enum LinkError {
         /// The message, escaped.
         message: String,
     },
-    /// The message is no message of the instrument's language, or does not fit what is to be done
-    /// with it; nothing was sent.
+    /// The message is not valid in the instrument's language, or does not fit the requested
+    /// operation. It was not sent.
     #[error("{link}: `{message}`: {reason}; nothing was sent")]
     Malformed {
         /// The instrument.

@@ -1,6 +1,6 @@
-//! Refuses messages before a link sends them, whoever asks: messages that are no messages,
-//! questions whose answer nobody would read, and commands that must never reach an instrument with
-//! a cell in the jig.
+//! Refuses messages before a link sends them, regardless of the caller: malformed messages, queries
+//! whose reply would not be read, and commands that must never reach an instrument with a cell in
+//! the jig.
 
 use instruments_scpi::{header::Pattern, message::parse_program};
 

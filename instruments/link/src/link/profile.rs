@@ -32,8 +32,8 @@ pub struct LinkProfile {
     pub timeout: Duration,
     /// Deadline for a whole block.
     pub block_timeout: Duration,
-    /// How long a serial line must be silent after it was opened, since a serial port cannot tell
-    /// an answer to a question from before.
+    /// How long a serial line must be silent after it was opened, since a serial port cannot
+    /// recognise a reply to a query from an earlier connection.
     pub quiet: Duration,
     /// Asked after every write; `None` where the instrument has no error queue.
     pub error_query: Option<&'static str>,

@@ -1,9 +1,9 @@
-//! Brings a link back into step with its instrument where the transport can do more than drop the
-//! connection: a device clear, then a question whose answer cannot belong to another.
+//! Resynchronises a link with its instrument if the transport can do more than drop the connection:
+//! a device clear, then a query whose reply cannot be mistaken for another.
 //!
-//! A device clear leaves settings alone (IEEE 488.2, clause 5.8). An instrument that does not obey
-//! it, and a transport that has none, still answer in order: what comes before the answer to the
-//! question that was just asked belongs to questions from before, and is thrown away.
+//! A device clear leaves settings alone (IEEE 488.2, clause 5.8). An instrument that ignores it, or
+//! a transport that has none, still replies in order: everything that arrives before the reply to
+//! the latest query belongs to earlier queries and is discarded.
 
 use instruments_scpi::{excerpt, status, text_of};
 
@@ -19,8 +19,8 @@ const MOST_STALE: usize = 4;
 /// Bit of the status byte: an answer is waiting (IEEE 488.2, clause 11.2.1.2).
 const MESSAGE_AVAILABLE: u8 = 0x10;
 const IDENTITY: &str = "*IDN?";
-/// Where the identity was asked without an answer and there is no error queue: a question that is
-/// answered by `1`.
+/// Completion query, for instruments whose identity query was not answered and that have no error
+/// queue. Its reply is `1`.
 const COMPLETION: &str = "*OPC?";
 
 impl Conversation {

@@ -91,8 +91,8 @@ impl Channel {
         }
     }
 
-    /// Waits for a piece of the answer on a channel that carries ends. The caller gives up after
-    /// `patience`; whoever serves the instrument is told.
+    /// Waits for a part of the reply on a channel that marks message ends. The caller gives up
+    /// after `patience`; the server receives this time as its timeout.
     ///
     /// # Errors
     /// Error of the operating system or the instrument.

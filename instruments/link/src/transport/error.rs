@@ -16,7 +16,7 @@ pub enum TransportError {
         #[source]
         source: io::Error,
     },
-    /// Nobody listens under this name in this process.
+    /// This process has no listener under this name.
     #[error("cannot open memory:{name}: nobody listens under this name in this process")]
     NobodyListens {
         /// The name.

@@ -28,8 +28,7 @@ const READ_BYTES: usize = 64 << 10;
 pub struct Gpib {
     stream: Stream,
     answers: Marked,
-    /// Answers of the adapter that have not come; the data before all but the last belong to nobody
-    /// any more.
+    /// Outstanding replies of the adapter. The data before all but the last reply are discarded.
     under_way: usize,
     /// Bytes of the message in hand came in an earlier read.
     has_begun: bool,
@@ -57,8 +56,8 @@ impl Gpib {
         let answer = client
             .tell(&[SETTINGS, format!("++addr {address}\n++addr\n").as_bytes()].concat())
             .await?;
-        // Whoever repeats himself has passed so far. Settings that an adapter does not know may
-        // have been answered, too.
+        // An adapter that repeats its identity has passed so far. It may have answered unknown
+        // settings, too.
         match String::from_utf8_lossy(&answer)
             .split_ascii_whitespace()
             .last()
@@ -119,7 +118,7 @@ impl Gpib {
         })
     }
 
-    /// Tells the adapter something and waits until it is done; gives what it says to that.
+    /// Sends commands to the adapter, waits until it is done, and returns its output.
     async fn tell(&mut self, commands: &[u8]) -> io::Result<Vec<u8>> {
         self.order(commands).await?;
         let mut answer = Vec::new();
@@ -171,8 +170,8 @@ impl Gpib {
     }
 }
 
-/// Asks the adapter twice who it is: what stands twice at the end is its answer, whatever came
-/// before from an earlier session.
+/// Asks the adapter twice for its identity. The text that is repeated at the end is its reply;
+/// anything before it belongs to an earlier session.
 async fn greet(stream: &mut Stream) -> io::Result<Vec<u8>> {
     stream.write_all(b"++ver\n++ver\n").await?;
     stream.flush().await?;

@@ -31,14 +31,14 @@ pub struct HiSlip {
     last_id: u32,
     /// Most bytes in one message, its header included.
     most_bytes: usize,
-    /// The whole of an answer was read, which the server is told with the next message.
+    /// The reply was read completely. The next message reports this to the server.
     delivered: bool,
 }
 
 impl HiSlip {
     pub(super) async fn open(socket: &Socket, device: &str) -> io::Result<Self> {
         let mut synchronous = Half::connect(socket).await?;
-        // The lower half is the vendor, who has no letters.
+        // The lower half is the vendor ID; this vendor has no letters.
         synchronous
             .send(
                 &Message::new(

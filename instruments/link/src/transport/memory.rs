@@ -25,7 +25,7 @@ pub struct MemoryHub {
 }
 
 impl MemoryHub {
-    /// A hub on which nobody listens.
+    /// Creates a hub without listeners.
     pub fn new() -> Self {
         Self::default()
     }

@@ -11,7 +11,7 @@ use tokio_serial::{ClearBuffer, SerialPort, SerialPortBuilderExt, SerialStream};
 
 use super::{DataBits, Flow, Parity, SerialSettings, StopBits};
 
-/// An open serial port; nobody else can open it meanwhile.
+/// An open serial port. It is opened exclusively.
 #[derive(Debug)]
 pub struct SerialConnection {
     port: SerialStream,

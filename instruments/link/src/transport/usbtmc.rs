@@ -38,7 +38,7 @@ const SOCKET_PATIENCE: Duration = Duration::from_millis(500);
 pub struct UsbTmc {
     orders: blocking::Sender<Order>,
     results: mpsc::UnboundedReceiver<io::Result<Arrival>>,
-    /// Orders whose results have not come.
+    /// Outstanding orders: their results have not arrived.
     under_way: usize,
 }
 

@@ -130,8 +130,7 @@ impl Vxi11 {
 
     pub(super) async fn clear(&mut self) -> io::Result<()> {
         if self.core.pending {
-            // An instrument without an abort channel ends the call by itself, when its timeout has
-            // passed.
+            // An instrument without an abort channel ends the call when its timeout has passed.
             if let Err(error) = self.abort().await {
                 tracing::debug!(%error, "no abort channel");
             }
@@ -161,7 +160,7 @@ impl Vxi11 {
 }
 
 impl Drop for Vxi11 {
-    /// Tells the server that the link is free, if that can be told at once. The instrument hears
+    /// Releases the link at the server if this can be sent at once. The instrument receives
     /// nothing.
     fn drop(&mut self) {
         if !self.core.cut_off {

@@ -1,8 +1,8 @@
 //! The wire forms of the transports that carry whole messages, both directions and without a
 //! socket: [`rpc`] and [`vxi11`], [`hislip`], [`prologix`].
 //!
-//! Bytes in, values out, and back; memory is bounded by the limits that the caller names. Who talks
-//! to whom and when is the business of [`crate::transport`] on the client's side and of a
+//! Converts bytes to values and back. The limits that the caller sets bound the memory. The order
+//! of messages between the peers is the task of [`crate::transport`] on the client's side and of a
 //! simulated instrument on the other.
 
 pub mod hislip;

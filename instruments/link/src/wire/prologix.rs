@@ -107,7 +107,7 @@ impl Lines {
 pub struct Marked {
     buffer: Vec<u8>,
     mark: Vec<u8>,
-    /// Up to here there is no mark.
+    /// The buffer has been searched up to this index; it contains no mark before it.
     searched: usize,
 }
 

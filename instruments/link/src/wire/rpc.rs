@@ -17,7 +17,7 @@ pub const PORT_MAPPER: Program = Program {
     number: 100_000,
     version: 2,
 };
-/// Procedure of the port mapper that tells a program's port.
+/// Procedure of the port mapper that returns a program's port.
 pub const GET_PORT: u32 = 3;
 /// The port of the port mapper.
 pub const PORT_MAPPER_PORT: u16 = 111;
@@ -134,10 +134,10 @@ pub struct Call<'a> {
 }
 
 impl<'a> Call<'a> {
-    /// Reads a call.
+    /// Parses a call.
     ///
     /// # Errors
-    /// The record is no call of RPC version 2.
+    /// The record is not a call of RPC version 2.
     pub fn parse(record: &'a [u8]) -> Result<Self, WireError> {
         let mut reader = Reader::new(record);
         let (id, kind, version) = (reader.word()?, reader.word()?, reader.word()?);
@@ -221,10 +221,10 @@ pub struct Reply<'a> {
 }
 
 impl<'a> Reply<'a> {
-    /// Reads a reply.
+    /// Parses a reply.
     ///
     /// # Errors
-    /// The record is no reply.
+    /// The record is not a reply.
     pub fn parse(record: &'a [u8]) -> Result<Self, WireError> {
         let mut reader = Reader::new(record);
         let (id, kind, denied) = (reader.word()?, reader.word()?, reader.word()?);

@@ -118,8 +118,8 @@ pub enum Request {
         /// The link.
         link: u32,
     },
-    /// Trigger, remote, local, lock, unlock, service requests: calls whose result is an error and
-    /// nothing else.
+    /// Trigger, remote, local, lock, unlock, service requests: calls that return only an error
+    /// code.
     Simple {
         /// Which.
         procedure: Simple,
@@ -143,7 +143,7 @@ pub enum Request {
     },
 }
 
-/// Calls whose result is an error and nothing else.
+/// Calls that return only an error code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(missing_docs, reason = "named as in the standard")]
 pub enum Simple {

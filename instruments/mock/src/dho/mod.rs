@@ -48,7 +48,7 @@ const DEPTHS: [(&str, f64); 6] = [
     ("5M", 5e6),
     ("10M", 1e7),
 ];
-/// The screen's format has so many points at most.
+/// Maximum number of points in the screen's format.
 const SCREEN_POINTS: f64 = 1000.0;
 
 /// The oscilloscope.

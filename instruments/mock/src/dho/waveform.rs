@@ -112,7 +112,7 @@ impl Dho {
             return Vec::new();
         }
         let scale = channel.scale / channel.probe;
-        // What the preamble tells of the offset, a whole number of codes.
+        // The offset as reported by the preamble, a whole number of codes.
         let code_v = scale / CODES_PER_DIV;
         let offset_v = (channel.offset / channel.probe / code_v).round() * code_v;
         let sign = if channel.inverted { -1 } else { 1 };

@@ -1,5 +1,4 @@
-//! Loaded waves of the 33500B: converter values as text, chosen by name, played at a rate of
-//! samples.
+//! Loaded waves of the 33500B: converter values as text, selected by name, output at a sample rate.
 
 use scpi::error::{Error, ErrorCode};
 
@@ -52,7 +51,7 @@ impl Keysight {
         Ok(())
     }
 
-    /// Forgets the loaded waves; a channel that plays one falls back to its sine.
+    /// Deletes the loaded waves. A channel that outputs one falls back to its sine.
     pub(super) fn clear_waves(&mut self, index: usize, _: &mut Arguments) -> Fallible {
         self.waves[index].clear();
         self.chosen[index] = None;

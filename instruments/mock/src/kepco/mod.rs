@@ -1,12 +1,12 @@
 //! Kepco BOP bipolar supplies: the switching BOP-MG, whose analog input is selected by command, and
-//! a linear BOP with a BIT card, whose analog input is a matter of wiring.
+//! a linear BOP with a BIT card, whose analog input depends on the wiring.
 //!
-//! One command tree; the linear unit knows a subset and answers the rest with −113. Not simulated:
-//! list and transient programs, the analog input as a multiplier (`GAIN`), relays and faults.
-//! Assumed, for want of a source: the negative side of a `BOTH` limit reads back with its sign; a
-//! new limit takes the set-point along; the off-behaviour survives switching off and `*RST`, and
-//! was left at `BATTERY`; a linear unit with its output off programs both channels to zero and so
-//! draws nothing from a cell.
+//! One command tree serves both; the linear unit implements a subset and answers the other commands
+//! with −113. Not simulated: list and transient programs, the analog input as a multiplier
+//! (`GAIN`), relays and faults. Assumed, for lack of a source: the negative side of a `BOTH` limit
+//! reads back with its sign; a new limit also changes the set-point; the off-behaviour survives
+//! switching off and `*RST`, and was left at `BATTERY`; a linear unit with its output off programs
+//! both channels to zero and so draws nothing from a cell.
 
 mod tree;
 

@@ -174,7 +174,7 @@ fn reset(kepco: &mut Kepco, _: &mut Arguments) -> Fallible {
     Ok(())
 }
 
-/// The only thing that this memory can be told is to keep the limits.
+/// The only supported operation of this memory is to store the limits.
 fn update_memory(_: &mut Kepco, arguments: &mut Arguments) -> Fallible {
     arguments
         .word(&["LIMit"])

@@ -178,7 +178,7 @@ impl Panel {
         self.delay_s - self.reference_percent / 100.0 * self.span_s()
     }
 
-    /// The delay as the descriptor tells it, against the centre of the screen, s.
+    /// Returns the delay as the descriptor reports it, relative to the centre of the screen, s.
     fn centre_delay_s(&self) -> f64 {
         self.start_after_trigger_s() + self.span_s() / 2.0
     }

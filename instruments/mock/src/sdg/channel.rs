@@ -25,7 +25,7 @@ const LOAD_RANGE_OHM: (f64, f64) = (50.0, 100e3);
 pub(super) struct Manner {
     /// With their units.
     pub(super) units: bool,
-    /// With so many digits at most; 0: as the model does.
+    /// Maximum number of digits; 0 selects the model's default.
     pub(super) digits: usize,
 }
 
@@ -355,7 +355,8 @@ impl Channel {
     pub(super) fn set_burst(&mut self, arguments: &mut Arguments, now_s: f64) {
         while let Some(Argument::Word(key)) = arguments.next() {
             if key.eq_ignore_ascii_case("MTRIG") {
-                // Nobody triggers what waits for a signal, and a burst in work is not restarted.
+                // A channel that waits for a signal gets no trigger, and a running burst is not
+                // restarted.
                 if self.burst.on && self.burst.source == "MAN" && !self.plays(now_s) {
                     (self.burst.fired, self.since_s) = (true, now_s + self.burst.delay_s);
                 }

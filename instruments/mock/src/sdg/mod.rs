@@ -1,15 +1,16 @@
-//! Siglent SDG1000X function generator: one keyword list a channel, `C1:BSWV WVTP,SINE,FRQ,1000,…`.
+//! Siglent SDG1000X function generator: one keyword list per channel,
+//! `C1:BSWV WVTP,SINE,FRQ,1000,…`.
 //!
-//! Out-of-range values are clamped silently, unknown headers met with silence, and there is no
-//! query of a single field: the `?` stands bare. Voltages are kept as the open-circuit voltage
-//! behind 50 Ω; `LOAD` only changes how they are reported and understood.
+//! Out-of-range values are clamped silently, and unknown headers get no reply. A single field
+//! cannot be queried: the `?` takes no argument. Voltages are kept as the open-circuit voltage
+//! behind 50 Ω; `LOAD` only changes how they are reported and interpreted.
 //!
 //! Only channel 1 is wired to the bench, and only a sine, a constant voltage and loaded waves are
-//! simulated: other wave types are ignored, and so is `ARB` before a loaded wave was chosen. `WVDT`
-//! takes raw little-endian words without a block's header up to the end of the message. Assumed,
-//! for want of a source: voltages are set in steps of 0.1 mV and frequencies in steps of 1 µHz; the
-//! phase restarts when the frequency, the phase, the wave type or the output changes, and runs on
-//! when an amplitude or an offset changes.
+//! simulated: other wave types are ignored, and so is `ARB` before a loaded wave was selected.
+//! `WVDT` accepts raw little-endian words without a block header up to the end of the message.
+//! Assumed, for lack of a source: voltages are set in steps of 0.1 mV and frequencies in steps of 1
+//! µHz; the phase restarts when the frequency, the phase, the wave type or the output changes, and
+//! runs on when an amplitude or an offset changes.
 
 mod channel;
 
@@ -69,7 +70,7 @@ impl Sdg {
         self.world.act(Action::Generator(self.channels[0].state()));
     }
 
-    /// Changes one channel, restarts its phase where that is due, and tells the world.
+    /// Changes one channel, restarts its phase if required, and updates the world.
     fn change(&mut self, index: usize, change: impl FnOnce(&mut Channel)) {
         let old = self.channels[index];
         let channel = &mut self.channels[index];
@@ -83,7 +84,7 @@ impl Sdg {
         }
     }
 
-    /// Tells the world the shape of channel 1, where it is or was a wave.
+    /// Sends the shape of channel 1 to the world if the channel outputs or has output a wave.
     fn reshape(&self, was_arbitrary: bool) {
         let plays = self.channels[0].arbitrary;
         if plays || was_arbitrary {

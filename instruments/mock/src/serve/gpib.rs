@@ -1,6 +1,6 @@
-//! A device behind a GPIB adapter of Prologix' kind (GPIB-ETHERNET and GPIB-USB manuals,
-//! section 8). The adapter is no part of the instrument: when that breaks off, or closes its
-//! connection half, the adapter stays and notices nothing.
+//! A device behind a GPIB adapter of the Prologix type (GPIB-ETHERNET and GPIB-USB manuals, section
+//! 8). The adapter is not part of the instrument: if the instrument breaks off or half-closes its
+//! connection, the adapter stays and does not notice.
 
 use std::{collections::BTreeMap, io, net::SocketAddr, time::Duration};
 

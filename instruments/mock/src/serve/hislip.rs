@@ -34,7 +34,7 @@ use super::{
 };
 use crate::Device;
 
-/// Greatest message, as told to the client, bytes.
+/// Maximum message size announced to the client, bytes.
 const MOST_BYTES: usize = 256 << 10;
 /// Least message that a client may ask for, bytes.
 const LEAST_BYTES: usize = 64;

@@ -1,6 +1,6 @@
-//! A device in the place of `/dev/usbtmcN`, where no kernel has one: a datagram socket in the file
-//! system. One datagram is one transfer, and a transfer shorter than [`TRANSFER`] ends a message,
-//! as it does on USB. There is no control pipe, and so no device clear.
+//! A device in place of `/dev/usbtmcN` on machines without the kernel device: a datagram socket in
+//! the file system. One datagram is one transfer, and a transfer shorter than [`TRANSFER`] ends a
+//! message, as on USB. There is no control pipe, and therefore no device clear.
 
 use std::{
     io,

@@ -32,7 +32,7 @@ use tokio::{
 use super::{accept_all, backplane::Backplane};
 use crate::Device;
 
-/// Most bytes in one write, as told to the client.
+/// Maximum number of bytes in one write, as announced to the client.
 const MOST_BYTES: u32 = 64 << 10;
 /// Most bytes in one answer to a read.
 const PAGE: usize = 1 << 20;
@@ -49,12 +49,12 @@ pub struct Vxi11Ports {
     pub port_mapper: Option<SocketAddr>,
 }
 
-/// Serves on VXI-11 until the task is aborted: the core channel at `address`, and a port mapper at
-/// `port_mapper` that tells its port. Gives the addresses really bound, so that port 0 can be asked
-/// for.
+/// Serves VXI-11 until the task is aborted: the core channel at `address`, and a port mapper at
+/// `port_mapper` that returns its port. Returns the addresses actually bound, so that port 0 can be
+/// requested.
 ///
 /// # Errors
-/// Error of the operating system when an address cannot be bound.
+/// The operating system's error if an address cannot be bound.
 pub async fn serve_vxi11<A: ToSocketAddrs>(
     device: Box<dyn Device>,
     address: A,

@@ -304,7 +304,7 @@ impl ResponseDecoder {
         }
     }
 
-    /// Takes out the block whose prefix is `prefix` bytes long and whose payload starts at `start`,
+    /// Removes the block whose prefix is `prefix` bytes long and whose payload starts at `start`,
     /// if it is complete.
     fn take_block(
         &mut self,

@@ -45,10 +45,10 @@ impl Argument {
         matches!(self, Self::Word(word) if word.eq_ignore_ascii_case(pattern) || word.eq_ignore_ascii_case(short))
     }
 
-    /// The argument as a number in `unit`; see [`Quantity::si`].
+    /// Returns the argument as a number in `unit`; see [`Quantity::si`].
     ///
     /// # Errors
-    /// [`NumberError`] when it is no decimal number or has another unit.
+    /// [`NumberError`] if it is not a decimal number or has another unit.
     pub fn number(&self, unit: &str) -> Result<f64, NumberError> {
         match self {
             Self::Number(quantity) => quantity.si(unit),

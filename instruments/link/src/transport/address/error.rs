@@ -1,4 +1,4 @@
-//! Reason why a text is no address.
+//! Reason why a text is not a valid address.
 
 /// An address that could not be read.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

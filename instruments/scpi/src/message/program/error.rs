@@ -1,4 +1,4 @@
-//! Reasons why a text is no program message.
+//! Reasons why a text is not a program message.
 
 use crate::number::NumberError;
 
