@@ -15,7 +15,7 @@ use crate::model::Model;
 use crate::series::Columns;
 use crate::spectrum::Spectrum;
 
-/// What is told of a run beside its data.
+/// Information about a run beside its data.
 #[derive(FromPyObject)]
 pub(crate) struct About {
     name: String,

@@ -9,7 +9,7 @@ use pyo3::{prelude::*, types::PyDict};
 
 use crate::error::apart;
 
-/// A table whose rows are grouped by factors, as Python gives it.
+/// A table whose rows are grouped by factors, as passed from Python.
 #[derive(FromPyObject)]
 pub(crate) struct Rows<'py> {
     values: PyReadonlyArray1<'py, f64>,

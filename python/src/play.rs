@@ -1,4 +1,4 @@
-//! A profile and how it is played, as Python gives them.
+//! A profile and its simulation options, as passed from Python.
 
 use analysis::forward::{Beyond, CellWindow, Demand, Interpolation, Profile, SimOptions};
 use analysis::pack::Pack;
@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 
 use crate::error::refused;
 
-/// A profile, and how it is played.
+/// A profile and its simulation options.
 #[derive(FromPyObject)]
 pub(crate) struct Play<'py> {
     demand: String,

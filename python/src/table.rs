@@ -110,8 +110,8 @@ pub(crate) fn spectra_of_columns(
     Ok(found)
 }
 
-/// Rows of a kind of results as columns: name → (kind, values). With `alone` this thread does all
-/// the work: who calls has threads of its own.
+/// Returns the rows of one kind of results as columns: name → (kind, values). With `alone` this
+/// thread does all the work, because the caller has its own threads.
 fn columns<'py>(
     py: Python<'py>,
     given: &[Given],
