@@ -1,7 +1,6 @@
-//! Time that global fits of the ERM take, and share of them that end at the optimum. "At the
-//! optimum" counts seeds whose objective is within 1e-6 of the best of all seeds. The data of the
-//! simulated sweeps differ from seed to seed; there the best comes from eight further seeds of the
-//! search.
+//! Time of global fits of the ERM, and the share of them that end at the optimum. "At the optimum"
+//! counts seeds whose objective is within 1e-6 of the best of all seeds. The data of the simulated
+//! sweeps differ from seed to seed; there the best comes from eight further seeds of the search.
 
 use analysis::{
     fit::{FitOptions, Objective, fit_erm},

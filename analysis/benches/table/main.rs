@@ -1,8 +1,10 @@
-//! One table: our speeds, and beside each what a user could pick instead, measured in the same run.
+//! One table: our speeds, each beside an alternative that a user could choose, measured in the same
+//! run.
 //!
-//! `cargo bench -p analysis` runs all; `cargo bench -p analysis -- kk` only the groups whose name
-//! contains a word. The peers are Python programs (`benches/peers`, with their own requirements);
-//! where they are not installed the table says how, and shows our part alone.
+//! `cargo bench -p analysis` runs all groups; `cargo bench -p analysis -- kk` runs only those whose
+//! name contains a word. The peers are Python programs (`benches/peers`, with their own
+//! requirements). If they are not installed, the table explains how to install them and shows only
+//! our part.
 #![allow(
     clippy::disallowed_methods,
     reason = "a benchmark measures the machine's time"
@@ -139,7 +141,8 @@ pub(crate) fn cpu_s() -> f64 {
         .map_or(f64::NAN, |ns| 1e-9 * ns)
 }
 
-/// Least processor time of some calls on this thread, s; wall time where the system does not tell.
+/// Returns the least processor time of `repeats` calls on this thread, s, or the wall time if the
+/// system does not report processor time.
 pub(crate) fn best_s(repeats: usize, mut work: impl FnMut()) -> f64 {
     let once = |work: &mut dyn FnMut()| {
         let (cpu, wall) = (cpu_s(), std::time::Instant::now());

@@ -12,7 +12,7 @@ use crate::{
     record::{CatalogFit, CatalogParameter, TimeSource},
 };
 
-/// Effects whose parameters tell of diffusion, as the catalogue of effects names them.
+/// Effects with diffusion parameters, as the catalogue of effects names them.
 const DIFFUSION: [&str; 3] = ["diffusion", "warburg", "electrolyte_depletion"];
 /// Seconds of a day.
 const DAY_S: f64 = 86_400.0;
@@ -196,7 +196,7 @@ impl Ageing {
         all
     }
 
-    /// Quantities of diffusion that diagnoses tell, by effect and parameter.
+    /// Returns the diffusion quantities from diagnoses, by effect and parameter.
     fn of_diagnoses(&self) -> Vec<Quantity> {
         let named: BTreeSet<(&str, &str, &str)> = self
             .points

@@ -29,7 +29,7 @@ pub struct Catalog {
     pub(crate) connection: Connection,
 }
 
-/// Whose a file is, by its head.
+/// Owner of a file, read from its header.
 struct Head {
     application: i32,
     version: i32,

@@ -87,7 +87,7 @@ pub enum CatalogError {
         /// The catalogue.
         path: PathBuf,
     },
-    /// A place in an answer that no answer has told.
+    /// A cursor that no reply contained.
     #[error("after: expected the `after` of an answer before, found {found:?}")]
     Cursor {
         /// The text.
@@ -114,8 +114,8 @@ pub enum CatalogError {
 }
 
 impl CatalogError {
-    /// Whether the file is no catalogue any more: what SQLite finds in it is no database, or a damaged
-    /// one. A disk that is full or a file that another process holds does not tell so.
+    /// Returns whether the file is no longer a valid catalogue: SQLite reports that it is not a
+    /// database or is damaged. A full disk or a file locked by another process does not count.
     pub fn is_damaged(&self) -> bool {
         let Self::Sql { source, .. } = self else {
             return false;

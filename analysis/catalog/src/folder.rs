@@ -1,5 +1,5 @@
-//! Reads a run folder into what the catalogue holds. A file that cannot be read is told and stops
-//! nothing.
+//! Reads a run folder into the records of the catalogue. A file that cannot be read is reported and
+//! does not stop the reading.
 
 use std::{
     fs,
@@ -30,7 +30,7 @@ pub(crate) const CELL: &str = "cell";
 /// Facts of a run beside its folder, by the server that began it.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Beside {
-    /// Who asked for it.
+    /// Operator who requested the run.
     pub operator: Option<String>,
 }
 
@@ -431,7 +431,7 @@ fn cells(folder: &Path, manifest: &Manifest, told: &Told, index: &RunIndex) -> V
             ..named(name, kind.identity.clone())
         }];
     }
-    // Not there in a run of one cell, and its end is told elsewhere.
+    // A run of one cell has no such file; its end is stored elsewhere.
     let campaign: Option<CampaignFile> = json(folder, CAMPAIGN, &mut Vec::new());
     let campaign = campaign.into_iter().flat_map(|file| file.cells);
     let mut cells: Vec<CatalogCell> = campaign

@@ -75,7 +75,7 @@ struct Line {
 pub(crate) struct AskedCell {
     /// Its name.
     pub(crate) name: String,
-    /// Its serial number as the experiment tells it.
+    /// Serial number of the cell, from the experiment.
     pub(crate) serial: Option<String>,
     /// Its serial number as the person read it.
     pub(crate) scanned: Option<String>,
@@ -98,7 +98,7 @@ pub(crate) struct Told {
     pub(crate) cells: Vec<AskedCell>,
     /// Serial number read from a cell without a name.
     pub(crate) scanned: Option<String>,
-    /// Who answered last.
+    /// Person who answered last.
     pub(crate) by: Option<String>,
     /// A state of charge was missed.
     pub(crate) soc_missed: bool,

@@ -1,12 +1,13 @@
-//! Catalogue of run folders: runs, cells, spectra, fits, diagnoses and trips, asked across runs.
+//! Catalogue of run folders: runs, cells, spectra, fits, diagnoses and trips, queried across runs.
 //!
 //! [`Catalog::scan`] reads run folders into one SQLite file, [`Catalog::open`] opens it for
-//! questions. The run folders stay the only truth: a catalogue may be deleted at any time, and one
-//! that is built again gives the same answers. Nothing here writes into a run folder.
+//! queries. The run folders remain the only source of truth: a catalogue may be deleted at any
+//! time, and a rebuilt one gives the same replies. The catalogue never writes into a run folder.
 //!
-//! In reading order: [`record`] (what a run folder tells), `folder` and `journal` (how it is read),
-//! `schema` (tables), `catalog` (the file), `store` (records into tables), `walk` and [`scan`],
-//! `question`, `columns`, [`query`], [`ageing`], [`export`], [`rows`] (one run folder as tables, without a catalogue).
+//! In reading order: [`record`] (the contents of a run folder), `folder` and `journal` (how it is
+//! read), `schema` (tables), `catalog` (the file), `store` (records into tables), `walk` and
+//! [`scan`], `question`, `columns`, [`query`], [`ageing`], [`export`], [`rows`] (one run folder as
+//! tables, without a catalogue).
 
 pub mod ageing;
 mod catalog;

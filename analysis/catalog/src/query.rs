@@ -17,8 +17,8 @@ use crate::{
 
 /// Runs that an error lists.
 const LISTED: usize = 5;
-/// Runs that are few. What is measured in so many is sought and sorted in some milliseconds, and
-/// where there are more, one row in fifty of 100 000 meets the conditions.
+/// Maximum number of runs that counts as few. The rows of this many runs are found and sorted in
+/// some milliseconds; above it, at least one row in fifty of 100 000 meets the conditions.
 const FEW: usize = 2000;
 
 /// Runs that were found, the latest first.
@@ -117,7 +117,7 @@ pub struct DiagnosesFound {
     pub after: Option<String>,
 }
 
-/// A table whose rows are of a run and of a cell.
+/// A table whose rows belong to a run and a cell.
 #[derive(Debug, Clone, Copy)]
 struct OfCell {
     table: &'static str,
@@ -253,8 +253,8 @@ impl Catalog {
         self.ask(&text, &question.values, fit_of)
     }
 
-    /// The diagnoses of runs that meet every condition, those of the latest run first. A diagnosis
-    /// whose run cannot be told is not among them.
+    /// Returns the diagnoses of the runs that meet every condition, those of the latest run first.
+    /// Diagnoses without an identified run are left out.
     ///
     /// # Errors
     /// [`CatalogError`].
@@ -410,8 +410,8 @@ impl Catalog {
         self.ask(text, &[listed(runs)], |row| row.get(0))
     }
 
-    /// Number of the fits of several cells together whose runs have measured a cell, or whose cells
-    /// are of this type.
+    /// Returns the number of joint fits of several cells whose runs measured the given cell, or
+    /// whose cells are of this type.
     ///
     /// # Errors
     /// [`CatalogError::Sql`].
@@ -512,7 +512,7 @@ impl Catalog {
     }
 }
 
-/// A question for the rows of a table, of few runs where they are told.
+/// Creates a query for the rows of a table, limited to `few` runs if they are given.
 fn of_few(table: &str, of: char, few: Option<&[&str]>) -> Question {
     let Some(runs) = few else {
         return Question::of(table, &[]);

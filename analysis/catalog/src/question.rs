@@ -6,7 +6,7 @@ use rusqlite::types::Value;
 
 use crate::{CatalogError, record::CatalogVerdict};
 
-/// Answers at once where nobody asks for more or fewer.
+/// Default maximum number of rows in a reply.
 pub const MOST: usize = 100;
 /// Length of an answer without a bound, as SQLite takes it.
 pub(crate) const ALL: usize = usize::MAX >> 1;
@@ -18,7 +18,7 @@ pub(crate) const DIGITS: usize = 16;
 pub struct Filter {
     /// Name or serial number of a cell, or its barcode.
     pub cell: Option<String>,
-    /// Serial number of a cell, as the experiment tells it or a person read it, or its barcode.
+    /// Serial number of a cell, from the experiment or read by a person, or its barcode.
     pub serial: Option<String>,
     /// Batch of a cell.
     pub batch: Option<String>,
@@ -38,7 +38,7 @@ pub struct Filter {
     pub text: Option<String>,
     /// Where to go on: `after` of the answer before.
     pub after: Option<String>,
-    /// At most so many answers; 0 for [`MOST`].
+    /// Maximum number of rows in the reply; 0 for [`MOST`].
     pub most: usize,
 }
 
@@ -61,7 +61,7 @@ impl Filter {
         *self == all
     }
 
-    /// Whether a condition is told by the runs, and not by what is measured in them.
+    /// Returns whether a condition applies to runs rather than to what is measured in them.
     pub(crate) fn asks_of_runs(&self) -> bool {
         let texts = [&self.batch, &self.experiment, &self.text];
         self.trip || self.verdict.is_some() || texts.into_iter().any(Option::is_some)
@@ -261,7 +261,7 @@ impl RunsQuestion {
         let mut asked = Self::found_by(filter, !words.is_empty());
         let Self { question, of } = &mut asked;
         question.add_words(&words);
-        // A name alone and a batch alone are told by what finds the runs.
+        // A name alone or a batch alone is covered by the table that finds the runs.
         if filter.serial.is_some() || (filter.cell.is_some() && filter.batch.is_some()) {
             let cell = Question::of_cell(filter);
             question.add_exists("run_cell c WHERE c.run = r.run", &cell);
@@ -366,7 +366,7 @@ impl Cursor {
         ]
     }
 
-    /// The place as an answer tells it.
+    /// Returns the cursor in the form that a reply contains.
     pub(crate) fn text(&self) -> String {
         let file: String = self.file.bytes().fold(String::new(), |mut text, byte| {
             // Writing to a string cannot fail.
@@ -376,7 +376,7 @@ impl Cursor {
         format!("{:016x}{}{file}", self.started_unix_s.to_bits(), self.run)
     }
 
-    /// The place that an answer has told.
+    /// Parses the cursor from a reply.
     pub(crate) fn parse(text: &str) -> Result<Self, CatalogError> {
         let found = || CatalogError::Cursor {
             found: text.to_owned(),

@@ -373,7 +373,7 @@ pub struct CatalogParameter {
     pub unit: String,
 }
 
-/// All that a run folder tells.
+/// Everything that is read from a run folder.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Folder {
     /// The run.

@@ -21,7 +21,7 @@ use crate::{
 
 pub use crate::walk::diagnoses_within;
 
-/// Columns that tell of a machine or stand in the path of a partition.
+/// Columns that describe a machine or are part of a partition's path.
 const LEFT_OUT: [&str; 3] = ["bench", "folder", "missing"];
 
 /// Rows of a run folder.
@@ -54,8 +54,8 @@ pub struct DiagnosisFolder {
 pub const TABLES: [&str; 4] = ["runs", "spectra", "fits", "diagnoses"];
 
 impl RunRows {
-    /// Reads a run folder with the diagnoses in it, and folders of diagnoses beside it. What cannot be
-    /// read is told in the row of the run.
+    /// Reads a run folder with the diagnoses in it, and folders of diagnoses beside it. Read errors
+    /// are reported in the row of the run.
     pub fn read(folder: &Path, beside: Beside, diagnoses: &[DiagnosisFolder]) -> Self {
         let read = folder::read(folder, String::new(), beside);
         let of_cell = read
@@ -161,8 +161,8 @@ fn portable(mut columns: Vec<TableColumn>) -> Vec<TableColumn> {
     columns
 }
 
-/// Folders of diagnoses below a folder, by the folder of the run that each is of. A diagnosis whose run
-/// cannot be told is left out.
+/// Returns the folders of diagnoses below a folder, by the folder of the run that each belongs to.
+/// Diagnoses without an identified run are left out.
 pub fn diagnoses_below(root: &Path) -> BTreeMap<PathBuf, Vec<DiagnosisFolder>> {
     let mut found: BTreeMap<PathBuf, Vec<DiagnosisFolder>> = BTreeMap::new();
     for place in Walk::of(&[root.to_path_buf()]) {

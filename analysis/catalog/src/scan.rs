@@ -35,8 +35,8 @@ const WAITING: usize = 64;
 const MOST_READERS: usize = 4;
 /// Folder of runs beside that of analyses, in the data folder of a server.
 const RUNS: &str = "runs";
-/// How many folders up a diagnosis looks for the run that it is of: that of a cell among the analyses
-/// of a server lies in `analyses/NAME/out/CELL`.
+/// Number of parent folders in which a diagnosis searches for its run: a diagnosis of one cell in a
+/// server's analyses lies in `analyses/NAME/out/CELL`.
 const ANCESTORS: usize = 5;
 
 /// How a scan is done.
@@ -67,7 +67,7 @@ pub struct Scanned {
     pub read: usize,
     /// Number of those that were read and are damaged.
     pub damaged: usize,
-    /// Number of runs whose folders have vanished since the last scan.
+    /// Number of runs whose folders have disappeared since the last scan.
     pub vanished: usize,
     /// Number of diagnoses that are there.
     pub diagnoses: usize,
@@ -101,11 +101,12 @@ enum Message {
 }
 
 impl Catalog {
-    /// Reads run folders below roots, and below those that were scanned before where none is given.
+    /// Reads run folders below the given roots, or below the previously scanned roots if none is
+    /// given.
     ///
     /// # Errors
-    /// [`CatalogError`]: a root that is not there, a catalogue that cannot be written. A run folder
-    /// that cannot be read is no error: it is in the catalogue with the reason.
+    /// [`CatalogError`]: a root that does not exist, or a catalogue that cannot be written. A run
+    /// folder that cannot be read is not an error: the catalogue lists it with the reason.
     pub fn scan(
         &self,
         roots: &[PathBuf],
@@ -143,7 +144,7 @@ impl Catalog {
                 let (works, messages) = (works.clone(), messages.clone());
                 scope.spawn(move || read_all(&works, &messages));
             }
-            // Readers that have all gone end the one that looks, and it them.
+            // If all readers have ended, the walker ends as well, and the other way round.
             drop(works);
             scope.spawn(move || look(&looker, Walk::of(roots), options, &work, &messages));
             writer.write(&received, options.stop)
@@ -161,7 +162,7 @@ impl Catalog {
         Ok(writer.scanned)
     }
 
-    /// Takes the runs out whose folders have vanished; returns their number.
+    /// Removes the runs whose folders have disappeared and returns their number.
     ///
     /// # Errors
     /// [`CatalogError::Sql`].
@@ -493,7 +494,7 @@ impl<'a> Writer<'a> {
         Ok(())
     }
 
-    /// Rows whose folder lies below one of the roots and is not there any more.
+    /// Returns the rows whose folder lies below one of the roots and no longer exists.
     fn gone(&self, text: &str, roots: &[PathBuf]) -> Result<Vec<Row>, CatalogError> {
         let failed = sql(&self.catalog.path, "look for missing runs");
         let mut asked = self.catalog.connection.prepare(text).map_err(&failed)?;

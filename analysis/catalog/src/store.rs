@@ -1,4 +1,4 @@
-//! Puts what run folders tell into the tables.
+//! Writes the contents of run folders into the tables.
 
 use std::path::Path;
 
@@ -41,7 +41,7 @@ pub(crate) fn remove(connection: &Connection, run: &str) -> rusqlite::Result<()>
     Ok(())
 }
 
-/// Puts a run in, in the place of what was told of it before.
+/// Writes a run and replaces its earlier contents.
 pub(crate) fn put(connection: &Connection, folder: &Folder, known: bool) -> rusqlite::Result<()> {
     if known {
         remove(connection, &folder.run.run)?;

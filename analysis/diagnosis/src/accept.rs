@@ -91,8 +91,8 @@ impl Search<'_> {
         })
     }
 
-    /// Largest change of any whitened row by halving all steps: what an error of integration would
-    /// look like among noise of variance 1.
+    /// Returns the largest change of any whitened row when all steps are halved: the size of an
+    /// integration error relative to noise of variance 1.
     pub(super) fn integration_error(&mut self, fit: &Fit) -> f64 {
         let mut worst: f64 = 0.0;
         for k in 0..self.problem.blocks.len() {

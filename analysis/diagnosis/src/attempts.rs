@@ -135,8 +135,8 @@ impl Search<'_> {
         self.problem.at(&structure, x, axes, &mut self.workspace)
     }
 
-    /// Fits from these starts, and the candidates still without their results; how good a candidate
-    /// looks is judged at the first of them.
+    /// Returns fits from these starts, and the candidates that have no result yet. The first of
+    /// them decides how promising a candidate is.
     pub(super) fn attempts_from(
         &mut self,
         fit: &Fit,
@@ -248,8 +248,8 @@ impl Search<'_> {
         Origin { fit, proposals }
     }
 
-    /// The best fit of one candidate. A choice that gives a further parameter its meaning makes
-    /// another law of it, which is fitted by itself.
+    /// Returns the best fit of one candidate. A choice that changes the meaning of a further
+    /// parameter makes it another law, which is fitted separately.
     fn attempt(&mut self, fit: &Fit, name: &str, origins: &[Origin]) -> Option<Attempt> {
         self.progress
             .tell(&format!("fitting {}", title(name).unwrap_or(name)));
@@ -269,9 +269,9 @@ impl Search<'_> {
             .max_by(|a, b| a.score.total_cmp(&b.score))
     }
 
-    /// The best fit of a candidate's law with so many free parameters: from its most promising
-    /// starts with the shapes held there, and from the best of them, of a strong effect the best
-    /// two, with the shapes free. What the shapes gain must be worth their number.
+    /// Returns the best fit of a candidate's law with `free` free parameters: from its most
+    /// promising starts with the shapes held there, and from the best of them (the best two for a
+    /// strong effect) with the shapes free. The gain from free shapes must justify their number.
     fn attempt_law(
         &mut self,
         fit: &Fit,
@@ -358,7 +358,7 @@ impl Search<'_> {
         best
     }
 
-    /// An attempt whose fit was ended early, fitted to the end.
+    /// Completes the fit of an attempt that was ended early.
     fn polished(&mut self, attempt: Attempt) -> Attempt {
         let before = attempt.fit.chi2;
         let fit = self.problem.polished(attempt.fit, &mut self.workspace);
@@ -410,8 +410,8 @@ impl Search<'_> {
         }
     }
 
-    /// The attempt with steps so fine that integration is no question; as it is where it has no say
-    /// anyway.
+    /// Returns the attempt with steps so fine that the integration error is negligible, or
+    /// unchanged if it does not affect the result.
     pub(super) fn integrated(&mut self, before: &Fit, attempt: Attempt) -> Attempt {
         if attempt.score < LEAST_SCORE {
             return attempt;
@@ -426,7 +426,7 @@ impl Search<'_> {
         }
     }
 
-    /// The fit with its steps halved until integration is no question.
+    /// Returns the fit with its steps halved until the integration error is negligible.
     pub(super) fn with_fine_steps(&mut self, mut fit: Fit) -> Fit {
         while self.guards.integration
             && fit.structure.parts < MOST_PARTS

@@ -1,9 +1,9 @@
-//! A run prepared for comparison: rows that model and measurement are compared in, and their
+//! A run prepared for comparison: the rows in which model and measurement are compared, and their
 //! prediction.
 //!
 //! A spectrum has two rows per point. A record has one row per bin: the samples after an edge of
 //! the current are averaged over times that grow with the time since the edge, so that a row is
-//! wide where nothing happens. The model is played on all samples and averaged in the same way.
+//! wide where nothing happens. The model is simulated at all samples and averaged in the same way.
 
 use super::data::{Fixture, Role, Run, RunData, Start};
 use super::time_block::{Bin, TimeBlock};
@@ -325,7 +325,7 @@ impl Block {
         }
     }
 
-    /// Tells each block which one before it has the same derivatives.
+    /// Sets in each block which earlier one has the same derivatives.
     pub(super) fn find_alike(blocks: &mut [Self]) {
         for k in 0..blocks.len() {
             blocks[k].alike = (0..k)
@@ -333,8 +333,9 @@ impl Block {
         }
     }
 
-    /// Whether derivatives of a record are those of another one: a repeat from the same state of
-    /// charge, sampled and driven alike. Spectra are quickly played.
+    /// Returns whether a record has the same derivatives as another one: a repeat from the same
+    /// state of charge, with the same sampling and current. Spectra are excluded because their
+    /// simulation is cheap.
     fn is_like(&self, other: &Self) -> bool {
         let (Kind::Time(a), Kind::Time(b)) = (&self.kind, &other.kind) else {
             return false;

@@ -42,8 +42,8 @@ impl Block {
         all.all
     }
 
-    /// Tells each block, in the order of time, what charge went before it. Between two runs of a
-    /// cell flows what the state of charge differs by.
+    /// Sets in each block, in the order of time, the charge that flowed before it. The difference
+    /// in state of charge between two runs of a cell gives the charge between them.
     pub(super) fn tell_charge(blocks: &mut [Self], capacity_ah: f64) {
         let (mut all, mut soc) = (Stretches::new(capacity_ah), None);
         for block in blocks.iter_mut().filter(|b| b.at.is_cell) {
@@ -73,7 +73,8 @@ fn swung_c(start_s: f64, points: &[Point]) -> f64 {
         .windows(2)
         .map(|w| w[1].start_s - w[0].start_s)
         .collect();
-    // A point takes a wait, which the quick ones tell, and some periods, which the slow ones tell.
+    // A point takes a wait, which the quick points determine, and some periods, which the slow
+    // points determine.
     let mut by_frequency: Vec<(f64, f64)> = apart_s
         .iter()
         .zip(&visited[1..])
@@ -94,7 +95,7 @@ fn swung_c(start_s: f64, points: &[Point]) -> f64 {
             wait_s
         }
     };
-    // Before the first point the cell rested, for how long is not told; a point's time is the
+    // The duration of the rest before the first point is not recorded; the time of a point is the
     // middle of its capture.
     let before_s = usual(apart_s[0], visited[1]).min(first.start_s - start_s);
     let after_s = 0.5 * usual(apart_s[apart_s.len() - 1], last);

@@ -3,9 +3,9 @@
 //!
 //! A converter of step q after noise of standard deviation σ reads v + b(v) on average, b(v) = Σₖ
 //! (−1)ᵏ·q/(πk)·sin(2πkv/q)·exp(−2π²k²σ²/q²) (Widrow and Kollár, Quantization Noise, chapter 9).
-//! Where the codes lie beneath the voltages is not known: over all places, b at two voltages has
-//! the covariance K(Δ) = Σₖ q²/(2π²k²)·exp(−4π²k²σ²/q²)·cos(2πkΔ/q). The rest of q²/12 is new in
-//! every sample.
+//! The position of the codes relative to the voltages is not known: averaged over all positions, b
+//! at two voltages has the covariance K(Δ) = Σₖ q²/(2π²k²)·exp(−4π²k²σ²/q²)·cos(2πkΔ/q). The rest
+//! of q²/12 is independent in every sample.
 
 use crate::thresholds::DITHERED_PART;
 use std::f64::consts::{PI, TAU};

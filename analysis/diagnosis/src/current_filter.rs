@@ -1,11 +1,11 @@
-//! A filter that the logger puts on the current of every record.
+//! A filter that the logger applies to the current of every record.
 //!
-//! The voltage tells when the current steps: the model turned around, from voltage to current,
-//! jumps there at once. Between two steps the true current is constant, and the logged one goes
-//! from where it was to that level as the filter lets it. Levels and one time constant for all
+//! The voltage shows when the current steps: the inverted model, from voltage to current, jumps at
+//! that instant. Between two steps the true current is constant, and the logged current moves from
+//! its previous value to that level as the filter allows. Levels and one time constant for all
 //! records are fitted to the logged current, for each form of filter, and compared with no filter
-//! at all. Where the voltage goes as slowly as the logged current, that current flows, and there
-//! are no jumps to begin with.
+//! at all. If the voltage changes as slowly as the logged current, that current actually flows, and
+//! there are no jumps.
 
 use std::fmt;
 use std::ops::Range;
@@ -24,7 +24,7 @@ use crate::thresholds::{
     FILTER_TRIES, LARGE_STEP_PART, MOST_BINS,
 };
 
-/// Rows of a level whose scatter is asked.
+/// Rows of a level from which its scatter is computed.
 const LASTING_ROWS: usize = 8;
 /// Places of a step within a level that are tried at first.
 const SPLIT_TRIES: usize = 200;
@@ -63,7 +63,7 @@ pub struct Filter {
     pub(crate) sigma_s: f64,
     /// Part of the squares that no filter leaves which this one leaves.
     pub(crate) left: f64,
-    /// Edges of the current that tell it.
+    /// Edges of the current on which the result rests.
     pub(crate) edges: usize,
     /// Part of a step that the voltage shows in its first sample, in the middle of the large ones,
     /// and the logged current, in their lower quartile.
@@ -83,7 +83,7 @@ pub(crate) struct Corrected {
     pub(crate) errors_a: Vec<Vec<f64>>,
 }
 
-/// A record cut where the voltage tells that the current stepped.
+/// A record split where the voltage shows a step of the current.
 struct Cut<'a> {
     run: &'a Run,
     record: &'a TimeRecord,
@@ -157,7 +157,8 @@ pub(crate) fn shared(set: &DataSet, model: &BaseModel) -> Option<Filter> {
         averaged: false,
         tau_s: 0.0,
     };
-    // Levels shorter than a filter are told badly: records with longer ones have the say.
+    // Levels shorter than a filter determine it poorly: if there are enough edges in records with
+    // longer levels, those records decide.
     let telling = |cut: &&Cut<'_>| cut.typical_s() >= FILTER_SEGMENT_S;
     let steps_of = |cut: &Cut<'_>| cut.segments.len() - 1;
     let enough = cuts.iter().filter(telling).map(steps_of).sum::<usize>() >= FILTER_FEWEST_EDGES;
@@ -315,7 +316,7 @@ fn first_samples(cuts: &[Cut<'_>], tried: Tried) -> [f64; 3] {
             }
         }
     }
-    // A filter that starts anew shows a switching off at once: the lower quartile of the log tells.
+    // A filter that restarts shows a switch-off at once, so the lower quartile of the log is used.
     let [voltage, log, times] = &mut parts;
     [(voltage, 2), (log, 4), (times, 2)].map(|(all, part)| {
         all.sort_unstable_by(f64::total_cmp);
@@ -324,7 +325,7 @@ fn first_samples(cuts: &[Cut<'_>], tried: Tried) -> [f64; 3] {
 }
 
 impl<'a> Cut<'a> {
-    /// None for what is no record of a cell, or has no numbers to play.
+    /// Returns `None` for a run that is not a record of a cell, or that has no numbers to simulate.
     fn new(run: &'a Run, history: Option<BenchHistory>, model: &BaseModel) -> Option<Self> {
         let RunData::Time(record) = &run.data else {
             return None;
@@ -396,14 +397,14 @@ impl<'a> Cut<'a> {
     /// had flowed.
     fn is_switched_off(&self, segment: &Range<usize>) -> bool {
         let currents = &self.record.series.current_a[segment.clone()];
-        // The current may change between the rows of an edge: the next one tells.
+        // The current may change between the rows of an edge, so the next row is used.
         let next = (segment.start + self.skipped(segment)).min(segment.end - 1);
         let [before_a, now_a] = [segment.start - 1, next].map(|k| self.by_voltage_a[k]);
         currents.iter().all(|i| i.abs() < self.rest_a)
             && now_a.abs() < FILTER_OFF_PART * before_a.abs()
     }
 
-    /// Rows that tell a level.
+    /// Returns the number of rows that determine a level.
     fn rows(&self) -> usize {
         let told = |segment: &Range<usize>| segment.len() - self.skipped(segment);
         self.segments.iter().map(told).sum()
@@ -461,7 +462,7 @@ impl<'a> Cut<'a> {
                 }
             }
         };
-        // How long the last row is a mean for is not told.
+        // The averaging time of the last row is not known.
         let last = usize::from(tried.averaged && segment.end == series.len() && segment.len() > 1);
         let rows = segment.start + self.skipped(segment)..segment.end - last;
         let (mut along, mut shown, mut old) = (0.0, 0.0, 0.0);
@@ -511,7 +512,7 @@ impl<'a> Cut<'a> {
         };
         if tried.form == Form::Restart && is_filtered && self.is_switched_off(segment) {
             let off = self.switched_off(&rows);
-            // A short pulse that the filter hardly shows is no rest.
+            // A short pulse that the filter hardly shows is not a rest.
             if off.squares < on.squares + (FILTER_MERGE_SIGMAS * self.row_a).powi(2) {
                 return off;
             }
@@ -544,7 +545,7 @@ impl<'a> Cut<'a> {
             .collect()
     }
 
-    /// Cuts segments in which the log tells, with the filter known, that the current stepped: the
+    /// Splits segments where the log, with the filter known, shows a step of the current: the
     /// voltage does not show every small step.
     fn split(&mut self, tried: Tried) {
         if tried.form == Form::Mean {
@@ -627,8 +628,8 @@ impl<'a> Cut<'a> {
         (known, part)
     }
 
-    /// Joins segments whose levels are the same within their errors: not every jump of the voltage
-    /// is a step.
+    /// Joins segments whose levels agree within their errors: not every jump of the voltage is a
+    /// step.
     fn merge(&mut self, tried: Tried) {
         loop {
             let levels = self.levels(tried);
@@ -645,7 +646,7 @@ impl<'a> Cut<'a> {
                 let start = self.segments[*k].start;
                 (self.by_voltage_a[start] - self.by_voltage_a[start - 1]).abs()
             };
-            // A level that lasts is told well enough to stand.
+            // A level that lasts is determined well enough to be kept.
             let is_short = |k: usize| {
                 let (time_s, segment) = (&self.record.series.time_s, &self.segments[k]);
                 let end_s = time_s.get(segment.end).copied().unwrap_or(f64::INFINITY);
@@ -710,8 +711,8 @@ impl<'a> Cut<'a> {
             .zip(&levels.level_a)
             .map(|(later, own)| later - own)
             .collect();
-        // More independent errors than rows of a comparison tell nothing more: neighbours are added
-        // up then, as if each pulled the same way.
+        // More independent errors than rows of a comparison add no information. Neighbours are then
+        // summed as if all had the same sign.
         let together = levels.level_a.len().div_ceil(2 * MOST_BINS).max(1);
         let starts = (0..levels.level_a.len()).step_by(together);
         let mut errors_a: Vec<Vec<f64>> = starts

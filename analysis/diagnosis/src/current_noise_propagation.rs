@@ -1,20 +1,21 @@
 //! Propagation of white noise of the logged current to rows after its own sample. The noise charges
-//! the branches, which forget it. It is also counted into the state of charge, which does not
-//! forget.
+//! the branches, where it decays. It also accumulates in the state of charge, where it does not
+//! decay.
 //!
 //! With n the noise of a sample, held until the next one after Δt, component p follows vₚ ← aₚ·vₚ +
 //! gₚ·n: aₚ = e^(−Δt/τₚ) and gₚ = Rₚ·(1 − aₚ) for a branch, aₚ = 1 and gₚ = Δt for the charge,
 //! whose voltage is its product with the curve's slope per charge. Rows are means over samples of
 //! R·n + Σ uₚ·vₚ. The covariances of the components with each other, S ← a·S·aᵀ + σ²·g·gᵀ, and of
-//! every row with them are carried from sample to sample. A current that goes along a line between
-//! samples is taken as held, and branches of effects are left out.
+//! every row with them are carried from sample to sample. A current that is linear between samples
+//! is approximated as held, and branches of effects are left out.
 
 use super::time_block::{Bin, TimeBlock};
 use super::whitening::dot;
 use analysis_effects::contract::Base;
 
-/// Covariance of the rows of a record by noise of the current of this variance (A²), V², row-major;
-/// without what each sample drops over the series resistance by itself. The record starts at `soc`.
+/// Returns the covariance of the rows of a record from current noise of this variance (A²), V²,
+/// row-major, without the direct drop of each sample over the series resistance. The record starts
+/// at `soc`.
 pub(super) fn covariance(time: &TimeBlock, soc: f64, base: &Base, variance_a2: f64) -> Vec<f64> {
     let capacity_c = 3600.0 * base.ocv.capacity_ah;
     let per_c = |bin: &Bin| base.ocv.slope_v(soc - bin.charge_c / capacity_c) / capacity_c;

@@ -96,7 +96,7 @@ pub struct Sweep {
     /// Impedance between the lower tap of the swept object and the ground of the channels; zero
     /// where it is not stated.
     pub common_mode: CommonModeImpedance,
-    /// Time of each point since the start of the run, s; empty where it is not told.
+    /// Time of each point since the start of the run, s; empty if it is not recorded.
     pub elapsed_s: Vec<f64>,
     /// Its points, by rising frequency.
     pub points: Vec<SweepPoint>,
@@ -122,8 +122,8 @@ pub struct TimeRecord {
     pub series: TimeSeries,
     /// Interpolation of the current between two samples.
     pub between: Between,
-    /// Samples before this time are played but not compared, s: a record that begins under current
-    /// has to settle first.
+    /// Samples before this time are simulated but not compared, s: a record that begins under
+    /// current has to settle first.
     pub compared_from_s: f64,
     /// Standard deviation of the level beyond the bench's, V: where the open-circuit voltage at the
     /// start is not known. Above zero, gaps are taken about their mean.
@@ -131,11 +131,11 @@ pub struct TimeRecord {
     /// Standard deviation of each voltage's own noise, V, where it is stated: rows that are means
     /// of more or fewer samples.
     pub sigma_v: Option<Vec<f64>>,
-    /// Start and end of the window that each sample is the mean of, s, where it is told. The mean
-    /// of a decay is not its value in the middle.
+    /// Start and end of the window that each sample averages, s, if it is recorded. The mean of a
+    /// decay is not its value in the middle.
     pub averaged_s: Option<Vec<(f64, f64)>>,
-    /// Errors of a reconstructed current that do not depend on each other, one standard deviation of
-    /// each: A at every sample. Empty for a current as it was logged, whose errors are the bench's.
+    /// Independent errors of a reconstructed current, one standard deviation of each: A at every
+    /// sample. Empty for a logged current, whose errors are the bench's.
     pub current_errors_a: Vec<Vec<f64>>,
 }
 

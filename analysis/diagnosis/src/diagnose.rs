@@ -36,17 +36,17 @@ use num_complex::Complex64;
 /// Options of a diagnosis.
 #[derive(Clone)]
 pub struct DiagnosisOptions {
-    /// Candidates; all effects of the catalogue unless told otherwise.
+    /// Candidates; by default all effects of the catalogue.
     pub candidates: Vec<&'static dyn Effect>,
-    /// Limits of a recommended run; those of the data unless told otherwise.
+    /// Limits of a recommended run; by default those of the data.
     pub limits: Option<BenchLimits>,
-    /// Filter of the planned runs that may be recommended; all unless told otherwise.
+    /// Filter of the planned runs that may be recommended; by default all.
     pub playable: Option<Playable>,
     /// Whether a recommended run will be measured at once, so that no prediction is made without it.
     pub next_run_first: bool,
-    /// Hears what is being done; nobody unless told otherwise.
+    /// Receives progress reports; by default they are discarded.
     pub progress: Progress,
-    /// Findings whose correction is used in the place of the raw data; none unless told otherwise.
+    /// Findings whose correction replaces the raw data; by default none.
     pub accept: Vec<FindingKind>,
 }
 
@@ -125,7 +125,7 @@ pub(crate) fn diagnose_with(
         base = base_fit(&prepared.problem, &model.erm, &mut workspace);
         let mut search = search(&prepared, options, guards);
         selection = if moved.is_some() {
-            // No name, but held-out records may still tell what predicts them.
+            // No effect is named, but held-out records may still show which addition predicts them.
             Selection {
                 first_attempts: search.attempts(&base, None).0,
                 ..Selection::nothing(&base)
@@ -316,8 +316,8 @@ fn moved_floor(prepared: &Prepared) -> Option<String> {
     })
 }
 
-/// The noise as repeats tell it, where what was stated of the bench is wrong by one factor: a loose
-/// contact or hum moves some terms and leaves others.
+/// Returns the noise measured by repeats if the stated noise of the bench is wrong by one common
+/// factor: a loose contact or hum moves some terms and leaves others.
 fn restated(prepared: &Prepared, fit: &Fit, guards: Guards) -> Result<Prepared, DataSetError> {
     let stated = prepared.prior;
     let of_repeats = Prepared {

@@ -1,9 +1,9 @@
-//! Tells, before any fit, which effects a data set can separate.
+//! Determines, before any fit, which effects a data set can separate.
 //!
 //! r[A, B] is the part of A's signal outside the base's tangent space that B cannot imitate: 1 −
 //! cos² of the angle between their directions, the least over the starts of B's shapes, to first
-//! order and around the base. It does not depend on how strong A is; √(λ·r) is how many standard
-//! deviations keep them apart.
+//! order and around the base. It does not depend on the strength of A; √(λ·r) is the separation in
+//! standard deviations.
 
 use super::block::{DataSetError, Workspace};
 use super::data::DataSet;

@@ -2,15 +2,16 @@
 //! samples: the time of the edge, and the state of the channels at it. Each error is given as
 //! changes of a record's rows by one standard deviation.
 //!
-//! An edge may lie anywhere between two samples. A branch's voltage is no linear function of that
-//! place: its second moments over all places are met by five of them (Gauss–Lobatto), each with its
-//! weight. Both ends are among them, for a logger that starts its rows at steps has its edges there,
-//! and branches far faster than the rows then show. A record with a row a second and a step of 100 A
-//! shows the difference to a straight line by five times its noise.
+//! An edge may lie anywhere between two samples. A branch's voltage is not a linear function of
+//! that position: five positions (Gauss–Lobatto), each with its weight, reproduce its second
+//! moments over all positions. Both ends are among them, because a logger that starts its rows at
+//! steps has its edges there, and branches far faster than the rows then show. A record with a row
+//! a second and a step of 100 A differs from a straight line by five times its noise.
 //!
-//! A logger that starts with a step of the current has all edges at the same place, one whose rows
-//! run free all edges of a record, another one none. Nobody tells which. So each edge, each record
-//! and all runs together have half of the variance: any two of them make it whole.
+//! A logger that starts with a step of the current has all edges at the same position; one whose
+//! rows run free has all edges of a record in common; another one has no edges in common. The data
+//! do not identify the type of logger. So each edge, each record and all runs together have half of
+//! the variance: any two of them make it whole.
 
 use super::time_block::{Bin, TimeBlock};
 use analysis_effects::contract::Base;
@@ -57,8 +58,8 @@ pub(super) const COMMON: usize = PLACES.len() + 1;
 /// The errors of an edge: changes of the rows, V.
 #[derive(Debug, Clone)]
 pub(super) struct EdgeErrors {
-    /// What all edges may have in common, in the order of [`COMMON`]: the half of it that this one
-    /// has by itself, and as much that it shares with the record and with all records.
+    /// Errors that all edges may have in common, in the order of [`COMMON`]: the half that this
+    /// edge has alone, and an equal part that it shares with the record and with all records.
     pub(super) common_v: [Vec<f64>; COMMON],
     /// The first sample.
     pub(super) first_v: Vec<f64>,
@@ -190,9 +191,9 @@ fn first(time: &TimeBlock, edge: usize, base: &Base) -> Vec<f64> {
         .collect()
 }
 
-/// Change of the later rows for a logger whose voltage channel averages over about a sampling
-/// interval, one standard deviation. The drop of the series resistance at the edge comes late and
-/// decays by a factor e per interval.
+/// Returns the change of the later rows for a logger whose voltage channel averages over about a
+/// sampling interval, one standard deviation. The drop of the series resistance at the edge comes
+/// late and decays by a factor e per interval.
 fn lag(time: &TimeBlock, edge: usize, base: &Base) -> Vec<f64> {
     let (step_s, step_a) = (
         time.time_s[edge] - time.time_s[edge - 1],

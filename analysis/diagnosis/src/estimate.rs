@@ -27,8 +27,8 @@ struct Group<'a> {
 #[derive(Debug, Clone)]
 pub(super) struct Estimate {
     pub(super) log_sigmas: LogSigmas,
-    /// Distance of each from the history, in standard deviations; none where repeats do not tell
-    /// it.
+    /// Distance of each term from the history, in standard deviations; `None` if repeats do not
+    /// determine it.
     pub(super) z: [Option<f64>; TERMS.len()],
     /// (χ² − dof)/√(2·dof) of the differences between repeats; none without repeats.
     pub(super) repeat_z: Option<f64>,

@@ -1,8 +1,8 @@
-//! Gaps of held-out runs: root mean squares of prediction less measurement, and the floor that noise
-//! sets over the same samples.
+//! Gaps of held-out runs: root mean squares of prediction less measurement, and the floor that
+//! noise sets over the same samples.
 //!
-//! Samples at an edge of the current are told apart where a logger leaves the edge's time open: there
-//! the floor is that of the edge and says nothing of the model.
+//! Samples at an edge of the current are reported separately if a logger leaves the edge's time
+//! open: there the floor is that of the edge and does not test the model.
 
 use super::block::{Kind, Workspace};
 use super::data::Role;
@@ -134,7 +134,7 @@ pub(super) fn gaps(
 /// the mean's.
 pub(super) fn sample_floor(prepared: &Prepared, block: usize, time: &TimeBlock) -> Vec<f64> {
     let white = prepared.sample_noise_v.powi(2);
-    // A level that is free is no part of a gap about the mean.
+    // A free level is excluded from a gap about the mean.
     let level = if time.level_sigma_v > 0.0 {
         time.level_sigma_v.powi(2) + prepared.estimate.variance(Term::Level)
     } else {

@@ -8,7 +8,7 @@ use crate::thresholds::{ASSUMED_LEAD, FORMULA_SHARE, NAMING_LEAD, OUTSIDE_LEAD};
 pub(crate) struct Guards {
     /// Errors of the current channel are pushed through the model into the noise.
     pub(crate) current_channel_noise: bool,
-    /// Localisation and scores look outside the model's tangent space only.
+    /// Localisation and scores use only the part outside the model's tangent space.
     pub(crate) tangent_projection: bool,
     /// No held-out run may become worse.
     pub(crate) held_out: bool,
@@ -20,7 +20,7 @@ pub(crate) struct Guards {
     pub(crate) bound: bool,
     /// The error of integration must be below a tenth of the floor.
     pub(crate) integration: bool,
-    /// A fit that did not converge is no evidence.
+    /// A fit that did not converge is not evidence.
     pub(crate) convergence: bool,
     /// A name that an effect outside the catalogue beats is withdrawn.
     pub(crate) outside: bool,
@@ -65,8 +65,8 @@ pub(super) fn outside_lead(lambda: f64) -> f64 {
         .min(NAMING_LEAD)
 }
 
-/// χ² of a further λ after subtracting the formula's error, where `gained` was gained already. The
-/// added effect differs from the real cell by up to [`FORMULA_SHARE`] of its size, and this
+/// Returns χ² of a further λ after subtracting the formula's error, if `gained` was gained already.
+/// The added effect differs from the real cell by up to [`FORMULA_SHARE`] of its size, and this
 /// difference looks like another effect.
 pub(super) fn beyond_formula(lambda: f64, gained: f64) -> f64 {
     (lambda.max(0.0).sqrt() - FORMULA_SHARE * gained.max(0.0).sqrt())

@@ -58,8 +58,8 @@ pub(super) fn intermittent_contact(
     asked.iter().zip(corrected).map(found).collect()
 }
 
-/// χ² and degrees of freedom of the score, for each of [`CONTACT_TAUS_S`]; 0 of 0 where no row
-/// tells.
+/// Returns χ² and degrees of freedom of the score, for each of [`CONTACT_TAUS_S`]; 0 of 0 if no row
+/// contributes.
 fn scores(problem: &Problem, fit: &Fit) -> [(f64, f64); CONTACT_TAUS_S.len()] {
     let mut sums = [[Terms::default(); 2]; CONTACT_TAUS_S.len()];
     for (k, block, residual) in problem

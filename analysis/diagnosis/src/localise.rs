@@ -134,7 +134,7 @@ impl Sums {
         };
         let p =
             (2.0 * chi2_tail(self.chi2, expected).min(deviate_tail(mean_z.abs(), None))).min(1.0);
-        // At an edge the residual tells when the current changed.
+        // At an edge the residual shows when the current changed.
         let (count, square) = match self.beside_edges {
             (0, _) => (self.count, self.square),
             beside => beside,
@@ -192,7 +192,7 @@ pub(super) fn places(run: &Run, n: usize, ranges: &Ranges) -> Vec<Place> {
     let mut places = Vec::with_capacity(8);
     let third = |x: f64, (low, high): (f64, f64)| (((x - low) / (high - low) * 3.0) as u32).min(2);
     let mut thirds = |dimension: &'static str, x: f64, span: (f64, f64), unit: &str| {
-        // All alike: nothing to tell apart.
+        // If all values are alike, there is nothing to separate.
         if span.1 - span.0 > 1e-6 * span.1.abs().max(1e-9) {
             let t = third(x, span);
             let edge = |k: u32| span.0 + (span.1 - span.0) * f64::from(k) / 3.0;

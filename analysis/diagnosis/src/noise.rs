@@ -93,7 +93,7 @@ impl Prior {
         }
     }
 
-    /// The same where repeats tell the noise by themselves.
+    /// Returns the same prior for runs whose repeats measure the noise themselves.
     pub(super) fn ignorant(&self) -> Self {
         Self {
             spread: IGNORANCE_SPREAD,
@@ -292,7 +292,7 @@ impl Shape {
             errors.common_v.iter().for_each(|v| add(v));
             add(&errors.first_v);
         }
-        // A logger whose rows run free has all edges of a record at a place of its own.
+        // A logger whose rows run free has all edges of a record at one position of that record.
         shared[shared::CHANNELS..shared::CHANNELS + edges::COMMON]
             .iter()
             .for_each(|v| add(v));
@@ -341,8 +341,8 @@ impl Shape {
         &self.known
     }
 
-    /// Rows at edges of the current: those whose variance is an edge's by more than a part.
-    /// `whole` is the variance of each row.
+    /// Returns which rows lie at edges of the current: those with more than a given part of their
+    /// variance from an edge. `whole` is the variance of each row.
     pub(super) fn at_edges(&self, whole: &[f64]) -> Vec<bool> {
         let edges = self.edge_v2.iter().chain(std::iter::repeat(&0.0));
         whole
@@ -353,7 +353,7 @@ impl Shape {
     }
 
     /// Keeps the codes' error in the mean of `repeats` runs: they meet the same codes at the same
-    /// voltages, so their mean is no better than one.
+    /// voltages, so averaging does not reduce it.
     pub(super) fn share_codes(&mut self, repeats: usize) {
         self.codes.iter_mut().for_each(|c| *c *= repeats as f64);
     }

@@ -24,7 +24,7 @@ pub enum Verdict {
     /// The named effects were missing, but their form differs from the catalogue's, or something
     /// far smaller is missing beside them.
     Mostly,
-    /// Something is missing; these data cannot tell which of several effects.
+    /// Something is missing; these data cannot decide between several effects.
     Ambiguous,
     /// Something is missing that no effect of the catalogue explains.
     Unexplained,
@@ -33,7 +33,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// True where a further run could tell more of what is missing.
+    /// Returns true if a further run could reveal more of what is missing.
     pub fn is_open(self) -> bool {
         matches!(self, Self::Mostly | Self::Ambiguous | Self::Unexplained)
     }
@@ -94,7 +94,7 @@ pub struct Diagnosis {
     pub inseparable: Vec<[&'static str; 2]>,
     /// Oddities of the data as they were written, before any physics.
     pub findings: Vec<Finding>,
-    /// The findings whose correction was used in the place of the raw data.
+    /// The findings whose correction replaced the raw data.
     pub accepted: Vec<FindingKind>,
     /// Warnings to the user, in sentences.
     pub notes: Vec<String>,
@@ -281,7 +281,7 @@ pub struct NextExperiment {
     pub name: &'static str,
     /// Description of the run in words.
     pub description: String,
-    /// Effects it tells apart.
+    /// Effects that it separates.
     pub separates: Vec<&'static str>,
     /// Expected separation √λ of the closest pair, in standard deviations.
     pub separation_sigma: f64,
@@ -327,7 +327,7 @@ pub struct NoiseTerm {
     pub name: &'static str,
     /// Standard deviation used.
     pub sigma: f64,
-    /// Standard deviation by the bench's history; none where the history does not tell it.
+    /// Standard deviation from the bench's history; `None` if the history does not contain it.
     pub history: Option<f64>,
     /// Distance of the repeats from the history, in standard deviations of its logarithm.
     pub z: Option<f64>,

@@ -3,9 +3,9 @@
 //! in each of them. No block of residuals and no χ² of a thousand rows shows it.
 //!
 //! Per record and frequency a sine and a cosine, averaged over the samples of each row and
-//! whitened, take up χ² of two degrees of freedom where nothing swings (the periodogram of unevenly
-//! sampled data, Lomb 1976, Scargle 1982); the sum over all records is asked, at as many
-//! frequencies as the longest record can tell apart, and its probability multiplied by their
+//! whitened, take up χ² of two degrees of freedom if nothing oscillates (the periodogram of
+//! unevenly sampled data, Lomb 1976, Scargle 1982). The test uses the sum over all records, at as
+//! many frequencies as the longest record can resolve, and multiplies its probability by their
 //! number.
 
 use super::block::{Block, Kind};

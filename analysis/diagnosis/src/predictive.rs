@@ -70,8 +70,8 @@ impl Search<'_> {
         None
     }
 
-    /// Whether no parameter stands at a bound or where no sound cell has it: such a value is written
-    /// into no model whose cause is not known.
+    /// Returns whether no parameter lies at a bound or outside the range of sound cells: such a
+    /// value is not written into a model whose cause is not known.
     fn has_usual_values(&self, fit: &Fit) -> bool {
         let branches = self.problem.branches();
         let (_, values) = fit.decode(branches);

@@ -61,7 +61,7 @@ pub(super) struct Prediction {
 struct Nearby<'a> {
     /// Derivatives by the first coordinates, taken nearby.
     columns: &'a [Vec<f64>],
-    /// Whether the fit ends early, and derivatives taken nearby may tell where.
+    /// Whether the fit ends early, possibly on derivatives from a nearby point.
     is_rough: bool,
 }
 
@@ -77,7 +77,7 @@ pub(super) struct Fit {
     pub(super) residuals: Vec<f64>,
     /// Derivatives of the whitened prediction, one column per parameter.
     pub(super) columns: Vec<Vec<f64>>,
-    /// χ² that a further step still promises; infinite where nobody asked.
+    /// χ² that a further step is expected to gain; infinite if it was not computed.
     pub(super) promise: f64,
 }
 
@@ -298,8 +298,8 @@ impl Problem {
         dot(&w, &w)
     }
 
-    /// The change of the whitened prediction when a coordinate changes by a step. A run that
-    /// repeats another one changes as that one does, unless an effect tells repeats apart.
+    /// Returns the change of the whitened prediction when a coordinate changes by a step. A run
+    /// that repeats another one changes as that one does, unless an effect distinguishes repeats.
     pub(super) fn change(
         &self,
         at: At<'_>,
@@ -312,7 +312,7 @@ impl Problem {
         self.changes(at, predicted, moved, step, each, workspace)
     }
 
-    /// The same, of each run by itself or by the one that it repeats.
+    /// Returns the same change for each run separately, or by the run that it repeats.
     fn changes(
         &self,
         at: At<'_>,
@@ -346,7 +346,7 @@ impl Problem {
         white
     }
 
-    /// Tangent space of a fit, each run by itself: repeats are not merged.
+    /// Returns the tangent space of a fit, each run separately: repeats are not merged.
     pub(super) fn exact_tangent(&self, fit: &Fit, workspace: &mut Workspace) -> Tangent {
         let predicted = self.prediction(fit.at(), workspace);
         let mut tangent = Tangent::default();
@@ -685,7 +685,7 @@ impl Normal {
         })
     }
 
-    /// The free moves whose change of the prediction is nearest to `rows`, damped.
+    /// Returns the free moves whose change of the prediction is nearest to `rows`, damped.
     fn solve(&self, columns: &[Vec<f64>], rows: &[f64]) -> Vec<f64> {
         let mut part: Vec<f64> = self.free.iter().map(|k| dot(&columns[*k], rows)).collect();
         cholesky_substitute(&self.factor, self.free.len(), &mut part);
@@ -700,7 +700,8 @@ impl Normal {
             .map(|(s, k)| s * dot(&columns[*k], residuals))
             .sum();
         let mut moves = vec![0.0; columns.len()];
-        // Each by itself: one that the data hardly fix must not hold the others up.
+        // Each is tested separately: one that the data hardly determine must not hold the others
+        // up.
         self.free
             .iter()
             .zip(&part)
@@ -708,8 +709,8 @@ impl Normal {
         (moves, promise)
     }
 
-    /// Adds to moves what the bend of the prediction along them asks for; false where that is no
-    /// small part of them.
+    /// Adds the curvature correction of the prediction to moves; returns false if the correction is
+    /// not small relative to them.
     fn accelerate(&self, columns: &[Vec<f64>], bend: &[f64], moves: &mut [f64]) -> bool {
         let more = self.solve(columns, bend);
         let size = |part: &[f64]| {

@@ -1,4 +1,4 @@
-//! What a diagnosis is doing, for the person who waits.
+//! Activity of a diagnosis, for progress displays.
 
 use std::sync::Arc;
 

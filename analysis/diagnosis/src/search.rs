@@ -1,5 +1,5 @@
 //! The tools of a search for missing effects. `attempts` fits candidates, `accept` judges them,
-//! `rivals` looks for others that would do as well, `select` puts all of it together.
+//! `rivals` searches for others that fit as well, `select` combines all of it.
 
 use super::block::Workspace;
 use super::guards::Guards;

@@ -25,7 +25,7 @@ pub(super) struct SelectedEffect {
 }
 
 impl SelectedEffect {
-    /// An effect whose rivals were not looked for yet.
+    /// Creates an effect whose rivals have not been searched for yet.
     pub(super) fn new(name: &'static str, evidence: Evidence) -> Self {
         Self {
             name,
@@ -221,9 +221,9 @@ impl Search<'_> {
         None
     }
 
-    /// The fit again from where an addition has left its parameters; none where that is no deeper
-    /// minimum. What an addition gains over a fit that stands in a wrong minimum is no evidence for
-    /// it.
+    /// Repeats the fit from the parameters at which an addition has left them; returns `None` if
+    /// that does not reach a deeper minimum. The gain of an addition over a fit in a wrong minimum
+    /// is not evidence for the addition.
     fn deeper(&mut self, fit: &Fit, with: &Fit) -> Option<Fit> {
         let again = self.problem.fit_from(
             &fit.structure,

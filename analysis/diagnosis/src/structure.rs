@@ -248,8 +248,8 @@ impl Structure {
                 .sum::<usize>()
     }
 
-    /// Whether an effect among them tells repeats apart: what all other parameters do is then
-    /// another in each, too.
+    /// Returns whether an effect among them distinguishes repeats: the response to all other
+    /// parameters then differs in each, too.
     pub(super) fn tells_repeats_apart(&self) -> bool {
         self.members
             .iter()
@@ -304,8 +304,8 @@ fn decode_erm(x: &[f64]) -> Erm {
 /// All combinations of starts of the shapes and choices of an effect, the strength left at zero.
 pub(super) fn variants(effect: &'static dyn Effect, base: &Base) -> Vec<Member> {
     let parameters = effect.parameters(base);
-    // Where the data leave a parameter no room (no current flows, the curve is flat) there is
-    // nothing to look for.
+    // If the data leave a parameter no room (no current flows, the curve is flat), there is nothing
+    // to search.
     let room = |p: &Parameter| {
         p.range.lower.is_finite()
             && p.range.upper.is_finite()

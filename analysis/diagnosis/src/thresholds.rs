@@ -107,7 +107,7 @@ pub fn markdown() -> String {
         .fold(head.to_owned(), |table, row| table + &row)
 }
 
-/// A value as its type tells it.
+/// Converts a value according to its type.
 macro_rules! value {
     (f64, $name:ident) => {
         Value::Real($name)

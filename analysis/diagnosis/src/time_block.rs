@@ -56,8 +56,8 @@ impl TimeBlock {
         let time_s: Vec<f64> = s.time_s.iter().map(|t| t - start_s).collect();
         let linear = record.between == Between::Linear;
         let edges = edges(&s.current_a, jitter_a);
-        // Rows that are means have less noise than the bench's samples, and it is not told how
-        // much.
+        // Rows that are means have less noise than the bench's samples, by a factor that is not
+        // recorded.
         let sampled = record.sigma_v.is_none() && record.averaged_s.is_none();
         let driven_a = driven(&s.current_a, &edges, if sampled { jitter_a } else { 0.0 });
         let windows = record
@@ -175,8 +175,8 @@ impl TimeBlock {
     }
 }
 
-/// First samples after a change of the current that is no noise; the first sample of all among
-/// them.
+/// Returns the first samples after each change of the current above the noise, including the first
+/// sample of all.
 fn edges(current_a: &[f64], jitter_a: f64) -> Vec<usize> {
     let greatest = current_a.iter().fold(0.0f64, |m, i| m.max(i.abs()));
     let least = (EDGE_STEP_PART * greatest).max(EDGE_SIGMAS * jitter_a);

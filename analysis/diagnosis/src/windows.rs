@@ -1,12 +1,12 @@
-//! Samples that are means over windows of time. A logger that thins its record out averages over
+//! Samples that are means over windows of time. A logger that decimates its record averages over
 //! ever longer windows, and the mean of an exponential over a window as long as a fifth of the time
 //! since the edge is not its value in the middle: by 0.1 % of a branch's voltage, ten times the
 //! noise of a good bench.
 //!
-//! The model is played at two instants per window, m ± w/(2√3) with m its middle and w its width,
-//! and their mean is taken: exact for a cubic (Gauss–Legendre). A sample whose time is not in its
-//! window, as a logger places the last one before an edge, is an instant too, so that the current
-//! keeps its edge.
+//! The model is evaluated at two instants per window, m ± w/(2√3) with m its middle and w its
+//! width, and their mean is used: exact for a cubic (Gauss–Legendre). A sample whose time is not in
+//! its window, as a logger places the last one before an edge, is an instant too, so that the
+//! current keeps its edge.
 
 /// Half the distance of both instants, as a part of a window's width: 1/(2√3).
 const APART: f64 = 0.288_675_134_594_812_9;
@@ -16,7 +16,7 @@ const APART: f64 = 0.288_675_134_594_812_9;
 pub(super) struct Windows {
     /// Instants, s, rising.
     pub(super) time_s: Vec<f64>,
-    /// Of each instant the sample whose current flows then: no window holds a step of the current.
+    /// The sample whose current flows at each instant: no window contains a step of the current.
     sample: Vec<usize>,
     /// Of each sample its first instant, and whether the next is of its window too.
     first: Vec<(usize, bool)>,

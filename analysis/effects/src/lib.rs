@@ -1,6 +1,6 @@
 //! Effects that a model may lack.
 //!
-//! [`contract`] says what an effect is, [`augmented`] plays a base model with any set of them,
+//! [`contract`] defines an effect, [`augmented`] simulates a base model with any set of them,
 //! [`effects`] is the catalogue, one file per effect.
 
 pub mod augmented;

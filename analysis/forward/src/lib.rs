@@ -1,5 +1,5 @@
-//! Simulation forward in time: [`forward`] plays a cell or a pack under a load, [`sop`] finds the
-//! most power that can be held.
+//! Simulation forward in time: [`forward`] simulates a cell or a pack under a load, [`sop`] finds
+//! the maximum power that can be held.
 
 pub mod forward;
 pub mod sop;

@@ -206,7 +206,7 @@ impl BoxQuadratic {
         first
     }
 
-    /// The held unknown whose gradient most wants it off its bound.
+    /// Returns the bound unknown with the largest gradient away from its bound.
     fn most_wrong(&self, x: &[f64; MAX_UNKNOWNS], free: &[bool; MAX_UNKNOWNS]) -> Option<usize> {
         let mut worst = None;
         let mut largest = 0.0;

@@ -46,12 +46,12 @@ pub struct Grouped<'a> {
     pub factors: &'a [Factor<'a>],
 }
 
-/// Reason why there is no result.
+/// Reason for a missing result.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum MixedError {
     /// Columns of another length than the values; the name of the column.
     Length(String),
-    /// A value that is no number, or a variance below zero; the row, from 0.
+    /// A value is not a number, or a variance is negative; the row, from 0.
     Value(usize),
     /// Too few rows for the fixed part and one component; how many are needed.
     Few(usize),
@@ -137,7 +137,7 @@ pub fn fit_mixed(grouped: &Grouped<'_>) -> Result<Mixed, MixedError> {
     fit(grouped, |model, at, best| model.interval(at, best))
 }
 
-/// The same without intervals, whose ends are no numbers then: they take most of the time.
+/// Computes the same estimate without intervals, whose ends are NaN: they take most of the time.
 ///
 /// # Errors
 /// [`MixedError`].

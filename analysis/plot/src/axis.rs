@@ -94,7 +94,7 @@ impl Axis {
     }
 }
 
-/// The smallest of 1, 2, 2.5, 5 times a power of ten that is no less than `raw`.
+/// Returns the smallest of 1, 2, 2.5, 5 times a power of ten that is not less than `raw`.
 pub(super) fn round_step(raw: f64) -> f64 {
     let raw = if raw.is_finite() && raw > 0.0 {
         raw

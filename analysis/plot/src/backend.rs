@@ -193,7 +193,7 @@ fn rgba(c: Colour) -> RGBAColor {
     plotters::style::RGBColor(c.0, c.1, c.2).mix(c.3)
 }
 
-/// How a backend must be told to draw what a scene means.
+/// Parameters that make a backend draw what a scene means.
 struct Pen {
     /// Backend units per logical pixel.
     scale: f64,

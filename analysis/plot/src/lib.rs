@@ -1,12 +1,12 @@
-//! Nyquist and Bode plots of measured and modelled impedance, charts of anything over anything,
-//! bars and heat maps, SVG and PNG from one description.
+//! Nyquist and Bode plots of measured and modelled impedance, general charts, bars and heat maps,
+//! SVG and PNG from one description.
 //!
 //! A plot is first laid out as a list of shapes (`scene`), which plotters' backends then draw
-//! (`backend`); so both formats show the same. Without the feature `draw` plotters is not built, and
-//! drawing is an error. The Nyquist plot has equal scaling of its axes, exact to the pixel,
-//! as figures 3.8 and 3.11–3.14 of the thesis. The legend stands above the axes and hides nothing.
-//! Colours are Okabe and Ito's (2008), which colour-blind readers tell apart; marker shapes differ
-//! too.
+//! (`backend`), so both formats show the same picture. Without the feature `draw` plotters is not
+//! built, and drawing is an error. The Nyquist plot has equal scaling of its axes, exact to the
+//! pixel, as figures 3.8 and 3.11–3.14 of the thesis. The legend stands above the axes and hides
+//! nothing. Colours are those of Okabe and Ito (2008), which colour-blind readers can distinguish;
+//! marker shapes differ too.
 //!
 //! PNG and text widths use DejaVu Sans, embedded through the `dejavu` crate (MIT or Apache-2.0; the
 //! font under the Bitstream Vera licence, which allows embedding). SVG asks the viewer for its own

@@ -82,8 +82,8 @@ pub(super) fn layout(plot: &ImpedancePlot) -> Result<Scene, PlotError> {
     })
 }
 
-/// The frame whose pixels are as many units wide as high, its height following the data within
-/// reason.
+/// Returns the frame whose pixels are as many units wide as high; its height follows the data
+/// within limits.
 fn frame(plot: &ImpedancePlot, unit: Unit, room: Room) -> Frame {
     let Room { top, width } = room;
     let (mut x, mut y) = (
@@ -121,8 +121,8 @@ fn frame(plot: &ImpedancePlot, unit: Unit, room: Room) -> Frame {
     }
 }
 
-/// The frequency written beside the point of each whole decade: of the last curve, or of the first
-/// points where there is no curve.
+/// Writes the frequency beside the point of each whole decade: of the last curve, or of the first
+/// points if there is no curve.
 fn decades(
     plot: &ImpedancePlot,
     frame: &Frame,

@@ -188,7 +188,7 @@ pub enum PlotError {
         /// The plot's title.
         title: String,
     },
-    /// A file name that tells no known format.
+    /// The file name does not have a known format.
     #[error("{}: expected a file name that ends in .svg or .png", path.display())]
     UnknownFormat {
         /// The file.

@@ -81,7 +81,7 @@ pub struct Report {
     pub sections: Vec<Section>,
     /// Origin of the numbers: version, configuration, seed, instruments, …
     pub provenance: Vec<(String, String)>,
-    /// Files that it takes to repeat it, by name, with their text; folded until somebody looks.
+    /// Files needed to repeat the diagnosis, by name, with their text; folded by default.
     pub files: Vec<(String, String)>,
 }
 
@@ -117,7 +117,7 @@ pub enum Part {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReportError {
-    /// A figure that is no SVG, or could load or run something.
+    /// A figure that is not an SVG, or could load or run something.
     #[error(
         "report: figure {index} (counted from 1): expected an SVG that loads and runs nothing, met \
         {met}"
@@ -131,10 +131,11 @@ pub enum ReportError {
 }
 
 impl Report {
-    /// The whole file.
+    /// Returns the whole file.
     ///
     /// # Errors
-    /// [`ReportError::ForeignFigure`] for a figure that is no SVG or holds scripts or references.
+    /// [`ReportError::ForeignFigure`] for a figure that is not an SVG or contains scripts or
+    /// references.
     pub fn to_html(&self) -> Result<String, ReportError> {
         let mut html = String::new();
         let title = escape(&self.title);

@@ -1,8 +1,8 @@
 //! Correction of the harness by the measured control impedances.
 //!
-//! Along the loop, from earth: return wire – C1 | current shunt | C2 – wire – C3 | thing in the
-//! jig | C4, every channel single-ended. Channel k shows cₖ = aₖ·exp(−jωτₖ) times the potential of
-//! its tip, relative to channel 1 (c₁ = 1), and the loop of the voltage leads picks up jωM·i at C4:
+//! Along the loop, from earth: return wire – C1 | current shunt | C2 – wire – C3 | thing in the jig |
+//! C4, every channel single-ended. Channel k shows cₖ = aₖ·exp(−jωτₖ) times the potential of its
+//! tip, relative to channel 1 (c₁ = 1), and the loop of the voltage leads picks up jωM·i at C4:
 //!
 //! * i = (V₂/c₂ − V₁)/(R_s + jωL_s)
 //! * u = V₄/c₄ − V₃/c₃ − jωM·i
@@ -10,28 +10,28 @@
 //!
 //! Since the potential that C3 and C4 share is several times the voltage between them, a mismatch
 //! of their gains *adds* an error to Z that is proportional to that shared potential. No factor on
-//! Z can take it off, and one found on the shunt is wrong on the cell.
+//! Z can remove it, and a factor found on the shunt is wrong on the cell.
 //!
 //! Controls determine the parameters, each as far as it was measured: the voltage probes on the
 //! shunt (V₃/c₃ = V₁; V₄/c₄ − V₂/c₂ = jωM_shunt·i), a fake cell and a short of known impedance in
-//! the jig (u = (R + jωL)·i), and an open jig, whose stray admittance Y takes the current Y·u past
-//! the cell: Z = u/(i − Y·u). Every parameter has a Gaussian prior, so that what was not measured
-//! stays as uncertain as it was, and the uncertainty of the correction travels with every
-//! impedance. Combinations that the controls cannot tell apart, such as a skew of C4 and the
-//! pick-up, share their prior uncertainty; where they act alike on the cell too, that cancels.
+//! the jig (u = (R + jωL)·i), and an open jig, whose stray admittance Y carries the current Y·u
+//! past the cell: Z = u/(i − Y·u). Every parameter has a Gaussian prior, so that an unmeasured
+//! parameter stays as uncertain as it was, and the uncertainty of the correction travels with every
+//! impedance. Combinations that the controls cannot separate, such as a skew of C4 and the pick-up,
+//! share their prior uncertainty; if they also act alike on the cell, that uncertainty cancels.
 //!
-//! Purpose of each control: the shunt equals C3 to C1 and C4 to C2. The short shows the effect of
-//! the shared potential at a voltage near zero. The fake cell differs from the short by a known
+//! Purpose of each control: the shunt equates C3 with C1 and C4 with C2. The short shows the effect
+//! of the shared potential at a voltage near zero. The fake cell differs from the short by a known
 //! voltage. So only both together separate the skew of C2, which turns the current, from the
 //! pick-up. With the fake cell alone that skew stays as uncertain as its prior. The open bounds a
-//! leak beside the cell; no other control sees one.
+//! leak beside the cell, which no other control detects.
 //!
 //! Sources: the estimate is linear in the errors of the priors and the noise of the controls, and
 //! with C the covariance in units of the priors the error of prior k enters as C·eₖ, the noise of
 //! the controls as C − C². These parts add up to C exactly, whatever the parameters' correlations:
 //! [`Correction::parts`].
 //!
-//! Knows no file and no fit of sinusoids: phasors with their noise come in.
+//! Reads no file and fits no sinusoids: its input is phasors with their noise.
 
 mod controls;
 mod correction;
@@ -251,8 +251,8 @@ impl Correction {
         solve::unmeasured(&controls)
     }
 
-    /// Corrected impedance, with the covariance that the noise of the phasors and the uncertainty
-    /// of the correction give it together. Not finite where there is no current.
+    /// Returns the corrected impedance, with the combined covariance from the noise of the phasors
+    /// and the uncertainty of the correction. It is not finite if there is no current.
     pub fn apply(&self, phasors: &ChannelPhasors) -> ImpedancePoint {
         let harness = Harness::new(&self.values, phasors);
         let (current, impedance) = (harness.current(), harness.impedance());
@@ -332,7 +332,7 @@ impl Correction {
             .iter_mut()
             .find(|(source, _)| *source == Source::ControlNoise)
         {
-            // Rounding must not leave a negative variance where the controls tell nothing.
+            // Rounding must not leave a negative variance if the controls contain no information.
             *noise = Covariance2 {
                 re_re: rest.re_re.max(0.0),
                 im_im: rest.im_im.max(0.0),

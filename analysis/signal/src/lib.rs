@@ -1,9 +1,9 @@
 //! From samples to impedances.
 //!
 //! [`sine`] fits sinusoids to samples, [`spectrum`] holds complex impedances with their
-//! uncertainty, [`calibration`] corrects the harness from the control impedances, [`budget`] tells
-//! where the uncertainty comes from, [`multisine`] measures many frequencies in one record,
-//! [`staircase`] finds a stair of milliseconds in its record, [`series`] holds time series.
+//! uncertainty, [`calibration`] corrects the harness from the control impedances, [`budget`]
+//! attributes the uncertainty to its sources, [`multisine`] measures many frequencies in one
+//! record, [`staircase`] finds a stair of milliseconds in its record, [`series`] holds time series.
 
 pub mod budget;
 pub mod calibration;

@@ -42,18 +42,18 @@ pub use record::{Channel, MIN_PERIODS, MIN_SAMPLES, Record};
 pub use result::{ChannelFit, Distortion, LeftOut, Note, Phasor, SineFit, Tone, ToneKind};
 pub use stored::{Samples, Stored};
 
-/// Fits sinusoids of a known frequency: amplitude and phase, offset and, if asked for, drift of
-/// each channel.
+/// Fits sinusoids of a known frequency: amplitude and phase, offset and optionally drift of each
+/// channel.
 ///
 /// The covariance is the variance of the residual, but never below that of the quantisation
-/// (LSB²/12), times the inverse of the normal matrix. Where neighbouring residuals correlate
-/// significantly, it is raised by the ratio of the noise density at the frequency to its mean,
-/// taking the residual for a first-order autoregression. Where the noise is too low for the
-/// quantisation to act as noise, it is raised to the error that the quantisation may make, and
-/// [`Note::Quantisation`] says so.
+/// (LSB²/12), times the inverse of the normal matrix. If neighbouring residuals correlate
+/// significantly, it is raised by the ratio of the noise density at the frequency to its mean, with
+/// the residual modelled as a first-order autoregression. If the noise is too low for the
+/// quantisation to act as noise, it is raised to the possible error from quantisation, and
+/// [`Note::Quantisation`] reports this.
 ///
-/// Extra frequencies that the record cannot tell apart are left out, and [`SineFit::notes`] says
-/// which.
+/// Extra frequencies that the record cannot resolve are left out, and [`SineFit::notes`] lists
+/// them.
 ///
 /// ```
 /// use analysis_signal::sine::{Channel, FitOptions, Record, fit_known_frequency};
@@ -70,8 +70,8 @@ pub use stored::{Samples, Stored};
 /// ```
 ///
 /// # Errors
-/// [`SineError`] if the record is too short, the frequency out of range, samples are not finite or
-/// too few of them unclipped.
+/// [`SineError`] if the record is too short, the frequency is out of range, samples are not finite
+/// or too few of them are unclipped.
 pub fn fit_known_frequency(
     record: &Record<'_>,
     freq_hz: f64,

@@ -30,7 +30,7 @@ pub struct ImpedancePoint {
     pub z_ohm: Complex64,
     /// Covariance of (Re, Im), Ω².
     pub covariance: Covariance2,
-    /// Amplitude of the current, A (zero to peak); not a number where a file does not tell.
+    /// Amplitude of the current, A (zero to peak); NaN if a file does not state it.
     pub amplitude_a: f64,
 }
 
@@ -65,15 +65,15 @@ pub struct Spectrum {
     /// Errors that the points have in common. The covariance of a point holds its share of each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub shared: Vec<SharedError>,
-    /// Slope of the open-circuit voltage whose share was taken out of the points; none where they
-    /// are as measured.
+    /// Slope of the open-circuit voltage whose contribution was subtracted from the points; `None`
+    /// if they are as measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub less: Option<OcvSlope>,
 }
 
-/// Impedance by the voltage pair over the current pair, (V₄ − V₃)/(V₂ − V₁) · R_shunt, without any
-/// correction, with the covariance that the noise of the four channels gives it. Not finite where
-/// there is no current.
+/// Returns the impedance from the voltage pair over the current pair, (V₄ − V₃)/(V₂ − V₁) ·
+/// R_shunt, without any correction, with the covariance from the noise of the four channels. It is
+/// not finite if there is no current.
 ///
 /// The quotient is analytic in every channel, so a derivative turns and stretches the covariance of
 /// its phasor: R/(V₂ − V₁) towards V₄ and −V₃, and Z/(V₂ − V₁) towards V₁ and −V₂.

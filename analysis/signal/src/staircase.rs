@@ -9,7 +9,7 @@ use std::ops::RangeInclusive;
 
 /// Blocks that a long stair is taken together to when it is looked for.
 const BLOCKS: usize = 2048;
-/// Blocks to either side within which the finer search looks on.
+/// Blocks on either side within which the finer search continues.
 const FINE_BLOCKS: f64 = 1.5;
 
 /// A current in equal steps; nothing flows before and behind it.

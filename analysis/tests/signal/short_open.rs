@@ -83,7 +83,7 @@ fn any_subset_of_the_controls_states_what_it_leaves_open() {
     }
     let [(_, both_deg), (_, fake_deg), (_, short_deg)] = found;
     // Here the return wire is nearly all resistance, so that only two loads of different voltage
-    // tell a skew of the current from the pick-up.
+    // separate a skew of the current from the pick-up.
     assert!(
         both_deg < 0.8 && fake_deg > 3.0 * both_deg && short_deg > 3.0 * both_deg,
         "{found:?}"

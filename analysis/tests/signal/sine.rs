@@ -234,7 +234,8 @@ fn the_scatter_is_the_cramer_rao_bound() {
 
 #[test]
 fn where_samples_are_missing_the_stated_covariance_has_the_shape_of_the_scatter() {
-    // All crests gone: the parts of the phasor are told unequally well, and together.
+    // All crests are clipped: the parts of the phasor are determined with unequal accuracy, and are
+    // correlated.
     let (interval_s, count, sigma_v, seeds) = (1e-3, 240, 0.05, 6000);
     let freq_hz = 3.3 / (count as f64 * interval_s);
     let wave = Wave {

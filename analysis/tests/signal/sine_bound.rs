@@ -1,5 +1,5 @@
-//! The sinusoid fit against the Cramér–Rao bound on 12-bit codes, and where quantisation is no
-//! noise.
+//! The sinusoid fit against the Cramér–Rao bound on 12-bit codes, and where quantisation does not
+//! act as noise.
 //!
 //! The bound is computed here from the model's derivatives, sample by sample; the noise is that of
 //! the signal and of the rounding, σ² + 1/12 LSB².
@@ -143,7 +143,7 @@ fn options(drift: Drift, harmonics: &[u32]) -> FitOptions {
 
 #[test]
 fn a_known_frequency_is_as_good_as_the_bound() {
-    // 5000 trials of two parts tell a variance to 1.4 %; the requirement is 1.05.
+    // 5000 trials of two parts determine a variance to 1.4 %; the requirement is 1.05.
     for (amplitude, third, noise_lsb) in [
         (2.5, 0.0, 0.5),
         (11.3, 0.0, 0.5),

@@ -218,8 +218,8 @@ fn the_number_of_threads_changes_no_bit() {
 
 #[test]
 fn mains_that_is_not_modelled_biases_and_modelled_does_not() {
-    // 48 Hz beside 50 Hz over two thirds of a second: near enough to leak, far enough to be told
-    // apart.
+    // 48 Hz beside 50 Hz over two thirds of a second: near enough to leak, far enough to be
+    // separated.
     let signal = |t: f64| 500.0 * (TAU * 48.0 * t).cos() + 20.0 * (TAU * 50.0 * t + 2.0).cos();
     let codes = codes(667, 0.6, 4, signal);
     let bias =

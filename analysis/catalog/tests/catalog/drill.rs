@@ -15,15 +15,15 @@ use sha2::{Digest, Sha256};
 
 use crate::made::Made;
 
-/// Number of runs where nobody says another.
+/// Default number of runs.
 const RUNS: usize = 100_000;
 /// Run folders in one folder.
 const TOGETHER: usize = 1000;
-/// A run in so many has a diagnosis.
+/// One run in this many has a diagnosis.
 const DIAGNOSED: usize = 10;
 /// Batch and experiment that few runs have.
 const RARE: &str = "rare";
-/// A run in so many has them, of the first so many.
+/// One run in this many has them, among the first `RARE_UNTIL` runs.
 const RARELY: usize = 100;
 const RARE_UNTIL: usize = 10_000;
 /// Questions of each kind.
@@ -52,7 +52,7 @@ fn computed_s() -> f64 {
     let stat = fs::read_to_string("/proc/self/stat").unwrap();
     let (_, rest) = stat.rsplit_once(") ").unwrap();
     let ticks = rest.split_whitespace().skip(11).take(2);
-    // Linux tells it in hundredths of a second.
+    // Linux reports it in hundredths of a second.
     ticks.map(|text| text.parse::<f64>().unwrap() / 100.0).sum()
 }
 
@@ -107,7 +107,7 @@ fn scan(path: &Path, root: &Path) -> usize {
     scanned.read
 }
 
-/// Asks one kind of question many times, and tells the median and the slowest of a hundred.
+/// Executes one kind of query many times and prints the median and the slowest of a hundred.
 fn ask(path: &Path, kind: &str, question: impl Fn(&Catalog, usize)) {
     let computed = computed_s();
     let mut times: Vec<f64> = (0..QUESTIONS)

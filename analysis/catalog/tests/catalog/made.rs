@@ -36,7 +36,8 @@ pub(crate) struct Made {
     pub(crate) barcode: Option<String>,
     /// Its batch.
     pub(crate) batch: String,
-    /// Names of the cells of a campaign, whose type the cell is then; none without a campaign.
+    /// Names of the cells of a campaign, which give the type of each cell; empty without a
+    /// campaign.
     pub(crate) cells: Vec<&'static str>,
     /// The experiment.
     pub(crate) experiment: String,

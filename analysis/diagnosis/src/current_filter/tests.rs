@@ -147,7 +147,7 @@ fn the_errors_of_the_corrected_current_are_what_they_are() {
     }
 }
 
-/// A step too small for the voltage to tell shows in the log, where it lasts.
+/// A step too small to show in the voltage shows in the log, if it lasts.
 #[test]
 fn a_small_step_is_told_by_the_log() {
     // Within the rest after a discharge.

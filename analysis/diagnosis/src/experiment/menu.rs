@@ -1,4 +1,4 @@
-//! Menu of planned runs that can tell effects apart, made for the cell, the currents and the
+//! Menu of planned runs that can separate effects, generated for the cell, the currents and the
 //! frequencies of a campaign.
 
 use super::planned::{BenchLimits, Planned, PlannedRun};
@@ -36,8 +36,8 @@ impl MenuItem {
         more
     }
 
-    /// Whether another item can be played in the same experiment: one sweep at most, and the cell
-    /// under the same circumstances.
+    /// Returns whether another item can be run in the same experiment: one sweep at most, and the
+    /// cell under the same conditions.
     pub(super) fn joins(&self, other: &Self) -> bool {
         let all = || self.runs.iter().chain(&other.runs);
         let cells: Vec<&PlannedRun> = all()
@@ -89,7 +89,7 @@ pub(super) struct Campaign<'a> {
 }
 
 impl<'a> Campaign<'a> {
-    /// The currents reach as far as the campaign's own, unless told otherwise.
+    /// Creates a campaign. By default its currents extend as far as those of the data.
     pub(super) fn new(problem: &'a Problem, limits: Option<BenchLimits>) -> Self {
         let facts = &problem.base.facts;
         let greatest = |sign: f64| {
@@ -214,8 +214,8 @@ fn time(block: &Block) -> Option<&TimeBlock> {
     }
 }
 
-/// Everything that the limits allow. Of items with the same name the first that can be played is
-/// the best.
+/// Returns all items that the limits allow. Of items with the same name, the first that can be run
+/// is the best.
 pub(super) fn menu(campaign: &Campaign<'_>) -> Vec<MenuItem> {
     let mut items = sweeps(campaign);
     let zero = "no current for 10 min: what moves by itself".to_owned();
@@ -558,8 +558,8 @@ pub(super) fn sentinel_repeat(campaign: &Campaign<'_>) -> Option<MenuItem> {
     })
 }
 
-/// The currents of a record between its edges; what is no more than a part in a hundred of the
-/// greatest is rest.
+/// Returns the currents of a record between its edges. A current of at most a hundredth of the
+/// greatest counts as rest.
 fn segments(time: &TimeBlock) -> Vec<(f64, f64)> {
     let greatest = time.current_a.iter().fold(0.0f64, |m, i| m.max(i.abs()));
     let last = time.time_s.len() - 1;

@@ -88,7 +88,7 @@ impl Planner<'_> {
             .into_iter()
             .filter_map(|item| self.rated(item, 1, workspace))
             .collect();
-        // Runs that cannot be played here, or not any more, would still tell the pairs apart.
+        // Runs that cannot be run here, or no longer, but would separate the pairs.
         let elsewhere: Vec<Rated> = others
             .into_iter()
             .filter_map(|item| self.rated(item, 1, workspace))
@@ -215,8 +215,8 @@ impl Planner<'_> {
     }
 }
 
-/// The runs that tell what is open apart; none where nothing is open or no run of the menu that can
-/// be played would.
+/// Returns the runs that separate the open structures. The advice is empty if nothing is open or no
+/// available run of the menu would separate them.
 pub(super) fn recommend(
     prepared: &Prepared,
     verdict: Verdict,
@@ -243,7 +243,7 @@ pub(super) fn recommend(
         playable,
     };
     if planner.open.pairs.is_empty() {
-        // No names to tell apart: what changed by itself shows when the first run is repeated.
+        // There are no names to separate: repeating the first run shows what changed on its own.
         let next = sentinel_repeat(&campaign)
             .filter(|item| planner.allowed(item))
             .map(|item| told(item, Vec::new(), Separation::default(), false));

@@ -14,7 +14,7 @@ use crate::{
 };
 use analysis_effects::effects::find;
 
-/// Structures that the data leave open, and which of them are to be told apart.
+/// Structures that the data leave open, and which of them must be separated.
 pub(super) struct Open<'a> {
     fits: Vec<(&'static str, &'a Fit)>,
     pub(super) pairs: Vec<Pair>,
@@ -131,7 +131,8 @@ impl<'a> Open<'a> {
         self.fits.len() - 1
     }
 
-    /// λ of every pair when planned runs are measured too, by so many steps of the refits.
+    /// Returns λ of every pair if planned runs are measured too, after a number of steps of the
+    /// refits.
     pub(super) fn lambdas(
         &self,
         planned: Option<&Problem>,
@@ -244,9 +245,9 @@ impl<'a> Open<'a> {
     }
 }
 
-/// λ that a run must be expected to add for χ² to differ by `need` more in all but one of twenty
-/// cases: λ scatters by 2√λ, and the effect may be weaker than the `found` λ says, whose root
-/// scatters by one.
+/// Returns the λ that a run must be expected to add for χ² to differ by `need` more in all but one
+/// of twenty cases: λ scatters by 2√λ, and the effect may be weaker than the `found` λ suggests,
+/// whose root scatters by one.
 fn enough(need: f64, found: f64) -> f64 {
     let root = ONE_IN_TWENTY + (ONE_IN_TWENTY * ONE_IN_TWENTY + need.max(0.0)).sqrt();
     (root / (1.0 - ONE_IN_TWENTY / found.max(1.0).sqrt()).max(WEAKEST_PART)).powi(2)

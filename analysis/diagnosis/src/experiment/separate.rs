@@ -1,8 +1,8 @@
 //! λ of a pair: the residual χ² after one structure is refitted to the prediction of another, on
 //! the training runs and planned ones, without noise.
 //!
-//! On the training runs the refit is linear around its fit, so that only planned runs are played;
-//! on those it is Gauss–Newton.
+//! On the training runs the refit is linear around its fit, so that only planned runs are
+//! simulated; on those it is Gauss–Newton.
 
 use crate::{
     block::Workspace,
@@ -44,8 +44,8 @@ impl<'a> View<'a> {
     }
 }
 
-/// λ of a truth against another structure, which is refitted. One step gives what a linear refit
-/// leaves; more are played.
+/// Returns λ of a truth against another structure, which is refitted. One step gives the result of
+/// a linear refit; further steps simulate again.
 pub(super) fn separation_chi2(
     truth: &View<'_>,
     other: &View<'_>,

@@ -1,4 +1,4 @@
-//! A finding on the data, as it is written and told.
+//! A finding on the data, as it is written and reported.
 
 use serde::Serialize;
 

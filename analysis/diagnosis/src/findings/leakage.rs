@@ -1,5 +1,5 @@
-//! Runs that hold the same rows: a held-out run that is a copy of a training run, or a part of it,
-//! tests nothing; a repeat that is a copy tells nothing of the noise.
+//! Runs that contain the same rows: a held-out run that is a copy of a training run, or a part of
+//! it, tests nothing; a repeat that is a copy carries no information about the noise.
 
 use std::collections::HashMap;
 
@@ -98,7 +98,7 @@ fn rows(played: &Played<'_>) -> Vec<Row> {
         .collect()
 }
 
-/// Whether a stretch of rows can be told from another one that looks alike.
+/// Returns whether a stretch of rows can be distinguished from another one that looks alike.
 fn is_distinct(window: &[Row]) -> bool {
     let mut voltages: Vec<u64> = window.iter().map(|row| row.1).collect();
     voltages.sort_unstable();
@@ -130,7 +130,7 @@ fn same_rows(own: &Played<'_>, theirs: &Played<'_>) -> Option<(String, String)> 
     let (shift, (first, last)) = shifts
         .into_iter()
         .max_by_key(|(shift, (first, last))| (last - first, std::cmp::Reverse(*shift)))?;
-    // A window tells a copy; as long as the rows are equal, they belong to it.
+    // A window identifies a copy; as long as the rows are equal, they belong to it.
     let is_equal = |k: usize| {
         let theirs = k.checked_add_signed(-shift).and_then(|j| b.get(j));
         a.get(k).is_some_and(|own| theirs == Some(own))
@@ -180,7 +180,7 @@ fn near(scene: &Scene<'_>, own: &Played<'_>, theirs: &Played<'_>) -> Option<(Str
     if !same_times || a.len() < from + COPY_LEAST_ROWS {
         return None;
     }
-    // What the model expects is taken out, so that an edge is no scatter.
+    // The expectation of the model is subtracted, so that an edge does not count as scatter.
     let own_v: Vec<f64> = (from..a.len())
         .map(|k| a.voltage_v[k] - own.expected_v[k])
         .collect();

@@ -62,7 +62,7 @@ impl<'a> Inspected<'a> {
         }
     }
 
-    /// Records whose current changes faster than it is logged.
+    /// Returns the records whose current changes faster than it is logged.
     pub(crate) fn unseen(&self) -> Vec<String> {
         let scene = Scene {
             at: inspection(self.set, &self.expected, &[]),
@@ -82,7 +82,7 @@ impl<'a> Inspected<'a> {
         let mut found: Vec<Finding> = DETECTORS.iter().flat_map(|find| find(&raw)).collect();
         let all = scene(self.set, &self.expected, &[]);
         found.extend(OF_ALL.iter().flat_map(|find| find(&all)));
-        // A current that comes late looks like a cell of another size.
+        // A delayed current resembles a cell of another size.
         found.extend(match &self.corrected {
             Some((set, expected)) => scale::find(&scene(set, expected, refused)),
             None => scale::find(&raw),

@@ -24,7 +24,7 @@ pub(super) struct Played<'a> {
 }
 
 impl<'a> Scene<'a> {
-    /// All records that could be played.
+    /// Returns all records that could be simulated.
     pub(super) fn records(&'a self) -> impl Iterator<Item = Played<'a>> {
         self.at.runs.iter().filter_map(|subject| {
             let (record, expected_v) = subject.record()?;

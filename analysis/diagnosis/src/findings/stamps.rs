@@ -139,8 +139,8 @@ pub(super) fn slow(scene: &Scene<'_>) -> Vec<Finding> {
     }]
 }
 
-/// Records whose current does something else from one sample to the next. What repeats such a one
-/// goes with it.
+/// Returns the records whose current is unrelated from one sample to the next. Repeats of such a
+/// record are excluded with it.
 pub(super) fn unseen(scene: &Scene<'_>) -> Vec<Finding> {
     let cells: Vec<(&Run, Option<f64>)> = scene
         .of_cells()
@@ -184,9 +184,9 @@ pub(super) fn unseen(scene: &Scene<'_>) -> Vec<Finding> {
     }]
 }
 
-/// Part of the large steps of the current that stand in a row of three or more between successive
-/// samples, no two of them on one slope. None for means over windows, whose edges are told, and for
-/// a current without large steps.
+/// Returns the fraction of the large steps of the current that stand in a row of three or more
+/// between successive samples, no two of them on one slope. Returns `None` for means over windows,
+/// whose edges are known, and for a current without large steps.
 fn unresolved(played: &Played<'_>) -> Option<f64> {
     if played.record.averaged_s.is_some() {
         return None;
@@ -287,7 +287,7 @@ mod tests {
     fn a_current_that_jumps_from_row_to_row_is_not_known_between_them() {
         let jumps = drawn(60);
         assert!(part(&jumps).unwrap() > 0.6, "{:?}", part(&jumps));
-        // Hours of rest beside it tell nothing of it.
+        // Hours of rest beside the jumps do not change the result.
         let with_rest = [vec![0.0; 5000], jumps].concat();
         assert!(part(&with_rest).unwrap() > 0.6, "{:?}", part(&with_rest));
     }

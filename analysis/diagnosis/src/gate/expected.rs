@@ -29,7 +29,7 @@ pub enum Prediction {
     /// Voltage of every sample, V, and what a coulomb that is drawn takes off the voltage of the
     /// open circuit at the start, V.
     Voltage(Vec<f64>, f64),
-    /// Nothing: the run's numbers cannot be played.
+    /// Nothing: the run's numbers cannot be simulated.
     None,
 }
 

@@ -55,7 +55,7 @@ pub struct Reason {
 }
 
 impl Reason {
-    /// A run whose file could not be read; the text says why.
+    /// Creates the entry of a run whose file could not be read; `text` gives the reason.
     pub fn unreadable(run: &str, text: &str) -> Self {
         Self {
             check: Check::Unreadable,

@@ -39,8 +39,8 @@ pub struct GateReport {
 /// One check over the runs that passed those before it.
 type CheckFn = fn(&Inspection<'_>) -> Findings;
 
-/// A lagging current is not that of its repeats, a clipped or foreign voltage may look delayed: the
-/// narrower check comes first.
+/// A lagging current differs from that of its repeats, and a clipped or foreign voltage may look
+/// delayed: the narrower check comes first.
 const CHECKS: [CheckFn; 10] = [
     structure::check,
     units::check,

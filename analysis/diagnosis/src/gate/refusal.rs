@@ -29,7 +29,8 @@ pub fn diagnose(
     let (used_set, expected) = used.map_or((set, &inspected.expected), |(set, expected)| {
         (set, expected)
     });
-    // A record whose current is not known is no repeat of another one, and is left out.
+    // A record whose current is not known does not count as a repeat of another one, and is left
+    // out.
     let unseen = inspected.unseen();
     let mut report = gate(used_set, expected);
     let is_used = |run: &String| !unseen.contains(run);

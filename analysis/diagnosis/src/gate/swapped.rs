@@ -1,5 +1,5 @@
-//! Runs whose content belongs to another one: a current that is not that of the repeats, a voltage
-//! that follows another run's current, a control's spectrum under a cell's name.
+//! Runs whose content belongs to another one: a current that differs from that of the repeats, a
+//! voltage that follows another run's current, a control's spectrum under a cell's name.
 
 use super::super::data::{Fixture, TimeRecord};
 use super::current::difference;

@@ -18,8 +18,8 @@ pub struct Distinguishability {
     /// r: part of the row's λ that the column cannot imitate; 0 identical, 1 distinct; not a number
     /// where unknown.
     pub r: Vec<Vec<f64>>,
-    /// √λ that is left to tell the row from the column, σ, at the strength of each effect that was
-    /// assumed.
+    /// √λ that remains to separate the row from the column, σ, at the assumed strength of each
+    /// effect.
     pub separation_sigma: Vec<Vec<f64>>,
 }
 
@@ -101,7 +101,7 @@ impl Distinguishability {
             .filter(|v| v.is_finite())
     }
 
-    /// Pairs that are hard to tell apart, the hardest first.
+    /// Returns the pairs that are hard to separate, the hardest first.
     fn hard_pairs(&self) -> Vec<Vec<String>> {
         let all = (0..self.labels.len()).flat_map(|a| (0..self.labels.len()).map(move |b| (a, b)));
         let mut pairs: Vec<(usize, usize, f64)> = all

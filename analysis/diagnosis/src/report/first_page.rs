@@ -1,6 +1,6 @@
 //! First page of a report, for an engineer who does not know the method: what disagrees, what is
-//! missing or not to be trusted, and what to do next. No names of the code and no statistics stand
-//! here; both are in the details.
+//! missing or unreliable, and what to do next. It contains no names of the code and no statistics;
+//! both are in the details.
 
 use super::numbers::{plain, times, with_values};
 use super::page::{Item, Section};
@@ -88,7 +88,7 @@ fn outstanding(blocks: &[Block]) -> Vec<String> {
     if !places.is_empty() {
         return places;
     }
-    // What shows in neither is told by what it shows in.
+    // A deviation that shows in neither is described by the blocks in which it shows.
     let other = blocks.iter().find(|b| is_significant(b));
     other.map(place).into_iter().collect()
 }
@@ -113,7 +113,7 @@ fn place(block: &Block) -> String {
     format!("{words} ({size} rms)")
 }
 
-/// Text whose numbers have three significant digits.
+/// Returns a text whose numbers have three significant digits.
 fn shortened(text: &str) -> String {
     let word = |word: &str| match word.parse::<f64>() {
         Ok(value) if word.contains('.') => plain(value),
@@ -240,7 +240,7 @@ fn next(d: &Diagnosis) -> Vec<String> {
 /// One held-out run: what every model misses over the same rows, and the noise over them.
 pub(super) struct Row {
     pub(super) run: String,
-    /// Rows that are compared; empty where there is no choice.
+    /// Rows that are compared; empty if there is no choice.
     pub(super) rows: &'static str,
     pub(super) alone: f64,
     pub(super) base: f64,

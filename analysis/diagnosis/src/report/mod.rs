@@ -1,9 +1,9 @@
-//! Report of a diagnosis for a person: words for a terminal and for Markdown, and the pictures.
+//! Report of a diagnosis for a person: text for a terminal and for Markdown, and the pictures.
 //!
-//! The first page is plain words and the gaps; statistics and names of the code follow in the
-//! details. "Where" comes before "what", and what is not claimed is said. Everything here is a string or a
-//! described picture; who called writes the files. What is not here: `diagnosis.json`, which is
-//! [`Diagnosis`] itself, and any judgement.
+//! The first page is plain text and the gaps; statistics and names of the code follow in the
+//! details. "Where" comes before "what", and the report states what it does not claim. Everything
+//! here is a string or a described picture; the caller writes the files. Not here:
+//! `diagnosis.json`, which is [`Diagnosis`] itself, and any judgement.
 
 mod catalogue;
 mod findings;
@@ -39,11 +39,11 @@ pub fn markdown(d: &Diagnosis, pictures: &[Picture]) -> String {
     sections::page(d).markdown(pictures)
 }
 
-/// A diagnosis as a page that opens by itself; `pictures` are those of [`pictures`]. Where it comes
-/// from is the caller's to add.
+/// Renders a diagnosis as a self-contained page; `pictures` are those of [`pictures`]. The caller
+/// adds the origin of the data.
 ///
 /// # Errors
-/// A picture that cannot be drawn.
+/// A picture cannot be drawn.
 pub fn html(d: &Diagnosis, pictures: &[Picture]) -> Result<Report, PlotError> {
     use super::outcome::Verdict as Found;
     let level = match d.verdict {

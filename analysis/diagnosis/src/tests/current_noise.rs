@@ -103,7 +103,7 @@ fn what_follows_noise_of_the_current_has_the_covariance_of_many_draws() {
             .filter(|ij| ij / n != ij % n)
             .map(|ij| met[ij] / (size(ij / n) * size(ij % n)))
             .fold(0.0, f64::max);
-        // A correlation from so many draws is known to 1/√4000 = 0.016.
+        // A correlation from this many draws is known to 1/√4000 = 0.016.
         assert!(worst < 0.09 && greatest > 0.6, "{worst} of {greatest}");
     });
 }

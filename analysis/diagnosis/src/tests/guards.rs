@@ -117,8 +117,8 @@ fn held_out_runs_that_contradict_are_heard() {
     assert_eq!(names(&off), ["soc_resistance"]);
 }
 
-/// The fit of a base and of the base with the effect that was hidden in the training runs; an error
-/// tells whether held-out records are missed by more millivolts then.
+/// Fits a base and the base with the effect that was hidden in the training runs. Returns an error
+/// that states whether the second fit misses the held-out records by more millivolts.
 fn worse_in_millivolts(seed: u64, train: &Hidden, held_out: &Hidden) -> Result<(), String> {
     let set = campaign(seed, train, held_out);
     let prepared = prepare(&set, &model(), Guards::default()).unwrap();
@@ -281,7 +281,7 @@ fn where_the_floor_moved_predictions_are_still_offered() {
     assert!(with < 0.8 * base, "{base} mV to {with} mV");
 }
 
-/// A comparison with what is no number is false: such a prediction must not pass for no worse.
+/// A comparison with NaN is false: such a prediction must not pass as no worse.
 #[test]
 fn a_prediction_that_is_no_number_is_worse() {
     let set = campaign(44, &Hidden::default(), &Hidden::default());
@@ -430,8 +430,8 @@ fn integration_is_judged_by_what_it_does_to_whitened_rows() {
 }
 
 /// Codes that the noise does not dither leave an error that looks like structure. Their term in the
-/// noise takes most of that misfit away; at ten times the noise not all of it, for a code's error
-/// is not normal.
+/// noise accounts for most of that misfit; at ten times the noise not for all of it, because a
+/// code's error is not normally distributed.
 #[test]
 fn coarse_codes_are_noise_and_no_misfit() {
     let step_v = 5e-3;
@@ -465,7 +465,7 @@ fn coarse_codes_are_noise_and_no_misfit() {
 
 #[test]
 fn a_name_that_something_outside_the_catalogue_beats_is_withdrawn() {
-    // A contact that was made worse between two runs looks like ageing to a catalogue that knows
+    // A contact that became worse between two runs looks like ageing to a catalogue that contains
     // nothing else.
     let hidden = Hidden {
         later_rel: 0.05,
@@ -542,8 +542,8 @@ fn what_differs_between_circumstances_is_no_noise() {
     assert!(!differs(&with(&ranged(101, 0.0), Guards::default())));
 }
 
-/// A ripple over the charge is no effect of the catalogue. In each record it is a third of the
-/// noise; the mean of three has all of it.
+/// A ripple over the charge is not an effect of the catalogue. In each record it is a third of the
+/// noise; the mean of three contains all of it.
 #[test]
 fn what_all_repeats_have_in_common_is_no_noise() {
     let set = |ripple_v: f64| {

@@ -3,8 +3,8 @@
 //!
 //! V(t) = U(z) − f₀·R·i − Σ vⱼ + Σ additions. The branches of the [`Network`] are stepped exactly
 //! for a current that is held or changes linearly over a sample; effects with a state of their own
-//! are moved half a step before and half a step after them (Strang splitting, second order).
-//! [`Player`] plays records; [`impedance`] is the small-signal limit.
+//! are advanced half a step before and half a step after them (Strang splitting, second order).
+//! [`Player`] simulates records; [`impedance`] is the small-signal limit.
 
 mod kept;
 mod play;

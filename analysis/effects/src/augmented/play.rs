@@ -18,7 +18,7 @@ pub enum Between {
     Linear,
 }
 
-/// The steps of a record, once for all plays of it.
+/// The steps of a record, computed once for all its simulations.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Grid {
     between: Between,
@@ -53,7 +53,7 @@ impl Grid {
     }
 }
 
-/// Plays records; keeps its buffers between plays.
+/// Simulates records; keeps its buffers between simulations.
 #[derive(Debug, Default)]
 pub struct Player {
     current_a: Vec<f64>,
@@ -64,8 +64,8 @@ pub struct Player {
     kept: Kept,
 }
 
-/// Gains per ohm of branches that were played before: from one play of a fit to the next only some
-/// time constants change, and an exponential per step and branch is what a play costs.
+/// Gains per ohm of branches that were simulated before. From one simulation of a fit to the next
+/// only some time constants change, and the exponentials per step and branch dominate the cost.
 #[derive(Debug, Default)]
 struct Kept {
     of: HashMap<Key, Arc<[Gain]>>,
@@ -436,7 +436,7 @@ struct Change {
     middle: f64,
 }
 
-/// Everything a play reads.
+/// Input of one simulation.
 struct Run<'a> {
     base: &'a Base,
     network: &'a Network,

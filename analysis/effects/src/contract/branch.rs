@@ -1,11 +1,11 @@
-//! A branch of a network, and what one step does to it.
+//! A branch of a network, and the effect of one step on it.
 //!
 //! Linear: v' = a·v + R(φ − a)·i₀ + R(1 − φ)·i₁ with a = exp(−h/τ), φ = (1 − a)τ/h; for a held
 //! current v' = a·v + R(1 − a)·i₀. Symmetric Butler–Volmer under a held current: with u =
 //! tanh(βv/2R) the equation C·dv/dt = i − sinh(βv/R)/β is a Riccati equation with constant
 //! coefficients and has the closed solution of [`symmetric`]. Any transfer coefficient, and a
-//! current that goes along a straight line: exponential Rosenbrock steps of [`rosenbrock`], whose
-//! lengths follow from their error.
+//! current that is linear in time: exponential Rosenbrock steps of [`rosenbrock`], whose lengths
+//! follow from their error.
 
 /// Greatest difference of the second and the third order in a sub-step, V.
 const SUBSTEP_V: f64 = 1e-7;
@@ -91,7 +91,7 @@ pub(crate) struct Gain {
 }
 
 impl Gain {
-    /// Of a branch with so many times the resistance and the same time constant.
+    /// Returns the gains of a branch with `factor` times the resistance and the same time constant.
     pub(crate) fn times(self, factor: f64) -> Self {
         Self {
             decay: self.decay,
@@ -100,7 +100,8 @@ impl Gain {
         }
     }
 
-    /// Of a linear branch whose resistance has changed by a factor while its capacitance stayed.
+    /// Creates the gains of a linear branch whose resistance has changed by a factor while its
+    /// capacitance stayed.
     pub(crate) fn new(branch: &Branch, factor: f64, step_s: f64, linear: bool) -> Self {
         let r = branch.r_ohm * factor;
         let x = step_s / (branch.tau_s * factor);
@@ -310,8 +311,8 @@ mod tests {
         assert!(worst < SUBSTEP_V, "{worst} V");
     }
 
-    /// Steps of which the smaller changes are taken at once, because the branch nearly rests, against
-    /// the same in 4000 parts, whose error is 4000² times smaller.
+    /// Compares single steps, whose smaller changes are made at once because the branch is nearly
+    /// at rest, with the same change in 4000 parts, whose error is 4000² times smaller.
     #[test]
     fn a_small_way_is_gone_at_once() {
         let mut worst: f64 = 0.0;

@@ -1,5 +1,5 @@
-//! Contract between the catalogue of effects and the code that plays or fits them: the properties
-//! of an effect, and the model that it acts upon.
+//! Contract between the catalogue of effects and the code that simulates or fits them: the
+//! properties of an effect, and the model that it acts upon.
 
 pub(crate) mod branch;
 mod network;
@@ -46,7 +46,7 @@ pub struct Card {
     pub confounders: &'static [&'static str],
     /// Names of effects that it becomes at a limit of its shape, and then fits as well as they do.
     pub contains: &'static [&'static str],
-    /// The experiment that tells it from them.
+    /// The experiment that separates it from them.
     pub experiment: &'static str,
 }
 
@@ -114,8 +114,8 @@ pub trait Dynamics {
         0.0
     }
 
-    /// Whether it asks an instant for [`Instant::heat_w`], which is no number in a record's play
-    /// where no effect asks.
+    /// Returns whether the effect needs [`Instant::heat_w`] of an instant. If no effect needs it,
+    /// it is NaN in the simulation of a record.
     fn asks_heat(&self) -> bool {
         false
     }

@@ -20,8 +20,8 @@ pub struct Range {
     pub upper: f64,
 }
 
-/// Range of a value in sound cells and benches. The search goes beyond it: what lies outside is found,
-/// and told with a caution.
+/// Range of a value in sound cells and benches. The search extends beyond it: a value outside is
+/// found, and reported with a caution.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Usual {
     /// Lowest and highest value.

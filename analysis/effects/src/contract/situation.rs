@@ -91,8 +91,8 @@ pub struct Point {
     pub temperature_c: f64,
     /// Order of the run in time, 0 for the first.
     pub order: f64,
-    /// Start of the run since the start of the campaign, s; of a point whose time within the sweep
-    /// is told, that time.
+    /// Start of the run since the start of the campaign, s. For a point whose time within the sweep
+    /// is recorded, that time.
     pub start_s: f64,
     /// False for a control impedance in the jig: only the bench acts then.
     pub is_cell: bool,

@@ -56,7 +56,8 @@ impl Effect for Ageing {
         true
     }
 
-    /// As at the end of the campaign: what a cell does for days is not told by one of hours.
+    /// The effect stays as at the end of the campaign: a campaign of hours does not determine what
+    /// a cell does over days.
     fn predicting(&self, p: Vec<f64>) -> Vec<f64> {
         vec![p[0], 0.0]
     }

@@ -4,8 +4,8 @@
 //! With y = 2βv/R the resistor conducts 2βi = exp(αy) − exp(−(1 − α)y). For y = Y + X·cos ωt the
 //! mean is exp(αY)I₀(αX) − exp(−(1 − α)Y)I₀((1 − α)X) and the part at ω that of a conductance g/R
 //! with g = α·exp(αY)B(αX) + (1 − α)exp(−(1 − α)Y)B((1 − α)X), B(x) = 2I₁(x)/x. Harmonics above the
-//! first are left to the capacitance, as in every describing function. What is not here: the steps
-//! in time ([`crate::augmented`]).
+//! first are left to the capacitance, as in every describing function. Not here: the steps in time
+//! ([`crate::augmented`]).
 
 use crate::contract::{Base, Point};
 use num_complex::Complex64;

@@ -27,7 +27,7 @@ impl Effect for CurrentGain {
     }
 
     fn parameters(&self, base: &Base) -> Vec<Parameter> {
-        // Without spectra it is not told from resistances and capacity.
+        // Without spectra it cannot be separated from resistances and capacity.
         if base.facts.longest_s <= 0.0 || base.facts.highest_hz.is_none() {
             return Vec::new();
         }

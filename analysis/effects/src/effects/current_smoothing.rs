@@ -43,9 +43,9 @@ impl Effect for CurrentSmoothing {
         )]
     }
 
-    /// A first-order lag whose output is averaged over each step is undone exactly: with m =
-    /// (τ/h)(1 − exp(−h/τ)), the part of a step's mean that is still the lagging state y, i =
-    /// (logged − m·y)/(1 − m) and y moves to i + (y − i)exp(−h/τ).
+    /// Inverts exactly a first-order lag whose output is averaged over each step: with m = (τ/h)(1
+    /// − exp(−h/τ)), the part of a step's mean that is still the lagging state y, i = (logged −
+    /// m·y)/(1 − m) and y moves to i + (y − i)exp(−h/τ).
     fn current(&self, p: &[f64], record: &Record<'_>, current_a: &mut [f64]) {
         let tau_s = p[0];
         if tau_s <= 0.0 {

@@ -23,7 +23,8 @@ static CARD: Card = Card {
     experiment: "minor loops: charge and discharge of growing size with rests",
 };
 
-/// Error of the state of charge at the start at most: on a flat curve a voltage tells little of it.
+/// Largest error of the state of charge at the start: on a flat curve a voltage contains little
+/// information about it.
 const MOST_OFF: f64 = 0.02;
 
 /// See [`Effect::card`].

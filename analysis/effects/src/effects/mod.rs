@@ -1,11 +1,11 @@
 //! The catalogue of effects that a model may lack: one file per effect, each with its mechanism,
-//! equations, bounds, signature and the experiment that would settle it.
+//! equations, bounds, signature and the experiment that would decide it.
 //!
-//! An effect has a *strength*, its first parameter, which is zero where the effect is absent, and
+//! An effect has a *strength*, its first parameter, which is zero if the effect is absent, and
 //! perhaps *shape* parameters. It acts through the hooks of [`Effect`](crate::contract::Effect): on
 //! the linear network, on a spectrum's point, on the reading of the current channel, on the cell
-//! while time passes, on the reading of the voltage channel. [`crate::augmented`] plays any set of
-//! them together. The search for the effect is not here: it is the diagnosis.
+//! while time passes, on the reading of the voltage channel. [`crate::augmented`] simulates any set
+//! of them together. The search for effects is not here: it is the diagnosis.
 
 mod ageing;
 mod butler_volmer;

@@ -1,11 +1,11 @@
 //! Effects that are not in the catalogue and are never named. They stand for effects that the
 //! catalogue lacks. A name that one of them beats is withdrawn.
 //!
-//! Each is a plain law of a kind that the catalogue lacks: a resistance with a memory of the
+//! Each is a simple law of a kind that the catalogue lacks: a resistance with a memory of the
 //! current's size, friction of the stored charge in one element or in many, a resistance that
-//! changes once between two runs, and what the catalogue's gain errors are where a channel is not
-//! straight: a voltage channel whose gain grows with the level, a current channel with another gain
-//! for large currents.
+//! changes once between two runs, and gain errors as in the catalogue but for nonlinear channels: a
+//! voltage channel whose gain grows with the level, a current channel with another gain for large
+//! currents.
 
 use crate::contract::{
     Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Point, Range, Record,
@@ -23,9 +23,9 @@ const ELEMENTS: usize = 8;
 const POWERS: [f64; 4] = [0.0, 1.0, 1.5, 2.0];
 /// Parts of the largest current from which on a current channel's gain may be another.
 const FROM: [f64; 4] = [0.1, 0.2, 0.4, 0.7];
-/// Half of the range, as a part of the limit, over which the one gain becomes the other. With a
-/// step, a current that stays at the limit would be taken apart into samples whose noise is above
-/// it and below, and the gain would tell the noise of each.
+/// Half width of the transition from one gain to the other, as a fraction of the limit. With an
+/// abrupt transition, a current that stays at the limit would be split into samples whose noise is
+/// above and below it, and the gain would fit the noise of each.
 const WITHIN: f64 = 0.1;
 
 /// All of them.
@@ -42,7 +42,7 @@ const fn card(
     Card {
         name,
         title,
-        // Never read: it is no part of any model.
+        // Never read, because the effect is not part of any model.
         group: Group::Cell,
         mechanism: "Stands for causes that the catalogue does not have.",
         state_equation,

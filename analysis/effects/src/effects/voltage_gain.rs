@@ -30,7 +30,7 @@ impl Effect for VoltageGain {
     }
 
     fn parameters(&self, base: &Base) -> Vec<Parameter> {
-        // Without spectra it is not told from resistances.
+        // Without spectra it cannot be separated from resistances.
         if base.facts.longest_s <= 0.0 || base.facts.highest_hz.is_none() {
             return Vec::new();
         }

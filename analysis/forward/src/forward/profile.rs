@@ -63,7 +63,7 @@ impl Piece {
     }
 }
 
-/// Reason why a file or a list is no profile.
+/// Reason why a file or a list is not a valid profile.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ProfileError {

@@ -47,7 +47,7 @@ pub enum ScaleBound {
     LowerVoltage,
     /// A cell's voltage rises to the upper limit.
     UpperVoltage,
-    /// There is no more power, whatever the voltage.
+    /// No more power is available at any voltage.
     Power,
     /// Nothing up to a factor of a million.
     Nothing,

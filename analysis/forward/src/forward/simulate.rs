@@ -1,9 +1,10 @@
-//! A profile run through a model, with an error bound, a trace and a summary.
+//! Runs a profile through a model, with an error bound, a trace and a summary.
 //!
-//! [`Method::Exact`] takes each piece of the profile in as many sub-steps as the tolerance wants:
-//! one step against two of half the length (Richardson), the better of which, improved by their
-//! difference, goes on. [`Method::Thesis`] is explicit Euler, which is stable below twice the
-//! shortest time constant only: unless told otherwise it takes a quarter of that.
+//! [`Method::Exact`] divides each piece of the profile into as many sub-steps as the tolerance
+//! requires: it compares one step with two of half the length (Richardson) and continues with the
+//! better result, improved by their difference. [`Method::Thesis`] is explicit Euler, which is
+//! stable only below twice the shortest time constant; its default step is a quarter of that
+//! constant.
 
 use super::additions;
 use super::error::ForwardError;
@@ -23,7 +24,7 @@ const CURRENT_ACCURACY: f64 = 1e-5;
 /// Largest distance of the voltage in the middle of a sub-step from the straight line between its
 /// ends, V per cell in series.
 const BEND_V: f64 = 4e-6;
-/// Explicit Euler's step unless told otherwise, as a part of the shortest time constant.
+/// Default step of explicit Euler, as a fraction of the shortest time constant.
 const EULER_PART: f64 = 0.25;
 /// Steps of explicit Euler at most, which leave nothing behind but time.
 const MOST_STEPS: f64 = 1e10;
@@ -86,9 +87,9 @@ fn parts(piece_s: f64, step_s: f64) -> u64 {
 /// ```
 ///
 /// # Errors
-/// [`ForwardError`] for a state of another model, options that cannot be, or a model driven beyond
-/// its meaning. Power that cannot be had is no error but a result; when it is asked for so long
-/// that nothing is left behind the series resistance, the run ends there under any policy.
+/// [`ForwardError`] for a state of another model, invalid options, or a model driven beyond its
+/// validity. Unavailable power is a result and not an error; if it is requested for so long that no
+/// voltage is left behind the series resistance, the run ends there under any policy.
 pub fn simulate(
     model: &SimModel,
     state: &SimState,
@@ -322,7 +323,7 @@ impl Run<'_> {
         Ok((!self.stops(&before)).then_some(before))
     }
 
-    /// One step and two halves over a part of a piece, whose length is 1.
+    /// Computes one step and two halves over a part of a piece, whose length is 1.
     fn attempt(
         &mut self,
         piece: &Piece,

@@ -1,10 +1,10 @@
 //! One step in time: the branches exactly for a current that changes linearly, the current by two
-//! looks at the law.
+//! evaluations of the law.
 //!
 //! A branch obeys C·dv/dt = i − v/R. For i from i₀ to i₁ along a straight line over a step h its
 //! solution is v(h) = a·v + R(φ − a)·i₀ + R(1 − φ)·i₁ with a = exp(−h/τ), φ = (1 − a)τ/h. The
 //! current under a power or a load follows from the state; here i₀ is the current at the start and
-//! i₁ the one at the end that i₀ alone would lead to: second order, and exact for a prescribed
+//! i₁ the one at the end to which i₀ alone would lead: second order, and exact for a prescribed
 //! current.
 
 use super::law::{Drive, Reply};

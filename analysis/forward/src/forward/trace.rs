@@ -370,5 +370,5 @@ fn squared_v2s(branch: &RcBranch, start_v: f64, start: &Point, end: &Point) -> f
     fast + h * (beta * beta + beta * gamma * h + gamma * gamma * h * h / 3.0)
 }
 
-/// Branches whose voltages a trace's file holds at most.
+/// Maximum number of branches whose voltages a trace's file contains.
 pub const TRACE_BRANCHES: usize = 16;

@@ -1,8 +1,8 @@
 //! Models of a cell's impedance: the extended Randles model (ERM), a resistance in series with
 //! parallel RC branches, and equivalent circuits in general, of which it is one.
 //!
-//! Frequency domain only; how the model behaves in time is not told here, nor how its parameters
-//! are found (see `fit`).
+//! Frequency domain only; the model's behaviour in time and the fit of its parameters are elsewhere
+//! (see `fit`).
 
 mod circuit;
 mod erm;

@@ -1,11 +1,11 @@
 //! The OCV curve of a slow discharge (thesis 3.1): OCV = V + i·DCIR with i positive for discharge,
 //! over the charge drawn.
 //!
-//! SOC is 1 at the first sample of the discharge and 0 where it ends or meets the lower limit; the
-//! charge between is the capacity. The compensation is that of the steady state: in the first half
-//! minute after the load is switched on the curve is too high by what has not relaxed yet. A charge
-//! at the same rate tells half the difference of both directions: hysteresis and whatever
-//! polarisation the DCIR leaves.
+//! SOC is 1 at the first sample of the discharge and 0 where it ends or reaches the lower limit;
+//! the charge between is the capacity. The compensation is that of the steady state: in the first
+//! half minute after the load is switched on the curve is too high by the part that has not relaxed
+//! yet. A charge at the same rate gives half the difference of both directions: hysteresis and any
+//! polarisation that the DCIR leaves.
 
 use super::polynomial::OcvPolynomial;
 use super::spline::{Smoothed, smooth};
@@ -86,7 +86,7 @@ pub struct Hysteresis {
     pub max_at_soc: f64,
 }
 
-/// Reason why there is no curve.
+/// Reason for a missing curve.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExtractError {
@@ -129,10 +129,10 @@ struct Branch {
     spread_a: f64,
 }
 
-/// Finds the curve of a discharge, and what a charge tells besides.
+/// Finds the curve of a discharge, and the additional results of a charge.
 ///
 /// # Errors
-/// [`ExtractError`] for options that cannot be, a series without a discharge, or a charge without
+/// [`ExtractError`] for invalid options, a series without a discharge, or a charge without
 /// charging.
 pub fn extract(
     discharge: &TimeSeries,

@@ -45,8 +45,8 @@ pub struct Interrupted {
 }
 
 impl Interrupted {
-    /// Median of the resistances that the larger currents show, Ω, and half their range; none where
-    /// there is no pause.
+    /// Returns the median of the resistances at the larger currents, Ω, and half their range, or
+    /// `None` if there is no pause.
     pub fn resistance_ohm(&self) -> Option<(f64, f64)> {
         let most = self
             .interruptions

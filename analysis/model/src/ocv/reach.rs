@@ -7,8 +7,8 @@ use std::ops::RangeInclusive;
 
 use super::OcvCurve;
 
-/// Largest extension of a curve at one end, as a share of its capacity. Farther out, its end slope
-/// is no guide.
+/// Largest extension of a curve at one end, as a fraction of its capacity. Farther out, its end
+/// slope does not predict the curve.
 const MOST: f64 = 0.02;
 
 /// Extension of a curve beyond the data, as shares of the capacity that was measured.

@@ -39,7 +39,7 @@ pub enum PackError {
         /// Cells in parallel.
         parallel: u32,
     },
-    /// An interconnect that is no resistance.
+    /// The interconnect is not a valid resistance.
     #[error("pack: expected an interconnect resistance of zero or more in Ω, met {met}")]
     Interconnect {
         /// The value met.

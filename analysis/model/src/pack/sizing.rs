@@ -1,11 +1,11 @@
-//! Simple-IR sizing of a pack: the power that it can deliver and take within its voltage window
+//! Simple-IR sizing of a pack: the power that it can deliver and accept within its voltage window
 //! (thesis 2.1.2).
 //!
 //! Every cell is an ideal source OCV with one resistance r in series (equation 2.1), the pack S/P
 //! of them (2.5, 2.6) plus the interconnect. Of the two voltages that give a power P, the one with
 //! the smaller current counts: CCV = (OCV + √(OCV² − 4Pr))/2 (2.4). All results are closed forms of
-//! it. Transients are left out, so that short powers are larger than told here: `sop`
-//! knows them.
+//! it. Transients are left out, so the available power over short times is larger than these
+//! results; `sop` includes transients.
 
 use super::{Pack, PackError};
 use serde::Serialize;

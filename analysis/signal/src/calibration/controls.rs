@@ -69,11 +69,11 @@ impl StrayAdmittance {
 pub enum Source {
     /// The current shunt's resistance and inductance as they are known.
     Shunt,
-    /// Gains, as far as no control tells them.
+    /// Gains that no control determines.
     Gain,
-    /// Time skews, as far as no control tells them.
+    /// Time skews that no control determines.
     Skew,
-    /// Mutual inductances, as far as no control tells them.
+    /// Mutual inductances that no control determines.
     Mutual,
     /// The fake cell's impedance as it is known.
     FakeCell,

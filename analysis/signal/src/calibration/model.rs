@@ -29,7 +29,7 @@ const SHORT_L: usize = 13;
 const STRAY_G: usize = 14;
 const STRAY_C: usize = 15;
 
-/// Names, units, and whose uncertainty it is.
+/// Names, units, and the source of each uncertainty.
 pub(super) const NAMES: [(&str, &str, Source); COUNT] = [
     ("gain_c2", "1", Source::Gain),
     ("gain_c3", "1", Source::Gain),

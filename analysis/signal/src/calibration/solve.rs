@@ -365,8 +365,9 @@ struct Row {
     slopes: [f64; COUNT],
 }
 
-/// Residuals of one point share noise: their parts are freed of what the ones before tell of them,
-/// which is forward substitution in the Cholesky triangle of their common covariance.
+/// Residuals of one point share noise: the part that follows from the preceding residuals is
+/// subtracted from each, which is forward substitution in the Cholesky triangle of their common
+/// covariance.
 fn whiten(residuals: &[Slope], covariances: &[Covariance2; 4]) -> Vec<Row> {
     let of = |k: usize| Part {
         residual: &residuals[k / 2],

@@ -99,7 +99,7 @@ pub fn check_short(
             point.freq_hz,
         )
     });
-    // A point that is no number is the worst.
+    // A point that is NaN counts as the worst.
     let worst = errors.max_by(|a, b| a.0.is_nan().cmp(&b.0.is_nan()).then(a.0.total_cmp(&b.0)));
     let Some((error_ohm, freq_hz)) = worst else {
         return failed(

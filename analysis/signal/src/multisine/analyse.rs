@@ -138,11 +138,11 @@ pub fn analyse(
     analysed(channels, interval_s, excited).map(|(fit, _)| fit)
 }
 
-/// The same of what a generator plays in `steps` steps a period: what their images put onto the
-/// lines is measured beside them, and is in the noise.
+/// Analyses the signal of a generator that outputs `steps` steps per period: the contribution of
+/// their images to the lines is measured beside them, and is included in the noise.
 ///
 /// # Errors
-/// [`MultisineError`] for a record that is none.
+/// [`MultisineError`] for an invalid record.
 pub fn analyse_played(
     channels: [&[f64]; 4],
     interval_s: f64,
@@ -265,9 +265,9 @@ fn transformed(samples: &[f64], periods: usize) -> (Vec<Complex64>, f64) {
     (bins, slope * count as f64)
 }
 
-/// Slope per sample in the middle of the record and curvature per sample squared, from differences
-/// over a period. With s(k) = x(k + N) − x(k) a parabola a·t + c·t² gives s = N·a + c·(2tN + N²): a
-/// straight line in t, whose mean and slope tell both.
+/// Returns the slope per sample in the middle of the record and the curvature per sample squared,
+/// from differences over a period. With s(k) = x(k + N) − x(k) a parabola a·t + c·t² gives
+/// s = N·a + c·(2tN + N²): a straight line in t, whose mean and slope determine both.
 fn drift(samples: &[f64], periods: usize) -> (f64, f64) {
     let length = samples.len() as f64 / periods as f64;
     let shift = length.round() as usize;
@@ -295,8 +295,7 @@ fn noise(bins: &[Complex64], harmonic: usize, periods: usize) -> f64 {
     0.5 * sum / count
 }
 
-/// Detection lines on either side whose mean square tells what lies on an excited line besides its
-/// own.
+/// Detection lines on either side whose mean square estimates the background on an excited line.
 const BESIDE: usize = 2;
 
 /// The phasors at the excited lines with the variance of what odd powers, and whatever else comes

@@ -86,8 +86,8 @@ pub fn design(harmonics: &[usize], seed: u64) -> Design {
 }
 
 impl Design {
-    /// One period in so many steps, each the value in its middle, as a converter holds it: the peak
-    /// of the finer signal is 1.
+    /// Returns one period in `steps` steps, each the value in its middle, as a converter holds it:
+    /// the peak of the finer signal is 1.
     pub fn samples(&self, steps: usize) -> Vec<f64> {
         let at = |k: usize| {
             let turn = TAU * (k as f64 + 0.5) / steps as f64;

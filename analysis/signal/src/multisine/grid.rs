@@ -2,9 +2,9 @@
 
 use std::ops::RangeInclusive;
 
-/// Odd harmonics of `base_hz` within `range_hz`, `lines` of them as evenly spaced on a
-/// logarithmic axis as the harmonics allow, fewer where there are not so many. Of three odd
-/// neighbours at least one is left out: there the odd distortion shows.
+/// Returns odd harmonics of `base_hz` within `range_hz`, `lines` of them as evenly spaced on a
+/// logarithmic axis as the harmonics allow, or fewer if the range does not contain that number. Of
+/// three odd neighbours at least one is left out: it detects the odd distortion.
 pub fn odd_grid(base_hz: f64, range_hz: RangeInclusive<f64>, lines: usize) -> Vec<usize> {
     let greatest = (range_hz.end() / base_hz * (1.0 + 1.0e-9)).floor();
     let least = (range_hz.start() / base_hz * (1.0 - 1.0e-9)).max(1.0);

@@ -21,7 +21,7 @@ pub struct Excited<'a> {
 /// at harmonic 59, less than a record's noise by a factor of ten.
 const ORDERS: usize = 4096;
 
-/// Numbers of steps, periods and samples with which a wave is played and recorded.
+/// Numbers of steps, periods and samples with which a wave is output and recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sampling {
     /// Steps of the generator in a period.

@@ -339,7 +339,7 @@ mod tests {
             proven.predicted > 100 && !proven.contradicts(),
             "{proven:?}"
         );
-        // A generator that played other steps than the plan has.
+        // A generator whose steps differ from those of the plan.
         let contradicted = played(1, 264).proof.unwrap();
         assert!(
             contradicted.contradicts() && contradicted.strange_sigmas > 5.0,

@@ -35,7 +35,7 @@ impl Path {
 /// Allowed lines and rates, and the criteria to choose by.
 #[derive(Debug, Clone, Copy)]
 pub struct Choice<'a> {
-    /// Steps of a period that the generator can play, by preference.
+    /// Numbers of steps per period that the generator supports, by preference.
     pub steps: &'a [usize],
     /// Samples that the record can have, by preference.
     pub samples: &'a [usize],

@@ -1,4 +1,4 @@
-//! Amplitude spectrum of a record, to look at: which other frequencies are in it.
+//! Amplitude spectrum of a record, for inspection: it shows which other frequencies are present.
 
 use std::f64::consts::TAU;
 

@@ -17,7 +17,7 @@ pub enum SineError {
         /// Samples in this one.
         found: usize,
     },
-    /// The sampling interval is no time.
+    /// The sampling interval is not a valid time.
     #[error("expected a sampling interval above 0 s, met {found} s")]
     Interval {
         /// Interval that was given, s.
@@ -36,7 +36,7 @@ pub enum SineError {
         /// Offset, V.
         offset_v: f64,
     },
-    /// The frequency is no frequency.
+    /// The frequency is not valid.
     #[error("expected a frequency above 0 Hz, met {freq_hz} Hz")]
     Frequency {
         /// Frequency that was given, Hz.

@@ -1,5 +1,5 @@
-//! One pass over the samples: the sums that the normal equations are made of, for all channels, on
-//! all cores.
+//! One pass over the samples: the sums that make up the normal equations, for all channels, on all
+//! cores.
 //!
 //! The record is cut into chunks of a fixed length, whose sums are added in order: the result does
 //! not depend on the number of threads. Whole blocks of samples that all count go through a kernel;
@@ -26,8 +26,8 @@ pub(super) struct Moments {
     pub(super) gram: Square,
     /// Σ φ·x.
     pub(super) right: Vec<f64>,
-    /// Σ εφᵀ of the blocks whose sums were taken over rounded columns φ − ε; none if there are
-    /// none.
+    /// Σ εφᵀ of the blocks whose sums were computed over rounded columns φ − ε; `None` if there are
+    /// no such blocks.
     pub(super) rounding: Option<Square>,
     /// Σ x².
     pub(super) squares: f64,

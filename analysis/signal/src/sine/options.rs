@@ -31,8 +31,8 @@ impl Default for FitOptions {
 
 impl FitOptions {
     /// Adds the pick-up of the mains: its frequency (50 or 60 Hz) and its harmonics up to an order.
-    /// The fit leaves out a tone that the record cannot tell from the sinusoid or is too short for.
-    /// It says so in its notes.
+    /// The fit leaves out a tone that the record cannot separate from the sinusoid or is too short
+    /// for, and reports this in its notes.
     #[must_use]
     pub fn with_mains(mut self, mains_hz: f64, orders: u32) -> Self {
         self.also_hz

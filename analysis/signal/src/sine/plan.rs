@@ -2,7 +2,7 @@
 
 use super::{Drift, FitOptions, LeftOut, Note, ToneKind};
 
-/// Periods that a record must have for a parabola to be told from a slow sinusoid.
+/// Minimum number of periods in a record to separate a parabola from a slow sinusoid.
 const MIN_PERIODS_QUADRATIC: f64 = 2.0;
 /// Periods that a record must have for relaxations: from here on they raise the standard deviation
 /// of a phasor by less than 8 % (computed from the normal matrix for [`super::relaxations`]); with
@@ -126,7 +126,7 @@ impl Plan {
     }
 }
 
-/// Frequencies that a record can tell.
+/// Frequencies that a record can resolve.
 #[derive(Clone, Copy)]
 struct Limits {
     /// Least distance of two tones, Hz: one period over the record.

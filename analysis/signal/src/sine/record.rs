@@ -2,8 +2,8 @@
 
 use super::{code_scale::CodeScale, stored::Stored};
 
-/// Fewest periods in a record that a fit accepts: below, sine, offset and drift cannot be told
-/// apart reliably.
+/// Minimum number of periods in a record that a fit accepts: below it, sine, offset and drift
+/// cannot be separated reliably.
 pub const MIN_PERIODS: f64 = 1.4;
 
 /// Fewest usable samples of a channel that a fit accepts.
@@ -66,7 +66,7 @@ impl<'a> Channel<'a> {
         }
     }
 
-    /// There is no sample.
+    /// Returns whether there are no samples.
     pub const fn is_empty(&self) -> bool {
         self.len() == 0
     }

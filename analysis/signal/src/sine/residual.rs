@@ -12,8 +12,8 @@ use super::moments::{CHUNK, Moments, Stage};
 use super::sample::{Bounds, Sample, code_bounds, is_inside, pivot};
 use super::{Channel, SineError};
 
-/// Share of the sum of squares that must be left for the sums of the first pass to tell it: they
-/// are good to about 10⁻¹⁵ of it.
+/// Fraction of the sum of squares that must remain for the sums of the first pass to determine it:
+/// they are accurate to about 10⁻¹⁵ of it.
 const LEFT_BY_SUMS: f64 = 1e-9;
 
 /// Sums over the residuals of one channel, in the unit of its samples.
@@ -115,7 +115,7 @@ pub(super) fn residual(
     Ok(joined(&pieces))
 }
 
-/// Residuals from the sums, if these can tell.
+/// Computes the residuals from the sums, if these are accurate enough.
 fn by_sums(
     number: usize,
     channel: &Channel<'_>,

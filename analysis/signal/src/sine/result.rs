@@ -82,15 +82,16 @@ pub enum Note {
         /// Why.
         why: LeftOut,
     },
-    /// The drift was fitted as a straight line, for the record is too short to tell a parabola from
-    /// the sinusoid.
+    /// The drift was fitted as a straight line, because the record is too short to separate a
+    /// parabola from the sinusoid.
     DriftLeftOut {
         /// Periods in the record.
         periods: f64,
         /// Periods needed.
         needed: f64,
     },
-    /// Relaxations were not fitted, for the record is too short to tell them from the sinusoid.
+    /// Relaxations were not fitted, because the record is too short to separate them from the
+    /// sinusoid.
     RelaxationLeftOut {
         /// Periods in the record.
         periods: f64,
@@ -128,14 +129,14 @@ pub enum Note {
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LeftOut {
-    /// It is no frequency above 0 Hz.
+    /// The frequency is not positive.
     NoFrequency,
-    /// It cannot be told from its image beyond half the sampling rate.
+    /// It cannot be distinguished from its image beyond half the sampling rate.
     AboveNyquist {
         /// Half the sampling rate, Hz.
         nyquist_hz: f64,
     },
-    /// It has less than one period in the record, and cannot be told from drift.
+    /// It has less than one period in the record, and cannot be separated from drift.
     TooSlow {
         /// One period over the record, Hz.
         resolution_hz: f64,
@@ -257,9 +258,9 @@ impl SineFit {
         self.freq_hz * self.interval_s * self.samples as f64
     }
 
-    /// Covariance of the phasor of a channel against absolute time, V²: [`ChannelFit::variance`]
-    /// plus the turn, common to all channels, that the uncertainty of a fitted frequency gives to
-    /// phases at sample 0. `None` if there is no such channel.
+    /// Returns the covariance of the phasor of a channel against absolute time, V²:
+    /// [`ChannelFit::variance`] plus the rotation, common to all channels, that the uncertainty of
+    /// a fitted frequency gives to phases at sample 0. Returns `None` if there is no such channel.
     pub fn absolute_covariance(&self, channel: usize) -> Option<Covariance2> {
         let fit = self.channels.get(channel)?;
         let middle_s = 0.5 * self.interval_s * (self.samples as f64 - 1.0);
@@ -268,8 +269,9 @@ impl SineFit {
         Some(fit.variance + Covariance2::along(along))
     }
 
-    /// Value of the model of a channel at a time since sample 0, V: sinusoid, offset, drift and
-    /// tones, without the relaxations, whose parts are not kept. `None` if there is no such channel.
+    /// Returns the value of the model of a channel at a time since sample 0, V: sinusoid, offset,
+    /// drift and tones, without the relaxations, whose parts are not kept. Returns `None` if there
+    /// is no such channel.
     ///
     /// ```
     /// use analysis_signal::sine::{Channel, FitOptions, Record, fit_known_frequency};

@@ -400,7 +400,8 @@ impl State {
             slope += weight * own_slope;
         }
         let sigma = curvature.sqrt().recip();
-        // A phase at the ends of the record that is uncertain by a turn is no frequency.
+        // If the phase at the ends of the record is uncertain by a turn, the frequency is not
+        // determined.
         if sigma.is_finite() && sigma < std::f64::consts::PI {
             Ok((slope / curvature, sigma))
         } else {

@@ -10,7 +10,7 @@ pub enum SpectrumError {
         /// Channels met.
         found: usize,
     },
-    /// There is no point.
+    /// The spectrum has no points.
     #[error("spectrum {name:?}: expected at least one point, met none")]
     Empty {
         /// Name of the spectrum.

@@ -46,8 +46,8 @@ impl PhasorVariance {
 }
 
 impl ChannelPhasors {
-    /// Phasors of a fit of the four probe channels whose samples were not rounded, or of which the
-    /// step is not known: rounding then counts as noise.
+    /// Returns phasors of a fit of the four probe channels whose samples were not rounded, or whose
+    /// rounding step is not known: rounding then counts as noise.
     ///
     /// # Errors
     /// [`SpectrumError::Channels`] unless the fit has four channels.

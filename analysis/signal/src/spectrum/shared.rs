@@ -1,7 +1,7 @@
-//! Errors that the points of a spectrum have in common, and the share of the open-circuit voltage
-//! in an impedance.
+//! Errors that the points of a spectrum have in common, and the contribution of the open-circuit
+//! voltage to an impedance.
 //!
-//! A covariance point by point does not tell how errors at two frequencies correlate. Here each
+//! A covariance point by point does not describe how errors at two frequencies correlate. Here each
 //! common cause (the error of a correction, the slope of the open-circuit voltage) is a factor: one
 //! number of variance 1 that moves all points along a known direction. The covariance of points k
 //! and l is then Cₖδₖₗ + Σ dₖdₗᵀ, with d the directions as vectors of real and imaginary part.

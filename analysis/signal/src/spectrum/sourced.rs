@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use super::Spectrum;
 
-/// Origin of a spectrum as its file states it, beyond the name; a field is none where the file does
-/// not tell.
+/// Origin of a spectrum as its file states it, beyond the name; a field is `None` if the file does
+/// not contain it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Origin {
     /// Object in the jig: `cell`, `shunt`, `fake_cell`, …
@@ -48,7 +48,8 @@ impl SourcedSpectrum {
             .keep(|point| !flagged.contains(&point.freq_hz));
     }
 
-    /// Name of the cell: from the file's column, else from the name; none where neither tells it.
+    /// Returns the name of the cell from the file's column, or from the name, or `None` if neither
+    /// contains it.
     pub fn cell(&self) -> Option<&str> {
         self.origin
             .cell

@@ -71,7 +71,7 @@ fn usual_ranges_lie_within_the_search_and_hold_no_effect() {
                 effect.card().name,
                 p.name
             );
-            // An interval that only reaches out of it is no news.
+            // An interval that only extends out of the range is not unusual.
             assert!(p.unusual(inner.upper, 9.0 * inner.upper).is_none());
             assert!(p.unusual(1.1 * inner.upper, 1.2 * inner.upper).is_some());
             met += 1;
@@ -327,7 +327,7 @@ fn time_and_frequency_agree_for_small_currents() {
             let expected = seen(effect.card().name, &p, &at) - plain(&at);
             let met = phasor(&change, per_period as usize) / Complex64::new(0.0, -amplitude_a);
             let floor = 1e-6 * base().erm.dc_resistance_ohm();
-            // The open-circuit voltage is no part of a spectrum: what acts on it alone is not
+            // The open-circuit voltage is not part of a spectrum: an effect on it alone is not
             // expected there.
             if expected == Complex64::ZERO {
                 continue;

@@ -1,4 +1,4 @@
-//! A cell, its data's reach and records to play, for the tests of all effects.
+//! A cell, the range of its data and records to simulate, for the tests of all effects.
 
 mod all;
 mod bench;

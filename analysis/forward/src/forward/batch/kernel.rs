@@ -149,7 +149,7 @@ fn by_one_root<const W: usize, const N: usize, const CURVED: bool>(
         let part = root * 0.0625;
         let rise = (part * x) * curve;
         let back = ((g.ends_share[l] * part) * x) * curve;
-        // So written it is also true of what is no number.
+        // In this form the condition also catches NaN.
         let near = x.abs() <= FAR;
         far |= !near;
         (begin.root[l], begin.current[l], begin.open[l]) = (root, current, open);

@@ -141,8 +141,8 @@ impl<'a> Network<'a> {
         sound
     }
 
-    /// Moves the state by a step, from the demand of the last [`Network::look`] to this one at its
-    /// end, and looks there.
+    /// Advances the state by a step, from the demand of the last [`Network::look`] to this one at
+    /// its end, and evaluates the network there.
     pub(super) fn advance(&mut self, step_s: f64, demand: Demand, value: f64) -> bool {
         self.set_step(step_s);
         std::mem::swap(&mut self.start_a, &mut self.now.cell_a);
@@ -293,7 +293,7 @@ mod tests {
         1500.0 + 2000.0 * (0.7 * t).sin()
     }
 
-    /// Cells whose parameters differ by a factor drawn from the list.
+    /// Returns cells whose parameters differ by a factor drawn from the list.
     fn uneven(factors: &[f64]) -> Vec<Cell> {
         let cell = |f: &f64| {
             let mut erm = erm();

@@ -100,10 +100,10 @@ pub fn scatter(
     }))
 }
 
-/// Runs the profile through packs whose cells are given, group by group.
+/// Runs the profile through packs of given cells, group by group.
 ///
 /// # Errors
-/// [`PackError`] for a pack, cells or numbers that cannot be.
+/// [`PackError`] for an invalid pack, cells or numbers.
 pub fn scatter_cells(
     setup: &ScatterSetup<'_>,
     packs: &[Vec<PlacedCell>],

@@ -354,7 +354,7 @@ fn a_current_profile_agrees_with_the_player() {
     let mut compared = 0;
     for (t, v) in run.trace.time_s.iter().zip(&run.trace.ccv_v) {
         let k = (t / 0.1).round() as usize;
-        // Before a jump the player does not look.
+        // The simulation takes no sample just before a jump.
         if (t - 10.0).abs() > 0.05 && (t - 18.0).abs() > 0.05 {
             assert!(
                 (v - voltage_v[k]).abs() < 5e-6,

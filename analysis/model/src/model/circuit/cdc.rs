@@ -300,7 +300,8 @@ impl Values<'_> {
     }
 }
 
-/// Whether a text is in this notation: it has brackets, braces, or a parenthesis that is no `p(`.
+/// Returns whether a text is in this notation: it has brackets, braces, or a parenthesis that does
+/// not belong to `p(`.
 pub(super) fn is_code(text: &str) -> bool {
     let mut before = ' ';
     text.chars().any(|c| {

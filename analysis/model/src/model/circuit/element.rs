@@ -21,7 +21,7 @@
 //! | `T` | A / Ω, B / Ω, a, b / s | A·coth(β)/β + B/(β·sinh β), β² = a + sb |
 //!
 //! Relaxations and pores that impedance.py lacks have pyimpspec's names (version 5.1). Its pores
-//! have a length beside their resistance; no spectrum can tell the two apart, so here R is that of
+//! have a length beside their resistance; no spectrum can separate the two, so here R is that of
 //! the whole pore, R′ and Q those of its whole wall:
 //!
 //! | element | parameters | impedance |

@@ -19,7 +19,8 @@ pub const MAX_ELEMENTS: usize = 64;
 /// Characters shown on each side of the place of an error.
 const EXCERPT: usize = 30;
 
-/// Why a text is no circuit, or no list of its parameters' values, with the place.
+/// Why a text is not a valid circuit, or not a valid list of its parameters' values, with the
+/// position.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{what}, character {position}: expected {expected}, met {met}\n  {excerpt}\n  \
 {caret:>column$}", position = self.index + 1, caret = '^', column = self.column)]
@@ -131,12 +132,12 @@ struct Parser {
 }
 
 impl Circuit {
-    /// Reads `name = value, …` into the indices of the parameters and their values; `what` names
+    /// Parses `name = value, …` into the indices of the parameters and their values; `what` names
     /// the list in messages.
     ///
     /// # Errors
-    /// [`ParseError`] for another form, a name that is no parameter or comes twice, a value beyond
-    /// the physical range.
+    /// [`ParseError`] for another form, a name that is not a parameter or is repeated, or a value
+    /// beyond the physical range.
     pub fn assignments(
         &self,
         what: &'static str,
@@ -336,7 +337,7 @@ fn assignments(
     }
 }
 
-/// The index of the parameter whose name comes next.
+/// Returns the index of the parameter whose name comes next.
 fn parameter(cursor: &mut Cursor, circuit: &Circuit) -> Result<usize, ParseError> {
     let start = cursor.index;
     let name = cursor.run(|c| c.is_alphanumeric() || c == '_');

@@ -22,9 +22,9 @@ const MOST_DRAWN: f64 = 1e8;
 pub struct Spread {
     /// All resistances of a cell together, relative.
     pub r: f64,
-    /// Each branch resistance by itself, on top, relative.
+    /// Each branch resistance separately, in addition, relative.
     pub rk: f64,
-    /// Each branch capacitance by itself, relative.
+    /// Each branch capacitance separately, relative.
     pub ck: f64,
     /// Capacity of a cell, relative; without effect for a constant OCV.
     pub capacity: f64,
