@@ -17,7 +17,7 @@ use instruments_scpi::message::Command;
 
 use setting_text::Differs;
 
-/// One message with its proof.
+/// One message with the check of its effect.
 ///
 /// ```
 /// use instruments_drivers::exchange::Exchange;
@@ -32,19 +32,19 @@ use setting_text::Differs;
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub enum Exchange {
-    /// Sent; the error queue is asked where the instrument has one.
+    /// A message without a read-back. The error queue is queried if the instrument has one.
     Send(String),
     /// Sent, then read back.
     Set {
         /// The command.
         message: String,
-        /// The query that shows what the instrument made of it.
+        /// The query that reads the effect back.
         read_back: String,
         /// Condition that the answer must meet.
         expect: Expect,
     },
-    /// Bytes behind a head, sent as they are; what the instrument made of them shows in what comes
-    /// after. They must hold no byte that ends a message.
+    /// Bytes after a header, sent unchanged; their effect shows in later read-backs. They must
+    /// contain no byte that ends a message.
     Data {
         /// The message up to its data.
         head: String,
@@ -57,14 +57,14 @@ pub enum Exchange {
         message: String,
         /// Condition that the answer must meet.
         expect: Expect,
-        /// The query that shows what the instrument made of it, and what its answer must be; none
-        /// where the confirmation says it all.
+        /// The query that reads the effect back, and its expected reply; `None` if the confirmation
+        /// is sufficient.
         read_back: Option<(String, Expect)>,
     },
-    /// Not sent: what was wanted cannot be written as a message, such as a number that is none.
-    /// Playing it is an error.
+    /// Not sent: the requested setting cannot be written as a message, such as a value that is not
+    /// a number. Running it is an error.
     Refuse {
-        /// The header of what was wanted.
+        /// The header of the requested setting.
         message: String,
         /// Why it is not sent.
         reason: String,
@@ -80,12 +80,12 @@ pub struct Way {
     pub script: Vec<Exchange>,
 }
 
-/// A limit within the instrument that bounds its current, as it can be asked for.
+/// A limit within the instrument that bounds its current, and how to query it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bound {
     /// The question; its answer is a number.
     pub query: &'static str,
-    /// The words before the number.
+    /// The text before the number.
     pub words: &'static str,
     /// Its unit.
     pub unit: &'static str,
@@ -233,13 +233,13 @@ struct Question<'a> {
     text: &'a str,
     /// Condition that the answer must meet.
     expect: &'a Expect,
-    /// Settings of the instrument, in words.
+    /// Settings of the instrument, as text.
     settings: &'a [Setting],
 }
 
 impl Question<'_> {
-    /// Asks again for a while what was not yet so: some instruments answer before a write has taken
-    /// effect. A question may be repeated, a command not.
+    /// Repeats a query for a while if the reply does not match yet: some instruments reply before a
+    /// write has taken effect. A query may be repeated, a command must not.
     async fn believe(
         &self,
         link: &mut Link,
@@ -276,8 +276,8 @@ impl Question<'_> {
         })
     }
 
-    /// Answer and expectation for an error message: those of a status word in words, because a mask
-    /// of bits is hard to read. The raw answer is in the log.
+    /// Returns reply and expectation for an error message. Those of a status word are described in
+    /// text, because a mask of bits is hard to read. The raw reply is in the log.
     fn readable(&self, link: &Link, answer: &str, expected: String) -> (String, String) {
         let Self {
             text,
@@ -298,9 +298,8 @@ impl Question<'_> {
     }
 }
 
-/// Plays a whole script whatever happens in between, for switching off: neither a message that is
-/// refused nor an answer that stays away must keep the next message from being sent. A link that
-/// was dropped is reconnected for it.
+/// Runs a whole script regardless of errors, for switching off: neither a refused message nor a
+/// missing reply must keep the next message from being sent. A dropped link is reconnected for it.
 ///
 /// # Errors
 /// The link's error for the first message that failed.
@@ -312,7 +311,7 @@ pub async fn play_all(
     let mut outcome = Ok(());
     for exchange in script {
         if link.is_dropped() {
-            // When that fails, so will the message, and say why.
+            // If this fails, the message fails too, with the reason.
             let _ = link.reconnect().await;
         }
         let played = play(link, settings, std::slice::from_ref(exchange)).await;
@@ -324,19 +323,19 @@ pub async fn play_all(
 /// Answer of an instrument about itself.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Answer {
-    /// Question that was asked.
+    /// The query that was sent.
     pub question: String,
     /// Answer that was given.
     pub answer: String,
-    /// It is what the script would have made it.
+    /// Whether the state matches the script.
     pub as_scripted: bool,
 }
 
-/// Asks the questions of a script and sends none of its commands: whether everything already is as
-/// the script would make it. Changes nothing.
+/// Sends the queries of a script and none of its commands: checks whether everything is already as
+/// the script would set it. Changes nothing.
 ///
 /// # Errors
-/// The link's.
+/// The link's errors.
 pub async fn look(link: &mut Link, script: &[Exchange]) -> Result<Vec<Answer>, LinkError> {
     let mut answers = Vec::new();
     for exchange in script {
@@ -410,18 +409,18 @@ impl ExpectedAnswers {
         self.0.is_empty()
     }
 
-    /// Only what this script makes so is known any more.
+    /// Forgets all known settings except those of this script.
     pub fn keep(&mut self, script: &[Exchange]) {
         let kept = Self::of(script);
         self.0
             .retain(|(question, _)| kept.0.iter().any(|(other, _)| other == question));
     }
 
-    /// Checks that all settings are still as they were made, and changes nothing. Returns the
-    /// differences, in the words of `settings`.
+    /// Checks that all settings are unchanged, and changes nothing. Returns the differences, in the
+    /// words of `settings`.
     ///
     /// # Errors
-    /// The link's.
+    /// The link's errors.
     pub async fn differs(
         &self,
         link: &mut Link,
@@ -477,11 +476,11 @@ impl ExpectedAnswers {
     }
 }
 
-/// Takes out of the error queue what an earlier client or the power-up left there, which would else
-/// be taken for an answer to the first message.
+/// Empties the error queue of entries from an earlier client or the power-up, which would otherwise
+/// be mistaken for the result of the first message.
 ///
 /// # Errors
-/// The link's.
+/// The link's errors.
 pub async fn forget_errors(link: &mut Link) -> Result<(), LinkError> {
     for entry in link.drain_errors().await? {
         tracing::warn!(link = link.name(), %entry, "an error from before was in the queue");

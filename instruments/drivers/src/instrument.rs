@@ -38,7 +38,7 @@ pub trait Model: Send + Sync {
         "*IDN?"
     }
 
-    /// Settings in words, for messages about one that is not as it was set.
+    /// Returns descriptions of the settings, for messages about a setting that has changed.
     fn settings(&self) -> &'static [Setting] {
         &[]
     }
@@ -86,7 +86,7 @@ pub struct Instrument<D: Model + ?Sized + 'static> {
     pub(crate) expected: Arc<tokio::sync::Mutex<ExpectedAnswers>>,
     /// The last reading of its meters, by whichever handle.
     measured: Arc<std::sync::Mutex<Option<Measured>>>,
-    /// Its identity when it was asked for first, by whichever handle.
+    /// Its identity at the first query, by any handle.
     identified: Arc<std::sync::Mutex<Option<Identity>>>,
     /// The last scan of its thermometers, by whichever handle.
     pub(crate) scanned: Arc<std::sync::Mutex<Option<Scan>>>,
@@ -95,7 +95,7 @@ pub struct Instrument<D: Model + ?Sized + 'static> {
 /// A scan of the thermometers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scan {
-    /// Temperature of the cell; none of an open thermocouple.
+    /// Temperature of the cell; `None` for an open thermocouple.
     pub cell: Option<Celsius>,
     /// When it was answered, s on the machine's clock.
     pub answered_s: f64,
@@ -104,11 +104,11 @@ pub struct Scan {
 /// A reading of an instrument's own meters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measured {
-    /// Voltage at its terminals or its sense leads, V; none where the current alone was asked for.
+    /// Voltage at its terminals or its sense leads, V; `None` if only the current was queried.
     pub volts: Option<Volts>,
     /// Current, in the direction that the role counts as positive, A.
     pub amps: Amps,
-    /// When the current was asked for, s on the machine's clock.
+    /// When the current was queried, s on the machine's clock.
     pub asked_s: f64,
     /// When it was answered, s on the machine's clock.
     pub answered_s: f64,
@@ -150,8 +150,8 @@ impl<D: Model + ?Sized> Instrument<D> {
         *self.measured.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Names the channels in use, where a model has several: the generator's output, the logger's
-    /// scan list.
+    /// Sets the channels in use, if a model has several: the generator's output, the logger's scan
+    /// list.
     #[must_use]
     pub fn on_channels(self, channels: Vec<u16>) -> Self {
         Self { channels, ..self }
@@ -192,7 +192,7 @@ impl<D: Model + ?Sized> Instrument<D> {
         if self.recognises(&identity) || !matches!(self.link.address(), Address::UsbTmc { .. }) {
             return Ok(identity);
         }
-        // A model that answers nothing else is still the one that it said it is.
+        // A model that answers only this query is still the one that it identified itself as.
         if self.link.reconnect().await.is_err() {
             return Ok(identity);
         }
@@ -251,16 +251,16 @@ impl<D: Model + ?Sized> Instrument<D> {
         )
     }
 
-    /// Asks for one number.
+    /// Queries one number.
     pub(crate) async fn number(&mut self, query: &str) -> Result<f64, LinkError> {
         let answer = self.link.query(query).await?;
-        // An overload (9.9E37) and a number that is none (9.91E37) are no readings.
+        // An overload (9.9E37) and a missing number (9.91E37) are not readings.
         leading_number(&answer)
             .filter(|number| number.is_finite())
             .ok_or_else(|| LinkError::unexpected(self.link.name(), query, &answer, "a number"))
     }
 
-    /// Asks for a voltage, then for a current, and keeps them as the last reading.
+    /// Queries a voltage, then a current, and stores them as the last reading.
     pub(crate) async fn volts_and_amps(
         &mut self,
         [volts, amps]: [&str; 2],
@@ -269,7 +269,7 @@ impl<D: Model + ?Sized> Instrument<D> {
         Ok((volts, self.keep_amps(Some(volts), amps).await?))
     }
 
-    /// Asks for a current, and keeps it as the last reading.
+    /// Queries a current and stores it as the last reading.
     pub(crate) async fn keep_amps(
         &mut self,
         volts: Option<Volts>,
@@ -298,7 +298,7 @@ impl<D: Model + ?Sized> Instrument<D> {
         play_all(&mut self.link, self.dialect.settings(), script).await
     }
 
-    /// Plays a script that changes what drives a current, and remembers what it has made so.
+    /// Runs a script that changes what drives a current, and stores the resulting settings.
     pub(crate) async fn tell(&mut self, script: &[Exchange]) -> Result<(), LinkError> {
         let mut expected = self.expected.clone().lock_owned().await;
         self.play(script).await?;
@@ -306,7 +306,7 @@ impl<D: Model + ?Sized> Instrument<D> {
         Ok(())
     }
 
-    /// Nothing that was set must stay so any more.
+    /// Clears the list of settings that must stay.
     pub(crate) async fn expect_nothing(&self) {
         *self.expected.lock().await = ExpectedAnswers::default();
     }
@@ -318,11 +318,11 @@ impl<D: Model + ?Sized> Instrument<D> {
             .map_or(true, |expected| !expected.is_empty())
     }
 
-    /// Asks whether everything is still as it was set, while something is on, and changes nothing;
-    /// what is not, in words.
+    /// Checks, while something is on, whether all settings are unchanged, and changes nothing.
+    /// Returns a description of the differences.
     ///
     /// # Errors
-    /// The link's.
+    /// The link's errors.
     pub async fn differs(&mut self) -> Result<Option<String>, LinkError> {
         let settings = self.dialect.settings();
         let expected = self.expected.clone().lock_owned().await;
@@ -340,7 +340,7 @@ impl<D: Model + ?Sized> Instrument<D> {
         expected.differs_one(turn, &mut self.link, settings).await
     }
 
-    /// Goes a way to zero current, whatever is refused in between.
+    /// Applies a method to reach zero current, regardless of refused messages.
     ///
     /// # Errors
     /// The link's error for the first message that failed.
@@ -348,8 +348,8 @@ impl<D: Model + ?Sized> Instrument<D> {
         self.play_all(&way.script).await
     }
 
-    /// Limits that bound the instrument, by its own answers, in words. Limits that it does not
-    /// answer are left out.
+    /// Queries the limits that bound the instrument and returns them as text. Limits without a
+    /// reply are left out.
     pub async fn bounded_by(&mut self, bounds: &[Bound]) -> Vec<String> {
         let mut bounds_in_words = Vec::new();
         for Bound { query, words, unit } in bounds {
@@ -358,7 +358,7 @@ impl<D: Model + ?Sized> Instrument<D> {
             let Ok(number) = self.number(query).await else {
                 break;
             };
-            // No words twice.
+            // Each text appears once.
             let value = format!("{} {unit}", plain(number));
             match bounds_in_words
                 .last_mut()

@@ -1,11 +1,11 @@
 //! Drivers of the instruments of a battery test bench.
 //!
-//! [`exchange`] is what a dialect gives to its role: messages, each with what must be true after
-//! it. [`instrument`] is what all roles have in common. The roles are [`supply4q`], [`generator`],
-//! [`scope`], [`load`], [`supply`], [`chiller`], [`logger`] and [`jig`]. A role has one file for
-//! each dialect.
+//! [`exchange`] is the interface between a dialect and its role: messages, each with the condition
+//! that must hold after it. [`instrument`] is common to all roles. The roles are [`supply4q`],
+//! [`generator`], [`scope`], [`load`], [`supply`], [`chiller`], [`logger`] and [`jig`]. A role has
+//! one file for each dialect.
 //!
-//! Knows no physics, no files, no configuration and no procedure.
+//! Contains no physics, no file access, no configuration and no procedures.
 
 pub mod chiller;
 pub mod exchange;

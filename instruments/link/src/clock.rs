@@ -70,7 +70,7 @@ impl fmt::Display for TimeMode {
 #[error("no result within {0:?}")]
 pub struct Elapsed(pub Duration);
 
-/// Bench time; cheap to clone, all clones agree.
+/// Bench time. Cheap to clone; all clones return the same time.
 ///
 /// ```
 /// use instruments_link::clock::{Clock, TimeMode};
@@ -125,7 +125,8 @@ impl Clock {
         Self::start_at(mode, 0.0)
     }
 
-    /// Starts a clock that goes on from another one's bench time, s. Otherwise as [`Clock::start`].
+    /// Starts a clock that continues from another one's bench time, s. Otherwise as
+    /// [`Clock::start`].
     pub fn start_at(mode: TimeMode, origin_s: f64) -> Self {
         Self {
             mode,
@@ -135,8 +136,8 @@ impl Clock {
         }
     }
 
-    /// The same bench time with waits of its own, for a task that must not hide that another one
-    /// hangs.
+    /// Returns a clock with the same bench time and separate waits, for a task that must not hide
+    /// that another one hangs.
     #[must_use]
     pub fn apart(&self) -> Self {
         Self {
@@ -148,8 +149,8 @@ impl Clock {
         }
     }
 
-    /// Announces a wait of at most so long on the wall, or without a bound, until what is returned
-    /// is dropped. Sleeps and deadlines announce themselves.
+    /// Announces a wait of at most `at_most` on the wall, or without a bound, until the returned
+    /// value is dropped. Sleeps and deadlines announce themselves.
     pub fn wait(&self, at_most: Option<Duration>) -> Wait {
         let mut waits = self.waits.lock().unwrap_or_else(PoisonError::into_inner);
         let id = waits.next;
@@ -194,12 +195,12 @@ impl Clock {
     /// it.
     pub const STACK_BYTES: usize = 8 << 20;
 
-    /// The runtime on which a clock of this mode runs. In virtual time it is paused and has one
-    /// thread, and so is deterministic. Else a thread of its own serves sockets and timers, so that
-    /// a task that computes delays no other one.
+    /// Creates the runtime on which a clock of this mode runs. In virtual time it is paused and
+    /// single-threaded, and therefore deterministic. Otherwise a separate thread serves sockets and
+    /// timers, so that a task that computes does not delay the others.
     ///
     /// # Errors
-    /// Error of the operating system when it cannot give an event queue.
+    /// The operating system's error if it cannot provide an event queue.
     pub fn runtime(mode: TimeMode) -> std::io::Result<tokio::runtime::Runtime> {
         if mode == TimeMode::Virtual {
             return tokio::runtime::Builder::new_current_thread()

@@ -1,19 +1,19 @@
-//! Link to one instrument: sends a question and returns its answer.
+//! Link to one instrument: sends a query and returns its reply.
 //!
-//! The link keeps the rules that hold for every instrument: gaps and deadlines, the error queue
-//! after a write, reading back what was set, every message on the tap. After a timeout, a closed
-//! connection or an answer that is none, the stream is dropped and stays so until
-//! [`Link::reconnect`], for the next answer would be the last question's. The same holds when a
-//! caller abandons an exchange half-way. Nothing is ever sent twice. Where the transport can clear
-//! the instrument, reconnecting does so.
+//! The link enforces the rules that apply to every instrument: gaps and deadlines, the error queue
+//! after a write, read-backs of settings, every message on the tap. After a timeout, a closed
+//! connection or an invalid reply, the stream is dropped and stays so until [`Link::reconnect`],
+//! because the next reply could belong to the last query. The same applies if a caller abandons an
+//! exchange half-way. Nothing is ever sent twice. If the transport can clear the instrument,
+//! reconnecting does so.
 //!
-//! Most instruments accept one client. [`Link::share`] gives a second handle on the same
+//! Most instruments accept one client. [`Link::share`] returns a second handle on the same
 //! connection, so that a watch can read a meter while a procedure drives the instrument. Handles
-//! take turns, one exchange at a time and in the order in which they ask: no handle waits longer
-//! than the exchange in work. [`Link::take_over`] keeps all other handles out, which is how
-//! switching off comes first.
+//! take turns, one exchange at a time and in the order of their requests: no handle waits longer
+//! than the running exchange. [`Link::take_over`] locks out all other handles; this gives switching
+//! off priority.
 //!
-//! Opening sends no message, closing sends none: disconnecting is not switching off.
+//! Opening and closing send no message: disconnecting does not switch off.
 
 mod connection;
 mod conversation;
@@ -61,10 +61,10 @@ pub struct Link {
     handle: u64,
 }
 
-/// What the handles of one connection share.
+/// State that the handles of one connection share.
 #[derive(Debug)]
 struct Shared {
-    /// Handles wait for it in the order in which they ask.
+    /// Handles wait for it in the order of their requests.
     conversation: Mutex<Conversation>,
     /// The only handle that may speak, or [`SHARED`].
     speaker: AtomicU64,
@@ -100,8 +100,8 @@ impl Link {
         Ok(link)
     }
 
-    /// A link without a connection, dropped until [`Link::reconnect`]: for an instrument that
-    /// somebody else still talks to.
+    /// Creates a link without a connection, dropped until [`Link::reconnect`]: for an instrument
+    /// that another client still uses.
     pub fn unconnected(options: LinkOptions) -> Self {
         let shared = Shared {
             conversation: Mutex::new(Conversation::new(options.clone())),
@@ -152,7 +152,7 @@ impl Link {
         &self.options.clock
     }
 
-    /// Where the instrument is.
+    /// Returns the address of the instrument.
     pub fn address(&self) -> &Address {
         &self.options.address
     }
@@ -171,29 +171,28 @@ impl Link {
             .is_ok_and(|conversation| conversation.connection.is_none())
     }
 
-    /// Reconnects and sends nothing. A serial line must first be silent for the longest time that
-    /// an answer may take, since the answer to an old question could still be on its way. VXI-11,
-    /// HiSLIP, USBTMC and GPIB keep their connection if it is of use; the instrument is cleared
-    /// there, and asked a harmless question, before it is used again.
+    /// Reconnects and sends nothing. A serial line must first be silent for the longest possible
+    /// reply time, because the reply to an old query could still be on its way. VXI-11, HiSLIP,
+    /// USBTMC and GPIB keep their connection if it is usable; there the instrument is cleared, and
+    /// receives a harmless query, before it is used again.
     ///
     /// # Errors
-    /// As [`Link::open`], and [`LinkError::NotCleared`]; the link stays dropped then.
+    /// As [`Link::open`], and [`LinkError::NotCleared`]; in these cases the link stays dropped.
     pub async fn reconnect(&mut self) -> Result<(), LinkError> {
         exchange!(self, |conversation| conversation.reconnect())
     }
 
-    /// Drops the connection; `why` stands in the errors until [`Self::reconnect`].
+    /// Drops the connection. Errors contain `why` until [`Self::reconnect`].
     pub async fn disconnect(&mut self, why: &str) {
         if let Ok(mut conversation) = self.turn().await {
             conversation.disconnect(why);
         }
     }
 
-    /// Sends a message that has no answer, then empties the error queue where the profile names
-    /// one.
+    /// Sends a message without a reply, then empties the error queue if the profile has one.
     ///
     /// # Errors
-    /// [`LinkError::Refused`] when there was an error in the queue; else as [`Link::query`].
+    /// [`LinkError::Refused`] if there was an error in the queue; otherwise as [`Link::query`].
     pub async fn send(&mut self, message: &str) -> Result<(), LinkError> {
         self.send_unchecked(message).await?;
         let mut entries = self.drain_errors().await?.into_iter();
@@ -231,13 +230,13 @@ impl Link {
         exchange!(self, |conversation| conversation.send_data(head, data))
     }
 
-    /// Asks and waits for a line.
+    /// Sends a query and waits for a line.
     ///
     /// # Errors
     /// [`LinkError::Timeout`], [`LinkError::WriteTimeout`], [`LinkError::Closed`],
     /// [`LinkError::Io`], [`LinkError::Garbage`] and [`LinkError::Noise`] drop the link;
-    /// [`LinkError::Dropped`] when it was dropped before; [`LinkError::Unsendable`] when `message`
-    /// is not printable ASCII.
+    /// [`LinkError::Dropped`] if it was dropped before; [`LinkError::Unsendable`] if `message` is
+    /// not printable ASCII.
     pub async fn query(&mut self, message: &str) -> Result<String, LinkError> {
         exchange!(self, |conversation| async {
             let asked_s = self.options.clock.machine_s();
@@ -264,7 +263,7 @@ impl Link {
         last_s.min(before_s)
     }
 
-    /// Asks and waits for a block; answers its payload.
+    /// Sends a query, waits for a block and returns its payload.
     ///
     /// # Errors
     /// As [`Link::query`], with the deadline for blocks.
@@ -274,10 +273,11 @@ impl Link {
         .map(Response::into_bytes)
     }
 
-    /// Sets something and reads it back. `accept` says of the answer what was expected instead.
+    /// Sends a setting and reads it back. `accept` checks the reply and returns the expected one if
+    /// they differ.
     ///
     /// # Errors
-    /// [`LinkError::ReadBack`] when the answer is not accepted; else as [`Link::send`].
+    /// [`LinkError::ReadBack`] if the reply is not accepted; otherwise as [`Link::send`].
     pub async fn set(
         &mut self,
         message: &str,

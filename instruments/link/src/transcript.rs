@@ -31,11 +31,11 @@ pub const INLINE_BLOCK_BYTES: usize = 512;
 pub enum Direction {
     /// To the instrument.
     Sent,
-    /// From the instrument, as the answer to what was sent before.
+    /// Received from the instrument, as the reply to the message sent before.
     Received,
     /// Received from the instrument without a query.
     Unsolicited,
-    /// Not on the wire: what the link did (opened, dropped).
+    /// Not on the wire: an action of the link (opened, dropped).
     Remark,
 }
 
@@ -138,11 +138,11 @@ pub struct Transcript {
 }
 
 impl Transcript {
-    /// Reads a transcript. Empty lines and lines that start with `#` are skipped; a last line
-    /// without end is set aside.
+    /// Parses a transcript. Empty lines and lines that start with `#` are skipped; a last line
+    /// without an end is set aside.
     ///
     /// # Errors
-    /// [`TranscriptError`] with line, what was expected and what was met.
+    /// [`TranscriptError`] with the line, the expected text and the text found.
     pub fn parse(text: &str) -> Result<Self, TranscriptError> {
         let whole_len = text.rfind('\n').map_or(0, |end| end + 1);
         let (whole, torn) = text.split_at_checked(whole_len).unwrap_or((text, ""));
@@ -339,7 +339,7 @@ fn fnv1a64(bytes: &[u8]) -> u64 {
     })
 }
 
-/// Where links write their conversation. Cheap to clone; all clones write to the same place, one
+/// Destination of the links' transcript. Cheap to clone; all clones write to the same place, one
 /// whole line at a time.
 #[derive(Clone, Default)]
 pub struct Tap {

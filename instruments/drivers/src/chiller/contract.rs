@@ -43,8 +43,8 @@ pub trait Dialect: Model {
     }
     /// Reads a status answer.
     fn status(&self, answer: &str) -> Status;
-    /// The question for its set-point, which is answered as a temperature is; none of a bath that
-    /// has none.
+    /// Returns the query for its set-point, whose reply has the form of a temperature, or `None`
+    /// for a bath without a set-point.
     fn setpoint(&self) -> Option<&'static str> {
         None
     }
@@ -55,5 +55,5 @@ pub trait Dialect: Model {
     }
 }
 
-/// A bath that does not stop is brought to where no cell comes to harm, °C: the room's.
+/// Set-point for a bath that does not stop, harmless to any cell, °C: room temperature.
 pub(super) const HARMLESS_C: Celsius = Celsius(20.0);

@@ -1,7 +1,7 @@
 //! Huber Pilot ONE, Unistat: the PB commands. `{M` and two hexadecimal digits of a register, then
-//! four of a value or `****` to read; every command is answered by `{S`, the register and its value
-//! after limiting. Values are hundredths of a degree in two's complement. What is malformed is not
-//! answered.
+//! four of a value or `****` to read. The reply to every command is `{S`, the register and its
+//! value after limiting. Values are hundredths of a degree in two's complement. Malformed commands
+//! get no reply.
 
 use instruments_domain::units::Celsius;
 use instruments_link::link::{Grammar, LinkProfile};
@@ -31,7 +31,7 @@ const UP: u16 = 1 << 14;
 
 pub(super) struct Huber;
 
-/// Its settings in words.
+/// Descriptions of its settings.
 const SETTINGS: &[Setting] = &[
     Setting {
         question: "{M00****",
@@ -90,8 +90,8 @@ fn register(answer: &str) -> Option<(u8, u16)> {
         .map(|value| (address, value))
 }
 
-/// A command that writes a register; the answer must carry the very value, for a limited one is not
-/// what was asked for.
+/// Returns a command that writes a register. The reply must carry the exact value, because a
+/// limited value is not the requested one.
 fn write(address: u8, value: u16) -> Exchange {
     let tail = format!("{address:02X}{value:04X}");
     let shows = || Expect::Contains(format!("{{S{tail}"));

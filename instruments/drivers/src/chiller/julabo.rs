@@ -16,7 +16,7 @@ pub(super) const JULABO: Julabo = Julabo;
 
 pub(super) struct Julabo;
 
-/// Its settings in words.
+/// Descriptions of its settings.
 const SETTINGS: &[Setting] = &[
     Setting::number("IN_SP_00", "set-point", "°C"),
     Setting::switch("IN_MODE_05", "control", ON_OFF),
@@ -36,8 +36,8 @@ impl Model for Julabo {
     }
 
     fn profile(&self) -> LinkProfile {
-        // The manual asks for 250 ms after a command and 10 ms after a query; what comes a little
-        // early on the way there is lost without a word.
+        // The manual requires 250 ms after a command and 10 ms after a query; messages that arrive
+        // a little early are lost silently.
         LinkProfile {
             grammar: Grammar::Plain,
             terminator: Terminator::Cr,
@@ -101,7 +101,7 @@ impl Dialect for Julabo {
         ["IN_PV_00", "STATUS"]
     }
 
-    /// A warning, or a complaint of the last command, says nothing of whether it runs.
+    /// A warning, or an error in the last command, does not indicate whether it runs.
     fn asks_whether_it_runs(&self, answer: &str) -> Option<(&'static str, Expect)> {
         let code = answer.split_whitespace().next()?.parse::<i32>().ok()?;
         (code < 0).then_some(("IN_MODE_05", Expect::Word(&["1"])))

@@ -52,11 +52,11 @@ impl Instrument<dyn Dialect> {
         }
     }
 
-    /// Sets the temperature and starts, where it has a set-point; read back, for some ignore
-    /// commands silently while in manual mode.
+    /// Sets the temperature, if it has a set-point, and starts. Both are read back, because some
+    /// baths ignore commands silently in manual mode.
     ///
     /// # Errors
-    /// The link's; manual mode; an alarm.
+    /// The link's errors; manual mode; an alarm.
     pub async fn start(&mut self, setpoint: Celsius) -> Result<(), LinkError> {
         let status = self.status().await?;
         self.require_remote(&status)?;
@@ -102,7 +102,7 @@ impl Instrument<dyn Dialect> {
     /// Stops the chiller.
     ///
     /// # Errors
-    /// The link's; a read-back that differs; manual mode, unless it stands still already.
+    /// The link's errors; a read-back that differs; manual mode, unless it is already stopped.
     pub async fn stop(&mut self) -> Result<(), LinkError> {
         self.expect_nothing().await;
         let stopped = self.play(&self.dialect.run(None)).await;
@@ -126,10 +126,10 @@ impl Instrument<dyn Dialect> {
         ))
     }
 
-    /// Asks whether it stands still, or its relays are open, and changes nothing.
+    /// Queries whether it is stopped, or its relays are open, and changes nothing.
     ///
     /// # Errors
-    /// The link's.
+    /// The link's errors.
     pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
         look(&mut self.link, &self.dialect.run(None)).await
     }

@@ -24,19 +24,19 @@ pub enum Expect {
     },
     /// A switch in this position, answered as `1`/`0` or `ON`/`OFF`.
     Switch(bool),
-    /// One of these words, whatever the case.
+    /// One of these keywords, in any case.
     Word(&'static [&'static str]),
     /// One of these keywords. Errors report other replies with their meaning if it is known.
     Confirmed {
         /// Answers that count as done.
         words: &'static [&'static str],
-        /// Refusals and what they mean.
+        /// Refusals and their meaning.
         refusals: &'static [(&'static str, &'static str)],
     },
     /// A field of a Siglent `KEY,value,KEY,value` answer with a number within `tolerance` of
     /// `value`.
     Fields(Vec<(&'static str, f64, f64)>),
-    /// A field of a Siglent `KEY,value,KEY,value` answer with this word.
+    /// A field of a Siglent `KEY,value,KEY,value` reply with this keyword.
     FieldWord(&'static str, &'static str),
     /// All of these.
     All(Vec<Expect>),
@@ -52,7 +52,7 @@ pub enum Expect {
 }
 
 impl Expect {
-    /// A number that was to be set and is none: no instrument may see it.
+    /// Returns the requested number if it is not finite: no instrument may receive it.
     pub(super) fn not_finite(&self) -> Option<f64> {
         match self {
             Self::Number { value, .. } | Self::Magnitude { value, .. } => {
@@ -67,10 +67,10 @@ impl Expect {
         }
     }
 
-    /// Judges an answer.
+    /// Checks a reply.
     ///
     /// # Errors
-    /// Expected answer, in words that follow "expected".
+    /// The expected reply, as text that follows "expected".
     pub fn judge(&self, answer: &str) -> Result<(), String> {
         match self {
             Self::Number { value, tolerance } => {
@@ -112,7 +112,7 @@ impl Expect {
             }
             Self::Fields(fields) => fields.iter().try_for_each(|(key, value, tolerance)| {
                 let text = field(answer, key).ok_or_else(|| format!("a field {key}"))?;
-                // A long answer is cut where it is shown, perhaps before this field.
+                // A long reply is truncated in messages, perhaps before this field.
                 judge_number(text, *value, *tolerance, key)
                     .map_err(|expected| format!("{expected}, found {text}"))
             }),
@@ -175,7 +175,7 @@ pub fn field<'a>(answer: &'a str, key: &str) -> Option<&'a str> {
     None
 }
 
-/// A hexadecimal status word such as `0x0224` or `#MST:08000002`.
+/// Parses a hexadecimal status word such as `0x0224` or `#MST:08000002`.
 pub fn hex_word(answer: &str) -> Option<u32> {
     let text = after_header(answer).trim();
     let digits = text

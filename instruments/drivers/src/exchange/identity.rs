@@ -35,7 +35,7 @@ impl Identity {
                 firmware,
             };
         }
-        // The answer is the set-point, which says nothing of the unit.
+        // The reply is the set-point, which does not identify the unit.
         if without_prefix(&raw, "{S00").is_some() {
             return Self {
                 raw,
@@ -101,7 +101,7 @@ impl Identity {
             }
     }
 
-    /// Whether the instrument reports a serial number: `0` is none.
+    /// Returns whether the instrument reports a serial number: `0` counts as missing.
     pub fn has_serial(&self) -> bool {
         self.serial.chars().any(|c| !matches!(c, '0' | ' ' | '-'))
     }

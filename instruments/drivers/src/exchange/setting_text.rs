@@ -1,5 +1,5 @@
-//! Words the settings of an instrument for a person, where an answer is not as expected. Raw
-//! answers and masks are for the log.
+//! Describes the settings of an instrument for a person, if a reply is not as expected. Raw replies
+//! and masks are for the log.
 
 use instruments_scpi::{message::parse_response, number::parse_bool};
 
@@ -8,7 +8,7 @@ use super::expect::{Expect, field, hex_word, leading_number, plain};
 /// One setting of a model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Setting {
-    /// The question for it; `#` stands for any digit.
+    /// The query for it; `#` stands for any digit.
     pub question: &'static str,
     /// Name, as in "its output is off".
     pub name: &'static str,
@@ -26,18 +26,18 @@ pub enum Says {
     Number(&'static str),
     /// Four hexadecimal digits at the end: hundredths of this unit in two's complement.
     Hundredths(&'static str),
-    /// One of these states; of another it is only said that it is none of them.
+    /// One of these states. Another state is only reported as not one of them.
     States(&'static [(Shows, &'static str)]),
 }
 
 /// How an answer shows a state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shows {
-    /// It is this word.
+    /// It is this keyword.
     Word(&'static str),
     /// It holds this text.
     Text(&'static str),
-    /// Its field of this name has this word.
+    /// Its field of this name has this keyword.
     Field(&'static str, &'static str),
     /// A status word whose bits under this mask have this value.
     Bits(u32, u32),
@@ -102,7 +102,7 @@ impl Setting {
         }
     }
 
-    /// Whether a switch is on by an answer; `None` where the question was another one.
+    /// Returns whether a reply shows that a switch is on, or `None` if the query was another one.
     pub fn shows_on(&self, question: &str, answer: &str) -> Option<bool> {
         match self
             .found(answer)
@@ -122,7 +122,8 @@ impl Setting {
             && self.question.bytes().zip(question.bytes()).all(same)
     }
 
-    /// Expected value, in words; `None` where the expectation is not about this setting.
+    /// Returns the expected value as text, or `None` if the expectation does not concern this
+    /// setting.
     fn wanted(&self, expect: &Expect) -> Option<String> {
         match (self.says, expect) {
             (Says::Number(unit), Expect::Number { value, tolerance }) => {
@@ -142,7 +143,7 @@ impl Setting {
         }
     }
 
-    /// Meaning of an answer, in words; `None` where it has no known meaning.
+    /// Returns the meaning of a reply as text, or `None` if it has no known meaning.
     fn found(&self, answer: &str) -> Option<String> {
         match self.says {
             Says::Number(unit) => {
@@ -198,7 +199,7 @@ impl Shows {
     }
 }
 
-/// Value that was set, in words. A least value, which each instrument rounds in its own way, is
+/// Returns the set value as text. A smallest value, which each instrument rounds differently, is
 /// given as the limit that it stays below.
 fn number(value: f64, tolerance: f64, unit: &str) -> String {
     let at_most = value > 0.0 && (value - tolerance).abs() <= 1.0e-9 * value;
@@ -217,7 +218,7 @@ fn hundredths(answer: &str) -> Option<f64> {
         .map(|value| f64::from(value.cast_signed()) / 100.0)
 }
 
-/// Difference between an answer and a setting, in words.
+/// Difference between a reply and a setting, as text.
 pub(super) struct Differs {
     /// State that was found, as in "its output is off".
     pub(super) found: String,
@@ -228,7 +229,8 @@ pub(super) struct Differs {
 }
 
 impl Differs {
-    /// In words, of what this run has set; none where the answer is as expected.
+    /// Returns the difference as text, for settings of this run, or `None` if the reply is as
+    /// expected.
     pub(super) fn of(
         settings: &[Setting],
         question: &str,
@@ -433,7 +435,7 @@ mod tests {
         assert_eq!(told("OUTP1?", &Expect::Switch(true), "ON"), None);
     }
 
-    /// Checks that each answer that a read-back may meet has words in each dialect.
+    /// Checks that each dialect has a description for each reply that a read-back may return.
     fn judged(model: &str, settings: &[Setting], scripts: &[Vec<Exchange>]) {
         for exchange in scripts.iter().flatten() {
             let (Exchange::Set {

@@ -4,8 +4,8 @@ use instruments_domain::units::{Hertz, Volts};
 
 use crate::{exchange::Exchange, instrument::Model};
 
-/// The least sine of a model may be this much, V peak to peak: 20 mA of a supply of ±20 A at ±10 V,
-/// a fifth of what a meter may show where nothing flows.
+/// Largest accepted smallest sine of a model, V peak to peak: 20 mA of a supply of ±20 A at ±10 V,
+/// a fifth of what a meter may show without a current.
 pub(super) const QUIET_VPP: f64 = 0.02;
 
 /// A burst may begin so far from phase zero, degrees: behind it stays the level at which it began,
@@ -32,8 +32,8 @@ pub struct Sine {
 pub struct Wave {
     /// Its name in the instrument: a letter, then letters and digits.
     pub name: String,
-    /// One period in equal steps, −1 … 1 of the amplitude; a power of two, at most what the model
-    /// holds.
+    /// One period in equal steps, −1 … 1 of the amplitude; their number is a power of two, at most
+    /// what the model holds.
     pub steps: Vec<f64>,
     /// Periods per second.
     pub freq: Hertz,
@@ -87,8 +87,8 @@ pub struct Capabilities {
 pub trait Dialect: Model {
     /// Capabilities of the model.
     fn capabilities(&self) -> Capabilities;
-    /// Output off (with an open-circuit load setting, so that the volts are true), or on; on is
-    /// refused where the volts would not be true.
+    /// Switches the output off (with an open-circuit load setting, so that the volts are true) or
+    /// on. Switching on is refused if the volts would not be true.
     fn output(&self, channel: u8, on: bool) -> Vec<Exchange>;
     /// A sine; the output stays as it is.
     fn sine(&self, channel: u8, sine: &Sine) -> Vec<Exchange>;
@@ -105,7 +105,7 @@ pub trait Dialect: Model {
             reason: "expected a model that plays waves, found one that plays sines".to_owned(),
         }]
     }
-    /// Most periods of a burst; none where the model has no bursts.
+    /// Returns the maximum number of periods of a burst, or `None` if the model has no bursts.
     fn most_periods(&self) -> Option<u32> {
         None
     }
@@ -126,7 +126,7 @@ pub trait Dialect: Model {
     /// output state and the other settings do not change. A unit is not refused if its smallest
     /// amplitude exceeds that of its manual, up to 20 mVpp.
     fn direct(&self, channel: u8, offset: Volts) -> Vec<Exchange>;
-    /// The least sine around an offset, everything else that could move the output off; the output
-    /// stays as it is.
+    /// Sets the smallest sine around an offset and switches off everything else that could move the
+    /// output; the output state does not change.
     fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange>;
 }

@@ -34,7 +34,7 @@ const OFFSET_TOLERANCE_V: f64 = 1.0e-3;
 
 pub(super) struct Keysight;
 
-/// Its settings in words.
+/// Descriptions of its settings.
 const SETTINGS: &[Setting] = &[
     Setting::switch("OUTP#?", "output", ON_OFF),
     Setting::state(
@@ -162,8 +162,8 @@ impl Dialect for Keysight {
 
     fn output(&self, channel: u8, on: bool) -> Vec<Exchange> {
         let switch = Exchange::switch(&format!("OUTP{channel}"), on);
-        // With 50 Ω set, an open analog input would see twice the volts that were asked for;
-        // inverted, it would charge instead of discharge.
+        // With 50 Ω set, an open analog input would see twice the requested volts; inverted, it
+        // would charge instead of discharge.
         let load = Exchange::Set {
             message: format!("OUTP{channel}:LOAD INF"),
             read_back: format!("OUTP{channel}:LOAD?"),
@@ -286,7 +286,7 @@ impl Dialect for Keysight {
                 offset_v,
                 OFFSET_TOLERANCE_V,
             ),
-            // The function before the amplitude: else a sine would have it.
+            // The function before the amplitude, because otherwise a sine would get this amplitude.
             Exchange::word(
                 format!("{source}:FUNC ARB"),
                 format!("{source}:FUNC?"),
@@ -351,7 +351,8 @@ impl Dialect for Keysight {
 
     fn direct(&self, channel: u8, offset: Volts) -> Vec<Exchange> {
         let source = format!("SOUR{channel}");
-        // The amplitude before the function: else a sine would have that of the wave before it.
+        // The amplitude before the function, because otherwise a sine would get that of the
+        // previous wave.
         let mut script = still(&source).to_vec();
         let sine = self.sine(
             channel,

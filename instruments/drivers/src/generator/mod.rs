@@ -59,7 +59,7 @@ impl Instrument<dyn Dialect> {
         self.tell(&script).await
     }
 
-    /// Most periods of a burst; none where the model has no bursts.
+    /// Returns the maximum number of periods of a burst, or `None` if the model has no bursts.
     pub fn most_periods(&self) -> Option<u32> {
         self.dialect.most_periods()
     }
@@ -116,16 +116,16 @@ impl Instrument<dyn Dialect> {
         self.play_all(&script).await
     }
 
-    /// Asks whether the output is off, and changes nothing.
+    /// Queries whether the output is off, and changes nothing.
     ///
     /// # Errors
-    /// The link's.
+    /// The link's errors.
     pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
         let script = self.dialect.output(self.output_channel(), false);
         look(&mut self.link, &script).await
     }
 
-    /// Forgets what is known of the signal, but not of the output.
+    /// Forgets the known state of the signal, but not that of the output.
     async fn forget_signal(&self) {
         let script = self.dialect.output(self.output_channel(), true);
         self.expected.lock().await.keep(&script);

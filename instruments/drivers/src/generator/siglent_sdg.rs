@@ -34,7 +34,7 @@ const BURST_PERIODS: u32 = 1_000_000;
 
 pub(super) struct Sdg;
 
-/// Its settings in words.
+/// Descriptions of its settings.
 const SETTINGS: &[Setting] = &[
     Setting::switch(
         "C#:OUTP?",
@@ -138,8 +138,8 @@ impl Dialect for Sdg {
     fn output(&self, channel: u8, on: bool) -> Vec<Exchange> {
         let outp = |arguments: &str, expect| set(channel, "OUTP", arguments, expect);
         if on {
-            // With 50 Ω set, an open analog input would see twice the volts that were asked for;
-            // inverted, it would charge instead of discharge.
+            // With 50 Ω set, an open analog input would see twice the requested volts; inverted, it
+            // would charge instead of discharge.
             let true_volts = || vec![contains("LOAD,HZ"), contains("PLRT,NOR")];
             let on = [vec![contains("OUTP ON")], true_volts()].concat();
             return vec![

@@ -1,5 +1,5 @@
-//! Changes the fixture in the jig when no person does: on the simulated bench a small device of its
-//! own, later a relay.
+//! Changes the fixture in the jig without a person: on the simulated bench a separate small device,
+//! later a relay.
 
 use instruments_domain::fixture::Fixture;
 use instruments_link::link::{Link, LinkError, LinkProfile};
@@ -42,7 +42,7 @@ impl Jig {
     /// Clamps a fixture; every output must be off.
     ///
     /// # Errors
-    /// The link's; a jig that holds something else afterwards.
+    /// The link's errors; a jig that holds another fixture afterwards.
     pub async fn mount(&mut self, fixture: Fixture) -> Result<(), LinkError> {
         let script = match fixture {
             Fixture::Cell => Exchange::word("JIG:MOUNT CELL", "JIG:MOUNT?", &["CELL"]),

@@ -83,10 +83,10 @@ impl Instrument<dyn Dialect> {
         self.bounded_by(self.dialect.bounds()).await
     }
 
-    /// Asks whether the input is off, and changes nothing.
+    /// Queries whether the input is off, and changes nothing.
     ///
     /// # Errors
-    /// The link's.
+    /// The link's errors.
     pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
         look(&mut self.link, &self.dialect.input(false)).await
     }

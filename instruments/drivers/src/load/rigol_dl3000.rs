@@ -21,7 +21,7 @@ const ABOVE_ANY_CELL_V: f64 = 14.0;
 
 pub(super) struct Dl3000;
 
-/// Its settings in words.
+/// Descriptions of its settings.
 const SETTINGS: &[Setting] = &[
     Setting::switch(":SOUR:INP:STAT?", "input", ON_OFF),
     Setting::state(
@@ -85,7 +85,7 @@ fn voltmeter() -> [Exchange; 2] {
 
 impl Dialect for Dl3000 {
     fn capabilities(&self) -> Capabilities {
-        // Whether `VON` also stops what it let begin, its guide does not say.
+        // The guide does not state whether `VON` also stops a load that it let start.
         Capabilities {
             max_current: Amps(40.0),
             max_power_w: 200.0,
@@ -161,8 +161,8 @@ impl Dialect for Dl3000 {
         }
         script.extend([volts, sense]);
         script.extend(self.level(discharge.draw));
-        // It does not begin to sink below this voltage; whether it also stops there, its guide does
-        // not say, so that nothing is built on it.
+        // The load does not start to sink below this voltage. The guide does not state whether it
+        // also stops there, so nothing relies on it.
         script.push(Exchange::fixed(
             ":SOUR:CURR:VON",
             discharge.stop_below.value(),

@@ -1,5 +1,5 @@
-//! Siglent SDL1000X: no error queue, so every setting is read back. The set words and the answers
-//! of `FUNC` differ.
+//! Siglent SDL1000X: no error queue, so every setting is read back. The keywords that set `FUNC`
+//! differ from those in its replies.
 
 use instruments_domain::units::{Amps, Watts};
 use instruments_link::link::LinkProfile;
@@ -23,7 +23,7 @@ const ABOVE_ANY_CELL_V: f64 = 30.0;
 
 pub(super) struct Sdl;
 
-/// Its settings in words.
+/// Descriptions of its settings.
 const SETTINGS: &[Setting] = &[
     Setting::switch(":INP?", "input", ON_OFF),
     Setting::state(
@@ -154,8 +154,8 @@ impl Dialect for Sdl {
         // This is a second guard beside the daemon.
         script.push(Exchange::switch(":VOLT:LATC", false));
         script.push(Exchange::fixed(":VOLT:LEV:ON", stop, 3, 5.0e-3));
-        // And a third one above the current that is asked for; that of an earlier discharge must
-        // not cut off a power.
+        // A third guard lies above the requested current; that of an earlier discharge must not cut
+        // off a power.
         let protection = match discharge.draw {
             Draw::Current(current) => {
                 (100.0 * (PROTECTION.0 * current.value() + PROTECTION.1)).round() / 100.0

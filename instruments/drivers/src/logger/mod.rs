@@ -84,7 +84,7 @@ impl Instrument<dyn Dialect> {
     fn ascending(&self) -> Vec<u16> {
         let mut channels = self.channels.clone();
         channels.sort_unstable();
-        // A channel that is asked for twice is scanned once.
+        // A channel that is listed twice is scanned once.
         channels.dedup();
         channels
     }

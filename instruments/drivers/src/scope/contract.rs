@@ -96,8 +96,8 @@ pub enum Intent {
     Trigger(Trigger),
     /// Arm for repeated triggers.
     Arm,
-    /// Record without a trigger: from a screen that holds half a second on, a stop keeps what the
-    /// screen held just then.
+    /// Record without a trigger: if the screen spans half a second or more, a stop keeps the
+    /// screen's contents at that time.
     Roll,
     /// Keep the newest complete frame.
     Stop,
@@ -201,7 +201,7 @@ pub trait Dialect: Model {
     fn capabilities(&self) -> Capabilities;
     /// The texts for an intent.
     fn script(&self, intent: &Intent) -> Vec<Exchange>;
-    /// The texts that choose another channel of the same frame, where everything else of an
+    /// Returns the texts that choose another channel of the same frame, if everything else of an
     /// [`Intent::Transfer`] was sent just before.
     fn beside(&self, channel: u8, stride: u64) -> Vec<Exchange> {
         self.script(&Intent::Transfer { channel, stride })

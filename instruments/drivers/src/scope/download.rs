@@ -21,8 +21,8 @@ impl Instrument<dyn Dialect> {
     /// spread.
     ///
     /// # Errors
-    /// The link's; a descriptor that cannot be read (zeroed where no frame was ever completed); a
-    /// page that is empty.
+    /// The link's errors; a descriptor that cannot be parsed (zeroed if no frame was ever
+    /// completed); an empty page.
     pub async fn download(&mut self, channel: u8, points: u64) -> Result<Waveform, LinkError> {
         let in_memory = self.points_in_memory().await?;
         let stride = stride_of(in_memory, points);
@@ -38,10 +38,10 @@ impl Instrument<dyn Dialect> {
                 return Ok(waveform);
             }
         }
-        // Whether the start of a second page counts points of the record or those left by the
-        // stride is written nowhere: what the scope thins out must fit one page, the rest is
-        // thinned out here. How long a page is shows when it comes; some are shorter than
-        // announced.
+        // No manual states whether the start of a second page counts points of the record or those
+        // left by the stride. A record that the scope decimates must therefore fit one page; the
+        // rest is decimated here. The length of a page is known only when it arrives; some are
+        // shorter than announced.
         let mut whole = self
             .transfer(Chosen {
                 channel,
@@ -59,12 +59,12 @@ impl Instrument<dyn Dialect> {
         Ok(whole)
     }
 
-    /// Says which channel will be downloaded, while the scope still acquires, so that nothing but
-    /// the samples is left to be asked for when it has stopped. Nothing is chosen on a model that
-    /// takes such settings only when it has stopped, or does not show that it took them.
+    /// Selects the channel to download while the scope still acquires, so that only the samples
+    /// remain to be requested when it has stopped. Selects nothing on a model that accepts such
+    /// settings only when it has stopped, or does not show that it accepted them.
     ///
     /// # Errors
-    /// The link's.
+    /// The link's errors.
     pub async fn choose(&mut self, channel: u8, points: u64) -> Result<Option<Chosen>, LinkError> {
         if !self.dialect.capabilities().thins_out {
             return Ok(None);
@@ -88,8 +88,8 @@ impl Instrument<dyn Dialect> {
         })
     }
 
-    /// Downloads what was chosen before the scope stopped; from the beginning where the frame is
-    /// not as long as it was to be, or more than a page.
+    /// Downloads the selection that was made before the scope stopped. Starts over if the frame is
+    /// shorter than planned, or longer than a page.
     ///
     /// # Errors
     /// As [`Self::download`].
@@ -134,7 +134,7 @@ impl Instrument<dyn Dialect> {
         let in_memory = before.preamble.points;
         let stride = stride_of(in_memory, points);
         let whole = before.codes.len() as u64 >= in_memory.div_ceil(stride);
-        // What was thinned out here left the scope at another stride and page.
+        // A record that was decimated here left the scope at another stride and page.
         if !(self.dialect.capabilities().thins_out && whole && !before.thinned_here) {
             return self.download(channel, points).await;
         }

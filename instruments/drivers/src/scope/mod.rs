@@ -1,8 +1,8 @@
 //! The oscilloscope that digitises the four probe channels.
 //!
-//! Nothing of an earlier session is trusted: transfer start, stride, width and format survive
-//! disconnects on these instruments, so every download sets them again, and takes its scaling from
-//! the same acquisition.
+//! No state of an earlier session is trusted: transfer start, stride, width and format survive
+//! disconnects on these instruments, so every download sets them again, and uses the scaling of the
+//! same acquisition.
 
 mod contract;
 mod download;
@@ -41,10 +41,10 @@ impl Instrument<dyn Dialect> {
         self.play(&self.dialect.script(intent)).await
     }
 
-    /// Stops and waits until the scope says so.
+    /// Stops the scope and waits until it reports that it has stopped.
     ///
     /// # Errors
-    /// The link's; a scope that does not stop.
+    /// The link's errors; a scope that does not stop.
     pub async fn stop(&mut self) -> Result<(), LinkError> {
         self.set(&Intent::Stop).await?;
         let queries = self.dialect.queries();

@@ -162,8 +162,8 @@ impl Dialect for Dho {
                         read_back: ":WAV:SOUR?".to_owned(),
                         expect: Expect::Contains(source),
                     },
-                    // Through the screen's format and back: else the number of points of an earlier
-                    // memory depth stays.
+                    // Switches to the screen's format and back; otherwise the number of points of
+                    // an earlier memory depth remains.
                     Exchange::word(":WAV:MODE NORM", ":WAV:MODE?", &["NORM"]),
                     Exchange::word(":WAV:MODE RAW", ":WAV:MODE?", &["RAW"]),
                     Exchange::word(":WAV:FORM WORD", ":WAV:FORM?", &["WORD"]),
@@ -240,7 +240,8 @@ impl Dialect for Dho {
             offset_v: (origin + reference - f64::from(CENTRE)) * volts_per_code,
             volts_per_div: volts_per_code * CODES_PER_DIV,
             interval_s,
-            // Of the first point; the role, which knows how many there are, makes the centre of it.
+            // Delay of the first point; the role, which has the number of points, converts it to
+            // that of the centre.
             delay_s: origin_s,
             code_min: i16::MIN,
             code_max: i16::MAX,

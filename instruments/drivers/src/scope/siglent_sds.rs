@@ -107,8 +107,8 @@ impl Dialect for Sds {
                         scale,
                         0.02 * scale,
                     ),
-                    // The limit of the offset depends on the scale, so the scale comes first. Where
-                    // exactly it went stands in the descriptor; here only a clamped one must show.
+                    // The limit of the offset depends on the scale, so the scale comes first. The
+                    // descriptor contains the exact offset; this check only detects a clamped one.
                     Exchange::number(
                         format!(":CHANnel{n}:OFFSet {offset:.5E}"),
                         format!(":CHANnel{n}:OFFSet?"),

@@ -10,7 +10,7 @@ use crate::{
     instrument::{Model, Unattended, ms},
 };
 
-/// Keysight E36312A and its sisters with the same first channel.
+/// Keysight E36312A and related models with the same first channel.
 pub(super) const E36312A: Keysight = Keysight;
 
 /// The channel that is wired to the cell.
@@ -18,12 +18,12 @@ const CHANNEL: u32 = 1;
 /// So far above the limit of the charge the instrument switches itself off, V: beyond its
 /// overshoot, below what harms a cell at once.
 const OVER_VOLTAGE_V: f64 = 0.2;
-/// Rounding of what is read back, V and A.
+/// Rounding of read-backs, V and A.
 const READ_BACK: f64 = 2.0e-3;
 
 pub(super) struct Keysight;
 
-/// Its settings in words.
+/// Descriptions of its settings.
 const SETTINGS: &[Setting] = &[
     Setting::switch("OUTP? (@1)", "output", ON_OFF),
     Setting::number("VOLT? (@1)", "voltage", "V"),
@@ -77,7 +77,7 @@ fn number(header: &str, value: f64) -> Exchange {
     }
 }
 
-/// `HEADER word,(@1)`, read back by `HEADER? (@1)` as one of `words`.
+/// Returns the command `HEADER word,(@1)`, read back by `HEADER? (@1)` as one of `words`.
 fn word(header: &str, word: &str, words: &'static [&'static str]) -> Exchange {
     Exchange::word(
         format!("{header} {word},(@{CHANNEL})"),
@@ -133,7 +133,8 @@ impl Dialect for Keysight {
 
     fn prepare(&self, charge: &Charge) -> Vec<Exchange> {
         vec![
-            // Sense leads that were chosen once and are not there would let the terminals rise.
+            // Sense leads that were selected earlier and are now disconnected would let the
+            // terminal voltage rise.
             word("VOLT:SENS:SOUR", "INT", &["INT", "INTernal"]),
             // A charge runs at its current limit: a protection that takes that for a fault must not
             // be armed.

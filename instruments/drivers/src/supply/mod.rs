@@ -76,10 +76,10 @@ impl Instrument<dyn Dialect> {
         self.bounded_by(self.dialect.bounds()).await
     }
 
-    /// Asks whether the output is off, and changes nothing.
+    /// Queries whether the output is off, and changes nothing.
     ///
     /// # Errors
-    /// The link's.
+    /// The link's errors.
     pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
         look(&mut self.link, &self.dialect.output(false)).await
     }

@@ -15,12 +15,12 @@ pub(super) const DP832: Dp832 = Dp832;
 
 /// So far above the limit of the charge the instrument switches itself off, V.
 const OVER_VOLTAGE_V: f64 = 0.2;
-/// Rounding of what is read back, V and A.
+/// Rounding of read-backs, V and A.
 const READ_BACK: f64 = 2.0e-3;
 
 pub(super) struct Dp832;
 
-/// Its settings in words.
+/// Descriptions of its settings.
 const SETTINGS: &[Setting] = &[
     Setting::switch(":OUTP? CH1", "output", ON_OFF),
     Setting::number(":SOUR1:VOLT?", "voltage", "V"),

@@ -1,5 +1,5 @@
 //! Siglent SPD3303X: no output query, so the state is read from the hexadecimal status word (bit 4:
-//! channel 1 on); its error answers are not quoted. Wants 10 ms after each write.
+//! channel 1 on); its error replies are not quoted. Needs 10 ms after each write.
 
 use instruments_domain::units::{Amps, Volts};
 use instruments_link::link::LinkProfile;
@@ -22,7 +22,7 @@ const CHANNEL_1_ON: u32 = 1 << 4;
 
 pub(super) struct Spd;
 
-/// Its settings in words.
+/// Descriptions of its settings.
 const SETTINGS: &[Setting] = &[
     Setting::switch(
         "SYST:STAT?",

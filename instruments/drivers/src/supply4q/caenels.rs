@@ -2,10 +2,10 @@
 //! `#NAK:nn` (vendor's EPICS database and protocol file; list of the refusals from a public
 //! driver).
 //!
-//! In current mode no compliance can be sent, and whether its own limits (`MLIMITS`) bound the
-//! analog input is not known: only its rating does for certain. So nothing is claimed to hold but
-//! what the daemon reads. Assumed, for want of a source: the output is open when off; it follows
-//! the analog input to 300 Hz.
+//! In current mode no compliance can be sent. It is not known whether the unit's own limits
+//! (`MLIMITS`) bound the analog input; only its rating certainly does. So the driver claims no
+//! limit except those that the daemon monitors. Assumed, for lack of a source: the output is open
+//! when off; it follows the analog input to 300 Hz.
 
 use instruments_domain::units::{Amps, Hertz, Volts};
 use instruments_link::link::{Grammar, LinkProfile};
@@ -21,7 +21,7 @@ use crate::{
 pub(super) const FAST_PS: FastPs = FastPs;
 
 const FULL_SCALE: Amps = Amps(20.0);
-/// Bit of the status word that says that the output is on.
+/// Bit of the status word for an output that is on.
 const ON: u32 = 1;
 const REFUSALS: &[(&str, &str)] = &[
     ("#NAK:01", "unknown command"),
@@ -44,7 +44,7 @@ const REFUSALS: &[(&str, &str)] = &[
 
 pub(super) struct FastPs;
 
-/// Its settings in words.
+/// Descriptions of its settings.
 const SETTINGS: &[Setting] = &[
     Setting::switch(
         "MST",
@@ -153,7 +153,7 @@ impl Dialect for FastPs {
     fn zero(&self) -> Vec<Way> {
         let zero = Exchange::Ask {
             message: "MWI:0".to_owned(),
-            // What is off has no set-point.
+            // An output that is off has no set-point.
             expect: Expect::Confirmed {
                 words: &["#AK", "#NAK:13"],
                 refusals: REFUSALS,

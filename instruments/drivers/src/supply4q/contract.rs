@@ -58,9 +58,9 @@ pub struct Capabilities {
 /// Limits programmed into the instrument before it is energised.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// Compliance voltage in current mode; sent where [`Capabilities::holds`] says so.
+    /// Compliance voltage in current mode; sent if [`Capabilities::holds`] lists it.
     pub compliance: Volts,
-    /// Greatest current of either sign; sent where [`Capabilities::holds`] says so.
+    /// Greatest current of either sign; sent if [`Capabilities::holds`] lists it.
     pub current: Amps,
 }
 
@@ -68,12 +68,13 @@ pub struct Limits {
 pub trait Dialect: Model {
     /// Capabilities of the model.
     fn capabilities(&self) -> Capabilities;
-    /// Switches the output. Off is the first and the last thing, and must leave the cell
-    /// unconnected, not shorted by an output that holds zero volts: where the instrument can do
-    /// either, the script chooses first.
+    /// Switches the output. The first and the last step of a session switch it off. This must leave
+    /// the cell unconnected, not shorted by an output that holds zero volts: if the instrument can
+    /// do either, the script selects the former first.
     fn output(&self, on: bool) -> Vec<Exchange>;
-    /// Ways to drive nothing while the output does not go off, the gentlest first. One that only
-    /// its analog input commands has none of its own: the generator's least sine is it.
+    /// Returns methods to drive no current if the output does not switch off, the gentlest first. A
+    /// model with an analog input as its only command has none; the generator's smallest sine
+    /// serves instead.
     fn zero(&self) -> Vec<Way>;
     /// Limits of the current within the instrument.
     fn bounds(&self) -> &'static [Bound] {
@@ -85,8 +86,8 @@ pub trait Dialect: Model {
     fn analog(&self, on: bool) -> Vec<Exchange>;
     /// Queries for terminal voltage and current.
     fn measure(&self) -> [&'static str; 2];
-    /// Query for the limits of its own: least and greatest voltage, least and greatest current,
-    /// separated by `:`.
+    /// Returns the query for its own limits: least and greatest voltage, least and greatest
+    /// current, separated by `:`.
     fn own_limits(&self) -> Option<&'static str> {
         None
     }

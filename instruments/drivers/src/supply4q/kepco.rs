@@ -1,8 +1,8 @@
-//! Kepco BOP. Two families that differ where it matters: BOP-MG/-GL select the analog input by
+//! Kepco BOP. Two families differ in how the analog input is selected: BOP-MG/-GL select it by
 //! command (`CURR:MODE EXT`, manual BOP 1KW-MG, section 3.5.6), the linear BOP 20-20 with a BIT
-//! card by switches and wiring, where `EXT` is an unknown word.
+//! card by switches and wiring, and there `EXT` is an unknown keyword.
 //!
-//! Numbers go out as plain `%.4f`: the parser of the instrument drops digits silently when there
+//! Numbers are sent as plain `%.4f`: the parser of the instrument drops digits silently if there
 //! are more than four before the point.
 
 use instruments_domain::units::{Amps, Hertz, Volts};
@@ -25,14 +25,14 @@ pub(super) const BOP_LINEAR: Kepco = Kepco {
     analog_select: AnalogSelect::Wiring,
 };
 
-/// Decimals of what is sent.
+/// Decimals of sent numbers.
 const DECIMALS: usize = 4;
-/// Tolerance of what is read back: the display of a 20 A instrument rounds to a milliampere.
+/// Tolerance of read-backs: the display of a 20 A instrument rounds to a milliampere.
 const READ_BACK: f64 = 5.0e-3;
 
 /// The linear units end at 400 W, the switching ones have 1 kW.
 const SWITCHING_FROM_W: f64 = 1000.0;
-/// Full scale of the members that this driver knows.
+/// Full scale of the models that this driver supports.
 const FULL_SCALE: Amps = Amps(20.0);
 
 pub(super) struct Kepco {
@@ -40,7 +40,7 @@ pub(super) struct Kepco {
     analog_select: AnalogSelect,
 }
 
-/// From where a command or a limit comes.
+/// Source of a command or a limit.
 const FOLLOWS: Says = Says::States(&[
     (Shows::Word("FIX"), "its own setting"),
     (Shows::Word("FIXED"), "its own setting"),
@@ -52,7 +52,7 @@ const FOLLOWS: Says = Says::States(&[
     (Shows::Word("GAIN"), "its analog input, scaled"),
 ]);
 
-/// Its settings in words.
+/// Descriptions of its settings.
 const SETTINGS: &[Setting] = &[
     Setting::switch("OUTP?", "output", ON_OFF),
     Setting::state(
@@ -314,7 +314,7 @@ mod tests {
             ["FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000"]
         );
         assert_eq!(BOP_LINEAR.analog(true), []);
-        // What is said of the limit is what is sent.
+        // The described limit is the limit that is sent.
         for supply in [&BOP_MG, &BOP_LINEAR] {
             let sent = words(&supply.prepare(&limits))
                 .iter()

@@ -1,9 +1,9 @@
 //! The bipolar (four-quadrant) supply that drives current through the cell, commanded by an analog
 //! input.
 //!
-//! Bring-up order (and the reverse on the way down): output off, mode, limits, zero, analog select,
-//! output on. The generator must be at zero whenever the output is switched on; that is the
-//! caller's business, for this module knows one instrument only.
+//! Bring-up order (and the reverse when switching off): output off, mode, limits, zero, analog
+//! select, output on. The generator must be at zero whenever the output is switched on; the caller
+//! must ensure this, because this module controls one instrument only.
 
 mod caenels;
 mod contract;
@@ -77,10 +77,10 @@ impl Instrument<dyn Dialect> {
         self.bounded_by(self.dialect.bounds()).await
     }
 
-    /// Asks whether the output is off, and changes nothing.
+    /// Queries whether the output is off, and changes nothing.
     ///
     /// # Errors
-    /// The link's.
+    /// The link's errors.
     pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
         look(&mut self.link, &self.dialect.output(false)).await
     }

@@ -10,7 +10,7 @@ use tokio::{
 
 use crate::transport::{Channel, Stream};
 
-/// Bytes asked of the stream at once.
+/// Number of bytes requested from the stream at once.
 const CHUNK: usize = 64 << 10;
 /// Unasked bytes after which an instrument is taken to talk without end.
 const MAX_UNASKED: usize = 1 << 20;
@@ -18,7 +18,7 @@ const MAX_UNASKED: usize = 1 << 20;
 /// Bytes of a message that are kept when it is read whole, whatever it is.
 const MOST_KEPT: usize = 4096;
 
-/// Why a channel is of no more use.
+/// Why a channel is no longer usable.
 #[derive(Debug)]
 pub(super) enum Broken {
     Closed,
@@ -121,7 +121,7 @@ impl Connection {
         self.channel.clear().await.map_err(broken)
     }
 
-    /// The status byte, where the transport has one.
+    /// Returns the status byte, if the transport has one.
     pub(super) async fn status_byte(&mut self) -> Result<Option<u8>, Broken> {
         self.channel.status_byte().await.map_err(broken)
     }
@@ -140,8 +140,7 @@ impl Connection {
         }
     }
 
-    /// Takes out what arrived without being asked for, line ends left out, and does not wait for
-    /// more.
+    /// Removes data that arrived without a query, without line ends, and does not wait for more.
     pub(super) async fn drain(&mut self) -> Result<Vec<u8>, Broken> {
         if self.channel.carries_end() {
             return Ok(self.decoder.take_rest());
@@ -187,8 +186,8 @@ impl Connection {
     }
 }
 
-/// Reads from the socket itself. The runtime, asked in its place, does not know yet of bytes that
-/// came while its threads were busy, and they would be taken for the next answer.
+/// Reads from the socket itself. The runtime does not know yet of bytes that arrived while its
+/// threads were busy, and those bytes would be mistaken for the next reply.
 fn read_socket(socket: &TcpStream, buffer: &mut [u8]) -> io::Result<Option<usize>> {
     let mut socket = std::net::TcpStream::from(socket.as_fd().try_clone_to_owned()?);
     match io::Read::read(&mut socket, buffer) {

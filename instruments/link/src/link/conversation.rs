@@ -28,7 +28,7 @@ pub const ENDS_MESSAGES: [u8; 3] = [b'\n', b'\r', b'#'];
 /// Most entries that are taken out of an error queue at once; real queues hold 10 to 30.
 const MAX_QUEUED_ERRORS: usize = 20;
 
-/// A connection to one instrument, and what is known of it.
+/// A connection to one instrument, and its known state.
 #[derive(Debug)]
 pub(super) struct Conversation {
     /// Options of the handle that speaks.
@@ -91,7 +91,7 @@ impl Conversation {
     }
 
     pub(super) async fn send_data(&mut self, head: &str, data: &[u8]) -> Result<(), LinkError> {
-        // The grammar sees a number in the place of the data.
+        // For the grammar, a number replaces the data.
         self.guard(&format!("{head}0"), false)?;
         if let Some(byte) = data.iter().find(|byte| ENDS_MESSAGES.contains(byte)) {
             let reason =
@@ -114,7 +114,7 @@ impl Conversation {
         self.remark(&format!("dropped: {why}"));
     }
 
-    /// Asks and waits for a line; remembers an identity.
+    /// Sends a query and waits for a line; stores an identity.
     pub(super) async fn query(&mut self, message: &str) -> Result<String, LinkError> {
         let answer = self
             .ask(message, Expect::Line)

@@ -9,8 +9,8 @@ use instruments_scpi::{
 
 use crate::transport::{Address, TransportError};
 
-/// An exchange that failed; every text names the instrument, the message and the deadline where
-/// there is one.
+/// A failed exchange. Every text names the instrument, the message and the deadline if there is
+/// one.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     /// The address could not be opened.
@@ -32,7 +32,7 @@ pub enum LinkError {
         /// The deadline that passed.
         deadline: Duration,
     },
-    /// Another handle of the same link has taken over, to switch the instrument off.
+    /// Another handle of the same link has taken over to switch the instrument off.
     #[error("{link}: another task has taken over the connection, to switch the instrument off")]
     TakenOver {
         /// The instrument.
@@ -46,7 +46,7 @@ pub enum LinkError {
         /// Its address.
         address: Address,
     },
-    /// The instrument could not be made to forget what it was asked. The link is dropped.
+    /// The instrument could not discard its pending queries. The link is dropped.
     #[error("{link}: expected {expected} after a device clear, found {found}")]
     NotCleared {
         /// The instrument.
@@ -129,7 +129,7 @@ pub enum LinkError {
         #[source]
         source: io::Error,
     },
-    /// The answer is not what it should be. The link is dropped.
+    /// The reply is invalid. The link is dropped.
     #[error("{link}: answer to `{message}`: {source}")]
     Garbage {
         /// The instrument.
@@ -140,7 +140,7 @@ pub enum LinkError {
         #[source]
         source: DecodeError,
     },
-    /// The answer to the error query is none. The link is dropped.
+    /// The reply to the error query is invalid. The link is dropped.
     #[error("{link}: answer to `{message}`: {source}")]
     ErrorQueue {
         /// The instrument.
@@ -175,7 +175,7 @@ pub enum LinkError {
         /// The errors after it.
         further: Vec<ErrorEntry>,
     },
-    /// The instrument did not take over what was set.
+    /// The instrument did not accept the setting.
     #[error("{link}: after `{sent}`, `{asked}` answered `{answered}`: expected {expected}")]
     ReadBack {
         /// The instrument.
@@ -189,7 +189,7 @@ pub enum LinkError {
         /// Expected value.
         expected: String,
     },
-    /// An answer came whole, but says something that no driver can use.
+    /// A reply arrived completely, but its content is unusable.
     #[error("{link}: `{asked}` answered `{answered}`: expected {expected}")]
     Unexpected {
         /// The instrument.
@@ -229,9 +229,9 @@ impl LinkError {
         )
     }
 
-    /// It may be over when the instrument is asked again on a new connection: what was lost, late
-    /// or garbled on the way, or was left in a queue. A setting that an instrument does not take,
-    /// and a message that is none, stay what they are.
+    /// Returns whether the error may disappear if the instrument is queried again on a new
+    /// connection: data that were lost, late or garbled on the way, or left in a queue. A setting
+    /// that an instrument does not accept, and an invalid message, remain errors.
     pub fn may_pass(&self) -> bool {
         !matches!(
             self,

@@ -9,7 +9,7 @@ use instruments_scpi::{header::Pattern, message::parse_program};
 pub enum Grammar {
     /// SCPI: every message is parsed before it is sent.
     Scpi,
-    /// Something else; only checked for printable characters.
+    /// Any other message; only checked for printable characters.
     Plain,
 }
 
@@ -20,13 +20,13 @@ pub const NEVER_SENT: &[&str] = &["*RST", "*TST?", "DIAGnostic:TST?", "DIAGnosti
 /// Why a message is not sent.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Refusal {
-    /// It is not what it should be.
+    /// The message is malformed.
     Malformed(String),
     /// Its header is on the list.
     Forbidden(&'static str),
 }
 
-/// Judges a message before it is sent; `answered` says that an answer will be waited for.
+/// Checks a message before it is sent. `answered` states that the caller will wait for a reply.
 pub(super) fn judge(
     grammar: Grammar,
     never_sent: &'static [&'static str],

@@ -35,7 +35,7 @@ pub struct LinkProfile {
     /// How long a serial line must be silent after it was opened, since a serial port cannot
     /// recognise a reply to a query from an earlier connection.
     pub quiet: Duration,
-    /// Asked after every write; `None` where the instrument has no error queue.
+    /// Sent after every write; `None` if the instrument has no error queue.
     pub error_query: Option<&'static str>,
     /// XON and XOFF are taken out of the answers.
     pub strip_flow_bytes: bool,
@@ -88,7 +88,7 @@ impl Default for LinkProfile {
 pub struct LinkOptions {
     /// The instrument's name on this bench, for messages and transcripts.
     pub name: String,
-    /// Where it is.
+    /// Address of the instrument.
     pub address: Address,
     /// How it wants to be talked to.
     pub profile: LinkProfile,
@@ -96,6 +96,6 @@ pub struct LinkOptions {
     pub clock: Clock,
     /// Where memory addresses are looked up.
     pub hub: MemoryHub,
-    /// Where the conversation is written.
+    /// Destination of the transcript.
     pub tap: Tap,
 }

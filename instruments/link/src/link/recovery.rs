@@ -77,8 +77,8 @@ impl Conversation {
         Ok(byte.is_some_and(|byte| byte & MESSAGE_AVAILABLE != 0))
     }
 
-    /// Asks for something that cannot be taken for the answer to the question that failed, and
-    /// waits until it comes.
+    /// Sends a query whose reply cannot be mistaken for the reply to the failed query, and waits
+    /// until it arrives.
     async fn ask_something_else(&mut self, connection: &mut Connection) -> Result<(), LinkError> {
         let profile = self.options.profile;
         let in_vain = self.asked.to_ascii_uppercase().contains(IDENTITY);
@@ -140,9 +140,9 @@ impl Conversation {
     }
 }
 
-/// Whether a text may be an identity (IEEE 488.2, clause 10.14: fields with commas between them,
-/// the maker first), and not the late list that answers `asked`. A maker's name may have a blank in
-/// it; the header of an answer has colons, or is that of the question.
+/// Returns whether a text may be an identity (IEEE 488.2, clause 10.14: fields separated by commas,
+/// the maker first), and not a late list that answers `asked`. A maker's name may contain a blank;
+/// the header of a reply contains colons, or is that of the query.
 fn looks_like_identity(text: &str, asked: &str) -> bool {
     let maker = text.split(',').next().unwrap_or_default();
     let word = maker.split_whitespace().next().unwrap_or_default();

@@ -1,13 +1,13 @@
-//! Addresses as text; what is written is read back to the same address.
+//! Addresses as text; a written address parses to the same address.
 //!
 //! * `tcp://HOST:PORT`: a raw socket
 //! * `serial:/dev/ttyUSB0?baud=4800&parity=even&data=7&stop=1&flow=rtscts`: a serial port
 //! * `vxi11:HOST/inst0`, `vxi11:HOST/inst0?portmapper=PORT`, `vxi11:HOST:PORT/inst0`: VXI-11; the
-//!   port mapper is asked for the port, or the port is known
+//!   port mapper is queried for the port, or the port is known
 //! * `hislip:HOST/hislip0`, `hislip:HOST:PORT/hislip0`: HiSLIP
 //! * `usbtmc:/dev/usbtmc0`: USBTMC
 //! * `gpib:tcp:HOST:1234/ADDRESS`, `gpib:serial:/dev/ttyUSB0/ADDRESS?baud=…`: GPIB behind an
-//!   adapter of Prologix' kind
+//!   adapter of the Prologix type
 //! * `memory:NAME`: a pipe inside this process
 
 mod error;
@@ -22,7 +22,7 @@ pub use serial::{DataBits, Flow, Parity, SerialSettings, StopBits};
 use crate::wire::{hislip, prologix, rpc};
 pub use error::AddressError;
 
-/// Where an instrument is.
+/// Address of an instrument.
 ///
 /// ```
 /// use instruments_link::transport::Address;
@@ -94,13 +94,13 @@ impl fmt::Display for Socket {
 /// How the core channel of a VXI-11 device is found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Vxi11Port {
-    /// The port mapper at this port knows; 111 by the standard.
+    /// The port mapper at this port provides it; 111 by the standard.
     Mapped(u16),
     /// It is at this port.
     Fixed(u16),
 }
 
-/// Where a GPIB adapter is.
+/// Address of a GPIB adapter.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub enum Adapter {
     /// On the network.
@@ -110,7 +110,7 @@ pub enum Adapter {
 }
 
 impl Address {
-    /// The host, where there is one.
+    /// Returns the host, if there is one.
     pub fn host(&self) -> Option<&str> {
         match self {
             Self::Tcp(socket)
@@ -130,7 +130,7 @@ impl Address {
         }
     }
 
-    /// The device's file, where there is one.
+    /// Returns the device file, if there is one.
     pub fn path(&self) -> Option<&str> {
         match self {
             Self::Serial(settings)
@@ -241,7 +241,7 @@ impl From<Address> for String {
     }
 }
 
-/// `HOST:PORT`; the port may be left out where there is a usual one.
+/// Parses `HOST:PORT`; the port may be omitted if there is a usual one.
 fn socket(text: &str, usual: Option<u16>) -> Result<Socket, AddressError> {
     let (host, port) = match text
         .rsplit_once(':')
@@ -308,7 +308,7 @@ fn vxi11(text: &str) -> Result<Address, AddressError> {
         .split_once('?')
         .map_or((text, None), |(text, option)| (text, Some(option)));
     let (place, device) = text.split_once('/').unwrap_or((text, "inst0"));
-    // Zero stands for a port that was not named.
+    // Zero marks an omitted port.
     let Socket { host, port } = socket(place, Some(0))?;
     let port = match (port, option) {
         (0, None) => Vxi11Port::Mapped(rpc::PORT_MAPPER_PORT),

@@ -73,11 +73,11 @@ impl Channel {
         self.carries_end() && !matches!(self, Self::UsbTmc(_))
     }
 
-    /// Hands over one message with its terminator, and its end where there is one. On a stream in
-    /// one write, since some instruments take every packet for a message.
+    /// Sends one message with its terminator, and its end mark if the transport has one. A stream
+    /// sends it in one write, since some instruments treat every packet as a message.
     ///
     /// # Errors
-    /// Error of the operating system or the instrument.
+    /// The error of the operating system or the instrument.
     pub async fn send(&mut self, message: &[u8]) -> io::Result<()> {
         match self {
             Self::Stream(stream) => {
@@ -109,11 +109,11 @@ impl Channel {
         }
     }
 
-    /// Makes the instrument forget what it was asked, and throws away what was answered. On USBTMC
-    /// nothing reaches the instrument: what is under way there is only waited for.
+    /// Makes the instrument discard its pending queries, and discards the replies. USBTMC sends
+    /// nothing to the instrument and only waits for the operations under way.
     ///
     /// # Errors
-    /// Error of the operating system or the instrument; on a stream always.
+    /// The error of the operating system or the instrument; on a stream always.
     pub async fn clear(&mut self) -> io::Result<()> {
         match self {
             Self::Stream(_) => Err(io::Error::new(
@@ -127,11 +127,10 @@ impl Channel {
         }
     }
 
-    /// The status byte, by whatever the transport has for a serial poll; `None` where it has
-    /// nothing.
+    /// Returns the status byte by the transport's serial poll, or `None` if the transport has none.
     ///
     /// # Errors
-    /// Error of the operating system or the instrument.
+    /// The error of the operating system or the instrument.
     pub async fn status_byte(&mut self) -> io::Result<Option<u8>> {
         match self {
             Self::Stream(_) | Self::UsbTmc(_) => Ok(None),

@@ -28,7 +28,7 @@ pub enum TransportError {
         /// The name.
         name: String,
     },
-    /// Somebody listens under this name already.
+    /// This name already has a listener.
     #[error("cannot listen on memory:{name}: somebody does already")]
     AlreadyListening {
         /// The name.

@@ -1,9 +1,9 @@
-//! GPIB through an adapter of Prologix' kind, on the network or on a serial port. No other client
-//! may use the adapter.
+//! GPIB through an adapter of the Prologix type, on the network or on a serial port. No other
+//! client may use the adapter.
 //!
-//! The adapter passes on what it reads without saying where it ends. Behind each read it is
-//! therefore asked for its version: the text of which, known from the start, comes when the read is
-//! done, and cannot be mistaken for data.
+//! The adapter passes on the data it reads without marking their end. After each read the client
+//! therefore queries the adapter's version: this text, known from the start, arrives when the read
+//! is done, and cannot be mistaken for data.
 
 use std::io;
 
@@ -13,11 +13,11 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use super::{Arrival, Stream, cut_off};
 use crate::wire::prologix::{Marked, escaped};
 
-/// Settings for which the adapter is made responsible: controller, no reading unasked, nothing
-/// added to data but EOI, a read waits half a second, and none of this is written into its memory.
+/// Settings of the adapter: controller, no automatic reads, nothing added to data but EOI, a read
+/// timeout of half a second, and none of this is written into its memory.
 const SETTINGS: &[u8] =
     b"++savecfg 0\n++mode 1\n++auto 0\n++eos 3\n++eoi 1\n++eot_enable 0\n++read_tmo_ms 500\n";
-/// Bytes from an adapter that says nothing sensible, after which it is given up.
+/// Number of unrecognised bytes from an adapter after which the client gives up.
 const MOST_GREETING: usize = 1 << 20;
 /// Shortest text of an adapter about itself, bytes.
 const LEAST_NAME: usize = 5;

@@ -1,6 +1,6 @@
-//! The client of HiSLIP: synchronous and asynchronous channel, version 1.0, synchronised mode. An
-//! answer counts only if it carries the id of the last message, so that none to an earlier one can
-//! be taken for it.
+//! The client of HiSLIP: synchronous and asynchronous channel, version 1.0, synchronised mode. A
+//! reply counts only if it carries the id of the last message, so that a reply to an earlier
+//! message is never accepted.
 
 use std::io;
 
@@ -132,7 +132,7 @@ impl HiSlip {
         self.asynchronous
             .expect(Kind::AsyncDeviceClearAcknowledge)
             .await?;
-        // No feature is asked for: synchronised mode.
+        // No feature is requested: synchronised mode.
         self.synchronous
             .send(&Message::new(Kind::DeviceClearComplete, 0, 0))
             .await?;
@@ -160,7 +160,7 @@ impl HiSlip {
 struct Half {
     stream: TcpStream,
     messages: Messages,
-    /// A message was given up while it was sent: the stream is of no use any more.
+    /// A message was abandoned while it was sent: the stream is no longer usable.
     cut_off: bool,
 }
 

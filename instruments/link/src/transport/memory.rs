@@ -18,7 +18,7 @@ const PIPE_BYTES: usize = 64 << 10;
 /// Connections that a listener may leave waiting.
 const BACKLOG: usize = 8;
 
-/// The names under which somebody listens in this process. Cheap to clone; all clones agree.
+/// The names that have a listener in this process. Cheap to clone; all clones share the same names.
 #[derive(Debug, Clone, Default)]
 pub struct MemoryHub {
     listeners: Arc<Mutex<HashMap<String, mpsc::Sender<DuplexStream>>>>,
@@ -33,7 +33,7 @@ impl MemoryHub {
     /// Listens under `name` until the listener is dropped; then the name is free again.
     ///
     /// # Errors
-    /// [`TransportError::AlreadyListening`] when somebody does.
+    /// [`TransportError::AlreadyListening`] if the name already has a listener.
     pub fn listen(&self, name: &str) -> Result<MemoryListener, TransportError> {
         let mut listeners = self
             .listeners

@@ -2,9 +2,9 @@
 //! streams and the transports that carry the ends of messages, can be cleared and give a status
 //! byte. The text of an [`Address`] selects one.
 //!
-//! Knows no text: cutting the bytes is the business of [`instruments_scpi::decode`], deadlines and
-//! order that of [`crate::link`]. Opening sends nothing to an instrument; what starts a session goes
-//! to the server or the adapter in front of it.
+//! This module does not interpret text: [`instruments_scpi::decode`] splits the bytes,
+//! [`crate::link`] handles deadlines and order. Opening sends nothing to an instrument; messages
+//! that start a session go to the server or the adapter in front of it.
 
 mod address;
 mod channel;

@@ -18,8 +18,8 @@ pub struct SerialConnection {
 }
 
 impl SerialConnection {
-    /// Opens the port with its settings and forgets what arrived before. The control lines stay as
-    /// the operating system sets them: pseudo terminals have none.
+    /// Opens the port with its settings and discards data that arrived before. The control lines
+    /// stay as the operating system sets them: pseudo terminals have none.
     pub(super) fn open(settings: &SerialSettings) -> io::Result<Self> {
         let port = tokio_serial::new(settings.path.as_str(), settings.baud)
             .data_bits(match settings.data_bits {
@@ -47,8 +47,8 @@ impl SerialConnection {
 }
 
 impl Drop for SerialConnection {
-    /// The lock of a terminal outlives its descriptor while anybody else holds the terminal, as a
-    /// simulated instrument does.
+    /// The lock of a terminal outlives its descriptor while another process or a simulated
+    /// instrument holds the terminal.
     fn drop(&mut self) {
         let _ = self.port.set_exclusive(false);
     }
@@ -75,7 +75,7 @@ impl AsyncWrite for SerialConnection {
 
     fn poll_flush(self: Pin<&mut Self>, _cx: &mut Context<'_>) -> Poll<io::Result<()>> {
         // Flushing a terminal waits in the kernel for the last bit on the wire and would block the
-        // thread; written bytes go out by themselves.
+        // thread; written bytes are sent without it.
         Poll::Ready(Ok(()))
     }
 

@@ -1,9 +1,9 @@
-//! USBTMC through the kernel's driver: `/dev/usbtmcN` is read and written as a file, by a thread of
-//! its own, since the driver blocks.
+//! USBTMC through the kernel's driver: a separate thread reads and writes `/dev/usbtmcN` as a file,
+//! because the driver blocks.
 //!
-//! A read that gives fewer bytes than were asked for ends a message. The driver's device clear is
-//! an ioctl, which cannot be called without unsafe code: there is none here. A datagram socket in
-//! the place of the device's file is a simulated instrument.
+//! A read that returns fewer bytes than requested ends a message. The driver's device clear is an
+//! ioctl, which requires unsafe code and is therefore missing here. A datagram socket in place of
+//! the device file is a simulated instrument.
 
 use std::{
     fs::File,
@@ -24,13 +24,13 @@ use tokio::sync::mpsc;
 
 use super::Arrival;
 
-/// Bytes in a full transfer through the socket in the place of a device's file; a shorter one ends
-/// a message.
+/// Bytes in a full transfer through the socket in place of a device file; a shorter one ends a
+/// message.
 pub const TRANSFER: usize = 32 << 10;
-/// Bytes that are asked of the driver at once.
+/// Number of bytes requested from the driver at once.
 const PAGE: usize = 256 << 10;
-/// After so long the socket in the place of a device's file gives up a read, as the driver does
-/// after its own time.
+/// Timeout of a read from the socket in place of a device file; the driver has a timeout of its
+/// own.
 const SOCKET_PATIENCE: Duration = Duration::from_millis(500);
 
 /// An open device.
@@ -93,7 +93,7 @@ impl UsbTmc {
         }
     }
 
-    /// Waits until the driver is done with what was ordered, and throws its results away.
+    /// Waits until the driver has completed all orders, and discards their results.
     pub(super) async fn settle(&mut self) -> io::Result<()> {
         while self.under_way > 0 {
             let _ = self.result().await?;

@@ -14,9 +14,9 @@ use crate::wire::{
     vxi11::{ABORT, CORE, DEVICE_ABORT, FLAG_END, REASON_END, Request, Response, Status},
 };
 
-/// Bytes that are asked for at once.
+/// Number of bytes requested at once.
 const PAGE: u32 = 256 << 10;
-/// Room for the words around the data of a reply.
+/// Space for the fields around the data of a reply.
 const SLACK: usize = 1 << 10;
 const READ_BYTES: usize = 64 << 10;
 /// How long a write may take on the instrument, ms: callers give up before.
@@ -217,8 +217,7 @@ fn other_result() -> io::Error {
     )
 }
 
-/// A connection on which procedures are called, one at a time. What a call that was given up
-/// answers later is thrown away.
+/// A connection for procedure calls, one at a time. Late replies to abandoned calls are discarded.
 #[derive(Debug)]
 struct Rpc {
     stream: TcpStream,
@@ -226,7 +225,7 @@ struct Rpc {
     id: u32,
     /// A call was given up before its reply came.
     pending: bool,
-    /// A call was given up while it was sent: the stream is of no use any more.
+    /// A call was abandoned while it was sent: the stream is no longer usable.
     cut_off: bool,
 }
 

@@ -13,11 +13,11 @@ pub const FIRST_ID: u32 = 0xffff_ff00;
 pub const ID_STEP: u32 = 2;
 /// Version 1.0 in the upper half of a parameter.
 pub const VERSION: u32 = 0x0100;
-/// Code of a fatal error of a server that serves somebody else.
+/// Code of a fatal error of a server that serves another client.
 pub const TOO_MANY_CLIENTS: u8 = 4;
 /// Code of a fatal error about an order of messages that does not start a session.
 pub const BAD_INITIALISATION: u8 = 3;
-/// Code of an error about a message type that the server does not know.
+/// Code of an error about an unknown message type.
 pub const UNKNOWN_MESSAGE: u8 = 1;
 
 const PROLOGUE: [u8; 2] = *b"HS";

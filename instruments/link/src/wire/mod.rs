@@ -19,7 +19,7 @@ pub struct WireError {
 }
 
 impl WireError {
-    /// What was expected, and what was found.
+    /// Creates an error from the expected and the actual value.
     pub fn new(expected: impl Into<String>, found: impl Into<String>) -> Self {
         Self {
             expected: expected.into(),

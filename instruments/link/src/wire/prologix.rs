@@ -1,6 +1,6 @@
-//! Messages to a GPIB adapter of Prologix' kind (GPIB-ETHERNET and GPIB-USB manuals, sections 7 and
-//! 8): lines that start with `++` are for the adapter, all others for the instrument. In these CR,
-//! LF, ESC and `+` that belong to the data stand behind an ESC.
+//! Messages to a GPIB adapter of the Prologix type (GPIB-ETHERNET and GPIB-USB manuals, sections 7
+//! and 8): lines that start with `++` are for the adapter, all others for the instrument. In these,
+//! an ESC precedes each CR, LF, ESC and `+` that belongs to the data.
 
 const ESC: u8 = 0x1b;
 
@@ -101,8 +101,8 @@ impl Lines {
     }
 }
 
-/// Cuts what comes from the adapter: everything up to the text that the adapter says of itself when
-/// asked for its version. Asked behind a read, that text is the end of what was read.
+/// Splits the data from the adapter at its reply to the version query. If the query follows a read,
+/// that text marks the end of the data.
 #[derive(Debug)]
 pub struct Marked {
     buffer: Vec<u8>,
@@ -131,7 +131,7 @@ impl Marked {
         self.buffer.len()
     }
 
-    /// Gives out what is surely data, and whether the mark came behind it.
+    /// Returns the bytes that are certainly data, and whether the mark followed them.
     pub fn pull(&mut self) -> (Vec<u8>, bool) {
         let from = self.searched.saturating_sub(self.mark.len());
         let found = self.buffer.get(from..).and_then(|tail| {

@@ -90,7 +90,7 @@ impl<'a> Reader<'a> {
 pub struct Writer(Vec<u8>);
 
 impl Writer {
-    /// Appends words.
+    /// Appends XDR words.
     #[must_use]
     pub fn words(mut self, words: &[u32]) -> Self {
         self.0
@@ -107,7 +107,7 @@ impl Writer {
         writer
     }
 
-    /// Appends what is XDR already.
+    /// Appends bytes that are XDR already.
     #[must_use]
     pub fn raw(mut self, bytes: &[u8]) -> Self {
         self.0.extend_from_slice(bytes);
@@ -203,7 +203,7 @@ pub enum Verdict {
     ProcedureUnavailable,
     /// The arguments cannot be read.
     GarbageArguments,
-    /// Something else is wrong with the server.
+    /// Another error of the server.
     SystemError,
     /// The call was not accepted at all: another RPC version, or authentication.
     Denied,

@@ -1,5 +1,5 @@
-//! The procedures of VXI-11 (TCP/IP Instrument Protocol, revision 1.0, annex C): what a client asks
-//! of the core and abort channels and what comes back.
+//! The procedures of VXI-11 (TCP/IP Instrument Protocol, revision 1.0, annex C): the calls of a
+//! client on the core and abort channels and their replies.
 
 use super::{
     WireError,
@@ -23,7 +23,7 @@ pub const DEVICE_ABORT: u32 = 1;
 pub const FLAG_END: u32 = 0x08;
 /// Flag of a read: it ends with the byte that is named.
 pub const FLAG_TERM_CHAR: u32 = 0x80;
-/// A read ended because as many bytes came as were asked for.
+/// A read ended because the requested number of bytes arrived.
 pub const REASON_COUNT: u32 = 1;
 /// A read ended with the byte that was named.
 pub const REASON_CHAR: u32 = 2;
@@ -55,7 +55,7 @@ impl Status {
     /// Ended through the abort channel.
     pub const ABORTED: Self = Self(23);
 
-    /// Meaning of the status, in words.
+    /// Returns the meaning of the status as text.
     pub fn meaning(self) -> &'static str {
         match self.0 {
             0 => "no error",
@@ -108,12 +108,12 @@ pub enum Request {
         /// Ends the read, where wanted.
         term_char: Option<u8>,
     },
-    /// Asks for the status byte, as a serial poll does.
+    /// Requests the status byte, as a serial poll does.
     ReadStatus {
         /// The link.
         link: u32,
     },
-    /// Forgets what was sent and what was to be answered.
+    /// Discards the received input and the pending replies.
     Clear {
         /// The link.
         link: u32,
@@ -136,7 +136,7 @@ pub enum Request {
         /// The link.
         link: u32,
     },
-    /// Asks the device to call back for service requests, or not to any more.
+    /// Enables or disables callbacks for service requests.
     Interrupts {
         /// To call back.
         create: bool,
@@ -229,7 +229,7 @@ impl Request {
     /// Number of the procedure and its arguments.
     pub fn encode(&self) -> (u32, Vec<u8>) {
         let words = |words: &[u32]| Writer::default().words(words);
-        // Flags, lock timeout and I/O timeout of the calls that have nothing else: 2 s.
+        // Flags, lock timeout and I/O timeout of the calls without further arguments: 2 s.
         let generic = |link: u32| words(&[link, 0, 0, 2000]);
         let (procedure, arguments) = match self {
             Self::CreateLink { device } => (10, words(&[0, 0, 0]).opaque(device.as_bytes())),

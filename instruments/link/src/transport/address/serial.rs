@@ -177,8 +177,7 @@ fn serial(rest: &str) -> Result<SerialSettings, AddressError> {
     Ok(settings)
 }
 
-/// The rates that every driver knows; others would be rounded or refused by the hardware without a
-/// word.
+/// Parses a rate that every driver supports; the hardware would round or refuse others silently.
 fn baud(value: &str) -> Result<u32, AddressError> {
     const RATES: [u32; 12] = [
         300, 600, 1200, 2400, 4800, 9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800,
