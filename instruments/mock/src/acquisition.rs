@@ -1,8 +1,8 @@
 //! Acquisition of the simulated oscilloscopes: armed, triggered, stopped. Common to all models.
 //!
-//! Nothing happens between two messages. What the instrument would have done meanwhile is found out
-//! when the next message comes: the frame of a running acquisition is the newest one that lies
-//! wholly between its start and now.
+//! Nothing happens between two messages. The next message computes what the instrument would have
+//! done in the meantime: the frame of a running acquisition is the newest one that lies wholly
+//! between its start and now.
 
 use std::ops::RangeInclusive;
 
@@ -11,7 +11,7 @@ use super::{
     world::World,
 };
 
-/// How often the search for the first trigger of a single acquisition goes back.
+/// Maximum number of backward steps in the search for the first trigger of a single acquisition.
 const MAX_STEPS_BACK: usize = 256;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,7 +28,7 @@ pub(super) struct View {
     pub(super) start_after_trigger_s: f64,
     /// Length of a frame, s.
     pub(super) span_s: f64,
-    /// Edge that triggers; `None` where no channel does.
+    /// Edge that triggers; `None` if no channel does.
     pub(super) trigger: Option<Edge>,
 }
 
@@ -92,7 +92,7 @@ impl<P: Copy> Acquisition<P> {
         }
     }
 
-    /// Whether a message is the question for the end of what still goes on.
+    /// Returns whether a message is the query that waits for the end of a running operation.
     pub(super) fn keeps_waiting(&self, message: &[u8]) -> bool {
         self.running && message.trim_ascii().eq_ignore_ascii_case(b"*OPC?")
     }
@@ -256,8 +256,8 @@ fn newest_trigger(world: &World, view: &View, span_s: RangeInclusive<f64>) -> Op
         .max_by(f64::total_cmp)
 }
 
-/// The first trigger of a span: widens the search until there is one, then goes back from it as
-/// long as there are earlier ones.
+/// Finds the first trigger of a span: widens the search until there is one, then steps back from it
+/// as long as there are earlier ones.
 fn first_trigger(world: &World, view: &View, span_s: RangeInclusive<f64>) -> Option<f64> {
     let (from_s, to_s) = span_s.into_inner();
     let mut width_s = view.span_s;

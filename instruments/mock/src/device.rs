@@ -34,9 +34,9 @@ pub trait Device: Send {
     /// Terminator of messages to the instrument.
     fn terminator(&self) -> Terminator;
 
-    /// Handles one message (without its terminator) at bench time `now_s` and gives the whole
-    /// reply, terminators included; nothing for silence. Times never decrease from one call to the
-    /// next.
+    /// Handles one message (without its terminator) at bench time `now_s` and returns the whole
+    /// reply, terminators included, or nothing for silence. Times never decrease from one call to
+    /// the next.
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8>;
 
     /// Fault of the wire with the message that is about to be handled; `None` with a sound
@@ -65,7 +65,7 @@ pub trait Device: Send {
         None
     }
 
-    /// A second client is refused while a first one is served; else it waits.
+    /// Returns whether a second client is refused while the first is served. Otherwise it waits.
     fn refuses_second(&self) -> bool {
         false
     }

@@ -1,11 +1,11 @@
-//! Rigol DL3021 electronic load. The function is set as `CURR` and answered as `CC`; an error
-//! queue; two line ends behind a measurement.
+//! Rigol DL3021 electronic load. The function is set as `CURR` and answered as `CC`; it has an
+//! error queue; two line ends follow a measurement.
 //!
 //! Only constant current and constant power draw from the cell; the other functions and regulation
-//! modes can be chosen and read back, but draw nothing. `[:SOURce]` is optional. Assumed:
+//! modes can be selected and read back, but draw nothing. `[:SOURce]` is optional. Assumed:
 //! out-of-range values are refused with −222; below `VON`, the "starting voltage", the input sinks
-//! nothing, whatever the function and also when it has already begun; `ILIM` bounds the current and
-//! does not switch off; both limits stand at their ends when it is switched on.
+//! nothing, regardless of the function and even after it has started; `ILIM` bounds the current and
+//! does not switch off; both limits are at their ends when it is switched on.
 
 use instruments_scpi::decode::Terminator;
 use scpi::{
@@ -83,7 +83,7 @@ pub(super) struct Dl3000 {
     serial_number: String,
     settings: Settings,
     measured_end: bool,
-    /// The function is answered by another word than sets it.
+    /// The function query returns another keyword than the one that sets it.
     function_word: bool,
 }
 
@@ -145,7 +145,7 @@ impl Dl3000 {
         self.set_number(arguments, "A", max, |settings| &mut settings.amps)
     }
 
-    /// The smaller range where the value fits into it. The input must be off.
+    /// Selects the smaller range if the value fits into it. The input must be off.
     fn set_range(
         &mut self,
         arguments: &mut Arguments,

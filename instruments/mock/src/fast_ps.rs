@@ -1,11 +1,11 @@
-//! CAENels FAST-PS 2020-400 on its `#` protocol: not SCPI. A command ends with CR, an answer with
-//! CR LF; every write is confirmed by `#AK` or refused by `#NAK:nn`.
+//! CAENels FAST-PS 2020-400 on its `#` protocol: not SCPI. A command ends with CR, a reply with CR
+//! LF; every write is confirmed by `#AK` or refused by `#NAK:nn`.
 //!
 //! Simulated are switching, both loops, set-points, the analog input and readings. Assumed, for
-//! want of a source: bit 1 of the status word is a fault and the bit above 26 stands always; a
-//! change of the update mode is taken whether the output is on or not; the set-point is zero when
-//! it is switched on; its own limits bound set-points and not the analog input; the output is open
-//! when off.
+//! lack of a source: bit 1 of the status word is a fault and the bit above 26 is always set; a
+//! change of the update mode is accepted whether the output is on or off; the set-point is zero
+//! when it is switched on; its own limits bound set-points and not the analog input; the output is
+//! open when off.
 
 use instruments_scpi::decode::Terminator;
 

@@ -39,7 +39,7 @@ pub enum Fault {
     Garble,
     /// The second half of the answer is missing, its end too.
     Truncate,
-    /// The instrument stops sending for good after this answer, and goes on listening.
+    /// The instrument stops sending permanently after this reply, and continues to receive.
     HalfClose,
     /// The connection breaks before the answer.
     Reset,
@@ -59,12 +59,12 @@ pub enum Fault {
     FrozenMeter,
     /// From now on every answer is that to the question before.
     Lagging,
-    /// From now on blocks lack their last third, and their heads say so.
+    /// From now on blocks lack their last third, and their headers state the reduced length.
     ShortBlock,
     /// From now on the zero error of the bipolar supply grows.
     OffsetDrift,
-    /// From now on a bath that runs heats without end, whatever its set-point is. Stopped, it heats
-    /// no more.
+    /// From now on a running bath heats without end, regardless of its set-point. A stopped bath
+    /// does not heat.
     BathRunsAway,
 }
 
@@ -99,7 +99,7 @@ impl Fault {
     ];
 }
 
-/// How much goes wrong.
+/// Extent of the faults.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Schedule {
     /// Seed; each instrument has its own sequence.
@@ -122,7 +122,7 @@ pub struct Schedule {
     pub repaired: FaultSwitch,
 }
 
-/// A switch that begins or ends the faults of a bench; clones are the same switch.
+/// A switch that begins or ends the faults of a bench; all clones share its state.
 #[derive(Debug, Clone, Default)]
 pub struct FaultSwitch(Arc<AtomicBool>);
 
@@ -172,7 +172,7 @@ pub struct Happened {
     pub message: String,
 }
 
-/// Faults of a bench so far, in order; clones are the same list.
+/// Faults of a bench so far, in order; all clones share the list.
 pub type FaultLog = Arc<Mutex<Vec<Happened>>>;
 
 /// Fault that is to happen on the wire with the message in hand.

@@ -1,10 +1,9 @@
-//! Huber Pilot ONE with PB commands over TCP: not SCPI. Eight characters and CR LF; every command
-//! that is well formed is answered with the register's value after limiting, anything else with
-//! silence.
+//! Huber Pilot ONE with PB commands over TCP: not SCPI. Eight characters and CR LF. The reply to a
+//! well-formed command is the register's value after limiting; other commands get no reply.
 //!
-//! Simulated are the registers that a bench needs; another one answers `7FFF`, as what the unit
-//! does not have. Remote settings are lost at power-down. Assumed: a write to a register that can
-//! only be read is answered with its value.
+//! Only the registers that a bench needs are simulated; the others answer `7FFF`, like registers
+//! that the unit does not have. Remote settings are lost at power-down. Assumed: a write to a
+//! read-only register is answered with its value.
 
 use instruments_scpi::decode::Terminator;
 
@@ -52,7 +51,7 @@ impl Huber {
         }));
     }
 
-    /// The pump stands still.
+    /// Returns whether the pump is stopped.
     fn stopped(&self) -> bool {
         self.world.plant().chiller_alarm(self.world.now_s)
     }
@@ -96,7 +95,7 @@ fn hundredths(celsius: f64) -> u16 {
     ((celsius * 100.0).round().clamp(-15_000.0, 30_000.0) as i16).cast_unsigned()
 }
 
-/// Register and, where it is a write, the value.
+/// Returns the register and, for a write, the value.
 fn command(message: &[u8]) -> Option<(u8, Option<u16>)> {
     let text = std::str::from_utf8(message).ok()?.trim();
     let digits = text

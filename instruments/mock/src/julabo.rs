@@ -1,10 +1,10 @@
-//! Julabo circulator on its serial line: not SCPI. A command ends with CR, an answer with CR LF, a
-//! write has no answer at all.
+//! Julabo circulator on its serial line: not SCPI. A command ends with CR, a reply with CR LF; a
+//! write has no reply.
 //!
-//! In local (manual) mode `OUT_` commands are ignored without a word; whether the unit is in remote
-//! mode is chosen at its panel, here with the quirk `local`. `STATUS` reports the mode, or what was
-//! wrong with the last command, as a negative number. Assumed: that message goes with the next
-//! command that is in order; the working range is that of a CF31.
+//! In local (manual) mode `OUT_` commands are ignored silently. The remote mode is selected at the
+//! unit's panel, here with the quirk `local`. `STATUS` reports the mode, or the error of the last
+//! command as a negative number. Assumed: the next valid command clears that error; the working
+//! range is that of a CF31.
 
 use instruments_scpi::decode::Terminator;
 

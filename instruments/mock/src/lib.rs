@@ -1,10 +1,10 @@
 //! Simulated instruments for tests and demos, on real ports or in process. Each has the dialect of
 //! its model, and all act on one simulated world.
 //!
-//! Each file holds one model's command table, written from the model's documentation and never from
-//! a driver, so that a shared mistake cannot cancel. An unknown header gets what the
-//! model does with it: an entry in the error queue, or silence; never a guess. Knows no physics:
-//! the world is behind [`plant::Plant`].
+//! Each file contains one model's command table, written from the model's documentation and never
+//! from a driver, so that a shared mistake cannot cancel. An unknown header gets the model's
+//! response to it: an entry in the error queue, or silence; never a guess. Contains no physics: the
+//! world is behind [`plant::Plant`].
 
 mod faults;
 pub mod plant;
@@ -60,8 +60,8 @@ pub struct Model {
     pub role: &'static str,
     /// One line for people.
     pub description: &'static str,
-    /// Message with the same effect as its protection, or a person at its panel, that switches the
-    /// output off.
+    /// Message that switches the output off, with the same effect as its protection or a person at
+    /// its panel.
     pub panel_off: Option<&'static str>,
     /// Messages whose effect the faults depend on.
     pub messages: Messages,
@@ -341,7 +341,7 @@ pub enum MakeError {
         known_models()
     )]
     Unknown {
-        /// The key asked for.
+        /// The requested key.
         found: String,
     },
     /// A quirk that the model does not have, or not so.

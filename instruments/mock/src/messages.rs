@@ -4,7 +4,7 @@
 pub struct Messages {
     /// Messages that switch off an output that can move charge; `#` stands for any digit.
     pub off: &'static [&'static str],
-    /// Its answer to each of them; empty where it answers questions only.
+    /// Its reply to each of them; empty if it answers queries only.
     pub off_answer: &'static str,
     /// Words of which each question for a measurement holds one.
     pub measure: &'static [&'static str],
@@ -42,7 +42,7 @@ impl Messages {
             .any(|off| off.len() == message.len() && off.bytes().zip(message).all(same))
     }
 
-    /// Whether a message asks for a measurement.
+    /// Returns whether a message is a measurement query.
     pub fn measures(&self, message: &[u8]) -> bool {
         let text = String::from_utf8_lossy(message).to_ascii_uppercase();
         self.measure.iter().any(|word| text.contains(word))

@@ -30,9 +30,9 @@ pub trait Plant: Send {
     /// action carries the whole state.
     fn act(&mut self, t_s: f64, action: Action);
 
-    /// Gives the signal of generator channel 1 another shape than a sine from `t_s` on: one period
-    /// in equal steps, −1 … 1 of the amplitude, each held until the next. `None` gives the sine
-    /// back. A world that knows no shapes ignores it.
+    /// Sets another shape than a sine for the signal of generator channel 1 from `t_s` on: one
+    /// period in equal steps, −1 … 1 of the amplitude, each held until the next. `None` restores
+    /// the sine. A world without shapes ignores it.
     fn shape(&mut self, t_s: f64, steps: Option<Arc<[f64]>>) {
         let _ = (t_s, steps);
     }
@@ -40,23 +40,23 @@ pub trait Plant: Send {
     /// Reading of the meter at `t_s`, its own error and noise included.
     fn read(&mut self, t_s: f64, meter: Meter) -> f64;
 
-    /// The latest instant in `search.from_s ..= search.to_s` at which the probe of `search.channel`
-    /// crosses `search.level_v` in the asked direction, or `None`. `t_s` is now; `to_s` never lies
-    /// after it.
+    /// Returns the latest instant in `search.from_s ..= search.to_s` at which the probe of
+    /// `search.channel` crosses `search.level_v` in the requested direction, or `None`. `t_s` is
+    /// now; `to_s` never lies after it.
     fn find_trigger(&mut self, t_s: f64, search: &TriggerSearch) -> Option<f64>;
 
     /// Digitises one channel over a span that lies wholly in the past, at most `HISTORY_S` ago. The
-    /// same request gives the same codes again.
+    /// same request returns the same codes again.
     fn digitise(&mut self, t_s: f64, request: &DigitiseRequest) -> Vec<i16>;
 
-    /// Clamps something else into the jig, as the hands of a person would.
+    /// Clamps another fixture into the jig, as a person would.
     fn mount(&mut self, t_s: f64, fixture: Fixture);
 
     /// Fixture in the jig.
     fn mounted(&self) -> Fixture;
 
-    /// Takes another of the cells under test, by its number from 1, as that which `Fixture::Cell`
-    /// means. Says whether there is such a cell.
+    /// Selects another of the cells under test, by its number from 1, for `Fixture::Cell`. Returns
+    /// whether the cell exists.
     fn insert(&mut self, _t_s: f64, number: usize) -> bool {
         number == 1
     }
@@ -66,7 +66,7 @@ pub trait Plant: Send {
         1
     }
 
-    /// The chiller has no flow any more.
+    /// Returns whether the chiller has lost its flow.
     fn chiller_alarm(&mut self, _t_s: f64) -> bool {
         false
     }
@@ -123,7 +123,7 @@ pub struct GeneratorState {
 pub struct BipolarState {
     /// The output is on.
     pub output_on: bool,
-    /// Controls current (else voltage).
+    /// Controls the current (otherwise the voltage).
     pub current_mode: bool,
     /// The analog input commands the main channel (±10 V is ± full scale).
     pub analog_input: bool,
@@ -209,7 +209,7 @@ pub struct TriggerSearch {
     pub channel: u8,
     /// Level at the probe tip, V.
     pub level_v: f64,
-    /// Rising edge (else falling).
+    /// Rising edge (otherwise falling).
     pub rising: bool,
     /// Earliest instant, s.
     pub from_s: f64,

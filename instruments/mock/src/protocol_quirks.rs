@@ -82,7 +82,7 @@ fn rounded(reply: &[u8], digits: usize) -> Vec<u8> {
     .concat()
 }
 
-/// A number in the form that it had; anything else as it is.
+/// Rounds a number in its own format; returns any other field unchanged.
 fn round(field: &str, digits: usize) -> String {
     let number = field
         .parse::<f64>()

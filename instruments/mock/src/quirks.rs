@@ -28,7 +28,7 @@ pub enum Kind {
     Word(&'static [&'static str]),
 }
 
-/// Where a switch stands.
+/// State of a quirk.
 #[derive(Debug, Clone, PartialEq, serde::Deserialize)]
 #[serde(untagged)]
 pub enum Value {
@@ -36,7 +36,7 @@ pub enum Value {
     Switch(bool),
     /// A number.
     Number(f64),
-    /// A word.
+    /// A keyword.
     Word(String),
 }
 
@@ -50,7 +50,7 @@ pub struct QuirkError {
     found: String,
 }
 
-/// Where the switches of one instrument stand.
+/// States of the quirks of one instrument.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Quirks(BTreeMap<String, Value>);
 
@@ -120,13 +120,13 @@ pub(super) const QUEUE: &[Quirk] = &[quirk(
     "what an unknown header gets",
     Kind::Word(&["error", "silence"]),
 )];
-/// Of models that refuse what is out of range.
+/// Quirk of models that refuse out-of-range values.
 pub(super) const REFUSES: &[Quirk] = &[quirk(
     "clamps",
     "what is out of range is limited without a word",
     Kind::Switch(false),
 )];
-/// Of models that limit what is out of range.
+/// Quirk of models that clamp out-of-range values.
 pub(super) const CLAMPS: &[Quirk] = &[quirk(
     "clamps",
     "what is out of range is limited without a word",
@@ -362,12 +362,12 @@ impl Quirks {
         self
     }
 
-    /// A switch; off where the model has none.
+    /// Returns a switch; off if the model does not have it.
     pub(super) fn is(&self, name: &str) -> bool {
         self.0.get(name) == Some(&Value::Switch(true))
     }
 
-    /// A number; 0 where the model has none.
+    /// Returns a number; 0 if the model does not have it.
     pub(super) fn number(&self, name: &str) -> f64 {
         if let Some(Value::Number(number)) = self.0.get(name) {
             *number
@@ -386,7 +386,7 @@ impl Quirks {
         self.number(name).max(0.0) as usize
     }
 
-    /// A word; empty where the model has none.
+    /// Returns a keyword; empty if the model does not have it.
     pub(super) fn word(&self, name: &str) -> &str {
         if let Some(Value::Word(word)) = self.0.get(name) {
             word

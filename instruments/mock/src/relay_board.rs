@@ -25,7 +25,7 @@ pub(super) struct RelayBoard {
     world: World,
     quirks: Quirks,
     bath: BathState,
-    /// Reading that a stuck sensor goes on showing.
+    /// Reading that a stuck sensor repeats.
     first: Option<i16>,
 }
 

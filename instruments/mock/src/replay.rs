@@ -1,5 +1,5 @@
-//! Serves a recorded conversation as a device. It gives the recorded answers as long as the
-//! questions are the recorded ones, and stops at the first difference.
+//! Serves a recorded transcript as a device. It returns the recorded replies as long as the queries
+//! match the record, and stops at the first difference.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -8,7 +8,7 @@ use instruments_scpi::{decode::Terminator, excerpt};
 
 use super::Device;
 
-/// Where a conversation left its record.
+/// Point at which a session deviated from its record.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Divergence {
     /// Another message came.
@@ -42,7 +42,7 @@ pub enum Divergence {
     },
 }
 
-/// How a conversation went; clones are the same.
+/// Outcome of a session; all clones share it.
 #[derive(Debug, Clone, Default)]
 pub struct Outcome(Arc<Mutex<(usize, Option<Divergence>)>>);
 
@@ -62,7 +62,7 @@ impl Outcome {
     }
 }
 
-/// A message of the record and the whole reply to it; no reply where it cannot be given.
+/// A message of the record and the whole reply to it; no reply if it cannot be reproduced.
 #[derive(Debug, Clone)]
 struct Turn {
     sent: Payload,

@@ -53,7 +53,7 @@ struct Settings {
     remote_sense: bool,
     start_volts: f64,
     latched: bool,
-    /// It may go on sinking below the start voltage, for it has started and latches.
+    /// The load may continue to sink below the start voltage, because it has started and latches.
     started: bool,
     protection_on: bool,
     protection_amps: f64,

@@ -1,10 +1,10 @@
-//! Puts a simulated instrument on a port: in process, TCP, a pseudo terminal, VXI-11, HiSLIP, a
-//! GPIB adapter, or in the place of a USBTMC device.
+//! Serves a simulated instrument on a port: in process, TCP, a pseudo terminal, VXI-11, HiSLIP, a
+//! GPIB adapter, or in place of a USBTMC device.
 //!
-//! One client at a time, as the instruments have it: on a stream the next one waits until the first
-//! has gone, or is refused where a quirk says so, elsewhere it is refused. The instrument keeps its
-//! settings from one client to the next. Everything runs on the caller's runtime, without threads,
-//! so that in virtual time in-process streams stay exact.
+//! Like the instruments, it serves one client at a time. On a stream the next client waits until
+//! the first has disconnected, or is refused if a quirk requires it; on other transports it is
+//! refused. The instrument keeps its settings from one client to the next. Everything runs on the
+//! caller's runtime, without threads, so that in virtual time in-process streams stay exact.
 
 mod answer;
 mod backplane;
@@ -40,10 +40,10 @@ use super::{Absence, Device};
 const LONGEST_MESSAGE: usize = 1 << 20;
 const READ_BYTES: usize = 4096;
 
-/// Answers one client until it goes.
+/// Serves one client until it disconnects.
 ///
 /// # Errors
-/// Error of the transport when reading or writing fails.
+/// The transport's error if reading or writing fails.
 pub async fn serve(
     device: &mut dyn Device,
     mut stream: impl AsyncRead + AsyncWrite + Unpin + Send,
@@ -122,11 +122,11 @@ async fn accept_memory(mut device: Box<dyn Device>, mut listener: MemoryListener
     }
 }
 
-/// Serves on a TCP port until the task is aborted; gives the address really bound, so that port 0
-/// can be asked for.
+/// Serves on a TCP port until the task is aborted. Returns the address actually bound, so that port
+/// 0 can be requested.
 ///
 /// # Errors
-/// Error of the operating system when the address cannot be bound.
+/// The operating system's error if the address cannot be bound.
 pub async fn serve_tcp(
     device: Box<dyn Device>,
     address: impl ToSocketAddrs,
@@ -157,7 +157,7 @@ async fn accept_tcp(mut device: Box<dyn Device>, listener: TcpListener, clock: C
 /// Waits for the next client.
 async fn accept(listener: &TcpListener, clock: &Clock) -> TcpStream {
     loop {
-        // Every answer is one small packet that somebody waits for.
+        // Every reply is one small packet whose receiver is waiting.
         match listener
             .accept()
             .await
@@ -173,7 +173,7 @@ async fn accept(listener: &TcpListener, clock: &Clock) -> TcpStream {
     }
 }
 
-/// Serves every client in a task of its own; the tasks end with this one.
+/// Serves every client in a separate task; the tasks end with this one.
 async fn accept_all<F: Future<Output = io::Result<()>> + Send + 'static>(
     listener: TcpListener,
     clock: Clock,
@@ -191,11 +191,11 @@ async fn accept_all<F: Future<Output = io::Result<()>> + Send + 'static>(
     }
 }
 
-/// Serves on a new pseudo terminal until the task is aborted; gives the path that a client opens
+/// Serves on a new pseudo terminal until the task is aborted. Returns the path that a client opens
 /// like a serial port.
 ///
 /// # Errors
-/// Error of the operating system when it has no pseudo terminal left.
+/// The operating system's error if it has no pseudo terminal left.
 pub fn serve_pty(
     mut device: Box<dyn Device>,
     clock: Clock,

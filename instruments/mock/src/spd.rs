@@ -1,9 +1,9 @@
-//! Siglent SPD3303X three-channel supply. Its output can be switched but not asked for: the state
-//! is a bit of `SYST:STAT?`.
+//! Siglent SPD3303X three-channel supply. Its output can be switched but not queried: the state is
+//! a bit of `SYST:STAT?`.
 //!
 //! Only channel 1 is wired to the bench; channel 2 is an open circuit, channel 3 can only be
-//! switched. Assumed: out-of-range values are clamped, and the error answer has the form of its `0
-//! No Error` with the numbers of the standard.
+//! switched. Assumed: out-of-range values are clamped, and the error reply has the form of its
+//! `0 No Error` with the numbers of the standard.
 
 use scpi::{Branch, Leaf, Root, error::ErrorCode, tree::Node};
 
@@ -146,8 +146,8 @@ impl Spd {
         fixed(volts * amps)
     }
 
-    /// The hexadecimal status word: constant current in bits 0 and 1, tracking in 2 and 3, outputs
-    /// in 4 and 5.
+    /// Returns the hexadecimal status word: constant current in bits 0 and 1, tracking in 2 and 3,
+    /// outputs in 4 and 5.
     fn state(&mut self, _: &mut Arguments) -> Fallible<Answer> {
         let mut word = match self.tracking {
             0 => 0b01 << 2,

@@ -169,7 +169,7 @@ impl Status {
         }
     }
 
-    /// The same with what its quirks say of errors.
+    /// Applies the error settings of its quirks.
     pub(super) fn quirky(self, quirks: &Quirks) -> Self {
         Self {
             clamps: quirks.is("clamps"),

@@ -48,8 +48,8 @@ pub fn parse_header(bytes: &[u8]) -> BlockHeader {
     }
 }
 
-/// Writes `payload` as a definite block, with as few digits as needed. `None` when it is longer
-/// than the 999 999 999 bytes that nine digits can say.
+/// Writes `payload` as a definite block, with as few digits as needed. Returns `None` if it is
+/// longer than the 999 999 999 bytes that nine digits can express.
 ///
 /// ```
 /// use instruments_scpi::block::{BlockHeader, encode_definite, parse_header};

@@ -9,8 +9,8 @@ use super::{
     number, status, text_of,
 };
 
-/// Reads `data` in every way there is; panics if the codec does, or if cutting the stream changes
-/// what is read from it.
+/// Parses `data` with every parser. Panics if the codec panics, or if splitting the stream changes
+/// the result.
 pub fn exercise(data: &[u8]) {
     let text = text_of(data);
     exercise_text(&text);
@@ -111,7 +111,7 @@ mod tests {
         b"\xc2\xb0\xe2\x84\xa6 #19\n",
     ];
 
-    /// A small generator of its own, so that a failing input is found again from its number.
+    /// A small deterministic generator, so that a failing input can be reproduced from its number.
     struct Xorshift(u64);
 
     impl Xorshift {

@@ -21,8 +21,8 @@ pub struct PatternError {
 /// A header in manual notation: `[:SOURce<n>]:VOLTage[:LEVel][:IMMediate]`,
 /// `MEASure:CURRent[:DC]?`, `*IDN?`.
 ///
-/// Capitals are the short form. `<n>` marks a node that takes a numeric suffix; a node without it
-/// takes none but 1. A pattern that ends in `?` matches queries only, one that does not matches
+/// Capitals are the short form. `<n>` marks a node that accepts a numeric suffix; a node without it
+/// accepts only 1. A pattern that ends in `?` matches queries only; any other pattern matches
 /// commands only.
 ///
 /// ```
@@ -88,8 +88,8 @@ impl Pattern {
     }
 
     /// Compares a header as sent (a leading colon and a final `?` included) with the pattern.
-    /// Answers the numeric suffixes of the nodes marked `<n>` in their order, 1 where the suffix or
-    /// the node was left out; `None` when the header is another one.
+    /// Returns the numeric suffixes of the nodes marked `<n>` in their order, with 1 for an omitted
+    /// suffix or node, or `None` if the header is another one.
     pub fn matches(&self, header: &str) -> Option<Vec<u32>> {
         let (body, query) = header
             .strip_suffix('?')

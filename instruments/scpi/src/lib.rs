@@ -1,14 +1,14 @@
-//! The SCPI codec, without any input or output of its own: bytes become messages and messages
-//! become bytes, on both sides of the wire.
+//! The SCPI codec, without input or output: it converts bytes to messages and messages to bytes, on
+//! both sides of the wire.
 //!
-//! The controller's side: [`message::Command`] writes a message, [`decode::ResponseDecoder`] cuts
-//! the stream into answers, [`message::parse_response`], [`number`], [`block`] and [`status`] read
-//! them. The device's side: [`decode::ProgramFramer`] cuts the stream into messages,
-//! [`message::parse_program`] reads them, [`header::Pattern`] compares their headers with a
+//! The controller's side: [`message::Command`] writes a message, [`decode::ResponseDecoder`] splits
+//! the stream into replies, [`message::parse_response`], [`number`], [`block`] and [`status`] parse
+//! them. The device's side: [`decode::ProgramFramer`] splits the stream into messages,
+//! [`message::parse_program`] parses them, [`header::Pattern`] compares their headers with a
 //! manual's notation.
 //!
-//! After IEEE 488.2-1992 (clauses 7 and 8, the syntax of messages) and SCPI-1999 volume 1. Knows no
-//! dialect, no socket and no clock.
+//! After IEEE 488.2-1992 (clauses 7 and 8, the syntax of messages) and SCPI-1999 volume 1. Contains
+//! no dialect, no socket and no clock.
 
 pub mod block;
 pub mod decode;
@@ -24,8 +24,8 @@ pub use exercise::exercise;
 /// How much of a foreign text an error message repeats, characters.
 const EXCERPT_CHARS: usize = 60;
 
-/// A short, printable form of foreign bytes for error messages: escaped, and cut
-/// where they are long.
+/// Returns a short, printable form of foreign bytes for error messages: escaped, and truncated if
+/// they are long.
 pub fn excerpt(bytes: &[u8]) -> String {
     let mut shown = escaped(&latin1(bytes.get(..EXCERPT_CHARS).unwrap_or(bytes)));
     if bytes.len() > EXCERPT_CHARS {
@@ -47,8 +47,8 @@ fn escaped(text: &str) -> String {
     shown
 }
 
-/// Text of an instrument: UTF-8 where it is, else Latin-1, as older firmware writes `°` and `Ω`.
-/// Never fails and loses nothing.
+/// Returns the text of an instrument: UTF-8 if it is valid, otherwise Latin-1, as older firmware
+/// writes `°` and `Ω`. Never fails and loses nothing.
 pub fn text_of(bytes: &[u8]) -> String {
     std::str::from_utf8(bytes).map_or_else(|_| latin1(bytes), str::to_owned)
 }

@@ -24,7 +24,7 @@ pub enum NumberError {
     /// The suffix belongs to another unit, or to none.
     #[error("expected a number in {expected}, found the suffix `{found}`")]
     Suffix {
-        /// The unit that was asked for, as SCPI writes it.
+        /// The requested unit, as SCPI writes it.
         expected: String,
         /// The suffix that was met, in capitals.
         found: String,
@@ -40,13 +40,13 @@ pub enum NumberError {
     TooLarge {
         /// The number to be sent.
         value: f64,
-        /// The decimals that were asked for.
+        /// The requested number of decimals.
         decimals: usize,
     },
 }
 
-/// Reads a number in any of the forms NR1, NR2 and NR3, blanks around it allowed; 9.9E37 is
-/// infinity, 9.91E37 is not-a-number, and so are the words `INF`, `NINF` and `NAN`.
+/// Parses a number in any of the forms NR1, NR2 and NR3, with optional blanks around it; 9.9E37 is
+/// infinity, 9.91E37 is not-a-number, and so are the keywords `INF`, `NINF` and `NAN`.
 ///
 /// ```
 /// use instruments_scpi::number::parse_f64;
@@ -59,7 +59,7 @@ pub enum NumberError {
 /// ```
 ///
 /// # Errors
-/// [`NumberError::NotANumber`] for everything else, a unit behind the number included (see
+/// [`NumberError::NotANumber`] for any other text, including a unit after the number (see
 /// [`parse_quantity`]).
 pub fn parse_f64(text: &str) -> Result<f64, NumberError> {
     let quantity = parse_quantity(text)?;
@@ -70,10 +70,11 @@ pub fn parse_f64(text: &str) -> Result<f64, NumberError> {
     }
 }
 
-/// Reads a whole number; `1.0` and `1E0` are whole, as instruments write register contents so.
+/// Parses a whole number; `1.0` and `1E0` count as whole, because instruments write register
+/// contents in this form.
 ///
 /// # Errors
-/// [`NumberError::NotANumber`] when it is none, is not whole or lies beyond ±2⁵³.
+/// [`NumberError::NotANumber`] if it is not a number, is not whole or lies beyond ±2⁵³.
 pub fn parse_i64(text: &str) -> Result<i64, NumberError> {
     let value = parse_f64(text)?;
     let whole = value.is_finite() && value.fract() == 0.0 && value.abs() <= 9_007_199_254_740_992.0;
@@ -84,10 +85,10 @@ pub fn parse_i64(text: &str) -> Result<i64, NumberError> {
     }
 }
 
-/// Reads `1`, `0`, `ON` or `OFF` in any case.
+/// Parses `1`, `0`, `ON` or `OFF` in any case.
 ///
 /// # Errors
-/// [`NumberError::NotABoolean`] for everything else.
+/// [`NumberError::NotABoolean`] for any other text.
 pub fn parse_bool(text: &str) -> Result<bool, NumberError> {
     let word = text.trim();
     match word {
@@ -99,10 +100,10 @@ pub fn parse_bool(text: &str) -> Result<bool, NumberError> {
     }
 }
 
-/// Reads a non-decimal number: `#H1F`, `#Q17` or `#B101`, in any case.
+/// Parses a non-decimal number: `#H1F`, `#Q17` or `#B101`, in any case.
 ///
 /// # Errors
-/// [`NumberError::NotNonDecimal`] for everything else.
+/// [`NumberError::NotNonDecimal`] for any other text.
 pub fn parse_non_decimal(text: &str) -> Result<u64, NumberError> {
     let fail = || NumberError::NotNonDecimal(excerpt(text.as_bytes()));
     let mut chars = text.chars();
@@ -122,8 +123,7 @@ pub fn parse_non_decimal(text: &str) -> Result<u64, NumberError> {
     u64::from_str_radix(digits, radix).map_err(|_| fail())
 }
 
-/// A number with the suffix that was written behind it; what the suffix means depends on the unit
-/// that is expected.
+/// A number with the suffix after it. The meaning of the suffix depends on the expected unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quantity {
     /// The number as written, not yet multiplied.
@@ -133,12 +133,12 @@ pub struct Quantity {
 }
 
 impl Quantity {
-    /// The number in `unit` without multiplier (`V`, `A`, `HZ`, `OHM`, `S`, …): `1500 mA` is 1.5 in
-    /// `A`. No suffix means `unit` itself. `M` is milli except before `HZ` and `OHM`, where it is
-    /// mega.
+    /// Returns the number in `unit` without multiplier (`V`, `A`, `HZ`, `OHM`, `S`, …): `1500 mA`
+    /// is 1.5 in `A`. No suffix means `unit` itself. `M` is milli except before `HZ` and `OHM`,
+    /// where it is mega.
     ///
     /// # Errors
-    /// [`NumberError::Suffix`] when the suffix is not a multiplier followed by `unit`.
+    /// [`NumberError::Suffix`] if the suffix is not a multiplier followed by `unit`.
     pub fn si(&self, unit: &str) -> Result<f64, NumberError> {
         if self.suffix.is_empty() {
             return Ok(self.value);
@@ -224,8 +224,8 @@ pub fn format_fixed(value: f64, decimals: usize) -> Result<String, NumberError> 
     })
 }
 
-/// Length of the number in front of `text`: sign, digits with at most one point, and an exponent if
-/// digits follow it. Zero if there is none.
+/// Returns the length of the number at the start of `text`: sign, digits with at most one point,
+/// and an exponent if digits follow it. Zero if there is none.
 pub(crate) fn decimal_length(text: &[u8]) -> usize {
     let at = |index: usize| text.get(index).copied().unwrap_or(0);
     let digits_from = |start: usize| {
@@ -271,7 +271,7 @@ fn special_word(text: &str) -> Option<f64> {
     }
 }
 
-/// The tolerance takes in instruments that print the stand-ins in single precision.
+/// The tolerance covers instruments that print the stand-ins in single precision.
 fn without_stand_ins(value: f64) -> f64 {
     const TOLERANCE: f64 = 1.0e-6;
     if (value / SCPI_NAN - 1.0).abs() < TOLERANCE {

@@ -45,11 +45,11 @@ impl fmt::Display for ErrorEntry {
 #[error("expected an error-queue entry such as `0,\"No error\"`, found `{0}`")]
 pub struct StatusError(String);
 
-/// Reads one entry: `0,"No error"`, `+0,"No error"`, `-113,"Undefined header;detail"`, `0  No
-/// Error`, `-0, No errors`, `0,No Error` or the bare number.
+/// Parses one entry: `0,"No error"`, `+0,"No error"`, `-113,"Undefined header;detail"`,
+/// `0  No Error`, `-0, No errors`, `0,No Error` or the bare number.
 ///
 /// # Errors
-/// [`StatusError`] with the text when it does not start with a whole number, or when something else
+/// [`StatusError`] with the text if it does not start with a whole number, or if anything other
 /// than a comma or a blank follows it.
 pub fn parse_error(text: &str) -> Result<ErrorEntry, StatusError> {
     let fail = || StatusError(excerpt(text.as_bytes()));
@@ -69,7 +69,7 @@ pub fn parse_error(text: &str) -> Result<ErrorEntry, StatusError> {
     })
 }
 
-/// Takes off one pair of quotes and undoubles them inside; text without quotes stays as it is.
+/// Removes one pair of quotes and undoubles those inside; text without quotes is unchanged.
 fn unquoted(text: &str) -> String {
     ['"', '\'']
         .into_iter()

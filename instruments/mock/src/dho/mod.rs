@@ -22,7 +22,7 @@ use super::{
 };
 
 const CHANNELS: usize = 4;
-/// The names of the channels as words, short and long: the number belongs to the name.
+/// The names of the channels as keywords, short and long: the number belongs to the name.
 const NAMES: [&str; 2 * CHANNELS] = [
     "CHAN1", "CHAN2", "CHAN3", "CHAN4", "CHANNEL1", "CHANNEL2", "CHANNEL3", "CHANNEL4",
 ];
@@ -168,8 +168,8 @@ impl Panel {
         self.time_offset_s - self.span_s() / 2.0
     }
 
-    /// Points of a record and their distance, s. The memory is always filled: where the converter
-    /// is too slow for the screen, it holds more than that.
+    /// Returns the points of a record and their interval, s. The memory is always filled: if the
+    /// converter is too slow for the screen, the record extends beyond the screen.
     fn sampling(&self) -> (f64, f64) {
         let on = self.channels.iter().filter(|channel| channel.on).count();
         let rate = MAX_RATES[on.clamp(1, MAX_RATES.len()) - 1];

@@ -37,8 +37,8 @@ impl Dho {
         channel.on.then_some((frame, channel))
     }
 
-    /// Format, type, points of a page, count, then what times and codes mean. Zero scales where
-    /// there is nothing to describe.
+    /// Returns format, type, points of a page, count, then the scaling of times and codes. The
+    /// scales are zero if there is no record.
     pub(super) fn preamble(&self) -> Fallible<Answer> {
         let (format, kind) = (
             u8::from(self.transfer.words),

@@ -1,7 +1,6 @@
-//! Remote control of one simulated instrument while it is served: what another client sends to it at
-//! a given moment, how late it answers, one exchange that goes wrong, and an absence from its
-//! network. A schedule waits for the next message of the client under test; a foreign hand does
-//! not.
+//! Remote control of one simulated instrument while it is served: the messages of another client at
+//! a given moment, the delay of its replies, one failing exchange, and an absence from its network.
+//! A schedule waits for the next message of the client under test; another client does not.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -15,7 +14,7 @@ use super::{
 /// An answer of more bytes than this is a block of data.
 const BLOCK_BYTES: usize = 1000;
 
-/// Controls an instrument that is served elsewhere; clones control the same one.
+/// Controls an instrument that is served elsewhere; all clones control the same one.
 #[derive(Clone)]
 pub struct Remote(Arc<Mutex<Controlled>>);
 
@@ -46,7 +45,7 @@ struct Controlled {
 struct Served(Remote);
 
 impl Remote {
-    /// Puts a device under remote control; gives what is to be served in its place.
+    /// Puts a device under remote control. Returns the device to serve in its place.
     pub fn of(device: Box<dyn Device>) -> (Box<dyn Device>, Self) {
         let remote = Self(Arc::new(Mutex::new(Controlled {
             device,

@@ -122,7 +122,7 @@ impl Troubled {
             Fault::SecondClient => !self.known.meddling.is_empty(),
             Fault::ShortBlock => self.known.role == "scope",
             Fault::OffsetDrift => self.known.role == "supply4q",
-            // A bath with relays has no control of its own that could fail.
+            // A bath with relays has no controller of its own that could fail.
             Fault::BathRunsAway => {
                 self.known.role == "chiller" && self.known.key != "relay-thermostat"
             }
@@ -183,7 +183,7 @@ impl Device for Troubled {
         }
         let known = &self.known.messages;
         if self.lies.stuck && known.switches_off(message) {
-            // It says that it has done so where it answers every command.
+            // It confirms this if it answers every command.
             return known.off_answer.as_bytes().to_vec();
         }
         let mut reply = self.device.handle(now_s, message);

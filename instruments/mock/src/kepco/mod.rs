@@ -32,7 +32,7 @@ const RATED_LINEAR: [f64; 2] = [20.0, 20.0];
 pub(super) enum Family {
     /// BOP 1KW-MG.
     Switching,
-    /// BOP 20-20 with a BIT card; `analog_wired` says that the analog input is connected and so
+    /// BOP 20-20 with a BIT card; `analog_wired` states that the analog input is connected and so
     /// always commands the output.
     Linear { analog_wired: bool },
 }
@@ -63,7 +63,7 @@ pub(super) struct Kepco {
     world: World,
     status: Status,
     family: Family,
-    /// The function is answered by another word than sets it.
+    /// The function query returns another keyword than the one that sets it.
     function_word: bool,
     serial_number: String,
     settings: Settings,
@@ -176,7 +176,7 @@ impl Kepco {
         if side != Side::Positive {
             bounds.negative = value;
         }
-        // A set-point that a new limit forbids goes to the limit.
+        // A set-point that a new limit forbids moves to the limit.
         let Span { min, max, .. } = self.span(which.channel());
         let level = &mut self.settings.level[which.channel() as usize];
         *level = level.clamp(min, max);

@@ -135,7 +135,7 @@ fn get_mode(kepco: &mut Kepco, _: &mut Arguments) -> Fallible<Answer> {
 fn set_output(kepco: &mut Kepco, arguments: &mut Arguments) -> Fallible {
     let on = arguments.switch()?;
     if matches!(kepco.settings.pin_mode, "HIGH" | "LOW") {
-        // The remote pin has the say.
+        // The remote pin takes precedence.
         return fail(ErrorCode::SettingsConflict);
     }
     kepco.settings.output_on = on;
@@ -182,7 +182,7 @@ fn update_memory(_: &mut Kepco, arguments: &mut Arguments) -> Fallible {
         .map_err(|_| Error::new(ErrorCode::IllegalParameterValue))
 }
 
-/// `LIMit` or `PROTection` with its sides; a default leaf stands first.
+/// `LIMit` or `PROTection` with its sides; a default leaf comes first.
 macro_rules! bounds {
     ($name:literal, $which:expr; $($more:expr),*) => {
         Branch! {$name => &both(|k, a| set_bounds(k, a, $which, Side::Both), |k, _| get_bounds(k, $which, Side::Both));

@@ -1,4 +1,4 @@
-//! The acquisition of this model, and the words for its state.
+//! The acquisition of this model, and the keywords for its state.
 
 use super::{Panel, Scope};
 use crate::acquisition::{self, Edge, Mode, View};

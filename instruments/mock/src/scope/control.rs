@@ -16,7 +16,7 @@ const TRIGGER_DIVISIONS: f64 = 4.1;
 const DELAY_SCREENS: f64 = 1000.0;
 const MAX_POINT: f64 = 1e9;
 
-/// The next number when it is one: this instrument passes over what it cannot use.
+/// Returns the next number if it is valid: this instrument ignores unusable values.
 fn finite(arguments: &mut Arguments, unit: &str) -> Fallible<f64> {
     let value = arguments.number(unit)?;
     if value.is_finite() {
@@ -92,8 +92,8 @@ impl Scope {
         Ok(())
     }
 
-    /// `DEFault`, or `VALue,` and the factor. What the screen shows is rescaled; the input stays as
-    /// it is.
+    /// Handles `DEFault`, or `VALue,` and the factor. The displayed values are rescaled; the input
+    /// does not change.
     pub(super) fn set_probe(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let factor = match arguments.word(&["DEFault", "VALue"])? {
             "VALue" => finite(arguments, "")?.clamp(1e-6, 1e6),

@@ -17,8 +17,8 @@ pub(super) struct Descriptor<'a> {
 }
 
 impl Descriptor<'_> {
-    /// The descriptor. Points and bytes are those of the whole record, whatever part of it is asked
-    /// for.
+    /// Returns the descriptor. Points and bytes are those of the whole record, regardless of the
+    /// requested part.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "the format has single precision and 32-bit counts; records hold at most 10^7 \

@@ -1,17 +1,17 @@
 //! Siglent SDS800X HD oscilloscope: four channels, 12 bits, captures downloaded as blocks with a
 //! 346-byte descriptor.
 //!
-//! The front panel's state and what commands do to it are here, the command tree in `tree`, when a
-//! frame comes to be in `acquisition`, the block formats in `waveform`. Nothing of a capture is
-//! stored but when it was taken and with which settings; it is digitised when it is downloaded.
+//! This file contains the front panel's state and the effect of commands on it; `tree` contains the
+//! command tree, `acquisition` the timing of frames, and `waveform` the block formats. Of a capture
+//! only its time and settings are stored; it is digitised when it is downloaded.
 //!
 //! # Assumptions
 //! * **Offset limits**, at the input: ±1.6 V to 5 mV/div, ±4 V to 10, ±8 V to 20, ±16 V to 100, ±80
 //!   V to 200 mV/div, ±160 V to 1 V/div, ±400 V above. They are those of the family's data sheets
 //!   as far as known, not verified for this model; they allow the thesis' setting of a cell's tap
-//!   at 80 mV/div and forbid it below 5 mV/div. Values beyond are clamped without a word.
+//!   at 80 mV/div and forbid it below 5 mV/div. Values beyond are clamped silently.
 //! * Time bases snap to the nearest step of 1-2-5. Unknown commands queue −101, as reported of
-//!   firmware 4.8; unknown queries stay silent.
+//!   firmware 4.8; unknown queries get no reply.
 //! * A change of the time base, the memory depth, a channel or the trigger while running restarts the
 //!   acquisition.
 //! * AC coupling, averaging, peak detection and the bandwidth limit are kept and read back but do
@@ -79,7 +79,7 @@ struct Panel {
     /// s/div
     time_scale: f64,
     delay_s: f64,
-    /// Where the trigger stands without delay, per cent of the screen from the left.
+    /// Position of the trigger without delay, per cent of the screen from the left.
     reference_percent: f64,
     /// The delay follows the time scale, so that the trigger stays at its place on the screen.
     keep_position: bool,

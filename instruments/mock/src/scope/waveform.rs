@@ -24,7 +24,7 @@ impl Scope {
         channel.on.then_some((frame, channel))
     }
 
-    /// Points of a page by its own word.
+    /// Returns the points of a page as announced.
     pub(super) fn announced_points(&self) -> usize {
         match self.quirks.count("announced_points") {
             0 => self.page_points,

@@ -88,7 +88,7 @@ impl Burst {
         fired: false,
     };
 
-    /// Takes one key and value; what it does not understand it ignores.
+    /// Sets one key and value; ignores unknown ones.
     fn set(&mut self, key: &str, value: &Argument) {
         match (key.to_ascii_uppercase().as_str(), value) {
             ("STATE", Argument::Word(word)) => {
@@ -167,7 +167,7 @@ impl Channel {
         self.load_ohm.map_or(1.0, |load| load / (load + SOURCE_OHM))
     }
 
-    /// Takes one key and value; what it does not understand it ignores.
+    /// Sets one key and value; ignores unknown ones.
     pub(super) fn set(&mut self, key: &str, value: &Argument) {
         let is = |name: &str| key.eq_ignore_ascii_case(name);
         let number = |unit: &str| {
@@ -253,8 +253,8 @@ impl Channel {
         }
     }
 
-    /// Whether a value that was just taken is not what was asked for, beyond the steps of the
-    /// converter.
+    /// Returns whether a value that was just set differs from the requested one by more than the
+    /// steps of the converter.
     pub(super) fn is_limited(&self, key: &str, value: &Argument) -> bool {
         let divider = self.divider();
         let (met, unit, step) = match key.to_ascii_uppercase().as_str() {

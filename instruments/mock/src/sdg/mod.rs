@@ -34,7 +34,7 @@ use super::{
     world::World,
 };
 
-/// The parser takes words of at most 12 characters; this key has 14.
+/// The parser accepts keywords of at most 12 characters; this key has 14.
 const LONG_KEY: &[u8] = b"MAX_OUTPUT_AMP";
 /// The generator.
 pub(super) struct Sdg {
@@ -157,8 +157,8 @@ impl Sdg {
             pairs.push((key, value));
         }
         common::ignore(self, arguments)?;
-        // The wave type decides what the other keys mean, and the offset leaves room for the
-        // amplitude, wherever they stand in the list.
+        // The wave type determines the meaning of the other keys, and the offset leaves room for
+        // the amplitude, regardless of their position in the list.
         pairs.sort_by_key(|(key, _)| match key.to_ascii_uppercase().as_str() {
             "WVTP" => 0,
             "AMP" | "AMPVRMS" => 2,
@@ -239,7 +239,7 @@ impl Sdg {
         }
     }
 
-    /// It has no queue; what it says of it is reported in two ways.
+    /// It has no queue; the model reports its errors in two forms.
     fn errors(&mut self, _: &mut Arguments) -> Fallible<Answer> {
         match self.quirks.word("errors") {
             "signed" => text("-0, No errors"),

@@ -16,7 +16,7 @@ const PIECE_S: f64 = 0.05;
 pub(super) enum Step {
     /// Nothing for so long, bench s.
     Wait(f64),
-    /// These bytes go out; with the last ones goes the end of the message, where the transport has
+    /// These bytes are sent; the end of the message accompanies the last ones, if the transport has
     /// one.
     Put { bytes: Vec<u8>, end: bool },
 }
@@ -25,7 +25,7 @@ pub(super) enum Step {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Then {
     Stay,
-    /// The instrument goes on listening and never answers again.
+    /// The instrument continues to receive and never replies again.
     StopSending,
     HangUp,
 }
@@ -34,7 +34,7 @@ pub(super) enum Then {
 pub(super) fn answer(device: &mut dyn Device, now_s: f64, message: &[u8]) -> (Vec<Step>, Then) {
     let trouble = device.trouble(now_s, message);
     let reply = match trouble {
-        // The power is back before anybody asks again, and what was asked is forgotten.
+        // The power is back before the next query, and pending queries are discarded.
         Some(Trouble {
             fault: Fault::LoseMessage | Fault::PowerCycle,
             ..
@@ -115,7 +115,7 @@ fn put_badly(steps: &mut Vec<Step>, mut reply: Vec<u8>, trouble: Trouble, messag
             put(steps, reply, true);
             return Then::StopSending;
         }
-        // What befalls the device itself is none of the wire.
+        // Faults of the device itself do not affect the wire.
         _ => {}
     }
     put(steps, reply, true);

@@ -1,9 +1,9 @@
 //! Backplane between a device and the transports that carry whole messages: an inbox and an output
 //! queue, device clear, a seat for one client.
 //!
-//! The device handles its messages one after the other in a task of its own, at its own pace; what
-//! it answers waits in the queue until somebody reads it. As in a real instrument the queue
-//! outlives the client: only a device clear empties it.
+//! The device handles its messages one after the other in a separate task, at its own pace; its
+//! replies wait in the queue until they are read. As in a real instrument the queue outlives the
+//! client: only a device clear empties it.
 
 use std::{
     collections::VecDeque,
@@ -29,14 +29,14 @@ use crate::Device;
 
 /// Messages that may wait for the device.
 const INBOX: usize = 64;
-/// Bytes in the output queue beyond which the device waits until somebody reads.
+/// Bytes in the output queue beyond which the device waits for a read.
 const MOST_WAITING: usize = 1 << 20;
 /// How long a client waits for the one before it to leave.
 const SEAT: Duration = Duration::from_millis(500);
 /// Bit of the status byte: an answer is waiting (IEEE 488.2, clause 11.2.1.2).
 pub(super) const MESSAGE_AVAILABLE: u8 = 0x10;
 
-/// A transport's hold on a device; clones hold the same one.
+/// A transport's handle on a device; all clones share the device.
 #[derive(Clone)]
 pub(super) struct Backplane {
     terminator: Terminator,
@@ -138,7 +138,7 @@ impl Backplane {
         breaks
     }
 
-    /// Hands over what the framer has whole; waits while the device's inbox is full.
+    /// Passes complete messages of the framer on; waits while the device's inbox is full.
     pub(super) async fn hand_over(&self, framer: &mut ProgramFramer, id: u32) {
         while let Some(message) = framer.pull() {
             match message {
@@ -179,7 +179,7 @@ impl Backplane {
         }
     }
 
-    /// Forgets what was sent, what is being done and what was to be answered.
+    /// Discards the received messages, the running operation and the pending replies.
     pub(super) fn clear(&self) {
         self.shared.generation.fetch_add(1, Ordering::SeqCst);
         let mut output = self.shared.output();

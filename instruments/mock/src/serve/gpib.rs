@@ -23,7 +23,7 @@ const NAME: &str = "Prologix GPIB-ETHERNET Controller version 01.06.06.00";
 const READ_BYTES: usize = 4096;
 /// Bytes that the adapter passes on at once.
 const CHUNK: usize = 4096;
-/// Settings and what they are after switching on (manual, section 8); `++read_tmo_ms` in
+/// Settings and their values after switching on (manual, section 8); `++read_tmo_ms` in
 /// milliseconds.
 const SETTINGS: [(&str, u32, u32); 8] = [
     ("mode", 1, 1),
@@ -36,11 +36,11 @@ const SETTINGS: [(&str, u32, u32); 8] = [
     ("savecfg", 1, 1),
 ];
 
-/// Serves at the address `gpib` of an adapter on a TCP port until the task is aborted; gives the
-/// address really bound, so that port 0 can be asked for.
+/// Serves at the address `gpib` of an adapter on a TCP port until the task is aborted. Returns the
+/// address actually bound, so that port 0 can be requested.
 ///
 /// # Errors
-/// Error of the operating system when the address cannot be bound.
+/// The operating system's error if the address cannot be bound.
 pub async fn serve_gpib(
     device: Box<dyn Device>,
     address: impl ToSocketAddrs,
@@ -59,11 +59,11 @@ pub async fn serve_gpib(
     Ok((bound, task))
 }
 
-/// Serves at the address `gpib` of an adapter on a new pseudo terminal until the task is aborted;
-/// gives the path.
+/// Serves at the address `gpib` of an adapter on a new pseudo terminal until the task is aborted.
+/// Returns the path.
 ///
 /// # Errors
-/// Error of the operating system when it has no pseudo terminal left.
+/// The operating system's error if it has no pseudo terminal left.
 pub fn serve_gpib_pty(
     device: Box<dyn Device>,
     gpib: u8,
@@ -155,7 +155,7 @@ impl<'a> Adapter<'a> {
         self.plane.hand_over(&mut self.framer, 0).await;
     }
 
-    /// Passes on what the instrument says up to its end, or up to the byte `until`.
+    /// Passes on the instrument's output up to its end, or up to the byte `until`.
     async fn read(
         &mut self,
         stream: &mut (impl AsyncWrite + Unpin),

@@ -42,11 +42,11 @@ const READ_BYTES: usize = 16 << 10;
 /// Flag by which a client confirms that it has read the whole of the last answer.
 const DELIVERED: u8 = 1;
 
-/// Serves on HiSLIP until the task is aborted; gives the address really bound, so that port 0 can
-/// be asked for.
+/// Serves on HiSLIP until the task is aborted. Returns the address actually bound, so that port 0
+/// can be requested.
 ///
 /// # Errors
-/// Error of the operating system when the address cannot be bound.
+/// The operating system's error if the address cannot be bound.
 pub async fn serve_hislip(
     device: Box<dyn Device>,
     address: impl ToSocketAddrs,
@@ -92,7 +92,7 @@ struct Session {
     has_async: AtomicBool,
     /// Between the two halves of a device clear.
     clearing: AtomicBool,
-    /// An answer was sent whole, and the client has not said that it was read.
+    /// A reply was sent completely, and the client has not acknowledged it.
     unread: AtomicBool,
     locked: AtomicBool,
     ended: watch::Sender<bool>,
@@ -111,7 +111,7 @@ impl Session {
     }
 
     async fn ended(&self) {
-        // An error would say that the sender is gone, which lives as long as this.
+        // An error would mean that the sender is dropped, but it lives as long as this value.
         let _ = self.ended.subscribe().wait_for(|ended| *ended).await;
     }
 

@@ -13,10 +13,11 @@ use tokio::{net::UnixDatagram, task::JoinHandle};
 use super::backplane::Backplane;
 use crate::Device;
 
-/// Serves at a socket file until the task is aborted; the file goes with it.
+/// Serves at a socket file until the task is aborted; the file is then removed.
 ///
 /// # Errors
-/// Error of the operating system when the file cannot be made, such as that it exists already.
+/// The operating system's error if the file cannot be created, for example because it exists
+/// already.
 pub fn serve_usbtmc(
     device: Box<dyn Device>,
     path: &Path,
@@ -51,7 +52,7 @@ async fn transfer(socket: &UnixDatagram, plane: &Backplane) -> io::Result<()> {
             received = socket.recv_from(&mut buffer) => {
                 let (count, sender) = received?;
                 client = sender.as_pathname().map(Path::to_owned);
-                // What was left of an answer without an end is interrupted.
+                // The rest of a reply without an end is discarded.
                 answer.clear();
                 framer.push(buffer.get(..count).unwrap_or_default());
                 if count < TRANSFER {

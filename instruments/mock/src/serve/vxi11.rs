@@ -1,5 +1,5 @@
-//! A device on VXI-11: core and abort channel on one port each, and a port mapper of its own where
-//! one is wanted (TCP and UDP).
+//! A device on VXI-11: core and abort channel on one port each, and optionally a port mapper of its
+//! own (TCP and UDP).
 
 use std::{
     io,
@@ -36,16 +36,16 @@ use crate::Device;
 const MOST_BYTES: u32 = 64 << 10;
 /// Most bytes in one answer to a read.
 const PAGE: usize = 1 << 20;
-/// Room for the words around the data of a call.
+/// Space for the fields around the data of a call.
 const SLACK: usize = 1 << 10;
 const READ_BYTES: usize = 16 << 10;
 
-/// Where a device is on VXI-11.
+/// Addresses of a device on VXI-11.
 #[derive(Debug, Clone, Copy)]
 pub struct Vxi11Ports {
     /// The core channel.
     pub core: SocketAddr,
-    /// The port mapper, where there is one.
+    /// The port mapper, if there is one.
     pub port_mapper: Option<SocketAddr>,
 }
 
@@ -130,7 +130,7 @@ struct Client {
     stream: TcpStream,
     records: Records,
     link: Option<Link>,
-    /// The instrument sends nothing any more.
+    /// The instrument has stopped sending.
     is_silent: bool,
 }
 
@@ -362,7 +362,8 @@ async fn read_more(stream: &mut TcpStream, records: &mut Records) -> io::Result<
     Ok(count > 0)
 }
 
-/// Waits until the client has gone; what it sends meanwhile is kept, up to a bound.
+/// Waits until the client has disconnected; data that it sends in the meantime are kept, up to a
+/// bound.
 async fn gone(stream: &mut TcpStream, records: &mut Records) -> io::Error {
     loop {
         match read_more(stream, records).await {

@@ -1,5 +1,5 @@
-//! Parameters of commands as the mocks take them: numbers with their suffixes, words of a table,
-//! lists of channels.
+//! Parameters of commands as the mocks accept them: numbers with their suffixes, keywords of a
+//! table, lists of channels.
 
 use std::collections::VecDeque;
 
@@ -119,7 +119,8 @@ impl Arguments {
         }
     }
 
-    /// One word of a table written as `LONGform`; a number with a suffix (`20M`) counts as a word.
+    /// Returns one keyword of a table written as `LONGform`; a number with a suffix (`20M`) counts
+    /// as a keyword.
     pub(crate) fn word(&mut self, table: &[&'static str]) -> Fallible<&'static str> {
         let written = match self.required()? {
             Argument::Word(word) => word,

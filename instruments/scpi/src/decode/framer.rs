@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use super::Terminator;
 use crate::block::{self, BlockHeader};
 
-/// A message that could not be taken in; the framer goes on after the next terminator.
+/// A message that could not be received; the framer continues after the next terminator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
     /// Longer than a device of this kind can hold.
@@ -18,7 +18,7 @@ pub enum FrameError {
 
 /// Splits an incoming stream into program messages, without their terminators and without empty
 /// ones. A terminator inside a definite block does not count; inside a string it does, so that a
-/// forgotten quote costs one message and not the connection.
+/// missing quote costs one message and not the connection.
 ///
 /// ```
 /// use instruments_scpi::decode::{ProgramFramer, Terminator};
@@ -106,7 +106,7 @@ impl ProgramFramer {
         self.ready.pop_front()
     }
 
-    /// Forgets everything: a new connection, or the character that clears a device's input.
+    /// Discards all data: for a new connection, or the character that clears a device's input.
     pub fn clear(&mut self) {
         *self = Self::new(self.terminator, self.limit);
     }

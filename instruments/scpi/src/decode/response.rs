@@ -6,14 +6,14 @@ use crate::{
     excerpt, text_of,
 };
 
-/// Most bytes of text that may stand before the `#` of a block: some instruments repeat the header
-/// of the query there.
+/// Maximum number of text bytes before the `#` of a block: some instruments repeat the header of
+/// the query there.
 pub const MAX_PREFIX: usize = 64;
 
 /// Room for a prefix, a block's header and the line ends around them.
 const SLACK: usize = MAX_PREFIX + 32;
 
-/// Kind of answer that the caller asked for.
+/// Kind of reply that the caller requested.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Expect {
     /// A line of text.
@@ -37,7 +37,7 @@ pub enum Response {
 }
 
 impl Response {
-    /// The answer as text: the line, or what a block holds.
+    /// Returns the reply as text: the line, or the contents of a block.
     pub fn into_text(self) -> String {
         match self {
             Self::Line(line) => line,
@@ -45,7 +45,7 @@ impl Response {
         }
     }
 
-    /// The answer as bytes: what a block holds, or the line.
+    /// Returns the reply as bytes: the contents of a block, or the line.
     pub fn into_bytes(self) -> Vec<u8> {
         match self {
             Self::Line(line) => line.into_bytes(),
@@ -63,8 +63,7 @@ pub struct DecoderOptions {
     pub max_line: usize,
     /// Longest payload of a block, bytes.
     pub max_block: usize,
-    /// XON and XOFF (0x11, 0x13) are taken out wherever they stand; not for instruments that send
-    /// blocks.
+    /// Removes XON and XOFF (0x11, 0x13) at any position; not for instruments that send blocks.
     pub strip_flow_bytes: bool,
     /// The transport marks the end of a message and [`ResponseDecoder::end`] will be called;
     /// without it an indefinite block ends at the first NL.
@@ -84,7 +83,7 @@ impl Default for DecoderOptions {
     }
 }
 
-/// A stream that does not hold what was expected. The decoder is of no use after it until
+/// A stream that does not contain the expected reply. The decoder is unusable after it until
 /// [`ResponseDecoder::clear`].
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum DecodeError {
@@ -99,7 +98,7 @@ pub enum DecodeError {
     /// A line with control characters: the wrong baud rate, or binary data where text was expected.
     #[error("expected a line of text, found `{0}`")]
     Garbage(String),
-    /// Something else than a block.
+    /// Any reply other than a block.
     #[error("expected a block (`#` and its length after at most 64 bytes of text), found `{0}`")]
     NotABlock(String),
     /// A block that is too large.
@@ -118,7 +117,7 @@ pub enum DecodeError {
     },
 }
 
-/// Collects bytes and gives out complete answers. Push what one read gave, then pull.
+/// Collects bytes and returns complete replies. Push the result of one read, then pull.
 ///
 /// ```
 /// use instruments_scpi::decode::{DecoderOptions, Expect, Response, ResponseDecoder};
@@ -140,7 +139,7 @@ pub struct ResponseDecoder {
     buffer: Vec<u8>,
     /// Up to here no terminator was found, so that long answers are searched once.
     searched: usize,
-    /// Where the transport marked the end of a message.
+    /// Position at which the transport marked the end of a message.
     end_at: Option<usize>,
     overflowed: bool,
 }
@@ -157,8 +156,8 @@ impl ResponseDecoder {
         }
     }
 
-    /// Takes in bytes from the stream. Beyond the largest possible answer they are dropped, and the
-    /// next pull says so.
+    /// Appends bytes from the stream. Bytes beyond the largest possible reply are dropped, and the
+    /// next pull returns an error.
     pub fn push(&mut self, bytes: &[u8]) {
         let room = self.limit().saturating_sub(self.buffer.len());
         if self.options.strip_flow_bytes {
@@ -182,11 +181,11 @@ impl ResponseDecoder {
         self.end_at = Some(self.buffer.len());
     }
 
-    /// Gives out the next complete answer, or `None` while bytes are missing. Empty lines before it
-    /// are swallowed: the NL after a block may come late or twice.
+    /// Returns the next complete reply, or `None` while bytes are missing. Empty lines before it
+    /// are skipped: the NL after a block may come late or twice.
     ///
     /// # Errors
-    /// [`DecodeError`] when the stream holds something else than `expect`.
+    /// [`DecodeError`] if the stream contains anything other than `expect`.
     pub fn pull(&mut self, expect: Expect) -> Result<Option<Response>, DecodeError> {
         if self.overflowed {
             return Err(DecodeError::Overflow {
@@ -205,7 +204,7 @@ impl ResponseDecoder {
         }
     }
 
-    /// Takes out what is buffered, line ends at its front left out, and forgets it.
+    /// Removes and returns the buffered data, without line ends at its start.
     pub fn take_rest(&mut self) -> Vec<u8> {
         let mut rest = std::mem::take(&mut self.buffer);
         self.clear();
@@ -213,7 +212,7 @@ impl ResponseDecoder {
         rest
     }
 
-    /// Forgets everything, errors included.
+    /// Discards all data and errors.
     pub fn clear(&mut self) {
         *self = Self::new(self.options);
     }

@@ -34,8 +34,8 @@ pub enum Argument {
 }
 
 impl Argument {
-    /// The argument is character data equal to the word in `pattern`, in manual notation
-    /// (`MAXimum`): long or short form, in any case.
+    /// Returns whether the argument is character data equal to the keyword in `pattern`, in manual
+    /// notation (`MAXimum`): long or short form, in any case.
     pub fn is_word(&self, pattern: &str) -> bool {
         let short_len = pattern
             .bytes()
@@ -60,11 +60,11 @@ impl Argument {
         }
     }
 
-    /// The argument as a Boolean: `ON`, `OFF`, or a number that rounds to zero or not (SCPI-1999
-    /// volume 1, 7.3).
+    /// Returns the argument as a Boolean: `ON`, `OFF`, or a number that rounds to zero or not
+    /// (SCPI-1999 volume 1, 7.3).
     ///
     /// # Errors
-    /// [`NumberError::NotABoolean`] for everything else.
+    /// [`NumberError::NotABoolean`] for any other argument.
     pub fn boolean(&self) -> Result<bool, NumberError> {
         match self {
             Self::Number(quantity) if quantity.suffix.is_empty() && quantity.value.is_finite() => {
@@ -134,7 +134,7 @@ fn parse_one(text: &[u8]) -> Result<(Argument, &[u8]), ProgramError> {
     }
 }
 
-/// A number and the suffix behind it; blanks may stand between the two.
+/// Parses a number and the suffix after it; blanks may separate the two.
 fn decimal(text: &[u8]) -> Result<(Argument, &[u8]), ProgramError> {
     let digits = number::decimal_length(text);
     let suffix_at = text.len() - skip_blanks(text.get(digits..).unwrap_or_default()).len();

@@ -22,14 +22,14 @@ pub enum CommandError {
     Text {
         /// The header of the command.
         header: String,
-        /// Text that may stand there.
+        /// Text that is allowed at this position.
         expected: &'static str,
         /// Text that was to be written.
         found: String,
     },
 }
 
-/// Builds one program message. The first mistake is kept and reported by [`Command::build`].
+/// Builds one program message. [`Command::build`] reports the first mistake.
 ///
 /// ```
 /// use instruments_scpi::message::Command;

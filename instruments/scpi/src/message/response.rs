@@ -13,25 +13,25 @@ pub struct Field {
 }
 
 impl Field {
-    /// The field as a number; see [`number::parse_f64`].
+    /// Returns the field as a number; see [`number::parse_f64`].
     ///
     /// # Errors
-    /// [`NumberError::NotANumber`] when it is none.
+    /// [`NumberError::NotANumber`] if it is not a number.
     pub fn as_f64(&self) -> Result<f64, NumberError> {
         number::parse_f64(&self.text)
     }
 
-    /// The field as a Boolean; see [`number::parse_bool`].
+    /// Returns the field as a Boolean; see [`number::parse_bool`].
     ///
     /// # Errors
-    /// [`NumberError::NotABoolean`] when it is none.
+    /// [`NumberError::NotABoolean`] if it is not a Boolean.
     pub fn as_bool(&self) -> Result<bool, NumberError> {
         number::parse_bool(&self.text)
     }
 }
 
-/// The fields of one answer, in their order. `;` separates units and ends a field too; an answer
-/// without any character has no field.
+/// Returns the fields of one reply, in their order. `;` separates units and ends a field too; an
+/// empty reply has no field.
 ///
 /// ```
 /// use instruments_scpi::message::parse_response;

@@ -21,7 +21,7 @@ pub enum ProgramError {
     /// Something follows an argument that is neither a comma nor the end.
     #[error("expected a comma or the end after an argument, found `{0}`")]
     Separator(String),
-    /// A number that is none.
+    /// A number that is invalid.
     #[error(transparent)]
     Number(NumberError),
     /// A string without its closing quote.
