@@ -1,10 +1,10 @@
-//! The uncertainty budget of corrected impedances: how much of the covariance of each point comes
-//! from which cause.
+//! The uncertainty budget of corrected impedances: the contribution of each cause to the covariance
+//! of each point.
 //!
-//! Causes are independent of each other, so that their covariances add up to that of the point.
-//! Three belong to the record (noise, rounding to codes, the drift of the cell:
-//! [`crate::spectrum::PhasorVariance`]), the others to the correction ([`Source`]): what is known
-//! beforehand of shunt, gains, skews, mutual inductances and controls, as far as the controls leave
+//! Causes are independent of each other, so their covariances add up to that of the point. Three
+//! belong to the record (noise, rounding to codes, the drift of the cell:
+//! [`crate::spectrum::PhasorVariance`]), the others to the correction ([`Source`]): the prior
+//! knowledge of shunt, gains, skews, mutual inductances and controls, as far as the controls leave
 //! it open, and the noise of the runs over the controls. The parts of the correction are common to
 //! all measurements corrected by it.
 //!
@@ -203,7 +203,7 @@ impl Budget {
         }
     }
 
-    /// Causes that any point knows, in order.
+    /// Returns the causes that every point has, in order.
     fn causes(&self) -> Vec<Cause> {
         let first = self.points.first().map_or(&[][..], |point| &point.parts);
         let known = |index: &usize| {
@@ -364,7 +364,7 @@ impl Budget {
         traces
     }
 
-    /// Summary in words: the total at the ends of the band, and its largest cause.
+    /// Returns a summary as text: the total at the ends of the band, and its largest cause.
     pub fn in_words(&self) -> Option<String> {
         let (first, last) = (self.points.first()?, self.points.last()?);
         let end = |point: &BudgetPoint| {

@@ -152,8 +152,8 @@ fn follow(points: impl Iterator<Item = (f64, Slope)>, count: usize) -> Option<[[
     solvable.then_some(found)
 }
 
-/// Independent errors, the columns, that have this covariance: the lower triangle L of L·Lᵀ, with
-/// nothing where nothing is left.
+/// Returns independent errors, the columns, that have this covariance: the lower triangle L of
+/// L·Lᵀ, with zeros where no variance remains.
 fn independent(covariance: &[[f64; COMMON]; COMMON]) -> [[f64; COMMON]; COMMON] {
     let mut l = [[0.0; COMMON]; COMMON];
     for i in 0..COMMON {
@@ -192,11 +192,11 @@ pub struct HarnessParameter {
 impl Correction {
     /// Finds the harness that explains the controls best, by weighted least squares with priors.
     ///
-    /// Where the controls scatter significantly more than their stated noise, the noise is taken
-    /// for that much larger.
+    /// If the controls scatter significantly more than their stated noise, the noise is increased
+    /// accordingly.
     ///
     /// # Errors
-    /// [`CalibrationError`] for unusable input, or if the parameters do not settle.
+    /// [`CalibrationError`] for unusable input, or if the parameters do not converge.
     ///
     /// # Examples
     /// ```
@@ -237,8 +237,8 @@ impl Correction {
         solve::fit(controls)
     }
 
-    /// Nothing measured, nothing corrected: the current shunt as given, and all else at the default
-    /// [`Priors`] with their uncertainty.
+    /// Returns the correction without any measurement: the current shunt as given, and everything
+    /// else at the default [`Priors`] with their uncertainty.
     pub fn none(current_shunt: KnownImpedance) -> Self {
         let controls = Controls {
             current_shunt,
@@ -279,9 +279,9 @@ impl Correction {
         }
     }
 
-    /// Direct current through the shunt, A, and direct voltage across the jig, V, from the four
-    /// channels, V, less what they show where nothing flows: offsets are not the harness's. A gain
-    /// that all channels share is in both and not seen.
+    /// Returns the direct current through the shunt, A, and the direct voltage across the jig, V,
+    /// from the four channels, V, less their readings without a current: offsets do not belong to
+    /// the harness. A gain that all channels share affects both and is not detected.
     pub fn direct(&self, volts: [f64; 4]) -> (f64, f64) {
         model::direct(&self.values, volts)
     }
@@ -342,11 +342,12 @@ impl Correction {
         parts
     }
 
-    /// Common error that the uncertainty of the correction puts into all impedances corrected with
-    /// it. The derivatives by the parameters of the harness are split by least squares into a gain,
-    /// which is left out, a skew, an inductance and a resistance that grows as the square of the
-    /// frequency. `jig` are points of the cell. `shunt` are points with the voltage probes on the
-    /// shunt; empty where that is never measured again. None for fewer than two points of the cell.
+    /// Returns the common error that the uncertainty of the correction adds to all impedances
+    /// corrected with it. The derivatives by the parameters of the harness are split by least
+    /// squares into a gain, which is left out, a skew, an inductance and a resistance that grows as
+    /// the square of the frequency. `jig` are points of the cell. `shunt` are points with the
+    /// voltage probes on the shunt; empty if that is never measured again. Returns `None` for fewer
+    /// than two points of the cell.
     pub fn common_error(
         &self,
         jig: &[ChannelPhasors],

@@ -3,12 +3,12 @@
 //! Domain Approach*, 2nd ed. 2012, chapters 4 and 5.)
 //!
 //! [`odd_grid`] chooses odd harmonics of one frequency and leaves some of them out as detection
-//! lines. [`design()`] gives them phases with a low crest factor. [`analyse`] takes a record of
-//! several whole periods. A linear system answers at the excited harmonics only. An answer at even
-//! harmonics comes from even powers of the current. An answer at odd harmonics that were left out
-//! comes from odd powers. All between the harmonics is noise.
+//! lines. [`design()`] gives them phases with a low crest factor. [`analyse`] evaluates a record of
+//! several whole periods. A linear system responds at the excited harmonics only. A response at
+//! even harmonics comes from even powers of the current. A response at odd harmonics that were left
+//! out comes from odd powers. Everything between the harmonics is noise.
 //!
-//! Numbers in, numbers out: knows no generator and no scope.
+//! Numbers in, numbers out: contains no generator and no scope.
 
 mod analyse;
 mod crest;

@@ -29,8 +29,8 @@ pub struct TimeSeries {
     pub current_a: Vec<f64>,
     /// Voltage of the cell, V.
     pub voltage_v: Vec<f64>,
-    /// Temperature of the cell, °C; not a number where it was not measured. None where the file has
-    /// none.
+    /// Temperature of the cell, °C; NaN where it was not measured. `None` if the file has no
+    /// temperatures.
     pub temperature_c: Option<Vec<f64>>,
 }
 
@@ -62,7 +62,7 @@ pub enum SeriesError {
         name: String,
         /// Number of the sample, from 1.
         number: usize,
-        /// Allowed values, in words.
+        /// Allowed values, as text.
         expected: &'static str,
         /// Value found.
         met: f64,
@@ -151,9 +151,9 @@ impl TimeSeries {
         }
     }
 
-    /// The longest stretch (in charge) in which the current keeps the sign of `direction` (+1
-    /// discharge, −1 charge) and is above a tenth of the largest current of that sign; empty where
-    /// there is none.
+    /// Returns the longest stretch (in charge) in which the current keeps the sign of `direction`
+    /// (+1 discharge, −1 charge) and is above a tenth of the largest current of that sign; empty if
+    /// there is no such stretch.
     pub fn longest_stretch(&self, direction: f64) -> Range<usize> {
         let most = self
             .current_a

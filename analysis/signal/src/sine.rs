@@ -4,15 +4,15 @@
 //!
 //! Model of channel c, with t = 0 at sample 0 and tₘ the middle of the record: x(t) = Re{p ·
 //! exp(jωt)} + Σ Re{pₖ · exp(jωₖt)} + offset + drift · (t − tₘ) + curvature · (t − tₘ)² + Σ aₖ ·
-//! exp(−t/τₖ), with ωₖ harmonics of ω or frequencies given, and τₖ time constants given
+//! exp(−t/τₖ), with ωₖ harmonics of ω or given frequencies, and τₖ given time constants
 //! ([`relaxations`]). [`fit_known_frequency`] solves for all but ω, which are linear;
 //! [`fit_free_frequency`] also finds ω by Gauss–Newton steps on the linear solution.
 //!
-//! The samples are read once, where they lie, by all cores: blocks of ADC codes are summed over the
-//! model's columns in whole numbers, and the blocks' sums are turned to their place in the record.
-//! Time runs from −1 to 1 over the record while solving, and phases are evaluated anew every block,
-//! so that neither the length of the record nor the number of its periods costs digits; the number
-//! of periods need not be whole. Knows no impedance and no file.
+//! The samples are read once, in place, by all cores: blocks of ADC codes are summed over the
+//! model's columns in integers, and the sums of the blocks are rotated to their position in the
+//! record. Time runs from −1 to 1 over the record while solving, and phases are evaluated anew in
+//! every block, so that neither the length of the record nor the number of its periods costs
+//! digits; the number of periods need not be whole. Contains no impedances and no file access.
 
 mod amplitudes;
 mod basis;
@@ -85,7 +85,7 @@ pub fn fit_known_frequency(
 /// their noise. See [`fit_known_frequency`] for the rest.
 ///
 /// `freq_guess_hz` must lie within about half of 1/(length of the record) of the truth; without it,
-/// the highest peak of the summed spectra is taken.
+/// the highest peak of the summed spectra is used.
 ///
 /// ```
 /// use analysis_signal::sine::{Channel, FitOptions, Record, fit_free_frequency};

@@ -75,8 +75,8 @@ pub struct Spectrum {
 /// R_shunt, without any correction, with the covariance from the noise of the four channels. It is
 /// not finite if there is no current.
 ///
-/// The quotient is analytic in every channel, so a derivative turns and stretches the covariance of
-/// its phasor: R/(V₂ − V₁) towards V₄ and −V₃, and Z/(V₂ − V₁) towards V₁ and −V₂.
+/// The quotient is analytic in every channel, so a derivative rotates and scales the covariance of
+/// its phasor: R/(V₂ − V₁) for V₄ and −V₃, and Z/(V₂ − V₁) for V₁ and −V₂.
 ///
 /// ```
 /// use analysis_numeric::Covariance2;
@@ -129,8 +129,8 @@ impl ImpedancePoint {
         self.z_ohm.arg()
     }
 
-    /// Standard deviation of the phase, rad, to first order; no more than π/√3, that of a phase of
-    /// which nothing is known.
+    /// Returns the standard deviation of the phase, rad, to first order; at most π/√3, the value
+    /// for an unknown phase.
     pub fn phase_sigma_rad(&self) -> f64 {
         let across = self
             .covariance

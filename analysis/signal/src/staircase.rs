@@ -1,9 +1,9 @@
-//! Reads the record of a current that was commanded as a stair of short equal steps: the start of
-//! the stair in the record, and means over its steps.
+//! Evaluates the record of a current that was commanded as a stair of short equal steps: the start
+//! of the stair in the record, and means over its steps.
 //!
-//! The stair begins where its correlation with the record is greatest; as nothing flows before and
-//! behind it, that is where the sum of the squared differences is least. Means leave out what
-//! follows a step at once, for a supply takes time to settle.
+//! The stair begins where its correlation with the record is greatest. As no current flows before
+//! and after it, the sum of the squared differences is least there. Means leave out the samples
+//! directly after a step, because a supply takes time to settle.
 
 use std::ops::RangeInclusive;
 
@@ -49,7 +49,8 @@ impl Sums {
         Self { sums, interval_s }
     }
 
-    /// Mean of the samples between two times, and how many they are; none where there is none.
+    /// Returns the mean of the samples between two times and their number, or `None` if there are
+    /// no samples.
     pub fn mean(&self, from_s: f64, to_s: f64) -> Option<(f64, usize)> {
         let index = |time_s: f64| {
             ((time_s / self.interval_s).ceil().max(0.0) as usize).min(self.sums.len() - 1)
@@ -78,7 +79,7 @@ pub struct Around {
     pub reach_s: f64,
 }
 
-/// When in the record the stair begins, s, within what is given.
+/// Returns the time in the record at which the stair begins, s, within the given range.
 pub fn begins(record: &Sums, stair: &Stair<'_>, around: Around) -> f64 {
     let Around { near_s, reach_s } = around;
     let per_block = stair.values.len().div_ceil(BLOCKS).max(1);
@@ -135,9 +136,9 @@ fn best(record: &Sums, stair: &Stair<'_>, range_s: RangeInclusive<f64>, by_s: f6
         .map_or(from_s, |found| found.0)
 }
 
-/// Rows of a stair: one per step, and while a current stays the same, each longer than the one
-/// before by `growth` of the time since it began, up to `longest` steps. The last before a change
-/// is one step alone, so that the change lies between two rows that are a step apart.
+/// Returns the rows of a stair: one per step, and while a current stays constant, each longer than
+/// the one before by `growth` of the time since it began, up to `longest` steps. The last before a
+/// change is a single step, so that the change lies between two rows that are a step apart.
 pub fn chunks(values: &[f64], growth: f64, longest: usize) -> Vec<Chunk> {
     let mut chunks = Vec::new();
     let mut start = 0;

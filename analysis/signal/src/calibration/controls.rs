@@ -99,7 +99,7 @@ impl Source {
     ];
 }
 
-/// Standard deviations of what the harness is before anything is measured.
+/// Standard deviations of the harness parameters before any measurement.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Priors {
     /// Standard deviation of the gain of channels 2…4 relative to channel 1, around 1.
@@ -133,8 +133,8 @@ pub struct Controls<'a> {
     pub fake_cell: Option<(KnownImpedance, &'a [ChannelPhasors])>,
     /// Run with a short in the jig.
     pub short: Option<(KnownImpedance, &'a [ChannelPhasors])>,
-    /// Meter reading of the open jig. Where it was not measured, nothing is claimed: no admittance,
-    /// and no uncertainty of it.
+    /// Meter reading of the open jig. If it was not measured, it has no effect: no admittance, and
+    /// no uncertainty of it.
     pub open: Option<StrayAdmittance>,
     /// Prior knowledge of the harness.
     pub priors: Priors,
@@ -182,7 +182,7 @@ pub enum CalibrationError {
         number: usize,
         /// Frequency, Hz.
         freq_hz: f64,
-        /// Allowed values, in words.
+        /// Allowed values, as text.
         expected: &'static str,
         /// Value found.
         found: String,

@@ -14,7 +14,7 @@ pub struct Correction {
     pub reduced_chi2: Option<f64>,
     /// Degrees of freedom: real numbers measured. Every parameter has a prior and so takes none.
     pub dof: usize,
-    /// Factor on the stated noise of the controls that the scatter asked for; 1 unless
+    /// Factor on the stated noise of the controls that follows from the scatter; 1 unless
     /// `reduced_chi2` is significantly above 1.
     pub noise_factor: f64,
     /// Lowest and highest frequency of the controls, Hz.

@@ -1,8 +1,8 @@
 //! The equations of the harness, with exact derivatives.
 //!
 //! Everything is analytic in the four phasors and linear or exponential in the parameters, so each
-//! quantity carries its complex derivatives along (forward differentiation) and nothing has to be
-//! derived by hand twice.
+//! quantity carries its complex derivatives along (forward differentiation) and no derivative has
+//! to be written twice by hand.
 
 use std::array;
 use std::ops::{Add, Div, Mul, Sub};
@@ -175,7 +175,7 @@ impl<'a> Harness<'a> {
         (v2 - v1) / self.impedance_of(SHUNT_R, SHUNT_L)
     }
 
-    /// Impedance of what is in the jig, Ω.
+    /// Returns the impedance of the fixture in the jig, Ω.
     pub(super) fn impedance(&self) -> Slope {
         let [.., v3, v4] = self.tips;
         let (i, u) = (self.current(), v4 - v3);
@@ -216,7 +216,7 @@ impl<'a> Harness<'a> {
         u - self.impedance_of(r, l) * (i - self.stray() * u)
     }
 
-    /// Admittance beside what is in the jig, S.
+    /// Returns the admittance in parallel with the fixture in the jig, S.
     fn stray(&self) -> Slope {
         Slope::variable(self.values[STRAY_G].into(), 4 + STRAY_G, 1.0.into())
             + self.reactance(STRAY_C)
@@ -232,8 +232,8 @@ impl<'a> Harness<'a> {
     }
 }
 
-/// Current through the shunt, A, and voltage across the jig, V, where nothing changes: skews and
-/// inductances have no part in it.
+/// Returns the current through the shunt, A, and the voltage across the jig, V, for direct
+/// currents: skews and inductances have no effect on them.
 pub(super) fn direct(values: &[f64; COUNT], volts: [f64; 4]) -> (f64, f64) {
     let [v1, v2, v3, v4] = volts;
     let [gain_2, gain_3, gain_4] = [values[GAIN], values[GAIN + 1], values[GAIN + 2]];
@@ -243,7 +243,7 @@ pub(super) fn direct(values: &[f64; COUNT], volts: [f64; 4]) -> (f64, f64) {
     )
 }
 
-/// Potential of a channel's tip, from what it shows: V/c.
+/// Returns the potential of a channel's tip from its reading: V/c.
 fn tip(values: &[f64; COUNT], j_omega: Complex64, shown: Complex64, channel: usize) -> Slope {
     let shown_volts = Slope::variable(shown, channel, 1.0.into());
     let Some(other) = channel.checked_sub(1) else {

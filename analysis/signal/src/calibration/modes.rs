@@ -2,8 +2,8 @@
 //!
 //! The covariance of the harness' parameters is C = LLᵀ. An error of one standard deviation along a
 //! column of L moves every point along the derivatives of its impedance. A singular value
-//! decomposition of these directions, each over the noise of its point, orders them by what they do
-//! to a spectrum; what does nothing is left out and stays noise of the single points.
+//! decomposition of these directions, each over the noise of its point, orders them by their effect
+//! on a spectrum; a direction without effect is left out and stays noise of the single points.
 
 use nalgebra::{DMatrix, SymmetricEigen};
 use num_complex::Complex64;
@@ -16,8 +16,8 @@ use crate::spectrum::{ChannelPhasors, SharedError, Spectrum};
 /// would change a χ² by this much.
 const LEAST: f64 = 1e-2;
 
-/// Impedance of a cell over that of the control: 3.75 mΩ of the thesis' fake cell stand for cells
-/// of 10 mΩ.
+/// Impedance of a cell over that of the control: the 3.75 mΩ of the thesis' fake cell represent
+/// cells of 10 mΩ.
 const FACTOR: f64 = 3.0;
 const SPAN: [Complex64; 3] = [
     Complex64::ZERO,
@@ -25,7 +25,7 @@ const SPAN: [Complex64; 3] = [
     Complex64::new(0.0, FACTOR),
 ];
 
-/// Independent errors of a correction; the same for all spectra that it corrects.
+/// Independent errors of a correction, common to all spectra that it corrects.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CorrectionModes {
     run: String,
@@ -34,12 +34,13 @@ pub struct CorrectionModes {
 }
 
 impl CorrectionModes {
-    /// Errors that matter to things in the jig. `control` is a sweep of one of known impedance;
-    /// without it all errors are kept. `run` names the run: errors of two runs are not the same.
+    /// Returns the errors that matter to impedances in the jig. `control` is a sweep of a known
+    /// impedance; without it all errors are kept. `run` names the run: errors of two runs are
+    /// different.
     ///
-    /// The error of an impedance is affine in it. A short, a thing of three times the control's
-    /// impedance and one turned by 90° so span every cell; the control alone would not do, for the
-    /// correction is made to be right on it.
+    /// The error of an impedance is affine in it. A short, an impedance three times that of the
+    /// control and one rotated by 90° therefore span every cell. The control alone would not
+    /// suffice, because the correction is fitted to be right on it.
     pub fn new(correction: &Correction, control: &[ChannelPhasors], run: &str) -> Self {
         let roots = root(&correction.covariance);
         let run = run.to_owned();
@@ -118,8 +119,8 @@ impl CorrectionModes {
 }
 
 impl Correction {
-    /// A spectrum with what this correction leaves wrong in all its points alike; `sweep` are the
-    /// phasors of its points. Unchanged where the numbers of points differ.
+    /// Adds the common errors of this correction to a spectrum; `sweep` are the phasors of its
+    /// points. The spectrum is unchanged if the numbers of points differ.
     #[must_use]
     pub fn with_shared(
         &self,

@@ -2,8 +2,8 @@
 //! deviations of their priors.
 //!
 //! The equations are solved in square-root form (Givens rotations into a triangle that starts as
-//! the prior), because products of the Jacobian would lose the combinations that are known best
-//! beside those that only the prior knows.
+//! the prior), because products of the Jacobian would lose the best-known combinations beside those
+//! that only the prior determines.
 
 use num_complex::Complex64;
 
@@ -15,8 +15,8 @@ use analysis_numeric::Covariance2;
 const MAX_STEPS: usize = 60;
 /// Step that changes nothing, in standard deviations of the result.
 const SETTLED: f64 = 1e-4;
-/// Relative rise of the sum of squares that a full step may bring: the weights move a little with
-/// the parameters, so that the sum is not strictly what the step lowers.
+/// Relative increase of the sum of squares that is accepted for a full step: the weights change a
+/// little with the parameters, so the step does not minimise exactly this sum.
 const SLACK: f64 = 1e-2;
 /// Part of a step below which halving on is useless.
 const SHORTEST: f64 = 1e-3;
@@ -131,8 +131,8 @@ fn fault(point: &ChannelPhasors) -> Option<(&'static str, String)> {
     None
 }
 
-/// Means and standard deviations of the priors. What was not measured with anything is exactly
-/// nothing.
+/// Returns means and standard deviations of the priors. A parameter without any measurement is
+/// exactly zero.
 fn priors(controls: &Controls<'_>) -> ([f64; COUNT], [f64; COUNT]) {
     const NOTHING: KnownImpedance = KnownImpedance {
         r_ohm: 0.0,

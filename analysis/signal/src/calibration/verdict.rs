@@ -13,28 +13,28 @@ pub struct ControlTolerance {
     pub phase_deg: f64,
 }
 
-/// Error of a control. The numbers are not numbers where nothing could be compared.
+/// Error of a control. The values are NaN if nothing could be compared.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct ControlVerdict {
-    /// Error of the magnitude where it is largest, relative, with sign.
+    /// Largest error of the magnitude, relative, with sign.
     pub worst_magnitude_rel: f64,
     /// Frequency there, Hz.
     pub worst_magnitude_freq_hz: f64,
-    /// Error of the phase where it is largest, degrees, with sign.
+    /// Largest error of the phase, degrees, with sign.
     pub worst_phase_deg: f64,
     /// Frequency there, Hz.
     pub worst_phase_freq_hz: f64,
     /// Both within the tolerance at every point.
     pub passed: bool,
-    /// The verdict in words.
+    /// The verdict as text.
     pub text: String,
 }
 
-/// Compares a measured control with what is known of it. A control that has no point, or a point
+/// Compares a measured control with its known impedance. A control that has no point, or a point
 /// that is not finite, does not pass.
 ///
-/// A correction that was fitted to the same points proves little by passing; use points that it has
-/// not seen, or check before correcting.
+/// A correction that was fitted to the same points proves little by passing; use points that were
+/// not in the fit, or check before correcting.
 pub fn check_control(
     points: &[ImpedancePoint],
     known: &KnownImpedance,
@@ -85,9 +85,9 @@ pub fn check_control(
     }
 }
 
-/// Compares a measured short with what is known of it. Its impedance is next to nothing, so that
-/// the error counts in ohms, `tolerance_ohm`; the verdict's magnitude is that error over the
-/// short's own resistance, and no phase is judged.
+/// Compares a measured short with its known impedance. Its impedance is nearly zero, so the error
+/// counts in ohms, `tolerance_ohm`; the verdict's magnitude is that error over the short's own
+/// resistance, and the phase is not checked.
 pub fn check_short(
     points: &[ImpedancePoint],
     known: &KnownImpedance,
@@ -165,7 +165,7 @@ fn in_words(
     )
 }
 
-/// A number as a verdict says it.
+/// Formats a number for a verdict.
 fn short(value: f64) -> String {
     format_significant(value, 4)
 }

@@ -71,7 +71,7 @@ pub struct MultisineFit {
     /// Variance of either part of the voltage across the jig that images of the generator's steps
     /// put onto the excited harmonics, V²; it is in their noise.
     pub images_v2: Vec<f64>,
-    /// Check of the predicted images against the record; none where the generator's steps were not
+    /// Check of the predicted images against the record; `None` if the generator's steps were not
     /// given.
     pub proof: Option<Proof>,
 }
@@ -86,8 +86,8 @@ pub struct Line {
     pub noise: f64,
     /// Even-order distortion: the largest even neighbour.
     pub even: f64,
-    /// Odd-order distortion: the largest odd neighbour that was not excited. About as much of it
-    /// lies on the line itself, where it cannot be seen.
+    /// Odd-order distortion: the largest odd neighbour that was not excited. A similar amount lies
+    /// on the line itself, where it cannot be detected.
     pub odd: f64,
     /// Standard deviation that noise alone gives to either.
     pub sigma: f64,
@@ -107,7 +107,7 @@ impl Line {
 /// Analyses samples of the four channels, V, of whole periods of the base frequency.
 ///
 /// # Errors
-/// [`MultisineError`] for a record that is none.
+/// [`MultisineError`] for an invalid record.
 ///
 /// # Examples
 /// ```
@@ -273,8 +273,8 @@ fn drift(samples: &[f64], periods: usize) -> (f64, f64) {
     let shift = length.round() as usize;
     let middle = 0.5 * (samples.len() as f64 - 1.0);
     let (mut n, mut sum, mut moment, mut square) = (0.0, 0.0, 0.0, 0.0);
-    // The period may be no whole number of samples: whole records are shifted by whole periods on
-    // average only where it is.
+    // The period may be a fractional number of samples: whole records are shifted by whole periods
+    // exactly only if it is an integer.
     for (k, pair) in samples.iter().zip(&samples[shift..]).enumerate() {
         let (t, step) = (k as f64 + 0.5 * shift as f64 - middle, pair.1 - pair.0);
         (n, sum, moment, square) = (n + 1.0, sum + step, moment + t * step, square + t * t);
@@ -298,11 +298,11 @@ fn noise(bins: &[Complex64], harmonic: usize, periods: usize) -> f64 {
 /// Detection lines on either side whose mean square estimates the background on an excited line.
 const BESIDE: usize = 2;
 
-/// The phasors at the excited lines with the variance of what odd powers, and whatever else comes
-/// again with every period, put onto them: it is not seen at the lines themselves, and as large
-/// there as at the odd harmonics beside them that were left out. It counts for the voltage across
-/// the jig. What a nonlinearity does to all lines alike, a change of Z with the amplitude, is not
-/// in it.
+/// Returns the phasors at the excited lines with the added variance from odd powers and everything
+/// else that repeats with every period: it cannot be detected at the lines themselves, and is as
+/// large there as at the omitted odd harmonics beside them. It counts for the voltage across the
+/// jig. It does not include the effect of a nonlinearity on all lines alike, a change of Z with the
+/// amplitude.
 pub fn with_distortion(fit: &MultisineFit) -> Vec<ChannelPhasors> {
     let known = quotients(fit);
     let found: Vec<(f64, (f64, f64))> = fit
@@ -415,7 +415,7 @@ pub fn clock_offset(
             .map(|k| (sample(k) - mean) * Complex64::from_polar(1.0, -turn * k as f64))
             .sum()
     };
-    // Each line's turn, over what it would be for ε = 1, weighed by the square of that.
+    // Each line's rotation, over that for ε = 1, weighted by the square of the latter.
     let span = std::f64::consts::TAU * later as f64 / period;
     let turns: Vec<(f64, f64)> = harmonics
         .iter()

@@ -3,8 +3,8 @@
 //!
 //! Iterative swapping between time and frequency (Van der Ouderaa, Schoukens and Renneboog, IEEE
 //! Trans. Instrum. Meas. 37 (1988) 145): the signal is clipped a little, its phases at the excited
-//! lines are kept and its amplitudes restored, again and again. Several random starts, the best is
-//! kept.
+//! lines are kept and its amplitudes restored, repeatedly. Of several random starts, the best
+//! result is kept.
 
 use num_complex::Complex64;
 use rustfft::{Fft, FftPlanner};

@@ -1,11 +1,11 @@
-//! Places in a record at which the images of a generator's steps fall.
+//! Positions in a record at which the images of a generator's steps fall.
 //!
-//! A converter that holds each of N values of a period puts out, beside a line at harmonic h of
+//! A converter that holds each of N values of a period outputs, beside a line at harmonic h of
 //! amplitude a, images at k·N ± h for k = 1, 2, 3 …, of amplitude a·h/(k·N ± h): the zero-order
-//! hold has the zeros of sin x/x at k·N. A scope that filters nothing folds them: in S samples of P
-//! periods harmonic q lies in bin q·P modulo S, counted from either end. Both rates being whole,
-//! the bins repeat after S/gcd(S, N·P) orders. Across an inductance an image has as many volts as
-//! its line, less what the supply's lag takes, so that it is their order alone that makes them
+//! hold has the zeros of sin x/x at k·N. A scope without a filter folds them: in S samples of P
+//! periods harmonic q lies in bin q·P modulo S, counted from either end. Since both rates are
+//! whole, the bins repeat after S/gcd(S, N·P) orders. Across an inductance an image has as many
+//! volts as its line, less the attenuation of the supply's lag, so only their order makes them
 //! small.
 
 /// Lines that are excited.
@@ -53,7 +53,7 @@ impl Image {
 }
 
 impl Sampling {
-    /// Orders after which images fall into the same bins again.
+    /// Returns the number of orders after which images fall into the same bins again.
     pub fn cycle(&self) -> usize {
         self.samples / gcd(self.samples, self.steps * self.periods).max(1)
     }
@@ -64,7 +64,7 @@ impl Sampling {
         bin.min(self.samples - bin)
     }
 
-    /// Both images of a line at an order: where they truly lie.
+    /// Returns the true harmonics of both images of a line at an order.
     pub fn beside(&self, line: usize, order: usize) -> [usize; 2] {
         [
             order * self.steps - line.min(order * self.steps),

@@ -1,11 +1,10 @@
-//! Measures the images of the generator's steps in a record, and the error that they put onto its
-//! lines.
+//! Measures the images of the generator's steps in a record, and their error on its lines.
 //!
-//! Most images fall into bins where nothing else is: there their power beside the noise is
-//! measured, octave by octave of the frequency at which they truly lie, as a factor over the share
-//! of current that the steps give them. The factor is that of supply, harness and probes; nothing
-//! of it needs to be known. What falls onto a line is of the same octaves, and its variance is the
-//! factor's square times the share's.
+//! Most images fall into bins without other signals. There their power above the noise is measured,
+//! octave by octave of their true frequency, as a factor over the share of current that the steps
+//! give them. The factor is that of supply, harness and probes, none of which needs to be known.
+//! Images on a line belong to the same octaves, and their variance is the factor's square times the
+//! share's.
 
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
@@ -17,8 +16,8 @@ const DISTORTED: usize = 7;
 /// Power of a bin over that of noise which noise has in one of 7·10¹⁰ bins: 25, five standard
 /// deviations' square.
 const CERTAIN: f64 = 25.0;
-/// Power over that which was predicted, below which an image is missing: noise and other images on
-/// the same bin leave less in a thousandth of all cases.
+/// Power relative to the prediction, below which an image is missing: noise and other images on the
+/// same bin leave less in a thousandth of all cases.
 const MISSING: f64 = 1.0e-3;
 /// Share of the strong images that may be missing, which a few neighbours of opposite phase
 /// explain.
@@ -57,7 +56,7 @@ impl Proof {
         }
     }
 
-    /// The record is not what the rates say.
+    /// Returns whether the record contradicts the rates.
     pub fn contradicts(&self) -> bool {
         let missing = self.missing as f64 > MOST_MISSING * self.predicted as f64
             && self.missing > MOST_STRANGE;
@@ -85,8 +84,8 @@ struct Place {
 }
 
 impl MeasuredImages {
-    /// Looks at the images of the lines in a record; the base frequency names the frequencies of what is
-    /// strange.
+    /// Measures the images of the lines in a record; the base frequency converts harmonics to
+    /// frequencies in messages.
     pub(super) fn new(pairs: &Pairs, excited: Excited<'_>, sampling: Sampling) -> Self {
         let Excited { base_hz, harmonics } = excited;
         let bin = |harmonic: usize| harmonic * sampling.periods;

@@ -24,8 +24,8 @@ impl Path {
     /// currents.
     pub fn error_ohm(&self, image: &Image, base_hz: f64) -> f64 {
         let freq_hz = image.at as f64 * base_hz;
-        // Volts that two probes have of the same current at different times differ by twice as much
-        // at most.
+        // Two probes that sample the same current at different times differ by at most twice its
+        // volts.
         let unlike = (TAU * freq_hz * self.skew_s).min(2.0);
         image.share() * TAU * freq_hz * (self.loop_h * unlike + self.pickup_h)
             / (freq_hz / self.corner_hz).hypot(1.0)
@@ -51,15 +51,15 @@ pub struct Choice<'a> {
     pub tolerated_ohm: f64,
 }
 
-/// Lines and rates, and what falls onto a line all the same.
+/// Lines and rates, and the images that still fall onto a line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Placement {
     /// Harmonics, rising.
     pub harmonics: Vec<usize>,
     /// Rates.
     pub sampling: Sampling,
-    /// The line that images disturb most, what they put into its Z, Ω, and the largest of them;
-    /// none where nothing falls onto any line.
+    /// The line that images disturb most, their contribution to its Z, Ω, and the largest of them;
+    /// `None` if no image falls onto a line.
     pub worst: Option<Disturbed>,
 }
 
@@ -107,9 +107,9 @@ impl Placement {
     }
 }
 
-/// The first rates at which all images on lines are tolerated: first as few samples, then as few
-/// steps as the order of the lists says. Where no rates help, lines move to free odd harmonics
-/// beside them; where that does not help, the least disturbed of all.
+/// Finds the first rates at which all images on lines are tolerated: first the fewest samples, then
+/// the steps in the order of the lists. If no rates help, lines move to free odd harmonics beside
+/// them; if that does not help, the least disturbed placement is returned.
 pub fn place(harmonics: &[usize], choice: &Choice<'_>) -> Option<Placement> {
     let mut best: Option<Placement> = None;
     for moving in [false, true] {

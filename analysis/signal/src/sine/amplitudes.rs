@@ -5,11 +5,12 @@ use std::f64::consts::TAU;
 use num_complex::Complex64;
 use rustfft::FftPlanner;
 
-/// Amplitudes of the frequencies above 0 Hz up to half the sampling rate, as (Hz, V zero to peak).
+/// Returns the amplitudes of the frequencies above 0 Hz up to half the sampling rate, as (Hz, V
+/// zero to peak).
 ///
-/// The mean is taken off, and the record is weighted by a Hann window, so that a strong line does
-/// not cover what lies far from it: a sinusoid in the middle of a bin has its amplitude there and
-/// half of it in the bins beside it.
+/// The mean is subtracted, and the record is weighted by a Hann window, so that a strong line does
+/// not hide distant ones: a sinusoid in the middle of a bin has its amplitude there and half of it
+/// in the adjacent bins.
 ///
 /// ```
 /// use analysis_signal::sine::amplitudes;

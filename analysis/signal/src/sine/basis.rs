@@ -136,7 +136,7 @@ impl Basis {
         self.shift(index as f64 - self.centre)
     }
 
-    /// Writes the columns themselves at a number of samples from where they are counted.
+    /// Writes the columns at an offset in samples from their origin.
     pub(super) fn write_row(&self, offset: f64, row: &mut [f64]) {
         let (time, first_power) = (offset * self.time_step, 2 * self.tones.len());
         for (j, tone) in self.tones.iter().enumerate() {
@@ -208,7 +208,7 @@ impl Shift {
         }
     }
 
-    /// Maps coefficients of the fitted columns back: the model stays the same where it is counted
+    /// Maps coefficients of the fitted columns back: the model does not change if it is counted
     /// from another sample.
     pub(super) fn pull_back(&self, beta: &mut [f64]) {
         for (j, turn) in self.turns.iter().enumerate() {

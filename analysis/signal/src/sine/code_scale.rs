@@ -11,8 +11,8 @@ pub struct CodeScale {
     pub code_min: i16,
     /// Greatest code of the ADC; samples at or above it are clipped.
     pub code_max: i16,
-    /// From one code of the ADC to the next: 16 where twelve bits come in the upper part of
-    /// sixteen, else 1.
+    /// Step from one code of the ADC to the next: 16 if twelve bits are in the upper part of
+    /// sixteen, otherwise 1.
     pub code_step: u16,
 }
 

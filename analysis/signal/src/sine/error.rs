@@ -111,7 +111,7 @@ pub enum SineError {
         /// Frequency, Hz.
         freq_hz: f64,
     },
-    /// A frequency was to be found where nothing oscillates.
+    /// The fit searches a frequency, but nothing oscillates.
     #[error("expected a sinusoid to find the frequency of, met channels without one")]
     NoSignal,
     /// The frequency does not settle.
@@ -134,7 +134,7 @@ pub enum SineError {
     Unreadable {
         /// Channel, counted from 1.
         channel: usize,
-        /// Why, in words.
+        /// The reason, as text.
         reason: String,
     },
 }

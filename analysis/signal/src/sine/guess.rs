@@ -11,7 +11,7 @@ use super::{Channel, FitOptions, MIN_PERIODS, Record, SineError, solve};
 /// image at negative frequency moves the peak by more than the steps of the frequency can mend.
 const TRIALS: [f64; 5] = [-0.5, -0.25, 0.0, 0.25, 0.5];
 
-/// Few periods, where the peak needs the trials, end here.
+/// Number of periods below which the peak needs the trials.
 const FEW_PERIODS: f64 = 8.0;
 
 /// Guesses the frequency, Hz.

@@ -1,8 +1,7 @@
 //! The inner loops: sums of one block of samples over the columns.
 //!
-//! 12-bit codes are summed in whole numbers, 16 at a time where the processor has AVX2, so that the
-//! sums are the same on every machine. Codes that span more, and volts, are summed as `f64` in a
-//! fixed order.
+//! 12-bit codes are summed in integers, 16 at a time if the processor has AVX2, so the sums are the
+//! same on every machine. Wider codes, and volts, are summed as `f64` in a fixed order.
 
 use pulp::{Simd, WithSimd};
 
@@ -266,7 +265,7 @@ pub(super) fn blocks<S>(samples: &[S]) -> impl Iterator<Item = Blocks<'_, S>> {
         .zip(later.as_chunks::<BLOCK>().0)
 }
 
-/// Calls `take` with the sums of each of the [`blocks`] of codes, in order; with nothing where a
+/// Calls `take` with the sums of each of the [`blocks`] of codes, in order, or with `None` if a
 /// sample is clipped.
 pub(super) fn each_narrow(
     frame: Frame<'_>,

@@ -36,7 +36,7 @@ impl Normal {
         Some(Self { lower })
     }
 
-    /// Solution for a right-hand side; what it has beyond the fitted columns is ignored.
+    /// Returns the solution for a right-hand side; elements beyond the fitted columns are ignored.
     pub(super) fn solve(&self, rhs: &[f64]) -> Vec<f64> {
         let size = self.size();
         let mut x = rhs[..size].to_vec();

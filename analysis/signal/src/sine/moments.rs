@@ -150,7 +150,7 @@ fn pieces(
         })
     };
     let mut all = Vec::with_capacity(samples.div_ceil(CHUNK));
-    // One after the other: what is read at once bounds the memory.
+    // Segments are read one after the other, which bounds the memory.
     for base in (0..samples).step_by(segment) {
         all.append(&mut of_segment(base)?);
     }
@@ -219,7 +219,7 @@ fn gather<'a>(
     Ok(all)
 }
 
-/// Where a chunk lies, and what is taken from its samples.
+/// Position of a chunk, and the values subtracted from its samples.
 #[derive(Clone, Copy)]
 struct Cut {
     /// First sample of the chunk, counted in the record.

@@ -10,10 +10,10 @@ pub struct FitOptions {
     /// Other frequencies fitted, Hz: mains pick-up, a neighbour's switching. See
     /// [`FitOptions::with_mains`].
     pub also_hz: Vec<f64>,
-    /// Time constants of relaxations fitted, s: what a change of the current before the record has
-    /// left. See [`relaxations`].
+    /// Time constants of the fitted relaxations, s: the remainder of a change of the current before
+    /// the record. See [`relaxations`].
     pub decays_s: Vec<f64>,
-    /// Leave clipped samples out; else they are fitted as if they were right, and only counted.
+    /// Leaves clipped samples out; otherwise they are fitted as valid samples and only counted.
     pub exclude_clipped: bool,
 }
 

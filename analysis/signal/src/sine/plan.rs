@@ -84,8 +84,8 @@ impl Plan {
         plan
     }
 
-    /// The least that can be fitted: the sinusoid, its offset and at most a linear drift. Says what
-    /// it leaves out; none if it already is that.
+    /// Returns the minimal plan: the sinusoid, its offset and at most a linear drift, with notes on
+    /// the parts left out, or `None` if the plan is already minimal.
     pub(super) fn reduced(&self, freq_hz: f64, channel: usize) -> Option<Self> {
         let degree = self.degree.min(1);
         let mut notes = self.notes.clone();

@@ -1,15 +1,15 @@
-//! Bound of a phasor's error by quantisation, where the noise is too low to make the quantisation
-//! act as noise.
+//! Bound of a phasor's error by quantisation, for noise too low to make the quantisation act as
+//! noise.
 //!
-//! An ADC adds the sawtooth of its rounding to every sample. Noise of half a code smooths it away
-//! (the sawtooth's k-th harmonic fades with exp(−2π²k²σ²), σ in codes; Widrow and Kollár,
-//! Quantization Noise, ch. 4 and 10). Without it, the sawtooth is a function of the signal's phase:
-//! samples that come back to few phases, or a signal of few codes, repeat the same errors, and
-//! averaging does not help.
+//! An ADC adds the sawtooth of its rounding to every sample. Noise of half a code smooths it (the
+//! sawtooth's k-th harmonic fades with exp(−2π²k²σ²), σ in codes; Widrow and Kollár, Quantization
+//! Noise, ch. 4 and 10). Without noise, the sawtooth is a function of the signal's phase: samples
+//! at only a few phases, or a signal of few codes, repeat the same errors, and averaging does not
+//! help.
 //!
-//! The bound is found by doing it: sinusoids of the fitted amplitude, at several positions between
-//! the codes, are rounded at the phases of the record, and the greatest error of the phasor is
-//! taken. Knows no samples.
+//! The bound is found by simulation: sinusoids of the fitted amplitude, at several positions
+//! between the codes, are rounded at the phases of the record, and the greatest error of the phasor
+//! is used. It does not depend on the samples.
 
 use num_complex::Complex64;
 
@@ -25,7 +25,7 @@ const TRIALS: usize = 16;
 const TRIALS_FEW: usize = 2048;
 /// Noise, in codes rms, below which the sawtooth is as sharp as without.
 const SHARP_LSB: f64 = 0.12;
-/// A record coming back to no more phases than this may have any noise hidden between the codes.
+/// A record with at most this number of phases may hide any noise between the codes.
 const FEW_PHASES: usize = 32;
 
 /// A fitted channel in units of its quantisation.
@@ -33,7 +33,7 @@ const FEW_PHASES: usize = 32;
 pub(super) struct Quantised {
     /// Amplitude, codes.
     pub(super) amplitude_lsb: f64,
-    /// Mean square of what the fit leaves, codes².
+    /// Mean square of the residual, codes².
     pub(super) residual_lsb2: f64,
     /// Standard deviation of a part of the phasor as the residual has it, codes.
     pub(super) sigma_lsb: f64,
@@ -88,8 +88,8 @@ impl Quantised {
 
     fn bound(&self, noise_lsb: f64, few: Option<usize>) -> f64 {
         let count = few.unwrap_or(self.samples.min(PHASES));
-        // Whole samples of the record, spread over all of it; where it comes back to few phases,
-        // the first of each.
+        // Whole samples of the record, spread over all of it; if it has few phases, the first of
+        // each.
         let index = |n: usize| {
             if few.is_some() {
                 n
@@ -126,8 +126,8 @@ impl Quantised {
     }
 }
 
-/// Number of different phases, if the samples come back to few of them: after q samples the phase
-/// is the same, and stays so over the record.
+/// Returns the number of different phases, if the samples repeat few of them: after q samples the
+/// phase repeats, and continues to do so over the record.
 fn few_phases(cycles: f64, samples: usize) -> Option<usize> {
     (1..=FEW_PHASES).find(|q| {
         let turns = cycles * *q as f64;

@@ -18,14 +18,14 @@ pub struct Record<'a> {
     pub interval_s: f64,
 }
 
-/// Samples of one channel, borrowed as they are, or read from where they are kept.
+/// Samples of one channel, borrowed, or read from where they are stored.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Channel<'a> {
     /// Volts.
     Volts {
         /// The samples, V.
         samples: &'a [f64],
-        /// Step of the quantisation, V; `None` if there is none that matters.
+        /// Step of the quantisation, V; `None` if it is negligible.
         lsb_v: Option<f64>,
         /// Samples at or beyond these bounds are clipped; V.
         range_v: Option<(f64, f64)>,

@@ -35,15 +35,15 @@ impl Residual {
         }
     }
 
-    /// Density at a frequency (rad per sample) over the mean density, of a first-order
-    /// autoregression with this correlation; 1 where the correlation is not significant or the
-    /// density lower.
+    /// Returns the density at a frequency (rad per sample) over the mean density, of a first-order
+    /// autoregression with this correlation; 1 if the correlation is not significant or the density
+    /// is lower.
     pub(super) fn colour_factor(&self, rad_per_sample: f64) -> f64 {
         let rho = self.lag1();
         if rho * (self.pairs as f64).sqrt() < SIGNIFICANT {
             return 1.0;
         }
-        // Kept off 1, where the density at zero frequency would be infinite.
+        // Kept below 1, where the density at zero frequency would be infinite.
         let rho = rho.min(1.0 - 1.0 / (self.pairs as f64 + 1.0));
         let density = (1.0 - rho * rho) / (1.0 - 2.0 * rho * rad_per_sample.cos() + rho * rho);
         density.max(1.0)
@@ -157,7 +157,7 @@ fn by_sums(
     }))
 }
 
-/// Samples with what is taken from them and the bounds of those that count.
+/// Samples with the values subtracted from them and the bounds of those that count.
 struct Source<'a, S> {
     samples: &'a [S],
     /// The sample of the record that is the first of them.

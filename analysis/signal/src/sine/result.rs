@@ -45,7 +45,7 @@ pub struct Tone {
 pub enum ToneKind {
     /// A harmonic of the sinusoid, by its order.
     Harmonic(u32),
-    /// A frequency of its own.
+    /// A separate frequency.
     Other,
 }
 
@@ -303,8 +303,8 @@ impl SineFit {
         Some(turned(fit.phasor, self.freq_hz) + tones + slow)
     }
 
-    /// Distortion of a channel by the harmonics that were fitted; `None` if there are none, or no
-    /// such channel.
+    /// Returns the distortion of a channel by the fitted harmonics, or `None` if there are no
+    /// harmonics or no such channel.
     pub fn distortion(&self, channel: usize) -> Option<Distortion> {
         let amplitude_v = self.channels.get(channel)?.phasor.norm();
         let harmonics = self
@@ -334,9 +334,9 @@ impl SineFit {
 pub struct ChannelFit {
     /// Phasor p of Re{p · exp(jωt)}, t = 0 at sample 0; V (zero to peak).
     pub phasor: Complex64,
-    /// Covariance of the phasor's parts, V², for the frequency as it stands. An error of a fitted
-    /// frequency turns the phasors of all channels by the same angle and cancels in their ratios;
-    /// [`SineFit::absolute_covariance`] has it included.
+    /// Covariance of the phasor's parts, V², for a fixed frequency. An error of a fitted frequency
+    /// rotates the phasors of all channels by the same angle and cancels in their ratios;
+    /// [`SineFit::absolute_covariance`] includes it.
     pub variance: Covariance2,
     /// Offset in the middle of the record, V.
     pub offset_v: f64,
@@ -348,7 +348,7 @@ pub struct ChannelFit {
     pub relaxation_v: f64,
     /// Curvature c of the drift's c·(t − tₘ)², V/s²; zero unless fitted.
     pub curvature_v_per_s2: f64,
-    /// Root mean square of what the fit leaves, V.
+    /// Root mean square of the residual, V.
     pub residual_rms_v: f64,
     /// Correlation of neighbouring residuals, −1…1: near 0 for white noise, near 1 if something
     /// slow or periodic is left (drift that is not linear, harmonics, quantisation without dither).

@@ -17,8 +17,8 @@ use analysis_numeric::Covariance2;
 
 /// Steps of the frequency before giving up.
 const MAX_STEPS: usize = 40;
-/// Longest step, as phase at the ends of the record, rad: a longer one leaves the region where the
-/// linearised model means anything.
+/// Longest step, as phase at the ends of the record, rad: a longer one leaves the region in which
+/// the linearised model is valid.
 const LONGEST_STEP: f64 = 1.0;
 /// A step below this part of the frequency's standard deviation changes nothing that matters.
 const SETTLED: f64 = 1e-4;
@@ -175,7 +175,8 @@ pub(super) fn iterate(
     })
 }
 
-/// Fits what the record can carry; if a channel with gaps cannot carry the extras, without them.
+/// Fits everything that the record supports; if a channel with gaps does not support the extras,
+/// fits without them.
 fn planned<T>(
     record: &Record<'_>,
     freq_hz: f64,
@@ -409,9 +410,9 @@ impl State {
         }
     }
 
-    /// Coefficients, on all columns, of what a phase at the ends of the record adds to the model:
-    /// t·(re·(−sin θ) − im·cos θ) of each tone that moves with the fundamental, as often as its
-    /// order.
+    /// Returns the coefficients, on all columns, of the model's derivative by a phase at the ends
+    /// of the record: t·(re·(−sin θ) − im·cos θ) of each tone that moves with the fundamental,
+    /// times its order.
     fn derivative(&self, beta: &[f64], plan: &Plan) -> Vec<f64> {
         let mut derivative = vec![0.0; self.basis.columns()];
         let orders = std::iter::once(1).chain(plan.harmonics.iter().copied());

@@ -1,4 +1,4 @@
-//! Samples that are kept elsewhere and read in pieces. The sums are the same as for samples in
+//! Samples that are stored elsewhere and read in pieces. The sums are the same as for samples in
 //! memory.
 
 mod store;
@@ -12,7 +12,7 @@ const SEGMENT: usize = 8 * CHUNK;
 
 /// A piece of a channel, from sample `base` of it on.
 pub(super) enum Piece<'a> {
-    /// Where it lies.
+    /// The samples in place.
     Whole(Channel<'a>),
     /// As it was read.
     Codes(Vec<i16>, CodeScale),
@@ -21,7 +21,7 @@ pub(super) enum Piece<'a> {
 }
 
 impl Piece<'_> {
-    /// The piece as a channel of its own.
+    /// Returns the piece as a separate channel.
     pub(super) fn channel(&self) -> Channel<'_> {
         match self {
             Self::Whole(channel) => *channel,
@@ -36,7 +36,7 @@ impl Piece<'_> {
 }
 
 impl<'a> Channel<'a> {
-    /// Samples that are read at once; all of them where they lie in memory.
+    /// Returns the number of samples that are read at once; all of them if they are in memory.
     pub(super) fn segment(&self) -> usize {
         if let Self::Stored(_) = self {
             SEGMENT
@@ -69,7 +69,7 @@ impl<'a> Channel<'a> {
         }
     }
 
-    /// Conversion of codes to volts, where the samples are codes.
+    /// Returns the conversion of codes to volts, if the samples are codes.
     pub(super) fn scale(&self) -> Option<CodeScale> {
         match self {
             Self::Codes { scale, .. } => Some(*scale),

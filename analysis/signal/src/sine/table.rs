@@ -2,9 +2,9 @@
 //! integer kernel.
 //!
 //! In fixed point a column is hi·2⁻¹⁴ + lo·2⁻²⁹ with two 16-bit numbers, so that its products with
-//! 12-bit samples sum up without any rounding. What the rounding of the column itself (about 10⁻⁹)
-//! does to the sums follows from the fitted model and the sums [`Table::rounding`];
-//! [`super::solve`] takes it back.
+//! 12-bit samples are summed without any rounding. The effect of the rounding of the column itself
+//! (about 10⁻⁹) on the sums follows from the fitted model and the sums [`Table::rounding`];
+//! [`super::solve`] removes it.
 
 use super::basis::{Basis, Square};
 use super::block::{self, BLOCK};

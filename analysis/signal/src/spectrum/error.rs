@@ -40,7 +40,7 @@ pub enum SpectrumError {
         number: usize,
         /// Its frequency, Hz.
         freq_hz: f64,
-        /// Allowed values, in words.
+        /// Allowed values, as text.
         expected: &'static str,
         /// Value found.
         found: String,

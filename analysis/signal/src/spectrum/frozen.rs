@@ -1,7 +1,7 @@
 //! The spectrum of a changing cell at one time. Every frequency is visited several times, and a
-//! straight line of time through its visits is read in the middle of the sweep. A change that is
-//! linear in time cancels at every frequency. For visits there and back, all frequencies have the
-//! same middle, and the line is their mean.
+//! straight line in time through its visits is evaluated in the middle of the sweep. A change that
+//! is linear in time cancels at every frequency. For visits in both directions, all frequencies
+//! have the same middle, and the line is their mean.
 
 use super::ImpedancePoint;
 use analysis_numeric::Covariance2;

@@ -30,7 +30,7 @@ pub struct PhasorVariance {
 }
 
 impl PhasorVariance {
-    /// Nothing but noise, the same in both parts, of this variance, V².
+    /// Returns the variance of pure noise, equal in both parts, V².
     pub const fn circular(variance: f64) -> Self {
         Self {
             noise: Covariance2::circular(variance),
@@ -55,15 +55,15 @@ impl ChannelPhasors {
         Self::from_codes(fit, [0.0; 4])
     }
 
-    /// Phasors of a fit of the four probe channels, sampled in steps of `lsb_v`.
+    /// Returns phasors of a fit of the four probe channels, sampled in steps of `lsb_v`.
     ///
-    /// The fit's own covariance is that of what it leaves, rounding included; the share of rounding
-    /// is LSB²/12 over the variance of a sample. Model of the drift: the fit takes a straight one
-    /// out. That it stays as straight as it is measured is not known; its slope may change by as
-    /// much as itself over the record (one standard deviation), as that of a relaxation with a time
-    /// constant of one record does. The curvature d/T then puts (−1)ⁿ·d·T/(2π²n²) into the phasor
-    /// of a record of n whole periods, in phase with a cosine about its middle. Where relaxations
-    /// were fitted, they take the curvature out but for [`RELAXATION_LEFT`] of them.
+    /// The fit's own covariance is that of its residual, rounding included; the share of rounding
+    /// is LSB²/12 over the variance of a sample. Model of the drift: the fit removes a straight
+    /// line. It is not known whether the drift is straight; its slope may change by as much as
+    /// itself over the record (one standard deviation), as that of a relaxation with a time
+    /// constant of one record does. The curvature d/T then adds (−1)ⁿ·d·T/(2π²n²) to the phasor of
+    /// a record of n whole periods, in phase with a cosine about its middle. Fitted relaxations
+    /// remove the curvature except for [`RELAXATION_LEFT`] of it.
     ///
     /// # Errors
     /// [`SpectrumError::Channels`] unless the fit has four channels.

@@ -15,8 +15,8 @@ use analysis_numeric::Covariance2;
 pub use cause::{OCV_SLOPE, OcvSlope, SharedError};
 
 impl OcvSlope {
-    /// Ratio of the slope to the real part of Z at the lowest frequency where no curve is known,
-    /// 1/s, and its standard deviation.
+    /// Ratio of the slope to the real part of Z at the lowest frequency if no curve is known, 1/s,
+    /// and its standard deviation.
     ///
     /// slope/R = (dU/dSOC)/(R·Q). For lithium-ion cells dU/dSOC is 0.1 V (LFP, plateau) to 1.2 V
     /// (NMC, NCA). R·Q is 23 mΩ·Ah (A123 26650) to 100 mΩ·Ah (Panasonic NCR18650PF), and 63 mΩ·Ah
@@ -107,8 +107,8 @@ impl Spectrum {
         left
     }
 
-    /// Covariance of a point, by its number, without the errors that it shares with others. Not a
-    /// number where it is unknown.
+    /// Returns the covariance of a point, by its number, without the errors that it shares with
+    /// others. NaN if it is unknown.
     pub fn own_covariance(&self, index: usize) -> Covariance2 {
         let total = self
             .points

@@ -16,27 +16,27 @@ pub struct Origin {
     pub repeat: Option<String>,
     /// Direct current superposed, A; charging is positive.
     pub bias_a: Option<f64>,
-    /// Name of the evaluation, where the file holds several of one measurement; they are no
-    /// repeats.
+    /// Name of the evaluation, if the file contains several of one measurement; they do not count
+    /// as repeats.
     pub curve: Option<String>,
 }
 
 impl Origin {
-    /// Nothing says that this is another fixture than a cell, or that a bias flowed.
+    /// Returns true unless the file states another fixture than a cell, or a bias.
     pub fn is_unbiased_cell(&self) -> bool {
         self.fixture.as_deref().is_none_or(|f| f == "cell") && self.bias_a.is_none_or(|b| b == 0.0)
     }
 }
 
-/// A spectrum and where it comes from.
+/// A spectrum and its origin.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourcedSpectrum {
     /// Origin of the spectrum.
     pub origin: Origin,
     /// The spectrum.
     pub spectrum: Spectrum,
-    /// Points of it that the quality gate of the measurement has refused, where the file says so:
-    /// they are in the spectrum all the same.
+    /// Points that the quality gate of the measurement has refused, if the file states it. The
+    /// spectrum still contains them.
     pub flagged: Vec<FlaggedPoint>,
 }
 
@@ -58,8 +58,8 @@ impl SourcedSpectrum {
     }
 }
 
-/// The number of the cell in a name like `cell0_3`, cell and repeat; none of another form, as
-/// `cellm2_0`, which was taken under bias.
+/// Returns the number of the cell in a name like `cell0_3`, cell and repeat, or `None` for another
+/// form, as `cellm2_0`, which was measured under bias.
 pub fn cell_in_name(name: &str) -> Option<&str> {
     let number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
     let (cell, repeat) = name.strip_prefix("cell")?.split_once('_')?;

@@ -4,16 +4,16 @@ use super::super::CodeScale;
 
 /// Store of samples. Channels count from 0.
 pub trait Samples: std::fmt::Debug + Sync {
-    /// Codes of a channel, `count` of them from `start` on.
+    /// Returns codes of a channel, `count` of them from `start` on.
     ///
     /// # Errors
-    /// Why they cannot be read, in words.
+    /// The reason why they cannot be read, as text.
     fn codes(&self, channel: usize, start: usize, count: usize) -> Result<Vec<i16>, String>;
 
-    /// Volts of a channel, `count` of them from `start` on.
+    /// Returns volts of a channel, `count` of them from `start` on.
     ///
     /// # Errors
-    /// Why they cannot be read, in words; samples that are codes.
+    /// The reason why they cannot be read, as text; also if the samples are codes.
     fn volts(&self, channel: usize, start: usize, count: usize) -> Result<Vec<f64>, String> {
         let _ = (channel, start, count);
         Err("expected volts, found codes".to_owned())
@@ -31,7 +31,7 @@ pub struct Stored<'a> {
     pub start: usize,
     /// Samples of the part.
     pub count: usize,
-    /// Codes and what they mean; `None` for volts.
+    /// Scaling of the codes; `None` for volts.
     pub scale: Option<CodeScale>,
     /// Step of the quantisation of volts, V.
     pub lsb_v: Option<f64>,

@@ -3,7 +3,7 @@
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
-/// Name of the shared error that stands for the uncertainty of an [`OcvSlope`].
+/// Name of the shared error that represents the uncertainty of an [`OcvSlope`].
 pub const OCV_SLOPE: &str = "OCV slope";
 
 /// One error that all points share. Errors of one name in several spectra are one error.
