@@ -39,7 +39,7 @@ pub enum Fault {
     Garble,
     /// The second half of the answer is missing, its end too.
     Truncate,
-    /// The instrument stops sending permanently after this reply, and continues to receive.
+    /// The instrument stops sending for good after this answer, and goes on listening.
     HalfClose,
     /// The connection breaks before the answer.
     Reset,
@@ -49,7 +49,7 @@ pub enum Fault {
     Overflow,
     /// The power fails: settings are those of switching on, the connection is gone.
     PowerCycle,
-    /// The output switches off on its own.
+    /// The output goes off by itself.
     OutputOff,
     /// From now on no message switches the output off; all others are obeyed.
     StuckOutput,
@@ -59,12 +59,12 @@ pub enum Fault {
     FrozenMeter,
     /// From now on every answer is that to the question before.
     Lagging,
-    /// From now on blocks lack their last third, and their headers state the reduced length.
+    /// From now on blocks lack their last third, and their heads say so.
     ShortBlock,
     /// From now on the zero error of the bipolar supply grows.
     OffsetDrift,
-    /// From now on a running bath heats without end, regardless of its set-point. A stopped bath
-    /// does not heat.
+    /// From now on a bath that runs heats without end, whatever its set-point is. Stopped, it heats
+    /// no more.
     BathRunsAway,
 }
 
