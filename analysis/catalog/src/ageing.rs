@@ -50,8 +50,8 @@ pub struct Ageing {
 }
 
 impl Catalog {
-    /// A cell over its runs, by models of one order: `rc`, else the greatest that every run of the
-    /// cell has, else the one that most runs have. Every condition counts.
+    /// Follows a cell over its runs, by models of one order: `rc`, otherwise the greatest that
+    /// every run of the cell has, otherwise the one that most runs have. Every condition applies.
     ///
     /// # Errors
     /// [`CatalogError`].
@@ -105,7 +105,8 @@ fn orders(heads: &[FitHead]) -> Orders {
     orders
 }
 
-/// The greatest order that every run has; else the one that most runs have, the greatest of those.
+/// Returns the greatest order that every run has, otherwise the one that most runs have, or the
+/// greatest of those.
 fn common_order(orders: &Orders) -> Option<u32> {
     let runs: BTreeSet<&String> = orders.values().flatten().collect();
     let mut of_all = orders.iter().rev();
@@ -114,7 +115,7 @@ fn common_order(orders: &Orders) -> Option<u32> {
     of_all.or_else(of_most).map(|(rc, _)| *rc)
 }
 
-/// A quantity over the points; none where it is not known.
+/// A quantity over the points; `None` where it is not known.
 struct Quantity {
     name: String,
     colour: usize,

@@ -17,7 +17,7 @@ use crate::{
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Settings of a connection: a bounded cache of 8 MB, and sorting in files beyond it.
 const SETTINGS: &str = "PRAGMA cache_size = -8000; PRAGMA temp_store = FILE;";
-/// Settings of one that writes: questions go on beside it, and a crash loses no more than the last
+/// Settings of a writing connection: queries continue beside it, and a crash loses at most the last
 /// batch, which the next scan reads again.
 const WRITING: &str = "PRAGMA journal_mode = WAL; PRAGMA synchronous = NORMAL; \
     PRAGMA wal_autocheckpoint = 8000;";
@@ -65,8 +65,8 @@ impl Catalog {
         Ok(catalog)
     }
 
-    /// Opens a catalogue to scan into it, and makes it where there is none. One of an older version
-    /// is emptied and keeps its roots only.
+    /// Opens a catalogue to scan into it, and creates it if it does not exist. A catalogue of an
+    /// older version is emptied except for its roots.
     ///
     /// # Errors
     /// [`CatalogError`]: a file of another program or of a newer version.

@@ -1,4 +1,4 @@
-//! What the rows of the tables hold.
+//! Contents of the rows of the tables.
 
 use rusqlite::Row;
 
@@ -13,7 +13,7 @@ pub(crate) const DIAGNOSIS_COLUMNS: &str = "d.*, (SELECT c.name FROM run_cell c 
     WHERE c.run = d.run AND (c.name = d.name \
     OR (SELECT count(*) FROM run_cell o WHERE o.run = d.run) = 1)) AS cell";
 
-/// Value of a column that holds JSON; its default where it is none.
+/// Returns the value of a column that holds JSON, or its default if it is not valid JSON.
 pub(crate) fn json<T: serde::de::DeserializeOwned + Default>(
     row: &Row<'_>,
     column: &str,

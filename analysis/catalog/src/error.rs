@@ -1,11 +1,11 @@
-//! Reasons why a catalogue cannot be built or asked.
+//! Reasons why a catalogue cannot be built or queried.
 
 use std::path::PathBuf;
 
 use analysis_files::{batch::BatchError, dataset::DatasetError};
 use rusqlite::ErrorCode;
 
-/// Reason why a catalogue cannot be built or asked.
+/// Reason why a catalogue cannot be built or queried.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CatalogError {
@@ -14,7 +14,7 @@ pub enum CatalogError {
     Sql {
         /// The catalogue.
         path: PathBuf,
-        /// Action that failed, in words.
+        /// Action that failed, as text.
         action: &'static str,
         /// SQLite's answer.
         source: rusqlite::Error,
@@ -93,7 +93,7 @@ pub enum CatalogError {
         /// The text.
         found: String,
     },
-    /// Several runs, or none, where one is meant.
+    /// Several runs, or none, match a request for one run.
     #[error(
         "run: expected the identity, the folder or the name of one run, found {number} for {found:?}{listed}"
     )]
@@ -102,7 +102,7 @@ pub enum CatalogError {
         found: String,
         /// Number of runs that it means.
         number: usize,
-        /// Some of them, in words that follow.
+        /// Some of them, as the text that follows.
         listed: String,
     },
     /// A table that cannot be written.

@@ -15,7 +15,7 @@ use crate::{
     record::{CatalogDiagnosis, CatalogFit, CatalogRun, CatalogSpectrum},
 };
 
-/// Answers that are asked for at once.
+/// Number of rows requested at once.
 const PAGE: usize = 1000;
 
 /// Result of an export.
@@ -67,7 +67,7 @@ impl Catalog {
         })
     }
 
-    /// Writes runs as a table: Parquet for a file named `.parquet`, else CSV.
+    /// Writes runs as a table: Parquet for a file named `.parquet`, otherwise CSV.
     ///
     /// # Errors
     /// [`CatalogError`].
@@ -131,13 +131,13 @@ impl Catalog {
     }
 }
 
-/// Part of an answer, and where it goes on.
+/// Part of a reply, and the cursor of the next part.
 struct Page<T> {
     rows: Vec<T>,
     after: Option<String>,
 }
 
-/// All answers to a question that is asked page by page.
+/// Returns all rows of a query that is executed page by page.
 fn all<T>(
     filter: &Filter,
     ask: impl Fn(&Filter) -> Result<Page<T>, CatalogError>,
@@ -185,7 +185,7 @@ fn counts<T>(name: &'static str, rows: &[T], of: impl Fn(&T) -> u32) -> TableCol
     }
 }
 
-/// The columns of a table of runs; several cells stand in one field, with `; ` between them.
+/// Returns the columns of a table of runs; several cells share one field, separated by `; `.
 pub fn run_columns(runs: &[CatalogRun]) -> Vec<TableColumn> {
     let cells = |run: &CatalogRun, of: fn(&crate::record::CatalogCell) -> Option<&String>| {
         let all: Vec<&str> = run
@@ -275,8 +275,8 @@ pub fn fit_columns(fits: &[CatalogFit]) -> Vec<TableColumn> {
     ]
 }
 
-/// The columns of a table of diagnoses; several effects stand in one field, with `; ` between them, and
-/// the parameters as JSON.
+/// Returns the columns of a table of diagnoses; several effects share one field, separated by `; `,
+/// and the parameters are JSON.
 pub fn diagnosis_columns(diagnoses: &[CatalogDiagnosis]) -> Vec<TableColumn> {
     let effects = |one: &CatalogDiagnosis| {
         let mut names: Vec<&str> = one

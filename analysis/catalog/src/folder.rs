@@ -150,7 +150,8 @@ pub(crate) fn is_run(folder: &Path) -> bool {
         .any(|name| folder.join(name).is_file())
 }
 
-/// State of the files of a folder: what of them changes when the run goes on or is computed again.
+/// Returns the state of the files of a folder: the part that changes when the run continues or is
+/// computed again.
 pub(crate) fn stamp(folder: &Path, beside: &Beside) -> String {
     let of = |path: &Path| {
         fs::metadata(path).map_or_else(
@@ -407,7 +408,7 @@ impl<'a> Reading<'a> {
     }
 }
 
-/// The specimens of a campaign or of the questions to a person, else the one cell.
+/// Returns the specimens of a campaign or of the operator's answers, otherwise the one cell.
 fn cells(folder: &Path, manifest: &Manifest, told: &Told, index: &RunIndex) -> Vec<CatalogCell> {
     let kind = &manifest.cell;
     let named = |name: &str, own: Identity| CatalogCell {
@@ -468,7 +469,7 @@ fn cells(folder: &Path, manifest: &Manifest, told: &Told, index: &RunIndex) -> V
     cells
 }
 
-/// Reads a JSON file; nothing where there is none. Another failure is a damage.
+/// Reads a JSON file. Returns `None` if it does not exist; any other failure counts as damage.
 fn json<T: DeserializeOwned>(folder: &Path, name: &str, damage: &mut Vec<String>) -> Option<T> {
     let text = match fs::read(folder.join(name)) {
         Ok(text) => text,
@@ -566,8 +567,8 @@ impl Ends {
     }
 }
 
-/// The resistance where the imaginary part changes its sign, between the two points beside it; else
-/// that at the highest frequency.
+/// Returns the resistance at the sign change of the imaginary part, between the two points beside
+/// it, otherwise that at the highest frequency.
 fn crossing(points: &[ImpedancePoint]) -> Option<Resistance> {
     let between = points.windows(2).rev().find_map(|pair| {
         let [low, high] = pair else { return None };

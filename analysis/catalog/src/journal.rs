@@ -1,5 +1,5 @@
-//! The lines of a journal that the catalogue keeps, read without the rest: a journal holds every
-//! point with its harmonics, and most of it says nothing across runs.
+//! The lines of a journal that the catalogue stores, read without the rest: a journal contains
+//! every point with its harmonics, most of which is irrelevant across runs.
 
 use std::{
     fs::File,
@@ -16,7 +16,7 @@ use crate::record::{CatalogEvent, CatalogEventKind};
 pub(crate) const FINISHED: &str = "finished";
 /// How the message of the interlock begins, in the message of the end.
 const TRIPPED: &str = "interlock: ";
-/// How a line goes on before its entry. The number and the time stand before it.
+/// Text between the number and time of a line and its entry.
 const ENTRY: &[u8] = b"\"entry\":";
 /// Farthest place of an entry in its line, bytes: behind a number of 20 digits and a time of 24.
 const ENTRY_WITHIN: usize = 96;
@@ -70,7 +70,7 @@ struct Line {
     entry: Entry,
 }
 
-/// A cell that a person was asked for.
+/// A cell that an operator was asked to insert.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct AskedCell {
     /// Its name.
@@ -94,7 +94,7 @@ pub(crate) struct Told {
     pub(crate) time: String,
     /// Events, in their order.
     pub(crate) events: Vec<CatalogEvent>,
-    /// Cells that persons were asked for.
+    /// Cells that operators were asked to insert.
     pub(crate) cells: Vec<AskedCell>,
     /// Serial number read from a cell without a name.
     pub(crate) scanned: Option<String>,
@@ -104,9 +104,9 @@ pub(crate) struct Told {
     pub(crate) soc_missed: bool,
     /// How often it was resumed.
     pub(crate) resumed: u32,
-    /// How it ended last; none where it goes on or its process has died.
+    /// Last end of the run; `None` if it continues or its process has died.
     pub(crate) how: Option<String>,
-    /// The cell asked for last, not answered yet.
+    /// The last requested cell without an answer.
     asked: Option<AskedCell>,
 }
 
@@ -187,10 +187,10 @@ impl Told {
     }
 }
 
-/// Reads the journal of a run folder. A last line without its end is a torn one and left out.
+/// Reads the journal of a run folder. A last line without its end is incomplete and left out.
 ///
 /// # Errors
-/// In words: a file that cannot be read, a line that is not as expected.
+/// A text: a file that cannot be read, or an unexpected line.
 pub(crate) fn read(folder: &Path) -> Result<Told, String> {
     let file = File::open(folder.join(JOURNAL)).map_err(|error| format!("{JOURNAL}: {error}"))?;
     let mut reader = BufReader::with_capacity(1 << 16, file);

@@ -153,9 +153,9 @@ pub(crate) struct FitHead {
     pub(crate) serial: Option<String>,
 }
 
-/// A cell that is asked for.
+/// The requested cell.
 struct Named<'a> {
-    /// Its name, where there is one.
+    /// Its name, if there is one.
     name: Option<String>,
     /// Serial numbers or barcodes that it must have.
     codes: Vec<&'a String>,
@@ -332,8 +332,8 @@ impl Catalog {
         Ok(CellsFound { cells, after })
     }
 
-    /// A question for cells of runs, with every condition but the place to go on at. They are those
-    /// of few runs, else all are looked through in the order of their names.
+    /// Creates a query for cells of runs, with every condition but the cursor. If few runs match,
+    /// it reads the cells of those runs; otherwise it scans all cells in the order of their names.
     fn cells_of_runs(&self, filter: &Filter) -> Result<Question, CatalogError> {
         let few = match filter.asks_beside_time() {
             true => self.few_runs(filter)?,
@@ -400,7 +400,8 @@ impl Catalog {
         })
     }
 
-    /// The folders of runs, by their identities, in the same order; none of one that is not known.
+    /// Returns the folders of runs, by their identities, in the same order; `None` for an unknown
+    /// run.
     ///
     /// # Errors
     /// [`CatalogError::Sql`].
@@ -425,9 +426,9 @@ impl Catalog {
         Ok(count.first().copied().unwrap_or_default())
     }
 
-    /// A question for rows that are of a run and of a cell, with every condition but the place to go
-    /// on at. Where few runs meet what is asked of runs, the rows are those of these runs; else rows
-    /// are looked through in the order of time, of which many meet it then.
+    /// Creates a query for rows of a run and a cell, with every condition but the cursor. If few
+    /// runs meet the run conditions, it reads the rows of these runs. Otherwise it scans rows in
+    /// the order of time, many of which then match.
     fn rows(&self, of_cell: OfCell, filter: &Filter) -> Result<Question, CatalogError> {
         let OfCell { table, of } = of_cell;
         let Named { name, codes } = self.named(filter)?;
@@ -449,8 +450,8 @@ impl Catalog {
         Ok(question)
     }
 
-    /// The runs that meet what is asked of runs; none where they are many. The time is not asked for:
-    /// a spectrum has one of its own.
+    /// Returns the runs that meet the run conditions, or `None` if they are many. The time is not a
+    /// condition here: a spectrum has its own.
     fn few_runs(&self, filter: &Filter) -> Result<Option<Vec<String>>, CatalogError> {
         let RunsQuestion { question, .. } = RunsQuestion::of(filter);
         let text = question.text("r.run", "", FEW + 1);
@@ -458,7 +459,7 @@ impl Catalog {
         Ok(Some(runs).filter(|runs| runs.len() <= FEW))
     }
 
-    /// The cell that is asked for: what is given as a cell may be a serial number or a barcode.
+    /// Resolves the requested cell: the given cell may be a serial number or a barcode.
     fn named<'a>(&self, filter: &'a Filter) -> Result<Named<'a>, CatalogError> {
         let mut codes: Vec<&String> = filter.serial.iter().collect();
         let mut name = None;
@@ -484,7 +485,8 @@ impl Catalog {
         is_code.map_err(&failed)
     }
 
-    /// The name of the cells with a serial number or barcode; none where they have several.
+    /// Returns the name of the cells with a serial number or barcode, or `None` if they have
+    /// several.
     fn name_of(&self, code: &str) -> Result<Option<String>, CatalogError> {
         let from = "run_key k CROSS JOIN run_cell c ON c.run = k.run";
         let mut question = Question::of(from, &[]);
@@ -497,7 +499,7 @@ impl Catalog {
         Ok(names.pop().filter(|_| names.is_empty()))
     }
 
-    /// Asks, and reads each row.
+    /// Executes a query and reads each row.
     pub(crate) fn ask<T>(
         &self,
         text: &str,
@@ -530,7 +532,7 @@ fn listed(runs: &[&str]) -> Value {
     Value::Text(serde_json::json!(runs).to_string())
 }
 
-/// The text of a question for rows, the latest first, from the place on at which it goes on.
+/// Returns the text of a query for rows, the latest first, from its cursor on.
 fn latest_first(
     OfCell { of, .. }: OfCell,
     question: &mut Question,
@@ -544,7 +546,7 @@ fn latest_first(
     Ok(question.text(&format!("{of}.*"), &order, filter.most() + 1))
 }
 
-/// Cuts an answer to its length; the place of its last one, where there are more.
+/// Truncates a reply to its length. Returns the cursor of its last row if there are more.
 fn cut<T>(found: &mut Vec<T>, most: usize, place: impl Fn(&T) -> Cursor) -> Option<String> {
     let more = found.len() > most;
     found.truncate(most);

@@ -1,4 +1,4 @@
-//! A question across runs: its conditions, how it is put together, and the place at which it goes on.
+//! A query across runs: its conditions, its construction, and its cursor.
 
 use std::fmt::Write as _;
 
@@ -32,9 +32,9 @@ pub struct Filter {
     pub to_unix_s: Option<f64>,
     /// Verdict of the run.
     pub verdict: Option<CatalogVerdict>,
-    /// The interlock has ended the run, even where it went on afterwards.
+    /// The interlock has ended the run, even if it continued afterwards.
     pub trip: bool,
-    /// Words that stand in the name, bench, experiment, operator, end or cells of the run.
+    /// Words that occur in the name, bench, experiment, operator, end or cells of the run.
     pub text: Option<String>,
     /// Where to go on: `after` of the answer before.
     pub after: Option<String>,
@@ -51,7 +51,7 @@ impl Filter {
         }
     }
 
-    /// Whether nothing is asked for but a place to go on at and a length.
+    /// Returns whether there is no condition beside a cursor and a length.
     pub(crate) fn is_empty(&self) -> bool {
         let all = Self {
             after: self.after.clone(),
@@ -81,7 +81,7 @@ impl Filter {
 
 /// A text is a serial number or the barcode of a row `c` of `run_cell`.
 pub(crate) const IS_CODE: &str = "? IN (c.serial, c.scanned_serial, c.barcode)";
-/// The words of a run `r`.
+/// Join with the words of a run `r`.
 const WORDS: &str = "run_text t ON t.started_unix_s = r.started_unix_s AND t.run = r.run";
 
 /// Kind of a key that finds runs.
@@ -128,7 +128,7 @@ impl Question {
         self.values.extend_from_slice(values);
     }
 
-    /// Adds a condition with one `?`, where there is a text for it.
+    /// Adds a condition with one `?`, if there is a text for it.
     pub(crate) fn add_text(&mut self, condition: &str, value: Option<&String>) {
         if let Some(value) = value {
             self.add(condition, &[Value::Text(value.clone())]);
@@ -145,7 +145,7 @@ impl Question {
         }
     }
 
-    /// Adds what is asked of the run of a row `c` of `run_cell`, beside the cell and the time.
+    /// Adds the conditions on the run of a row `c` of `run_cell`, beside the cell and the time.
     pub(crate) fn add_run_of_cell(&mut self, filter: &Filter) {
         self.add_text("c.bench = ?", filter.bench.as_ref());
         self.add_text("c.experiment = ?", filter.experiment.as_ref());
@@ -167,7 +167,7 @@ impl Question {
         self.add_text("c.batch = ?", filter.batch.as_ref());
     }
 
-    /// Conditions on a row `c` of `run_cell`, by themselves.
+    /// Creates the conditions on a row `c` of `run_cell` alone.
     fn of_cell(filter: &Filter) -> Self {
         let mut cell = Self::default();
         cell.add_cell(filter);
@@ -183,7 +183,7 @@ impl Question {
         self.add(&condition, &[Value::Text(code.to_owned())]);
     }
 
-    /// Adds what is asked of the run of a row, beside its cells, bench and time.
+    /// Adds the conditions on the run of a row, beside its cells, bench and time.
     pub(crate) fn add_run(&mut self, of: char, filter: &Filter) {
         let words = filter.words();
         let from = match words.as_slice() {
@@ -272,7 +272,8 @@ impl RunsQuestion {
         asked
     }
 
-    /// The table that finds the runs: by a cell or batch, by words, else the runs themselves.
+    /// Chooses the table that finds the runs: by a cell or batch, by words, otherwise the runs
+    /// themselves.
     fn found_by(filter: &Filter, has_words: bool) -> Self {
         let of_cell = filter.cell.as_ref().or(filter.serial.as_ref());
         let of_cell = of_cell.map(|key| (KeyKind::Cell, key));
@@ -294,15 +295,15 @@ impl RunsQuestion {
         found
     }
 
-    /// Goes on to another table.
+    /// Joins another table.
     fn join(&mut self, table: &str) {
         let from = &mut self.question.from;
         // Writing to a string cannot fail.
         let _ = write!(from, " CROSS JOIN {table}");
     }
 
-    /// Goes on to the diagnoses `d` of the runs. One that names another cell of its run than the one
-    /// that is asked for is left out.
+    /// Joins the diagnoses `d` of the runs. A diagnosis that names another cell of its run than the
+    /// requested one is left out.
     pub(crate) fn into_diagnoses(mut self, filter: &Filter) -> Self {
         self.join("diagnosis d ON d.run = r.run");
         self.question.add_times(self.of, filter);
@@ -318,7 +319,7 @@ impl RunsQuestion {
         self
     }
 
-    /// Adds that an answer goes on behind a run.
+    /// Adds the condition that a reply continues after a run.
     pub(crate) fn add_after(&mut self, place: Cursor) {
         let of = self.of;
         let values = [Value::Real(place.started_unix_s), Value::Text(place.run)];
@@ -326,7 +327,7 @@ impl RunsQuestion {
         self.question.add(&condition, &values);
     }
 
-    /// Adds that an answer goes on behind a file of a run, in a column.
+    /// Adds the condition that a reply continues after a file of a run, in a column.
     pub(crate) fn add_after_file(&mut self, place: Cursor, column: &str) {
         let of = self.of;
         let condition = format!("({of}.started_unix_s, {of}.run, {column}) < (?, ?, ?)");
@@ -339,7 +340,7 @@ impl RunsQuestion {
 pub(crate) struct Cursor {
     started_unix_s: f64,
     run: String,
-    /// File in the run, or what stands in its place.
+    /// File in the run, or its substitute.
     pub(crate) file: String,
 }
 

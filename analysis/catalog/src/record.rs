@@ -29,7 +29,7 @@ impl CatalogVerdict {
         Self::Damaged,
     ];
 
-    /// Its word in tables and answers.
+    /// Returns its keyword in tables and replies.
     pub fn label(self) -> &'static str {
         match self {
             Self::Good => "good",
@@ -40,7 +40,7 @@ impl CatalogVerdict {
         }
     }
 
-    /// The verdict of a word.
+    /// Returns the verdict of a keyword.
     pub fn of_word(word: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|one| one.label() == word)
     }
@@ -58,7 +58,7 @@ pub enum TimeSource {
 }
 
 impl TimeSource {
-    /// Its word in tables.
+    /// Returns its keyword in tables.
     pub(crate) fn label(self) -> &'static str {
         match self {
             Self::Clock => "clock",
@@ -66,7 +66,7 @@ impl TimeSource {
         }
     }
 
-    /// The source of a word.
+    /// Returns the source of a keyword.
     pub(crate) fn of_word(word: &str) -> Self {
         match word {
             "clock" => Self::Clock,
@@ -105,8 +105,8 @@ pub struct CatalogCell {
 }
 
 impl CatalogCell {
-    /// Its serial number, by the experiment or else as a person read it. The code that is printed on it,
-    /// which a person may read in its place, is none.
+    /// Returns its serial number, from the experiment or otherwise as a person read it. The barcode
+    /// printed on it, which a person may read instead, does not count.
     pub(crate) fn any_serial(&self) -> Option<String> {
         let scanned = self.scanned_serial.as_ref();
         let scanned = scanned.filter(|scanned| self.barcode.as_ref() != Some(scanned));
@@ -296,7 +296,7 @@ pub enum CatalogEventKind {
 }
 
 impl CatalogEventKind {
-    /// Its word in tables and answers.
+    /// Returns its keyword in tables and replies.
     pub fn label(self) -> &'static str {
         match self {
             Self::Trip => "trip",
@@ -306,7 +306,7 @@ impl CatalogEventKind {
         }
     }
 
-    /// The kind of a word.
+    /// Returns the kind of a keyword.
     pub(crate) fn of_word(word: &str) -> Self {
         match word {
             "trip" => Self::Trip,

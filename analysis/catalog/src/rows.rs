@@ -44,7 +44,7 @@ pub struct RunTable {
 /// A folder of a diagnosis beside the run that it is of.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DiagnosisFolder {
-    /// Its path from where it was looked for.
+    /// Its path relative to the searched folder.
     pub name: String,
     /// The folder.
     pub folder: PathBuf,
@@ -103,7 +103,8 @@ impl RunRows {
         }
     }
 
-    /// The tables that have rows, with an identity of the run that is the same on every machine.
+    /// Returns the tables that have rows, with an identity of the run that is the same on every
+    /// machine.
     pub fn tables(mut self, identity: &str) -> Vec<RunTable> {
         identity.clone_into(&mut self.folder.run.run);
         for fit in &mut self.folder.fits {

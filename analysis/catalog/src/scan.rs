@@ -43,12 +43,12 @@ const ANCESTORS: usize = 5;
 pub struct ScanOptions<'a> {
     /// Facts of a run beside its folder.
     pub beside: &'a (dyn Fn(&Path) -> Beside + Sync),
-    /// Ends the scan at the next run, when true; what was read stays.
+    /// If true, ends the scan at the next run; the records read so far stay.
     pub stop: &'a AtomicBool,
 }
 
 impl ScanOptions<'static> {
-    /// A scan that knows the folders alone and goes to its end.
+    /// Returns options for a scan of the folders alone that runs to its end.
     pub fn plain() -> Self {
         static NEVER: AtomicBool = AtomicBool::new(false);
         Self {
@@ -473,7 +473,7 @@ impl<'a> Writer<'a> {
         Ok(())
     }
 
-    /// Marks the runs below roots that are not there any more, and takes out such diagnoses.
+    /// Marks the runs below roots that no longer exist, and removes such diagnoses.
     fn mark_missing(&mut self, roots: &[PathBuf]) -> Result<(), CatalogError> {
         self.scanned.diagnoses = self.diagnoses.len();
         let runs = self.gone("SELECT run, folder FROM run WHERE missing = 0", roots)?;

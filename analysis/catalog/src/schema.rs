@@ -1,4 +1,4 @@
-//! Tables of a catalogue, and the version that a file says it has.
+//! Tables of a catalogue, and the version that a file states.
 
 /// Mark of a catalogue in the head of an SQLite file: `EISC`.
 pub(crate) const APPLICATION: i32 = 0x4549_5343;
@@ -6,9 +6,10 @@ pub(crate) const APPLICATION: i32 = 0x4549_5343;
 pub const VERSION: i32 = 3;
 
 /// Tables and indexes. `run_key` finds runs by the name, a serial number or the batch of a cell,
-/// `run_text` by words; both repeat what questions filter by, so that no other table is read for a run that is
-/// not wanted. What many runs share stands in `phrase` once, so that a word is sought in little
-/// text. `cell` is made of `run_cell` at the end of a scan. No number of a row is ever part of an answer.
+/// `run_text` by words; both repeat the columns that queries filter by, so that no other table is
+/// read for an unwanted run. Text that many runs share is stored in `phrase` once, so that a word
+/// search reads little text. `cell` is built from `run_cell` at the end of a scan. Row numbers are
+/// never part of a reply.
 pub(crate) const TABLES: &str = "
 CREATE TABLE root (folder TEXT PRIMARY KEY) WITHOUT ROWID;
 CREATE TABLE run (

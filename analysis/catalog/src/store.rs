@@ -111,7 +111,7 @@ fn json(value: &impl serde::Serialize) -> String {
     serde_json::to_string(value).unwrap_or_default()
 }
 
-/// Text in which words are sought beside the name, in small letters: many runs share it.
+/// Returns the text to search for words beside the name, in lower case: many runs share it.
 fn phrase(run: &CatalogRun) -> String {
     let own = [&run.bench, &run.experiment].map(String::as_str);
     let more = [&run.operator, &run.how].map(|text| text.as_deref().unwrap_or_default());
@@ -128,7 +128,7 @@ fn phrase(run: &CatalogRun) -> String {
     all.join("\n").to_lowercase()
 }
 
-/// Puts the words of a run in.
+/// Inserts the words of a run.
 fn put_words(connection: &Connection, run: &CatalogRun) -> rusqlite::Result<()> {
     let phrase = phrase(run);
     let mut phrases =
@@ -290,7 +290,7 @@ pub(crate) fn count_cells(connection: &Connection) -> rusqlite::Result<()> {
     ))
 }
 
-/// Puts a diagnosis in, in the place of the one that its folder held before.
+/// Inserts a diagnosis and replaces the previous one of its folder.
 pub(crate) fn put_diagnosis(
     connection: &Connection,
     one: &CatalogDiagnosis,

@@ -23,8 +23,8 @@ pub(crate) enum Place {
     Unreadable(String),
 }
 
-/// Folders of the diagnoses in a run folder, in order: its own, and those of its cells where it has
-/// several.
+/// Returns the folders of the diagnoses in a run folder, in order: its own, and those of its cells
+/// if it has several.
 pub fn diagnoses_within(run: &Path) -> Vec<PathBuf> {
     let own = run.join(DIAGNOSIS_FOLDER);
     let entries = fs::read_dir(&own).into_iter().flatten().flatten();

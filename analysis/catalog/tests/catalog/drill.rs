@@ -1,7 +1,7 @@
-//! Many runs: how fast they are scanned and asked, and with how much memory.
+//! Many runs: measures the speed and memory of scans and queries.
 //!
 //! `cargo test --workspace --test catalog -- --ignored --nocapture`. `EIS_BENCH_CATALOG_RUNS` is
-//! their number, and `EIS_BENCH_CATALOG_FOLDER` a folder in which they stay for the next time.
+//! their number, and `EIS_BENCH_CATALOG_FOLDER` a folder in which they are kept for the next time.
 
 use std::{
     env, fs,

@@ -43,7 +43,7 @@ pub(crate) struct Made {
     pub(crate) experiment: String,
     /// The bench.
     pub(crate) bench: String,
-    /// How it ended; none where it did not.
+    /// How it ended; `None` if it did not.
     pub(crate) how: Option<String>,
     /// Points that its gate refused.
     pub(crate) refused: usize,
@@ -150,7 +150,7 @@ impl Made {
         let points = std::iter::repeat_n(point, POINTS);
         let entries = [started, answered].into_iter().chain(points).chain(ended);
         let line = |(number, entry): (usize, Value)| {
-            // As the journal writes it: the entry stands behind number and time.
+            // In the journal's format the entry follows the number and the time.
             format!("{{\"number\":{number},\"time_s\":1.5,\"entry\":{entry},\"sha256\":\"00\"}}\n")
         };
         (1..).zip(entries).map(line).collect()
@@ -205,7 +205,7 @@ impl Made {
 /// A folder of run folders with a catalogue beside them.
 pub(crate) struct Place {
     _folder: tempfile::TempDir,
-    /// Where the run folders are.
+    /// Directory of the run folders.
     pub(crate) runs: PathBuf,
     /// The catalogue.
     pub(crate) catalog: PathBuf,
@@ -235,7 +235,7 @@ impl Place {
             .unwrap()
     }
 
-    /// The catalogue, to be asked.
+    /// Opens the catalogue for queries.
     pub(crate) fn open(&self) -> Catalog {
         Catalog::open(&self.catalog).unwrap()
     }
@@ -247,7 +247,7 @@ impl Place {
     }
 }
 
-/// Every answer that a catalogue can give, as text: two that are the same give the same answers.
+/// Returns every reply of a catalogue as text: equal texts mean equal replies.
 pub(crate) fn answers(catalog: &Catalog) -> String {
     let all = Filter::default();
     let runs = catalog.all_runs(&all).unwrap();

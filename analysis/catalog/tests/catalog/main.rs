@@ -1,5 +1,5 @@
-//! Catalogues of run folders that were made for the tests: what is found, what a change of a folder
-//! does, and the same answers after the catalogue was deleted and built again.
+//! Catalogues of run folders that were generated for the tests: the records found, the effect of a
+//! change of a folder, and equal replies after the catalogue was deleted and rebuilt.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,

@@ -387,7 +387,7 @@ fn ageing_tells_serial_numbers_that_differ_and_leaves_models_of_several_cells_ou
         (one.serials.as_slice(), one.points.len()),
         (&["P45B-0003".to_owned()][..], 2)
     );
-    // C00 is the type of the cells of the campaign, and a cell of its own.
+    // C00 is the type of the cells of the campaign, and also a separate cell.
     let of_type = ageing("C00", None);
     assert_eq!((of_type.points.len(), of_type.pooled), (3, 2));
     let of_one = ageing("A", None);

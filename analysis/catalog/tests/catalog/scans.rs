@@ -1,4 +1,4 @@
-//! Scans: what is read, what is read again, and what has vanished.
+//! Scans: folders that are read, folders that are read again, and folders that have disappeared.
 
 use std::fs;
 
@@ -196,7 +196,7 @@ fn a_diagnosis_that_came_before_its_run_finds_it_later() {
     place.scan();
     let shown = place.open().show("run000020").unwrap();
     assert_eq!(shown.diagnoses.len(), 1);
-    // What is known is not read again.
+    // A known diagnosis is not read again.
     assert_eq!(place.scan().diagnoses, 1);
 }
 
@@ -210,7 +210,7 @@ fn diagnoses_of_several_cells_are_of_one_each() {
     let run = place.runs.join("run000003");
     several.diagnose(&run.join("diagnosis/A"));
     several.diagnose(&run.join("diagnosis/B"));
-    // As a server lays them, and one that is of none of them.
+    // Laid out as by a server, with one diagnosis that belongs to none of them.
     several.diagnose(&place.runs.join("analyses/d-1/out/B"));
     several.diagnose(&place.runs.join("analyses/d-2/out"));
     let found = place.scan();
