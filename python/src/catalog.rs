@@ -85,7 +85,8 @@ impl Catalog {
         Ok(Self { path })
     }
 
-    /// Reads run folders into a file, which is made where it is not there; what was read, as JSON.
+    /// Scans run folders into a file, which is created if it does not exist. Returns a summary as
+    /// JSON.
     #[staticmethod]
     fn scan(py: Python<'_>, path: PathBuf, roots: Vec<PathBuf>) -> PyResult<String> {
         apart(py, || {

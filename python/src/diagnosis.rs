@@ -100,7 +100,7 @@ impl DataSet {
         self.locked().runs.len()
     }
 
-    /// The diagnosis as JSON, and as words.
+    /// Returns the diagnosis as JSON, and as text.
     fn diagnose(&self, py: Python<'_>, model: &Model) -> PyResult<(String, String)> {
         let (name, erm, curve) = model.parts();
         let curve = curve.ok_or_else(|| {

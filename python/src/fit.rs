@@ -15,10 +15,10 @@ use rayon::prelude::*;
 use crate::error::{apart, caught, json, refused};
 use crate::spectrum::Spectrum;
 
-/// Groups that are worked on before the interpreter is asked for an interrupt.
+/// Number of groups that are processed before the interpreter is checked for an interrupt.
 pub(crate) const CHUNK: usize = 64;
 
-/// Fit of one group, with the choice of its order where there was one.
+/// Fit of one group, with the choice of its order if there was one.
 #[derive(serde::Serialize)]
 struct Fitted {
     #[serde(flatten)]
@@ -38,7 +38,7 @@ fn groups(spectra: Vec<Spectrum>, pool: bool) -> Vec<Vec<SourcedSpectrum>> {
     }
 }
 
-/// JSON text of a result, or the reason why there is none.
+/// JSON text of a result, or the reason for its absence.
 type Each = (Option<String>, Option<String>);
 
 /// Works on groups in parallel; Ctrl-C ends it between two chunks.
@@ -207,7 +207,7 @@ pub(crate) fn assess(py: Python<'_>, spectra: Vec<Spectrum>) -> PyResult<String>
 pub(crate) fn drt(py: Python<'_>, spectra: Vec<Spectrum>) -> PyResult<Vec<Each>> {
     each(py, &groups(spectra, false), |group| {
         let given = &group[0].spectrum;
-        // As `kk --drt`: by no more points than are judged.
+        // As `kk --drt`: uses no more points than are judged.
         let spectrum = &validity::thinned(given).unwrap_or_else(|| given.clone());
         let noise = Noise::of(spectrum, std::slice::from_ref(spectrum));
         let noise = noise.map_err(|e| named(group, &e))?.with_shared(spectrum);

@@ -145,7 +145,7 @@ impl Model {
         additions.map(|addition| addition.name.clone()).collect()
     }
 
-    /// What is to be known of the model, in sentences: where it stops, how far a ladder follows its
+    /// Returns notes on the model, in sentences: its limits, and how closely a ladder follows its
     /// circuit.
     #[getter]
     fn notes(&self) -> Vec<String> {

@@ -86,7 +86,7 @@ pub(crate) struct Curve<'py> {
 }
 
 impl Curve<'_> {
-    /// The curve; through its knots alone where no slopes are given.
+    /// Returns the curve; through its knots alone if no slopes are given.
     pub(crate) fn read(&self) -> PyResult<OcvCurve> {
         let list = |values: &PyReadonlyArray1<'_, f64>| values.as_array().to_vec();
         let (soc, ocv_v) = (list(&self.soc), list(&self.ocv_v));

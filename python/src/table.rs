@@ -15,7 +15,7 @@ use crate::error::{apart, refused};
 use crate::fit::{CHUNK, CircuitWishes};
 use crate::spectrum::Spectrum;
 
-/// A spectrum, or the reason why it is none.
+/// A spectrum, or the reason why it is invalid.
 #[derive(FromPyObject)]
 pub(crate) struct Given {
     spectrum_id: String,
@@ -23,7 +23,7 @@ pub(crate) struct Given {
     error: Option<String>,
 }
 
-/// Columns of points, of one length, as Python gives them; those that a table does not have are none.
+/// Columns of points, of one length, as passed from Python; columns that a table lacks are `None`.
 #[derive(FromPyObject)]
 pub(crate) struct PointColumns<'py> {
     freq_hz: PyReadonlyArray1<'py, f64>,
@@ -35,8 +35,8 @@ pub(crate) struct PointColumns<'py> {
     amplitude_a: Option<PyReadonlyArray1<'py, f64>>,
 }
 
-/// The points of the rows of a table, by the rule of tables in long form: the deviations of either
-/// part, else the one of both.
+/// Returns the points of the rows of a table, by the rule of tables in long form: the deviations of
+/// either part, otherwise the common one.
 fn points_of(columns: &PointColumns<'_>) -> PyResult<Vec<ImpedancePoint>> {
     let (freq_hz, z_ohm) = (columns.freq_hz.as_slice()?, columns.z_ohm.as_slice()?);
     let optional = |column: &Option<PyReadonlyArray1<'_, f64>>| -> PyResult<Vec<f64>> {
