@@ -9,16 +9,16 @@ use crate::thresholds::{
     FORMULA_SHARE, GOOD_FIT_Z, INTEGRATION_PART, LEAST_LAMBDA, LEAST_SCORE, MATERIAL_SHARE,
 };
 
-/// True where an attempt's gain shows that something is missing beside an effect that has gained
-/// `gained` already.
+/// Returns true if an attempt's gain shows that something is missing beside an effect that has
+/// already gained `gained`.
 pub(super) fn is_significant(attempt: &Attempt, gained: f64) -> bool {
     let penalty = attempt.lambda - attempt.score;
     beyond_formula(attempt.lambda, gained) - penalty >= LEAST_SCORE
 }
 
 impl Search<'_> {
-    /// The evidence for one member of an attempt's fit against the fit without it, which has gained
-    /// so much over the base already; the reason where something does not speak for it.
+    /// Returns the evidence for one member of an attempt's fit against the fit without it, which
+    /// has already gained `gained` over the base. Returns the reason as an error if a check fails.
     pub(super) fn accept(
         &mut self,
         before: &Fit,
@@ -112,8 +112,8 @@ mod tests {
     use super::*;
     use crate::structure::Structure;
 
-    /// 3 % of an effect of λ = 10⁴ are worth 9 of χ²: a second one that gains 30 beside it may be
-    /// no more than that, one that gains 100 is more.
+    /// 3 % of an effect of λ = 10⁴ correspond to 9 of χ²: a second effect that gains 30 beside it
+    /// may be no more than that, one that gains 100 is more.
     #[test]
     fn what_differs_from_a_formula_is_no_second_effect() {
         let fit = Fit {

@@ -26,8 +26,8 @@ impl Diagnosis {
         }
     }
 
-    /// The terms of the augmentation for predictions as additions to the model that was refitted
-    /// together with them; empty where there is none.
+    /// Returns the terms of the augmentation for predictions as additions to the model that was
+    /// refitted together with them; empty if there are no terms.
     pub fn predictive_additions(&self, added_by: &str) -> Vec<Addition> {
         let Some(predictive) = &self.predictive else {
             return Vec::new();

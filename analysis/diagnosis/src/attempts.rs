@@ -28,7 +28,7 @@ pub(super) struct Attempt {
     pub(super) fit: Fit,
     pub(super) lambda: f64,
     pub(super) score: f64,
-    /// Score of the best fit with shapes held at their starts, where it is none of the effects that
+    /// Score of the best fit with shapes held at their starts, if it differs from the effects that
     /// it contains.
     pub(super) distinct: f64,
 }
@@ -70,7 +70,7 @@ fn keep_better(attempts: &mut Vec<Attempt>, others: Vec<Attempt>) {
     attempts.sort_by(|a, b| b.score.total_cmp(&a.score));
 }
 
-/// Gives the candidates the results of their attempts; best score first.
+/// Assigns the results of the attempts to the candidates; best score first.
 fn rank(ranking: &mut [Candidate], attempts: &[Attempt]) {
     for attempt in attempts {
         if let Some(candidate) = ranking.iter_mut().find(|c| c.name == attempt.name) {
@@ -119,15 +119,16 @@ impl Search<'_> {
         (attempts, ranking)
     }
 
-    /// Whether an addition gains much and leaves more than noise: its fit may then stand in a wrong
-    /// minimum.
+    /// Returns whether an addition gains much and leaves more than noise: its fit may then be in a
+    /// wrong minimum.
     fn is_strong_and_misses(&self, attempt: &Attempt) -> bool {
         let dof = self.problem.degrees_of_freedom(&attempt.fit);
         attempt.lambda > STRONG_LAGRANGE && excess_z(attempt.fit.chi2, dof) > MISFIT_Z
     }
 
-    /// The fit where additions have put its parameters, without the additions: there the branches
-    /// of the base may stand where they belong, and a better addition is found from there only.
+    /// Returns the fit from the parameters that additions have reached, without the additions:
+    /// there the branches of the base may have their true values, and only from there a better
+    /// addition is found.
     pub(super) fn beside(&mut self, fit: &Fit, with: &Fit) -> Fit {
         let Fit {
             structure, x, axes, ..
@@ -334,10 +335,10 @@ impl Search<'_> {
         })
     }
 
-    /// The fit with the shapes held. What grows faster than in proportion to its strength, as the
-    /// depletion of an electrolyte does near its end, is far overshot by the linear test, and the
-    /// way back can end at nothing: where a strong effect's fit does not keep what the test
-    /// promised, weaker starts are tried.
+    /// Returns the fit with the shapes held. The linear test far overestimates an effect that grows
+    /// faster than in proportion to its strength, as the depletion of an electrolyte does near its
+    /// end, and the iteration can then return to zero: if a strong effect's fit does not reach the
+    /// gain of the linear test, weaker starts are tried.
     fn hold(&mut self, fit: &Fit, from: &Fit, proposal: &Proposal) -> Attempt {
         let member = proposal.member.frozen();
         let mut best = self.try_member(fit.chi2, from, &member, true);
@@ -371,7 +372,7 @@ impl Search<'_> {
         }
     }
 
-    /// The fit with the shapes free, from where it ended with them held.
+    /// Returns the fit with the shapes free, starting where the fit with held shapes ended.
     fn set_free(&mut self, fit: &Fit, held: &Attempt, member: &Member) -> Attempt {
         let strength = held
             .fit

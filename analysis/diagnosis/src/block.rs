@@ -27,7 +27,7 @@ pub(super) struct Block {
     pub(super) measured: Vec<f64>,
     /// Charge before it, see [`Record::before`].
     pub(super) before: Vec<Moved>,
-    /// The first block that this one repeats so closely that derivatives are the same.
+    /// The first block that this one repeats so closely that the derivatives are equal.
     pub(super) alike: Option<usize>,
 }
 
@@ -80,7 +80,7 @@ pub enum DataSetError {
     Run {
         /// Name of the run.
         run: String,
-        /// Allowed values, in words.
+        /// Allowed values, as text.
         expected: &'static str,
         /// Value found.
         met: String,
@@ -90,7 +90,7 @@ pub enum DataSetError {
     Set {
         /// Name of the data set.
         name: String,
-        /// Allowed values, in words.
+        /// Allowed values, as text.
         expected: &'static str,
     },
 }
@@ -287,13 +287,13 @@ impl Block {
         }
     }
 
-    /// Puts a planned sweep as far above the ground of the channels as the measured ones of its
+    /// Places a planned sweep as far above the ground of the channels as the measured ones of its
     /// kind. A control that was not measured yet lies in the same jig as the cell, at an unknown
-    /// place. It is assumed to lie no higher than its own resistance, so that a plan does not
+    /// position. It is assumed to lie no higher than its own resistance, so that a plan does not
     /// promise too much.
     pub(super) fn lies_as(&mut self, measured: &[Self]) {
         let is_cell = self.at.is_cell;
-        // An unknown place is not the same as nothing below it.
+        // An unknown position differs from zero impedance below it.
         let told = |b: &&Self| {
             matches!(b.kind, Kind::Eis { .. }) && b.at.common_mode != CommonModeImpedance::default()
         };

@@ -6,7 +6,7 @@ use crate::thresholds::{LEAST_CHARGE_BETWEEN, LEAST_REVERSAL, SWEEP_INTERRUPTED}
 use analysis_effects::contract::{Moved, Point};
 
 impl Block {
-    /// Adds what it moves through the cell and says how much of it stays there, C.
+    /// Adds the charge that it moves through the cell and returns how much of it remains there, C.
     fn add_charge(&self, all: &mut Stretches) -> f64 {
         let time = match &self.kind {
             Kind::Time(time) => time,
@@ -37,7 +37,7 @@ impl Block {
             ..Stretches::new(capacity_ah)
         };
         let own_soc = self.at.soc + self.add_charge(&mut all) / (3600.0 * capacity_ah);
-        // Where a planned run begins is asked for, not read from a voltage.
+        // The start of a planned run is requested, not read from a voltage.
         all.add((soc - own_soc) * 3600.0 * capacity_ah);
         all.all
     }
@@ -57,9 +57,9 @@ impl Block {
     }
 }
 
-/// Charge that a sweep's current puts in and takes out, C. The mean size of a sine is 2/π of its
-/// amplitude, and the times of the points say how long each lasted. None where amplitude or times
-/// are not known, or where a direct current flows under it.
+/// Returns the charge that a sweep's current puts in and takes out, C. The mean size of a sine is
+/// 2/π of its amplitude, and the times of the points determine how long each lasted. Returns zero
+/// if amplitude or times are not known, or if there is a direct current.
 fn swung_c(start_s: f64, points: &[Point]) -> f64 {
     let mut visited: Vec<&Point> = points.iter().collect();
     visited.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));

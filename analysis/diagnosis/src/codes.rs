@@ -13,10 +13,10 @@ use std::f64::consts::{PI, TAU};
 /// Harmonics of the error.
 const HARMONICS: i32 = 12;
 
-/// A converter with the noise before it, both in the unit of what is read.
+/// A converter with the noise before it, both in the unit of the reading.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Codes {
-    /// Step; 0 where it is unknown.
+    /// Step; 0 if it is unknown.
     pub(super) step: f64,
     /// Standard deviation of the noise of a sample.
     pub(super) sigma: f64,
@@ -34,7 +34,7 @@ impl Codes {
             * (1..=HARMONICS).map(|k| term(f64::from(k))).sum::<f64>()
     }
 
-    /// Variance that is shared; none where the noise dithers the codes.
+    /// Returns the shared variance, or `None` if the noise dithers the codes.
     pub(super) fn shared(self) -> Option<f64> {
         let shared = self.covariance(0.0);
         (shared > DITHERED_PART * self.whole()).then_some(shared)

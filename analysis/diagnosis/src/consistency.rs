@@ -1,4 +1,4 @@
-//! Tests whether a named effect is the same wherever it is measured.
+//! Tests whether a named effect has the same value in all measurements.
 //!
 //! A true structure needs one value of each of its quantities; what imitates another one would need
 //! one value for small currents and another for large ones, or in one kind of run and in the next.
@@ -74,7 +74,7 @@ pub(super) fn inconsistencies(
             .map(|(m, p)| m.iter().zip(p).map(|(m, p)| m - p).collect())
             .collect();
         for (over, classes) in &kinds {
-            // Every single pulse is asked for its resistance only.
+            // Each single pulse is tested for its resistance only.
             if *over == PULSES && n > 0 {
                 continue;
             }
@@ -114,7 +114,7 @@ pub(super) fn inconsistencies(
         .iter_mut()
         .zip(corrected)
         .for_each(|(f, p)| f.p_value = p);
-    // Families of their own: what they find has no place among circumstances.
+    // These are separate families: their findings do not belong to circumstances.
     found.extend(intermittent_contact(problem, fit, gained));
     found.extend(repeat_mean_residual(problem, fit, gained));
     found.sort_by(|a, b| {
@@ -125,10 +125,10 @@ pub(super) fn inconsistencies(
     found
 }
 
-/// Residuals without the noise of the logged current in the prediction. The derivatives contain
-/// that noise as well: where little else flows, a resistance asked by the logged current would
-/// always be found to be zero. The noise is propagated through the base alone. For an effect that
-/// goes by the sign of the current, a rest with noise differs from a rest without.
+/// Removes the noise of the logged current in the prediction from the residuals. The derivatives
+/// contain that noise as well: if little else flows, a resistance estimated from the logged current
+/// would always be zero. The noise is propagated through the base alone. For an effect that depends
+/// on the sign of the current, a rest with noise differs from a rest without.
 fn free_of_current_noise(
     problem: &Problem,
     train: &[usize],
@@ -174,7 +174,7 @@ fn quantities(problem: &Problem, fit: &Fit) -> Vec<Quantity> {
     all
 }
 
-/// Every stretch of constant current of its own.
+/// Every stretch of constant current separately.
 const PULSES: &str = "single pulses";
 
 /// Counter of the current's changes of direction.

@@ -35,7 +35,7 @@ const SPLIT_TRIES: usize = 200;
 pub(crate) enum Form {
     /// First order.
     Plain,
-    /// First order; it starts anew where no current flows.
+    /// First order; it restarts where no current flows.
     Restart,
     /// Mean over the last seconds.
     Mean,
@@ -132,9 +132,9 @@ struct Level {
     /// Standard deviation of it by the rows of the segment, with one standard deviation of a row as
     /// the unit: rows of one code share their error.
     own: f64,
-    /// Change of it by what the filter shows at the start of the segment.
+    /// Its change by the filter's output at the start of the segment.
     inherited: f64,
-    /// Part of what the filter showed at the start that it shows at the end.
+    /// Part of the filter's output at the start that remains at the end.
     kept: f64,
     squares: f64,
     /// Current that the filter shows at the end, A.
@@ -237,7 +237,7 @@ pub(crate) fn shared(set: &DataSet, model: &BaseModel) -> Option<Filter> {
     cuts.retain(|cut| {
         cut.segments.len() > 1 && cut.levels(tried).squares < cut.levels(none).squares
     });
-    // What a bench states may be less than what its log scatters about most levels.
+    // The stated noise of a bench may be less than the scatter of its log about most levels.
     let scatter_a = median(cuts.iter().flat_map(|cut| cut.scatters_a(tried)).collect());
     for cut in &mut cuts {
         cut.row_a = cut.row_a.max(scatter_a);
@@ -393,8 +393,8 @@ impl<'a> Cut<'a> {
         spans_s.get(spans_s.len() / 2).copied().unwrap_or(0.0)
     }
 
-    /// Whether no current flows any more: the log says so in all rows, and the voltage says that it
-    /// had flowed.
+    /// Returns whether the current has been switched off: the log shows this in all rows, and the
+    /// voltage shows that a current had flowed.
     fn is_switched_off(&self, segment: &Range<usize>) -> bool {
         let currents = &self.record.series.current_a[segment.clone()];
         // The current may change between the rows of an edge, so the next row is used.
@@ -602,8 +602,8 @@ impl<'a> Cut<'a> {
         }
     }
 
-    /// Mean over the last seconds at a time since the start of the segment that is next: what the
-    /// known levels make of it, and the part of the new one.
+    /// Returns the mean over the last seconds at a time since the start of the next segment: the
+    /// contribution of the known levels, and the part of the new one.
     fn mean(&self, level_a: &[f64], length_s: f64, since_s: f64) -> (f64, f64) {
         let part = (since_s / length_s).min(1.0);
         let Some(next) = self.segments.get(level_a.len()) else {
@@ -668,8 +668,8 @@ impl<'a> Cut<'a> {
         }
     }
 
-    /// The current with its errors, where a row has an error of `sigma_a` and the time constant one
-    /// of `tau_sigma_s`.
+    /// Returns the current with its errors, for an error `sigma_a` of a row and an error
+    /// `tau_sigma_s` of the time constant.
     fn corrected(&self, tried: Tried, sigma_a: f64, tau_sigma_s: f64) -> Corrected {
         let levels = self.levels(tried);
         let of_samples = |of_levels: &[f64]| {
@@ -796,7 +796,7 @@ fn inverse(record: &TimeRecord, soc: f64, model: &BaseModel) -> Vec<f64> {
                 *v += (1.0 - old(branch.time_constant_s())) * branch.r_ohm * current_a;
             }
         }
-        // A part of what the model misses only, so that it does not swing over long steps.
+        // Only a part of the deviation of the model, so that it does not oscillate over long steps.
         flowing_a = if (current_a - flowing_a).abs() > FILTER_SWING_PART * largest_a {
             current_a
         } else {
@@ -813,7 +813,7 @@ impl Filter {
         self.records.iter().any(|own| own.run == run)
     }
 
-    /// The correction in words.
+    /// Returns the correction as text.
     pub(crate) fn told(&self) -> String {
         format!(
             "the current of {} records was corrected for {} of {:.3} ± {:.3} s, as accepted: all \
@@ -825,7 +825,8 @@ impl Filter {
         )
     }
 
-    /// The data with the current that flowed in the place of the logged one, and with its errors.
+    /// Returns the data with the reconstructed current in place of the logged one, and with its
+    /// errors.
     pub(crate) fn corrected(&self, set: &DataSet) -> DataSet {
         let mut set = set.clone();
         for run in &mut set.runs {

@@ -20,7 +20,7 @@ pub struct DataSet {
     pub name: String,
     /// The runs, in any order.
     pub runs: Vec<Run>,
-    /// Errors of the bench known from its past; none where nothing is known.
+    /// Errors of the bench known from its past; `None` if nothing is known.
     pub history: Option<BenchHistory>,
     /// Common error of the correction by control impedances in all spectra; the points' own σ do
     /// not contain it then.
@@ -51,7 +51,7 @@ pub struct Run {
 }
 
 impl Run {
-    /// True where no fit sees it.
+    /// Returns true if no fit uses it.
     pub fn is_held_out(&self) -> bool {
         self.role == Role::HeldOut
     }
@@ -93,8 +93,8 @@ pub enum RunData {
 pub struct Sweep {
     /// Direct current under the sweep, A, discharge positive.
     pub bias_a: f64,
-    /// Impedance between the lower tap of the swept object and the ground of the channels; zero
-    /// where it is not stated.
+    /// Impedance between the lower tap of the swept object and the ground of the channels; zero if
+    /// it is not stated.
     pub common_mode: CommonModeImpedance,
     /// Time of each point since the start of the run, s; empty if it is not recorded.
     pub elapsed_s: Vec<f64>,
@@ -118,18 +118,18 @@ pub struct SweepPoint {
 /// A record in time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TimeRecord {
-    /// Current (discharge positive) and voltage. Times start at 0 where the cell is at rest.
+    /// Current (discharge positive) and voltage. Times start at 0, when the cell is at rest.
     pub series: TimeSeries,
     /// Interpolation of the current between two samples.
     pub between: Between,
     /// Samples before this time are simulated but not compared, s: a record that begins under
     /// current has to settle first.
     pub compared_from_s: f64,
-    /// Standard deviation of the level beyond the bench's, V: where the open-circuit voltage at the
-    /// start is not known. Above zero, gaps are taken about their mean.
+    /// Standard deviation of the level beyond the bench's, V, if the open-circuit voltage at the
+    /// start is not known. Above zero, gaps are computed about their mean.
     pub level_sigma_v: f64,
-    /// Standard deviation of each voltage's own noise, V, where it is stated: rows that are means
-    /// of more or fewer samples.
+    /// Standard deviation of each voltage's own noise, V, if it is stated: rows that are means of
+    /// more or fewer samples.
     pub sigma_v: Option<Vec<f64>>,
     /// Start and end of the window that each sample averages, s, if it is recorded. The mean of a
     /// decay is not its value in the middle.
@@ -178,7 +178,7 @@ pub struct BenchHistory {
     /// off by as much over the curve's slope.
     #[serde(default)]
     pub start_voltage_v: f64,
-    /// Error that the calibration of the current channel leaves, as a fraction: the same in all
+    /// Error that remains after the calibration of the current channel, as a fraction: equal in all
     /// runs, so that repeats do not show it.
     #[serde(default)]
     pub calibration_rel: f64,

@@ -76,7 +76,7 @@ pub struct Outcome {
     pub next_runs: Vec<PlannedRun>,
 }
 
-/// Diagnoses a data set that the gate let pass against a model, with these guards on.
+/// Diagnoses a data set that passed the gate against a model, with these guards on.
 ///
 /// # Errors
 /// [`DataSetError`] for a set or run that cannot be used at all.
@@ -232,9 +232,9 @@ pub(crate) fn diagnose_with(
     })
 }
 
-/// Base and named effects fitted again under noise that is taken about the cell with its effects: a
-/// scatter of all resistances spares a contact, and what a wrong current does to the voltage hangs
-/// on what is missing in the base.
+/// Refits base and named effects under noise computed about the cell with its effects: a scatter of
+/// all resistances does not affect a contact, and the effect of a current error on the voltage
+/// depends on the missing parts of the base.
 pub(super) fn refitted(
     prepared: &Prepared,
     [base, fit]: [&Fit; 2],
@@ -253,8 +253,8 @@ pub(super) fn refitted(
     Some((prepared, again))
 }
 
-/// The best prediction beside the names; none where nothing helps, or where no held-out record has
-/// tested it. It stays under the noise that it was tested with.
+/// Returns the best prediction beside the names, or `None` if nothing helps, or if no held-out
+/// record has tested it. It keeps the noise with which it was tested.
 fn predictive(
     prepared: &Prepared,
     model: &BaseModel,
@@ -271,8 +271,8 @@ fn predictive(
     described(prepared, &model.erm, fits, &mut Workspace::default())
 }
 
-/// The base refitted to spectra and training records: from the model, and from other time constants
-/// where that does not reach the floor.
+/// Refits the base to spectra and training records: from the model, and from other time constants
+/// if that does not reach the floor.
 pub(super) fn base_fit(problem: &Problem, erm: &Erm, workspace: &mut Workspace) -> Fit {
     let structure = Structure::default();
     let mut best = problem.fit(&structure, erm, workspace);
@@ -290,7 +290,7 @@ pub(super) fn base_fit(problem: &Problem, erm: &Erm, workspace: &mut Workspace) 
     best
 }
 
-/// Reason why the repeats cannot be trusted; none where they can.
+/// Returns the reason why the repeats cannot be trusted, or `None` if they can.
 fn moved_floor(prepared: &Prepared) -> Option<String> {
     let e = &prepared.estimate;
     if let Some(z) = e.repeat_z.filter(|z| *z > SENTINEL_Z) {
@@ -338,7 +338,7 @@ fn restated(prepared: &Prepared, fit: &Fit, guards: Guards) -> Result<Prepared, 
     .again(fit, guards)
 }
 
-/// Note on a stated noise that repeats have overruled; none where they have not.
+/// Returns a note on a stated noise that repeats contradict, or `None` if they do not.
 fn overruled(prepared: &Prepared) -> Option<String> {
     let factor = prepared.prior.factor;
     (factor != 1.0).then(|| {

@@ -63,11 +63,12 @@ pub(super) struct EdgeErrors {
     pub(super) common_v: [Vec<f64>; COMMON],
     /// The first sample.
     pub(super) first_v: Vec<f64>,
-    /// Variance by what the branches forget, of the three halves together, V².
+    /// Variance from the decaying parts of the branches, of the three halves together, V².
     pub(super) passing_v2: Vec<f64>,
 }
 
-/// The errors of all edges of a record that starts at a state of charge; its first sample is none.
+/// Returns the errors of all edges of a record that starts at a state of charge; its first sample
+/// does not count as an edge.
 pub(super) fn of_record(time: &TimeBlock, soc: f64, base: &Base) -> Vec<EdgeErrors> {
     let edges = time.edges.iter().skip(1);
     edges
@@ -108,7 +109,7 @@ pub(super) fn of_record(time: &TimeBlock, soc: f64, base: &Base) -> Vec<EdgeErro
 struct Later {
     /// Part of the row's samples.
     part: f64,
-    /// Their mean time, s; that of the first one where there are none.
+    /// Their mean time, s; that of the first edge if there are none.
     time_s: f64,
 }
 
@@ -145,8 +146,8 @@ fn charge(time: &TimeBlock, edge: usize, soc: f64, base: &Base) -> Vec<f64> {
         .collect()
 }
 
-/// Change of what the branches drop in the later rows for an edge at a place, against the mean over
-/// all places, times the root of the place's weight.
+/// Returns the change of the branch voltages in the later rows for an edge at a position, relative
+/// to the mean over all positions, times the root of the position's weight.
 fn shift(time: &TimeBlock, edge: usize, place: Place, base: &Base) -> Vec<f64> {
     let (step_s, step_a) = (
         time.time_s[edge] - time.time_s[edge - 1],
@@ -269,7 +270,7 @@ mod tests {
         let errors = &of_record(&time, 0.5, &base)[0];
         let (first_v, lag) = (&errors.first_v, &errors.common_v[PLACES.len()]);
         let first = time.bins.iter().position(|b| b.from == 10).unwrap();
-        // Rows before 0.5 s are not compared, those before the edge know nothing of it.
+        // Rows before 0.5 s are not compared, and those before the edge do not depend on it.
         assert!(
             time.bins[0].from >= 5
                 && errors.passing_v2[..first].iter().all(|v2| *v2 == 0.0)
@@ -338,7 +339,7 @@ mod tests {
         };
         let errors = &of_record(&time, 0.5, &base)[0];
         for place in [0.0, 0.2, 0.5, 0.8, 1.0] {
-            // Voltage that the cell shows beyond what a ramp of the current from 4 to 5 s predicts.
+            // Voltage of the cell beyond the prediction for a ramp of the current from 4 to 5 s.
             let drop = |b: &RcBranch, t: f64| {
                 let tau_s = b.time_constant_s();
                 let ramp = tau_s * -(-1.0 / tau_s).exp_m1() * (-(t - 5.0) / tau_s).exp();

@@ -18,8 +18,7 @@ const ITERATIONS: usize = 12;
 struct Group<'a> {
     shape: &'a Shape,
     contrasts: Vec<Vec<f64>>,
-    /// The same differences of what a steady growth of all resistances with the run's order would
-    /// do.
+    /// The same differences for a steady growth of all resistances with the run's order.
     trends: Vec<Vec<f64>>,
 }
 
@@ -50,7 +49,7 @@ pub(super) fn estimate(
     residuals: &[Vec<f64>],
     prior: &Prior,
 ) -> Estimate {
-    // Only what was measured in the same way of the same thing repeats.
+    // Only equal measurements of the same object count as repeats.
     let mut members: BTreeMap<(&str, usize, bool, bool), Vec<usize>> = BTreeMap::new();
     for (k, b) in blocks.iter().enumerate() {
         members

@@ -60,8 +60,8 @@ fn beside_edges(problem: &Problem, block: usize, time: &TimeBlock) -> Vec<bool> 
     beside
 }
 
-/// Root mean square of prediction less measurement over the kept samples of a record, V; about the
-/// mean where the level is free.
+/// Returns the root mean square of prediction less measurement over the kept samples of a record,
+/// V; about the mean if the level is free.
 fn missed_v(time: &TimeBlock, predicted_v: &[f64], keep: &[bool]) -> f64 {
     let measured_v = &time.voltage_v[time.compared()];
     let all: Vec<f64> = predicted_v

@@ -1,5 +1,5 @@
-//! The guards of the workflow. Each can be switched off, for studies of what it is worth; the
-//! product never does. Their thresholds are in `thresholds`.
+//! The guards of the workflow. Studies can switch each off to measure its benefit; the product
+//! never does. Their thresholds are in `thresholds`.
 
 use crate::thresholds::{ASSUMED_LEAD, FORMULA_SHARE, NAMING_LEAD, OUTSIDE_LEAD};
 
@@ -24,7 +24,7 @@ pub(crate) struct Guards {
     pub(crate) convergence: bool,
     /// A name that an effect outside the catalogue beats is withdrawn.
     pub(crate) outside: bool,
-    /// A named effect must be the same wherever it is measured.
+    /// A named effect must have the same value in all measurements.
     pub(crate) consistency: bool,
 }
 

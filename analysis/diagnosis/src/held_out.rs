@@ -1,7 +1,7 @@
 //! Judges an addition by the held-out runs, in which nothing was fitted.
 //!
-//! Three questions: does the whitened χ² of a run grow, does the root mean square of a record grow
-//! in volts, and is what the addition predicts for all of them found there.
+//! Three tests: whether the whitened χ² of a run grows, whether the root mean square of a record
+//! grows in volts, and whether the predictions of the addition are found in all held-out runs.
 
 use super::block::Kind;
 use super::data::Role;
@@ -20,7 +20,7 @@ struct Worse {
 }
 
 impl Search<'_> {
-    /// Change of the held-out χ²; an error where one run becomes worse.
+    /// Returns the change of the held-out χ², or an error if one run becomes worse.
     pub(super) fn held_out(&mut self, before: &Fit, after: &Fit) -> Result<f64, String> {
         let mut change = 0.0;
         for k in self.problem.of_role(Role::HeldOut) {
@@ -35,7 +35,7 @@ impl Search<'_> {
             }
             change += new - old;
         }
-        // Measured noise makes the whitened tests strict by themselves.
+        // Measured noise makes the whitened tests strict enough.
         if self.guards.held_out && !self.measured {
             self.no_record_worse(before, after)?;
         }
@@ -49,10 +49,11 @@ impl Search<'_> {
         Ok(change)
     }
 
-    /// An error where a held-out record is missed by more millivolts than before, beyond its noise.
+    /// Returns an error if a held-out record is missed by more millivolts than before, beyond its
+    /// noise.
     ///
-    /// A whitened χ² can fall while the root mean square grows: it counts most what the noise
-    /// hides least.
+    /// A whitened χ² can fall while the root mean square grows: it weights most the parts with the
+    /// least noise.
     pub(super) fn no_record_worse(&mut self, before: &Fit, after: &Fit) -> Result<(), String> {
         for k in self.problem.of_role(Role::HeldOut) {
             let chi2 = self.problem.block_chi2(after.at(), k, &mut self.workspace);
@@ -78,10 +79,11 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// How a record is predicted worse; none where it is not, or where noise can do as much.
+    /// Returns how the prediction of a record is worse, or `None` if it is not, or if noise can
+    /// explain the difference.
     ///
-    /// With Δ what is left and d the change of the prediction, the sum of squares grows by
-    /// −2·dᵀΔ − dᵀd. Were the new prediction true, dᵀΔ would be noise of variance dᵀC·d.
+    /// With Δ the residual and d the change of the prediction, the sum of squares grows by −2·dᵀΔ −
+    /// dᵀd. Were the new prediction true, dᵀΔ would be noise of variance dᵀC·d.
     fn worse(&mut self, before: &Fit, after: &Fit, block: usize) -> Option<Worse> {
         let Kind::Time(time) = &self.problem.blocks[block].kind else {
             return None;

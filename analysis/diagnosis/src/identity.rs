@@ -1,4 +1,4 @@
-//! Identity of branches: which of several is the one that the model as given lacks.
+//! Identity of branches: identifies the branch that the given model lacks.
 
 use super::problem::Fit;
 use super::search::Search;
@@ -7,9 +7,9 @@ use super::search::Search;
 const BRANCH: &str = "rc_slow";
 
 impl Search<'_> {
-    /// The fit with its additional branch, if it has one, being the one that the model as given has
-    /// no branch for. The fit of the base may have left the place of one of its branches to the
-    /// addition; which of them is called the addition changes no prediction.
+    /// Returns the fit such that its additional branch, if any, is the one that the given model
+    /// lacks. The fit of the base may have left the position of one of its branches to the
+    /// addition; the choice of the branch that is called the addition changes no prediction.
     pub(super) fn with_identity(&mut self, fit: Fit) -> Fit {
         let (structure, end) = (&fit.structure, 1 + 2 * self.problem.branches());
         let Some(member) = structure.members.iter().position(|m| m.name() == BRANCH) else {

@@ -26,8 +26,8 @@ use crate::thresholds::{CONTACT_FLOWS_PART, CONTACT_RECORDS_Z, CONTACT_TAUS_S};
 use analysis_fit::validity::tail::{chi2_tail, holm};
 use analysis_numeric::linalg::product;
 
-/// Whether there is something of the kind, probabilities corrected for the times that are asked
-/// for; `gained` is the λ of what was named.
+/// Tests for an intermittent contact, with probabilities corrected for the number of tested time
+/// constants; `gained` is the λ of the named effects.
 pub(super) fn intermittent_contact(
     problem: &Problem,
     fit: &Fit,
@@ -109,9 +109,9 @@ impl Terms {
         self.cube += other.cube;
     }
 
-    /// Of the real and imaginary parts of a spectrum, which have signs on the diagonal of K and
-    /// nothing else. Its third cumulant is taken without them: what is on either side of the middle
-    /// does not make the tails of the whole lighter.
+    /// Uses the real and imaginary parts of a spectrum, which have signs on the diagonal of K and
+    /// nothing else. Its third cumulant is computed without them: parts on either side of the
+    /// middle do not make the tails of the whole lighter.
     fn of_parts(solved: &[f64], inverse: &[f64]) -> Self {
         let n = solved.len();
         let sign = |i: usize| if i.is_multiple_of(2) { 1.0 } else { -1.0 };

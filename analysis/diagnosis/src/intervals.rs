@@ -85,7 +85,7 @@ pub(super) fn named(
     all
 }
 
-/// The fit with all shapes of a member searched; as it is where they are.
+/// Returns the fit with all shapes of a member searched, or unchanged if they already are.
 fn with_free_shapes(problem: &Problem, fit: &Fit, member: usize, workspace: &mut Workspace) -> Fit {
     let (erm, values) = fit.decode(problem.branches());
     let own = searched(
@@ -106,9 +106,9 @@ fn with_free_shapes(problem: &Problem, fit: &Fit, member: usize, workspace: &mut
     problem.fit(&structure, &erm, workspace)
 }
 
-/// One end of a coordinate's interval, on the side of the sign; its bound where the data leave it
-/// open. Each refit begins where the last one within the interval ended: a valley that bends is
-/// followed, and not left for good by one long jump.
+/// Returns one end of a coordinate's interval, on the side of the sign, or its bound if the data
+/// leave it open. Each refit begins where the last one within the interval ended, so that a curved
+/// valley is followed and one long jump does not leave it permanently.
 fn end(
     problem: &Problem,
     fit: &Fit,
@@ -119,7 +119,7 @@ fn end(
 ) -> f64 {
     let axis = &fit.axes[k];
     let bound = if side > 0.0 { axis.upper } else { axis.lower };
-    // Where everything else goes when this coordinate moves by 1.
+    // Change of all other coordinates when this coordinate moves by 1.
     let along =
         |j: usize| covariance.map_or(0.0, |c| c[j * fit.x.len() + k] / c[k * fit.x.len() + k]);
     let mut inside = (fit.x.clone(), 0.0);

@@ -171,8 +171,8 @@ fn cautions(effect: &NamedEffect) -> impl Iterator<Item = String> {
     })
 }
 
-/// True where the named effects take nearly all of what the base leaves over noise, in the fitted
-/// runs and in every held-out one, and nothing but their rivals does as well.
+/// Returns true if the named effects explain nearly all of the base's residual above noise, in the
+/// fitted runs and in every held-out one, and only their rivals do as well.
 fn is_mostly(d: &Diagnosis) -> bool {
     let (before, after) = (d.quality.base_chi2, d.quality.augmented_chi2);
     // A run in which the base hardly lacks anything may keep as much of its floor.
@@ -186,7 +186,7 @@ fn is_mostly(d: &Diagnosis) -> bool {
     let mut spectra = spectra.map(|g| closes(g.base_percent, g.augmented_percent, g.floor_percent));
     let held_out = !d.gap.is_empty() && records.all(|met| met) && spectra.all(|met| met);
     let left = after - d.quality.degrees_of_freedom;
-    // What is left is unknown: it could be what another name lacks.
+    // The cause of the residual is unknown: it could be a deficit of another name.
     let others = d.ranking.iter();
     let mut others = others
         .filter(|c| !d.effects.iter().any(|e| e.name == c.name))
@@ -204,8 +204,8 @@ fn title(name: &'static str) -> &'static str {
     effects::title(name).unwrap_or(name)
 }
 
-/// True where the residual of a block is within the error of the formulas of the named effects,
-/// which have gained `gained`.
+/// Returns true if the residual of a block is within the error of the formulas of the named
+/// effects, which have gained `gained`.
 fn within_formula(gained: f64, remaining: &Block) -> bool {
     let excess =
         (remaining.chi2 - remaining.expected_chi2).max(remaining.mean_z * remaining.mean_z);

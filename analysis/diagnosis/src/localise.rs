@@ -124,8 +124,8 @@ impl Sums {
 
     fn block(&self, dimension: &'static str, part: String) -> Block {
         let expected = self.expected.max(1e-9);
-        // Variance of the sum: 1ᵀ(I − QQᵀ)1 over the block; none is left where the model can move
-        // all of it together.
+        // Variance of the sum: 1ᵀ(I − QQᵀ)1 over the block; it is zero if the model can move all of
+        // it together.
         let variance = self.count as f64 - self.along.iter().map(|a| a * a).sum::<f64>();
         let mean_z = if variance > 1e-6 * self.count as f64 {
             self.sum / variance.sqrt()

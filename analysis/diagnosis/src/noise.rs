@@ -55,7 +55,7 @@ pub(super) struct Prior {
     pub(super) log_sigmas: LogSigmas,
     pub(super) spread: f64,
     pub(super) known: bool,
-    /// Factor by which repeats have proved all of the history wrong; 1 where they have not.
+    /// Factor by which repeats contradict the whole history; 1 if they do not.
     pub(super) factor: f64,
     history: BenchHistory,
     calibration: Option<CommonError>,
@@ -111,8 +111,8 @@ impl Prior {
         }
     }
 
-    /// Difference of a constant current between two samples, A: one standard deviation; 0 where
-    /// nothing is known.
+    /// Returns the difference of a constant current between two samples, A: one standard deviation;
+    /// 0 if nothing is known.
     pub(super) fn jitter_a(&self) -> f64 {
         if self.known {
             self.history.current_jitter_a()
@@ -137,23 +137,23 @@ pub(super) struct Shape {
     fixed: Vec<f64>,
     /// Diagonal of the white term, voltage or spectrum.
     white: (Term, Vec<f64>),
-    /// Current-noise propagation: covariance by white noise of the current after its own sample,
-    /// row-major; empty where there is none.
+    /// Current-noise propagation: covariance from white noise of the current after its own sample,
+    /// row-major; empty if there is no such noise.
     propagated: Vec<f64>,
     /// Correlation of the drift, row-major; empty for a spectrum.
     pub(super) drift: Vec<f64>,
     /// One vector per estimated term of rank one.
     vectors: Vec<(Term, Vec<f64>)>,
     /// Covariance of the run's own errors of known size, which its repeats may share, row-major,
-    /// its lower triangle; empty where there are none.
+    /// its lower triangle; empty if there are none.
     known: Vec<f64>,
-    /// Variance of each row by the errors at edges of the current, which `known` holds; empty where
-    /// there are none.
+    /// Variance of each row from the errors at edges of the current, which `known` contains; empty
+    /// if there are none.
     edge_v2: Vec<f64>,
     /// The same of what all runs share.
     shared: Errors,
-    /// Covariance of what the codes leave where the noise does not dither them, row-major; empty
-    /// where it does.
+    /// Covariance of the codes' error if the noise does not dither them, row-major; empty if it
+    /// does.
     codes: Vec<f64>,
 }
 
@@ -311,7 +311,7 @@ impl Shape {
                 .map(|(b, m)| fixed_v / m + b.stated_v2)
                 .collect(),
             white: (Term::White, counts.iter().map(|m| 1.0 / m).collect()),
-            // Means over many samples have hardly any noise left, and they say what they have.
+            // Means over many samples have hardly any noise left, and they state it.
             propagated: if stated || fresh_a2 <= 0.0 {
                 Vec::new()
             } else {
@@ -335,8 +335,8 @@ impl Shape {
         &self.shared
     }
 
-    /// Covariance of a run's errors that its repeats may share or not, row-major, its lower
-    /// triangle; empty where there are none.
+    /// Returns the covariance of a run's errors that its repeats may share or not, row-major, its
+    /// lower triangle; empty if there are none.
     pub(super) fn known(&self) -> &[f64] {
         &self.known
     }
@@ -389,7 +389,7 @@ impl Shape {
         c
     }
 
-    /// The covariance of what is the run's own, row-major.
+    /// Returns the covariance of the run's own errors, row-major.
     pub(super) fn covariance(&self, log_sigmas: &LogSigmas) -> Vec<f64> {
         let n = self.n;
         let variance = |term: Term| (2.0 * log_sigmas[term as usize]).exp();
@@ -414,7 +414,7 @@ impl Shape {
         c
     }
 
-    /// (∂C/∂ln σ)·x for a term; none where the shape does not have it.
+    /// Returns (∂C/∂ln σ)·x for a term, or `None` if the shape does not have it.
     pub(super) fn derivative_times(
         &self,
         term: Term,
@@ -479,7 +479,7 @@ impl BenchHistory {
     }
 }
 
-/// Variance of what is new in every sample of the current, its codes included, A².
+/// Returns the variance that is independent in every sample of the current, its codes included, A².
 fn current_variance_a2(h: &BenchHistory) -> f64 {
     h.current_noise_a.powi(2)
         + Codes {

@@ -1,5 +1,5 @@
-//! Measures for a study of the workflow: how much there was to find, and how well an oracle model
-//! that knows the truth would do.
+//! Measures for a study of the workflow: the size of the hidden effects, and the performance of an
+//! oracle model that knows the truth.
 //!
 //! Nothing here is used by a diagnosis.
 
@@ -27,8 +27,8 @@ pub fn removable_chi2(
     removable_beside(noisy, clean, model, &[])
 }
 
-/// The same where these effects were added and refitted too: the χ² that what is missing beside them
-/// would remove.
+/// Returns the same with these effects added and refitted too: the χ² that the effects missing
+/// beside them would remove.
 ///
 /// # Errors
 /// [`DataSetError`] for a set that cannot be used or a name that is not in the catalogue.
@@ -85,7 +85,7 @@ pub fn oracle(
     let mut workspace = Workspace::default();
     let base = base_fit(problem, &model.erm, &mut workspace);
     let fit = with_effects(problem, base.clone(), names, &mut workspace)?;
-    // As a diagnosis does with what it has named.
+    // As a diagnosis does with its named effects.
     let again = refitted(&prepared, [&base, &fit], Guards::default());
     let (prepared, [base, fit]) = again.unwrap_or((prepared, [base, fit]));
     let fits = Fits {

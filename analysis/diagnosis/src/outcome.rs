@@ -43,7 +43,7 @@ impl Verdict {
         matches!(self, Self::Mostly | Self::Unexplained)
     }
 
-    /// In words.
+    /// Returns the label as text.
     pub fn label(self) -> &'static str {
         match self {
             Self::AtNoiseFloor => "at the noise floor",
@@ -71,7 +71,7 @@ pub struct Diagnosis {
     pub model: String,
     /// The end.
     pub verdict: Verdict,
-    /// The verdict in words.
+    /// The verdict as text.
     pub summary: String,
     /// Effects that were added and stay; for [`Verdict::Ambiguous`] the best representative.
     pub effects: Vec<NamedEffect>,
@@ -86,11 +86,11 @@ pub struct Diagnosis {
     pub gap: Vec<Gap>,
     /// Gap per held-out spectrum.
     pub gap_spectra: Vec<SpectrumGap>,
-    /// The run that would settle what is open.
+    /// The run that would decide the open question.
     pub next_experiment: Option<NextExperiment>,
-    /// Effects, and what would imitate each in every run of the menu however often it is repeated;
-    /// the second name is empty where the signal is too small for any of them to make the name
-    /// certain.
+    /// Effects, each with one that would imitate it in every run of the menu regardless of the
+    /// number of repeats. The second name is empty if the signal is too small for any run to make
+    /// the name certain.
     pub inseparable: Vec<[&'static str; 2]>,
     /// Oddities of the data as they were written, before any physics.
     pub findings: Vec<Finding>,
@@ -108,7 +108,7 @@ pub struct Diagnosis {
     pub base: Option<Erm>,
     /// The base model refitted together with the named effects.
     pub augmented: Option<Erm>,
-    /// The best prediction where no name is certain.
+    /// The best prediction if no name is certain.
     pub predictive: Option<Predictive>,
 }
 
@@ -136,11 +136,11 @@ pub struct Predictive {
 pub struct PredictiveTerm {
     /// Name in the catalogue of the form that it has.
     pub name: &'static str,
-    /// Name in words.
+    /// Name as text.
     pub title: &'static str,
     /// Cell or bench.
     pub group: Group,
-    /// Form of the signal that it stands for.
+    /// Form of the signal that it represents.
     pub stands_for: &'static str,
     /// Its parameters, the strength first; the interval is the range that was searched.
     pub parameters: Vec<FittedParameter>,
@@ -151,7 +151,7 @@ pub struct PredictiveTerm {
 pub struct NamedEffect {
     /// Name in the catalogue.
     pub name: &'static str,
-    /// Name in words.
+    /// Name as text.
     pub title: &'static str,
     /// Cell or bench.
     pub group: Group,
@@ -170,13 +170,13 @@ pub struct FittedParameter {
     pub name: &'static str,
     /// Value.
     pub value: f64,
-    /// Standard uncertainty; none where the data do not fix it.
+    /// Standard uncertainty; `None` if the data do not determine it.
     pub sigma: Option<f64>,
-    /// Ends of the 95 % interval; equal to the bound where the data leave it open.
+    /// Ends of the 95 % interval; equal to the bound if the data leave it open.
     pub interval: (f64, f64),
     /// Unit.
     pub unit: &'static str,
-    /// Reason why the value is not that of a sound cell or bench; none where it may be.
+    /// Reason why the value is not that of a sound cell or bench; `None` if it may be.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub caution: Option<&'static str>,
 }
@@ -201,7 +201,7 @@ pub struct Evidence {
 pub struct Rival {
     /// Name in the catalogue.
     pub name: &'static str,
-    /// The named effect it could stand for.
+    /// The named effect that it could replace.
     pub instead_of: &'static str,
     /// Penalised gain less that of the named one.
     pub score_gap: f64,
@@ -226,15 +226,15 @@ pub struct Block {
     pub mean_z: f64,
     /// Probability of as much by noise alone, corrected for the number of blocks (Holm).
     pub p_value: f64,
-    /// Root mean square of the residuals: mV for records, parts per thousand of |Z| for spectra. Rows
-    /// at edges of the current are left out, where there are others.
+    /// Root mean square of the residuals: mV for records, parts per thousand of |Z| for spectra.
+    /// Rows at edges of the current are left out if there are others.
     pub rms: f64,
 }
 
 /// Gap between prediction and measurement of a held-out record, root mean square over its samples.
 ///
-/// Where a logger leaves the time of an edge of the current open, samples at an edge are left out of
-/// the gaps and of their floor alike; `*_with_edges_mv` are taken over all samples.
+/// If a logger leaves the time of an edge of the current open, samples at an edge are excluded from
+/// the gaps and from their floor; `*_with_edges_mv` cover all samples.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Gap {
     /// Name of the run.
@@ -279,7 +279,7 @@ pub struct SpectrumGap {
 pub struct NextExperiment {
     /// Name in the menu: `zero_net_charge_bursts`.
     pub name: &'static str,
-    /// Description of the run in words.
+    /// Description of the run as text.
     pub description: String,
     /// Effects that it separates.
     pub separates: Vec<&'static str>,
@@ -287,8 +287,7 @@ pub struct NextExperiment {
     pub separation_sigma: f64,
     /// The same with the data at hand.
     pub separation_now_sigma: f64,
-    /// True where it is expected to settle all that is open; false where it brings some of it
-    /// forward.
+    /// True if it is expected to decide all open questions; false if it decides some of them.
     pub settles: bool,
     /// Time on the bench, min.
     pub duration_min: f64,
@@ -311,10 +310,10 @@ pub struct Quality {
     pub augmented_z: f64,
 }
 
-/// The noise model and where it comes from.
+/// The noise model and its origin.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct NoiseReport {
-    /// True where repeats measured it; false where it was assumed, so that no floor can be claimed.
+    /// True if repeats measured it; false if it was assumed, so that no floor can be claimed.
     pub from_repeats: bool,
     /// One entry per term.
     pub terms: Vec<NoiseTerm>,
@@ -340,7 +339,7 @@ pub struct Candidate {
     pub name: &'static str,
     /// Lagrange-multiplier score: χ² that a small step of it would remove.
     pub lagrange: f64,
-    /// χ² removed by the full fit; none where the score was too low to fit it.
+    /// χ² removed by the full fit; `None` if the score was too low to fit it.
     pub lambda: Option<f64>,
     /// Penalised gain.
     pub score: Option<f64>,

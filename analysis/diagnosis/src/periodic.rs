@@ -28,8 +28,8 @@ pub(super) struct Wave {
     /// χ² that it takes up, and as how many quantities.
     pub(super) chi2: f64,
     pub(super) dof: usize,
-    /// Probability that as much beyond what may be left is taken up where nothing swings, at any of
-    /// the periods.
+    /// Probability of an equal χ² beyond the allowed residual without an oscillation, at any of the
+    /// periods.
     pub(super) p_value: f64,
 }
 
@@ -41,8 +41,9 @@ struct Record<'a> {
     residuals: &'a [f64],
 }
 
-/// Least probable wave in the residuals of the training records; none without records that are long
-/// enough. `beyond` gives the part of a χ² that is more than the allowed residual.
+/// Returns the least probable wave in the residuals of the training records, or `None` without
+/// records that are long enough. `beyond` returns the part of a χ² that exceeds the allowed
+/// residual.
 pub(super) fn wave<'a>(
     problem: &'a Problem,
     fit: &'a Fit,

@@ -1,9 +1,9 @@
-//! A model for predictions where no name is certain.
+//! A model for predictions if no name is certain.
 //!
-//! The best penalised set of effects of the cell is added to what was named, whatever the set is
-//! called: its form predicts, and nothing is claimed about its cause. Each member must gain more
-//! than its parameters cost, converge, stand at no bound and where a sound cell may have it, and make
-//! no held-out record worse.
+//! The best penalised set of effects of the cell is added to the named effects, whatever the set is
+//! called: its form predicts, and it claims no cause. Each member must gain more than its
+//! parameters cost, converge, lie at no bound and within the range of a sound cell, and make no
+//! held-out record worse.
 
 use super::attempts::Attempt;
 use super::block::Workspace;
@@ -21,10 +21,11 @@ use analysis_effects::{
 use analysis_model::model::Erm;
 
 impl Search<'_> {
-    /// Base, named effects and what else predicts better; none where nothing more does.
+    /// Returns base, named effects and the additions that predict better, or `None` if no addition
+    /// does.
     ///
-    /// A term that makes a held-out record worse may do so because its partner is missing: it stays
-    /// for the next one, and counts only where the record is put right by then.
+    /// A term may make a held-out record worse because its partner is missing: it stays for the
+    /// next one, and counts only if the record is then as good as before.
     pub(super) fn predictive(&mut self, selection: &Selection) -> Option<Fit> {
         let mut proven = self
             .pair_that_predicts(selection)
@@ -83,8 +84,8 @@ impl Search<'_> {
         })
     }
 
-    /// The best further effect of the cell: one that no held-out record speaks against, else the
-    /// one that gains most.
+    /// Returns the best further effect of the cell: one that no held-out record contradicts,
+    /// otherwise the one that gains most.
     fn next_term(&mut self, base: &Fit, fit: &Fit, mut attempts: Vec<Attempt>) -> Option<Term> {
         attempts.retain(|attempt| may_predict(attempt.name));
         attempts.sort_by(|a, b| b.score.total_cmp(&a.score));
@@ -123,8 +124,8 @@ fn may_predict(name: &str) -> bool {
     find(name).is_some_and(|effect| effect.card().group == Group::Cell)
 }
 
-/// The augmentation as it is written, with the gaps that it leaves; none where no held-out record
-/// has tested it.
+/// Returns the augmentation as it is written, with its remaining gaps, or `None` if no held-out
+/// record has tested it.
 pub(super) fn described(
     prepared: &Prepared,
     erm: &Erm,

@@ -81,8 +81,8 @@ pub(super) fn prepare(
     })
 }
 
-/// The blocks in the order of time, counted from the first: where a campaign's numbers begin says
-/// nothing of the cell.
+/// Returns the blocks in the order of time, counted from the first: the first number of a campaign
+/// has no meaning for the cell.
 fn blocks(set: &DataSet, base: &Base) -> Result<Vec<Block>, DataSetError> {
     let first = set.runs.iter().map(|r| r.order).min().unwrap_or(0);
     let jitter_a = set.history.map_or(0.0, |h| h.current_jitter_a());
@@ -134,7 +134,7 @@ fn shapes(
     blocks.iter().map(shape).collect()
 }
 
-/// The same, without the errors of the current channel where they are not to count.
+/// Returns the same shapes, without the errors of the current channel if they must not count.
 fn guarded_shapes(
     blocks: &[Block],
     model: &Model<'_>,
@@ -187,9 +187,9 @@ fn weigh(problem: &mut Problem, shapes: &[Shape], estimate: &Estimate) -> Result
 }
 
 impl Prepared {
-    /// The noise found anew about a fit and from what it leaves: an effect that the base lacks
+    /// Determines the noise again about a fit and from its residuals: an effect that the base lacks
     /// makes repeats with slightly different currents differ, and the errors of the bench act on
-    /// the cell as it is, with its effects.
+    /// the real cell with its effects.
     pub(super) fn again(mut self, fit: &Fit, guards: Guards) -> Result<Self, DataSetError> {
         let mut workspace = Workspace::default();
         let problem = &self.problem;
@@ -235,7 +235,8 @@ impl Prepared {
         Ok(self)
     }
 
-    /// The same problem with other measurements of the same campaign, under the noise found.
+    /// Returns the same problem with other measurements of the same campaign, under the determined
+    /// noise.
     pub(super) fn with_runs(mut self, set: &DataSet) -> Result<Self, DataSetError> {
         let problem = &mut self.problem;
         problem.blocks = blocks(set, &problem.base)?;
@@ -300,7 +301,8 @@ impl Prepared {
     }
 }
 
-/// Root mean square of the stated noise of the records' rows, V; none where none is stated.
+/// Returns the root mean square of the stated noise of the records' rows, V, or `None` if no noise
+/// is stated.
 fn stated_noise_v(blocks: &[Block]) -> Option<f64> {
     let times = blocks.iter().filter_map(|b| {
         if let Kind::Time(t) = &b.kind {

@@ -23,8 +23,7 @@ const KEPT_PROMISE: f64 = 0.5;
 const DAMPING_GROWTH: f64 = 2.0;
 /// Part of a step over which its bend is measured.
 const BEND_PART: f64 = 0.1;
-/// Size of the second-order part of a step at most, as a part of the first: 0.75, as its source
-/// says.
+/// Largest second-order part of a step, relative to the first: 0.75, as its source recommends.
 const MOST_ACCELERATION: f64 = 0.75;
 /// Information given to a coordinate in any case: a move by 1 changes the prediction by less than
 /// 1e-4 standard deviations.
@@ -35,7 +34,7 @@ const UNMOVED: f64 = 1e-8;
 pub(super) struct Problem {
     pub(super) base: Base,
     pub(super) blocks: Vec<Block>,
-    /// Of what is a run's own for training runs, of everything for others.
+    /// Of a run's own errors for training runs, of all errors for others.
     pub(super) whiteners: Vec<Whitener>,
     /// Takes what all training runs share out of their whitened rows.
     pub(super) shared: Shared,
@@ -56,7 +55,7 @@ pub(super) struct Prediction {
     rows: Vec<Vec<f64>>,
 }
 
-/// What a fit starts with, and where it ends.
+/// Start and end conditions of a fit.
 #[derive(Clone, Copy)]
 struct Nearby<'a> {
     /// Derivatives by the first coordinates, taken nearby.
@@ -393,8 +392,8 @@ impl Problem {
         self.fit_from(structure, x, axes, workspace)
     }
 
-    /// Fits a structure with one effect more, from where a fit without it stands. A rough fit ends
-    /// early, and its derivatives are those of a fit nearby.
+    /// Fits a structure with one further effect, starting from a fit without it. A rough fit ends
+    /// early and uses the derivatives of a nearby fit.
     pub(super) fn fit_added(
         &self,
         fit: &Fit,
@@ -456,7 +455,7 @@ impl Problem {
         self.fit_by(structure, x, axes, nothing, workspace)
     }
 
-    /// Fits to the end what was fitted roughly.
+    /// Completes a rough fit.
     pub(super) fn polished(&self, fit: Fit, workspace: &mut Workspace) -> Fit {
         if fit.promise < enough(false, fit.chi2) {
             return fit;
@@ -468,8 +467,8 @@ impl Problem {
         self.fit_by(&fit.structure, fit.x, fit.axes, nearby, workspace)
     }
 
-    /// Second derivative of the whitened prediction along moves, by differences over a part of them;
-    /// none where that part does not lie between the bounds.
+    /// Returns the second derivative of the whitened prediction along moves, by differences over a
+    /// part of them, or `None` if that part does not lie between the bounds.
     fn bend(
         &self,
         at: At<'_>,
@@ -518,8 +517,8 @@ impl Problem {
         for k in columns.len()..x.len() {
             columns.push(self.column(structure.at(&x), &axes, &predicted, k, workspace));
         }
-        // Derivatives by the base's parameters are taken again only where they have served badly:
-        // they cost most of a fit, and the base moves little.
+        // Derivatives by the base's parameters are recomputed only if they have performed badly:
+        // they dominate the cost of a fit, and the base moves little.
         let own = 1 + 2 * self.branches();
         let mut are_fresh = nearby.columns.is_empty();
         // Once a step has failed, the way is taken for a curved one.
@@ -609,14 +608,14 @@ impl Problem {
     }
 }
 
-/// Moves coordinates to their bounds where they lie beyond.
+/// Moves coordinates beyond their bounds to the bounds.
 fn put_inside(x: &mut [f64], axes: &[Axis]) {
     x.iter_mut()
         .zip(axes)
         .for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
 }
 
-/// χ² that a further step of a fit may promise where the fit ends.
+/// Returns the predicted χ² gain of a further step below which a fit ends.
 fn enough(is_rough: bool, chi2: f64) -> f64 {
     if is_rough {
         CONVERGED.max(ROUGH_PART * chi2)
@@ -739,12 +738,13 @@ impl Fit {
         self.structure.decode(&self.x, branches)
     }
 
-    /// True where a further step promises nothing against a gain of λ.
+    /// Returns true if the predicted gain of a further step is negligible against a gain of λ.
     pub(super) fn has_converged(&self, lambda: f64) -> bool {
         self.promise <= CONVERGED.max(CONVERGED_PART * lambda)
     }
 
-    /// Covariance of the coordinates, row-major; none where the data do not fix them.
+    /// Returns the covariance of the coordinates, row-major, or `None` if the data do not determine
+    /// them.
     pub(super) fn covariance(&self) -> Option<Vec<f64>> {
         let n = self.x.len();
         let mut information: Vec<f64> = (0..n * n)
@@ -755,7 +755,7 @@ impl Fit {
         invert(&information, n)
     }
 
-    /// True where a coordinate of a member lies at a bound.
+    /// Returns true if a coordinate of a member lies at a bound.
     pub(super) fn member_at_bound(&self, member: usize, branches: usize) -> bool {
         let first = self.structure.first(member, branches);
         (first..first + self.structure.members[member].free())
@@ -780,7 +780,7 @@ impl Fit {
     }
 }
 
-/// An orthonormal basis of what a model can already imitate.
+/// An orthonormal basis of the changes that a model can already imitate.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Tangent {
     pub(super) basis: Vec<Vec<f64>>,

@@ -9,7 +9,7 @@ type Listener = dyn Fn(&str) + Send + Sync;
 pub struct Progress(Option<Arc<Listener>>);
 
 impl Progress {
-    /// Hands every step to a listener, in words that follow "now".
+    /// Passes every step to a listener, as text that follows "now".
     pub fn new(listener: impl Fn(&str) + Send + Sync + 'static) -> Self {
         Self(Some(Arc::new(listener)))
     }

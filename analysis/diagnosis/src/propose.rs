@@ -15,13 +15,13 @@ use analysis_effects::contract::Effect;
 /// One way of adding an effect.
 #[derive(Debug, Clone)]
 pub(super) struct Proposal {
-    /// Effect with its start values. The strength is the one that the linear test asks for.
+    /// Effect with its start values. The strength is that of the linear test.
     pub(super) member: Member,
     /// χ² that a small step would remove.
     pub(super) lagrange: f64,
 }
 
-/// All variants of an effect on top of a fit with its prediction, best first; empty where the
+/// Returns all variants of an effect on top of a fit with its prediction, best first; empty if the
 /// effect does not apply.
 pub(super) fn propose(
     problem: &Problem,
@@ -32,8 +32,8 @@ pub(super) fn propose(
     workspace: &mut Workspace,
 ) -> Vec<Proposal> {
     let mut proposals: Vec<Proposal> = Vec::new();
-    // Bounds come from the base fit before any effect was added, so that they do not move with what
-    // is added.
+    // Bounds come from the base fit before any effect was added, so that they do not move with the
+    // additions.
     for mut member in variants(effect, &problem.base) {
         let structure = fit.structure.with(member.clone());
         let (range, typical) = (member.parameters[0].range, member.parameters[0].typical);

@@ -1,10 +1,10 @@
 //! Repeat-mean residual: tests whether all repeats of a kind of run have a residual in common.
 //! Their mean contains all of it, and less noise by the root of their number.
 //!
-//! With rₖ the whitened residuals of m repeats, s = Σ rₖ has the covariance m·I where only noise
-//! remains. Errors that may be the same in repeats (codes of the current, the place of an edge
-//! between two samples) have the whitened covariance K in each; if the repeats share them, that of s
-//! is m·(I + (m − 1)·K). sᵀ times its inverse times s is then χ² of one run's rows.
+//! With rₖ the whitened residuals of m repeats, s = Σ rₖ has the covariance m·I if only noise
+//! remains. Errors that may be equal in repeats (codes of the current, the position of an edge
+//! between two samples) have the whitened covariance K in each; if the repeats share them, that of
+//! s is m·(I + (m − 1)·K). sᵀ times its inverse times s is then χ² of one run's rows.
 
 use super::guards::beyond_formula;
 use super::inconsistency::Inconsistency;
@@ -21,8 +21,8 @@ struct Repeats {
     sum: Vec<f64>,
 }
 
-/// Each group of repeats, and all of them together, probabilities corrected for their number;
-/// `gained` is the λ of what was named.
+/// Tests each group of repeats, and all of them together, with probabilities corrected for their
+/// number; `gained` is the λ of the named effects.
 pub(super) fn repeat_mean_residual(
     problem: &Problem,
     fit: &Fit,

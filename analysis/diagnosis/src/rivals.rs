@@ -1,5 +1,4 @@
-//! Search for rivals: other effects that explain the data as well in the place of one that was
-//! taken.
+//! Search for rivals: other effects that explain the data as well in place of a selected one.
 
 use super::attempts::{Attempt, is_outside};
 use super::guards::naming_lead;
@@ -49,8 +48,8 @@ impl Search<'_> {
         }
     }
 
-    /// r: part of what the named effect adds that the other cannot imitate, to first order around
-    /// its fit.
+    /// Returns r: the part of the named effect's addition that the other cannot imitate, to first
+    /// order around its fit.
     fn discriminability(&self, named: &Fit, without: &Fit, other: &Fit) -> f64 {
         let difference = |a: &Fit, b: &Fit| {
             b.residuals
@@ -71,9 +70,9 @@ fn contains(other: &Attempt, name: &str) -> bool {
     find(other.name).is_some_and(|e| e.card().contains.contains(&name))
 }
 
-/// Whether another effect is a rival of a named one. What contains the named effect as a limit fits
-/// as well by necessity: where the interval of its shape holds the limit, only its forms away from
-/// there count.
+/// Returns whether another effect is a rival of a named one. An effect that contains the named
+/// effect as a limit necessarily fits as well: if the interval of its shape contains the limit,
+/// only its forms away from the limit count.
 fn rivals(named: &SelectedEffect, other: &Attempt, lead: f64) -> bool {
     let (lambda, own) = (named.evidence.lambda, named.evidence.score);
     let near = |score: f64| score - own >= -lead;

@@ -36,7 +36,7 @@ impl SelectedEffect {
     }
 }
 
-/// Rival: an effect that explains the data as well in the place of one that was taken.
+/// Rival: an effect that explains the data as well in place of a selected one.
 #[derive(Debug, Clone)]
 pub(super) struct RivalFit {
     pub(super) name: &'static str,
@@ -45,7 +45,8 @@ pub(super) struct RivalFit {
     pub(super) fit: Fit,
 }
 
-/// A better fit that was refused while a worse one was taken, and where the search stood then.
+/// A better fit that was refused while a worse one was accepted, and the state of the search at
+/// that time.
 struct BetterRefused {
     /// Gain of all names together that it takes to go on.
     least: f64,
@@ -104,12 +105,12 @@ impl Search<'_> {
     /// Adds and prunes, from the base's fit.
     pub(super) fn run(&mut self, base: &Fit) -> Selection {
         let mut selection = Selection::nothing(base);
-        // The best of what is outside the catalogue, on top of the base.
+        // The best effect outside the catalogue, on top of the base.
         let mut alone: Option<(&'static str, f64)> = None;
         self.add(&mut selection, &mut alone);
         self.gate_again(&mut selection);
         if self.in_place_of_several(&mut selection) {
-            // What stands on top of it now is another question.
+            // Further effects may now gain on top of the single one.
             self.add(&mut selection, &mut alone);
             self.gate_again(&mut selection);
         }
@@ -157,8 +158,8 @@ impl Search<'_> {
                 selection.fit = deeper;
                 continue;
             }
-            // A better fit that may not be named leaves no name with confidence, unless what it
-            // was refused for was that this one was missing.
+            // A better fit that may not be named leaves no name with confidence, unless it was
+            // refused because this effect was missing.
             let beats = |r: &mut (_, f64, _)| r.1 > attempt.score + NAMING_LEAD;
             if let Some(refused) = selection.refused.take_if(beats) {
                 if better.is_some() {
@@ -190,7 +191,8 @@ impl Search<'_> {
         }
     }
 
-    /// The best attempt that everything speaks for; what stands before it is noted with the reason.
+    /// Returns the best attempt that passes all checks; better attempts are noted with the reason
+    /// for their refusal.
     fn first_accepted(
         &mut self,
         selection: &mut Selection,
@@ -266,8 +268,8 @@ impl Search<'_> {
         selection.base.chi2 - selection.fit.chi2 - self.problem.spent(&selection.fit)
     }
 
-    /// Asks whether one effect outside the catalogue does as well as all names together, and
-    /// whether something refused stays on top of them.
+    /// Checks whether one effect outside the catalogue does as well as all names together, and
+    /// whether a refused effect still leads.
     fn look_outside(&mut self, selection: &mut Selection, alone: Option<(&'static str, f64)>) {
         let gained = self.gained(selection);
         let led = |t: &SelectedEffect| {
@@ -303,7 +305,8 @@ impl Search<'_> {
         }
     }
 
-    /// The fit with one member less, from the better of two starts: where it stands, and the base.
+    /// Returns the fit with one member less, from the better of two starts: its present parameters,
+    /// and the base.
     pub(super) fn refit_without(&mut self, base: &Fit, fit: &Fit, member: usize) -> Fit {
         let branches = self.problem.branches();
         let (structure, x, axes) = self.problem.without(fit, member);

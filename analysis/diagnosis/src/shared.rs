@@ -1,14 +1,14 @@
-//! Errors that are the same in all runs of a campaign. They are: the error of the current's gain
-//! after calibration, the gain that calibration cannot see because current and voltage share it,
-//! the error of the meter for start voltages, the place of edges between a logger's rows, which may
-//! be the same at all of them, and the common error of a correction by control impedances. Repeats
-//! do not show them, and more repeats do not make them smaller.
+//! Errors that are equal in all runs of a campaign: the error of the current's gain after
+//! calibration, the gain that calibration cannot detect because current and voltage share it, the
+//! error of the meter for start voltages, the position of edges between a logger's rows, which may
+//! be equal at all of them, and the common error of a correction by control impedances. Repeats do
+//! not show them, and more repeats do not reduce them.
 //!
-//! With v what one standard deviation of such an error does to the whitened rows of all runs, their
-//! covariance is I + v·vᵀ. The operator I − c·u·uᵀ, u = v/|v|, c = 1 − 1/√(1 + |v|²), makes it I
-//! again; for several errors one such operator after the other, each with v as the ones before it
-//! leave it. That is the same as to fit every error once, for all runs together, with its standard
-//! deviation as the prior.
+//! With v the effect of one standard deviation of such an error on the whitened rows of all runs,
+//! their covariance is I + v·vᵀ. The operator I − c·u·uᵀ, u = v/|v|, c = 1 − 1/√(1 + |v|²), makes
+//! it I again. For several errors one such operator follows the other, each with v after the
+//! operators before it. This is equivalent to fitting every error once, for all runs together, with
+//! its standard deviation as the prior.
 
 use super::block::Kind;
 use super::data::BenchHistory;
@@ -52,7 +52,7 @@ pub(super) fn of_record(
     let slope_v = |charge_c: f64| base.ocv.slope_v(soc - charge_c / capacity_c);
     let start_v = slope_v(0.0).max(1e-6);
     // The level is read by the same meter. The remaining error is that the curve's slope is read at
-    // the wrong place.
+    // the wrong position.
     let started = time
         .bins
         .iter()
@@ -81,8 +81,8 @@ pub(super) fn of_record(
     errors
 }
 
-/// Of a spectrum with these predicted rows. A control is what the calibration goes by: there its
-/// error cannot be seen.
+/// Returns the errors of a spectrum with these predicted rows. The calibration uses the control, so
+/// its error cannot be seen there.
 pub(super) fn of_spectrum(
     kind: &Kind,
     predicted: &[f64],
@@ -116,7 +116,7 @@ pub(super) fn of_spectrum(
             .flat_map(of)
             .collect()
     };
-    // A ratio of two channels does not know what they share.
+    // An error common to two channels cancels in their ratio.
     std::array::from_fn(|k| match k {
         0 => predicted.iter().map(|z| gain * z).collect(),
         1..OWN => vec![0.0; predicted.len()],

@@ -1,16 +1,16 @@
-//! One effect in the place of several names.
+//! One effect in place of several names.
 //!
-//! Effects are added one by one, and the base follows. A branch of the base that has stood in for a
-//! missing effect then goes back to its place, and a second name takes up what is left. From where
-//! the base has ended, one effect alone may do what the names do together.
+//! Effects are added one by one, and the base adapts. A branch of the base that represented a
+//! missing effect then returns to its position, and a second name takes up the remainder. From the
+//! final base, one effect alone may replace all names together.
 
 use super::attempts::{Attempt, is_outside};
 use super::search::Search;
 use super::select::{SelectedEffect, Selection};
 
 impl Search<'_> {
-    /// Puts the best single effect into the place of several names where it gains as much after the
-    /// price of their parameters; true where it did.
+    /// Replaces several names by the best single effect if it gains as much after the price of
+    /// their parameters; returns true if it did.
     pub(super) fn in_place_of_several(&mut self, selection: &mut Selection) -> bool {
         if selection.selected.len() < 2 {
             return false;

@@ -42,7 +42,7 @@ impl Member {
         self.effect.card().name
     }
 
-    /// The same with all shapes held where they start; their grid counts as a choice.
+    /// Returns the same with all shapes held at their starts; their grid counts as a choice.
     pub(super) fn frozen(&self) -> Self {
         let mut held = self.clone();
         held.choice = self.start.clone();
@@ -139,7 +139,7 @@ impl Axis {
         }
     }
 
-    /// Step of finite differences from a value, to the side where there is room.
+    /// Returns the step of finite differences from a value, on the side with room.
     pub(super) fn inwards(&self, x: f64) -> f64 {
         if x + self.step > self.upper {
             -self.step
@@ -269,8 +269,8 @@ impl Structure {
     }
 }
 
-/// True where a value of an axis lies at one of its bounds. A strength may be small: near a bound
-/// of zero it is judged by its interval instead.
+/// Returns true if a value of an axis lies at one of its bounds. A strength may be small: near a
+/// bound of zero it is judged by its interval instead.
 pub(super) fn at_bound(x: f64, axis: &Axis) -> bool {
     let near = AT_BOUND_PART * (axis.upper - axis.lower);
     let absent = axis.lower == 0.0 && x > 0.0;

@@ -18,7 +18,7 @@ pub struct Threshold {
     pub unit: &'static str,
     /// The decision in one sentence.
     pub meaning: &'static str,
-    /// Where the value comes from.
+    /// Origin of the value.
     pub source: Source,
 }
 
@@ -47,7 +47,7 @@ impl fmt::Display for Value {
     }
 }
 
-/// Where a value comes from.
+/// Origin of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(tag = "kind", content = "text", rename_all = "snake_case")]
 pub enum Source {
@@ -64,7 +64,7 @@ pub enum Source {
 }
 
 impl Source {
-    /// The kind in a word.
+    /// Returns the kind as a keyword.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Quantile(_) => "quantile",
@@ -87,7 +87,7 @@ impl Source {
     }
 }
 
-/// The registry as a table in Markdown, as it stands in `docs/thresholds.md`.
+/// Returns the registry as a table in Markdown, as in `docs/thresholds.md`.
 pub fn markdown() -> String {
     let head = "| name | value | unit | meaning | source |\n|---|---|---|---|---|\n";
     let row = |t: &Threshold| {

@@ -23,7 +23,7 @@ pub(super) struct TimeBlock {
     pub(super) current_errors_a: Vec<Vec<f64>>,
     /// Of the samples, or of the instants in their windows.
     pub(super) grid: Grid,
-    /// Windows that the samples are means of, where they are means.
+    /// Windows over which the samples are averaged, if they are means.
     pub(super) windows: Option<Windows>,
     pub(super) bins: Vec<Bin>,
     /// First samples of stretches between edges.
@@ -184,9 +184,9 @@ fn edges(current_a: &[f64], jitter_a: f64) -> Vec<usize> {
     std::iter::once(0).chain(changes).collect()
 }
 
-/// The current without noise: constant where it stays between two edges and differs from its mean
-/// by no more than white noise does. What follows an edge at once stays as it was logged: a
-/// smoothed channel shows there.
+/// Returns the current without noise: constant if it stays between two edges and differs from its
+/// mean by no more than white noise does. Samples directly after an edge keep their logged values,
+/// because they show a smoothed channel.
 fn driven(current_a: &[f64], edges: &[usize], jitter_a: f64) -> Vec<f64> {
     let mut driven_a = current_a.to_vec();
     let ends = edges.iter().skip(1).copied().chain([current_a.len()]);

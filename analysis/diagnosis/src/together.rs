@@ -1,8 +1,8 @@
 //! Two effects that come together in a cell, fitted jointly for predictions.
 //!
 //! Effects are added one by one, and the first is judged while the second is missing: held-out runs
-//! contradict its size, and its parameters run to their bounds. So each effect of a natural group is
-//! given its partner. Names are given one by one all the same.
+//! contradict its size, and its parameters run to their bounds. So each effect of a natural group
+//! is fitted with its partner. Names are still given one by one.
 
 use super::problem::Fit;
 use super::search::{Search, excess_z};
@@ -19,7 +19,8 @@ pub(super) struct Joint {
 }
 
 impl Search<'_> {
-    /// Pairs that gain more than what was selected, best first; none where that leaves noise only.
+    /// Returns pairs that gain more than the selection, best first; empty if the selection leaves
+    /// only noise.
     pub(super) fn pairs(&mut self, selection: &Selection) -> Vec<Joint> {
         let dof = self.problem.degrees_of_freedom(&selection.fit);
         if excess_z(selection.fit.chi2, dof) < GOOD_FIT_Z {

@@ -51,7 +51,7 @@ impl Windows {
                 });
             let end_s = samples_s.get(k + 1).copied().unwrap_or(f64::INFINITY);
             // Two rows enclose an edge so that the line between them steps where the current did:
-            // the first after it stays where it is.
+            // the first row after it keeps its position.
             let inside = half_s > 0.0
                 && low_s > begin_s
                 && high_s < end_s
@@ -62,7 +62,7 @@ impl Windows {
                 windows.add(low_s, k);
                 windows.add(high_s, k);
             }
-            // An edge of the current is between samples as they stand.
+            // An edge of the current lies between samples with unchanged positions.
             if !inside || *at_s > high_s {
                 windows.add(*at_s, k);
             }

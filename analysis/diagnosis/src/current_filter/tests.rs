@@ -2,8 +2,8 @@ use super::{Filter, Form, shared};
 use crate::gate::tests::sim::{Hidden, campaign, model, series};
 use crate::{DataSet, RunData};
 
-/// Puts a filter on the logged current of a record, in small steps: it forgets where no current
-/// flows if it starts anew there. Each row is the mean until the next.
+/// Applies a filter to the logged current of a record, in small steps: with `anew` it resets where
+/// no current flows. Each row is the mean until the next.
 fn filtered(time_s: &[f64], current_a: &[f64], tau_s: f64, anew: bool) -> Vec<f64> {
     let mut state = current_a[0];
     let mut shown = Vec::new();
@@ -117,7 +117,7 @@ fn one_record_alone_has_no_shared_filter() {
     assert!(shared(&set, &model()).is_none());
 }
 
-/// The distance from the true current in the units of its own error: about 1 in the mean square.
+/// Compares the distance from the true current with its stated error: about 1 in the mean square.
 #[test]
 fn the_errors_of_the_corrected_current_are_what_they_are() {
     let mut flowed = campaign(&Hidden::default(), 3);

@@ -149,8 +149,8 @@ impl<'a> Campaign<'a> {
         }
     }
 
-    /// An item of one run of currents; none where the limits leave nothing of it or it would leave
-    /// the range of states of charge.
+    /// Returns an item of one run of currents, or `None` if the limits leave nothing of it or it
+    /// would leave the range of states of charge.
     fn trace(
         &self,
         name: &'static str,
@@ -479,8 +479,8 @@ fn minor_loops(campaign: &Campaign<'_>) -> Option<MenuItem> {
         .flatten()
 }
 
-/// Down, up and back at the current of one hour: a charge counted wrong shows where the curve
-/// bends, a voltage read wrong where it is far from the start.
+/// Goes down, up and back at the current of one hour: a wrong charge count shows where the curve
+/// bends, a wrong voltage reading shows far from the start.
 fn range_walk(campaign: &Campaign<'_>, soc: RangeInclusive<f64>) -> Option<MenuItem> {
     let capacity_ah = campaign.problem.base.ocv.capacity_ah;
     let amps = campaign.both_ways_a().min(capacity_ah);
@@ -509,7 +509,8 @@ fn range_walk(campaign: &Campaign<'_>, soc: RangeInclusive<f64>) -> Option<MenuI
         .flatten()
 }
 
-/// Pulses of several amplitudes with the same charge, both ways where charging is allowed.
+/// Returns pulses of several amplitudes with the same charge, in both directions if charging is
+/// allowed.
 fn equal_charge(campaign: &Campaign<'_>) -> Option<MenuItem> {
     let ways = [campaign.limits.discharge_a, -campaign.limits.charge_a];
     let charge_c = 2.0 * campaign.limits.discharge_a;

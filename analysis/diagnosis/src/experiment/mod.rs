@@ -1,8 +1,8 @@
 //! Recommends the next experiment: the planned runs that separate rivals best, and how well they do
 //! it (discrimination designs, Hunter and Reiner 1965; Atkinson and Fedorov 1975).
 //!
-//! Not here: playing the runs. Reading order: `planned`, runs as data; `menu`, what a bench can do;
-//! `separate`, λ of a pair; `open`, which pairs; here, the choice.
+//! Not here: running the experiments. Reading order: `planned`, runs as data; `menu`, the abilities
+//! of a bench; `separate`, λ of a pair; `open`, the pairs; here, the choice.
 
 mod menu;
 mod open;
@@ -22,15 +22,15 @@ use analysis_effects::effects::{self, find};
 use menu::{Campaign, MenuItem, menu, sentinel_repeat};
 use open::{Open, absences};
 
-/// Recommendation, as words and as runs.
+/// Recommendation, as text and as runs.
 pub(super) type Recommended = (NextExperiment, Vec<PlannedRun>);
 
 /// Advice on the next run, and on pairs that no run of the menu separates.
 #[derive(Debug, Default)]
 pub(super) struct Advice {
     pub(super) next: Option<Recommended>,
-    /// Pairs of an effect and the one that imitates it in every run. The second is empty where a
-    /// name would never become certain.
+    /// Pairs of an effect and the one that imitates it in every run. The second is empty if a name
+    /// would never become certain.
     pub(super) inseparable: Vec<[&'static str; 2]>,
 }
 
@@ -77,7 +77,7 @@ impl Planner<'_> {
             .is_none_or(|playable| playable(item.name, &item.runs))
     }
 
-    /// Best of some items, and the pairs that none of them separates.
+    /// Returns the best of some items, and the pairs that no item separates.
     fn choose(
         &mut self,
         items: Vec<MenuItem>,
@@ -181,7 +181,8 @@ impl Planner<'_> {
         Some(best)
     }
 
-    /// The best item with a second one for what it leaves open; none where that brings little.
+    /// Returns the best item with a second one for the pairs that it leaves open, or `None` if that
+    /// gains little.
     fn joined(&self, best: &Rated, all: &[Rated], workspace: &mut Workspace) -> Option<Rated> {
         let both = |other: &Rated| {
             let sum: Vec<f64> = best

@@ -33,9 +33,9 @@ pub(super) struct Pair {
 }
 
 impl<'a> Open<'a> {
-    /// Each named effect against its closest rivals, and against its absence (`without`, in the
-    /// order of the names) where it is too weak to be certain; without any of these what was
-    /// refused last.
+    /// Collects each named effect against its closest rivals, and against its absence (`without`,
+    /// in the order of the names) if it is too weak to be certain; without any of these the last
+    /// refused effect.
     pub(super) fn new(
         measured: bool,
         verdict: Verdict,
@@ -58,7 +58,7 @@ impl<'a> Open<'a> {
             for rival in rivals.into_iter().take(MOST_RIVALS) {
                 let other = open.add(rival.name, &rival.fit);
                 // An effect that contains the named effect as a limit imitates it in any
-                // measurement. It has to show that it is more.
+                // measurement. It must show that it is more.
                 if !find(rival.name).is_some_and(|e| e.card().contains.contains(&selected.name)) {
                     open.pairs.push(Pair {
                         truth: named,
@@ -203,9 +203,9 @@ impl<'a> Open<'a> {
         }
     }
 
-    /// Leaves pairs out that no run settles however often it is repeated, and names them. λ grows
-    /// no faster than the number of repeats: what is refitted is the least of a sum that is linear
-    /// in it.
+    /// Removes pairs that no run separates regardless of the number of repeats, and returns their
+    /// names. λ grows no faster than the number of repeats: the refit minimises a sum that is
+    /// linear in it.
     pub(super) fn leave_out(&mut self, thens: &[&[f64]], most: usize) -> Vec<[&'static str; 2]> {
         let hopeless = |k: &usize| {
             thens
@@ -253,8 +253,8 @@ fn enough(need: f64, found: f64) -> f64 {
     (root / (1.0 - ONE_IN_TWENTY / found.max(1.0).sqrt()).max(WEAKEST_PART)).powi(2)
 }
 
-/// Each named effect's fit without it, where the name is too weak to be certain; in the order of
-/// the names.
+/// Returns each named effect's fit without it, if the name is too weak to be certain; in the order
+/// of the names.
 pub(super) fn absences(
     problem: &Problem,
     selection: &Selection,

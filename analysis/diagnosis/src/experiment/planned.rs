@@ -14,16 +14,16 @@ use num_complex::Complex64;
 pub struct BenchLimits {
     /// Largest current discharging, A.
     pub discharge_a: f64,
-    /// Largest current charging, A, positive; 0 where the cell must not be charged.
+    /// Largest charging current, A, positive; 0 if the cell must not be charged.
     pub charge_a: f64,
     /// Highest frequency of a sweep, Hz.
     pub highest_hz: f64,
-    /// The one shunt that can be put in the place of the cell, Ω; none where any can.
+    /// The one shunt that can replace the cell, Ω; `None` if any can.
     pub shunt_ohm: Option<f64>,
 }
 
-/// Says of a planned run, by the name of its item, whether bench, cell and budget allow it and it
-/// is worth playing.
+/// Decides, by the name of its item, whether bench, cell and budget allow a planned run and whether
+/// it is worthwhile.
 pub type Playable = std::sync::Arc<dyn Fn(&str, &[PlannedRun]) -> bool + Send + Sync>;
 
 /// A run that is to be measured.
@@ -101,8 +101,8 @@ impl PlannedRun {
             + more * (self.settle_s.min(BETWEEN_REPEATS_S) + self.what.span_s())
     }
 
-    /// Charge moved with its repeats, in either direction together, Ah; none where a control is in
-    /// the jig.
+    /// Returns the charge moved with its repeats, in both directions together, Ah; zero if a
+    /// control is in the jig.
     pub fn charge_ah(&self) -> f64 {
         let cell = matches!(self.fixture, Fixture::Cell(_));
         if cell {

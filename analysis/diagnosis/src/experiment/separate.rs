@@ -13,7 +13,7 @@ use crate::{
 /// Damping of a step, as a part of the diagonal.
 const DAMPING: f64 = 1e-7;
 
-/// A fit with what it predicts for planned runs.
+/// A fit with its predictions for planned runs.
 #[derive(Debug)]
 pub(super) struct View<'a> {
     fit: &'a Fit,
@@ -22,7 +22,7 @@ pub(super) struct View<'a> {
 }
 
 impl<'a> View<'a> {
-    /// Without rows where no runs are planned.
+    /// Creates a view; without planned runs it has no rows.
     pub(super) fn new(fit: &'a Fit, planned: Option<&Problem>, workspace: &mut Workspace) -> Self {
         let alone = || Self {
             fit,
@@ -54,7 +54,7 @@ pub(super) fn separation_chi2(
     workspace: &mut Workspace,
 ) -> f64 {
     let (view, other) = (other, other.fit);
-    // Residuals are measured less predicted: what was measured cancels.
+    // Residuals are measured less predicted, so the measured values cancel.
     let mut known: Vec<f64> = other
         .residuals
         .iter()

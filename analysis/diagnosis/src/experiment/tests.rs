@@ -243,8 +243,7 @@ fn a_structure_does_not_differ_from_itself_and_more_data_never_bring_it_nearer()
     assert!((linear / then).ln().abs() < 0.5, "{linear} {then}");
 }
 
-/// A refit to noise-free data of the truth, planned runs among them, says the same as the linear
-/// one.
+/// A refit to noise-free data of the truth, planned runs among them, agrees with the linear one.
 #[test]
 fn the_expected_separation_is_what_a_full_refit_leaves() {
     let p = prepared(&cell_runs(inductive));

@@ -10,7 +10,7 @@ use crate::thresholds::{GAP_AROUND, GAP_TIMES_EVEN};
 pub enum FindingKind {
     /// A held-out run holds rows of a training run.
     Leakage,
-    /// Two runs of one role hold the same rows.
+    /// Two runs of one role contain the same rows.
     Copy,
     /// The voltage at rest is not that of the stated start.
     RestVoltage,
@@ -37,7 +37,7 @@ pub enum FindingKind {
 }
 
 impl FindingKind {
-    /// In words.
+    /// Returns the title as text.
     pub fn title(self) -> &'static str {
         match self {
             Self::Leakage => "held-out rows among the training rows",
@@ -70,13 +70,13 @@ pub struct Finding {
     pub how_sure: String,
     /// Effect on the diagnosis.
     pub effect: String,
-    /// True where corrected data can be used in the place of the raw ones.
+    /// True if corrected data can replace the raw data.
     pub correctable: bool,
 }
 
 impl Finding {
-    /// A record that ends before its stated end; its stamps are those of the file, s. None where it
-    /// ends there within a few samples.
+    /// Returns the finding of a record that ends before its stated end; its stamps are those of the
+    /// file, s. Returns `None` if it ends there within a few samples.
     pub fn ends_early(run: &str, time_s: &[f64], stated_s: f64) -> Option<Self> {
         let last_s = time_s.last().copied()?;
         let steps = time_s.windows(2).map(|w| w[1] - w[0]);
@@ -98,8 +98,8 @@ impl Finding {
         })
     }
 
-    /// Rows of a file that hold no number of the voltage or the current, by their lines or rows in
-    /// the file, and what share of the run's rows they are.
+    /// Returns the finding of rows of a file without a number for the voltage or the current, by
+    /// their lines or rows in the file, and their fraction of the run's rows.
     pub fn rows_not_measured(run: &str, lines: &[usize], of: usize) -> Self {
         let mut told: Vec<String> = lines.iter().take(8).map(usize::to_string).collect();
         if lines.len() > 8 {
@@ -127,7 +127,8 @@ impl Finding {
     }
 }
 
-/// Names of runs in a sentence: all of a few, else the first and how many more.
+/// Returns names of runs for a sentence: all names if there are few, otherwise the first and the
+/// number of the others.
 pub(super) fn names(runs: &[String]) -> String {
     match runs {
         [] => String::new(),

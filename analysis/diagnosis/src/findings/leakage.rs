@@ -190,7 +190,7 @@ fn near(scene: &Scene<'_>, own: &Played<'_>, theirs: &Played<'_>) -> Option<(Str
     let apart_v: Vec<f64> = (from..a.len())
         .map(|k| a.voltage_v[k] - b.voltage_v[k])
         .collect();
-    // What the model misses scatters too, but is the same in both.
+    // The model's error scatters too, but equally in both.
     let noise_v = WHITE_SCATTER_SIGMAS * scene.at.sample_noise_v(own.record);
     let single = (scatter(&own_v) * scatter(&their_v)).sqrt().min(noise_v);
     let apart = scatter(&apart_v);

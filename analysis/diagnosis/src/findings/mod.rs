@@ -1,9 +1,9 @@
 //! Findings on the data as cyclers and loggers write them, before any physics. A finding refuses
-//! nothing: it says what is odd, where, how sure that is, and what it does to the diagnosis. What
-//! cannot be used at all is the gate's.
+//! nothing: it states the anomaly, its location, its certainty, and its effect on the diagnosis.
+//! The gate handles unusable data.
 //!
-//! A detector compares the data with themselves, with what is stated of them, and by shape and size
-//! with the base model.
+//! A detector compares the data with themselves, with their stated properties, and by shape and
+//! size with the base model.
 
 mod current;
 mod finding;
@@ -22,7 +22,7 @@ use crate::prepare::BaseModel;
 pub use finding::{Finding, FindingKind};
 use scene::Scene;
 
-/// One detector over the runs that the gate let pass.
+/// One detector over the runs that passed the gate.
 type Detector = fn(&Scene<'_>) -> Vec<Finding>;
 
 const DETECTORS: [Detector; 6] = [
@@ -34,11 +34,11 @@ const DETECTORS: [Detector; 6] = [
     resolution::find,
 ];
 
-/// Detectors over all runs: what they find may be why the gate refused one.
+/// Detectors over all runs: their findings may explain why the gate refused a run.
 const OF_ALL: [Detector; 3] = [rows::missing, rows::repeated, stamps::rounded];
 
-/// A data set with what the model expects of it: as it was written and, where the logger has
-/// filtered its current, with that put right.
+/// A data set with the expectation of the model: as it was written and, if the logger has filtered
+/// its current, with the correction.
 pub(crate) struct Inspected<'a> {
     set: &'a DataSet,
     model: &'a BaseModel,
@@ -91,7 +91,7 @@ impl<'a> Inspected<'a> {
     }
 }
 
-/// The findings on a data set and what the gate says of it, without a diagnosis.
+/// Returns the findings on a data set and the report of the gate, without a diagnosis.
 pub fn inspect(set: &DataSet, model: &BaseModel) -> (GateReport, Vec<Finding>) {
     let inspected = Inspected::new(set, model);
     let report = gate(set, &inspected.expected);

@@ -99,7 +99,7 @@ fn distinct(values: &[f64]) -> Vec<f64> {
     all
 }
 
-/// Step of the codes that values lie on; none where they lie on none.
+/// Returns the step of the codes that values lie on, or `None` if they lie on no codes.
 pub(crate) fn code(values: &[f64]) -> Option<f64> {
     let levels = distinct(values);
     if levels.len() < CODES_FEWEST {

@@ -108,7 +108,7 @@ fn frozen(scene: &Scene<'_>, played: &Played<'_>) -> Option<Finding> {
         .into_iter()
         .filter(|row| row.len() >= FROZEN_LEAST_ROWS)
         .filter_map(|row| {
-            // As often as elsewhere in the record, and one for what was not seen.
+            // As often as elsewhere in the record, and one for the unseen rows.
             let repeats = row.len() - 1;
             let often = (pairs - repeats + 1) as f64 / (series.len() - repeats + 1) as f64;
             let side = |rows: Range<usize>| {
@@ -185,7 +185,7 @@ fn range(values: &[f64]) -> f64 {
     high - low
 }
 
-/// Stretches of rows in which each is the same as the one before.
+/// Returns stretches of rows in which each equals the one before.
 fn stretches(rows: usize, same: impl Fn(usize) -> bool) -> Vec<Range<usize>> {
     let mut all: Vec<Range<usize>> = Vec::new();
     for k in 1..rows {

@@ -4,9 +4,9 @@ use crate::data::{Fixture, Run, TimeRecord};
 use crate::gate::Inspection;
 use crate::prepare::BaseModel;
 
-/// The data with what the model expects of them.
+/// The data with the expectation of the model.
 pub(super) struct Scene<'a> {
-    /// Runs that the gate let pass.
+    /// Runs that passed the gate.
     pub(super) at: Inspection<'a>,
     /// The model that is judged.
     pub(super) model: &'a BaseModel,

@@ -1,5 +1,4 @@
-//! Time stamps that are rounded, and samples too far apart for what the model knows or for the
-//! current.
+//! Rounded time stamps, and samples too far apart for the model or for the current.
 
 use std::ops::Range;
 
@@ -46,8 +45,8 @@ pub(super) fn rounded(scene: &Scene<'_>) -> Vec<Finding> {
     }]
 }
 
-/// The quantum of stamps, s, and the part of steps that it makes uneven; none where the sampling is
-/// as even as the stamps.
+/// Returns the quantum of stamps, s, and the fraction of steps that it makes uneven, or `None` if
+/// the sampling is as even as the stamps.
 fn rounding(played: &Played<'_>) -> Option<(f64, f64)> {
     const QUANTA_S: [f64; 10] = [10.0, 5.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.001];
     let series = &played.record.series;

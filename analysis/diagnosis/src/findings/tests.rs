@@ -113,7 +113,7 @@ const DAMAGES: &[Damage] = &[
         "stamps of whole seconds for samples every 1.3 s",
         |set| {
             let own = series(set, "discharge_1");
-            // The rows stay where they are; only their stamps are rounded.
+            // The rows keep their positions; only their stamps are rounded.
             let mut last_s = f64::NEG_INFINITY;
             let kept: Vec<usize> = (0..own.len())
                 .filter(|k| {

@@ -3,9 +3,9 @@
 use super::super::data::TimeRecord;
 use analysis_effects::augmented::Between;
 
-/// Root mean square of the difference over the time that both records last, as a share of the
-/// larger one's; none where less than `least_a` flows in either, A: what a channel shows without a
-/// current is noise, and no two are alike.
+/// Returns the root mean square of the difference over the time that both records cover, as a
+/// fraction of the larger one's, or `None` if less than `least_a` flows in either, A: the readings
+/// of a channel without a current are noise, and always differ.
 pub(super) fn difference(a: &TimeRecord, b: &TimeRecord, least_a: f64) -> Option<f64> {
     let (t, ia) = (&a.series.time_s, &a.series.current_a);
     let end_s = b.series.time_s.last().copied()?;
@@ -31,7 +31,7 @@ pub(super) fn difference(a: &TimeRecord, b: &TimeRecord, least_a: f64) -> Option
     (size > least_a * least_a * span_s).then(|| (apart / size).sqrt())
 }
 
-/// Current at a time not before the last one asked for.
+/// Returns the current at a time not before the last requested one.
 fn at(record: &TimeRecord, time_s: f64, from: &mut usize) -> f64 {
     let (t, i) = (&record.series.time_s, &record.series.current_a);
     while *from + 2 < t.len() && t[*from + 1] <= time_s {

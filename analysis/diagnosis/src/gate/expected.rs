@@ -26,8 +26,8 @@ pub struct Expected {
 pub enum Prediction {
     /// Impedance of every point, Ω.
     Impedance(Vec<Complex64>),
-    /// Voltage of every sample, V, and what a coulomb that is drawn takes off the voltage of the
-    /// open circuit at the start, V.
+    /// Voltage of every sample, V, and the drop of the open-circuit voltage per discharged coulomb
+    /// at the start, V.
     Voltage(Vec<f64>, f64),
     /// Nothing: the run's numbers cannot be simulated.
     None,

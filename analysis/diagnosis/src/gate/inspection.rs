@@ -1,4 +1,4 @@
-//! Data as the checks of the gate see them, and what a check finds.
+//! Data as the checks of the gate see them, and the result of a check.
 
 use std::fmt;
 
@@ -15,7 +15,7 @@ use crate::thresholds::MEDIAN_STEP_SIGMAS;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Check {
-    /// A file that could not be read as what it should be.
+    /// A file could not be read in its expected format.
     Unreadable,
     /// No data, too few, or lists of different lengths.
     Empty,
@@ -37,7 +37,7 @@ pub enum Check {
     Swapped,
     /// A run that ends before its repeats.
     Truncated,
-    /// A repeat that is none.
+    /// A run that does not repeat its repeats.
     Repeats,
     /// A current that changes faster than it is logged, in every record.
     CurrentUnseen,
@@ -50,7 +50,7 @@ pub struct Reason {
     pub check: Check,
     /// The runs concerned.
     pub runs: Vec<String>,
-    /// In words, with the numbers.
+    /// Text with the numbers.
     pub text: String,
 }
 
@@ -96,8 +96,8 @@ pub(crate) struct Subject<'a> {
 }
 
 impl<'a> Subject<'a> {
-    /// The record with the voltage expected of it; none for a spectrum, or where nothing could be
-    /// predicted.
+    /// Returns the record with its expected voltage, or `None` for a spectrum, or if nothing could
+    /// be predicted.
     pub(crate) fn record(&self) -> Option<(&'a TimeRecord, &'a [f64])> {
         match (&self.run.data, self.prediction) {
             (RunData::Time(record), Prediction::Voltage(v, _))
@@ -139,8 +139,8 @@ pub(crate) struct Inspection<'a> {
 }
 
 impl Inspection<'_> {
-    /// Standard deviation of one voltage sample, V: the bench's history and what is stated, else
-    /// the scatter of the record's own steps.
+    /// Returns the standard deviation of one voltage sample, V: from the bench's history and the
+    /// stated noise, otherwise the scatter of the record's own steps.
     pub(crate) fn sample_noise_v(&self, record: &TimeRecord) -> f64 {
         if let Some(h) = self.set.history {
             let stated = record

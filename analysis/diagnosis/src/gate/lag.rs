@@ -1,9 +1,9 @@
 //! A logged current that lags behind the voltage.
 //!
-//! A first-order lag τ of the current is one of the voltage that is predicted from it, for both
+//! A first-order lag τ of the current equals a lag of the voltage predicted from it, because both
 //! pass through the same linear cell: the measured voltage, delayed by τ, then fits the prediction.
-//! The τ that fits best is the lag. What all records share is the catalogue's `current_smoothing`
-//! and passes; a record that lags more than its like is damaged.
+//! The τ that fits best is the lag. A lag common to all records is the catalogue's
+//! `current_smoothing` and passes; a record that lags more than its repeats is damaged.
 
 use super::super::data::TimeRecord;
 use super::{Check, Findings, Inspection, Subject};
@@ -87,8 +87,8 @@ fn shares_filter(at: &Inspection<'_>, subject: &Subject<'_>) -> bool {
     filter.is_some_and(|filter| filter.holds(&subject.run.name))
 }
 
-/// Typical distance of two samples while something happens, s.
-/// The lag that explains most of what the prediction misses, s; zero where none explains much.
+/// Returns the lag that explains most of the prediction's error, s; zero if no lag explains much.
+/// The step is the typical distance of two samples while something happens, s.
 fn lag_s(record: &TimeRecord, expected_v: &[f64], noise_v: f64) -> f64 {
     let (now, _) = squares(&record.series.voltage_v, expected_v);
     let floor = noise_v * noise_v * expected_v.len() as f64;

@@ -30,7 +30,7 @@ pub use refusal::diagnose;
 /// Report of the gate.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
 pub struct GateReport {
-    /// Why the data cannot be used; empty where they can.
+    /// Why the data cannot be used; empty if they can.
     pub invalid: Vec<Reason>,
     /// Remarks that do not refuse the data.
     pub notes: Vec<String>,
@@ -54,10 +54,10 @@ const CHECKS: [CheckFn; 10] = [
     repeats::check,
 ];
 
-/// Checks a data set against what the base model expects of it.
+/// Checks a data set against the expectation of the base model.
 ///
-/// A run that fails one check is not put to the next: it would fail for the same cause under
-/// another name.
+/// A run that fails one check skips the others: it would fail for the same cause under another
+/// name.
 pub fn gate(set: &DataSet, expected: &Expected) -> GateReport {
     run(set, expected, &CHECKS)
 }

@@ -12,11 +12,11 @@ use super::super::{
 use super::{Check, Reason, gate};
 use analysis_fit::fit::PROGRAM;
 
-/// Diagnoses a data set if the gate lets it pass; else the verdict is [`Verdict::Invalid`].
-/// `unreadable` are the runs that no data could be read of.
+/// Diagnoses a data set if it passes the gate; otherwise the verdict is [`Verdict::Invalid`].
+/// `unreadable` are the runs whose data could not be read.
 ///
 /// # Errors
-/// [`DataSetError`] for a set or run that cannot be used although the gate let it pass.
+/// [`DataSetError`] for a set or run that is unusable although it passed the gate.
 pub fn diagnose(
     set: &DataSet,
     unreadable: Vec<Reason>,

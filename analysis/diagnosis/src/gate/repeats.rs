@@ -97,8 +97,8 @@ pub(super) fn clock(at: &Inspection<'_>) -> Findings {
     found
 }
 
-/// Steps of time that differ from the repeat's; none where the numbers of samples do, or more than
-/// a few steps.
+/// Returns steps of time that differ from the repeat's, or `None` if the numbers of samples differ,
+/// or more than a few steps.
 fn odd_steps(own: &TimeRecord, theirs: &TimeRecord) -> Option<Vec<usize>> {
     let steps = |r: &TimeRecord| {
         r.series
@@ -156,7 +156,8 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
             .filter(|(_, z)| **z > REPEAT_FAR_OFF_Z)
             .map(|(off, _)| off.0.run.name.clone())
             .collect();
-        // Two runs alone do not show which way they go, but what else the cell did meanwhile does.
+        // Two runs alone do not show a direction, but the other runs of the cell in the same period
+        // do.
         let follows = |(per_s, span_s): &(f64, f64)| {
             group.span_s() <= *span_s && group.per_s() < WITH_CELL_TIMES * per_s
         };
@@ -231,8 +232,8 @@ impl<'a> Repeats<'a> {
 /// A difference in standard deviations: real and imaginary part, or a voltage and nothing.
 type Apart = (f64, f64);
 
-/// Whether a group of three or more goes from one side of its middle to the other in the order of
-/// time.
+/// Returns whether a group of three or more moves from one side of its middle to the other in the
+/// order of time.
 fn drifts(mut off: Vec<(&Subject<'_>, Vec<Apart>)>) -> bool {
     off.sort_by_key(|(subject, _)| subject.run.order);
     let (Some((_, first)), Some((_, last))) = (off.first(), off.last()) else {
@@ -248,7 +249,7 @@ fn drifts(mut off: Vec<(&Subject<'_>, Vec<Apart>)>) -> bool {
         && dot(first, last) < DRIFT_CORRELATION * (dot(first, first) * dot(last, last)).sqrt()
 }
 
-/// Whether a group of three or more goes from the first to the last in proportion to time.
+/// Returns whether a group of three or more moves from the first to the last in proportion to time.
 fn steady(off: &[(&Subject<'_>, Vec<Apart>)]) -> bool {
     let mut runs: Vec<(f64, &[Apart])> = off
         .iter()
@@ -301,8 +302,8 @@ fn apart(subject: &Subject<'_>, members: &[&Subject<'_>], history: &BenchHistory
             return Vec::new();
         }
         let apart = (0..expected_v.len()).map(|k| {
-            // Repeats begin where the run before has left the cell: what the model lacks is the
-            // same in all, what it expects is not.
+            // Repeats begin at the state that the previous run left: the missing parts of the model
+            // are equal in all, its expectation is not.
             let left_v = |(record, expected_v): &(&TimeRecord, &[f64])| {
                 record.series.voltage_v[k] - expected_v[k]
             };
@@ -365,7 +366,7 @@ fn same_times(a: &TimeRecord, b: &TimeRecord) -> bool {
     a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < SAME_TIME_S)
 }
 
-/// Root of the mean of all but the largest; zero where the history states no noise at all.
+/// Returns the root of the mean of all but the largest; zero if the history states no noise at all.
 fn trimmed_root(mut squares: Vec<f64>) -> f64 {
     squares.retain(|s| s.is_finite());
     squares.sort_unstable_by(f64::total_cmp);

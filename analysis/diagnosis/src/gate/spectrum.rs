@@ -61,7 +61,7 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
     found
 }
 
-/// With the noise that the sweep states, else the bench's history; else it is estimated.
+/// Uses the noise that the sweep states, otherwise the bench's history; otherwise it is estimated.
 fn spectrum(name: &str, sweep: &Sweep, history_rel: Option<f64>) -> Spectrum {
     let points = sweep.points.iter().map(|p| {
         let known = history_rel

@@ -20,7 +20,7 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
     found
 }
 
-/// True where the nearest power of ten is a thousand, or a thousandth.
+/// Returns true if the nearest power of ten is a thousand, or a thousandth.
 fn is_thousandfold(ratio: f64) -> bool {
     ratio > 0.0 && ratio.log10().round().abs() == 3.0
 }

@@ -1,4 +1,4 @@
-//! Catalogue of effects in words, and the effects that a data set can separate.
+//! Catalogue of effects as text, and the effects that a data set can separate.
 
 use super::Picture;
 use super::page::{Item, Page, Section};
@@ -6,7 +6,7 @@ use crate::thresholds::{APART_SIGMA, HARD_TO_TELL_R};
 use analysis_effects::contract::{Card, Group};
 use analysis_plot::{Drawing, HeatMap, HeatScale};
 
-/// Columns of the matrix in words that stand beside each other.
+/// Maximum number of columns of the matrix side by side in text.
 const COLUMNS: usize = 14;
 
 /// Distinguishability of effects by a data set. Row: the effect that acts; column: the one that
@@ -39,7 +39,8 @@ pub fn catalogue_markdown(
 }
 
 impl Distinguishability {
-    /// The matrix of r, and that of the separation where one is given; none for an empty matrix.
+    /// Returns the matrix of r, and that of the separation if one is given; empty for an empty
+    /// matrix.
     pub fn pictures(&self) -> Vec<Picture> {
         let r = Shown {
             name: "distinguishability",

@@ -34,7 +34,7 @@ fn capital(text: &str) -> String {
     })
 }
 
-/// All findings, each with what it does.
+/// Returns all findings, each with its effect.
 pub(super) fn details(d: &Diagnosis) -> Section {
     let field = |finding: &Finding| {
         let mut properties = vec![

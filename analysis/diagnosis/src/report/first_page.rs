@@ -72,7 +72,7 @@ fn disagreement(d: &Diagnosis) -> Vec<String> {
     sentences
 }
 
-/// The block of each dimension of time and frequency that stands out most from the noise.
+/// Returns the block of each dimension of time and frequency that exceeds the noise most.
 fn outstanding(blocks: &[Block]) -> Vec<String> {
     let of = |dimension: &str| {
         blocks
@@ -93,7 +93,7 @@ fn outstanding(blocks: &[Block]) -> Vec<String> {
     other.map(place).into_iter().collect()
 }
 
-/// A block in words: "5 to 60 s after a change of the current, at rest (3.2 mV)".
+/// Describes a block as text: "5 to 60 s after a change of the current, at rest (3.2 mV)".
 fn place(block: &Block) -> String {
     let part = shortened(&block.part);
     let size = match block.dimension {
@@ -237,7 +237,7 @@ fn next(d: &Diagnosis) -> Vec<String> {
     vec![text.to_owned()]
 }
 
-/// One held-out run: what every model misses over the same rows, and the noise over them.
+/// One held-out run: the error of every model over the same rows, and their noise.
 pub(super) struct Row {
     pub(super) run: String,
     /// Rows that are compared; empty if there is no choice.
@@ -267,7 +267,7 @@ impl Row {
         }
     }
 
-    /// Over all rows; none where that is the same.
+    /// Creates the row over all rows, or `None` if it is equal.
     pub(super) fn with_edges(gap: &Gap) -> Option<Self> {
         (gap.edge_samples > 0).then(|| Self {
             run: gap.run.clone(),
@@ -406,7 +406,7 @@ fn held_out(d: &Diagnosis) -> Section {
     )
 }
 
-/// The named effects in words.
+/// Returns the named effects as text.
 pub(super) fn titles(d: &Diagnosis) -> String {
     let titles: Vec<&str> = d.effects.iter().map(|e| e.title).collect();
     titles.join(" and ")

@@ -1,4 +1,4 @@
-//! A page of words and tables, set as plain text for a terminal or as Markdown.
+//! A page of text and tables, formatted as plain text for a terminal or as Markdown.
 
 use super::Picture;
 use super::pictures::Kind;
@@ -22,12 +22,12 @@ pub(super) struct Page {
     pub(super) sections: Vec<Section>,
 }
 
-/// A heading and what stands under it.
+/// A heading and its contents.
 #[derive(Debug, Default)]
 pub(super) struct Section {
     pub(super) heading: &'static str,
     pub(super) items: Vec<Item>,
-    /// True where a new page begins in print.
+    /// True if a new page begins in print.
     pub(super) new_page: bool,
 }
 
@@ -267,7 +267,7 @@ fn push_wrapped(out: &mut String, text: &str, indents: Indents<'_>) {
     }
 }
 
-/// Text cut at blanks into lines of at most `width` characters; a longer word keeps its own line.
+/// Wraps text at blanks into lines of at most `width` characters; a longer word keeps its own line.
 fn wrapped(text: &str, width: usize) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {

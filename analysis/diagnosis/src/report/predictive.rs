@@ -1,4 +1,4 @@
-//! The augmentation for predictions: its terms, its gaps, and where it holds.
+//! The augmentation for predictions: its terms, its gaps, and its range of validity.
 
 use super::numbers::{plain, with_values};
 use super::page::{Item, Section};

@@ -14,9 +14,9 @@ use crate::{
 };
 use analysis_effects::{contract::Group, effects};
 
-/// Most blocks listed in words; the picture shows all.
+/// Maximum number of blocks listed in text; the picture shows all.
 const MOST_BLOCKS: usize = 8;
-/// Most candidates listed in words.
+/// Maximum number of candidates listed in text.
 const MOST_CANDIDATES: usize = 6;
 
 pub(super) fn page(d: &Diagnosis) -> Page {

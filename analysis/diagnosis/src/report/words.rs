@@ -1,4 +1,4 @@
-//! Numbers and words that the sections of a report have in common.
+//! Numbers and texts that the sections of a report have in common.
 
 use analysis_effects::effects;
 
@@ -21,7 +21,7 @@ pub(super) fn after<'a>(d: &'a Diagnosis, block: &Block) -> Option<&'a Block> {
         .find(|b| b.dimension == block.dimension && b.part == block.part)
 }
 
-/// Title of an effect, or its name in words where the catalogue does not have it.
+/// Returns the title of an effect, or its name as text if the catalogue does not contain it.
 pub(super) fn named_title(name: &str) -> String {
     effects::title(name).map_or_else(|| name.replace('_', " "), str::to_owned)
 }

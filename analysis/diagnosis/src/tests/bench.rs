@@ -1,8 +1,7 @@
 //! A plain cell and a plain bench for the tests of the workflow: one series resistance, two
 //! branches, a curve, and the effects that a test hides in them.
 //!
-//! Written out by hand, step by step; it shares nothing with what is tested but the types of the
-//! data.
+//! Written out by hand, step by step; it shares only the types of the data with the tested code.
 
 use crate::{
     BaseModel, BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint,
@@ -51,7 +50,7 @@ pub(super) struct Hidden {
     pub(super) per_soc: f64,
     /// OCV moves (1 + q) times as far.
     pub(super) slope: f64,
-    /// R × exp(−g·heat); the heat goes with a time constant of [`COOLING_S`].
+    /// R × exp(−g·heat); the heat decays with a time constant of [`COOLING_S`].
     pub(super) heat_per_j: f64,
     /// Resistance of an intermittent contact, Ω.
     pub(super) telegraph_ohm: f64,
@@ -235,8 +234,8 @@ pub(super) fn sweep(hidden: &Hidden, chance: &mut Chance) -> Sweep {
     }
 }
 
-/// Three repeats of sweeps, pulses and a long discharge to train on, two blocks held out.
-/// `held_out` may hide something else.
+/// Returns three repeats of sweeps, pulses and a long discharge to train on, and two held-out
+/// blocks. `held_out` may hide another effect.
 pub(super) fn campaign(seed: u64, train: &Hidden, held_out: &Hidden) -> DataSet {
     let mut chance = Chance::new(seed);
     let mut runs = Vec::new();

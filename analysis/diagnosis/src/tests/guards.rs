@@ -376,8 +376,8 @@ fn steps_are_as_fine_as_integration_needs() {
     assert!(error(&off) > 0.1, "{:?} {}", names(&off), error(&off));
 }
 
-/// An error that all rows of a record share is small beside each row's noise and large beside what
-/// the row says in which it shows: the guard asks the whitened rows.
+/// An error that all rows of a record share is small beside each row's noise and large beside the
+/// rows' information in its direction: the guard checks the whitened rows.
 #[test]
 fn integration_is_judged_by_what_it_does_to_whitened_rows() {
     let hidden = Hidden {
@@ -500,7 +500,7 @@ fn a_name_that_something_outside_the_catalogue_beats_is_withdrawn() {
     );
 }
 
-/// A campaign with a current channel that reads more where the current is large.
+/// Returns a campaign with a current channel that reads too much at large currents.
 fn ranged(seed: u64, gain: f64) -> DataSet {
     let mut set = campaign(seed, &Hidden::default(), &Hidden::default());
     for run in &mut set.runs {
@@ -682,7 +682,7 @@ fn a_wave_that_is_small_in_every_record_is_seen_in_all_of_them() {
         let mut set = campaign(91, &Hidden::default(), &Hidden::default());
         for run in &mut set.runs {
             if let RunData::Time(record) = &mut run.data {
-                // Another phase in every record: none knows when the wave began.
+                // Another phase in every record, because the start of the wave is unknown.
                 let phase = f64::from(run.order * run.order);
                 let wave =
                     record.series.time_s.iter().map(|t| {

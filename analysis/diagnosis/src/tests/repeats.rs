@@ -140,7 +140,7 @@ fn charge_is_told_in_stretches_without_a_reversal() {
             .chain([0.0])
             .collect::<Vec<f64>>()
     };
-    // Out 100 C and in 60 C; then the cell was charged by a tenth of its 16200 C; then the same
+    // 100 C out and 60 C in; then the cell was charged by a tenth of its 16200 C; then the same
     // once more.
     let down = 0.5 - 40.0 / 16_200.0;
     let set = DataSet {
@@ -210,8 +210,8 @@ fn swung(visited: &[(f64, f64)]) -> Vec<Moved> {
 #[test]
 fn a_sweep_moves_charge_to_and_fro() {
     let met = swung(&[(0.1, 3840.0), (1.0, 160.0), (10.0, 80.0), (100.0, 0.0)]);
-    // 80 s from point to point and as long for the first; what is an hour longer, and its half
-    // after the last point, are no more than that.
+    // 80 s from point to point and as long for the first; an interval that is an hour longer, and
+    // its half after the last point, count as no more than that.
     let through_c = 2.0 * std::f64::consts::FRAC_2_PI * (80.0 + 80.0 + 80.0 + 80.0 + 40.0);
     let expected = [
         Moved::one_way(-100.0),

@@ -92,7 +92,7 @@ fn without_repeats_no_floor_is_claimed() {
 
 #[test]
 fn a_missing_branch_is_found_from_a_base_that_imitates_it() {
-    // The refitted base stretches a branch of its own towards 47 s: from there no addition leads
+    // The refitted base stretches one of its branches towards 47 s: from there no addition leads
     // back.
     let hidden = Hidden {
         slow: (8e-3, 47.0),

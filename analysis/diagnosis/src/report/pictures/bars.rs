@@ -13,7 +13,7 @@ const WIDTH_PX: u32 = 900;
 /// Most candidates in the ranking.
 const MOST_CANDIDATES: usize = 16;
 
-/// Blocks of residuals by what they are divided by, before and after.
+/// Draws blocks of residuals by their dimension, before and after.
 pub(super) fn map(d: &Diagnosis) -> Option<Picture> {
     if d.blocks.is_empty() {
         return None;

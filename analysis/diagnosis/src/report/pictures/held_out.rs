@@ -59,7 +59,7 @@ fn picture(d: &Diagnosis, number: usize, rows: &[Row]) -> Picture {
         "mV" => "Voltage, rms / mV",
         _ => "Impedance, rms of |ΔZ| / % of |Z|",
     };
-    // An axis for each choice of rows: the noise at edges can be many times all else.
+    // One axis for each choice of rows: the noise at edges can be many times all else.
     let panel = |row: &Row| BarPanel {
         axis: AxisSpec::linear(axis),
         baseline: 0.0,

@@ -1,7 +1,7 @@
 //! The pictures of a diagnosis. None is made that would be empty.
 //!
-//! Colours mean the same in all: orange before, blue with the named effects, dark grey the model
-//! file alone, green the noise.
+//! Colours have the same meaning in all: orange before, blue with the named effects, dark grey the
+//! model file alone, green the noise.
 
 mod bars;
 mod held_out;

@@ -29,14 +29,14 @@ pub enum Kind {
     Matrix,
 }
 
-/// A picture with its words.
+/// A picture with its texts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
     /// File name without extension.
     pub name: String,
     /// Kind of the picture.
     pub kind: Kind,
-    /// A sentence to stand below it.
+    /// A sentence below it.
     pub caption: String,
     /// The picture.
     pub drawing: Drawing,
@@ -54,7 +54,7 @@ pub(super) fn file_name(name: &str) -> String {
     name.chars().map(fit).collect()
 }
 
-/// True where there is more to show than the base model.
+/// Returns true if there is more to show than the base model.
 pub(super) fn has_after(d: &Diagnosis) -> bool {
     !d.effects.is_empty()
 }

@@ -9,7 +9,7 @@ use std::ops::RangeInclusive;
 
 /// Most pieces a record is drawn in.
 const PIECES: usize = 250;
-/// Part of a record's pieces at either end of the axis that may lie beyond it: where an edge falls
+/// Fraction of a record's pieces at either end of the axis that may lie beyond it: if an edge falls
 /// between two samples, one of them can be off by the whole step of the voltage, and everything
 /// else would be a flat line.
 const BEYOND: f64 = 0.03;
@@ -18,7 +18,7 @@ const SHORTER: f64 = 1.5;
 /// Room beyond the lines, as a part of their range.
 const ROOM: f64 = 0.25;
 
-/// The picture of a run, under its name made fit for a file; none where nothing can be drawn.
+/// Returns the picture of a run, under a name valid for a file, or `None` if nothing can be drawn.
 pub(super) fn picture(d: &Diagnosis, run: &RunCurves) -> Option<Picture> {
     let (kind, (panels, beyond_mv)) = match &run.curves {
         Curves::Time { .. } => (Kind::Time, time_panels(d, &run.curves)?),
@@ -114,7 +114,7 @@ fn others(curves: &Curves) -> (f64, f64) {
     }
 }
 
-/// The panels, and how far the lines reach where that is beyond the axis, mV.
+/// Returns the panels, and the extent of the lines if it exceeds the axis, mV.
 fn time_panels(d: &Diagnosis, curves: &Curves) -> Option<(Vec<Panel>, Option<f64>)> {
     let Curves::Time {
         time_s,
@@ -290,8 +290,8 @@ fn time_unit(time_s: &[f64]) -> (f64, &'static str) {
     }
 }
 
-/// A trace of the means over pieces, with the area between lowest and highest sample of each behind
-/// it, so that no spike is lost. What is not finite is left out.
+/// Returns a trace of the means over pieces, with the area between the lowest and highest sample of
+/// each behind it, so that no spike is lost. Values that are not finite are left out.
 fn thinned(label: &str, colour: usize, x: &[f64], y: &[f64]) -> Vec<Trace> {
     let points: Vec<(f64, f64)> = x
         .iter()
@@ -326,8 +326,8 @@ fn thinned(label: &str, colour: usize, x: &[f64], y: &[f64]) -> Vec<Trace> {
     ]
 }
 
-/// Ends of an axis that show all lines but their outermost pieces, and zero; none where all pieces
-/// need hardly more room.
+/// Returns ends of an axis that show all lines except their outermost pieces, and zero, or `None`
+/// if all pieces need hardly more room.
 fn range(traces: &[Trace]) -> Option<RangeInclusive<f64>> {
     let wider = |(lo, hi): (f64, f64), (a, b): (f64, f64)| (lo.min(a), hi.max(b));
     let most = |line: &Trace| {
@@ -359,7 +359,7 @@ fn range(traces: &[Trace]) -> Option<RangeInclusive<f64>> {
         .then_some(low - room..=high + room)
 }
 
-/// Cuts what of a trace lies beyond an axis off; how far a line reached, where it did.
+/// Cuts off the parts of a trace beyond an axis. Returns the extent of the line if it was cut.
 fn cut(trace: &mut Trace, ends: &RangeInclusive<f64>) -> Option<f64> {
     let (low, high) = (*ends.start(), *ends.end());
     let (mut farthest, is_noise) = (
@@ -385,8 +385,8 @@ fn f64_max(a: Option<f64>, b: Option<f64>) -> Option<f64> {
     a.into_iter().chain(b).reduce(f64::max)
 }
 
-/// A current by the samples at which it changes, as corners; as [`thinned`] where it changes all
-/// the time.
+/// Draws a current from the samples at which it changes, as corners; as [`thinned`] if it changes
+/// all the time.
 fn steps(colour: usize, time: &[f64], current_a: &[f64]) -> Vec<Trace> {
     let (low, high) = current_a
         .iter()

@@ -143,7 +143,7 @@ fn diffusion() -> NamedEffect {
     }
 }
 
-/// Diffusion for predictions, as it is offered where it may not be named.
+/// Diffusion for predictions, as it is offered if it may not be named.
 fn predictive() -> Predictive {
     let term = diffusion();
     Predictive {

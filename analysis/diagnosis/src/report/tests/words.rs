@@ -1,4 +1,4 @@
-//! The words, as a person reads them.
+//! The text as a person reads it.
 
 use super::sample;
 use crate::{
@@ -82,7 +82,8 @@ fn the_first_page_has_no_name_of_the_code_and_no_statistics() {
     }
 }
 
-/// Six blocks are left of four only if it is said that others have come.
+/// That six of four blocks are left is understandable only if the text states that new ones have
+/// appeared.
 #[test]
 fn blocks_that_come_with_the_effects_are_told_from_those_that_stay() {
     let mut d = sample::explained();
