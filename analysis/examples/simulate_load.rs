@@ -1,5 +1,5 @@
-//! Simulates a pack of 16S4P under a step of power, and asks how much power it can give for ten
-//! seconds. Needs neither polars nor plotters:
+//! Simulates a pack of 16S4P under a step of power, and determines how much power it can deliver
+//! for ten seconds. Needs neither polars nor plotters:
 //! `cargo run -p analysis --no-default-features --example simulate_load`
 
 use analysis::forward::{Demand, OcvSource, Profile, SimModel, SimOptions, simulate};

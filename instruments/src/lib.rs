@@ -9,8 +9,8 @@
 //! * `instruments-drivers` – [`exchange`] and [`instrument`]: common parts of the roles; the roles
 //!   [`supply4q`], [`generator`], [`scope`], [`load`], [`supply`], [`chiller`], [`logger`] and
 //!   [`jig`], each with its dialects.
-//! * `instruments-mock` – [`mock`]: devices that answer the same messages on the same kinds of port.
-//!   It does not know the drivers.
+//! * `instruments-mock` – [`mock`]: devices that answer the same messages on the same kinds of
+//!   port. It does not use the drivers.
 //!
 //! A question to a simulated thermometer:
 //!

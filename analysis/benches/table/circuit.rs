@@ -65,8 +65,8 @@ pub(crate) fn rows() -> Vec<Row> {
     cases.iter().map(row).collect()
 }
 
-/// Median seconds of a fit, and the fraction of the seeds that end within 1e-6 of the best value
-/// that any fit of the same data reaches.
+/// Returns the median seconds of a fit, and the fraction of the seeds that end within 1e-6 of the
+/// best value that any fit of the same data reaches.
 fn run(case: &Case) -> (f64, f64) {
     let Ok(circuit) = case.circuit.parse::<Circuit>() else {
         return (f64::NAN, 0.0);

@@ -50,7 +50,7 @@ fn spectrum(points: u32, band_hz: RangeInclusive<f64>, stated: bool, seed: u64) 
     }
 }
 
-/// Seconds per spectrum, the least of several batches over the same twenty spectra.
+/// Returns seconds per spectrum, the least of several batches over the same twenty spectra.
 fn time(spectra: &[Spectrum], rounds: u32, work: impl Fn(&Spectrum)) -> f64 {
     let batch = |_| {
         let start = Instant::now();

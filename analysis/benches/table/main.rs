@@ -48,7 +48,7 @@ pub(crate) struct Row {
 }
 
 impl Row {
-    /// A figure without words.
+    /// Creates a figure without a note.
     pub(crate) fn new(work: &'static str, what: &str, value: f64, unit: Unit) -> Self {
         Self {
             work,
@@ -59,7 +59,7 @@ impl Row {
         }
     }
 
-    /// The same with words.
+    /// Returns the same figure with a note.
     pub(crate) fn noted(self, note: String) -> Self {
         Self { note, ..self }
     }
@@ -92,7 +92,7 @@ fn main() {
     }
 }
 
-/// Our rows, each followed by the peers at the same work.
+/// Prints our rows, each followed by the peers at the same work.
 fn print_group(ours: &[Row], theirs: &[peers::Peer]) {
     for row in ours {
         println!(

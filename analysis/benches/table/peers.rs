@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
-/// A figure of someone else's program.
+/// A figure of another program.
 #[derive(Debug, Clone)]
 pub(crate) struct Peer {
     /// The work, as ours names it.
@@ -18,14 +18,14 @@ fn folder() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../benches/peers")
 }
 
-/// The Python to use: as the environment says, or the one beside the script.
+/// Returns the Python to use: from the environment, or the one beside the script.
 fn python() -> Option<PathBuf> {
     let named = std::env::var_os("EIS_BENCH_PEERS_PYTHON").map(PathBuf::from);
     let beside = folder().join(".venv/bin/python");
     named.or_else(|| beside.exists().then_some(beside))
 }
 
-/// Hint how to install the peers; none where they are installed.
+/// Returns a hint how to install the peers, or `None` if they are installed.
 pub(crate) fn hint() -> Option<String> {
     let line = "\nThe peers are not installed. To see them beside us (Python 3.11 and network \
     needed):\n  \
@@ -34,7 +34,7 @@ pub(crate) fn hint() -> Option<String> {
     python().is_none().then(|| line.to_owned())
 }
 
-/// The peers of one group; none where they are not installed or fail.
+/// Returns the peers of one group; empty if they are not installed or fail.
 pub(crate) fn run(group: &str) -> Vec<Peer> {
     let Some(python) = python() else {
         return Vec::new();

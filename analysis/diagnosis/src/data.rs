@@ -178,7 +178,7 @@ pub struct BenchHistory {
     /// off by as much over the curve's slope.
     #[serde(default)]
     pub start_voltage_v: f64,
-    /// Error that remains after the calibration of the current channel, as a fraction: equal in all
+    /// Error that the calibration of the current channel leaves, as a fraction: the same in all
     /// runs, so that repeats do not show it.
     #[serde(default)]
     pub calibration_rel: f64,

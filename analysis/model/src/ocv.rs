@@ -1,9 +1,10 @@
 //! Open-circuit voltage (OCV) over state of charge (SOC): the curve that every other part reads.
 //!
 //! SOC is a fraction, 0 at the lower and 1 at the upper voltage limit; the capacity between them
-//! gives it charge. Between the knots the curve is the cubic Hermite polynomial of the knots'
-//! values and slopes; beyond the first and the last knot it goes on straight, so that a simulation
-//! that leaves the table is not held at its end. [`extract`] finds the curve of a slow discharge.
+//! converts it to charge. Between the knots the curve is the cubic Hermite polynomial of the knots'
+//! values and slopes; beyond the first and the last knot it continues as a straight line, so that a
+//! simulation that leaves the table is not held at its end. [`extract`] finds the curve of a slow
+//! discharge.
 
 mod extract;
 mod interrupted;
@@ -19,9 +20,9 @@ pub use reach::Reach;
 use analysis_signal::spectrum::OcvSlope;
 use serde::{Deserialize, Serialize};
 
-/// Standard deviation of the voltage at rest of a measured cell, V, where nothing else is known:
-/// the voltmeters of the known supplies are stated to a few millivolts, and a rest ends with a few
-/// millivolts of relaxation to go.
+/// Standard deviation of the voltage at rest of a measured cell, V, if nothing else is known: the
+/// voltmeters of the known supplies are specified to a few millivolts, and at the end of a rest a
+/// few millivolts of relaxation remain.
 pub const REST_SIGMA_V: f64 = 5.0e-3;
 
 /// Standard deviation of the slope of a curve, as a share, by convention: cells of one make differ
@@ -64,12 +65,12 @@ pub enum OcvError {
     Knot {
         /// Number of the knot, from 1.
         knot: usize,
-        /// Allowed values, in words.
+        /// Allowed values, as text.
         expected: &'static str,
         /// Value found.
         met: f64,
     },
-    /// A capacity that is none.
+    /// The capacity is invalid.
     #[error("OCV curve: expected a capacity above 0 Ah, met {met}")]
     Capacity {
         /// The value met, Ah.

@@ -30,9 +30,9 @@ pub struct DeOptions {
     pub crossover: f64,
     /// Ends when (worst − best) falls below this fraction of |best|.
     pub spread: f64,
-    /// The function does not change when coordinates are exchanged: members are kept with rising
-    /// coordinates, else differences between members would be differences between namings. All
-    /// coordinates must have the same bounds.
+    /// The function does not change when coordinates are exchanged: members are stored with rising
+    /// coordinates, otherwise differences between members would be differences between orderings.
+    /// All coordinates must have the same bounds.
     pub interchangeable: bool,
     /// Seed of all chance.
     pub seed: u64,
@@ -95,8 +95,7 @@ impl Columns {
 /// Result of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Evolution {
-    /// The first population, spread evenly over the box, best first: where else there may be
-    /// basins.
+    /// The first population, spread evenly over the box, best first: shows possible further basins.
     pub first: Vec<Member>,
     /// The last population, best first.
     pub last: Vec<Member>,
@@ -105,7 +104,7 @@ pub struct Evolution {
 }
 
 /// Minimises a function over the box `bounds` (lower, upper). `f` writes the value of every member;
-/// what is not a number counts as infinite.
+/// NaN counts as infinite.
 pub fn differential_evolution(
     mut f: impl FnMut(&Columns, &mut [f64]),
     bounds: &[(f64, f64)],

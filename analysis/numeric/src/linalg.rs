@@ -48,8 +48,8 @@ pub fn product(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {
     product
 }
 
-/// Inverse of a symmetric positive definite matrix; none when it is not. Scaled by its diagonal
-/// first, so that units do not matter.
+/// Returns the inverse of a symmetric positive definite matrix, or `None` if it is not. It is
+/// scaled by its diagonal first, so that units do not matter.
 pub fn invert(a: &[f64], n: usize) -> Option<Vec<f64>> {
     let scale: Vec<f64> = (0..n).map(|i| a[i * n + i].sqrt()).collect();
     if scale.iter().any(|s| !(s.is_finite() && *s > 0.0)) {
@@ -77,8 +77,8 @@ pub fn invert(a: &[f64], n: usize) -> Option<Vec<f64>> {
 /// Largest number of unknowns of [`BoxQuadratic`].
 pub const MAX_UNKNOWNS: usize = 9;
 
-/// Minimises ½xᵀQx − cᵀx over lo ≤ x ≤ hi by an active set; everything on the stack, for it runs
-/// thousands of times in a fit.
+/// Minimises ½xᵀQx − cᵀx over lo ≤ x ≤ hi by an active set; everything is on the stack, because it
+/// runs thousands of times in a fit.
 #[derive(Debug, Clone)]
 pub struct BoxQuadratic {
     /// Number of unknowns in use, at most [`MAX_UNKNOWNS`].
@@ -113,7 +113,7 @@ impl BoxQuadratic {
         let mut x = self.solve_free(&free, &[0.0; MAX_UNKNOWNS]);
         for i in 0..n {
             let clamped = x[i].max(self.lo[i]).min(self.hi[i]);
-            // The first guess of the active set: what the unbounded solution violates.
+            // The first guess of the active set: the bounds that the unbounded solution violates.
             free[i] = clamped == x[i];
             x[i] = clamped;
         }

@@ -1,9 +1,9 @@
 //! Bounded local minimisation: Newton steps with Levenberg–Marquardt damping (Marquardt, 1963) on
 //! the variables that no bound holds.
 //!
-//! The Hessian is the exact one, not only JᵀJ, so that the end is quadratic for least squares and
-//! for sums of norms alike; damping makes it positive definite where it is not. It finds the bottom
-//! of the basin it starts in, nothing more.
+//! The Hessian is the exact one, not only JᵀJ, so that convergence is quadratic for least squares
+//! and for sums of norms alike; damping makes it positive definite if it is not. It finds the
+//! bottom of the basin it starts in, nothing more.
 
 use super::linalg::{cholesky, cholesky_substitute};
 
@@ -114,7 +114,7 @@ impl State {
         (self.x[i] <= lo && self.gradient[i] >= 0.0) || (self.x[i] >= hi && self.gradient[i] <= 0.0)
     }
 
-    /// One accepted step; false when none can improve the value any more.
+    /// Makes one accepted step; returns false if no step improves the value.
     fn descend(&mut self, f: &impl Smooth, bounds: &[(f64, f64)], options: &LocalOptions) -> bool {
         while self.damping < 1e15 {
             let Some(step) = self.newton_step() else {
@@ -153,8 +153,8 @@ impl State {
         false
     }
 
-    /// The damped Newton step of the free variables; none when the damped Hessian is not positive
-    /// definite.
+    /// Returns the damped Newton step of the free variables, or `None` if the damped Hessian is not
+    /// positive definite.
     fn newton_step(&self) -> Option<Vec<f64>> {
         let (n, m) = (self.x.len(), self.free.len());
         let largest = self

@@ -33,7 +33,7 @@ pub struct Factor<'a> {
     pub levels: &'a [usize],
 }
 
-/// Values with what they may depend on.
+/// Values with their possible dependencies.
 #[derive(Debug, Clone, Copy)]
 pub struct Grouped<'a> {
     /// The values.
@@ -88,7 +88,7 @@ pub struct Estimate {
     pub sigma: f64,
 }
 
-/// Standard deviation of what the levels of a factor share.
+/// Standard deviation of the common part of a factor's levels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Component {
     /// Name of the factor; `residual` for what no factor explains.
@@ -97,7 +97,7 @@ pub struct Component {
     pub sd: f64,
     /// Lower end of its interval of 95 %.
     pub low: f64,
-    /// Upper end; infinite where the values say nothing against any number.
+    /// Upper end; infinite if the values exclude no number.
     pub high: f64,
     /// Number of levels; of rows for the residual.
     pub levels: usize,
@@ -106,11 +106,12 @@ pub struct Component {
 /// Prediction for one level of a factor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Level {
-    /// By how much its values lie above the fixed part, drawn towards zero by what is known.
+    /// The excess of its values over the fixed part, shrunk towards zero by the available
+    /// information.
     pub value: f64,
     /// Standard deviation of the error of that.
     pub sigma: f64,
-    /// The value in standard deviations of such predictions; 0 where the factor has no variance.
+    /// The value in standard deviations of such predictions; 0 if the factor has no variance.
     pub z: f64,
 }
 
@@ -288,7 +289,7 @@ impl<'a> Model<'a> {
         self.greatest.map(|at| self.grouped.factors[at].levels[row])
     }
 
-    /// Sums over all rows; none where a row has no variance.
+    /// Returns sums over all rows, or `None` if a row has no variance.
     fn sums(&self, sds: &[f64]) -> Option<Sums> {
         let n = self.dense;
         let own = sds[self.residual_at()].powi(2);
@@ -349,7 +350,8 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// −2 log of the restricted likelihood, but for a constant; infinite where there is none.
+    /// Returns −2 log of the restricted likelihood, except for a constant; infinite if there is
+    /// none.
     fn deviance(&self, sds: &[f64]) -> f64 {
         let Some(mut sums) = self.sums(sds) else {
             return f64::INFINITY;
@@ -417,7 +419,8 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// Where the profile of one standard deviation crosses the limit, on the way to `bound`.
+    /// Finds where the profile of one standard deviation crosses the limit, in the direction of
+    /// `bound`.
     fn end(&self, at: usize, best: &Best, bound: f64) -> f64 {
         let mut near = best.sds.clone();
         let mut is_inside = |sd: f64| {
@@ -606,7 +609,7 @@ struct Deviance<'a> {
 }
 
 impl Deviance<'_> {
-    /// The deviance is even in each standard deviation: below zero it is the same as above.
+    /// The deviance is even in each standard deviation: it takes equal values below and above zero.
     fn at(&self, x: &[f64]) -> f64 {
         let sds: Vec<f64> = x.iter().map(|sd| sd.abs()).collect();
         self.model.deviance(&sds)

@@ -98,7 +98,7 @@ fn beta(x: f64, a: f64, b: f64) -> f64 {
     (front * sum).min(1.0)
 }
 
-/// ln Γ(x) for x > 0 (Lanczos, g = 7, nine terms; Stirling's series where that is exact).
+/// Returns ln Γ(x) for x > 0 (Lanczos, g = 7, nine terms; Stirling's series where that is exact).
 fn ln_gamma(x: f64) -> f64 {
     if x > 1e3 {
         return (x - 0.5) * x.ln() - x + 0.5 * std::f64::consts::TAU.ln() + 1.0 / (12.0 * x);

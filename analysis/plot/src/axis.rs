@@ -1,4 +1,4 @@
-//! Axes: ranges, ticks at round numbers, and their words.
+//! Axes: ranges, ticks at round numbers, and their labels.
 
 /// One axis of a frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -121,7 +121,7 @@ pub(super) fn number(value: f64, decimals: usize) -> String {
     }
 }
 
-/// 0.01 … 10000 written out, else as a power of ten.
+/// Formats 0.01 … 10000 written out, otherwise as a power of ten.
 pub(super) fn power_of_ten(exponent: i32) -> String {
     const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     match exponent {

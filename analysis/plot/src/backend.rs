@@ -11,8 +11,8 @@ use plotters::style::text_anchor;
 use std::path::Path;
 use std::sync::OnceLock;
 
-/// Backends know whole units only: an SVG is drawn this much larger and shown smaller, so that
-/// curves stay smooth.
+/// Backends support whole units only: an SVG is drawn larger by this factor and scaled down, so
+/// that curves stay smooth.
 const SVG_SCALE: f64 = 4.0;
 /// Pixels of a PNG per logical pixel.
 const PNG_SCALE: usize = 2;
@@ -199,8 +199,8 @@ struct Pen {
     scale: f64,
     /// The library's font size for one em.
     size_per_em: f64,
-    /// How much lower than the library would, in em, a text must stand so that its capitals lie
-    /// below or about its place: for the two vertical anchors.
+    /// How much lower than the library's default, in em, a text must be placed so that its capitals
+    /// lie below or about its position: for the two vertical anchors.
     sink_em: [f64; 2],
 }
 

@@ -1,5 +1,5 @@
-//! Rows of horizontal bars with words: left their names, at their ends their values, right a
-//! remark.
+//! Rows of horizontal bars with text: their names on the left, their values at their ends, a remark
+//! on the right.
 
 use super::PlotError;
 use super::axis::Axis;
@@ -85,7 +85,7 @@ pub struct BarChart {
     pub title: String,
     /// Second line; empty for none.
     pub subtitle: String,
-    /// Legend of the colours: words and index.
+    /// Legend of the colours: text and index.
     pub legend: Vec<(String, usize)>,
     /// From the top.
     pub panels: Vec<BarPanel>,
@@ -333,7 +333,7 @@ fn draw_row(
             };
             shapes.push(drawn.filled(colour));
         }
-        // Words stand right of the reference rather than on it.
+        // Text is placed right of the reference rather than on it.
         let reference = panel
             .reference
             .as_ref()

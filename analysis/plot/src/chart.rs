@@ -84,7 +84,7 @@ pub enum TraceStyle {
     Line,
     /// A broken line: limits, references.
     Dashed,
-    /// Markers, with bars where a spread is given.
+    /// Markers, with bars if a spread is given.
     Points,
     /// The area between the values less and plus their spread.
     Band,
@@ -107,7 +107,7 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// A trace; an empty label gives it no entry in the legend.
+    /// Creates a trace; an empty label gives it no entry in the legend.
     pub fn new(label: &str, colour: usize, style: TraceStyle, points: Vec<(f64, f64)>) -> Self {
         Self {
             label: (!label.is_empty()).then(|| label.to_owned()),

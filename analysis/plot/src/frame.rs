@@ -42,7 +42,7 @@ impl Frame {
         )
     }
 
-    /// Grid, ticks, border and the names of the axes; the x axis bears words only where it has a
+    /// Draws grid, ticks, border and the names of the axes; the x axis is labelled only if it has a
     /// name.
     pub(super) fn shapes(&self, x_name: &str, y_name: &str) -> Vec<Shape> {
         let (right, bottom) = (self.left + self.width, self.top + self.height);
@@ -123,7 +123,7 @@ impl Frame {
     }
 }
 
-/// One entry of a legend: its words, and what draws its sample about a place.
+/// One entry of a legend: its text, and the function that draws its sample about a position.
 pub(super) struct Entry<'a> {
     pub(super) text: &'a str,
     pub(super) sample: Box<dyn Fn(Place) -> Vec<Shape> + 'a>,
@@ -148,7 +148,7 @@ pub(super) fn heading(plot: &ImpedancePlot, width: f64) -> Result<(Vec<Shape>, f
     strip(titles, &entries, width)
 }
 
-/// The two lines of words at the upper edge; an empty one takes no room.
+/// The two lines of text at the upper edge; an empty one needs no space.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Titles<'a> {
     /// First line, bold.
@@ -207,8 +207,8 @@ pub(super) fn text_shape(text: &str, at: Place, size: f64, anchor: Anchor) -> Sh
     Shape::Label(label(text, at, size, anchor))
 }
 
-/// Words cut at blanks so that each line is at most `width` wide, about; a longer word keeps its
-/// own line.
+/// Wraps text at blanks so that each line is at most `width` wide, approximately; a longer word
+/// keeps its own line.
 pub(super) fn wrapped(text: &str, size: f64, width: f64) -> Result<Vec<String>, PlotError> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {

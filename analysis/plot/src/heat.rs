@@ -38,7 +38,7 @@ pub struct HeatMap {
     pub subtitle: String,
     /// Names of rows and columns.
     pub labels: (Vec<String>, Vec<String>),
-    /// Rows of values; what is not finite stays empty.
+    /// Rows of values; values that are not finite stay empty.
     pub values: Vec<Vec<f64>>,
     /// Scale of the colours.
     pub scale: HeatScale,
@@ -144,7 +144,7 @@ impl Square {
     }
 }
 
-/// The scale of colours with its ends in words.
+/// Draws the scale of colours with its ends as text.
 fn key(scale: &HeatScale, top: f64) -> Result<Vec<Shape>, PlotError> {
     const LENGTH: f64 = 180.0;
     const PIECES: u32 = 36;

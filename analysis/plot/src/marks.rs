@@ -91,8 +91,8 @@ pub(super) fn symbol(index: usize, at: Place, r: f64, colour: Colour) -> Shape {
     }
 }
 
-/// The 2σ ellipse of (Re, Im) about a place, for a scale in logical pixels per Ω; none where
-/// unknown or too small to see beside the marker.
+/// Returns the 2σ ellipse of (Re, Im) about a position, for a scale in logical pixels per Ω, or
+/// `None` if it is unknown or too small to see beside the marker.
 pub(super) fn ellipse(
     series: &Series,
     at: Place,
@@ -123,7 +123,7 @@ pub(super) fn ellipse(
     })
 }
 
-/// A vertical bar with caps between two heights; nothing where it would be hidden by the marker.
+/// Returns a vertical bar with caps between two heights; empty if the marker would hide it.
 pub(super) fn bar(series: &Series, x: f64, heights: [f64; 2]) -> Vec<Shape> {
     let [y0, y1] = heights;
     if series.style != SeriesStyle::Points || (y1 - y0).is_nan() || (y1 - y0).abs() <= 3.0 {

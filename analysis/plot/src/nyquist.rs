@@ -15,7 +15,7 @@ pub(super) struct Unit {
     pub(super) per_ohm: f64,
 }
 
-/// mΩ for cells, Ω for what is larger.
+/// Chooses mΩ for cells, Ω for larger values.
 pub(super) fn unit(plot: &ImpedancePlot) -> Unit {
     let largest = plot
         .series
@@ -158,7 +158,7 @@ fn decades(
     Ok(shapes)
 }
 
-/// The size of a word, logical pixels.
+/// The size of a text, logical pixels.
 #[derive(Debug, Clone, Copy)]
 struct Size {
     width: f64,
@@ -174,18 +174,18 @@ struct Reach {
     angle_rad: f64,
 }
 
-/// A word beside a point with a leader to it.
+/// A text beside a point with a leader to it.
 struct Note {
-    /// Ends of the leader: at the point, at the word.
+    /// Ends of the leader: at the point, at the text.
     leader: (Place, Place),
-    /// Middle of the word.
+    /// Middle of the text.
     middle: Place,
     size: Size,
 }
 
 impl Note {
-    /// The first place around a point, near before far and above before below, that covers nothing;
-    /// none when all do.
+    /// Returns the first position around a point, near before far and above before below, that
+    /// covers nothing, or `None` if all do.
     fn free(at: Place, size: Size, frame: &Frame, taken: &[Place]) -> Option<Self> {
         const DIRECTIONS: [f64; 10] = [
             90.0, 120.0, 60.0, 150.0, 30.0, 180.0, 0.0, -90.0, -60.0, -120.0,
@@ -230,8 +230,8 @@ impl Note {
             .any(|p| (p.0 - self.middle.0).abs() < half_w && (p.1 - self.middle.1).abs() < half_h)
     }
 
-    /// Points that stand for the word's area, close enough that another word cannot slip between
-    /// them.
+    /// Returns points that represent the text's area, close enough that another text cannot fit
+    /// between them.
     fn outline(&self) -> Vec<Place> {
         (-2..=2)
             .map(|k| {

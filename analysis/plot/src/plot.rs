@@ -11,7 +11,7 @@ const CURVE_POINTS: u32 = 240;
 /// Style of a series.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SeriesStyle {
-    /// Markers, with 2σ where it is known.
+    /// Markers, with 2σ if it is known.
     Points,
     /// Small, half transparent markers without σ: for many sweeps over each other.
     Cloud,

@@ -1,9 +1,9 @@
 //! Report of a run: one HTML file without external parts, which opens on any machine.
 //!
-//! Style and figures are inside the file; it loads nothing, and runs no script but those that the
-//! caller gives it, which its policy names by their hashes. It is readable on a phone and follows
-//! the reader's dark mode. What the words and numbers are is the caller's; here
-//! they are only set, and escaped.
+//! Style and figures are inside the file; it loads nothing, and runs only the scripts that the
+//! caller passes, which its policy names by their hashes. It is readable on a phone and follows the
+//! reader's dark mode. The caller provides text and numbers; this module only typesets and escapes
+//! them.
 
 use std::fmt::Write;
 
@@ -27,7 +27,7 @@ pub struct Verdict {
     pub text: String,
 }
 
-/// A table of words and numbers.
+/// A table of text and numbers.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Table {
     /// Caption of the table.
@@ -38,7 +38,7 @@ pub struct Table {
     pub rows: Vec<Vec<String>>,
 }
 
-/// A plot with words below it.
+/// A plot with text below it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Figure {
     /// Text of an SVG as [`crate`] makes it.
@@ -47,12 +47,12 @@ pub struct Figure {
     pub caption: String,
 }
 
-/// A part that is drawn by scripts within the file. Without scripts its words stand there.
+/// A part that is drawn by scripts within the file. Without scripts it shows its text.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Scripted {
     /// The heading.
     pub heading: String,
-    /// What stands there, for a reader without scripts too.
+    /// Its text, also for a reader without scripts.
     pub words: String,
     /// Style of the part.
     pub style: String,
@@ -85,14 +85,14 @@ pub struct Report {
     pub files: Vec<(String, String)>,
 }
 
-/// A heading and what stands under it.
+/// A heading and its contents.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Section {
     /// The heading.
     pub heading: String,
     /// From the top.
     pub parts: Vec<Part>,
-    /// True where a new page begins in print.
+    /// True if a new page begins in print.
     pub new_page: bool,
 }
 
@@ -223,7 +223,7 @@ impl Report {
             .filter(|section| !section.parts.is_empty())
     }
 
-    /// Links to the headings, where there are enough to get lost.
+    /// Adds links to the headings, if there are enough of them to need a table of contents.
     fn push_contents(&self, html: &mut String) {
         let mut all: Vec<(String, &str)> = Vec::new();
         if let Some(scripted) = &self.scripted {
@@ -342,7 +342,7 @@ fn push_fields(html: &mut String, fields: &[(String, String)]) {
 }
 
 impl Figure {
-    /// `before`: figures that stand before it.
+    /// `before`: number of figures before it.
     fn push(&self, html: &mut String, before: &mut usize) -> Result<(), ReportError> {
         *before += 1;
         check_svg(&self.svg).map_err(|met| ReportError::ForeignFigure {
@@ -422,8 +422,8 @@ fn escape(text: &str) -> String {
         })
 }
 
-/// Checks a figure and returns the fault as the error. Looks at tags only, because the words of a
-/// label are free.
+/// Checks a figure and returns the fault as the error. Checks tags only, because the text of a
+/// label is free.
 fn check_svg(svg: &str) -> Result<(), String> {
     let svg = svg.trim();
     if !(svg.starts_with("<svg ") && svg.ends_with("</svg>")) {

@@ -14,7 +14,7 @@ impl Colour {
 /// A place in logical pixels, from the upper left.
 pub(super) type Place = (f64, f64);
 
-/// Point of a text that stands at its place: its centre, or the middle or corner of an edge.
+/// Point of a text that lies at its position: its centre, or the middle or corner of an edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Anchor {
     Left,

@@ -1,5 +1,5 @@
-//! Stands in the place of the backend where the feature `draw` is off: plots can be described, and
-//! drawing one is an error.
+//! Replaces the backend if the feature `draw` is off: plots can be described, and drawing one is an
+//! error.
 
 use super::PlotError;
 use super::scene::Scene;

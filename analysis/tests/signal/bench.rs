@@ -1,5 +1,5 @@
-//! A bench made of closed formulas: potentials along the loop, what the channels show of them. It
-//! knows nothing of the code under test.
+//! A bench made of closed formulas: potentials along the loop, and the channels' readings of them.
+//! It does not use the code under test.
 
 use std::f64::consts::TAU;
 

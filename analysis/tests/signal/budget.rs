@@ -225,8 +225,8 @@ fn each_part_of_an_unmeasured_bench_follows_its_own_prior() {
     );
 }
 
-/// The scatter of corrected impedances when only one thing is left to chance is what the budget
-/// states for it.
+/// If only one thing is left to chance, the scatter of corrected impedances equals the budget's
+/// value for it.
 #[test]
 fn a_part_is_the_scatter_that_its_cause_alone_makes() {
     let quiet = runs(&bench(), &mut Noise::new(2));

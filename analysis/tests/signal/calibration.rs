@@ -13,7 +13,7 @@ use num_complex::Complex64;
 use crate::bench::{Bench, FAKE_CELL, Probes, SHUNT, cell, fake_cell};
 use crate::noise::Noise;
 
-/// Known impedance as an ohmmeter of 0.1 % and a ruler give it.
+/// Returns a known impedance as measured by an ohmmeter of 0.1 % and a ruler.
 fn known((r_ohm, l_h): (f64, f64), noise: &mut Noise) -> KnownImpedance {
     let (r_sigma_ohm, l_sigma_h) = (1e-3 * r_ohm, 10e-9);
     KnownImpedance {
@@ -297,8 +297,8 @@ fn the_common_error_is_what_the_correction_carries() {
     assert!(correction.common_error(&runs.cell[..1], &[]).is_none());
 }
 
-/// The shared errors of a cell's spectrum add up to what the correction leaves in it, with any
-/// control to choose them by and with none.
+/// The shared errors of a cell's spectrum add up to the error that the correction leaves in it,
+/// with any control to choose them by and without a control.
 #[test]
 fn shared_errors_add_up_to_what_the_correction_carries() {
     let mut noise = Noise::new(5);

@@ -1,4 +1,4 @@
-//! The files of a run: what is written comes back, and crashes leave what was finished.
+//! The files of a run: written data are read back, and crashes leave the finished parts.
 
 use std::fs;
 use std::path::Path;

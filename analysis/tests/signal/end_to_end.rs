@@ -19,7 +19,7 @@ const SAMPLES: usize = 4000;
 const VOLTS_PER_DIV: [f64; 4] = [0.01, 0.02, 0.02, 0.02];
 const NOISE_V: f64 = 0.2e-3;
 
-/// Digitises 11.3 periods of what the channels show, from a moment of its own.
+/// Digitises 11.3 periods of the channels' signals, from a separate instant.
 fn capture(
     phasors: &ChannelPhasors,
     levels_v: [f64; 4],
@@ -96,7 +96,7 @@ fn sweep(
     in_jig: fn(f64) -> Complex64,
     noise: &mut Noise,
 ) -> Vec<ChannelPhasors> {
-    // Copper has no voltage of its own that could drift.
+    // Copper has no voltage that could drift.
     let (levels_v, drift_v) = if probes == Probes::OnJig && in_jig(0.1) == cell(0.1) {
         ([0.0, 0.0, 0.0, 3.8], 2e-3)
     } else {

@@ -1,4 +1,4 @@
-//! Seeded Gaussian numbers, so that statistics are the same in every run.
+//! Seeded Gaussian numbers, so that statistics are equal in every run.
 
 /// A 64-bit linear congruential generator, upper bits used, with the Box–Muller transform on top.
 pub(crate) struct Noise {

@@ -327,7 +327,7 @@ fn a_free_frequency_costs_what_the_bound_says() {
 
 #[test]
 fn a_common_frequency_is_weighed_by_the_noise_of_the_channels() {
-    // A quiet and a loud channel: the frequency must be as good as the quiet one alone gives it.
+    // A quiet and a loud channel: the frequency must be as good as from the quiet one alone.
     let (interval_s, freq_hz, count) = (1e-3, 11.0, 1000);
     let wave = Wave {
         amplitude_v: 1.0,

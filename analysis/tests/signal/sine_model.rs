@@ -1,4 +1,5 @@
-//! The sinusoid fit against a plain least-squares fit, and what it models beside the sinusoid.
+//! The sinusoid fit against a plain least-squares fit, and its additional terms beside the
+//! sinusoid.
 
 use std::f64::consts::TAU;
 
@@ -36,8 +37,8 @@ pub(crate) fn codes(
     (0..count).map(one).collect()
 }
 
-/// Plain least squares by QR on columns made sample by sample: coefficients, rms and lag-1
-/// correlation of what is left.
+/// Plain least squares by QR on columns made sample by sample: returns coefficients, rms and lag-1
+/// correlation of the residual.
 fn plain(samples: &[Option<f64>], freqs_hz: &[f64], degree: i32) -> (DVector<f64>, f64, f64) {
     let middle_s = 0.5 * (samples.len() as f64 - 1.0) * INTERVAL_S;
     let rows: Vec<usize> = (0..samples.len())

@@ -1,4 +1,4 @@
-//! The test position: what is clamped into the jig.
+//! The test position: the fixture clamped into the jig.
 
 /// Objects that can be clamped into the jig, and the connection of the voltage probes to them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]

@@ -1,5 +1,5 @@
-//! Words that drivers, mocks and callers share: [`units`] of what is sent to an instrument, and
-//! [`fixture`], the test position.
+//! Vocabulary that drivers, mocks and callers share: [`units`] of the values sent to an instrument,
+//! and [`fixture`], the test position.
 //!
 //! Knows no instrument and does no I/O.
 

@@ -1,5 +1,5 @@
 //! Requirements on every transport, our client against our server, over real sockets, terminals and
-//! files: the same list for all.
+//! files: one list for all.
 
 use std::{
     sync::{Arc, Mutex},
@@ -294,8 +294,8 @@ fn what_a_client_left_behind_is_not_the_answer_to_the_first_question_of_the_next
     );
 }
 
-/// USBTMC has no status byte here: a strange identity shows that an answer was left, with an error
-/// queue to be asked and without.
+/// USBTMC has no status byte here: an unexpected identity shows that a reply was left unread, with
+/// and without an error queue.
 #[test]
 fn over_usbtmc_the_identity_brings_the_link_into_step_with_what_a_client_left_behind() {
     Clock::runtime(TimeMode::Real).unwrap().block_on(async {

@@ -1,4 +1,5 @@
-//! A scripted device for the tests of the link: it answers what its script says and nothing else.
+//! A scripted device for the tests of the link: it replies as its script defines and does nothing
+//! else.
 
 use std::{
     io,
@@ -18,7 +19,7 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 /// Reply of the device to one message.
 #[derive(Debug, Clone)]
 pub(crate) enum Reply {
-    /// Says nothing.
+    /// Sends no reply.
     Silence,
     /// Writes these pieces, each after a wait in bench seconds.
     Pieces(Vec<(f64, Vec<u8>)>),
@@ -52,7 +53,8 @@ pub(crate) async fn serve(
                 Reply::Pieces(pieces) => {
                     for (after_s, bytes) in pieces {
                         clock.sleep_s(after_s).await;
-                        // The other side may have gone meanwhile; a device does not mind.
+                        // The other side may have disconnected in the meantime; a device ignores
+                        // that.
                         if stream.write_all(&bytes).await.is_err() {
                             return;
                         }
@@ -68,8 +70,8 @@ pub(crate) async fn serve(
     }
 }
 
-/// Serves `memory:device` on `hub`: every connection gets the same script, and what it was sent is
-/// collected.
+/// Serves `memory:device` on `hub`: every connection gets the same script, and the received
+/// messages are collected.
 pub(crate) fn serve_memory(
     hub: &MemoryHub,
     clock: &Clock,

@@ -1,4 +1,4 @@
-//! The drivers against the simulated instruments: what they share. Each role has its own file.
+//! The drivers against the simulated instruments: common parts. Each role has its own file.
 
 use std::sync::{Arc, Mutex};
 
@@ -40,7 +40,7 @@ macro_rules! dialect {
 }
 pub(crate) use dialect;
 
-/// One simulated instrument in process, its world, and all that was said to it.
+/// One simulated instrument in process, its world, and all messages sent to it.
 pub(crate) struct Rig {
     pub(crate) clock: Clock,
     pub(crate) plant: Arc<Mutex<Recorder>>,
@@ -122,12 +122,12 @@ impl Rig {
         .unwrap()
     }
 
-    /// Where the instrument listens, as `device`.
+    /// Returns the hub on which the instrument listens, as `device`.
     pub(crate) fn hub(&self) -> &MemoryHub {
         &self.hub
     }
 
-    /// Somebody else uses the instrument, and goes.
+    /// Another client uses the instrument, and disconnects.
     pub(crate) async fn earlier_user(&self, terminator: Terminator, messages: &[&str]) {
         let profile = LinkProfile {
             grammar: Grammar::Plain,
@@ -147,7 +147,7 @@ impl Rig {
         for message in messages {
             link.send_unchecked(message).await.unwrap();
         }
-        // The messages are read before the connection goes.
+        // The messages are read before the connection closes.
         self.clock.sleep_s(1.0).await;
     }
 

@@ -1,4 +1,4 @@
-//! Drivers of instruments that confirm or refuse every write by themselves: the FAST-PS and the
+//! Drivers of instruments that themselves confirm or refuse every write: the FAST-PS and the
 //! thermostat board; and of the multimeter with one input.
 
 use instruments::{
@@ -69,8 +69,8 @@ fn a_supply_left_on_in_the_other_loop_is_off_before_it_is_changed_and_obeys_the_
         supply.safe().await.unwrap();
         let down = states(&rig);
         assert!(!down.last().unwrap().output_on && !down.last().unwrap().analog_input);
-        // The analog input lets go only when the output is off: before, the digital set-point would
-        // take over.
+        // The analog input is released only when the output is off: before, the digital set-point
+        // would take over.
         assert!(
             down[up..]
                 .iter()

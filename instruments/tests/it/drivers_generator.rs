@@ -1,4 +1,4 @@
-//! The generator's driver: the volts that are asked for are the volts that come.
+//! The generator's driver: the output has the requested volts.
 
 use instruments::{
     generator::{self, Generator, Sine, Wave},
@@ -206,7 +206,7 @@ fn what_was_clamped_silently_is_said_aloud() {
                 sine(10.0, 0.0, 0.0),
                 "expected AMP within 2.5e-4 of 0, found 0.002V",
             ),
-            // The least amplitude is 2 mV peak to peak, twice what is asked here.
+            // The smallest amplitude is 2 mV peak to peak, twice the requested one.
             (
                 sine(10.0, 0.5e-3, 0.0),
                 "expected AMP within 2.5e-4 of 0.001, found 0.002V",
@@ -385,8 +385,7 @@ fn a_wave_is_loaded_chosen_and_played_and_the_least_sine_ends_it() {
         let mut generator = driver(&rig).await;
         generator.output(false).await.unwrap();
         generator.output(true).await.unwrap();
-        // Every number of a byte's range comes by: none of the bytes that end a message may get
-        // through.
+        // Every value of a byte occurs: none of the bytes that end a message may pass.
         let steps: Vec<f64> = (0..4096).map(|k| f64::from(k) / 2048.0 - 1.0).collect();
         let wave = Wave {
             name: "eis1".to_owned(),

@@ -308,7 +308,7 @@ fn what_the_supply_does_not_take_over_is_named() {
                 text
             );
         }
-        // Channel 1 on; channels 1 and 2 in parallel; no status word at all.
+        // Channel 1 on; channels 1 and 2 in parallel; not a status word.
         for (status, text) in [
             (
                 &b"0x0014\n"[..],

@@ -314,7 +314,7 @@ fn a_circulator_that_confirms_every_write_is_believed_only_by_its_confirmation()
             "{status:?}"
         );
         assert_eq!(chiller.temperature().await.unwrap(), Celsius(24.5));
-        // Beyond its range it takes the nearest it can, and says so.
+        // Beyond its range it uses the nearest possible value, and reports this.
         let limited = chiller.start(Celsius(160.0)).await.unwrap_err().to_string();
         assert_eq!(
             limited,
@@ -360,7 +360,7 @@ fn a_generator_set_for_fifty_ohms_and_inverted_gives_true_volts_and_is_off_befor
             "NONSENSE",
         ];
         rig.earlier_user(Terminator::Lf, &left).await;
-        // What was asked for at 50 Ω is twice that at an open input.
+        // A voltage set at 50 Ω doubles at an open input.
         assert!(
             (waves(&rig).last().unwrap().amplitude_v - 2.0).abs() < 1e-9,
             "{:?}",

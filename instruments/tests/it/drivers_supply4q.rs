@@ -1,4 +1,4 @@
-//! The bipolar supply's driver: what the cell would have seen, in order.
+//! The bipolar supply's driver: the current and voltage that the cell would have seen, in order.
 
 use instruments::{
     clock::Clock,
@@ -109,8 +109,8 @@ fn the_switching_family_goes_up_and_down_in_the_safe_order_whatever_it_had_store
             supply.safe().await.unwrap();
             let down = states(&rig);
             assert_eq!(*down.last().unwrap(), expected);
-            // The analog input lets go only when the output is off: before, the digital set-point
-            // would take over.
+            // The analog input is released only when the output is off: before, the digital
+            // set-point would take over.
             assert!(
                 down[on..]
                     .iter()
@@ -161,7 +161,8 @@ fn the_words_to_the_switching_family_are_those_of_its_manual_in_this_order() {
     });
 }
 
-/// Prepares a supply that somebody left on, holding a voltage, its analog input in command.
+/// Prepares a supply that a previous user left on, holding a voltage, with its analog input in
+/// command.
 async fn after_an_unruly_user(clock: Clock, prepares: bool) -> Rig {
     let rig = Rig::with(clock, SWITCHING, &off_active(true), &[]);
     rig.earlier_user(Terminator::Lf, &UNRULY).await;
@@ -232,7 +233,7 @@ fn switching_off_does_not_stop_at_a_supply_that_will_not_choose_its_off_behaviou
         assert_eq!(supply.safe().await.unwrap_err().to_string(), expected);
         let last = *states(&rig).last().unwrap();
         assert!(!last.output_on && !last.analog_input, "{last:?}");
-        // But nothing is prepared, let alone energised, on such a supply.
+        // Such a supply is neither prepared nor energised.
         assert_eq!(
             supply.prepare(&LIMITS).await.unwrap_err().to_string(),
             expected
@@ -430,7 +431,7 @@ fn limits_that_the_instrument_cannot_hold_are_refused_by_name() {
                 },
                 "dev: `VOLT 24.0000` was refused: -222, Data out of range",
             ),
-            // A limit that somebody stored, and a remote pin that holds the output.
+            // A limit that a previous user stored, and a remote pin that holds the output.
             (
                 SWITCHING,
                 "VOLT:LIM 4",

@@ -160,7 +160,7 @@ fn in_manual_mode_nothing_is_ignored_silently() {
             !rig.sent().iter().any(|message| message.starts_with("OUT_")),
             "nothing is commanded"
         );
-        // It stands still: that is what stopping wants.
+        // It is already stopped, which is the aim of the command.
         chiller.stop().await.unwrap();
         assert_eq!(
             bath(&rig),

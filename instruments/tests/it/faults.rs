@@ -1,5 +1,5 @@
-//! Seeded faults between a link and a simulated instrument: what the link says is right, or it says
-//! that something went wrong.
+//! Seeded faults between a link and a simulated instrument: every reply of the link is right, or
+//! the link reports an error.
 
 use std::{
     sync::{Arc, Mutex},
@@ -55,8 +55,8 @@ async fn troubled(clock: &Clock, schedule: &Schedule) -> (Link, FaultLog, Arc<Mu
     (link, log, plant)
 }
 
-/// Asks for two different numbers in turn, reconnecting whenever the link was dropped; gives the
-/// answers that were wrong and those that came.
+/// Queries two different numbers in turn and reconnects whenever the link was dropped. Returns the
+/// wrong replies and the number of replies.
 async fn converse(link: &mut Link, rounds: usize) -> (Vec<String>, usize) {
     let (mut wrong, mut right) = (Vec::new(), 0);
     for round in 0..rounds {
@@ -239,7 +239,8 @@ fn command(exchange: &Exchange) -> &str {
     }
 }
 
-/// The faults must know every command that a driver sends to switch its output off, and no other.
+/// The faults must recognise every command that a driver sends to switch its output off, and no
+/// other.
 fn knows_what_switches_off(key: &str, off: &[Exchange], on: &[Exchange]) {
     let messages = &mock::model(key).unwrap().messages;
     let count = |script: &[Exchange]| {
@@ -251,7 +252,7 @@ fn knows_what_switches_off(key: &str, off: &[Exchange], on: &[Exchange]) {
     assert_eq!((count(off), count(on)), (1, 0), "{key}: {off:?}");
 }
 
-/// The faults must know every question that a driver asks for a measurement.
+/// The faults must recognise every measurement query of a driver.
 fn knows_what_measures(key: &str, questions: &[&str]) {
     let messages = &mock::model(key).unwrap().messages;
     for question in questions {

@@ -27,7 +27,7 @@ use instruments::{
 pub(crate) const SHARE: u64 = 20_000;
 /// Longest input, bytes; a few are longer.
 const LONGEST: usize = 400;
-/// Limit of what the readers under test may hold, bytes.
+/// Limit of the memory of the readers under test, bytes.
 const LIMIT: usize = 4096;
 
 pub(crate) fn from_environment(name: &str, otherwise: u64) -> u64 {
@@ -96,7 +96,7 @@ impl Random {
     }
 }
 
-/// Plays a category; `body` gives the bytes that were held most.
+/// Runs a category; `body` returns the largest number of bytes held.
 fn category(name: &str, seeds: &[Vec<u8>], mut body: impl FnMut(&[u8], &mut Random) -> usize) {
     let (count, seed) = (
         from_environment("EIS_BENCH_FUZZ", SHARE),

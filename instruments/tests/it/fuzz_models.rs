@@ -203,7 +203,7 @@ fn fuzz_mocks() {
         let own = conversations
             .get(model.key)
             .map_or_else(Vec::new, |[sent, _]| sent.clone());
-        // Mostly what it understands.
+        // Mostly messages that it understands.
         let seeds: Vec<Vec<u8>> = own
             .iter()
             .cycle()
@@ -212,7 +212,7 @@ fn fuzz_mocks() {
             .cloned()
             .collect();
         let mut random = Random(from_environment("EIS_BENCH_FUZZ_SEED", 1));
-        // One instrument for all: what it keeps must not grow.
+        // One instrument for all inputs: its memory must not grow.
         let paged = model.quirks().any(|quirk| quirk.name == "page_points");
         let mut bench = if paged {
             Bench::with(model.key, &MockOptions::quirk("page_points", 100.0))

@@ -208,7 +208,7 @@ fn no_client_makes_a_server_panic() {
                 let mut first = TcpStream::connect(&port).await.unwrap();
                 let mut buffer = [0; 4096];
                 first.write_all(&opening[0]).await.unwrap();
-                // An adapter has nothing to say to its settings.
+                // An adapter does not reply to its settings.
                 answered += usize::from(matches!(
                     clock.deadline(20 * MOMENT, first.read(&mut buffer)).await,
                     Ok(Ok(1..))
@@ -334,7 +334,7 @@ fn no_server_makes_a_client_panic() {
                 let (clock, hub) = (Clock::start(TimeMode::Real), MemoryHub::new());
                 let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
                 let port = listener.local_addr().unwrap();
-                // Some of what is right in the right order, then anything.
+                // Some valid messages in the right order, then anything.
                 let right = random.below(seeds.len() + 1);
                 let inputs: Vec<Vec<u8>> = (0..8)
                     .map(|index| {

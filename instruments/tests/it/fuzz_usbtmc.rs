@@ -1,5 +1,5 @@
-//! Random and mutated transfers in whole sessions on the socket in the place of `/dev/usbtmcN`: to
-//! the mock's side of it, and to our client's. As many as in `fuzz_sessions`.
+//! Random and mutated transfers in whole sessions on the socket in place of `/dev/usbtmcN`: to the
+//! mock's side of it, and to our client's. Their number is that of `fuzz_sessions`.
 
 use std::{path::Path, sync::atomic::Ordering};
 
@@ -33,7 +33,7 @@ fn seeds() -> Vec<Vec<u8>> {
     SEEDS.map(<[u8]>::to_vec).into()
 }
 
-/// A socket file that goes with its socket.
+/// A socket file that is removed with its socket.
 struct Here(UnixDatagram, std::path::PathBuf);
 
 impl Here {

@@ -12,8 +12,8 @@ use instruments::{
 
 use crate::device::{Reply, SharedText, later, now, open, plain, serve_memory};
 
-/// Runs `test` in virtual time with a link to a scripted device, its tap, and what the device
-/// heard.
+/// Runs `test` in virtual time with a link to a scripted device, its tap, and the messages that the
+/// device received.
 pub(crate) fn with_link<F: Future<Output = ()>>(
     profile: LinkProfile,
     reply: impl FnMut(&str) -> Reply + Send + Clone + 'static,

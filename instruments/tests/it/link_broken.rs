@@ -17,7 +17,8 @@ use crate::{
 
 #[test]
 fn after_a_timeout_no_query_gets_the_previous_answer() {
-    // The answer to SLOW? comes long after its deadline, on whatever connection it was asked on.
+    // The reply to SLOW? arrives long after its deadline, regardless of the connection on which it
+    // was sent.
     let script = |message: &str| match message {
         "SLOW?" => later(1.5, "slow\n"),
         "FAST?" => now("fast\n"),

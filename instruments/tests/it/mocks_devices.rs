@@ -394,7 +394,7 @@ fn the_load_answers_and_draws() {
             ..drawing
         })
     );
-    // A latching load that has started goes on below its start voltage.
+    // A latching load that has started continues below its start voltage.
     bench.send(&[":CURR 1", ":VOLT:LATC ON", ":INP ON"]);
     assert_eq!(
         bench.last_action(),

@@ -1,4 +1,4 @@
-//! A world for the tests of the mocks: it records what is done to it, shows fixed readings and
+//! A world for the tests of the mocks: it records the actions on it, shows fixed readings and
 //! carries a known sine on every scope channel.
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 

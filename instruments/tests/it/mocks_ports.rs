@@ -30,7 +30,7 @@ async fn open(address: &str, hub: &MemoryHub) -> Stream {
         .unwrap()
 }
 
-/// Sends bytes and reads until `end` stands at the end of what came.
+/// Sends bytes and reads until the received data end with `end`.
 async fn ask(stream: &mut Stream, message: &[u8], end: &[u8]) -> String {
     stream.write_all(message).await.unwrap();
     let mut reply = Vec::new();

@@ -262,7 +262,7 @@ fn pages_and_strides_are_pieces_of_the_whole() {
     );
     // Another client finds the stride that this one has left.
     assert_eq!(bench.ask(":WAVeform:INTerval?"), "7\n");
-    // The world was asked for no more than what was sent.
+    // The world was queried for no more samples than were sent.
     let asked: usize = bench
         .plant
         .lock()

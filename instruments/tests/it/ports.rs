@@ -208,7 +208,7 @@ fn a_late_answer_on_a_serial_line_does_not_outlive_the_reconnect() {
             link.query("SLOW").await,
             Err(LinkError::Timeout { .. })
         ));
-        // The same line again: unlike a socket it still carries what was asked before.
+        // The same line again: unlike a socket it still carries the replies to earlier queries.
         link.reconnect().await.unwrap();
         assert_eq!(link.query("IN_PV_00").await.unwrap(), "23.50");
         assert!(

@@ -62,7 +62,7 @@ async fn exercise(rig: &Rig, model: &str, role: &str, judge: &Judge) -> Result<(
             let Action::Bipolar(state) = rig.last_action() else {
                 panic!("{:?}", rig.last_action())
             };
-            // Whether a linear unit is wired up cannot be asked: without, nothing drives.
+            // The wiring of a linear unit cannot be queried: an unwired unit drives nothing.
             let commanded =
                 state.analog_input || (model == "kepco-bop-linear" && state.setpoint == 0.0);
             assert!(

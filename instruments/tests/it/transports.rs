@@ -77,8 +77,8 @@ pub(crate) fn text(length: usize) -> String {
         .collect()
 }
 
-/// Does what its messages say: `LATE? 1.5` answers after 1.5 s, `BLOCK? 100` with a block of 100
-/// bytes.
+/// Replies as its messages request: `LATE? 1.5` answers after 1.5 s, `BLOCK? 100` with a block of
+/// 100 bytes.
 #[derive(Clone, Default)]
 pub(crate) struct Script {
     heard: Arc<Mutex<Vec<String>>>,

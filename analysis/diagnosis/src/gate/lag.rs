@@ -88,7 +88,6 @@ fn shares_filter(at: &Inspection<'_>, subject: &Subject<'_>) -> bool {
 }
 
 /// Returns the lag that explains most of the prediction's error, s; zero if no lag explains much.
-/// The step is the typical distance of two samples while something happens, s.
 fn lag_s(record: &TimeRecord, expected_v: &[f64], noise_v: f64) -> f64 {
     let (now, _) = squares(&record.series.voltage_v, expected_v);
     let floor = noise_v * noise_v * expected_v.len() as f64;

@@ -33,8 +33,8 @@ pub fn network(base: &Base, added: &[Added<'_>]) -> Network {
     network
 }
 
-/// Impedance that one point of a spectrum shows with all effects, Ω. Its base is the cell, or
-/// `control_ohm` where a control is in the jig.
+/// Returns the impedance of one point of a spectrum with all effects, Ω. Its base is the cell, or
+/// `control_ohm` if a control is in the jig.
 pub fn impedance(
     network: &Network,
     base: &Base,

@@ -14,7 +14,7 @@ use std::{collections::HashMap, sync::Arc};
 pub enum Between {
     /// It stays until the next sample.
     Hold,
-    /// It goes there along a straight line.
+    /// The current is linear in time between them.
     Linear,
 }
 
@@ -29,7 +29,7 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// The steps between times (s, rising). Lengths within 1 ns are the same.
+    /// Computes the steps between times (s, rising). Lengths within 1 ns count as equal.
     pub fn new(time_s: &[f64], between: Between) -> Self {
         let mut lengths: std::collections::BTreeMap<i64, u32> = std::collections::BTreeMap::new();
         let mut lengths_s = Vec::new();
@@ -74,7 +74,7 @@ struct Kept {
     gains: usize,
 }
 
-/// What the gains per ohm hang on.
+/// The dependencies of the gains per ohm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 struct Key {
     lengths_s: usize,
@@ -418,7 +418,7 @@ impl Player {
     }
 }
 
-/// Where a cell stands.
+/// State of a cell.
 #[derive(Clone, Copy)]
 struct State {
     /// Time, s.

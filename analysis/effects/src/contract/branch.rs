@@ -59,7 +59,7 @@ impl Branch {
         }
     }
 
-    /// True where the resistor's current is proportional to its voltage.
+    /// Returns true if the resistor's current is proportional to its voltage.
     pub fn is_linear(&self) -> bool {
         !matches!(self.law, Law::Symmetric { beta } | Law::Asymmetric { beta, .. } if beta > 0.0)
     }
@@ -124,7 +124,7 @@ impl Gain {
     }
 }
 
-/// A quantity that goes straight over a step.
+/// A quantity that is linear over a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ramp {
     /// At the start of the step.
@@ -143,7 +143,7 @@ pub(crate) fn step(branch: &Branch, factor: f64, v: f64, current_a: f64, step_s:
     ramp(branch, factor, v, held, step_s)
 }
 
-/// The same over a step in which the current goes from one value to another along a straight line.
+/// The same over a step in which the current is linear from one value to another.
 pub(crate) fn ramp(branch: &Branch, factor: f64, v: f64, current_a: Ramp, step_s: f64) -> f64 {
     let (r_ohm, tau_s) = (branch.r_ohm * factor, branch.tau_s * factor);
     let x = step_s / tau_s;
@@ -191,9 +191,9 @@ struct Kinetics {
     r_ohm: f64,
 }
 
-/// Butler–Volmer over a time of x time constants: exponential Rosenbrock steps of third order for
-/// equations with a time of their own (exprb32 of Hochbruck, Ostermann and Schweitzer, SIAM J.
-/// Numer. Anal. 47 (2009) 786). The difference to their second order gives the next length.
+/// Integrates Butler–Volmer over a time of x time constants: exponential Rosenbrock steps of third
+/// order for time-dependent equations (exprb32 of Hochbruck, Ostermann and Schweitzer, SIAM J.
+/// Numer. Anal. 47 (2009) 786). The difference to their second order determines the next length.
 fn rosenbrock(law: Kinetics, v: f64, current_a: Ramp, x: f64) -> f64 {
     let Kinetics { beta, alpha, r_ohm } = law;
     let to_exponent = 2.0 * beta / r_ohm;

@@ -28,7 +28,7 @@ pub enum Group {
 pub struct Card {
     /// Name in files and on the command line: `rc_slow`.
     pub name: &'static str,
-    /// Name in words: "additional relaxation".
+    /// Name as text: "additional relaxation".
     pub title: &'static str,
     /// Cell or bench.
     pub group: Group,
@@ -56,18 +56,18 @@ pub trait Effect: Sync {
     /// Properties of the effect.
     fn card(&self) -> &'static Card;
 
-    /// Its parameters with bounds derived from the base fit, the strength first; none where it does
-    /// not apply to this base or data.
+    /// Returns its parameters with bounds derived from the base fit, the strength first; empty if
+    /// it does not apply to this base or data.
     fn parameters(&self, base: &Base) -> Vec<Parameter>;
 
-    /// Whether it is another in each of several runs that repeat each other: it goes by their
-    /// order, their start or the charge before them.
+    /// Returns whether it differs between runs that repeat each other: it depends on their order,
+    /// their start or the charge before them.
     fn tells_repeats_apart(&self, _p: &[f64]) -> bool {
         false
     }
 
-    /// The values for predictions, in which time since the campaign and charge before it are not
-    /// known: by default the same.
+    /// Returns the values for predictions, in which time since the campaign and charge before it
+    /// are not known: by default unchanged.
     fn predicting(&self, p: Vec<f64>) -> Vec<f64> {
         p
     }
@@ -83,7 +83,7 @@ pub trait Effect: Sync {
     /// Turns the logged current (A, discharge positive) of a record into the one that flowed.
     fn current(&self, _p: &[f64], _record: &Record<'_>, _current_a: &mut [f64]) {}
 
-    /// State of the effect over time; none where it has no state.
+    /// Returns the state of the effect over time, or `None` if it has no state.
     fn dynamics(
         &self,
         _p: &[f64],
@@ -102,7 +102,7 @@ pub trait Effect: Sync {
     fn voltage(&self, _p: &[f64], _record: &Record<'_>, _voltage_v: &mut [f64]) {}
 }
 
-/// Something with a state of its own.
+/// An effect with a state of its own.
 pub trait Dynamics {
     /// Factors on resistances at this instant.
     fn modulation(&self, _at: &Instant) -> Modulation {
@@ -125,8 +125,8 @@ pub trait Dynamics {
     fn advance(&mut self, _at: &Instant, _step_s: f64) {}
 }
 
-/// The impedance of the charge that the sinusoid moves along the OCV curve, Ω: (dU/dz)/(jω·Q). A
-/// record shows the same as its slope over charge.
+/// Returns the impedance of the charge that the sinusoid moves along the OCV curve, Ω:
+/// (dU/dz)/(jω·Q). A record shows it as its slope over charge.
 pub fn storage_ohm(base: &Base, at: &Point) -> Complex64 {
     let per_coulomb = base.ocv.slope_v(at.soc) / (3600.0 * base.ocv.capacity_ah);
     Complex64::new(0.0, -per_coulomb / (std::f64::consts::TAU * at.freq_hz))

@@ -63,8 +63,8 @@ impl Network {
         }
     }
 
-    /// Power that goes into the capacitances, W, at voltages (V) of the branches, a current (A) and
-    /// a factor on their resistances.
+    /// Returns the power into the capacitances, W, at voltages (V) of the branches, a current (A)
+    /// and a factor on their resistances.
     pub fn stored_w(&self, states_v: &[f64], current_a: f64, factor: f64) -> f64 {
         states_v
             .iter()

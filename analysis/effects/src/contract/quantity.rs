@@ -45,9 +45,10 @@ pub struct Parameter {
     pub typical: f64,
     /// Values to start from; empty for a strength, which starts at zero.
     pub starts: Vec<f64>,
-    /// Without meaning, and not searched, but where the choice of this index has this value.
+    /// The parameter has no meaning and is not searched, unless the choice of this index has this
+    /// value.
     pub only_with: Option<(usize, f64)>,
-    /// Values in sound cells and benches; none where the bounds are all that is known.
+    /// Values in sound cells and benches; `None` if only the bounds are known.
     pub usual: Option<Usual>,
 }
 
@@ -95,7 +96,8 @@ impl Parameter {
         }
     }
 
-    /// A state of either sign that is searched as it is where the choice of an index has a value.
+    /// Creates a state of either sign that is searched without a transformation if the choice of an
+    /// index has a value.
     pub fn state(
         name: &'static str,
         range: Range,

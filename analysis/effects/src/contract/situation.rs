@@ -34,7 +34,7 @@ pub struct Facts {
     pub greatest_a: f64,
     /// Most charge moved within one record, as a part of the capacity.
     pub widest_soc: f64,
-    /// SOC that resistances refer to: the spectra's mean, else the records'.
+    /// SOC to which resistances refer: the spectra's mean, otherwise the records'.
     pub soc: f64,
     /// Temperature that resistances refer to, °C.
     pub temperature_c: f64,
@@ -81,7 +81,7 @@ fn null_is_infinite<'de, D: serde::Deserializer<'de>>(from: D) -> Result<f64, D:
 pub struct Point {
     /// Frequency, Hz.
     pub freq_hz: f64,
-    /// Amplitude of the current, A; none where it is not stated.
+    /// Amplitude of the current, A; `None` if it is not stated.
     pub amplitude_a: Option<f64>,
     /// Direct current under the sweep, A, discharge positive.
     pub bias_a: f64,
@@ -100,7 +100,7 @@ pub struct Point {
     pub common_mode: CommonModeImpedance,
 }
 
-/// Impedance between the lower tap of the swept object and the ground of the channels; zero where a
+/// Impedance between the lower tap of the swept object and the ground of the channels; zero if a
 /// channel measures the difference of both taps.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct CommonModeImpedance {
@@ -144,8 +144,8 @@ pub struct Record<'a> {
 pub struct Moved {
     /// Net charge put into the cell, C.
     pub charge_c: f64,
-    /// Total charge moved in both directions, C. It is the size of the net charge where there was
-    /// no reversal, and more for the swings of a sweep.
+    /// Total charge moved in both directions, C. It is the size of the net charge if there was no
+    /// reversal, and more for the swings of a sweep.
     pub through_c: f64,
 }
 
@@ -172,10 +172,10 @@ pub struct Instant {
     pub ocv_v: f64,
     /// dOCV/dSOC at this SOC, V.
     pub slope_v: f64,
-    /// Overpotential: what current and branches take off the OCV, V, positive under discharge.
+    /// Overpotential: the drop of current and branches from the OCV, V, positive under discharge.
     pub overpotential_v: f64,
-    /// Power that goes into the capacitances of the branches, W; negative where they give it back
-    /// to their resistances.
+    /// Power into the capacitances of the branches, W; negative if they return it to their
+    /// resistances.
     pub stored_w: f64,
 }
 

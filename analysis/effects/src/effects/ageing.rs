@@ -1,4 +1,4 @@
-//! The cell is not the same at the end of the campaign.
+//! The cell has changed at the end of the campaign.
 
 use crate::contract::{
     Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Point, Range, Record,

@@ -68,7 +68,7 @@ pub fn title(name: &str) -> Option<&'static str> {
     all.find(|e| e.card().name == name).map(|e| e.card().title)
 }
 
-/// Effects that come together in a cell, so that where one is missing in a model the other often is
+/// Effects that occur together in a cell, so that if one is missing in a model the other often is
 /// too: transport and charge transfer carry the same current, hysteresis and diffusion follow the
 /// same stored charge, and heat speeds up the charge transfer.
 pub const GROUPS: [[&str; 2]; 5] = [

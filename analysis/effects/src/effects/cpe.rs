@@ -78,8 +78,9 @@ impl Effect for Cpe {
 ///
 /// The distribution G(y) = sin(πs)/(2π(cosh αy − cos πs)), α = 1 − s, has poles at ±jδ, δ = πs/α,
 /// so near to the real axis for small s that the trapezoidal rule hΣG(jh)φ(jh) exceeds the integral
-/// by (φ(jδ) + φ(−jδ))/(α(exp(2πδ/h) − 1)). Its even derivatives of φ are taken as differences over
-/// the middle branches; what is proportional to φ(0) follows from the sum of all parts, which is 1.
+/// by (φ(jδ) + φ(−jδ))/(α(exp(2πδ/h) − 1)). Its even derivatives of φ are approximated by
+/// differences over the middle branches; the part proportional to φ(0) follows from the sum of all
+/// parts, which is 1.
 fn parts(s: f64) -> [f64; SIDE + 1] {
     let alpha = 1.0 - s;
     let (sin, cos) = (PI * s).sin_cos();

@@ -1,4 +1,4 @@
-//! The open-circuit voltage depends on where the charge came from.
+//! The open-circuit voltage depends on the direction from which the charge came.
 
 use crate::contract::{
     Base, Card, Dynamics, Effect, Group, Instant, Moved, Parameter, Point, Range, Record,
@@ -84,7 +84,7 @@ impl Effect for Hysteresis {
         p
     }
 
-    /// From h = 0 the response to a small swing is of first order, the same in both directions.
+    /// From h = 0 the response to a small swing is of first order, and equal in both directions.
     fn impedance(&self, p: &[f64], base: &Base, at: &Point, z_ohm: Complex64) -> Complex64 {
         if !at.is_cell {
             return z_ohm;
@@ -117,8 +117,8 @@ impl Effect for Hysteresis {
     }
 }
 
-/// The state after a charge. Swings that are small against 1/γ wear off what was there, whichever
-/// way they go.
+/// Returns the state after a charge. Swings that are small against 1/γ wear off the previous state,
+/// regardless of their direction.
 fn after(h: f64, gamma_per_c: f64, moved: Moved) -> f64 {
     if moved.through_c <= 0.0 {
         return h;
@@ -132,7 +132,7 @@ struct Path {
     gamma_per_c: f64,
     start: f64,
     h: f64,
-    /// Error of the state of charge at the start, positive where it was read too high. It was read
+    /// Error of the state of charge at the start, positive if the reading was too high. It was read
     /// from a voltage that contained M·h₀.
     soc_off: f64,
     /// Slope of the open-circuit voltage there, V.

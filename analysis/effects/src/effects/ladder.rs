@@ -1,4 +1,4 @@
-//! Ladders of relaxations that stand for diffusion over a finite length.
+//! Ladders of relaxations that represent diffusion over a finite length.
 //!
 //! tanh(√s)/√s = Σ 2/(s + g) with g = (k + ½)²π², k = 0, 1, …, and 3(coth(√s)/√s − 1/s) = Σ 6/(s +
 //! g) with g = k²π², k = 1, 2, …: both are 1 at s = 0. The first terms are kept as they are; later

@@ -1,5 +1,5 @@
-//! Effects that are not in the catalogue and are never named. They stand for effects that the
-//! catalogue lacks. A name that one of them beats is withdrawn.
+//! Effects that are not in the catalogue and are never named. They represent effects that the
+//! catalogue lacks. If one of them beats a name, the name is withdrawn.
 //!
 //! Each is a simple law of a kind that the catalogue lacks: a resistance with a memory of the
 //! current's size, friction of the stored charge in one element or in many, a resistance that
@@ -18,8 +18,8 @@ use std::f64::consts::{PI, TAU};
 const PLACES: usize = 7;
 /// Elements that friction of many elements is made of.
 const ELEMENTS: usize = 8;
-/// Powers by which the half widths of elements grow; 0 is one element. What a small signal sees is
-/// the mean of 1/w', which is 1.0, 2.7, 5.4 and 12.2 of 1/w then.
+/// Exponents by which the half widths of elements grow; 0 is one element. A small signal sees the
+/// mean of 1/w', which is then 1.0, 2.7, 5.4 and 12.2 of 1/w.
 const POWERS: [f64; 4] = [0.0, 1.0, 1.5, 2.0];
 /// Parts of the largest current from which on a current channel's gain may be another.
 const FROM: [f64; 4] = [0.1, 0.2, 0.4, 0.7];

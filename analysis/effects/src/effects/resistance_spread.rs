@@ -17,7 +17,7 @@ static CARD: Card = Card {
     experiment: "none: it is never named",
 };
 
-/// The one of it. Its only parameter is d; it acts on what stands before it.
+/// Returns its only instance. Its only parameter is d; it acts on the parts before it.
 pub fn resistance_spread() -> &'static dyn Effect {
     &ResistanceSpread
 }

@@ -59,7 +59,7 @@ impl Effect for ShuntHeating {
     fn current(&self, p: &[f64], record: &Record<'_>, current_a: &mut [f64]) {
         let mut warmth_a2 = 0.0;
         for (k, i) in current_a.iter_mut().enumerate() {
-            // The bounds keep the reading within a fifth; a search may try what is beyond.
+            // The bounds keep the reading within a fifth; a search may try values beyond.
             *i /= (1.0 + p[0] * warmth_a2).max(0.1);
             let Some(next_s) = record.time_s.get(k + 1) else {
                 break;

@@ -1,4 +1,4 @@
-//! Additions that no linear branch stands for: branches with a law of their own, and states that
+//! Additions that no linear branch can represent: branches with a law of their own, and states that
 //! move resistances or add voltages.
 //!
 //! All cells are equal, so that one is integrated, at I/P, and the terminals follow: E = S·(U −

@@ -2,9 +2,9 @@
 //! matters and a trace does not.
 //!
 //! The step is that of [`super::simulate`] without its error control: second order in the step,
-//! exact for a prescribed current. Make the steps short beside the fastest time constant, or cut
-//! them with [`BatchOptions::max_step_s`]. Lanes of a vector are cells; each core takes lanes of
-//! its own. Results do not depend on the machine, its vector length or its number of cores.
+//! exact for a prescribed current. Keep the steps short relative to the fastest time constant, or
+//! divide them with [`BatchOptions::max_step_s`]. Lanes of a vector are cells; each core processes
+//! separate lanes. Results do not depend on the machine, its vector length or its number of cores.
 
 mod cell;
 mod kernel;

@@ -10,7 +10,7 @@ pub enum ForwardError {
     /// A pack or a cell's model that cannot be.
     #[error(transparent)]
     Pack(#[from] PackError),
-    /// A number that is not what it must be.
+    /// A number is invalid.
     #[error("{what}: expected {expected}, met {met}")]
     Value {
         /// Name of the quantity.
@@ -85,7 +85,7 @@ pub enum ForwardError {
     /// Additions that a method or a source of the OCV cannot honour.
     #[error("{what}: expected {expected}, met a model with {names}")]
     Additions {
-        /// Task asked for.
+        /// Requested task.
         what: &'static str,
         /// Additions that the task takes.
         expected: &'static str,

@@ -1,15 +1,15 @@
 //! Current at an instant: the algebraic half of the model (thesis equations 4.1–4.6 and
 //! section 4.2).
 //!
-//! Behind the series resistance R stands E = OCV − Σvₖ, which cannot jump. A current i leaves CCV =
-//! E − R·i. A power P = CCV·i has the root CCV = (E + √(E² − 4PR))/2, real up to P* = E²/4R. Beyond
-//! P₀ = f·P* the tangent CCV = V(P₀) + V′(P₀)(P − P₀) goes on to any P.
+//! Behind the series resistance R lies E = OCV − Σvₖ, which cannot jump. A current i gives CCV = E
+//! − R·i. A power P = CCV·i has the root CCV = (E + √(E² − 4PR))/2, real up to P* = E²/4R. Beyond
+//! P₀ = f·P* the tangent CCV = V(P₀) + V′(P₀)(P − P₀) continues to any P.
 //!
 //! *Difference to the thesis:* on the tangent it keeps i = P/CCV, which has a pole where the
 //! tangent crosses zero (for f = 0.95 at 1.5·P*) and a negative current after it. Here the current
-//! follows Kirchhoff's law, i = (E − CCV)/R. Up to P₀ both are the same, in value and first
-//! derivative; beyond it this one is linear in P, and what is then delivered, CCV·i, is at most P*,
-//! as in a real cell.
+//! follows Kirchhoff's law, i = (E − CCV)/R. Up to P₀ both agree in value and first derivative;
+//! beyond it this one is linear in P, and the delivered power, CCV·i, is at most P*, as in a real
+//! cell.
 
 use serde::{Deserialize, Serialize};
 
@@ -40,7 +40,7 @@ pub enum Beyond {
 }
 
 impl Beyond {
-    /// Default place where the tangent leaves the curve, as a fraction of P*.
+    /// Default point at which the tangent leaves the curve, as a fraction of P*.
     pub const FRACTION: f64 = 0.95;
 
     /// True for a fraction within (0, 1).
@@ -71,7 +71,7 @@ pub struct Reply {
     pub d_demand: f64,
     /// ∂i/∂R, A/Ω.
     pub d_r: f64,
-    /// True where the demand is more than P* = E²/4R.
+    /// True if the demand exceeds P* = E²/4R.
     pub infeasible: bool,
 }
 

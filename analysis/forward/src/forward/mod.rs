@@ -2,16 +2,16 @@
 //! chapter 4).
 //!
 //! In reading order: [`SimModel`] is an ERM with its open-circuit voltage, as a cell or as a pack;
-//! [`Profile`] is what is asked of it (power, current or a load resistance over time); `law` turns
-//! a demand and a state into a current, also beyond the power that can be had (tangent of
-//! thesis 4.2.1); `step` moves the state; [`simulate`] runs a profile with error control and
-//! delivers a [`Trace`] and a [`Summary`]; [`CellWindow`] judges voltages; [`step_with_jacobian`]
-//! and [`sensitivity`] differentiate; [`simulate_batch`] runs many cells in lockstep;
-//! [`largest_scale`] asks how much of a profile fits into the window. `additions` is what effects
-//! of [`analysis_effects::effects`] do that no linear branch can.
+//! [`Profile`] is the demand (power, current or a load resistance over time); `law` converts a
+//! demand and a state to a current, also beyond the available power (tangent of thesis 4.2.1);
+//! `step` advances the state; [`simulate`] runs a profile with error control and returns a
+//! [`Trace`] and a [`Summary`]; [`CellWindow`] judges voltages; [`step_with_jacobian`] and
+//! [`sensitivity`] differentiate; [`simulate_batch`] runs many cells in lockstep; [`largest_scale`]
+//! determines how much of a profile fits into the window. `additions` contains the parts of
+//! [`analysis_effects::effects`] that no linear branch can represent.
 //!
 //! Sign: current and power are positive when the cell is discharged. The temperature stays as it
-//! was when the model was measured, unless an addition says how the cell warms.
+//! was when the model was measured, unless an addition models the heating of the cell.
 
 mod additions;
 mod batch;

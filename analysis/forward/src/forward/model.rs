@@ -27,7 +27,7 @@ pub struct SimModel {
     pub ocv: OcvSource,
     /// Number of cells; 1S1P for a cell.
     pub pack: Pack,
-    /// Additions that no linear branch stands for; `erm` is then the model for small signals.
+    /// Additions that no linear branch can represent; `erm` is then the model for small signals.
     pub(crate) laws: Option<Arc<Laws>>,
 }
 
@@ -89,13 +89,13 @@ impl SimModel {
         })
     }
 
-    /// A pack of equal cells with additions: those of the cell act, those of the bench are left out
-    /// ([`Augmented::left_out`]). Linear branches become branches of the ERM; what else there is
-    /// goes on in every cell while time passes, and starts at rest.
+    /// Creates a pack of equal cells with additions: those of the cell act, those of the bench are
+    /// left out ([`Augmented::left_out`]). Linear branches become branches of the ERM; the other
+    /// additions act in every cell while time passes, and start at rest.
     ///
     /// # Errors
-    /// As [`SimModel::pack`]; [`ForwardError::Additions`] for a constant OCV where an addition
-    /// needs the state of charge.
+    /// As [`SimModel::pack`]; [`ForwardError::Additions`] for a constant OCV if an addition needs
+    /// the state of charge.
     pub fn augmented(cell: &Augmented, ocv: OcvSource, pack: Pack) -> Result<Self, ForwardError> {
         let (erm, laws) = Laws::of(cell)?;
         let model = Self::pack(&erm, ocv, pack)?;
@@ -113,12 +113,13 @@ impl SimModel {
         })
     }
 
-    /// Names of the additions that no linear branch stands for; none where there are none.
+    /// Returns names of the additions that no linear branch can represent, or `None` if there are
+    /// none.
     pub fn laws(&self) -> Option<String> {
         self.laws.as_ref().map(|laws| laws.names())
     }
 
-    /// Refuses what knows linear branches only.
+    /// Refuses the task if it supports linear branches only.
     pub(super) fn linear_only(&self, what: &'static str) -> Result<(), ForwardError> {
         let expected = "linear branches only";
         self.laws().map_or(Ok(()), |names| {

@@ -1,4 +1,4 @@
-//! The additions of a model that no linear branch stands for.
+//! The additions of a model that no linear branch can represent.
 
 use super::error::ForwardError;
 use analysis_effects::{

@@ -1,4 +1,4 @@
-//! How a simulation is made, and what it delivers.
+//! Options of a simulation, and its output.
 
 use super::error::ForwardError;
 use super::law::Beyond;

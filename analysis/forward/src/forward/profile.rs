@@ -8,7 +8,7 @@ use serde::Serialize;
 #[serde(rename_all = "snake_case")]
 pub enum Interpolation {
     /// A row holds until the next (zero-order hold, as in the thesis' steps). The last row only
-    /// says when the profile ends.
+    /// ends the profile.
     Hold,
     /// Straight from row to row.
     Linear,
@@ -82,7 +82,7 @@ pub enum ProfileError {
         name: String,
         /// The row.
         row: usize,
-        /// Allowed values, in words.
+        /// Allowed values, as text.
         expected: &'static str,
         /// Value found.
         met: f64,
@@ -167,9 +167,9 @@ impl Profile {
         }
     }
 
-    /// The largest demand that is ever made: the highest value, or for a profile that only charges
-    /// the most negative one. The last row of [`Interpolation::Hold`] does not count, for it only
-    /// ends the profile. None where nothing is asked for.
+    /// Returns the largest demand: the highest value, or for a profile that only charges the most
+    /// negative one. The last row of [`Interpolation::Hold`] does not count, because it only ends
+    /// the profile. Returns `None` if there is no demand.
     pub fn peak(&self) -> Option<f64> {
         let count = self
             .value

@@ -29,7 +29,7 @@ pub struct ScaleOptions {
 }
 
 impl ScaleOptions {
-    /// Steps of 0.1 ms, or 200 000 of them where that is less work; the factor to 10⁻⁶.
+    /// Uses steps of 0.1 ms, or 200 000 of them if that is less work; the factor to 10⁻⁶.
     pub fn for_profile(profile: &Profile) -> Self {
         Self {
             window: CellWindow::THESIS,
@@ -56,7 +56,7 @@ pub enum ScaleBound {
 /// The largest factor and what bounds it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ScaleLimit {
-    /// Largest factor of the demand; 0 where the cell is outside the window at rest already.
+    /// Largest factor of the demand; 0 if the cell is already outside the window at rest.
     pub factor: f64,
     /// Limit that bounds it.
     pub bound: ScaleBound,
@@ -67,7 +67,7 @@ pub struct ScaleLimit {
 ///
 /// A model that no batch takes (additions, many branches) is simulated factor by factor.
 ///
-/// Takes it that what a factor does not keep, no larger one keeps.
+/// Assumes that if a factor breaks a limit, every larger one does.
 ///
 /// # Errors
 /// As [`simulate_batch`] and [`simulate`].
@@ -142,7 +142,7 @@ fn broken(outcome: &BatchOutcome, window: CellWindow) -> Option<ScaleBound> {
     (window.margin_low_v(outcome.min_cell_v) < 0.0).then_some(ScaleBound::LowerVoltage)
 }
 
-/// First limit that breaks in one simulation of its own.
+/// Returns the first limit that breaks in one separate simulation.
 fn alone(
     model: &SimModel,
     state: &SimState,

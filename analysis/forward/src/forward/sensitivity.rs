@@ -38,7 +38,7 @@ pub struct Jacobian {
     pub ccv_v: f64,
     /// Current there, A.
     pub current_a: f64,
-    /// True where more power was asked for than there is, anywhere in the step.
+    /// True if the demand exceeded the available power anywhere in the step.
     pub infeasible: bool,
     /// A = ∂(next)/∂(state).
     pub a: DMatrix<f64>,

@@ -237,7 +237,7 @@ impl Run<'_> {
         point.past_tangent || (point.infeasible && self.options.beyond == Beyond::Stop)
     }
 
-    /// One piece by explicit Euler; none when the run stops in it.
+    /// Runs one piece by explicit Euler; returns `None` if the run stops in it.
     fn euler(
         &mut self,
         piece: &Piece,
@@ -265,7 +265,7 @@ impl Run<'_> {
         Ok((!self.stops(&before)).then_some(before))
     }
 
-    /// One piece with error control; none when the run stops in it.
+    /// Runs one piece with error control; returns `None` if the run stops in it.
     fn piece(&mut self, piece: &Piece, start: Point) -> Result<Option<Point>, ForwardError> {
         let tolerance_v = self.options.tolerance_v * f64::from(self.integrator.model.pack.series);
         let bend_v = BEND_V * f64::from(self.integrator.model.pack.series);

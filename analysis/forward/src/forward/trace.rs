@@ -6,13 +6,13 @@ use super::model::{OcvSource, SimModel, SimState};
 use analysis_model::model::RcBranch;
 use serde::Serialize;
 
-/// A run over time, one entry of each list per row. Where the demand jumps, a time stands twice:
+/// A run over time, one entry of each list per row. Where the demand jumps, a time occurs twice:
 /// before and after the jump.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Trace {
     /// Time, s.
     pub time_s: Vec<f64>,
-    /// Power asked for, W.
+    /// Requested power, W.
     pub demand_w: Vec<f64>,
     /// Power delivered at the terminals, W, discharge positive.
     pub power_w: Vec<f64>,
@@ -30,26 +30,26 @@ pub struct Trace {
     pub v_rc_v: Vec<Vec<f64>>,
 }
 
-/// A stretch of time in which more power was asked for than there is.
+/// A stretch of time in which the requested power exceeded the available power.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Infeasible {
     /// Start of the stretch, s.
     pub time_s: f64,
-    /// Until when, s; equal where the simulation stopped.
+    /// End time, s; equal to the start if the simulation stopped.
     pub until_s: f64,
-    /// Power asked for at its start, W.
+    /// Requested power at its start, W.
     pub power_w: f64,
     /// Power that could be had there, W: E²/4R.
     pub available_w: f64,
 }
 
-/// End of the tangent of [`super::Beyond::Extrapolate`], where it had no voltage left. The run
+/// End of the tangent of [`super::Beyond::Extrapolate`], where its voltage reached zero. The run
 /// ended there.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct TangentEnd {
     /// When, s.
     pub time_s: f64,
-    /// Power asked for, W.
+    /// Requested power, W.
     pub power_w: f64,
     /// The most that could be had, W: E²/4R.
     pub available_w: f64,
@@ -75,8 +75,8 @@ pub struct Summary {
     pub energy_j: f64,
     /// Charge taken, C.
     pub charge_c: f64,
-    /// Heat in the resistances, J: ∫i²R + Σ∫vₖ²/Rₖ, interconnect included; with additions also what
-    /// they take off the voltage, times the current.
+    /// Heat in the resistances, J: ∫i²R + Σ∫vₖ²/Rₖ, interconnect included; with additions also
+    /// their voltage drop times the current.
     pub heat_j: f64,
     /// Work of the open-circuit voltage, J: ∫OCV·i.
     pub chemical_j: f64,
@@ -96,7 +96,7 @@ pub struct Summary {
     /// Highest state of charge of the trace, above 1 where more was put in than there is room; none
     /// for a constant OCV.
     pub soc_max: Option<f64>,
-    /// True when all power asked for could be had. The window is judged by the margins.
+    /// True if all requested power was available. The margins judge the window.
     pub feasible: bool,
     /// Stretches in which it could not.
     pub infeasible: Vec<Infeasible>,
@@ -118,8 +118,7 @@ pub(super) struct Point {
     pub(super) ocv_v: f64,
     pub(super) available_w: f64,
     pub(super) infeasible: bool,
-    /// The tangent has no voltage for the demand: the most power there is stands for it, and the
-    /// run ends.
+    /// The tangent has no voltage for the demand: the maximum power replaces it, and the run ends.
     pub(super) past_tangent: bool,
 }
 
@@ -216,7 +215,7 @@ impl<'m> TraceRecorder<'m> {
         s.feasible &= !p.infeasible;
     }
 
-    /// True while all power asked for could be had.
+    /// Returns true while all requested power was available.
     pub(super) fn feasible(&self) -> bool {
         self.summary.feasible
     }
@@ -304,7 +303,7 @@ impl<'m> TraceRecorder<'m> {
         s.steps += 1;
     }
 
-    /// Integrates over a step by trapezoids, with the heat (J) that the caller knows.
+    /// Integrates over a step by trapezoids, with the heat (J) from the caller.
     pub(super) fn moved(&mut self, from: &Point, to: &Point, heat_j: f64) {
         let h = 0.5 * (to.time_s - from.time_s);
         let s = &mut self.summary;
@@ -315,7 +314,7 @@ impl<'m> TraceRecorder<'m> {
         s.steps += 1;
     }
 
-    /// Integrates over a step of explicit Euler, which holds what is at its start.
+    /// Integrates over a step of explicit Euler, which holds the values at its start.
     pub(super) fn held(&mut self, p: &Point, h: f64, from: &SimState) {
         let s = &mut self.summary;
         s.energy_j += h * p.ccv_v * p.current_a;
@@ -356,7 +355,8 @@ impl<'m> TraceRecorder<'m> {
     }
 }
 
-/// ∫v² over a step in which the current goes straight from i₀ to i₁, V²s: v = α·exp(−t/τ) + β + γt.
+/// Returns ∫v² over a step in which the current is linear from i₀ to i₁, V²s: v = α·exp(−t/τ) + β +
+/// γt.
 fn squared_v2s(branch: &RcBranch, start_v: f64, start: &Point, end: &Point) -> f64 {
     let (r, tau) = (branch.r_ohm, branch.time_constant_s());
     let (i0, i1) = (start.current_a, end.current_a);

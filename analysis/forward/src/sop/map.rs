@@ -51,7 +51,7 @@ pub struct Limits {
 /// The map, by state of charge and then by duration, from rest.
 ///
 /// # Errors
-/// As [`most_power`], and for a state of charge that is none.
+/// As [`most_power`], and for an invalid state of charge.
 pub fn sop_map(
     model: &SimModel,
     grid: &SopGrid,

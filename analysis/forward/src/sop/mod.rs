@@ -2,10 +2,10 @@
 //! window, in both directions.
 //!
 //! A power is held if the simulation of [`crate::forward`] under it finds every cell within the
-//! window and all of the power to be had, from the first instant to the last. What a power does not
-//! keep, no larger one keeps, so that the limit is bracketed from outside and from inside and the
-//! bracket closed by the Illinois variant of the false position on the margin, with bisection as
-//! its guard. The limits hold at the cells' terminals, before the interconnect.
+//! window and all of the power available, from the first instant to the last. If a power breaks a
+//! limit, every larger one does, so the limit is bracketed from outside and from inside. The
+//! Illinois variant of the false position on the margin closes the bracket, with bisection as its
+//! guard. The limits apply at the cells' terminals, before the interconnect.
 
 mod map;
 mod search;

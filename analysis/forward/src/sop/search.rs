@@ -61,7 +61,7 @@ pub enum LimitedBy {
     TheoreticalMaximum,
     /// The largest current of a cell.
     Current,
-    /// The cell is beyond that end of the window before anything is asked of it.
+    /// The cell is beyond that end of the window without any demand.
     OutsideWindow,
 }
 
@@ -77,7 +77,7 @@ pub struct Limit {
 }
 
 /// Result of one simulation: the smallest distance to a limit as a fraction, and that limit. The
-/// distance is negative where the limit is broken.
+/// distance is negative if the limit is broken.
 #[derive(Debug, Clone, Copy)]
 struct Verdict {
     margin: f64,
@@ -330,7 +330,7 @@ fn between(kept: TrialPower, lost: TrialPower, trial: usize, accuracy: f64) -> f
         kept.margin / (kept.margin - lost.margin)
     };
     let share = if share.is_finite() { share } else { 0.5 };
-    // Half the accuracy off an end lets the last trial close the bracket.
+    // With half the accuracy off an end, the last trial closes the bracket.
     let edge = (0.4 * accuracy * lost.power_w / width).min(0.5);
     kept.power_w + width * share.clamp(edge, 1.0 - edge)
 }

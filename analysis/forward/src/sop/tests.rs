@@ -40,8 +40,8 @@ fn thesis_pack() -> Pack {
     Pack::new(16, 3, 0.03).unwrap()
 }
 
-/// The lowest and highest voltage of a cell under a constant power by Runge and Kutta's fourth
-/// order, per cell, with a sagging straight OCV; none where the power cannot be had.
+/// Returns the lowest and highest voltage of a cell under a constant power by Runge and Kutta's
+/// fourth order, per cell, with a straight falling OCV, or `None` if the power is not available.
 fn extremes(pack_w: f64, (soc, duration_s): (f64, f64)) -> Option<(f64, f64)> {
     let (r, busbar, power) = (0.007, 0.03 * 3.0 / 16.0, pack_w / 48.0);
     let (rk, tau) = ([0.0015, 0.002, 0.004], [0.05, 1.0, 20.0]);
@@ -269,8 +269,8 @@ proptest! {
         for (empty, full) in [(a, c), (b, d)] {
             prop_assert!(full.discharge_w > empty.discharge_w && full.charge_w > empty.charge_w);
         }
-        // While the OCV stands, the branches only hold voltage back that the simple-IR model gives
-        // away at once.
+        // With a constant OCV, the branches only delay voltage that the simple-IR model loses at
+        // once.
         let level = SimModel { ocv: OcvSource::Constant(3.0 + 1.2 * soc), ..model };
         for place in sop_map(&level, &grid, &SopOptions::default()).unwrap() {
             prop_assert!(place.discharge_w > place.simple_ir_discharge_w && place.charge_w < place.simple_ir_charge_w);

@@ -136,8 +136,8 @@ impl Erm {
     /// The model of a list as [`Erm::log_parameters`] makes it.
     ///
     /// # Errors
-    /// [`ModelError::ParameterCount`] for an even number of values, [`ModelError::NotPositive`]
-    /// where a logarithm overflows or is not a number.
+    /// [`ModelError::ParameterCount`] for an even number of values, [`ModelError::NotPositive`] if
+    /// a logarithm overflows or is not a number.
     pub fn from_log_parameters(log_parameters: &[f64]) -> Result<Self, ModelError> {
         let count_error = ModelError::ParameterCount {
             met: log_parameters.len(),

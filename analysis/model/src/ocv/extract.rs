@@ -23,10 +23,10 @@ pub struct OcvOptions {
     pub limits_v: (f64, f64),
     /// Intervals of the spline over SOC.
     pub intervals: usize,
-    /// Order of a polynomial besides, where one is wanted.
+    /// Order of an additional polynomial, if requested.
     pub polynomial: Option<usize>,
-    /// The mean of both directions instead of the discharge, where there is a charge: a curve for a
-    /// cell with hysteresis.
+    /// Uses the mean of both directions instead of the discharge, if there is a charge: a curve for
+    /// a cell with hysteresis.
     pub mean: bool,
 }
 
@@ -43,7 +43,7 @@ impl Default for OcvOptions {
     }
 }
 
-/// A curve and what is known of it.
+/// A curve and its properties.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OcvExtraction {
     /// The monotone smoothing spline.
@@ -63,9 +63,9 @@ pub struct OcvExtraction {
     pub sigma_v: f64,
     /// Free parameters that the smoothing leaves.
     pub effective_parameters: f64,
-    /// The polynomial, where one was asked for.
+    /// The polynomial, if requested.
     pub polynomial: Option<OcvPolynomial>,
-    /// Result of the charge, where one was given.
+    /// Result of the charge, if one was given.
     pub charge: Option<Hysteresis>,
     /// Warnings to the user, in sentences.
     pub warnings: Vec<String>,
@@ -82,7 +82,7 @@ pub struct Hysteresis {
     pub median_v: f64,
     /// Largest of it, V.
     pub max_v: f64,
-    /// SOC where it is.
+    /// SOC of the maximum.
     pub max_at_soc: f64,
 }
 
@@ -107,15 +107,15 @@ pub enum ExtractError {
     Option {
         /// Which.
         option: &'static str,
-        /// Allowed values, in words.
+        /// Allowed values, as text.
         expected: String,
         /// Value found.
         met: String,
     },
-    /// A series that is none.
+    /// The series is invalid.
     #[error(transparent)]
     Series(#[from] SeriesError),
-    /// A curve that is none.
+    /// The curve is invalid.
     #[error(transparent)]
     Curve(#[from] OcvError),
 }
@@ -243,7 +243,7 @@ fn check(options: &OcvOptions) -> Result<(), ExtractError> {
     }
 }
 
-/// The longest stretch in a direction, cut where it leaves the limits.
+/// Returns the longest stretch in a direction, cut where it leaves the limits.
 fn branch(
     series: &TimeSeries,
     direction: f64,

@@ -1,6 +1,6 @@
 //! A slow discharge or charge with pauses in it. The change of the voltage in a pause gives the
-//! resistance to direct current (DCIR), because no charge moves the open-circuit voltage meanwhile.
-//! Without the pauses it is a steady current that a curve can be found from.
+//! resistance to direct current (DCIR), because no charge moves the open-circuit voltage during the
+//! pause. Without the pauses it is a steady current, from which a curve can be found.
 //!
 //! R = (V at the end of the pause − V under load just before it) / i, with i positive for
 //! discharge. It holds all that relaxes within the pause.
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use analysis_signal::series::TimeSeries;
 
-/// A current below this share of the largest is none.
+/// A current below this fraction of the largest counts as zero.
 const NONE: f64 = 0.02;
 /// Samples before a pause that the voltage under load is a straight line through.
 const BEFORE: usize = 20;
@@ -33,7 +33,7 @@ pub struct Interruption {
     pub rest_s: f64,
 }
 
-/// A series without its pauses, and what the pauses say.
+/// A series without its pauses, and the results of the pauses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Interrupted {
     /// Samples under current only, without those so soon after it came that the voltage had not
@@ -101,7 +101,8 @@ pub fn interrupted(series: &TimeSeries, drawn_c: &[f64], settle_s: f64) -> Inter
     }
 }
 
-/// Resistance from a pause; none where the pause or the current before it is too short.
+/// Returns the resistance from a pause, or `None` if the pause or the current before it is too
+/// short.
 fn pause(
     series: &TimeSeries,
     drawn_c: &[f64],

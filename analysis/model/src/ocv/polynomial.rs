@@ -1,5 +1,5 @@
-//! A polynomial through an OCV curve, with its error and the places where it falls, which no OCV
-//! does.
+//! A polynomial through an OCV curve, with its error and the positions at which it falls, which no
+//! OCV does.
 
 use super::OcvCurve;
 use analysis_numeric::linalg;
@@ -21,7 +21,7 @@ pub struct OcvPolynomial {
     pub rms_v: f64,
     /// Largest difference, V.
     pub max_v: f64,
-    /// SOC where it is.
+    /// SOC of the maximum.
     pub max_at_soc: f64,
     /// Ranges of SOC in which the polynomial falls; empty when it rises everywhere.
     pub falling_soc: Vec<(f64, f64)>,

@@ -28,8 +28,8 @@ impl Reach {
 }
 
 impl OcvCurve {
-    /// The same curve between the voltage limits; an end that is too far from its limit, or beyond
-    /// it, stays where it is.
+    /// Returns the same curve between the voltage limits. An end that is too far from its limit, or
+    /// beyond it, does not move.
     #[must_use]
     pub fn reaching(&self, limits_v: RangeInclusive<f64>) -> (Self, Reach) {
         let (low_v, high_v) = limits_v.into_inner();

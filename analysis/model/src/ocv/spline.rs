@@ -163,7 +163,7 @@ impl Normal {
         sum.max(0.0)
     }
 
-    /// Coefficients that rise, but for what the pull leaves.
+    /// Returns coefficients that rise, except for the part that the penalty leaves.
     fn rising(&self, lambda: f64) -> Option<Vec<f64>> {
         const MOST_ROUNDS: usize = 60;
         let base = self.penalised(lambda);

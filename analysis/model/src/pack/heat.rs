@@ -87,8 +87,8 @@ impl Hold {
     /// The hold of a power for a duration.
     ///
     /// # Errors
-    /// [`PackError`] as [`super::SimpleIr::new`], and for a power that the pack cannot give or a
-    /// duration that is none.
+    /// [`PackError`] as [`super::SimpleIr::new`], and for a power that the pack cannot deliver or
+    /// an invalid duration.
     pub fn new(
         input: &super::SizingInput,
         held: HeldPower,
@@ -175,8 +175,8 @@ mod tests {
             "{hold:?}"
         );
         assert!(hold.within_window);
-        // Energy: what the cells give less what arrives is the heat of 48 cells and of the
-        // interconnect.
+        // Energy: the output of the cells less the delivered energy is the heat of 48 cells and of
+        // the interconnect.
         let current = 3.0 * hold.cell_current_a;
         let lost = 10.0 * (57.6 * current - 4000.0);
         assert!((lost - 48.0 * hold.cell_heat_j - 10.0 * current * current * 0.03).abs() < 1e-6);

@@ -1,10 +1,10 @@
 //! Maps a cell to a pack of S cells in series, P in parallel (thesis 3.3.4).
 //!
-//! All cells are taken as identical, so Z_pack = S/P · Z_cell (equation 3.3), which resistances
+//! All cells are assumed identical, so Z_pack = S/P · Z_cell (equation 3.3), which resistances
 //! times S/P and capacitances times P/S fulfil (equations 3.4, 3.6, 3.10; the proof there is for
-//! one RC circuit, the law holds branch by branch). [`Sizing`] is what the simple-IR model says a
-//! pack can do. `forward::pack::scatter` drops the assumption of identical cells. OCV and capacity
-//! of a pack are in `forward::SimModel`.
+//! one RC circuit, the law holds branch by branch). [`Sizing`] contains the capability of a pack by
+//! the simple-IR model. `forward::pack::scatter` drops the assumption of identical cells. OCV and
+//! capacity of a pack are in `forward::SimModel`.
 
 mod heat;
 mod sizing;
@@ -53,12 +53,12 @@ pub enum PackError {
     Value {
         /// Name of the value.
         what: &'static str,
-        /// Allowed values, in words.
+        /// Allowed values, as text.
         expected: &'static str,
         /// The value met.
         met: f64,
     },
-    /// A voltage window that is none.
+    /// The voltage window is invalid.
     #[error("voltage window of a cell: expected 0 ≤ lower < upper in V, met {low_v} to {high_v}")]
     Window {
         /// Lower end, V.

@@ -56,9 +56,9 @@ pub struct Sizing {
     pub v_min_v: f64,
     /// Highest voltage of the pack, V.
     pub v_max_v: f64,
-    /// Largest discharge power within the window, W; none if the pack at rest lies below it.
+    /// Largest discharge power within the window, W; `None` if the pack at rest lies below it.
     pub peak_power_w: Option<f64>,
-    /// Power at which the voltage has fallen to what the load needs for that power, W.
+    /// Power at which the voltage has fallen to the minimum of the load for that power, W.
     pub crossing_power_w: Option<f64>,
     /// Power at which charging reaches the upper voltage, W, zero or less.
     pub regen_power_w: Option<f64>,

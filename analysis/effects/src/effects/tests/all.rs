@@ -49,8 +49,8 @@ fn a_card_says_everything() {
     );
 }
 
-/// A usual range that ended at a bound of the search, or that did not hold "no effect", would say
-/// nothing or warn of everything.
+/// A usual range that ended at a bound of the search, or that did not contain "no effect", would be
+/// useless or warn of everything.
 #[test]
 fn usual_ranges_lie_within_the_search_and_hold_no_effect() {
     let base = base();
@@ -293,7 +293,7 @@ fn half_the_step_gives_the_same_voltage() {
     }
 }
 
-/// A small sine in the time domain gives the impedance of the spectrum.
+/// A small sine in the time domain reproduces the impedance of the spectrum.
 #[test]
 fn time_and_frequency_agree_for_small_currents() {
     let (freq_hz, per_period, periods) = (0.5, 400, 12);

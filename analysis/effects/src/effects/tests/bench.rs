@@ -301,7 +301,7 @@ fn impedances_follow_their_formulas() {
 fn smoothing_that_was_put_in_is_taken_out() {
     let (time_s, held_a) = samples();
     let tau_s = 1.7;
-    // Mean over each interval of what a first-order filter makes of a held current, in small steps.
+    // Mean over each interval of a first-order filter's response to a held current, in small steps.
     let mut state_a = held_a[0];
     let logged_a: Vec<f64> = (0..time_s.len())
         .map(|k| {
@@ -319,7 +319,7 @@ fn smoothing_that_was_put_in_is_taken_out() {
         .collect();
     let mut met_a = logged_a.clone();
     effect("current_smoothing").current(&[tau_s], &record((&time_s, &logged_a), true), &mut met_a);
-    // The last sample has no interval of its own.
+    // The last sample has no interval.
     for k in 0..time_s.len() - 1 {
         assert!(
             (met_a[k] - held_a[k]).abs() < 1e-3,

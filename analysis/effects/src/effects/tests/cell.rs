@@ -7,8 +7,8 @@ use std::f64::consts::{PI, TAU};
 
 const PULSE_A: f64 = 50.0;
 
-/// A pulse of discharge that lasts long enough for every branch of the base, then a rest of the
-/// same length.
+/// Returns a pulse of discharge that lasts long enough for every branch of the base, then a rest of
+/// equal length.
 fn long() -> Trace {
     Trace::segments(&[(PULSE_A, 60.0), (0.0, 60.0)])
 }
@@ -508,8 +508,8 @@ fn the_cell_warms_and_cools_by_its_balance() {
     );
 }
 
-/// The state at the start is what the charge since the first record has made of that one's, and the
-/// state of charge there, read from a voltage that held it, is put right.
+/// The state at the start follows from that of the first record and the charge since then. The
+/// state of charge there, read from a voltage that contained it, is corrected.
 #[test]
 fn a_hysteresis_is_carried_from_record_to_record() {
     let (m_v, gamma, first) = (0.02, 10.0, 0.6);
@@ -552,7 +552,7 @@ fn a_hysteresis_is_carried_from_record_to_record() {
         (with[0] - without[0]).abs() < 1e-12 && expected.abs() > 1e-3 && off.abs() > 1e-4,
         "{expected} {off}"
     );
-    // Each record from the middle: the charge before it says nothing.
+    // Each record starts from the middle: the charge before it has no effect.
     let p = [m_v, gamma, 0.0, first];
     let added = [Added {
         effect: super::super::find("hysteresis").unwrap(),
@@ -621,8 +621,8 @@ fn left_of_spheres(decades: i32) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// The source of the diagnosis' `FORMULA_SHARE`: what a cell with spherical particles leaves of the
-/// formula for a layer.
+/// The source of the diagnosis' `FORMULA_SHARE`: the residual of a cell with spherical particles
+/// under the formula for a layer.
 #[test]
 fn a_layer_leaves_three_percent_of_spheres() {
     let [three, four] = [3, 4].map(left_of_spheres);

@@ -117,7 +117,7 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// One piece; none when the run ends in it.
+    /// Runs one piece; returns `None` if the run ends in it.
     fn piece(
         &mut self,
         piece: &Piece,
@@ -145,7 +145,7 @@ impl<'a> Run<'a> {
         Ok(Some(before).filter(|p| !self.stops(p)))
     }
 
-    /// A step in its parts; none when the run ends in it.
+    /// Runs a step in its parts; returns `None` if the run ends in it.
     fn parts(
         &mut self,
         start: Look,
@@ -195,7 +195,7 @@ impl<'a> Run<'a> {
             demand: before.demand,
         })?;
         let (soc, v, i0) = (self.soc, self.v.clone(), start.cell.current_a);
-        // The second half of the additions changes again what the first half has changed.
+        // The second half of the additions changes the results of the first half again.
         let (f0, drift) = (
             before.factor.branches,
             start.factor.branches - before.factor.branches,
@@ -228,8 +228,8 @@ impl<'a> Run<'a> {
         Ok(())
     }
 
-    /// An instant, noted; none when there is nothing left behind the series resistance after power
-    /// that could not be had.
+    /// Records an instant; returns `None` if no voltage is left behind the series resistance after
+    /// power that was not available.
     fn seen(&mut self, at: DemandPoint) -> Result<Option<Look>, ForwardError> {
         match self.look(at) {
             Err(ForwardError::Collapsed { time_s, .. }) if !self.recorder.feasible() => {
@@ -321,7 +321,8 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Heat of one cell, W: of its resistances and of what the additions take.
+    /// Returns the heat of one cell, W: of its resistances and of the voltage drops of the
+    /// additions.
     fn heat_w(&self, look: &Look) -> f64 {
         let i = look.cell.current_a;
         let branches = self

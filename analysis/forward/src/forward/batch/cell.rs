@@ -21,8 +21,8 @@ pub struct BatchCell<'a> {
 /// Options of a batch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BatchOptions {
-    /// Treatment of power that cannot be delivered. [`Beyond::Stop`] goes on as [`Beyond::Clamp`]
-    /// and says when it would have stopped.
+    /// Treatment of power that cannot be delivered. [`Beyond::Stop`] continues as [`Beyond::Clamp`]
+    /// and reports when it would have stopped.
     pub beyond: Beyond,
     /// Longest step, s; infinite for the rows of the profile.
     pub max_step_s: f64,
@@ -52,7 +52,7 @@ pub struct BatchOutcome {
     pub energy_j: f64,
     /// Charge taken, C.
     pub charge_c: f64,
-    /// Start of the first step in which more power was asked for than there is, s.
+    /// Start of the first step in which the requested power exceeded the available power, s.
     pub infeasible_s: Option<f64>,
     /// The state at the end.
     pub end: SimState,

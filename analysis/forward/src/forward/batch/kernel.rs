@@ -8,7 +8,7 @@ use super::plan::Plan;
 use crate::forward::law::{Beyond, Demand};
 use analysis_effects::contract::Ramp;
 
-/// Kinds of the law, as constants so that each has a loop of its own.
+/// Kinds of the law, as constants so that each has a separate loop.
 const CLAMPED: u8 = 0;
 const TANGENT: u8 = 1;
 const CURRENT: u8 = 2;
@@ -72,7 +72,7 @@ fn all<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
         },
         std::mem::take(&mut lanes.gains),
     );
-    // A copy of its own, which the compiler can keep in registers.
+    // A local copy, which the compiler can keep in registers.
     let mut now = lanes.now;
     let mut index = 0.0;
     for run in &plan.runs {
@@ -156,7 +156,7 @@ fn by_one_root<const W: usize, const N: usize, const CURVED: bool>(
         (begin.d[l], begin.rise[l], begin.back[l]) = (d, rise, back);
     }
     if far {
-        // By value, so that nothing that changes with every step must live in memory for it.
+        // By value, so that no changing value of a step must be in memory for it.
         let (rise, short) = far_roots(lanes, &{ now.e }, &{ begin }, demand);
         for l in 0..W {
             let Some(rise) = rise[l] else { continue };
@@ -201,8 +201,8 @@ struct Change {
     more_asked_v2: f64,
 }
 
-/// By how much the root changes, taken anew in every lane where the step goes far, and whether more
-/// was asked for than there is.
+/// Returns the change of the root, recomputed in every lane with a large step, and whether the
+/// requested power exceeded the available power.
 #[cold]
 #[inline(never)]
 fn far_roots<const W: usize, const N: usize>(
@@ -232,8 +232,8 @@ fn far_roots<const W: usize, const N: usize>(
 }
 
 impl Change {
-    /// By which part of itself the square under the root changes: with E, and less what more is
-    /// asked for. Takes 1 over that square, 1/V².
+    /// Returns the relative change of the square under the root: with E, and less the increase of
+    /// the demand. `inverse` is 1 over that square, 1/V².
     #[inline(always)]
     fn parts(&self, inverse: f64) -> (f64, f64) {
         (
@@ -394,7 +394,8 @@ struct LaneDemand {
     fraction: f64,
 }
 
-/// The current of [`crate::forward::Drive::reply`], and whether more was asked for than there is.
+/// Returns the current of [`crate::forward::Drive::reply`], and whether the requested power
+/// exceeded the available power.
 #[inline(always)]
 fn current<const W: usize, const N: usize, const LAW: u8>(
     lanes: &Lanes<'_, W, N>,

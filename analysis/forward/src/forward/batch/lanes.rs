@@ -24,7 +24,7 @@ pub(super) struct LaneGains<const W: usize, const N: usize> {
     pub(super) both: [Row<W>; N],
     /// `end`/2R.
     pub(super) end_share: [Row<W>; N],
-    /// `held` and `ends` per 2R: what a volt of the root moves.
+    /// `held` and `ends` per 2R: the effect of a volt of the root.
     pub(super) held_share: Row<W>,
     pub(super) ends_share: Row<W>,
     /// SOC per ampere over the step.
@@ -57,7 +57,7 @@ pub(super) struct Lanes<'a, const W: usize, const N: usize> {
     pub(super) r: Row<W>,
     /// 1/2R.
     pub(super) half: Row<W>,
-    /// 4R times the scale: what of a demand stands under the root.
+    /// 4R times the scale: the part of a demand under the root.
     pub(super) asked: Row<W>,
     pub(super) interconnect: Row<W>,
     pub(super) scale: Row<W>,

@@ -21,7 +21,7 @@ pub(super) struct Run {
     pub(super) length: usize,
 }
 
-/// The steps of a profile and what they have in common.
+/// The steps of a profile and their common values.
 #[derive(Debug, Clone)]
 pub(super) struct Plan<'p> {
     pub(super) demand: Demand,
@@ -31,7 +31,7 @@ pub(super) struct Plan<'p> {
     pub(super) lengths_s: Vec<f64>,
     pub(super) runs: Vec<Run>,
     value: &'p [f64],
-    /// True where a row holds until the next.
+    /// True if a row holds until the next.
     hold: bool,
 }
 

@@ -3,10 +3,10 @@
 //!
 //! At an instant every cell is a source Eₖ = OCV − Σvⱼ behind Rₖ (its series resistance and its
 //! tab). A group is then a source ΣGₖEₖ/ΣGₖ behind 1/ΣGₖ with Gₖ = 1/Rₖ, the pack the sum of its
-//! groups and the interconnect, and the law of [`crate::forward::Drive`] gives its current. Each
-//! cell's own follows as (Eₖ − V)/Rₖ. Over a step every current goes along a straight line; its end
-//! enters the branches linearly, so that the end of the step is the same network with other Eₖ and
-//! Rₖ: implicit, second order, and no iteration.
+//! groups and the interconnect, and the law of [`crate::forward::Drive`] gives its current. The
+//! current of each cell follows as (Eₖ − V)/Rₖ. Over a step every current is linear; its end enters
+//! the branches linearly, so that the end of the step is the same network with other Eₖ and Rₖ:
+//! implicit, second order, and no iteration.
 
 use crate::forward::{Beyond, Demand, Drive, OcvSource};
 use analysis_model::model::Erm;
@@ -35,7 +35,7 @@ pub(super) struct Wiring {
 pub(super) struct Look {
     pub(super) current_a: f64,
     pub(super) ccv_v: f64,
-    /// More was asked for than there is.
+    /// The requested power exceeded the available power.
     pub(super) infeasible: bool,
     pub(super) cell_a: Vec<f64>,
     /// At the cells' own terminals, before the tab.
@@ -52,7 +52,7 @@ struct Gain {
     end: f64,
 }
 
-/// Cells, their wiring and where they stand.
+/// Cells, their wiring and their states.
 pub(super) struct Network<'a> {
     ocv: &'a OcvSource,
     wiring: Wiring,
@@ -120,8 +120,8 @@ impl<'a> Network<'a> {
         cell * self.rc..(cell + 1) * self.rc
     }
 
-    /// Finds all currents and voltages under a demand in the present state. False where the pack
-    /// has no voltage left.
+    /// Computes all currents and voltages under a demand in the present state. Returns false if the
+    /// pack has no voltage left.
     pub(super) fn look(&mut self, demand: Demand, value: f64) -> bool {
         for k in 0..self.soc.len() {
             let held: f64 = self.v_rc[self.cell_branches(k)].iter().sum();
@@ -155,8 +155,8 @@ impl<'a> Network<'a> {
                 .map(|(g, v)| g.decay * v + g.start * i0)
                 .sum();
             let per_ampere = step_s / self.capacity_c[k];
-            // The curve is taken straight around where the current of the start alone would lead
-            // to.
+            // The curve is linearised about the point to which the current of the start alone would
+            // lead.
             let (ocv, slope) = self.ocv_at(self.soc[k] - per_ampere * i0);
             let bend = 0.5 * slope * per_ampere;
             self.behind_ohm[k] = self.r_ohm[k]

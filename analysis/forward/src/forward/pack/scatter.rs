@@ -53,7 +53,7 @@ pub struct Scatter {
 }
 
 impl Scatter {
-    /// Share of the draws that cannot deliver all the power asked for.
+    /// Returns the fraction of the draws that cannot deliver all the requested power.
     pub fn short_of_power(&self) -> f64 {
         self.outcomes.iter().filter(|o| !o.feasible).count() as f64 / self.outcomes.len() as f64
     }
@@ -323,8 +323,8 @@ fn telling(all: &[Instant]) -> Vec<bool> {
     kept
 }
 
-/// One pack under the profile; keeps the instants at the start and after each piece that are asked
-/// for by their number.
+/// Runs one pack through the profile; stores the requested instants, by their number, at the start
+/// and after each piece.
 fn run(
     setup: &ScatterSetup<'_>,
     cells: &[Cell],

@@ -1,4 +1,4 @@
-//! Additions: against a model with one more branch, a closed form, an integrator of its own, the
+//! Additions: against a model with one more branch, a closed form, an independent integrator, the
 //! player, and conservation of energy.
 
 use super::*;
@@ -89,7 +89,7 @@ impl Effect for Sinh {
     }
 }
 
-/// Reads what the cell does not do.
+/// Misreads a quantity without any effect on the cell.
 struct Misread;
 
 impl Effect for Misread {

@@ -88,8 +88,8 @@ proptest! {
             )
             .unwrap();
             let s = &run.summary;
-            // Both find extremes at the ends of their own steps only, so a peak in between may
-            // differ by what it bends within a step.
+            // Both find extremes only at the ends of their own steps, so a peak in between may
+            // differ by the curvature within a step.
             prop_assert!(
                 (met.min_ccv_v - s.min_ccv_v).abs() < 3e-5,
                 "{} against {}",
@@ -316,8 +316,8 @@ fn one_step_is_exact_for_a_current_along_a_straight_line() {
     }
 }
 
-/// Two roots in each step, as the equations say, for the thesis' cell at 3.7 V without an OCV
-/// curve; the branches at the end.
+/// Evaluates two roots in each step, as in the equations, for the thesis' cell at 3.7 V without an
+/// OCV curve; returns the branches at the end.
 fn by_two_roots(powers: &[f64], step_s: f64) -> Vec<f64> {
     let cell = thesis_cell();
     let current =
@@ -343,8 +343,8 @@ fn by_two_roots(powers: &[f64], step_s: f64) -> Vec<f64> {
 fn one_root_in_a_step_is_as_good_as_two() {
     let model = flat_cell();
     let rest = model.rest(0.5).unwrap();
-    // Small steps, where the series stands for the second root, and large ones up to more power
-    // than there is, where it does not.
+    // Small steps, where the series replaces the second root, and large ones beyond the available
+    // power, where it does not.
     for (step_s, most_w, tolerance_v) in [
         (1e-5, 150.0, 1e-12),
         (1e-3, 150.0, 1e-9),

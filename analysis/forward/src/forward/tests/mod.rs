@@ -1,4 +1,4 @@
-//! The simulation against an integrator of its own, closed forms, difference quotients and
+//! The simulation against an independent integrator, closed forms, difference quotients and
 //! conservation of energy.
 
 mod additions;

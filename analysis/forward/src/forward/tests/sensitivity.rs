@@ -65,7 +65,7 @@ proptest! {
             return Ok(());
         };
         // A kink (knot of the curve, joint of the tangent within the step) shows as a difference
-        // between the two sides: such cases say nothing.
+        // between the two sides: such cases are skipped.
         let compare = |met: (&[f64], f64),
                        h: f64,
                        moved: &dyn Fn(f64) -> Option<Jacobian>|

@@ -18,7 +18,7 @@ use super::parse::{Cursor, MAX_DEPTH, MAX_ELEMENTS, ParseError};
 use super::{Circuit, Element, Node, ParameterKind};
 use std::f64::consts::FRAC_1_SQRT_2;
 
-/// A circuit as somebody wrote it, with the values that stand in the text.
+/// A circuit as a user wrote it, with the values in the text.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WrittenCircuit {
     /// The circuit.
@@ -164,7 +164,7 @@ impl Values<'_> {
         parameters.position(|(known, _)| *known == name)
     }
 
-    /// The value of a parameter that stands in the text.
+    /// Returns the value of a parameter from the text.
     fn written(&self, name: &str) -> Option<Value> {
         let index = self.index(name)?;
         let mut given = self.given.iter();
@@ -173,7 +173,7 @@ impl Values<'_> {
             .map(|(_, value)| *value)
     }
 
-    /// The value of a parameter that stands in the text, or that pyimpspec holds.
+    /// Returns the value of a parameter from the text, or the one that pyimpspec holds.
     fn of(&self, name: &str) -> Option<Value> {
         self.written(name).or_else(|| {
             let value = self.symbol.parameters[self.index(name)?].1?;
@@ -341,7 +341,7 @@ pub(super) fn read(text: &str) -> Result<WrittenCircuit, ParseError> {
     })
 }
 
-/// The reader: a cursor, what it has counted, and the values met so far.
+/// The reader: a cursor, its counters, and the values found so far.
 struct Reader {
     cursor: Cursor,
     counts: Vec<(ElementKind, usize)>,
@@ -358,7 +358,7 @@ impl Reader {
         Ok(if items.len() == 1 {
             items.remove(0)
         } else {
-            // Brackets within brackets say nothing more.
+            // Brackets within brackets have no further meaning.
             let flat = items.into_iter().flat_map(|item| match item {
                 Node::Series(children) => children,
                 other => vec![other],
@@ -453,7 +453,7 @@ impl Reader {
             .max_by_key(|symbol| symbol.name.len());
         if let Some(symbol) = found {
             self.cursor.index += symbol.name.len();
-            // `Tlm` begins with no other symbol, but `Wx` with W: what follows must not be part
+            // No other symbol starts with `Tlm`, but `Wx` starts with W: the rest must not be part
             // of a word.
             if !self.cursor.peek().is_some_and(char::is_lowercase) {
                 return Ok(symbol);
@@ -518,8 +518,8 @@ impl Reader {
         Ok(Value { value, held })
     }
 
-    /// Keeps the value of one of our parameters where the text gives all that it is made of;
-    /// `start` is the place of the element.
+    /// Stores the value of one of our parameters if the text contains all its parts; `start` is the
+    /// position of the element.
     fn take_value(
         &mut self,
         values: &Values,
@@ -538,7 +538,7 @@ impl Reader {
             .iter()
             .filter_map(|name| values.written(name))
             .collect();
-        // What the text leaves out is free, unless pyimpspec holds it.
+        // A value missing from the text is free, unless pyimpspec holds it.
         if parts.len() < made.from.len() || written.is_empty() {
             return Ok(());
         }

@@ -213,7 +213,8 @@ impl ElementKind {
         }
     }
 
-    /// Resistance in Ω at zero frequency; infinite where the element blocks a direct current.
+    /// Returns the resistance in Ω at zero frequency; infinite if the element blocks a direct
+    /// current.
     pub fn dc_resistance_ohm(self, p: &[f64]) -> f64 {
         let pore = |transfer: f64, end| {
             Pore::of(p[0], Complex64::new(1.0 / transfer, 0.0), end)

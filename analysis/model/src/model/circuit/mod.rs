@@ -2,9 +2,9 @@
 //! users know them, `R0-p(R1,C1)-p(R2-Wo1,CPE1)`, or as pyimpspec's, `R(RC)([RWo]Q)`.
 //!
 //! Impedance with exact derivatives with respect to every parameter; no values (they are a slice
-//! beside the circuit) and no fit (see `fit::fit_circuit`). Parameters stand in the order
-//! of the string and are called after their element: `R0`, `C1`, and `CPE1_0`, `CPE1_1` where an
-//! element has several.
+//! beside the circuit) and no fit (see `fit::fit_circuit`). Parameters are in the order of the
+//! string and are named after their element: `R0`, `C1`, and `CPE1_0`, `CPE1_1` if an element has
+//! several.
 
 mod cdc;
 mod element;

@@ -6,8 +6,8 @@
 //! block   = "p(" series "," series { "," series } ")"  |  element
 //! element = kind [ "_" ] digits            R0, CPE1, Wo_2
 //! ```
-//! Blanks may stand between any of them. A name must not occur twice, for parameters are called
-//! after it.
+//! Blanks are allowed between any of them. A name must not occur twice, because parameters are
+//! named after it.
 
 use super::element::ElementKind;
 use super::{Circuit, Element, Node};
@@ -96,7 +96,7 @@ impl Cursor {
         found
     }
 
-    /// Whether a word comes next.
+    /// Returns whether a word comes next.
     pub(super) fn comes(&self, word: &str) -> bool {
         let mut rest = self.text[self.index..].iter();
         word.chars().all(|c| rest.next() == Some(&c))
@@ -269,7 +269,7 @@ impl Parser {
     }
 }
 
-/// The kind that somebody may have meant; none when nothing is near.
+/// Returns the kind that the user may have meant, or `None` if no kind is similar.
 fn nearest(letters: &str) -> Option<ElementKind> {
     let lower = letters.to_lowercase();
     let other_programs = match lower.as_str() {

@@ -3,8 +3,8 @@
 //! A pore of the ionic resistance R has the admittance y per pore from its wall to the conductor.
 //! With q² = R·y the impedance at its mouth is R·F(q²), and F depends on the end of the pore:
 //! coth(q)/q for a wall that is closed, tanh(q)/q for one that is short, and between them for an
-//! end with an impedance of its own (Bisquert et al., Phys. Chem. Chem. Phys. 2 (2000) 4185,
-//! equations 8 and 16; one rail without resistance).
+//! end with its own impedance (Bisquert et al., Phys. Chem. Chem. Phys. 2 (2000) 4185, equations 8
+//! and 16; one rail without resistance).
 
 use super::hyperbolic::{coth, csch, csch_squared, tanh_over};
 use num_complex::Complex64;
@@ -28,7 +28,7 @@ pub(super) struct Pore {
     pub(super) by_resistance: Complex64,
     /// With respect to the admittance of the wall.
     pub(super) by_admittance: Complex64,
-    /// With respect to the impedance of the end; zero where it has none.
+    /// With respect to the impedance of the end; zero if it has none.
     pub(super) by_end: Complex64,
 }
 

@@ -20,7 +20,7 @@ impl WrittenCircuit {
     /// circuit description code of pyimpspec, `R(RC)` or `[R{R=0.01F}(RC)]`.
     ///
     /// # Errors
-    /// [`ParseError`] with the place, what was expected there and what was met.
+    /// [`ParseError`] with the position, the expected and the actual text.
     ///
     /// ```
     /// use analysis_model::model::WrittenCircuit;

@@ -8,7 +8,7 @@ use analysis_numeric::Rng;
 /// Cells of all packs that may be listed, at most: a table of a few hundred megabytes.
 const MOST_LISTED: f64 = 1e6;
 
-/// One cell in its place: what it has of the model's parameters, as factors.
+/// One cell at its position: its parameters relative to the model's, as factors.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlacedCell {
     /// Its name.

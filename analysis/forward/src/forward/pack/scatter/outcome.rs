@@ -33,7 +33,7 @@ pub struct Outcome {
     pub hottest_rise_k: f64,
     /// Energy delivered at the terminals, J.
     pub energy_j: f64,
-    /// Whether all power asked for could be had.
+    /// Whether all requested power was available.
     pub feasible: bool,
 }
 

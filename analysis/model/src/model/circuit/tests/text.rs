@@ -172,7 +172,7 @@ fn values_are_given_by_name() {
     }
 }
 
-/// Shapes as text, without numbers: `#` stands where a number goes.
+/// Returns shapes as text, without numbers: `#` replaces each number.
 fn shape() -> impl Strategy<Value = String> {
     let element = prop::sample::select(ElementKind::ALL.to_vec())
         .prop_map(|kind| format!("{}#", kind.name()));
