@@ -14,7 +14,7 @@ use std::{collections::HashMap, sync::Arc};
 pub enum Between {
     /// It stays until the next sample.
     Hold,
-    /// The current is linear in time between them.
+    /// It goes there along a straight line.
     Linear,
 }
 
