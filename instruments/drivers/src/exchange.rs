@@ -92,12 +92,12 @@ pub struct Bound {
 }
 
 impl Exchange {
-    /// A command that is sent and trusted to the error queue.
+    /// Returns a command whose only check is the error queue.
     pub fn send(message: impl Into<String>) -> Self {
         Self::Send(message.into())
     }
 
-    /// A command as it is built, trusted to the error queue.
+    /// Returns a built command whose only check is the error queue.
     pub fn command(header: &str, arguments: impl FnOnce(Command) -> Command) -> Self {
         match arguments(Command::new(header)).build() {
             Ok(message) => Self::Send(message),
@@ -117,7 +117,7 @@ impl Exchange {
         }
     }
 
-    /// `HEADER ON` or `HEADER OFF`; `HEADER?` must then show it.
+    /// Returns the command `HEADER ON` or `HEADER OFF`; `HEADER?` must then return the state.
     pub fn switch(header: &str, on: bool) -> Self {
         match Self::command(header, |command| command.on_off(on)) {
             Self::Send(message) => Self::Set {
@@ -364,14 +364,14 @@ pub async fn look(link: &mut Link, script: &[Exchange]) -> Result<Vec<Answer>, L
 pub struct ExpectedAnswers(Vec<(String, Expect)>);
 
 impl ExpectedAnswers {
-    /// Nothing is known but what this script makes so.
+    /// Creates the list of the settings made by this script alone.
     pub fn of(script: &[Exchange]) -> Self {
         let mut told = Self::default();
         told.add(script);
         told
     }
 
-    /// A later script changes what an earlier one has made so.
+    /// Adds the settings of a later script, which replace those of an earlier one.
     pub fn add(&mut self, script: &[Exchange]) {
         for exchange in script {
             let (Exchange::Set {
@@ -404,7 +404,7 @@ impl ExpectedAnswers {
             .for_each(|exchange| self.add(std::slice::from_ref(exchange)));
     }
 
-    /// Nothing is known.
+    /// Returns whether no setting is known.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }

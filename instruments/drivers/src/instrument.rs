@@ -19,21 +19,22 @@ use crate::exchange::{
 
 /// A model of instrument, whatever its role.
 pub trait Model: Send + Sync {
-    /// The name in a bench file.
+    /// Returns the name in a bench file.
     fn key(&self) -> &'static str;
 
-    /// Pace and deadlines of its link.
+    /// Returns the pace and deadlines of its link.
     fn profile(&self) -> LinkProfile;
 
-    /// Whether an identity answer is this model's. Case and runs of spaces do not matter.
+    /// Returns whether an identity is this model's. Case and runs of spaces do not matter.
     fn recognises(&self, identity: &Identity) -> bool {
         self.recognises_folded(&identity.folded())
     }
 
-    /// The same for an identity in capitals and with single spaces ([`Identity::folded`]).
+    /// Checks an identity in capitals and with single spaces ([`Identity::folded`]) in the same
+    /// manner.
     fn recognises_folded(&self, identity: &Identity) -> bool;
 
-    /// The question for the identity.
+    /// Returns the identity query.
     fn identity_query(&self) -> &'static str {
         "*IDN?"
     }
@@ -66,7 +67,7 @@ pub enum Unattended {
     NothingKnown,
 }
 
-/// The model of this name in a role's table.
+/// Finds the model of this name in a role's table.
 pub fn by_key<D: Model + ?Sized>(dialects: &[&'static D], key: &str) -> Option<&'static D> {
     dialects
         .iter()
@@ -145,7 +146,7 @@ impl<D: Model + ?Sized> Instrument<D> {
         }
     }
 
-    /// The last reading of its meters, by whichever handle.
+    /// Returns the last reading of its meters, by any handle.
     pub fn last_measured(&self) -> Option<Measured> {
         *self.measured.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -163,7 +164,7 @@ impl<D: Model + ?Sized> Instrument<D> {
         Self { accepted, ..self }
     }
 
-    /// Whether an identity answer is that of the expected instrument.
+    /// Returns whether an identity is that of the expected instrument.
     pub fn recognises(&self, identity: &Identity) -> bool {
         let accepted = self
             .accepted
@@ -311,7 +312,7 @@ impl<D: Model + ?Sized> Instrument<D> {
         *self.expected.lock().await = ExpectedAnswers::default();
     }
 
-    /// Something was set that must stay so, or is being set.
+    /// Returns whether a setting was made that must stay, or is being made.
     pub fn was_told(&self) -> bool {
         self.expected
             .try_lock()
@@ -371,18 +372,18 @@ impl<D: Model + ?Sized> Instrument<D> {
         bounds_in_words
     }
 
-    /// Dialect in use.
+    /// Returns the dialect in use.
     pub fn dialect(&self) -> &'static D {
         self.dialect
     }
 
-    /// The link, for reconnecting.
+    /// Returns the link, for reconnecting.
     pub fn link_mut(&mut self) -> &mut Link {
         &mut self.link
     }
 }
 
-/// Milliseconds, for profiles.
+/// Converts milliseconds, for profiles.
 pub(crate) const fn ms(milliseconds: u64) -> Duration {
     Duration::from_millis(milliseconds)
 }

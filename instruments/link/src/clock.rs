@@ -215,12 +215,12 @@ impl Clock {
             .build()
     }
 
-    /// The mode that this clock was started with.
+    /// Returns the mode with which this clock was started.
     pub fn mode(&self) -> TimeMode {
         self.mode
     }
 
-    /// Bench time, s.
+    /// Returns the bench time, s.
     pub fn now_s(&self) -> f64 {
         let elapsed = self.machine_s();
         self.origin_s

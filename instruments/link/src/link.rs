@@ -88,7 +88,7 @@ macro_rules! exchange {
 }
 
 impl Link {
-    /// Connects. Sends nothing; a serial line must first be silent for the profile's `quiet`.
+    /// Connects and sends nothing. A serial line must first be silent for the profile's `quiet`.
     ///
     /// # Errors
     /// [`LinkError::Connect`], [`LinkError::ConnectTimeout`], or [`LinkError::VirtualTime`] for a
@@ -142,7 +142,7 @@ impl Link {
         self.shared.speaker.store(SHARED, Ordering::SeqCst);
     }
 
-    /// The instrument's name on this bench.
+    /// Returns the instrument's name on this bench.
     pub fn name(&self) -> &str {
         &self.options.name
     }
@@ -157,13 +157,13 @@ impl Link {
         &self.options.address
     }
 
-    /// How the instrument wants to be talked to.
+    /// Returns the communication profile of the instrument.
     pub fn profile(&self) -> &LinkProfile {
         &self.options.profile
     }
 
-    /// The link answers nothing until it is reconnected. A connection on which another handle has
-    /// an exchange in work is not dropped.
+    /// Returns whether the link is dropped: it answers nothing until it is reconnected. A
+    /// connection on which another handle runs an exchange does not count as dropped.
     pub fn is_dropped(&self) -> bool {
         self.shared
             .conversation
@@ -254,9 +254,9 @@ impl Link {
         *times_s = [time_s, times_s[0]];
     }
 
-    /// The shorter of the times, s, that the last two questions for a line took, by whichever
-    /// handle; one that was not answered in time counts with its deadline. Time in which another
-    /// handle had its turn does not count. Zero before the second question.
+    /// Returns the shorter of the times, s, of the last two line queries by any handle; a query
+    /// without a reply in time counts with its deadline. Time in which another handle had its turn
+    /// does not count. Zero before the second query.
     pub fn answer_time_s(&self) -> f64 {
         let times = &self.shared.answer_times_s;
         let [last_s, before_s] = *times.lock().unwrap_or_else(PoisonError::into_inner);

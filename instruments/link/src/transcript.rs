@@ -89,7 +89,7 @@ impl BlockRecord {
         }
     }
 
-    /// `payload` is the block that was recorded.
+    /// Returns whether `payload` is the recorded block.
     pub fn describes(&self, payload: &[u8]) -> bool {
         self.len == payload.len() && self.fnv1a64 == fnv1a64(payload)
     }
@@ -332,7 +332,7 @@ fn unescape(text: &str) -> Option<String> {
     Some(plain)
 }
 
-/// 64-bit FNV-1a.
+/// Returns the 64-bit FNV-1a hash.
 fn fnv1a64(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, &byte| {
         (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
@@ -383,7 +383,7 @@ impl Tap {
         }
     }
 
-    /// The first failure since the last call: the transcript has a gap.
+    /// Returns the first failure since the last call: the transcript has a gap.
     pub fn take_error(&self) -> Option<io::Error> {
         self.inner.as_ref().and_then(|inner| {
             inner

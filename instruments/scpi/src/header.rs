@@ -154,7 +154,7 @@ impl Node {
         })
     }
 
-    /// The suffix with which `mnemonic` is this node.
+    /// Returns the suffix with which `mnemonic` is this node.
     fn matches(&self, mnemonic: &str) -> Option<u32> {
         let is_name = |name: &str| {
             name.eq_ignore_ascii_case(&self.short) || name.eq_ignore_ascii_case(&self.long)

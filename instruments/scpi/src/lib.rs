@@ -34,7 +34,7 @@ pub fn excerpt(bytes: &[u8]) -> String {
     shown
 }
 
-/// Text with its control characters and backslashes written as escapes.
+/// Returns text with its control characters and backslashes written as escapes.
 fn escaped(text: &str) -> String {
     let mut shown = String::with_capacity(text.len());
     for c in text.chars() {

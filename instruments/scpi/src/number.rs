@@ -283,7 +283,8 @@ fn without_stand_ins(value: f64) -> f64 {
     }
 }
 
-/// IEEE 488.2 table 7-2, with the exception of its note for `MHZ` and `MOHM`.
+/// Returns the multiplier of IEEE 488.2 table 7-2, with the exception of its note for `MHZ` and
+/// `MOHM`.
 fn multiplier(prefix: &str, unit: &str) -> Option<f64> {
     Some(match prefix {
         "" => 1.0,

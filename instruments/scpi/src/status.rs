@@ -16,13 +16,13 @@ pub struct ErrorEntry {
 }
 
 impl ErrorEntry {
-    /// The queue was empty.
+    /// Returns whether the queue was empty.
     pub fn is_ok(&self) -> bool {
         self.code == 0
     }
 
-    /// The bit of the standard event status register that an error of this class sets: 5 command, 4
-    /// execution, 3 device, 2 query.
+    /// Returns the bit of the standard event status register that an error of this class sets: 5
+    /// command, 4 execution, 3 device, 2 query.
     pub fn event_status_bit(&self) -> Option<u8> {
         match self.code {
             0 => None,

@@ -22,9 +22,9 @@ pub struct Status {
 
 /// One model's language.
 pub trait Dialect: Model {
-    /// Range of set-points.
+    /// Returns the range of set-points.
     fn range(&self) -> (Celsius, Celsius);
-    /// Set-point, then start; or stop.
+    /// Returns the messages that set the set-point and start, or that stop.
     fn run(&self, setpoint: Option<Celsius>) -> Vec<Exchange>;
     /// Returns the commands of one pulse, if the daemon closes the loop: a positive number of
     /// seconds heats, a negative number cools, zero switches both off. The pulse ends
@@ -48,8 +48,7 @@ pub trait Dialect: Model {
     fn setpoint(&self) -> Option<&'static str> {
         None
     }
-    /// The question whether it runs, and the answer that means yes, where its status leaves that
-    /// open.
+    /// Returns the query whether it runs and the reply for yes, if its status leaves that open.
     fn asks_whether_it_runs(&self, _answer: &str) -> Option<(&'static str, Expect)> {
         None
     }

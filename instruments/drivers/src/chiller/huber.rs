@@ -78,7 +78,7 @@ impl Model for Huber {
     }
 }
 
-/// Register and value of an answer.
+/// Parses the register and value of a reply.
 fn register(answer: &str) -> Option<(u8, u16)> {
     let digits = answer
         .trim()

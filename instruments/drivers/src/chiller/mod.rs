@@ -22,12 +22,12 @@ pub const DIALECTS: &[&dyn Dialect] = &[&julabo::JULABO, &huber::HUBER, &relay_b
 pub type Chiller = Instrument<dyn Dialect>;
 
 impl Instrument<dyn Dialect> {
-    /// Range of set-points.
+    /// Returns the range of set-points.
     pub fn range(&self) -> (Celsius, Celsius) {
         self.dialect.range()
     }
 
-    /// State and alarms.
+    /// Queries state and alarms.
     ///
     /// # Errors
     /// The link's.
@@ -77,12 +77,12 @@ impl Instrument<dyn Dialect> {
         }
     }
 
-    /// The loop is the daemon's to close, by [`Self::pulse`].
+    /// Returns whether the daemon must close the loop, by [`Self::pulse`].
     pub fn is_regulated(&self) -> bool {
         self.dialect.pulse(0.0).is_some()
     }
 
-    /// Heats, or cools, for so long; read back.
+    /// Heats or cools for the given time; read back.
     ///
     /// # Errors
     /// The link's; a relay that does not do it; nothing is sent to a chiller that closes its loop
@@ -134,7 +134,8 @@ impl Instrument<dyn Dialect> {
         look(&mut self.link, &self.dialect.run(None)).await
     }
 
-    /// It was started at this set-point by another process: what must still be so. Sends nothing.
+    /// Registers that another process started it at this set-point, which must still apply. Sends
+    /// nothing.
     pub async fn was_left_at(&self, setpoint: Celsius) {
         *self.expected.lock().await = if self.is_regulated() {
             ExpectedAnswers::default()

@@ -52,7 +52,7 @@ impl Model for RelayBoard {
     }
 }
 
-/// A command, confirmed, and the state that it must leave.
+/// Returns a confirmed command with the state that it must leave.
 fn switched(message: String, state: &'static str) -> Exchange {
     let expect = Expect::Contains(format!("OK {state}"));
     Exchange::Ask {
@@ -67,7 +67,7 @@ impl Dialect for RelayBoard {
         (Celsius(10.0), Celsius(60.0))
     }
 
-    /// Both relays off: a set-point is the daemon's to hold.
+    /// Switches both relays off: the daemon holds the set-point.
     fn run(&self, _: Option<Celsius>) -> Vec<Exchange> {
         vec![switched("OFF".to_owned(), "OFF")]
     }
@@ -142,7 +142,7 @@ impl Dialect for RelayBoard {
     }
 }
 
-/// The cyclic sum of the 1-Wire bus (Maxim application note 27).
+/// Returns the cyclic checksum of the 1-Wire bus (Maxim application note 27).
 fn sum_of(bytes: &[u8]) -> u8 {
     bytes.iter().fold(0, |sum, byte| {
         (0..8).fold(sum ^ byte, |sum, _| {

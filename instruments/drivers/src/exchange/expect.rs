@@ -136,16 +136,16 @@ impl Expect {
     }
 }
 
-/// The number at the start of an answer, whatever unit follows it; a header such as `#MRI:` before
-/// it is skipped.
+/// Returns the number at the start of a reply, regardless of the unit after it; a header such as
+/// `#MRI:` before it is skipped.
 pub fn leading_number(answer: &str) -> Option<f64> {
     parse_quantity(after_header(answer))
         .ok()
         .map(|quantity| quantity.value)
 }
 
-/// Part of an answer behind the `#HEADER:` of protocols that repeat the question; the whole answer
-/// without one.
+/// Returns the part of a reply after the `#HEADER:` of protocols that repeat the query, or the
+/// whole reply without one.
 pub fn after_header(answer: &str) -> &str {
     let named =
         |header: &str| !header.is_empty() && header.bytes().all(|byte| byte.is_ascii_uppercase());
@@ -158,8 +158,8 @@ pub fn after_header(answer: &str) -> &str {
         .map_or(answer, |(_, value)| value)
 }
 
-/// The value behind `key` in a `KEY,value,KEY,value` list; a header such as `C1:BSWV ` before the
-/// list is skipped.
+/// Returns the value after `key` in a `KEY,value,KEY,value` list; a header such as `C1:BSWV `
+/// before the list is skipped.
 pub fn field<'a>(answer: &'a str, key: &str) -> Option<&'a str> {
     let text = answer.trim();
     let list = text
@@ -185,7 +185,7 @@ pub fn hex_word(answer: &str) -> Option<u32> {
     u32::from_str_radix(digits, 16).ok()
 }
 
-/// The last field counts: some answers repeat a keyword before it (`VALue,1.00E+00`).
+/// Checks the last field: some replies repeat a keyword before it (`VALue,1.00E+00`).
 fn judge_number(answer: &str, value: f64, tolerance: f64, what: &str) -> Result<(), String> {
     match parse_response(answer)
         .last()
@@ -196,8 +196,8 @@ fn judge_number(answer: &str, value: f64, tolerance: f64, what: &str) -> Result<
     }
 }
 
-/// A number as a person writes it: six digits, and nothing of how a computer keeps it. No sign
-/// before a zero.
+/// Formats a number as a person writes it: six digits, no exponent or binary rounding artefacts,
+/// and no sign before a zero.
 pub fn plain(value: f64) -> String {
     let rounded = format!("{value:.5e}").parse::<f64>().unwrap_or(value);
     format!("{}", rounded + 0.0)

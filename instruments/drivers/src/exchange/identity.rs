@@ -72,8 +72,8 @@ impl Identity {
         }
     }
 
-    /// The same in capitals and with single spaces, none beside a comma: the form in which
-    /// identities are compared.
+    /// Returns the identity in capitals and with single spaces, none beside a comma: the form in
+    /// which identities are compared.
     #[must_use]
     pub fn folded(&self) -> Self {
         Self {
@@ -85,9 +85,9 @@ impl Identity {
         }
     }
 
-    /// Whether both answers are of one instrument. Case and runs of spaces do not matter. If both
-    /// report a serial number, maker, model and serial number decide: firmware may be updated.
-    /// Otherwise everything that they report decides.
+    /// Returns whether both replies belong to one instrument. Case and runs of spaces do not
+    /// matter. If both report a serial number, maker, model and serial number decide: firmware may
+    /// be updated. Otherwise everything that they report decides.
     pub fn is_same_instrument(&self, other: &Self) -> bool {
         let (one, other) = (self.folded(), other.folded());
         let named = |identity: &Self| (identity.maker.clone(), identity.model.clone());
@@ -106,13 +106,13 @@ impl Identity {
         self.serial.chars().any(|c| !matches!(c, '0' | ' ' | '-'))
     }
 
-    /// Whether a web server answered: the status line of HTTP/1.
+    /// Returns whether a web server answered: the status line of HTTP/1.
     pub fn is_web_server(&self) -> bool {
         self.raw.starts_with("HTTP/1.")
     }
 }
 
-/// A text in capitals, with single spaces and none beside a comma.
+/// Converts a text to capitals, with single spaces and none beside a comma.
 pub fn fold(text: &str) -> String {
     let fields = text.split(',').map(|field| {
         let words: Vec<&str> = field.split_whitespace().collect();
@@ -121,7 +121,7 @@ pub fn fold(text: &str) -> String {
     fields.collect::<Vec<_>>().join(",").to_uppercase()
 }
 
-/// What follows a prefix, whatever its case.
+/// Returns the text after a prefix, in any case.
 fn without_prefix<'a>(text: &'a str, prefix: &str) -> Option<&'a str> {
     let (head, rest) = text.split_at_checked(prefix.len())?;
     head.eq_ignore_ascii_case(prefix).then_some(rest)

@@ -81,7 +81,7 @@ impl Setting {
         }
     }
 
-    /// A setting that has states.
+    /// Creates a setting that has states.
     pub const fn state(question: &'static str, name: &'static str, says: Says) -> Self {
         Self {
             question,

@@ -61,7 +61,7 @@ impl Wave {
     }
 }
 
-/// FNV-1a of the numbers' bits.
+/// Returns the FNV-1a hash of the numbers' bits.
 fn digest(steps: &[f64]) -> u32 {
     let bytes = steps.iter().flat_map(|step| step.to_bits().to_le_bytes());
     bytes.fold(0x811c_9dc5, |digest, byte| {
@@ -90,14 +90,14 @@ pub trait Dialect: Model {
     /// Switches the output off (with an open-circuit load setting, so that the volts are true) or
     /// on. Switching on is refused if the volts would not be true.
     fn output(&self, channel: u8, on: bool) -> Vec<Exchange>;
-    /// A sine; the output stays as it is.
+    /// Sets a sine; the output state does not change.
     fn sine(&self, channel: u8, sine: &Sine) -> Vec<Exchange>;
     /// Returns the maximum number of steps of a wave, or `None` if the model has no arbitrary
     /// waves.
     fn wave_steps(&self) -> Option<usize> {
         None
     }
-    /// A wave; the output stays as it is.
+    /// Sets a wave; the output state does not change.
     fn wave(&self, channel: u8, wave: &Wave) -> Vec<Exchange> {
         let _ = channel;
         vec![Exchange::Refuse {

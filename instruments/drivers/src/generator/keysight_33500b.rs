@@ -225,8 +225,8 @@ impl Dialect for Keysight {
         Some(WAVE_POINTS)
     }
 
-    /// Converter values as text, so that no byte of them can end the message. Assumed: ± full scale
-    /// of the converter is ± half the amplitude, and a wave that is chosen begins with its first
+    /// Sends converter values as text, so that no byte of them can end the message. Assumed: ± full
+    /// scale of the converter is ± half the amplitude, and a selected wave begins with its first
     /// point.
     fn wave(&self, channel: u8, wave: &Wave) -> Vec<Exchange> {
         let source = format!("SOUR{channel}");

@@ -74,8 +74,8 @@ impl Instrument<dyn Dialect> {
         self.tell(&script).await
     }
 
-    /// As near to a steady offset as the instrument comes: its least sine, never another waveform
-    /// that could bring an old amplitude back.
+    /// Sets the closest approximation of a steady offset: the smallest sine, never another waveform
+    /// that could restore an old amplitude.
     ///
     /// # Errors
     /// As [`Self::sine`].
@@ -85,8 +85,8 @@ impl Instrument<dyn Dialect> {
         self.play_all(&script).await
     }
 
-    /// A steady offset, as near as the instrument comes to it, that is the command of a direct
-    /// current: its least sine around it, read back.
+    /// Sets the closest approximation of a steady offset that commands a direct current: the
+    /// smallest sine around it, read back.
     ///
     /// # Errors
     /// As [`Self::sine`].
@@ -106,7 +106,7 @@ impl Instrument<dyn Dialect> {
         self.tell(&script).await
     }
 
-    /// Output off. Safe at any time, also twice.
+    /// Switches the output off. Safe at any time, also twice.
     ///
     /// # Errors
     /// As [`Self::sine`].
@@ -131,7 +131,7 @@ impl Instrument<dyn Dialect> {
         self.expected.lock().await.keep(&script);
     }
 
-    /// The first of the channels in use; 1 where none was named.
+    /// Returns the first of the channels in use, or 1 if none was named.
     fn output_channel(&self) -> u8 {
         self.channels
             .first()

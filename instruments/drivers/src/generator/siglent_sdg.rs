@@ -324,9 +324,9 @@ fn basic_wave(channel: u8, sine: &Sine, read_back: Amplitude) -> Exchange {
     }
 }
 
-/// The whole table: each step held for its share of it, little-endian, full scale ±32767. A byte
-/// that would end the message is avoided by the nearest number without one, which is at most 128
-/// steps of the converter off.
+/// Returns the whole table: each step held for its share of it, little-endian, full scale ±32767. A
+/// byte that would end the message is avoided by the nearest number without one, which is at most
+/// 128 steps of the converter off.
 fn wave_data(steps: &[f64]) -> Vec<u8> {
     let hold = WAVE_POINTS / steps.len();
     let free = |value: i16| {
@@ -355,7 +355,7 @@ fn wave_data(steps: &[f64]) -> Vec<u8> {
         .collect()
 }
 
-/// A command of the channel, read back by its own bare query.
+/// Returns a command of the channel, read back by its own bare query.
 fn set(channel: u8, header: &str, arguments: &str, expect: Expect) -> Exchange {
     Exchange::Set {
         message: format!("C{channel}:{header} {arguments}"),

@@ -18,7 +18,7 @@ pub struct Jig {
 }
 
 impl Jig {
-    /// Pace and deadlines of its link.
+    /// Returns the pace and deadlines of its link.
     pub fn profile() -> LinkProfile {
         LinkProfile {
             min_gap: ms(1),
@@ -64,7 +64,7 @@ impl Jig {
         play(&mut self.link, &[], &[script]).await
     }
 
-    /// The link, for reconnecting.
+    /// Returns the link, for reconnecting.
     pub fn link_mut(&mut self) -> &mut Link {
         &mut self.link
     }

@@ -46,11 +46,12 @@ pub trait Dialect: Model {
     fn zero(&self) -> Vec<Way>;
     /// Limits of the current within the instrument.
     fn bounds(&self) -> &'static [Bound];
-    /// Constant current or power with its limits; assumes the input is off.
+    /// Sets constant current or power with its limits; assumes the input is off.
     fn prepare(&self, discharge: &Discharge) -> Vec<Exchange>;
-    /// Another level of the function that was prepared, within its range; the input stays as it is.
+    /// Sets another level of the prepared function, within its range; the input state does not
+    /// change.
     fn level(&self, draw: Draw) -> Vec<Exchange>;
-    /// The finest range for a cell's voltage; assumes the input is off.
+    /// Selects the finest range for a cell's voltage; assumes the input is off.
     fn watch(&self) -> Vec<Exchange>;
     /// Queries for voltage and current.
     fn measure(&self) -> [&'static str; 2];

@@ -40,7 +40,7 @@ impl Instrument<dyn Dialect> {
         Ok(())
     }
 
-    /// Another level, read back, whether the input is on or off.
+    /// Sets another level, read back, whether the input is on or off.
     ///
     /// # Errors
     /// As [`Self::prepare`].
@@ -56,7 +56,7 @@ impl Instrument<dyn Dialect> {
         self.play(&self.dialect.watch()).await
     }
 
-    /// Input on.
+    /// Switches the input on.
     ///
     /// # Errors
     /// As [`Self::prepare`].
@@ -64,7 +64,7 @@ impl Instrument<dyn Dialect> {
         self.tell(&self.dialect.input(true)).await
     }
 
-    /// Input off. Safe at any time, also twice.
+    /// Switches the input off. Safe at any time, also twice.
     ///
     /// # Errors
     /// As [`Self::prepare`].
@@ -100,7 +100,7 @@ impl Instrument<dyn Dialect> {
         self.volts_and_amps(queries).await
     }
 
-    /// The current alone, in half the time.
+    /// Queries the current alone, in half the time.
     ///
     /// # Errors
     /// As [`Self::measure`].

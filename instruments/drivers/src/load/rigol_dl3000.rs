@@ -75,7 +75,7 @@ impl Model for Dl3000 {
     }
 }
 
-/// The finest range for a cell's voltage, and the sense leads.
+/// Selects the finest range for a cell's voltage, and the sense leads.
 fn voltmeter() -> [Exchange; 2] {
     [
         Exchange::number(":SOUR:VOLT:RANG 15", ":SOUR:VOLT:RANG?", 15.0, 0.1),

@@ -9,8 +9,8 @@ pub trait Dialect: Model {
     fn has_channel(&self, _channel: u16) -> bool {
         true
     }
-    /// Type K thermocouples in °C on these channels, scanned together.
+    /// Configures type K thermocouples in °C on these channels, scanned together.
     fn configure(&self, channels: &[u16]) -> Vec<Exchange>;
-    /// Query for one scan.
+    /// Returns the query for one scan.
     fn scan(&self) -> &'static str;
 }

@@ -33,7 +33,7 @@ impl Instrument<dyn Dialect> {
         self.play(&script).await
     }
 
-    /// One scan, in the order of the channels in use; `None` for an open thermocouple.
+    /// Makes one scan, in the order of the channels in use; `None` for an open thermocouple.
     ///
     /// # Errors
     /// The link's; an answer with another number of readings than channels.
@@ -76,7 +76,7 @@ impl Instrument<dyn Dialect> {
         }
     }
 
-    /// The last scan, by whichever handle.
+    /// Returns the last scan, by any handle.
     pub fn last_scan(&self) -> Option<Scan> {
         *self.scanned.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -43,7 +43,7 @@ pub struct Capabilities {
 }
 
 impl Capabilities {
-    /// Greatest |offset| at a vertical scale.
+    /// Returns the greatest |offset| at a vertical scale.
     pub fn offset_limit(&self, per_div: Volts) -> Volts {
         self.offset_limits
             .iter()
@@ -52,8 +52,8 @@ impl Capabilities {
             .map_or(Volts(0.0), |(_, limit)| *limit)
     }
 
-    /// The least vertical scale, not below `wanted`, at which `offset` is allowed; the coarsest
-    /// when none allows it.
+    /// Returns the smallest vertical scale, not below `wanted`, at which `offset` is allowed, or
+    /// the coarsest if none allows it.
     pub fn scale_for_offset(&self, wanted: Volts, offset: Volts) -> Volts {
         let (least, greatest) = self.per_div;
         let wanted = wanted.value().clamp(least.value(), greatest.value());
@@ -171,7 +171,7 @@ pub struct Waveform {
 }
 
 impl Waveform {
-    /// Share of samples at an end of the ADC's range.
+    /// Returns the fraction of samples at an end of the ADC's range.
     pub fn clipped_share(&self) -> f64 {
         let clipped = self
             .codes
@@ -181,7 +181,7 @@ impl Waveform {
         clipped as f64 / self.codes.len().max(1) as f64
     }
 
-    /// Least and greatest sample, V.
+    /// Returns the least and greatest sample, V.
     pub fn extremes_v(&self) -> (f64, f64) {
         let (least, greatest) = self
             .codes
@@ -199,16 +199,16 @@ impl Waveform {
 pub trait Dialect: Model {
     /// Capabilities of the model.
     fn capabilities(&self) -> Capabilities;
-    /// The texts for an intent.
+    /// Returns the texts for an intent.
     fn script(&self, intent: &Intent) -> Vec<Exchange>;
     /// Returns the texts that choose another channel of the same frame, if everything else of an
     /// [`Intent::Transfer`] was sent just before.
     fn beside(&self, channel: u8, stride: u64) -> Vec<Exchange> {
         self.script(&Intent::Transfer { channel, stride })
     }
-    /// The queries.
+    /// Returns the queries.
     fn queries(&self) -> Queries;
-    /// The descriptor comes as a line of text, not as a block.
+    /// Returns whether the descriptor comes as a line of text, not as a block.
     fn preamble_is_text(&self) -> bool {
         false
     }

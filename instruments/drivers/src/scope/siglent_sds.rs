@@ -252,7 +252,7 @@ impl Dialect for Sds {
     }
 }
 
-/// All digits in answers.
+/// Selects all digits in replies.
 fn digits() -> Exchange {
     Exchange::send(":FORMat:DATA DOUBle")
 }

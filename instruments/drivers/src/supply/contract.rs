@@ -39,9 +39,9 @@ pub trait Dialect: Model {
     fn zero(&self) -> Vec<Way>;
     /// Limits of the current within the instrument.
     fn bounds(&self) -> &'static [Bound];
-    /// Voltage and current limit; assumes the output is off.
+    /// Sets voltage and current limit; assumes the output is off.
     fn prepare(&self, charge: &Charge) -> Vec<Exchange>;
-    /// Another current limit; the output stays as it is.
+    /// Sets another current limit; the output state does not change.
     fn level(&self, current: Amps) -> Vec<Exchange>;
     /// Queries for voltage and current.
     fn measure(&self) -> [&'static str; 2];

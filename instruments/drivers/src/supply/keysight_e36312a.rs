@@ -65,7 +65,7 @@ impl Model for Keysight {
     }
 }
 
-/// `HEADER value,(@1)`, read back by `HEADER? (@1)`.
+/// Returns the command `HEADER value,(@1)`, read back by `HEADER? (@1)`.
 fn number(header: &str, value: f64) -> Exchange {
     match Exchange::command(header, |command| {
         command.fixed(value, 3).channels(&[CHANNEL])

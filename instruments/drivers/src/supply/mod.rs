@@ -41,7 +41,7 @@ impl Instrument<dyn Dialect> {
         self.tell(&self.dialect.prepare(charge)).await
     }
 
-    /// Another current limit, read back, whether the output is on or off.
+    /// Sets another current limit, read back, whether the output is on or off.
     ///
     /// # Errors
     /// As [`Self::prepare`].
@@ -49,7 +49,7 @@ impl Instrument<dyn Dialect> {
         self.tell(&self.dialect.level(current)).await
     }
 
-    /// Output on.
+    /// Switches the output on.
     ///
     /// # Errors
     /// As [`Self::prepare`].
@@ -57,7 +57,7 @@ impl Instrument<dyn Dialect> {
         self.tell(&self.dialect.output(true)).await
     }
 
-    /// Output off. Safe at any time, also twice.
+    /// Switches the output off. Safe at any time, also twice.
     ///
     /// # Errors
     /// As [`Self::prepare`].
@@ -93,7 +93,7 @@ impl Instrument<dyn Dialect> {
         self.volts_and_amps(queries).await
     }
 
-    /// The current alone, in half the time.
+    /// Queries the current alone, in half the time.
     ///
     /// # Errors
     /// As [`Self::measure`].

@@ -104,7 +104,7 @@ impl Model for FastPs {
     }
 }
 
-/// A command, the answers that are as good as done, and the question that proves it.
+/// Returns a command, the replies that count as success, and the query that checks it.
 fn confirmed(
     message: &str,
     words: &'static [&'static str],

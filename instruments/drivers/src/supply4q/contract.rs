@@ -80,7 +80,7 @@ pub trait Dialect: Model {
     fn bounds(&self) -> &'static [Bound] {
         &[]
     }
-    /// Current mode, limits, zero set-point; assumes the output is off.
+    /// Sets current mode, limits and zero set-point; assumes the output is off.
     fn prepare(&self, limits: &Limits) -> Vec<Exchange>;
     /// Hands the output to the analog input, or takes it back.
     fn analog(&self, on: bool) -> Vec<Exchange>;

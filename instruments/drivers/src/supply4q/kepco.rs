@@ -246,7 +246,7 @@ impl Dialect for Kepco {
     }
 }
 
-/// Rated volts and amperes in a model such as `BOP1KW 50-20` or `BOP 20-20M`.
+/// Returns the rated volts and amperes in a model such as `BOP1KW 50-20` or `BOP 20-20M`.
 fn rating(model: &str) -> Option<(f64, f64)> {
     model.split_whitespace().find_map(|word| {
         let (volts, amps) = word.split_once('-')?;
@@ -257,7 +257,7 @@ fn rating(model: &str) -> Option<(f64, f64)> {
     })
 }
 
-/// A limit of both signs: it is answered as `pos, neg`.
+/// Returns a limit of both signs: its reply is `pos, neg`.
 fn both_signs(header: &str, value: f64) -> Exchange {
     match Exchange::command(header, |command| command.fixed(value, DECIMALS)) {
         Exchange::Send(message) => Exchange::Set {

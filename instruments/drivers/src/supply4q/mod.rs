@@ -56,7 +56,8 @@ impl Instrument<dyn Dialect> {
         self.tell(&self.dialect.output(true)).await
     }
 
-    /// Output off, read back; then back to the digital set-point. Safe at any time, also twice.
+    /// Switches the output off, read back; then returns to the digital set-point. Safe at any time,
+    /// also twice.
     ///
     /// # Errors
     /// As [`Self::prepare`]; everything is sent whatever fails in between.
@@ -129,7 +130,7 @@ impl Instrument<dyn Dialect> {
         self.volts_and_amps(queries).await
     }
 
-    /// The current alone, in half the time.
+    /// Queries the current alone, in half the time.
     ///
     /// # Errors
     /// As [`Self::measure`].

@@ -197,7 +197,8 @@ fn read_socket(socket: &TcpStream, buffer: &mut [u8]) -> io::Result<Option<usize
     }
 }
 
-/// A pulled plug shows as an error on some systems and as the end of the stream on others.
+/// Classifies an error. A pulled plug shows as an error on some systems and as the end of the
+/// stream on others.
 fn broken(error: io::Error) -> Broken {
     match error.kind() {
         io::ErrorKind::BrokenPipe

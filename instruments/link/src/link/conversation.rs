@@ -50,7 +50,7 @@ pub(super) struct Conversation {
 }
 
 impl Conversation {
-    /// Without a connection.
+    /// Creates the state without a connection.
     pub(super) fn new(options: LinkOptions) -> Self {
         Self {
             options,

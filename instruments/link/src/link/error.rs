@@ -216,7 +216,8 @@ fn listed(entries: &[ErrorEntry]) -> String {
 }
 
 impl LinkError {
-    /// The link is dropped after this error and answers nothing until it is reconnected.
+    /// Returns whether the link is dropped after this error and answers nothing until it is
+    /// reconnected.
     pub fn drops_link(&self) -> bool {
         !matches!(
             self,
@@ -243,7 +244,7 @@ impl LinkError {
         )
     }
 
-    /// An answer that a driver cannot use.
+    /// Creates the error for a reply that a driver cannot use.
     pub fn unexpected(link: &str, asked: &str, answered: &str, expected: &str) -> Self {
         let (link, asked) = (link.to_owned(), asked.to_owned());
         Self::Unexpected {

@@ -46,8 +46,8 @@ pub struct LinkProfile {
 }
 
 impl LinkProfile {
-    /// An instrument with a SCPI error queue on a raw socket: NL, no gaps, 10 s for the first
-    /// answer, 2 s for later ones, 30 s for a block.
+    /// Returns the profile of an instrument with a SCPI error queue on a raw socket: NL, no gaps,
+    /// 10 s for the first reply, 2 s for later ones, 30 s for a block.
     pub const fn scpi() -> Self {
         Self {
             grammar: Grammar::Scpi,

@@ -334,7 +334,7 @@ fn vxi11(text: &str) -> Result<Address, AddressError> {
     })
 }
 
-/// `None` for another kind of adapter.
+/// Returns `None` for another kind of adapter.
 fn gpib(text: &str) -> Option<Result<Address, AddressError>> {
     let (kind, rest) = text.split_once(':')?;
     let (place, options) = rest.split_once('?').unwrap_or((rest, ""));

@@ -67,8 +67,8 @@ impl Channel {
         !matches!(self, Self::Stream(_))
     }
 
-    /// Every answer has an end that can be waited for. A USBTMC device that fills the last page to
-    /// the brim shows none.
+    /// Returns whether every reply has an end to wait for. A USBTMC device that exactly fills the
+    /// last page sends none.
     pub fn insists_on_end(&self) -> bool {
         self.carries_end() && !matches!(self, Self::UsbTmc(_))
     }

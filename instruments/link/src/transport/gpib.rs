@@ -136,8 +136,8 @@ impl Gpib {
         self.write(&[commands, b"++ver\n"].concat()).await
     }
 
-    /// A piece of what comes for the last order, and whether the adapter is done with it. May be
-    /// abandoned.
+    /// Returns a part of the data for the last order, and whether the adapter is done with it. May
+    /// be abandoned.
     async fn piece(&mut self) -> io::Result<(Vec<u8>, bool)> {
         loop {
             let (bytes, done) = self.answers.pull();

@@ -182,7 +182,7 @@ impl Half {
         Ok(())
     }
 
-    /// The next message that reports no error. May be abandoned.
+    /// Returns the next message that reports no error. May be abandoned.
     async fn next(&mut self) -> io::Result<Message> {
         loop {
             if let Some(message) = self.messages.pull()? {

@@ -132,7 +132,7 @@ impl AsyncWrite for Stream {
     }
 }
 
-/// Error of a channel on which a message was cut off while it was sent.
+/// Creates the error of a channel on which a message was cut off while it was sent.
 fn cut_off() -> io::Error {
     io::Error::new(
         io::ErrorKind::BrokenPipe,

@@ -37,7 +37,7 @@ impl Pty {
         })
     }
 
-    /// Path that a client opens, such as `/dev/pts/3`.
+    /// Returns the path that a client opens, such as `/dev/pts/3`.
     pub fn path(&self) -> &str {
         &self.path
     }

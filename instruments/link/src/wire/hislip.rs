@@ -100,7 +100,7 @@ pub struct Message {
 }
 
 impl Message {
-    /// A message without payload.
+    /// Creates a message without payload.
     pub fn new(kind: Kind, control: u8, parameter: u32) -> Self {
         Self {
             kind: Ok(kind),
@@ -110,7 +110,7 @@ impl Message {
         }
     }
 
-    /// The same with a payload.
+    /// Adds a payload.
     #[must_use]
     pub fn with(self, payload: impl Into<Vec<u8>>) -> Self {
         Self {
@@ -119,7 +119,7 @@ impl Message {
         }
     }
 
-    /// Its bytes.
+    /// Returns its bytes.
     pub fn encode(&self) -> Vec<u8> {
         let number = match self.kind {
             Ok(kind) => kind as u8,
@@ -143,7 +143,7 @@ pub struct Messages {
 }
 
 impl Messages {
-    /// For payloads of at most `limit` bytes.
+    /// Creates a reader for payloads of at most `limit` bytes.
     pub fn new(limit: usize) -> Self {
         Self {
             buffer: Vec::new(),

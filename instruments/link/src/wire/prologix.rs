@@ -7,7 +7,7 @@ const ESC: u8 = 0x1b;
 /// Greatest primary address on a GPIB bus.
 pub const MOST_ADDRESS: u8 = 30;
 
-/// Data as a line for the adapter, its end included.
+/// Returns data as a line for the adapter, its end included.
 pub fn escaped(data: &[u8]) -> Vec<u8> {
     let mut line = Vec::with_capacity(data.len() + 8);
     for &byte in data {
@@ -45,7 +45,7 @@ pub struct Lines {
 }
 
 impl Lines {
-    /// For lines of at most `limit` bytes.
+    /// Creates a reader for lines of at most `limit` bytes.
     pub fn new(limit: usize) -> Self {
         Self {
             line: Vec::new(),
@@ -112,7 +112,7 @@ pub struct Marked {
 }
 
 impl Marked {
-    /// For an adapter that calls itself `mark`, line end included.
+    /// Creates a reader for an adapter whose version text is `mark`, line end included.
     pub fn new(mark: Vec<u8>) -> Self {
         Self {
             buffer: Vec::new(),

@@ -41,7 +41,7 @@ impl<'a> Reader<'a> {
         Self(bytes)
     }
 
-    /// An unsigned or signed integer, an enumeration or a boolean.
+    /// Reads an unsigned or signed integer, an enumeration or a boolean.
     ///
     /// # Errors
     /// Fewer than four bytes are left.
@@ -56,7 +56,7 @@ impl<'a> Reader<'a> {
         Ok(u32::from_be_bytes(*word))
     }
 
-    /// Opaque data or a string of at most `most` bytes.
+    /// Reads opaque data or a string of at most `most` bytes.
     ///
     /// # Errors
     /// It is longer, or fewer bytes are left.
@@ -114,7 +114,7 @@ impl Writer {
         self
     }
 
-    /// The bytes.
+    /// Returns the bytes.
     pub fn done(self) -> Vec<u8> {
         self.0
     }
@@ -164,7 +164,7 @@ impl<'a> Call<'a> {
         })
     }
 
-    /// The record, without its mark.
+    /// Returns the record, without its mark.
     pub fn encode(&self) -> Vec<u8> {
         let Program { number, version } = self.program;
         Writer::default()
@@ -267,7 +267,7 @@ impl<'a> Reply<'a> {
         })
     }
 
-    /// The record, without its mark.
+    /// Returns the record, without its mark.
     pub fn encode(&self) -> Vec<u8> {
         let accepted = |status: u32| Writer::default().words(&[self.id, REPLY, 0, 0, 0, status]);
         match self.verdict {
@@ -286,7 +286,7 @@ impl<'a> Reply<'a> {
     }
 }
 
-/// A record with its mark, in one fragment.
+/// Returns a record with its mark, in one fragment.
 pub fn marked(record: &[u8]) -> Vec<u8> {
     let length = u32::try_from(record.len()).unwrap_or(u32::MAX) & !LAST_FRAGMENT;
     [&(length | LAST_FRAGMENT).to_be_bytes(), record].concat()
@@ -301,7 +301,7 @@ pub struct Records {
 }
 
 impl Records {
-    /// For records of at most `limit` bytes.
+    /// Creates a reader for records of at most `limit` bytes.
     pub fn new(limit: usize) -> Self {
         Self {
             buffer: Vec::new(),

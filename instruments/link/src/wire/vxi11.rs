@@ -226,7 +226,7 @@ impl Request {
         }))
     }
 
-    /// Number of the procedure and its arguments.
+    /// Returns the number of the procedure and its arguments.
     pub fn encode(&self) -> (u32, Vec<u8>) {
         let words = |words: &[u32]| Writer::default().words(words);
         // Flags, lock timeout and I/O timeout of the calls without further arguments: 2 s.
@@ -370,7 +370,7 @@ impl Response {
         })
     }
 
-    /// The results.
+    /// Returns the results.
     pub fn encode(&self) -> Vec<u8> {
         let words = |words: &[u32]| Writer::default().words(words);
         match self {

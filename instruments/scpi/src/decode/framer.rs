@@ -58,7 +58,7 @@ enum State {
 const START: State = State::Text { block_end: 0 };
 
 impl ProgramFramer {
-    /// A framer for messages of at most `limit` bytes.
+    /// Creates a framer for messages of at most `limit` bytes.
     pub fn new(terminator: Terminator, limit: usize) -> Self {
         Self {
             terminator,
@@ -90,8 +90,8 @@ impl ProgramFramer {
         }
     }
 
-    /// The transport marked the end of a message after the last pushed byte; it counts as a
-    /// terminator, in a block too.
+    /// Marks the end of a message after the last pushed byte, as reported by the transport; it
+    /// counts as a terminator, in a block too.
     pub fn end(&mut self) {
         self.finish();
     }

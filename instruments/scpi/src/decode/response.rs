@@ -145,7 +145,7 @@ pub struct ResponseDecoder {
 }
 
 impl ResponseDecoder {
-    /// An empty decoder.
+    /// Creates an empty decoder.
     pub fn new(options: DecoderOptions) -> Self {
         Self {
             options,
@@ -176,7 +176,7 @@ impl ResponseDecoder {
         }
     }
 
-    /// The transport marked the end of a message (END) after the last pushed byte.
+    /// Marks the end of a message (END) after the last pushed byte, as reported by the transport.
     pub fn end(&mut self) {
         self.end_at = Some(self.buffer.len());
     }

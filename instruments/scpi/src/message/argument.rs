@@ -78,8 +78,8 @@ impl Argument {
     }
 }
 
-/// White space within a message: every control character but NL, and the blank (IEEE 488.2
-/// clause 7.4.1.2).
+/// Returns whether a character is white space within a message: every control character but NL, and
+/// the blank (IEEE 488.2 clause 7.4.1.2).
 pub(super) fn is_blank(byte: u8) -> bool {
     byte <= b' '
 }
@@ -160,7 +160,7 @@ fn split_word(text: &[u8]) -> (&[u8], &[u8]) {
     text.split_at_checked(end).unwrap_or((text, &[]))
 }
 
-/// A quote inside a string is doubled.
+/// Parses a string, in which quotes are doubled.
 fn string<'a>(
     whole: &[u8],
     quote: u8,

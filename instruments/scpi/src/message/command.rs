@@ -50,7 +50,7 @@ pub struct Command {
 }
 
 impl Command {
-    /// A command with this header: `SOUR:VOLT`, `*CLS`.
+    /// Creates a command with this header: `SOUR:VOLT`, `*CLS`.
     pub fn new(header: &str) -> Self {
         let mut command = Self {
             header: header.to_owned(),
@@ -65,7 +65,7 @@ impl Command {
         command
     }
 
-    /// A query with this header, without its question mark: `MEAS:VOLT`.
+    /// Creates a query with this header, without its question mark: `MEAS:VOLT`.
     pub fn query(header: &str) -> Self {
         Self::new(&format!("{header}?"))
     }
@@ -139,7 +139,7 @@ impl Command {
         self
     }
 
-    /// The message as text, without terminator.
+    /// Returns the message as text, without terminator.
     ///
     /// # Errors
     /// The first [`CommandError`] that was met while building.

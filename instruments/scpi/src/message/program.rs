@@ -24,7 +24,8 @@ pub struct ProgramUnit {
 }
 
 impl ProgramUnit {
-    /// The header with its question mark, as [`crate::header::Pattern::matches`] compares it.
+    /// Returns the header with its question mark, as [`crate::header::Pattern::matches`] compares
+    /// it.
     pub fn full_header(&self) -> String {
         format!("{}{}", self.header, if self.query { "?" } else { "" })
     }

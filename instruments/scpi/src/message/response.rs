@@ -54,7 +54,7 @@ pub fn parse_response(text: &str) -> Vec<Field> {
         .collect()
 }
 
-/// The units of one answer, as several queries in one message give them.
+/// Returns the units of one reply, as several queries in one message return them.
 pub fn response_units(text: &str) -> Vec<&str> {
     split_outside_quotes(text, &[';'])
         .into_iter()

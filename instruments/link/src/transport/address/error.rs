@@ -18,8 +18,8 @@ impl AddressError {
         }
     }
 
-    /// The part of the address that is wrong: `address`, `host`, `port`, `path`, `baud`, `parity`,
-    /// `data`, `stop`, `flow`, `option`, `name`, `device` or `gpib address`.
+    /// Returns the invalid part of the address: `address`, `host`, `port`, `path`, `baud`,
+    /// `parity`, `data`, `stop`, `flow`, `option`, `name`, `device` or `gpib address`.
     pub fn field(&self) -> &'static str {
         self.field
     }

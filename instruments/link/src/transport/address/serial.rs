@@ -22,7 +22,8 @@ pub struct SerialSettings {
 }
 
 impl SerialSettings {
-    /// `path` at 9600 baud, 8 data bits, no parity, one stop bit, no flow control.
+    /// Creates the settings of `path` at 9600 baud, 8 data bits, no parity, one stop bit, no flow
+    /// control.
     pub fn new(path: &str) -> Self {
         Self {
             path: path.to_owned(),
@@ -127,7 +128,7 @@ impl SerialSettings {
         serial(text)
     }
 
-    /// Everything but the path.
+    /// Returns everything but the path.
     pub(super) fn options(&self) -> String {
         let (parity, data, stop, flow) = (
             self.parity.word(),

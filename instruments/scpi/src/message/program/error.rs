@@ -42,7 +42,7 @@ pub enum ProgramError {
 }
 
 impl ProgramError {
-    /// The standard error number (SCPI-1999 volume 2, 21.8.9).
+    /// Returns the standard error number (SCPI-1999 volume 2, 21.8.9).
     pub fn code(&self) -> i32 {
         match self {
             Self::InvalidCharacter(_) => -101,
