@@ -126,7 +126,7 @@ impl Catalog {
         self.ask(py, |catalog| catalog.show(&run))
     }
 
-    /// The folders of runs, by their identities.
+    /// Returns the folders of runs, by their identities.
     fn folders(&self, py: Python<'_>, runs: Vec<String>) -> PyResult<Vec<String>> {
         apart(py, || {
             let catalog = File::open(&self.path).map_err(|error| error.to_string())?;
@@ -172,7 +172,8 @@ fn numbers(point: &ImpedancePoint) -> [f64; POINT_COLUMNS.len()] {
 /// Number of points of a file, or the reason why there are none.
 type Read = (usize, Option<String>);
 
-/// The points of spectra of run folders, one file after another, and what each file has given.
+/// Returns the points of spectra of run folders, one file after another, and what each file has
+/// given.
 #[pyfunction]
 pub(crate) fn points_of_files<'py>(
     py: Python<'py>,

@@ -35,7 +35,7 @@ pub(crate) fn refused(error: &dyn std::fmt::Display) -> PyErr {
     EisError::new_err(error.to_string())
 }
 
-/// A refused file, with its place.
+/// Returns a refused file, with its place.
 pub(crate) fn of_file(py: Python<'_>, error: &FormatError) -> PyErr {
     let ErrorPlace { file, line, field } = error.place();
     let raised = FileError::new_err(error.to_string());
@@ -71,7 +71,7 @@ fn defect(panic: &(dyn std::any::Any + Send)) -> PyErr {
     InternalError::new_err(format!("a defect of eisbench, please report it: {text}"))
 }
 
-/// The JSON text of a result.
+/// Returns the JSON text of a result.
 pub(crate) fn json(value: &impl serde::Serialize) -> Result<String, String> {
     serde_json::to_string(value).map_err(|error| error.to_string())
 }

@@ -124,7 +124,7 @@ pub(crate) struct CircuitWishes {
 }
 
 impl CircuitWishes {
-    /// The circuit and the options of its fit.
+    /// Returns the circuit and the options of its fit.
     pub(crate) fn read(&self) -> PyResult<(Circuit, CircuitOptions)> {
         let written = caught(|| WrittenCircuit::read(&self.circuit).map_err(|e| refused(&e)))?;
         let circuit = written.circuit.clone();
@@ -166,7 +166,7 @@ pub(crate) fn fit_circuit(
     })
 }
 
-/// Impedance of a circuit with these values, in the order of its parameters.
+/// Returns the impedance of a circuit with these values, in the order of its parameters.
 #[pyfunction]
 pub(crate) fn circuit_impedance<'py>(
     py: Python<'py>,

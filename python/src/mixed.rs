@@ -56,7 +56,7 @@ pub(crate) fn mixed<'py>(
     told(py, found)
 }
 
-/// The factor t with P(|T| ≤ t) = `level` for Student's distribution.
+/// Returns the factor t with P(|T| ≤ t) = `level` for Student's distribution.
 #[pyfunction]
 pub(crate) fn t_factor(level: f64, freedom: f64) -> f64 {
     stats::t_factor(level, freedom)

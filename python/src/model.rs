@@ -27,7 +27,7 @@ pub(crate) struct Model {
 }
 
 impl Model {
-    /// Name, model and open-circuit voltage without additions.
+    /// Returns the name, model and open-circuit voltage without additions.
     pub(crate) fn parts(&self) -> (String, Erm, Option<OcvCurve>) {
         let given = &self.given;
         (given.name.clone(), given.erm.clone(), given.ocv.clone())
@@ -138,7 +138,7 @@ impl Model {
         self.given.erm.dc_resistance_ohm()
     }
 
-    /// Names of the effects that were added to it.
+    /// Returns the names of the effects that were added to it.
     #[getter]
     fn additions(&self) -> Vec<String> {
         let additions = self.given.additions.iter();
@@ -178,7 +178,7 @@ impl Model {
         })
     }
 
-    /// Text of the model for another program: `c`, `pybamm` or `casadi`.
+    /// Returns the text of the model for another program: `c`, `pybamm` or `casadi`.
     fn code(&self, to: &str, low_v: f64, high_v: f64, temperature_c: f64) -> PyResult<String> {
         let format = match to {
             "c" => ModelFormat::CHeader,
@@ -233,7 +233,7 @@ impl Model {
         })
     }
 
-    /// Impedance for small signals without additions, Ω.
+    /// Returns the impedance for small signals without additions, Ω.
     fn impedance<'py>(
         &self,
         py: Python<'py>,
@@ -281,8 +281,9 @@ impl Model {
         Ok((columns, summary))
     }
 
-    /// Time, voltage, and derivatives of the voltage: by a common factor of the demand, by R, R1,
-    /// C1, … and an offset of the open-circuit voltage, by the state of charge at the start.
+    /// Returns the time, voltage, and derivatives of the voltage: by a common factor of the demand,
+    /// by R, R1, C1, … and an offset of the open-circuit voltage, by the state of charge at the
+    /// start.
     fn sensitivities<'py>(&self, py: Python<'py>, play: Play<'py>) -> PyResult<Bound<'py, PyDict>> {
         let played = self.played(&play)?;
         let rows = apart(py, || {

@@ -27,7 +27,7 @@ pub(crate) struct Play<'py> {
 }
 
 impl Play<'_> {
-    /// The profile, the pack that it loads, and the options.
+    /// Returns the profile, the pack that it loads, and the options.
     pub(crate) fn read(&self) -> PyResult<(Profile, Pack, SimOptions)> {
         let demand = match self.demand.as_str() {
             "power" => Demand::Power,

@@ -108,7 +108,8 @@ impl Curve<'_> {
     }
 }
 
-/// Open-circuit voltage of a slow discharge, and of a charge where there is one, as JSON.
+/// Returns the open-circuit voltage of a slow discharge, and of a charge where there is one, as
+/// JSON.
 #[pyfunction]
 pub(crate) fn ocv(
     py: Python<'_>,

@@ -158,7 +158,7 @@ impl Spectrum {
         self.column(py, |p| p.amplitude_a)
     }
 
-    /// Variance of Re, covariance, variance of Im, Ω²; one row for each point.
+    /// Returns the variance of Re, covariance, variance of Im, Ω²; one row for each point.
     #[getter]
     fn covariance_ohm2<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let flat: Vec<f64> = self

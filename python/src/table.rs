@@ -69,8 +69,8 @@ fn points_of(columns: &PointColumns<'_>) -> PyResult<Vec<ImpedancePoint>> {
     Ok(points.collect())
 }
 
-/// The covariance of `sigma_ohm`, `sigma_re_ohm`, `sigma_im_ohm` and `cov_re_im_ohm2`; not a number
-/// where unknown.
+/// Returns the covariance of `sigma_ohm`, `sigma_re_ohm`, `sigma_im_ohm` and `cov_re_im_ohm2`; not
+/// a number where unknown.
 fn covariance([sigma, re, im, re_im]: [f64; 4]) -> Covariance2 {
     if !re.is_nan() && !im.is_nan() {
         return Covariance2 {
@@ -85,7 +85,7 @@ fn covariance([sigma, re, im, re_im]: [f64; 4]) -> Covariance2 {
     }
 }
 
-/// Spectra of columns: spectrum k holds the rows from `ends[k - 1]` to `ends[k]`.
+/// Returns the spectra of columns: spectrum k holds the rows from `ends[k - 1]` to `ends[k]`.
 #[pyfunction]
 pub(crate) fn spectra_of_columns(
     names: Vec<String>,
@@ -199,7 +199,7 @@ pub(crate) fn erm_rows<'py>(
     columns(py, &given, &ErmRows { request }, alone)
 }
 
-/// A fit of a circuit to each.
+/// Returns a fit of a circuit to each.
 #[pyfunction]
 pub(crate) fn circuit_rows<'py>(
     py: Python<'py>,

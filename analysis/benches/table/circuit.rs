@@ -28,7 +28,7 @@ const SEEDS: u64 = 40;
 const POINTS: u32 = 20;
 const NOISE: f64 = 0.005;
 
-/// The figures.
+/// Returns the figures.
 pub(crate) fn rows() -> Vec<Row> {
     let four = vec![
         0.00643, 0.00151, 0.553, 0.000_663, 6.98, 0.000_404, 664.0, 0.004_77, 1084.0,
@@ -114,8 +114,8 @@ fn run(case: &Case) -> (f64, f64) {
     )
 }
 
-/// A spectrum of 20 points from 0.1 to 300 Hz (of a diffusion from 3 mHz to 1 kHz) with independent
-/// normal noise of 0.5 % in each part.
+/// Returns a spectrum of 20 points from 0.1 to 300 Hz (of a diffusion from 3 mHz to 1 kHz) with
+/// independent normal noise of 0.5 % in each part.
 fn simulated(circuit: &Circuit, truth: &[f64], seed: u64) -> Spectrum {
     let mut rng = Rng::new(seed);
     let mut normal = || (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (TAU * rng.uniform()).cos();

@@ -28,7 +28,7 @@ const CELL: (f64, [(f64, f64); 4]) = (
 const SEEDS: u64 = 1000;
 const POOLED_SEEDS: u64 = 60;
 
-/// The figures.
+/// Returns the figures.
 pub(crate) fn rows() -> Vec<Row> {
     let table =
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/data/spectra/p45b_thesis.csv");

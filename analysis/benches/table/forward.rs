@@ -15,7 +15,7 @@ const STEPS: usize = 600_000;
 const CELLS: usize = 64;
 const RUNS: usize = 7;
 
-/// The figures.
+/// Returns the figures.
 pub(crate) fn rows() -> Vec<Row> {
     let (flat, curved) = (
         cell(OcvSource::Constant(3.72)),

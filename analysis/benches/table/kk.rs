@@ -60,7 +60,7 @@ fn time(spectra: &[Spectrum], rounds: u32, work: impl Fn(&Spectrum)) -> f64 {
     (0..BATCHES).map(batch).fold(f64::INFINITY, f64::min)
 }
 
-/// The figures.
+/// Returns the figures.
 pub(crate) fn rows() -> Vec<Row> {
     let many = |points, (low_hz, high_hz), stated| {
         (0..20)

@@ -35,7 +35,7 @@ fn cpu(samples: usize, work: impl Fn() + Sync + Send) -> f64 {
     pool.install(|| samples as f64 / best_s(REPEATS + 1, &work))
 }
 
-/// Sum of all samples, with the widest registers there are.
+/// Returns the sum of all samples, with the widest registers there are.
 fn read(codes: &[Vec<i16>]) -> i16 {
     let sum = |part: &[i16]| {
         pulp::Arch::new().dispatch(|| part.iter().fold(0i16, |sum, code| sum.wrapping_add(*code)))
@@ -69,7 +69,7 @@ fn signal(count: usize, freq_hz: f64) -> Vec<Vec<i16>> {
     [0, 1, 2, 3].map(one).to_vec()
 }
 
-/// The figures.
+/// Returns the figures.
 pub(crate) fn rows() -> Vec<Row> {
     let freq_hz = 1234.5;
     let codes = signal(10_000_000, freq_hz);

@@ -139,8 +139,8 @@ impl Value {
 }
 
 impl Ageing {
-    /// A chart of the points over the days since the first, one panel for each quantity, with bars
-    /// of one standard uncertainty.
+    /// Returns a chart of the points over the days since the first, one panel for each quantity,
+    /// with bars of one standard uncertainty.
     pub fn chart(&self) -> Chart {
         let first = self
             .points

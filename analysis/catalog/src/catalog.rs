@@ -102,7 +102,7 @@ impl Catalog {
         Ok(catalog)
     }
 
-    /// The file.
+    /// Returns the file.
     pub fn path(&self) -> &Path {
         &self.path
     }

@@ -27,7 +27,7 @@ fn source(row: &Row<'_>) -> rusqlite::Result<TimeSource> {
     Ok(TimeSource::of_word(&word))
 }
 
-/// A run of a row of `run`.
+/// Returns a run of a row of `run`.
 pub(crate) fn run_of(row: &Row<'_>) -> rusqlite::Result<CatalogRun> {
     let seed: String = row.get("seed")?;
     let verdict: String = row.get("verdict")?;
@@ -60,7 +60,7 @@ pub(crate) fn run_of(row: &Row<'_>) -> rusqlite::Result<CatalogRun> {
     })
 }
 
-/// A spectrum of a row of `spectrum`.
+/// Returns a spectrum of a row of `spectrum`.
 pub(crate) fn spectrum_of(row: &Row<'_>) -> rusqlite::Result<CatalogSpectrum> {
     Ok(CatalogSpectrum {
         run: row.get("run")?,
@@ -90,7 +90,7 @@ pub(crate) fn spectrum_of(row: &Row<'_>) -> rusqlite::Result<CatalogSpectrum> {
     })
 }
 
-/// A fit of a row of `fit`.
+/// Returns a fit of a row of `fit`.
 pub(crate) fn fit_of(row: &Row<'_>) -> rusqlite::Result<CatalogFit> {
     Ok(CatalogFit {
         run: row.get("run")?,
@@ -121,7 +121,7 @@ pub(crate) fn fit_of(row: &Row<'_>) -> rusqlite::Result<CatalogFit> {
     })
 }
 
-/// An event of a row of `event`.
+/// Returns an event of a row of `event`.
 pub(crate) fn event_of(row: &Row<'_>) -> rusqlite::Result<CatalogEvent> {
     let (line, kind): (i64, String) = (row.get("line")?, row.get("kind")?);
     Ok(CatalogEvent {
@@ -133,7 +133,7 @@ pub(crate) fn event_of(row: &Row<'_>) -> rusqlite::Result<CatalogEvent> {
     })
 }
 
-/// A diagnosis of a row of `diagnosis`, with `cell`, the cell of its run that it is of.
+/// Returns a diagnosis of a row of `diagnosis`, with `cell`, the cell of its run that it is of.
 pub(crate) fn diagnosis_of(row: &Row<'_>) -> rusqlite::Result<CatalogDiagnosis> {
     Ok(CatalogDiagnosis {
         folder: row.get("folder")?,

@@ -241,7 +241,7 @@ pub fn run_columns(runs: &[CatalogRun]) -> Vec<TableColumn> {
     ]
 }
 
-/// The columns of a table of fits.
+/// Returns the columns of a table of fits.
 pub fn fit_columns(fits: &[CatalogFit]) -> Vec<TableColumn> {
     vec![
         texts("run", fits, |fit| Some(fit.run.clone())),

@@ -133,7 +133,7 @@ struct PairSigma {
     time_constant_s: Option<f64>,
 }
 
-/// Identity of a folder: the first 16 digits of the SHA-256 of its absolute path.
+/// Returns the identity of a folder: the first 16 digits of the SHA-256 of its absolute path.
 pub(crate) fn identity(folder: &Path) -> String {
     let path = folder.as_os_str().as_encoded_bytes();
     hex(&Sha256::digest(path)[..8])
@@ -143,7 +143,7 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Whether a folder is that of a run.
+/// Returns whether a folder is that of a run.
 pub(crate) fn is_run(folder: &Path) -> bool {
     [MANIFEST, JOURNAL]
         .iter()
@@ -240,7 +240,7 @@ impl<'a> Reading<'a> {
         self.manifest.started_unix_s.unwrap_or_else(file)
     }
 
-    /// The cell of an entry of the index: its own, or the only one.
+    /// Returns the cell of an entry of the index: its own, or the only one.
     fn cell_of(&self, sweep: &SweepEntry) -> String {
         match (&sweep.cell, self.cells.as_slice()) {
             (Some(cell), _) => cell.clone(),

@@ -243,7 +243,7 @@ mod tests {
     const STARTED: &str = r#"{"started":{"version":"0.1.0","experiment":"e","seed":3,"time":"real",
         "inherited":false,"files":[],"plan":[]}}"#;
 
-    /// A journal of entries, one to a line.
+    /// Returns a journal of entries, one to a line.
     fn journal(entries: &[&str]) -> String {
         let line = |(number, entry): (usize, &&str)| {
             let entry = entry.replace('\n', "");

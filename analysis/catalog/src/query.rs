@@ -168,7 +168,7 @@ struct Diagnosed {
 }
 
 impl Catalog {
-    /// The runs that meet every condition, the latest first.
+    /// Returns the runs that meet every condition, the latest first.
     ///
     /// # Errors
     /// [`CatalogError`].
@@ -188,7 +188,7 @@ impl Catalog {
         Ok(RunsFound { runs, after })
     }
 
-    /// The corrected spectra of cells that meet every condition, the latest first.
+    /// Returns the corrected spectra of cells that meet every condition, the latest first.
     ///
     /// # Errors
     /// [`CatalogError`].
@@ -203,7 +203,7 @@ impl Catalog {
         Ok(SpectraFound { spectra, after })
     }
 
-    /// The fits that meet every condition, the latest first.
+    /// Returns the fits that meet every condition, the latest first.
     ///
     /// # Errors
     /// [`CatalogError`].
@@ -227,7 +227,7 @@ impl Catalog {
         self.ask(&text, &question.values, fit_of)
     }
 
-    /// The fits of single cells that meet every condition, as far as their choice needs it.
+    /// Returns the fits of single cells that meet every condition, as far as their choice needs it.
     pub(crate) fn fit_heads(&self, filter: &Filter) -> Result<Vec<FitHead>, CatalogError> {
         let mut question = self.rows(FITS, filter)?;
         question.add("f.cells = 1", &[]);
@@ -241,7 +241,7 @@ impl Catalog {
         })
     }
 
-    /// The fits of single cells of one number of RC pairs, in the order of time.
+    /// Returns the fits of single cells of one number of RC pairs, in the order of time.
     pub(crate) fn single_fits(
         &self,
         filter: &Filter,
@@ -281,14 +281,14 @@ impl Catalog {
         Ok(DiagnosesFound { diagnoses, after })
     }
 
-    /// The diagnoses of some runs.
+    /// Returns the diagnoses of some runs.
     fn diagnoses_of(&self, runs: &[&str]) -> Result<Vec<CatalogDiagnosis>, CatalogError> {
         let question = of_few("diagnosis d", 'd', Some(runs));
         let text = question.text(DIAGNOSIS_COLUMNS, BY_FOLDER, ALL);
         self.ask(&text, &question.values, diagnosis_of)
     }
 
-    /// The parameters of the effects that diagnoses of some runs name.
+    /// Returns the parameters of the effects that diagnoses of some runs name.
     pub(crate) fn parameters_of(&self, runs: &[&str]) -> Result<Vec<OfRun>, CatalogError> {
         let question = of_few("diagnosis d", 'd', Some(runs));
         let text = question.text("d.run, d.parameters", BY_FOLDER, ALL);
@@ -300,8 +300,8 @@ impl Catalog {
         })
     }
 
-    /// The cells of the runs that meet every condition, by name and serial number, each with the
-    /// number of those runs.
+    /// Returns the cells of the runs that meet every condition, by name and serial number, each
+    /// with the number of those runs.
     ///
     /// # Errors
     /// [`CatalogError`].
@@ -568,7 +568,7 @@ fn several(wanted: &str, runs: &[CatalogRun]) -> CatalogError {
     }
 }
 
-/// A cell of a row of `cell`, or of [`CELL_COLUMNS`].
+/// Returns a cell of a row of `cell`, or of [`CELL_COLUMNS`].
 fn cell_of(row: &Row<'_>) -> rusqlite::Result<CellFound> {
     Ok(CellFound {
         cell: row.get(0)?,

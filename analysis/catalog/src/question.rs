@@ -43,7 +43,7 @@ pub struct Filter {
 }
 
 impl Filter {
-    /// Length of an answer.
+    /// Returns the length of an answer.
     pub(crate) fn most(&self) -> usize {
         match self.most {
             0 => MOST,
@@ -67,7 +67,7 @@ impl Filter {
         self.trip || self.verdict.is_some() || texts.into_iter().any(Option::is_some)
     }
 
-    /// Whether there is a condition beside the time.
+    /// Returns whether there is a condition beside the time.
     pub(crate) fn asks_beside_time(&self) -> bool {
         let texts = [&self.cell, &self.serial, &self.bench];
         self.asks_of_runs() || texts.into_iter().any(Option::is_some)
@@ -234,7 +234,7 @@ impl Question {
         self.add(&condition, &other.values);
     }
 
-    /// The whole question.
+    /// Returns the whole question.
     pub(crate) fn text(&self, select: &str, tail: &str, most: usize) -> String {
         let conditions = match self.conditions.as_slice() {
             [] => "1".to_owned(),
@@ -353,7 +353,7 @@ impl Cursor {
         }
     }
 
-    /// Time, run and file.
+    /// Returns the time, run and file.
     pub(crate) fn values(self) -> [Value; 3] {
         let Self {
             started_unix_s,

@@ -88,7 +88,7 @@ impl RunRows {
         }
     }
 
-    /// The run.
+    /// Returns the run.
     pub fn run(&self) -> &CatalogRun {
         &self.folder.run
     }
@@ -133,7 +133,8 @@ impl RunRows {
     }
 }
 
-/// The cell of a run that a diagnosis is of: the one that its folder is called after, or the only one.
+/// Returns the cell of a run that a diagnosis is of: the one that its folder is called after, or
+/// the only one.
 fn cell_of(diagnosis: &Path, run: &CatalogRun) -> Option<String> {
     let called = |cell: &&CatalogCell| diagnosis.file_name() == Some(OsStr::new(&cell.name));
     let only = match run.cells.as_slice() {
@@ -145,7 +146,7 @@ fn cell_of(diagnosis: &Path, run: &CatalogRun) -> Option<String> {
 }
 
 impl RunTable {
-    /// Number of its rows.
+    /// Returns the number of its rows.
     pub fn rows(&self) -> usize {
         self.columns
             .first()

@@ -228,7 +228,7 @@ fn look(
     }
 }
 
-/// A run folder that is to be read; the identity of one that has not changed.
+/// Returns a run folder that is to be read; the identity of one that has not changed.
 fn compare(known: &Connection, folder: PathBuf, options: &ScanOptions<'_>) -> Result<Work, String> {
     let run = folder::identity(&folder);
     let beside = (options.beside)(&folder);
@@ -363,13 +363,13 @@ fn parameters(effect: Effect) -> impl Iterator<Item = CatalogParameter> {
     effect.parameters.into_iter().map(one)
 }
 
-/// The run that a diagnosis is of: the folder that it lies in, or the one of the name of its data
-/// set beside it.
+/// Returns the run that a diagnosis is of: the folder that it lies in, or the one of the name of
+/// its data set beside it.
 fn run_of(folder: &Path, data_set: &str) -> Option<String> {
     run_folder_of(folder, data_set).map(|run| folder::identity(&run))
 }
 
-/// The folder of the run that a diagnosis is of, by its own folder.
+/// Returns the folder of the run that a diagnosis is of, by its own folder.
 pub(crate) fn run_folder_of_diagnosis(folder: &Path) -> Option<PathBuf> {
     let text = fs::read(folder.join(DIAGNOSIS)).ok()?;
     let file: DiagnosisFile = serde_json::from_slice(&text).ok()?;
@@ -524,7 +524,7 @@ struct Row {
     folder: String,
 }
 
-/// The number that an identity of a run spells.
+/// Returns the number that an identity of a run spells.
 fn number(run: &str) -> u64 {
     u64::from_str_radix(run, 16).unwrap_or_default()
 }

@@ -106,7 +106,7 @@ fn put_run(connection: &Connection, folder: &Folder) -> rusqlite::Result<()> {
     Ok(())
 }
 
-/// The text of a value that always has one.
+/// Returns the text of a value that always has one.
 fn json(value: &impl serde::Serialize) -> String {
     serde_json::to_string(value).unwrap_or_default()
 }

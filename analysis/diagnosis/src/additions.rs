@@ -7,7 +7,7 @@ use super::outcome::{
 use analysis_fit::fit::{Addition, AdditionEvidence, AdditionParameter};
 
 impl Diagnosis {
-    /// The named effects as additions to the model that was refitted together with them
+    /// Returns the named effects as additions to the model that was refitted together with them
     /// ([`Diagnosis::augmented`]); empty where none was named.
     pub fn additions(&self, added_by: &str) -> Vec<Addition> {
         self.effects
@@ -98,7 +98,7 @@ fn parameters(fitted: &[FittedParameter]) -> Vec<AdditionParameter> {
     fitted.iter().map(parameter).collect()
 }
 
-/// Root mean square over records, V; none without any.
+/// Returns the root mean square over records, V; none without any.
 fn rms_v(gaps: &[Gap], of: fn(&Gap) -> f64) -> Option<f64> {
     (!gaps.is_empty()).then(|| 1e-3 * rms_mv(gaps, of))
 }

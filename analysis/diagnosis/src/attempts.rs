@@ -41,7 +41,7 @@ struct Origin {
 }
 
 impl Origin {
-    /// Greatest Lagrange score of an effect.
+    /// Returns the greatest Lagrange score of an effect.
     fn lagrange(&self, name: &str) -> f64 {
         self.of(name).map_or(0.0, |p| p[0].lagrange)
     }
@@ -50,7 +50,7 @@ impl Origin {
         self.proposals.iter().find(|p| p[0].member.name() == name)
     }
 
-    /// Names by falling Lagrange score.
+    /// Returns the names by falling Lagrange score.
     fn names(&self) -> Vec<&'static str> {
         let mut all: Vec<&Vec<Proposal>> = self.proposals.iter().collect();
         all.sort_by(|a, b| b[0].lagrange.total_cmp(&a[0].lagrange));
@@ -190,7 +190,7 @@ impl Search<'_> {
             .collect()
     }
 
-    /// The fit, and where it misses the model file's base with the same effects.
+    /// Returns the fit, and if it misses the data also the model file's base with the same effects.
     fn starts(&mut self, fit: &Fit) -> Vec<Fit> {
         let mut starts = vec![fit.clone()];
         if excess_z(fit.chi2, self.problem.degrees_of_freedom(fit)) > MISFIT_Z {
@@ -389,7 +389,7 @@ impl Search<'_> {
         freed
     }
 
-    /// A fit with one effect more, from a fit's base; its λ counts from `before_chi2`.
+    /// Returns a fit with one effect more, from a fit's base; its λ counts from `before_chi2`.
     fn try_member(
         &mut self,
         before_chi2: f64,

@@ -226,7 +226,7 @@ impl Block {
         })
     }
 
-    /// Number of rows.
+    /// Returns the number of rows.
     pub(super) fn rows(&self) -> usize {
         self.measured.len()
     }
@@ -273,7 +273,7 @@ impl Block {
         windows.means(&workspace.within_v, &mut workspace.voltage_v);
     }
 
-    /// A record of a block in time, still without samples.
+    /// Returns a record of a block in time, still without samples.
     fn circumstances(&self) -> Record<'_> {
         Record {
             time_s: &[],
@@ -431,8 +431,8 @@ mod tests {
     const R_OHM: f64 = 6e-3;
     const BRANCH: (f64, f64) = (5e-3, 5.6);
 
-    /// Mean over a window, on one side of the steps, of the voltage over a branch and a resistance
-    /// after a step of 9 A that lasts 20 s.
+    /// Returns the mean over a window, on one side of the steps, of the voltage over a branch and a
+    /// resistance after a step of 9 A that lasts 20 s.
     fn mean_v((from_s, to_s): (f64, f64)) -> f64 {
         let (r_ohm, tau_s) = BRANCH;
         let decay = |t: f64| (-t / tau_s).exp();

@@ -29,7 +29,7 @@ impl Block {
         sum_c
     }
 
-    /// Charge before a run that follows this one and begins at a state of charge, see
+    /// Returns the charge before a run that follows this one and begins at a state of charge, see
     /// [`Record::before`](analysis_effects::contract::Record::before).
     pub(super) fn charge_until(&self, soc: f64, capacity_ah: f64) -> Vec<Moved> {
         let mut all = Stretches {
@@ -108,7 +108,7 @@ fn swung_c(start_s: f64, points: &[Point]) -> f64 {
     std::f64::consts::FRAC_2_PI * (swung(before_s, first) + between + swung(after_s, last))
 }
 
-/// The middle one, of an even number the lower, 0 of none.
+/// Returns the middle one, of an even number the lower, 0 of none.
 fn median(of: impl Iterator<Item = f64>) -> f64 {
     let mut sorted: Vec<f64> = of.collect();
     sorted.sort_by(f64::total_cmp);

@@ -23,7 +23,7 @@ pub(super) struct Codes {
 }
 
 impl Codes {
-    /// Covariance of the errors that samples at two voltages share.
+    /// Returns the covariance of the errors that samples at two voltages share.
     pub(super) fn covariance(self, apart: f64) -> f64 {
         if self.step <= 0.0 {
             return 0.0;
@@ -40,7 +40,7 @@ impl Codes {
         (shared > DITHERED_PART * self.whole()).then_some(shared)
     }
 
-    /// Variance that is new in every sample.
+    /// Returns the variance that is new in every sample.
     pub(super) fn fresh(self) -> f64 {
         (self.whole() - self.shared().unwrap_or(0.0)).max(0.0)
     }

@@ -273,8 +273,8 @@ fn total_of(cuts: &[Cut<'_>], tried: Tried) -> f64 {
     cuts.iter().map(|cut| cut.levels(tried).squares).sum()
 }
 
-/// The least of a function of a time near a first guess, by three points of a finer and finer grid
-/// in its logarithm: place, second derivative and value.
+/// Returns the least of a function of a time near a first guess, by three points of a finer and
+/// finer grid in its logarithm: place, second derivative and value.
 fn sharpened(at: impl Fn(f64) -> f64, first_s: f64, first_step: f64) -> (f64, f64, f64) {
     let (mut best_s, mut step) = (first_s, first_step);
     let mut values = [f64::NAN; 3];
@@ -381,7 +381,7 @@ impl<'a> Cut<'a> {
         })
     }
 
-    /// Middle of how long a level lasts, s.
+    /// Returns the median duration of a level, s.
     fn typical_s(&self) -> f64 {
         let time_s = &self.record.series.time_s;
         let mut spans_s: Vec<f64> = self
@@ -520,7 +520,7 @@ impl<'a> Cut<'a> {
         on
     }
 
-    /// The level of a rest in which the log is at it from the first row on.
+    /// Returns the level of a rest in which the log is at it from the first row on.
     fn switched_off(&self, rows: &Range<usize>) -> Level {
         let currents = &self.record.series.current_a[rows.clone()];
         let count = rows.len().max(1) as f64;
@@ -536,7 +536,7 @@ impl<'a> Cut<'a> {
         }
     }
 
-    /// Standard deviation of the rows about each level that lasts.
+    /// Returns the standard deviation of the rows about each level that lasts.
     fn scatters_a(&self, tried: Tried) -> Vec<f64> {
         let levels = self.levels(tried);
         let each = self.segments.iter().zip(&levels.each);
@@ -746,8 +746,8 @@ fn decay(since_s: f64, step_s: f64, tau_s: f64) -> f64 {
     }
 }
 
-/// The current that the model needs for the voltage of each sample, A, taken as constant since the
-/// sample before. The charge is that of the logged current, for a filter loses none.
+/// Returns the current that the model needs for the voltage of each sample, A, taken as constant
+/// since the sample before. The charge is that of the logged current, for a filter loses none.
 fn inverse(record: &TimeRecord, soc: f64, model: &BaseModel) -> Vec<f64> {
     let series = &record.series;
     let erm = &model.erm;
@@ -808,7 +808,7 @@ fn inverse(record: &TimeRecord, soc: f64, model: &BaseModel) -> Vec<f64> {
 }
 
 impl Filter {
-    /// Whether this run has it.
+    /// Returns whether this run has it.
     pub(crate) fn holds(&self, run: &str) -> bool {
         self.records.iter().any(|own| own.run == run)
     }

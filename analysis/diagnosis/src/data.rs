@@ -140,7 +140,7 @@ pub struct TimeRecord {
 }
 
 impl TimeRecord {
-    /// Distance of two rows in the middle, s.
+    /// Returns the distance of two rows in the middle, s.
     pub(crate) fn interval_s(&self) -> f64 {
         let steps = self.series.time_s.windows(2).map(|w| w[1] - w[0]);
         median(steps.collect())

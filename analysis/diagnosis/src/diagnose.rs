@@ -434,7 +434,7 @@ fn noise_report(prepared: &Prepared) -> NoiseReport {
     }
 }
 
-/// Whether repeats have measured the noise.
+/// Returns whether repeats have measured the noise.
 fn measured(prepared: &Prepared) -> bool {
     prepared.estimate.repeats >= FEWEST_REPEATS
 }

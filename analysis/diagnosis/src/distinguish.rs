@@ -25,8 +25,8 @@ struct Directions {
     one_sided: bool,
 }
 
-/// The matrix of a data set for those effects that apply to it; rows are the true effects at their
-/// typical strength.
+/// Returns the matrix of a data set for those effects that apply to it; rows are the true effects
+/// at their typical strength.
 ///
 /// # Errors
 /// [`DataSetError`] for a set that cannot be used.

@@ -129,8 +129,8 @@ fn later(time: &TimeBlock, row: &Bin, first: usize) -> Later {
     }
 }
 
-/// Change of the later rows' open-circuit voltage for an edge that comes earlier by the distance of
-/// the samples about it: the charge that flows in between.
+/// Returns the change of the later rows' open-circuit voltage for an edge that comes earlier by the
+/// distance of the samples about it: the charge that flows in between.
 fn charge(time: &TimeBlock, edge: usize, soc: f64, base: &Base) -> Vec<f64> {
     let (step_s, step_a) = (
         time.time_s[edge] - time.time_s[edge - 1],
@@ -169,9 +169,9 @@ fn shift(time: &TimeBlock, edge: usize, place: Place, base: &Base) -> Vec<f64> {
         .collect()
 }
 
-/// Change of the first sample after an edge, one standard deviation: it may be read while the
-/// current still changes. Its voltage may then lack any part of the drop of the series resistance
-/// and of the branches that are faster than the samples.
+/// Returns the change of the first sample after an edge, one standard deviation: it may be read
+/// while the current still changes. Its voltage may then lack any part of the drop of the series
+/// resistance and of the branches that are faster than the samples.
 fn first(time: &TimeBlock, edge: usize, base: &Base) -> Vec<f64> {
     let (step_s, step_a) = (
         time.time_s[edge] - time.time_s[edge - 1],

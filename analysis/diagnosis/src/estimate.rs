@@ -36,7 +36,7 @@ pub(super) struct Estimate {
 }
 
 impl Estimate {
-    /// Variance of a term.
+    /// Returns the variance of a term.
     pub(super) fn variance(&self, term: Term) -> f64 {
         (2.0 * self.log_sigmas[term as usize]).exp()
     }
@@ -156,7 +156,7 @@ fn remove_trend(groups: &mut [Group<'_>], theta: &LogSigmas) {
     }
 }
 
-/// Gradient of −ln L and the average information matrix.
+/// Returns the gradient of −ln L and the average information matrix.
 fn expand(groups: &[Group<'_>], theta: &LogSigmas) -> (LogSigmas, Vec<f64>) {
     let n = TERMS.len();
     let (mut gradient, mut information) = ([0.0; TERMS.len()], vec![0.0; n * n]);

@@ -22,13 +22,13 @@ pub(super) struct Fits<'a> {
     pub(super) augmented: &'a Fit,
 }
 
-/// Root mean square.
+/// Returns the root mean square.
 fn rms(values: impl Iterator<Item = f64>) -> f64 {
     let (count, sum) = values.fold((0usize, 0.0), |(n, s), v| (n + 1, s + v * v));
     (sum / count.max(1) as f64).sqrt()
 }
 
-/// Root mean square of a gap over records, mV; zero without any.
+/// Returns the root mean square of a gap over records, mV; zero without any.
 pub fn rms_mv(gaps: &[Gap], of: fn(&Gap) -> f64) -> f64 {
     rms(gaps.iter().map(of))
 }
@@ -130,8 +130,8 @@ pub(super) fn gaps(
     gaps
 }
 
-/// Standard deviation per sample: the rows' own, with the white noise of a single sample instead of
-/// the mean's.
+/// Returns the standard deviation per sample: the rows' own, with the white noise of a single
+/// sample instead of the mean's.
 pub(super) fn sample_floor(prepared: &Prepared, block: usize, time: &TimeBlock) -> Vec<f64> {
     let white = prepared.sample_noise_v.powi(2);
     // A free level is excluded from a gap about the mean.

@@ -140,9 +140,9 @@ impl Search<'_> {
         })
     }
 
-    /// Residual of the held-out runs along the change that the addition makes to their prediction,
-    /// in standard deviations of noise and parameters: u·r/√(1 + uᵀJΣJᵀu) with u the direction of
-    /// the change. A true effect leaves only noise there.
+    /// Returns the residual of the held-out runs along the change that the addition makes to their
+    /// prediction, in standard deviations of noise and parameters: u·r/√(1 + uᵀJΣJᵀu) with u the
+    /// direction of the change. A true effect leaves only noise there.
     fn contradiction(&mut self, before: &Fit, after: &Fit) -> f64 {
         let problem = self.problem;
         let old = problem.whitened_of(Role::HeldOut, before.at(), &mut self.workspace);

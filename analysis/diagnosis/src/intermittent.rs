@@ -202,8 +202,8 @@ impl Kernel {
     }
 }
 
-/// Variance of the mean over a time of `x` correlation times τ, as a part of the variance of a
-/// value.
+/// Returns the variance of the mean over a time of `x` correlation times τ, as a part of the
+/// variance of a value.
 fn of_mean(x: f64) -> f64 {
     if x < 1e-3 {
         1.0

@@ -15,7 +15,7 @@ const MOST_REFITS: usize = 8;
 /// Tolerance of an end against the quantile, in standard deviations.
 const NEAR: f64 = 0.1;
 
-/// The effects taken, with values, intervals and evidence.
+/// Returns the effects taken, with values, intervals and evidence.
 pub(super) fn named(
     problem: &Problem,
     selection: &Selection,

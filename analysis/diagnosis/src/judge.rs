@@ -199,7 +199,7 @@ fn is_mostly(d: &Diagnosis) -> bool {
     certain && no_other && left <= MOSTLY_LEFT * (before - d.quality.degrees_of_freedom) && held_out
 }
 
-/// Title of an effect or of a law outside the catalogue.
+/// Returns the title of an effect or of a law outside the catalogue.
 fn title(name: &'static str) -> &'static str {
     effects::title(name).unwrap_or(name)
 }

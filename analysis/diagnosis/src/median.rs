@@ -1,6 +1,6 @@
 //! Median of values.
 
-/// The middle one, or the mean of both; zero of none.
+/// Returns the middle one, or the mean of both; zero of none.
 pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_unstable_by(f64::total_cmp);
     match values.as_slice() {

@@ -121,8 +121,8 @@ impl Prior {
         }
     }
 
-    /// Variance of one voltage sample that no estimate touches: codes of both channels and noise of
-    /// the current, V².
+    /// Returns the variance of one voltage sample that no estimate touches: codes of both channels
+    /// and noise of the current, V².
     pub(super) fn sample_variance(&self, base: &Base) -> f64 {
         let h = &self.history;
         (h.voltage_resolution_v * UNIFORM).powi(2) + current_variance_a2(h) * base.erm.r_ohm.powi(2)
@@ -330,7 +330,7 @@ impl Shape {
         }
     }
 
-    /// Change of the rows by one standard deviation of each error that all runs share.
+    /// Returns the change of the rows by one standard deviation of each error that all runs share.
     pub(super) fn shared(&self) -> &Errors {
         &self.shared
     }
@@ -358,7 +358,7 @@ impl Shape {
         self.codes.iter_mut().for_each(|c| *c *= repeats as f64);
     }
 
-    /// Change of the rows when all resistances grow in proportion to an order.
+    /// Returns the change of the rows when all resistances grow in proportion to an order.
     pub(super) fn trend(&self, order: f64) -> Vec<f64> {
         let resistance = self
             .vectors
@@ -380,8 +380,8 @@ impl Shape {
         self.shared.iter_mut().for_each(|v| v.fill(0.0));
     }
 
-    /// The covariance of a run that `repeat` runs are the mean of, what all runs share with it,
-    /// row-major.
+    /// Returns the covariance of a run that `repeat` runs are the mean of, what all runs share with
+    /// it, row-major.
     pub(super) fn whole_covariance(&self, log_sigmas: &LogSigmas, repeat: usize) -> Vec<f64> {
         let mut c = self.covariance(log_sigmas);
         c.iter_mut().for_each(|c| *c /= repeat as f64);
@@ -470,7 +470,7 @@ impl Shape {
 }
 
 impl BenchHistory {
-    /// Standard deviation of the difference of two samples of a current that stays, A.
+    /// Returns the standard deviation of the difference of two samples of a current that stays, A.
     pub(super) fn current_jitter_a(&self) -> f64 {
         2f64.sqrt()
             * self
@@ -489,7 +489,8 @@ fn current_variance_a2(h: &BenchHistory) -> f64 {
         .fresh()
 }
 
-/// Change of the rows by a growth of all resistances, per unit. A control is larger as a whole.
+/// Returns the change of the rows by a growth of all resistances, per unit. A control is larger as
+/// a whole.
 fn resistance(
     block: &Block,
     model: &Model<'_>,

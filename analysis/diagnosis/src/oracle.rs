@@ -44,7 +44,7 @@ pub fn removable_beside(
     Ok(with_effects(&prepared.problem, base, names, &mut workspace)?.chi2)
 }
 
-/// A fit with these effects added, one after the other.
+/// Returns a fit with these effects added, one after the other.
 fn with_effects(
     problem: &Problem,
     mut fit: Fit,

@@ -38,7 +38,7 @@ impl Verdict {
         matches!(self, Self::Mostly | Self::Ambiguous | Self::Unexplained)
     }
 
-    /// True where something is missing that has no name.
+    /// Returns true if something is missing that has no name.
     pub fn leaves_a_rest(self) -> bool {
         matches!(self, Self::Mostly | Self::Unexplained)
     }

@@ -55,7 +55,7 @@ impl Search<'_> {
         (!proven.structure.members.is_empty()).then_some(proven)
     }
 
-    /// The best pair of effects of the cell that no held-out record speaks against.
+    /// Returns the best pair of effects of the cell that no held-out record speaks against.
     fn pair_that_predicts(&mut self, selection: &Selection) -> Option<Fit> {
         for pair in self.pairs(selection) {
             let fit = self.with_fine_steps(pair.fit);
@@ -119,7 +119,7 @@ struct Term {
     is_proven: bool,
 }
 
-/// Whether an effect of this name may predict: it is one of the cell.
+/// Returns whether an effect of this name may predict: it is one of the cell.
 fn may_predict(name: &str) -> bool {
     find(name).is_some_and(|effect| effect.card().group == Group::Cell)
 }

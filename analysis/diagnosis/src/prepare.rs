@@ -113,7 +113,7 @@ fn blocks(set: &DataSet, base: &Base) -> Result<Vec<Block>, DataSetError> {
     Ok(blocks)
 }
 
-/// The shape of every block's noise about a model.
+/// Returns the shape of every block's noise about a model.
 fn shapes(
     blocks: &[Block],
     model: &Model<'_>,
@@ -251,8 +251,8 @@ impl Prepared {
         Ok(self)
     }
 
-    /// The problem of runs that are yet to be measured, under the noise found. Repeats make a run's
-    /// own noise that much smaller, not what all runs share.
+    /// Returns the problem of runs that are yet to be measured, under the noise found. Repeats make
+    /// a run's own noise that much smaller, not what all runs share.
     pub(super) fn planned(
         &self,
         runs: &[PlannedRun],

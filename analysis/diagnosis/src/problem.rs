@@ -98,7 +98,7 @@ impl Problem {
         self.base.erm.branches.len()
     }
 
-    /// Start of a fit without one member: the values of the others.
+    /// Returns the start of a fit without one member: the values of the others.
     pub(super) fn without(&self, fit: &Fit, member: usize) -> (Structure, Vec<f64>, Vec<Axis>) {
         let structure = fit.structure.without(member);
         let axes = structure.axes(&self.base.erm);
@@ -113,7 +113,7 @@ impl Problem {
         Structure::default().encode(&self.base.erm)
     }
 
-    /// Rows of the training runs.
+    /// Returns the rows of the training runs.
     pub(super) fn training_rows(&self) -> usize {
         self.of_role(Role::Train)
             .map(|k| self.blocks[k].rows())
@@ -159,7 +159,7 @@ impl Problem {
         })
     }
 
-    /// The base with another ERM.
+    /// Returns the base with another ERM.
     pub(super) fn base_with(&self, erm: Erm) -> Base {
         Base {
             erm,
@@ -203,7 +203,7 @@ impl Problem {
         rows
     }
 
-    /// Prediction of the training runs.
+    /// Returns the prediction of the training runs.
     pub(super) fn prediction(&self, at: At<'_>, workspace: &mut Workspace) -> Prediction {
         self.prediction_of(Role::Train, at, workspace)
     }
@@ -369,7 +369,7 @@ impl Problem {
             .collect()
     }
 
-    /// Derivative by one coordinate.
+    /// Returns the derivative by one coordinate.
     fn column(
         &self,
         at: At<'_>,
@@ -413,7 +413,7 @@ impl Problem {
         self.fit_by(&structure, x, axes, nearby, workspace)
     }
 
-    /// A structure at a vector, as it is.
+    /// Returns a structure at a vector, as it is.
     pub(super) fn at(
         &self,
         structure: &Structure,
@@ -733,7 +733,7 @@ impl Fit {
         self.structure.at(&self.x)
     }
 
-    /// The fitted ERM and the values of the effects.
+    /// Returns the fitted ERM and the values of the effects.
     pub(super) fn decode(&self, branches: usize) -> (Erm, Vec<Vec<f64>>) {
         self.structure.decode(&self.x, branches)
     }
@@ -772,7 +772,7 @@ impl Fit {
         }
     }
 
-    /// An orthonormal basis of the tangent space.
+    /// Returns an orthonormal basis of the tangent space.
     pub(super) fn tangent(&self) -> Tangent {
         let mut tangent = Tangent::default();
         self.columns.iter().for_each(|c| tangent.add(c.clone()));

@@ -70,8 +70,8 @@ pub(super) fn propose(
     proposals
 }
 
-/// Change of the whitened prediction per typical strength of the last member, from its absence over
-/// a step in that unit. `predicted` is [`Problem::prediction`] of the fit.
+/// Returns the change of the whitened prediction per typical strength of the last member, from its
+/// absence over a step in that unit. `predicted` is [`Problem::prediction`] of the fit.
 pub(super) fn direction(
     problem: &Problem,
     fit: &Fit,

@@ -65,7 +65,7 @@ impl Search<'_> {
     }
 }
 
-/// Whether another effect becomes a named one at a limit of its shape.
+/// Returns whether another effect becomes a named one at a limit of its shape.
 fn contains(other: &Attempt, name: &str) -> bool {
     find(other.name).is_some_and(|e| e.card().contains.contains(&name))
 }

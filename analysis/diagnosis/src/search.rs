@@ -19,7 +19,7 @@ pub(super) struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// The same tools for another thread.
+    /// Returns the same tools for another thread.
     pub(super) fn aside(&self) -> Search<'_> {
         Search {
             workspace: Workspace::default(),

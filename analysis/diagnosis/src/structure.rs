@@ -75,7 +75,7 @@ impl Member {
             .collect()
     }
 
-    /// Number of combinations of its choices.
+    /// Returns the number of combinations of its choices.
     pub(super) fn choices(&self) -> usize {
         self.parameters
             .iter()
@@ -172,7 +172,7 @@ impl Structure {
         }
     }
 
-    /// The axes of the vector, the base's first; its bounds lie around `start`.
+    /// Returns the axes of the vector, the base's first; its bounds lie around `start`.
     pub(super) fn axes(&self, start: &Erm) -> Vec<Axis> {
         let around = |value: f64, reach: f64| Axis {
             lower: value - reach.ln(),
@@ -239,7 +239,7 @@ impl Structure {
         (erm, values)
     }
 
-    /// Index in the vector of the first parameter of a member.
+    /// Returns the index in the vector of the first parameter of a member.
     pub(super) fn first(&self, member: usize, branches: usize) -> usize {
         1 + 2 * branches
             + self.members[..member]
@@ -256,7 +256,7 @@ impl Structure {
             .any(|m| m.effect.tells_repeats_apart(&m.choice))
     }
 
-    /// The effects with their values.
+    /// Returns the effects with their values.
     pub(super) fn added<'a>(&'a self, values: &'a [Vec<f64>]) -> Vec<Added<'a>> {
         self.members
             .iter()
@@ -342,13 +342,14 @@ pub(super) fn variants(effect: &'static dyn Effect, base: &Base) -> Vec<Member> 
     starts.into_iter().map(member).collect()
 }
 
-/// Whether a parameter has a meaning beside these values.
+/// Returns whether a parameter has a meaning beside these values.
 fn meant(p: &Parameter, values: &[f64]) -> bool {
     p.only_with
         .is_none_or(|(index, value)| values[index] == value)
 }
 
-/// The parameters of an effect with these choices: what has no meaning then is not searched.
+/// Returns the parameters of an effect with these choices: what has no meaning then is not
+/// searched.
 pub(super) fn searched(effect: &'static dyn Effect, base: &Base, values: &[f64]) -> Vec<Parameter> {
     let mut parameters = effect.parameters(base);
     parameters

@@ -75,7 +75,7 @@ impl Source {
         }
     }
 
-    /// The source itself.
+    /// Returns the source itself.
     pub fn text(&self) -> &'static str {
         match self {
             Self::Quantile(text)

@@ -155,9 +155,9 @@ impl OcvCurve {
         Ok(())
     }
 
-    /// Slope over charge at a voltage at rest, with its standard deviation: the curve is good to
-    /// `share` of its slope (it is often another cell's), and the voltage to `sigma_v`. None
-    /// outside the curve.
+    /// Returns the slope over charge at a voltage at rest, with its standard deviation: the curve
+    /// is good to `share` of its slope (it is often another cell's), and the voltage to `sigma_v`.
+    /// None outside the curve.
     pub fn charge_slope(&self, rest_v: f64, sigma_v: f64, share: f64) -> Option<OcvSlope> {
         let soc = self.soc_at(rest_v)?;
         let capacity_c = 3600.0 * self.capacity_ah;
@@ -209,7 +209,7 @@ impl OcvCurve {
         (value, slope / h)
     }
 
-    /// State of charge of an OCV within the curve's range; none outside it.
+    /// Returns the state of charge of an OCV within the curve's range; none outside it.
     pub fn soc_at(&self, ocv_v: f64) -> Option<f64> {
         let (mut lo, mut hi) = (*self.soc.first()?, *self.soc.last()?);
         if !(self.voltage_v(lo) <= ocv_v && ocv_v <= self.voltage_v(hi)) {

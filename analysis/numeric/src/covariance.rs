@@ -74,7 +74,7 @@ impl Covariance2 {
         }
     }
 
-    /// Variance of the part along the direction of angle `angle_rad`.
+    /// Returns the variance of the part along the direction of angle `angle_rad`.
     pub fn variance_along(&self, angle_rad: f64) -> f64 {
         let (sin, cos) = angle_rad.sin_cos();
         // Rounding must not turn a vanishing variance negative; not-a-number passes.

@@ -63,7 +63,7 @@ impl Columns {
         }
     }
 
-    /// Number of members.
+    /// Returns the number of members.
     pub fn members(&self) -> usize {
         self.members
     }
@@ -175,7 +175,7 @@ struct Breeder<'a> {
 }
 
 impl Breeder<'_> {
-    /// A Latin hypercube: every coordinate's range is covered evenly, whatever the seed.
+    /// Returns a Latin hypercube: every coordinate's range is covered evenly, whatever the seed.
     fn stratified(&mut self, size: usize) -> Columns {
         let mut population = Columns::new(self.bounds.len(), size);
         let mut strata: Vec<usize> = (0..size).collect();

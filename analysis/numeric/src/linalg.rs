@@ -106,7 +106,8 @@ impl BoxQuadratic {
         }
     }
 
-    /// The minimiser, feasible always, exact up to the ridge that keeps equal columns solvable.
+    /// Returns the minimiser, feasible always, exact up to the ridge that keeps equal columns
+    /// solvable.
     pub fn solve(&self) -> [f64; MAX_UNKNOWNS] {
         let n = self.n;
         let mut free = [true; MAX_UNKNOWNS];
@@ -179,8 +180,8 @@ impl BoxQuadratic {
         x
     }
 
-    /// The first bound met on the way from a feasible x to the target, with the fraction of the
-    /// way.
+    /// Returns the first bound met on the way from a feasible x to the target, with the fraction of
+    /// the way.
     fn blocking(
         &self,
         x: &[f64; MAX_UNKNOWNS],

@@ -9,7 +9,7 @@ use super::linalg::{cholesky, cholesky_substitute};
 
 /// A twice differentiable function.
 pub trait Smooth {
-    /// Value at x.
+    /// Returns the value at x.
     fn value(&self, x: &[f64]) -> f64;
     /// Value at x; writes the gradient and the full row-major Hessian.
     fn expand(&self, x: &[f64], gradient: &mut [f64], hessian: &mut [f64]) -> f64;

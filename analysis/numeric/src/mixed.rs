@@ -255,7 +255,7 @@ impl<'a> Model<'a> {
         })
     }
 
-    /// Standard deviations: one for each factor, and the residual.
+    /// Returns the standard deviations: one for each factor, and the residual.
     fn unknowns(&self) -> usize {
         self.counts.len() + 1
     }
@@ -367,7 +367,7 @@ impl<'a> Model<'a> {
         sums.log + 2.0 * log + sums.square - explained
     }
 
-    /// The best standard deviations, some of them held; sought from several starts, for the
+    /// Returns the best standard deviations, some of them held; sought from several starts, for the
     /// likelihood of small tables can have two tops.
     fn best(&self, held: &[Option<f64>]) -> Best {
         let starts = [0.5, 0.1, 0.9];
@@ -483,7 +483,7 @@ impl<'a> Model<'a> {
         })
     }
 
-    /// The constant at covariates of zero, and the coefficients.
+    /// Returns the constant at covariates of zero, and the coefficients.
     fn fixed_part(&self, solved: &[f64], inverse: &[f64]) -> Vec<Estimate> {
         let (n, fixed) = (self.dense, self.fixed());
         // The covariates were taken relative to their means.
@@ -506,7 +506,7 @@ impl<'a> Model<'a> {
         std::iter::once(constant).chain(rest).collect()
     }
 
-    /// A prediction from its value and the variance of its error, in units of the scatter.
+    /// Returns a prediction from its value and the variance of its error, in units of the scatter.
     fn level(&self, value: f64, error: f64, sd: f64) -> Level {
         let of_prediction = (sd * sd - error).max(0.0).sqrt();
         let known = of_prediction > 1e-6 * sd && sd > 0.0;

@@ -1,7 +1,8 @@
 //! Numbers as short text, with as many significant digits as a reader needs. Not for files, which
 //! keep every digit.
 
-/// Number with at most `digits` significant digits, without trailing zeros and without an exponent.
+/// Returns the number with at most `digits` significant digits, without trailing zeros and without
+/// an exponent.
 pub fn format_significant(value: f64, digits: i32) -> String {
     let decimals = if value == 0.0 || !value.is_finite() {
         0

@@ -41,8 +41,8 @@ pub fn normal_tail(z: f64) -> f64 {
     if z >= 0.0 { t } else { 1.0 - t }
 }
 
-/// The factor t with P(|T| ≤ t) = `level` for Student's distribution, by bisection; infinite for no
-/// degrees of freedom.
+/// Returns the factor t with P(|T| ≤ t) = `level` for Student's distribution, by bisection;
+/// infinite for no degrees of freedom.
 pub fn t_factor(level: f64, freedom: f64) -> f64 {
     if freedom.is_nan() || freedom <= 0.0 {
         return f64::INFINITY;

@@ -110,7 +110,7 @@ pub(super) fn round_step(raw: f64) -> f64 {
         .unwrap_or(10.0 * decade)
 }
 
-/// A number with a true minus sign, and no minus before zero.
+/// Returns a number with a true minus sign, and no minus before zero.
 pub(super) fn number(value: f64, decimals: usize) -> String {
     let text = format!("{:.decimals$}", value.abs());
     let is_zero = text.bytes().all(|b| matches!(b, b'0' | b'.'));

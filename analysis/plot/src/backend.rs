@@ -228,14 +228,14 @@ impl Pen {
     }
 }
 
-/// The library's complaint as ours.
+/// Returns the library's complaint as ours.
 fn drawn<E: std::fmt::Display>(result: Result<(), E>) -> Result<(), PlotError> {
     result.map_err(|e| PlotError::Draw {
         message: e.to_string(),
     })
 }
 
-/// Width of a text in logical pixels, about.
+/// Returns the width of a text in logical pixels, about.
 pub(super) fn text_width(text: &str, size: f64) -> Result<f64, PlotError> {
     ensure_font()?;
     let (width, _) = FontDesc::new(

@@ -79,7 +79,7 @@ fn panel(
     bars.chain(draw(series, &places)).collect()
 }
 
-/// Standard uncertainty of the impedance along a unit vector, Ω.
+/// Returns the standard uncertainty of the impedance along a unit vector, Ω.
 fn sigma(p: &SeriesPoint, along: Complex64) -> f64 {
     let c = &p.covariance;
     (c.re_re * along.re * along.re

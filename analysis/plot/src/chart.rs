@@ -249,7 +249,7 @@ pub fn chart(chart: &Chart, path: &Path) -> Result<(), PlotError> {
     layout(chart)?.write(path)
 }
 
-/// A chart as the text of an SVG.
+/// Returns a chart as the text of an SVG.
 ///
 /// # Errors
 /// As [`chart`], but for the file.
@@ -381,7 +381,7 @@ fn sample(trace: &Trace, at: Place) -> Vec<Shape> {
     }
 }
 
-/// A path as strokes of 7 pixels with gaps of 5.
+/// Returns a path as strokes of 7 pixels with gaps of 5.
 pub(super) fn dashes(path: &[Place], stroke: impl Fn(Vec<Place>) -> Shape) -> Vec<Shape> {
     const STROKE: f64 = 7.0;
     const PERIOD: f64 = 12.0;

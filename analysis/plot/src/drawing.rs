@@ -15,7 +15,7 @@ pub enum Drawing {
 }
 
 impl Drawing {
-    /// The text of an SVG.
+    /// Returns the text of an SVG.
     ///
     /// # Errors
     /// [`PlotError`] for nothing to show or values without a place on their axes.

@@ -129,8 +129,8 @@ pub(super) struct Entry<'a> {
     pub(super) sample: Box<dyn Fn(Place) -> Vec<Shape> + 'a>,
 }
 
-/// Title, subtitle and legend of an impedance plot from the upper edge down, and the height they
-/// take.
+/// Returns the title, subtitle and legend of an impedance plot from the upper edge down, and the
+/// height they take.
 pub(super) fn heading(plot: &ImpedancePlot, width: f64) -> Result<(Vec<Shape>, f64), PlotError> {
     let mut entries = Vec::new();
     for series in &plot.series {
@@ -157,7 +157,7 @@ pub(super) struct Titles<'a> {
     pub(super) subtitle: &'a str,
 }
 
-/// Title, subtitle and legend from the upper edge down, and the height they take.
+/// Returns the title, subtitle and legend from the upper edge down, and the height they take.
 pub(super) fn strip(
     titles: Titles<'_>,
     entries: &[Entry<'_>],
@@ -221,7 +221,7 @@ pub(super) fn wrapped(text: &str, size: f64, width: f64) -> Result<Vec<String>, 
     Ok(lines)
 }
 
-/// Width of the widest of some texts in logical pixels, about; zero without any.
+/// Returns the width of the widest of some texts in logical pixels, about; zero without any.
 pub(super) fn widest<'a>(
     mut texts: impl Iterator<Item = &'a str>,
     size: f64,
@@ -229,7 +229,7 @@ pub(super) fn widest<'a>(
     texts.try_fold(0.0, |most: f64, text| Ok(most.max(text_width(text, size)?)))
 }
 
-/// A dark label; its fields may be changed before it becomes a shape.
+/// Returns a dark label; its fields may be changed before it becomes a shape.
 pub(super) fn label(text: &str, at: Place, size: f64, anchor: Anchor) -> Label {
     Label {
         text: text.to_owned(),

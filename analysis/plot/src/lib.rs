@@ -48,7 +48,7 @@ pub fn nyquist(plot: &ImpedancePlot, path: &Path) -> Result<(), PlotError> {
     nyquist::layout(plot)?.write(path)
 }
 
-/// A Nyquist plot as the text of an SVG.
+/// Returns a Nyquist plot as the text of an SVG.
 ///
 /// # Errors
 /// As [`nyquist`], but for the file.
@@ -66,7 +66,7 @@ pub fn bode(plot: &ImpedancePlot, path: &Path) -> Result<(), PlotError> {
     bode::layout(plot)?.write(path)
 }
 
-/// A Bode plot as the text of an SVG.
+/// Returns a Bode plot as the text of an SVG.
 ///
 /// # Errors
 /// As [`nyquist`], but for the file.

@@ -19,12 +19,12 @@ const PALETTE: [Colour; 7] = [
     Colour(60, 60, 60, 1.0),
 ];
 
-/// Colour of an index.
+/// Returns the colour of an index.
 pub(super) fn palette(index: usize) -> Colour {
     PALETTE.get(index % PALETTE.len()).copied().unwrap_or(INK)
 }
 
-/// Colour of a series' marks.
+/// Returns the colour of a series' marks.
 pub(super) fn colour(series: &Series) -> Colour {
     let opacity = if series.style == SeriesStyle::Cloud {
         0.55
@@ -43,7 +43,7 @@ pub(super) fn radius(series: &Series) -> f64 {
     }
 }
 
-/// A series at its places: markers or a line.
+/// Returns a series at its places: markers or a line.
 pub(super) fn draw(series: &Series, places: &[Place]) -> Vec<Shape> {
     match series.style {
         SeriesStyle::Curve => vec![Shape::Line {
@@ -57,7 +57,7 @@ pub(super) fn draw(series: &Series, places: &[Place]) -> Vec<Shape> {
     }
 }
 
-/// A series' entry in the legend.
+/// Returns a series' entry in the legend.
 pub(super) fn sample(series: &Series, at: Place) -> Vec<Shape> {
     match series.style {
         SeriesStyle::Curve => draw(series, &[(at.0 - 13.0, at.1), (at.0 + 13.0, at.1)]),
@@ -138,8 +138,8 @@ pub(super) fn bar(series: &Series, x: f64, heights: [f64; 2]) -> Vec<Shape> {
     vec![cap(y0), line(vec![(x, y0), (x, y1)]), cap(y1)]
 }
 
-/// A line without the points that crowd: the backends draw joints closer than their width as
-/// splinters.
+/// Returns a line without the points that crowd: the backends draw joints closer than their width
+/// as splinters.
 pub(super) fn thinned(places: &[Place]) -> Vec<Place> {
     let mut kept: Vec<Place> = Vec::with_capacity(places.len());
     for place in places {

@@ -256,7 +256,7 @@ impl Note {
     }
 }
 
-/// Index of the point within a few per cent of a frequency.
+/// Returns the index of the point within a few per cent of a frequency.
 fn nearest(series: &Series, freq_hz: f64) -> Option<usize> {
     let distance = |i: &usize| (series.points[*i].freq_hz / freq_hz).ln().abs();
     (0..series.points.len())

@@ -406,7 +406,7 @@ fn is_number(text: &str) -> bool {
         && text.contains(|c: char| c.is_ascii_digit())
 }
 
-/// Text as HTML wants it, in elements and in attributes.
+/// Returns the text as HTML wants it, in elements and in attributes.
 fn escape(text: &str) -> String {
     text.chars()
         .fold(String::with_capacity(text.len()), |mut out, c| {
@@ -452,7 +452,7 @@ fn check_svg(svg: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// A tag without the values of its attributes.
+/// Returns a tag without the values of its attributes.
 fn outside_quotes(tag: &str) -> String {
     tag.split('"').step_by(2).collect::<Vec<_>>().join(" ")
 }

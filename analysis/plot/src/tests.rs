@@ -3,7 +3,7 @@ use super::*;
 use analysis_numeric::Covariance2;
 use num_complex::Complex64;
 
-/// Impedance of 6.9 mΩ, 1.7 mΩ ∥ 1.17 F and 2.6 mΩ ∥ 750 F, Ω.
+/// Returns the impedance of 6.9 mΩ, 1.7 mΩ ∥ 1.17 F and 2.6 mΩ ∥ 750 F, Ω.
 fn cell(freq_hz: f64) -> Complex64 {
     let omega = std::f64::consts::TAU * freq_hz;
     let branch = |r_ohm: f64, c_f: f64| r_ohm / Complex64::new(1.0, omega * r_ohm * c_f);
@@ -34,7 +34,7 @@ fn plot() -> ImpedancePlot {
     ImpedancePlot::new("Title", "Subtitle", series)
 }
 
-/// The frame's rectangle: the closed line of five points.
+/// Returns the frame's rectangle: the closed line of five points.
 fn frames(scene: &Scene) -> Vec<[f64; 4]> {
     let corners = |s: &Shape| match s {
         Shape::Line { points, .. } if points.len() == 5 && points[0] == points[4] => {

@@ -22,7 +22,7 @@ impl Scene {
     }
 }
 
-/// Width of a text in logical pixels, about.
+/// Returns the width of a text in logical pixels, about.
 pub(super) fn text_width(text: &str, size: f64) -> Result<f64, PlotError> {
     Ok(text.chars().count() as f64 * size * LETTER_EM)
 }

@@ -38,7 +38,7 @@ pub enum Cause {
 }
 
 impl Cause {
-    /// Name in tables: lower case, with underscores.
+    /// Returns the name in tables: lower case, with underscores.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Noise => "noise",
@@ -55,8 +55,8 @@ impl Cause {
         }
     }
 
-    /// Index of its colour in a plot: lines of the record and broken lines of the correction may
-    /// share one, the last is that of the total.
+    /// Returns the index of its colour in a plot: lines of the record and broken lines of the
+    /// correction may share one, the last is that of the total.
     const fn colour(self) -> usize {
         match self {
             Self::Noise | Self::Correction(Source::Mutual) => 0,
@@ -69,7 +69,7 @@ impl Cause {
         }
     }
 
-    /// Name for people.
+    /// Returns the name for people.
     const fn label(self) -> &'static str {
         match self {
             Self::Correction(Source::Mutual) => "mutual inductance",
@@ -162,7 +162,7 @@ impl BudgetPoint {
             .sum()
     }
 
-    /// Standard deviations of magnitude and phase of this point for a covariance.
+    /// Returns the standard deviations of magnitude and phase of this point for a covariance.
     pub fn polar(&self, covariance: Covariance2) -> PolarSigma {
         let point = ImpedancePoint {
             covariance,
@@ -174,7 +174,7 @@ impl BudgetPoint {
         }
     }
 
-    /// The causes with the largest part in the magnitude, and in the phase.
+    /// Returns the causes with the largest part in the magnitude, and in the phase.
     fn largest(&self) -> [Cause; 2] {
         let by = |value: fn(PolarSigma) -> f64| {
             let rank = |part: &&(Cause, Covariance2)| value(self.polar(part.1));

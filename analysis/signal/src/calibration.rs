@@ -76,7 +76,7 @@ pub struct CommonError {
 }
 
 impl CommonError {
-    /// Whether all are numbers.
+    /// Returns whether all are numbers.
     pub fn is_finite(&self) -> bool {
         let all = [
             self.skew_s,
@@ -88,8 +88,8 @@ impl CommonError {
         all.iter().flatten().all(|v| v.is_finite())
     }
 
-    /// Change of an impedance by one standard deviation of the error with this number, Ω, at a
-    /// frequency (Hz). The impedance is that of the cell or that of the shunt.
+    /// Returns the change of an impedance by one standard deviation of the error with this number,
+    /// Ω, at a frequency (Hz). The impedance is that of the cell or that of the shunt.
     pub fn at(&self, error: usize, freq_hz: f64, z_ohm: Complex64, is_cell: bool) -> Complex64 {
         let omega = std::f64::consts::TAU * freq_hz;
         if is_cell {
@@ -408,7 +408,7 @@ impl Correction {
         .filter(CommonError::is_finite)
     }
 
-    /// The parameters with standard deviations.
+    /// Returns the parameters with standard deviations.
     pub fn parameters(&self) -> Vec<HarnessParameter> {
         let parameter = |index: usize| {
             let (name, unit, _) = model::NAMES[index];

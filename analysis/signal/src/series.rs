@@ -112,7 +112,7 @@ impl TimeSeries {
         Ok(())
     }
 
-    /// Number of samples.
+    /// Returns the number of samples.
     pub fn len(&self) -> usize {
         self.time_s.len()
     }
@@ -122,7 +122,7 @@ impl TimeSeries {
         self.time_s.is_empty()
     }
 
-    /// Charge drawn since the first sample, C, by trapezia.
+    /// Returns the charge drawn since the first sample, C, by trapezia.
     pub fn charge_c(&self) -> Vec<f64> {
         let mut sum = 0.0;
         let step = |k: usize| {

@@ -114,17 +114,17 @@ pub fn raw_impedance(phasors: &ChannelPhasors, shunt_ohm: f64) -> ImpedancePoint
 }
 
 impl ImpedancePoint {
-    /// Magnitude |Z|, Ω.
+    /// Returns the magnitude |Z|, Ω.
     pub fn magnitude_ohm(&self) -> f64 {
         self.z_ohm.norm()
     }
 
-    /// Standard deviation of the magnitude, Ω, to first order.
+    /// Returns the standard deviation of the magnitude, Ω, to first order.
     pub fn magnitude_sigma_ohm(&self) -> f64 {
         self.covariance.variance_along(self.z_ohm.arg()).sqrt()
     }
 
-    /// Phase arg Z, rad, −π…π.
+    /// Returns the phase arg Z, rad, −π…π.
     pub fn phase_rad(&self) -> f64 {
         self.z_ohm.arg()
     }
@@ -175,7 +175,7 @@ impl ImpedancePoint {
 }
 
 impl Spectrum {
-    /// The spectrum as points with 2σ, its name in the legend.
+    /// Returns the spectrum as points with 2σ, its name in the legend.
     pub fn series(&self, colour: usize) -> Series {
         let point = |p: &ImpedancePoint| SeriesPoint {
             freq_hz: p.freq_hz,

@@ -64,7 +64,7 @@ impl Sums {
         })
     }
 
-    /// Time between two samples, s.
+    /// Returns the time between two samples, s.
     pub fn interval_s(&self) -> f64 {
         self.interval_s
     }
@@ -107,8 +107,8 @@ pub fn begins(record: &Sums, stair: &Stair<'_>, around: Around) -> f64 {
     )
 }
 
-/// The place of least squares with any gain: of the greatest correlation over the record's own size
-/// there. Without that size, a part of a stair is drawn to wherever more flows.
+/// Returns the place of least squares with any gain: of the greatest correlation over the record's
+/// own size there. Without that size, a part of a stair is drawn to wherever more flows.
 fn best(record: &Sums, stair: &Stair<'_>, range_s: RangeInclusive<f64>, by_s: f64) -> f64 {
     let (from_s, to_s) = range_s.into_inner();
     let count = ((to_s - from_s) / by_s).ceil().max(0.0) as usize;
@@ -169,7 +169,7 @@ mod tests {
     use super::*;
     use analysis_numeric::Rng;
 
-    /// A stair of random steps, and a record of it that begins at `start_s`, with noise.
+    /// Returns a stair of random steps, and a record of it that begins at `start_s`, with noise.
     fn record(count: usize, (step_s, start_s, noise): (f64, f64, f64)) -> (Vec<f64>, Sums) {
         let mut rng = Rng::new(7);
         let values: Vec<f64> = (0..count).map(|_| 10.0 * (rng.uniform() - 0.5)).collect();

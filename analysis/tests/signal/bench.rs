@@ -108,7 +108,7 @@ pub(crate) fn frequencies() -> impl Iterator<Item = f64> {
     (0..20).map(|k| 0.1 * 3000f64.powf(f64::from(k) / 19.0))
 }
 
-/// A cell: 6.9 mΩ, two RC pairs and some inductance.
+/// Returns a cell: 6.9 mΩ, two RC pairs and some inductance.
 pub(crate) fn cell(freq_hz: f64) -> Complex64 {
     let jw = Complex64::new(0.0, TAU * freq_hz);
     let pair = |r: f64, c: f64| r / (1.0 + jw * r * c);

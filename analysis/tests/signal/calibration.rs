@@ -124,8 +124,8 @@ fn a_factor_found_on_the_shunt_is_wrong_on_the_cell() {
     );
 }
 
-/// Share of real and imaginary parts within 2σ, mean of error over σ, and largest relative error,
-/// over seeds.
+/// Returns the share of real and imaginary parts within 2σ, mean of error over σ, and largest
+/// relative error, over seeds.
 fn coverage(seeds: std::ops::Range<u64>, with_fake: bool) -> (f64, f64, f64) {
     let (mut within, mut all, mut sum, mut largest, mut chi2) = (0, 0, 0.0, 0.0f64, 0.0);
     for seed in seeds.clone() {

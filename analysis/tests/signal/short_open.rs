@@ -38,7 +38,8 @@ fn to_3khz(
         .collect()
 }
 
-/// Share of the parts within 2σ and largest error of the phase at the top, degrees, over seeds.
+/// Returns the share of the parts within 2σ and largest error of the phase at the top, degrees,
+/// over seeds.
 fn coverage(with_fake: bool, with_short: bool) -> (f64, f64) {
     let (mut within, mut all, mut worst_deg) = (0, 0, 0.0f64);
     for seed in 0..200 {
@@ -90,8 +91,8 @@ fn any_subset_of_the_controls_states_what_it_leaves_open() {
     );
 }
 
-/// A leak of half a siemens beside everything that is clamped into the jig: 0.4 % of a cell's
-/// current.
+/// Returns a leak of half a siemens beside everything that is clamped into the jig: 0.4 % of a
+/// cell's current.
 fn beside(in_jig: fn(f64) -> Complex64) -> impl Fn(f64) -> Complex64 {
     move |freq_hz| (in_jig(freq_hz).inv() + Complex64::new(0.5, TAU * freq_hz * 2e-6)).inv()
 }

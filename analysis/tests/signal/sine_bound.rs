@@ -59,8 +59,8 @@ impl Case {
         }
     }
 
-    /// Least variance of the phasor (both parts), and of the frequency: the inverse of the Fisher
-    /// information.
+    /// Returns the least variance of the phasor (both parts), and of the frequency: the inverse of
+    /// the Fisher information.
     fn bound(&self, options: &FitOptions) -> (f64, f64) {
         let drift = if options.drift == Drift::None { 1 } else { 2 };
         let tones = 1 + options.harmonics.len();
@@ -106,8 +106,8 @@ impl Case {
         )
     }
 
-    /// Mean square errors of phasor and frequency over the bound, and the stated variances over the
-    /// bound.
+    /// Returns the mean square errors of phasor and frequency over the bound, and the stated
+    /// variances over the bound.
     fn efficiency(&self, trials: u64, options: &FitOptions) -> [f64; 4] {
         let truth = Complex64::from_polar(self.amplitude, 0.4);
         let one = |seed: u64| {

@@ -92,7 +92,7 @@ fn with(drift: Drift, harmonics: &[u32], also_hz: &[f64]) -> FitOptions {
     }
 }
 
-/// A strong sinusoid with everything that may come with it.
+/// Returns a strong sinusoid with everything that may come with it.
 fn rich(amplitude: f64, offset: f64) -> impl Fn(f64) -> f64 {
     move |t| {
         let harmonic = 0.02 * amplitude * (TAU * 2.0 * 7.3 * t + 1.0).cos();

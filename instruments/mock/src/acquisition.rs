@@ -160,8 +160,8 @@ impl<P: Copy> Acquisition<P> {
         std::mem::replace(&mut self.reported, number) != number
     }
 
-    /// The newest frame, unless it is so old that the world has forgotten it, which an instrument
-    /// would not: treated as none rather than made up.
+    /// Returns the newest frame, unless it is so old that the world has forgotten it, which an
+    /// instrument would not: treated as none rather than made up.
     pub(super) fn remembered(&self, now_s: f64) -> Option<Frame<P>> {
         self.frame
             .filter(|frame| now_s - frame.start_s <= HISTORY_S)
@@ -213,7 +213,7 @@ impl<P: Copy> Acquisition<P> {
         }
     }
 
-    /// The trigger that makes the next frame, if there was one since the last search.
+    /// Returns the trigger that makes the next frame, if there was one since the last search.
     fn search_trigger(
         &mut self,
         world: &World,

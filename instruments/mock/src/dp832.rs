@@ -90,7 +90,7 @@ impl Dp832 {
         self.world.act(Action::Supply(self.channels[0].state));
     }
 
-    /// The channel named by the next argument; the selected one without it.
+    /// Returns the channel named by the next argument; the selected one without it.
     fn channel(&self, arguments: &mut Arguments) -> Fallible<usize> {
         if arguments.is_empty() {
             return Ok(self.selected);

@@ -81,7 +81,7 @@ impl Keysight {
         self.world.act(Action::Supply(self.channels[0].state));
     }
 
-    /// The channels of the list that comes next; the selected one without a list.
+    /// Returns the channels of the list that comes next; the selected one without a list.
     fn list(&self, arguments: &mut Arguments) -> Fallible<Vec<usize>> {
         if arguments.is_empty() {
             return Ok(vec![self.selected]);

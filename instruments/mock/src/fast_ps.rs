@@ -142,7 +142,7 @@ impl FastPs {
         Ok(())
     }
 
-    /// A command that is answered by a value, without the question.
+    /// Returns a command that is answered by a value, without the question.
     fn read(&self, command: &str) -> Option<String> {
         let (volts, amps) = self.limits();
         Some(match command {

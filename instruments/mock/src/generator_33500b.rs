@@ -110,7 +110,7 @@ impl Default for Channel {
 }
 
 impl Channel {
-    /// Share of the open-circuit voltage at the assumed load.
+    /// Returns the share of the open-circuit voltage at the assumed load.
     fn divider(&self) -> f64 {
         if self.load_ohm.is_finite() {
             self.load_ohm / (self.load_ohm + SOURCE_OHM)
@@ -238,7 +238,7 @@ impl Keysight {
             .act(Action::Generator(self.channels[0].state(points)));
     }
 
-    /// The wave that a channel has chosen.
+    /// Returns the wave that a channel has chosen.
     fn wave(&self, index: usize) -> Option<&Arc<[f64]>> {
         self.chosen[index]
             .as_ref()
@@ -507,7 +507,7 @@ impl HasStatus for Keysight {
     }
 }
 
-/// A sign, sixteen digits and an exponent: `+1.000000000000000E+03`.
+/// Returns a sign, sixteen digits and an exponent: `+1.000000000000000E+03`.
 fn number(value: f64) -> Fallible<Answer> {
     let digits = nr3(value, 16);
     text(if digits.starts_with('-') {

@@ -357,7 +357,7 @@ fn known_models() -> String {
         .join(", ")
 }
 
-/// The model of this key.
+/// Returns the model of this key.
 ///
 /// # Errors
 /// [`MakeError::Unknown`].

@@ -31,7 +31,7 @@ impl Messages {
         }
     }
 
-    /// Whether a message switches the output off.
+    /// Returns whether a message switches the output off.
     pub fn switches_off(&self, message: &[u8]) -> bool {
         let same = |(pattern, met): (u8, &u8)| {
             pattern.eq_ignore_ascii_case(met) || (pattern == b'#' && met.is_ascii_digit())

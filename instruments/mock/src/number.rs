@@ -1,7 +1,7 @@
 //! Numbers as the instruments print them.
 
-/// A mantissa of `digits` significant digits and an exponent of at least two, `5.00E-02`: Siglent's
-/// oscilloscopes.
+/// Returns a mantissa of `digits` significant digits and an exponent of at least two, `5.00E-02`:
+/// Siglent's oscilloscopes.
 pub(super) fn nr3(value: f64, digits: usize) -> String {
     let (mantissa, exponent) = split(value, digits.max(1) - 1);
     format!("{mantissa}E{}{:02}", sign(exponent), exponent.abs())

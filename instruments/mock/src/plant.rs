@@ -37,7 +37,7 @@ pub trait Plant: Send {
         let _ = (t_s, steps);
     }
 
-    /// Reading of the meter at `t_s`, its own error and noise included.
+    /// Returns the reading of the meter at `t_s`, its own error and noise included.
     fn read(&mut self, t_s: f64, meter: Meter) -> f64;
 
     /// Returns the latest instant in `search.from_s ..= search.to_s` at which the probe of
@@ -61,7 +61,7 @@ pub trait Plant: Send {
         number == 1
     }
 
-    /// Number of the cell under test that `Fixture::Cell` means.
+    /// Returns the number of the cell under test that `Fixture::Cell` means.
     fn inserted(&self) -> usize {
         1
     }

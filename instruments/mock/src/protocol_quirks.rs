@@ -33,7 +33,7 @@ impl QuirkyDevice {
         }
     }
 
-    /// The form of a block, or the digits of numbers.
+    /// Returns the form of a block, or the digits of numbers.
     fn dressed(&self, mut reply: Vec<u8>) -> Vec<u8> {
         if reply.first() == Some(&b'#') && reply.get(1).is_some_and(u8::is_ascii_digit) {
             while reply.last() == Some(&b'\n') && ends_behind_block(&reply) {

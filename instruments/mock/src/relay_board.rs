@@ -82,7 +82,7 @@ impl RelayBoard {
         format!("OK {}", self.state())
     }
 
-    /// The two lines of `w1_slave` in one.
+    /// Returns the two lines of `w1_slave` in one.
     fn convert(&mut self) -> String {
         #[expect(clippy::cast_possible_truncation, reason = "a temperature of water")]
         let real = (self.world.read(Meter::BathCelsius).clamp(-55.0, 125.0) * 16.0).round() as i16;
@@ -113,7 +113,7 @@ impl RelayBoard {
     }
 }
 
-/// The sum of the 1-Wire bus: x⁸ + x⁵ + x⁴ + 1, least bit first.
+/// Returns the sum of the 1-Wire bus: x⁸ + x⁵ + x⁴ + 1, least bit first.
 fn crc(bytes: &[u8]) -> u8 {
     let mut sum = 0_u8;
     for bit in bytes

@@ -52,7 +52,7 @@ impl Outcome {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).0
     }
 
-    /// The first difference.
+    /// Returns the first difference.
     pub fn divergence(&self) -> Option<Divergence> {
         self.0
             .lock()
@@ -134,7 +134,7 @@ impl Replay {
         )
     }
 
-    /// The messages of the record, in order.
+    /// Returns the messages of the record, in order.
     pub fn messages(&self) -> impl Iterator<Item = String> {
         self.turns.iter().map(Turn::text)
     }

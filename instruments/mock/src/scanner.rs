@@ -121,7 +121,7 @@ impl Scanner {
         Ok(())
     }
 
-    /// The scan list as a block.
+    /// Returns the scan list as a block.
     fn scan_list(&mut self, _: &mut Arguments) -> Fallible<Answer> {
         let names: Vec<String> = self.settings.scan.iter().map(u16::to_string).collect();
         text(block(&format!("(@{})", names.join(","))))
@@ -271,7 +271,7 @@ fn count(arguments: &mut Arguments, most: usize) -> Fallible<usize> {
     Ok(value as usize)
 }
 
-/// A definite block of text.
+/// Returns a definite block of text.
 fn block(payload: &str) -> String {
     let length = payload.len().to_string();
     format!("#{}{length}{payload}", length.len())

@@ -208,7 +208,7 @@ impl Sdl {
         Ok(())
     }
 
-    /// A plain setting between zero and `max`.
+    /// Returns a plain setting between zero and `max`.
     fn clamped(&self, arguments: &mut Arguments, unit: &str, max: f64) -> Fallible<f64> {
         let value = arguments.number_in(
             unit,

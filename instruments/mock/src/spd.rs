@@ -57,7 +57,7 @@ impl Spd {
         self.world.act(Action::Supply(self.channels[0]));
     }
 
-    /// The channel named by the next argument, 0 to 2.
+    /// Returns the channel named by the next argument, 0 to 2.
     fn channel(arguments: &mut Arguments) -> Fallible<usize> {
         Ok(match arguments.word(&["CH1", "CH2", "CH3"])? {
             "CH1" => 0,

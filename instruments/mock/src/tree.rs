@@ -50,7 +50,7 @@ pub(super) struct Verb<D> {
     get: Option<fn(&mut D, &mut Arguments) -> Fallible<Answer>>,
 }
 
-/// A header that is only a command.
+/// Returns a header that is only a command.
 pub(super) const fn set<D>(set: fn(&mut D, &mut Arguments) -> Fallible) -> Verb<D> {
     Verb {
         set: Some(set),
@@ -58,7 +58,7 @@ pub(super) const fn set<D>(set: fn(&mut D, &mut Arguments) -> Fallible) -> Verb<
     }
 }
 
-/// A header that is only a query.
+/// Returns a header that is only a query.
 pub(super) const fn get<D>(get: fn(&mut D, &mut Arguments) -> Fallible<Answer>) -> Verb<D> {
     Verb {
         set: None,
@@ -66,7 +66,7 @@ pub(super) const fn get<D>(get: fn(&mut D, &mut Arguments) -> Fallible<Answer>) 
     }
 }
 
-/// A header that is both.
+/// Returns a header that is both.
 pub(super) const fn both<D>(
     set: fn(&mut D, &mut Arguments) -> Fallible,
     get: fn(&mut D, &mut Arguments) -> Fallible<Answer>,
@@ -86,12 +86,12 @@ pub(super) fn text(answer: impl Into<String>) -> Fallible<Answer> {
     Ok(answer.into().into_bytes())
 }
 
-/// A switch, answered as `1` or `0`.
+/// Returns a switch, answered as `1` or `0`.
 pub(super) fn bit(on: bool) -> Fallible<Answer> {
     text(if on { "1" } else { "0" })
 }
 
-/// The error number as an error.
+/// Returns the error number as an error.
 pub(super) fn fail<T>(code: ErrorCode) -> Fallible<T> {
     Err(Error::new(code))
 }

@@ -16,8 +16,8 @@ impl World {
         Self { plant, now_s }
     }
 
-    /// The plant, locked. A panic elsewhere must not take the whole bench down, so that poison is
-    /// ignored.
+    /// Returns the plant, locked. A panic elsewhere must not take the whole bench down, so that
+    /// poison is ignored.
     pub(super) fn plant(&self) -> MutexGuard<'_, dyn Plant + 'static> {
         self.plant.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -47,7 +47,7 @@ fn memory_mb() -> [f64; 2] {
     })
 }
 
-/// Time that all threads of this process have computed, s.
+/// Returns the time that all threads of this process have computed, s.
 fn computed_s() -> f64 {
     let stat = fs::read_to_string("/proc/self/stat").unwrap();
     let (_, rest) = stat.rsplit_once(") ").unwrap();

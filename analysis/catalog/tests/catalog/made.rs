@@ -79,7 +79,7 @@ impl Made {
         FIRST_S + EVERY_S * self.number as f64
     }
 
-    /// Name of its folder.
+    /// Returns the name of its folder.
     pub(crate) fn name(&self) -> String {
         format!("run{:06}", self.number)
     }
@@ -240,7 +240,7 @@ impl Place {
         Catalog::open(&self.catalog).unwrap()
     }
 
-    /// Names of the runs that meet conditions.
+    /// Returns the names of the runs that meet conditions.
     pub(crate) fn names(&self, filter: &Filter) -> Vec<String> {
         let found = self.open().runs(filter).unwrap();
         found.runs.into_iter().map(|run| run.name).collect()

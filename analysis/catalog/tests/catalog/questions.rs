@@ -210,7 +210,8 @@ fn text(text: &str) -> Option<String> {
     Some(text.to_owned())
 }
 
-/// A place where each condition chooses some runs: of the fourth cell there are two with one name.
+/// Returns a place where each condition chooses some runs: of the fourth cell there are two with
+/// one name.
 fn various() -> Place {
     let mut runs: Vec<Made> = (0..230).map(Made::of).collect();
     runs[1].refused = 2;

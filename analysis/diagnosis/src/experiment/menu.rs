@@ -24,7 +24,7 @@ pub(super) struct MenuItem {
 }
 
 impl MenuItem {
-    /// Time on the bench with all repeats and settling, min.
+    /// Returns the time on the bench with all repeats and settling, min.
     pub(super) fn duration_min(&self) -> f64 {
         self.runs.iter().map(PlannedRun::duration_s).sum::<f64>() / 60.0
     }
@@ -70,7 +70,7 @@ impl MenuItem {
         both
     }
 
-    /// Charge moved in either direction, Ah.
+    /// Returns the charge moved in either direction, Ah.
     pub(super) fn charge_ah(&self) -> f64 {
         self.runs.iter().map(PlannedRun::charge_ah).sum()
     }
@@ -133,7 +133,7 @@ impl<'a> Campaign<'a> {
         }
     }
 
-    /// A run at the campaign's own circumstances.
+    /// Returns a run at the campaign's own circumstances.
     fn run(&self, name: &str, what: Planned) -> PlannedRun {
         PlannedRun {
             name: name.to_owned(),
@@ -175,7 +175,7 @@ impl<'a> Campaign<'a> {
         })
     }
 
-    /// An item of one sweep under other circumstances.
+    /// Returns an item of one sweep under other circumstances.
     fn swept(
         &self,
         name: &'static str,
@@ -200,7 +200,7 @@ impl<'a> Campaign<'a> {
         }
     }
 
-    /// The lesser of both limits.
+    /// Returns the lesser of both limits.
     fn both_ways_a(&self) -> f64 {
         self.limits.discharge_a.min(self.limits.charge_a)
     }

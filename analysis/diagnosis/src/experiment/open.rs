@@ -172,7 +172,7 @@ impl<'a> Open<'a> {
             .fold(f64::INFINITY, f64::min)
     }
 
-    /// Whether all pairs are settled, those out of reach too.
+    /// Returns whether all pairs are settled, those out of reach too.
     pub(super) fn all_settled(&self, then: &[f64]) -> bool {
         (0..self.pairs.len()).all(|k| self.growth(k, then) >= 1.0)
     }
@@ -184,8 +184,8 @@ impl<'a> Open<'a> {
             .collect()
     }
 
-    /// Number of repeats of a run that gives `then` on top of `before`, as a power of two up to
-    /// `most`. Pairs that it cannot settle in this way do not count.
+    /// Returns the number of repeats of a run that gives `then` on top of `before`, as a power of
+    /// two up to `most`. Pairs that it cannot settle in this way do not count.
     pub(super) fn times(&self, before: &[f64], then: &[f64], most: usize) -> usize {
         let missing = |k: usize| (1.0 - self.growth(k, before)) / self.growth(k, then);
         let needed = self

@@ -66,7 +66,7 @@ pub enum Planned {
 }
 
 impl Planned {
-    /// Duration of one run, s.
+    /// Returns the duration of one run, s.
     pub fn span_s(&self) -> f64 {
         match self {
             Self::Trace(segments) => segments.iter().map(|(span_s, _)| span_s).sum(),
@@ -77,7 +77,7 @@ impl Planned {
         }
     }
 
-    /// Charge moved once, in either direction together, C.
+    /// Returns the charge moved once, in either direction together, C.
     pub fn charge_c(&self) -> f64 {
         match self {
             Self::Trace(segments) => segments
@@ -93,7 +93,7 @@ impl Planned {
 }
 
 impl PlannedRun {
-    /// Duration with all repeats and all settling, s.
+    /// Returns the duration with all repeats and all settling, s.
     pub fn duration_s(&self) -> f64 {
         let more = self.repeat.saturating_sub(1) as f64;
         self.settle_s
@@ -112,13 +112,13 @@ impl PlannedRun {
         }
     }
 
-    /// Start of a repeat, counted from 0, s.
+    /// Returns the start of a repeat, counted from 0, s.
     pub fn repeat_start_s(&self, nth: usize) -> f64 {
         self.start_s + nth as f64 * (self.settle_s.min(BETWEEN_REPEATS_S) + self.what.span_s())
     }
 
-    /// The first repeat with zeros for what will be measured, sampled as a campaign's runs are:
-    /// dense after an edge.
+    /// Returns the first repeat with zeros for what will be measured, sampled as a campaign's runs
+    /// are: dense after an edge.
     pub(crate) fn unmeasured(&self, between: Between, sigma_v: Option<f64>) -> Run {
         let data = match &self.what {
             Planned::Trace(segments) => {

@@ -18,17 +18,17 @@ use analysis_effects::effects::find;
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 
-/// The charge that a sinusoid moves along the curve of the simulated cell, Ω.
+/// Returns the charge that a sinusoid moves along the curve of the simulated cell, Ω.
 fn storage(freq_hz: f64, z_ohm: Complex64) -> Complex64 {
     z_ohm + Complex64::new(0.0, -0.9 / (16_200.0 * TAU * freq_hz))
 }
 
-/// The same with 100 nH more.
+/// Returns the same with 100 nH more.
 fn inductive(freq_hz: f64, z_ohm: Complex64) -> Complex64 {
     storage(freq_hz, z_ohm) + Complex64::new(0.0, TAU * freq_hz * 1e-7)
 }
 
-/// The same with 10 nH more.
+/// Returns the same with 10 nH more.
 fn weakly_inductive(freq_hz: f64, z_ohm: Complex64) -> Complex64 {
     storage(freq_hz, z_ohm) + Complex64::new(0.0, TAU * freq_hz * 1e-8)
 }
@@ -51,7 +51,7 @@ fn prepared(set: &DataSet) -> Prepared {
     prepare(set, &model(), Guards::default()).unwrap()
 }
 
-/// The base with one effect, fitted.
+/// Returns the base with one effect, fitted.
 fn fitted(p: &Prepared, name: &str, workspace: &mut Workspace) -> Fit {
     let base = p
         .problem
@@ -73,7 +73,7 @@ fn fitted(p: &Prepared, name: &str, workspace: &mut Workspace) -> Fit {
     )
 }
 
-/// The first effect named at this λ, the others as its rivals.
+/// Returns the first effect named at this λ, the others as its rivals.
 fn selected(p: &Prepared, lambda: f64, names: &[&'static str]) -> Selection {
     let mut workspace = Workspace::default();
     let base = p

@@ -106,7 +106,7 @@ fn is_distinct(window: &[Row]) -> bool {
     voltages.len() >= COPY_DISTINCT
 }
 
-/// A stretch of rows that is in both to the last digit.
+/// Returns a stretch of rows that is in both to the last digit.
 fn same_rows(own: &Played<'_>, theirs: &Played<'_>) -> Option<(String, String)> {
     let (a, b) = (rows(own), rows(theirs));
     let mut known: HashMap<&[Row], usize> = HashMap::new();
@@ -168,7 +168,7 @@ fn same_rows(own: &Played<'_>, theirs: &Played<'_>) -> Option<(String, String)> 
     })
 }
 
-/// A run that is another one but for rounding, or some noise upon it.
+/// Returns a run that is another one but for rounding, or some noise upon it.
 fn near(scene: &Scene<'_>, own: &Played<'_>, theirs: &Played<'_>) -> Option<(String, String)> {
     let (a, b) = (&own.record.series, &theirs.record.series);
     let from = own.first_compared().max(theirs.first_compared());
@@ -211,7 +211,7 @@ fn near(scene: &Scene<'_>, own: &Played<'_>, theirs: &Played<'_>) -> Option<(Str
     })
 }
 
-/// Middle of the second differences, by size: noise, without what moves slowly.
+/// Returns the middle of the second differences, by size: noise, without what moves slowly.
 fn scatter(values: &[f64]) -> f64 {
     median(
         values

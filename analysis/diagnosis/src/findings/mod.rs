@@ -72,7 +72,7 @@ impl<'a> Inspected<'a> {
         found.into_iter().flat_map(|finding| finding.runs).collect()
     }
 
-    /// The findings; of runs that the gate refused, only those of their rows and stamps.
+    /// Returns the findings; of runs that the gate refused, only those of their rows and stamps.
     pub(crate) fn findings(&self, refused: &[Reason]) -> Vec<Finding> {
         let scene = |set, expected, refused| Scene {
             at: inspection(set, expected, refused),

@@ -116,7 +116,7 @@ fn factors_of(scene: &Scene<'_>, played: &Played<'_>) -> Vec<Factor> {
         .collect()
 }
 
-/// Factor of the spectra to the model's, by the sizes.
+/// Returns the factor of the spectra to the model's, by the sizes.
 fn of_spectra(scene: &Scene<'_>) -> Option<f64> {
     let (mut along, mut size) = (0.0, 0.0);
     for subject in &scene.at.runs {

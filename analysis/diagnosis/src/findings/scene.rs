@@ -36,7 +36,7 @@ impl<'a> Scene<'a> {
         })
     }
 
-    /// The records of cells.
+    /// Returns the records of cells.
     pub(super) fn of_cells(&'a self) -> impl Iterator<Item = Played<'a>> {
         self.records()
             .filter(|played| matches!(played.run.fixture, Fixture::Cell(_)))
@@ -44,13 +44,13 @@ impl<'a> Scene<'a> {
 }
 
 impl Played<'_> {
-    /// The first row that is compared.
+    /// Returns the first row that is compared.
     pub(super) fn first_compared(&self) -> usize {
         let from_s = self.record.compared_from_s;
         self.record.series.time_s.partition_point(|t| *t < from_s)
     }
 
-    /// Largest current, A.
+    /// Returns the largest current, A.
     pub(super) fn largest_a(&self) -> f64 {
         let currents = &self.record.series.current_a;
         currents.iter().fold(0.0f64, |most, i| most.max(i.abs()))

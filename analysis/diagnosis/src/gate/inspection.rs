@@ -119,7 +119,7 @@ impl<'a> Subject<'a> {
         }
     }
 
-    /// The sweep with the impedance expected of it.
+    /// Returns the sweep with the impedance expected of it.
     pub(crate) fn sweep(&self) -> Option<(&'a Sweep, &'a [num_complex::Complex64])> {
         match (&self.run.data, self.prediction) {
             (RunData::Eis(sweep), Prediction::Impedance(z)) if z.len() == sweep.points.len() => {

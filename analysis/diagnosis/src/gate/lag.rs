@@ -81,7 +81,7 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
     found
 }
 
-/// Whether the record's lag is the filter that the logger puts on all.
+/// Returns whether the record's lag is the filter that the logger puts on all.
 fn shares_filter(at: &Inspection<'_>, subject: &Subject<'_>) -> bool {
     let filter = at.expected.filter.as_ref();
     filter.is_some_and(|filter| filter.holds(&subject.run.name))
@@ -108,7 +108,7 @@ fn lag_s(record: &TimeRecord, expected_v: &[f64], noise_v: f64) -> f64 {
     }
 }
 
-/// The voltage through a first-order low-pass, V.
+/// Returns the voltage through a first-order low-pass, V.
 fn delayed(record: &TimeRecord, tau_s: f64) -> Vec<f64> {
     let (t, v) = (&record.series.time_s, &record.series.voltage_v);
     let mut state = v[0];
@@ -130,8 +130,8 @@ fn delayed(record: &TimeRecord, tau_s: f64) -> Vec<f64> {
     all
 }
 
-/// Residual squares of the fit a + b·expected, because level and resistance may differ, and the
-/// squares of the voltage about its mean.
+/// Returns the residual squares of the fit a + b·expected, because level and resistance may differ,
+/// and the squares of the voltage about its mean.
 fn squares(voltage_v: &[f64], expected_v: &[f64]) -> (f64, f64) {
     let n = voltage_v.len() as f64;
     let mean = |all: &[f64]| all.iter().sum::<f64>() / n;

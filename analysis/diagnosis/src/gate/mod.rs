@@ -62,7 +62,7 @@ pub fn gate(set: &DataSet, expected: &Expected) -> GateReport {
     run(set, expected, &CHECKS)
 }
 
-/// The gate of some checks.
+/// Returns the gate of some checks.
 fn run(set: &DataSet, expected: &Expected, checks: &[CheckFn]) -> GateReport {
     let mut report = GateReport::default();
     for check in checks {

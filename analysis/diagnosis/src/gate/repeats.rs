@@ -65,7 +65,7 @@ fn cut_sweep(own: &Subject<'_>, other: &Subject<'_>) -> Option<String> {
         .then(|| format!("it holds {own} points, its repeats {theirs}: cut off"))
 }
 
-/// A clock that jumps by less than the distance of two samples: their number is that of the
+/// Returns a clock that jumps by less than the distance of two samples: their number is that of the
 /// repeats, and all steps but one or few are.
 pub(super) fn clock(at: &Inspection<'_>) -> Findings {
     let mut found = Findings::default();
@@ -213,7 +213,7 @@ impl<'a> Repeats<'a> {
             .all(|(subject, _)| matches!(subject.run.fixture, Fixture::Cell(_)))
     }
 
-    /// Time between the first and the last, s.
+    /// Returns the time between the first and the last, s.
     fn span_s(&self) -> f64 {
         let starts = self.off.iter().map(|(subject, _)| subject.run.start_s);
         let (begin_s, end_s) = starts.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| {
@@ -222,8 +222,8 @@ impl<'a> Repeats<'a> {
         end_s - begin_s
     }
 
-    /// Standard deviations between the farthest of the group per time between the first and the
-    /// last, 1/s. Two lie on both sides of their mean.
+    /// Returns the standard deviations between the farthest of the group per time between the first
+    /// and the last, 1/s. Two lie on both sides of their mean.
     fn per_s(&self) -> f64 {
         2.0 * self.z() / self.span_s()
     }
@@ -289,8 +289,8 @@ fn steady(off: &[(&Subject<'_>, Vec<Apart>)]) -> bool {
         && runs.iter().all(on_the_way)
 }
 
-/// Distance of a run from the median of its group (of two: from their mean), in standard deviations
-/// of the history.
+/// Returns the distance of a run from the median of its group (of two: from their mean), in
+/// standard deviations of the history.
 fn apart(subject: &Subject<'_>, members: &[&Subject<'_>], history: &BenchHistory) -> Vec<Apart> {
     if let Some((own, expected_v)) = subject.record() {
         let like: Vec<(&TimeRecord, &[f64])> = members

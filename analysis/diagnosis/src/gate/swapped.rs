@@ -10,7 +10,7 @@ use crate::thresholds::{
 };
 use num_complex::Complex64;
 
-/// A voltage or a spectrum that is another run's.
+/// Returns a voltage or a spectrum that is another run's.
 pub(super) fn by_content(at: &Inspection<'_>) -> Findings {
     let reasons = at
         .runs
@@ -22,7 +22,7 @@ pub(super) fn by_content(at: &Inspection<'_>) -> Findings {
     }
 }
 
-/// A current that is not that of the run's repeats.
+/// Returns a current that is not that of the run's repeats.
 pub(super) fn by_current(at: &Inspection<'_>) -> Findings {
     Findings {
         invalid: at
@@ -92,7 +92,8 @@ fn of_current(at: &Inspection<'_>, subject: &Subject<'_>) -> Option<Reason> {
     }
 }
 
-/// Share of the voltage's squares about its mean that a + b·expected explains, b above zero.
+/// Returns the share of the voltage's squares about its mean that a + b·expected explains, b above
+/// zero.
 fn explained(voltage_v: &[f64], expected_v: &[f64]) -> f64 {
     let n = voltage_v.len() as f64;
     let mean = |all: &[f64]| all.iter().sum::<f64>() / n;

@@ -23,13 +23,13 @@ pub struct Distinguishability {
     pub separation_sigma: Vec<Vec<f64>>,
 }
 
-/// The catalogue for a terminal, with the matrix of a data set if there is one.
+/// Returns the catalogue for a terminal, with the matrix of a data set if there is one.
 pub fn catalogue_text(cards: &[&Card], matrix: Option<&Distinguishability>) -> String {
     page(cards, matrix).text()
 }
 
-/// The catalogue as Markdown; `pictures` are those of [`Distinguishability::pictures`], expected as
-/// `NAME.png` beside the text.
+/// Returns the catalogue as Markdown; `pictures` are those of [`Distinguishability::pictures`],
+/// expected as `NAME.png` beside the text.
 pub fn catalogue_markdown(
     cards: &[&Card],
     matrix: Option<&Distinguishability>,
@@ -126,7 +126,7 @@ impl Distinguishability {
         pairs.iter().map(row).collect()
     }
 
-    /// The matrix in columns of numbers, as many beside each other as a terminal holds.
+    /// Returns the matrix in columns of numbers, as many beside each other as a terminal holds.
     fn numbers(&self) -> String {
         let most = self
             .labels

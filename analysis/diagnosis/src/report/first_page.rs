@@ -35,7 +35,7 @@ pub(super) fn sections(d: &Diagnosis) -> Vec<Section> {
     ]
 }
 
-/// The misfit of the worst held-out run, and the place of the misfit in the fitted runs.
+/// Returns the misfit of the worst held-out run, and the place of the misfit in the fitted runs.
 fn disagreement(d: &Diagnosis) -> Vec<String> {
     if d.verdict == Verdict::Invalid {
         return Vec::new();
@@ -159,7 +159,7 @@ fn missing(d: &Diagnosis) -> Vec<String> {
     }
 }
 
-/// The effects that do as well as the named ones.
+/// Returns the effects that do as well as the named ones.
 fn as_well(d: &Diagnosis) -> Option<String> {
     let rivals: Vec<String> = d.rivals.iter().map(|r| named_title(r.name)).collect();
     let or = rivals.join(", or ");
@@ -332,7 +332,7 @@ impl Row {
     }
 }
 
-/// The run that the model as given misses most.
+/// Returns the run that the model as given misses most.
 fn worst(rows: &[Row]) -> Option<&Row> {
     rows.iter().max_by(|a, b| a.alone.total_cmp(&b.alone))
 }

@@ -28,13 +28,13 @@ use analysis_plot::{
 };
 use words::{after, counted, is_significant, misfit, named_title, titled};
 
-/// A diagnosis for a terminal, at most 100 characters wide.
+/// Returns a diagnosis for a terminal, at most 100 characters wide.
 pub fn text(d: &Diagnosis) -> String {
     sections::page(d).text()
 }
 
-/// A diagnosis as Markdown; `pictures` are those of [`pictures`], expected as `NAME.png` beside the
-/// text.
+/// Returns a diagnosis as Markdown; `pictures` are those of [`pictures`], expected as `NAME.png`
+/// beside the text.
 pub fn markdown(d: &Diagnosis, pictures: &[Picture]) -> String {
     sections::page(d).markdown(pictures)
 }

@@ -53,14 +53,14 @@ impl Unit {
         }
     }
 
-    /// A number without its unit.
+    /// Returns a number without its unit.
     pub(super) fn number(&self, value: f64) -> String {
         let text = signed(format!("{:.*}", self.decimals, value / self.factor));
         self.exponent
             .map_or_else(|| text.clone(), |e| format!("{text}·10{}", superscript(e)))
     }
 
-    /// A number with its unit.
+    /// Returns a number with its unit.
     pub(super) fn with_unit(&self, value: f64) -> String {
         format!("{} {}", self.number(value), self.name)
             .trim_end()
@@ -68,12 +68,12 @@ impl Unit {
     }
 }
 
-/// Value with its unit, to three significant digits.
+/// Returns the value with its unit, to three significant digits.
 pub(super) fn quantity(value: f64, unit: &str) -> String {
     Unit::of(value, value.abs() / 10.0, unit).with_unit(value)
 }
 
-/// Value to three significant digits, without prefix or power of ten: for mV and %.
+/// Returns the value to three significant digits, without prefix or power of ten: for mV and %.
 pub(super) fn plain(value: f64) -> String {
     if !value.is_finite() {
         return "–".to_owned();
@@ -86,7 +86,7 @@ pub(super) fn plain(value: f64) -> String {
     signed(format!("{value:.*}", decimals as usize))
 }
 
-/// A number of standard deviations, or how many times something is.
+/// Returns a number of standard deviations, or how many times something is.
 pub(super) fn times(value: f64) -> String {
     let decimals = match value.abs() {
         v if v < 2.0 => 2,
@@ -100,7 +100,7 @@ pub(super) fn times(value: f64) -> String {
     }
 }
 
-/// A part as a whole number of per cent.
+/// Returns a part as a whole number of per cent.
 pub(super) fn percent(part: f64) -> String {
     if part.is_finite() {
         signed(format!("{:.0} %", 100.0 * part))
@@ -118,7 +118,7 @@ fn signed(text: String) -> String {
     }
 }
 
-/// A probability.
+/// Returns a probability.
 pub(super) fn probability(p: f64) -> String {
     match p {
         _ if !p.is_finite() => "–".to_owned(),
@@ -154,7 +154,8 @@ fn superscript(exponent: i32) -> String {
     format!("{sign}{digits}")
 }
 
-/// An effect with its values: "diffusion over a finite length (5.31 ± 0.14 mΩ, 148 ± 11 s)".
+/// Returns an effect with its values: "diffusion over a finite length (5.31 ± 0.14 mΩ, 148 ± 11
+/// s)".
 pub(super) fn with_values(title: &str, parameters: &[FittedParameter]) -> String {
     let values: Vec<String> = parameters
         .iter()

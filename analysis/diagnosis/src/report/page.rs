@@ -225,7 +225,7 @@ impl Item {
     }
 }
 
-/// Text in which Markdown finds no marks.
+/// Returns the text in which Markdown finds no marks.
 fn escaped(text: &str) -> String {
     text.chars()
         .fold(String::with_capacity(text.len()), |mut out, c| {

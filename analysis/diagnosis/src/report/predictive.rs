@@ -33,7 +33,7 @@ pub(super) fn sentences(d: &Diagnosis) -> Vec<String> {
     sentences
 }
 
-/// The range in which it was fitted and tested.
+/// Returns the range in which it was fitted and tested.
 fn range(predictive: &Predictive) -> String {
     let range = &predictive.range;
     format!(

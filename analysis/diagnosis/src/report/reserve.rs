@@ -102,7 +102,7 @@ pub(super) fn unexplained(d: &Diagnosis) -> Section {
     Section::new("What stays unexplained", items)
 }
 
-/// The candidate that helps most without explaining.
+/// Returns the candidate that helps most without explaining.
 fn hint(d: &Diagnosis) -> Option<Item> {
     let excess = d.quality.base_chi2 - d.quality.degrees_of_freedom;
     let helped = d

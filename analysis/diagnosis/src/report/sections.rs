@@ -95,7 +95,8 @@ fn location(d: &Diagnosis) -> Section {
     Section::new("Where", items)
 }
 
-/// Number of blocks outside the noise with the named effects, and why it may be more than before.
+/// Returns the number of blocks outside the noise with the named effects, and why it may be more
+/// than before.
 fn left_over(d: &Diagnosis, before: &[&Block]) -> String {
     if d.effects.is_empty() {
         return String::new();

@@ -9,12 +9,12 @@ pub(super) fn is_significant(block: &Block) -> bool {
     block.p_value < SIGNIFICANT_P
 }
 
-/// Root of χ² over its expectation: 1 is noise alone.
+/// Returns the root of χ² over its expectation: 1 is noise alone.
 pub(super) fn misfit(block: &Block) -> f64 {
     (block.chi2 / block.expected_chi2).sqrt()
 }
 
-/// The same block with the named effects added.
+/// Returns the same block with the named effects added.
 pub(super) fn after<'a>(d: &'a Diagnosis, block: &Block) -> Option<&'a Block> {
     d.where_after
         .iter()
@@ -26,7 +26,7 @@ pub(super) fn named_title(name: &str) -> String {
     effects::title(name).map_or_else(|| name.replace('_', " "), str::to_owned)
 }
 
-/// Title and name of an effect.
+/// Returns the title and name of an effect.
 pub(super) fn titled(name: &str) -> String {
     effects::find(name).map_or_else(
         || name.to_owned(),
@@ -34,7 +34,7 @@ pub(super) fn titled(name: &str) -> String {
     )
 }
 
-/// A number and a noun in its number.
+/// Returns a number and a noun in its number.
 pub(super) fn counted(count: usize, one: &str, many: &str) -> String {
     format!("{count} {}", if count == 1 { one } else { many })
 }

@@ -37,7 +37,7 @@ impl Chance {
         (self.0 >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Sum of twelve, about normal.
+    /// Returns the sum of twelve, about normal.
     pub(super) fn normal(&mut self) -> f64 {
         (0..12).map(|_| self.uniform()).sum::<f64>() - 6.0
     }
@@ -130,7 +130,7 @@ pub(super) const BLOCK: &[(f64, f64)] = &[
     (60.0, 0.0),
 ];
 
-/// A record of one run with its own errors of both channels.
+/// Returns a record of one run with its own errors of both channels.
 pub(super) fn record(
     segments: &[(f64, f64)],
     spacing: f64,
@@ -202,7 +202,7 @@ pub(super) fn record(
     s
 }
 
-/// A sweep from 0.1 to 300 Hz.
+/// Returns a sweep from 0.1 to 300 Hz.
 pub(super) fn sweep(hidden: &Hidden, chance: &mut Chance) -> Sweep {
     let spread = 1.0 + HISTORY.resistance_rel * chance.normal() + hidden.later_rel;
     let points = (0..20)

@@ -26,7 +26,7 @@ fn prepared(set: &DataSet) -> Prepared {
     prepare(set, &model(), Guards::default()).unwrap()
 }
 
-/// The same without anything shared.
+/// Returns the same without anything shared.
 fn each_by_itself(problem: &Problem) -> Problem {
     let mut each = problem.clone();
     each.blocks.iter_mut().for_each(|b| b.alike = None);
@@ -94,7 +94,7 @@ fn a_repeat_from_elsewhere_has_derivatives_of_its_own() {
     assert_eq!(alike, [false, false, true]);
 }
 
-/// A record of a current (A, discharge positive) sampled each second.
+/// Returns a record of a current (A, discharge positive) sampled each second.
 fn run(current_a: Vec<f64>, order: u32, soc: f64) -> Run {
     let time_s: Vec<f64> = (0..current_a.len()).map(|k| k as f64).collect();
     let series = TimeSeries {
@@ -169,8 +169,8 @@ fn charge_is_told_in_stretches_without_a_reversal() {
     assert!(near(&of(2), &[-100.0, 1680.0, -100.0, 60.0]), "{:?}", of(2));
 }
 
-/// Charge moved by a sweep of 2 A, from frequencies with the times of their points, after a rest
-/// without records.
+/// Returns the charge moved by a sweep of 2 A, from frequencies with the times of their points,
+/// after a rest without records.
 fn swung(visited: &[(f64, f64)]) -> Vec<Moved> {
     let point = |freq_hz: f64| SweepPoint {
         freq_hz,

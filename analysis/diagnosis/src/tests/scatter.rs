@@ -11,7 +11,7 @@ use analysis_effects::{
 };
 use num_complex::Complex64;
 
-/// Change of the rows per part by which all resistances are larger.
+/// Returns the change of the rows per part by which all resistances are larger.
 fn scatter(run: &Run, effects: &[(&str, &[f64])]) -> Vec<f64> {
     let model = model();
     let base = Base {

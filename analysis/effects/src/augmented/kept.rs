@@ -37,7 +37,7 @@ impl PartialEq for Kept {
 }
 
 impl Augmented {
-    /// The additions that belong into a prediction: those of the cell.
+    /// Returns the additions that belong into a prediction: those of the cell.
     pub fn of_the_cell(&self) -> Vec<Added<'_>> {
         let cell = self
             .kept

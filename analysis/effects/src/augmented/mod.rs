@@ -24,7 +24,7 @@ pub struct Added<'a> {
     pub p: &'a [f64],
 }
 
-/// The network of a base with all additions.
+/// Returns the network of a base with all additions.
 pub fn network(base: &Base, added: &[Added<'_>]) -> Network {
     let mut network = Network::of(&base.erm);
     for a in added {

@@ -64,7 +64,7 @@ impl Branch {
         !matches!(self.law, Law::Symmetric { beta } | Law::Asymmetric { beta, .. } if beta > 0.0)
     }
 
-    /// Current through the resistor, A, at a voltage, its resistance times a factor.
+    /// Returns the current through the resistor, A, at a voltage, its resistance times a factor.
     pub fn conducted_a(&self, v: f64, factor: f64) -> f64 {
         match self.law {
             Law::Symmetric { beta } if beta > 0.0 => {
@@ -133,8 +133,8 @@ pub struct Ramp {
     pub end: f64,
 }
 
-/// A branch with a law that is not linear, over a step with a held current. The factor is on the
-/// resistance; voltages of the law stay, as kT/e does.
+/// Returns a branch with a law that is not linear, over a step with a held current. The factor is
+/// on the resistance; voltages of the law stay, as kT/e does.
 pub(crate) fn step(branch: &Branch, factor: f64, v: f64, current_a: f64, step_s: f64) -> f64 {
     let held = Ramp {
         start: current_a,
@@ -143,7 +143,7 @@ pub(crate) fn step(branch: &Branch, factor: f64, v: f64, current_a: f64, step_s:
     ramp(branch, factor, v, held, step_s)
 }
 
-/// The same over a step in which the current is linear from one value to another.
+/// Returns the same over a step in which the current is linear from one value to another.
 pub(crate) fn ramp(branch: &Branch, factor: f64, v: f64, current_a: Ramp, step_s: f64) -> f64 {
     let (r_ohm, tau_s) = (branch.r_ohm * factor, branch.tau_s * factor);
     let x = step_s / tau_s;
@@ -253,7 +253,7 @@ fn phi_3(z: f64, lost: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// The branch equation by classical Runge–Kutta with many steps.
+    /// Integrates the branch equation by classical Runge–Kutta with many steps.
     fn runge_kutta(branch: &Branch, v: f64, current_a: Ramp, step_s: f64) -> f64 {
         let rate = |v: f64, part: f64| {
             let driven_a = current_a.start + (current_a.end - current_a.start) * part;

@@ -75,7 +75,7 @@ pub trait Effect: Sync {
     /// Changes the linear network: acts on impedance and on time alike.
     fn network(&self, _p: &[f64], _base: &Base, _network: &mut Network) {}
 
-    /// Impedance that a point of a spectrum shows instead of `z_ohm`, Ω.
+    /// Returns the impedance that a point of a spectrum shows instead of `z_ohm`, Ω.
     fn impedance(&self, _p: &[f64], _base: &Base, _at: &Point, z_ohm: Complex64) -> Complex64 {
         z_ohm
     }
@@ -109,7 +109,7 @@ pub trait Dynamics {
         Modulation::NONE
     }
 
-    /// Voltage added to the terminal voltage at this instant, V.
+    /// Returns the voltage added to the terminal voltage at this instant, V.
     fn voltage_v(&self, _at: &Instant) -> f64 {
         0.0
     }

@@ -28,8 +28,8 @@ impl Network {
         }
     }
 
-    /// The same for small signals as an extended Randles model. Branches without resistance are
-    /// left out.
+    /// Returns the same for small signals as an extended Randles model. Branches without resistance
+    /// are left out.
     pub fn linearised(&self) -> Erm {
         let branches = self.branches.iter().filter(|b| b.r_ohm != 0.0);
         Erm {
@@ -74,7 +74,7 @@ impl Network {
             .sum()
     }
 
-    /// Impedance for small signals, Ω.
+    /// Returns the impedance for small signals, Ω.
     pub fn impedance(&self, freq_hz: f64) -> Complex64 {
         let omega = std::f64::consts::TAU * freq_hz;
         self.branches
@@ -86,7 +86,7 @@ impl Network {
             })
     }
 
-    /// Resistance at zero frequency, Ω.
+    /// Returns the resistance at zero frequency, Ω.
     pub fn dc_resistance_ohm(&self) -> f64 {
         self.r_ohm + self.branches.iter().map(|b| b.r_ohm).sum::<f64>()
     }

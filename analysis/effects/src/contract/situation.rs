@@ -180,7 +180,7 @@ pub struct Instant {
 }
 
 impl Instant {
-    /// Power that the resistances turn into heat, W.
+    /// Returns the power that the resistances turn into heat, W.
     pub fn heat_w(&self) -> f64 {
         self.current_a * self.overpotential_v - self.stored_w
     }
@@ -211,7 +211,7 @@ impl Modulation {
         }
     }
 
-    /// Change of the impedance of a base, Ω.
+    /// Returns the change of the impedance of a base, Ω.
     pub(crate) fn change_ohm(self, erm: &Erm, freq_hz: f64) -> Complex64 {
         let series = Complex64::from((self.series - 1.0) * erm.r_ohm);
         erm.branches.iter().fold(series, |sum, b| {

@@ -57,12 +57,12 @@ pub fn catalogue() -> &'static [&'static dyn Effect] {
     CATALOGUE
 }
 
-/// The effect of a name.
+/// Returns the effect of a name.
 pub fn find(name: &str) -> Option<&'static dyn Effect> {
     CATALOGUE.iter().copied().find(|e| e.card().name == name)
 }
 
-/// Title of an effect of the catalogue or of a law outside it.
+/// Returns the title of an effect of the catalogue or of a law outside it.
 pub fn title(name: &str) -> Option<&'static str> {
     let mut all = CATALOGUE.iter().chain(outside());
     all.find(|e| e.card().name == name).map(|e| e.card().title)

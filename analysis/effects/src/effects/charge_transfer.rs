@@ -42,7 +42,7 @@ pub(super) struct Kinetics {
 }
 
 impl Kinetics {
-    /// Change of the base's impedance by the law of a branch, Ω.
+    /// Returns the change of the base's impedance by the law of a branch, Ω.
     pub(super) fn change_ohm(self, base: &Base, branch: usize, at: &Point) -> Complex64 {
         let Some(branch) = base.erm.branches.get(branch).filter(|_| self.beta > 0.0) else {
             return Complex64::ZERO;

@@ -63,7 +63,8 @@ impl Effect for CurrentAsymmetry {
     }
 }
 
-/// Share of a sweep's response that comes from the time in which the cell is charged, 0…1.
+/// Returns the share of a sweep's response that comes from the time in which the cell is charged,
+/// 0…1.
 fn charging_part(at: &Point) -> f64 {
     let u = match at.amplitude_a {
         Some(amplitude_a) if amplitude_a > at.bias_a.abs() => at.bias_a / amplitude_a,

@@ -76,12 +76,12 @@ pub struct Reply {
 }
 
 impl Drive {
-    /// The largest power that can be had, W: P* = E²/4R.
+    /// Returns the largest power that can be had, W: P* = E²/4R.
     pub fn available_w(&self, e_v: f64) -> f64 {
         0.25 * e_v * e_v / self.r_ohm
     }
 
-    /// The current at E (V, above zero) under a demand (W, A or Ω).
+    /// Returns the current at E (V, above zero) under a demand (W, A or Ω).
     ///
     /// With [`Beyond::Stop`] an infeasible demand is answered as with [`Beyond::Clamp`] and marked;
     /// the caller stops.
@@ -126,8 +126,8 @@ impl Drive {
             && e_v <= self.r_ohm * reply.current_a
     }
 
-    /// The current at E under a demand, and whether the tangent has no answer to it; then it is
-    /// that of the most power there is.
+    /// Returns the current at E under a demand, and whether the tangent has no answer to it; then
+    /// it is that of the most power there is.
     pub(super) fn reply_or_most(&self, e_v: f64, demand: f64) -> (Reply, bool) {
         let reply = self.reply(e_v, demand);
         if self.is_past_tangent(e_v, &reply) {

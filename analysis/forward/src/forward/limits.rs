@@ -18,12 +18,12 @@ impl CellWindow {
         high_v: 4.2,
     };
 
-    /// Distance of a cell's voltage above the lower limit, V; negative below it.
+    /// Returns the distance of a cell's voltage above the lower limit, V; negative below it.
     pub fn margin_low_v(&self, cell_v: f64) -> f64 {
         cell_v - self.low_v
     }
 
-    /// Distance of a cell's voltage below the upper limit, V; negative above it.
+    /// Returns the distance of a cell's voltage below the upper limit, V; negative above it.
     pub fn margin_high_v(&self, cell_v: f64) -> f64 {
         self.high_v - cell_v
     }

@@ -144,7 +144,7 @@ impl SimModel {
         }
     }
 
-    /// Open-circuit voltage at the terminals, V, and its slope with SOC, V.
+    /// Returns the open-circuit voltage at the terminals, V, and its slope with SOC, V.
     pub fn ocv_v(&self, soc: f64) -> (f64, f64) {
         let series = f64::from(self.pack.series);
         match &self.ocv {
@@ -156,7 +156,7 @@ impl SimModel {
         }
     }
 
-    /// Charge of the terminals between SOC 0 and 1, C; infinite for a constant OCV.
+    /// Returns the charge of the terminals between SOC 0 and 1, C; infinite for a constant OCV.
     pub fn capacity_c(&self) -> f64 {
         match &self.ocv {
             OcvSource::Constant(_) => f64::INFINITY,
@@ -164,7 +164,7 @@ impl SimModel {
         }
     }
 
-    /// The state after a long rest at a state of charge.
+    /// Returns the state after a long rest at a state of charge.
     ///
     /// # Errors
     /// [`ForwardError::Value`] unless the SOC is within 0…1.
@@ -182,8 +182,8 @@ impl SimModel {
         })
     }
 
-    /// The state after a long rest at a cell's open-circuit voltage, V. A constant OCV has one
-    /// state only, whatever the voltage.
+    /// Returns the state after a long rest at a cell's open-circuit voltage, V. A constant OCV has
+    /// one state only, whatever the voltage.
     ///
     /// # Errors
     /// [`ForwardError::OcvRange`] for a voltage that the curve does not reach.
@@ -205,8 +205,8 @@ impl SimModel {
         }
     }
 
-    /// Mean voltage of one cell, V, at a voltage and a current of the terminals: the interconnect
-    /// is not the cells'.
+    /// Returns the mean voltage of one cell, V, at a voltage and a current of the terminals: the
+    /// interconnect is not the cells'.
     pub fn cell_v(&self, ccv_v: f64, current_a: f64) -> f64 {
         (ccv_v + current_a * self.pack.interconnect_ohm) / f64::from(self.pack.series)
     }

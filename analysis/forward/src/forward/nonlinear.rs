@@ -41,7 +41,7 @@ impl Laws {
         Ok((erm, laws))
     }
 
-    /// Names of the additions that need this, with commas.
+    /// Returns the names of the additions that need this, with commas.
     pub(super) fn names(&self) -> String {
         let added = self.cell.of_the_cell();
         let names: Vec<&str> = added

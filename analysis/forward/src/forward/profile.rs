@@ -159,7 +159,7 @@ impl Profile {
         }
     }
 
-    /// Duration from the first to the last row, s.
+    /// Returns the duration from the first to the last row, s.
     pub fn duration_s(&self) -> f64 {
         match (self.time_s.first(), self.time_s.last()) {
             (Some(first), Some(last)) => last - first,
@@ -182,7 +182,7 @@ impl Profile {
         Some(if high > 0.0 { high } else { low }).filter(|peak| *peak != 0.0)
     }
 
-    /// The pieces between the rows, none longer than `max_step_s`.
+    /// Returns the pieces between the rows, none longer than `max_step_s`.
     pub(super) fn pieces(&self, max_step_s: f64) -> impl Iterator<Item = Piece> + '_ {
         (1..self.time_s.len()).flat_map(move |k| {
             let (t0, t1, v0) = (self.time_s[k - 1], self.time_s[k], self.value[k - 1]);
@@ -207,7 +207,7 @@ impl Profile {
     }
 }
 
-/// Number of steps that a row is cut into so that none is longer than `max_step_s`.
+/// Returns the number of steps that a row is cut into so that none is longer than `max_step_s`.
 pub(super) fn parts(row_s: f64, max_step_s: f64) -> u64 {
     if row_s <= max_step_s {
         1

@@ -62,8 +62,8 @@ pub struct ScaleLimit {
     pub bound: ScaleBound,
 }
 
-/// The largest factor of a power or current profile that keeps every cell within the window, all
-/// power to be had.
+/// Returns the largest factor of a power or current profile that keeps every cell within the
+/// window, all power to be had.
 ///
 /// A model that no batch takes (additions, many branches) is simulated factor by factor.
 ///

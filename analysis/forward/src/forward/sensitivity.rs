@@ -159,7 +159,8 @@ pub fn step_with_jacobian(
     })
 }
 
-/// A whole profile with derivatives, in steps of at most `max_step_s` without error control.
+/// Returns a whole profile with derivatives, in steps of at most `max_step_s` without error
+/// control.
 ///
 /// # Errors
 /// As [`super::simulate`].
@@ -334,8 +335,8 @@ impl Look {
         })
     }
 
-    /// Derivative of the voltage along a direction; `d_demand` is that of the demand along
-    /// [`What::Demand`].
+    /// Returns the derivative of the voltage along a direction; `d_demand` is that of the demand
+    /// along [`What::Demand`].
     fn slope(&self, integrator: &Integrator<'_>, d: &Direction, d_demand: f64) -> f64 {
         let d_e = self.ocv_slope_v * d.soc - d.v.iter().sum::<f64>() + d.what.ocv();
         let series = if d.what == What::SeriesR {

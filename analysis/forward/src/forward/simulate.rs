@@ -62,7 +62,7 @@ impl SimOptions {
     }
 }
 
-/// Number of steps that a piece takes.
+/// Returns the number of steps that a piece takes.
 fn parts(piece_s: f64, step_s: f64) -> u64 {
     (piece_s / step_s * (1.0 - 1e-9)).ceil().max(1.0) as u64
 }

@@ -129,8 +129,8 @@ impl<'m> Integrator<'m> {
         }
     }
 
-    /// The thesis' three steps (equations 4.5–4.10) for any number of branches: explicit Euler on
-    /// the charges.
+    /// Returns the thesis' three steps (equations 4.5–4.10) for any number of branches: explicit
+    /// Euler on the charges.
     pub(super) fn euler(
         &self,
         step_s: f64,

@@ -327,7 +327,7 @@ impl<'m> TraceRecorder<'m> {
         s.steps += 1;
     }
 
-    /// The results, with the state at the end and the time at the start.
+    /// Returns the results, with the state at the end and the time at the start.
     pub(super) fn close(mut self, end: &SimState, start_s: f64) -> (Summary, Trace) {
         let stored = |state: &SimState| -> f64 {
             self.model

@@ -48,7 +48,7 @@ pub struct Limits {
     pub charge: LimitedBy,
 }
 
-/// The map, by state of charge and then by duration, from rest.
+/// Returns the map, by state of charge and then by duration, from rest.
 ///
 /// # Errors
 /// As [`most_power`], and for an invalid state of charge.
@@ -94,7 +94,7 @@ fn entry(
     })
 }
 
-/// The same limits of the DC resistance alone, at the OCV of the start.
+/// Returns the same limits of the DC resistance alone, at the OCV of the start.
 fn simple_ir(
     model: &SimModel,
     soc: f64,

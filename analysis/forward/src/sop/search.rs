@@ -93,8 +93,8 @@ pub(super) enum Direction {
     Charge,
 }
 
-/// The largest powers, discharge (zero or more) and charge (zero or less), that can be held for a
-/// duration from a state.
+/// Returns the largest powers, discharge (zero or more) and charge (zero or less), that can be held
+/// for a duration from a state.
 ///
 /// Discharge is judged by the lower voltage and charge by the upper one: a cell above the window
 /// may be discharged into it. A state that is beyond that end already can hold nothing in its
@@ -238,7 +238,7 @@ impl Search<'_> {
         })
     }
 
-    /// A power that is not kept.
+    /// Returns a power that is not kept.
     fn beyond(&self, direction: Direction) -> Result<(f64, Verdict), ForwardError> {
         let sign = if direction == Direction::Discharge {
             1.0
@@ -320,8 +320,8 @@ struct TrialPower {
     margin: f64,
 }
 
-/// A trial between a kept and a lost power: by false position, every third time by bisection, and
-/// never at an end.
+/// Returns a trial between a kept and a lost power: by false position, every third time by
+/// bisection, and never at an end.
 fn between(kept: TrialPower, lost: TrialPower, trial: usize, accuracy: f64) -> f64 {
     let width = lost.power_w - kept.power_w;
     let share = if trial % 3 == 2 {
@@ -335,7 +335,7 @@ fn between(kept: TrialPower, lost: TrialPower, trial: usize, accuracy: f64) -> f
     kept.power_w + width * share.clamp(edge, 1.0 - edge)
 }
 
-/// A power held for a duration, with rows that lie closer at its start.
+/// Returns a power held for a duration, with rows that lie closer at its start.
 fn held(power_w: f64, duration_s: f64) -> Profile {
     let time = |k: usize| duration_s * (k as f64 / ROWS as f64).powi(3);
     Profile {

@@ -31,7 +31,7 @@ fn erm() -> Erm {
     }
 }
 
-/// A straight OCV, so that the brute force needs no interpolation: 3.0 + 1.2·SOC.
+/// Returns a straight OCV, so that the brute force needs no interpolation: 3.0 + 1.2·SOC.
 fn straight() -> OcvSource {
     OcvSource::Curve(OcvCurve::monotone(CAPACITY_AH, vec![0.0, 1.0], vec![3.0, 4.2]).unwrap())
 }
@@ -134,8 +134,8 @@ fn as_brute_force_says() {
     );
 }
 
-/// The limits of a simple-IR pack; no interconnect, so that the window at the cells is that at the
-/// terminals.
+/// Returns the limits of a simple-IR pack; no interconnect, so that the window at the cells is that
+/// at the terminals.
 fn sized(dcir_ohm: f64, cell_ocv_v: f64) -> Sizing {
     let pack = Pack::new(16, 3, 0.0).unwrap();
     Sizing::new(&SizingInput {
@@ -278,7 +278,7 @@ proptest! {
     }
 }
 
-/// The pack of [`thesis_pack`] with additions to its cells.
+/// Returns the pack of [`thesis_pack`] with additions to its cells.
 fn augmented(kept: Vec<Kept>) -> SimModel {
     let facts = Facts {
         lowest_hz: Some(0.1),

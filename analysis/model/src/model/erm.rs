@@ -22,12 +22,12 @@ pub struct RcBranch {
 }
 
 impl RcBranch {
-    /// Time constant RC, s.
+    /// Returns the time constant RC, s.
     pub fn time_constant_s(&self) -> f64 {
         self.r_ohm * self.c_f
     }
 
-    /// Impedance at a frequency, Ω.
+    /// Returns the impedance at a frequency, Ω.
     pub fn impedance(&self, freq_hz: f64) -> Complex64 {
         self.r_ohm * self.shape(freq_hz)
     }
@@ -89,7 +89,7 @@ pub enum ModelError {
 }
 
 impl Erm {
-    /// Impedance at a frequency in Hz (zero and above), Ω.
+    /// Returns the impedance at a frequency in Hz (zero and above), Ω.
     pub fn impedance(&self, freq_hz: f64) -> Complex64 {
         self.branches
             .iter()
@@ -98,12 +98,12 @@ impl Erm {
             })
     }
 
-    /// Resistance at zero frequency, Ω: R + ΣRₖ.
+    /// Returns the resistance at zero frequency, Ω: R + ΣRₖ.
     pub fn dc_resistance_ohm(&self) -> f64 {
         self.r_ohm + self.branches.iter().map(|b| b.r_ohm).sum::<f64>()
     }
 
-    /// Time constants RₖCₖ in the order of the branches, s.
+    /// Returns the time constants RₖCₖ in the order of the branches, s.
     pub fn time_constants_s(&self) -> Vec<f64> {
         self.branches
             .iter()
@@ -119,7 +119,7 @@ impl Erm {
         self
     }
 
-    /// Number of free parameters: 1 + 2 per branch.
+    /// Returns the number of free parameters: 1 + 2 per branch.
     pub fn parameter_count(&self) -> usize {
         1 + 2 * self.branches.len()
     }
@@ -177,7 +177,7 @@ impl Erm {
         gradient
     }
 
-    /// Name of each entry of [`Erm::log_parameters`], as in the thesis: R, R1, C1, …
+    /// Returns the name of each entry of [`Erm::log_parameters`], as in the thesis: R, R1, C1, …
     pub fn parameter_names(&self) -> Vec<String> {
         let branches = (1..=self.branches.len()).flat_map(|k| [format!("R{k}"), format!("C{k}")]);
         std::iter::once("R".to_owned()).chain(branches).collect()
@@ -227,8 +227,8 @@ mod tests {
         }
     }
 
-    /// The same circuit by real arithmetic only: conductance and susceptance of each branch in
-    /// parallel, turned into an impedance.
+    /// Returns the same circuit by real arithmetic only: conductance and susceptance of each branch
+    /// in parallel, turned into an impedance.
     fn by_admittance(erm: &Erm, freq_hz: f64) -> (f64, f64) {
         let w = 2.0 * std::f64::consts::PI * freq_hz;
         erm.branches.iter().fold((erm.r_ohm, 0.0), |(re, im), b| {

@@ -430,8 +430,8 @@ mod tests {
         3.1 + 0.9 * z + 0.15 * z.powi(6) + 0.02 * (12.0 * z).sin() - 0.4 * (-z / 0.04).exp()
     }
 
-    /// A cell of 2 Ah with 20 mΩ and 10 mV of hysteresis to each side, driven at `current_a`
-    /// (discharge positive), noise of 0.4 mV.
+    /// Returns a cell of 2 Ah with 20 mΩ and 10 mV of hysteresis to each side, driven at
+    /// `current_a` (discharge positive), noise of 0.4 mV.
     fn slow(current_a: f64, seed: u64) -> TimeSeries {
         let mut rng = Rng::new(seed);
         let n = 7200;

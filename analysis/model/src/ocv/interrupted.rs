@@ -133,7 +133,8 @@ fn pause(
     })
 }
 
-/// The straight line of least squares at the last point, and its standard uncertainty there.
+/// Returns the straight line of least squares at the last point, and its standard uncertainty
+/// there.
 fn line_end(time_s: &[f64], volts: &[f64]) -> (f64, f64) {
     let n = time_s.len() as f64;
     let (mean_t, mean_v) = (
@@ -164,7 +165,8 @@ fn line_end(time_s: &[f64], volts: &[f64]) -> (f64, f64) {
     )
 }
 
-/// The samples of these numbers, with times in which the trapezia of their current are the charge.
+/// Returns the samples of these numbers, with times in which the trapezia of their current are the
+/// charge.
 fn squeezed(series: &TimeSeries, drawn_c: &[f64], kept: &[usize]) -> TimeSeries {
     let mut time_s = Vec::with_capacity(kept.len());
     for (place, &k) in kept.iter().enumerate() {

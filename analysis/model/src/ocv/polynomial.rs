@@ -79,7 +79,7 @@ impl OcvPolynomial {
             .fold(0.0, |v, (k, c)| v * soc + k as f64 * c)
     }
 
-    /// The sentence on its monotony.
+    /// Returns the sentence on its monotony.
     pub fn statement(&self) -> String {
         let at = |(a, b): &(f64, f64)| format!("{a:.3}–{b:.3}");
         if self.falling_soc.is_empty() {

@@ -21,7 +21,7 @@ pub struct Reach {
 }
 
 impl Reach {
-    /// The state of charge between the limits that a measured one is.
+    /// Returns the state of charge between the limits that a measured one is.
     pub fn soc(&self, measured: f64) -> f64 {
         (measured + self.below) / (1.0 + self.below + self.above)
     }

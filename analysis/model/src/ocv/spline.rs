@@ -190,7 +190,7 @@ impl Normal {
     }
 }
 
-/// Index of the first of the four splines over x, and their values.
+/// Returns the index of the first of the four splines over x, and their values.
 fn basis(x: f64, intervals: usize) -> (usize, [f64; 4]) {
     let place = x.clamp(0.0, 1.0) * intervals as f64;
     let first = (place as usize).min(intervals - 1);

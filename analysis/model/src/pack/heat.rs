@@ -46,7 +46,7 @@ impl ThermalMass {
         Ok(())
     }
 
-    /// Temperature rise by an amount of heat, K.
+    /// Returns the temperature rise by an amount of heat, K.
     pub fn rise_k(&self, heat_j: f64) -> f64 {
         heat_j / (self.mass_kg * self.specific_heat_j_per_kg_k)
     }

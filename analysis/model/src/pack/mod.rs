@@ -84,7 +84,7 @@ impl Pack {
         interconnect_ohm: 0.0,
     };
 
-    /// Number of its cells.
+    /// Returns the number of its cells.
     pub fn cells(&self) -> f64 {
         f64::from(self.series) * f64::from(self.parallel)
     }
@@ -108,8 +108,8 @@ impl Pack {
         f64::from(self.series) / f64::from(self.parallel)
     }
 
-    /// The pack's model from the cell's: R·S/P plus interconnect, Rₖ·S/P, Cₖ·P/S. Time constants
-    /// stay.
+    /// Returns the pack's model from the cell's: R·S/P plus interconnect, Rₖ·S/P, Cₖ·P/S. Time
+    /// constants stay.
     ///
     /// ```
     /// use analysis_model::{model::{Erm, RcBranch}, pack::Pack};
@@ -143,12 +143,13 @@ impl Pack {
         })
     }
 
-    /// The pack's impedance from a cell's measured one, Ω (equation 3.3 plus the interconnect).
+    /// Returns the pack's impedance from a cell's measured one, Ω (equation 3.3 plus the
+    /// interconnect).
     pub fn impedance(&self, cell_ohm: Complex64) -> Complex64 {
         cell_ohm * self.ratio() + self.interconnect_ohm
     }
 
-    /// The pack as engineers write it: `16S3P`.
+    /// Returns the pack as engineers write it: `16S3P`.
     pub fn name(&self) -> String {
         format!("{}S{}P", self.series, self.parallel)
     }

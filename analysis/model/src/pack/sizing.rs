@@ -250,13 +250,13 @@ impl SimpleIr {
         self.ocv_v * self.ocv_v / (4.0 * self.resistance_ohm)
     }
 
-    /// Voltage under a power, V (equation 2.4); none beyond the theoretical maximum.
+    /// Returns the voltage under a power, V (equation 2.4); none beyond the theoretical maximum.
     pub fn voltage_v(&self, power_w: f64) -> Option<f64> {
         let square = self.ocv_v * self.ocv_v - 4.0 * power_w * self.resistance_ohm;
         (square >= 0.0).then(|| 0.5 * (self.ocv_v + square.sqrt()))
     }
 
-    /// The operating point at a voltage (equations 2.2 and 2.3).
+    /// Returns the operating point at a voltage (equations 2.2 and 2.3).
     pub fn at_voltage(&self, voltage_v: f64) -> OperatingPoint {
         let current_a = (self.ocv_v - voltage_v) / self.resistance_ohm;
         OperatingPoint {

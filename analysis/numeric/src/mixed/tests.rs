@@ -71,7 +71,7 @@ impl Crossed {
         fit(&grouped).unwrap()
     }
 
-    /// Standard deviations by the analysis of variance: cell, bench, residual.
+    /// Returns the standard deviations by the analysis of variance: cell, bench, residual.
     fn by_analysis_of_variance(&self, cells: usize, benches: usize) -> [f64; 3] {
         let of = |levels: &[usize], count: usize| -> Vec<f64> {
             (0..count)

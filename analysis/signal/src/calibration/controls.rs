@@ -18,7 +18,7 @@ pub struct KnownImpedance {
 }
 
 impl KnownImpedance {
-    /// Impedance at a frequency, Ω.
+    /// Returns the impedance at a frequency, Ω.
     pub fn at(&self, freq_hz: f64) -> Complex64 {
         Complex64::new(self.r_ohm, std::f64::consts::TAU * freq_hz * self.l_h)
     }

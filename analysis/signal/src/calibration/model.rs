@@ -75,7 +75,7 @@ impl Slope {
         array::from_fn(|k| self.slopes[4 + k])
     }
 
-    /// Covariance from that of the phasors.
+    /// Returns the covariance from that of the phasors.
     pub(super) fn noise(&self, covariances: &[Covariance2; 4]) -> Covariance2 {
         self.by_volts()
             .into_iter()
@@ -84,7 +84,7 @@ impl Slope {
             .sum()
     }
 
-    /// Covariance from that of the parameters.
+    /// Returns the covariance from that of the parameters.
     pub(super) fn carried(&self, covariance: &[[f64; COUNT]; COUNT]) -> Covariance2 {
         let slopes = self.by_parameters();
         let mut sum = Covariance2::ZERO;
@@ -169,7 +169,7 @@ impl<'a> Harness<'a> {
         }
     }
 
-    /// Current through the shunt, A.
+    /// Returns the current through the shunt, A.
     pub(super) fn current(&self) -> Slope {
         let [v1, v2, ..] = self.tips;
         (v2 - v1) / self.impedance_of(SHUNT_R, SHUNT_L)
@@ -183,7 +183,7 @@ impl<'a> Harness<'a> {
         u / (i - self.stray() * u)
     }
 
-    /// Impedance between the voltage probes when they are on the shunt, Ω.
+    /// Returns the impedance between the voltage probes when they are on the shunt, Ω.
     pub(super) fn impedance_at_shunt(&self) -> Slope {
         let [.., v3, v4] = self.tips;
         let i = self.current();
@@ -199,12 +199,12 @@ impl<'a> Harness<'a> {
         ]
     }
 
-    /// Residual with the fake cell in the jig, V; zero for a perfect harness model.
+    /// Returns the residual with the fake cell in the jig, V; zero for a perfect harness model.
     pub(super) fn fake_cell_residual(&self) -> Slope {
         self.load_residual(FAKE_R, FAKE_L)
     }
 
-    /// Residual with the short in the jig, V; zero for a perfect harness model.
+    /// Returns the residual with the short in the jig, V; zero for a perfect harness model.
     pub(super) fn short_residual(&self) -> Slope {
         self.load_residual(SHORT_R, SHORT_L)
     }

@@ -97,7 +97,7 @@ impl CorrectionModes {
         }
     }
 
-    /// The errors at the points of a sweep, in its order.
+    /// Returns the errors at the points of a sweep, in its order.
     pub fn shared(&self, correction: &Correction, sweep: &[ChannelPhasors]) -> Vec<SharedError> {
         let slopes: Vec<[Complex64; COUNT]> = sweep
             .iter()

@@ -192,7 +192,7 @@ pub(super) fn unmeasured(controls: &Controls<'_>) -> Correction {
     }
 }
 
-/// The parameters that there are: those of things that were never measured with are not.
+/// Returns the parameters that there are: those of things that were never measured with are not.
 fn told(controls: &Controls<'_>) -> [bool; COUNT] {
     std::array::from_fn(|index| match NAMES[index].2 {
         Source::FakeCell => controls.fake_cell.is_some(),
@@ -298,7 +298,7 @@ impl<'a> Problem<'a> {
         })
     }
 
-    /// The problem around `x`: prior and all points, whitened.
+    /// Returns the problem around `x`: prior and all points, whitened.
     fn linearise(&self, x: &[f64; COUNT], noise_factor: f64) -> Solution {
         let values = self.values(x);
         let mut sum = Solution {
@@ -401,7 +401,7 @@ fn whiten(residuals: &[Slope], covariances: &[Covariance2; 4]) -> Vec<Row> {
     rows
 }
 
-/// Real and imaginary part of a residual.
+/// Returns the real and imaginary part of a residual.
 fn parts(residual: &Slope) -> [Row; 2] {
     let slopes = residual.by_parameters();
     [
@@ -425,7 +425,8 @@ struct Part<'a> {
     part: usize,
 }
 
-/// Covariance of a part of one residual with a part of another, from that of the phasors.
+/// Returns the covariance of a part of one residual with a part of another, from that of the
+/// phasors.
 fn shared_noise(a: Part<'_>, b: Part<'_>, covariances: &[Covariance2; 4]) -> f64 {
     let (part_a, part_b) = (a.part, b.part);
     // How a part of slope·phasor depends on the phasor's real and imaginary part.

@@ -283,8 +283,8 @@ fn drift(samples: &[f64], periods: usize) -> (f64, f64) {
     (sum / n / width, moment / square / (2.0 * width))
 }
 
-/// Variance of each part of the phasor at a harmonic, V²: the mean over the bins between its two
-/// neighbours that are no harmonics.
+/// Returns the variance of each part of the phasor at a harmonic, V²: the mean over the bins
+/// between its two neighbours that are no harmonics.
 fn noise(bins: &[Complex64], harmonic: usize, periods: usize) -> f64 {
     let centre = harmonic * periods;
     let around = (centre.saturating_sub(periods) + 1..centre + periods)
@@ -342,8 +342,8 @@ fn quotients(fit: &MultisineFit) -> Vec<(f64, Complex64)> {
         .collect()
 }
 
-/// Residual voltage at a detection line that the current there does not explain: magnitude, V, and
-/// its variance by noise, V².
+/// Returns the residual voltage at a detection line that the current there does not explain:
+/// magnitude, V, and its variance by noise, V².
 fn rest(p: &ChannelPhasors, known: &[(f64, Complex64)]) -> (f64, f64) {
     let per_volt = between(known, p.freq_hz);
     let [v1, v2, v3, v4] = p.volts;

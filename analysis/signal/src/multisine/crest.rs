@@ -110,7 +110,7 @@ struct Swap<'a> {
 }
 
 impl Swap<'_> {
-    /// The signal of these phases; amplitudes of one half and their mirror images.
+    /// Returns the signal of these phases; amplitudes of one half and their mirror images.
     fn signal(&self, phases: &[f64]) -> Vec<Complex64> {
         let mut bins = vec![Complex64::ZERO; self.count];
         for (h, phase) in self.harmonics.iter().zip(phases) {
@@ -121,7 +121,7 @@ impl Swap<'_> {
         bins
     }
 
-    /// The lowest crest factor on the way from these phases, with its phases.
+    /// Returns the lowest crest factor on the way from these phases, with its phases.
     fn improved(&self, mut phases: Vec<f64>) -> (f64, Vec<f64>) {
         let mut best = (f64::INFINITY, phases.clone());
         for round in 0..SWAPS {

@@ -46,7 +46,7 @@ pub struct Image {
 }
 
 impl Image {
-    /// Amplitude in the generator's signal, over that of its line.
+    /// Returns the amplitude in the generator's signal, over that of its line.
     pub fn share(&self) -> f64 {
         self.of as f64 / self.at as f64
     }

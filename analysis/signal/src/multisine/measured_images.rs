@@ -157,7 +157,8 @@ impl MeasuredImages {
         }
     }
 
-    /// Variance of either part of the voltage across the jig that images put onto harmonics, V².
+    /// Returns the variance of either part of the voltage across the jig that images put onto
+    /// harmonics, V².
     pub(super) fn onto(&self, harmonics: &[usize]) -> Vec<f64> {
         let lines: Vec<usize> = self.lines.iter().map(|(h, _)| *h).collect();
         let found = images(&lines, harmonics, self.sampling);
@@ -186,8 +187,8 @@ fn octave(image: &Image, sampling: Sampling) -> usize {
     (image.at / sampling.steps).max(1).ilog2() as usize
 }
 
-/// Mean power of a bin above the lines, V²: from the median of those between the harmonics, which
-/// is ln 2 of the mean.
+/// Returns the mean power of a bin above the lines, V²: from the median of those between the
+/// harmonics, which is ln 2 of the mean.
 fn noise_power(rest: impl Fn(usize) -> f64, from: usize, sampling: Sampling) -> f64 {
     let between = (from..sampling.samples / 2).filter(|bin| !bin.is_multiple_of(sampling.periods));
     let mut powers: Vec<f64> = between.map(rest).collect();
@@ -305,7 +306,7 @@ mod tests {
         .unwrap()
     }
 
-    /// Mean square of the errors over their variance.
+    /// Returns the mean square of the errors over their variance.
     fn reduced(fits: impl Iterator<Item = MultisineFit>) -> f64 {
         let (mut squares, mut count) = (0.0, 0.0);
         for fit in fits {

@@ -157,8 +157,8 @@ fn moved(mut placement: Placement, choice: &Choice<'_>) -> Placement {
     placement
 }
 
-/// The lines with one of them at other odd harmonics, between its neighbours and no further than
-/// halfway to them, no three odd ones in a row.
+/// Returns the lines with one of them at other odd harmonics, between its neighbours and no further
+/// than halfway to them, no three odd ones in a row.
 fn neighbours(harmonics: &[usize], line: usize, choice: &Choice<'_>) -> Vec<Vec<usize>> {
     let (least, greatest) = choice.range;
     let Ok(place) = harmonics.binary_search(&line) else {

@@ -84,12 +84,12 @@ impl Basis {
         }
     }
 
-    /// Number of tones.
+    /// Returns the number of tones.
     pub(super) fn tones(&self) -> usize {
         self.tones.len()
     }
 
-    /// Number of columns of the drift: its degree and one.
+    /// Returns the number of columns of the drift: its degree and one.
     pub(super) fn powers(&self) -> usize {
         self.powers
     }
@@ -99,22 +99,22 @@ impl Basis {
         2 * self.tones.len() + self.powers
     }
 
-    /// Number of columns that are fitted: the first ones.
+    /// Returns the number of columns that are fitted: the first ones.
     pub(super) fn fitted(&self) -> usize {
         self.first_decay() + self.rates.len()
     }
 
-    /// Number of columns.
+    /// Returns the number of columns.
     pub(super) fn columns(&self) -> usize {
         self.fitted() + 2 * self.timed
     }
 
-    /// Number of samples of the record.
+    /// Returns the number of samples of the record.
     pub(super) fn samples(&self) -> usize {
         self.samples
     }
 
-    /// The map of the columns by a number of samples.
+    /// Returns the map of the columns by a number of samples.
     pub(super) fn shift(&self, offset: f64) -> Shift {
         let turns = self.tones.iter().map(|tone| tone.turn(offset)).collect();
         let fades = self
@@ -131,7 +131,7 @@ impl Basis {
         }
     }
 
-    /// The map from columns relative to a sample to those of the record.
+    /// Returns the map from columns relative to a sample to those of the record.
     pub(super) fn place(&self, index: usize) -> Shift {
         self.shift(index as f64 - self.centre)
     }
@@ -156,7 +156,7 @@ impl Basis {
         }
     }
 
-    /// The columns at a sample of the record; the index may lie outside.
+    /// Returns the columns at a sample of the record; the index may lie outside.
     pub(super) fn row_at(&self, index: f64) -> Vec<f64> {
         let mut row = vec![0.0; self.columns()];
         self.write_row(index - self.centre, &mut row);

@@ -7,7 +7,7 @@ pub(super) const BLOCK: usize = 512;
 /// single sum forbids.
 pub(super) const LANES: usize = 16;
 
-/// Sum of the products of two blocks.
+/// Returns the sum of the products of two blocks.
 #[inline(always)]
 pub(super) fn products(a: &[f64; BLOCK], b: &[f64; BLOCK]) -> f64 {
     let mut sums = [0.0; LANES];

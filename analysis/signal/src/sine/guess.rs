@@ -70,8 +70,8 @@ fn interpolate(power: &[f64], peak: usize) -> f64 {
     }
 }
 
-/// Power over frequency, each channel divided by its own total, from zero to half the sampling
-/// rate.
+/// Returns the power over frequency, each channel divided by its own total, from zero to half the
+/// sampling rate.
 ///
 /// Two channels share a transform as real and imaginary part: the powers at a frequency and at its
 /// image then add up to twice those of both.

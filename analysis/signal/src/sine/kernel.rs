@@ -69,7 +69,7 @@ mod wide {
         pulp::bytemuck::cast_ref::<[i16; BLOCK], [i16x16; BLOCK / LANES]>(samples)[at]
     }
 
-    /// Sum of the lanes.
+    /// Returns the sum of the lanes.
     #[inline(always)]
     fn total(lanes: i32x8) -> i64 {
         let lanes: [i32; 8] = cast(lanes);
@@ -128,7 +128,7 @@ mod wide {
     }
 }
 
-/// The same sums in plain code.
+/// Returns the same sums in plain code.
 #[inline(always)]
 fn whole(now_next: Blocks<'_, i16>, pivot: i16, rows: &Rows<'_>) -> Whole {
     let (now, next) = now_next;
@@ -255,7 +255,7 @@ impl BlockSums {
     }
 }
 
-/// The whole blocks that have a sample after them, each with the samples one later.
+/// Returns the whole blocks that have a sample after them, each with the samples one later.
 pub(super) fn blocks<S>(samples: &[S]) -> impl Iterator<Item = Blocks<'_, S>> {
     let later = samples.get(1..).unwrap_or(&[]);
     samples

@@ -51,7 +51,7 @@ impl Normal {
         x
     }
 
-    /// Number of parameters.
+    /// Returns the number of parameters.
     pub(super) fn size(&self) -> usize {
         self.lower.len()
     }

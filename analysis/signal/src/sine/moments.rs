@@ -321,7 +321,7 @@ impl<S: Sample> Part<'_, S> {
         }
     }
 
-    /// The blocks that a kernel gives, and the rest one by one.
+    /// Returns the blocks that a kernel gives, and the rest one by one.
     fn collect(&self, kernels: impl FnOnce(&mut Piece)) -> Piece {
         let columns = self.stage.basis.columns();
         let sums = BlockSums {

@@ -41,8 +41,8 @@ impl FitOptions {
     }
 }
 
-/// Time constants, s, whose exponentials with a straight line span the relaxation of a linear
-/// system over a record of `length_s`, whatever its own time constants are.
+/// Returns the time constants, s, whose exponentials with a straight line span the relaxation of a
+/// linear system over a record of `length_s`, whatever its own time constants are.
 ///
 /// Of a single exponential of any time constant from 1.5 % to 8 lengths that began a tenth of a
 /// length or more before the record, a fit of at least four periods leaves at most

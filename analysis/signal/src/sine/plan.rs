@@ -110,7 +110,7 @@ impl Plan {
         })
     }
 
-    /// The tones besides the fundamental, for a frequency of it.
+    /// Returns the tones besides the fundamental, for a frequency of it.
     pub(super) fn tones(&self, freq_hz: f64) -> Vec<(ToneKind, f64)> {
         let harmonics = self
             .harmonics

@@ -55,7 +55,7 @@ pub(super) struct Systematic {
 }
 
 impl Quantised {
-    /// The systematic error, if there is one that matters.
+    /// Returns the systematic error, if there is one that matters.
     pub(super) fn systematic(&self) -> Option<Systematic> {
         let noise_lsb = (self.residual_lsb2 - 1.0 / 12.0).max(0.0).sqrt();
         if noise_lsb >= ENOUGH_NOISE_LSB {

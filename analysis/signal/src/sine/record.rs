@@ -57,7 +57,7 @@ impl<'a> Channel<'a> {
         Self::Codes { codes, scale }
     }
 
-    /// Number of samples.
+    /// Returns the number of samples.
     pub const fn len(&self) -> usize {
         match self {
             Self::Volts { samples, .. } => samples.len(),

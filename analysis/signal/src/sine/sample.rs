@@ -19,7 +19,7 @@ pub(super) fn is_inside<S: Sample>(sample: S, bounds: Bounds<S>) -> bool {
     }
 }
 
-/// True if all samples are finite and within the bounds. Looks at all of them, which vector
+/// Returns true if all samples are finite and within the bounds. Looks at all of them, which vector
 /// registers do faster than stopping at the first.
 pub(super) fn all_inside<S: Sample>(samples: &[S], bounds: Bounds<S>) -> bool {
     match bounds {
@@ -52,7 +52,7 @@ pub(super) fn pivot(channel: &Channel<'_>) -> f64 {
     }
 }
 
-/// The middle of the codes.
+/// Returns the middle of the codes.
 pub(super) fn code_pivot(scale: &CodeScale) -> i16 {
     scale.code_min.midpoint(scale.code_max)
 }

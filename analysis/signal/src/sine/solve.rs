@@ -372,7 +372,7 @@ fn lsb(channel: &Channel<'_>) -> Option<f64> {
 }
 
 impl State {
-    /// Weight of each channel in the step of the frequency.
+    /// Returns the weight of each channel in the step of the frequency.
     fn weights(&self, task: &Task<'_>) -> Vec<f64> {
         let weight = |solved: &Solved| {
             let power = solved.beta[0].powi(2) + solved.beta[1].powi(2);
@@ -485,7 +485,7 @@ impl State {
         }
     }
 
-    /// Phasor of a tone against time zero at sample 0, V.
+    /// Returns the phasor of a tone against time zero at sample 0, V.
     fn phasor(
         &self,
         record: &Record<'_>,
@@ -508,8 +508,8 @@ impl State {
         }
     }
 
-    /// The sum of the relaxations, taken apart into the straight line through its ends and the
-    /// rest.
+    /// Returns the sum of the relaxations, taken apart into the straight line through its ends and
+    /// the rest.
     fn relaxed(&self, beta: &[f64]) -> Relaxed {
         let (first, last) = (self.basis.first_decay(), self.basis.fitted());
         if first == last {
@@ -590,7 +590,7 @@ fn volts_per_unit(channel: &Channel<'_>) -> f64 {
 }
 
 impl Solved {
-    /// Variance of a sample, as it counts for a sinusoid of a frequency.
+    /// Returns the variance of a sample, as it counts for a sinusoid of a frequency.
     fn variance(&self, rad_per_sample: f64) -> f64 {
         (self.noise * self.residual.colour_factor(rad_per_sample)).max(self.floor) + self.extra
     }

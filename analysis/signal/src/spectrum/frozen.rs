@@ -9,8 +9,8 @@ use analysis_numeric::Covariance2;
 /// Visits of less than this apart, relative, are of one frequency.
 const SAME: f64 = 1.0e-9;
 
-/// Points (time in s, impedance) to one per frequency at the middle of all times, by rising
-/// frequency. A frequency with one visit stays as it is.
+/// Returns the points (time in s, impedance) to one per frequency at the middle of all times, by
+/// rising frequency. A frequency with one visit stays as it is.
 pub fn at_one_time(visits: &[(f64, ImpedancePoint)]) -> Vec<ImpedancePoint> {
     let (first_s, last_s) = visits.iter().fold(
         (f64::INFINITY, f64::NEG_INFINITY),
@@ -24,7 +24,7 @@ pub fn at_one_time(visits: &[(f64, ImpedancePoint)]) -> Vec<ImpedancePoint> {
         .collect()
 }
 
-/// The straight line of least squares through the visits of one frequency, at a time.
+/// Returns the straight line of least squares through the visits of one frequency, at a time.
 fn line(group: &[(f64, ImpedancePoint)], at_s: f64) -> Option<ImpedancePoint> {
     let count = group.len() as f64;
     let mean_s = group.iter().map(|(time_s, _)| time_s).sum::<f64>() / count;

@@ -101,14 +101,14 @@ impl ChannelPhasors {
         })
     }
 
-    /// Covariance of each phasor, V².
+    /// Returns the covariance of each phasor, V².
     pub fn totals(&self) -> [Covariance2; 4] {
         self.variance.map(|variance| variance.total())
     }
 }
 
-/// Phasor (t = 0 at sample 0) that a curvature of 1 V/s per record leaves in a fit of sine and
-/// offset, V per V/s.
+/// Returns the phasor (t = 0 at sample 0) that a curvature of 1 V/s per record leaves in a fit of
+/// sine and offset, V per V/s.
 ///
 /// With u = −1…1 over the record and a = πn for n periods, least squares of u² on 1 and cos au give
 /// ⟨(u² − ⅓)·cos au⟩/⟨cos² au⟩ after the means are taken off; a straight drift and the sine are odd

@@ -38,7 +38,7 @@ impl OcvSlope {
         })
     }
 
-    /// Share of the slope in an impedance, −j·(dU/dQ)/ω, Ω.
+    /// Returns the share of the slope in an impedance, −j·(dU/dQ)/ω, Ω.
     pub fn impedance(&self, freq_hz: f64) -> Complex64 {
         Complex64::new(0.0, -self.v_per_c / (std::f64::consts::TAU * freq_hz))
     }

@@ -158,7 +158,7 @@ impl Panel {
         }
     }
 
-    /// Length of the record, s.
+    /// Returns the length of the record, s.
     fn span_s(&self) -> f64 {
         let (points, interval_s) = self.sampling();
         points * interval_s
@@ -198,7 +198,7 @@ impl Panel {
     }
 }
 
-/// The nearest step of 1-2-5 on a logarithmic scale.
+/// Returns the nearest step of 1-2-5 on a logarithmic scale.
 fn nearest_step(value: f64) -> f64 {
     let decade = 10_f64.powf(value.log10().floor());
     let steps = [1.0, 2.0, 5.0, 10.0].map(|step| step * decade);

@@ -58,7 +58,7 @@ impl Dho {
         ))
     }
 
-    /// Points in the chosen mode and their distance, s.
+    /// Returns the points in the chosen mode and their distance, s.
     fn spacing(&self, panel: &Panel) -> (f64, f64) {
         let (points, interval_s) = panel.sampling();
         if self.transfer.raw || points <= SCREEN_POINTS {

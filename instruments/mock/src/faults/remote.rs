@@ -100,14 +100,14 @@ impl Remote {
         self.lock().befell_s
     }
 
-    /// The last message of a client, and its bench time, s.
+    /// Returns the last message of a client, and its bench time, s.
     pub fn heard(&self) -> Option<(f64, String)> {
         let controlled = self.lock();
         let (now_s, message) = controlled.heard.as_ref()?;
         Some((*now_s, String::from_utf8_lossy(message).into_owned()))
     }
 
-    /// Number of connections so far.
+    /// Returns the number of connections so far.
     pub fn connections(&self) -> usize {
         self.lock().connections
     }

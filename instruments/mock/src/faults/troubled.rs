@@ -115,7 +115,7 @@ impl Troubled {
         }
     }
 
-    /// Whether the fault means anything to this instrument.
+    /// Returns whether the fault means anything to this instrument.
     fn can(&self, fault: Fault) -> bool {
         match fault {
             Fault::StuckOutput => !self.known.messages.off.is_empty(),
@@ -142,7 +142,7 @@ impl Troubled {
     }
 }
 
-/// A definite block without its last third, as one that is whole.
+/// Returns a definite block without its last third, as one that is whole.
 fn short(reply: Vec<u8>) -> Vec<u8> {
     let Some(at) = reply.iter().position(|byte| *byte == b'#') else {
         return reply;

@@ -20,7 +20,7 @@ use crate::{
 
 const UNIT: [&str; 2] = ["V", "A"];
 
-/// A number that first loses digits as the unit's own reader does it.
+/// Returns a number that first loses digits as the unit's own reader does it.
 fn number(arguments: &mut Arguments, channel: Channel, span: Span) -> Fallible<f64> {
     match arguments.next() {
         None => fail(ErrorCode::MissingParameter),

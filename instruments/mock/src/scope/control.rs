@@ -26,7 +26,7 @@ fn finite(arguments: &mut Arguments, unit: &str) -> Fallible<f64> {
     }
 }
 
-/// The nearest step of 1-2-5 on a logarithmic scale.
+/// Returns the nearest step of 1-2-5 on a logarithmic scale.
 fn nearest_step(seconds: f64) -> f64 {
     let seconds = seconds.clamp(TIME_SCALE_RANGE.0, TIME_SCALE_RANGE.1);
     let mut best = TIME_SCALE_RANGE.0;
@@ -273,7 +273,7 @@ impl Scope {
     }
 }
 
-/// A whole number of points, at least `least`.
+/// Returns a whole number of points, at least `least`.
 pub(super) fn points(arguments: &mut Arguments, least: f64) -> Fallible<u64> {
     let value = finite(arguments, "")?.round().clamp(least, MAX_POINT);
     #[expect(

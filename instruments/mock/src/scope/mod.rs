@@ -159,8 +159,8 @@ impl Panel {
         }
     }
 
-    /// Points of a record and their distance, s: as many as the memory holds unless the converter
-    /// is too slow for that.
+    /// Returns the points of a record and their distance, s: as many as the memory holds unless the
+    /// converter is too slow for that.
     fn sampling(&self) -> (f64, f64) {
         let on = self.channels.iter().filter(|channel| channel.on).count();
         let rate = MAX_RATES[on.clamp(1, MAX_RATES.len()) - 1];
@@ -173,7 +173,7 @@ impl Panel {
         DIVISIONS * self.time_scale
     }
 
-    /// Time of the first sample after the trigger, s.
+    /// Returns the time of the first sample after the trigger, s.
     fn start_after_trigger_s(&self) -> f64 {
         self.delay_s - self.reference_percent / 100.0 * self.span_s()
     }

@@ -17,7 +17,7 @@ const CODE_MAX: i16 = 2047;
 const TAIL: u8 = b'\n';
 
 impl Scope {
-    /// The frame of the chosen channel, when both exist.
+    /// Returns the frame of the chosen channel, when both exist.
     fn source_frame(&self) -> Option<(Frame, Channel)> {
         let frame = self.acquisition.remembered(self.world.now_s)?;
         let channel = *frame.panel.channels.get(self.transfer.source)?;
@@ -120,7 +120,7 @@ fn grounded(counts: f64) -> i16 {
         .clamp(f64::from(CODE_MIN), f64::from(CODE_MAX)) as i16
 }
 
-/// A definite block with nine digits and its first line feed.
+/// Returns a definite block with nine digits and its first line feed.
 fn block(payload: &[u8]) -> Answer {
     let mut bytes = format!("#9{:09}", payload.len()).into_bytes();
     bytes.extend_from_slice(payload);

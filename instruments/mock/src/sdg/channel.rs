@@ -162,7 +162,7 @@ impl Default for Channel {
 }
 
 impl Channel {
-    /// Share of the open-circuit voltage at the assumed load.
+    /// Returns the share of the open-circuit voltage at the assumed load.
     fn divider(&self) -> f64 {
         self.load_ohm.map_or(1.0, |load| load / (load + SOURCE_OHM))
     }

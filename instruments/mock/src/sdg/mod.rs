@@ -112,7 +112,7 @@ impl Sdg {
         common::ignore(self, arguments)
     }
 
-    /// The built-in wave that a channel has chosen at the start, or the loaded one.
+    /// Returns the built-in wave that a channel has chosen at the start, or the loaded one.
     fn describe_wave(&self, index: usize) -> String {
         self.chosen[index].as_ref().map_or_else(
             || "INDEX,2,NAME,StairUp".to_owned(),

@@ -129,7 +129,7 @@ struct Channel {
 }
 
 impl Channel {
-    /// The next message; `None` when the client has gone. May be abandoned.
+    /// Returns the next message; `None` when the client has gone. May be abandoned.
     async fn next(&mut self) -> io::Result<Option<Message>> {
         loop {
             match self.messages.pull() {

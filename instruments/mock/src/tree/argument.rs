@@ -59,7 +59,7 @@ impl Arguments {
         Ok(Self(items))
     }
 
-    /// The next parameter, if any.
+    /// Returns the next parameter, if any.
     pub(crate) fn next(&mut self) -> Option<Argument> {
         self.0.pop_front()
     }
@@ -73,7 +73,7 @@ impl Arguments {
         }
     }
 
-    /// Whether anything is left.
+    /// Returns whether anything is left.
     pub(crate) fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
@@ -83,12 +83,13 @@ impl Arguments {
             .ok_or_else(|| Error::new(ErrorCode::MissingParameter))
     }
 
-    /// A number in `unit` (upper case; empty: no suffix allowed), with the SCPI multipliers.
+    /// Returns a number in `unit` (upper case; empty: no suffix allowed), with the SCPI
+    /// multipliers.
     pub(crate) fn number(&mut self, unit: &str) -> Fallible<f64> {
         to_number(&self.required()?, unit)
     }
 
-    /// A number, or `MIN`, `MAX`, `DEF` of its span. Not checked against the span.
+    /// Returns a number, or `MIN`, `MAX`, `DEF` of its span. Not checked against the span.
     pub(crate) fn number_in(&mut self, unit: &str, span: Span) -> Fallible<f64> {
         match self.required()? {
             Argument::Word(word) => {
@@ -98,7 +99,8 @@ impl Arguments {
         }
     }
 
-    /// The argument of a query: `MIN`, `MAX` or `DEF` of the span, the value itself without one.
+    /// Returns the argument of a query: `MIN`, `MAX` or `DEF` of the span, the value itself without
+    /// one.
     pub(crate) fn value_or_named(&mut self, value: f64, span: Span) -> Fallible<f64> {
         match self.next() {
             None => Ok(value),
@@ -143,7 +145,7 @@ impl Arguments {
         })
     }
 
-    /// A channel list such as `(@101,103:105)`, in the order written.
+    /// Returns a channel list such as `(@101,103:105)`, in the order written.
     pub(crate) fn channels(&mut self) -> Fallible<Vec<u16>> {
         match self.required()? {
             Argument::List(list) => {
@@ -170,7 +172,7 @@ fn named_value(word: &str, span: Span) -> Option<f64> {
         .map(|(_, value)| *value)
 }
 
-/// A numeric argument in `unit`.
+/// Returns a numeric argument in `unit`.
 pub(crate) fn to_number(argument: &Argument, unit: &str) -> Fallible<f64> {
     match argument {
         Argument::Number { digits, suffix } => {
@@ -200,7 +202,7 @@ pub(crate) fn to_number(argument: &Argument, unit: &str) -> Fallible<f64> {
     }
 }
 
-/// The factor of a suffix (IEEE 488.2 table 7-2): `M` is milli but for hertz and ohms.
+/// Returns the factor of a suffix (IEEE 488.2 table 7-2): `M` is milli but for hertz and ohms.
 fn multiplier(suffix: &str, unit: &str) -> Option<f64> {
     if unit.is_empty() {
         return None;

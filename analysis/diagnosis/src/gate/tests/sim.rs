@@ -279,7 +279,7 @@ pub(crate) fn campaign(hidden: &Hidden, seed: u64) -> DataSet {
     }
 }
 
-/// The record of a run, to be damaged.
+/// Returns the record of a run, to be damaged.
 pub(crate) fn series<'a>(set: &'a mut DataSet, name: &str) -> &'a mut TimeSeries {
     let run = set.runs.iter_mut().find(|run| run.name == name).unwrap();
     let RunData::Time(record) = &mut run.data else {
@@ -288,7 +288,7 @@ pub(crate) fn series<'a>(set: &'a mut DataSet, name: &str) -> &'a mut TimeSeries
     &mut record.series
 }
 
-/// The points of a sweep, to be damaged.
+/// Returns the points of a sweep, to be damaged.
 pub(crate) fn points<'a>(set: &'a mut DataSet, name: &str) -> &'a mut Vec<SweepPoint> {
     let run = set.runs.iter_mut().find(|run| run.name == name).unwrap();
     let RunData::Eis(sweep) = &mut run.data else {

@@ -11,7 +11,7 @@ const WIDTH_PX: u32 = 900;
 /// Most runs that get a chart; the table names all.
 const MOST_CHARTS: usize = 4;
 
-/// The charts of the runs that the model as given misses most, in the order of the runs.
+/// Returns the charts of the runs that the model as given misses most, in the order of the runs.
 pub(super) fn held_out(d: &Diagnosis) -> Vec<Picture> {
     let records = d.gap.iter().map(|gap| {
         let beside = Row::beside_edges(gap);
@@ -32,7 +32,7 @@ pub(super) fn held_out(d: &Diagnosis) -> Vec<Picture> {
         .collect()
 }
 
-/// The runs with the largest misfit, in their order.
+/// Returns the runs with the largest misfit, in their order.
 fn most(mut runs: Vec<Vec<Row>>, count: usize) -> Vec<Vec<Row>> {
     let mut sizes: Vec<f64> = runs.iter().map(|rows| rows[0].alone).collect();
     sizes.sort_by(|a, b| b.total_cmp(a));

@@ -16,9 +16,9 @@ pub use picture::{Kind, Picture};
 /// Most held-out runs of a kind that get a picture of their own.
 const MOST_RUNS: usize = 6;
 
-/// The pictures of a diagnosis: the gap of each held-out run, the map, the residuals of held-out
-/// runs and of the worst training run of each kind, the ranking, the gaps. None for data that cannot
-/// be used.
+/// Returns the pictures of a diagnosis: the gap of each held-out run, the map, the residuals of
+/// held-out runs and of the worst training run of each kind, the ranking, the gaps. None for data
+/// that cannot be used.
 pub fn pictures(d: &Diagnosis, runs: &[RunCurves]) -> Vec<Picture> {
     if d.verdict == Verdict::Invalid {
         return Vec::new();
@@ -46,7 +46,7 @@ pub fn pictures(d: &Diagnosis, runs: &[RunCurves]) -> Vec<Picture> {
         .collect()
 }
 
-/// The held-out runs with the largest misses, in their order, and the worst training run.
+/// Returns the held-out runs with the largest misses, in their order, and the worst training run.
 fn chosen<'a>(runs: impl Iterator<Item = &'a RunCurves>) -> Vec<&'a RunCurves> {
     let (mut held_out, training): (Vec<&RunCurves>, Vec<&RunCurves>) =
         runs.partition(|r| r.held_out);

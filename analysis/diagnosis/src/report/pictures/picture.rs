@@ -42,7 +42,7 @@ pub struct Picture {
     pub drawing: Drawing,
 }
 
-/// A name with nothing in it that a file name cannot have.
+/// Returns a name with nothing in it that a file name cannot have.
 pub(super) fn file_name(name: &str) -> String {
     let fit = |c: char| {
         if c.is_alphanumeric() || c == '-' {
@@ -59,7 +59,7 @@ pub(super) fn has_after(d: &Diagnosis) -> bool {
     !d.effects.is_empty()
 }
 
-/// The named effects, short enough for a legend.
+/// Returns the named effects, short enough for a legend.
 pub(super) fn effect_names(d: &Diagnosis) -> String {
     d.effects
         .iter()

@@ -268,7 +268,7 @@ pub(super) fn explained() -> Diagnosis {
     }
 }
 
-/// Heat or a resistance that depends on the state of charge.
+/// Returns the heat or a resistance that depends on the state of charge.
 pub(super) fn ambiguous() -> Diagnosis {
     let heat = NamedEffect {
         name: "self_heating",
@@ -493,7 +493,7 @@ pub(super) fn runs() -> Vec<RunCurves> {
     ]
 }
 
-/// A pulse that a diffusive model follows and the base misses; noise from a fixed linear
+/// Returns a pulse that a diffusive model follows and the base misses; noise from a fixed linear
 /// congruential generator.
 fn record(name: &str, held_out: bool, size: f64) -> RunCurves {
     let mut state = 12_345u64;

@@ -341,7 +341,8 @@ fn time_and_frequency_agree_for_small_currents() {
     }
 }
 
-/// Amplitude of exp(jωt) over the last two periods; a trend is taken off by the difference of both.
+/// Returns the amplitude of exp(jωt) over the last two periods; a trend is taken off by the
+/// difference of both.
 fn phasor(signal: &[f64], per_period: usize) -> Complex64 {
     let last = &signal[signal.len() - 1 - 2 * per_period..signal.len() - 1];
     let trend = (last[per_period..].iter().sum::<f64>() - last[..per_period].iter().sum::<f64>())

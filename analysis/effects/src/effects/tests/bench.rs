@@ -117,7 +117,7 @@ fn bench() -> impl Iterator<Item = &'static dyn Effect> {
         .filter(|e| e.card().group == Group::Bench)
 }
 
-/// The values of the parameters with this strength, shapes at their first start.
+/// Returns the values of the parameters with this strength, shapes at their first start.
 fn at_strength(effect: &dyn Effect, strength: f64) -> Vec<f64> {
     let parameters = effect.parameters(&base());
     std::iter::once(strength)

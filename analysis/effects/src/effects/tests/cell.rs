@@ -13,7 +13,7 @@ fn long() -> Trace {
     Trace::segments(&[(PULSE_A, 60.0), (0.0, 60.0)])
 }
 
-/// Voltage with an effect less voltage without, at the last sample before a time.
+/// Returns the voltage with an effect less voltage without, at the last sample before a time.
 fn change_at(name: &str, p: &[f64], trace: &Trace, time_s: f64) -> f64 {
     let k = trace
         .time_s

@@ -14,7 +14,7 @@ use analysis_model::{
 };
 use num_complex::Complex64;
 
-/// A cell of 4.5 Ah with three branches.
+/// Returns a cell of 4.5 Ah with three branches.
 fn base() -> Base {
     let branch = |r_ohm: f64, tau_s: f64| RcBranch {
         r_ohm,
@@ -109,7 +109,7 @@ impl Trace {
     }
 }
 
-/// The voltage of a record with one addition, or none.
+/// Returns the voltage of a record with one addition, or none.
 fn play(added: &[Added<'_>], record: &Record<'_>, between: Between, parts: usize) -> Vec<f64> {
     let mut voltage_v = Vec::new();
     Player::default().play(
@@ -123,7 +123,8 @@ fn play(added: &[Added<'_>], record: &Record<'_>, between: Between, parts: usize
     voltage_v
 }
 
-/// The voltage of a record with an effect of the catalogue, its current held between samples.
+/// Returns the voltage of a record with an effect of the catalogue, its current held between
+/// samples.
 fn with(name: &str, p: &[f64], trace: &Trace, soc: f64) -> Vec<f64> {
     let effect = super::find(name).unwrap();
     play(
@@ -134,7 +135,7 @@ fn with(name: &str, p: &[f64], trace: &Trace, soc: f64) -> Vec<f64> {
     )
 }
 
-/// The impedance of the cell with an effect, Ω.
+/// Returns the impedance of the cell with an effect, Ω.
 fn seen(name: &str, p: &[f64], at: &Point) -> Complex64 {
     let added = [Added {
         effect: super::find(name).unwrap(),
@@ -149,7 +150,7 @@ fn seen(name: &str, p: &[f64], at: &Point) -> Complex64 {
     )
 }
 
-/// The impedance of the cell without any, Ω.
+/// Returns the impedance of the cell without any, Ω.
 fn plain(at: &Point) -> Complex64 {
     base().erm.impedance(at.freq_hz) + storage_ohm(&base(), at)
 }

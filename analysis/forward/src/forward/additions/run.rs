@@ -346,7 +346,7 @@ impl<'a> Run<'a> {
             })
     }
 
-    /// The state at the terminals.
+    /// Returns the state at the terminals.
     fn state(&self) -> SimState {
         let series = f64::from(self.model.pack.series);
         SimState {

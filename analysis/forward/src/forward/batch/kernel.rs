@@ -272,7 +272,7 @@ fn finish<const W: usize, const N: usize, const CURVED: bool>(
     outside
 }
 
-/// Sum of the branch voltages that remains at the end of the step, V.
+/// Returns the sum of the branch voltages that remains at the end of the step, V.
 #[inline(always)]
 fn kept<const W: usize, const N: usize>(now: &Now<W, N>, g: &LaneGains<W, N>, l: usize) -> f64 {
     // Two sums, so that half as many wait for each other.

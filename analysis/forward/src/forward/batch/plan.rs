@@ -82,7 +82,7 @@ impl<'p> Plan<'p> {
         plan
     }
 
-    /// The demands of a run, each row with the next.
+    /// Returns the demands of a run, each row with the next.
     #[inline(always)]
     pub(super) fn rows(&self, run: &Run) -> std::slice::Windows<'p, f64> {
         self.value[run.first..=run.first + run.rows].windows(2)
@@ -113,7 +113,7 @@ impl<'p> Plan<'p> {
     }
 }
 
-/// Number of first rows that all last `row_s`.
+/// Returns the number of first rows that all last `row_s`.
 fn alike(time_s: &[f64], row_s: f64, tolerance_s: f64) -> usize {
     let other = |from: &f64, to: &f64| ((to - from) - row_s).abs() > tolerance_s;
     if time_s.len() < 3 || other(&time_s[1], &time_s[2]) {

@@ -177,7 +177,7 @@ impl<'a> Network<'a> {
         sound && self.look(demand, value)
     }
 
-    /// Energy in the capacitances, J.
+    /// Returns the energy in the capacitances, J.
     #[cfg(test)]
     pub(super) fn stored_j(&self) -> f64 {
         self.v_rc
@@ -350,8 +350,8 @@ mod tests {
         assert!((network.soc[0] - expected.end.soc).abs() < 1e-8);
     }
 
-    /// The largest difference to the error-controlled simulation of the pack when the straight
-    /// pieces of a zigzag are taken in this many steps each.
+    /// Returns the largest difference to the error-controlled simulation of the pack when the
+    /// straight pieces of a zigzag are taken in this many steps each.
     fn error_v(parts: u32) -> f64 {
         // 0.2 Ah, so that the state of charge moves the voltage as much as the branches do.
         let ocv =

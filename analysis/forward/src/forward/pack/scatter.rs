@@ -58,7 +58,8 @@ impl Scatter {
         self.outcomes.iter().filter(|o| !o.feasible).count() as f64 / self.outcomes.len() as f64
     }
 
-    /// Share of the draws that leave the window or cannot deliver, and its 95 % interval (Wilson).
+    /// Returns the share of the draws that leave the window or cannot deliver, and its 95 %
+    /// interval (Wilson).
     pub fn leaving(&self) -> (f64, [f64; 2]) {
         let n = self.outcomes.len() as f64;
         let p = self.outcomes.iter().filter(|o| !o.within()).count() as f64 / n;
@@ -298,8 +299,8 @@ impl Watch {
     }
 }
 
-/// The first and the last instant, and of every stretch those of lowest and highest voltage: a peak
-/// of one step must not get lost.
+/// Returns the first and the last instant, and of every stretch those of lowest and highest
+/// voltage: a peak of one step must not get lost.
 fn telling(all: &[Instant]) -> Vec<bool> {
     let mut kept = vec![false; all.len()];
     let stretch = all.len().div_ceil(STRETCHES).max(1);

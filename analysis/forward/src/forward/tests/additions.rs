@@ -151,7 +151,8 @@ fn the_bench_is_left_out() {
     );
 }
 
-/// Factor on resistances of a heat kept (J): Arrhenius' law about 25 °C, 14.8 J/K per Ah.
+/// Returns the factor on resistances of a heat kept (J): Arrhenius' law about 25 °C, 14.8 J/K per
+/// Ah.
 fn warm(g: f64, heat_j: f64) -> f64 {
     (-g * heat_j / (1.0 + heat_j / (14.8 * curve().capacity_ah * 298.15))).exp()
 }

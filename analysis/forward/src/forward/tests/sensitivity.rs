@@ -1,7 +1,7 @@
 use super::*;
 use proptest::prelude::*;
 
-/// The model with one parameter moved: R, R₁, C₁, …, OCV offset.
+/// Returns the model with one parameter moved: R, R₁, C₁, …, OCV offset.
 fn moved(model: &SimModel, parameter: usize, by: f64) -> SimModel {
     let mut model = model.clone();
     let last = 1 + 2 * model.erm.branches.len();

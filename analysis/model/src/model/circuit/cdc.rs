@@ -181,7 +181,7 @@ impl Values<'_> {
         })
     }
 
-    /// Whether the exponent n is the half that the plain elements have.
+    /// Returns whether the exponent n is the half that the plain elements have.
     fn is_half(&self) -> bool {
         self.of("n").is_some_and(|n| n.held && n.value == 0.5)
     }
@@ -266,8 +266,8 @@ impl Values<'_> {
         }
     }
 
-    /// The pores: those that block have a resistance of the whole pore and a storage per length
-    /// squared, the others both per length.
+    /// Returns the pores: those that block have a resistance of the whole pore and a storage per
+    /// length squared, the others both per length.
     fn pore(name: &str) -> (ElementKind, Vec<Made>) {
         use ElementKind as Kind;
         let blocking = || {
@@ -444,7 +444,7 @@ impl Reader {
         }))
     }
 
-    /// The longest symbol that comes next.
+    /// Returns the longest symbol that comes next.
     fn symbol(&mut self) -> Result<&'static Symbol, ParseError> {
         let start = self.cursor.index;
         let found = SYMBOLS
@@ -470,7 +470,7 @@ impl Reader {
         ))
     }
 
-    /// The values in braces, the opening one taken.
+    /// Returns the values in braces, the opening one taken.
     fn values(&mut self, symbol: &Symbol) -> Result<Vec<(usize, Value)>, ParseError> {
         let mut given: Vec<(usize, Value)> = Vec::new();
         loop {

@@ -160,7 +160,7 @@ impl ElementKind {
         Self::Tlmnq,
     ];
 
-    /// Name in a circuit's string.
+    /// Returns the name in a circuit's string.
     pub fn name(self) -> &'static str {
         match self {
             Self::R => "R",

@@ -108,7 +108,7 @@ impl Circuit {
         (Self::new(root), values)
     }
 
-    /// Names of the parameters, as impedance.py's.
+    /// Returns the names of the parameters, as impedance.py's.
     pub fn parameter_names(&self) -> &[String] {
         &self.names
     }
@@ -118,8 +118,8 @@ impl Circuit {
         &self.kinds
     }
 
-    /// Impedance in Ω for the parameters (all above zero, in the order of the names) at a frequency
-    /// above zero in Hz; not a number for another number of parameters.
+    /// Returns the impedance in Ω for the parameters (all above zero, in the order of the names) at
+    /// a frequency above zero in Hz; not a number for another number of parameters.
     pub fn impedance(&self, parameters: &[f64], freq_hz: f64) -> Complex64 {
         if parameters.len() != self.names.len() {
             return Complex64::new(f64::NAN, f64::NAN);
@@ -177,7 +177,7 @@ impl Node {
         }
     }
 
-    /// Impedance at an angular frequency.
+    /// Returns the impedance at an angular frequency.
     pub fn impedance(&self, p: &[f64], omega: f64) -> Complex64 {
         match self {
             Self::Element(element) => {
@@ -196,8 +196,8 @@ impl Node {
         }
     }
 
-    /// Impedance and, in the node's range of `slopes`, its derivatives. In parallel, with Z =
-    /// 1/ΣZₖ⁻¹: ∂Z/∂p = (Z/Zₖ)²·∂Zₖ/∂p.
+    /// Returns the impedance and, in the node's range of `slopes`, its derivatives. In parallel,
+    /// with Z = 1/ΣZₖ⁻¹: ∂Z/∂p = (Z/Zₖ)²·∂Zₖ/∂p.
     fn expand(&self, p: &[f64], omega: f64, slopes: &mut [Complex64]) -> Complex64 {
         match self {
             Self::Element(element) => {

@@ -290,7 +290,7 @@ fn nearest(letters: &str) -> Option<ElementKind> {
     })
 }
 
-/// Least number of characters to insert, delete or replace (Levenshtein).
+/// Returns the least number of characters to insert, delete or replace (Levenshtein).
 fn edit_distance(a: &str, b: &str) -> usize {
     let b: Vec<char> = b.chars().collect();
     let mut row: Vec<usize> = (0..=b.len()).collect();
@@ -355,7 +355,7 @@ fn parameter(cursor: &mut Cursor, circuit: &Circuit) -> Result<usize, ParseError
         })
 }
 
-/// The value of a parameter, within its physical range.
+/// Returns the value of a parameter, within its physical range.
 fn value(cursor: &mut Cursor, circuit: &Circuit, index: usize) -> Result<f64, ParseError> {
     cursor.skip_blanks();
     let start = cursor.index;

@@ -69,8 +69,9 @@ impl Pore {
     }
 }
 
-/// Impedance A·coth(β)/β + B/(β·sinh β) with β² = a + s·b of an electrode whose conductor and pore
-/// both resist (Paasch et al., Electrochim. Acta 38 (1993) 2653), for the parameters A, B, a and b.
+/// Returns the impedance A·coth(β)/β + B/(β·sinh β) with β² = a + s·b of an electrode whose
+/// conductor and pore both resist (Paasch et al., Electrochim. Acta 38 (1993) 2653), for the
+/// parameters A, B, a and b.
 pub(super) fn macrohomogeneous(p: [f64; 4], s: Complex64, slopes: &mut [Complex64]) -> Complex64 {
     let [level_a, level_b, a, b] = p;
     let square = a + s * b;

@@ -122,7 +122,7 @@ pub(super) fn draw(spread: &Spread, setup: &ScatterSetup<'_>, rng: &mut Rng) -> 
     cells
 }
 
-/// The packs that [`super::scatter`] would draw, cell by cell.
+/// Returns the packs that [`super::scatter`] would draw, cell by cell.
 ///
 /// # Errors
 /// [`PackError`] as there, and for more cells than a table can hold.
@@ -166,7 +166,7 @@ pub(super) fn check_packs(
     Ok(())
 }
 
-/// A number of the standard normal distribution (Box and Muller).
+/// Returns a number of the standard normal distribution (Box and Muller).
 fn normal(rng: &mut Rng) -> f64 {
     let radius = (-2.0 * (1.0 - rng.uniform()).ln()).sqrt();
     radius * (std::f64::consts::TAU * rng.uniform()).cos()

@@ -38,7 +38,7 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Whether every cell stayed within the window and all power could be had.
+    /// Returns whether every cell stayed within the window and all power could be had.
     pub fn within(&self) -> bool {
         self.feasible && self.margin_low_v >= 0.0 && self.margin_high_v >= 0.0
     }
