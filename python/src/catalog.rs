@@ -78,7 +78,7 @@ impl Catalog {
 
 #[pymethods]
 impl Catalog {
-    /// The catalogue in a file that is there.
+    /// Opens the catalogue in an existing file.
     #[new]
     fn new(path: PathBuf) -> PyResult<Self> {
         File::open(&path).map_err(|error| refused(&error))?;

@@ -33,7 +33,7 @@ impl Model {
         (given.name.clone(), given.erm.clone(), given.ocv.clone())
     }
 
-    /// A model with an OCV curve.
+    /// Creates a model with an OCV curve.
     pub(crate) fn of(name: &str, erm: Erm, curve: OcvCurve) -> Result<Self, String> {
         let given = GivenModel::typed(name, erm).map_err(|error| error.to_string())?;
         Ok(Self {
@@ -157,8 +157,8 @@ impl Model {
         self.given.ocv.is_some()
     }
 
-    /// The same with an OCV curve through knots of state of charge, 0…1, and V; slopes, V, where they
-    /// are known, else those of the monotone curve.
+    /// Returns the same with an OCV curve through knots of state of charge, 0…1, and V; slopes, V,
+    /// where they are known, else those of the monotone curve.
     #[pyo3(signature = (capacity_ah, soc, ocv_v, slope_v=None))]
     fn with_ocv(
         &self,

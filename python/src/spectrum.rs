@@ -22,7 +22,7 @@ impl Spectrum {
         &self.sourced.spectrum.points
     }
 
-    /// A spectrum of points in any order.
+    /// Creates a spectrum of points in any order.
     pub(crate) fn of(name: &str, points: Vec<ImpedancePoint>) -> Result<Self, String> {
         let mut spectrum = Points {
             name: name.to_owned(),
@@ -40,7 +40,7 @@ impl Spectrum {
         })
     }
 
-    /// A spectrum of columns of one length.
+    /// Returns a spectrum of columns of one length.
     fn of_columns(
         name: &str,
         freq_hz: &[f64],
@@ -191,7 +191,8 @@ impl Spectrum {
         Ok(Self { sourced })
     }
 
-    /// The spectrum without the points that the quality gate of the measurement has refused.
+    /// Returns the spectrum without the points that the quality gate of the measurement has
+    /// refused.
     fn without_flagged(&self) -> Self {
         let mut sourced = self.sourced.clone();
         sourced.leave_out_flagged();

@@ -113,7 +113,7 @@ pub(crate) struct Question {
 }
 
 impl Question {
-    /// A question to these tables, which have one `?` for each value.
+    /// Creates a question to these tables, which have one `?` for each value.
     pub(crate) fn of(from: &str, values: &[Value]) -> Self {
         Self {
             from: from.to_owned(),

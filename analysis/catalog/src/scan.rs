@@ -204,7 +204,7 @@ fn readers() -> usize {
     cores.clamp(1, MOST_READERS)
 }
 
-/// Looks for run folders, and hands on those that have changed.
+/// Searches for run folders, and passes on those that have changed.
 fn look(
     known: &Catalog,
     walk: Walk,

@@ -102,7 +102,7 @@ impl Prior {
         }
     }
 
-    /// The same with all noise of the history stated by a factor wrong.
+    /// Returns the same with all noise of the history stated by a factor wrong.
     pub(super) fn times(&self, factor: f64) -> Self {
         Self {
             log_sigmas: self.log_sigmas.map(|log| log + factor.ln()),
@@ -158,7 +158,7 @@ pub(super) struct Shape {
 }
 
 impl Shape {
-    /// The shape at a base model with effects.
+    /// Creates the shape at a base model with effects.
     pub(super) fn new(
         block: &Block,
         model: &Model<'_>,

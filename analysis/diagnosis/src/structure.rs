@@ -53,7 +53,7 @@ impl Member {
         held
     }
 
-    /// The same with other starts.
+    /// Returns the same with other starts.
     pub(super) fn from(&self, start: &[f64]) -> Self {
         Self {
             start: start.to_vec(),

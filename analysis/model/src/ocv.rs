@@ -79,8 +79,8 @@ pub enum OcvError {
 }
 
 impl OcvCurve {
-    /// The monotone curve through knots (SOC, V): slopes by Fritsch and Carlson (1980), so that it
-    /// never overshoots between them.
+    /// Returns the monotone curve through knots (SOC, V): slopes by Fritsch and Carlson (1980), so
+    /// that it never overshoots between them.
     ///
     /// ```
     /// use analysis_model::ocv::OcvCurve;

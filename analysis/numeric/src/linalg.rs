@@ -94,7 +94,7 @@ pub struct BoxQuadratic {
 }
 
 impl BoxQuadratic {
-    /// A problem of n unknowns, all zero.
+    /// Creates a problem of n unknowns, all zero.
     pub fn new(n: usize) -> Self {
         let zero = [0.0; MAX_UNKNOWNS];
         Self {

@@ -108,7 +108,7 @@ impl State {
         }
     }
 
-    /// At a bound and pushed against it.
+    /// Returns whether it is at a bound and pushed against it.
     fn held(&self, i: usize, bounds: &[(f64, f64)]) -> bool {
         let (lo, hi) = bounds[i];
         (self.x[i] <= lo && self.gradient[i] >= 0.0) || (self.x[i] >= hi && self.gradient[i] <= 0.0)

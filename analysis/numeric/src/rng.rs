@@ -8,7 +8,7 @@ pub struct Rng {
 }
 
 impl Rng {
-    /// The generator of a seed; every seed is good.
+    /// Creates the generator of a seed; every seed is good.
     pub fn new(seed: u64) -> Self {
         let mut s = seed;
         let mut split_mix = || {

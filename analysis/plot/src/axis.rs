@@ -14,12 +14,12 @@ pub(super) struct Axis {
 }
 
 impl Axis {
-    /// A linear axis with about `count` ticks.
+    /// Returns a linear axis with about `count` ticks.
     pub(super) fn linear(lo: f64, hi: f64, count: f64) -> Self {
         Self::stepped(lo, hi, round_step((hi - lo) / count))
     }
 
-    /// A linear axis with a tick at every multiple of `step`.
+    /// Returns a linear axis with a tick at every multiple of `step`.
     pub(super) fn stepped(lo: f64, hi: f64, step: f64) -> Self {
         let first = (lo / step).ceil() as i64;
         let last = (hi / step).floor() as i64;
@@ -36,7 +36,7 @@ impl Axis {
         }
     }
 
-    /// A logarithmic axis over the whole decades that hold the frequencies lo…hi.
+    /// Returns a logarithmic axis over the whole decades that hold the frequencies lo…hi.
     pub(super) fn decades(lo: f64, hi: f64) -> Self {
         // A hair of tolerance: 0.1 must not open the decade below for its rounding.
         let first = (lo.log10() + 1e-9).floor() as i32;
@@ -55,8 +55,8 @@ impl Axis {
         }
     }
 
-    /// A logarithmic axis from lo to hi as they are, both above zero: labels at 1, 2 and 5 of each
-    /// decade, or at the decades where these are many.
+    /// Returns a logarithmic axis from lo to hi as they are, both above zero: labels at 1, 2 and 5
+    /// of each decade, or at the decades where these are many.
     pub(super) fn tight_decades(lo: f64, hi: f64) -> Self {
         let (lo, hi) = (lo.log10(), hi.log10().max(lo.log10() + 1e-6));
         let steps: &[f64] = if hi - lo < 2.2 {

@@ -23,7 +23,7 @@ pub struct AxisSpec {
 }
 
 impl AxisSpec {
-    /// A linear axis that follows the data.
+    /// Returns a linear axis that follows the data.
     pub fn linear(name: &str) -> Self {
         Self {
             name: name.to_owned(),
@@ -32,7 +32,7 @@ impl AxisSpec {
         }
     }
 
-    /// A logarithmic axis that follows the data.
+    /// Returns a logarithmic axis that follows the data.
     pub fn logarithmic(name: &str) -> Self {
         Self {
             logarithmic: true,
@@ -40,7 +40,7 @@ impl AxisSpec {
         }
     }
 
-    /// The same with fixed ends.
+    /// Returns the same with fixed ends.
     #[must_use]
     pub fn between(self, lo: f64, hi: f64) -> Self {
         Self {
@@ -118,7 +118,7 @@ impl Trace {
         }
     }
 
-    /// The same with bars (or, for a band, a half height) of these half lengths.
+    /// Returns the same with bars (or, for a band, a half height) of these half lengths.
     #[must_use]
     pub fn with_spread(self, spread: Vec<f64>) -> Self {
         Self { spread, ..self }
@@ -147,7 +147,7 @@ pub struct Panel {
 }
 
 impl Panel {
-    /// A panel of height 0.4 times its width.
+    /// Creates a panel of height 0.4 times its width.
     pub fn new(x: AxisSpec, y: AxisSpec, traces: Vec<Trace>) -> Self {
         Self {
             x,
@@ -199,7 +199,7 @@ pub struct Chart {
 }
 
 impl Chart {
-    /// A chart 900 pixels wide.
+    /// Creates a chart 900 pixels wide.
     pub fn new(title: &str, subtitle: &str, panels: Vec<Panel>) -> Self {
         Self {
             title: title.to_owned(),

@@ -76,13 +76,13 @@ impl Series {
         }
     }
 
-    /// The same in another style.
+    /// Returns the same in another style.
     #[must_use]
     pub fn styled(self, style: SeriesStyle) -> Self {
         Self { style, ..self }
     }
 
-    /// The same under another label, or none.
+    /// Returns the same under another label, or none.
     #[must_use]
     pub fn labelled(self, label: Option<&str>) -> Self {
         Self {
@@ -109,7 +109,7 @@ pub struct ImpedancePlot {
 }
 
 impl ImpedancePlot {
-    /// A plot 900 pixels wide with marked decades.
+    /// Creates a plot 900 pixels wide with marked decades.
     pub fn new(title: &str, subtitle: &str, series: Vec<Series>) -> Self {
         Self {
             title: title.to_owned(),

@@ -106,7 +106,7 @@ pub struct PolarSigma {
 }
 
 impl BudgetPoint {
-    /// The budget of a measurement under a correction.
+    /// Creates the budget of a measurement under a correction.
     ///
     /// # Examples
     /// ```
@@ -191,7 +191,7 @@ impl BudgetPoint {
 type Columns = Vec<(&'static str, PolarSigma)>;
 
 impl Budget {
-    /// The budget of measurements under a correction.
+    /// Creates the budget of measurements under a correction.
     pub fn new<'a>(
         correction: &Correction,
         phasors: impl Iterator<Item = &'a ChannelPhasors>,

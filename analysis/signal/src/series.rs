@@ -117,7 +117,7 @@ impl TimeSeries {
         self.time_s.len()
     }
 
-    /// No samples at all.
+    /// Returns whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.time_s.is_empty()
     }
@@ -136,7 +136,7 @@ impl TimeSeries {
         (0..self.len()).map(step).collect()
     }
 
-    /// The samples from one time to another, both included, s in the record's own time.
+    /// Returns the samples from one time to another, both included, s in the record's own time.
     #[must_use]
     pub fn between(&self, from_s: f64, to_s: f64) -> Self {
         let first = self.time_s.partition_point(|t| *t < from_s);

@@ -46,7 +46,7 @@ impl Bench {
         }
     }
 
-    /// A bench as it might turn out, from the usual spread.
+    /// Returns a bench as it might turn out, from the usual spread.
     pub(crate) fn any(noise: &mut Noise, noise_v: f64) -> Self {
         Self {
             gains: [0; 3].map(|_| 1.0 + 0.01 * noise.gauss()),

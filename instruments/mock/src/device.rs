@@ -96,7 +96,7 @@ pub struct MockOptions {
 }
 
 impl MockOptions {
-    /// The usual one but for one quirk.
+    /// Returns the usual one but for one quirk.
     pub fn quirk(name: &str, value: impl Into<Value>) -> Self {
         Self {
             quirks: Quirks::default().with(name, value),

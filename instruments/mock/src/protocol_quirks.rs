@@ -57,7 +57,7 @@ impl QuirkyDevice {
     }
 }
 
-/// There is a byte behind the payload of the block.
+/// Returns whether there is a byte behind the payload of the block.
 fn ends_behind_block(reply: &[u8]) -> bool {
     let digits = reply
         .get(1)

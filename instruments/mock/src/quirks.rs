@@ -355,7 +355,7 @@ impl Quirks {
         Ok(Self(quirks))
     }
 
-    /// The same with one more.
+    /// Returns the same with one more.
     #[must_use]
     pub fn with(mut self, name: &str, value: impl Into<Value>) -> Self {
         self.0.insert(name.to_owned(), value.into());

@@ -156,7 +156,7 @@ pub(super) trait HasStatus: ScpiDevice {
 }
 
 impl Status {
-    /// An empty queue for `depth` errors, as after power-on.
+    /// Creates an empty queue for `depth` errors, as after power-on.
     pub(super) fn new(depth: usize) -> Self {
         Self {
             depth,

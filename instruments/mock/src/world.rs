@@ -11,7 +11,7 @@ pub(super) struct World {
 }
 
 impl World {
-    /// A hold on the world from the time of switching on, bench s.
+    /// Creates a handle on the world from the time of switching on, bench s.
     pub(super) fn new(plant: SharedPlant, now_s: f64) -> Self {
         Self { plant, now_s }
     }

@@ -1,4 +1,4 @@
-//! A scripted instrument behind every transport that there is, for the tests of all of them.
+//! A scripted instrument behind every transport, for the tests of all transports.
 
 use std::{
     path::PathBuf,
@@ -48,13 +48,14 @@ impl Kind {
         Self::GpibSerial,
     ];
 
-    /// A byte stream only: it marks no end of a reply, and it cannot clear the instrument.
+    /// Returns whether the transport is a byte stream: it marks no end of a reply, and it cannot
+    /// clear the instrument.
     pub(crate) fn is_stream(self) -> bool {
         matches!(self, Self::Memory | Self::Tcp | Self::Serial)
     }
 
-    /// The connection is the instrument's own: it breaks with it, and can be closed in one
-    /// direction.
+    /// Returns whether the connection is the instrument's own: it breaks with it, and can be closed
+    /// in one direction.
     pub(crate) fn breaks(self) -> bool {
         matches!(
             self,

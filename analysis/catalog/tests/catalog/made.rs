@@ -52,7 +52,7 @@ pub(crate) struct Made {
 }
 
 impl Made {
-    /// A run that came to its end, of one of 100 cells on one of five benches.
+    /// Creates a run that came to its end, of one of 100 cells on one of five benches.
     pub(crate) fn of(number: usize) -> Self {
         Self {
             number,
@@ -212,7 +212,7 @@ pub(crate) struct Place {
 }
 
 impl Place {
-    /// A place with runs.
+    /// Returns a place with runs.
     pub(crate) fn with(runs: &[Made]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let place = Self {

@@ -34,7 +34,7 @@ pub enum Prediction {
 }
 
 impl Expected {
-    /// The predictions of a model, and the filter that they show.
+    /// Creates the predictions of a model, and the filter that they show.
     pub fn new(set: &DataSet, model: &BaseModel) -> Self {
         Self {
             filter: shared(set, model),
@@ -42,7 +42,7 @@ impl Expected {
         }
     }
 
-    /// The predictions alone: no filter is looked for.
+    /// Returns the predictions alone: no filter is looked for.
     pub(crate) fn without_filter(set: &DataSet, model: &BaseModel) -> Self {
         let base = Base {
             erm: model.erm.clone(),

@@ -190,7 +190,7 @@ fn of_spectrum(at: &Inspection<'_>, subject: &Subject<'_>) -> Option<Reason> {
     reason(subject, Check::Swapped, text)
 }
 
-/// Two cells are expected to behave alike.
+/// Returns whether two cells are expected to behave alike.
 fn is_other_kind(a: &Fixture, b: &Fixture) -> bool {
     a != b && !matches!((a, b), (Fixture::Cell(_), Fixture::Cell(_)))
 }

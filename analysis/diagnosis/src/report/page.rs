@@ -57,7 +57,7 @@ impl Section {
         }
     }
 
-    /// A section that begins a new page in print.
+    /// Returns a section that begins a new page in print.
     pub(super) fn on_new_page(heading: &'static str, items: Vec<Item>) -> Self {
         Self {
             new_page: true,

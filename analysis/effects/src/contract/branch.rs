@@ -50,7 +50,7 @@ pub struct Branch {
 }
 
 impl Branch {
-    /// A linear branch.
+    /// Returns a linear branch.
     pub fn linear(r_ohm: f64, tau_s: f64) -> Self {
         Self {
             r_ohm,

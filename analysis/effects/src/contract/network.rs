@@ -15,7 +15,7 @@ pub struct Network {
 }
 
 impl Network {
-    /// The network of an extended Randles model.
+    /// Creates the network of an extended Randles model.
     pub fn of(erm: &Erm) -> Self {
         let branches = erm
             .branches

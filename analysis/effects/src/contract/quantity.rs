@@ -53,7 +53,7 @@ pub struct Parameter {
 }
 
 impl Parameter {
-    /// The same parameter with a usual range.
+    /// Returns the same parameter with a usual range.
     pub(crate) fn usually(self, range: Range, source: &'static str) -> Self {
         Self {
             usual: Some(Usual { range, source }),
@@ -67,7 +67,7 @@ impl Parameter {
             .filter(|u| high < u.range.lower || low > u.range.upper)
     }
 
-    /// The strength of an effect: zero is absence.
+    /// Returns the strength of an effect: zero is absence.
     pub fn strength(name: &'static str, unit: &'static str, range: Range, typical: f64) -> Self {
         Self {
             name,
@@ -81,7 +81,7 @@ impl Parameter {
         }
     }
 
-    /// A positive shape parameter searched by its logarithm from several starts.
+    /// Returns a positive shape parameter searched by its logarithm from several starts.
     pub fn shape(name: &'static str, unit: &'static str, range: Range, starts: Vec<f64>) -> Self {
         let typical = starts.first().copied().unwrap_or(range.lower);
         Self {
@@ -117,7 +117,7 @@ impl Parameter {
         }
     }
 
-    /// A choice among whole numbers from 0 on, each tried.
+    /// Returns a choice among whole numbers from 0 on, each tried.
     pub fn choice(name: &'static str, count: usize) -> Self {
         let starts: Vec<f64> = (0..count).map(|k| k as f64).collect();
         let range = Range {

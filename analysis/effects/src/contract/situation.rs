@@ -150,7 +150,7 @@ pub struct Moved {
 }
 
 impl Moved {
-    /// A charge without a reversal, C.
+    /// Returns a charge without a reversal, C.
     pub fn one_way(charge_c: f64) -> Self {
         Self {
             charge_c,
@@ -203,7 +203,7 @@ impl Modulation {
         branches: 1.0,
     };
 
-    /// The same factor on everything.
+    /// Returns the same factor on everything.
     pub fn all(factor: f64) -> Self {
         Self {
             series: factor,

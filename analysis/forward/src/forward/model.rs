@@ -58,7 +58,7 @@ impl SimModel {
         )
     }
 
-    /// A pack of equal cells: ERM by [`Pack::erm`], OCV times S, capacity times P.
+    /// Returns a pack of equal cells: ERM by [`Pack::erm`], OCV times S, capacity times P.
     ///
     /// # Errors
     /// [`ForwardError::Pack`] for a cell model or a pack that cannot be, [`ForwardError::Value`]
@@ -131,7 +131,7 @@ impl SimModel {
         })
     }
 
-    /// The same model with the DC resistance alone, without transients (simple-IR model).
+    /// Returns the same model with the DC resistance alone, without transients (simple-IR model).
     #[must_use]
     pub fn simple_ir(&self) -> Self {
         Self {

@@ -16,7 +16,7 @@ pub(crate) struct Laws {
 }
 
 impl Laws {
-    /// A cell's ERM with its linear additions, and the laws of the other additions.
+    /// Creates a cell's ERM with its linear additions, and the laws of the other additions.
     ///
     /// # Errors
     /// [`ForwardError::Additions`] for an effect of the cell that changes readings and not the

@@ -90,7 +90,7 @@ pub enum ProfileError {
 }
 
 impl Profile {
-    /// A profile of rows.
+    /// Creates a profile of rows.
     ///
     /// # Errors
     /// [`ProfileError::TooShort`], or [`ProfileError::Row`] unless times rise, all is finite, and a
@@ -137,7 +137,7 @@ impl Profile {
         })
     }
 
-    /// A constant demand for a duration, s.
+    /// Returns a constant demand for a duration, s.
     ///
     /// # Errors
     /// As [`Profile::new`].
@@ -150,7 +150,7 @@ impl Profile {
         )
     }
 
-    /// The same profile with all demands times a factor.
+    /// Returns the same profile with all demands times a factor.
     #[must_use]
     pub fn scaled(&self, factor: f64) -> Self {
         Self {

@@ -111,7 +111,8 @@ impl Erm {
             .collect()
     }
 
-    /// The same model with its branches by rising time constant. The impedance does not change.
+    /// Returns the same model with its branches by rising time constant. The impedance does not
+    /// change.
     #[must_use]
     pub fn ordered(mut self) -> Self {
         self.branches
@@ -133,7 +134,7 @@ impl Erm {
         std::iter::once(self.r_ohm.ln()).chain(branches).collect()
     }
 
-    /// The model of a list as [`Erm::log_parameters`] makes it.
+    /// Returns the model of a list as [`Erm::log_parameters`] makes it.
     ///
     /// # Errors
     /// [`ModelError::ParameterCount`] for an even number of values, [`ModelError::NotPositive`] if

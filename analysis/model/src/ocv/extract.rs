@@ -31,7 +31,7 @@ pub struct OcvOptions {
 }
 
 impl Default for OcvOptions {
-    /// The thesis' 15 mΩ and 2.5–4.2 V.
+    /// Returns the thesis' 15 mΩ and 2.5–4.2 V.
     fn default() -> Self {
         Self {
             dcir_ohm: 0.015,

@@ -84,7 +84,7 @@ pub struct Hold {
 }
 
 impl Hold {
-    /// The hold of a power for a duration.
+    /// Creates the hold of a power for a duration.
     ///
     /// # Errors
     /// [`PackError`] as [`super::SimpleIr::new`], and for a power that the pack cannot deliver or

@@ -89,7 +89,7 @@ impl Pack {
         f64::from(self.series) * f64::from(self.parallel)
     }
 
-    /// A pack.
+    /// Creates a pack.
     ///
     /// # Errors
     /// [`PackError`] for a pack without cells or an interconnect that is negative or not finite.

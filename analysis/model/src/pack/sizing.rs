@@ -199,7 +199,7 @@ pub struct SimpleIr {
 }
 
 impl SimpleIr {
-    /// The pack of an input (equations 2.5 and 2.6, plus the interconnect).
+    /// Creates the pack of an input (equations 2.5 and 2.6, plus the interconnect).
     ///
     /// # Errors
     /// As [`Sizing::new`].

@@ -192,7 +192,7 @@ pub(super) fn unmeasured(controls: &Controls<'_>) -> Correction {
     }
 }
 
-/// Returns the parameters that there are: those of things that were never measured with are not.
+/// Returns which parameters are known: those of controls that were never measured are not.
 fn told(controls: &Controls<'_>) -> [bool; COUNT] {
     std::array::from_fn(|index| match NAMES[index].2 {
         Source::FakeCell => controls.fake_cell.is_some(),
@@ -457,7 +457,7 @@ struct Triangle {
 }
 
 impl Triangle {
-    /// The prior alone: unit variance around 0.
+    /// Returns the prior alone: unit variance around 0.
     fn prior(x: &[f64; COUNT]) -> Self {
         let mut r = [[0.0; COUNT]; COUNT];
         for (index, row) in r.iter_mut().enumerate() {

@@ -97,8 +97,8 @@ pub struct Line {
 }
 
 impl Line {
-    /// The distortion is beyond what noise makes of two or three neighbours: five standard
-    /// deviations.
+    /// Returns whether the distortion is beyond what noise makes of two or three neighbours: five
+    /// standard deviations.
     pub fn is_distorted(&self) -> bool {
         self.even.max(self.odd) > 5.0 * self.sigma
     }

@@ -35,7 +35,7 @@ fn nearest_odd(value: f64) -> usize {
     2 * ((value - 1.0) / 2.0).round().max(0.0) as usize + 1
 }
 
-/// The harmonic would be the third of three odd neighbours.
+/// Returns whether the harmonic would be the third of three odd neighbours.
 fn crowded(chosen: &[usize], harmonic: usize) -> bool {
     matches!(chosen, [.., first, second] if harmonic == second + 2 && *second == first + 2)
 }

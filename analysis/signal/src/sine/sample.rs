@@ -19,7 +19,7 @@ pub(super) fn is_inside<S: Sample>(sample: S, bounds: Bounds<S>) -> bool {
     }
 }
 
-/// Returns true if all samples are finite and within the bounds. Looks at all of them, which vector
+/// Returns true if all samples are finite and within the bounds. Checks all of them, which vector
 /// registers do faster than stopping at the first.
 pub(super) fn all_inside<S: Sample>(samples: &[S], bounds: Bounds<S>) -> bool {
     match bounds {

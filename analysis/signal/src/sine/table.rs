@@ -53,7 +53,7 @@ pub(super) struct Table {
 }
 
 impl Table {
-    /// The table of a record; `whole` if it has whole blocks.
+    /// Creates the table of a record; `whole` if it has whole blocks.
     pub(super) fn new(basis: &Basis, whole: bool) -> Self {
         let count = if whole {
             BLOCK

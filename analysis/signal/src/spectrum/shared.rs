@@ -45,7 +45,7 @@ impl OcvSlope {
 }
 
 impl Spectrum {
-    /// A spectrum without shared errors.
+    /// Creates a spectrum without shared errors.
     pub fn new(name: impl Into<String>, points: Vec<ImpedancePoint>) -> Self {
         Self {
             name: name.into(),
@@ -76,8 +76,8 @@ impl Spectrum {
             .collect();
     }
 
-    /// The spectrum without the share of the open-circuit voltage. The uncertainty of the slope
-    /// becomes a shared error. A spectrum that has lost it already comes back as it is.
+    /// Returns the spectrum without the share of the open-circuit voltage. The uncertainty of the
+    /// slope becomes a shared error. A spectrum that has lost it already comes back as it is.
     #[must_use]
     pub fn less_charge_storage(&self, slope: OcvSlope) -> Self {
         let mut left = self.clone();
@@ -140,7 +140,7 @@ impl Spectrum {
 }
 
 impl Spectrum {
-    /// The spectrum with the share of the open-circuit voltage that was taken out of it.
+    /// Returns the spectrum with the share of the open-circuit voltage that was taken out of it.
     #[must_use]
     pub fn with_charge_storage(&self) -> Self {
         let mut whole = self.clone();

@@ -366,7 +366,7 @@ impl Channel {
         }
     }
 
-    /// A burst is in work.
+    /// Returns whether a burst is in work.
     fn plays(&self, now_s: f64) -> bool {
         self.burst.fired && now_s - self.since_s < f64::from(self.burst.periods) / self.freq_hz
     }

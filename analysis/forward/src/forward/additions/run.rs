@@ -18,7 +18,7 @@ const FIRST: f64 = 0.25;
 const GROWTH: f64 = 1.3;
 /// Longest step, s.
 const LONGEST_S: f64 = 2.0;
-/// Looks at the law until current and additions agree.
+/// Evaluates the law until current and additions agree.
 const MOST_LOOKS: usize = 12;
 
 pub(super) struct Run<'a> {

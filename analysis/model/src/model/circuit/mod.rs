@@ -81,7 +81,7 @@ impl Circuit {
         Self { root, names, kinds }
     }
 
-    /// The extended Randles model as a circuit, `R0-p(R1,C1)-…`, with its parameters.
+    /// Returns the extended Randles model as a circuit, `R0-p(R1,C1)-…`, with its parameters.
     pub fn from_erm(erm: &Erm) -> (Self, Vec<f64>) {
         let element = |kind: ElementKind, k: usize, first| {
             Node::Element(Element {
