@@ -111,7 +111,7 @@ pub(crate) struct Told {
 }
 
 impl Told {
-    /// Nothing of the run is left to do.
+    /// Returns whether the run has no further work.
     pub(crate) fn is_finished(&self) -> bool {
         self.how.as_deref() == Some(FINISHED)
     }

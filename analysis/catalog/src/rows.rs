@@ -93,7 +93,7 @@ impl RunRows {
         &self.folder.run
     }
 
-    /// The run has come to its end, and nothing of it is left to do.
+    /// Returns whether the run has ended without further work.
     pub fn is_finished(&self) -> bool {
         use CatalogVerdict::{Damaged, Doubtful, Failed, Good, Unfinished};
         match self.folder.run.verdict {

@@ -94,7 +94,7 @@ impl Covariance2 {
             && self.re_im * self.re_im <= product * (1.0 + 1e-9) + f64::MIN_POSITIVE
     }
 
-    /// The same with a correlation within ±1.
+    /// Returns the same covariance with a correlation within ±1.
     #[must_use]
     pub fn tamed(self) -> Self {
         let most = (self.re_re * self.im_im).sqrt() * (1.0 - 1e-9);

@@ -95,8 +95,8 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// The conversation over one link of a transcript, and how it will have gone. `terminator` is
-    /// that of the dialect.
+    /// Creates the device of the session over one link of a transcript, and its outcome.
+    /// `terminator` is that of the dialect.
     pub fn new(transcript: &Transcript, link: &str, terminator: Terminator) -> (Self, Outcome) {
         let mut turns: Vec<Turn> = Vec::new();
         for Record {

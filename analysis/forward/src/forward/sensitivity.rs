@@ -391,8 +391,8 @@ fn gain_slope(
     }
 }
 
-/// One step of the state and of all directions; the demand comes with its derivative along
-/// [`What::Demand`]. True where infeasible.
+/// Makes one step of the state and of all directions; the demand comes with its derivative along
+/// [`What::Demand`]. Returns true if the demand is infeasible.
 fn advance(
     integrator: &Integrator<'_>,
     c: &Coefficients,

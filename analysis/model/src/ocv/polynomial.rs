@@ -28,7 +28,8 @@ pub struct OcvPolynomial {
 }
 
 impl OcvPolynomial {
-    /// The polynomial of least squares through a curve; none for an order beyond 1…[`MAX_ORDER`].
+    /// Returns the polynomial of least squares through a curve, or `None` for an order beyond
+    /// 1…[`MAX_ORDER`].
     pub fn through(curve: &OcvCurve, order: usize) -> Option<Self> {
         if !(1..=MAX_ORDER).contains(&order) {
             return None;

@@ -59,8 +59,8 @@ impl Keysight {
         Ok(())
     }
 
-    /// `SOURn:DATA:ARB:DAC name,value,…`; true for a message of this header. Its many values are no
-    /// business of the parser's.
+    /// Handles `SOURn:DATA:ARB:DAC name,value,…`; returns true for a message of this header. Its
+    /// many values bypass the parser.
     pub(super) fn load_wave(&mut self, message: &[u8]) -> bool {
         let Ok(text) = std::str::from_utf8(message) else {
             return false;

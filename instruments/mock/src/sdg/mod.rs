@@ -120,7 +120,7 @@ impl Sdg {
         )
     }
 
-    /// `Cn:WVDT WVNM,name,…,WAVEDATA,bytes`; true for any message of this header.
+    /// Handles `Cn:WVDT WVNM,name,…,WAVEDATA,bytes`; returns true for any message of this header.
     fn load_wave(&mut self, message: &[u8]) -> bool {
         let header = message.get(..7).map(<[u8]>::to_ascii_uppercase);
         if !matches!(header.as_deref(), Some(b"C1:WVDT" | b"C2:WVDT")) {

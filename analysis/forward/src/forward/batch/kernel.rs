@@ -103,7 +103,7 @@ fn all<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
     lanes.gains = gains;
 }
 
-/// One step of all lanes under a power, as [`advance`] makes it, but without waiting for a second
+/// Makes one step of all lanes under a power, like [`advance`], but without waiting for a second
 /// root.
 ///
 /// E changes little over a step: by d, and the square of the root s₀ by x·s₀² with x = (d(2E₀ + d)
@@ -318,7 +318,7 @@ fn tally<const W: usize, const N: usize>(
     t.least_e[l] = less(t.least_e[l], less(e0, e1));
 }
 
-/// One step of all lanes; true when one has left its piece of the OCV curve.
+/// Makes one step of all lanes; returns true if a lane has left its piece of the OCV curve.
 #[inline(always)]
 fn advance<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
     lanes: &Lanes<'_, W, N>,
