@@ -1,8 +1,8 @@
 //! Correction of the harness by the measured control impedances.
 //!
-//! Along the loop, from earth: return wire – C1 | current shunt | C2 – wire – C3 | thing in the jig |
-//! C4, every channel single-ended. Channel k shows cₖ = aₖ·exp(−jωτₖ) times the potential of its
-//! tip, relative to channel 1 (c₁ = 1), and the loop of the voltage leads picks up jωM·i at C4:
+//! Along the loop, from earth: return wire – C1 | current shunt | C2 – wire – C3 | thing in the
+//! jig | C4, every channel single-ended. Channel k shows cₖ = aₖ·exp(−jωτₖ) times the potential of
+//! its tip, relative to channel 1 (c₁ = 1), and the loop of the voltage leads picks up jωM·i at C4:
 //!
 //! * i = (V₂/c₂ − V₁)/(R_s + jωL_s)
 //! * u = V₄/c₄ − V₃/c₃ − jωM·i
