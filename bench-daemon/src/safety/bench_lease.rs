@@ -1,5 +1,5 @@
-//! Lease of a bench during a run: the lock, the latch, and the guardian. Only a bench with
-//! instruments outside this process has one.
+//! The lease that a run holds on a bench: lock, latch, and guardian. Only a bench with instruments
+//! outside this process needs one.
 
 mod after_crash;
 
@@ -21,11 +21,11 @@ use crate::{
     support::terminal::remark,
 };
 
-/// Refuses a bench that is latched or run by somebody else, before anything is made for a run, and
-/// settles what a run has left that died together with its guardian.
+/// Returns an error if the bench is latched or another process runs it. Call this before creating
+/// anything for a run. It also settles an earlier run that died together with its guardian.
 ///
 /// # Errors
-/// [`StateError::Latched`], [`StateError::Busy`]; a bench that cannot be switched off.
+/// [`StateError::Latched`], [`StateError::Busy`], or a bench that cannot be switched off.
 pub fn refuse(bench: &config::Bench) -> Result<(), Failure> {
     let Some(state) = State::of(bench)? else {
         return Ok(());
@@ -43,7 +43,8 @@ pub fn refuse(bench: &config::Bench) -> Result<(), Failure> {
     })
 }
 
-/// Handles what an earlier run has left, once its guardian has ended. This may latch the bench.
+/// Waits for the guardian of an earlier run to end, then settles that run. This may latch the
+/// bench.
 async fn settle_earlier(
     bench: &config::Bench,
     state: &State,
@@ -70,13 +71,14 @@ struct HeldBench {
 }
 
 impl BenchLease {
-    /// Locks the bench, refuses a latched one, starts the guardian, and says that outputs may be on
-    /// from here on. Nothing was connected to before, and no output is on. The lease is renewed as
-    /// long as neither the procedure nor the watch hangs; `clocks` count the waits of each.
+    /// Locks the bench, checks that it is not latched, starts the guardian, and records that
+    /// outputs may be on from this point. Call this before connecting to any instrument, while all
+    /// outputs are off. The lease is renewed as long as neither the procedure nor the watch hangs;
+    /// `clocks` count the waits of each.
     ///
     /// # Errors
-    /// A bench that is run by somebody else or latched; a guardian that cannot reach its
-    /// instruments.
+    /// Fails if another process runs the bench, if the bench is latched, or if the guardian cannot
+    /// reach its instruments.
     pub async fn take(
         experiment: &Experiment,
         run: &Path,
@@ -103,7 +105,7 @@ impl BenchLease {
         .await
     }
 
-    /// The same for whatever is written into `charge.run`.
+    /// As [`BenchLease::take`], for any purpose: `charge.run` describes it.
     ///
     /// # Errors
     /// As [`BenchLease::take`].
@@ -152,7 +154,7 @@ impl BenchLease {
         })
     }
 
-    /// Waits until the guardian is no longer there; for ever where there is none.
+    /// Waits until the guardian process has ended. Never returns if there is no guardian.
     pub async fn lost(&mut self) -> GuardianError {
         match &mut self.held {
             Some(held) => held.keeper.lost().await,
@@ -160,9 +162,9 @@ impl BenchLease {
         }
     }
 
-    /// Gives the bench back: latches it where a person has to look, and dismisses the guardian, or
-    /// leaves an unverified safe state to it. The bench's connections must be closed; `read` is what
-    /// was read back before that.
+    /// Releases the bench. Latches it if a person must inspect it, then dismisses the guardian, or
+    /// leaves an unverified safe state to the guardian. The bench's connections must be closed;
+    /// `read` is what was read back before they were closed.
     pub async fn end<T>(
         self,
         outcome: Result<T, Failure>,
@@ -195,7 +197,8 @@ impl BenchLease {
             keeper.hand_over();
         } else {
             keeper.dismiss(&self.clock).await;
-            // A bench that could not be latched stays that of an open run: the next one latches it.
+            // If the latch cannot be written, the run stays open and the next run latches the
+            // bench.
             latched = latched.and_then(|()| state.settled_by(&mut open));
         }
         if let Err(error) = latched {
@@ -206,7 +209,7 @@ impl BenchLease {
     }
 }
 
-/// Cause that latches a bench; `None` where the failure does not.
+/// Returns the cause that latches the bench, or `None` if the failure does not latch it.
 pub(crate) fn latching_cause(failure: &Failure) -> Option<Latched> {
     match failure {
         Failure::Execute(ExecuteError::Trip(trip)) => Some(Latched::of_trip("daemon", trip)),

@@ -1,4 +1,4 @@
-//! Reasons why a command ended without its result, with their exit codes.
+//! Reasons why a command ends without a result, with their exit codes.
 
 use std::path::Path;
 
@@ -15,8 +15,8 @@ use crate::{
     support::sums::SumsError,
 };
 
-/// A path as a person pastes it into a shell: no way that goes up and down again, and short where
-/// it lies below the folder of this process.
+/// Returns a path that a person can paste into a shell: without redundant `..` components, and
+/// relative if the path is below the current directory.
 pub(crate) fn pasted(path: &Path) -> String {
     let whole = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     let here = std::env::current_dir().and_then(std::fs::canonicalize).ok();
@@ -28,111 +28,111 @@ pub(crate) fn pasted(path: &Path) -> String {
     )
 }
 
-/// How [`Failure::Refused`] begins.
+/// Prefix of the message of [`Failure::Refused`].
 pub const GATE_REFUSED: &str = "the quality gate refused";
 
-/// Exit code of a bench that another process has.
+/// Exit code if another process holds the bench.
 pub const BUSY_CODE: u8 = 8;
 /// Exit code of [`Failure::Refused`].
 pub const REFUSED_CODE: u8 = 11;
 /// Exit code of [`Failure::Invalid`].
 pub const INVALID_CODE: u8 = 12;
 
-/// Why a command ended without its result.
+/// Reason why a command ended without a result.
 #[derive(Debug, thiserror::Error)]
 pub enum Failure {
-    /// A file or an argument.
+    /// A file or an argument is invalid.
     #[error("{0}")]
     Usage(String),
-    /// A configuration file.
+    /// A configuration file is invalid.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// A plan that would leave the limits.
+    /// The plan would exceed the limits.
     #[error("the plan is refused: {0}")]
     Plan(#[from] PlanError),
-    /// A bench that cannot be used.
+    /// The bench cannot be used.
     #[error(transparent)]
     Bench(#[from] BenchError),
-    /// Not every instrument is there, or of a known model.
+    /// An instrument does not answer or is not of a known model.
     #[error(
         "{wrong} of {asked} instruments did not answer, or are not the model that was expected: \
         {listed}"
     )]
     Unidentified {
-        /// How many were asked.
+        /// Number of instruments that were queried.
         asked: usize,
-        /// How many are wrong.
+        /// Number of instruments that failed.
         wrong: usize,
         /// Their roles or addresses.
         listed: String,
     },
-    /// A simulation that cannot be made.
+    /// The simulation cannot be created.
     #[error(transparent)]
     Sim(#[from] SimError),
-    /// A file that cannot be written.
+    /// A file cannot be written.
     #[error(transparent)]
     Record(#[from] RecordError),
-    /// A step that failed.
+    /// A step failed.
     #[error(transparent)]
     Execute(#[from] ExecuteError),
-    /// The fixture check.
+    /// The fixture check failed.
     #[error("fixture check failed: {0}")]
     FixtureCheck(String),
-    /// The doctor found something wrong.
+    /// The doctor found a fault.
     #[error("the doctor found what must be mended first: {0}")]
     Doctor(String),
-    /// Ctrl-C, or another request to stop.
+    /// Ctrl-C or another stop request ended the run.
     #[error(
         "stopped on request; the bench is in safe state, finished points are in {folder}, and \
         `eis-bench resume {folder}` goes on",
         folder = pasted(Path::new(.0))
     )]
     Interrupted(String),
-    /// A mistake of the program.
+    /// A bug in the program.
     #[error("a mistake of the program ended the run, please report it: {0}")]
     Panic(String),
-    /// The outputs may be on.
+    /// Outputs may be on.
     #[error("LOOK AT THE BENCH: {failures}{cause}")]
     Unsafe {
-        /// Currents that still flow or are not known, and what to unplug.
+        /// Currents that still flow or are unknown, and what to unplug.
         failures: String,
         /// Error that ended the run before.
         cause: String,
     },
-    /// A bench that is in use, or latched, or whose state cannot be written.
+    /// The bench is in use or latched, or its state cannot be written.
     #[error(transparent)]
     State(StateError),
-    /// A run folder that a process works in.
+    /// Another process works in the run folder.
     #[error("{0}")]
     Going(String),
-    /// The guardian.
+    /// The guardian failed.
     #[error(transparent)]
     Guardian(#[from] GuardianError),
-    /// A run folder that is not what it was, or whose numbers do not follow from its captures.
+    /// The run folder has changed, or its numbers do not follow from its captures.
     #[error("{0}")]
     Differs(String),
-    /// A store that does not do what it is asked for.
+    /// A store does not fulfil a request.
     #[error("{0}")]
     Store(String),
-    /// Hashes that cannot be written.
+    /// Hashes cannot be written.
     #[error(transparent)]
     Sums(#[from] SumsError),
-    /// A result that cannot be computed or drawn.
+    /// A result cannot be computed or drawn.
     #[error("{0}")]
     Analysis(String),
-    /// A run that went to its end, and whose quality gate has refused points to the end.
+    /// The run completed, but its quality gate has rejected points until the end.
     #[error(
         "{GATE_REFUSED} {count} points: they are flagged in the spectra, left out of the models \
         unless that was asked for, and of the correction"
     )]
     Refused {
-        /// How many.
+        /// Number of points.
         count: usize,
     },
-    /// A diagnosis of data that cannot be diagnosed.
+    /// The data are not sufficient for a diagnosis.
     #[error("the data are invalid: {0}")]
     Invalid(String),
-    /// The machine.
+    /// The operating system reported an error.
     #[error("{0}")]
     System(#[from] std::io::Error),
 }
@@ -147,22 +147,23 @@ impl From<Unsafe> for Failure {
 }
 
 impl Failure {
-    /// Puts a bench that could not be switched off before every other failure. The error that ended
-    /// the run is told behind it.
+    /// Gives a bench that could not be switched off precedence over every other failure. The error
+    /// that ended the run is appended to the message.
     ///
     /// # Errors
-    /// [`Failure::Unsafe`], or that of the outcome.
+    /// [`Failure::Unsafe`], or the failure of the outcome.
     pub fn unsafe_first<T>(safe: Result<(), Unsafe>, outcome: Result<T, Self>) -> Result<T, Self> {
         let Err(unproven) = safe else { return outcome };
         let after = match outcome.err() {
             None => String::new(),
-            // The same words would stand there twice.
+            // Do not print the same text twice.
             Some(
                 Self::Unsafe { .. }
                 | Self::Bench(BenchError::Unsafe(_))
                 | Self::Execute(ExecuteError::Bench(BenchError::Unsafe(_))),
             ) => String::new(),
-            // That of a request says that the bench is off: it is not.
+            // The message of a stop request states that the bench is off, which would be wrong
+            // here.
             Some(Self::Interrupted(_)) => " (after a request to stop)".to_owned(),
             Some(failure) => format!(" (after: {failure})"),
         };
@@ -172,12 +173,13 @@ impl Failure {
         })
     }
 
-    /// A temperature, or what makes it, ended the run: the bath must not go on.
+    /// Checks whether a temperature, or the device that controls it, ended the run. If so, the
+    /// bath must not continue.
     pub fn is_of_temperature(&self) -> bool {
         matches!(self, Self::Execute(error) if error.is_of_temperature())
     }
 
-    /// The exit code; `eis-bench --help` lists them.
+    /// Returns the exit code; `eis-bench --help` lists them.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Usage(_) | Self::Config(_) | Self::Plan(_) => 2,

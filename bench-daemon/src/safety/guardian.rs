@@ -1,18 +1,19 @@
-//! The guardian: a second process that can only switch off. It drives nothing and measures nothing
-//! for the run; it waits for the daemon's life to end.
+//! The guardian: a second process that can only switch off. It drives and measures nothing for the
+//! run; it waits for the end of the daemon.
 //!
-//! The daemon starts it before anything is energised and tells it over a pipe, five times a second,
-//! that it is alive ([`Keeper`]). The pipe ends when the daemon dies; a daemon that hangs or is
-//! stopped stays silent for longer than the lease, and is killed, so that it cannot come back in
-//! the middle. Then the guardian connects by itself, switches off in the order of
-//! [`Bench::safe_state`], reads back, and tries again until it has succeeded.
+//! The daemon starts the guardian before any output is energised and sends it a heartbeat over a
+//! pipe five times a second ([`Keeper`]). The pipe closes when the daemon dies. If the daemon
+//! hangs or is stopped, the heartbeat stays away for longer than the lease; the guardian then
+//! kills the daemon, so that it cannot resume during the shutdown. The guardian connects to the
+//! instruments, switches them off in the order of [`Bench::safe_state`], reads back their states,
+//! and retries until it succeeds.
 //!
-//! Drives are switched off first. The relays of a bath are opened beside them, and a bath that
-//! closes its own loop is looked at afterwards. Neither keeps the guardian from verifying the rest.
+//! Drives are switched off first. The relays of a bath are opened in parallel. A bath that closes
+//! its own loop is checked afterwards. Neither delays the verification of the other instruments.
 //!
-//! Every instrument of the bench is to be treated as one that takes a single client. So the
-//! guardian reaches and identifies each of them before the daemon connects, lets go of them, and
-//! connects again when the daemon is dead.
+//! The guardian assumes that each instrument accepts a single client. It therefore reaches and
+//! identifies each instrument before the daemon connects, closes these connections, and connects
+//! again after the daemon has died.
 
 mod keeper;
 
@@ -41,31 +42,32 @@ use crate::{
     support::terminal::say,
 };
 
-/// The messages that go over the pipes, a line each: to the guardian …
+/// Messages that go over the pipes, one per line. To the guardian:
 const ALIVE: &str = ".";
 const DOING: &str = "doing ";
-/// Stands for the set-point of a bath that this run has not started.
+/// Placeholder for the set-point of a bath that this run has not started.
 const NO_BATH: &str = "-";
 const GOODBYE: &str = "goodbye";
 const TAKE_OVER: &str = "take over";
-/// … and from it.
+/// From the guardian:
 const READY: &str = "ready";
 const REFUSED: &str = "refused ";
 
 const REPORT: &str = "guardian.json";
-/// Roles that are switched off or looked at.
+/// Roles that the guardian switches off or checks.
 const ROLES: [&str; 5] = ["supply4q", "generator", "load", "supply", "chiller"];
-/// So long after everything else was off it goes on trying to reach a board of relays, s: the
-/// longest pulse of one has ended by then.
+/// Time after everything else is off during which the guardian still tries to reach a relay board,
+/// s. The longest relay pulse ends within this time.
 const RELAYS_DROP_S: f64 = 90.0;
-/// Pauses between two attempts, s: each twice the one before, up to the last.
+/// Pause between two attempts, s: first and greatest value. Each pause is twice as long as the one
+/// before.
 const BACKOFF_S: (f64, f64) = (1.0, 10.0);
-/// So often it tries where even its folder has been taken away.
+/// Number of attempts that the guardian makes after its folder was removed.
 const PATIENCE: u32 = 30;
-/// A killed process is gone after this time, or the system hangs.
+/// Time in which a killed process must disappear, unless the system hangs.
 const DEATH: Duration = Duration::from_secs(5);
 
-/// Orders that a guardian gets at its start.
+/// Start parameters of a guardian.
 pub struct Charge<'a> {
     /// The bench.
     pub bench: &'a config::Bench,
@@ -73,91 +75,94 @@ pub struct Charge<'a> {
     pub run: &'a Path,
     /// Least and greatest voltage of the cell, V.
     pub window_v: (f64, f64),
-    /// Least and greatest temperature of the cell, °C, where one is to be in the jig.
+    /// Least and greatest temperature of the cell, °C, if a cell is to be in the jig.
     pub cell_c: Option<(f64, f64)>,
-    /// SHA-256 of the bench file as the daemon has read it: both must mean the same instruments.
+    /// SHA-256 of the bench file as the daemon read it: both processes must use the same
+    /// instruments.
     pub sha256: String,
 }
 
-/// How far a guardian is.
+/// Progress of a guardian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Status {
-    /// It waits for the daemon's life to end.
+    /// The guardian waits for the end of the daemon.
     Watching,
-    /// It has not read everything back as off yet.
+    /// The guardian has not yet read back every output as off.
     #[serde(rename = "switching off")]
     SwitchingOff,
-    /// It has.
+    /// Every output was read back as off.
     Verified,
-    /// It has, but for a bath that does not answer.
+    /// Every output was read back as off, but a bath does not answer.
     #[serde(rename = "verified, bath not reached")]
     BathNotReached,
-    /// The daemon has read everything back itself, and needs it no more.
+    /// The daemon has verified the safe state and needs the guardian no longer.
     Dismissed,
 }
 
 /// The guardian's report, in the state folder.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Report {
-    /// Its process.
+    /// Process ID of the guardian.
     pub pid: i32,
-    /// The process that it watches.
+    /// Process ID of the daemon that it watches.
     pub daemon: i32,
-    /// The run folder of that.
+    /// Run folder of the daemon.
     pub run: String,
-    /// How far it is.
+    /// Progress of the guardian.
     pub status: Status,
-    /// Why it stepped in.
+    /// Reason why it intervened.
     pub cause: Option<String>,
-    /// The step in work.
+    /// The step that was being executed.
     pub step: String,
-    /// How often it has switched off.
+    /// Number of attempts to switch off.
     pub attempts: u32,
-    /// Result of the last of these times, as `eis-bench safe --json` prints it; absent in the file
-    /// of an older guardian.
+    /// Result of the last attempt, as `eis-bench safe --json` prints it; absent in the file of an
+    /// older guardian.
     #[serde(flatten)]
     pub safe: Option<SafeReport>,
     /// Least and greatest temperature of the cell, °C.
     #[serde(default)]
     pub cell_c: Option<(f64, f64)>,
-    /// At which set-point the run has started a bath that closes its own loop, °C.
+    /// Set-point at which the run started a bath that closes its own loop, °C.
     #[serde(default)]
     pub bath_c: Option<f64>,
-    /// End state of the bath, where it was changed.
+    /// End state of the bath, if it was changed.
     #[serde(default)]
     pub bath_ended: Option<String>,
-    /// From stepping in to everything that moves charge verified, bench s.
+    /// Time from the intervention until everything that moves charge was verified as off, bench s.
     pub took_s: Option<f64>,
-    /// When it was written, s since 1970.
+    /// Time at which the report was written, s since 1970.
     pub unix_s: f64,
 }
 
 impl Report {
-    /// The last guardian's, where there is one that can be understood.
+    /// Reads the report of the last guardian. Returns `None` if there is none or if it cannot be
+    /// parsed.
     pub fn read(state: &State) -> Option<Self> {
         serde_json::from_str(&std::fs::read_to_string(state.path(REPORT)).ok()?).ok()
     }
 
-    /// It has read everything that moves charge back as off after a run.
+    /// Checks whether the guardian has read back everything that moves charge as off after this
+    /// run.
     pub fn has_verified(&self, run: &Path) -> bool {
         matches!(self.status, Status::Verified | Status::BathNotReached)
             && Path::new(&self.run) == run
     }
 }
 
-/// Least and greatest temperature, °C, that the cell of the last run on a bench bears; none where
-/// that is not known.
+/// Returns the least and greatest temperature, °C, that the cell of the last run on a bench
+/// tolerates, or `None` if they are unknown.
 pub fn last_cell_c(state: &State) -> Option<(f64, f64)> {
     let text = std::fs::read_to_string(state.path(REPORT)).ok()?;
     let report: serde_json::Value = serde_json::from_str(&text).ok()?;
     Some((report["cell_c"][0].as_f64()?, report["cell_c"][1].as_f64()?))
 }
 
-/// Watches until the daemon says goodbye, or has to be replaced.
+/// Watches the daemon until it says goodbye or the guardian must intervene.
 ///
 /// # Errors
-/// An instrument that cannot be reached, a state that cannot be written; the daemon is told.
+/// Fails if an instrument cannot be reached or a state cannot be written; the daemon is notified.
 pub async fn watch(charge: &Charge<'_>, clock: &Clock) -> Result<(), GuardianError> {
     match Watch::start(charge, clock).await {
         Ok(watch) => {
@@ -174,7 +179,7 @@ pub async fn watch(charge: &Charge<'_>, clock: &Clock) -> Result<(), GuardianErr
 /// The state folder of the bench, held by this guardian.
 struct HeldState {
     folder: State,
-    /// How the last attempt to latch the bench ended.
+    /// Result of the last attempt to latch the bench.
     latched: Option<Result<(), StateError>>,
     _place: Lock,
 }
@@ -188,7 +193,7 @@ impl HeldState {
         }
     }
 
-    /// Latches the bench, as well as that can be written.
+    /// Latches the bench. A write error is kept in `latched`.
     fn latch(&mut self, trip: &Latched) {
         let latched = self.folder.latch(trip);
         if let Err(error) = &latched {
@@ -197,7 +202,7 @@ impl HeldState {
         self.latched = Some(latched);
     }
 
-    /// Settles the run, unless the bench was to be latched and that could not be written.
+    /// Settles the run, unless the bench had to be latched and the latch could not be written.
     fn settle(&mut self) {
         let latched = self.latched.take().unwrap_or(Ok(()));
         if let Err(error) = latched.and_then(|()| self.folder.settled()) {
@@ -307,8 +312,8 @@ impl<'a> Watch<'a> {
         self.switch_off().await
     }
 
-    /// Notes what the daemon says: fixture in the jig, set-point at which the bath was started, and
-    /// step.
+    /// Records what the daemon reports: fixture in the jig, set-point at which the bath was
+    /// started, and step.
     fn note_daemon_state(&mut self, doing: &str) {
         let mut fields = doing.splitn(3, ' ');
         let (Some(fixture), Some(bath), Some(step)) = (fields.next(), fields.next(), fields.next())
@@ -319,16 +324,16 @@ impl<'a> Watch<'a> {
         let bath_c = bath.parse().ok();
         if self.report.bath_c != bath_c {
             self.report.bath_c = bath_c;
-            // For whoever switches off when this process is dead, too.
+            // Recorded for the process that switches off if this process dies, too.
             self.note(Status::Watching);
         }
     }
 
-    /// A daemon that came back in the middle would be worse than one that is gone, and its
-    /// connections keep others out.
+    /// Kills the daemon. A daemon that resumed during the shutdown would be worse than a dead one,
+    /// and its connections block other clients.
     async fn end_daemon(&mut self) {
         let daemon = Pid::from_raw(self.report.daemon);
-        // As long as it is the parent, the number is its own.
+        // As long as the daemon is the parent, its process ID cannot have been reused.
         if getppid() == daemon {
             tracing::warn!(
                 "no word from process {daemon} within {} s: killing it",
@@ -344,12 +349,12 @@ impl<'a> Watch<'a> {
         }
     }
 
-    /// Again and again, until everything is off and read back.
+    /// Retries until every output is off and read back.
     async fn switch_off(mut self) -> Result<(), GuardianError> {
         let start_s = self.clock.now_s();
         let mut pause_s = BACKOFF_S.0;
-        // A report that cannot be written, on a full disk perhaps, must not keep it from switching
-        // off.
+        // A report that cannot be written, for example because the disk is full, must not prevent
+        // switching off.
         self.note(Status::SwitchingOff);
         loop {
             self.report.attempts += 1;
@@ -366,7 +371,7 @@ impl<'a> Watch<'a> {
                 return self.verified(&safe, Status::Verified);
             }
             self.failed(&safe);
-            // A pulse has ended by itself, and the bench is latched.
+            // By now every relay pulse has ended, and the bench is latched.
             if safe.drives_verified()
                 && safe.bath_is_silent()
                 && took_s >= self.report.took_s.unwrap_or(took_s) + RELAYS_DROP_S
@@ -383,9 +388,9 @@ impl<'a> Watch<'a> {
         }
     }
 
-    /// A bath that closes its own loop goes on, unless it is no longer set as the run has set it, or
-    /// its own sensor shows that it is not under control. It is looked at once, when nothing moves
-    /// charge any more.
+    /// Checks a bath that closes its own loop. The bath continues unless its settings differ from
+    /// those that the run made, or its own sensor shows that it is not under control. It is
+    /// checked once, after everything that moves charge is off.
     async fn bath(&mut self, bench: &mut Bench) {
         let Some(setpoint_c) = self.report.bath_c else {
             return;
@@ -407,7 +412,7 @@ impl<'a> Watch<'a> {
         self.report.bath_ended = Some(bath.words);
     }
 
-    /// Keeps what was read back, as well as that can be written.
+    /// Stores what was read back. Ignores write errors.
     fn keep_reading(&mut self, safe: &SafeReport) {
         if let Err(error) = self.state.folder.keep_readings(&safe.readings("guardian")) {
             tracing::error!("{error}");
@@ -439,14 +444,14 @@ impl<'a> Watch<'a> {
         self.note(Status::SwitchingOff);
     }
 
-    /// Reports as well as it can.
+    /// Writes the report. Write errors do not stop the guardian.
     fn note(&mut self, status: Status) {
         if let Err(error) = self.tell(status) {
             tracing::error!("{error}");
         }
     }
 
-    /// Everything that moves charge is off.
+    /// Ends the guardian's work after everything that moves charge is verified as off.
     fn verified(&mut self, safe: &SafeReport, status: Status) -> Result<(), GuardianError> {
         let took_s = self.report.took_s.unwrap_or(0.0);
         tracing::warn!(
@@ -454,7 +459,8 @@ impl<'a> Watch<'a> {
             safe.read,
             safe.message
         );
-        // The load's leads see the cell itself. What cannot be read any more may be anything.
+        // The sense leads of the load are connected to the cell itself. A voltage that can no
+        // longer be read may have any value.
         let read = |role: &&str| {
             safe.outputs
                 .iter()
@@ -481,7 +487,7 @@ impl<'a> Watch<'a> {
             self.latch(Latched::of_trip("guardian", &trip));
         }
         self.note(status);
-        // After the latch: where that could not be written, the run stays open.
+        // After the latch: if the latch could not be written, the run stays open.
         self.state.settle();
         Ok(self.state.folder.remember(
             &serde_json::json!({ "what": "switched off by the guardian", "report": self.report }),
@@ -503,8 +509,8 @@ impl<'a> Watch<'a> {
     }
 }
 
-/// Reaches and identifies every instrument that can move charge, and the bath where it can be
-/// reached; lets go of them, for the daemon is to connect.
+/// Reaches and identifies every instrument that can move charge, and the bath if it can be
+/// reached. Then closes the connections, because the daemon connects next.
 async fn reach(bench: &config::Bench, connections: &Connections) -> Result<(), GuardianError> {
     let mut bench = Bench::unconnected(bench, connections)?;
     bench.connect().await?;
@@ -515,14 +521,15 @@ async fn reach(bench: &config::Bench, connections: &Connections) -> Result<(), G
         .iter()
         .try_for_each(Identified::expected)?;
     bench.instruments.chiller = bath;
-    // It moves no charge, and may serve another client: the daemon says what it thinks of that.
+    // A bath moves no charge and may serve another client. The daemon decides whether this is an
+    // error.
     if let Err(error) = bench.reach_bath().await {
         tracing::warn!("{error}");
     }
     Ok(())
 }
 
-/// The lines that the daemon sends; the channel ends with the daemon.
+/// Returns the messages that the daemon sends; the channel closes when the daemon ends.
 fn daemon_messages() -> UnboundedReceiver<String> {
     let (tell, told) = tokio::sync::mpsc::unbounded_channel();
     std::thread::spawn(move || {

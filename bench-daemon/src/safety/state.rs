@@ -1,11 +1,11 @@
-//! The state of a bench that outlives a process: who runs it (`lock`), why it must not be run
-//! (`trip.json`, `trips.jsonl`), which run may have left it on (`open.json`), and what the guardian
-//! did (`guardian.json`, `guardian.log`).
+//! The state of a bench that outlives a process: which process runs it (`lock`), why it must not
+//! be run (`trip.json`, `trips.jsonl`), which run may have left it on (`open.json`), and what the
+//! guardian did (`guardian.json`, `guardian.log`).
 //!
-//! A bench has a folder of its own, and each of its instruments has one (`place`). Lock, latch and
-//! open run are kept in all of them, so that whoever uses one of the instruments meets them,
-//! through whatever bench file. A bench that is simulated in this process has none: nothing of it
-//! is left afterwards.
+//! A bench has its own folder, and so does each of its instruments (`place`). Lock, latch and open
+//! run are kept in all of these folders, so that every user of an instrument finds them, whatever
+//! bench file is used. A bench that is simulated in this process has no folder, because nothing of
+//! it remains afterwards.
 
 mod error;
 mod files;
@@ -43,8 +43,8 @@ const OPEN: &str = "open.json";
 const SETTLED: &str = "settled.json";
 const HISTORY: &str = "trips.jsonl";
 
-/// Held as long as the process runs the bench; the system takes it back when the process ends,
-/// however it ends.
+/// Lock of a bench, held as long as the process runs the bench. The system releases it when the
+/// process ends for any reason.
 #[derive(Debug)]
 pub struct Lock(#[expect(dead_code, reason = "held open")] Vec<File>);
 
@@ -54,29 +54,31 @@ pub struct State {
     folder: PathBuf,
     bench: String,
     file: PathBuf,
-    /// Its own folder and those of its instruments, in the order in which everybody locks them.
+    /// The folders of the bench and of its instruments, in the order in which every process locks
+    /// them.
     places: Vec<PathBuf>,
     outputs: Vec<OutputPlace>,
     mocked: bool,
 }
 
-/// Files of an open run, held open: that it is over gets there where no file can be opened any more.
+/// Files of an open run, held open so that the end of the run can be recorded even if no file can
+/// be opened any more.
 #[derive(Debug)]
 pub struct OpenFiles(Vec<File>);
 
 impl State {
-    /// The folders of a bench, made if they are not there; none for one that is simulated in this
-    /// process.
+    /// Returns the folders of a bench and creates missing ones. Returns `None` for a bench that is
+    /// simulated in this process.
     ///
     /// # Errors
-    /// A folder that cannot be made or written.
+    /// Fails if a folder cannot be created or written.
     pub fn of(bench: &config::Bench) -> Result<Option<Self>, StateError> {
         if bench.in_process() {
             return Ok(None);
         }
         let folder = bench.state_folder.clone();
         make(&folder)?;
-        // However the way to it was typed, it is one folder.
+        // Different spellings of a path must lead to the same folder.
         let own = fs::canonicalize(&folder).map_err(io(&folder, "cannot be found"))?;
         let instruments = place::places(bench)?;
         let outputs = instruments.iter().filter_map(OutputPlace::of).collect();
@@ -88,7 +90,7 @@ impl State {
         places.push(own);
         places.sort_unstable();
         places.dedup();
-        // However a file is reached, it is one file.
+        // Different paths to a file must lead to the same file.
         let file = fs::canonicalize(&bench.path)
             .or_else(|_| std::path::absolute(&bench.path))
             .unwrap_or_else(|_| bench.path.clone());
@@ -100,7 +102,7 @@ impl State {
             outputs,
             mocked: bench.is_mocked(),
         };
-        // Whatever is wrong with a folder is to show before anything is energised.
+        // Any fault of a folder must be found before an output is energised.
         state
             .places
             .iter()
@@ -108,15 +110,15 @@ impl State {
         Ok(Some(state))
     }
 
-    /// A file in the bench's own folder.
+    /// Returns the path of a file in the bench's own folder.
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.join(name)
     }
 
-    /// Takes the bench, and each of its instruments, for a run.
+    /// Locks the bench and each of its instruments for a run.
     ///
     /// # Errors
-    /// [`StateError::Busy`] when another process has one of them.
+    /// [`StateError::Busy`] if another process holds one of them.
     pub fn lock(&self, run: &Path) -> Result<Lock, StateError> {
         let mut files = Vec::new();
         for place in &self.places {
@@ -151,14 +153,15 @@ impl State {
         }
     }
 
-    /// Who runs the bench, or another one that shares an instrument with it.
+    /// Returns the process that runs the bench, or another bench that shares an instrument with
+    /// it.
     ///
     /// # Errors
-    /// A file that cannot be opened.
+    /// Fails if a file cannot be opened.
     pub fn holder(&self) -> Result<Option<Holder>, StateError> {
         for place in &self.places {
             let path = place.join(LOCK);
-            // Two that only ask are not in each other's way.
+            // Two processes that only query the lock must not block each other.
             if matches!(
                 open(&path)?.try_lock_shared(),
                 Err(TryLockError::WouldBlock)
@@ -169,7 +172,7 @@ impl State {
         Ok(None)
     }
 
-    /// Refuses a bench that somebody runs.
+    /// Returns an error if a process runs the bench.
     ///
     /// # Errors
     /// [`StateError::Busy`].
@@ -204,11 +207,11 @@ impl State {
         }
     }
 
-    /// Takes the guardian's place; `None` when there is a guardian at work on one of the
+    /// Takes the guardian's lock. Returns `None` if a guardian is already working on one of the
     /// instruments.
     ///
     /// # Errors
-    /// A file that cannot be opened.
+    /// Fails if a file cannot be opened.
     pub fn lock_guardian(&self) -> Result<Option<Lock>, StateError> {
         let mut files = Vec::new();
         for place in &self.places {
@@ -225,13 +228,13 @@ impl State {
         Ok(Some(Lock(files)))
     }
 
-    /// Whether the folder is still there: a person who takes it away ends a guardian that cannot
-    /// succeed.
+    /// Checks whether the folder still exists. A person can remove it to end a guardian that
+    /// cannot succeed.
     pub fn exists(&self) -> bool {
         self.folder.is_dir()
     }
 
-    /// Refuses a bench that is latched.
+    /// Returns an error if the bench is latched.
     ///
     /// # Errors
     /// [`StateError::Latched`] with its cause.
@@ -256,11 +259,11 @@ impl State {
         })
     }
 
-    /// Why the bench is latched, or an instrument of it, if it is. A file that cannot be understood
-    /// latches too.
+    /// Returns why the bench or one of its instruments is latched, if so. A latch file that cannot
+    /// be parsed latches, too.
     ///
     /// # Errors
-    /// A file that cannot be read.
+    /// Fails if a file cannot be read.
     pub fn latched(&self) -> Result<Option<Latched>, StateError> {
         Ok(self.trip()?.map(|trip| trip.latched))
     }
@@ -283,16 +286,16 @@ impl State {
         Ok(None)
     }
 
-    /// Latches the bench and its instruments. The first cause stays until it is cleared; each is in
-    /// the history.
+    /// Latches the bench and its instruments. The first cause stays until it is cleared; every
+    /// cause is added to the history.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn latch(&self, trip: &Latched) -> Result<(), StateError> {
         self.latch_also(trip, &[])
     }
 
-    /// As [`Self::latch`], together with what an open run of another bench had.
+    /// As [`Self::latch`], but also latches the instruments of an open run of another bench.
     ///
     /// # Errors
     /// As [`Self::latch`].
@@ -310,7 +313,7 @@ impl State {
         let mut outcome = Ok(());
         for place in &whole.places {
             let path = place.join(TRIP);
-            // One that cannot be written must not keep the others from it.
+            // A latch file that cannot be written must not prevent the others from being written.
             let latched = if path.exists() {
                 Ok(())
             } else {
@@ -318,16 +321,16 @@ impl State {
             };
             outcome = outcome.and(latched);
         }
-        // The latch counts, the history comes after it: where one of two cannot be written, it is
-        // not to be this one.
+        // The latch matters more than the history and is written first, so that it succeeds if
+        // only one of the two can be written.
         outcome.and(self.remember(&serde_json::json!({ "what": "latched", "trip": trip })))
     }
 
-    /// Clears the latch, wherever it is, and remembers who did: whoever has the token of this name,
-    /// or else the account of this process.
+    /// Clears the latch in every folder and records who cleared it: the holder of the token with
+    /// this name, or else the account of this process.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn clear(
         &self,
         trip: &Latched,
@@ -359,11 +362,11 @@ impl State {
         Ok(())
     }
 
-    /// Says that a run may switch outputs on from here on: what was read of them before no longer
-    /// stands.
+    /// Records that a run may switch outputs on from this point. This discards all earlier
+    /// readings of the outputs.
     ///
     /// # Errors
-    /// A file that cannot be written: then nothing may be switched on.
+    /// Fails if a file cannot be written; then nothing may be switched on.
     pub fn begin(&self, run: &Path) -> Result<OpenFiles, StateError> {
         self.forget_readings()?;
         if let Err(error) = self.register() {
@@ -382,11 +385,11 @@ impl State {
         Ok(OpenFiles(files.collect::<Result<_, _>>()?))
     }
 
-    /// Says that every output is off and was read back.
+    /// Records that every output is off and was read back.
     ///
     /// # Errors
-    /// A file that cannot be removed; that it is over is written into it all the same, if it can
-    /// be.
+    /// Fails if a file cannot be removed. Even then, the end of the run is written into the file
+    /// if possible.
     pub fn settled(&self) -> Result<(), StateError> {
         let existing = self.places.iter().map(|place| place.join(OPEN));
         let files = existing
@@ -395,7 +398,7 @@ impl State {
         self.settled_by(&mut OpenFiles(files.collect()))
     }
 
-    /// As [`Self::settled`], by files that were opened when the run began.
+    /// As [`Self::settled`], through files that were opened when the run began.
     ///
     /// # Errors
     /// As [`Self::settled`].
@@ -408,14 +411,15 @@ impl State {
         if self.mocked {
             self.unregister();
         }
-        // One that cannot be removed must not keep the others.
+        // A file that cannot be removed must not prevent the removal of the others.
         let places = self.places.iter();
         let removed: Vec<_> = places.map(|place| remove(place, OPEN)).collect();
         removed.into_iter().collect()
     }
 
-    /// The same of a run that was found, wherever it says so. Which run that was stays written
-    /// down: its own guardian's report does not say it.
+    /// As [`Self::settled`], for an open run that was found, in every folder that contains it. The
+    /// identity of the run is kept, because the report of the run's own guardian does not show
+    /// that it was settled.
     ///
     /// # Errors
     /// As [`Self::settled`].
@@ -430,7 +434,7 @@ impl State {
             read: self.outputs().words,
         };
         for place in self.places.iter().chain(&open.places) {
-            // It is settled without this, too.
+            // The run is settled even if this file cannot be written.
             if let Err(error) = json(&place.join(SETTLED), &settled) {
                 tracing::warn!("{error}");
             }
@@ -438,15 +442,17 @@ impl State {
         Ok(())
     }
 
-    /// The last run that was settled after it and its guardian had died, if it can be read.
+    /// Returns the last run that was settled after it and its guardian had died, if it can be
+    /// read.
     pub fn last_settled(&self) -> Option<Settled> {
         read(&self.path(SETTLED)).ok().flatten()?.ok()
     }
 
-    /// The run after which nobody has verified safe state. What cannot be understood is one too.
+    /// Returns the run after which no process has verified a safe state. A file that cannot be
+    /// parsed counts as such a run.
     ///
     /// # Errors
-    /// A file that cannot be read.
+    /// Fails if a file cannot be read.
     pub fn open_run(&self) -> Result<Option<OpenRun>, StateError> {
         for place in &self.places {
             if let Some(found) = read_open(&place.join(OPEN))? {
@@ -467,19 +473,19 @@ impl State {
         Ok(None)
     }
 
-    /// Writes a structure as JSON into the bench's own folder, whole or not at all.
+    /// Writes a structure as JSON into the bench's own folder, atomically.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn json<T: Serialize>(&self, name: &str, value: &T) -> Result<(), StateError> {
         json(&self.path(name), value)
     }
 
-    /// Adds a line to the history. What is left of a line that was being written when a process
-    /// died stays a line of its own.
+    /// Appends a line to the history. A line that was left incomplete when a process died remains
+    /// a line of its own.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn remember(&self, entry: &serde_json::Value) -> Result<(), StateError> {
         let path = self.path(HISTORY);
         let mut file = OpenOptions::new()

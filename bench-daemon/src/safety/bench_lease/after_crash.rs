@@ -1,7 +1,7 @@
-//! Settles a bench after a run that left no record of its end, for example after a reboot. What the
-//! records say of the end is reported, then the state of the instruments; then they are switched
-//! off. Where a current may have flowed unwatched, the bench is latched: a person has to
-//! look at the cell.
+//! Settles a bench after a run that left no record of its end, for example after a reboot. Reports
+//! what the records show about the end of the run, then the state of the instruments, and then
+//! switches the instruments off. If a current may have flowed unwatched, the bench is latched: a
+//! person must inspect the cell.
 
 use std::collections::BTreeMap;
 
@@ -22,11 +22,11 @@ use crate::{
     support::terminal::remark,
 };
 
-/// Settles what an earlier run has left; the bench is locked, and no guardian is at work on it.
+/// Settles an earlier run. The bench must be locked and no guardian may be working on it.
 ///
 /// # Errors
-/// [`crate::safety::state::StateError::Latched`] where a person has to look, [`Failure::Unsafe`] where
-/// something cannot be switched off.
+/// [`crate::safety::state::StateError::Latched`] if a person must inspect the cell, or
+/// [`Failure::Unsafe`] if an instrument cannot be switched off.
 pub(super) async fn settle(
     bench: &config::Bench,
     state: &State,
@@ -47,7 +47,7 @@ pub(super) async fn settle(
         .iter()
         .all(|found| found.as_ref().is_ok_and(InstrumentReadback::is_quiet));
     keep(state, &state_readback::readings(&bench, &found, NEXT_RUN));
-    // A bath moves no charge: what it does is told, and judged by nobody but the reader.
+    // A bath moves no charge: its state is reported but not judged.
     let bath = state_readback::look_bath(&mut bench).await;
     let listed: Vec<String> = found
         .iter()
@@ -60,7 +60,7 @@ pub(super) async fn settle(
         .collect();
     let text = format!("{}; {}", end.words, listed.join("; "));
     if quiet && end.flowing.is_none() {
-        // It died while nothing was on.
+        // The process died while all outputs were off.
         remark!("eis-bench: {text}");
         tracing::warn!("{text}");
         return Ok(state.settle(&open)?);
@@ -95,16 +95,16 @@ pub(super) async fn settle(
     Ok(state.refuse_latched()?)
 }
 
-/// Settles what an earlier run has left after a person has switched everything off, and that was
-/// verified: as [`settle`], without looking once more.
+/// Settles an earlier run after a person has switched everything off and that was verified. Works
+/// as [`settle`], but does not query the instruments again.
 ///
 /// # Errors
-/// A file that cannot be written.
+/// Fails if a file cannot be written.
 pub(crate) fn settle_verified(state: &State) -> Result<(), StateError> {
     let Some(open) = state.open_run()? else {
         return Ok(());
     };
-    // Whoever has the bench, or is at work on it, settles it himself.
+    // The process that holds the bench, or works on it, settles the run.
     let (Ok(_lock), Some(_guardian)) = (state.lock(&open.holder.run), state.lock_guardian()?)
     else {
         return Ok(());
@@ -121,23 +121,23 @@ pub(crate) fn settle_verified(state: &State) -> Result<(), StateError> {
     state.settle(&open)
 }
 
-/// Who reads the outputs before a run begins.
+/// Reader name for readings that are taken before a run begins.
 const NEXT_RUN: &str = "next run";
 const UNWATCHED: &str = "a current may have flowed unwatched";
 
-/// Keeps what was read, as well as that can be written.
+/// Stores the readings. Ignores write errors.
 fn keep(state: &State, readings: &[OutputReading]) {
     if let Err(error) = state.keep_readings(readings) {
         tracing::warn!("{error}");
     }
 }
 
-/// What the records of an open run say of its end, and nothing beyond them.
+/// What the records of an open run show about its end.
 struct RunEnd {
-    /// Who has read back what, or that it is not known.
+    /// Text that names the process that read back the outputs, or states that they are unknown.
     words: String,
-    /// The step in which a current may have flowed when the journal ended; none where every output
-    /// was off then, or was read back as off since.
+    /// The step in which a current may have flowed when the journal ended. `None` if every output
+    /// was off at that time or was read back as off since.
     flowing: Option<String>,
 }
 
@@ -154,7 +154,7 @@ impl RunEnd {
             Some((report, safe))
         }) {
             let readings = safe.readings("guardian");
-            // An older guardian does not say when it read.
+            // Reports of older guardians do not contain the time of the reading.
             let read = if readings.is_empty() {
                 safe.message
             } else {
@@ -191,7 +191,7 @@ impl RunEnd {
     }
 }
 
-/// How the run of a journal ended, if its process wrote that down.
+/// Returns how the run of a journal ended, if its process recorded that.
 fn ended(lines: &[Line]) -> Option<&str> {
     lines.iter().rev().find_map(|line| match &line.entry {
         Entry::Ended { how } => Some(Some(how.as_str())),
@@ -200,19 +200,19 @@ fn ended(lines: &[Line]) -> Option<&str> {
     })?
 }
 
-/// The step in which a current may have flowed when the journal ended; none where every output was
-/// off.
+/// Returns the step in which a current may have flowed when the journal ended, or `None` if every
+/// output was off.
 fn flowing(lines: &[Line]) -> Option<String> {
     lines.iter().fold(None, |flowing, line| match &line.entry {
         Entry::Intent {
             live: true, text, ..
         } => Some(text.clone()),
-        // What needs no current needs every output off.
+        // A step that needs no current requires every output to be off.
         Entry::Intent { live: false, .. }
         | Entry::StageDone { .. }
         | Entry::Safe
         | Entry::Started(_) => None,
-        // What was powered before the pause is powered again.
+        // Outputs that were on before the pause are switched on again.
         Entry::GoneOn => Some("going on after a pause".to_owned()),
         _ => flowing,
     })
@@ -237,7 +237,7 @@ mod tests {
             (vec![], None),
             (vec![intent(false, "mount"), done.clone()], None),
             (vec![Entry::Safe, intent(true, "up")], Some("up")),
-            // The output stays on when the step that has switched it on is done.
+            // The output stays on after the step that switched it on has ended.
             (
                 vec![
                     intent(true, "up"),
@@ -269,7 +269,7 @@ mod tests {
                 ],
                 Some("going on after a pause"),
             ),
-            // Ended without safe state.
+            // The run ended without a safe state.
             (
                 vec![
                     intent(true, "point"),

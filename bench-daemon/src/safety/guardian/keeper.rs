@@ -1,5 +1,5 @@
-//! Daemon's end of the pipe to the guardian: starts it, renews the lease as long as the executor
-//! makes progress, and notices when it is gone.
+//! The daemon's end of the pipe to the guardian: starts the guardian, renews the lease as long as
+//! the executor makes progress, and detects the end of the guardian.
 
 use std::{
     io::{BufRead, BufReader, Write},
@@ -25,58 +25,59 @@ use crate::{
     support::terminal::remark,
 };
 
-/// Time between two words to the guardian.
+/// Time between two heartbeats to the guardian.
 const RENEWAL: Duration = Duration::from_millis(200);
-/// So many words without an answer: the guardian is stopped.
+/// Number of unanswered heartbeats after which the guardian counts as stopped.
 const UNANSWERED: u64 = 100;
 /// Longest wait for a guardian that reaches and identifies its instruments.
 const START: Duration = Duration::from_secs(90);
-/// Longest wait for the guardian of an earlier run to be done, s, and how often it is looked at.
+/// Longest wait for the guardian of an earlier run to finish, and the polling period, s.
 const EARLIER_S: (f64, f64) = (120.0, 0.2);
-/// Longest wait for a guardian that was dismissed.
+/// Longest wait for the end of a guardian that was dismissed.
 const END: Duration = Duration::from_secs(15);
 
 /// Error of a guardian.
 #[derive(Debug, thiserror::Error)]
 pub enum GuardianError {
-    /// The state of the bench.
+    /// The state of the bench cannot be read or written.
     #[error(transparent)]
     State(#[from] StateError),
-    /// An instrument.
+    /// An instrument failed.
     #[error(transparent)]
     Bench(#[from] BenchError),
     /// The bench is simulated in this process.
     #[error("expected a bench with addresses outside this process: there is nothing to guard")]
     NothingToGuard,
-    /// Two at a time would be in each other's way.
+    /// Two guardians at a time would interfere with each other.
     #[error("expected no guardian at work on this bench, found one")]
     Another,
-    /// An earlier one does not come to an end.
+    /// The guardian of an earlier run does not finish.
     #[error("the guardian of an earlier run still tries to switch the bench off; its log is {0}")]
     Busy(String),
-    /// It says why it cannot watch.
+    /// The guardian reported why it cannot watch.
     #[error("{0}")]
     Refused(String),
-    /// It cannot watch as long as the wire to an instrument is as it is.
+    /// The guardian cannot watch because of a fault on the wire to an instrument.
     #[error("{0}")]
     Unreached(String),
-    /// It cannot be started.
+    /// The guardian cannot be started.
     #[error("expected to start the guardian, the system says: {0}")]
     Start(#[source] std::io::Error),
-    /// It did not say that it is ready.
+    /// The guardian did not report that it is ready.
     #[error("expected the guardian to be ready within {START:?}, it was not")]
     Silent,
-    /// It is no longer there.
+    /// The guardian process has ended.
     #[error("the guardian ended or stopped while it was needed: {0}")]
     Lost(&'static str),
-    /// A person took its folder away.
+    /// A person removed its folder.
     #[error("gave up before safe state was verified")]
     GaveUp,
 }
 
 impl GuardianError {
-    /// It does not reach an instrument, because of the wire or of one answer: nobody was let near
-    /// an output, and the next attempt may find all of them.
+    /// Checks whether the guardian failed to reach an instrument because of the wire or of a
+    /// single answer. In that case no process was given access to an output, and the next attempt
+    /// may succeed.
     pub fn may_pass(&self) -> bool {
         match self {
             Self::Unreached(_) => true,
@@ -104,11 +105,11 @@ impl Keeper {
     /// Suffix of a guardian's refusal that is due to a fault of the wire, which may pass.
     pub const MAY_PASS: &str = "may pass";
 
-    /// Starts a guardian and waits until it has proven that it can reach its instruments. `clocks`
-    /// are those of the procedure and of the watch, whose progress renews the lease.
+    /// Starts a guardian and waits until it has verified that it can reach its instruments.
+    /// `clocks` are those of the procedure and of the watch, whose progress renews the lease.
     ///
     /// # Errors
-    /// Any failure to watch.
+    /// Any reason why the guardian cannot watch.
     pub async fn start(
         charge: &Charge<'_>,
         clocks: [&Clock; 2],
@@ -149,12 +150,12 @@ impl Keeper {
         }
     }
 
-    /// Its process.
+    /// Returns the process ID of the guardian.
     pub fn pid(&self) -> u32 {
         self.pid
     }
 
-    /// Waits until it is no longer there.
+    /// Waits until the guardian process has ended.
     pub async fn lost(&mut self) -> GuardianError {
         GuardianError::Lost(match self.messages.recv().await {
             Some(GuardianMessage::Silent) => "it no longer answers",
@@ -162,7 +163,7 @@ impl Keeper {
         })
     }
 
-    /// The bench is off: says goodbye and waits for its end.
+    /// Dismisses the guardian, because the bench is off, and waits for its end.
     pub async fn dismiss(mut self, clock: &Clock) {
         let _ = self.goodbye.send(GOODBYE);
         let gone = async {
@@ -179,18 +180,20 @@ impl Keeper {
         }
     }
 
-    /// The bench may be on: the guardian goes on trying after this process has ended.
+    /// Leaves a bench that may be on to the guardian, which keeps trying after this process has
+    /// ended.
     pub fn hand_over(self) {
         let _ = self.goodbye.send(TAKE_OVER);
-        // The word must be out before this process ends: its thread ends when it is.
+        // The message must be sent before this process ends: the sending thread ends after that.
         drop(self.messages);
     }
 }
 
-/// Waits until the guardian of an earlier run is done, or nobody is at work any more.
+/// Waits until the guardian of an earlier run has finished, or until no process works on the
+/// bench.
 ///
 /// # Errors
-/// [`GuardianError::Busy`] where it does not come to an end.
+/// [`GuardianError::Busy`] if the guardian does not finish.
 pub async fn wait_for_earlier(state: &State, clock: &Clock) -> Result<(), GuardianError> {
     let start_s = clock.machine_s();
     let mut told = false;
@@ -219,8 +222,8 @@ fn spawn(charge: &Charge<'_>) -> std::io::Result<Child> {
             format!("--greatest-c={greatest_c}"),
         ]
     });
-    // The program that runs, even when the file has been replaced meanwhile. A process group of its
-    // own: Ctrl-C at the terminal is not for it.
+    // Starts the running program, even if its file has been replaced since. The guardian gets its
+    // own process group, so that Ctrl-C at the terminal does not reach it.
     Command::new("/proc/self/exe")
         .arg("guardian")
         .arg(&charge.bench.path)
@@ -238,7 +241,7 @@ fn spawn(charge: &Charge<'_>) -> std::io::Result<Child> {
         .spawn()
 }
 
-/// Hears what the guardian says until it has ended.
+/// Reads the guardian's messages until it has ended.
 fn listen(
     mut child: Child,
     stdout: ChildStdout,
@@ -249,7 +252,7 @@ fn listen(
     for line in BufReader::new(stdout).lines() {
         let Ok(line) = line else { break };
         if let Some(reason) = line.strip_prefix(REFUSED) {
-            // Whether that may pass follows.
+            // A later message states whether the fault may pass.
             refused = Some(GuardianError::Refused(reason.to_owned()));
         } else if line == Keeper::MAY_PASS {
             refused = refused.map(|error| GuardianError::Unreached(error.to_string()));
@@ -275,7 +278,7 @@ struct Renewal {
 }
 
 impl Renewal {
-    /// Next message to the guardian; `None` while the procedure or the watch hangs.
+    /// Returns the next message to the guardian, or `None` while the procedure or the watch hangs.
     fn message(&self, known: &mut Option<Now>) -> Option<String> {
         if self
             .clocks
@@ -300,8 +303,8 @@ impl Renewal {
         Some(message)
     }
 
-    /// Says that the daemon is alive, as long as it is more than that: an executor that hangs is as
-    /// good as dead.
+    /// Sends heartbeats while the executor makes progress: a daemon whose executor hangs must
+    /// count as dead.
     fn keep(self, mut stdin: ChildStdin, goodbye: &mpsc::Receiver<&'static str>) {
         let (mut sent, mut known) = (0, None);
         loop {
@@ -310,7 +313,7 @@ impl Renewal {
                     let _ = writeln!(stdin, "{message}");
                     return;
                 }
-                // Whoever let go of the guardian without a word leaves the switching off to it.
+                // The sender was dropped without a goodbye: the guardian switches off.
                 Err(RecvTimeoutError::Disconnected) => return,
                 Err(RecvTimeoutError::Timeout) => {}
             }
@@ -376,11 +379,11 @@ mod tests {
                 renewal.message(&mut known).as_deref(),
                 Some("doing cell 25.5 bipolar supply down")
             );
-            // A wait within its bound, however long.
+            // A wait within its bound counts as progress, however long it is.
             let wait = clock.wait(Some(Duration::from_secs(3600)));
             other.sleep_s(3000.0).await;
             assert_eq!(renewal.message(&mut known).as_deref(), Some("."));
-            // Computing, for a while and for too long.
+            // Computing without a wait: first for a short time, then for too long.
             drop(wait);
             other.sleep_s(19.0).await;
             assert_eq!(renewal.message(&mut known).as_deref(), Some("."));

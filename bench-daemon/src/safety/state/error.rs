@@ -1,24 +1,24 @@
-//! Fault in the state of a bench.
+//! Errors in the stored state of a bench.
 
 use std::path::{Path, PathBuf};
 
 use super::latched::Latched;
 
-/// Fault in the state of a bench.
+/// Error in the stored state of a bench.
 #[derive(Debug, thiserror::Error)]
 pub enum StateError {
-    /// The file system.
+    /// The file system reported an error.
     #[error("{path}: the state of the bench {what}: {source}; state_folder in the bench file names \
     another place", path = path.display())]
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// Operation that was tried.
+        /// Operation that failed.
         what: &'static str,
         /// Error of the operating system.
         source: std::io::Error,
     },
-    /// No account, no folder.
+    /// There is neither a configured folder nor an account that would give one.
     #[error(
         "expected a folder for the state of the instruments in {VARIABLE}, for neither \
         XDG_STATE_HOME nor HOME is set"
@@ -34,15 +34,15 @@ pub enum StateError {
         /// Its run folder.
         run: PathBuf,
     },
-    /// Whoever would only ask must wait.
+    /// A process that only reads must wait.
     #[error("expected a bench that can be asked, found {by} at work on {bench}")]
     InUse {
         /// The bench.
         bench: String,
-        /// Who has it.
+        /// What holds it.
         by: &'static str,
     },
-    /// A person has to look first.
+    /// A person must inspect the bench first.
     #[error("{bench} is latched: {trip}. Look at the bench and the cell, then `eis-bench clear \
     {}`", path.display())]
     Latched {
@@ -64,6 +64,6 @@ pub(super) fn io(path: &Path, what: &'static str) -> impl Fn(std::io::Error) -> 
     }
 }
 
-/// Names the folder of all instruments; several accounts that run the same bench name one that all
-/// may write.
+/// Environment variable that names the folder of all instruments. Accounts that run the same bench
+/// must name one folder that all of them can write.
 pub const VARIABLE: &str = "EIS_BENCH_STATE";

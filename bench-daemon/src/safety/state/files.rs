@@ -1,4 +1,4 @@
-//! Files in the folders of a bench, and how they are written to disk.
+//! The files in the folders of a bench, and how they are written to disk.
 
 use std::{
     fs::{self, File, OpenOptions},
@@ -13,12 +13,12 @@ use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use super::{Latched, StateError, began, io};
 use crate::record::with_causes;
 
-/// Who runs a bench.
+/// The process that runs a bench.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Holder {
-    /// The process.
+    /// Process ID.
     pub pid: i32,
-    /// When it began, as [`began`] says.
+    /// Start time of the process, as [`began`] returns it.
     pub began: Option<u64>,
     /// Its run folder.
     pub run: PathBuf,
@@ -29,43 +29,43 @@ pub struct Holder {
 }
 
 impl Holder {
-    /// The process is there, and no other one has got its number.
+    /// Checks whether the process still exists and its process ID was not reused.
     pub fn lives(&self) -> bool {
-        // Not 0 and not 1: those are whole groups.
+        // 0 and 1 are excluded, because they stand for whole process groups.
         self.pid > 1 && self.began.is_some() && self.began == began(self.pid)
     }
 }
 
-/// A run that may have left outputs on: it was begun, and nobody has verified safe state since.
+/// A run that may have left outputs on: it was begun, and no safe state has been verified since.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OpenRun {
-    /// Who runs or ran it.
+    /// The process that runs or ran it.
     pub holder: Holder,
     /// When it was begun, s since 1970.
     pub unix_s: f64,
-    /// Every folder that says so.
+    /// Every folder that records this run.
     pub(super) places: Vec<PathBuf>,
 }
 
-/// Line behind an open run: its outputs were read back as off. It is written in place, so that it
-/// gets there where no file can be made or removed any more.
+/// Line after an open run that states that its outputs were read back as off. It is written in
+/// place, so that it can be written even if no file can be created or removed any more.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Closed {
-    /// The process that has read them.
+    /// Process ID of the reader.
     pub(super) pid: i32,
     /// When, s since 1970.
     pub(super) unix_s: f64,
 }
 
-/// A run that died together with its guardian, and after which every output was read back as off by
-/// somebody else.
+/// A run that died together with its guardian, and after which another process read back every
+/// output as off.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Settled {
     /// Its folder.
     pub run: PathBuf,
     /// When, s since 1970.
     pub unix_s: f64,
-    /// What was read back, in words; absent in the file of an older version.
+    /// What was read back, as text; absent in the file of an older version.
     #[serde(default)]
     pub read: String,
 }
@@ -77,7 +77,7 @@ pub(super) struct Latch {
     pub(super) latched: Latched,
     /// The bench file through which it was latched.
     pub(super) file: PathBuf,
-    /// Every folder that says so.
+    /// Every folder that contains the latch.
     pub(super) places: Vec<PathBuf>,
 }
 
@@ -107,7 +107,7 @@ pub(super) fn named_holder(path: &Path) -> Holder {
     serde_json::from_str(&text).unwrap_or_else(unknown)
 }
 
-/// A file of JSON; none where there is no file.
+/// Reads a JSON file. Returns `None` if the file does not exist.
 pub(super) fn read<T: DeserializeOwned>(
     path: &Path,
 ) -> Result<Option<Result<T, serde_json::Error>>, StateError> {
@@ -118,7 +118,8 @@ pub(super) fn read<T: DeserializeOwned>(
     }
 }
 
-/// The open run of a file, unless a line behind it says that its outputs were read back as off.
+/// Reads the open run of a file. Returns `None` if a line after it states that its outputs were
+/// read back as off.
 pub(super) fn read_open(
     path: &Path,
 ) -> Result<Option<Result<OpenRun, serde_json::Error>>, StateError> {
@@ -139,7 +140,7 @@ pub(super) fn read_open(
     Ok(closed.is_none().then_some(open))
 }
 
-/// Writes behind an open run that its outputs were read back as off.
+/// Appends to an open run that its outputs were read back as off.
 pub(super) fn close_open(file: &mut File) -> std::io::Result<()> {
     let closed = Closed {
         pid: super::pid(),
@@ -147,7 +148,7 @@ pub(super) fn close_open(file: &mut File) -> std::io::Result<()> {
     };
     let line = serde_json::to_string(&closed)?;
     file.seek(std::io::SeekFrom::End(0))?;
-    // Not waited for: as a rule the file is removed next.
+    // Not synced to disk, because the file is usually removed next.
     writeln!(file, "{line}")
 }
 
@@ -159,8 +160,8 @@ pub(super) fn json<T: Serialize>(path: &Path, value: &T) -> Result<(), StateErro
         .map_err(|error| io(path, "cannot be written")(std::io::Error::other(with_causes(&error))))
 }
 
-/// Removes a file that may be gone already. Its name is gone from the disk only when its folder is
-/// written.
+/// Removes a file that may already be gone. The removal is durable only after the folder is
+/// synced.
 pub(super) fn remove(folder: &Path, name: &str) -> Result<(), StateError> {
     let path = folder.join(name);
     match fs::remove_file(&path) {

@@ -7,26 +7,26 @@ use serde::{Deserialize, Serialize};
 
 use crate::interlock::Trip;
 
-/// Why a bench must not be run until a person has cleared it.
+/// Why a bench must not run until a person has cleared the latch.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Latched {
-    /// In words.
+    /// The cause as text.
     pub cause: String,
-    /// Quantity that left its limits, where it was a reading.
+    /// Quantity that left its limits, if the cause was a reading.
     pub quantity: Option<String>,
     /// Its value.
     pub value: Option<f64>,
     /// Its unit.
     pub unit: Option<String>,
-    /// Its limits; one that is infinite is none.
+    /// Its limits; an infinite limit is stored as `None`.
     pub limits: Option<(Option<f64>, Option<f64>)>,
     /// Bench time of the run, s.
     pub bench_time_s: Option<f64>,
     /// The run folder.
     pub run: Option<PathBuf>,
-    /// The step in work.
+    /// The step that was being executed.
     pub step: Option<String>,
-    /// Which process found it: `daemon`, `guardian` or `safe`.
+    /// The process that found the cause: `daemon`, `guardian` or `safe`.
     pub by: String,
     /// When, s since 1970.
     pub unix_s: f64,
@@ -45,7 +45,7 @@ impl std::fmt::Display for Latched {
 }
 
 impl Latched {
-    /// A cause that is no reading.
+    /// Creates a latch whose cause is not a reading.
     pub fn new(by: &str, cause: &str) -> Self {
         Self {
             cause: cause.to_owned(),
@@ -61,7 +61,7 @@ impl Latched {
         }
     }
 
-    /// Latch for a trip of the interlock.
+    /// Creates the latch for a trip of the interlock.
     pub fn of_trip(by: &str, trip: &Trip) -> Self {
         let latched = Self::new(by, &format!("interlock: {trip}"));
         match trip {
@@ -96,7 +96,7 @@ impl Latched {
         }
     }
 
-    /// The same in a run and a step.
+    /// Adds the run and the step.
     #[must_use]
     pub fn during(self, run: &Path, step: &str) -> Self {
         Self {

@@ -1,4 +1,4 @@
-//! Where the readings of one output are kept, and how they are written there.
+//! Where the readings of one output are kept, and in which format.
 
 use std::path::PathBuf;
 
@@ -17,7 +17,7 @@ use crate::{
 
 const OUTPUT: &str = "output.json";
 
-/// A reading as it is on disk.
+/// A reading as it is stored on disk.
 #[derive(Serialize, Deserialize)]
 struct Kept {
     #[serde(flatten)]
@@ -34,9 +34,9 @@ pub(super) struct OutputPlace {
 }
 
 impl OutputPlace {
-    /// The output of an instrument that can move charge, or the relays of a bath; none for any
-    /// other. Instruments behind one GPIB adapter share a folder, and are told apart by the names
-    /// of their files.
+    /// Returns the output of an instrument that can move charge, or the relays of a bath, and
+    /// `None` for any other instrument. Instruments behind one GPIB adapter share a folder and are
+    /// distinguished by their file names.
     pub(super) fn of(place: &InstrumentPlace) -> Option<Self> {
         if !DRIVES.contains(&place.role) && place.role != "chiller" {
             return None;
@@ -64,7 +64,7 @@ impl OutputPlace {
         }
     }
 
-    /// The latest reading of it, with its age.
+    /// Returns the latest reading of the output, with its age.
     pub(super) fn known(&self, now: &Moment) -> Option<KnownReading> {
         let kept = self
             .folders
@@ -80,10 +80,10 @@ impl OutputPlace {
         })
     }
 
-    /// Keeps a reading in every folder that it has.
+    /// Stores a reading in every folder of the output.
     ///
     /// # Errors
-    /// A file that cannot be written; the others are written.
+    /// Fails if a file cannot be written; the remaining files are still written.
     pub(super) fn keep(&self, reading: &OutputReading, at: &Moment) -> Result<(), StateError> {
         let kept = Kept {
             reading: reading.clone(),
@@ -99,7 +99,7 @@ impl OutputPlace {
     /// Removes every reading.
     ///
     /// # Errors
-    /// A file that cannot be removed.
+    /// Fails if a file cannot be removed.
     pub(super) fn forget(&self) -> Result<(), StateError> {
         self.folders
             .iter()

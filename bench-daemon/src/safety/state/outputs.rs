@@ -1,9 +1,9 @@
-//! What was read of the outputs of a bench, kept in the folders of its instruments, so that every
-//! process and every bench file that shares an instrument knows it. A run removes the readings
-//! before it may switch anything on: only a later one stands.
+//! Readings of the outputs of a bench, kept in the folders of its instruments, so that every
+//! process and every bench file that shares an instrument can use them. A run removes the readings
+//! before it may switch anything on: only later readings are valid.
 //!
-//! Whoever only reads takes a lock of its own. Runs, and whoever switches off, end it: it changes
-//! nothing, and instruments take one client.
+//! A process that only reads takes a separate lock. Runs and processes that switch off terminate
+//! such a reader: it changes nothing, and instruments accept one client.
 
 use std::{fs::TryLockError, path::Path};
 
@@ -21,10 +21,10 @@ use crate::{
 const READER_LOCK: &str = "reader.lock";
 
 impl State {
-    /// Keeps what was read of the outputs.
+    /// Stores the readings of the outputs.
     ///
     /// # Errors
-    /// A file that cannot be written; the others are written.
+    /// Fails if a file cannot be written; the remaining files are still written.
     pub fn keep_readings(&self, readings: &[OutputReading]) -> Result<(), StateError> {
         let now = Moment::now();
         let keep = |reading: &OutputReading| {
@@ -36,12 +36,12 @@ impl State {
         kept.into_iter().collect()
     }
 
-    /// Forgets every reading, for an output may be switched on from here on.
+    /// Removes every reading, because an output may be switched on from this point.
     pub(super) fn forget_readings(&self) -> Result<(), StateError> {
         self.outputs.iter().try_for_each(OutputPlace::forget)
     }
 
-    /// State of the outputs, as far as it was read back.
+    /// Returns the state of the outputs, as far as it was read back.
     pub fn outputs(&self) -> OutputsState {
         let now = Moment::now();
         let each = self.outputs.iter().filter_map(|place| place.known(&now));
@@ -61,11 +61,11 @@ impl State {
         )
     }
 
-    /// Takes the place of whoever only reads the outputs; refused while a run, a guardian, somebody
-    /// who switches off, or another reader has the bench.
+    /// Takes the lock of a process that only reads the outputs. It is refused while a run, a
+    /// guardian, a process that switches off, or another reader holds the bench.
     ///
     /// # Errors
-    /// [`StateError::Busy`], [`StateError::InUse`]; a file that cannot be opened.
+    /// [`StateError::Busy`], [`StateError::InUse`], or a file that cannot be opened.
     pub fn lock_reader(&self) -> Result<Lock, StateError> {
         let mut files = Vec::new();
         for place in &self.places {
@@ -95,8 +95,9 @@ impl State {
         }
     }
 
-    /// Ends whoever only reads the outputs, and keeps others from beginning to as long as the lock
-    /// lives. It never fails: what cannot be locked must not hinder a run or a switching off.
+    /// Terminates a process that only reads the outputs, and blocks new readers while the returned
+    /// lock lives. It never fails: a lock that cannot be taken must not prevent a run or a
+    /// shutdown.
     pub fn end_reader(&self) -> Lock {
         let mut files = Vec::new();
         for place in &self.places {
@@ -104,7 +105,7 @@ impl State {
             let Ok(file) = open(&path) else {
                 continue;
             };
-            // A process that is killed frees its locks.
+            // The system releases the locks of a killed process.
             let is_free = !matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock))
                 || (end_process_of(&path) && file.lock_shared().is_ok());
             files.extend(is_free.then_some(file));
@@ -113,9 +114,10 @@ impl State {
     }
 }
 
-/// Ends the process that holds a lock by reading: it has nothing to finish. Whether it was found.
+/// Terminates the process that holds a read lock; it has nothing to finish. Returns whether it was
+/// found.
 fn end_process_of(path: &Path) -> bool {
-    // Not 0 and not 1: those are whole groups.
+    // 0 and 1 are excluded, because they stand for whole process groups.
     locks::holder(path)
         .filter(|reader| *reader > 1)
         .is_some_and(|reader| kill(Pid::from_raw(reader), Signal::SIGKILL).is_ok())

@@ -1,6 +1,6 @@
-//! Where the state of an instrument is kept: in a folder that follows from its address alone,
-//! whatever bench file names it. Two bench files that share an instrument share that folder, and
-//! with it lock and latch.
+//! Where the state of an instrument is kept: in a folder that is derived from its address alone,
+//! independently of the bench file. Two bench files that share an instrument share that folder,
+//! and therefore its lock and latch.
 
 use std::path::PathBuf;
 
@@ -16,10 +16,10 @@ pub(super) struct InstrumentPlace {
     pub(super) folders: Vec<PathBuf>,
 }
 
-/// The folders of each instrument of a bench.
+/// Returns the folders of each instrument of a bench.
 ///
-/// Mocks on this machine are no more than their bench file says: their ports are given to others
-/// when they have ended, and so their folders lie with the rest of the bench's state.
+/// Mocks on this machine are valid only for their bench file: after they have ended, their ports
+/// are given to other programs. Their folders are therefore kept with the state of the bench.
 ///
 /// # Errors
 /// [`StateError::Nowhere`].
@@ -42,7 +42,7 @@ pub(super) fn places(bench: &config::Bench) -> Result<Vec<InstrumentPlace>, Stat
     Ok(places.collect())
 }
 
-/// Folder of the state of all instruments of this machine.
+/// Returns the folder that holds the state of all instruments of this machine.
 ///
 /// # Errors
 /// [`StateError::Nowhere`].
@@ -62,7 +62,7 @@ pub(super) fn root() -> Result<PathBuf, StateError> {
     variable(VARIABLE).or_else(own).ok_or(StateError::Nowhere)
 }
 
-/// A name that a person recognises and that no other key has.
+/// Returns a folder name that a person recognises and that is unique for each key.
 fn folder(key: &str) -> String {
     let plain: String = key
         .chars()

@@ -1,7 +1,7 @@
-//! Benches that run or ran on this machine, by their files, so that all of them can be switched off
-//! by whoever knows none of them.
+//! Benches that run or ran on this machine, by their files, so that all of them can be switched
+//! off without knowing any of them.
 //!
-//! A bench of mocks is among them only from the beginning of a run until its outputs were read back
+//! A bench of mocks is registered only from the beginning of a run until its outputs are read back
 //! as off: afterwards its ports may belong to other programs.
 
 use std::{
@@ -29,14 +29,14 @@ pub struct KnownBench {
     pub bench: String,
     /// Its file.
     pub file: PathBuf,
-    /// Mocks stood for its instruments.
+    /// Whether its instruments were mocks.
     pub mocked: bool,
     /// When the last run began, s since 1970.
     pub unix_s: f64,
 }
 
 impl KnownBench {
-    /// Where this is written down.
+    /// Returns the path of the file that records this bench.
     ///
     /// # Errors
     /// [`StateError::Nowhere`].
@@ -44,10 +44,10 @@ impl KnownBench {
         Ok(root()?.join(FOLDER).join(name(&self.file)))
     }
 
-    /// Forgets it.
+    /// Removes the bench from the registry.
     ///
     /// # Errors
-    /// A file that cannot be removed.
+    /// Fails if a file cannot be removed.
     pub fn forget(&self) -> Result<(), StateError> {
         remove(&root()?.join(FOLDER), &name(&self.file))
     }
@@ -72,11 +72,10 @@ impl State {
     }
 }
 
-/// Benches that run or ran on this machine, by their files.
+/// Returns the benches that run or ran on this machine, by their files.
 ///
 /// # Errors
-/// A folder or a file that cannot be read or understood: then it is not known which benches there
-/// are.
+/// Fails if a folder or a file cannot be read or parsed: then the list of benches is incomplete.
 pub fn known_benches() -> Result<Vec<KnownBench>, StateError> {
     let folder = root()?.join(FOLDER);
     let entries = match fs::read_dir(&folder) {
@@ -87,7 +86,7 @@ pub fn known_benches() -> Result<Vec<KnownBench>, StateError> {
     let mut known = Vec::new();
     for entry in entries {
         let path = entry.map_err(io(&folder, "cannot be read"))?.path();
-        // Others are files that were being written.
+        // Other extensions belong to files that were being written.
         if path.extension().is_none_or(|extension| extension != "json") {
             continue;
         }

@@ -12,7 +12,8 @@ fn state(folder: &Path) -> State {
     }
 }
 
-/// Benches with a folder of their own each, whose instruments have the folders of these names.
+/// Returns benches that each have their own folder, and whose instruments have folders of these
+/// names.
 fn sharing(root: &Path, benches: [(&str, &[&'static str]); 3]) -> [State; 3] {
     benches.map(|(name, instruments)| {
         let folder = root.join(name);
@@ -67,7 +68,7 @@ fn benches_that_share_an_instrument_exclude_each_other_and_see_each_others_latch
     }
     apart.lock(Path::new("runs/c")).unwrap();
     drop(lock);
-    // Who was refused half-way has let go of what it had.
+    // A lock that is refused half-way releases what it already held.
     one.lock(Path::new("runs/a")).unwrap();
     let guardian = two.lock_guardian().unwrap();
     assert!(
@@ -85,7 +86,7 @@ fn benches_that_share_an_instrument_exclude_each_other_and_see_each_others_latch
     );
     assert!(refused.starts_with(&words), "{refused}");
     apart.refuse_latched().unwrap();
-    // Whichever of them is cleared, the cause is gone for both.
+    // Clearing the latch through either bench clears it for both.
     two.clear(&cause, None, None).unwrap();
     one.refuse_latched().unwrap();
     two.refuse_latched().unwrap();
@@ -279,7 +280,7 @@ fn what_was_read_of_a_shared_instrument_is_known_to_both_benches_until_a_run_beg
         states(),
         [OutputsKind::Off, OutputsKind::Off, OutputsKind::NotRead]
     );
-    // Found on through the other bench.
+    // The output was found on through the other bench.
     two.keep_readings(&[read("load", OutputState::On, now_s)])
         .unwrap();
     assert_eq!(
@@ -305,14 +306,14 @@ fn a_run_whose_record_cannot_be_removed_is_over_all_the_same() {
     let state = state(folder.path());
     let mut open = state.begin(Path::new("runs/a")).unwrap();
     assert!(state.open_run().unwrap().is_some());
-    // What the run writes into its open file before it is removed.
+    // The run writes its end into its open file before it removes the file.
     let (path, saved) = (state.path(OPEN), state.path("saved"));
     fs::hard_link(&path, &saved).unwrap();
     state.settled_by(&mut open).unwrap();
     assert!(!path.exists());
     fs::rename(&saved, &path).unwrap();
     assert_eq!(state.open_run().unwrap(), None);
-    // A line that was torn says nothing.
+    // An incomplete line counts as no line.
     let text = fs::read_to_string(&path).unwrap();
     fs::write(&path, &text[..text.len() - 4]).unwrap();
     assert!(state.open_run().unwrap().is_some());
