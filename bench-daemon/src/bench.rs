@@ -1,5 +1,5 @@
-//! Opens the instruments of one bench, checks their identities, and brings them into safe state.
-//! Opening changes nothing on any of them.
+//! Opens the instruments of one bench, checks their identities, and brings them into a safe state.
+//! Opening does not change the state of any instrument.
 
 mod bath;
 mod error;
@@ -31,7 +31,7 @@ use error::wrap;
 
 use crate::config;
 
-/// A bench: its instruments, and what the configuration says of them.
+/// A bench: its instruments and their configuration.
 pub struct Bench {
     name: String,
     /// Its instruments, by role.
@@ -39,14 +39,14 @@ pub struct Bench {
     models: BTreeMap<&'static str, config::Instrument>,
     clock: Clock,
     command_offset_v: f64,
-    /// Roles whose output said that it is off while a current flowed, and by what it was brought to
-    /// zero.
+    /// Roles whose output was reported as off while a current flowed, and the method that brought
+    /// the current to zero.
     lied: BTreeMap<String, String>,
-    /// Report of the last time that everything was switched off.
+    /// Report of the last shutdown of all outputs.
     last_safe: Option<SafeReport>,
 }
 
-/// An instrument's identity, for the manifest.
+/// Identity of an instrument, for the manifest.
 #[derive(Debug, Clone, serde::Serialize)]
 pub struct Identified {
     /// Its role.
@@ -55,14 +55,14 @@ pub struct Identified {
     pub model: String,
     /// Its address.
     pub address: String,
-    /// Identity by its own answer.
+    /// Identity as the instrument reports it.
     pub identity: Identity,
-    /// Whether that is what the configuration says.
+    /// Whether the identity matches the configured model.
     pub recognised: bool,
 }
 
 impl Identified {
-    /// Refuses an instrument that is not the configured model.
+    /// Returns an error if the instrument is not the configured model.
     ///
     /// # Errors
     /// [`BenchError::Identity`].
@@ -85,10 +85,10 @@ impl Identified {
 }
 
 impl Bench {
-    /// Connects to every instrument; sends nothing.
+    /// Connects to every instrument without sending anything.
     ///
     /// # Errors
-    /// The first instrument that cannot be reached.
+    /// Fails at the first instrument that cannot be reached.
     pub async fn open(
         config: &config::Bench,
         connections: &Connections,
@@ -97,9 +97,9 @@ impl Bench {
         Ok(Self::of(instruments, config, connections))
     }
 
-    /// The instruments that can move charge, and the bath, not yet connected to: switching off and
-    /// asking connect each of them by itself, so that one that cannot be reached does not keep the
-    /// others from being switched off. Sends nothing.
+    /// Creates the instruments that can move charge, and the bath, without connecting to them.
+    /// Shutdown and queries connect to each of them separately, so that an unreachable instrument
+    /// does not prevent the others from being switched off. Sends nothing.
     ///
     /// # Errors
     /// [`BenchError::Dialect`].
@@ -126,9 +126,9 @@ impl Bench {
         }
     }
 
-    /// A second set of handles on the same connections, whose waits count on `clock`: for the watch,
-    /// which reads meters and switches off while a procedure drives the instruments. Scope and jig
-    /// are left out.
+    /// Returns a second set of handles on the same connections, whose waits count on `clock`. The
+    /// watch uses them to read meters and to switch off while a procedure drives the instruments.
+    /// Scope and jig are not included.
     #[must_use]
     pub fn share(&self, clock: &Clock) -> Self {
         Self {
@@ -142,32 +142,32 @@ impl Bench {
         }
     }
 
-    /// Keeps every other set of handles out, so that switching off comes first; see
+    /// Blocks every other set of handles, so that the shutdown comes first; see
     /// [`instruments::link::Link::take_over`].
     pub fn take_over(&mut self) {
         self.each_link(|link| link.take_over());
     }
 
-    /// Lets the other sets of handles speak again, and gives them what this one has learnt about
-    /// outputs that report a wrong state.
+    /// Unblocks the other sets of handles, and passes on to `other` which outputs were found to
+    /// report a wrong state.
     pub fn release_to(&mut self, other: &mut Self) {
         self.each_link(|link| link.release());
         other.lied.extend(self.lied.clone());
     }
 
-    /// Asks the instrument of a role whether all its settings are still as they were made, and
-    /// changes nothing; what is not, in words.
+    /// Queries whether all settings of the instrument in a role are still as they were made,
+    /// without changing anything. Returns a description of the difference, if any.
     ///
     /// # Errors
-    /// The link's.
+    /// Errors of the link.
     pub async fn differs(&mut self, role: &str) -> Result<Option<String>, LinkError> {
         self.compare(role, None).await
     }
 
-    /// As [`Self::differs`], for one setting: number `turn`, counted round.
+    /// As [`Self::differs`], for a single setting: number `turn`, modulo the number of settings.
     ///
     /// # Errors
-    /// The link's.
+    /// Errors of the link.
     pub async fn differs_one(
         &mut self,
         role: &str,
@@ -208,11 +208,11 @@ impl Bench {
         for_roles!(visit_all);
     }
 
-    /// A new connection to each instrument that can move charge and has none. The bath is not among
-    /// them: [`Self::reach_bath`].
+    /// Opens a new connection to each instrument that can move charge and has none. The bath is
+    /// excluded: see [`Self::reach_bath`].
     ///
     /// # Errors
-    /// The first that cannot be reached.
+    /// Fails at the first instrument that cannot be reached.
     pub async fn connect(&mut self) -> Result<(), BenchError> {
         macro_rules! connect {
             ($role:literal, $field:ident) => {
@@ -239,11 +239,11 @@ impl Bench {
         Ok(())
     }
 
-    /// Asks every instrument who it is; changes nothing. What is not the configured model is
-    /// marked, not refused.
+    /// Queries the identity of every instrument without changing anything. An instrument that is
+    /// not the configured model is marked but not rejected.
     ///
     /// # Errors
-    /// The first instrument that does not answer.
+    /// Fails at the first instrument that does not answer.
     pub async fn identify(&mut self) -> Result<Vec<Identified>, BenchError> {
         let mut found = Vec::new();
         macro_rules! ask {
@@ -275,29 +275,29 @@ impl Bench {
         Ok(found)
     }
 
-    /// As [`Self::identify`], and refuses an instrument that is not the configured model.
+    /// As [`Self::identify`], but rejects an instrument that is not the configured model.
     ///
     /// # Errors
-    /// Also [`BenchError::Identity`].
+    /// As [`Self::identify`], and [`BenchError::Identity`].
     pub async fn identify_strictly(&mut self) -> Result<Vec<Identified>, BenchError> {
         let found = self.identify().await?;
         found.iter().try_for_each(Identified::expected)?;
         Ok(found)
     }
 
-    /// Closes every connection; gives what was read back when everything was switched off last.
+    /// Closes every connection. Returns the report of the last shutdown.
     pub fn close(self) -> Option<SafeReport> {
         self.last_safe
     }
 
-    /// The model that the configuration gives a role.
+    /// Returns the configured model of a role.
     pub fn model(&self, role: &str) -> &str {
         self.models
             .get(role)
             .map_or("", |instrument| instrument.model.as_str())
     }
 
-    /// Wraps a link's error with its role.
+    /// Returns a function that wraps a link error with the role.
     pub fn error(&self, role: &'static str) -> impl Fn(LinkError) -> BenchError + use<> {
         let model = self.model(role).to_owned();
         move |source| wrap(role, &model, source)

@@ -1,7 +1,7 @@
-//! Handles a bath that closes its own loop, once everything else is off. It moves no charge and may
-//! be what cools the cell, so that it keeps its set-point unless something is wrong: its set-point,
-//! its control, or what its own sensor reads. No drive waits for it. It is asked for a short time
-//! only, because it may serve another client.
+//! Handles a bath that closes its own loop, after everything else is off. The bath moves no charge
+//! and may be what cools the cell. It therefore keeps its set-point unless its set-point, its
+//! control, or the reading of its own sensor is wrong. No drive waits for the bath. It is queried
+//! for a short time only, because it may serve another client.
 
 use std::time::Duration;
 
@@ -17,25 +17,25 @@ use super::{
 };
 use crate::interlock::{BathFault, BathJudge, BathReading};
 
-/// Longest wait for its answers.
+/// Longest wait for the answers of the bath.
 const ASKED: Duration = Duration::from_secs(5);
-/// How long a bath far from its set-point is watched for its direction, and the pause between two
-/// readings, s.
+/// How long a bath far from its set-point is observed to determine its direction, and the pause
+/// between two readings, s.
 const WATCHED_S: f64 = 10.0;
 const AGAIN_S: f64 = 1.0;
 
-/// What a bath is judged by, beside its own settings.
+/// Criteria for a bath beside its own settings.
 #[derive(Debug, Clone, Default)]
 pub struct BathOrder {
     /// Least and greatest temperature of the cell, °C, where they are known.
     pub cell_c: Option<(f64, f64)>,
-    /// Why it must be stopped whatever it does, in words.
+    /// Why the bath must be stopped in any case, as text.
     pub stop: Option<String>,
 }
 
-/// What the sensor of a bath has read.
+/// Result of reading the sensor of a bath.
 enum SensorReading {
-    /// The last temperature, °C, and nothing is wrong.
+    /// The last temperature, °C, with no fault.
     Sound(f64),
     Wrong(BathFault),
     /// Why there is no reading.
@@ -43,10 +43,10 @@ enum SensorReading {
 }
 
 impl Bench {
-    /// Connects to the bath and asks who it is.
+    /// Connects to the bath and checks its identity.
     ///
     /// # Errors
-    /// It cannot be reached, or is another model.
+    /// Fails if the bath cannot be reached or is another model.
     pub async fn reach_bath(&mut self) -> Result<(), BenchError> {
         let Some(bath) = self.instruments.chiller.as_mut() else {
             return Ok(());
@@ -55,10 +55,10 @@ impl Bench {
         reached.map_err(|source| wrap("chiller", self.model("chiller"), source))
     }
 
-    /// Stops a bath that closes its loop itself and that this run has started, if it is no longer
-    /// set as the run has set it, if its own sensor shows that it is not under control, or if the
-    /// order says so. Returns what became of it; `None` if it was left as it is and its sensor was
-    /// read.
+    /// Stops a bath that closes its own loop and that this run has started, if its settings differ
+    /// from those that the run made, if its own sensor shows that it is not under control, or if
+    /// the order requires it. Returns the resulting state, or `None` if the bath was left as it is
+    /// and its sensor was read.
     pub async fn stop_stray_bath(&mut self, order: &BathOrder) -> Option<BathLeft> {
         let clock = self.clock.clone();
         let bath = self
@@ -93,7 +93,8 @@ impl Bench {
         }
     }
 
-    /// The same for a bath that another process, which is dead, had started at this set-point, °C.
+    /// As `stop_stray_bath`, for a bath that another process started at this set-point, °C, before
+    /// it died.
     pub async fn stop_stray_bath_of(
         &mut self,
         setpoint_c: f64,
@@ -107,9 +108,9 @@ impl Bench {
         self.stop_stray_bath(order).await
     }
 
-    /// State of a bath that closes its own loop, for a person. A bath is stopped if its set-point
-    /// or its sensor lies outside the limits of the cell, °C, where they are known, or if it moves
-    /// away from its set-point. Returns `None` on a bench without such a bath.
+    /// Returns the state of a bath that closes its own loop, for a person. Stops the bath if its
+    /// set-point or its sensor lies outside the limits of the cell, °C, if these are known, or if
+    /// the bath moves away from its set-point. Returns `None` on a bench without such a bath.
     pub async fn bath(&mut self, cell_c: Option<(f64, f64)>) -> Option<BathLeft> {
         let model = self.model("chiller").to_owned();
         let clock = self.clock.clone();
@@ -159,7 +160,7 @@ impl Bench {
     }
 }
 
-/// Waits for answers of a bath, but not for long; why there are none, in words.
+/// Waits a short time for answers of a bath. Returns the reason as text if there are none.
 async fn within<T>(
     clock: &Clock,
     asked: impl Future<Output = Result<T, LinkError>>,
@@ -170,7 +171,7 @@ async fn within<T>(
     }
 }
 
-/// A bath that runs, and whose temperature nobody knows.
+/// Describes a running bath whose temperature is unknown.
 fn unread(setpoint_c: f64, why: &str) -> BathLeft {
     tracing::warn!("bath: {why}");
     BathLeft::astray(&format!(
@@ -178,8 +179,8 @@ fn unread(setpoint_c: f64, why: &str) -> BathLeft {
     ))
 }
 
-/// Reads the sensor of a bath that runs, and judges it. One reading is enough if the bath is near
-/// its set-point; a bath that is far from it is watched for its direction.
+/// Reads and judges the sensor of a running bath. One reading is enough if the bath is near its
+/// set-point; a bath that is far from it is observed to determine its direction.
 async fn read_sensor(
     bath: &mut Chiller,
     clock: &Clock,
@@ -207,7 +208,8 @@ async fn read_sensor(
     }
 }
 
-/// Stops a bath and reads that back; one that does not stop is given the other ways of its dialect.
+/// Stops a bath and reads back that it stopped. If it does not stop, tries the fallback methods of
+/// its dialect.
 async fn stopped(bath: &mut Chiller, met: &str) -> BathLeft {
     fresh(bath).await;
     let Err(error) = bath.stop().await else {

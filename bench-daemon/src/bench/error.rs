@@ -7,7 +7,7 @@ use super::output::Unsafe;
 /// Reason why a bench cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
-    /// An instrument does not answer as it must.
+    /// An instrument does not answer as expected.
     #[error("{role} ({model}): {source}")]
     Link {
         /// Its role.
@@ -17,7 +17,7 @@ pub enum BenchError {
         /// Error of the link.
         source: Box<LinkError>,
     },
-    /// Another model answers than the configuration says.
+    /// The instrument that answers is not of the configured model.
     #[error(
         "{role}: expected a {model}, found {found:?} at {address}; check model and address in the \
         bench file"
@@ -32,7 +32,7 @@ pub enum BenchError {
         /// Its answer.
         found: String,
     },
-    /// Outputs that are not known to be off.
+    /// Outputs are not known to be off.
     #[error(transparent)]
     Unsafe(#[from] Unsafe),
     /// A step needs a role that the bench lacks.
@@ -41,7 +41,7 @@ pub enum BenchError {
         /// The role.
         role: &'static str,
     },
-    /// A key without a dialect: the configuration should have refused it.
+    /// A model key has no dialect: the configuration should have rejected it.
     #[error("{role}: no dialect {model:?}")]
     Dialect {
         /// The role.
@@ -52,7 +52,8 @@ pub enum BenchError {
 }
 
 impl BenchError {
-    /// Role of the instrument that it is about; none where it is about several.
+    /// Returns the role of the instrument that the error concerns, or `None` if it concerns
+    /// several.
     pub fn role(&self) -> Option<&'static str> {
         match self {
             Self::Link { role, .. }
@@ -64,7 +65,7 @@ impl BenchError {
     }
 }
 
-/// Wraps a link's error with its role and its model in the configuration.
+/// Wraps a link error with its role and its configured model.
 pub(super) fn wrap(role: &'static str, model: &str, source: LinkError) -> BenchError {
     BenchError::Link {
         role,

@@ -1,6 +1,6 @@
-//! State in which each output was left, and the one sentence that reports it. The sentence says
-//! which current still flows, by whose reading, what bounds it, and what to unplug. The daemon, its
-//! guardian, `eis-bench safe` and the server share it.
+//! The state in which each output was left, and the sentence that reports it. The sentence states
+//! which current still flows, which meter shows it, what bounds it, and what to unplug. The
+//! daemon, its guardian, `eis-bench safe` and the server share it.
 
 use instruments::clock;
 use serde::{Deserialize, Serialize};
@@ -41,11 +41,12 @@ pub struct Output {
 
 /// Setting of a generator whose supply is not known to be off.
 pub(super) const LEAST_SINE: &str = "its least sine";
-/// The roles that have a meter of their own current.
+/// The roles that measure their own current.
 pub(super) const METERED: [&str; 3] = ["supply4q", "load", "supply"];
 
 impl Output {
-    /// It is off by its own word, and no current flows by its meter, where it has one.
+    /// Checks whether the output is reported as off and no current flows according to its meter,
+    /// if any.
     pub fn verified(&self) -> bool {
         let metered = METERED.contains(&self.role.as_str());
         self.off
@@ -54,7 +55,7 @@ impl Output {
             && (!metered || self.amps.is_some_and(|amps| amps.abs() <= NO_CURRENT_A))
     }
 
-    /// What was read, as it is kept.
+    /// Converts the state into a reading to be stored.
     fn reading(&self, unix_s: f64, by: &str) -> OutputReading {
         let is_metered = METERED.contains(&self.role.as_str());
         let state = if self.verified() {
@@ -77,13 +78,13 @@ impl Output {
         }
     }
 
-    /// It was left on, for its offset holds the supply's zero error at no current: nobody tried to
-    /// switch it off.
+    /// Checks whether the output was left on intentionally, because its offset compensates the
+    /// supply's zero error. Nothing tried to switch it off.
     fn holds(&self) -> bool {
         self.role == "generator" && self.by.is_some() && self.trouble.is_none()
     }
 
-    /// Why it is not verified, and what to do: one clause of the sentence.
+    /// Returns why the output is not verified, and what to do: one clause of the sentence.
     fn clause(&self, drive_off: bool) -> String {
         let (name, unplug) = (self.name(), self.unplug());
         let bound = self
@@ -179,7 +180,7 @@ impl Output {
         }
     }
 
-    /// One line for people.
+    /// Returns one line for people.
     pub fn line(&self) -> String {
         let meter = match (self.volts, self.amps) {
             (Some(volts), Some(amps)) => format!("; {volts:.4} V, {amps:.4} A"),
@@ -258,7 +259,7 @@ pub struct SafeReport {
 }
 
 impl SafeReport {
-    /// Whether all that is not verified is due to outputs that do not answer.
+    /// Checks whether all outputs that are not verified do not answer.
     pub(super) fn is_silent(&self) -> bool {
         let wrong = |output: &&Output| !output.verified() && !output.holds();
         let mut outputs = self.outputs.iter().filter(wrong).peekable();
@@ -273,12 +274,12 @@ impl SafeReport {
             .filter(|output| output.role == "supply4q")
             .all(Output::verified);
         let verified = outputs.iter().all(Output::verified);
-        // A generator that holds the supply's command at zero is no danger of its own.
+        // A generator that holds the supply's command at zero is not a danger of its own.
         let mut wrong: Vec<&Output> = outputs
             .iter()
             .filter(|output| !output.verified() && !output.holds())
             .collect();
-        // The greatest current first, then what is not known.
+        // The greatest current comes first, then unknown currents.
         wrong.sort_by(|one, other| weight(other).total_cmp(&weight(one)));
         let silent = |output: &&Output| output.amps.is_none() && !output.off && !output.out_of_step;
         let message = if outputs.is_empty() {
@@ -321,7 +322,7 @@ impl SafeReport {
         report
     }
 
-    /// What was read of each output; nothing where nothing was read.
+    /// Returns the reading of each output, or nothing if nothing was read.
     pub fn readings(&self, by: &str) -> Vec<OutputReading> {
         let Some(unix_s) = self.read_unix_s else {
             return Vec::new();
@@ -332,7 +333,7 @@ impl SafeReport {
             .collect()
     }
 
-    /// Everything that moves charge is off; a bath may not be.
+    /// Checks whether everything that moves charge is off; a bath may still be on.
     pub fn drives_verified(&self) -> bool {
         self.outputs
             .iter()
@@ -340,13 +341,13 @@ impl SafeReport {
             .all(Output::verified)
     }
 
-    /// The bath did not answer.
+    /// Checks whether the bath did not answer.
     pub fn bath_is_silent(&self) -> bool {
         self.outputs.iter().any(|output| output.silent)
     }
 
-    /// The same with what a bath that closes its own loop does. One that goes astray is nothing
-    /// that could be called verified.
+    /// Adds the state of a bath that closes its own loop. If the bath is out of control, the
+    /// report is not verified.
     #[must_use]
     pub fn with_bath(mut self, bath: Option<BathLeft>) -> Self {
         if let Some(bath) = bath.as_ref().filter(|bath| bath.astray) {
@@ -360,7 +361,7 @@ impl SafeReport {
         Self { bath, ..self }
     }
 
-    /// The message as an error where something is not verified.
+    /// Returns the report, or an error with its message if anything is not verified.
     ///
     /// # Errors
     /// [`Unsafe`].
@@ -372,7 +373,7 @@ impl SafeReport {
         }
     }
 
-    /// Errors in the words of the links, for a log.
+    /// Returns the errors of the links, for a log.
     pub fn troubles(&self) -> String {
         let told = self
             .outputs

@@ -1,13 +1,14 @@
-//! State of the outputs of a bench: what was read back, and when. API, page, command line, guardian
-//! and notices show the words that are made here, so that none of them says more than was read.
+//! The state of the outputs of a bench: what was read back, and when. API, page, command line,
+//! guardian and notices use the texts of this module, so that none of them claims more than was
+//! read.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::support::calendar::local_time;
 
-/// A reading is current for this long, s. An older one says how things were, not how they are:
-/// another client or a hand at a panel may have switched an output on since.
+/// How long a reading counts as current, s. An older reading describes the past: another client or
+/// a person at the panel may have switched an output on since.
 pub const CURRENT_FOR_S: f64 = 900.0;
 
 /// Roles of the instruments that can move charge.
@@ -28,7 +29,7 @@ pub enum OutputState {
 }
 
 impl OutputState {
-    /// Its name, as the API has it.
+    /// Returns its name in the API.
     pub fn name(self) -> &'static str {
         match self {
             Self::Off => "off",
@@ -60,7 +61,7 @@ pub struct OutputReading {
 }
 
 impl OutputReading {
-    /// It is off, and nothing flows.
+    /// Checks whether the output is off and carries no current.
     pub fn is_off(&self) -> bool {
         self.state == OutputState::Off
     }
@@ -112,8 +113,9 @@ pub struct OutputsState {
 }
 
 impl OutputsState {
-    /// State of a bench from what is known of each of its outputs. `roles` are those that must have
-    /// been read; `begun_unix_s` is when a run began that has left no reading, s since 1970.
+    /// Combines the readings of the outputs into the state of the bench. `roles` lists the outputs
+    /// that must have been read; `begun_unix_s` is the start of a run that has left no reading, s
+    /// since 1970.
     pub fn of(
         roles: &[&str],
         known: &[KnownReading],
@@ -152,13 +154,14 @@ impl OutputsState {
         }
     }
 
-    /// State right after a reading.
+    /// Returns the state right after a reading.
     pub fn just_read(readings: &[OutputReading]) -> Self {
         let read_unix_s = readings.first().map_or(0.0, |reading| reading.unix_s);
         Self::read_earlier(readings, read_unix_s)
     }
 
-    /// State at the time of a reading, said later: with its date where that is not today's.
+    /// Returns the state at the time of an earlier reading. The text contains the date unless it
+    /// is today.
     pub fn read_earlier(readings: &[OutputReading], now_unix_s: f64) -> Self {
         let known: Vec<KnownReading> = readings
             .iter()
@@ -180,7 +183,7 @@ impl OutputsState {
         }
     }
 
-    /// State while a run is in work.
+    /// Returns the state during a run.
     pub fn in_run() -> Self {
         Self {
             state: OutputsKind::InRun,
@@ -189,7 +192,7 @@ impl OutputsState {
         }
     }
 
-    /// State of a bench that is simulated within the process of a run.
+    /// Returns the state of a bench that is simulated within the process of a run.
     pub fn simulated() -> Self {
         Self {
             state: OutputsKind::Simulated,
@@ -198,24 +201,25 @@ impl OutputsState {
         }
     }
 
-    /// Every output was read as off by a reading that is current, or there is none.
+    /// Checks whether every output was read as off by current readings, or whether the bench is
+    /// simulated.
     pub fn is_off(&self) -> bool {
         matches!(self.state, OutputsKind::Off | OutputsKind::Simulated)
     }
 
-    /// Something was read that a person has to look at.
+    /// Checks whether a person must inspect what was read.
     pub fn is_alarming(&self) -> bool {
         matches!(self.state, OutputsKind::On | OutputsKind::Unreachable)
             || self.state == OutputsKind::Stale && self.outputs.iter().any(|one| !one.is_off())
     }
 
-    /// The reading of a role.
+    /// Returns the reading of a role.
     pub fn of_role(&self, role: &str) -> Option<&OutputReading> {
         self.outputs.iter().find(|reading| reading.role == role)
     }
 }
 
-/// What makes a reading old, in words; none for one that is current.
+/// Returns why a reading is old, as text, or `None` if it is current.
 fn aged(age_s: Option<f64>) -> Option<String> {
     match age_s {
         None => Some(", and the machine's clock was set since: no longer current".to_owned()),
@@ -239,7 +243,7 @@ fn kind(readings: &[OutputReading], missing: &[&str]) -> OutputsKind {
     }
 }
 
-/// What was read, in words; what is not off comes first.
+/// Describes what was read. Outputs that are not off come first.
 fn what(readings: &[OutputReading], missing: &[&str], time: &str) -> String {
     let all = |state| readings.iter().all(|reading| reading.state == state);
     if missing.is_empty() && all(OutputState::Off) {

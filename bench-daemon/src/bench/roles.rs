@@ -21,12 +21,12 @@ use instruments::{
 use super::error::{BenchError, wrap};
 use crate::config;
 
-/// A link waits for an answer for at least this many times its usual time.
+/// Least timeout of a link, as a multiple of its usual answer time.
 const ANSWERS_PER_TIMEOUT: f64 = 3.0;
 
-/// Hands the roles whose models speak a dialect to another macro, in the order in which instruments
-/// are listed: the role's module in `instruments`, which is its field and its name, too, and its
-/// variant.
+/// Passes the roles whose models have a dialect to another macro, in the order in which
+/// instruments are listed: the role's module in `instruments`, which is also its field and its
+/// name, and its variant.
 macro_rules! for_roles {
     ($hand:ident) => {
         $hand! {
@@ -48,7 +48,7 @@ pub struct Connections {
     pub clock: Clock,
     /// In-process streams.
     pub hub: MemoryHub,
-    /// Where each instrument's conversation is written, by role.
+    /// Log of each instrument's communication, by role.
     pub taps: BTreeMap<&'static str, Tap>,
 }
 
@@ -73,7 +73,7 @@ pub struct Instruments {
 }
 
 impl Instruments {
-    /// Connects to every instrument; sends nothing.
+    /// Connects to every instrument without sending anything.
     pub(super) async fn open(
         config: &config::Bench,
         connections: &Connections,
@@ -147,7 +147,8 @@ impl Instruments {
         })
     }
 
-    /// Second handles on all instruments but scope and jig; see [`super::Bench::share`].
+    /// Returns second handles on all instruments except scope and jig; see
+    /// [`super::Bench::share`].
     pub(super) fn share(&self, clock: &Clock) -> Self {
         Self {
             supply4q: self.supply4q.as_ref().map(|one| one.share(clock)),
@@ -161,7 +162,7 @@ impl Instruments {
         }
     }
 
-    /// The instruments that can move charge, and the bath, not yet connected to.
+    /// Creates the instruments that can move charge, and the bath, without connecting to them.
     pub(super) fn unconnected(
         config: &config::Bench,
         connections: &Connections,
@@ -207,7 +208,7 @@ impl Instruments {
     }
 }
 
-/// Connects the instrument of a role, where the bench has one; sends nothing.
+/// Connects the instrument of a role, if the bench has one; sends nothing.
 async fn open<D: Model + ?Sized>(
     connections: &Connections,
     role: &'static str,
@@ -224,7 +225,7 @@ async fn open<D: Model + ?Sized>(
     ))
 }
 
-/// The dialect of an instrument's model.
+/// Returns the dialect of an instrument's model.
 fn spoken<D: Model + ?Sized>(
     role: &'static str,
     dialects: &[&'static D],
@@ -236,7 +237,7 @@ fn spoken<D: Model + ?Sized>(
     })
 }
 
-/// The same without a connection.
+/// Creates the instrument of a role without a connection.
 fn unconnected<D: Model + ?Sized>(
     connections: &Connections,
     role: &'static str,
@@ -286,8 +287,8 @@ fn options(
     }
 }
 
-/// A new connection where the old one was dropped. When that fails, so does what is tried next, and
-/// says why.
+/// Opens a new connection if the old one was dropped. If that fails, the next operation fails,
+/// too, and returns the reason.
 pub(super) async fn fresh<D: Model + ?Sized>(instrument: &mut Instrument<D>) {
     if instrument.link_mut().is_dropped() {
         let _ = instrument.link_mut().reconnect().await;

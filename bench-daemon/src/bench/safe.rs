@@ -1,6 +1,6 @@
-//! Safe state: switches off everything that can move charge, in the order that cannot harm the
-//! cell, and reads it back. An output that does not go off is brought to zero by the other ways
-//! that its dialect declares.
+//! Safe state: switches off everything that can move charge, in an order that cannot harm the
+//! cell, and reads it back. An output that does not go off is brought to zero by the fallback
+//! methods that its dialect declares.
 
 use std::{collections::BTreeMap, future::pending, time::Duration};
 
@@ -17,25 +17,25 @@ use super::{
 };
 use crate::interlock::{Drive, NO_CURRENT_A};
 
-/// How often safe state is tried again, and the pause before each, s.
+/// Number of retries of the safe state, and the pause before each, s.
 const SAFE_RETRIES: usize = 5;
 const SAFE_PAUSE_S: f64 = 1.0;
-/// How long outputs that do not answer are tried again, s: a network that comes back within this time
-/// ends no run. What answers, and is not off, is wrong and not late.
+/// How long outputs that do not answer are retried, s: a network outage that ends within this time
+/// does not end a run. An output that answers and is not off is faulty, not late.
 const OUTAGE_S: f64 = 30.0;
-/// Pause between two attempts then.
+/// Pause between two of these attempts.
 const OUTAGE_PAUSE: Duration = Duration::from_secs(1);
-/// How often relays are opened again where everything else is off.
+/// How often relays are opened again if everything else is off.
 const BATH_RETRIES: usize = 1;
-/// After this time no current may flow, s; what is read twice in a row as none, this far apart, is
-/// none.
+/// Time after which no current may flow, s. Two successive readings without current, this far
+/// apart, count as no current.
 const SAFE_SETTLE_S: f64 = 0.5;
-/// The same once it was switched off again, s: a meter that shows two values per second has shown
-/// the new one by then.
+/// Settling time after a repeated shutdown, s: a meter that shows two values per second shows the
+/// new value within it.
 const SAFE_SETTLE_AGAIN_S: f64 = 1.0;
 const SAFE_AGAIN_S: f64 = 0.1;
-/// Longest wait for the generator's least sine before the supply is switched off: its first message
-/// has arrived by then, and what a slow generator reads back is not waited for.
+/// Longest wait for the generator's least sine before the supply is switched off. Its first
+/// message arrives within this time; a slow generator's read-backs are not waited for.
 const QUIET_DEADLINE: Duration = Duration::from_millis(700);
 
 /// An instrument that can move charge and measures its own current.
@@ -123,26 +123,29 @@ drives! {
     Supply, max_current;
 }
 
-/// Result of switching off by the instrument's own answer, and the other way that was used, if any.
+/// Result of the shutdown as the instrument reports it, and the fallback method that was used, if
+/// any.
 type Ended = (Result<(), LinkError>, Option<&'static str>);
 
 impl Bench {
-    /// Switches everything off that can move charge, and the relays of a bath without a loop of its
-    /// own, and proves it: each output is read back, and within 1.5 s no current may flow any more.
+    /// Switches off everything that can move charge, and the relays of a bath without its own
+    /// control loop, and verifies it: each output is read back, and no current may flow after 1.5
+    /// s.
     ///
-    /// The generator is brought to its least sine first, which ends the current at once; its output
-    /// goes off only when the supply's is known to be off, for without its offset the supply's zero
-    /// error would flow, or when it does not take the least sine. Load and charger are switched off
-    /// at the same time, so that none waits for another that does not answer. Whose output does not
-    /// go off, or carries a current all the same, is brought to zero by the other ways of its
-    /// dialect. Who fails is tried again for a while on a fresh connection: switching off is
-    /// idempotent. Whose word was once wrong is not believed again.
+    /// First the generator is set to its least sine, which ends the current at once. Its output is
+    /// switched off only when the supply's output is known to be off, because without its offset
+    /// the supply's zero error would flow; or when the generator does not accept the least sine.
+    /// Load and charger are switched off concurrently, so that neither waits for one that does not
+    /// answer. An output that does not go off, or still carries a current, is brought to zero by
+    /// the fallback methods of its dialect. An instrument that fails is retried for a while on a
+    /// new connection, because the shutdown is idempotent. An instrument that once reported a
+    /// wrong state is not trusted again.
     pub async fn safe_state(&mut self) -> SafeReport {
         self.safe_state_within(0.0).await
     }
 
-    /// As [`Self::safe_state`] during a run: outputs that do not answer are tried for 30 s, so that
-    /// a short outage of the network does not end in an alarm.
+    /// As [`Self::safe_state`], for use during a run: outputs that do not answer are retried for
+    /// 30 s, so that a short outage of the network does not raise an alarm.
     pub async fn patient_safe_state(&mut self) -> SafeReport {
         self.safe_state_within(OUTAGE_S).await
     }
@@ -162,7 +165,7 @@ impl Bench {
                 break;
             }
             if attempt > SAFE_RETRIES {
-                // The network does not come back faster in scaled time.
+                // A real network does not recover faster in scaled time.
                 let _ = self.clock.deadline(OUTAGE_PAUSE, pending::<()>()).await;
             } else if attempt > 0 {
                 self.clock.sleep_s(SAFE_PAUSE_S).await;
@@ -170,8 +173,7 @@ impl Bench {
             let mut outputs = self.try_safe().await;
             remember(&mut self.lied, &mut outputs);
             report = SafeReport::of(&self.name, outputs);
-            // What moves charge is off: a bath that cannot be reached does not keep that from being
-            // told.
+            // Everything that moves charge is off: an unreachable bath must not delay this report.
             if report.verified || (report.drives_verified() && attempt >= BATH_RETRIES) {
                 return report;
             }
@@ -185,7 +187,7 @@ impl Bench {
         report
     }
 
-    /// As [`Self::patient_safe_state`], and what could not be verified is an error.
+    /// As [`Self::patient_safe_state`], but returns an error if anything could not be verified.
     ///
     /// # Errors
     /// [`Unsafe`].
@@ -193,12 +195,12 @@ impl Bench {
         self.patient_safe_state().await.proven().map(|_| ())
     }
 
-    /// Switches every output off once more and reads it back, for the moment before a relay or a
-    /// person changes what is in the jig. What another client switched on since the safe state
-    /// shows no current as long as nothing in the jig drives one.
+    /// Switches every output off again and reads it back, before a relay or a person changes what
+    /// is in the jig. An output that another client has switched on since the safe state shows no
+    /// current as long as nothing in the jig drives one.
     ///
     /// # Errors
-    /// The first that could not be read back as off.
+    /// Fails at the first output that could not be read back as off.
     pub async fn off_again(&mut self) -> Result<(), BenchError> {
         let offset = Volts(self.command_offset_v);
         let clock = self.clock.clone();
@@ -224,11 +226,11 @@ impl Bench {
         Ok(())
     }
 
-    /// Switches off what drives the cell by the bipolar supply, in the order of
-    /// [`Self::safe_state`], once. Load and charger stay as they are.
+    /// Switches off everything that drives the cell through the bipolar supply, once, in the order
+    /// of [`Self::safe_state`]. Load and charger stay as they are.
     ///
     /// # Errors
-    /// The first that could not be read back as off.
+    /// Fails at the first output that could not be read back as off.
     pub async fn drive_off(&mut self) -> Result<(), BenchError> {
         let offset = Volts(self.command_offset_v);
         let ((supply4q, _), generator, _) = off(
@@ -242,8 +244,8 @@ impl Bench {
         generator.map_err(|source| wrap("generator", self.model("generator"), source))
     }
 
-    /// Voltage, V, and current, A, that each instrument which can move charge reads now. A
-    /// generator has no meter.
+    /// Reads voltage, V, and current, A, of each instrument that can move charge. A generator has
+    /// no meter.
     pub async fn read_back(&mut self) -> Vec<(&'static str, Result<(f64, f64), BenchError>)> {
         let mut found = Vec::new();
         macro_rules! read {
@@ -263,10 +265,10 @@ impl Bench {
         found
     }
 
-    /// Voltage, V, and current, A, by a drive's own meter.
+    /// Reads voltage, V, and current, A, by a drive's own meter.
     ///
     /// # Errors
-    /// [`BenchError::Missing`] where the bench lacks it; inside, the link's.
+    /// [`BenchError::Missing`] if the bench lacks the drive; otherwise the error of the link.
     pub async fn read(
         &mut self,
         drive: Drive,
@@ -297,7 +299,7 @@ impl Bench {
             chiller,
             ..
         } = &mut self.instruments;
-        // What moves charge waits for no bath.
+        // Instruments that move charge do not wait for a bath.
         let driven = async {
             let driven = off(generator, supply4q, &clock, offset);
             let ((drive, commands, held), loaded, charged) =
@@ -349,8 +351,8 @@ impl Bench {
     }
 }
 
-/// Whose word was once wrong is not believed again; `lied` keeps roles, and by what each was
-/// brought to zero.
+/// Records instruments that reported a wrong state, which are not trusted again. `lied` maps roles
+/// to the method that brought each to zero.
 fn remember(lied: &mut BTreeMap<String, String>, outputs: &mut [Output]) {
     for output in outputs {
         if output.lied {
@@ -365,7 +367,7 @@ fn told(ended: Result<(), LinkError>) -> Option<String> {
     ended.err().map(|error| error.to_string())
 }
 
-/// Switches off; where that fails, goes the other ways to zero.
+/// Switches an output off. If that fails, tries the fallback methods.
 async fn end<D: Driven>(drive: &mut Option<D>, clock: &Clock) -> Ended {
     let Some(drive) = drive.as_mut() else {
         return (Ok(()), None);
@@ -380,22 +382,22 @@ async fn end<D: Driven>(drive: &mut Option<D>, clock: &Clock) -> Ended {
     (off, by)
 }
 
-/// Whether a reading shows a current.
+/// Checks whether a reading shows a current.
 fn flows(amps: f64) -> bool {
     amps.abs() > NO_CURRENT_A
 }
 
-/// The ways to zero of an output that does not go off, one after the other, until no current flows;
-/// tells which one it was.
+/// Applies the fallback methods to an output that does not go off, one after the other, until no
+/// current flows. Returns the name of the method that succeeded.
 async fn zero<D: Driven>(drive: &mut D, clock: &Clock) -> Option<&'static str> {
-    /// A meter shows the new current after this time, s.
+    /// Time after which a meter shows the new current, s.
     const SHOWN_S: f64 = 0.3;
     for way in drive.ways() {
         drive.renew().await;
         if let Err(error) = drive.go_way(&way).await {
             tracing::warn!("{}: {error}", way.name);
         }
-        // Who does not answer is asked no more: the next attempt comes soon.
+        // A silent instrument is not queried further: the next attempt follows soon.
         if drive.is_dropped() {
             return None;
         }
@@ -407,8 +409,8 @@ async fn zero<D: Driven>(drive: &mut D, clock: &Clock) -> Option<&'static str> {
     None
 }
 
-/// The last of its readings, as soon as two in a row show no current, or after the time in which
-/// they must.
+/// Returns the last reading, as soon as two successive readings show no current, or when the
+/// settling time has passed.
 async fn at_rest<D: Driven>(
     drive: &mut D,
     clock: &Clock,
@@ -427,8 +429,8 @@ async fn at_rest<D: Driven>(
     }
 }
 
-/// Reads an instrument after it was switched off. Reports what it measures, and what bounds it
-/// where it is not known to be off.
+/// Reads an instrument after it was switched off. Reports what it measures and, if it is not known
+/// to be off, what bounds its current.
 async fn found<D: Driven>(
     drive: &mut Option<D>,
     (mut off, mut by): Ended,
@@ -438,19 +440,19 @@ async fn found<D: Driven>(
     let mut read = at_rest(drive, clock, SAFE_SETTLE_S).await;
     let (mut lied, mut out_of_step) = (false, false);
     if by.is_none() && off.is_ok() && read.as_ref().is_ok_and(|(_, amps)| flows(*amps)) {
-        // Another client may have switched it on since it said that it is off.
+        // Another client may have switched the output on since it was reported as off.
         off = drive.off().await;
         read = at_rest(drive, clock, SAFE_SETTLE_AGAIN_S).await;
     }
     if read.as_ref().is_ok_and(|(_, amps)| flows(*amps)) {
         if by.is_none() {
-            // By its own word it may be off: the current says otherwise.
+            // The output is reported as off, but the current contradicts that.
             by = zero(drive, clock).await;
             lied = off.is_ok() && by.is_some();
             read = drive.read().await;
         }
         if read.as_ref().is_ok_and(|(_, amps)| flows(*amps)) {
-            // What is told as a current is the answer to this question.
+            // Report a current only if it is the answer to this query.
             let step = drive.in_step().await;
             out_of_step = matches!(step, Err(LinkError::Unexpected { .. }));
             read = match step {
@@ -493,14 +495,14 @@ async fn found<D: Driven>(
     })
 }
 
-/// Opens the relays of a bath without a loop of its own. Where they are not known to be open the
-/// other ways of its dialect are gone; a board that has refused to open them is not believed when
-/// it then says that they are, but that is told.
+/// Opens the relays of a bath without its own control loop. If they are not known to be open,
+/// applies the fallback methods of its dialect. A board that refused to open its relays is not
+/// trusted when it reports them as open later, but the report mentions it.
 async fn open_relays(bath: Option<&mut Chiller>) -> Option<Output> {
     let bath = bath?;
     fresh(bath).await;
     let off = bath.pulse(0.0).await;
-    // Who does not answer is asked no more: the next attempt comes soon.
+    // A silent instrument is not queried further: the next attempt follows soon.
     let silent = bath.link_mut().is_dropped();
     let mut by = None;
     if off.is_err() && !silent {
@@ -521,9 +523,9 @@ async fn open_relays(bath: Option<&mut Chiller>) -> Option<Output> {
     })
 }
 
-/// The one order in which the bipolar supply and its command go off: the least sine, the supply
-/// with its output open, the generator. What becomes of supply and generator, and whether the
-/// generator was left at its least sine, because the supply is not known to be off.
+/// Switches off the bipolar supply and its command in the only safe order: the least sine, the
+/// supply with its output open, the generator. Returns the results for supply and generator, and
+/// whether the generator was left at its least sine because the supply is not known to be off.
 async fn off(
     generator: &mut Option<Generator>,
     supply4q: &mut Option<Supply4q>,
@@ -531,7 +533,7 @@ async fn off(
     offset: Volts,
 ) -> (Ended, Result<(), LinkError>, bool) {
     let quiet = match generator.as_mut() {
-        // Not worth waiting for long: what drives the cell is the supply.
+        // Not worth a long wait, because the supply drives the cell.
         Some(generator) => {
             let quiet = async {
                 fresh(generator).await;
@@ -562,7 +564,7 @@ mod tests {
 
     use super::*;
 
-    /// An output that says that it is off, and carries a current until its set-point is zero.
+    /// An output that reports that it is off, but carries a current until its set-point is zero.
     struct Liar {
         amps: f64,
         in_step: bool,

@@ -1,8 +1,8 @@
-//! Reads the state of a bench before anything is done to it: outputs are asked for and currents
-//! measured. Nothing is changed.
+//! Reads the state of a bench before any other action: queries outputs and measures currents
+//! without changing anything.
 //!
-//! After a crash nobody knows what the instruments were last told. A run that goes on writes down
-//! what it found before it switches anything off.
+//! After a crash, the last settings of the instruments are unknown. A resumed run records what it
+//! found before it switches anything off.
 
 use instruments::{clock, exchange::Answer};
 use serde::{Deserialize, Serialize};
@@ -18,29 +18,30 @@ use crate::{
 pub struct InstrumentReadback {
     /// Its role.
     pub role: String,
-    /// Its output is off, or opened so that nothing can flow.
+    /// Whether its output is off, or disconnected so that no current can flow.
     pub off: bool,
     /// Answers of the instrument.
     pub answers: Vec<Answer>,
-    /// Voltage that it measures, V; none where it measures nothing.
+    /// Voltage that it measures, V; `None` if it has no voltmeter.
     pub volts: Option<f64>,
     /// Current that it measures, A.
     pub amps: Option<f64>,
 }
 
 impl InstrumentReadback {
-    /// Its output is off, and its meter shows no current.
+    /// Checks whether the output is off and its meter shows no current.
     pub fn is_quiet(&self) -> bool {
         self.off && self.amps.unwrap_or(0.0).abs() <= NO_CURRENT_A
     }
 
-    /// It can move charge; a bath cannot.
+    /// Checks whether the instrument can move charge; a bath cannot.
     pub fn moves_charge(&self) -> bool {
         self.role != "chiller"
     }
 }
 
-/// What [`look_each`] has found, as it is kept: also of those that did not answer.
+/// Converts the results of [`look_each`] into readings to be stored, including instruments that
+/// did not answer.
 pub fn readings(
     bench: &Bench,
     found: &[Result<InstrumentReadback, BenchError>],
@@ -72,17 +73,16 @@ pub fn readings(
     found.iter().filter_map(one).collect()
 }
 
-/// Looks at everything that can move charge, and at the bath.
+/// Queries everything that can move charge, and the bath.
 ///
 /// # Errors
-/// The first instrument that does not answer.
+/// Fails at the first instrument that does not answer.
 pub async fn look(bench: &mut Bench) -> Result<Vec<InstrumentReadback>, BenchError> {
     let drives = look_each(bench).await;
     drives.into_iter().chain(look_bath(bench).await).collect()
 }
 
-/// Looks at the bath: whether it stands still, or its relays are open. What is not connected is
-/// connected to.
+/// Queries whether the bath stands still or its relays are open. Connects to it if necessary.
 pub async fn look_bath(bench: &mut Bench) -> Option<Result<InstrumentReadback, BenchError>> {
     let error = bench.error("chiller");
     let bath = bench.instruments.chiller.as_mut()?;
@@ -105,8 +105,8 @@ pub async fn look_bath(bench: &mut Bench) -> Option<Result<InstrumentReadback, B
     Some(found.map_err(&error))
 }
 
-/// Looks at everything that can move charge, each by itself: one that does not answer does not keep
-/// the others from being looked at. What is not connected is connected to.
+/// Queries everything that can move charge, each instrument separately: one that does not answer
+/// does not prevent the others from being queried. Connects to them if necessary.
 pub async fn look_each(bench: &mut Bench) -> Vec<Result<InstrumentReadback, BenchError>> {
     let mut all = Vec::new();
     macro_rules! look {

@@ -1,8 +1,8 @@
-//! Asks an instrument at an address for its identity, capabilities, present settings and error
+//! Queries an instrument at an address for its identity, capabilities, present settings and error
 //! queue.
 //!
-//! Asks questions only, those of the read-backs included; the only thing that a question changes is
-//! the error queue, which forgets what it has told.
+//! It sends only queries, including those of the read-backs. The only state that a query changes
+//! is the error queue, which drops the entries that it returns.
 
 use instruments::{
     chiller::{self, Chiller},
@@ -23,24 +23,24 @@ use serde_json::Value;
 
 use crate::bench::{Bench, for_roles};
 
-/// Statement of an instrument about itself.
+/// What an instrument reports about itself.
 #[derive(Debug, Clone, Serialize)]
 pub struct InstrumentReport {
     /// Its identity.
     pub identity: Identity,
-    /// That is a model that the dialect is made for.
+    /// Whether the dialect supports this model.
     pub recognised: bool,
     /// Capabilities of the model by its dialect: ranges, channels, smallest steps.
     pub capabilities: Value,
-    /// Settings at present: questions and answers.
+    /// Present settings: queries and replies.
     pub programmed: Vec<Answer>,
-    /// Entries of its error queue, or faults by its own answer.
+    /// Entries of its error queue, or faults that it reports.
     pub health: Vec<String>,
 }
 
 impl InstrumentReport {
-    /// Nothing but who it is: what it would answer to the questions of another model is nobody's
-    /// guess.
+    /// Creates a report with the identity only: the replies to queries of another model would be
+    /// meaningless.
     pub fn unknown(identity: Identity) -> Self {
         Self {
             identity,
@@ -74,9 +74,9 @@ pub struct KnownDialect {
     pub key: &'static str,
     /// Pace and deadlines.
     pub profile: LinkProfile,
-    /// The question for the identity.
+    /// Query for the identity.
     pub question: &'static str,
-    /// The setting that tells whether its output or input is on, or its control of a bath.
+    /// The setting that shows whether its output or input is on, or its control of a bath.
     pub switch: Option<Setting>,
     dialect: RoleDialect,
 }
@@ -93,7 +93,7 @@ enum RoleDialect {
 }
 
 impl KnownDialect {
-    /// Every dialect, role by role.
+    /// Returns every dialect, role by role.
     pub fn all() -> Vec<Self> {
         let mut all = Vec::new();
         macro_rules! add {
@@ -107,13 +107,13 @@ impl KnownDialect {
         all
     }
 
-    /// The dialect of a role and a model in a bench file.
+    /// Returns the dialect for a role and a model in a bench file.
     pub fn of(role: &str, model: &str) -> Option<Self> {
         let mut all = Self::all().into_iter();
         all.find(|known| known.role == role && known.key == model)
     }
 
-    /// Whether an identity is this model's.
+    /// Checks whether an identity belongs to this model.
     pub fn recognises(&self, identity: &Identity) -> bool {
         macro_rules! ask {
             ($($module:ident $variant:ident,)+) => {
@@ -125,7 +125,7 @@ impl KnownDialect {
         for_roles!(ask)
     }
 
-    /// Puts the dialect on a link. Sends nothing.
+    /// Applies the dialect to a link. Sends nothing.
     pub fn on(&self, link: Link) -> AnyInstrument {
         macro_rules! put {
             ($($module:ident $variant:ident,)+) => {
@@ -154,7 +154,7 @@ fn known<D: Model + ?Sized>(
 }
 
 impl AnyInstrument {
-    /// The instruments of a bench with their roles, in a fixed order.
+    /// Returns the instruments of a bench with their roles, in a fixed order.
     pub fn of(bench: Bench) -> Vec<(&'static str, Self)> {
         let mut all = Vec::new();
         macro_rules! add {
@@ -174,10 +174,10 @@ impl AnyInstrument {
         all
     }
 
-    /// Asks all there is to ask; changes nothing.
+    /// Runs all queries without changing anything.
     ///
     /// # Errors
-    /// The link's.
+    /// Errors of the link.
     pub async fn describe(&mut self) -> Result<InstrumentReport, LinkError> {
         let (identity, recognised) = self.identify().await?;
         if !recognised {
@@ -260,7 +260,8 @@ impl AnyInstrument {
         known.unwrap_or(Value::Null)
     }
 
-    /// Scripts whose read-backs show what is programmed; none of their commands is sent.
+    /// Returns the scripts whose read-backs show the present settings; none of their commands is
+    /// sent.
     fn questions(&self) -> Vec<Exchange> {
         match self {
             Self::Supply4q(instrument) => {
