@@ -1,6 +1,6 @@
-//! Limits of what the cell may be exposed to, and the check of a reading against them. Pure:
-//! readings in, a trip or nothing out. [`judge`] looks at one reading, [`Interlock`] also at those
-//! before it: rates, charge, age, and values that do not move.
+//! The limits of the cell and the check of readings against them. The functions are pure: they
+//! take readings and return a trip or nothing. [`judge`] checks a single reading; [`Interlock`]
+//! also considers earlier ones: rates, charge, age, and values that do not change.
 
 mod ages;
 mod allowance;

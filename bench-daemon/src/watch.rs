@@ -1,16 +1,17 @@
-//! The watch of a bench: reads the meters of everything that can drive a current, and judges values
-//! and ages, on a thread and a clock of its own.
+//! The watch of a bench: reads the meters of every drive, that is, everything that can drive a
+//! current, and judges values and ages, on its own thread and clock.
 //!
-//! It begins before the first output may go on and ends when a safe state is about to be verified.
-//! In between no step, wait, download or computation delays it: each drive is read at least once a
-//! second over a second handle on its connection ([`instruments::link::Link::share`]). Readings of
-//! the procedure count as readings of the watch, so that no meter is asked twice.
+//! It starts before the first output may be switched on and ends immediately before a safe state
+//! is verified. In between no step, wait, download or computation delays it: each drive is read at
+//! least once a second over a second handle on its connection
+//! ([`instruments::link::Link::share`]). Readings of the procedure count as readings of the watch,
+//! so that no meter is queried twice.
 //!
-//! What it finds ([`Alarm`]) ends the run. It takes the connections over, switches everything off
-//! and reads it back before the procedure has returned.
+//! An [`Alarm`] of the watch ends the run. The watch then takes over the connections, switches
+//! everything off and reads it back before the procedure has returned.
 //!
-//! In virtual time nothing runs beside the procedure, and nothing can be harmed: there the
-//! procedure makes the same checks with each of its own readings.
+//! In virtual time nothing runs concurrently with the procedure, and nothing can be harmed: there
+//! the procedure makes the same checks with each of its own readings.
 
 mod alarm;
 mod envelope;
@@ -39,7 +40,7 @@ use crate::bench::{Bench, SafeReport};
 use envelope::InForce;
 use shared::{Shared, locked};
 
-/// The procedure's end of the watch.
+/// The procedure's handle on the watch.
 #[derive(Debug, Clone)]
 pub struct WatchLink {
     shared: Arc<Shared>,
@@ -48,20 +49,20 @@ pub struct WatchLink {
 }
 
 impl WatchLink {
-    /// From now on a step's envelope holds. What held before is allowed until the procedure has
-    /// read a current that the step allows, or for a bounded time.
+    /// Sets the envelope of a new step. The previous envelope stays allowed until the procedure
+    /// has read a current that the new step allows, or for a bounded time.
     pub fn allow(&self, envelope: Envelope) {
         let until_s = self.clock.machine_s() + self.settle_s;
         locked(&self.shared.force).change(envelope, until_s);
     }
 
-    /// The procedure has read a current that the present step allows.
+    /// Notifies the watch that the procedure has read a current that the present step allows.
     pub fn settle(&self) {
         locked(&self.shared.force).settle();
     }
 }
 
-/// A watch at work.
+/// A running watch.
 #[derive(Debug)]
 pub struct Watch {
     link: WatchLink,
@@ -71,20 +72,20 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Starts a watch beside a procedure; nothing may flow until [`WatchLink::allow`]. Returns `None`
-    /// in virtual time. Must be called inside the runtime of the clock.
+    /// Starts a watch beside a procedure; nothing may flow until [`WatchLink::allow`]. Returns
+    /// `None` in virtual time. Must be called inside the runtime of the clock.
     ///
     /// # Errors
-    /// The system has no thread.
+    /// Fails if the system cannot start a thread.
     pub fn start(bench: &Bench, pace: Pace, clock: &Clock) -> std::io::Result<Option<Self>> {
         Self::begin(bench, pace, clock, false)
     }
 
     /// As [`Self::start`], for a wait in which no procedure runs. A drive that shows a current is
-    /// switched off at once, and judged by its next reading.
+    /// switched off at once, and its next reading is judged.
     ///
     /// # Errors
-    /// The system has no thread.
+    /// Fails if the system cannot start a thread.
     pub fn start_waiting(
         bench: &Bench,
         pace: Pace,
@@ -133,17 +134,17 @@ impl Watch {
         }))
     }
 
-    /// The procedure's end.
+    /// Returns the procedure's handle.
     pub fn link(&self) -> WatchLink {
         self.link.clone()
     }
 
-    /// Whether every drive of the bench was read a moment ago, and answers in time.
+    /// Checks whether every drive of the bench was read recently and answers in time.
     pub fn sees_every_drive(&self) -> bool {
         locked(&self.link.shared.log).sees_every_drive
     }
 
-    /// Waits for an alarm. When this returns the watch is already switching everything off.
+    /// Waits for an alarm. When this returns, the watch is already switching everything off.
     pub async fn alarm(&mut self) -> Alarm {
         match self.alarm.wait_for(Option::is_some).await {
             Ok(alarm) => alarm.clone(),
@@ -152,7 +153,7 @@ impl Watch {
         .unwrap_or_else(|| Alarm::Lost("its thread has ended".to_owned()))
     }
 
-    /// As [`Self::alarm`]; for ever where there is no watch.
+    /// As [`Self::alarm`]; never returns if there is no watch.
     pub async fn alarm_of(watch: Option<&mut Self>) -> Alarm {
         match watch {
             Some(watch) => watch.alarm().await,
@@ -160,8 +161,8 @@ impl Watch {
         }
     }
 
-    /// Ends the watch. If it has raised an alarm, this waits until it has switched everything off;
-    /// what it has learnt about outputs that report a wrong state goes to `bench`.
+    /// Ends the watch. If it has raised an alarm, this waits until it has switched everything off.
+    /// Passes on to `bench` which outputs were found to report a wrong state.
     pub async fn end(self, bench: &mut Bench) -> (Option<Alarm>, WatchLog) {
         let _ = self.stop.send(true);
         let thread = self.thread;

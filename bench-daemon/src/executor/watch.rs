@@ -1,5 +1,5 @@
-//! Reads and judges the meters during each step: voltage, current, temperature and chiller, against
-//! the allowance of the step.
+//! Reads and judges the meters during each step: voltage, current, temperature and chiller,
+//! against the allowance of the step.
 
 use std::time::Duration;
 
@@ -13,40 +13,41 @@ use crate::{
     watch::Envelope,
 };
 
-/// Standard deviations that chance does not pass in a night of readings.
+/// Standard deviations that random noise does not exceed in a night of readings.
 const CERTAIN: f64 = 5.0;
-/// Instruments that drive a current, and the bath.
+/// Number of instruments that drive a current, and the bath.
 const DRIVES: usize = 5;
-/// How long a cause is looked for before everything goes off: five instruments answer within half
-/// of it.
+/// Longest search for a cause before everything is switched off: five instruments answer within
+/// half of this time.
 const CAUSE: Duration = Duration::from_millis(500);
-/// Pairs that must say the same before a mean trips.
+/// Number of pairs that must agree before a mean trips.
 const PAIRS: usize = 2;
 /// Longest usual duration of a reading, s.
 const READ_S: f64 = 0.2;
-/// A reading that takes longer than this share of a period is of an unknown place in it: by so much
-/// a mean of an amplitude of 1 A may be off by a third of what it may be.
+/// If a reading takes longer than this share of a period, its phase is unknown. With this
+/// uncertainty, the mean for an amplitude of 1 A may be off by a third of its limit.
 const UNSURE: f64 = 0.05;
-/// The gain error of a meter, as part of a step's envelope.
+/// Factor for the gain error of a meter in a step's envelope.
 const METER_GAIN: f64 = 1.1;
-/// A temperature is read with every so many readings.
+/// The temperature is read with every n-th reading.
 const TEMPERATURE_EVERY: u32 = 10;
-/// Readings in a period from which on each of them must differ from the one before.
+/// Number of readings in a period above which each reading must differ from the previous one.
 const FOLLOWED: f64 = 5.0;
 /// Names of the currents of instruments that must carry none.
 pub(super) const LOAD_CURRENT: &str = Drive::Load.current();
 pub(super) const CHARGER_CURRENT: &str = Drive::Supply.current();
-/// The swing of the cell's voltage under a smaller amplitude may be lost between two digits of a
+/// Amplitude below which the swing of the cell's voltage may be lost between two digits of a
 /// voltmeter, A.
 const SEEN_A: f64 = 0.5;
-/// So far below the limit of a supply its current falls, and the voltage stands still, V.
+/// Distance below the voltage limit of a supply within which its current falls and the voltage
+/// stands still, V.
 const HELD_V: f64 = 0.1;
-/// The supply holds this much less than the cell's greatest voltage, V.
+/// Distance of the supply's set voltage below the cell's greatest voltage, V.
 pub(super) const BELOW_GREATEST_V: f64 = 0.005;
 
 impl Rig<'_> {
-    /// Limits of a step: what may flow during it is far less than what the cell could bear, and so
-    /// is the charge that it may move.
+    /// Returns the limits of a step. Both the current and the charge that a step allows are far
+    /// below what the cell could tolerate.
     pub(super) fn allowance(&self, fixture: Fixture, step: &Step) -> Allowance {
         let cell = self.setup.limits;
         let settings = &self.setup.interlock;
@@ -56,7 +57,8 @@ impl Rig<'_> {
             cell.of_control()
         };
         let drift_c = settings.drift_c;
-        // The limit of the power-up holds until the power-down; each step in between may do less.
+        // The limit of the power-up applies until the power-down; each step in between may be
+        // stricter.
         let powered = self
             .driving
             .powered_a
@@ -71,7 +73,7 @@ impl Rig<'_> {
             charge_c,
             ..idle
         };
-        // The charge in a piece of copper is nothing to look at.
+        // The charge in a piece of copper is not judged.
         let sweep_c = |swing_c: f64| {
             if idle.cell {
                 (-drift_c - swing_c, drift_c + swing_c)
@@ -111,7 +113,7 @@ impl Rig<'_> {
                 }
             }
             Step::PowerUp { limit_a, .. } => live(cell.bounded(limit_a, limit_a), sweep_c(0.0)),
-            // Between power-up and power-down the charge counts on. Half a period moves A/(πf).
+            // Between power-up and power-down the charge accumulates. Half a period moves A/(πf).
             Step::Sine {
                 freq_hz,
                 amplitude_a,
@@ -189,19 +191,19 @@ impl Rig<'_> {
         }
     }
 
-    /// From now on the allowance of a step holds.
+    /// Applies the allowance of a step from now on.
     pub(super) fn begin(&mut self, fixture: Fixture, step: &Step) {
         let allowance = self.allowance(fixture, step);
         self.allow(allowance, step);
     }
 
-    /// From now on the allowance of a step holds, and the run folder tells its limits.
+    /// Applies an allowance from now on and records its limits in the run folder.
     pub(super) fn allow(&mut self, allowance: Allowance, step: &Step) {
         self.recorder.envelope(&allowance.limits);
         if let Some(watch) = &self.setup.watch {
             let envelope = Envelope::of(&allowance);
             watch.allow(match *step {
-                // The command stands at zero: twice the zero error that the step accepts.
+                // The command is zero: allow twice the zero error that the step accepts.
                 Step::PowerUp { idle_a, .. } => envelope.at_most(drawn(2.0 * idle_a)),
                 _ => envelope,
             });
@@ -209,8 +211,7 @@ impl Rig<'_> {
         self.interlock.begin(allowance, self.clock.machine_s());
     }
 
-    /// Waits, reading and judging the bipolar supply all the while; `phase` stands with the
-    /// readings.
+    /// Waits while reading and judging the bipolar supply; `phase` is recorded with the readings.
     pub(super) async fn wait_watching(
         &mut self,
         seconds: f64,
@@ -229,14 +230,15 @@ impl Rig<'_> {
         }
     }
 
-    /// Seconds until the next reading: where a slow current is followed, a share of its period.
+    /// Returns the time until the next reading, s: a share of the period if a slow current is
+    /// followed.
     pub(super) fn poll_s(&self) -> f64 {
         self.interlock
             .allowed_mean()
             .map_or(POLL_S, |mean| mean.poll_s().min(POLL_S))
     }
 
-    /// One reading of the bipolar supply, judged.
+    /// Takes and judges one reading of the bipolar supply.
     pub(super) async fn watch(
         &mut self,
         phase: &str,
@@ -246,13 +248,13 @@ impl Rig<'_> {
         self.watching.watched_s = self.clock.now_s();
         self.recorder.reading(phase, &reading)?;
         if fixture != Fixture::Cell {
-            // The cell lies beside the jig, perhaps without its thermocouple.
+            // The cell lies beside the jig, possibly without its thermocouple.
             reading.temperature_c = reading.temperature_c.filter(|celsius| celsius.is_finite());
         }
         self.interlock
             .silent(self.clock.now_s() >= self.driving.burst.ends_s);
         self.driving.burst.over(&reading)?;
-        // An answer that is late is of another moment of the period.
+        // A late answer belongs to another moment of the period.
         if self
             .interlock
             .allowed_mean()
@@ -280,10 +282,10 @@ impl Rig<'_> {
         }
     }
 
-    /// While current flows the instruments that drive it are asked in turn whether their settings
-    /// still are what this run has set, one with each reading.
+    /// Checks, while current flows, whether the settings of the instruments that drive it are
+    /// still those that this run made: one instrument with each reading, in turn.
     ///
-    /// The watch does so by itself where there is one.
+    /// If there is a watch, it makes these checks instead.
     pub(super) async fn look_back(&mut self) -> Result<(), ExecuteError> {
         if self.setup.watch.is_some() {
             return Ok(());
@@ -297,13 +299,14 @@ impl Rig<'_> {
         Ok(())
     }
 
-    /// Whose settings are not what this run has set, where somebody's are: asked at once, whatever
-    /// else has happened, but not for long, for what is wrong still flows.
+    /// Returns the instrument whose settings are not those that this run made, if any. Queries it
+    /// immediately, whatever else has happened, but only for a short time, because the excess
+    /// current still flows.
     pub(super) async fn cause(&mut self) -> Option<String> {
         let clock = self.clock.clone();
         let asked = async {
             for number in 0..DRIVES {
-                // The trip outweighs an instrument that does not answer now.
+                // The trip takes precedence over an instrument that does not answer now.
                 if let Ok(Some(Err(meddled))) = self.differs(number).await {
                     return Some(meddled.to_string());
                 }
@@ -313,7 +316,8 @@ impl Rig<'_> {
         clock.deadline(CAUSE, asked).await.ok().flatten()
     }
 
-    /// A current that does not come, and why, as far as the instruments say.
+    /// Returns an error for a current that does not appear, with the cause if the instruments
+    /// report one.
     pub(super) async fn explained(
         &mut self,
         followed: Result<(), ExecuteError>,
@@ -337,8 +341,8 @@ impl Rig<'_> {
         })
     }
 
-    /// Asks one of the instruments that drive a current; nothing where there is nothing that it was
-    /// told.
+    /// Queries one of the instruments that drive a current; returns nothing if that instrument has
+    /// received no settings.
     async fn differs(
         &mut self,
         number: usize,
@@ -370,8 +374,8 @@ impl Rig<'_> {
         }
     }
 
-    /// The mean of a current of some hertz: a second reading, half a period after the first, where
-    /// there is time for it.
+    /// Judges the mean of a current of some hertz: takes a second reading, half a period after the
+    /// first, if there is time for it.
     pub(super) async fn watch_mean(
         &mut self,
         first: Reading,
@@ -393,7 +397,7 @@ impl Rig<'_> {
         let mut trip = None;
         for _ in 0..PAIRS {
             let next_s = self.clock.now_s() + one_took_s - one_s;
-            // Whole periods later is as good.
+            // A delay by whole periods is equivalent.
             let due_s = one_s
                 + half_s
                 + 2.0 * half_s * ((next_s - half_s) / (2.0 * half_s)).ceil().max(0.0);
@@ -426,16 +430,16 @@ impl Rig<'_> {
     pub(super) async fn read_supply4q(&mut self) -> Result<Reading, ExecuteError> {
         let start_s = self.clock.now_s();
         let (mut volts, amps) = self.read_drive(Drive::Supply4q).await?;
-        // The current is what was asked for last.
+        // The current was queried last.
         let time_s = self.clock.now_s();
         self.watching.read_s = time_s - start_s;
-        // The supply sees the drop of its leads; the load, with its input off, is a voltmeter at
-        // the jig.
+        // The supply's meter includes the voltage drop of its leads; the load, with its input off,
+        // is a voltmeter at the jig.
         if self.bench.instruments.load.is_some() {
             let (seen, drawn_a) = self.read_drive(Drive::Load).await?;
             volts = seen;
             self.watching.shown_v = Some(seen);
-            // As a voltmeter it draws nothing.
+            // As a voltmeter it draws no current.
             self.no_current(LOAD_CURRENT, drawn_a)?;
         }
         let temperature_c = self.temperature_now_and_then().await?;
@@ -447,7 +451,7 @@ impl Rig<'_> {
         })
     }
 
-    /// Trips where a current flows through an instrument that is off.
+    /// Trips if a current flows through an instrument that is off.
     pub(super) fn no_current(&self, what: &'static str, value: f64) -> Result<(), ExecuteError> {
         if value.abs() <= NO_CURRENT_A {
             return Ok(());
@@ -463,8 +467,8 @@ impl Rig<'_> {
         .into())
     }
 
-    /// Everything that could drive a current through the cell while none may flow, judged one by
-    /// one: two that cancel are two too many.
+    /// Checks everything that could drive a current through the cell while none may flow. Each
+    /// instrument is judged separately, because two currents that cancel are two faults.
     pub(super) async fn watch_idle(
         &mut self,
         phase: &str,
@@ -490,11 +494,11 @@ impl Rig<'_> {
         self.others_off(&["supply4q", "load"]).await
     }
 
-    /// Trips where a current flows through an instrument that the step does not use, whatever it
-    /// says of its output. `used` are those that the step reads itself. Where they were looked at
-    /// less than a second ago they are not asked again.
+    /// Trips if a current flows through an instrument that the step does not use, whatever state
+    /// its output reports. `used` lists the instruments that the step reads itself. Instruments
+    /// that were checked less than a second ago are not queried again.
     ///
-    /// The watch does so by itself where there is one.
+    /// If there is a watch, it makes these checks instead.
     pub(super) async fn others_off(&mut self, used: &[&str]) -> Result<(), ExecuteError> {
         if self.setup.watch.is_some() || self.clock.now_s() - self.watching.others_s < POLL_S {
             return Ok(());
@@ -518,8 +522,8 @@ impl Rig<'_> {
         }
     }
 
-    /// Voltage, V, and current, A, by a drive's own meter. A reading that the step in work does not
-    /// allow is asked for once more: one glitch of a meter decides nothing.
+    /// Reads voltage, V, and current, A, by a drive's own meter. A reading that the present step
+    /// does not allow is repeated once, so that a single glitch of a meter does not decide.
     pub(super) async fn read_drive(&mut self, drive: Drive) -> Result<(f64, f64), ExecuteError> {
         let envelope = Envelope::of(self.interlock.allowance());
         let limits = *self.interlock.limits();
@@ -539,7 +543,8 @@ impl Rig<'_> {
         Ok(again)
     }
 
-    /// The cell's temperature with every tenth reading, or earlier when it grows old.
+    /// Reads the cell's temperature with every tenth reading, or earlier if the last one grows
+    /// old.
     pub(super) async fn temperature_now_and_then(&mut self) -> Result<Option<f64>, ExecuteError> {
         self.regulate().await?;
         self.check_stuck_meter().await?;
@@ -553,9 +558,9 @@ impl Rig<'_> {
         }
     }
 
-    /// The cell's temperature; nothing on a bench without a logger. An open thermocouple is a
-    /// reading that is no number, and trips. A chiller that was started is asked at the same time
-    /// whether it still runs, and its own sensor is judged.
+    /// Reads the cell's temperature; returns nothing on a bench without a logger. An open
+    /// thermocouple gives a reading that is not a number, and trips. A chiller that was started is
+    /// queried at the same time whether it still runs, and its own sensor is judged.
     pub(super) async fn cell_temperature(&mut self) -> Result<Option<f64>, ExecuteError> {
         self.regulate().await?;
         self.check_stuck_meter().await?;
@@ -600,9 +605,9 @@ impl Rig<'_> {
         }
     }
 
-    /// Holds a bath that has no loop of its own: reads it once in a window and gives a pulse. A
-    /// reading that cannot be believed is none; a board that does not answer, or whose relays do
-    /// not follow, is an error.
+    /// Controls a bath that has no loop of its own: reads it once per window and sends a pulse. An
+    /// implausible reading counts as none. A board that does not answer, or whose relays do not
+    /// follow, is an error.
     pub(super) async fn regulate(&mut self) -> Result<(), ExecuteError> {
         let (error, now_s) = (self.bench.error("chiller"), self.clock.now_s());
         let Some(thermostat) = self
@@ -631,14 +636,14 @@ impl Rig<'_> {
                 .into());
             }
         }
-        // The loop itself judges how old its last reading is.
+        // The control loop itself judges the age of its last reading.
         match reading_c {
             Some(celsius) => self.judge_bath(Some(celsius - self.setup.thermostat.sensor_offset_k)),
             None => Ok(()),
         }
     }
 
-    /// Writes a reading down and judges it.
+    /// Records a reading and judges it.
     pub(super) fn judge(&mut self, phase: &str, reading: Reading) -> Result<(), ExecuteError> {
         self.handle_request_within_step()?;
         self.recorder.reading(phase, &reading)?;
@@ -651,8 +656,8 @@ impl Rig<'_> {
         }
     }
 
-    /// A reading of the step in work was within its limits: what the step before allowed holds no
-    /// longer.
+    /// Ends the allowance of the previous step, because a reading of the present step was within
+    /// its limits.
     fn settle(&self) {
         if let Some(watch) = &self.setup.watch {
             watch.settle();
@@ -660,12 +665,13 @@ impl Rig<'_> {
     }
 }
 
-/// Largest reading of a meter for a requested current, A: with its gain and its zero error.
+/// Returns the largest meter reading for a requested current, A, including gain and zero error.
 pub(super) fn drawn(amps: f64) -> f64 {
     METER_GAIN * amps + NO_CURRENT_A
 }
 
-/// Allowed mean of a sinusoid: the zero errors of supply and meter, and a share of its amplitude.
+/// Returns the allowed mean of a sinusoid: the zero errors of supply and meter, and a share of its
+/// amplitude.
 fn mean(period_s: f64, amplitude_a: f64) -> Option<Mean> {
     Some(Mean {
         period_s,
@@ -674,8 +680,8 @@ fn mean(period_s: f64, amplitude_a: f64) -> Option<Mean> {
     })
 }
 
-/// The same of a multisine: readings a second apart miss its faster lines, whose effective value is
-/// at most about half of the peak.
+/// Returns the allowed mean of a multisine. Readings a second apart miss its faster lines, whose
+/// effective value is at most about half of the peak.
 fn multisine_mean(period_s: f64, peak_a: f64) -> Option<Mean> {
     let missed_a = CERTAIN * 0.5 * peak_a * (POLL_S / period_s).sqrt();
     mean(period_s, peak_a).map(|mean| Mean {
@@ -685,8 +691,8 @@ fn multisine_mean(period_s: f64, peak_a: f64) -> Option<Mean> {
     })
 }
 
-/// The period of a sinusoid whose readings must move, s; none for one that is too fast or too
-/// small.
+/// Returns the period of a sinusoid whose readings must change, s, or `None` for a sinusoid that
+/// is too fast or too small.
 fn swing_s(freq_hz: f64, amplitude_a: f64) -> Option<f64> {
     (freq_hz * FOLLOWED * POLL_S <= 1.0 && amplitude_a >= SEEN_A).then_some(1.0 / freq_hz)
 }

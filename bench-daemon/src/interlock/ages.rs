@@ -5,19 +5,19 @@ use super::{
     limits::{Reading, Trip},
 };
 
-/// When the instruments were read last, seconds of the machine.
+/// Times of the last readings, seconds of the machine.
 #[derive(Debug)]
 pub(super) struct Ages {
-    /// There is a thermometer.
+    /// Whether there is a thermometer.
     logger: bool,
-    /// When anything was read.
+    /// Time of the last reading of any instrument.
     read_s: Option<f64>,
-    /// When the temperature was read.
+    /// Time of the last temperature.
     temperature_s: f64,
 }
 
 impl Ages {
-    /// Nothing was read yet.
+    /// Creates the state before the first reading.
     pub(super) fn new(logger: bool) -> Self {
         Self {
             logger,
@@ -26,19 +26,20 @@ impl Ages {
         }
     }
 
-    /// A step of its own begins: what was not read while nothing flowed is not late.
+    /// Begins an independent step: quantities that were not read while nothing flowed are not
+    /// late.
     pub(super) fn begin(&mut self, machine_s: f64) {
         self.read_s = Some(machine_s);
         self.temperature_s = self.temperature_s.max(machine_s);
     }
 
-    /// Time since the temperature was read, s.
+    /// Returns the time since the temperature was read, s.
     pub(super) fn temperature_age_s(&self, machine_s: f64) -> f64 {
         machine_s - self.temperature_s
     }
 
-    /// Takes a reading that came at `machine_s`, and judges the time before it where a current may
-    /// flow.
+    /// Accepts a reading that arrived at `machine_s`, and judges the time before it if a current
+    /// may flow.
     pub(super) fn judge(
         &mut self,
         reading: &Reading,
@@ -50,7 +51,7 @@ impl Ages {
             .read_s
             .replace(machine_s)
             .map_or(0.0, |read_s| machine_s - read_s);
-        // Nobody saw what came before the reading that ends a gap.
+        // No earlier reading covers the gap that this reading ends.
         let age_s = if self.logger {
             self.temperature_age_s(machine_s)
         } else {

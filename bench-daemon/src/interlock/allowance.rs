@@ -1,4 +1,4 @@
-//! Settings of the interlock, and what the step in work allows.
+//! Settings of the interlock, and the allowance of a step.
 
 use super::{
     drives::Drives,
@@ -14,17 +14,17 @@ pub struct Settings {
     pub window_s: f64,
     /// Greatest charge that one discharge or charge may move, C.
     pub charge_c: f64,
-    /// How far the charge may be from what a step without a net charge, or with a known one, should
-    /// have moved, C.
+    /// Greatest difference between the charge and what a step without a net charge, or with a
+    /// known one, should have moved, C.
     pub drift_c: f64,
     /// Greatest time between two readings while current may flow, seconds of the machine.
     pub reading_age_s: f64,
-    /// The same for the temperature, on a bench with a logger.
+    /// Greatest time between two temperatures, seconds of the machine, on a bench with a logger.
     pub temperature_age_s: f64,
-    /// A value that stays the same to the last digit while so much charge passes is frozen, C.
+    /// Charge after which a value that has not changed in any digit counts as frozen, C.
     pub frozen_c: f64,
-    /// The same for a voltage and a current that a slow sinusoid moves, s; at least two of its
-    /// periods.
+    /// Time after which a voltage and a current count as frozen under a slow sinusoid, s; at least
+    /// two of its periods.
     pub frozen_s: f64,
     /// Capacity of the cell, C.
     #[serde(skip)]
@@ -38,25 +38,25 @@ pub struct Mean {
     pub period_s: f64,
     /// Greatest magnitude of the mean over a period, A.
     pub greatest_a: f64,
-    /// Amplitude of the sinusoid, A; none for a current of several.
+    /// Amplitude of the sinusoid, A; `None` for a current of several sinusoids.
     pub amplitude_a: Option<f64>,
 }
 
 impl Mean {
-    /// Readings a second apart are enough for a mean over one period.
+    /// Checks whether readings a second apart are enough for a mean over one period.
     pub(super) fn followed(&self) -> bool {
         self.period_s >= FOLLOWED_S
     }
 
-    /// Half of the period, where two readings that far apart tell the mean: slower ones are
-    /// followed reading by reading, and a faster one goes on too far while a reading is under way.
+    /// Returns half of the period, if two readings that far apart give the mean. Slower currents
+    /// are followed reading by reading; faster ones change too much during a reading.
     pub fn pair_s(&self) -> Option<f64> {
         (!self.followed() && self.period_s >= PAIR_S && self.amplitude_a.is_some())
             .then_some(0.5 * self.period_s)
     }
 
-    /// Between two readings while the current is followed, s: often enough for a mean of each
-    /// period.
+    /// Returns the time between two readings while the current is followed, s: short enough for a
+    /// mean of each period.
     pub fn poll_s(&self) -> f64 {
         if self.followed() {
             self.period_s / POLLS
@@ -70,8 +70,8 @@ impl Mean {
         self.judge_pair(value, 0.0, time_s)
     }
 
-    /// Judges the mean of two readings that are half a period apart, but for `unsure_s`: by so much
-    /// of the amplitude it may be off, A·sin(π·f·unsure).
+    /// Judges the mean of two readings that are half a period apart, with an error of `unsure_s`.
+    /// This error may shift the mean by the amplitude times sin(π·f·unsure), A.
     pub fn judge_pair(&self, value: f64, unsure_s: f64, time_s: f64) -> Option<Trip> {
         let phase =
             (std::f64::consts::PI * unsure_s / self.period_s).min(std::f64::consts::FRAC_PI_2);
@@ -90,42 +90,42 @@ impl Mean {
 
 /// Shortest period over which readings somewhat more than a second apart give a mean, s.
 const FOLLOWED_S: f64 = 5.0;
-/// Readings in a period that are aimed at, where it is followed: their own time taken,
-/// [`FEWEST`](super::period::FEWEST) come.
+/// Target number of readings in a period, if it is followed. Because readings take time
+/// themselves, at least [`FEWEST`](super::period::FEWEST) arrive.
 const POLLS: f64 = 8.0;
-/// Shortest period of which two readings half of it apart give the mean, s. A record of a faster
-/// one is there 2 s after its beginning; 20 ms by which a reading comes late add 0.6 of the
-/// amplitude to the limit there.
+/// Shortest period whose mean follows from two readings half a period apart, s. A record of a
+/// faster current is available 2 s after its beginning; a reading that is late by 20 ms adds 0.6
+/// of the amplitude to the limit there.
 const PAIR_S: f64 = 0.1;
 
-/// Allowance of the step in work.
+/// Allowance of the present step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Allowance {
     /// Limits of each reading.
     pub limits: Limits,
-    /// Outputs are on: readings must come.
+    /// Whether outputs are on, so that readings must arrive.
     pub live: bool,
     /// The drives that the step uses.
     pub drives: Drives,
-    /// The step belongs to the one before it: its charge counts on.
+    /// Whether the step continues the previous one: its charge is added.
     pub continues: bool,
     /// Least and greatest net charge, C, charge positive.
     pub charge_c: (f64, f64),
-    /// A supply holds the voltage from here on, V: that it stands still is no fault.
+    /// Voltage from which a supply holds the voltage, V: a constant voltage is then no fault.
     pub held_v: f64,
-    /// The period of a sinusoid that is slow enough to be followed reading by reading, s: current
-    /// and, of a cell, voltage must move with it.
+    /// The period of a sinusoid that is slow enough to be followed reading by reading, s. The
+    /// current and, for a cell, the voltage must change with it.
     pub swing_s: Option<f64>,
     /// Allowed mean of the current.
     pub mean: Option<Mean>,
-    /// The cell is in the jig: its voltage moves with the charge.
+    /// Whether the cell is in the jig, so that its voltage changes with the charge.
     pub cell: bool,
-    /// The chiller is to change the temperature: its rate is not judged.
+    /// Whether the chiller is to change the temperature, so that its rate is not judged.
     pub tempering: bool,
 }
 
 impl Allowance {
-    /// Nothing may flow.
+    /// Returns an allowance in which nothing may flow.
     pub fn idle(limits: Limits) -> Self {
         let charge_c = (f64::NEG_INFINITY, f64::INFINITY);
         let held_v = f64::INFINITY;

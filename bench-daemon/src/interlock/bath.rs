@@ -1,35 +1,35 @@
-//! Judges what the own sensor of a bath reads. Pure: readings with their times in, a fault or
-//! nothing out. The daemon asks it at each watch of the bath; the guardian and `eis-bench safe` ask
-//! it with a few readings in a row.
+//! Judges the readings of a bath's own sensor. The functions are pure: they take readings with
+//! their times and return a fault or nothing. The daemon calls them at each check of the bath; the
+//! guardian and `eis-bench safe` call them with a few successive readings.
 
 use serde::{Deserialize, Serialize};
 
 /// Distance from its set-point within which a bath counts as held, K. Circulators hold 0.1 K and
 /// overshoot by 1 K to 2 K.
 const HELD_K: f64 = 3.0;
-/// How far beyond the cell's temperature limits the sensor may read, K: a bath that holds the cell
-/// at a limit regulates about it.
+/// Greatest distance of the sensor from the cell's temperature limits, K: a bath that holds the
+/// cell at a limit regulates around it.
 const BEYOND_LIMITS_K: f64 = 1.0;
 /// Change of the distance from the set-point that shows a direction, K: more than the noise and the
 /// digits of a bath's sensor.
 const DIRECTION_K: f64 = 0.2;
-/// Decrease of the distance from its greatest value by which a bath turns back, K.
+/// Decrease of the distance from its greatest value that shows that a bath returns, K.
 const TURNED_K: f64 = 0.5;
 
 /// One reading of a bath.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BathReading {
-    /// Temperature by its own sensor, °C; `None` if the answer was no temperature.
+    /// Temperature by its own sensor, °C; `None` if the answer was not a temperature.
     pub sensor_c: Option<f64>,
     /// Its set-point, °C.
     pub setpoint_c: f64,
 }
 
-/// What is wrong with a bath.
+/// Fault of a bath.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
 #[serde(rename_all = "snake_case")]
 pub enum BathFault {
-    /// Its sensor reads a temperature that the cell does not bear.
+    /// Its sensor reads a temperature that the cell does not tolerate.
     #[error(
         "its sensor reads {sensor_c:.1} °C, and the cell bears {least_c} °C to {greatest_c} °C; \
         its set-point is {setpoint_c:.1} °C"
@@ -44,7 +44,7 @@ pub enum BathFault {
         /// Greatest temperature of the cell, °C.
         greatest_c: f64,
     },
-    /// It goes away from its set-point and does not turn back.
+    /// It moves away from its set-point and does not return.
     #[error(
         "its sensor reads {sensor_c:.1} °C and moves away from the set-point of {setpoint_c:.1} \
         °C: the distance was {nearest_k:.1} K before"
@@ -57,7 +57,7 @@ pub enum BathFault {
         /// Least distance between the two since it had this set-point, K.
         nearest_k: f64,
     },
-    /// Its sensor gives no temperature.
+    /// Its sensor returns no temperature.
     #[error("its sensor has read no temperature for {age_s:.0} s")]
     Unread {
         /// Time since the last temperature, s.
@@ -65,32 +65,32 @@ pub enum BathFault {
     },
 }
 
-/// How far and how long a bath may do what a sound one does for a while.
+/// How far and how long a sound bath may deviate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Patience {
     /// Growth of the distance from the set-point beyond its least value, K.
     grown_k: f64,
-    /// How long the distance may stay grown, and how long a bath outside the cell's limits may take
-    /// for the next step towards its set-point, s.
+    /// How long the distance may stay grown, and the longest time until the next step towards its
+    /// set-point for a bath outside the cell's limits, s.
     away_s: f64,
-    /// How long the sensor may read no temperature, s.
+    /// How long the sensor may return no temperature, s.
     unread_s: f64,
 }
 
-/// The bath is read again and again, and somebody stops it later if it does not turn back.
+/// For a bath that is read repeatedly, and stopped later if it does not return.
 const WATCHED: Patience = Patience {
     grown_k: HELD_K,
     away_s: 60.0,
     unread_s: 60.0,
 };
-/// The bath is read for some seconds, and nobody watches it afterwards.
+/// For a bath that is read for some seconds and not watched afterwards.
 const LEFT_ALONE: Patience = Patience {
     grown_k: DIRECTION_K,
     away_s: 0.0,
     unread_s: 0.0,
 };
 
-/// Course of the distance between sensor and set-point since the bath has this set-point.
+/// Distance between sensor and set-point over time, since the bath has this set-point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Course {
     setpoint_c: f64,
@@ -99,9 +99,9 @@ struct Course {
     /// Distance at the last step towards the set-point, K, and its time, s; `None` before the first.
     step: (f64, Option<f64>),
     began_s: f64,
-    /// Since when the distance has been grown, s, and its greatest value since then, K.
+    /// Start of the present growth of the distance, s, and its greatest value since then, K.
     away: Option<(f64, f64)>,
-    /// Every reading was outside the cell's limits.
+    /// Whether every reading was outside the cell's limits.
     outside: bool,
 }
 
@@ -117,7 +117,7 @@ impl Course {
         }
     }
 
-    /// Takes a distance; true if the bath moves away.
+    /// Adds a distance. Returns true if the bath moves away.
     fn moves_away(&mut self, distance_k: f64, now_s: f64, patience: Patience) -> bool {
         self.nearest_k = self.nearest_k.min(distance_k);
         if distance_k <= self.step.0 - DIRECTION_K {
@@ -129,7 +129,7 @@ impl Course {
         }
         let (since_s, farthest_k) = self.away.unwrap_or((now_s, distance_k));
         if distance_k < farthest_k - TURNED_K {
-            // It comes back: from here on it approaches again.
+            // The bath returns: from here on it approaches again.
             *self = Self {
                 outside: self.outside,
                 ..Self::begin(self.setpoint_c, distance_k, now_s)
@@ -140,32 +140,34 @@ impl Course {
         now_s - since_s >= patience.away_s
     }
 
-    /// It has made a step towards its set-point within this time, or was given it within this time.
+    /// Checks whether the bath made a step towards its set-point, or received the set-point,
+    /// within this time.
     fn approaches(&self, now_s: f64, within_s: f64) -> bool {
         now_s - self.step.1.unwrap_or(self.began_s) < within_s
     }
 }
 
-/// Judges the readings of one bath, one after the other.
+/// Judges successive readings of one bath.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BathJudge {
     /// Least and greatest temperature of the cell, °C, if they are known.
     cell_c: Option<(f64, f64)>,
     patience: Patience,
     course: Option<Course>,
-    /// Time of the last temperature, or of the first question, s.
+    /// Time of the last temperature, or of the first query, s.
     read_s: Option<f64>,
 }
 
 impl BathJudge {
-    /// A judge of a bath that is read at each watch. It stops a bath that is more than 3 K
-    /// farther from its set-point than before for 60 s without turning back. `cell_c` is the least
+    /// Creates a judge for a bath that is read at each check. It stops a bath that is more than 3
+    /// K farther from its set-point than before for 60 s without returning. `cell_c` is the least
     /// and the greatest temperature of the cell, °C.
     pub fn watching(cell_c: Option<(f64, f64)>) -> Self {
         Self::new(cell_c, WATCHED)
     }
 
-    /// A judge of a bath that nobody watches after a few readings: it has no patience.
+    /// Creates a judge for a bath that is not watched after a few readings: it tolerates no
+    /// deviation over time.
     pub fn leaving(cell_c: Option<(f64, f64)>) -> Self {
         Self::new(cell_c, LEFT_ALONE)
     }
@@ -179,8 +181,8 @@ impl BathJudge {
         }
     }
 
-    /// Judges a reading that was taken at `now_s`. A new set-point begins a new course: a bath that
-    /// approaches it, however far it is, is sound.
+    /// Judges a reading that was taken at `now_s`. A new set-point resets the history: a bath that
+    /// approaches it, from any distance, is sound.
     pub fn judge(&mut self, reading: BathReading, now_s: f64) -> Option<BathFault> {
         let Some(sensor_c) = reading.sensor_c.filter(|celsius| celsius.is_finite()) else {
             let age_s = now_s - *self.read_s.get_or_insert(now_s);
@@ -216,7 +218,7 @@ impl BathJudge {
         }
     }
 
-    /// Whether a reading tells all that can be known: a bath near its set-point is held.
+    /// Checks whether a single reading is sufficient: a bath near its set-point is under control.
     pub fn is_held(reading: BathReading) -> bool {
         reading
             .sensor_c
@@ -230,7 +232,7 @@ mod tests {
 
     const CELL_C: Option<(f64, f64)> = Some((0.0, 45.0));
 
-    /// First fault, and its time, of readings every ten seconds for two hours.
+    /// Returns the first fault, and its time, of readings every ten seconds for two hours.
     fn first_fault(
         mut judge: BathJudge,
         setpoint_c: f64,
@@ -246,7 +248,7 @@ mod tests {
         })
     }
 
-    /// First-order approach from one temperature to another.
+    /// Returns a first-order approach from one temperature to another.
     fn approach(from_c: f64, to_c: f64, tau_s: f64) -> impl Fn(f64) -> f64 {
         move |now_s| to_c + (from_c - to_c) * (-now_s / tau_s).exp()
     }
@@ -403,7 +405,7 @@ mod tests {
             let sensor_c = if k < 200 {
                 25.0
             } else {
-                // Its compressor starts late.
+                // The compressor starts late.
                 approach(25.0, 5.0, 300.0)((now_s - 2120.0).max(0.0))
             };
             let reading = BathReading {

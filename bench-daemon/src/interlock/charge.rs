@@ -1,28 +1,28 @@
-//! Charge that the step in work has moved, with those before it that it continues.
+//! The charge that the present step has moved, together with the steps that it continues.
 
 use super::{
     allowance::Allowance,
     limits::{NET_CHARGE, NO_CURRENT_A, Reading, Trip},
 };
 
-/// Charge that is counted reading by reading.
+/// Charge that is integrated reading by reading.
 #[derive(Debug, Default)]
 pub(super) struct ChargeCount {
     moved_c: f64,
     /// Reading of the ammeter while no current flows, A.
     zero_a: f64,
-    /// Current that was read last, with its bench time, s.
+    /// Last current, A, with its bench time, s.
     current: Option<(f64, f64)>,
 }
 
 impl ChargeCount {
-    /// Charge so far, C, charge positive.
+    /// Returns the charge so far, C, charge positive.
     pub(super) fn moved_c(&self) -> f64 {
         self.moved_c
     }
 
-    /// Sets the reading of the ammeter with the output off, A: that is no charge. A reading beyond
-    /// a zero error is taken as 0.
+    /// Sets the reading of the ammeter with the output off, A, which counts as no charge. A
+    /// reading beyond a zero error is replaced by 0.
     pub(super) fn zero(&mut self, zero_a: f64) {
         self.zero_a = if zero_a.abs() <= NO_CURRENT_A {
             zero_a
@@ -31,7 +31,7 @@ impl ChargeCount {
         };
     }
 
-    /// Counts on by the trapezoidal rule.
+    /// Adds a reading by the trapezoidal rule.
     pub(super) fn count(&mut self, reading: &Reading) {
         let Some(current_a) = reading.current_a else {
             return;

@@ -3,11 +3,11 @@
 /// Instruments that have a meter of their own current, in the order of [`Drive::ALL`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Drive {
-    /// The bipolar supply; charge is positive.
+    /// The bipolar supply; a charge current is positive.
     Supply4q,
-    /// The load; what it draws is positive.
+    /// The load; the current that it draws is positive.
     Load,
-    /// The charger; what it delivers is positive.
+    /// The charger; the current that it delivers is positive.
     Supply,
 }
 
@@ -15,7 +15,7 @@ impl Drive {
     /// Every drive.
     pub const ALL: [Self; 3] = [Self::Supply4q, Self::Load, Self::Supply];
 
-    /// The name of its role in the bench file.
+    /// Returns the name of its role in the bench file.
     pub const fn role(self) -> &'static str {
         match self {
             Self::Supply4q => "supply4q",
@@ -24,8 +24,8 @@ impl Drive {
         }
     }
 
-    /// Whether its meter sees the voltage of the cell itself: the load's leads do, and those of the
-    /// bipolar supply on a bench without a load.
+    /// Checks whether its meter measures the voltage of the cell itself: the leads of the load do,
+    /// and those of the bipolar supply on a bench without a load.
     pub fn reads_cell(self, has_load: bool) -> bool {
         match self {
             Self::Load => true,
@@ -34,7 +34,7 @@ impl Drive {
         }
     }
 
-    /// The quantity that its meter shows, for messages.
+    /// Returns the quantity that its meter shows, for messages.
     pub const fn current(self) -> &'static str {
         match self {
             Self::Supply4q => "current of the bipolar supply",
@@ -74,14 +74,14 @@ impl Drives {
         load: false,
         supply: true,
     };
-    /// Load and charger by turns.
+    /// Load and charger alternately.
     pub const LOAD_AND_SUPPLY: Self = Self {
         supply4q: false,
         load: true,
         supply: true,
     };
 
-    /// Whether the step uses a drive.
+    /// Checks whether the step uses a drive.
     pub fn uses(self, drive: Drive) -> bool {
         match drive {
             Drive::Supply4q => self.supply4q,

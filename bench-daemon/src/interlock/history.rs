@@ -1,5 +1,5 @@
-//! Checks that need several readings: the rate of the temperature, the charge that has moved,
-//! readings that are late or missing, values that do not move.
+//! Checks that need several readings: the rate of the temperature, the charge that was moved,
+//! readings that are late or missing, and values that do not change.
 
 use instruments::chiller;
 
@@ -15,12 +15,12 @@ use super::{
     thermometers::ThermometerReadings,
 };
 
-/// Judges readings, one after the other.
+/// Judges successive readings.
 #[derive(Debug)]
 pub struct Interlock {
     settings: Settings,
     allowance: Allowance,
-    /// The signal of the step has ended by itself.
+    /// Whether the signal of the step has ended on its own.
     silent: bool,
     ages: Ages,
     charge: ChargeCount,
@@ -30,7 +30,7 @@ pub struct Interlock {
 }
 
 impl Interlock {
-    /// Nothing was read yet, and nothing may flow.
+    /// Creates an interlock without readings that allows no current.
     pub fn new(settings: Settings, limits: Limits, logger: bool) -> Self {
         Self {
             settings,
@@ -44,12 +44,12 @@ impl Interlock {
         }
     }
 
-    /// A meter that shows the same for longer than its noise allows.
+    /// Returns a meter that shows the same value for longer than its noise allows.
     pub fn stuck(&self) -> Option<Stuck> {
         self.meters.stuck()
     }
 
-    /// A step begins at `machine_s`.
+    /// Begins a step at `machine_s`.
     pub fn begin(&mut self, allowance: Allowance, machine_s: f64) {
         if !allowance.continues {
             self.charge = ChargeCount::default();
@@ -68,8 +68,8 @@ impl Interlock {
         self.allowance = allowance;
     }
 
-    /// Whether the signal of the step has ended by itself: nothing moves any more then, and the
-    /// last period is no whole one.
+    /// Sets whether the signal of the step has ended on its own: after that no value changes any
+    /// more, and the last period is incomplete.
     pub fn silent(&mut self, silent: bool) {
         if silent != self.silent {
             self.period.lose();
@@ -78,64 +78,67 @@ impl Interlock {
         self.silent = silent;
     }
 
-    /// Drops the readings of the period so far, because they are not of one signal or not of known
-    /// times.
+    /// Drops the readings of the period so far, because they do not belong to one signal or their
+    /// times are unknown.
     pub fn lose_period(&mut self) {
         self.period.lose();
     }
 
-    /// Something else is in the jig: what was seen before says nothing of it.
+    /// Drops the history after a change of the object in the jig: earlier readings do not apply to
+    /// it.
     pub fn forget(&mut self) {
         self.temperatures.change_fixture();
         self.meters = Meters::default();
     }
 
-    /// Sets the reading of the ammeter with the output off, A: that is no charge. A reading beyond
-    /// a zero error is taken as 0.
+    /// Sets the reading of the ammeter with the output off, A, which counts as no charge. A
+    /// reading beyond a zero error is replaced by 0.
     pub fn zero(&mut self, zero_a: f64) {
         self.charge.zero(zero_a);
     }
 
-    /// What the step in work allows.
+    /// Returns the allowance of the present step.
     pub fn allowance(&self) -> &Allowance {
         &self.allowance
     }
 
-    /// Limits of each reading of the step in work.
+    /// Returns the limits of each reading in the present step.
     pub fn limits(&self) -> &Limits {
         &self.allowance.limits
     }
 
-    /// A current may flow.
+    /// Checks whether a current may flow.
     pub fn is_live(&self) -> bool {
         self.allowance.live
     }
 
-    /// The temperature is to change.
+    /// Checks whether the temperature is to change.
     pub fn tempering(&self) -> bool {
         self.allowance.tempering
     }
 
-    /// Allowed mean of the current in the step in work; `None` while no reading is to be judged.
+    /// Returns the allowed mean of the current in the present step, or `None` while no reading is
+    /// to be judged.
     pub fn allowed_mean(&self) -> Option<Mean> {
         self.allowance.mean.filter(|_| !self.silent)
     }
 
-    /// The effective current over the last period, A, where readings follow it.
+    /// Returns the effective current over the last period, A, if readings follow it.
     pub fn effective_a(&self) -> Option<f64> {
         let mean = self.allowed_mean().filter(Mean::followed)?;
         let square = self.period.mean_of(&mean, |amps| amps * amps);
         square.map(f64::sqrt)
     }
 
-    /// The temperature is half as old as it may be, or stands still for longer than usual.
+    /// Checks whether the temperature is half as old as it may be, or has not changed for longer
+    /// than usual.
     pub fn wants_temperature(&self, machine_s: f64) -> bool {
         let age_s = self.ages.temperature_age_s(machine_s);
         let old = age_s > 0.5 * self.settings.temperature_age_s;
         self.allowance.live && (old || self.meters.temperature_is_suspect())
     }
 
-    /// Judges a reading that came at `machine_s`.
+    /// Judges a reading that arrived at `machine_s`.
     pub fn judge(&mut self, reading: &Reading, machine_s: f64) -> Option<Trip> {
         let (settings, allowance) = (self.settings, self.allowance);
         self.meters.listen(reading, &allowance);
@@ -155,7 +158,7 @@ impl Interlock {
             .or_else(|| self.frozen(reading))
     }
 
-    /// Judges what the chiller says that was started.
+    /// Judges the status of a chiller that was started.
     pub fn chiller(&self, status: &chiller::Status, time_s: f64) -> Option<Trip> {
         (!status.running || status.alarm.is_some()).then(|| Trip::Chiller {
             message: status.raw.clone(),
@@ -168,7 +171,7 @@ impl Interlock {
         self.temperatures.judge_bath(reading, time_s)
     }
 
-    /// Judges a look at all thermometers.
+    /// Judges a reading of all thermometers.
     pub fn judge_thermometers(
         &mut self,
         readings: ThermometerReadings,
@@ -178,7 +181,7 @@ impl Interlock {
             .judge_thermometers(readings, self.allowance.cell, time_s)
     }
 
-    /// Judges the mean over the last period, as soon as a whole one was read.
+    /// Judges the mean over the last period, as soon as a complete one was read.
     fn mean(&mut self, reading: &Reading) -> Option<Trip> {
         let mean = self.allowed_mean().filter(Mean::followed)?;
         self.period.take(&mean, reading.time_s, reading.current_a?);
@@ -186,7 +189,7 @@ impl Interlock {
         mean.judge(value, reading.time_s)
     }
 
-    /// Judges values that stand still. What is silent need not move.
+    /// Judges values that do not change. If the signal has ended, they need not change.
     fn frozen(&mut self, reading: &Reading) -> Option<Trip> {
         let allowance = Allowance {
             swing_s: self.allowance.swing_s.filter(|_| !self.silent),

@@ -1,4 +1,4 @@
-//! Limits of one reading, and the trip that ends a run.
+//! The limits of one reading, and the trip that ends a run.
 
 use super::{bath::BathFault, thermometers::ThermometerFault};
 
@@ -20,7 +20,7 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// The same with less current, A: the smaller of each counts.
+    /// Returns the limits with reduced currents, A: the smaller value of each applies.
     #[must_use]
     pub fn bounded(self, charge_a: f64, discharge_a: f64) -> Self {
         Self {
@@ -30,9 +30,9 @@ impl Limits {
         }
     }
 
-    /// The same for a control in the place of the cell: copper has no voltage, and a cell in its
-    /// place has more than this. The thermocouple stays on the cell, which lies beside the jig and
-    /// may be as cold as it likes.
+    /// Returns the limits for a control in the place of the cell. Copper has no voltage, and a
+    /// cell in its place would exceed this limit. The thermocouple stays on the cell, which lies
+    /// beside the jig and may have any low temperature.
     #[must_use]
     pub fn of_control(self) -> Self {
         Self {
@@ -44,7 +44,7 @@ impl Limits {
     }
 }
 
-/// Readings at one time; a quantity that no instrument tells is `None`.
+/// Readings at one time; a quantity that no instrument measures is `None`.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Reading {
     /// Bench time, s.
@@ -76,12 +76,12 @@ pub enum Trip {
         /// Bench time, s.
         time_s: f64,
     },
-    /// More flows than the step asks for, and why, as far as the instruments say.
+    /// The current exceeds what the step requests, with the cause if the instruments report one.
     #[error("{trip}: {cause}")]
     Caused {
         /// Limit that was left.
         trip: Box<Trip>,
-        /// Whose setting is not what this run has set.
+        /// The instrument and setting that differ from what this run made.
         cause: String,
     },
     /// The chiller does not do what it was started for.
@@ -110,7 +110,7 @@ pub enum Trip {
     },
 }
 
-/// Words for a value that left its limits, or that cannot be read.
+/// Formats a value that left its limits or that cannot be read.
 fn left(value: f64, unit: &str) -> String {
     if value.is_finite() {
         format!("{value:.4} {unit} left its limits")
@@ -119,9 +119,9 @@ fn left(value: f64, unit: &str) -> String {
     }
 }
 
-/// Limits in words; one that is infinite is none.
+/// Formats limits; an infinite limit is omitted.
 fn between(least: f64, greatest: f64, unit: &str) -> String {
-    // As it was typed: not with the rounding of a sum.
+    // Print the limit as it was typed, without the rounding error of a sum.
     let [least, greatest] = [least, greatest].map(|limit| {
         if limit.is_finite() {
             (1.0e6 * limit).round() / 1.0e6
@@ -136,7 +136,7 @@ fn between(least: f64, greatest: f64, unit: &str) -> String {
     }
 }
 
-/// Where limits come from that stand in no file as they are.
+/// Returns the origin of limits that no file contains as such.
 fn set_by(what: &str) -> &'static str {
     match what {
         NET_CHARGE => {
@@ -147,7 +147,8 @@ fn set_by(what: &str) -> &'static str {
 }
 
 impl Trip {
-    /// A temperature, or what makes it, is wrong: the bath must not go on.
+    /// Checks whether a temperature, or the device that controls it, is faulty. If so, the bath
+    /// must not continue.
     pub fn is_of_temperature(&self) -> bool {
         match self {
             Self::Limit { unit, .. } => matches!(*unit, "°C" | "K/min"),
@@ -156,7 +157,7 @@ impl Trip {
         }
     }
 
-    /// The same with a cause, where one is known.
+    /// Adds a cause, if one is known.
     #[must_use]
     pub fn because(self, cause: Option<String>) -> Self {
         match cause {
@@ -168,7 +169,7 @@ impl Trip {
         }
     }
 
-    /// The same in words that fit a control in the place of the cell.
+    /// Rewords the trip for a control in the place of the cell.
     #[must_use]
     pub fn of_control(self) -> Self {
         match self {
@@ -193,17 +194,17 @@ impl Trip {
     }
 }
 
-/// Greatest voltage across a control, V: what the leads drop besides, where the supply itself is
-/// the voltmeter, included.
+/// Greatest voltage across a control, V, including the voltage drop of the leads if the supply
+/// itself is the voltmeter.
 const CONTROL_V: f64 = 1.0;
 const CELL_VOLTAGE: &str = "cell voltage";
 pub(super) const NET_CHARGE: &str = "net charge of the step";
-/// Largest reading of an ammeter where no current flows, A: its zero error.
+/// Largest reading of an ammeter without a current, A: its zero error.
 pub const NO_CURRENT_A: f64 = 0.1;
 /// Share of the current limits that a meter's own error may add.
 pub const CURRENT_MARGIN: f64 = 1.02;
 
-/// Judges a reading. A reading that is not a number trips, for it says nothing.
+/// Judges a reading. A reading that is not a number trips, because it carries no information.
 pub fn judge(limits: &Limits, reading: &Reading) -> Option<Trip> {
     let checks = [
         (

@@ -1,5 +1,5 @@
-//! Meters that do not move: values that stay the same while charge passes or a sinusoid flows, and
-//! values that stand still for longer than the noise of their meter allows.
+//! Detects meters whose values do not change: values that stay the same while charge passes or a
+//! sinusoid flows, and values that stay the same for longer than the noise of their meter allows.
 
 use super::{
     allowance::{Allowance, Settings},
@@ -7,15 +7,15 @@ use super::{
     noise::Noise,
 };
 
-/// Periods of a slow sinusoid in which a reading must move.
+/// Number of periods of a slow sinusoid in which a reading must change.
 const SWINGS: f64 = 2.0;
 
-/// A meter that shows the same for longer than its noise allows.
+/// A meter that shows the same value for longer than its noise allows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stuck {
     /// Quantity that it measures.
     pub quantity: Quantity,
-    /// How often it was read alike.
+    /// Number of equal readings.
     pub times: u32,
     /// Value that it shows, in V, A or °C.
     pub value: f64,
@@ -39,17 +39,17 @@ struct Passed {
     time_s: f64,
 }
 
-/// A value, and the charge, C, and the bench time, s, at which it was seen to change last.
+/// A value, and the charge, C, and the bench time, s, of its last change.
 #[derive(Debug, Clone, Copy, Default)]
 struct Last {
     value: Option<f64>,
     charge_c: f64,
-    /// None: from the next reading on.
+    /// `None`: counted from the next reading on.
     time_s: Option<f64>,
 }
 
 impl Last {
-    /// Charge and time that have passed since the value changed.
+    /// Returns the charge and time that have passed since the value changed.
     fn since(&mut self, value: f64, now: Passed) -> Passed {
         if self.value != Some(value) {
             *self = Self {
@@ -91,7 +91,7 @@ pub(super) struct Meters {
 }
 
 impl Meters {
-    /// A meter that shows the same for longer than its noise allows.
+    /// Returns a meter that shows the same value for longer than its noise allows.
     pub(super) fn stuck(&self) -> Option<Stuck> {
         self.temperature
             .stuck(Quantity::Temperature)
@@ -99,24 +99,26 @@ impl Meters {
             .or_else(|| self.current.stuck(Quantity::Current))
     }
 
-    /// A step of its own begins. The noise of voltage and current held for the step before, because
-    /// their ranges change from step to step.
+    /// Begins an independent step. The noise of voltage and current applied to the previous step,
+    /// because their ranges change from step to step.
     pub(super) fn begin(&mut self) {
         (self.voltage, self.current) = (Meter::default(), Meter::default());
         self.temperature.last = Last::default();
     }
 
-    /// Another current flows: what stood still before stood still rightly.
+    /// Resets the meters when another current flows: values that did not change before were
+    /// correct.
     pub(super) fn move_anew(&mut self) {
         (self.voltage.last.time_s, self.current.last.time_s) = (None, None);
     }
 
-    /// The temperature stands still for longer than usual.
+    /// Checks whether the temperature has not changed for longer than usual.
     pub(super) fn temperature_is_suspect(&self) -> bool {
         self.temperature.noise.suspect()
     }
 
-    /// Learns the noise of each meter. Under a sinusoid readings turn back without any noise.
+    /// Estimates the noise of each meter. Under a sinusoid readings reverse their direction
+    /// without any noise.
     pub(super) fn listen(&mut self, reading: &Reading, allowance: &Allowance) {
         if let Some(celsius) = reading.temperature_c {
             self.temperature.noise.take(celsius);
@@ -124,7 +126,7 @@ impl Meters {
         if allowance.mean.is_some() || allowance.swing_s.is_some() {
             return;
         }
-        // A supply that holds the voltage may hold it better than the meter shows.
+        // A supply in voltage control may hold the voltage better than the meter resolves.
         if let Some(volts) = reading.voltage_v.filter(|volts| *volts < allowance.held_v) {
             self.voltage.noise.take(volts);
         }
@@ -133,8 +135,8 @@ impl Meters {
         }
     }
 
-    /// Takes a reading, before which the step has moved so much charge, C, and judges whether a
-    /// value stood still for too long.
+    /// Accepts a reading, before which the step has moved a charge, C, and judges whether a value
+    /// has not changed for too long.
     pub(super) fn judge(
         &mut self,
         reading: &Reading,

@@ -1,33 +1,33 @@
-//! Estimates how long a meter with visible noise may show the same value. The share of readings at
-//! which it turns back says how rarely two are alike.
+//! Estimates how long a meter with visible noise may show the same value. The share of readings
+//! that reverse the direction indicates how rarely two successive readings are equal.
 
-/// Standard deviations by which the share of turns is taken smaller than it was seen.
+/// Standard deviations by which the observed share of reversals is reduced.
 const DEVIATIONS: f64 = 2.0;
-/// Chance below which a value that stands still does not do so by chance. A night has 10⁵ readings,
-/// and what is taken for it is far more than what is likely: a reading that neither turns nor
-/// stands still goes on in its direction.
+/// Probability below which a constant value is not due to chance. A night has 10⁵ readings, and
+/// the estimate of this probability is far above the likely one: a reading that neither reverses
+/// nor stays the same continues in its direction.
 const CHANCE: f64 = 1.0e-6;
-/// Greatest share of pairs that are alike of a meter whose digits are finer than its noise.
+/// Greatest share of equal pairs for a meter whose digits are finer than its noise.
 const MOST_ALIKE: f64 = 0.1;
-/// Fewest pairs of readings that show a noise.
+/// Least number of pairs of readings that show a noise.
 const FEWEST: f64 = 10.0;
 
-/// The readings of one meter so far.
+/// Statistics of the readings of one meter.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Noise {
     last: Option<f64>,
-    /// The change before, in its own unit.
+    /// The previous change, in the meter's unit.
     step: f64,
     pairs: f64,
     turns: f64,
-    /// Pairs that were alike.
+    /// Number of equal pairs.
     alike: f64,
-    /// Readings that were as the one before them, without a change since.
+    /// Number of readings equal to the previous one, since the last change.
     still: u32,
 }
 
 impl Noise {
-    /// Takes a reading.
+    /// Adds a reading.
     pub(super) fn take(&mut self, value: f64) {
         let step = self.last.replace(value).map_or(0.0, |last| value - last);
         if self.last.is_none() || !value.is_finite() {
@@ -37,16 +37,16 @@ impl Noise {
             self.still += 1;
             return;
         }
-        // What stood still is known to have been a pause, and counts.
+        // The value has changed again, so the equal readings before count as noise.
         self.pairs += f64::from(self.still) + 1.0;
         self.alike += f64::from(self.still);
         self.turns += if step * self.step < 0.0 { 1.0 } else { 0.0 };
         (self.step, self.still) = (step, 0);
     }
 
-    /// How often the value was read alike, where noise would have changed it meanwhile.
+    /// Returns the number of equal readings if noise would have changed the value in that time.
     pub(super) fn stuck(&self) -> Option<u32> {
-        // A coarse meter stands still rightly wherever its value lies in the middle of a digit.
+        // A coarse meter may correctly stay constant if its value lies in the middle of a digit.
         if self.pairs < FEWEST || self.alike > MOST_ALIKE * self.pairs {
             return None;
         }
@@ -54,13 +54,14 @@ impl Noise {
         (f64::from(self.still) * alike.ln() < CHANCE.ln()).then_some(self.still)
     }
 
-    /// It stands still for longer than usual: worth another look.
+    /// Checks whether the value has been constant for longer than usual, so that it should be read
+    /// again.
     pub(super) fn suspect(&self) -> bool {
         self.still > 1 && self.pairs >= FEWEST
     }
 }
 
-/// Lower end of Wilson's interval for a share of `pairs` of which `turns` were seen.
+/// Returns the lower end of Wilson's interval for a share: `turns` out of `pairs`.
 fn least_share(turns: f64, pairs: f64) -> f64 {
     let (share, z2) = (turns / pairs, DEVIATIONS * DEVIATIONS);
     let middle = share + 0.5 * z2 / pairs;
@@ -72,7 +73,7 @@ fn least_share(turns: f64, pairs: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Noise of so many steps of the last digit, by a generator of its own.
+    /// Returns noise with a standard deviation in steps of the last digit, from a local generator.
     fn readings(sigma: f64, drift: f64, count: u32) -> impl Iterator<Item = f64> {
         let mut state = 0x9e37_79b9_7f4a_7c15_u64;
         (0..count).map(move |k| {
@@ -108,7 +109,7 @@ mod tests {
                 noise.take(value);
                 assert_eq!(noise.stuck(), None, "{sigma} {drift}: reading {number}");
             }
-            // From here on it is frozen.
+            // The meter is frozen from here on.
             let caught = (1..=200).find(|_| {
                 noise.take(7.0);
                 noise.stuck().is_some()

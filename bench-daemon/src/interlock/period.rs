@@ -1,23 +1,24 @@
-//! Mean of a periodic current, from readings that follow it.
+//! The mean of a periodic current, from readings that follow it.
 
 use std::collections::VecDeque;
 
 use super::allowance::Mean;
 
-/// Fewest readings in a period that give its mean.
+/// Least number of readings in a period that give its mean.
 pub(super) const FEWEST: f64 = 4.0;
 
-/// Bench times, s, and currents, A, of one period of the sinusoid in work.
+/// Bench times, s, and currents, A, of one period of the present sinusoid.
 #[derive(Debug, Default)]
 pub(super) struct Period(VecDeque<(f64, f64)>);
 
 impl Period {
-    /// Drops the readings so far, because they are not of one signal or not of known times.
+    /// Drops the readings so far, because they do not belong to one signal or their times are
+    /// unknown.
     pub(super) fn lose(&mut self) {
         self.0.clear();
     }
 
-    /// Takes a reading, and drops what came before the last period.
+    /// Adds a reading, and drops those before the last period.
     pub(super) fn take(&mut self, mean: &Mean, time_s: f64, current_a: f64) {
         self.0.push_back((time_s, current_a));
         let from_s = time_s - mean.period_s;
@@ -26,12 +27,12 @@ impl Period {
         }
     }
 
-    /// The mean of something of the current over the last period, by the trapezoidal rule, as soon
-    /// as a whole one was read.
+    /// Returns the mean of a function of the current over the last period, by the trapezoidal
+    /// rule, as soon as a complete period was read.
     pub(super) fn mean_of(&self, mean: &Mean, of: fn(f64) -> f64) -> Option<f64> {
         let pairs = || self.0.iter().zip(self.0.iter().skip(1));
         let from_s = self.0.back()?.0 - mean.period_s;
-        // What came too seldom says nothing of a mean.
+        // Readings that are too rare do not define a mean.
         let apart_s = pairs()
             .map(|(one, other)| other.0 - one.0)
             .fold(0.0, f64::max);

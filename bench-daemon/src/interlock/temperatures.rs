@@ -1,4 +1,4 @@
-//! Rate of the cell's temperature, and what judges bath and thermometers.
+//! The rate of the cell's temperature, and the judges of bath and thermometers.
 
 use std::collections::VecDeque;
 
@@ -9,20 +9,20 @@ use super::{
     thermometers::{ThermometerJudge, ThermometerReadings},
 };
 
-/// Fewest temperatures, and least share of the window, that make a rate.
+/// Least number of temperatures, and least share of the window, that define a rate.
 const RATE: (usize, f64) = (3, 0.5);
 
 /// The temperatures of cell, air and bath.
 #[derive(Debug)]
 pub(super) struct Temperatures {
-    /// Those of the cell within the window, °C, behind their bench times, s.
+    /// Temperatures of the cell within the window: bench time, s, and value, °C.
     window: VecDeque<(f64, f64)>,
     bath: BathJudge,
     thermometers: ThermometerJudge,
 }
 
 impl Temperatures {
-    /// Nothing was read yet.
+    /// Creates the state before the first reading.
     pub(super) fn new(settings: &Settings, limits: &Limits) -> Self {
         Self {
             window: VecDeque::new(),
@@ -31,13 +31,13 @@ impl Temperatures {
         }
     }
 
-    /// Something else is in the jig.
+    /// Drops the history after a change of the object in the jig.
     pub(super) fn change_fixture(&mut self) {
         self.forget();
         self.thermometers.forget();
     }
 
-    /// Takes a reading of voltage and current, which tell the heat in the cell.
+    /// Accepts a reading of voltage and current, from which the heat in the cell follows.
     pub(super) fn take_reading(&mut self, reading: &Reading) {
         if let Some(volts) = reading.voltage_v {
             let amps = reading.current_a.unwrap_or(0.0);
@@ -51,7 +51,7 @@ impl Temperatures {
         Some(Trip::Bath { fault, time_s })
     }
 
-    /// Judges a look at all thermometers; `cell` is false while a control is in the jig.
+    /// Judges a reading of all thermometers; `cell` is false while a control is in the jig.
     pub(super) fn judge_thermometers(
         &mut self,
         readings: ThermometerReadings,
@@ -62,13 +62,13 @@ impl Temperatures {
         Some(Trip::Thermometer { fault, time_s })
     }
 
-    /// Drops what was read so far: it says nothing of what comes.
+    /// Drops earlier readings, which do not apply to later ones.
     pub(super) fn forget(&mut self) {
         self.window.clear();
     }
 
-    /// Takes a reading, and judges the least-squares slope over the window, unless the temperature
-    /// is to change.
+    /// Accepts a reading, and judges the least-squares slope over the window, unless the
+    /// temperature is to change.
     pub(super) fn judge(
         &mut self,
         reading: &Reading,
@@ -101,7 +101,7 @@ impl Temperatures {
     }
 }
 
-/// Least-squares slope of (time, value).
+/// Returns the least-squares slope of (time, value).
 fn slope(points: &VecDeque<(f64, f64)>) -> f64 {
     let count = points.len() as f64;
     let (mean_t, mean_v) = points.iter().fold((0.0, 0.0), |(t, v), point| {

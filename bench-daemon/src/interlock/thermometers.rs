@@ -1,46 +1,50 @@
-//! Judges the thermometers against each other, against the bath and against the heat in the cell: one
-//! that does not move although it must, two that are swapped, an air that no room has. Pure.
+//! Checks the thermometers against each other, against the bath and against the heat in the cell.
+//! Detects a thermometer that does not change although it must, two thermometers that are swapped,
+//! and an air temperature that no room has. The functions are pure.
 //!
-//! A thermometer with coarse digits and without noise stands still rightly. What decides is by how
-//! much the cell must have warmed at least, with a heat capacity and a cooling that are generous.
+//! A thermometer with coarse digits and without noise may correctly stay constant. The criterion
+//! is the least warming of the cell, from generous values of its heat capacity and its cooling.
 
 use std::collections::VecDeque;
 
-/// Temperatures that the air of a room may have, °C.
+/// Possible temperatures of the air of a room, °C.
 const ROOM_C: (f64, f64) = (-30.0, 55.0);
-/// Least change that the cell must have made before a reading that stays the very same is at fault,
-/// K: ten steps of a thermometer with one decimal.
+/// Least change of the cell's temperature after which an unchanged reading is a fault, K: ten
+/// steps of a thermometer with one decimal.
 const MUST_MOVE_K: f64 = 1.0;
 /// Greatest heat capacity of a cell with its holder, J/K per Ah: four times that of a cylindrical
 /// lithium-ion cell.
 const HEAT_CAPACITY_J_PER_K_AH: f64 = 60.0;
-/// How fast a cell gives its heat away at most, as a time constant, s: to blocks with water, and to
-/// still air.
+/// Shortest time constants with which a cell loses its heat, s: to blocks with water, and to still
+/// air.
 const COOLS_S: (f64, f64) = (60.0, 600.0);
-/// How slowly a cell follows its bath at most, as a time constant, s.
+/// Longest time constant with which a cell follows its bath, s.
 const FOLLOWS_S: f64 = 3600.0;
-/// Two looks that are farther apart say nothing of the time between them, s.
+/// Two readings farther apart than this do not define the time between them, s.
 const GAP_S: f64 = 300.0;
-/// How long the movement of the air is followed, s.
+/// How long the change of the air temperature is followed, s.
 const AIR_WINDOW_S: f64 = 1800.0;
-/// Rise of the air within that time that must show at the cell, K, and the least share of it there.
+/// Rise of the air temperature within that time that must be visible at the cell, K, and the least
+/// share of it there.
 const AIR_RISES_K: f64 = 8.0;
 const AIR_SHARE: f64 = 0.5;
-/// Least difference between two temperatures that are not the same, and greatest between two that
-/// are, K.
+/// Least difference between two temperatures that count as different, and greatest between two
+/// that count as equal, K.
 const DIFFERENT_K: f64 = 10.0;
 const ALIKE_K: f64 = 5.0;
-/// How long the air must look like the cell in its bath, s.
+/// How long the air temperature must match that of a cell in its bath, s.
 const ALIKE_S: f64 = 300.0;
-/// Looks in a row at which a fine thermometer repeats itself beside another one that does not.
+/// Number of successive readings with which a fine thermometer repeats itself beside another one
+/// that does not.
 const REPEATS: u32 = 20;
-/// Greatest change of the air from look to look that is noise, K.
+/// Greatest change of the air temperature between readings that counts as noise, K.
 const NOISE_K: f64 = 0.1;
-/// A current from which on a resistance can be told, A, and resistances that a cell may have, Ω.
+/// Least current from which a resistance can be determined, A, and range of resistances of a cell,
+/// Ω.
 const TELLS_A: f64 = 0.5;
 const OHM: (f64, f64) = (1.0e-4, 1.0);
 
-/// One look at all thermometers; what is not there or gives no number is `None`.
+/// One reading of all thermometers; a thermometer that is missing or returns no number is `None`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ThermometerReadings {
     /// The cell, °C.
@@ -51,7 +55,7 @@ pub struct ThermometerReadings {
     pub bath_c: Option<f64>,
 }
 
-/// What is wrong with the thermometers.
+/// Fault of the thermometers.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum ThermometerFault {
     /// The air has a temperature that no room has.
@@ -73,9 +77,9 @@ pub enum ThermometerFault {
     AirWarms {
         /// Reading of the air, °C.
         air_c: f64,
-        /// By how much it has risen, K.
+        /// Rise of the air temperature, K.
         rise_k: f64,
-        /// By how much the cell has risen meanwhile, K.
+        /// Rise of the cell temperature in the same time, K.
         cell_rise_k: f64,
     },
     /// The air is as warm as the bath, and the cell is not.
@@ -91,7 +95,7 @@ pub enum ThermometerFault {
         /// Reading of the bath, °C.
         bath_c: f64,
     },
-    /// The bath has moved, and the cell's thermometer has not.
+    /// The bath temperature has changed, but the cell's thermometer has not.
     #[error(
         "that of the cell reads {cell_c} °C all the while, although the bath went from \
         {bath_from_c:.1} °C to {bath_c:.1} °C, which must have moved it by {must_k:.1} K: it is \
@@ -100,14 +104,14 @@ pub enum ThermometerFault {
     StillBesideBath {
         /// Reading of the cell, °C.
         cell_c: f64,
-        /// The bath when the reading changed last, °C.
+        /// Temperature of the bath at the last change of the reading, °C.
         bath_from_c: f64,
         /// The bath now, °C.
         bath_c: f64,
-        /// By how much the cell must have moved at least, K.
+        /// Least change of the cell's temperature that must have occurred, K.
         must_k: f64,
     },
-    /// The cell was heated, and its thermometer has not moved.
+    /// The cell was heated, but its thermometer has not changed.
     #[error(
         "that of the cell reads {cell_c} °C all the while, although {heat_j:.0} J of heat in the \
         cell must have warmed it by {must_k:.1} K: it is frozen"
@@ -117,7 +121,7 @@ pub enum ThermometerFault {
         cell_c: f64,
         /// Heat since the reading changed last, J.
         heat_j: f64,
-        /// By how much the cell must have warmed at least, K.
+        /// Least warming of the cell that must have occurred, K.
         must_k: f64,
     },
     /// The other thermometer of the same logger shows noise, and that of the cell does not.
@@ -128,19 +132,19 @@ pub enum ThermometerFault {
     StillBesideAir {
         /// Reading of the cell, °C.
         cell_c: f64,
-        /// How often it was read alike.
+        /// Number of equal readings.
         times: u32,
     },
 }
 
-/// Heat in the cell by its own resistance, as far as a step of the current tells it.
+/// Heat in the cell by its own resistance, as far as a step of the current shows it.
 #[derive(Debug, Clone, Copy, Default)]
 struct Heat {
     rest_v: Option<f64>,
     ohm: Option<f64>,
-    /// Current that was read last with its time, A and s.
+    /// Last current, A, with its time, s.
     last: Option<(f64, f64)>,
-    /// Heat that no look has taken yet, J.
+    /// Heat that no reading has consumed yet, J.
     joules: f64,
 }
 
@@ -148,7 +152,7 @@ impl Heat {
     fn take(&mut self, volts: f64, amps: f64, time_s: f64) {
         if let (Some((before_a, before_s)), Some(ohm)) = (self.last, self.ohm) {
             let passed_s = (time_s - before_s).clamp(0.0, GAP_S);
-            // The smaller of two currents: a peak that was met by chance counts for nothing.
+            // Use the smaller of two currents, so that a single sampled peak does not count.
             self.joules += ohm * before_a.abs().min(amps.abs()).powi(2) * passed_s;
         }
         let rested = self
@@ -169,17 +173,18 @@ impl Heat {
     }
 }
 
-/// What must have happened to the cell since its reading changed last.
+/// What must have happened to the cell since its reading last changed.
 #[derive(Debug, Clone, Copy)]
 struct Still {
     cell_c: f64,
-    /// The bath then, °C.
+    /// Temperature of the bath at that time, °C.
     bath_from_c: Option<f64>,
     /// Least movement by the bath, and least warming by heat, K.
     by_bath_k: f64,
     by_heat_k: f64,
     heat_j: f64,
-    /// Looks at which the cell repeated itself while the air changed by its noise.
+    /// Number of readings in which the cell repeated itself while the air temperature changed by
+    /// its noise.
     repeats: u32,
 }
 
@@ -195,7 +200,7 @@ impl Still {
         }
     }
 
-    /// Lets `passed_s` pass with heat in the cell, J.
+    /// Advances by `passed_s` with heat in the cell, J.
     fn pass(&mut self, passed_s: f64, heat_j: f64, bath_c: Option<f64>, capacity_j_per_k: f64) {
         let cools_s = if bath_c.is_some() {
             COOLS_S.0
@@ -240,8 +245,8 @@ impl Still {
     }
 }
 
-/// Whether a reading shows that its thermometer has fine digits: it is no multiple of a hundredth
-/// or of a sixteenth of a degree.
+/// Checks whether a reading shows that its thermometer has fine digits: it is not a multiple of a
+/// hundredth or of a sixteenth of a degree.
 fn is_fine(celsius: f64) -> bool {
     [100.0, 16.0].iter().all(|steps| {
         let scaled = celsius * steps;
@@ -249,7 +254,7 @@ fn is_fine(celsius: f64) -> bool {
     })
 }
 
-/// Judges looks at the thermometers, one after the other.
+/// Judges successive readings of the thermometers.
 #[derive(Debug)]
 pub struct ThermometerJudge {
     /// Greatest heat capacity of the cell, J/K.
@@ -259,12 +264,12 @@ pub struct ThermometerJudge {
     still: Option<Still>,
     /// Times, s, and readings of air and cell, °C, within the window.
     air: VecDeque<(f64, f64, f64)>,
-    /// Since when the air has looked like the cell in its bath, s.
+    /// Time since which the air temperature matches that of a cell in its bath, s.
     alike_s: Option<f64>,
 }
 
 impl ThermometerJudge {
-    /// A judge for a cell of this capacity, C.
+    /// Creates a judge for a cell of this capacity, C.
     pub fn new(capacity_c: f64) -> Self {
         Self {
             capacity_j_per_k: HEAT_CAPACITY_J_PER_K_AH * capacity_c / 3600.0,
@@ -276,21 +281,22 @@ impl ThermometerJudge {
         }
     }
 
-    /// Something else is in the jig: what was seen before says nothing of it.
+    /// Drops the history after a change of the object in the jig: earlier readings do not apply to
+    /// it.
     pub fn forget(&mut self) {
         (self.heat, self.last, self.still) = (Heat::default(), None, None);
         self.air.clear();
         self.alike_s = None;
     }
 
-    /// Takes the voltage, V, and the current, A, of a reading at `time_s`, which tell the heat in the
-    /// cell.
+    /// Accepts the voltage, V, and the current, A, of a reading at `time_s`, from which the heat
+    /// in the cell follows.
     pub fn take_power(&mut self, volts: f64, amps: f64, time_s: f64) {
         self.heat.take(volts, amps, time_s);
     }
 
-    /// Judges a look at `now_s`. `cell` is false while the cell lies beside the jig, where only the
-    /// air is judged.
+    /// Judges a reading at `now_s`. `cell` is false while the cell lies beside the jig; then only
+    /// the air temperature is judged.
     pub fn judge(
         &mut self,
         readings: ThermometerReadings,

@@ -1,19 +1,19 @@
-//! What the watch finds.
+//! Alarms of the watch.
 
 use crate::interlock::Trip;
 
-/// What the watch has found.
+/// An alarm of the watch.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Alarm {
     /// A reading left its limits twice.
     #[error("interlock: {0}")]
     Trip(Trip),
-    /// An instrument is not set as this run has set it.
+    /// The settings of an instrument differ from those that this run made.
     #[error("{role}: {met}: another client, a hand at its panel, or a protection?")]
     Meddled {
         /// Its role.
         role: &'static str,
-        /// State by its own answer.
+        /// State as the instrument reports it.
         met: String,
     },
     /// The meter of a drive in use does not answer.

@@ -1,8 +1,8 @@
-//! What may flow at the moment: the limits against which the watch holds every reading.
+//! The limits that apply at the moment, against which the watch checks every reading.
 
 use crate::interlock::{Allowance, CURRENT_MARGIN, Drive, Drives, NO_CURRENT_A};
 
-/// What may flow.
+/// Limits of currents, voltage and temperature.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Envelope {
     /// Least and greatest current of each drive, A, in the direction that its meter counts.
@@ -15,7 +15,7 @@ pub struct Envelope {
 }
 
 impl Envelope {
-    /// Nothing may flow, and nothing is known of a cell.
+    /// Returns an envelope that allows no current and sets no limits for a cell.
     pub fn nothing() -> Self {
         Self {
             amps: [(-NO_CURRENT_A, NO_CURRENT_A); 3],
@@ -25,7 +25,7 @@ impl Envelope {
         }
     }
 
-    /// What a step allows.
+    /// Returns the envelope of a step.
     pub fn of(allowance: &Allowance) -> Self {
         let limits = &allowance.limits;
         let (charge_a, discharge_a) = (
@@ -51,7 +51,8 @@ impl Envelope {
         }
     }
 
-    /// Whatever one of two allows, for the moment in which one follows the other.
+    /// Combines two envelopes into one that allows what either of them allows, for the transition
+    /// between two steps.
     #[must_use]
     pub fn or(self, other: Self) -> Self {
         let wider = |one: (f64, f64), other: (f64, f64)| (one.0.min(other.0), one.1.max(other.1));
@@ -70,7 +71,7 @@ impl Envelope {
         }
     }
 
-    /// The same with no current of more than `most_a`, A, in either direction.
+    /// Limits the current to at most `most_a`, A, in either direction.
     #[must_use]
     pub fn at_most(self, most_a: f64) -> Self {
         Self {
@@ -81,34 +82,34 @@ impl Envelope {
         }
     }
 
-    /// Least and greatest current of a drive, A.
+    /// Returns the least and greatest current of a drive, A.
     pub fn amps(&self, drive: Drive) -> (f64, f64) {
         self.amps[drive as usize]
     }
 
-    /// Whether the step uses a drive.
+    /// Checks whether the step uses a drive.
     pub fn uses(&self, drive: Drive) -> bool {
         self.used.uses(drive)
     }
 
-    /// Whether a current may flow.
+    /// Checks whether a current may flow.
     pub fn is_live(&self) -> bool {
         self.used != Drives::default()
     }
 
-    /// Least and greatest voltage of the cell, V, where it is judged.
+    /// Returns the least and greatest voltage of the cell, V, if it is judged.
     pub fn volts(&self) -> Option<(f64, f64)> {
         self.volts
     }
 
-    /// Least and greatest temperature of the cell, °C.
+    /// Returns the least and greatest temperature of the cell, °C.
     pub fn degc(&self) -> (f64, f64) {
         self.degc
     }
 }
 
-/// The envelope in force. After a change both envelopes hold until the procedure has seen that the
-/// new one is kept, but for a bounded time.
+/// The envelope in force. After a change both envelopes apply until the procedure has verified
+/// that the new one is kept, but only for a bounded time.
 #[derive(Debug)]
 pub(super) struct InForce {
     present: Envelope,
@@ -123,7 +124,7 @@ impl InForce {
         }
     }
 
-    /// From now on `next` holds, and what held before until `until_s`.
+    /// Applies `next` from now on, and keeps the previous envelope until `until_s`.
     pub(super) fn change(&mut self, next: Envelope, until_s: f64) {
         if next != self.present {
             self.before = Some((self.present, until_s));
@@ -131,12 +132,12 @@ impl InForce {
         }
     }
 
-    /// The procedure has read a current that the present envelope allows.
+    /// Ends the previous envelope: the procedure has read a current that the present one allows.
     pub(super) fn settle(&mut self) {
         self.before = None;
     }
 
-    /// What holds for a reading that was asked for at `asked_s`.
+    /// Returns the envelopes that apply to a reading that was requested at `asked_s`.
     pub(super) fn at(&mut self, asked_s: f64) -> Envelopes {
         let allowed = match self.before {
             Some((before, until_s)) if asked_s <= until_s => self.present.or(before),
@@ -153,10 +154,10 @@ impl InForce {
     }
 }
 
-/// What decides on a reading, and what a message names.
+/// The envelope that decides on a reading, and the one that a message names.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Envelopes {
-    /// What the present step or the one before allows.
+    /// What the present or the previous step allows.
     pub(super) allowed: Envelope,
     /// What the present step allows.
     pub(super) present: Envelope,
@@ -220,7 +221,7 @@ mod tests {
         force.change(wide, 20.0);
         force.change(narrow, 30.0);
         assert_eq!(force.at(31.0).allowed.amps(Drive::Supply4q), (-1.02, 1.02));
-        // The same envelope again does not bring the one before back.
+        // Setting the same envelope again does not restore the previous one.
         force.change(narrow, 90.0);
         assert_eq!(force.at(40.0).allowed.amps(Drive::Supply4q), (-1.02, 1.02));
     }

@@ -1,39 +1,39 @@
-//! Judges the readings of one drive. A single reading that no current explains is asked again at
-//! once: one glitch of a meter ends no run.
+//! Judges the readings of one drive. A reading beyond the envelope is repeated at once: a single
+//! glitch of a meter does not end a run.
 
 use instruments::instrument::Measured;
 
 use super::envelope::Envelopes;
 use crate::interlock::{Drive, Trip};
 
-/// Two readings beyond the envelope within this time end the run, s: a slow sinusoid of too large
-/// an amplitude is beyond it near its crests only.
+/// Two readings beyond the envelope within this time end the run, s: a slow sinusoid with too
+/// large an amplitude is beyond it only near its crests.
 const MEMORY_S: f64 = 3.0;
 
-/// What follows from a reading.
+/// Consequence of a reading.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Judgement {
-    /// It is within the envelope.
+    /// The reading is within the envelope.
     Within,
-    /// It is not, for the first time: it is asked again at once, with the voltage where that was
-    /// the cause.
+    /// The reading is beyond the envelope for the first time. It is repeated at once, including
+    /// the voltage if that was the cause.
     AskAgain {
         /// The voltage was beyond its limits.
         volts: bool,
-        /// What a second reading would confirm.
+        /// The trip that a second reading would confirm.
         trip: Trip,
     },
-    /// It is not, again.
+    /// The reading is beyond the envelope again.
     Beyond(Trip),
 }
 
-/// Readings of one drive beyond the envelope.
+/// Tracks readings of one drive beyond the envelope.
 #[derive(Debug)]
 pub(super) struct Judge {
     drive: Drive,
-    /// This meter's voltage is that of the cell.
+    /// Whether the voltage of this meter is that of the cell.
     reads_cell: bool,
-    /// When a reading was beyond the envelope last, s.
+    /// Time of the last reading beyond the envelope, s.
     beyond_s: Option<f64>,
 }
 
@@ -70,7 +70,7 @@ impl Judge {
         }
     }
 
-    /// The quantity that is beyond what is allowed, with the limits of the present step.
+    /// Returns the quantity that is beyond the envelope, with the limits of the present step.
     fn trip(&self, reading: &Measured, envelopes: &Envelopes, time_s: f64) -> Option<Trip> {
         let Envelopes { allowed, present } = envelopes;
         let what = match self.drive {
@@ -156,7 +156,7 @@ mod tests {
                 vec![(0.0, 3.7, 1.9), (0.1, 3.7, 1.9)],
                 vec!["again", "beyond"],
             ),
-            // A crest of a slow sinusoid, and the next one.
+            // One crest of a slow sinusoid, and the next.
             (
                 vec![(0.0, 3.7, 1.9), (1.0, 3.7, 0.3), (2.5, 3.7, -1.9)],
                 vec!["again", "within", "beyond"],

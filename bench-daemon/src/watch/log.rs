@@ -1,35 +1,35 @@
-//! What the watch has done, for the run folder.
+//! Statistics of the watch, for the run folder.
 
 use crate::interlock::Drive;
 
-/// Readings of one drive.
+/// Statistics of the readings of one drive.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Readings {
-    /// How many readings were judged.
+    /// Number of readings that were judged.
     pub judged: u64,
-    /// How many of them the watch asked for itself.
+    /// Number of readings that the watch requested itself.
     pub asked: u64,
-    /// Time from the first to the last, s.
+    /// Time from the first to the last reading, s.
     pub span_s: f64,
-    /// Longest time between two, s.
+    /// Longest time between two readings, s.
     pub longest_s: f64,
-    /// Slowest answer of its meter to one question, s.
+    /// Longest answer time of its meter to one query, s.
     pub slowest_s: f64,
 }
 
-/// What the watch has done.
+/// Statistics of the watch.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct WatchLog {
-    /// Readings of each drive that the bench has.
+    /// Readings of each drive of the bench.
     pub readings: [Readings; 3],
-    /// Remarks for the report: what could not be read for a while.
+    /// Remarks for the report, for example on drives that could not be read for a while.
     pub remarks: Vec<String>,
-    /// Every drive of the bench was read a moment ago, and answers in time.
+    /// Whether every drive of the bench was read recently and answers in time.
     pub sees_every_drive: bool,
 }
 
 impl WatchLog {
-    /// Takes a reading that came at `machine_s`, `since_s` after the one before.
+    /// Adds a reading that arrived at `machine_s`, `since_s` after the previous one.
     pub(super) fn count(&mut self, drive: Drive, since_s: Option<f64>, answer_s: f64, own: bool) {
         let readings = &mut self.readings[drive as usize];
         readings.judged += 1;
@@ -41,7 +41,7 @@ impl WatchLog {
         }
     }
 
-    /// One line for each drive: readings per second, longest gap, slowest answer.
+    /// Returns one line for each drive: readings per second, longest gap, longest answer time.
     pub fn lines(&self) -> Vec<String> {
         Drive::ALL
             .into_iter()

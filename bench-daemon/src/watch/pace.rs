@@ -1,27 +1,28 @@
-//! How fast the watch reads, and the bound that follows from the speed of the meters: from a cause
-//! to no current.
+//! How fast the watch reads, and the bound on the time from a cause to zero current that follows
+//! from the speed of the meters.
 
 use crate::{
     config::{self, ANSWER_S, Experiment},
     interlock::Drive,
 };
 
-/// Aim for the time between two readings of a drive, s.
+/// Target for the time between two readings of a drive, s.
 const PERIOD_S: f64 = 0.5;
 /// Time in which an output that is switched off loses its current, and in which threads and
-/// connections take turns, s.
+/// connections are scheduled, s.
 const MARGIN_S: f64 = 1.0;
-/// Answers between a cause and no current at worst: the one in work of the procedure, the current,
-/// the current once more, and two that switch off.
+/// Greatest number of answers between a cause and zero current: the query of the procedure in
+/// progress, the current, the current once more, and two queries that switch off.
 const ANSWERS: f64 = 5.0;
-/// The same for meters slower than [`ANSWER_S`]: procedure, watch and comparison of settings then
-/// queue for one connection. Measured on answers 1 s late: 10.2 s at most.
+/// The number of answers for meters slower than [`ANSWER_S`]: procedure, watch and comparison of
+/// settings then queue for one connection. Measured on answers 1 s late: 10.2 s at most.
 const ANSWERS_OF_SLOW: f64 = 12.0;
-/// Answers that may pass without a reading, beside [`MARGIN_S`].
+/// Number of answer times that may pass without a reading, beside [`MARGIN_S`].
 const ANSWERS_WITHOUT: f64 = 4.0;
-/// Twice in a row, an answer of a drive in use may take its usual time and this part more.
+/// Factor on the usual answer time of a drive in use that two successive answers must not both
+/// exceed.
 const LATE: f64 = 1.5;
-/// Answers that it may take to set what a step needs.
+/// Number of answer times that it may take to make the settings of a step.
 const ANSWERS_TO_SET: f64 = 12.0;
 
 /// Pace of the watch of one bench.
@@ -34,7 +35,7 @@ pub struct Pace {
 }
 
 impl Pace {
-    /// The pace for an experiment.
+    /// Returns the pace for an experiment.
     pub fn of(experiment: &Experiment) -> Self {
         let config::Instruments {
             supply4q,
@@ -49,7 +50,7 @@ impl Pace {
         }
     }
 
-    /// Refuses a bench whose meters are too slow for the cell.
+    /// Returns an error if the meters of the bench are too slow for the cell.
     ///
     /// # Errors
     /// The bound, and what the cell file allows.
@@ -65,7 +66,7 @@ impl Pace {
         ))
     }
 
-    /// The bound in words, with the answer times that it follows from.
+    /// Describes the bound, with the answer times that it follows from.
     pub fn describe(&self, instruments: &config::Instruments) -> String {
         let config::Instruments {
             supply4q,
@@ -86,27 +87,27 @@ impl Pace {
         )
     }
 
-    /// The slowest meter.
+    /// Returns the answer time of the slowest meter.
     fn slowest_s(&self) -> f64 {
         self.answers_s.iter().copied().fold(ANSWER_S, f64::max)
     }
 
-    /// Time between two readings of a drive, s.
+    /// Returns the time between two readings of a drive, s.
     pub(super) fn period_s(&self) -> f64 {
         PERIOD_S
     }
 
-    /// Longest time without a reading of a drive in use, s.
+    /// Returns the longest time without a reading of a drive in use, s.
     pub fn blind_s(&self, drive: Drive) -> f64 {
         MARGIN_S + ANSWERS_WITHOUT * self.answers_s[drive as usize].max(ANSWER_S)
     }
 
-    /// Longest answer time of a drive in use that is tolerated twice in a row, s.
+    /// Returns the longest answer time of a drive in use that is tolerated twice in a row, s.
     pub(super) fn late_s(&self, drive: Drive) -> f64 {
         LATE * self.answers_s[drive as usize].max(ANSWER_S)
     }
 
-    /// Longest time from a cause that a meter shows at once to no current, s.
+    /// Returns the longest time to zero current from a cause that a meter shows at once, s.
     pub fn bound_s(&self) -> f64 {
         let slowest_s = self.slowest_s();
         let answers = if slowest_s > ANSWER_S {
@@ -117,7 +118,7 @@ impl Pace {
         PERIOD_S + MARGIN_S + answers * slowest_s
     }
 
-    /// How long the envelope of the step before may hold, s.
+    /// Returns how long the envelope of the previous step may apply, s.
     pub(super) fn settle_s(&self) -> f64 {
         MARGIN_S + ANSWERS_TO_SET * self.slowest_s()
     }

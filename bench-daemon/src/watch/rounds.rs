@@ -1,5 +1,5 @@
-//! The work of the watch: one loop for each meter, one for settings, one for ages. The first alarm
-//! ends all of them.
+//! The tasks of the watch: one loop for each meter, one for settings, one for ages. The first
+//! alarm ends all of them.
 
 use std::{
     cell::{Cell, RefCell},
@@ -27,20 +27,21 @@ use crate::{
     interlock::{Drive, Trip},
 };
 
-/// Ticks of a period: how finely it is seen that the procedure has read a meter.
+/// Number of ticks in a period: the time resolution with which readings of the procedure are
+/// detected.
 const TICKS: f64 = 5.0;
-/// Least period on the machine's clock, s: scaled time must not drown the ports.
+/// Least period on the machine's clock, s: scaled time must not flood the ports.
 const LEAST_PERIOD_S: f64 = 0.05;
 /// Time between two scans of the thermometers, s.
 const TEMPERATURE_S: f64 = 5.0;
-/// A drive that no step uses and that is not read for this long is remarked, s.
+/// Time after which a drive that no step uses and that is not read is remarked, s.
 const UNREAD_S: f64 = 5.0;
-/// Pause before an instrument that could not be reached is tried again, s.
+/// Pause before an unreachable instrument is tried again, s.
 const REACH_AGAIN_S: f64 = 0.5;
 /// Longest search for the setting that explains a trip, s.
 const CAUSE: std::time::Duration = std::time::Duration::from_millis(300);
-/// The instruments whose settings are compared, in the order of their turns. The generator has no
-/// meter and is asked twice as often as any other.
+/// The instruments whose settings are compared, in turn. The generator has no meter and is queried
+/// twice as often as any other.
 const TURNS: [&str; 8] = [
     "generator",
     "supply4q",
@@ -52,7 +53,7 @@ const TURNS: [&str; 8] = [
     "chiller",
 ];
 
-/// Everything that the loops of one watch share.
+/// State that the loops of one watch share.
 pub(super) struct Rounds {
     pub(super) bench: Bench,
     pub(super) shared: Arc<Shared>,
@@ -110,25 +111,26 @@ impl Rounds {
     }
 }
 
-/// What is read next of a drive.
+/// The next reading of a drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Next {
-    /// Whatever the procedure has read, or the drive itself when it is due.
+    /// Whatever the procedure has read, or a query of the drive when it is due.
     Usual,
-    /// Voltage and current, at once.
+    /// Voltage and current, immediately.
     Volts,
-    /// The current, at once.
+    /// The current, immediately.
     Amps,
 }
 
 /// State of the reading of one drive.
 #[derive(Debug, Default)]
 struct DriveState {
-    /// The bench has it.
+    /// Whether the bench has the drive.
     present: bool,
-    /// Time since its last reading, s in which the watch could run.
+    /// Time since its last reading, s; time in which the watch could not run does not count.
     age_s: Cell<f64>,
-    /// It was read, and its answers are not later than the bound of the watch allows.
+    /// Whether the drive was read, and its answers are not later than the bound of the watch
+    /// allows.
     in_time: Cell<bool>,
     /// The last error of its link.
     trouble: RefCell<String>,
@@ -139,10 +141,10 @@ struct Watched<'a> {
     shared: &'a Shared,
     clock: &'a Clock,
     pace: Pace,
-    /// Machine seconds to one bench second.
+    /// Machine seconds per bench second.
     machine_per_bench: f64,
     drives: [DriveState; 3],
-    /// The same of the cell's temperature; none without a logger.
+    /// Age of the cell's temperature, s; `None` without a logger.
     temperature_age_s: Cell<Option<f64>>,
 }
 
@@ -166,12 +168,12 @@ impl<'a> Watched<'a> {
         }
     }
 
-    /// Period of the readings on the machine's clock, s.
+    /// Returns the period of the readings on the machine's clock, s.
     fn period_s(&self) -> f64 {
         (self.pace.period_s() * self.machine_per_bench).max(LEAST_PERIOD_S)
     }
 
-    /// Sleeps for machine seconds.
+    /// Sleeps for a time in machine seconds.
     async fn sleep_s(&self, machine_s: f64) {
         self.clock.sleep_s(machine_s / self.machine_per_bench).await;
     }
@@ -188,8 +190,8 @@ impl<'a> Watched<'a> {
         drive.reads_cell(self.drives[Drive::Load as usize].present)
     }
 
-    /// Judges each reading of a drive, by whoever asked for it, and asks when the procedure does
-    /// not.
+    /// Judges each reading of a drive, whether the procedure or the watch requested it. Queries
+    /// the drive when the procedure does not.
     async fn follow<D: Driven>(&self, drive: Drive, meter: Option<&mut D>) -> Alarm {
         let Some(meter) = meter else {
             return pending().await;
@@ -233,7 +235,7 @@ impl<'a> Watched<'a> {
             let envelopes = locked(&self.shared.force).at(reading.asked_s);
             match judge.judge(&reading, &envelopes, self.clock.now_s()) {
                 Judgement::Within => next = Next::Usual,
-                // Another answer would come too late, and nothing should flow.
+                // A repeated reading would come too late, and no current should flow.
                 Judgement::AskAgain { trip, .. }
                     if !self.shared.waits
                         && meter.answer_time_s() > late_s
@@ -252,7 +254,7 @@ impl<'a> Watched<'a> {
         }
     }
 
-    /// Switches off a drive that shows a current where nothing may flow, and remarks it.
+    /// Switches off a drive that shows a current while nothing may flow, and remarks it.
     async fn end_stray_current<D: Driven>(&self, drive: Drive, meter: &mut D, reading: &Measured) {
         let off = match meter.off().await {
             Ok(()) => "it was switched off".to_owned(),
@@ -268,9 +270,9 @@ impl<'a> Watched<'a> {
         locked(&self.shared.log).remarks.push(remark);
     }
 
-    /// Reads a drive. A link that fails is connected anew, and its instrument identified.
+    /// Reads a drive. If the link fails, reconnects and identifies the instrument.
     async fn read<D: Driven>(&self, drive: Drive, meter: &mut D, next: Next) -> Option<Measured> {
-        // The voltage of the cell is asked for with every second reading.
+        // The voltage of the cell is queried with every second reading.
         let volts = match next {
             Next::Usual => {
                 self.reads_cell(drive)
@@ -305,8 +307,8 @@ impl<'a> Watched<'a> {
         }
     }
 
-    /// Connects anew, and identifies the instrument. In a wait it is switched off first: with late
-    /// answers its identity and its current take seconds.
+    /// Reconnects and identifies the instrument. During a wait the instrument is switched off
+    /// first: with late answers, reading its identity and its current takes seconds.
     async fn reconnect<D: Driven>(&self, meter: &mut D) -> Result<(), LinkError> {
         meter.reconnect().await?;
         if self.shared.waits {
@@ -325,7 +327,7 @@ impl<'a> Watched<'a> {
         );
     }
 
-    /// Judges the cell's temperature, by whoever asked for it.
+    /// Judges the cell's temperature, whether the procedure or the watch requested it.
     async fn follow_temperature(&self, logger: Option<&mut Logger>) -> Alarm {
         let Some(logger) = logger else {
             return pending().await;
@@ -346,7 +348,7 @@ impl<'a> Watched<'a> {
                     ready = logger.configure().await.is_ok();
                 }
                 if logger.scan().await.is_err() {
-                    // The procedure's next reading, or its age, ends the run.
+                    // The procedure's next reading, or the age of the temperature, ends the run.
                     self.sleep_s(TEMPERATURE_S).await;
                     continue;
                 }
@@ -375,8 +377,7 @@ impl<'a> Watched<'a> {
         }
     }
 
-    /// Asks one instrument after the other whether one of its settings is still as this run has
-    /// made it.
+    /// Queries the instruments in turn whether a setting is still as this run made it.
     async fn compare_settings(&self, bench: &mut Bench) -> Alarm {
         for turn in 0_usize.. {
             self.sleep_s(self.period_s() / 2.0).await;
@@ -388,7 +389,7 @@ impl<'a> Watched<'a> {
         pending().await
     }
 
-    /// The setting that explains a trip, as far as the instruments answer at once.
+    /// Returns the setting that explains a trip, if the instruments answer immediately.
     async fn find_cause(&self, bench: &mut Bench) -> Option<String> {
         let asked = async {
             for role in ["generator", "supply4q", "load", "supply", "chiller"] {
@@ -448,7 +449,7 @@ impl<'a> Watched<'a> {
             })
     }
 
-    /// Trips where the temperature of the cell is too old while a current may flow.
+    /// Returns a trip if the temperature of the cell is too old while a current may flow.
     fn judge_temperature_age(&self, passed_s: f64, envelope: &Envelope) -> Option<Trip> {
         let age_s = self.temperature_age_s.get()? + passed_s;
         self.temperature_age_s.set(Some(age_s));

@@ -1,8 +1,9 @@
-//! What the watch cannot see on a bench, so that a person knows it before the run.
+//! Reports what the watch cannot detect on a bench, so that a person knows it before the run.
 
 use crate::config::{Bench, Jig};
 
-/// What nothing on this bench measures a second time, as lines that begin with "not watched".
+/// Returns the quantities that no second instrument on this bench measures, as lines that begin
+/// with "not watched".
 pub fn unwatched(bench: &Bench) -> Vec<String> {
     let instruments = &bench.instruments;
     let mut lines = Vec::new();

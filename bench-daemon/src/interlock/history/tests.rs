@@ -33,7 +33,7 @@ fn live(charge_c: (f64, f64)) -> Interlock {
     interlock
 }
 
-/// Plays readings until one trips; says which and at what bench time.
+/// Feeds readings until one trips; returns the trip and its bench time.
 fn play(
     interlock: &mut Interlock,
     readings: impl Iterator<Item = Reading>,
@@ -44,7 +44,7 @@ fn play(
     })
 }
 
-/// A reading a second: volts, amperes and degrees over time, s.
+/// Returns one reading per second: volts, amperes and degrees over time, s.
 fn course(
     seconds: u32,
     of: impl Fn(f64) -> (f64, f64, Option<f64>),
@@ -144,8 +144,8 @@ fn a_reading_that_comes_late_trips_only_while_current_may_flow() {
         ),
         (None, None)
     );
-    // What was not read at rest is not late when the step begins, and late when it still is not
-    // read.
+    // A quantity that was not read at rest is not late when the step begins, but is late if it is
+    // still not read.
     resting.begin(
         Allowance {
             live: true,
@@ -254,7 +254,7 @@ fn a_meter_that_stands_still_under_a_slow_sinusoid_trips_and_a_coarse_one_at_res
                 32.0,
             )),
         ),
-        // Two periods at least.
+        // At least two periods.
         (
             Some(20.0),
             Box::new(move |t| (3.8, amps(t), None)),
@@ -263,7 +263,7 @@ fn a_meter_that_stands_still_under_a_slow_sinusoid_trips_and_a_coarse_one_at_res
                 42.0,
             )),
         ),
-        // A fast sinusoid is averaged away, and at rest nothing moves.
+        // A fast sinusoid is averaged out, and at rest nothing changes.
         (None, Box::new(|_| (3.8, 0.0, None)), None),
         (None, Box::new(|_| (3.8, 0.1, None)), None),
     ];
@@ -277,7 +277,8 @@ fn a_meter_that_stands_still_under_a_slow_sinusoid_trips_and_a_coarse_one_at_res
         };
         assert!(right, "{expected:?}: {tripped:?}");
     }
-    // What stood still under the fast sinusoid before is not held against the slow one.
+    // A value that did not change under the previous fast sinusoid does not count against the slow
+    // one.
     let mut interlock = swinging(None);
     assert_eq!(
         play(&mut interlock, course(100, |_| (3.8, 0.0, None))),
@@ -301,7 +302,7 @@ fn a_meter_that_stands_still_under_a_slow_sinusoid_trips_and_a_coarse_one_at_res
         ..Reading::default()
     });
     assert_eq!(play(&mut interlock, later), None);
-    // Copper has no voltage to speak of: its current alone is looked at.
+    // The voltage of copper is negligible: only its current is judged.
     let mut copper = swinging(None);
     copper.begin(
         Allowance {
@@ -384,8 +385,8 @@ fn a_chiller_that_stopped_or_has_an_alarm_trips() {
     }
 }
 
-/// A sine of 1 A and 10 s that restarts after 7 s: its mean over the last ten seconds is no mean of
-/// a period until a whole one was read.
+/// A sine of 1 A and 10 s that restarts after 7 s: its mean over the last ten seconds is not the
+/// mean of a period until a complete one was read.
 #[test]
 fn a_signal_that_begins_anew_has_no_mean_of_what_was_before_and_one_with_an_offset_still_trips() {
     let mean = Some(Mean {
@@ -455,7 +456,7 @@ fn a_pair_of_readings_at_unsure_times_is_judged_by_what_the_times_may_do() {
         .pair_s(),
         None
     );
-    // A period of 5 s is read often enough for its mean even where a reading takes half a second.
+    // A period of 5 s is read often enough for its mean even if a reading takes half a second.
     assert!(
         Mean {
             period_s: 5.0,
@@ -482,7 +483,7 @@ fn the_zero_of_an_ammeter_is_no_charge_and_more_than_a_zero_is() {
         play(&mut interlock, course(4000, moving)).map(|(text, _)| text)
     };
     assert_eq!(net(0.0405), None);
-    // Not known, and not to be believed.
+    // The first zero is not known; the second is implausible.
     for zero_a in [0.0, 0.5] {
         assert!(
             net(zero_a).is_some_and(|text| text.starts_with("net charge of the step 100.")),

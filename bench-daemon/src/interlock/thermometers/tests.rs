@@ -1,12 +1,12 @@
 use super::*;
 
-/// What the thermometers see, by time in s.
+/// Conditions at the thermometers as a function of the time, s.
 type WorldAt<'w> = &'w dyn Fn(f64) -> World;
 
 /// Capacity of the cell of the demo, C.
 const CAPACITY_C: f64 = 4.5 * 3600.0;
 
-/// What the bench does at a time, s.
+/// Conditions on the bench at a time.
 struct World {
     cell_c: f64,
     air_c: f64,
@@ -32,17 +32,17 @@ impl World {
     }
 }
 
-/// Noise of a thermometer, K, a number of its own for each time and channel.
+/// Returns the noise of a thermometer, K: a separate number for each time and channel.
 fn noise(now_s: f64, channel: f64) -> f64 {
     0.02 * (now_s * 12.9898 + channel * 78.233).sin()
 }
 
-/// A reading in steps, K.
+/// Rounds a reading to steps, K.
 fn stepped(celsius: f64, step_k: f64) -> f64 {
     (celsius / step_k).round() * step_k
 }
 
-/// First fault, and its time, of two hours with a look every ten seconds.
+/// Returns the first fault, and its time, of two hours with a reading every ten seconds.
 fn first_fault(of: impl Fn(f64) -> World) -> Option<(f64, ThermometerFault)> {
     let mut judge = ThermometerJudge::new(CAPACITY_C);
     (0..7200).find_map(|second| {
