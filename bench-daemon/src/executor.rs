@@ -1,5 +1,5 @@
 //! Executes the steps of a checked plan with the instruments, and writes readings and records. The
-//! caller brings the bench into safe state afterwards, whatever the outcome.
+//! caller must bring the bench into a safe state afterwards, whatever the outcome.
 
 mod ask;
 mod bath;
@@ -69,16 +69,16 @@ pub struct Executor<'a> {
     person: Person<'a>,
     /// Contents of the jig.
     position: Position,
-    /// The scope's settings.
+    /// Settings of the scope.
     scope: Screen,
-    /// The sweep in work.
+    /// The present sweep.
     sweep: SweepState,
-    /// State that steps of direct current have left.
+    /// State that steps with direct current have left.
     direct: Direct,
 }
 
 impl<'a> Executor<'a> {
-    /// Makes an executor.
+    /// Creates an executor.
     pub fn new(rig: Rig<'a>, person: Person<'a>) -> Self {
         let correction = Correction::none(rig.setup.wiring.shunt);
         Self {
@@ -97,12 +97,12 @@ impl<'a> Executor<'a> {
         }
     }
 
-    /// Executes one stage, given with its number in the plan, from the resume point `resume_point`;
-    /// `on_point` gets every finished point as soon as it and its capture are on disk. Returns all
-    /// points, those that were there before included.
+    /// Executes one stage, given with its number in the plan, from the resume point
+    /// `resume_point`. Calls `on_point` for every finished point as soon as it and its capture are
+    /// on disk. Returns all points, including earlier ones.
     ///
     /// # Errors
-    /// The first thing that went wrong. The outputs may then still be on.
+    /// The first error that occurs. The outputs may then still be on.
     pub async fn stage(
         &mut self,
         number: usize,
@@ -125,7 +125,7 @@ impl<'a> Executor<'a> {
             };
         self.sweep.spent = Spent::of(resume_point.points.iter().map(|known| &known.point));
         if matches!(stage.purpose, Purpose::SocReset | Purpose::OcvSoc) {
-            // Where it ends, nothing is left of what traces have moved before.
+            // Such a stage sets the charge anew: the charge of earlier traces no longer counts.
             self.direct.charge_c = 0.0;
         }
         self.direct.reset = Reset::default();
@@ -181,7 +181,7 @@ impl<'a> Executor<'a> {
                     Step::Recheck(ref quality) => {
                         for (step, at) in self.recheck(fixture, quality, stage, &mut points).await?
                         {
-                            // The later entry of a step counts.
+                            // The later entry of a step takes precedence.
                             let idle = self.known.idle;
                             self.rig.recorder.point(number, step, idle, &points[at])?;
                         }
@@ -214,13 +214,13 @@ impl<'a> Executor<'a> {
         Ok(points)
     }
 
-    /// Takes over from an earlier process: the cell that was in use, and the charge that traces
-    /// have left in it, C.
+    /// Restores the state of an earlier process: the cell that was in use, and the charge that
+    /// traces have left in it, C.
     pub fn take_over(&mut self, specimen: Option<Arc<Specimen>>, charge_c: f64) {
         (self.position.specimen, self.direct.charge_c) = (specimen, charge_c);
     }
 
-    /// Plays one step; a sine gives a point.
+    /// Executes one step; a sine step returns a point.
     async fn play(
         &mut self,
         fixture: Fixture,
@@ -242,7 +242,7 @@ impl<'a> Executor<'a> {
             Step::Sine { ref settings, .. } => {
                 return self.gated(fixture, step, settings).await.map(Some);
             }
-            // They give several points, or change those that are there.
+            // These steps return several points or change existing ones.
             Step::Multisine(_) | Step::Recheck(_) => {}
             Step::Pause { span_s } => self.rig.pause(span_s).await?,
             Step::Zero(ref trace) => self.zero(trace).await?,
@@ -252,7 +252,7 @@ impl<'a> Executor<'a> {
         Ok(None)
     }
 
-    /// Takes another cell into use. Where a person does it, they are asked when it is to be
+    /// Takes another cell into use. If a person changes the cells, they are asked when it is to be
     /// clamped.
     async fn insert(&mut self, specimen: &Arc<Specimen>) -> Result<(), ExecuteError> {
         self.rig.bench.made_safe().await.map_err(BenchError::from)?;
@@ -262,7 +262,8 @@ impl<'a> Executor<'a> {
             jig.insert(specimen.number).await.map_err(error)?;
         }
         if self.position.specimen.replace(specimen.clone()).as_ref() != Some(specimen) {
-            // What traces have left is in the other cell, and so is the temperature that was seen.
+            // The charge that traces have left belongs to the other cell, and so does the last
+            // temperature.
             self.direct.charge_c = 0.0;
             self.rig.interlock.forget();
         }
@@ -273,13 +274,13 @@ impl<'a> Executor<'a> {
         self.rig.bench.made_safe().await.map_err(BenchError::from)?;
         let error = self.rig.bench.error("load");
         if let Some(load) = self.rig.bench.instruments.load.as_mut() {
-            // From here on it is the cell's voltmeter.
+            // From here on the load is the cell's voltmeter.
             load.watch().await.map_err(error)?;
         }
         self.scope.forget();
         if fixture == Fixture::Short {
-            // A bar across a cell is a dead short, whatever the outputs do: it is looked for before
-            // anybody reaches into the jig.
+            // A bar across a cell is a dead short, whatever state the outputs have: check for a
+            // cell before a person reaches into the jig.
             self.rig.refuse_a_cell("before mounting the short").await?;
         }
         self.rig.bench.off_again().await?;
@@ -288,15 +289,15 @@ impl<'a> Executor<'a> {
                 let mounted = jig.mount(fixture).await;
                 mounted.map_err(self.rig.bench.error("jig"))?;
             }
-            // Whoever put it there need not be asked again.
+            // The person who mounted the fixture need not be asked again.
             None if self.rig.setup.person_clamps
                 && self.position.mounted == Some((fixture, self.position.specimen.clone())) => {}
             None if self.rig.setup.person_clamps => self.ask(fixture).await?,
-            // Without a jig only the cell is ever asked for: it is what is in there.
+            // Without a jig device only the cell is ever requested, so it is what is mounted.
             None => {}
         }
         if self.position.mounted != Some((fixture, self.position.specimen.clone())) {
-            // What was seen of another one says nothing of this.
+            // Earlier readings belong to another fixture.
             self.rig.interlock.forget();
         }
         self.position.mounted = Some((fixture, self.position.specimen.clone()));

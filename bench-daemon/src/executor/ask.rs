@@ -1,4 +1,4 @@
-//! Asks a person to change the fixture, and writes down who has.
+//! Asks a person to change the fixture, and records who changed it.
 
 use std::path::PathBuf;
 
@@ -16,14 +16,14 @@ use crate::{
     record::Event,
 };
 
-/// Seconds between two looks for the answer, and for a request to end.
+/// Seconds between two checks for the answer and for a stop request.
 const PERSON_POLL_S: f64 = 1.0;
-/// How readings are named while a person is waited for.
+/// Phase name of readings that are taken while waiting for a person.
 const ASKING: &str = "asking";
 
 impl Executor<'_> {
-    /// Waits until a person has confirmed the change. Every output is off, and read back before and
-    /// after.
+    /// Waits until a person has confirmed the change. Every output is off, and is read back before
+    /// and after.
     pub(super) async fn ask(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
         let operator = *self.person.operator;
         let certain = self.position.specimen.as_deref();
@@ -40,7 +40,7 @@ impl Executor<'_> {
         let folder: PathBuf = self.rig.recorder.folder().to_owned();
         let asked = tokio::spawn(async move { operator.ask(&question, number, &folder).await });
         let answer = self.rig.answer(asked).await?;
-        // An output that was switched on by hand meanwhile is off again before anything else.
+        // First switch off any output that was switched on by hand in the meantime.
         self.rig.bench.off_again().await?;
         let serial = answer
             .serial
@@ -52,7 +52,7 @@ impl Executor<'_> {
     }
 }
 
-/// A question that ends with whoever waits for its answer.
+/// A question that is aborted when its waiter is dropped.
 struct Waits(JoinHandle<Result<Answer, OperatorError>>);
 
 impl Drop for Waits {
@@ -62,9 +62,9 @@ impl Drop for Waits {
 }
 
 impl Rig<'_> {
-    /// Waits for an answer: without end where none comes, for a person may take as long as that
-    /// takes. Meanwhile the instruments are watched, and a request to end is heard. In virtual time,
-    /// whose sleeps take none, only the answer is waited for.
+    /// Waits for an answer without a time limit, because a person may need any amount of time.
+    /// Meanwhile the instruments are watched and stop requests are accepted. In virtual time,
+    /// where sleeps take no time, only the answer is waited for.
     async fn answer(
         &mut self,
         asked: JoinHandle<Result<Answer, OperatorError>>,
@@ -86,8 +86,8 @@ impl Rig<'_> {
         Ok(answer.unwrap_or(Err(OperatorError::NotConfirmed))?)
     }
 
-    /// Looks at everything that could drive a current while hands are in the jig, and at the bath.
-    /// The voltage across the open jig, and a thermocouple that lies beside it, say nothing.
+    /// Checks everything that could drive a current while hands are in the jig, and the bath. The
+    /// voltage across the open jig, and a thermocouple that lies beside it, carry no information.
     async fn watch_open(&mut self) -> Result<(), ExecuteError> {
         if self.bench.instruments.supply4q.is_some() {
             let error = self.bench.error("supply4q");

@@ -6,12 +6,12 @@ use instruments::link::LinkError;
 use super::{ExecuteError, Rig};
 use crate::interlock::{BathReading, ThermometerReadings};
 
-/// A cell that carries no current for long has the bath's temperature, but for what its mounting
-/// lets through, K.
+/// Greatest difference by which a cell that carries no current for long may be colder than the
+/// bath, because of heat that its mounting conducts, K.
 const COLDER_K: f64 = 10.0;
-/// Allowed warming of a cell under a periodic current, K. It is half of the way from 20 °C to 60
-/// °C, at which cells are no longer discharged. Under a large direct current the cell may use all
-/// of that way.
+/// Allowed warming of a cell under a periodic current, K. It is half of the distance from 20 °C to
+/// 60 °C, above which cells must not be discharged. Under a large direct current the cell may warm
+/// by the whole distance.
 const WARMER_K: f64 = 20.0;
 
 impl Rig<'_> {
@@ -34,7 +34,7 @@ impl Rig<'_> {
             Err(failed) => return Err(error(failed).into()),
         };
         self.recorder.bath(sensor_c, self.temperatures.setpoint_c);
-        // A loop that the daemon closes is judged where it is closed.
+        // If the daemon closes the loop, the bath is judged there.
         if self.temperatures.thermostat.is_none() {
             self.judge_bath(sensor_c)?;
         }
@@ -56,10 +56,10 @@ impl Rig<'_> {
         }
     }
 
-    /// Watches the bath, and compares the cell's thermometer with it: a bath that holds the cell is
-    /// not far from it. While nothing can flow, or the temperature is to change, the two are not
-    /// compared. A bath whose loop the daemon closes is read by [`Self::regulate`] then. Returns
-    /// what the bath's sensor reads, °C.
+    /// Checks the bath, and compares the cell's thermometer with it: a bath that holds the cell
+    /// has about the same temperature. The two are not compared while nothing can flow or the
+    /// temperature is to change. A bath whose loop the daemon closes is then read by
+    /// [`Self::regulate`]. Returns the reading of the bath's sensor, °C.
     pub(super) async fn cross_check_bath(&mut self) -> Result<Option<f64>, ExecuteError> {
         let judged = self.interlock.is_live() && !self.interlock.tempering();
         let cell_c = self
@@ -76,7 +76,7 @@ impl Rig<'_> {
         Ok(bath_c)
     }
 
-    /// Judges what all thermometers of one look read.
+    /// Judges one reading of all thermometers.
     pub(super) fn judge_thermometers(
         &mut self,
         readings: ThermometerReadings,

@@ -1,6 +1,6 @@
-//! Drives that end by themselves: the generator gets the number of periods that a step needs, and
-//! then stays at its offset. That holds also when no message can reach it any more. Where the model
-//! has no bursts, or does not obey, only the daemon and the guardian can end the signal.
+//! Signals that end on their own: the generator receives the number of periods that a step needs,
+//! and then stays at its offset, even if no message can reach it any more. If the model has no
+//! bursts or does not execute the command, only the daemon and the guardian can end the signal.
 
 mod state;
 
@@ -9,17 +9,17 @@ use instruments::link::LinkError;
 use super::{ExecuteError, Rig, require};
 pub(super) use state::Burst;
 
-/// A supply follows its command, and shows so, after this time, s; the clocks of a burst of an hour
-/// differ by less.
+/// Time after which a supply follows its command and its reading shows it, s; the clocks of a
+/// burst of one hour differ by less.
 const FADES_S: f64 = 1.0;
-/// Where that was not enough it is so many times longer.
+/// Factor by which a burst that was too short is lengthened.
 const LONGER: f64 = 2.0;
-/// How often it is made longer, for one point.
+/// How often a burst is lengthened for one point.
 pub(super) const MOST_LONGER: usize = 6;
 
 impl Rig<'_> {
-    /// Begins what the generator was set to, for whole periods that last `needed_s` and the leeway,
-    /// where it can.
+    /// Starts the signal that the generator is set to, for whole periods that last `needed_s` plus
+    /// the leeway, if the generator has bursts.
     pub(super) async fn begin_signal(
         &mut self,
         freq_hz: f64,
@@ -32,7 +32,7 @@ impl Rig<'_> {
         .await
     }
 
-    /// Begins so many periods of it.
+    /// Starts a burst of this number of periods.
     pub(super) async fn begin_periods(
         &mut self,
         freq_hz: f64,
@@ -47,7 +47,7 @@ impl Rig<'_> {
         let periods = most.map(|_| wanted as u32);
         let begun_s = self.clock.now_s();
         (self.driving.burst.ends_s, self.driving.burst.ended_s) = (f64::INFINITY, f64::INFINITY);
-        // It begins at its phase, wherever the one before was.
+        // The burst begins at its own phase, independently of the previous one.
         self.interlock.lose_period();
         if periods.is_none() && !self.driving.burst.on {
             return Ok(());
@@ -80,7 +80,8 @@ impl Rig<'_> {
         Ok(())
     }
 
-    /// The generator was told to be quiet: no burst, and nothing that could end.
+    /// Resets the burst state, because the generator is set to its least sine: there is no signal
+    /// that could end.
     pub(super) fn no_burst(&mut self) {
         (
             self.driving.burst.on,
@@ -89,8 +90,8 @@ impl Rig<'_> {
         ) = (false, f64::INFINITY, f64::INFINITY);
     }
 
-    /// Whether a record that ends at `end_s` would miss a part of the signal; the next one is made
-    /// longer then.
+    /// Checks whether a record that ends at `end_s` would miss a part of the signal. If so, the
+    /// next burst is lengthened.
     pub(super) fn falls_short(&mut self, end_s: f64) -> bool {
         let short = end_s > self.driving.burst.ends_s;
         if short {
@@ -127,7 +128,7 @@ mod tests {
         }
         let text = "generator: expected its burst to have ended 2.5 s ago, measured -0.500 A";
         assert_eq!(read(&burst, 103.5, Some(-0.5)), Err(text.to_owned()));
-        // What has no end is not over.
+        // A signal without an end is not over.
         assert_eq!(read(&Burst::default(), 103.5, Some(1.0)), Ok(()));
     }
 }

@@ -1,5 +1,5 @@
-//! Checks the effect of a fast current on the cell between two readings. Meters average over its
-//! crests, so that they are checked beforehand and in the record.
+//! Checks the effect of a fast current on the cell between two readings. Meters average over the
+//! crests, so the crests are checked before the signal starts and in its record.
 
 use instruments::{fixture::Fixture, scope::Waveform};
 
@@ -9,10 +9,10 @@ use crate::{
     measure::zero::{SINCE_ZERO, allowed_since_zero_a},
 };
 
-/// No cell for which this bench is made has more at any frequency of a sweep, Ω. Its record tells
-/// the truth a moment later.
+/// Greatest impedance of a cell for which this bench is made, at any frequency of a sweep, Ω. The
+/// record shows the actual value a moment later.
 const MOST_OHM: f64 = 0.025;
-/// Margin of a crest for noise and gains of the channels, V.
+/// Margin of a crest for noise and gain errors of the channels, V.
 const MARGIN_V: f64 = 0.02;
 /// Least correlation of neighbouring samples of a signal.
 const SMOOTH: f64 = 0.5;
@@ -21,15 +21,15 @@ const SMOOTH: f64 = 0.5;
 const OFFSET_SHARE: f64 = 0.01;
 const OFFSET_V: f64 = 1.0e-3;
 
-/// Share of a record that noise may carry beyond a crest: 0.1 % of normal noise lies beyond 3.3
-/// standard deviations, and a current that flows for less is a spike.
+/// Share of the samples that noise may move beyond a crest: 0.1 % of normal noise lies beyond 3.3
+/// standard deviations, and a current that flows for a shorter time is a spike.
 const BEYOND: f64 = 1.0e-3;
 
-/// A record that is shorter than a whole period by this share of it counts as whole: two clocks
-/// differ by parts per million.
+/// Share of a period by which a record may be shorter than a whole period and still count as
+/// whole: two clocks differ by parts per million.
 const PERIOD_SLACK: f64 = 2.0e-3;
 
-/// A record, and what was to flow while it was taken.
+/// A record, and the current that was commanded while it was taken.
 pub(super) struct Drawn<'w> {
     pub(super) waveforms: &'w [Waveform; 4],
     /// Lowest frequency in it, Hz.
@@ -39,9 +39,9 @@ pub(super) struct Drawn<'w> {
 }
 
 impl Rig<'_> {
-    /// Trips where a record shows more current than the step asks for, or the cell beyond its
-    /// limits, whatever the meters have averaged. Records that cannot be of a current, or of this
-    /// cell, are refused before anything is concluded from them.
+    /// Trips if a record shows more current than the step requests, or the cell beyond its limits,
+    /// whatever the meters have averaged. Records that cannot show a current, or cannot come from
+    /// this cell, are rejected before any conclusion is drawn from them.
     pub(super) async fn crest(
         &mut self,
         fixture: Fixture,
@@ -64,8 +64,8 @@ impl Rig<'_> {
         let greatest = 0.1 * amplitude_a + NO_CURRENT_A + unsure_v / self.setup.wiring.shunt.r_ohm;
         let time_s = self.clock.now_s();
         let volts_per_div = [below, above].map(|waveform| waveform.preamble.volts_per_div);
-        // On new scales the zeros of the channels are others: what had changed until then is
-        // carried over.
+        // On new scales the zeros of the channels differ: carry over the change of the mean up to
+        // now.
         let first = match self.driving.first_mean {
             Some(first) if first.volts_per_div == volts_per_div => first,
             _ => self.first_mean(fixture, asked, mean_a),
@@ -74,8 +74,8 @@ impl Rig<'_> {
         if fixture != Fixture::Cell {
             self.keep_zero(asked);
         }
-        // A channel that clips shows what is common to both, and is measured again; noise is no
-        // current: the quality gate judges it.
+        // A channel that clips shows what both channels have in common, and is measured again.
+        // Noise is not a current: the quality gate judges it.
         let clips = [below, above]
             .into_iter()
             .any(|waveform| waveform.clipped_share() > 0.0);
@@ -116,7 +116,7 @@ impl Rig<'_> {
             return Ok(());
         }
         let cell = difference(high, low);
-        // The scope may be wrong: the voltmeter says where the cell is between the crests.
+        // The scope may be wrong: the voltmeter shows the voltage of the cell between the crests.
         let agreed = self.cross_check_scope(waveforms, amplitude_a * MOST_OHM);
         let (least_v, greatest_v) = cell
             .iter()
@@ -160,7 +160,8 @@ impl Rig<'_> {
         }
     }
 
-    /// How far a channel's zero may be off, V: one per cent of its range, and a millivolt.
+    /// Returns the possible offset error of a channel, V: one per cent of its range, and a
+    /// millivolt.
     pub(super) fn offset_error_v(&self, waveform: &Waveform) -> f64 {
         let half_range_div = self
             .bench
@@ -173,7 +174,8 @@ impl Rig<'_> {
 }
 
 impl Executor<'_> {
-    /// Refuses a current whose crests could leave the voltage limits of the cell as it was at rest.
+    /// Refuses a current whose crests could exceed the voltage limits of the cell, from its
+    /// voltage at rest.
     pub(super) fn headroom(
         &self,
         fixture: Fixture,
@@ -202,23 +204,25 @@ impl Executor<'_> {
     }
 }
 
-/// The mean of the current in a record, and what it is held against.
+/// The mean of the current in a record, and its limits.
 struct Balance {
     mean_a: f64,
-    /// Greatest mean that is allowed, A.
+    /// Greatest allowed mean, A.
     greatest_a: f64,
     /// The mean of the first record on the same scales.
     first: FirstMean,
-    /// Amplitude that is asked for, A.
+    /// Requested amplitude, A.
     amplitude_a: f64,
 }
 
 impl Balance {
-    /// Fault of the mean of a record, and by how much it may be off, A; of its change since the first
-    /// record on the same scales; and of its distance from the zero of the channels. The zeros of
-    /// the channels do not change from record to record, and the supply has shown that nothing
-    /// flowed before the first: a change may be as large as one of the two allowances for the mean,
-    /// not as their sum. Records come some seconds apart, and a drift goes on between them.
+    /// Returns the fault of the mean of a record, its value and its limit, A. Checks the mean, its
+    /// change since the first record on the same scales and its distance from the zero of the
+    /// channels. The
+    /// zeros of the channels do not change from record to record, and the supply has shown that
+    /// nothing flowed before the first: a change may be as large as one of the two allowances for
+    /// the mean, not as their sum. Records are some seconds apart, and a drift continues between
+    /// them.
     fn direct(&self) -> Option<(&'static str, f64, f64)> {
         let change = (
             "change of the mean of the cell current from record to record",
@@ -241,7 +245,7 @@ impl Balance {
     }
 }
 
-/// Distance from a middle within which all but [`BEYOND`] of the samples lie.
+/// Returns the distance from `middle` within which all but [`BEYOND`] of the samples lie.
 fn within(samples: &[f64], middle: f64) -> f64 {
     let mut distances: Vec<f64> = samples.iter().map(|v| (v - middle).abs()).collect();
     let count = ((1.0 - BEYOND) * distances.len() as f64) as usize;
@@ -251,7 +255,7 @@ fn within(samples: &[f64], middle: f64) -> f64 {
     *distances.select_nth_unstable_by(count, f64::total_cmp).1
 }
 
-/// The samples of whole periods, of which one is so many.
+/// Returns the samples of whole periods; `periods_per_sample` is the number of periods per sample.
 pub(super) fn whole_periods(samples: &[f64], periods_per_sample: f64) -> &[f64] {
     let periods = (samples.len() as f64 * periods_per_sample + PERIOD_SLACK).floor();
     let count = (periods / periods_per_sample).round() as usize;
@@ -261,7 +265,7 @@ pub(super) fn whole_periods(samples: &[f64], periods_per_sample: f64) -> &[f64] 
         .unwrap_or(samples)
 }
 
-/// The difference of two channels, V.
+/// Returns the difference of two channels, V.
 pub(super) fn difference(high: &Waveform, low: &Waveform) -> Vec<f64> {
     let volts = |waveform: &Waveform, code: i16| {
         f64::from(code) * waveform.preamble.volts_per_code - waveform.preamble.offset_v
@@ -273,7 +277,7 @@ pub(super) fn difference(high: &Waveform, low: &Waveform) -> Vec<f64> {
         .collect()
 }
 
-/// The samples of a channel, V.
+/// Returns the samples of a channel, V.
 pub(super) fn channel_volts(waveform: &Waveform) -> Vec<f64> {
     let preamble = &waveform.preamble;
     let volts = |code: &i16| f64::from(*code) * preamble.volts_per_code - preamble.offset_v;
@@ -284,8 +288,8 @@ pub(super) fn mean(samples: &[f64]) -> f64 {
     samples.iter().sum::<f64>() / samples.len().max(1) as f64
 }
 
-/// Whether neighbours are related to each other: those of a signal are, random bytes are not. A
-/// record in which nothing moves is smooth.
+/// Checks whether neighbouring samples are correlated: those of a signal are, random bytes are
+/// not. A constant record is smooth.
 fn smooth(samples: &[f64]) -> bool {
     let middle = mean(samples);
     let square: f64 = samples.iter().map(|v| (v - middle).powi(2)).sum();
@@ -307,8 +311,8 @@ mod tests {
             .collect();
         assert!((mean(&sine) - 0.3).abs() > 0.05);
         assert!((mean(whole_periods(&sine, 0.00267)) - 0.3).abs() < 2.0e-3);
-        // Less than a period stays what it is, and a record that ends a sample early is a whole
-        // one.
+        // Less than a period stays unchanged, and a record that ends a sample early counts as
+        // whole.
         assert_eq!(
             (
                 whole_periods(&sine, 1.0e-4).len(),
@@ -334,7 +338,7 @@ mod tests {
             .direct()
             .map(|(what, ..)| what.split(' ').next().unwrap_or_default())
         };
-        // The channels' own zeros may be half an ampere.
+        // The zeros of the channels may correspond to half an ampere.
         assert_eq!(
             [what(0.5, 0.5), what(0.5, 0.45), what(-0.5, -0.41)],
             [None, None, None]

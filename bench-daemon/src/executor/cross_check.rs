@@ -1,6 +1,6 @@
 //! Compares meters that measure the same quantity: voltmeter and scope, voltmeter and charger
-//! terminals, supply ammeter and shunt. A meter that stands still where its noise would move it
-//! counts as broken.
+//! terminals, supply ammeter and shunt. A meter whose value does not change although its noise
+//! would change it counts as broken.
 
 use instruments::scope::Waveform;
 
@@ -24,7 +24,7 @@ const LEADS_OHM: f64 = 0.1;
 const EFFECTIVE: f64 = 0.3;
 
 impl Rig<'_> {
-    /// Refuses to go on with a meter that stands still although its noise would move it.
+    /// Returns an error if a meter does not change although its noise would change it.
     pub(super) async fn check_stuck_meter(&mut self) -> Result<(), ExecuteError> {
         let Some(Stuck {
             quantity,
@@ -65,12 +65,12 @@ impl Rig<'_> {
         })
     }
 
-    /// Whose voltmeter is in use, and what another one shows.
+    /// Returns the role whose voltmeter is in use, and the reading of another one.
     async fn other_volts(&mut self) -> (&'static str, Option<(&'static str, f64)>) {
         let Some(supply) = self.bench.instruments.supply4q.as_mut() else {
             return ("the load", None);
         };
-        // The message is worth more than another error.
+        // The message is more useful than a second error.
         let shown = supply.measure().await.ok().map(|(volts, _)| volts.value());
         if self.bench.instruments.load.is_some() {
             ("the load", shown.map(|volts| ("the bipolar supply", volts)))
@@ -79,7 +79,7 @@ impl Rig<'_> {
         }
     }
 
-    /// The mean of the scope's record of the cell against the voltmeter.
+    /// Compares the mean of the scope's record of the cell with the voltmeter.
     pub(super) fn cross_check_scope(
         &self,
         [_, _, low, high]: &[Waveform; 4],
@@ -110,7 +110,7 @@ impl Rig<'_> {
         })
     }
 
-    /// Compares the charger's terminal voltage while it charges with the cell's voltage and the
+    /// Compares the charger's terminal voltage during a charge with the cell's voltage plus the
     /// drop of its leads.
     pub(super) fn cross_check_charger(
         &self,
@@ -137,8 +137,8 @@ impl Rig<'_> {
         })
     }
 
-    /// The effective current by the supply's own readings of a period, where they follow it,
-    /// against the amplitude in the record.
+    /// Compares the effective current from the supply's own readings of a period, if they follow
+    /// it, with the amplitude in the record.
     pub(super) fn cross_check_supply(
         &self,
         supply_a: Option<f64>,

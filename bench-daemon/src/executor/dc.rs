@@ -24,17 +24,17 @@ use crate::{
 
 /// Seconds between two readings while nothing flows.
 const REST_POLL_S: f64 = 10.0;
-/// Span over which the slope of a resting cell is taken, s.
+/// Time span from which the slope of a resting cell is determined, s.
 const SLOPE_SPAN_S: f64 = 120.0;
 /// The cell must stay within its band for this long, s.
 const STEADY_S: f64 = 60.0;
-/// Readings after which a current must have come up.
+/// Number of readings after which a current must have risen.
 pub(super) const RISE_POLLS: u32 = 3;
 
-/// The end of a charge is moved by this much at most, V.
+/// Greatest shift of the end of a charge, V.
 const GREATEST_SHIFT_V: f64 = 0.1;
-/// The end of a charge lies this far below the limit of the supply at least, V: there the current
-/// dies away.
+/// Least distance of the end of a charge below the limit of the supply, V: near that limit the
+/// current falls to zero.
 const BELOW_LIMIT_V: f64 = 0.02;
 
 impl Rig<'_> {
@@ -52,8 +52,8 @@ impl Rig<'_> {
             tracing::info!("already at {idle_v:.3} V: nothing to discharge");
             return Ok(());
         }
-        // Below the end, so that the daemon ends the discharge, and above the cell's limit, so that
-        // the load ends it if the daemon does not.
+        // Below the end, so that the daemon ends the discharge, and above the cell's limit, so
+        // that the load ends it if the daemon does not.
         let stop_below = Volts((until_v - LOAD_CUT_OFF_V).max(self.setup.limits.min_v));
         let error = self.bench.error("load");
         let load = require(&mut self.bench.instruments.load, "load")?;
@@ -100,8 +100,8 @@ impl Rig<'_> {
         Ok(())
     }
 
-    /// The cell's voltage before anything is switched on: a cell that is missing, reversed, ruined
-    /// or too hot must not be driven.
+    /// Reads and judges the cell's voltage before anything is switched on: a cell that is missing,
+    /// reversed, damaged or too hot must not be driven.
     pub(super) async fn idle_volts(&mut self, phase: &str) -> Result<f64, ExecuteError> {
         let (volts, drawn_a) = self.load_volts().await?;
         self.no_current(LOAD_CURRENT, drawn_a)?;
@@ -116,8 +116,8 @@ impl Rig<'_> {
         Ok(volts)
     }
 
-    /// While nothing flows each meter shows so by itself: two currents that cancel are two too
-    /// many.
+    /// Checks each meter separately while nothing flows, because two currents that cancel are two
+    /// faults.
     pub(super) async fn idle_meters(
         &mut self,
         drawn_a: f64,
@@ -134,13 +134,14 @@ impl Rig<'_> {
 }
 
 impl Executor<'_> {
-    /// A text about the run of a campaign that is in work, and that says so.
+    /// Adds the present run of a campaign to a text.
     pub(super) fn of_run(&self, text: &str) -> String {
         let prefix = self.position.run.as_ref().map(CampaignRun::prefix);
         format!("{}{text}", prefix.unwrap_or_default())
     }
 
-    /// By band and by slope: a cell that passes the band on its way is not at rest in it.
+    /// Accepts a voltage by its band and by its slope: a cell that only passes through the band is
+    /// not at rest.
     pub(super) fn accept(
         &mut self,
         band_v: RangeInclusive<f64>,
@@ -191,10 +192,10 @@ impl Executor<'_> {
         }
     }
 
-    /// Brings the bath of a resumed run to the temperature of a finished stage again, and watches it
-    /// from here on, because the process that had started it is gone and the bath may have been
-    /// stopped. With `waits` the cell is waited for. It moves no charge, so that the journal holds
-    /// nothing of it.
+    /// Brings the bath of a resumed run back to the temperature of a finished stage, and watches
+    /// it from here on, because the process that started it is gone and the bath may have been
+    /// stopped. With `waits` it also waits for the cell. This moves no charge, so the journal does
+    /// not contain it.
     pub async fn hold_again(&mut self, stage: &Stage, waits: bool) -> Result<(), ExecuteError> {
         for step in &stage.steps {
             let Step::HoldTemperature { setpoint_c, .. } = *step else {
@@ -303,7 +304,8 @@ impl Executor<'_> {
         let start_s = self.rig.clock.now_s();
         for poll in 1.. {
             self.rig.clock.sleep_s(POLL_S).await;
-            // The supply has no sense leads: the load's, with its input off, see the cell itself.
+            // The supply has no sense leads. Those of the load, with its input off, measure the
+            // cell itself.
             let (volts, drawn_a) = self.rig.load_volts().await?;
             let (terminal_v, amps) = self.rig.read_drive(Drive::Supply).await?;
             let temperature_c = self.rig.temperature_now_and_then().await?;
@@ -322,7 +324,7 @@ impl Executor<'_> {
             if volts >= until_v {
                 break;
             }
-            // Near the limit of the supply its current falls, as it should.
+            // Near the limit of the supply its current falls, as expected.
             if volts < limit_v - 0.1 {
                 self.rig
                     .explained(follows("supply", poll, current_a, amps))
@@ -382,8 +384,8 @@ impl Executor<'_> {
                 return Ok(());
             }
             if rested_s > max_s {
-                // The thesis waits for a consistent voltage; a cell that still moves is no reason
-                // to lose a night, but it is to be known.
+                // The thesis waits for a consistent voltage. A cell that still changes does not
+                // justify the loss of a night, but it must be reported.
                 let text = if slope.is_nan() {
                     format!(
                         "{max_s:.0} s of rest are too short to tell whether the voltage is steady"
@@ -421,7 +423,7 @@ pub(super) fn bound(
     }
 }
 
-/// Temperature of the cell by its thermometer, in words.
+/// Formats the temperature of the cell by its thermometer.
 fn at_in_words(temperature_c: Option<f64>) -> String {
     temperature_c.map_or_else(
         || "no temperature was read".to_owned(),
@@ -429,8 +431,8 @@ fn at_in_words(temperature_c: Option<f64>) -> String {
     )
 }
 
-/// A current that does not come means a lead that is off, a fuse, a wrong cell: nothing to wait
-/// for.
+/// Checks whether a current follows its command. A current that does not rise indicates a
+/// disconnected lead, a fuse or a wrong cell: waiting would not help.
 pub(super) fn follows(
     what: &str,
     poll: u32,
@@ -447,7 +449,7 @@ pub(super) fn follows(
     })
 }
 
-/// Least-squares slope of (s, V), V/s; not a number for fewer than three points.
+/// Returns the least-squares slope of (s, V), V/s; not a number for fewer than three points.
 fn slope(points: &VecDeque<(f64, f64)>) -> f64 {
     if points.len() < 3 {
         return f64::NAN;

@@ -1,5 +1,5 @@
 //! Errors that end a stage early: from an instrument, the interlock, a file, a person, a bound, or
-//! a bench that does something else than it was told to.
+//! a bench that does not execute a command.
 
 use crate::{
     bench::BenchError, interlock::Trip, operator::OperatorError, record::RecordError, watch::Alarm,
@@ -8,33 +8,33 @@ use crate::{
 /// Error that ends a stage early.
 #[derive(Debug, thiserror::Error)]
 pub enum ExecuteError {
-    /// An instrument.
+    /// An instrument failed.
     #[error(transparent)]
     Bench(#[from] BenchError),
-    /// An instrument is not set as this run has set it.
+    /// The settings of an instrument differ from those that this run made.
     #[error("{role}: {met}: another client, a hand at its panel, or a protection?")]
     Meddled {
         /// Its role.
         role: &'static str,
-        /// State by its own answer.
+        /// State as the instrument reports it.
         met: String,
     },
     /// The watch has ended the run.
     #[error(transparent)]
     Watch(Alarm),
-    /// Two meters of one quantity say different things.
+    /// Two meters of one quantity disagree.
     #[error("{what}: {one}, {other}: they may differ by {allowed}; one of them is wrong")]
     Disagree {
         /// The quantity.
         what: &'static str,
-        /// First reading, in words.
+        /// First reading, as text.
         one: String,
-        /// Second reading, in words.
+        /// Second reading, as text.
         other: String,
-        /// How far they may be apart.
+        /// Allowed difference.
         allowed: String,
     },
-    /// A meter shows the same for longer than its noise allows.
+    /// A meter shows the same value for longer than its noise allows.
     #[error(
         "{what}: the last {times} readings of {meter} are all {value}, although its readings \
         before went up and down by noise: it is frozen{other}"
@@ -42,13 +42,13 @@ pub enum ExecuteError {
     Frozen {
         /// The quantity.
         what: &'static str,
-        /// Who measures it.
+        /// The role that measures it.
         meter: &'static str,
-        /// How many readings.
+        /// Number of readings.
         times: u32,
-        /// Value that all readings share, in words.
+        /// Value of all these readings, as text.
         value: String,
-        /// Reading of another meter, in words that follow.
+        /// Reading of another meter, as text that follows.
         other: String,
     },
     /// The channels of a record contradict each other.
@@ -58,10 +58,10 @@ pub enum ExecuteError {
         freq_hz: f64,
         /// What was expected and what was found.
         found: String,
-        /// Faults of leads that explain it, in words.
+        /// Lead faults that explain it, as text.
         cause: String,
     },
-    /// The scope sends a record that it has sent before.
+    /// The scope sends a record that it has already sent.
     #[error(
         "{freq_hz} Hz: expected a new record from the scope, found that of {earlier} again, code by \
         code in all four channels: the scope repeats an old record"
@@ -69,19 +69,19 @@ pub enum ExecuteError {
     Repeated {
         /// Frequency, Hz.
         freq_hz: f64,
-        /// The record that was sent before, in words.
+        /// The earlier record, as text.
         earlier: String,
     },
-    /// The interlock.
+    /// The interlock tripped.
     #[error("interlock: {0}")]
     Trip(#[from] Trip),
-    /// A file.
+    /// A file cannot be written.
     #[error(transparent)]
     Record(#[from] RecordError),
-    /// The person at the bench.
+    /// The person at the bench cannot be asked.
     #[error(transparent)]
     Operator(#[from] OperatorError),
-    /// A person wants the run to end.
+    /// A person has ended the run.
     #[error("ended on request; `eis-bench resume` with the run folder goes on")]
     Aborted,
     /// A step reached its upper bound.
@@ -94,23 +94,23 @@ pub enum ExecuteError {
         /// State that was reached instead.
         state: String,
     },
-    /// The bench does something else than it was told to.
+    /// The bench does something other than it was commanded.
     #[error("{what}: expected {expected}, measured {met}")]
     Disobeyed {
         /// Command that was given.
         what: String,
         /// Expected reaction.
         expected: String,
-        /// Reaction that was met.
+        /// Observed reaction.
         met: String,
     },
-    /// A control is asked for, and something with a voltage is in the jig.
+    /// A control is requested, but something with a voltage is in the jig.
     #[error(
         "{what}: expected nothing with a voltage in the jig, found {volts:.2} V: is the cell still \
         in?"
     )]
     CellLeftIn {
-        /// Action that was about to be done.
+        /// Action that was about to be taken.
         what: String,
         /// Voltage at the jig with every output off, V.
         volts: f64,
@@ -122,7 +122,7 @@ pub enum ExecuteError {
         trace: String,
         /// The frame.
         frame: String,
-        /// Why not.
+        /// Reason.
         reason: String,
     },
     /// A record cannot be analysed.
@@ -130,13 +130,14 @@ pub enum ExecuteError {
     Signal {
         /// Frequency, Hz.
         freq_hz: f64,
-        /// Why not.
+        /// Reason.
         reason: String,
     },
 }
 
 impl ExecuteError {
-    /// A temperature, or what makes it, is wrong: the bath must not go on.
+    /// Checks whether a temperature, or the device that controls it, is faulty. If so, the bath
+    /// must not continue.
     pub fn is_of_temperature(&self) -> bool {
         match self {
             Self::Trip(trip) => trip.is_of_temperature(),

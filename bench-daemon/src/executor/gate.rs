@@ -1,6 +1,6 @@
-//! Applies the quality gate to a sweep. A point that fails is measured again as long as the sweep's
-//! budget of time and charge lasts. The best of its records is kept, and remaining failures are
-//! stored with the point.
+//! Applies the quality gate to a sweep. A point that fails is measured again as long as the
+//! sweep's budget of time and charge lasts. The best of its records is kept, and remaining
+//! failures are stored with the point.
 
 use analysis::{
     spectrum::{ImpedancePoint, Spectrum},
@@ -18,14 +18,14 @@ use crate::{
     record::Event,
 };
 
-/// A residual below so many standard deviations of the noise is noise.
+/// A residual below this number of standard deviations counts as noise.
 const CERTAIN: f64 = 5.0;
-/// A finished sweep is gone through so many times: a point that was measured again changes what the
-/// others are compared with.
+/// Number of passes over a finished sweep: a point that was measured again changes what the others
+/// are compared with.
 const ROUNDS: usize = 3;
 
 impl SweepState {
-    /// Whether another record of a point is within the sweep's budget.
+    /// Checks whether another record of a point is within the sweep's budget.
     pub(super) fn afford(&self, quality: &Quality, step: &Step) -> bool {
         let time_s = step.expected_s();
         let more = Spent {
@@ -37,9 +37,10 @@ impl SweepState {
 }
 
 impl Known {
-    /// Kramers–Kronig residuals over |Z| of points that do not fit the others; nothing where they
-    /// do, or where the sweep is too short to tell. Where a sweep goes there and back, each way is
-    /// tested by itself: between them the cell may have changed.
+    /// Returns the Kramers–Kronig residuals, relative to |Z|, of points that do not fit the
+    /// others. Returns nothing if all points fit or the sweep is too short for the test. If a
+    /// sweep runs up and down, each direction is tested separately, because the cell may have
+    /// changed between them.
     pub(super) fn residuals(&self, points: &[SweepPoint]) -> Vec<Option<f64>> {
         let mut found = vec![None; points.len()];
         for way in ways(points) {
@@ -68,7 +69,7 @@ impl Known {
         found
     }
 
-    /// A point as the test takes it: corrected, with the noise of its own record.
+    /// Prepares a point for the test: corrected, with the noise of its own record.
     fn tested(&self, point: &SweepPoint) -> ImpedancePoint {
         let covariance = self
             .correction
@@ -83,7 +84,7 @@ impl Known {
 }
 
 impl Executor<'_> {
-    /// One point through the gate, where there is one.
+    /// Applies the gate, if any, to one point.
     pub(super) async fn gated(
         &mut self,
         fixture: Fixture,
@@ -104,7 +105,7 @@ impl Executor<'_> {
         Ok(best)
     }
 
-    /// The better of a point and its next record.
+    /// Returns the better of a point and its next record.
     async fn measure_again(
         &mut self,
         fixture: Fixture,
@@ -130,7 +131,7 @@ impl Executor<'_> {
         point.failing = quality.judge(&point.measures);
         let captures = point.captures;
         // A point whose own record is good is measured again for the sake of the sweep: the new
-        // record counts, if it is as good.
+        // record is used if it is as good.
         let of_sweep = before.failing.iter().all(Failing::is_of_sweep) && point.failing.is_empty();
         let better = if of_sweep || severity(&point.failing) < severity(&before.failing) {
             point
@@ -144,9 +145,9 @@ impl Executor<'_> {
         })
     }
 
-    /// Holds the points of a finished sweep against each other, measures again those that do not
-    /// fit, and flags what does not fit even then. Says which points changed: their steps in the
-    /// stage and their places among the points.
+    /// Compares the points of a finished sweep with each other, measures again those that do not
+    /// fit, and flags those that still do not fit. Returns the points that changed: their steps in
+    /// the stage and their indices among the points.
     pub(super) async fn recheck(
         &mut self,
         fixture: Fixture,
@@ -206,8 +207,8 @@ impl Executor<'_> {
     }
 }
 
-/// The places of the points of each way, by rising frequency: the first visits of all frequencies,
-/// then the second.
+/// Returns the indices of the points of each direction, by rising frequency: the first visits of
+/// all frequencies, then the second.
 fn ways(points: &[SweepPoint]) -> Vec<Vec<usize>> {
     let mut order: Vec<usize> = (0..points.len()).collect();
     order.sort_by(|a, b| {
@@ -234,7 +235,8 @@ fn ways(points: &[SweepPoint]) -> Vec<Vec<usize>> {
     ways
 }
 
-/// Charge that a sinusoid moves to and fro, C: its mean magnitude is 2/π of its amplitude.
+/// Returns the charge that a sinusoid moves back and forth, C: its mean magnitude is 2/π of its
+/// amplitude.
 fn moved_c(step: &Step, time_s: f64) -> f64 {
     if let Step::Sine { amplitude_a, .. } = step {
         std::f64::consts::FRAC_2_PI * amplitude_a * time_s

@@ -1,6 +1,6 @@
 //! Applies the quality gate to a multisine. A band whose lines fail is recorded again as long as
-//! the budget lasts, and of every line the better record is kept. The finished multisine is
-//! compared with itself as a sweep is.
+//! the budget lasts, and the better record of every line is kept. The finished multisine is
+//! checked for consistency as a sweep is.
 
 use instruments::fixture::Fixture;
 
@@ -15,7 +15,7 @@ use crate::{
 };
 
 impl SweepState {
-    /// Whether another record of a band is within the sweep's budget.
+    /// Checks whether another record of a band is within the sweep's budget.
     fn afford_band(&self, quality: &Quality, band: &Band) -> bool {
         let time_s = band.settle_s + band.span_s;
         let more = Spent {
@@ -27,7 +27,7 @@ impl SweepState {
 }
 
 impl Executor<'_> {
-    /// One band through the gate, where there is one.
+    /// Applies the gate, if any, to one band.
     pub(super) async fn gated_band(
         &mut self,
         band: &Band,
@@ -55,7 +55,7 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// Holds the lines of all bands against each other, and records again the bands of those that
+    /// Compares the lines of all bands with each other, and records again the bands of those that
     /// do not fit.
     pub(super) async fn recheck_bands(
         &mut self,
@@ -97,8 +97,8 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// Records a band again; of every line the better record stays. A line whose own record is good
-    /// is taken again for the sake of the whole.
+    /// Records a band again and keeps the better record of every line. A line whose own record is
+    /// good is measured again for the sake of the whole.
     async fn band_again(
         &mut self,
         band: &Band,

@@ -1,5 +1,5 @@
-//! Handles run control requests between two points of a run that is going on: to wait without any
-//! current, or to end.
+//! Handles run control requests between two points of a running run: to pause without any current,
+//! or to stop.
 
 use instruments::{clock::TimeMode, fixture::Fixture};
 
@@ -11,12 +11,12 @@ use crate::{
     record::Event,
 };
 
-/// Seconds between two looks while the run waits, on request or for a person.
+/// Seconds between two checks while the run waits, on request or for a person.
 pub(super) const PAUSE_POLL_S: f64 = 5.0;
 
 impl Rig<'_> {
-    /// Ends the run on request in the middle of a step of which nothing is kept but its end,
-    /// looking a few times a minute.
+    /// Ends the run on request within a step of which only the end is kept. Checks for requests a
+    /// few times per minute.
     pub(super) fn handle_request_within_step(&mut self) -> Result<(), ExecuteError> {
         let now_s = self.clock.now_s();
         if !self.watching.requests.ends_early
@@ -26,11 +26,11 @@ impl Rig<'_> {
             return Ok(());
         }
         self.watching.requests.looked_s = now_s;
-        // A pause waits for the end of the step.
+        // A pause starts at the end of the step.
         self.paused(false).map(|_| ())
     }
 
-    /// Ends the run on request before a point is measured again; a pause waits for the end of the
+    /// Ends the run on request before a point is measured again; a pause starts at the end of the
     /// step.
     pub(super) fn handle_abort(&self) -> Result<(), ExecuteError> {
         if self.clock.mode() == TimeMode::Virtual {
@@ -40,7 +40,7 @@ impl Rig<'_> {
         }
     }
 
-    /// Whether to wait; `waits` is what holds where nothing can be read.
+    /// Checks whether to pause; `waits` is the answer if the request cannot be read.
     fn paused(&self, waits: bool) -> Result<bool, ExecuteError> {
         match RunControl::read_if_present(self.recorder.folder()).map(|request| request.action) {
             None => Ok(waits),
@@ -52,8 +52,8 @@ impl Rig<'_> {
 }
 
 impl Executor<'_> {
-    /// Waits as long as that is wanted, with every output off; what was powered before is powered
-    /// again afterwards.
+    /// Pauses as long as requested, with every output off. Outputs that were on before are
+    /// switched on again afterwards.
     pub(super) async fn handle_request(
         &mut self,
         stage: &Stage,
@@ -86,8 +86,8 @@ impl Executor<'_> {
     }
 
     async fn wait_without_current(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
-        // What is begun again afterwards is written down again, and told to the scope again: a
-        // person may have been at its panel.
+        // After a pause, record the step and send the scope's settings again: a person may have
+        // used its panel.
         self.sweep.fall_back();
         self.scope.armed = None;
         self.rig

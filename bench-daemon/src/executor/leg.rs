@@ -1,5 +1,5 @@
-//! Legs of direct current or of rest: load or supply as for a discharge and a charge, every reading
-//! judged, and kept with the charge that has flowed.
+//! Legs of direct current or of rest. Load or supply work as for a discharge and a charge; every
+//! reading is judged and stored with the charge that has flowed.
 
 use instruments::{
     load::{Discharge, Draw},
@@ -20,9 +20,9 @@ use crate::{
     plan::{Flow, Leg},
 };
 
-/// So near to its limit, V, the supply's current may fall.
+/// Distance from its voltage limit within which the supply's current may fall, V.
 const NEAR_LIMIT_V: f64 = 0.1;
-/// A current that has fallen is judged after so many readings: by then it has come up.
+/// Number of readings after which a current that has fallen is judged: by then it has risen.
 const RISEN_POLLS: u32 = 5;
 
 impl Executor<'_> {
@@ -40,7 +40,7 @@ impl Executor<'_> {
             Flow::Charge { .. } => self.charge_leg(leg).await?,
             Flow::Rest => self.rest_leg(leg).await?,
         }
-        // Whole or not at all; what a leg that ended early has read is among the readings.
+        // All or nothing; the readings of a leg that ended early are in the readings file.
         Ok(self
             .rig
             .recorder
@@ -60,7 +60,7 @@ impl Executor<'_> {
             tracing::info!("already below {until_v} V: nothing to discharge");
             return Ok(());
         }
-        // As for any discharge: the load's own end lies below the daemon's, and not below the
+        // As for any discharge: the load's own end lies below the daemon's end, and not below the
         // cell's limit.
         let stop_below = Volts((until_v - LOAD_CUT_OFF_V).max(self.rig.setup.limits.min_v));
         let error = self.rig.bench.error("load");
@@ -96,9 +96,9 @@ impl Executor<'_> {
             .map_err(error)?)
     }
 
-    /// The supply has no sense leads: what its leads drop only keeps the cell further below the
-    /// limit, and the less the current, the less the drop. The load's voltmeter judges the cell
-    /// itself.
+    /// Executes a charge. The supply has no sense leads: the drop of its leads only keeps the cell
+    /// further below the limit, and decreases with the current. The load's voltmeter judges the
+    /// cell itself.
     async fn charge_leg(&mut self, leg: &Leg) -> Result<(), ExecuteError> {
         let Flow::Charge {
             current_a,
@@ -171,14 +171,15 @@ impl Executor<'_> {
             self.rig.judge("rest", reading)?;
             self.rig.idle_meters(drawn_a, fed_a).await?;
             last_s = time_s;
-            // Nothing flows: what the meters show is their zero error.
+            // Nothing flows: the meters show their zero error.
             let last_c = self.rig.temperatures.last_c;
             self.direct.legs.push(time_s, volts, 0.0, last_c);
         }
         Ok(())
     }
 
-    /// Judges a reading, counts its charge since the last and keeps it. `amps` charge positive.
+    /// Judges and stores a reading, and adds the charge since the last one. `amps` is positive in
+    /// the charge direction.
     async fn keep(
         &mut self,
         phase: &str,
@@ -198,7 +199,7 @@ impl Executor<'_> {
             },
         )?;
         self.rig.look_back().await?;
-        // A charge reads the load too, as a voltmeter.
+        // During a charge the load is read too, as a voltmeter.
         self.rig
             .others_off(if amps < 0.0 {
                 &["load"]

@@ -1,7 +1,7 @@
-//! Plays a trace through DC load and DC supply. The load draws negative currents, at constant
-//! current or constant power, and the supply charges with positive ones. Where no current is to
-//! flow both are off. Their own meters record just before a step, just after it, and every second
-//! between; a row carries the time of its reading.
+//! Executes a trace with DC load and DC supply. The load draws negative currents, at constant
+//! current or constant power, and the supply charges with positive ones. When no current is to
+//! flow, both are off. Their own meters are read just before a step, just after it, and every
+//! second between; a row contains the time of its reading.
 
 use analysis::dataset::TraceRow;
 use instruments::{
@@ -23,14 +23,14 @@ use crate::{
     plan::{Level, TracePlan},
 };
 
-/// So near to its limit, V, the supply's current may fall.
+/// Distance from its voltage limit within which the supply's current may fall, V.
 const NEAR_LIMIT_V: f64 = 0.1;
-/// The last reading before a step is begun this long before it, s.
+/// Time before a step at which the last reading is started, s.
 const READING_S: f64 = 0.15;
 /// A row is the mean of one reading.
 const ONE: f64 = 1.0;
 
-/// Output that is switched on.
+/// The output that is switched on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Flowing {
     Nothing,
@@ -41,21 +41,21 @@ enum Flowing {
     Supply,
 }
 
-/// A trace in work.
+/// A trace in progress.
 struct Work<'a> {
     trace: &'a TracePlan,
     origin_s: f64,
     flowing: Flowing,
-    /// How the load was prepared last.
+    /// How the load was last prepared.
     power: Option<bool>,
     level: Level,
-    /// Readings since the last step.
+    /// Number of readings since the last step.
     polls: u32,
     recorded: Recorded,
 }
 
 impl Rig<'_> {
-    /// Programs the limits beforehand, so that a step is one message.
+    /// Programs the limits in advance, so that a step is a single message.
     async fn ready(&mut self, work: &mut Work<'_>) -> Result<(), ExecuteError> {
         if let Some(first) = work.trace.levels.iter().find(|level| level.current_a < 0.0) {
             self.prepare_load(work, first.power_w.is_some()).await?;
@@ -101,7 +101,7 @@ impl Rig<'_> {
         Ok(())
     }
 
-    /// Makes a level flow: what is on and not wanted goes off first.
+    /// Makes a level flow: first switches off outputs that are on and not needed.
     async fn flow(&mut self, work: &mut Work<'_>, level: Level) -> Result<(), ExecuteError> {
         let power = level.power_w.is_some();
         let wanted = match level.current_a {
@@ -185,7 +185,7 @@ impl Rig<'_> {
         self.clock
             .sleep_s((until_s - READING_S - self.clock.now_s()).max(0.0))
             .await;
-        // However short the step was, it is judged once.
+        // Every step is judged at least once, however short it is.
         work.polls = work.polls.max(RISE_POLLS - 1);
         self.metered_row(work).await?;
         self.clock
@@ -194,15 +194,15 @@ impl Rig<'_> {
         Ok(())
     }
 
-    /// One reading, judged, compared with the command, and kept. The supply has no sense leads: the
-    /// load's see the cell itself.
+    /// Takes one reading, judges it, compares it with the command, and stores it. The supply has
+    /// no sense leads; those of the load measure the cell itself.
     async fn metered_row(&mut self, work: &mut Work<'_>) -> Result<(), ExecuteError> {
         let temperature_c = self.temperature_now_and_then().await?;
         let began_s = self.clock.now_s();
         let (volts, drawn_a) = self.load_volts().await?;
         let mut terminal_v = None;
         let current_a = match work.flowing {
-            // What the meters show is their zero error.
+            // The meters show their zero error.
             Flowing::Nothing => 0.0,
             Flowing::Load { .. } => -drawn_a,
             Flowing::Supply => {
@@ -227,7 +227,7 @@ impl Rig<'_> {
             },
         )?;
         work.polls += 1;
-        // The first reading may still see what was before the step.
+        // The first reading may still show the state before the step.
         if let Some(terminal_v) = terminal_v.filter(|_| work.polls >= 2) {
             self.cross_check_charger(terminal_v, volts, current_a)?;
         }
@@ -254,7 +254,7 @@ impl Rig<'_> {
                 }
             }
         }
-        // What the leads drop is not the cell's.
+        // The voltage drop of the leads is not part of the cell's voltage.
         let voltage_v = volts - work.trace.lead_ohm * current_a;
         let (time_s, temperature_c) = (
             0.5 * (began_s + now_s) - work.origin_s,
@@ -271,8 +271,8 @@ impl Rig<'_> {
         Ok(())
     }
 
-    /// Checks that an output that is off carries no current. It judges from the second reading
-    /// after a step on, because the first may still show the state before.
+    /// Checks that an output that is off carries no current. Judges from the second reading after
+    /// a step on, because the first may still show the state before.
     async fn nothing_else(&mut self, work: &Work<'_>, drawn_a: f64) -> Result<(), ExecuteError> {
         if work.polls < 2 {
             return Ok(());

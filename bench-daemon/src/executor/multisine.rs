@@ -1,5 +1,5 @@
-//! One band of a multisine: the wave goes into the generator, the scope rolls over whole periods of
-//! it, the record becomes one point per line.
+//! Measures one band of a multisine: the generator receives the wave, the scope rolls over whole
+//! periods of it, and the record is converted to one point per line.
 
 use analysis::{
     multisine::{
@@ -27,20 +27,20 @@ use crate::{
     record::{capture_of, code_scale},
 };
 
-/// For the scope to fill its screen, s.
+/// Time for the scope to fill its screen, s.
 const FILL_S: f64 = 0.05;
-/// Standard deviations from which on clocks differ.
+/// Standard deviations above which clocks count as different.
 const CERTAIN: f64 = 5.0;
-/// A turn of the fastest line over the record that is said, and one that is refused, rad: 0.3 rad
-/// leak about two per mille of a line into the next but one.
+/// Phase turn of the fastest line over the record above which it is reported, and above which it
+/// is rejected, rad: with 0.3 rad, about two per mille of a line leak into the next but one.
 const NOTED_TURN_RAD: f64 = 0.02;
 const GREATEST_TURN_RAD: f64 = 0.3;
-/// How far the current of a line may be from its command, as a share.
+/// Greatest deviation of a line's current from its command, as a share.
 const CURRENT_TOLERANCE: f64 = 0.2;
 
 /// Result of the record of one band.
 pub(crate) struct BandFit {
-    /// A point per line, what distortion may do to it in its variance.
+    /// One point per line, with the possible effect of distortion in its variance.
     pub(crate) phasors: Vec<ChannelPhasors>,
     /// Noise and distortion of each line.
     pub(crate) lines: Vec<Line>,
@@ -55,11 +55,11 @@ impl BandFit {
     }
 }
 
-/// A record of one band, in volts, to its lines. Pure: what was recorded years ago gives the same
-/// lines.
+/// Converts a record of one band, in volts, to its lines. The function is pure: an old record
+/// gives the same lines.
 ///
 /// # Errors
-/// A record that cannot be analysed.
+/// Fails if the record cannot be analysed.
 pub(crate) fn fit_band(
     band: &Band,
     channels: [&[f64]; 4],
@@ -77,7 +77,7 @@ fn fit_of(
         .map_err(|error| failed(band, error))
 }
 
-/// The lines of a band.
+/// Returns the lines of a band.
 fn excited(band: &Band) -> Excited<'_> {
     Excited {
         base_hz: band.base_hz,
@@ -98,7 +98,7 @@ impl Rig<'_> {
         let wave = Wave::named("eis", band.design.samples(band.steps), sine);
         let error = self.bench.error("generator");
         let generator = require(&mut self.bench.instruments.generator, "generator")?;
-        // A wave is loaded while the least sine plays, never under a current.
+        // A wave is loaded while the least sine is active, never while a current flows.
         generator.quiet(wave.offset).await.map_err(&error)?;
         generator.wave(&wave).await.map_err(error)?;
         self.no_burst();
@@ -181,9 +181,9 @@ impl Rig<'_> {
             .collect())
     }
 
-    /// A multisine takes generator and scope to run on one clock. What their clocks differ by turns
-    /// the fastest line over the record, and lines leak into each other: a little is said, much is
-    /// refused.
+    /// Checks that generator and scope run on one clock, as a multisine requires. A difference of
+    /// their clocks turns the fastest line over the record, so that lines leak into each other: a
+    /// small turn is reported, a large one is rejected.
     fn judge_clocks(
         &self,
         band: &Band,
@@ -217,7 +217,7 @@ impl Rig<'_> {
         Ok((turn_rad > NOTED_TURN_RAD).then_some(message))
     }
 
-    /// The channels at a line must be those of one loop.
+    /// Checks that the channels at a line can belong to one loop.
     fn check_loop(&self, phasors: &ChannelPhasors, amplitude_a: f64) -> Result<(), ExecuteError> {
         let request = LoopRequest {
             fixture: Fixture::Cell,
@@ -251,8 +251,8 @@ impl Rig<'_> {
 }
 
 impl Executor<'_> {
-    /// Drives and records one band, `first` of the lines of others before it, `taken` records of it
-    /// there already; a point per line, and what each line says of noise and distortion.
+    /// Drives and records one band; `first` lines of other bands precede it and `taken` records of
+    /// it exist already. Returns a point per line, and noise and distortion of each line.
     pub(super) async fn multisine(
         &mut self,
         band: &Band,
@@ -293,7 +293,8 @@ impl Executor<'_> {
         ))
     }
 
-    /// One record of the settled wave, which begins anew where it would have ended meanwhile.
+    /// Takes one record of the settled wave. Restarts the wave if it would have ended in the
+    /// meantime.
     async fn settled_roll(
         &mut self,
         band: &Band,
@@ -302,7 +303,7 @@ impl Executor<'_> {
     ) -> Result<[Waveform; 4], ExecuteError> {
         let needed_s = band.settle_s + band.span_s + FILL_S;
         for longer in 0..=MOST_LONGER {
-            // What has no end plays on, and has settled.
+            // A signal without an end continues, and has settled.
             if attempt + longer == 0 || self.rig.driving.burst.ends_s.is_finite() {
                 self.rig.begin_signal(band.base_hz, needed_s).await?;
                 self.rig
@@ -319,8 +320,8 @@ impl Executor<'_> {
         ))
     }
 
-    /// One screen of whole periods, on disk when this returns; none where the signal has ended, or
-    /// would end, before it does.
+    /// Records one screen of whole periods, which is on disk when this returns. Returns nothing if
+    /// the signal has ended, or would end, before the record does.
     async fn roll(
         &mut self,
         band: &Band,
@@ -390,8 +391,8 @@ impl Executor<'_> {
     }
 }
 
-/// Message where the record does not have the images of the generator's steps where the rates
-/// put them.
+/// Returns a message if the record does not contain the images of the generator's steps at the
+/// frequencies that follow from the rates.
 fn judge_images(fit: &MultisineFit) -> Option<String> {
     let proof = fit.proof.filter(analysis::multisine::Proof::contradicts)?;
     let missing = format!(
@@ -408,14 +409,15 @@ fn judge_images(fit: &MultisineFit) -> Option<String> {
     ))
 }
 
-/// Standard deviation of Z by noise, over |Z|.
+/// Returns the standard deviation of Z due to noise, relative to |Z|.
 fn noise_share(phasors: &ChannelPhasors) -> f64 {
     let point = raw_impedance(phasors, 1.0);
     (0.5 * (point.covariance.re_re + point.covariance.im_im)).sqrt() / point.magnitude_ohm()
 }
 
-/// For each line the difference of Z between the first and the second half of the record, over |Z|,
-/// and what noise makes of it; nothing where a half has too few periods.
+/// Returns for each line the difference of Z between the first and the second half of the record,
+/// relative to |Z|, and the part of it that noise explains. Returns nothing if a half has too few
+/// periods.
 fn halves(channels: [&[f64]; 4], interval_s: f64, excited: Excited<'_>) -> Option<Vec<(f64, f64)>> {
     let count = channels[0].len();
     let periods = (count as f64 * interval_s * excited.base_hz).round();

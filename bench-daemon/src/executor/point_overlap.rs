@@ -1,9 +1,9 @@
-//! A sweep that does not wait for its own bookkeeping: once the scope holds a record, the generator
-//! goes on to the next point, whose settling passes while the record is fetched, analysed and
-//! written down.
+//! Overlaps the points of a sweep with their processing: once the scope holds a record, the
+//! generator proceeds to the next point, which settles while the record is fetched, analysed and
+//! written.
 //!
-//! Every step is in the journal before it is begun, as always. A record that is to be taken again
-//! brings the generator back.
+//! Every step is in the journal before it begins, as always. If a record must be repeated, the
+//! generator returns to its point.
 
 mod sweep_state;
 
@@ -13,22 +13,22 @@ use super::{ExecuteError, Executor, POLL_S, Rig};
 use crate::{interlock::Reading, plan::SweepSettings};
 pub(super) use sweep_state::{NextPoint, StartedPoint, SweepState, Tone};
 
-/// A command that was obeyed within this time counts from when it was handed over, s.
+/// A command that was executed within this time counts from when it was sent, s.
 const PROMPT_S: f64 = 0.05;
-/// After arming the scope needs a screen and a period for a record, and this, s.
+/// Time that the scope needs after arming, beside a screen and a period for a record, s.
 const ARMED_S: f64 = 0.05;
 
 impl Rig<'_> {
-    /// Whether points overlap; where nobody has said so, in real time only: in any other nobody
-    /// waits.
+    /// Checks whether points overlap. By default they overlap in real time only, because other
+    /// clocks do not need it.
     pub(super) fn overlaps(&self, settings: &SweepSettings) -> bool {
         settings
             .overlap
             .unwrap_or(self.clock.mode() == TimeMode::Real)
     }
 
-    /// A reading while a record is being fetched, as soon as the last one is as old as two readings
-    /// may be apart.
+    /// Takes a reading while a record is being fetched, as soon as the last one has the greatest
+    /// allowed age.
     pub(super) async fn watch_between(
         &mut self,
         settings: &SweepSettings,
@@ -48,15 +48,16 @@ impl Rig<'_> {
         Ok(reading)
     }
 
-    /// When a point may be stopped: settled, and the scope armed for long enough, bench s.
+    /// Returns when the scope may be stopped for a point, bench s: the signal has settled, and the
+    /// scope has been armed for long enough.
     pub(super) fn settled_at_s(&self, tone: &Tone, driven_s: f64, screen_s: f64) -> f64 {
         (driven_s + tone.wait_s).max(self.clock.now_s() + screen_s + 1.0 / tone.freq_hz + ARMED_S)
     }
 }
 
 impl Executor<'_> {
-    /// The scope holds its record: the generator goes on. Where crests would not be allowed the
-    /// next step is to say so.
+    /// Moves the generator to the next point once the scope holds its record. If the crests of the
+    /// next point are not allowed, does nothing and leaves the error to the next step.
     pub(super) async fn start_next_point(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
         let Some(next) = self.sweep.next.clone() else {
             return Ok(());
@@ -81,8 +82,7 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// Waits until an instant, bench s, reading and judging as often as ever, but never beyond that
-    /// instant.
+    /// Waits until a time, bench s, with readings at the usual rate, but never beyond that time.
     pub(super) async fn watch_until(
         &mut self,
         end_s: f64,
@@ -90,7 +90,7 @@ impl Executor<'_> {
     ) -> Result<(), ExecuteError> {
         loop {
             let left_s = end_s - self.rig.clock.now_s();
-            // A reading takes a while: one that would end too late comes right after the wait.
+            // A reading takes time: one that would end too late is taken right after the wait.
             let poll_s = self.rig.poll_s();
             if left_s <= poll_s + self.rig.watching.took_s {
                 self.read_before(left_s, fixture).await?;
@@ -108,8 +108,8 @@ impl Executor<'_> {
         }
     }
 
-    /// Behind the last point no other one settles, during which a reading would cost nothing: where
-    /// there is time for it, it comes before the record.
+    /// Takes a reading before the record, if there is time. After the last point no other point
+    /// settles, during which a reading would take no extra time.
     async fn read_before(&mut self, left_s: f64, fixture: Fixture) -> Result<(), ExecuteError> {
         let early_s = left_s - 2.0 * self.rig.watching.took_s - ARMED_S;
         if self.sweep.next.is_some() || self.rig.watching.took_s <= 0.0 || early_s <= 0.0 {

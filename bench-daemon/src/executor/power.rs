@@ -1,4 +1,5 @@
-//! The bipolar supply goes on at zero current, within limits that were read back, and off again.
+//! Switches the bipolar supply on at zero current, within limits that were read back, and off
+//! again.
 
 use analysis::run_folder::OUTPUT_ON;
 use instruments::{
@@ -13,15 +14,15 @@ use crate::{
     record::Event,
 };
 
-/// Readings of which the mean is the zero of an ammeter: their noise counts as charge for as long
-/// as the sweep lasts.
+/// Number of readings whose mean is the zero of an ammeter: their noise counts as charge
+/// throughout the sweep.
 const ZERO_READINGS: u32 = 4;
-/// With every output off a control shows less than this, V: thermal voltages, and the zero error of
-/// a meter. Any cell shows more.
+/// Voltage below which a control stays with every output off, V: thermal voltages, and the zero
+/// error of a meter. Any cell shows more.
 const CONTROL_IDLE_V: f64 = 0.2;
 
 impl Rig<'_> {
-    /// A supply that takes no limit of the voltage says what it would go to by itself.
+    /// Records the set-point limits of a supply that accepts no voltage limit.
     async fn tell_own_limits(&mut self, limits: &supply4q::Limits) -> Result<(), ExecuteError> {
         let error = self.bench.error("supply4q");
         let supply = require(&mut self.bench.instruments.supply4q, "supply4q")?;
@@ -49,8 +50,8 @@ impl Rig<'_> {
         Ok(())
     }
 
-    /// Reading of the bipolar supply's ammeter with its output off, A: the mean of some readings,
-    /// of which one is there already.
+    /// Returns the reading of the bipolar supply's ammeter with its output off, A: the mean of
+    /// some readings, the first of which is `first_a`.
     async fn zero_of_supply(&mut self, first_a: f64) -> Result<f64, ExecuteError> {
         let mut sum_a = first_a;
         for _ in 1..ZERO_READINGS {
@@ -65,8 +66,8 @@ impl Rig<'_> {
         Ok(sum_a / f64::from(ZERO_READINGS))
     }
 
-    /// Reads the voltage at the jig, every output off, and refuses one that no control has. A
-    /// reading that is not a number is refused too.
+    /// Reads the voltage at the jig with every output off, and returns an error if it is too large
+    /// for a control or is not a number.
     pub(super) async fn refuse_a_cell(&mut self, what: &str) -> Result<(), ExecuteError> {
         let reading = self.read_supply4q().await?;
         self.recorder.reading("idle", &reading)?;
@@ -135,7 +136,7 @@ impl Executor<'_> {
         supply.prepare(limits).await.map_err(&error)?;
         self.rig.tell_own_limits(limits).await?;
         if fixture == Fixture::Cell {
-            // A cell that is missing, reversed, ruined or too hot must not be driven: it is read
+            // A cell that is missing, reversed, damaged or too hot must not be driven: read it
             // while the output is still off.
             let mut reading = self.rig.read_supply4q().await?;
             reading.temperature_c = self.rig.cell_temperature().await?;
@@ -154,7 +155,8 @@ impl Executor<'_> {
         let scope_error = self.rig.bench.error("scope");
         if let Some(depth) = depth {
             let scope = require(&mut self.rig.bench.instruments.scope, "scope")?;
-            // What cannot be thinned out before it is sent is not taken in the first place.
+            // If the scope cannot thin out its data before sending, limit the number of samples
+            // that it takes.
             let memory_points = if scope.capabilities().thins_out {
                 depth.memory_points
             } else {
@@ -166,8 +168,8 @@ impl Executor<'_> {
                 .map_err(scope_error)?;
             self.scope.memory_points = Some(memory_points);
         }
-        // The generator holds the offset that brings the supply's zero error to zero current before
-        // the output goes on.
+        // The generator provides the offset that compensates the supply's zero error to zero
+        // current before the output is switched on.
         let generator_error = self.rig.bench.error("generator");
         require(&mut self.rig.bench.instruments.generator, "generator")?
             .output(true)

@@ -1,5 +1,5 @@
-//! One record of a sinusoid to a point of a sweep. Pure: the same samples give the same point,
-//! whether they have just come from the scope or are read from a run folder, years later.
+//! Converts one record of a sinusoid to a point of a sweep. The functions are pure: the same
+//! samples give the same point, from the scope or later from a run folder.
 
 use analysis::{
     sine::{self, Channel, Distortion, FitOptions, LeftOut, Note, Record, SineFit},
@@ -18,30 +18,30 @@ use crate::{
     record::code_scale,
 };
 
-/// Fewest periods that a record must hold.
+/// Least number of periods in a record.
 const MIN_RECORD_PERIODS: f64 = 2.0;
-/// Distortion from which on a point is noted, as a share.
+/// Distortion above which a point is remarked, as a share.
 const MUCH_DISTORTION: f64 = 0.01;
-/// Standard deviations from which on distortion is no noise.
+/// Standard deviations above which distortion does not count as noise.
 const CERTAIN: f64 = 5.0;
-/// Harmonics of the mains that are fitted, its own frequency included.
+/// Number of mains harmonics that are fitted, including the fundamental.
 const MAINS_ORDERS: u32 = 3;
-/// How far a free fit may find the frequency from the one that was set.
+/// Greatest relative difference between the fitted and the set frequency.
 const FREQ_TOLERANCE: f64 = 2.0e-3;
 
-/// Point to which a record belongs.
+/// The point to which a record belongs.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PointRequest {
     pub(crate) fixture: Fixture,
     pub(crate) index: usize,
     pub(crate) freq_hz: f64,
     pub(crate) mains_hz: Option<f64>,
-    /// Amplitude of the current that was commanded, A.
+    /// Commanded amplitude of the current, A.
     pub(crate) amplitude_a: f64,
     pub(crate) shunt_ohm: f64,
 }
 
-/// A record of the four channels, wherever its samples are.
+/// A record of the four channels, independent of the storage of its samples.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct ChannelRecord<'a> {
     pub(crate) channels: [Channel<'a>; 4],
@@ -52,7 +52,7 @@ pub(crate) struct ChannelRecord<'a> {
 }
 
 impl<'a> ChannelRecord<'a> {
-    /// Record as the scope has just returned it.
+    /// Wraps a record that the scope has returned.
     pub(crate) fn of(waveforms: &'a [Waveform; 4]) -> Self {
         Self {
             channels: waveforms
@@ -69,7 +69,7 @@ impl<'a> ChannelRecord<'a> {
     }
 }
 
-/// The point that a record gives; what only the run knows of it is left to the caller.
+/// Computes the point from a record; the caller adds what only the run knows.
 pub(crate) fn analyse(
     request: &PointRequest,
     channel_record: &ChannelRecord<'_>,
@@ -89,7 +89,7 @@ pub(crate) fn analyse(
         interval_s,
     };
     let periods = interval_s * channel_record.channels[0].len() as f64 * freq_hz;
-    // Two clocks differ by parts per million: a screen of two periods may hold a sample less.
+    // Two clocks differ by parts per million: a screen of two periods may contain one sample less.
     if periods < MIN_RECORD_PERIODS * (1.0 - FREQ_TOLERANCE) {
         let reason = format!(
             "expected a record of at least {MIN_RECORD_PERIODS} periods, found {periods:.2}: does \
@@ -102,7 +102,7 @@ pub(crate) fn analyse(
         ..FitOptions::default()
     };
     if fixture == Fixture::Cell {
-        // What a change of the frequency has left in it; a control has no memory.
+        // Include the decays after a change of frequency; a control has no memory.
         options.decays_s = sine::relaxations(interval_s * channel_record.channels[0].len() as f64);
     }
     if let Some(mains_hz) = mains_hz {
@@ -157,11 +157,11 @@ pub(crate) fn analyse(
     })
 }
 
-/// Refuses a point whose channels cannot be those of one loop; a channel that clips is judged by the
-/// quality gate.
+/// Returns an error for a point whose channels cannot belong to one loop; the quality gate judges
+/// a channel that clips.
 ///
 /// # Errors
-/// [`ExecuteError::Channels`], with the channel where one explains it.
+/// [`ExecuteError::Channels`], with the channel if one explains the fault.
 pub(crate) fn check_channels(
     point: &SweepPoint,
     request: &PointRequest,
@@ -185,7 +185,7 @@ pub(crate) fn check_channels(
     })
 }
 
-/// A relaxation that the record shows, in words.
+/// Describes a relaxation that the record shows.
 fn unsteady(fit: &SineFit, harmonics_and_drift: &HarmonicsAndDrift) -> Option<String> {
     let [_, _, low, high] = fit.channels.as_slice() else {
         return None;
@@ -197,7 +197,7 @@ fn unsteady(fit: &SineFit, harmonics_and_drift: &HarmonicsAndDrift) -> Option<St
         } else {
             bend.volts
         };
-    // The size by its decade, so that what many records show is said once.
+    // Round the size to its decade, so that an effect in many records is reported once.
     let least = 10.0_f64.powf(microvolts.abs().log10().floor());
     let fitted = if fit.relaxed {
         "fitted beside the sinusoid"
@@ -210,8 +210,8 @@ fn unsteady(fit: &SineFit, harmonics_and_drift: &HarmonicsAndDrift) -> Option<St
     ))
 }
 
-/// Remarks on a fit, in words. Harmonics and mains beyond half the sampling rate are no news, nor
-/// is a mains of less than a period in the record of a fast sinusoid: there it is drift.
+/// Returns remarks on a fit. Harmonics and mains beyond half the sampling rate are omitted, and so
+/// is a mains of less than a period in the record of a fast sinusoid, where it is drift.
 fn remarks(fit: &SineFit) -> Vec<String> {
     let known = |note: &&Note| {
         !matches!(
@@ -246,11 +246,12 @@ fn remarks(fit: &SineFit) -> Vec<String> {
 mod tests {
     use super::*;
 
-    /// Codes of a sinusoid of 40 periods with a second harmonic, rounded, on a range of 12 bits.
+    /// Returns codes of a sinusoid of 40 periods with a second harmonic, rounded, on a range of 12
+    /// bits.
     fn codes(amplitude: f64, second: f64, dither: f64) -> Vec<i16> {
         let value = |n: u32| {
             let theta = std::f64::consts::TAU * 0.0101 * f64::from(n);
-            // A stride without a period takes the place of noise.
+            // A stride that is not periodic replaces noise.
             amplitude * (theta.cos() + second * (2.0 * theta).cos())
                 + dither * ((f64::from(n) * 0.618_034).fract() - 0.5)
         };

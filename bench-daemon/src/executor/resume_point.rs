@@ -1,4 +1,4 @@
-//! Decides at which step an interrupted stage is entered again.
+//! Determines at which step an interrupted stage is resumed.
 
 use crate::{
     journal::PointDone,
@@ -8,9 +8,9 @@ use crate::{
 /// Resume point of an interrupted stage; by default its beginning.
 #[derive(Debug, Clone, Default)]
 pub struct ResumePoint<'a> {
-    /// The first step that is played.
+    /// The first step that is executed.
     pub from: usize,
-    /// Points that were finished before, by their steps.
+    /// Points that were finished before, with their steps.
     pub points: Vec<&'a PointDone>,
 }
 
@@ -22,12 +22,12 @@ impl<'a> ResumePoint<'a> {
             .find(|point| point.step == index)
     }
 
-    /// True for steps that are played again: what is clamped is clamped anew, what is powered is
-    /// powered anew, as long as anything is left to be measured.
+    /// Returns true for steps that are executed again: fixtures are clamped and outputs are
+    /// powered again, as long as anything remains to be measured.
     pub(super) fn plays(&self, stage: &Stage, index: usize, step: &Step) -> bool {
         let sine = |(at, step): (usize, &Step)| match step {
             Step::Sine { .. } => self.point(at).is_none(),
-            // Whether it was done is not asked: done again, it finds nothing to do.
+            // Whether it was done does not matter: repeated, it finds nothing to do.
             Step::Recheck(_) => true,
             _ => false,
         };

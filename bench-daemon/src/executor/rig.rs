@@ -1,4 +1,4 @@
-//! The rig that a plan is played on: the instruments, and what reading and judging them needs.
+//! The rig that executes a plan: the instruments, and the state for reading and judging them.
 
 use instruments::clock::Clock;
 
@@ -13,19 +13,19 @@ use crate::{
     watch::WatchLink,
 };
 
-/// The instruments of a run, with everything that reading and judging them needs.
+/// The instruments of a run, with the state for reading and judging them.
 pub struct Rig<'a> {
     /// The instruments.
     pub(super) bench: &'a mut Bench,
-    /// Setup that holds for the whole run.
+    /// Setup of the whole run.
     pub(super) setup: Setup,
     /// Bench time.
     pub(crate) clock: Clock,
-    /// Where everything is written.
+    /// Writer of all results.
     pub(crate) recorder: &'a mut Recorder,
-    /// Interlock with the allowance of the step in work.
+    /// Interlock with the allowance of the present step.
     pub(super) interlock: Interlock,
-    /// When what was read last.
+    /// Times of the last readings.
     pub(super) watching: Watching,
     /// The cell's temperature and its bath.
     pub(super) temperatures: Temperatures,
@@ -34,7 +34,7 @@ pub struct Rig<'a> {
 }
 
 impl<'a> Rig<'a> {
-    /// Makes a rig of a bench on which nothing was read yet.
+    /// Creates a rig for a bench on which nothing was read yet.
     pub fn new(
         bench: &'a mut Bench,
         experiment: &Experiment,
@@ -59,23 +59,23 @@ impl<'a> Rig<'a> {
     }
 }
 
-/// When what was read last, and whose turn is next.
+/// Times of the last readings, and the next instrument to be checked.
 pub(super) struct Watching {
-    /// Readings so far; every tenth takes a temperature.
+    /// Number of readings; every tenth includes a temperature.
     pub(super) polls: u32,
     /// Bench time of the last reading of the bipolar supply, s.
     pub(super) watched_s: f64,
-    /// When those that are to carry nothing were read last, bench s.
+    /// Time of the last reading of the instruments that must carry no current, bench s.
     pub(super) others_s: f64,
-    /// Number of the instrument whose settings were read back last.
+    /// Number of the instrument whose settings were last read back.
     pub(super) looked: usize,
-    /// How long the last reading of the bipolar supply took, s.
+    /// Duration of the last reading of the bipolar supply, s.
     pub(super) read_s: f64,
-    /// How long the last reading with everything around it took, s.
+    /// Duration of the last reading including all overhead, s.
     pub(super) took_s: f64,
     /// Last reading of the voltmeter at the jig, V.
     pub(super) shown_v: Option<f64>,
-    /// Requests to end.
+    /// Stop requests.
     pub(super) requests: Requests,
 }
 
@@ -97,26 +97,26 @@ impl Default for Watching {
     }
 }
 
-/// Requests to end in the middle of a step.
+/// Stop requests within a step.
 pub(super) struct Requests {
-    /// The step in work may be ended in its middle on request.
+    /// Whether a request may end the present step before its end.
     pub(super) ends_early: bool,
-    /// When it was looked for such a request last, bench s.
+    /// Time of the last check for such a request, bench s.
     pub(super) looked_s: f64,
 }
 
 /// The cell's temperature, its logger and its bath.
 #[derive(Default)]
 pub(super) struct Temperatures {
-    /// The cell's temperature when it was read last, °C.
+    /// Last temperature of the cell, °C.
     pub(super) last_c: Option<f64>,
-    /// The logger scans nothing before it was told what.
+    /// Whether the logger's scan list was set; it scans nothing before.
     pub(super) logger_ready: bool,
-    /// The chiller was started here, and is to go on running.
+    /// Whether the chiller was started here and must keep running.
     pub(super) chiller_runs: bool,
-    /// Setpoint of the bath, °C.
+    /// Set-point of the bath, °C.
     pub(super) setpoint_c: Option<f64>,
-    /// The loop of a bath that has none of its own.
+    /// The control loop of a bath that has none of its own.
     pub(super) thermostat: Option<Thermostat>,
 }
 
@@ -127,33 +127,33 @@ pub(super) struct FirstMean {
     pub(super) volts_per_div: [f64; 2],
     /// Mean of the current, A.
     pub(super) zero_a: f64,
-    /// The same by the zero of the channels, where that was measured, A.
+    /// Mean relative to the zero of the channels, if that was measured, A.
     pub(super) channels_a: Option<f64>,
 }
 
 /// Drive of the cell since the last power-up.
 #[derive(Default)]
 pub(super) struct Driving {
-    /// How long the generator's signal goes on by itself.
+    /// How long the generator's signal continues on its own.
     pub(super) burst: Burst,
-    /// Current that the power-up in work allows, A.
+    /// Current that the present power-up allows, A.
     pub(super) powered_a: Option<f64>,
     /// The first record since then, or on these scales.
     pub(super) first_mean: Option<FirstMean>,
-    /// By how much the mean of the current has changed since the first record, A.
+    /// Change of the mean current since the first record, A.
     pub(super) mean_change_a: f64,
-    /// It was said that the bipolar supply is not bounded.
+    /// Whether it was reported that the bipolar supply has no limits.
     pub(super) told: bool,
-    /// Means of the channels while no current flowed through a cell.
+    /// Means of the channels without a current through a cell.
     pub(super) zeros: Zeros,
-    /// Records that the scope has sent.
+    /// Records that the scope has sent so far.
     pub(super) records: SeenRecords,
 }
 
 /// Seconds between two readings while current flows.
 pub(super) const POLL_S: f64 = 1.0;
 
-/// The instrument of a role, or a complaint that the bench lacks it.
+/// Returns the instrument of a role, or an error if the bench lacks it.
 pub(super) fn require<'b, T>(
     instrument: &'b mut Option<T>,
     role: &'static str,

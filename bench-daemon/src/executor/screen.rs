@@ -1,5 +1,4 @@
-//! The scope's settings: those that are wanted, those that it was told last, and those that a record
-//! asks for.
+//! The scope's settings: the wanted ones, the last ones sent, and those that a record requires.
 
 use std::ops::RangeInclusive;
 
@@ -11,30 +10,31 @@ use instruments::{
 use super::{ExecuteError, require};
 use crate::bench::Bench;
 
-/// The trigger watches the high side of the shunt: a large, clean copy of the current.
+/// The trigger uses the high side of the shunt: a large, clean copy of the current.
 const TRIGGER_CHANNEL: u8 = 2;
-/// A signal that spans less than this share of the ADC's range is ranged again.
+/// Share of the ADC's range below which the range of a signal is changed.
 const MIN_SPAN: f64 = 0.04;
-/// A new range is chosen so that the signal spans this share of it.
+/// Share of a new range that the signal is to span.
 const WANTED_SPAN: f64 = 0.5;
-/// How far a frame may be from the settings that it was asked with, as a share.
+/// Greatest relative deviation of a frame from the requested settings.
 const FRAME_TOLERANCE: f64 = 0.02;
-/// The trigger level lies so many divisions above the centre, out of reach: the scope is to roll.
+/// Height of the trigger level above the centre, in divisions, at which no signal reaches it: the
+/// scope is to roll.
 const OUT_OF_REACH_DIV: f64 = 4.0;
 
-/// The scope's settings: those that are wanted, and those that it was told last.
+/// The scope's settings: the wanted ones and the last ones sent.
 pub(super) struct Screen {
-    /// Vertical settings that the channels are to have.
+    /// Wanted vertical settings of the channels.
     pub(super) verticals: [Option<Vertical>; 4],
-    /// Vertical settings that were applied last.
+    /// Vertical settings that were last applied.
     pub(super) applied: [Option<Vertical>; 4],
     /// Level of the trigger; follows the signal.
     pub(super) trigger_v: Volts,
-    /// Points that the memory was last set to.
+    /// Memory depth that was last set.
     pub(super) memory_points: Option<u64>,
-    /// When the scope was stopped last, s.
+    /// Time at which the scope was last stopped, s.
     pub(super) stopped_s: f64,
-    /// Time per division and trigger that the scope was armed with last.
+    /// Time per division and trigger with which the scope was last armed.
     pub(super) armed: Option<(Seconds, Trigger)>,
 }
 
@@ -52,13 +52,13 @@ impl Default for Screen {
 }
 
 impl Screen {
-    /// Forgets the ranges, for something else is in the jig.
+    /// Discards the ranges after a change of the object in the jig.
     pub(super) fn forget(&mut self) {
         self.verticals = [None; 4];
         self.trigger_v = Volts(0.0);
     }
 
-    /// Wants scales, V per division, with the cell's voltage in the centre of channel 4.
+    /// Sets the wanted scales, V per division, with the cell's voltage in the centre of channel 4.
     pub(super) fn centre(&mut self, per_div_v: [f64; 4], cell_v: f64, scope: &Capabilities) {
         for ((slot, per_div_v), channel) in self.verticals.iter_mut().zip(per_div_v).zip(1..=4_u8) {
             let offset = Volts(if channel == 4 { -cell_v } else { 0.0 });
@@ -70,7 +70,7 @@ impl Screen {
         }
     }
 
-    /// Sends the settings of the channels that are to change.
+    /// Sends the settings of the channels that must change.
     pub(super) async fn apply(&mut self, bench: &mut Bench) -> Result<(), ExecuteError> {
         let error = bench.error("scope");
         for (wanted, applied) in self.verticals.iter().zip(&mut self.applied) {
@@ -85,7 +85,7 @@ impl Screen {
         Ok(())
     }
 
-    /// Arms the scope for a span; gives the length of its screen, s.
+    /// Arms the scope for a span; returns the length of its screen, s.
     pub(super) async fn arm(
         &mut self,
         bench: &mut Bench,
@@ -102,8 +102,8 @@ impl Screen {
             scope.capabilities().time_per_div(span),
             scope.capabilities().horizontal_div,
         );
-        // What nobody has touched since the point before is not sent again where points overlap: it
-        // would come out of their settling.
+        // If points overlap, settings that are unchanged since the previous point are not sent
+        // again, because that would reduce the time for settling.
         let same = self.armed.replace((per_div, trigger)).filter(|_| overlaps);
         let timebase =
             (same.map(|armed| armed.0) != Some(per_div)).then_some(Intent::Timebase(per_div));
@@ -115,13 +115,13 @@ impl Screen {
         Ok(per_div.value() * scope_divisions)
     }
 
-    /// A trigger level that no signal reaches, V: the scope is to roll.
+    /// Returns a trigger level that no signal reaches, V: the scope is to roll.
     pub(super) fn out_of_reach(&self) -> Volts {
         Volts(OUT_OF_REACH_DIV * self.verticals[1].map_or(0.0, |vertical| vertical.per_div.value()))
     }
 
-    /// The frame must be of this acquisition: as long as the screen, on the scales that were set,
-    /// the same for all channels.
+    /// Checks that the frame belongs to this acquisition: as long as the screen, on the scales
+    /// that were set, equal for all channels.
     pub(super) fn check_frame(
         &self,
         freq_hz: f64,
@@ -159,8 +159,8 @@ impl Screen {
         Ok(())
     }
 
-    /// New settings for the channels that clipped or were too small, in words; the trigger level
-    /// and the offsets follow the signal.
+    /// Sets new ranges for the channels that clipped or were too small and describes them; the
+    /// trigger level and the offsets follow the signal.
     pub(super) fn range_again(
         &mut self,
         waveforms: &[Waveform; 4],
@@ -191,9 +191,9 @@ impl Screen {
     }
 }
 
-/// Another range for a signal that clipped or is small in its range; none where the range is right,
-/// or the finest there is. A signal that lies wholly outside has no span at all, and yet it is not
-/// small.
+/// Returns another range for a signal that clipped or is small in its range, or `None` if the
+/// range is right or the finest available. A signal that lies completely outside has no span, but
+/// it is not small.
 fn other_range(
     vertical: &Vertical,
     extremes_v: RangeInclusive<f64>,
@@ -222,7 +222,7 @@ fn other_range(
     })
 }
 
-/// Two significant digits, upwards: scopes take any scale, people prefer round ones.
+/// Rounds up to two significant digits: scopes accept any scale, and people prefer round ones.
 fn round_scale(scale: f64) -> f64 {
     let decade = 10.0_f64.powf(scale.log10().floor() - 1.0);
     (scale / decade).ceil() * decade

@@ -1,4 +1,4 @@
-//! What a rig knows of bench and cell besides its steps.
+//! What a rig knows of bench and cell beside its steps.
 
 use std::sync::Arc;
 
@@ -9,13 +9,13 @@ use crate::{
     watch::WatchLink,
 };
 
-/// What a rig knows of bench and cell. No procedure decides it and it is the same for every step,
-/// so that it is no instruction: it says how a command reaches the cell, and what is refused
-/// whatever was commanded.
+/// Properties of bench and cell. They do not depend on the procedure and are the same for every
+/// step, so they are not instructions: they define how a command reaches the cell, and what is
+/// refused for any command.
 pub(super) struct Setup {
     /// Name of the cell.
     pub(super) cell: String,
-    /// The one cell that is measured, where it is named.
+    /// The cell that is measured, if it has a name.
     pub(super) specimen: Option<Arc<Specimen>>,
     /// Limits of the cell.
     pub(super) limits: Limits,
@@ -23,16 +23,17 @@ pub(super) struct Setup {
     pub(super) interlock: Settings,
     /// How the bench is wired.
     pub(super) wiring: Wiring,
-    /// How a bath without a loop of its own is held.
+    /// How a bath without its own control loop is controlled.
     pub(super) thermostat: config::Thermostat,
-    /// A person changes what is in the jig.
+    /// Whether a person changes what is in the jig.
     pub(super) person_clamps: bool,
-    /// The watch beside the procedure; `None` in virtual time, where the procedure makes its checks.
+    /// The watch beside the procedure; `None` in virtual time, where the procedure makes its
+    /// checks.
     pub(super) watch: Option<WatchLink>,
 }
 
 impl Setup {
-    /// Takes what describes bench and cell out of an experiment.
+    /// Takes the description of bench and cell from an experiment.
     pub(super) fn of(experiment: &Experiment, watch: Option<WatchLink>) -> Self {
         Self {
             cell: experiment.cell.name.clone(),

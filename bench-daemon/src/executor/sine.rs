@@ -1,5 +1,5 @@
-//! Measures one sinusoid: drives it, waits, captures, and analyses. Where a channel clipped or was
-//! too small, it is ranged again.
+//! Measures one sinusoid: drives it, waits, captures, and analyses. If a channel clipped or its
+//! signal was too small, changes its range.
 
 use instruments::{
     fixture::Fixture,
@@ -23,12 +23,12 @@ use crate::{
     record::CaptureFile,
 };
 
-/// How far the amplitude of the current may stay behind its command, as a share: at the end of its
+/// Greatest relative shortfall of the current amplitude against its command: at the end of its
 /// band a supply loses a seventh.
 const CURRENT_TOLERANCE: f64 = 0.2;
 
 impl Rig<'_> {
-    /// Sets the generator so that the supply drives `amplitude_a`, for `wait_s` at least.
+    /// Sets the generator so that the supply drives `amplitude_a`, for at least `wait_s`.
     pub(super) async fn drive(&mut self, tone: &Tone) -> Result<(), ExecuteError> {
         let supply = require(&mut self.bench.instruments.supply4q, "supply4q")?.capabilities();
         let wiring = &self.setup.wiring;
@@ -46,7 +46,7 @@ impl Rig<'_> {
         self.begin_signal(tone.freq_hz, tone.wait_s).await
     }
 
-    /// The four channels of the stopped frame.
+    /// Downloads the four channels of the stopped frame.
     async fn fetch_frame(
         &mut self,
         settings: &SweepSettings,
@@ -64,14 +64,14 @@ impl Rig<'_> {
                 (None, None) => scope.download(channel, points).await,
             };
             waveforms.push(waveform.map_err(&error)?);
-            // The current still flows: a download must not stop the watching.
+            // The current still flows: a download must not interrupt the watching.
             self.watch_between(settings, fixture).await?;
         }
         Ok(waveforms)
     }
 
-    /// The current must follow the command: a loose lead or a supply in its limits shows here.
-    /// Gives its amplitude, A.
+    /// Checks that the current follows the command: this detects a loose lead or a supply at its
+    /// limits. Returns its amplitude, A.
     fn check_current(&self, point: &SweepPoint, amplitude_a: f64) -> Result<f64, ExecuteError> {
         let [first, second, _, _] = point.phasors.volts;
         let met_a = (second - first).norm() / self.setup.wiring.shunt.r_ohm;
@@ -88,7 +88,7 @@ impl Rig<'_> {
 }
 
 impl Executor<'_> {
-    /// Drives, captures and analyses one point; `taken` records of it are there already.
+    /// Drives, captures and analyses one point; `taken` records of it exist already.
     pub(super) async fn sine(
         &mut self,
         fixture: Fixture,
@@ -122,14 +122,15 @@ impl Executor<'_> {
         };
         let scope = require(&mut self.rig.bench.instruments.scope, "scope")?.capabilities();
         if self.scope.verticals[0].is_none() {
-            // Those of the controls, whatever the amplitude: a gain belongs to a range.
+            // Use the ranges of the controls for any amplitude: a gain belongs to a range.
             self.first_ranges(fixture, settings.amplitude_a, &scope)
                 .await?;
         }
         let mut warnings = Vec::new();
         for attempt in 0..=MAX_RANGING {
             if attempt > 0 {
-                // The generator may have gone on already, and the ranges are new in any case.
+                // The generator may already drive the next point, and the ranges are new in any
+                // case.
                 self.rig.begin(fixture, step);
                 driven_s = match self.sweep.take_started(&tone) {
                     None if self.sweep.next.is_none()
@@ -219,15 +220,15 @@ impl Executor<'_> {
         })
     }
 
-    /// As [`Rig::drive`], where the crests are allowed; gives the instant from which on it
-    /// settles, bench s.
+    /// As [`Rig::drive`], if the crests are allowed; returns the time from which it settles, bench
+    /// s.
     async fn driven(&mut self, fixture: Fixture, tone: &Tone) -> Result<f64, ExecuteError> {
         self.headroom(fixture, tone.freq_hz, tone.amplitude_a)?;
         self.rig.drive(tone).await?;
         Ok(self.rig.clock.now_s())
     }
 
-    /// The configured scales, with the cell's voltage brought to the centre of channel 4.
+    /// Sets the configured scales, with the cell's voltage in the centre of channel 4.
     pub(super) async fn first_ranges(
         &mut self,
         fixture: Fixture,
@@ -249,8 +250,9 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// The four channels of a record, and the effective current by the supply's readings until its
-    /// end, A; none where the signal has ended, or would end, before it does.
+    /// Returns the four channels of a record, and the effective current from the supply's readings
+    /// up to its end, A. Returns nothing if the signal has ended, or would end, before the record
+    /// does.
     async fn capture(
         &mut self,
         settings: &SweepSettings,

@@ -1,4 +1,4 @@
-//! State of a run from step to step, besides its instruments.
+//! State of a run between steps, beside its instruments.
 
 use std::sync::Arc;
 
@@ -15,21 +15,20 @@ use crate::{
 
 /// The person at the bench.
 pub struct Person<'a> {
-    /// Who changes the fixture, where no device does.
+    /// Asks the person who changes the fixture if no device does.
     pub operator: &'a Operator,
     /// Progress that the person at the terminal sees.
     pub progress: &'a Progress,
 }
 
-/// Where in the run the stage in work is, and what is in the jig.
+/// Position of the present stage in the run, and contents of the jig.
 #[derive(Default)]
 pub(super) struct Position {
-    /// Fixture that was clamped into the jig last, and which of the cells it was, where there are
-    /// several.
+    /// Fixture that was last clamped into the jig, and its cell if there are several.
     pub(super) mounted: Option<(Fixture, Option<Arc<Specimen>>)>,
-    /// The cell that is in use, where there are several.
+    /// The cell in use, if there are several.
     pub(super) specimen: Option<Arc<Specimen>>,
-    /// The campaign's run that the stage in work belongs to.
+    /// The run of a campaign that the present stage belongs to.
     pub(super) run: Option<CampaignRun>,
     /// Number of the sweep, 0 for a control.
     pub(super) repeat: usize,
@@ -38,13 +37,13 @@ pub(super) struct Position {
 /// State that steps of direct current leave for the steps after them.
 #[derive(Default)]
 pub(super) struct Direct {
-    /// Readings of the channels while nothing flows.
+    /// Readings of the channels without a current.
     pub(super) zero: Option<Zero>,
     /// Charge that traces have left in the cell, C.
     pub(super) charge_c: f64,
     /// The readings of the legs so far.
     pub(super) legs: Legs,
-    /// Where the reset of the state of charge stands.
+    /// Progress of the reset of the state of charge.
     pub(super) reset: Reset,
 }
 
@@ -54,20 +53,20 @@ pub(crate) struct Known {
     pub(crate) correction: Correction,
     /// Last reading of the cell before the bipolar supply went on.
     pub(crate) idle: Reading,
-    /// Lines of multisines, with their noise and distortion, until somebody takes them.
+    /// Lines of multisines, with their noise and distortion, until they are taken.
     pub(crate) lines: Vec<Line>,
     /// Potentials of the channels with the controls of this run in the jig.
     pub(crate) controls: Vec<ControlPotentials>,
 }
 
-/// Where the reset of the state of charge stands.
+/// Progress of the reset of the state of charge.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Reset {
     /// Voltage after the rest, V, and whether it was steady.
     pub(super) rested: Option<(f64, bool)>,
-    /// The end of the next charge is moved by this, V.
+    /// Shift of the end of the next charge, V.
     pub(super) shift_v: f64,
-    /// The cell is where it should be: nothing is left to do.
+    /// Whether the cell is at its target, so that nothing remains to be done.
     pub(super) accepted: bool,
 }
 
@@ -81,7 +80,7 @@ pub(super) struct Legs {
 }
 
 impl Legs {
-    /// Keeps a reading of bench time; its current charges positive.
+    /// Stores a reading with its bench time; a charge current is positive.
     pub(super) fn push(
         &mut self,
         time_s: f64,
@@ -99,7 +98,7 @@ impl Legs {
     }
 }
 
-/// State of the channels and the voltmeter while no current flows.
+/// State of the channels and the voltmeter without a current.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Zero {
     /// Channels 1…4, V.

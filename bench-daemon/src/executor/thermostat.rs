@@ -1,36 +1,35 @@
-//! Holds a bath at a temperature with a heater and a cooler on relays: a proportional-integral law
-//! whose output is the share of a window for which a relay is on.
+//! Controls the temperature of a bath with a heater and a cooler on relays: a
+//! proportional-integral law whose output is the share of a window for which a relay is on.
 //!
-//! Pure: it is told readings with their times and says pulses. What is too short for a relay is
-//! saved up until it is long enough; heating and cooling do not follow each other at once; a
-//! reading that is none switches off, and too old a one is a fault.
+//! The functions are pure: they take readings with their times and return pulses. Pulses that are
+//! too short for a relay accumulate until they are long enough. A pause separates heating from
+//! cooling. An invalid reading switches both off, and a reading that is too old is a fault.
 
 use crate::config::Thermostat as Settings;
 
-/// A relay that is switched is left so for this long at least, s.
+/// Least time between two switchings of a relay, s.
 const LEAST_S: f64 = 2.0;
-/// Between heating and cooling both are off for so long, s.
+/// Time for which both relays are off between heating and cooling, s.
 const REVERSAL_S: f64 = 60.0;
-/// A sensor that shows the very same while so much heat was asked for is not looked at any more by
-/// anybody, s of full power.
+/// Time at full power after which an unchanged sensor counts as faulty, s.
 const UNMOVED_S: f64 = 120.0;
 
 /// Action to take now.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Action {
-    /// Heat for so many seconds, or cool for a negative number of them; zero switches both off.
+    /// Heat for this number of seconds, or cool if it is negative; zero switches both off.
     Pulse(f64),
-    /// Off for good, and the reason.
+    /// Permanently off, with the reason.
     Fault(Fault),
 }
 
 /// Why the bath is not under control.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Fault {
-    /// No reading that can be believed.
+    /// There is no plausible reading.
     #[error("no bath temperature that can be believed for {age_s:.0} s")]
     Stale {
-        /// Age of the last one, s.
+        /// Age of the last plausible reading, s.
         age_s: f64,
     },
     /// The sensor does not follow.
@@ -46,14 +45,14 @@ pub enum Fault {
     },
 }
 
-/// One loop.
+/// One control loop.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Thermostat {
     settings: Settings,
     setpoint_c: f64,
-    /// Share of full power that is needed all the time.
+    /// Share of full power that is needed permanently.
     integral: f64,
-    /// Seconds of pulses that were too short so far.
+    /// Accumulated time of pulses that were too short, s.
     saved_s: f64,
     due_s: f64,
     /// Time of the last good reading, s.
@@ -65,7 +64,7 @@ pub struct Thermostat {
 }
 
 impl Thermostat {
-    /// A loop that begins at bench time `now_s`.
+    /// Creates a control loop that begins at bench time `now_s`.
     pub fn new(settings: Settings, setpoint_c: f64, now_s: f64) -> Self {
         Self {
             settings,
@@ -79,18 +78,18 @@ impl Thermostat {
         }
     }
 
-    /// The same loop at another temperature.
+    /// Changes the set-point of the loop.
     pub fn set(&mut self, setpoint_c: f64) {
         self.setpoint_c = setpoint_c;
     }
 
-    /// A window has passed, and the bath is to be read.
+    /// Checks whether a window has passed, so that the bath must be read.
     pub fn is_due(&self, now_s: f64) -> bool {
         now_s >= self.due_s
     }
 
-    /// Action that a reading of the sensor at `now_s` calls for. `None` as reading stands for one
-    /// that cannot be believed.
+    /// Returns the action for a reading of the sensor at `now_s`. `None` stands for an implausible
+    /// reading.
     pub fn step(&mut self, reading_c: Option<f64>, now_s: f64) -> Action {
         let window_s = self.settings.window_s;
         self.due_s = now_s + window_s;
@@ -103,7 +102,7 @@ impl Thermostat {
                 Action::Pulse(0.0)
             };
         };
-        // A gap in the questions is no time in which the error stood.
+        // The error did not persist during a gap between readings.
         let passed_s = (now_s - self.good_s).clamp(0.0, window_s);
         self.good_s = now_s;
         let error_k = self.setpoint_c - (celsius - self.settings.sensor_offset_k);
@@ -115,7 +114,8 @@ impl Thermostat {
         }
     }
 
-    /// Share of full power, −1 to 1. The integral stands still while the output is at its end.
+    /// Returns the share of full power, −1 to 1. The integral does not change while the output is
+    /// at its limit.
     fn share(&mut self, error_k: f64, passed_s: f64) -> f64 {
         let proportional = error_k / self.settings.band_k;
         if (proportional + self.integral).abs() < 1.0 {
@@ -132,14 +132,14 @@ impl Thermostat {
         if self.saved_s.abs() < LEAST_S || reverses {
             return 0.0;
         }
-        // A relay that would be off for a moment only stays on.
+        // A relay that would be off only briefly stays on.
         let pulse_s = if window_s - self.saved_s.abs() < LEAST_S {
             window_s.copysign(self.saved_s)
         } else {
             self.saved_s
         };
         self.saved_s -= pulse_s;
-        // To the next window and a little more, so that a full one leaves no gap.
+        // Lasts a little beyond the next window, so that a full pulse leaves no gap.
         let longer_s = if pulse_s.abs() >= window_s {
             pulse_s * 1.25
         } else {
@@ -151,7 +151,8 @@ impl Thermostat {
 
     fn follows(&mut self, celsius: f64, pulse_s: f64) -> Option<Fault> {
         let (shown_c, spent_s) = self.unmoved;
-        // Less than full power may be what the bath loses: then it stands still, as it should.
+        // Less than full power may just balance the losses of the bath: then a constant reading is
+        // correct.
         if celsius != shown_c || spent_s * pulse_s < 0.0 || pulse_s.abs() < self.settings.window_s {
             self.unmoved = (celsius, 0.0);
             return None;
@@ -174,8 +175,8 @@ mod tests {
         sensor_offset_k: 0.0,
     };
 
-    /// A bath that loses heat to the room, in steps of a second, read in sixteenths of a degree.
-    /// Its greatest error from half an hour on, K.
+    /// Simulates a bath that loses heat to the room, in steps of a second, read in sixteenths of a
+    /// degree. Returns its greatest error after the first half hour, K.
     fn held(band_k: f64, ambient_c: f64, (heater, cooler): (f64, f64)) -> f64 {
         let mut thermostat = Thermostat::new(Settings { band_k, ..SETTINGS }, 25.0, 0.0);
         let (mut bath_c, mut pulse, mut worst_k) = (ambient_c, (0.0, 0.0), 0.0_f64);
@@ -204,8 +205,8 @@ mod tests {
 
     #[test]
     fn it_holds_a_bath_in_a_cold_and_in_a_warm_room() {
-        // A bath that is twice as lively wants twice the band, and the shortest pulse of its heater
-        // alone moves it by 0.06 K.
+        // A bath that reacts twice as strongly needs twice the band, and the shortest pulse of its
+        // heater alone changes it by 0.06 K.
         for (band_k, ambient_c, powers, most_k) in [
             (0.5, 22.0, (0.015, 0.01), 0.08),
             (0.5, 25.0, (0.015, 0.01), 0.08),
@@ -276,7 +277,7 @@ mod tests {
             matches!(second, Action::Pulse(pulse) if (pulse - 2.4).abs() < 1.0e-3),
             "{pulses:?}"
         );
-        // Too warm at once: nothing is cooled for a minute.
+        // Suddenly too warm: there is no cooling for a minute.
         let after: Vec<Action> = (4..9)
             .map(|window| thermostat.step(Some(25.3), 20.0 * f64::from(window)))
             .collect();

@@ -1,9 +1,9 @@
-//! A current trace: the generator's offset commands steps of direct current through the bipolar
-//! supply, the scope records frames around them.
+//! Executes a current trace: the generator's offset commands steps of direct current through the
+//! bipolar supply, and the scope records frames around them.
 //!
-//! The zeros of the channels, read while no current flows, are subtracted first. The correction of
-//! the harness then gives current and voltage. The voltmeter at the jig gives the voltage at rest,
-//! from which the change of voltage counts.
+//! First the zeros of the channels, read without a current, are subtracted. The correction of the
+//! harness then gives current and voltage. The voltmeter at the jig gives the voltage at rest,
+//! from which the change of voltage is measured.
 
 use analysis::{
     augmented::Between,
@@ -27,7 +27,7 @@ use crate::{
     record::capture_of,
 };
 
-/// Readings of the voltmeter that the voltage at rest is the mean of.
+/// Number of voltmeter readings whose mean is the voltage at rest.
 const REST_READINGS: usize = 10;
 /// Seconds between two readings of a resting cell.
 const REST_POLL_S: f64 = 10.0;
@@ -38,21 +38,22 @@ const ZERO_FRAME: Frame = Frame {
     memory_points: 10_000,
     record_points: 10_000,
 };
-/// For the scope to fill its screen, s.
+/// Time for the scope to fill its screen, s.
 const FILL_S: f64 = 0.05;
-/// Before an action of the trace no reading is begun in this time, s: it would make it late.
+/// Time before an action of the trace in which no reading is started, s: it would delay the
+/// action.
 const QUIET_S: f64 = 0.4;
-/// Share of a frame that may clip: the loop's inductance answers a step with a spike, which no row
-/// takes in.
+/// Share of a frame that may clip: the loop's inductance responds to a step with a spike, which no
+/// row includes.
 const SPIKES: f64 = 1.0e-4;
-/// The same of a wave, whose steps are many.
+/// Share of a wave's frame that may clip; a wave has many steps.
 const WAVE_SPIKES: f64 = 0.02;
-/// How far the current may be from its command, as a share and A.
+/// Greatest deviation of the current from its command, as a share and in A.
 const FOLLOWS: (f64, f64) = (0.1, 0.3);
-/// Least current that the vertical scales are set for, A.
+/// Least current for which the vertical scales are set, A.
 const LEAST_SCALE_A: f64 = 0.5;
 
-/// Action at one instant of a trace.
+/// Action at one time of a trace.
 #[derive(Debug, Clone, Copy)]
 enum Action {
     Arm(Frame),
@@ -74,7 +75,7 @@ impl Rig<'_> {
         Ok(())
     }
 
-    /// One reading of the cell, by the bipolar supply where there is one.
+    /// Takes one reading of the cell, by the bipolar supply if there is one.
     pub(super) async fn glance(&mut self, phase: &str) -> Result<Reading, ExecuteError> {
         if self.bench.instruments.supply4q.is_some() {
             return self.watch(phase, Fixture::Cell).await;
@@ -91,9 +92,10 @@ impl Rig<'_> {
         Ok(reading)
     }
 
-    /// Waits, reading and judging every second. Where steps follow each other so fast that a
-    /// reading would make the next one late, every second one may be put off, and no more: what is
-    /// late is written down as it was, and what is not looked at can end in a fire.
+    /// Waits while reading and judging every second. If steps follow each other so fast that a
+    /// reading would delay the next one, every second reading may be postponed, but no more: a
+    /// late step is recorded with its actual time, whereas a cell that is not watched may catch
+    /// fire.
     async fn wait_until(&mut self, until_s: f64) -> Result<(), ExecuteError> {
         loop {
             let (left_s, age_s) = (
@@ -112,7 +114,8 @@ impl Rig<'_> {
         }
     }
 
-    /// The voltage at the jig just now, V; one that is no number would make no power.
+    /// Returns the present voltage at the jig, V. A value that is not a number is an error,
+    /// because no power follows from it.
     async fn jig_volts(&mut self) -> Result<f64, ExecuteError> {
         Ok(self
             .watch("trace", Fixture::Cell)
@@ -121,7 +124,7 @@ impl Rig<'_> {
             .unwrap_or(f64::INFINITY))
     }
 
-    /// Stops the scope; says when, bench s.
+    /// Stops the scope; returns when, bench s.
     pub(super) async fn freeze(&mut self) -> Result<f64, ExecuteError> {
         let error = self.bench.error("scope");
         let end_s = self.clock.now_s();
@@ -144,7 +147,7 @@ impl Rig<'_> {
         Ok(generator.direct(offset).await.map_err(error)?)
     }
 
-    /// Rows of the scope, each judged as any reading and held against what was commanded.
+    /// Returns rows of the scope, each judged as any reading and compared with its command.
     pub(super) fn judged(
         &self,
         trace: &TracePlan,
@@ -163,7 +166,7 @@ impl Rig<'_> {
             obeys(&trace.name, *level_a, row)?;
             row.temperature_c = self.temperatures.last_c.unwrap_or(f64::NAN);
         }
-        // What there is was judged first: a limit that was passed outweighs a record that is short.
+        // The existing rows were judged first: an exceeded limit outweighs an incomplete record.
         match &found.missing {
             Some((expected, measured)) => Err(disobeyed(&trace.name, expected, measured)),
             None => Ok(found),
@@ -172,7 +175,7 @@ impl Rig<'_> {
 }
 
 impl Executor<'_> {
-    /// Rests, then looks at the cell while nothing flows.
+    /// Rests, then measures the cell while nothing flows.
     pub(super) async fn zero(&mut self, trace: &TracePlan) -> Result<(), ExecuteError> {
         self.rig.pause(trace.rest_s).await?;
         let mut resting = Vec::with_capacity(REST_READINGS);
@@ -303,7 +306,7 @@ impl Executor<'_> {
         )
     }
 
-    /// Scales that hold the whole trace, with the cell's voltage at rest in the centre of
+    /// Sets scales that hold the whole trace, with the cell's voltage at rest in the centre of
     /// channel 4.
     fn trace_ranges(&mut self, trace: &TracePlan, ocv_v: f64) {
         let Some(scope) = self
@@ -350,7 +353,7 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// Stops the scope and downloads what its screen holds. It is on disk when this returns.
+    /// Stops the scope and downloads its screen. The data are on disk when this returns.
     async fn fetch(
         &mut self,
         frame: &Frame,
@@ -361,7 +364,7 @@ impl Executor<'_> {
         self.download(frame, end_s, trace, name).await
     }
 
-    /// Downloads what the screen of the scope held when it was stopped, bench s.
+    /// Downloads the screen of the scope as it was when stopped, bench s.
     pub(super) async fn download(
         &mut self,
         frame: &Frame,
@@ -423,7 +426,7 @@ impl Executor<'_> {
         Ok(capture)
     }
 
-    /// Scales by which the frames of a trace are read.
+    /// Returns the scales by which the frames of a trace are read.
     pub(super) fn frames<'f>(&'f self, trace: &'f TracePlan, zero: &Zero) -> Frames<'f> {
         let shunt_ohm = self.rig.setup.wiring.shunt.r_ohm;
         Frames {
@@ -477,7 +480,7 @@ impl Executor<'_> {
     }
 }
 
-/// Charge that a trace has moved into the cell, C.
+/// Returns the charge that a trace has moved into the cell, C.
 pub fn charge_of(rows: &[TraceRow]) -> f64 {
     rows.windows(2)
         .map(|pair| {
@@ -486,7 +489,7 @@ pub fn charge_of(rows: &[TraceRow]) -> f64 {
         .sum()
 }
 
-/// Standard deviation of readings.
+/// Returns the standard deviation of readings.
 fn scatter(readings: impl Iterator<Item = f64> + Clone) -> f64 {
     let count = readings.clone().count() as f64;
     let mean = readings.clone().sum::<f64>() / count;
@@ -497,7 +500,7 @@ fn scatter(readings: impl Iterator<Item = f64> + Clone) -> f64 {
         .sqrt()
 }
 
-/// The current must be what was commanded.
+/// Checks that the current follows its command.
 fn obeys(trace: &str, level_a: f64, row: &TraceRow) -> Result<(), ExecuteError> {
     let TraceRow {
         time_s, current_a, ..

@@ -1,5 +1,5 @@
-//! Computes the rows of a trace from its frames. Pure: the same frames give the same rows, from the
-//! scope or from a run folder, years later. The rows are judged elsewhere.
+//! Computes the rows of a trace from its frames. The functions are pure: the same frames give the
+//! same rows, from the scope or later from a run folder. The rows are judged elsewhere.
 
 use analysis::{
     calibration::Correction,
@@ -11,7 +11,7 @@ use crate::plan::TracePlan;
 
 /// The slowest supply settles within this time, s: eight time constants at 5 kHz.
 pub(super) const SETTLE_S: f64 = 2.5e-4;
-/// A step shows in the record from this much before the command to this much after it, s.
+/// Time before and after a command in which its step appears in the record, s.
 const STEP_WINDOW_S: (f64, f64) = (0.05, 0.25);
 
 /// Settings by which the frames of a trace are read.
@@ -28,31 +28,31 @@ pub(crate) struct Frames<'a> {
     pub(crate) ocv_v: f64,
 }
 
-/// A trace as far as it was recorded.
+/// The part of a trace that was recorded.
 #[derive(Debug, Default)]
 pub(crate) struct Recorded {
-    /// Rows; the scope knows no temperature.
+    /// Rows; the scope does not measure temperature.
     pub(crate) rows: Vec<TraceRow>,
-    /// Commanded current at each row, A; of rows of the scope only.
+    /// Commanded current of each row, A; only for rows of the scope.
     pub(crate) levels_a: Vec<f64>,
     /// Test times of the steps, s.
     pub(crate) steps_s: Vec<f64>,
     /// Squares of the scatters of current and voltage, A² and V², summed over the frames.
     pub(crate) squares: [f64; 2],
-    /// Frames.
+    /// Number of frames.
     pub(crate) frames: usize,
-    /// Feature that the frames should hold and do not, in words: expected, measured.
+    /// Feature that the frames should contain but do not, as text: expected, measured.
     pub(crate) missing: Option<(String, String)>,
 }
 
 impl Recorded {
-    /// Scatter of one sample of current and voltage, A and V rms.
+    /// Returns the scatter of one sample of current and voltage, A and V rms.
     pub(crate) fn scatter(&self) -> [f64; 2] {
         self.squares
             .map(|square| (square / self.frames.max(1) as f64).sqrt())
     }
 
-    /// Adds what follows.
+    /// Appends the following part.
     pub(crate) fn append(&mut self, other: Self) {
         self.rows.extend(other.rows);
         self.levels_a.extend(other.levels_a);
@@ -66,7 +66,7 @@ impl Recorded {
     }
 }
 
-/// Mean voltage of each channel of a frame, V; `None` for an empty frame.
+/// Returns the mean voltage of each channel of a frame, V; `None` for an empty frame.
 pub(crate) fn zeros(capture: &Capture) -> Option<[f64; 4]> {
     let thinned = thin(
         capture,
@@ -85,8 +85,8 @@ pub(crate) fn zeros(capture: &Capture) -> Option<[f64; 4]> {
 }
 
 impl Frames<'_> {
-    /// Rows of one frame. `commanded`: bench times and the currents from them on, the first of them
-    /// the origin of test time.
+    /// Computes the rows of one frame. `commanded` contains bench times and the currents from then
+    /// on; the first of them is the origin of test time.
     pub(crate) fn of_frame(&self, capture: &Capture, commanded: &[(f64, f64)]) -> Recorded {
         let start_s = capture.meta.start_s;
         let origin_s = commanded.first().map_or(start_s, |(at_s, _)| *at_s);
@@ -152,7 +152,7 @@ impl Frames<'_> {
         }
     }
 
-    /// A row of test time, from how far the channels are from their zeros on average, V.
+    /// Returns a row of test time from the mean differences of the channels from their zeros, V.
     pub(super) fn row(&self, changed: &Mean) -> TraceRow {
         let (current_a, change_v) = self.correction.direct(changed.volts);
         TraceRow {

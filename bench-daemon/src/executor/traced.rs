@@ -1,4 +1,4 @@
-//! Spans of steps: for whoever traces runs. They change nothing of a run.
+//! Tracing spans of steps. They do not affect a run.
 
 use std::{fmt::Display, future::Future};
 
@@ -15,7 +15,7 @@ pub(crate) struct Timed {
 }
 
 impl Timed {
-    /// A span that begins now.
+    /// Creates a span that begins now.
     pub(crate) fn new(span: Span, clock: &Clock) -> Self {
         let began_s = clock.now_s();
         span.record("eis_bench.bench_time_s", began_s);
@@ -28,8 +28,8 @@ impl Timed {
     }
 }
 
-/// Does some work within a span; how long it took by the bench's clock, and why it failed, is told
-/// at its end.
+/// Executes work within a span. At its end the span records the duration by the bench's clock, and
+/// the error if the work failed.
 pub(crate) async fn within<T, E: Display>(
     timed: Timed,
     work: impl Future<Output = Result<T, E>>,
@@ -48,7 +48,7 @@ pub(crate) async fn within<T, E: Display>(
     outcome
 }
 
-/// The span of a step; that of a sine is the point of a sweep.
+/// Returns the span of a step; the span of a sine is the point of a sweep.
 pub(super) fn step(step: &Step, clock: &Clock) -> Timed {
     let span = info_span!(
         "step",
@@ -66,7 +66,7 @@ pub(super) fn step(step: &Step, clock: &Clock) -> Timed {
     Timed::new(span, clock)
 }
 
-/// Name of the span: of few values, as names of spans are to be.
+/// Returns the name of the span, from a small set, as span names should be.
 fn kind(step: &Step) -> &'static str {
     match step {
         Step::Specimen(_) => "insert cell",

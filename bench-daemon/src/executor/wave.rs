@@ -1,11 +1,11 @@
-//! Plays a trace as one wave in the generator's memory, which the bipolar supply follows: steps of
-//! milliseconds, which no message could command. Within its period no current flows before and
-//! after the trace. In the pause after it the least sine replaces the wave, before it would come
-//! again. The interlock reads meanwhile as always, and the scope's record of every step is judged
-//! afterwards.
+//! Executes a trace as a single wave in the generator's memory, which the bipolar supply follows.
+//! This allows steps of milliseconds, which no message could command. Within the period of the
+//! wave no current flows before and after the trace. In the pause after the trace the least sine
+//! replaces the wave before it would repeat. Meanwhile the interlock reads as always; the scope's
+//! record of every step is judged afterwards.
 //!
-//! A power becomes a current by the voltage at rest: a wave cannot follow the voltage. What power
-//! flowed stands in the file.
+//! A power is converted to a current by the voltage at rest, because a wave cannot follow the
+//! voltage. The file contains the actual power.
 
 use analysis::{
     dataset::{Capture, Commanded, TraceRow},
@@ -26,19 +26,19 @@ use super::{
 };
 use crate::{config::AFTER_WAVE_S, plan::TracePlan};
 
-/// For the scope to fill its screen, s.
+/// Time for the scope to fill its screen, s.
 const FILL_S: f64 = 0.05;
-/// The wave begins this near to its last message, s.
+/// Greatest time between the last message and the beginning of the wave, s.
 const REACH_S: f64 = 0.45;
-/// Share of a step that is left out at its end, for its edges are known to a sample only.
+/// Share of a step that is omitted at its end, because its edges are known only to a sample.
 const GUARD: f64 = 0.06;
 /// Share of a step that the supply may take to settle.
 const SETTLE: f64 = 0.3;
-/// Behind the wave rows are made of this share of the time that the scope looks on.
+/// Share of the recorded time after the wave from which rows are made.
 const TAIL: f64 = 0.8;
-/// Each half of a wave must hold this share of its squares for the clocks to be compared.
+/// Least share of the squares of a wave in each half for a comparison of the clocks.
 const SHARE: f64 = 0.1;
-/// Where a wave lies in its record.
+/// Position of a wave in its record.
 struct Place {
     /// Its beginning, s.
     begin_s: f64,
@@ -47,7 +47,7 @@ struct Place {
 }
 
 impl Rig<'_> {
-    /// Loads the wave and plays it; says how long a step lasts in truth, s.
+    /// Loads and starts the wave; returns the actual duration of a step, s.
     async fn play_trace(
         &mut self,
         currents: &[f64],
@@ -80,7 +80,7 @@ impl Rig<'_> {
         let refused = self.driving.burst.refused;
         self.begin_periods(freq_hz, 1.0).await?;
         if self.driving.burst.refused != refused {
-            // Meanwhile it has played on; it begins anew.
+            // The wave has continued in the meantime and is restarted.
             let generator = require(&mut self.bench.instruments.generator, "generator")?;
             generator.quiet(offset).await.map_err(&error)?;
             generator.wave(&wave).await.map_err(&error)?;
@@ -88,7 +88,7 @@ impl Rig<'_> {
         Ok(1.0 / (freq_hz * steps as f64))
     }
 
-    /// Compares the current that flowed with the current that was asked for.
+    /// Compares the current that flowed with the current that was requested.
     fn tell_energy(
         &mut self,
         trace: &TracePlan,
@@ -134,7 +134,7 @@ impl Executor<'_> {
         let over_s = trace.end_s + AFTER_WAVE_S;
         let currents = currents(trace, planned_s, zero.ocv_v);
         self.arm(&frame).await?;
-        // What the screen holds more than the wave passes before it.
+        // The screen is longer than the wave; the excess passes before the wave.
         self.rig
             .wait_watching(
                 (frame.span_s - over_s).max(0.0) + FILL_S,
@@ -144,7 +144,7 @@ impl Executor<'_> {
             .await?;
         let step_s = self.rig.play_trace(&currents, planned_s, steps).await?;
         let began_s = self.rig.clock.now_s();
-        // No reading in the last second: nothing may delay what ends the wave.
+        // No reading in the last second: nothing may delay the end of the wave.
         self.rig
             .wait_watching((over_s - POLL_S).max(0.0), "trace", Fixture::Cell)
             .await?;
@@ -185,9 +185,9 @@ impl Executor<'_> {
 }
 
 impl Frames<'_> {
-    /// Bench time of test time 0, and a row per step, of a wave whose last message was out at
-    /// `sent_s`, bench s; its steps last `step_s` by the generator's clock, s, and were planned as
-    /// `planned_s`.
+    /// Returns the bench time of test time 0, and a row per step, of a wave whose last message was
+    /// sent at `sent_s`, bench s. Its steps last `step_s` by the generator's clock, s, and were
+    /// planned as `planned_s`.
     pub(crate) fn of_wave(
         &self,
         capture: &Capture,
@@ -213,7 +213,7 @@ impl Frames<'_> {
         )
     }
 
-    /// The record's current by the shunt alone, A.
+    /// Returns the record's current from the shunt alone, A.
     fn shunt_current(&self, capture: &Capture) -> Sums {
         let [low, high] = [0, 1].map(|channel: usize| capture.meta.channels[channel].scale);
         let off_v = self.zero_v[1] - self.zero_v[0];
@@ -238,7 +238,7 @@ impl Frames<'_> {
             })
             .collect();
         let mut values = currents.to_vec();
-        // The rest behind the last step is the trace's own.
+        // The rest after the last step belongs to the trace itself.
         let own = values
             .len()
             .max(((self.trace.end_s / place.step_s).round()) as usize);
@@ -286,8 +286,8 @@ impl Frames<'_> {
         recorded
     }
 
-    /// Squares of the scatters of one sample of current and voltage before anything flows, A² and
-    /// V².
+    /// Returns the squares of the scatters of one sample of current and voltage before anything
+    /// flows, A² and V².
     fn scatter_before(&self, capture: &Capture, place: &Place, currents: &[f64]) -> [f64; 2] {
         let still = currents.iter().take_while(|amps| **amps == 0.0).count() as f64 * place.step_s;
         let index = |time_s: f64| {
@@ -316,7 +316,7 @@ impl Frames<'_> {
     }
 }
 
-/// A wave that was taken away this long after its last message must not have begun again.
+/// Checks that a wave that was replaced this long after its last message cannot have repeated.
 fn once(trace: &str, passed_s: f64, period_s: f64) -> Result<(), ExecuteError> {
     if passed_s <= period_s - REACH_S {
         return Ok(());
@@ -328,7 +328,7 @@ fn once(trace: &str, passed_s: f64, period_s: f64) -> Result<(), ExecuteError> {
     ))
 }
 
-/// The current of each step up to the last change, A, of a power at a voltage.
+/// Returns the current of each step up to the last change, A, of a power at a voltage.
 fn currents(trace: &TracePlan, step_s: f64, volts: f64) -> Vec<f64> {
     let place = |at_s: f64| (at_s / step_s).round() as usize;
     let mut currents = vec![0.0; trace.levels.first().map_or(0, |level| place(level.at_s))];
@@ -338,11 +338,11 @@ fn currents(trace: &TracePlan, step_s: f64, volts: f64) -> Vec<f64> {
     currents
 }
 
-/// Greatest difference of two clocks that is believed, as a share.
+/// Greatest plausible difference of two clocks, as a share.
 const CLOCKS_APART: f64 = 1.0e-3;
 
-/// Where the wave lies in the record, near the time of its last message, s. Where both halves can
-/// be found, the scope's clock counts.
+/// Locates the wave in the record, near the time of its last message, s. If both halves can be
+/// located, the scope's clock is used.
 fn place(record: &Sums, stair: &Stair<'_>, near_s: f64) -> Place {
     let whole = Place {
         begin_s: begins(
@@ -385,12 +385,12 @@ fn place(record: &Sums, stair: &Stair<'_>, near_s: f64) -> Place {
         },
     );
     let apart_s = second_s - first_s;
-    // Less than a sample is no difference of clocks.
+    // A difference below one sample is not a difference of clocks.
     if (apart_s - middle as f64 * stair.step_s).abs() <= 1.01 * record.interval_s() {
         return whole;
     }
     let step_s = apart_s / middle as f64;
-    // Quartz clocks do not differ by so much: the halves were not found.
+    // Quartz clocks do not differ by this much: the halves were not located.
     if (step_s / stair.step_s - 1.0).abs() > CLOCKS_APART {
         return whole;
     }

@@ -1,6 +1,6 @@
-//! The zero of the scope's channels: their means while no current flows through a cell. A direct
-//! current that comes with the first sinusoid is in every record of a sweep, so that no change from
-//! record to record shows it; against this zero it shows in the first record.
+//! Measures the zero of the scope's channels: their means without a current through a cell. A
+//! direct current that starts with the first sinusoid is in every record of a sweep, so that no
+//! change between records shows it; compared with this zero, the first record shows it.
 
 use analysis::dataset::Capture;
 use instruments::{fixture::Fixture, scope::Waveform};
@@ -21,7 +21,7 @@ use crate::{
 
 /// Length of a record of the zero, s: ten periods of a mains of 50 Hz, twelve of 60 Hz.
 const ZERO_S: f64 = 0.2;
-/// For the scope to fill its screen, s.
+/// Time for the scope to fill its screen, s.
 const FILL_S: f64 = 0.05;
 
 /// One channel of a record.
@@ -54,7 +54,7 @@ impl ChannelSamples {
     }
 }
 
-/// Means over whole periods; none where a channel clips.
+/// Returns means over whole periods, or `None` if a channel clips.
 fn means_of(channels: &[ChannelSamples; 3], periods_per_sample: f64) -> Option<ChannelMeans> {
     let clips = channels.iter().any(|channel| channel.clips);
     (!clips).then(|| ChannelMeans {
@@ -72,8 +72,8 @@ fn means_of_record(asked: &Drawn<'_>) -> Option<ChannelMeans> {
 }
 
 impl Rig<'_> {
-    /// The means that the records on these scales are compared with: that of the first record, and
-    /// the zero of the channels where it was measured.
+    /// Returns the means that the records on these scales are compared with: that of the first
+    /// record, and the zero of the channels if it was measured.
     pub(super) fn first_mean(
         &mut self,
         fixture: Fixture,
@@ -98,7 +98,7 @@ impl Rig<'_> {
             && zero.volts_per_div == means.volts_per_div
             && self.denies_current(asked, change_a, means.volts[2] - zero.volts[2])
         {
-            // The zeros of the shunt's channels have moved, and no current flows.
+            // The zeros of the shunt's channels have changed without a current.
             self.recorder.warning(&format!(
                 "the zero of C1 and C2 moved by {:.2} mV since it was measured; C3 shows no direct \
                 current",
@@ -112,8 +112,8 @@ impl Rig<'_> {
         }
     }
 
-    /// Whether C3 shows less than half of a direct current: it lies above shunt and return wire, so
-    /// that a direct current moves its mean as the sinusoid moves its samples.
+    /// Checks whether C3 shows less than half of a direct current: it measures shunt and return
+    /// wire, so a direct current shifts its mean as the sinusoid shifts its samples.
     fn denies_current(&self, asked: &Drawn<'_>, change_a: f64, moved_v: f64) -> bool {
         let [below, above, low, _] = asked.waveforms;
         let shunt_v = effective(&difference(above, below));
@@ -122,14 +122,14 @@ impl Rig<'_> {
         (moved_v / below_ohm).abs() < 0.5 * change_a.abs()
     }
 
-    /// Keeps the means of a record of a control as the zero of the channels.
+    /// Stores the means of a record of a control as the zero of the channels.
     pub(super) fn keep_zero(&mut self, asked: &Drawn<'_>) {
         if let Some(means) = means_of_record(asked) {
             self.driving.zeros.keep_of_control(means);
         }
     }
 
-    /// Recalls a record that this run had taken before its process died.
+    /// Restores a record that this run had taken before its process died.
     pub(crate) fn recall(&mut self, fixture: Fixture, capture: &Capture) {
         let codes = capture.codes.each_ref().map(Vec::as_slice);
         let name = format!("{} at {} Hz", fixture_name(fixture), capture.meta.freq_hz);
@@ -143,7 +143,7 @@ impl Rig<'_> {
         }
     }
 
-    /// Refuses a record that the scope has sent before in this run.
+    /// Rejects a record that the scope has already sent in this run.
     pub(super) fn refuse_old_record(
         &mut self,
         fixture: Fixture,
@@ -162,8 +162,8 @@ impl Rig<'_> {
 }
 
 impl Executor<'_> {
-    /// Records the zero of the channels with the output on at zero, before the first sinusoid; not
-    /// where the controls of the run show it.
+    /// Records the zero of the channels with the output on at zero, before the first sinusoid.
+    /// Skips this if the controls of the run show it.
     pub(super) async fn measure_zero(
         &mut self,
         fixture: Fixture,
@@ -212,7 +212,7 @@ impl Executor<'_> {
     }
 }
 
-/// Effective value of what alternates.
+/// Returns the effective value of the alternating part.
 fn effective(samples: &[f64]) -> f64 {
     let middle = mean(samples);
     let squares: f64 = samples.iter().map(|v| (v - middle).powi(2)).sum();

@@ -1,4 +1,4 @@
-//! How long the signal of the generator goes on by itself.
+//! How long the generator's signal continues on its own.
 
 use super::super::ExecuteError;
 use crate::{
@@ -6,17 +6,17 @@ use crate::{
     plan::{IDLE_CURRENT_A, LEEWAY_S},
 };
 
-/// How long the generator's signal goes on by itself.
+/// How long the generator's signal continues on its own.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Burst {
-    /// The signal ends at this time at the earliest, bench s.
+    /// Earliest end of the signal, bench s.
     pub(crate) ends_s: f64,
-    /// It has ended at this time at the latest, bench s.
+    /// Latest end of the signal, bench s.
     pub(super) ended_s: f64,
     pub(super) leeway_s: f64,
-    /// The generator is in bursts.
+    /// Whether the generator is in burst mode.
     pub(super) on: bool,
-    /// It did not do what it was told.
+    /// Whether the generator did not execute the burst command.
     pub(crate) refused: bool,
 }
 
@@ -33,7 +33,7 @@ impl Default for Burst {
 }
 
 impl Burst {
-    /// Refuses a reading of a current after the signal must have ended.
+    /// Checks that no current is read after the signal must have ended.
     ///
     /// # Errors
     /// [`ExecuteError::Disobeyed`].

@@ -1,4 +1,4 @@
-//! The sweep in work: what is ahead of its point, and what its points have cost.
+//! State of the present sweep: the next point, and the cost of its points.
 
 use super::super::ExecuteError;
 use crate::{
@@ -19,7 +19,7 @@ pub(crate) struct Tone {
     pub(crate) wait_s: f64,
 }
 
-/// The point that comes after the one in work.
+/// The point after the present one.
 #[derive(Debug, Clone)]
 pub(crate) struct NextPoint {
     stage: usize,
@@ -28,29 +28,30 @@ pub(crate) struct NextPoint {
     pub(super) tone: Tone,
 }
 
-/// The generator is at the next point already.
+/// A next point that the generator already drives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct StartedPoint {
     pub(super) tone: Tone,
-    /// Since when, bench s.
+    /// Start time, bench s.
     pub(super) since_s: f64,
 }
 
-/// The sweep in work: what is ahead of its point, and what its points have cost.
+/// State of the present sweep: the next point, and the cost of its points.
 #[derive(Default)]
 pub(crate) struct SweepState {
-    /// The point after the one in work, where the generator may go on to it.
+    /// The point after the present one, if the generator may proceed to it.
     pub(crate) next: Option<NextPoint>,
-    /// The step that is in the journal before its turn.
+    /// The step that was written to the journal before its turn.
     pub(crate) announced: Option<usize>,
-    /// The generator has gone on.
+    /// The point that the generator has already started.
     pub(crate) started: Option<StartedPoint>,
-    /// Effort that went into measuring points of the sweep again.
+    /// Effort spent on measuring points of the sweep again.
     pub(crate) spent: Spent,
 }
 
 impl NextPoint {
-    /// The point after a step of a stage, where both are points and that one is played.
+    /// Returns the point after a step of a stage, if both are points and the next is to be
+    /// executed.
     pub(crate) fn after(
         number: usize,
         stage: &Stage,
@@ -84,8 +85,8 @@ impl NextPoint {
 }
 
 impl SweepState {
-    /// Writes down that the next point is about to be begun, while this one still settles:
-    /// afterwards each moment counts.
+    /// Records that the next point is about to begin, while the present one still settles: later,
+    /// time is critical.
     pub(crate) fn announce(&mut self, recorder: &mut Recorder) -> Result<(), ExecuteError> {
         let next = self.next.as_ref();
         if let Some(next) = next.filter(|next| self.announced != Some(next.step)) {
@@ -102,12 +103,12 @@ impl SweepState {
         Ok(())
     }
 
-    /// Whether a step is in the journal already as begun.
+    /// Checks whether the journal already contains the start of a step.
     pub(crate) fn was_announced(&self, step: usize) -> bool {
         self.announced == Some(step)
     }
 
-    /// Since when the generator plays this point, if it does.
+    /// Returns since when the generator has driven this point, if it does.
     pub(crate) fn take_started(&mut self, tone: &Tone) -> Option<f64> {
         let same = |started: &StartedPoint| {
             started.tone.freq_hz == tone.freq_hz && started.tone.amplitude_a == tone.amplitude_a
@@ -118,7 +119,7 @@ impl SweepState {
             .map(|started| started.since_s)
     }
 
-    /// Forgets what was begun before its turn.
+    /// Discards a step that was started before its turn.
     pub(crate) fn fall_back(&mut self) {
         (self.announced, self.started) = (None, None);
     }
