@@ -1,12 +1,13 @@
-//! Journal of a run: each step is on disk before it is begun, and its result as soon as it is done.
-//! A run that died is resumed from it.
+//! Journal of a run: each step is on disk before it begins, and its result as soon as it is done.
+//! A run whose process died is resumed from the journal.
 //!
-//! One entry per line: a JSON object with its number, the bench time, the entry, and last the first
-//! 16 hexadecimal digits of the SHA-256 of everything before. Lines are only ever appended, and
-//! synced before the step that they name is begun. A last line without its end is a torn one: it is
-//! cut off and kept in `journal.torn`. Anything else that is wrong with a line is an error.
+//! Each line contains one entry: a JSON object with its number, the bench time, the entry, and
+//! last the first 16 hexadecimal digits of the SHA-256 of everything before. Lines are only ever
+//! appended, and synced before the step that they name begins. A last line without a line end is
+//! incomplete: it is cut off and kept in `journal.torn`. Any other defect of a line is an error.
 //!
-//! Not here: what follows from the entries for a resumed run ([`crate::journal::replay`]).
+//! What follows from the entries for a resumed run is determined elsewhere
+//! ([`crate::journal::replay`]).
 
 pub mod replay;
 
@@ -33,25 +34,25 @@ use crate::{
     support::crash_point::Drill,
 };
 
-/// Words by which a note of an older journal tells that the state of charge was missed.
+/// Beginning of a note in an older journal that means that the state of charge was missed.
 const SOC_MISSED: &str = "SOC reset: expected ";
 /// Text before the checksum of a line.
 const CHECKSUM: &str = ",\"sha256\":\"";
 
-/// A journal that cannot be written or believed.
+/// Error while writing or validating a journal.
 #[derive(Debug, thiserror::Error)]
 pub enum JournalError {
-    /// The file system.
+    /// The file system reported an error.
     #[error("{path}: {what}: {source}; without a journal nothing may be begun", path = path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// Operation that was tried.
+        /// Operation that failed.
         what: &'static str,
         /// Error of the operating system.
         source: io::Error,
     },
-    /// A folder without one.
+    /// The folder contains no journal.
     #[error("{path}: cannot be read: {source}; expected the folder of a run", path = path.display())]
     Unread {
         /// The file.
@@ -59,7 +60,7 @@ pub enum JournalError {
         /// Error of the operating system.
         source: io::Error,
     },
-    /// A line that is not as it was written.
+    /// A line differs from what was written.
     #[error("{path}:{line}: expected {expected}, found {found}", path = path.display())]
     Line {
         /// The file.
@@ -77,14 +78,14 @@ pub enum JournalError {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Entry {
-    /// The first: what runs.
+    /// The first entry: the identity of the run.
     Started(Box<Started>),
-    /// A stage of the plan is begun, or restarted. Stages and steps count from 0.
+    /// A stage of the plan begins, or is restarted. Stages and steps count from 0.
     Stage {
         /// Its number.
         stage: usize,
     },
-    /// A step is about to be begun.
+    /// A step is about to begin.
     Intent {
         /// The stage.
         stage: usize,
@@ -92,7 +93,7 @@ pub enum Entry {
         step: usize,
         /// The step in words.
         text: String,
-        /// Current may flow in it.
+        /// Whether current may flow in it.
         live: bool,
     },
     /// A step was done.
@@ -104,55 +105,55 @@ pub enum Entry {
     },
     /// A point of a sweep was measured; its captures are on disk.
     Point(Box<PointDone>),
-    /// A stage was done, and everything that it gives is on disk.
+    /// A stage is done, and all its results are on disk.
     StageDone {
         /// Its number.
         stage: usize,
     },
-    /// Something odd, for the report.
+    /// A note for the report.
     Note(Note),
-    /// The instruments of the run by their own answers: at its start, and again if a person has
-    /// accepted other ones.
+    /// The identities that the instruments reported: at the start of the run, and again if a
+    /// person has accepted other ones.
     Instruments(Vec<InstrumentIdentity>),
     /// State of an instrument that a resumed run found before it changed anything.
     Found(InstrumentReadback),
-    /// The run goes on after its process had died or been stopped.
+    /// The run continues after its process had died or been stopped.
     Resumed {
-        /// Where it goes on, in words.
+        /// Where it continues, as text.
         text: String,
     },
     /// Every output is off and read back, and no current flows.
     Safe,
-    /// The run waits on request; no current flows.
+    /// The run is paused on request; no current flows.
     Paused,
-    /// The run goes on on request.
+    /// The run continues on request.
     GoneOn,
-    /// A person is asked to change the fixture, every output off; the number of this line is that
-    /// of the question.
+    /// A person is asked to change the fixture while every output is off; the number of this line
+    /// is that of the question.
     Asked(Question),
-    /// Somebody has confirmed the change.
+    /// The change was confirmed.
     Answered(Answer),
-    /// The run ended by itself or was ended; `finished` when nothing is left to do.
+    /// The run completed or was ended; `finished` if nothing remains to be done.
     Ended {
         /// How.
         how: String,
     },
 }
 
-/// An instrument by its own answer.
+/// An instrument as it identified itself.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct InstrumentIdentity {
     /// Its role.
     pub role: String,
-    /// The whole answer.
+    /// The complete answer.
     pub identity: String,
-    /// Its serial number, where it reports one.
+    /// Its serial number, if it reports one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub serial: Option<String>,
 }
 
 impl InstrumentIdentity {
-    /// Takes role and identity of an instrument that has answered.
+    /// Creates the identity from the role and the answer of an instrument.
     pub fn of(identified: &Identified) -> Self {
         let identity = &identified.identity;
         Self {
@@ -162,18 +163,18 @@ impl InstrumentIdentity {
         }
     }
 
-    /// The identity, split into its parts.
+    /// Returns the identity, split into its parts.
     pub fn parsed(&self) -> Identity {
         Identity::parse(&self.identity)
     }
 }
 
-/// Something odd, for the report.
+/// A note for the report.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Note {
     /// In words.
     pub text: String,
-    /// Its kind, where results depend on it.
+    /// Its kind, if results depend on it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kind: Option<NoteKind>,
 }
@@ -182,12 +183,12 @@ pub struct Note {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum NoteKind {
-    /// The state of charge is not the one that was asked for.
+    /// The state of charge differs from the requested one.
     SocMissed,
 }
 
 impl Note {
-    /// A note on which no result depends.
+    /// Creates a note on which no result depends.
     pub fn of(text: &str) -> Self {
         Self {
             text: text.to_owned(),
@@ -195,13 +196,14 @@ impl Note {
         }
     }
 
-    /// Whether it tells that the state of charge was missed. Older journals tell it in words only.
+    /// Checks whether the note means that the state of charge was missed. Older journals contain
+    /// only text.
     pub fn is_soc_missed(&self) -> bool {
         self.kind == Some(NoteKind::SocMissed) || self.text.contains(SOC_MISSED)
     }
 }
 
-/// Identity of a run: enough to know whether a resumed run is the same.
+/// Identity of a run, sufficient to check whether a resumed run is the same.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Started {
     /// Version of the program.
@@ -210,10 +212,10 @@ pub struct Started {
     pub experiment: String,
     /// Seed of simulation and searches.
     pub seed: u64,
-    /// How bench time runs.
+    /// Time mode of the bench.
     pub time: String,
-    /// It began on a simulated bench that had been used before, or with the correction of another
-    /// run.
+    /// Whether it began on a simulated bench that had been used before, or with the correction of
+    /// another run.
     pub inherited: bool,
     /// The files that it was read from, the experiment first, then the bench.
     pub files: Vec<ConfigCopy>,
@@ -224,7 +226,7 @@ pub struct Started {
 /// A configuration file and its copy in the run folder.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ConfigCopy {
-    /// Where it was.
+    /// Original path.
     pub path: PathBuf,
     /// The copy, relative to the run folder.
     pub copy: String,
@@ -239,10 +241,9 @@ pub struct PointDone {
     pub stage: usize,
     /// The step.
     pub step: usize,
-    /// Its captures, relative to the run folder, the last being the one that counts, with their
-    /// SHA-256.
+    /// Its captures, relative to the run folder, with their SHA-256; the last one is used.
     pub files: Vec<(String, String)>,
-    /// Last reading of the cell before its current went on.
+    /// Last reading of the cell before its current was switched on.
     pub idle: Reading,
     /// The point itself.
     pub point: SweepPoint,
@@ -259,19 +260,19 @@ pub struct Line {
     pub entry: Entry,
 }
 
-/// Something that bytes can be put into so that they stay.
+/// A destination for bytes that survive a power cut.
 pub trait Durable: Write + Send {
-    /// Returns when what was written would survive a power cut.
+    /// Returns when the written data would survive a power cut.
     ///
     /// # Errors
-    /// The system's.
+    /// Errors of the system.
     fn sync(&mut self) -> io::Result<()>;
 }
 
 impl Durable for File {
     fn sync(&mut self) -> io::Result<()> {
         self.sync_data()?;
-        // What is written into a deleted file is lost when it is closed.
+        // Data that are written into a deleted file are lost when it is closed.
         if self.metadata()?.nlink() == 0 {
             return Err(io::Error::new(
                 io::ErrorKind::NotFound,
@@ -282,8 +283,8 @@ impl Durable for File {
     }
 }
 
-/// A world in virtual time dies with its process, and its run can be played again: nothing is
-/// gained by waiting for the disk.
+/// A world in virtual time dies with its process, and its run can be repeated: waiting for the
+/// disk has no benefit.
 struct Unsynced(File);
 
 impl Write for Unsynced {
@@ -302,7 +303,7 @@ impl Durable for Unsynced {
     }
 }
 
-/// The question that nobody has answered yet, with its number.
+/// Returns the question that has not been answered yet, with its number.
 pub fn pending_question(lines: &[Line]) -> Option<(u64, &Question)> {
     let last = lines.iter().rev().find(|line| {
         matches!(
@@ -316,22 +317,22 @@ pub fn pending_question(lines: &[Line]) -> Option<(u64, &Question)> {
     }
 }
 
-/// A journal that is being written.
+/// A journal that is open for writing.
 pub struct Journal {
     path: PathBuf,
     file: Box<dyn Durable>,
     clock: Clock,
     next: u64,
     drill: Drill,
-    /// A write has failed and may have left a part of a line: nothing may follow it.
+    /// Whether a write has failed and may have left a part of a line: nothing may follow it.
     broken: bool,
 }
 
 impl Journal {
-    /// Begins the journal of a run folder.
+    /// Creates the journal of a run folder.
     ///
     /// # Errors
-    /// A file that is there already, or cannot be made.
+    /// Fails if the file already exists or cannot be created.
     pub fn create(folder: &Path, clock: &Clock) -> Result<Self, JournalError> {
         let path = folder.join(JOURNAL);
         let made = OpenOptions::new().write(true).create_new(true).open(&path);
@@ -354,11 +355,11 @@ impl Journal {
         Ok(Self::on(path, durable(file, clock), clock, 1))
     }
 
-    /// Goes on with the journal of a run folder whose lines were read with [`read`]: a torn last
-    /// line is put aside first.
+    /// Reopens the journal of a run folder whose lines were read with [`read`]. First moves an
+    /// incomplete last line to another file.
     ///
     /// # Errors
-    /// Files that cannot be written.
+    /// Fails if files cannot be written.
     pub fn reopen(folder: &Path, clock: &Clock, read: &Read) -> Result<Self, JournalError> {
         let path = folder.join(JOURNAL);
         let io = |what| {
@@ -369,7 +370,7 @@ impl Journal {
                 source,
             }
         };
-        // Before anything is written: of two that go on with one run, one must know.
+        // Lock before anything is written: if two processes resume one run, one of them must fail.
         let file = OpenOptions::new()
             .append(true)
             .open(&path)
@@ -405,15 +406,15 @@ impl Journal {
         }
     }
 
-    /// From now on its writes are points of a crash drill.
+    /// Makes its writes points of a crash drill from now on.
     pub fn drill(&mut self, drill: Drill) {
         self.drill = drill;
     }
 
-    /// Appends an entry, which is on disk when this returns; the number of its line.
+    /// Appends an entry, which is on disk when this returns. Returns the number of its line.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn write(&mut self, entry: Entry) -> Result<u64, JournalError> {
         self.drill.journal();
         if self.broken {
@@ -452,17 +453,17 @@ impl Journal {
     }
 }
 
-/// Whether a process writes into the journal of a run folder at present: the system takes its lock
-/// back when it ends, however it ends.
+/// Checks whether a process is writing into the journal of a run folder. The system releases the
+/// lock of that process when it ends for any reason.
 pub fn is_written(folder: &Path) -> bool {
     let blocked = |file: File| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock));
     File::open(folder.join(JOURNAL)).is_ok_and(blocked)
 }
 
-/// Keeps everybody from going on with a run folder as long as what is returned is held.
+/// Locks a run folder, so that no other process can resume its run while the returned value lives.
 ///
 /// # Errors
-/// A journal that a process writes into.
+/// Fails if a process is writing into the journal.
 pub fn hold(folder: &Path) -> Result<File, JournalError> {
     let path = folder.join(JOURNAL);
     let error = |what| {
@@ -494,7 +495,7 @@ fn text_of(line: &Line) -> Result<String, serde_json::Error> {
     Ok(format!("{text}{CHECKSUM}{sum}\"}}\n"))
 }
 
-/// The first 16 hexadecimal digits of a text's SHA-256.
+/// Returns the first 16 hexadecimal digits of a text's SHA-256.
 pub fn checksum(text: &str) -> String {
     Sha256::digest(text)
         .iter()
@@ -506,18 +507,18 @@ pub fn checksum(text: &str) -> String {
 /// A journal as it was found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Read {
-    /// Its whole lines.
+    /// Its complete lines.
     pub lines: Vec<Line>,
-    /// How long they are, bytes.
+    /// Length of these lines, bytes.
     pub whole_bytes: u64,
     /// Bytes that follow them.
     pub torn: Vec<u8>,
 }
 
-/// Reads the journal of a run folder and changes nothing.
+/// Reads the journal of a run folder without changing anything.
 ///
 /// # Errors
-/// A file that cannot be read; a whole line that is not as it was written.
+/// Fails if a file cannot be read or a complete line differs from what was written.
 pub fn read(folder: &Path) -> Result<Read, JournalError> {
     let path = folder.join(JOURNAL);
     let bytes = std::fs::read(&path).map_err(|source| JournalError::Unread {

@@ -54,14 +54,14 @@ use crate::{
     support::crash_point::Drill,
 };
 
-/// A run folder.
+/// Writer of a run folder.
 pub struct Recorder {
     folder: Folder,
     clock: Clock,
     journal: Journal,
-    /// Captures of the point in work, with their SHA-256.
+    /// Captures of the present point, with their SHA-256.
     fresh: Vec<(String, String)>,
-    /// The conversations that are being written.
+    /// The transcripts that are being written.
     taps: Vec<(PathBuf, Tap)>,
     tables: Tables,
     index: RunIndex,
@@ -69,10 +69,10 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Makes a run folder.
+    /// Creates a run folder.
     ///
     /// # Errors
-    /// A folder that is in use, or cannot be written.
+    /// Fails if the folder is in use or cannot be written.
     pub fn create(folder: &Path, clock: Clock) -> Result<Self, RecordError> {
         if fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()) {
             return Err(RecordError::NotEmpty {
@@ -102,26 +102,26 @@ impl Recorder {
         })
     }
 
-    /// The folder.
+    /// Returns the folder.
     pub fn folder(&self) -> &Path {
         self.folder.path()
     }
 
-    /// A file in the folder.
+    /// Returns the path of a file in the folder.
     pub fn path(&self, name: &str) -> PathBuf {
         self.folder.file(name)
     }
 
-    /// From now on the journal and the transcripts are points of a crash drill.
+    /// Makes the journal and the transcripts points of a crash drill from now on.
     pub fn drill(&mut self, drill: &Drill) {
         self.folder.drill(drill);
         self.journal.drill(drill.clone());
     }
 
-    /// A tap that writes one instrument's conversation, behind what is there.
+    /// Returns a tap that appends to the transcript of one instrument.
     ///
     /// # Errors
-    /// A file that cannot be made.
+    /// Fails if a file cannot be created.
     pub fn tap(&mut self, role: &str) -> Result<Tap, RecordError> {
         let name = run_folder::transcript(role);
         let path = self.path(&name);
@@ -135,16 +135,16 @@ impl Recorder {
         Ok(tap)
     }
 
-    /// Writes an entry into the journal; it is on disk when this returns. Nothing is begun whose
-    /// conversation cannot be written down.
+    /// Writes an entry into the journal; it is on disk when this returns. Nothing may begin if its
+    /// communication cannot be recorded.
     ///
     /// # Errors
-    /// A file that cannot be written, a transcript since the last step included.
+    /// Fails if a file cannot be written, including a transcript since the last step.
     pub fn journal(&mut self, entry: Entry) -> Result<(), RecordError> {
         self.numbered(entry).map(|_| ())
     }
 
-    /// As [`Self::journal`]; the number of the line.
+    /// As [`Self::journal`], but returns the number of the line.
     ///
     /// # Errors
     /// As there.
@@ -158,11 +158,11 @@ impl Recorder {
         Ok(self.journal.write(entry)?)
     }
 
-    /// Writes a finished point of a sweep into the journal, with the captures since the point
-    /// before it. `idle` is the last reading of the cell before its current went on.
+    /// Writes a finished point of a sweep into the journal, with the captures since the previous
+    /// point. `idle` is the last reading of the cell before its current was switched on.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn point(
         &mut self,
         stage: usize,
@@ -180,10 +180,10 @@ impl Recorder {
         })))
     }
 
-    /// Writes down that something begins, before it does.
+    /// Records that something begins, before it does.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn event(&mut self, kind: Event, text: &str) -> Result<(), RecordError> {
         let row = kind.row(self.clock.now_s(), text);
         self.tables.event(&self.folder, &row)
@@ -192,7 +192,8 @@ impl Recorder {
     /// Writes a reading.
     ///
     /// # Errors
-    /// A file that cannot be written; a folder that was deleted, into which nothing can be.
+    /// Fails if a file cannot be written, or if the folder was deleted, so that nothing can be
+    /// written.
     pub fn reading(&mut self, phase: &str, reading: &Reading) -> Result<(), RecordError> {
         if self.clock.mode() != TimeMode::Virtual {
             let journal = self.path(run_folder::JOURNAL);
@@ -204,8 +205,8 @@ impl Recorder {
         self.tables.reading(&self.folder, phase, reading)
     }
 
-    /// Writes down what the chiller has told, and the setpoint that holds. A gap in this table is
-    /// not worth the end of a run: where the folder cannot be written, the next reading ends it.
+    /// Records the reading of the chiller and its set-point. A gap in this table does not justify
+    /// ending a run: if the folder cannot be written, the next reading ends it.
     pub fn bath(&mut self, bath_c: Option<f64>, setpoint_c: Option<f64>) {
         let row = BathRow {
             time_s: self.clock.now_s(),
@@ -217,8 +218,8 @@ impl Recorder {
         }
     }
 
-    /// Writes down the limits of each reading from now on, where they are others than before. As
-    /// [`Self::bath`], it ends no run.
+    /// Records the limits of each reading from now on, if they have changed. As [`Self::bath`], a
+    /// write error does not end the run.
     pub fn envelope(&mut self, limits: &Limits) {
         let time_s = self.clock.now_s();
         if let Err(error) = self.tables.envelope(&self.folder, time_s, limits) {
@@ -229,23 +230,23 @@ impl Recorder {
     /// Writes all readings again as one table with full digits, at the end of a run.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn finish_readings(&self) -> Result<(), RecordError> {
         self.tables.finish(&self.folder)
     }
 
-    /// Writes a structure as JSON, whole or not at all.
+    /// Writes a structure as JSON, atomically.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn json<T: Serialize>(&self, name: &str, value: &T) -> Result<(), RecordError> {
         self.folder.json(name, value)
     }
 
-    /// Writes a text, whole or not at all.
+    /// Writes a text, atomically.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn text(&self, name: &str, text: &str) -> Result<(), RecordError> {
         self.folder.text(name, text)
     }

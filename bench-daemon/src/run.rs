@@ -1,7 +1,7 @@
-//! A run: from a checked experiment to its folder, from the first exchange to its models.
+//! A run: from a checked experiment to its folder, from the first message to its models.
 //!
-//! The bench is brought into safe state before this returns, once the instruments are known to be
-//! the configured ones. This also holds after a panic and after a request to stop.
+//! Once the instruments are known to be the configured ones, the bench is brought into a safe
+//! state before this returns. This also holds after a panic and after a stop request.
 
 mod auto_resume;
 mod drive;
@@ -31,25 +31,25 @@ pub use measured::Measured;
 pub use multisine::MultisineRun;
 pub use session::Session;
 
-/// A run that went to its end.
+/// A completed run.
 pub struct Finished {
     /// Measurements of the run.
     pub measured: Measured,
     /// Summary for the terminal.
     pub summary: String,
-    /// The simulated world, where there is one in this process.
+    /// The simulated world, if there is one in this process.
     pub simulation: Option<Simulation>,
 }
 
 impl Finished {
-    /// Returns the summary for the terminal, and the judgement of the quality gate.
+    /// Returns the summary for the terminal, and the verdict of the quality gate.
     pub(crate) fn told(self) -> (String, Result<(), Failure>) {
         let gated = self.gated();
         (self.summary, gated)
     }
 
-    /// Refuses a run whose quality gate has refused points: whoever reads nothing but the exit code
-    /// must know.
+    /// Returns an error if the quality gate has refused points, so that the exit code alone shows
+    /// it.
     ///
     /// # Errors
     /// [`Failure::Refused`].
@@ -63,7 +63,7 @@ impl Finished {
     }
 }
 
-/// How a run ends of which nothing is left to do.
+/// How a run ends when nothing remains to be done.
 pub(super) const FINISHED: &str = "finished";
 
 fn folder_of(path: &Path) -> String {

@@ -218,11 +218,10 @@ struct Balance {
 impl Balance {
     /// Returns the fault of the mean of a record, its value and its limit, A. Checks the mean, its
     /// change since the first record on the same scales and its distance from the zero of the
-    /// channels. The
-    /// zeros of the channels do not change from record to record, and the supply has shown that
-    /// nothing flowed before the first: a change may be as large as one of the two allowances for
-    /// the mean, not as their sum. Records are some seconds apart, and a drift continues between
-    /// them.
+    /// channels. The zeros of the channels do not change from record to record, and the supply has
+    /// shown that nothing flowed before the first: a change may be as large as one of the two
+    /// allowances for the mean, not as their sum. Records are some seconds apart, and a drift
+    /// continues between them.
     fn direct(&self) -> Option<(&'static str, f64, f64)> {
         let change = (
             "change of the mean of the cell current from record to record",

@@ -1,9 +1,9 @@
-//! Journal replay: reads from a journal how far a run came, and where it may go on. Pure: lines in,
-//! a decision out.
+//! Journal replay: determines from a journal how far a run came, and where it may continue. The
+//! functions are pure: they take lines and return a decision.
 //!
-//! A stage whose end was written down is never played again, nor is a finished point. What else is
-//! played again depends on what a crash in a step means ([`Step::after_crash`]): charge whose
-//! amount nobody knows is never moved a second time as if nothing had happened.
+//! A stage whose end was recorded is never executed again, and neither is a finished point. What
+//! else is executed again depends on the effect of a crash in a step ([`Step::after_crash`]): a
+//! step that moved an unknown charge is never simply repeated.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,15 +15,15 @@ use crate::{
 /// Journal replay of a stage: how far it came.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct StageReplay {
-    /// Bench time of its first beginning, s.
+    /// Bench time of its first start, s.
     pub began_s: f64,
     /// Its finished points, by their step.
     pub points: BTreeMap<usize, PointDone>,
-    /// Steps that were begun since the stage was begun last.
+    /// Steps that have begun since the stage last began.
     begun: BTreeSet<usize>,
-    /// Those of them that were done.
+    /// Steps of these that are done.
     done: BTreeSet<usize>,
-    /// Nothing of it is left to do.
+    /// Whether nothing of it remains to be done.
     pub finished: bool,
 }
 
@@ -34,35 +34,35 @@ pub struct JournalReplay {
     pub started: Started,
     /// Bench time of the last entry, s.
     pub last_s: f64,
-    /// The instruments that it began with, or those that were accepted last.
+    /// The instruments that it began with, or those that were last accepted.
     pub instruments: Vec<InstrumentIdentity>,
-    /// Its stages, as far as they were begun.
+    /// Its stages that have begun.
     pub stages: BTreeMap<usize, StageReplay>,
     /// Warnings of the run.
     pub notes: Vec<Note>,
-    /// The stage that was begun last.
+    /// The stage that began last.
     pub latest: Option<usize>,
-    /// How the process ended by itself, if it did.
+    /// How the process recorded its end, if it did.
     pub ended: Option<String>,
 }
 
 /// Resume point of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ResumeDecision {
-    /// A SOC reset that is played again first: the charge of the cell is not known any more.
+    /// A SOC reset that is repeated first, because the charge of the cell is no longer known.
     pub repeated_reset: Option<usize>,
-    /// The stage that was interrupted, and the step from which it is played; steps that clamp
-    /// something are played in any case.
+    /// The stage that was interrupted, and the step from which it is executed; steps that clamp
+    /// something are executed in any case.
     pub open: Option<(usize, usize)>,
 }
 
 /// Reason why a run cannot be resumed without a person.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ResumeError {
-    /// No first entry.
+    /// There is no first entry.
     #[error("expected a journal that begins with what runs, found {0}")]
     NotStarted(String),
-    /// A step that moved charge, and nobody knows how much.
+    /// A step moved an unknown charge.
     #[error(
         "stage {stage}, step {step} ({what}) was begun and its end is not known: nobody knows \
         which charge it has moved, and no SOC reset comes \
@@ -150,16 +150,16 @@ impl JournalReplay {
         }
     }
 
-    /// Nothing of a stage is left to do.
+    /// Checks whether nothing of a stage remains to be done.
     pub fn finished(&self, stage: usize) -> bool {
         self.stages
             .get(&stage)
             .is_some_and(|replay| replay.finished)
     }
 
-    /// Resume point of the run. `recorded` says of a step that its result is in the run folder,
-    /// whatever the journal says. With `accept_charge` a step that moved an unknown charge is
-    /// played again all the same.
+    /// Returns the resume point of the run. `recorded` returns whether the result of a step is in
+    /// the run folder, regardless of the journal. With `accept_charge` a step that moved an
+    /// unknown charge is executed again.
     ///
     /// # Errors
     /// [`ResumeError::UnknownCharge`].
@@ -220,7 +220,7 @@ impl JournalReplay {
     }
 }
 
-/// The last SOC reset of the same cell before a stage.
+/// Returns the last SOC reset of the same cell before a stage.
 fn last_reset(plan: &Plan, before: usize, stage: &Stage) -> Option<usize> {
     let same = |candidate: &Stage| {
         candidate.purpose == Purpose::SocReset && candidate.specimen() == stage.specimen()
@@ -230,7 +230,7 @@ fn last_reset(plan: &Plan, before: usize, stage: &Stage) -> Option<usize> {
         .find(|index| plan.stages.get(*index).is_some_and(same))
 }
 
-/// A first entry, for tests.
+/// Returns a first entry, for tests.
 #[cfg(test)]
 pub(crate) fn test_started() -> Entry {
     Entry::Started(Box::new(Started {
@@ -317,7 +317,8 @@ mod tests {
         }
     }
 
-    /// A journal in short: `S1` a stage, `i2` a step begun, `d2` done, `F` the stage is finished.
+    /// Replays a journal in short form: `S1` a stage, `i2` a step begun, `d2` done, `F` the stage
+    /// is finished.
     fn replay(text: &str) -> JournalReplay {
         let (mut stage, mut lines) = (0, vec![test_started()]);
         for word in text.split_whitespace() {
@@ -359,15 +360,16 @@ mod tests {
         for (text, expected) in [
             ("", go(None, None)),
             ("S0 i0", go(None, Some((0, 0)))),
-            // A reset is absolute: it is taken from its beginning, unless only the rest is left.
+            // A reset is absolute: it is executed from its beginning, unless only the rest
+            // remains.
             ("S0 i0 d0 i1", go(None, Some((0, 0)))),
             ("S0 i0 d0 i1 d1 i2", go(None, Some((0, 0)))),
             ("S0 i0 d0 i1 d1 i2 d2", go(None, Some((0, 3)))),
             ("S0 i0 d0 i1 d1 i2 d2 i3", go(None, Some((0, 3)))),
             ("S0 i0 d0 F", go(None, None)),
             ("S0 F S1 i0 d0 i1 d1 i2", go(None, Some((1, 0)))),
-            // A trace that was not begun is played; one that was moved a charge that nobody knows;
-            // one that is done is done.
+            // A trace that has not begun is executed; one that was interrupted moved an unknown
+            // charge; one that is done stays done.
             ("S0 F S1 F S2 i0 d0 i1 d1 i2", go(None, Some((2, 0)))),
             (
                 "S0 F S1 F S2 i0 d0 i1 d1 i2 d2 i3",
@@ -377,7 +379,7 @@ mod tests {
                 "S0 F S1 F S2 i0 d0 i1 d1 i2 d2 i3 d3 i4",
                 go(None, Some((2, 4))),
             ),
-            // The reset was being repeated when the next crash came: the trace still waits.
+            // The reset was being repeated when the next crash happened: the trace still waits.
             ("S0 F S1 F S2 i3 S0 i0 d0 i1", go(None, Some((0, 0)))),
             ("S0 F S1 F S2 F", go(None, None)),
         ] {
@@ -408,7 +410,7 @@ mod tests {
                 open: Some((2, 0))
             })
         );
-        // Its file is in the index: only the end was not written down.
+        // Its file is in the index: only the end was not recorded.
         let recorded = |step: &Step| matches!(step, Step::Trace(_));
         assert_eq!(
             crashed.next(&plan(false), recorded, false),

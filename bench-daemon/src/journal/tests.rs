@@ -22,7 +22,7 @@ fn entries() -> Vec<Entry> {
     ]
 }
 
-/// A folder with a journal of these entries.
+/// Returns a folder with a journal of these entries.
 fn written() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     in_virtual_time(|clock| {
@@ -159,7 +159,7 @@ fn a_line_that_was_altered_lost_or_doubled_is_named() {
         let message = read(folder.path()).unwrap_err().to_string();
         assert!(message.contains(expected), "{message}");
     }
-    // The sum covers the line, the entry must still be one.
+    // The checksum is valid, but the entry must be valid, too.
     let strange = r#"{"number":1,"time_s":0.0,"entry":"danced""#;
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(
@@ -175,7 +175,7 @@ fn a_line_that_was_altered_lost_or_doubled_is_named() {
     );
 }
 
-/// A disk that takes so many lines and then fails, in writing or in syncing.
+/// A disk that accepts this number of lines and then fails, in writing or in syncing.
 struct Failing {
     writes: usize,
     syncs: usize,
@@ -219,7 +219,7 @@ fn a_full_disk_is_an_error_before_anything_is_begun() {
                     && message.contains("nothing may be begun"),
                 "{message}"
             );
-            // What failed may have left a part of a line: nothing may be written behind it, even
+            // A failed write may have left a part of a line: nothing may be written after it, even
             // when there is room again.
             let message = journal.write(Entry::Safe).unwrap_err().to_string();
             assert!(

@@ -6,26 +6,26 @@ use analysis::dataset::DatasetError;
 
 use crate::{journal::JournalError, support::present::quoted};
 
-/// A file that cannot be written.
+/// Error while writing a run folder.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    /// The file system.
+    /// The file system reported an error.
     #[error("{path}: {what}: {source}", path = path.display())]
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// Operation that was tried.
+        /// Operation that failed.
         what: &'static str,
         /// Error of the operating system.
         source: std::io::Error,
     },
-    /// A table.
+    /// A table cannot be written.
     #[error("{}", with_causes(.0))]
     Dataset(#[from] DatasetError),
-    /// The journal.
+    /// The journal cannot be written.
     #[error(transparent)]
     Journal(#[from] JournalError),
-    /// A file of the folder is not what the journal says of it.
+    /// A file of the folder differs from the journal.
     #[error("{path}: expected {expected}, found {found}", path = path.display())]
     Differs {
         /// The file.
@@ -44,13 +44,13 @@ pub enum RecordError {
     },
 }
 
-/// An error and what has caused it, which is what a person can mend.
+/// Returns an error with its causes, which a person can fix.
 pub(crate) fn with_causes(error: &dyn std::error::Error) -> String {
     let causes = std::iter::successors(error.source(), |cause| cause.source());
     causes.fold(error.to_string(), |text, cause| format!("{text}: {cause}"))
 }
 
-/// Gives an error of the system the file that it is about, and what was tried.
+/// Adds the file and the operation to an error of the system.
 pub(super) fn io(
     path: &Path,
     what: &'static str,

@@ -1,4 +1,4 @@
-//! The run folder as a place for files. Structures and texts are written whole or not at all.
+//! The run folder as a place for files. Structures and texts are written atomically.
 
 use std::{
     io::Write,
@@ -11,14 +11,14 @@ use serde::Serialize;
 use super::error::{RecordError, io};
 use crate::support::crash_point::Drill;
 
-/// A run folder, and the crash drill of which its files are points.
+/// A run folder, and the crash drill whose points are its files.
 pub(super) struct Folder {
     path: PathBuf,
     drill: Drill,
 }
 
 impl Folder {
-    /// A folder without a drill.
+    /// Creates a folder without a drill.
     pub(super) fn new(path: &Path) -> Self {
         Self {
             path: path.to_owned(),
@@ -26,22 +26,22 @@ impl Folder {
         }
     }
 
-    /// Where it is.
+    /// Returns its path.
     pub(super) fn path(&self) -> &Path {
         &self.path
     }
 
-    /// A file in the folder.
+    /// Returns the path of a file in the folder.
     pub(super) fn file(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
 
-    /// From now on its transcripts are points of a crash drill, which may also fill the disk.
+    /// Makes its transcripts points of a crash drill, which may also fill the disk, from now on.
     pub(super) fn drill(&mut self, drill: &Drill) {
         self.drill = drill.clone();
     }
 
-    /// A transcript each of whose lines is a point of the drill.
+    /// Wraps a transcript so that each of its lines is a point of the drill.
     pub(super) fn transcript<W: Write + Send + 'static>(
         &self,
         file: W,
@@ -50,7 +50,7 @@ impl Folder {
         self.drill.transcript(file, name)
     }
 
-    /// Whether there is room for a file; see [`Drill::room`].
+    /// Checks whether there is room for a file; see [`Drill::room`].
     pub(super) fn room(&self, name: &str) -> Result<(), RecordError> {
         self.drill
             .room(name)

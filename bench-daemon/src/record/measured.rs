@@ -17,10 +17,10 @@ use super::{
 };
 
 impl Recorder {
-    /// Writes the raw codes of a point, whole and before anything is made of them.
+    /// Writes the raw codes of a point completely, before they are processed.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn capture(
         &mut self,
         file: &CaptureFile,
@@ -48,10 +48,10 @@ impl Recorder {
         Ok(())
     }
 
-    /// Writes the raw codes of any frame, whole, into a folder of `captures`.
+    /// Writes the raw codes of any frame completely into a folder of `captures`.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn write_capture(
         &self,
         folder: &str,
@@ -65,10 +65,10 @@ impl Recorder {
         Ok(dataset::write_capture(&self.path(&file), capture)?)
     }
 
-    /// Writes a trace and enters it into the index.
+    /// Writes a trace and adds it to the index.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn trace(&mut self, entry: TraceEntry, rows: &[TraceRow]) -> Result<(), RecordError> {
         self.folder.room(&entry.file)?;
         dataset::write_trace_csv(&self.path(&entry.file), rows)?;
@@ -76,10 +76,10 @@ impl Recorder {
         self.json(INDEX, &self.index)
     }
 
-    /// Writes a trace of the index, and its entry, again.
+    /// Rewrites a trace of the index, and its entry.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn trace_again(&mut self, entry: TraceEntry, rows: &[TraceRow]) -> Result<(), RecordError> {
         dataset::write_trace_csv(&self.path(&entry.file), rows)?;
         if let Some(known) = self
@@ -93,41 +93,41 @@ impl Recorder {
         self.json(INDEX, &self.index)
     }
 
-    /// Writes the readings of legs, whole or not at all.
+    /// Writes the readings of legs, atomically.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn legs(&self, name: &str, rows: &[LegRow]) -> Result<(), RecordError> {
         self.folder.room(name)?;
         Ok(dataset::write_legs_csv(&self.path(name), rows)?)
     }
 
-    /// Takes a sweep that is not finished out of the index: its entry was written, but not its end
-    /// in the journal.
+    /// Removes an incomplete sweep from the index: its entry was written, but not its end in the
+    /// journal.
     pub fn forget_sweep(&mut self, file: &str) {
         self.index.sweeps.retain(|entry| entry.file != file);
     }
 
-    /// Enters a sweep whose file is whole into the index.
+    /// Adds a sweep whose file is complete to the index.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn sweep(&mut self, entry: SweepEntry) -> Result<(), RecordError> {
         self.index.sweeps.push(entry);
         self.json(INDEX, &self.index)
     }
 
-    /// Names the cell that the index is about.
+    /// Sets the cell that the index describes.
     pub fn about(&mut self, cell: &str, capacity_c: f64) {
         (self.index.cell, self.index.capacity_c) = (cell.to_owned(), capacity_c);
     }
 
-    /// How many sweeps and traces the index holds.
+    /// Returns the number of sweeps and traces in the index.
     pub fn measured(&self) -> usize {
         self.index.sweeps.len() + self.index.traces.len()
     }
 
-    /// The index of what was measured.
+    /// Returns the index of the measurements.
     pub fn index(&self) -> &RunIndex {
         &self.index
     }
@@ -135,7 +135,7 @@ impl Recorder {
     /// Appends a point to a spectrum; it is on disk when this returns.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn spectrum_point(&self, name: &str, point: &ImpedancePoint) -> Result<(), RecordError> {
         let path = self.path(name);
         if let Some(folder) = path.parent() {
@@ -145,21 +145,20 @@ impl Recorder {
         Ok(dataset::append_spectrum_csv(&path, point)?)
     }
 
-    /// Writes a spectrum again, whole or not at all, in the place of the points that were appended
-    /// as they came.
+    /// Rewrites a spectrum atomically; it replaces the points that were appended one by one.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn spectrum(&self, name: &str, points: &[ImpedancePoint]) -> Result<(), RecordError> {
         self.folder.room(name)?;
         Ok(dataset::write_spectrum_csv(&self.path(name), points)?)
     }
 
-    /// Writes a spectrum with what the quality gate has refused of it, in words for each point; a
-    /// column less where it has refused nothing.
+    /// Writes a spectrum with the refusals of the quality gate, as text for each point. The column
+    /// is omitted if nothing was refused.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn flagged_spectrum(
         &self,
         name: &str,
@@ -177,10 +176,10 @@ impl Recorder {
         )?)
     }
 
-    /// The same as Parquet.
+    /// As the flagged spectrum, in Parquet format.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn flagged_parquet(
         &self,
         name: &str,
@@ -194,11 +193,11 @@ impl Recorder {
         )?)
     }
 
-    /// Writes a spectrum whole, with the errors that its points share and what the quality gate has
-    /// refused.
+    /// Writes a spectrum completely, with the errors that its points share and the refusals of the
+    /// quality gate.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn whole_spectrum(
         &self,
         name: &str,

@@ -8,11 +8,11 @@ use instruments::{fixture::Fixture, scope::Waveform};
 
 use crate::plan::fixture_name;
 
-/// Sweeps named one by one at most.
+/// Greatest number of sweeps that are named individually.
 const MOST_SWEEPS: usize = 3;
 
-/// Points of sweeps in words: each sweep once, its points counted where there are several; many
-/// sweeps are counted too.
+/// Describes points of sweeps: each sweep once, with the number of its points if there are
+/// several; many sweeps are counted, too.
 pub(super) fn places(points: &[(String, f64)]) -> String {
     let mut sweeps: Vec<(&str, Vec<f64>)> = Vec::new();
     for (sweep, freq_hz) in points {
@@ -53,8 +53,8 @@ fn frequencies(sweep: &str, freqs_hz: &[f64]) -> String {
     }
 }
 
-/// A sweep in names of files: a control is called after its fixture, a sweep of the cell too, and
-/// with its number from the second on.
+/// Returns the name of a sweep in file names: a control is named after its fixture, and so is a
+/// sweep of the cell, with its number from the second on.
 pub fn sweep_name(fixture: Fixture, repeat: usize) -> String {
     let name = fixture_name(fixture);
     match (fixture, repeat) {
@@ -64,7 +64,7 @@ pub fn sweep_name(fixture: Fixture, repeat: usize) -> String {
     }
 }
 
-/// Which capture it is.
+/// Identifies a capture.
 #[derive(Debug, Clone, Copy)]
 pub struct CaptureFile {
     /// Fixture in the jig.
@@ -83,7 +83,7 @@ pub struct CaptureFile {
     pub start_s: f64,
 }
 
-/// A frame of four channels as it is stored.
+/// Converts a frame of four channels to its stored form.
 pub(crate) fn capture_of(
     label: String,
     freq_hz: f64,
@@ -108,7 +108,7 @@ pub(crate) fn capture_of(
     }
 }
 
-/// Scale of a waveform's codes, the same on disk as in the fit.
+/// Returns the scale of a waveform's codes, which is the same on disk and in the fit.
 pub(crate) fn code_scale(waveform: &Waveform) -> CodeScale {
     let preamble = &waveform.preamble;
     CodeScale {

@@ -6,19 +6,19 @@ use super::Recorder;
 use crate::journal::{Entry, Note};
 
 impl Recorder {
-    /// Remembers something odd for the report.
+    /// Adds a warning to the report.
     pub fn warning(&mut self, text: &str) {
         self.note(Note::of(text));
     }
 
-    /// As [`Self::warning`], with a kind where results depend on it.
+    /// As [`Self::warning`], with a kind if results depend on it.
     pub fn note(&mut self, note: Note) {
         let text = note.text.as_str();
         if self.warnings.knows(text) {
             return;
         }
-        // A folder that cannot be written ends the run at the next record; the warning itself is
-        // not worth it.
+        // If the folder cannot be written, the next record ends the run; the warning alone does
+        // not justify that.
         let noted = self.journal(Entry::Note(note.clone()));
         if let Err(error) = noted.and_then(|()| self.event(Event::Note, text)) {
             tracing::error!("{error}");
@@ -26,7 +26,8 @@ impl Recorder {
         self.warnings.add(note);
     }
 
-    /// Remembers something odd about a point of a sweep; what was odd about several is said once.
+    /// Adds a warning about a point of a sweep; equal warnings about several points are reported
+    /// once.
     pub fn point_warning(&mut self, sweep: &str, freq_hz: f64, text: &str) {
         if let Err(error) = self.event(Event::Note, &format!("{sweep}, {freq_hz:.4} Hz: {text}")) {
             tracing::error!("{error}");
@@ -39,12 +40,12 @@ impl Recorder {
         self.warnings.add_of_point(sweep, freq_hz, text);
     }
 
-    /// Warnings of the run.
+    /// Returns the warnings of the run.
     pub fn warnings(&self) -> Vec<String> {
         self.warnings.texts()
     }
 
-    /// Notes that tell that the state of charge was missed.
+    /// Returns the notes that the state of charge was missed.
     pub fn soc_missed(&self) -> impl Iterator<Item = &str> {
         self.warnings.soc_missed()
     }

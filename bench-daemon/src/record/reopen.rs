@@ -1,5 +1,5 @@
-//! Opens the folder of a resumed run. Torn rows are cut off, written values are read back, and both
-//! are compared with the journal.
+//! Opens the folder of a resumed run. Incomplete rows are cut off, written values are read back,
+//! and both are compared with the journal.
 
 use std::{
     fs::{self, File},
@@ -29,10 +29,11 @@ use crate::{
 };
 
 impl Recorder {
-    /// Opens a run folder that is resumed. What follows the last whole row of a table is cut off.
+    /// Opens the folder of a run that is resumed. Cuts off what follows the last complete row of a
+    /// table.
     ///
     /// # Errors
-    /// Files that cannot be read or written, or are not what a run writes.
+    /// Fails if files cannot be read or written, or were not written by a run.
     pub fn reopen(
         folder: &Path,
         clock: Clock,
@@ -46,7 +47,7 @@ impl Recorder {
         let events = folder.join(EVENTS);
         let columns = fs::read_to_string(&events).unwrap_or_default();
         let columns = columns.lines().next().unwrap_or_default();
-        // Killed before the first line was whole.
+        // The process was killed before the first line was complete.
         if columns.is_empty() {
             fs::write(&events, format!("{EVENT_COLUMNS}\n"))
                 .map_err(io(&events, "cannot be written"))?;
@@ -81,12 +82,11 @@ impl Recorder {
         })
     }
 
-    /// Makes a table of a sweep what its finished points say: rows that are missing are appended,
-    /// rows of points that the journal does not know are taken off, for those points are measured
-    /// again.
+    /// Makes a table of a sweep match its finished points: appends missing rows, and removes rows
+    /// of points that the journal does not contain, because those points are measured again.
     ///
     /// # Errors
-    /// A row that is another one than its point says; a file that cannot be written.
+    /// Fails if a row differs from its point or a file cannot be written.
     pub fn settle_spectrum(
         &self,
         name: &str,
@@ -115,10 +115,10 @@ impl Recorder {
             .try_for_each(|point| self.spectrum_point(name, point))
     }
 
-    /// The captures of finished points must be what they were.
+    /// Checks that the captures of finished points are unchanged.
     ///
     /// # Errors
-    /// One that is missing or another.
+    /// Fails if a capture is missing or differs.
     pub fn check_captures(&self, points: &[&PointDone]) -> Result<(), RecordError> {
         for (file, sha256) in points.iter().flat_map(|point| &point.files) {
             let path = self.path(file);
@@ -138,7 +138,7 @@ impl Recorder {
     /// again.
     ///
     /// # Errors
-    /// A folder that cannot be read.
+    /// Fails if the folder cannot be read.
     pub fn drop_captures(&self, sweep: &str, points: &[&PointDone]) -> Result<(), RecordError> {
         let folder = self.path(CAPTURES).join(sweep);
         let Ok(entries) = fs::read_dir(&folder) else {
@@ -159,12 +159,12 @@ impl Recorder {
     }
 }
 
-/// SHA-256 of a file.
+/// Returns the SHA-256 of a file.
 pub(super) fn sha256_of(path: &Path) -> Result<String, RecordError> {
     hash::sha256_of(path).map_err(io(path, "cannot be read"))
 }
 
-/// Two numbers that are none are the same.
+/// Compares two points; two values that are not numbers are equal.
 fn same(a: &ImpedancePoint, b: &ImpedancePoint) -> bool {
     let numbers = |p: &ImpedancePoint| {
         [p.freq_hz, p.z_ohm.re, p.z_ohm.im, p.amplitude_a]
@@ -181,8 +181,8 @@ fn differs(path: &Path, expected: &str, found: &dyn std::fmt::Display) -> Record
     }
 }
 
-/// Cuts off what follows the last line end; returns what is left, bytes. A file that is not there
-/// is left so.
+/// Cuts off what follows the last line end; returns the remaining size, bytes. A missing file is
+/// not created.
 fn cut_torn_line(path: &Path) -> Result<u64, RecordError> {
     let Ok(bytes) = fs::read(path) else {
         return Ok(0);

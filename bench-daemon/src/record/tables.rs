@@ -1,4 +1,4 @@
-//! The tables that grow while the run goes on: events, readings, bath and bounds.
+//! The tables that grow during the run: events, readings, bath and bounds.
 
 use std::{
     fs::{self, File},
@@ -26,13 +26,13 @@ pub(super) struct Tables {
     readings: BufWriter<File>,
     bath: LateTable,
     envelope: LateTable,
-    /// Limits of its last row.
+    /// Limits in its last row.
     bounded: Option<Limits>,
     series: Vec<SeriesRow>,
 }
 
 impl Tables {
-    /// Makes the tables of events and readings.
+    /// Creates the tables of events and readings.
     pub(super) fn create(folder: &Folder) -> Result<Self, RecordError> {
         let mut events = create(&folder.file(EVENTS))?;
         let mut readings = create(&folder.file(READINGS))?;
@@ -48,7 +48,7 @@ impl Tables {
         })
     }
 
-    /// Opens the tables of a run that is resumed, behind what is there.
+    /// Opens the tables of a resumed run for appending.
     pub(super) fn reopen(folder: &Folder) -> Result<Self, RecordError> {
         Ok(Self {
             events: append(&folder.file(EVENTS))?,
@@ -90,7 +90,7 @@ impl Tables {
         self.bath.row(folder, &row.row())
     }
 
-    /// Writes a row of the bounds, where they are others than those of the row before.
+    /// Writes a row of the bounds, if they differ from the previous row.
     pub(super) fn envelope(
         &mut self,
         folder: &Folder,
@@ -121,8 +121,8 @@ impl Tables {
     }
 }
 
-/// A table that is made with its first row: a bench without a chiller has no bath, and the folder of
-/// an older run has none of these tables.
+/// A table that is created with its first row: a bench without a chiller has no bath, and the
+/// folder of an older run has none of these tables.
 struct LateTable {
     name: &'static str,
     columns: &'static str,
@@ -130,7 +130,7 @@ struct LateTable {
 }
 
 impl LateTable {
-    /// A table without a row from this process.
+    /// Creates a table without a row from this process.
     fn new(name: &'static str, columns: &'static str) -> Self {
         Self {
             name,
@@ -139,7 +139,7 @@ impl LateTable {
         }
     }
 
-    /// Writes a row, behind what is there.
+    /// Appends a row.
     fn row(&mut self, folder: &Folder, row: &str) -> Result<(), RecordError> {
         folder.room(self.name)?;
         let path = folder.file(self.name);
@@ -153,7 +153,7 @@ impl LateTable {
     }
 }
 
-/// Opens a table behind what is there; a new or empty one gets its columns.
+/// Opens a table for appending; a new or empty one gets its columns.
 fn begun(path: &Path, columns: &str) -> Result<BufWriter<File>, RecordError> {
     let mut writer = append(path)?;
     let meta = writer.get_ref().metadata();
@@ -184,8 +184,8 @@ fn append(path: &Path) -> Result<BufWriter<File>, RecordError> {
         .map_err(io(path, "cannot be opened"))
 }
 
-/// The readings so far, with the digits of the table. No finished point depends on them: rows that
-/// are none are left out, and said.
+/// Returns the readings so far, with the digits of the table. No finished point depends on them:
+/// invalid rows are skipped with a message.
 fn readings(path: &Path) -> Vec<SeriesRow> {
     let bytes = fs::read(path).unwrap_or_default();
     let text = String::from_utf8_lossy(&bytes);
@@ -203,7 +203,7 @@ fn readings(path: &Path) -> Vec<SeriesRow> {
     rows.flatten().collect()
 }
 
-/// A reading in numbers; what was not read is not a number.
+/// Converts a reading to numbers; a missing value is not a number.
 fn in_numbers(row: &ReadingRow<'_>) -> SeriesRow {
     SeriesRow {
         time_s: row.time_s,
@@ -229,7 +229,7 @@ mod tests {
         max_c: 60.0,
     };
 
-    /// The rows of a table without their times.
+    /// Returns the rows of a table without their times.
     fn rows(recorder: &Recorder, name: &str) -> Vec<String> {
         let text = fs::read_to_string(recorder.path(name)).unwrap();
         let row = |line: &str| line.split_once(',').unwrap().1.to_owned();
@@ -247,7 +247,7 @@ mod tests {
         recorder.bath(Some(f64::NAN), None);
         let expected = ["bath_c,setpoint_c", ",25.0000", "24.5000,25.0000", ","];
         assert_eq!(rows(&recorder, BATH), expected);
-        // Bounds stand there once as long as they hold.
+        // Bounds are written once as long as they do not change.
         recorder.envelope(&LIMITS);
         recorder.envelope(&LIMITS);
         recorder.envelope(&LIMITS.bounded(0.1, 1.0));

@@ -1,4 +1,4 @@
-//! Collects what is odd about a run and its points.
+//! Collects warnings about a run and its points.
 
 use super::names;
 use crate::journal::Note;
@@ -6,12 +6,12 @@ use crate::journal::Note;
 /// Warnings of a run.
 pub(super) struct Warnings {
     notes: Vec<Note>,
-    /// Texts, and the sweeps and frequencies, Hz, that they are about.
+    /// Texts, with the sweeps and frequencies, Hz, that they concern.
     points: Vec<(String, Vec<(String, f64)>)>,
 }
 
 impl Warnings {
-    /// Begins with known notes.
+    /// Creates warnings from known notes.
     pub(super) fn of(notes: Vec<Note>) -> Self {
         Self {
             notes,
@@ -19,7 +19,7 @@ impl Warnings {
         }
     }
 
-    /// Whether a note says the same.
+    /// Checks whether a note with this content exists.
     pub(super) fn knows(&self, text: &str) -> bool {
         self.notes.iter().any(|known| odd(&known.text) == odd(text))
     }
@@ -29,7 +29,7 @@ impl Warnings {
         self.notes.push(note);
     }
 
-    /// Adds something odd about a point of a sweep.
+    /// Adds a warning about a point of a sweep.
     pub(super) fn add_of_point(&mut self, sweep: &str, freq_hz: f64, text: &str) {
         let point = (sweep.to_owned(), freq_hz);
         match self.points.iter_mut().find(|(known, _)| known == text) {
@@ -38,7 +38,7 @@ impl Warnings {
         }
     }
 
-    /// All in words: what was odd about several points is said once.
+    /// Returns all texts: equal warnings about several points occur once.
     pub(super) fn texts(&self) -> Vec<String> {
         let points = self
             .points
@@ -48,15 +48,15 @@ impl Warnings {
         points.chain(notes).collect()
     }
 
-    /// Notes that tell that the state of charge was missed.
+    /// Returns the notes that the state of charge was missed.
     pub(super) fn soc_missed(&self) -> impl Iterator<Item = &str> {
         let missed = self.notes.iter().filter(|note| note.is_soc_missed());
         missed.map(|note| note.text.as_str())
     }
 }
 
-/// Text of a warning without the command that looks at it: a resumed run may spell the path in it
-/// another way.
+/// Returns the text of a warning without the command for inspecting it: a resumed run may contain
+/// another spelling of its path.
 fn odd(text: &str) -> &str {
     text.split_once("; `eis-bench ")
         .map_or(text, |(odd, _)| odd)

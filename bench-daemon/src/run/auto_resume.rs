@@ -1,7 +1,7 @@
-//! Retries a run after failures that pass by themselves, such as a late answer or a broken
-//! connection. Before each retry the bench is in verified safe state. Then the run goes on as
-//! `eis-bench resume` does: every connection is new, every instrument is identified, checked, set
-//! and read back. No current flows meanwhile.
+//! Retries a run after transient failures, such as a late answer or a broken connection. Before
+//! each retry the bench is in a verified safe state. Then the run is resumed as `eis-bench resume`
+//! does: every connection is new, every instrument is identified, checked, set and read back. No
+//! current flows in the meantime.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -22,33 +22,33 @@ use crate::{
     watch::{Alarm, Pace, Watch, WatchLog},
 };
 
-/// Interval at which it looks for a run control request while it waits, s.
+/// Interval between checks for a run control request during a wait, s.
 const LOOK_S: f64 = 0.5;
 
-/// Longest wait beyond the one of the budget for drives that do not answer in time, s.
+/// Longest additional wait for drives that do not answer in time, beyond the wait of the budget,
+/// s.
 const MOST_LONGER_S: f64 = 60.0;
 
-/// How often it may still go on by itself.
+/// Remaining automatic retries.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Budget {
     policy: AutoResume,
     passing: usize,
     others: usize,
-    /// Points that were finished when it went on last, when that was, bench s, how often nothing
-    /// was done in between, and how often of these it had come so far that an output might have
-    /// been on.
+    /// State at the last retry: number of finished points, time, bench s, number of retries
+    /// without progress, and how many of these came after an output might have been on.
     points: usize,
     since_s: f64,
     stalled: usize,
     driven: usize,
 }
 
-/// Most retries without progress. A failure that comes again behind an output that was on, with
-/// nothing done in between, does not pass.
+/// Most retries without progress. A failure that repeats after an output was on, without any
+/// progress, is not transient.
 const MOST_STALLED: usize = 2;
-/// The wait before it goes on is doubled so often at most.
+/// Greatest number of doublings of the wait before a retry.
 const MOST_DOUBLED: usize = 6;
-/// A step that takes long is done in part, s.
+/// Time after which a long step counts as progress, s.
 const DONE_S: f64 = 600.0;
 
 impl Budget {
@@ -64,11 +64,11 @@ impl Budget {
         }
     }
 
-    /// The wait before it goes on after this failure, with so many points finished at `now_s`, s,
-    /// and in words which time it is; none where it does not. What comes again with nothing done in
-    /// between does not pass at once: each wait is twice the one before, and behind an output that
-    /// was on there is no third. An instrument that was not even reached is waited for as long as
-    /// the budget lasts: nothing was switched on.
+    /// Returns the wait before the retry after this failure, with `points` finished points at
+    /// `now_s`, s, and a text with the number of the retry; `None` if there is no retry. A failure
+    /// that repeats without progress is not transient at once: each wait is twice the previous
+    /// one, and after an output was on there is no third attempt. An instrument that was not
+    /// reached at all is retried as long as the budget lasts, because nothing was switched on.
     fn next(&mut self, failure: &Failure, points: usize, now_s: f64) -> Option<(f64, String)> {
         let moved = points > self.points || now_s - self.since_s > DONE_S;
         (self.stalled, self.driven) = if moved {
@@ -102,7 +102,7 @@ impl Budget {
     }
 }
 
-/// A fault of the wire or of one answer.
+/// Checks whether a failure is a fault of the wire or of a single answer.
 fn passes(failure: &Failure) -> bool {
     match failure {
         Failure::Bench(BenchError::Link { source, .. })
@@ -110,26 +110,26 @@ fn passes(failure: &Failure) -> bool {
             source.may_pass()
         }
         Failure::Execute(ExecuteError::Watch(Alarm::Blind { .. } | Alarm::Slow { .. })) => true,
-        // The next guardian connects before anybody else.
+        // The next guardian connects before any other process.
         Failure::Guardian(error) => error.may_pass(),
         _ => false,
     }
 }
 
-/// It came while the bench was connected to: no output was on by this run since it was verified to
-/// be off.
+/// Checks whether the failure occurred while connecting to the bench: this run has switched no
+/// output on since the bench was verified to be off.
 fn unreached(failure: &Failure) -> bool {
     matches!(failure, Failure::Bench(_) | Failure::Guardian(_))
 }
 
-/// Decides whether a failure of an instrument may pass with time. No limit of the cell was touched
-/// and every output is off. A person, a file, a plan and a control that is wrong do not change by
-/// waiting.
+/// Checks whether a failure of an instrument may pass with time. No limit of the cell was exceeded
+/// and every output is off. Waiting does not help if the fault is in a person's action, a file, a
+/// plan or a control.
 fn may_pass(failure: &Failure) -> bool {
     matches!(
         failure,
         Failure::Bench(BenchError::Link { .. })
-            // The next guardian does not reach an instrument that is away for longer.
+            // The next guardian cannot reach an instrument that is away for longer.
             | Failure::Guardian(GuardianError::Refused(_) | GuardianError::Unreached(_) | GuardianError::Bench(_))
             | Failure::Execute(
                 ExecuteError::Bench(BenchError::Link { .. })
@@ -143,7 +143,7 @@ fn may_pass(failure: &Failure) -> bool {
     )
 }
 
-/// Points that the journal holds.
+/// Returns the number of points in the journal.
 fn finished_points(folder: &Path) -> usize {
     journal::read(folder).map_or(0, |read| {
         read.lines
@@ -153,7 +153,7 @@ fn finished_points(folder: &Path) -> usize {
     })
 }
 
-/// The bench, kept from others; nothing where it is simulated in this process.
+/// Locks the bench; returns nothing if it is simulated in this process.
 fn held(experiment: &Experiment, folder: &Path) -> Result<Option<(State, Lock)>, Failure> {
     let Some(state) = State::of(&experiment.bench)? else {
         return Ok(None);
@@ -162,7 +162,7 @@ fn held(experiment: &Experiment, folder: &Path) -> Result<Option<(State, Lock)>,
     Ok(Some((state, lock)))
 }
 
-/// A failure between two parts of a run, by which the bench is latched where it must be.
+/// Latches the bench, if necessary, for a failure between two parts of a run.
 fn latched(failure: Failure, held: Option<&(State, Lock)>, folder: &Path) -> Failure {
     let cause = bench_lease::latching_cause(&failure);
     if let Some(((state, _), cause)) = held.zip(cause)
@@ -174,7 +174,7 @@ fn latched(failure: Failure, held: Option<&(State, Lock)>, folder: &Path) -> Fai
 }
 
 impl Session {
-    /// Continues a run whose first part ended with `outcome`, where a retry is allowed.
+    /// Continues a run whose first part ended with `outcome`, if a retry is allowed.
     pub(super) fn resume_by_itself(
         &mut self,
         experiment: &Experiment,
@@ -191,8 +191,8 @@ impl Session {
             else {
                 return outcome;
             };
-            // Whoever asks for the end while it waits must find somebody to ask, and nobody else
-            // may take the bench or the folder.
+            // Stop requests must be accepted during the wait, and no other process may take the
+            // bench or the folder.
             let (Ok(held), Ok(writing)) = (held(experiment, folder), journal::hold(folder)) else {
                 return outcome;
             };
@@ -221,8 +221,8 @@ impl Session {
             };
             let (experiment, context) = match ResumeContext::read(folder, Accepted::default(), free)
             {
-                // Instruments that did not even answer at the start are not waited for: their
-                // addresses may be wrong.
+                // Instruments that did not answer at the start are not waited for: their addresses
+                // may be wrong.
                 Ok((_, context)) if !context.has_reached_the_bench() => return outcome,
                 Ok(read) => read,
                 Err(error) => {
@@ -235,13 +235,13 @@ impl Session {
         }
     }
 
-    /// Waits unless a person wants the run to end, in which case this returns `None`. A watch reads
-    /// every meter that answers meanwhile: no current may flow. Returns the remarks of the watch. The
-    /// wait ends once the watch sees every drive, for the next part of the run needs all of them; if
-    /// it does not, the wait takes a minute longer.
+    /// Waits, or returns `None` if a person ends the run. Meanwhile a watch reads every meter that
+    /// answers: no current may flow. Returns the remarks of the watch. The wait ends once the
+    /// watch sees every drive, because the next part of the run needs all of them; otherwise it
+    /// lasts a minute longer.
     ///
     /// # Errors
-    /// The alarm of the watch. Everything that answers was switched off then.
+    /// The alarm of the watch. In that case everything that answers was switched off.
     fn waited(
         &self,
         wait_s: f64,
@@ -281,7 +281,7 @@ impl Session {
                 Some(watch) => watch.end(&mut bench).await,
                 None => (None, WatchLog::default()),
             };
-            // The alarm may have come in the moment in which the wait was over.
+            // The alarm may have occurred at the moment the wait ended.
             let waited = waited.and_then(|waited| match alarm {
                 Some(alarm) => Err(ExecuteError::from(alarm).into()),
                 None => Ok(waited),
@@ -294,7 +294,7 @@ impl Session {
         })
     }
 
-    /// Waits for `wait_s`, or until a person wants the run to end; whether to go on.
+    /// Waits for `wait_s`, or until a person ends the run. Returns whether to continue.
     async fn wait_for_person(&self, wait_s: f64, folder: &Path, stop: &mut StopSignals) -> bool {
         let end_s = self.clock.now_s() + wait_s;
         while self.clock.now_s() < end_s {
@@ -326,7 +326,8 @@ mod tests {
         }
     }
 
-    /// The waits before six attempts; `at` gives finished points and time, s, of each failure.
+    /// Returns the waits before six attempts; `at` returns finished points and time, s, of each
+    /// failure.
     fn waits(most: usize, at: impl Fn(usize) -> (Failure, usize, f64)) -> Vec<Option<f64>> {
         let mut budget = Budget::of(AutoResume {
             passing: 5,
@@ -347,7 +348,7 @@ mod tests {
     fn what_comes_again_with_nothing_done_in_between_passes_later_or_not_at_all() {
         let driven = || Failure::Execute(ExecuteError::Bench(lost()));
         let five = [Some(5.0), Some(5.0), Some(5.0), Some(5.0), Some(5.0), None];
-        // A point each, or ten minutes of a discharge.
+        // One point each, or ten minutes of a discharge.
         assert_eq!(waits(0, |k| (driven(), k, 20.0 * k as f64)), five);
         assert_eq!(waits(0, |k| (driven(), 0, 700.0 * k as f64)), five);
         assert_eq!(
@@ -371,7 +372,7 @@ mod tests {
             Some(80.0),
             None,
         ];
-        // The first fault was met while a current flowed.
+        // The first fault occurred while a current flowed.
         let first = |k, other: Failure| {
             if k == 1 {
                 Failure::Execute(ExecuteError::Bench(lost()))
@@ -393,7 +394,7 @@ mod tests {
             )),
             growing
         );
-        // What a guardian refuses for another reason does not pass by itself.
+        // A refusal of the guardian for another reason is not transient.
         let refused = || Failure::Guardian(GuardianError::Refused("another model".to_owned()));
         assert_eq!(
             waits(0, |k| (first(k, refused()), 3, 30.0 * k as f64))[..2],

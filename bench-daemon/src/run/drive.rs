@@ -1,4 +1,5 @@
-//! Plays a plan stage by stage, enters sweeps and traces into the index, and gathers their results.
+//! Executes a plan stage by stage, adds sweeps and traces to the index, and collects their
+//! results.
 
 use analysis::{
     calibration::Correction,
@@ -31,14 +32,14 @@ use crate::{
     watch::WatchLink,
 };
 
-/// Results from before: the correction of another run on the same bench, or the part of this run
-/// that was done before its process died.
+/// Earlier results: the correction of another run on the same bench, or the part of this run that
+/// was finished before its process died.
 pub(super) struct PriorResults<'a> {
     pub(super) inherited: Option<Correction>,
     pub(super) context: Option<&'a ResumeContext>,
 }
 
-/// Surroundings of a run besides its bench: its clock, who answers its questions, and its progress.
+/// Environment of a run beside its bench: its clock, the operator, and its progress.
 pub(super) struct RunEnvironment<'a> {
     pub(super) clock: &'a Clock,
     pub(super) operator: &'a Operator,
@@ -156,8 +157,8 @@ impl<'a, 'b> Drive<'a, 'b> {
         Ok(())
     }
 
-    /// Recalls the records of finished points. One that cannot be read any more, or was moved to an
-    /// archive, is left out: it is needed to recognise it and for nothing else.
+    /// Loads the records of finished points, which are needed only to recognise repeated records.
+    /// A record that can no longer be read, or was moved to an archive, is omitted.
     fn recall_records(&mut self, context: &ResumeContext) {
         let rig = &mut self.executor.rig;
         let stages = context.replay.stages.values();
@@ -170,7 +171,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         }
     }
 
-    /// Everything that is left to do.
+    /// Executes everything that remains.
     async fn play(&mut self) -> Result<(), Failure> {
         let finished = |number: &usize| {
             self.context
@@ -207,8 +208,8 @@ impl<'a, 'b> Drive<'a, 'b> {
         Ok(())
     }
 
-    /// Brings the bath back to the temperature of the last finished stage that set one. The cell is
-    /// waited for unless a control is in the jig.
+    /// Brings the bath back to the temperature of the last finished stage that set one. Waits for
+    /// the cell unless a control is in the jig.
     async fn hold_again(&mut self) -> Result<(), Failure> {
         let Some(context) = self.context else {
             return Ok(());
@@ -227,7 +228,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         Ok(self.executor.hold_again(stage, waits).await?)
     }
 
-    /// Points of a stage that was interrupted.
+    /// Returns the points of an interrupted stage.
     fn known(&self, number: usize) -> Vec<&'b PointDone> {
         self.context
             .and_then(|context| context.replay.stages.get(&number))
@@ -238,7 +239,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         self.plan.stages.get(number).and_then(Stage::run)
     }
 
-    /// The order that is wanted, once the run in work is done.
+    /// Applies the requested order after the present run is done.
     fn reorder(&self, left: &mut [usize], run: Option<usize>) {
         if self.experiment.campaign.is_none() || self.executor.rig.clock.mode() == TimeMode::Virtual
         {
@@ -246,9 +247,9 @@ impl<'a, 'b> Drive<'a, 'b> {
         }
         let mut order = RunControl::read(self.executor.rig.recorder.folder()).order;
         order.splice(0..0, run);
-        // What is not named comes as it is planned, whatever was wanted before.
+        // Runs that are not named keep their planned order, regardless of earlier requests.
         left.sort_unstable();
-        // The controls come before every run.
+        // The controls precede every run.
         let controls = left
             .iter()
             .take_while(|number| self.run_of(**number).is_none())
@@ -258,7 +259,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         });
     }
 
-    /// One stage, and what is made of it.
+    /// Executes one stage and evaluates it.
     async fn stage(&mut self, number: usize, resume_point: ResumePoint<'_>) -> Result<(), Failure> {
         let Some(stage) = self.plan.stages.get(number) else {
             return Ok(());
@@ -303,8 +304,8 @@ impl<'a, 'b> Drive<'a, 'b> {
             .journal(Entry::StageDone { stage: number })?)
     }
 
-    /// One sweep: every point is in the files as soon as it is measured, and the whole sweep in the
-    /// index.
+    /// Executes one sweep: every point is in the files as soon as it is measured, and the whole
+    /// sweep in the index.
     async fn sweep(
         &mut self,
         number: usize,
@@ -351,7 +352,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         self.finish(fixture, repeat, settled, false)
     }
 
-    /// Evaluates a whole sweep.
+    /// Evaluates a complete sweep.
     fn finish(
         &mut self,
         fixture: Fixture,

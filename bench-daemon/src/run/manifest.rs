@@ -1,5 +1,5 @@
-//! Identity of a run, as the run folder holds it: the manifest, for whoever wants to run it again,
-//! and the first entry of the journal.
+//! Identity of a run in its folder: the manifest, from which the run can be repeated, and the
+//! first entry of the journal.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +17,7 @@ use crate::{
     support::hash,
 };
 
-/// Manifest of a run, for whoever wants to run it again.
+/// Manifest of a run, from which the run can be repeated.
 #[derive(Debug, Serialize)]
 struct Manifest<'a> {
     program: &'static str,
@@ -38,15 +38,16 @@ struct Manifest<'a> {
     bench_time_s: f64,
 }
 
-/// The copies of the configuration in the run folder, in the order of its sources. They are the
-/// same from wherever the run was started.
+/// Returns the copies of the configuration in the run folder, in the order of its sources. They do
+/// not depend on the directory from which the run was started.
 ///
 /// # Errors
-/// The file system's.
+/// Errors of the file system.
 pub(super) fn copies(experiment: &config::Experiment) -> std::io::Result<Vec<ConfigCopy>> {
     let mut files: Vec<ConfigCopy> = Vec::new();
     for source in &experiment.sources {
-        // From wherever it is resumed: the state of the bench lies beside its file.
+        // The run may be resumed from any directory: the state of the bench is stored beside its
+        // file.
         let path = std::path::absolute(source.path())?;
         let name = path
             .file_name()
@@ -113,7 +114,7 @@ impl Run<'_> {
             simulated: self.experiment.bench.simulation.is_some(),
             config_sha256: hash::hex(&whole.finalize()),
             files,
-            // In virtual time the calendar has no meaning, and two runs are to write the same file.
+            // In virtual time the calendar has no meaning, and two runs must write the same file.
             started_unix_s: (mode != TimeMode::Virtual)
                 .then(|| clock::unix_time_s() - self.clock.now_s()),
             instruments,

@@ -13,25 +13,25 @@ use crate::{doctor::fixture_check::ControlResult, measure::SweepPoint};
 /// Measurements of a run.
 #[derive(Debug)]
 pub struct Measured {
-    /// The controls' verdicts.
+    /// Verdicts of the controls.
     pub controls: Vec<ControlResult>,
     /// Points as read, by fixture.
     pub sweeps: BTreeMap<&'static str, Vec<SweepPoint>>,
     /// The correction of the bench.
     pub correction: Correction,
-    /// The corrected spectrum of the cell, of its first sweep; without points where it was not
-    /// swept.
+    /// The corrected spectrum of the cell from its first sweep; without points if there was no
+    /// sweep.
     pub spectrum: Spectrum,
-    /// Those of its further sweeps.
+    /// Spectra of further sweeps.
     pub repeats: Vec<Spectrum>,
-    /// All of them with the noise of their own records only: what the correction leaves uncertain
-    /// is the same in each.
+    /// All spectra with the noise of their own records only: the remaining uncertainty of the
+    /// correction is the same in each.
     pub own_noise: Vec<Spectrum>,
-    /// The points of all of them as read.
+    /// The points of all spectra as read.
     pub points: Vec<Vec<SweepPoint>>,
-    /// They are runs of a campaign, and called after cell and repeat.
+    /// Whether they are runs of a campaign, and named after cell and repeat.
     pub campaign: bool,
-    /// The file of each of them.
+    /// The file of each spectrum.
     pub files: Vec<String>,
     /// Points of the controls that the quality gate has refused, with the name of the control.
     pub refused_controls: Vec<(&'static str, FlaggedPoint)>,
@@ -40,14 +40,14 @@ pub struct Measured {
 }
 
 impl Measured {
-    /// The corrected spectra of all sweeps of the cell.
+    /// Returns the corrected spectra of all sweeps of the cell.
     pub fn spectra(&self) -> impl Iterator<Item = &Spectrum> {
         std::iter::once(&self.spectrum)
             .chain(&self.repeats)
             .filter(|spectrum| !spectrum.points.is_empty())
     }
 
-    /// Name of each of them among the others; empty where there is no other.
+    /// Returns the name of each spectrum among the others; empty if there is only one.
     pub fn names(&self) -> Vec<String> {
         let several = self
             .repeats
@@ -61,7 +61,8 @@ impl Measured {
         (1..).zip(self.spectra()).map(name).collect()
     }
 
-    /// Points that the quality gate has refused to the end, those of the controls among them.
+    /// Returns the number of points that the quality gate refused to the end, including those of
+    /// the controls.
     pub fn refused(&self) -> usize {
         let sweeps = self
             .points
@@ -78,7 +79,7 @@ impl Measured {
                 .sum::<usize>()
     }
 
-    /// Name of the first of them, where there are others.
+    /// Returns the name of the first spectrum, if there are others.
     pub(crate) fn first_of_several(&self) -> Option<String> {
         self.names()
             .into_iter()

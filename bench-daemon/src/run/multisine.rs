@@ -24,20 +24,20 @@ use crate::{
 };
 pub use result::MultisineRun;
 
-/// A line: its phasors, the scope's V/div, what it says of noise and distortion.
+/// A line: its phasors, the scope's V/div, and its noise and distortion.
 pub(super) type MeasuredLine = (ChannelPhasors, [f64; 4], Line);
 
-/// Figures of a measured multisine besides its lines.
+/// Values of a measured multisine beside its lines.
 pub(super) struct MultisineFigures {
     /// Points that the quality gate refused to the end.
     pub(super) flagged: Vec<FlaggedPoint>,
-    /// Bench time that it took with all that belongs to it, s.
+    /// Bench time that it took, including everything that belongs to it, s.
     pub(super) took_s: f64,
 }
 
 /// Measures a multisine and writes its files: `multisine.csv`, `raw_multisine.csv`,
-/// `multisine_lines.csv`, and all that is told of it in `multisine.json`; `shared/multisine.csv`
-/// has what its points share.
+/// `multisine_lines.csv`, and a description in `multisine.json`; `shared/multisine.csv` contains
+/// the errors that its points share.
 pub(super) async fn measure(
     executor: &mut Executor<'_>,
     experiment: &Experiment,
@@ -51,7 +51,7 @@ pub(super) async fn measure(
         .rig
         .recorder
         .forget_sweep(&Multisine::Spectrum.file(repeat));
-    // A multisine that was interrupted is done again whole: it takes back what it gives.
+    // An interrupted multisine is repeated completely: it moves no net charge.
     let points = executor
         .stage(number, stage, &ResumePoint::default(), &mut |_, _| Ok(()))
         .await?;
@@ -108,7 +108,7 @@ pub(super) async fn measure(
     Ok(run)
 }
 
-/// Writes all files of a multisine, from its lines and what was measured before it.
+/// Writes all files of a multisine, from its lines and earlier measurements.
 pub(super) fn write(
     recorder: &Recorder,
     experiment: &Experiment,
@@ -180,7 +180,7 @@ pub(super) fn write(
     Ok(run)
 }
 
-/// Why the quality gate refused the line at a frequency; empty where it has let it through.
+/// Returns why the quality gate refused the line at a frequency; empty if it was accepted.
 fn reasons(flagged: &[FlaggedPoint], freq_hz: f64) -> String {
     flagged
         .iter()
@@ -200,7 +200,7 @@ pub(super) fn restore(folder: &Path, repeat: usize) -> Result<MultisineRun, Fail
         .map_err(|error| Failure::Analysis(format!("{}: {error}", path.display())))
 }
 
-/// The multisine in words of the index.
+/// Returns the multisine's entry for the index.
 fn entry(
     executor: &Executor<'_>,
     stage: &Stage,
@@ -239,8 +239,8 @@ fn entry(
     }
 }
 
-/// Between a line and its neighbours on either side lie a bin less than there are periods, of two
-/// parts each.
+/// Returns the degrees of freedom of the noise. Between a line and its neighbours on either side
+/// lie as many bins as there are periods, minus one, of two parts each.
 fn noise_dof(stage: &Stage) -> f64 {
     let of = |step: &Step| {
         if let Step::Multisine(band) = step {
@@ -268,7 +268,7 @@ fn table(lines: &[Line]) -> String {
     text
 }
 
-/// A sentence for the summary and the report.
+/// Returns a sentence for the summary and the report.
 pub(super) fn in_words(run: &MultisineRun) -> String {
     let (Some(first), Some(last)) = (run.spectrum.points.first(), run.spectrum.points.last())
     else {

@@ -1,5 +1,5 @@
-//! One run from its first connection to its last file: guardian, instruments, plan, safe state,
-//! results.
+//! Executes one run from its first connection to its last file: guardian, instruments, plan, safe
+//! state, results.
 
 mod begun;
 mod identities;
@@ -30,11 +30,11 @@ use crate::{
 };
 pub(super) use begun::Run;
 
-/// Refuses a bench on which something is switched on that can move charge: another program may be
-/// at it, and nothing was changed yet.
+/// Returns an error if an instrument that can move charge is switched on: another program may be
+/// using the bench, and nothing was changed yet.
 pub(crate) async fn nobody_drives(bench: &mut Bench) -> Result<(), Failure> {
     let found = state_readback::look(bench).await?;
-    // A bipolar supply that knows no off stands at zero while its generator does.
+    // A bipolar supply without an output switch is at zero while its generator is off.
     let commanded = found
         .iter()
         .any(|found| found.role == "generator" && !found.off);
@@ -57,7 +57,7 @@ pub(crate) async fn nobody_drives(bench: &mut Bench) -> Result<(), Failure> {
 }
 
 impl Run<'_> {
-    /// Plays the plan; the bench is in safe state when this returns.
+    /// Executes the plan; the bench is in a safe state when this returns.
     ///
     /// # Errors
     /// Any failure that ended the run early.
@@ -107,8 +107,8 @@ impl Run<'_> {
             Ok(bench) => bench,
             Err(error) => return lease.end(Err(error.into()), None).await,
         };
-        // Only what this run may have left on is its own to switch off; otherwise the watch begins
-        // once it is known that no other program drives the bench.
+        // Only outputs that this run may have left on may be switched off here; otherwise the
+        // watch begins after it is verified that no other program drives the bench.
         let has_driven = self.context.as_ref().is_some_and(ResumeContext::has_driven);
         let mut watch = match has_driven.then(|| Watch::start(&bench, pace, &watch_clock)) {
             Some(Ok(watch)) => watch,
@@ -180,22 +180,22 @@ impl Run<'_> {
             Err(failure) => Err(self.settle_bath(&mut bench, failure, hot).await),
             finished => finished,
         };
-        // What could not be switched off is left to the guardian, which needs the instruments for
-        // itself.
+        // Outputs that could not be switched off are left to the guardian, which needs exclusive
+        // access to the instruments.
         let read = bench.close();
         let outcome = lease.end(outcome, read).await;
         self.conclude(outcome, &identities, &connections, simulation)
     }
 
-    /// Ends the watch, and writes down what it has done. Its alarm outweighs what the procedure met
-    /// when the watch took its connections away.
+    /// Ends the watch, and records its statistics. Its alarm takes precedence over the error that
+    /// the procedure received when the watch took over its connections.
     async fn end_watch(
         &mut self,
         watch: Watch,
         bench: &mut Bench,
         outcome: Result<Measured, Failure>,
     ) -> Result<Measured, Failure> {
-        // The procedure waits for the watch, which shows on the watch's own clock that it works.
+        // The procedure waits for the watch, whose own clock shows that it makes progress.
         let waits = self.clock.wait(None);
         let (alarm, log) = watch.end(bench).await;
         drop(waits);
@@ -213,9 +213,9 @@ impl Run<'_> {
         }
     }
 
-    /// Stops a bath that must not go on after a run that ended early: one that is not under control,
-    /// and any bath if a temperature ended the run. A cell without current cools without a bath. A
-    /// bath that must stop and does not is reported before the reason of the end.
+    /// Stops a bath that must not continue after a run that ended early: one that is not under
+    /// control, and any bath if a temperature ended the run. A cell without current cools without
+    /// a bath. A bath that must stop and does not is reported before the reason for the end.
     async fn settle_bath(
         &mut self,
         bench: &mut Bench,
@@ -243,7 +243,7 @@ impl Run<'_> {
         }
     }
 
-    /// Writes down how it ended; results are made of what was measured.
+    /// Records how the run ended, and computes results from the measurements.
     fn conclude(
         mut self,
         outcome: Result<Measured, Failure>,
@@ -299,13 +299,13 @@ impl Run<'_> {
         }
     }
 
-    /// Checks that the instruments are the configured ones. Changes nothing on them.
+    /// Checks that the instruments are the configured ones, without changing them.
     async fn check_bench(&mut self, bench: &mut Bench) -> Result<Vec<Identified>, Failure> {
         let identities = bench.identify_strictly().await?;
         self.check_instruments(&identities)?;
         self.doctored(&identities)?;
         self.manifest(&identities, "running")?;
-        // Only what this run may have left on is its own to switch off.
+        // Only outputs that this run may have left on may be switched off here.
         if !self.context.as_ref().is_some_and(ResumeContext::has_driven) {
             nobody_drives(bench).await?;
         }
@@ -315,8 +315,8 @@ impl Run<'_> {
         Ok(identities)
     }
 
-    /// A bench that no report of the doctor speaks for is remarked, or refused where its file wants
-    /// one.
+    /// Adds a remark if no report of the doctor is valid for the bench, or returns an error if the
+    /// bench file requires one.
     fn doctored(&mut self, identities: &[Identified]) -> Result<(), Failure> {
         let config = &self.experiment.bench;
         let source = self
@@ -362,14 +362,15 @@ impl Run<'_> {
 }
 
 impl Run<'_> {
-    /// Writes down what the instruments are found in before anything is sent that changes them.
+    /// Records the state in which the instruments are found, before any command changes it.
     pub(super) async fn read_back_outputs(&mut self, bench: &mut Bench) -> Result<(), Failure> {
         let found = state_readback::look(bench).await?;
         for found in &found {
             self.recorder.event(Event::Bench, &found.to_string())?;
             self.recorder.journal(Entry::Found(found.clone()))?;
         }
-        // The load's leads see the cell itself; a current that flows moves it, too.
+        // The sense leads of the load are connected to the cell itself; a current would change the
+        // voltage.
         let volts = found
             .iter()
             .find(|found| found.role == "load")

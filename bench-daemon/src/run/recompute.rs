@@ -1,9 +1,9 @@
 //! Recomputes a recorded run from its captures: the present program analyses every record again.
-//! All results are gathered and evaluated as in the run itself. It knows no instrument and changes
-//! nothing in the run folder.
+//! All results are collected and evaluated as in the run itself. This uses no instrument and does
+//! not change the run folder.
 //!
-//! The journal supplies what no capture holds: which record of a point counts, when it was taken,
-//! and what was read beside it.
+//! The journal supplies what no capture contains: which record of a point is used, when it was
+//! taken, and which readings accompanied it.
 
 mod recorded;
 mod records;
@@ -54,21 +54,21 @@ use instruments::{
 pub(crate) use recorded::Recorded;
 use recorded::figures;
 
-/// Captures above this size are read by pieces, bytes: what is in memory at once is this for each
-/// core, decoded.
+/// Captures above this size are read in parts, bytes: memory use is this size for each core,
+/// decoded.
 const LARGE_BYTES: u64 = 1 << 23;
 
-/// A finished point as the journal knows it.
+/// A finished point in the journal.
 pub(crate) struct RecordedPoint {
     /// The number of its stage.
     pub(crate) stage: usize,
-    /// All captures that were taken of it, relative to the folder.
+    /// All captures of the point, relative to the folder.
     pub(crate) files: Vec<String>,
-    /// Result of the run from the record that counts.
+    /// Result of the run from the record that is used.
     pub(crate) point: SweepPoint,
 }
 
-/// The same point from the same capture, as the present program makes it.
+/// The point recomputed from the same capture.
 pub(crate) struct RecomputedPoint {
     /// The point.
     pub(crate) point: SweepPoint,
@@ -76,9 +76,9 @@ pub(crate) struct RecomputedPoint {
     pub(crate) file: String,
     /// Its size on disk.
     pub(crate) bytes: u64,
-    /// Samples of all channels.
+    /// Number of samples of all channels.
     pub(crate) samples: u64,
-    /// Digest of its codes; none where it was read by pieces.
+    /// Digest of its codes; `None` if the capture was read in parts.
     digest: Option<Digest>,
 }
 
@@ -86,7 +86,7 @@ impl Recorded {
     /// Reads journal and configuration of a run folder.
     ///
     /// # Errors
-    /// Files that cannot be read, or are not what a run writes.
+    /// Fails if files cannot be read or were not written by a run.
     pub(crate) fn read(folder: &Path) -> Result<Self, Failure> {
         let usage = |text: String| Failure::Usage(format!("{}: {text}", folder.display()));
         let mut lines = journal::read(folder)
@@ -97,8 +97,8 @@ impl Recorded {
             .ended;
         let stopped = (ended.as_deref() != Some(FINISHED))
             .then(|| ended.unwrap_or_else(|| "its journal has no end".to_owned()));
-        // What follows the measurement is computed again. Safe state comes at the beginning, too,
-        // and a run that was stopped may have no other.
+        // Steps after the measurement are computed again. A safe state also occurs at the
+        // beginning, and a run that was stopped may have no other.
         let measures = |line: &Line| {
             matches!(
                 line.entry,
@@ -125,26 +125,25 @@ impl Recorded {
         })
     }
 
-    /// The version of the program that made it.
+    /// Returns the version of the program that made the run.
     pub(crate) fn version(&self) -> &str {
         &self.replay.started.version
     }
 
-    /// How a run ended that did not come to its end.
+    /// Returns how a run ended if it was not completed.
     pub(crate) fn stopped(&self) -> Option<&str> {
         self.stopped.as_deref()
     }
 
-    /// The open-circuit voltage of the cell as its file has it.
+    /// Returns the open-circuit voltage of the cell from its file.
     pub(crate) fn ocv(&self) -> Option<&OcvCurve> {
         self.experiment.cell.ocv.as_ref()
     }
 
-    /// All finished points, in the order of the plan, those of sweeps that were not finished among
-    /// them.
+    /// Returns all finished points in the order of the plan, including those of incomplete sweeps.
     ///
     /// # Errors
-    /// A journal with a sweep where the plan has none.
+    /// Fails if the journal contains a sweep where the plan has none.
     pub(crate) fn points(&self) -> Result<Vec<RecordedPoint>, Failure> {
         let mut known = Vec::new();
         for (stage, replay) in &self.replay.stages {
@@ -168,7 +167,7 @@ impl Recorded {
         Ok(known)
     }
 
-    /// How many points are of sweeps that were not finished: no spectrum is made of them.
+    /// Returns the number of points of incomplete sweeps, from which no spectrum is made.
     pub(crate) fn unfinished(&self) -> usize {
         self.replay
             .stages
@@ -181,7 +180,7 @@ impl Recorded {
     /// Analyses all captures, on all cores.
     ///
     /// # Errors
-    /// A capture that cannot be read or analysed, or was moved to an archive.
+    /// Fails if a capture cannot be read or analysed, or was moved to an archive.
     pub(crate) fn analyse(&self, known: &[RecordedPoint]) -> Result<Vec<RecomputedPoint>, Failure> {
         if let Some(moved) = moved_captures(&self.folder).map_err(Failure::Usage)? {
             return Err(Failure::Usage(moved));
@@ -201,13 +200,13 @@ impl Recorded {
         Ok(points)
     }
 
-    /// Everything that follows from the points, and from the records of multisines and traces, into
-    /// a new folder: correction, spectra, series, and with `whole` fits, tables, pictures and
-    /// report.
+    /// Writes everything that follows from the points, and from the records of multisines and
+    /// traces, into a new folder: correction, spectra, series, and with `whole` fits, tables,
+    /// pictures and report.
     ///
     /// # Errors
-    /// A folder in use, points that do not pass as controls any more, what cannot be computed or
-    /// written.
+    /// Fails if the folder is in use, if points do not pass as controls any more, or if a result
+    /// cannot be computed or written.
     pub(crate) fn settle(
         &self,
         points: &[(usize, SweepPoint)],
@@ -300,7 +299,7 @@ impl Recorded {
         }
     }
 
-    /// All captures of a step in the journal, the latest first.
+    /// Returns all captures of a step in the journal, the latest first.
     fn files(&self, stage: usize, step: usize) -> Vec<String> {
         let mut files: Vec<String> = Vec::new();
         for line in self.lines.iter().rev() {
@@ -320,8 +319,8 @@ impl Recorded {
         files
     }
 
-    /// A point from the capture that counts: the one that gives what the journal says; where none
-    /// does, the latest.
+    /// Recomputes a point from the capture that was used: the one whose result matches the
+    /// journal, or the latest if none does.
     fn point(&self, known: &RecordedPoint) -> Result<RecomputedPoint, Failure> {
         let mut latest = None;
         for file in &known.files {
@@ -420,7 +419,7 @@ impl Recorded {
         })
     }
 
-    /// Amplitude of the current that the plan has for a point, A.
+    /// Returns the planned current amplitude of a point, A.
     fn amplitude_a(&self, known: &RecordedPoint) -> f64 {
         let steps = self
             .plan
@@ -436,7 +435,7 @@ impl Recorded {
         driven.unwrap_or(f64::NAN)
     }
 
-    /// Potentials of the channels with the run's controls in the jig.
+    /// Returns the potentials of the channels with the run's controls in the jig.
     fn control_potentials(&self) -> Vec<ControlPotentials> {
         let shunt_ohm = self.experiment.bench.wiring.shunt.r_ohm;
         let points = self
@@ -449,7 +448,7 @@ impl Recorded {
             .collect()
     }
 
-    /// The correction of a run before, where this one had no controls of its own.
+    /// Returns the correction of an earlier run if this run had no controls of its own.
     fn inherited_correction(&self) -> Result<Option<Correction>, Failure> {
         let path = self.folder.join(CORRECTION);
         if self.experiment.fixture_check.is_some() || !path.exists() {
@@ -462,7 +461,7 @@ impl Recorded {
             .map_err(|error| failed(error.to_string()))
     }
 
-    /// A new folder with what was read and noted in the run, and without what follows from it.
+    /// Creates a folder with the readings and notes of the run, but without derived results.
     fn recorder(&self, out: &Path) -> Result<Recorder, Failure> {
         if fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some()) {
             return Err(crate::record::RecordError::NotEmpty {
@@ -477,7 +476,7 @@ impl Recorded {
         for entry in fs::read_dir(&own)? {
             let entry = entry?;
             let name = entry.file_name().to_string_lossy().into_owned();
-            // What cannot be recomputed and is read by what follows from the sweeps.
+            // Data that cannot be recomputed but that later evaluations read.
             if run_folder::RECORDED
                 .iter()
                 .any(|prefix| name.starts_with(prefix))
@@ -494,7 +493,7 @@ impl Recorded {
         let begin: String = text.split_inclusive('\n').take(self.lines.len()).collect();
         fs::write(out.join(JOURNAL), begin)?;
         let read = journal::read(out).map_err(|error| Failure::Usage(error.to_string()))?;
-        // Of no meaning here; virtual time spares the disk.
+        // Time has no meaning here; virtual time avoids disk syncs.
         let clock = Clock::start(TimeMode::Virtual);
         Ok(Recorder::reopen(out, clock, &read, &self.replay)?)
     }
@@ -515,8 +514,8 @@ impl Records {
     }
 }
 
-/// Works on so many items at once as there are cores, and no more: each holds a capture. Threads of
-/// a pool would take up the next item while they wait for the decoder's pool, one within the other.
+/// Processes at most as many items at once as there are cores, because each holds a capture.
+/// Threads of a pool would start the next item, nested, while they wait for the decoder's pool.
 pub(crate) fn on_all_cores<T: Sync, R: Send>(
     items: &[T],
     work: impl Fn(&T) -> Result<R, Failure> + Sync,
@@ -531,7 +530,7 @@ pub(crate) fn on_all_cores<T: Sync, R: Send>(
             let Some(item) = items.get(index) else { return };
             let result = work(item);
             if result.is_err() {
-                // The first failure ends the others.
+                // The first failure ends the other threads.
                 next.store(items.len(), Ordering::Relaxed);
             }
             done.lock()
@@ -548,7 +547,7 @@ pub(crate) fn on_all_cores<T: Sync, R: Send>(
     done.into_iter().map(|(_, result)| result).collect()
 }
 
-/// A remark of the run about ranges, which no capture shows.
+/// Checks whether a remark of the run concerns ranges, which no capture shows.
 fn of_ranging(text: &str) -> bool {
     text.starts_with("measured again: ")
         || (text.starts_with("channel ") && text.ends_with(" V/div"))

@@ -31,7 +31,7 @@ use alike::{alike, alike_sweeps, linearity_in_words};
 /// Writes everything that follows from the measurement into the run folder; returns the summary.
 ///
 /// # Errors
-/// A fit that cannot be made; a file that cannot be written.
+/// Fails if a fit cannot be computed or a file cannot be written.
 pub(super) fn write(
     recorder: &mut Recorder,
     experiment: &Experiment,
@@ -45,7 +45,7 @@ pub(super) fn write(
     Ok(text.replacen("\nrun folder:", &format!("{ocv}\nrun folder:"), 1))
 }
 
-/// Says what the correction was made without.
+/// Reports which controls the correction lacks.
 fn tell_controls(recorder: &mut Recorder, measured: &Measured) {
     let mut names: Vec<&str> = measured
         .refused_controls
@@ -154,8 +154,8 @@ fn evaluate(
     ))
 }
 
-/// The orders that could be fitted, to all sweeps of the cell together; one that could not is noted
-/// and does not cost the others.
+/// Fits each model order to all sweeps of the cell together. An order that cannot be fitted is
+/// noted and does not affect the others.
 fn fit_orders(
     recorder: &mut Recorder,
     experiment: &Experiment,
@@ -208,8 +208,8 @@ fn fit_orders(
     fits
 }
 
-/// Takes points that are not to be fitted out of sweeps, which come with their places among all:
-/// repeats may have one name. How many there were.
+/// Removes points that are not to be fitted from sweeps, which are identified by their index
+/// because repeats may have the same name. Returns the number of removed points.
 pub(crate) fn leave_out<'a>(
     sweeps: impl Iterator<Item = (usize, &'a mut Spectrum)>,
     refused: &[(usize, RefusedPoint)],
@@ -227,8 +227,8 @@ pub(crate) fn leave_out<'a>(
     count
 }
 
-/// Points that the quality gate has refused to the end: the place of the sweep among all, and
-/// whether the point is fitted all the same. Only the chosen sweeps are fitted.
+/// Returns the points that the quality gate refused to the end: the index of the sweep, and
+/// whether the point is fitted anyway. Only the selected sweeps are fitted.
 pub(crate) fn refused_points(
     measured: &Measured,
     chosen: &[usize],
@@ -254,7 +254,7 @@ pub(crate) fn refused_points(
         .collect()
 }
 
-/// The sweeps by the cell of a campaign that each is of; all of one cell elsewhere.
+/// Groups the sweeps by the cells of a campaign; without a campaign all belong to one cell.
 fn by_cell(experiment: &Experiment, spectra: &[Spectrum]) -> Vec<CellSweeps> {
     let mut cells: Vec<CellSweeps> = Vec::new();
     for spectrum in spectra {
@@ -371,7 +371,7 @@ fn summary(
             recorder.path(run_folder::REPORT).display()
         ));
     }
-    // What has nothing to say leaves no gap.
+    // Empty parts leave no gap.
     lines.dedup_by(|line, before| line.is_empty() && before.is_empty());
     lines.join("\n") + "\n"
 }

@@ -1,5 +1,5 @@
-//! Reads the finished part of a run whose process died or was stopped, and checks that it is still
-//! the same run.
+//! Reads the finished part of a run whose process died or was stopped, and checks that the run is
+//! unchanged.
 
 use std::{path::Path, sync::Arc};
 
@@ -22,32 +22,32 @@ use crate::{
     support::hash,
 };
 
-/// The voltage at rest may differ by this much from that before the sweep, V. A sweep moves no
-/// charge on the whole, so that no relaxation of more than a few millivolts follows it; two
-/// voltmeters differ by a few more. Beyond it the cell has another state of charge.
+/// Greatest difference of the voltage at rest from that before the sweep, V. A sweep moves no net
+/// charge, so no relaxation of more than a few millivolts follows it; two voltmeters differ by a
+/// few more. A larger difference indicates another state of charge.
 const MOVED_V: f64 = 0.02;
 
-/// What a person has looked at and accepts, so that a run may go on all the same.
+/// Changes that a person has checked and accepted, so that a run may continue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(crate) struct Accepted {
-    /// The cell may have another charge than the run knows.
+    /// Whether the charge of the cell may differ from the recorded one.
     pub(crate) charge: bool,
-    /// Other instruments than before may answer.
+    /// Whether the instruments may differ from before.
     pub(crate) instruments: bool,
 }
 
-/// Finished part of a run, and the point where it goes on.
+/// Finished part of a run, and the point where it continues.
 pub(crate) struct ResumeContext {
     pub(super) read: Read,
     pub(super) replay: JournalReplay,
     pub(super) next: ResumeDecision,
     pub(super) accepted: Accepted,
-    /// Reason of an automatic retry, in words; `None` where a person resumes it.
+    /// Reason for an automatic retry, as text; `None` if a person resumes the run.
     after: Option<String>,
 }
 
-/// The stages of a plan, each by the first digits of the hash of everything that it holds: of all
-/// that is sent, the shared settings of its steps included.
+/// Returns for each stage of a plan the first digits of the hash of its whole content: of
+/// everything that is sent, including the shared settings of its steps.
 pub(super) fn fingerprints(plan: &Plan) -> Vec<String> {
     plan.stages
         .iter()
@@ -56,12 +56,12 @@ pub(super) fn fingerprints(plan: &Plan) -> Vec<String> {
 }
 
 impl ResumeContext {
-    /// Reads a run folder: the experiment as it was, and how far it came. `bench` is asked whether
-    /// the bench may be used, before it is decided where to go on.
+    /// Reads a run folder: the original experiment, and how far it came. Calls `bench` to check
+    /// whether the bench may be used, before deciding where to continue.
     ///
     /// # Errors
-    /// A run that is finished; a folder, a configuration or a program that is not what it was; what
-    /// `bench` says; a step that moved a charge that nobody knows.
+    /// Fails if the run is finished; if the folder, the configuration or the program has changed;
+    /// if `bench` fails; or if a step moved an unknown charge.
     pub(crate) fn read(
         folder: &Path,
         accepted: Accepted,
@@ -93,8 +93,7 @@ impl ResumeContext {
                 .any(|known| known.name == trace.name && known.repeat == trace.repeat),
             _ => false,
         };
-        // A world in virtual time is played again from its beginning: nothing of its charge is
-        // unknown.
+        // A world in virtual time is repeated from its beginning, so its charge is always known.
         let accept_charge = accepted.charge || replay.started.time == TimeMode::Virtual.to_string();
         let next = replay
             .next(plan.plan(), recorded, accept_charge)
@@ -111,7 +110,7 @@ impl ResumeContext {
         ))
     }
 
-    /// The same, going on by itself after what is said so.
+    /// Marks the run as resumed automatically, with the reason.
     pub(super) fn after(self, text: String) -> Self {
         Self {
             after: Some(text),
@@ -119,8 +118,8 @@ impl ResumeContext {
         }
     }
 
-    /// Bench time at which the run goes on, s: in real time as if it had gone on all the while, on
-    /// scaled mocks the time of the last entry.
+    /// Returns the bench time at which the run continues, s: in real time as if it had never
+    /// stopped, on scaled mocks the time of the last entry.
     pub(crate) fn time_s(&self, folder: &Path) -> f64 {
         let real = self.replay.started.time == TimeMode::Real.to_string();
         let passed_s = run_folder::started_unix_s(folder)
@@ -129,7 +128,7 @@ impl ResumeContext {
         passed_s.max(self.replay.last_s)
     }
 
-    /// Whether it has begun anything that may have left a current flowing.
+    /// Checks whether the run has begun anything that may have left a current flowing.
     pub(super) fn has_driven(&self) -> bool {
         self.read
             .lines
@@ -137,13 +136,14 @@ impl ResumeContext {
             .any(|line| matches!(line.entry, Entry::Intent { live: true, .. }))
     }
 
-    /// Whether the run has once reached every instrument and brought the bench into safe state.
+    /// Checks whether the run has ever reached every instrument and brought the bench into a safe
+    /// state.
     pub(super) fn has_reached_the_bench(&self) -> bool {
         let lines = &self.read.lines;
         self.has_driven() || lines.iter().any(|line| line.entry == Entry::Safe)
     }
 
-    /// How many points were finished.
+    /// Returns the number of finished points.
     pub(super) fn points(&self) -> usize {
         self.replay
             .stages
@@ -152,8 +152,8 @@ impl ResumeContext {
             .sum()
     }
 
-    /// Warning where the points of the open sweep were measured at another state of charge than the
-    /// cell has now.
+    /// Returns a warning if the points of the open sweep were measured at another state of charge
+    /// than the cell has now.
     pub(super) fn moved(&self, volts: f64) -> Option<String> {
         let (open, _) = self.next.open?;
         let points = &self.replay.stages.get(&open)?.points;
@@ -174,13 +174,13 @@ impl ResumeContext {
         ))
     }
 
-    /// The run began on a simulated bench, or with a correction, of runs before it.
+    /// Checks whether the run began on a simulated bench, or with a correction, of earlier runs.
     pub(crate) fn inherited(&self) -> bool {
         self.replay.started.inherited
     }
 
-    /// Charge that traces have left in the cell in the jig since it was brought to a state of
-    /// charge or taken into use, C.
+    /// Returns the charge that traces have left in the cell in the jig since it was brought to a
+    /// state of charge or taken into use, C.
     pub(super) fn charge_left_c(&self, recorder: &Recorder, plan: &Plan) -> Result<f64, Failure> {
         let Some(last) = recorder.index().traces.last() else {
             return Ok(0.0);
@@ -208,7 +208,7 @@ impl ResumeContext {
         Ok(last.charge_before_c + charge_of(&rows))
     }
 
-    /// Says in the run folder that the run goes on, and where.
+    /// Records in the run folder that the run continues, and where.
     pub(super) fn tell(&self, recorder: &mut Recorder, plan: &Plan) -> Result<(), Failure> {
         let purpose = |number: usize| {
             plan.stages
@@ -241,10 +241,10 @@ impl ResumeContext {
     }
 }
 
-/// The experiment that a run began with, from the copies in its folder.
+/// Reads the experiment that a run began with, from the copies in its folder.
 ///
 /// # Errors
-/// Another version of the program; a copy that is not what it was.
+/// Fails if the version of the program differs or a copy has changed.
 pub(crate) fn begun_experiment(folder: &Path, started: &Started) -> Result<Experiment, Failure> {
     let version = env!("CARGO_PKG_VERSION");
     if started.version != version {
@@ -257,7 +257,7 @@ pub(crate) fn begun_experiment(folder: &Path, started: &Started) -> Result<Exper
     copied_experiment(folder, started)
 }
 
-/// As [`begun_experiment`], whatever the version of the program.
+/// As [`begun_experiment`], for any version of the program.
 pub(super) fn copied_experiment(folder: &Path, started: &Started) -> Result<Experiment, Failure> {
     let usage = |path: &Path, text: String| Failure::Usage(format!("{}: {text}", path.display()));
     let mut copies = Copies::new();
@@ -294,8 +294,8 @@ pub(super) fn copied_experiment(folder: &Path, started: &Started) -> Result<Expe
     Ok(experiment)
 }
 
-/// Checks that the same plan comes out as at the beginning: another configuration makes another
-/// one, and another build of the program may.
+/// Checks that the plan is the same as at the beginning: another configuration gives another plan,
+/// and another build of the program may.
 fn same_plan(started: &Started, plan: &Plan) -> Result<(), String> {
     let found = fingerprints(plan);
     if let Some(number) = (0..found.len().max(started.plan.len()))

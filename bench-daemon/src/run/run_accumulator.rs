@@ -1,6 +1,6 @@
-//! Gathers the results of the finished stages of a run: sweeps, the controls' verdicts, the
-//! correction. Knows no instrument: a resumed run and one that is recomputed from its captures
-//! gather the same way.
+//! Collects the results of the finished stages of a run: sweeps, the controls' verdicts, the
+//! correction. It uses no instrument: a resumed run and one that is recomputed from its captures
+//! collect in the same manner.
 
 use std::collections::{
     BTreeMap,
@@ -36,7 +36,8 @@ pub(super) struct RunAccumulator<'a> {
 }
 
 impl<'a> RunAccumulator<'a> {
-    /// Nothing was measured yet; the correction is that of a run before, where there is one.
+    /// Creates an accumulator without measurements; its correction is that of an earlier run, if
+    /// any.
     pub(super) fn new(experiment: &'a Experiment, inherited: Option<Correction>) -> Self {
         let measured = Measured {
             controls: Vec::new(),
@@ -67,7 +68,7 @@ impl<'a> RunAccumulator<'a> {
         SweepWriter::new(self.experiment, fixture, repeat, &self.measured)
     }
 
-    /// Evaluates a whole sweep. `restored`: its results were told before.
+    /// Evaluates a complete sweep. `restored` means that its results were already reported.
     pub(super) fn finish(
         &mut self,
         recorder: &mut Recorder,
@@ -108,7 +109,7 @@ impl<'a> RunAccumulator<'a> {
             Occupied(_) => {}
             Vacant(place) => drop(place.insert(points)),
         }
-        // Before anything is done with the cell, its state of charge included.
+        // This comes before any other use of the cell, including its state of charge.
         let controls = self
             .experiment
             .fixture_check
@@ -120,7 +121,7 @@ impl<'a> RunAccumulator<'a> {
         Ok(())
     }
 
-    /// Everything, once nothing is left to do.
+    /// Returns all results, once nothing remains to be done.
     pub(super) fn whole(self, recorder: &Recorder) -> Result<Measured, Failure> {
         let Self {
             mut measured,
@@ -157,10 +158,10 @@ impl<'a> RunAccumulator<'a> {
     }
 }
 
-/// Says what came out, unless it was said before.
+/// Reports a result unless it was already reported.
 type Tell<'a> = &'a dyn Fn(&mut Recorder, &str) -> Result<(), RecordError>;
 
-/// Stops the run when a control that was just measured is off as read.
+/// Stops the run if a control that was just measured is wrong as read.
 fn judge(
     recorder: &mut Recorder,
     experiment: &Experiment,
@@ -192,7 +193,7 @@ fn judge(
     }
 }
 
-/// Computes the correction from the controls and stops the run when it does not make them right.
+/// Computes the correction from the controls and stops the run if it does not make them right.
 fn correct(
     recorder: &mut Recorder,
     experiment: &Experiment,
@@ -225,7 +226,7 @@ fn correct(
         else {
             continue;
         };
-        // What the gate has refused says nothing of the correction, for or against it.
+        // Refused points carry no information about the correction.
         let points: Vec<SweepPoint> = measured.sweeps.get(name).map_or_else(Vec::new, |points| {
             fixture_check::let_through(points).cloned().collect()
         });

@@ -1,4 +1,4 @@
-//! Runs several experiments one after the other on a bench, with the checks before each of them.
+//! Executes several experiments in sequence on a bench, with the checks before each of them.
 
 use std::path::Path;
 
@@ -26,8 +26,8 @@ use crate::{
     watch::Pace,
 };
 
-/// Runs on one bench, one after the other: time goes on from run to run, and so does a simulated
-/// world; the bench's correction stays.
+/// A sequence of runs on one bench: time continues from run to run, and so does a simulated world;
+/// the bench's correction is kept.
 pub struct Session {
     pub(super) runtime: Option<Runtime>,
     pub(super) clock: Clock,
@@ -36,10 +36,10 @@ pub struct Session {
 }
 
 impl Session {
-    /// A bench on which nothing was run yet.
+    /// Creates a session on a bench without earlier runs.
     ///
     /// # Errors
-    /// Error of the operating system when it has no event queue.
+    /// Error of the operating system if it has no event queue.
     pub fn new(bench: &config::Bench) -> Result<Self, Failure> {
         let mode = bench
             .simulation
@@ -55,14 +55,14 @@ impl Session {
         })
     }
 
-    /// Bench time, s.
+    /// Returns the bench time, s.
     pub fn now_s(&self) -> f64 {
         self.runtime.as_ref().map_or(0.0, |runtime| {
             runtime.block_on(async { self.clock.now_s() })
         })
     }
 
-    /// A bench on which a run goes on whose journal ends at a bench time, s.
+    /// Creates a session that continues a run whose journal ends at a bench time, s.
     ///
     /// # Errors
     /// As [`Session::new`].
@@ -75,27 +75,27 @@ impl Session {
         Ok(session)
     }
 
-    /// The simulated world behind the mocks, where there is one in this process and something was
-    /// run on it, however it ended.
+    /// Returns the simulated world behind the mocks, if there is one in this process and a run has
+    /// used it, regardless of how the run ended.
     pub fn simulation(&self) -> Option<&Simulation> {
         self.simulation.as_ref()
     }
 
-    /// Runs an experiment into a folder. One without controls of its own takes over the correction
-    /// of the run before.
+    /// Executes an experiment into a folder. Without its own controls it uses the correction of
+    /// the previous run.
     ///
     /// # Errors
-    /// Everything that ends a run early, the request to stop included.
+    /// Everything that ends a run early, including a stop request.
     pub fn run(&mut self, experiment: &Experiment, folder: &Path) -> Result<Finished, Failure> {
         let stop = self.signals()?;
         let outcome = self.play(experiment, folder, None);
         self.resume_by_itself(experiment, folder, outcome, stop)
     }
 
-    /// Goes on with a run in its folder.
+    /// Continues a run in its folder.
     ///
     /// # Errors
-    /// Everything that ends a run early, the request to stop included.
+    /// Everything that ends a run early, including a stop request.
     pub(crate) fn go_on(
         &mut self,
         experiment: &Experiment,
@@ -107,8 +107,7 @@ impl Session {
         self.resume_by_itself(experiment, folder, outcome, stop)
     }
 
-    /// Installs the signals that ask for the end from here on, whether or not anybody looks just
-    /// then.
+    /// Installs the stop signals from here on, even if they are not being waited for yet.
     fn signals(&self) -> Result<StopSignals, Failure> {
         let Some(runtime) = &self.runtime else {
             return Err(ended());
@@ -187,7 +186,7 @@ impl Session {
 
 impl Drop for Session {
     fn drop(&mut self) {
-        // A thread that still waits for a person's answer must not hold up the end.
+        // A thread that still waits for a person's answer must not delay the end.
         if let Some(runtime) = self.runtime.take() {
             runtime.shutdown_background();
         }
@@ -198,7 +197,8 @@ fn ended() -> Failure {
     Failure::Panic("the bench's session has ended".to_owned())
 }
 
-/// The world behind in-process addresses; with addresses on real ports somebody else serves it.
+/// Returns the world behind in-process addresses; for addresses on real ports another process
+/// serves it.
 fn simulated(experiment: &Experiment) -> Result<Option<Simulation>, Failure> {
     let bench = &experiment.bench;
     let Some(section) = bench.simulation.as_ref().filter(|_| bench.in_process()) else {
@@ -225,8 +225,8 @@ fn simulated(experiment: &Experiment) -> Result<Option<Simulation>, Failure> {
     ))
 }
 
-/// A sweep that begins with a person changing the fixture must not fail in the middle of the night
-/// for want of one.
+/// Returns an error if a sweep begins with a person changing the fixture but no person can be
+/// asked. Otherwise the run would fail in the middle of the night.
 fn refuse_without_person(experiment: &Experiment, operator: Operator) -> Result<(), Failure> {
     let person = matches!(experiment.bench.instruments.jig, Some(config::Jig::Person));
     let cells = experiment

@@ -1,5 +1,5 @@
-//! Ends of a run from outside or by mistake that must lead to safe state all the same: signals, and
-//! panics.
+//! Ends of a run that must lead to a safe state although they come from outside or from a bug:
+//! signals and panics.
 
 use std::{panic::AssertUnwindSafe, task::Poll};
 
@@ -10,17 +10,17 @@ use crate::safety::failure::Failure;
 /// Number of the signal that Ctrl-Z sends, on Linux.
 const SIGTSTP: i32 = 20;
 
-/// Ctrl-C, a polite kill, or the end of the terminal: each is to bring the bench into safe state.
+/// Ctrl-C, a termination signal, or the end of the terminal: each brings the bench into a safe
+/// state.
 pub(crate) struct StopSignals([Signal; 5]);
 
 impl StopSignals {
-    /// From now on these signals no longer end the process by themselves.
+    /// Installs handlers, so that these signals no longer end the process directly.
     ///
     /// # Errors
-    /// A system that refuses: a run that cannot be stopped must not begin.
+    /// Fails if the system refuses: a run that cannot be stopped must not begin.
     pub(crate) fn install() -> std::io::Result<Self> {
-        // Ctrl-Z would stop the watching and leave the current flowing: it ends the run like
-        // Ctrl-C.
+        // Ctrl-Z would stop the watching while the current flows: it ends the run like Ctrl-C.
         let suspend = SignalKind::from_raw(SIGTSTP);
         let [interrupt, terminate, hangup, quit, suspend] = [
             SignalKind::interrupt(),
@@ -33,7 +33,7 @@ impl StopSignals {
         Ok(Self([interrupt?, terminate?, hangup?, quit?, suspend?]))
     }
 
-    /// Whether one of them has come since they were installed, or since the last that was heard.
+    /// Checks whether a signal has arrived since the installation or since the last check.
     pub(crate) async fn came(&mut self) -> bool {
         tokio::select! {
             biased;
@@ -55,7 +55,7 @@ impl StopSignals {
     }
 }
 
-/// A panic while the outputs are on must not keep them on: it becomes a failure like any other.
+/// Converts a panic to a failure, so that the outputs are switched off as after any other failure.
 pub(crate) async fn caught<T>(
     work: impl Future<Output = Result<T, Failure>>,
 ) -> Result<T, Failure> {

@@ -28,26 +28,26 @@ pub(super) struct SweepWriter<'a> {
     fixture: Fixture,
     repeat: usize,
     correction: Correction,
-    /// Channels' phasors of the shunt.
+    /// Channel phasors of the shunt.
     shunt: Vec<ChannelPhasors>,
-    /// Channels' phasors in the jig before the first cell; empty without a fake cell.
+    /// Channel phasors in the jig before the first cell; empty without a fake cell.
     jig: Vec<ChannelPhasors>,
-    /// The run of the campaign that it is of.
+    /// The run of the campaign that it belongs to.
     run: Option<CampaignRun>,
-    /// In names of files.
+    /// Name in file names.
     pub(super) name: String,
     raw: String,
-    /// The file of corrected points, where they are corrected.
+    /// The file of corrected points, if they are corrected.
     file: Option<String>,
 }
 
-/// Result of a whole sweep.
+/// Result of a complete sweep.
 pub(super) struct Settled {
     /// Its points, each frequency once.
     pub(super) points: Vec<SweepPoint>,
     /// The corrected spectrum.
     pub(super) spectrum: Spectrum,
-    /// The same with the noise of its own records only.
+    /// The corrected spectrum with the noise of its own records only.
     pub(super) own_noise: Spectrum,
     /// The file that the index names.
     pub(super) file: String,
@@ -90,12 +90,12 @@ impl<'a> SweepWriter<'a> {
         }
     }
 
-    /// The file that the index names.
+    /// Returns the file that the index names.
     pub(super) fn indexed(&self) -> &str {
         self.file.as_deref().unwrap_or(&self.raw)
     }
 
-    /// A point by the correction of where the voltage probes were.
+    /// Corrects a point according to the positions of the voltage probes.
     fn corrected(&self, point: &SweepPoint) -> ImpedancePoint {
         match self.fixture {
             Fixture::Shunt => self.correction.apply_at_shunt(&point.phasors),
@@ -118,9 +118,9 @@ impl<'a> SweepWriter<'a> {
         recorder.spectrum_point(file, &self.corrected(point))
     }
 
-    /// Settles a whole sweep, in the tables too. Points are sorted by rising frequency, with the
-    /// records that count, and each frequency once. A frequency that was visited twice is stated
-    /// for the middle of the sweep.
+    /// Completes a sweep, also in the tables. Points are sorted by rising frequency, with the
+    /// records that are used, and each frequency occurs once. A frequency that was visited twice
+    /// is stated for the middle of the sweep.
     pub(super) fn settle(
         &self,
         recorder: &Recorder,
@@ -157,7 +157,7 @@ impl<'a> SweepWriter<'a> {
             let same = a.phasors.freq_hz == b.phasors.freq_hz;
             if same {
                 b.failing.append(&mut a.failing);
-                // That is the time for which its impedance is stated.
+                // Its impedance is stated for this time.
                 b.time_s = 0.5 * (begin_s + end_s);
             }
             same
@@ -184,8 +184,8 @@ impl<'a> SweepWriter<'a> {
         })
     }
 
-    /// A spectrum of the cell with what the correction leaves wrong in all its points; its errors
-    /// are the same for all sweeps of the run.
+    /// Adds the shared errors of the correction to a spectrum of the cell; these errors are the
+    /// same for all sweeps of the run.
     fn with_shared(&self, spectrum: Spectrum, phasors: &[ChannelPhasors]) -> Spectrum {
         if self.fixture != Fixture::Cell || self.file.is_none() {
             return spectrum;
@@ -193,7 +193,7 @@ impl<'a> SweepWriter<'a> {
         with_shared(spectrum, phasors, &self.correction, &self.jig)
     }
 
-    /// Makes the tables what the finished points say.
+    /// Rewrites the tables from the finished points.
     pub(super) fn restore(
         &self,
         recorder: &mut Recorder,
@@ -237,7 +237,7 @@ impl<'a> SweepWriter<'a> {
         analysis::spectrum::raw_impedance(&point.phasors, self.experiment.bench.wiring.shunt.r_ohm)
     }
 
-    /// The sweep in words of the index.
+    /// Returns the sweep's entry for the index.
     pub(super) fn entry(
         &self,
         executor: &Executor<'_>,
@@ -308,31 +308,31 @@ impl<'a> SweepWriter<'a> {
     }
 }
 
-/// Channels' phasors of the shunt from the check of the fixture.
+/// Returns the channel phasors of the shunt from the fixture check.
 pub(super) fn shunt_phasors(measured: &Measured) -> Vec<ChannelPhasors> {
     phasors_of(measured, Fixture::Shunt)
 }
 
-/// Channels' phasors of a control.
+/// Returns the channel phasors of a control.
 fn phasors_of(measured: &Measured, fixture: Fixture) -> Vec<ChannelPhasors> {
     let all = measured
         .sweeps
         .get(fixture_name(fixture))
         .into_iter()
         .flatten();
-    // As the correction was made without what the quality gate has refused.
+    // The correction was computed without refused points, too.
     all.filter(|point| point.failing.is_empty())
         .map(|point| point.phasors)
         .collect()
 }
 
-/// Channels' phasors of the fake cell before the first cell; empty without one.
+/// Returns the channel phasors of the fake cell before the first cell; empty without one.
 pub(super) fn jig_phasors(measured: &Measured) -> Vec<ChannelPhasors> {
     phasors_of(measured, Fixture::FakeCell)
 }
 
-/// A spectrum of a cell with what the correction leaves wrong in all its points; `jig` is what the
-/// channels showed of the fake cell.
+/// Adds the shared errors of the correction to a spectrum of a cell; `jig` contains the channel
+/// phasors of the fake cell.
 pub(super) fn with_shared(
     spectrum: Spectrum,
     phasors: &[ChannelPhasors],
@@ -344,7 +344,7 @@ pub(super) fn with_shared(
         .chars()
         .take(12)
         .collect();
-    // Chosen by the control in the jig, so that they are the same for every sweep of the run.
+    // Selected by the control in the jig, so that they are the same for every sweep of the run.
     correction.with_shared(
         spectrum,
         phasors,
@@ -352,7 +352,7 @@ pub(super) fn with_shared(
     )
 }
 
-/// Writes a spectrum with its shared errors beside its own file; nothing where it has none.
+/// Writes a spectrum with its shared errors beside its own file; does nothing if there are none.
 pub(super) fn write_shared(
     recorder: &Recorder,
     file: &str,
@@ -365,9 +365,9 @@ pub(super) fn write_shared(
     recorder.whole_spectrum(&run_folder::shared_spectrum(file), spectrum, flags)
 }
 
-/// Impedance between the lower tap and the ground of the channels. The resistance is the median
-/// over the points, the inductance that over the upper half of the frequencies, where it shows.
-/// `None` without any points.
+/// Returns the impedance between the lower tap and the ground of the channels. The resistance is
+/// the median over the points, the inductance that over the upper half of the frequencies, where
+/// it is visible. `None` without any points.
 pub(super) fn common_mode(
     phasors: &[ChannelPhasors],
     shunt_ohm: f64,
@@ -392,21 +392,21 @@ pub(super) fn common_mode(
     median(all.iter().map(|(_, z_ohm)| z_ohm.re)).map(|r_ohm| CommonModeImpedance { r_ohm, l_h })
 }
 
-/// The middle one.
+/// Returns the median.
 fn median(of: impl Iterator<Item = f64>) -> Option<f64> {
     let mut sorted: Vec<f64> = of.collect();
     sorted.sort_by(f64::total_cmp);
     sorted.get(sorted.len() / 2).copied()
 }
 
-/// Standard deviations of both parts of each point.
+/// Returns the standard deviations of both parts of each point.
 pub(super) fn own_sigma_ohm(own_noise: &Spectrum) -> Vec<[f64; 2]> {
     let sigma: Vec<[f64; 2]> = own_noise
         .points
         .iter()
         .map(|point| [point.covariance.re_re, point.covariance.im_im].map(|v| v.max(0.0).sqrt()))
         .collect();
-    // JSON has no word for what is not a number.
+    // JSON cannot represent a value that is not a number.
     if sigma.iter().flatten().all(|sigma| sigma.is_finite()) {
         sigma
     } else {
@@ -414,7 +414,8 @@ pub(super) fn own_sigma_ohm(own_noise: &Spectrum) -> Vec<[f64; 2]> {
     }
 }
 
-/// Refusals of the quality gate for each point, in words of the tables; empty for the others.
+/// Returns for each point why the quality gate refused it, as text of the tables; empty for the
+/// others.
 pub(super) fn flag_texts(points: &[SweepPoint]) -> Vec<String> {
     points
         .iter()
@@ -429,8 +430,8 @@ pub(super) fn flag_texts(points: &[SweepPoint]) -> Vec<String> {
         .collect()
 }
 
-/// Points that the quality gate refused to the end. Each is told, and returned in words of the
-/// index.
+/// Returns the points that the quality gate refused to the end, with texts for the index, and
+/// reports each.
 pub(super) fn flags(points: &[SweepPoint], tell: &mut dyn FnMut(f64, &str)) -> Vec<FlaggedPoint> {
     let mut flagged = Vec::new();
     for point in points.iter().filter(|point| !point.failing.is_empty()) {

@@ -1,4 +1,4 @@
-//! Spans of a run and of its stages: for whoever traces runs. They change nothing of a run.
+//! Tracing spans of a run and of its stages. They do not affect a run.
 
 use std::path::Path;
 
@@ -12,7 +12,8 @@ use crate::{
     support::telemetry::context,
 };
 
-/// The span of a run. It belongs to the trace of whoever started this process, where that has one.
+/// Returns the span of a run. It belongs to the trace of the process that started this one, if
+/// any.
 pub(super) fn run(experiment: &Experiment, folder: &Path, resumed: bool) -> Span {
     let name = folder.file_name().unwrap_or_default().to_string_lossy();
     let span = info_span!(
@@ -25,13 +26,13 @@ pub(super) fn run(experiment: &Experiment, folder: &Path, resumed: bool) -> Span
         eis_bench.resumed = resumed,
     );
     if let Some(parent) = context::of_environment() {
-        // Where nobody traces there is no span that could have a parent.
+        // Without tracing there is no span that could have a parent.
         let _ = span.set_parent(parent);
     }
     span
 }
 
-/// Notes how a run ended.
+/// Records how a run ended.
 pub(super) fn ended(span: &Span, failure: Option<&Failure>) {
     if let Some(failure) = failure {
         span.set_attribute("error.type", i64::from(failure.exit_code()).to_string());
@@ -39,7 +40,7 @@ pub(super) fn ended(span: &Span, failure: Option<&Failure>) {
     }
 }
 
-/// The span of a stage.
+/// Returns the span of a stage.
 pub(super) fn stage(number: usize, stage: &Stage, clock: &Clock) -> Timed {
     let span = info_span!(
         "stage",

@@ -10,9 +10,9 @@ use analysis::{
 pub struct MultisineRun {
     /// The corrected spectrum.
     pub spectrum: Spectrum,
-    /// The same with the noise of its own records only.
+    /// The corrected spectrum with the noise of its own records only.
     pub own_noise: Spectrum,
-    /// Degrees of freedom of that noise: it is found from the bins between the harmonics.
+    /// Degrees of freedom of that noise, which is determined from the bins between the harmonics.
     pub noise_dof: f64,
     /// Lines that the quality gate refused to the end.
     pub flagged: Vec<FlaggedPoint>,
@@ -21,6 +21,6 @@ pub struct MultisineRun {
     /// V/div of channels 1…4 at each line.
     #[serde(default)]
     pub volts_per_div: Vec<[f64; 4]>,
-    /// Bench time that it took with all that belongs to it, s.
+    /// Bench time that it took, including everything that belongs to it, s.
     pub took_s: f64,
 }

@@ -1,4 +1,4 @@
-//! A run that is being played.
+//! A run in progress.
 
 use analysis::calibration::Correction;
 use instruments::clock::Clock;
@@ -14,10 +14,10 @@ pub(crate) struct Run<'a> {
     pub(crate) clock: Clock,
     pub(crate) operator: Operator,
     pub(crate) recorder: Recorder,
-    /// The simulated world, and the correction where that of a run before is to be kept.
+    /// The simulated world, and the correction if that of an earlier run is to be kept.
     pub(crate) before: (Option<Simulation>, Option<Correction>),
-    /// A run before has used this simulated world.
+    /// Whether an earlier run has used this simulated world.
     pub(crate) inherited_world: bool,
-    /// Finished part of this run, where its process died or was stopped before.
+    /// Finished part of this run, if its process died or was stopped before.
     pub(crate) context: Option<ResumeContext>,
 }

@@ -1,4 +1,4 @@
-//! Compares the instruments that answer with those that the run has begun with.
+//! Compares the instruments that answer with those at the start of the run.
 
 use instruments::clock::TimeMode;
 
@@ -10,7 +10,7 @@ use crate::{
     support::{present::quoted, terminal::remark},
 };
 
-/// The instruments that are other ones than before, in words.
+/// Returns the instruments that differ from before, as text.
 fn exchanged(before: &[InstrumentIdentity], now: &[Identified]) -> Vec<String> {
     let changes = before.iter().filter_map(|known| {
         let met = now.iter().find(|one| one.role == known.role)?;
@@ -25,14 +25,14 @@ fn exchanged(before: &[InstrumentIdentity], now: &[Identified]) -> Vec<String> {
 }
 
 impl Run<'_> {
-    /// Writes the identities of all instruments into the journal when the run begins. Refuses to go
-    /// on with another instrument than before unless a person has accepted that: gains, offsets and
-    /// corrections of the finished part belong to the old one.
+    /// Writes the identities of all instruments into the journal when the run begins. A resumed
+    /// run with other instruments is refused unless a person has accepted them: gains, offsets and
+    /// corrections of the finished part belong to the old ones.
     ///
     /// # Errors
-    /// [`Failure::Usage`] that names roles, old and new identities.
+    /// [`Failure::Usage`] with roles, old and new identities.
     pub(super) fn check_instruments(&mut self, identities: &[Identified]) -> Result<(), Failure> {
-        // A world in virtual time is played again with its own instruments, bit by bit.
+        // A world in virtual time is repeated with its own instruments, bit by bit.
         if self.clock.mode() == TimeMode::Virtual {
             return Ok(());
         }

@@ -1,4 +1,4 @@
-//! Run as its folder holds it.
+//! A run as its folder contains it.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ use crate::{
     plan::Plan,
 };
 
-/// Run as its folder holds it.
+/// A run as its folder contains it.
 pub(crate) struct Recorded {
     pub(super) folder: PathBuf,
     pub(super) experiment: Experiment,
@@ -19,7 +19,7 @@ pub(crate) struct Recorded {
     pub(super) stopped: Option<String>,
 }
 
-/// An error with what lies below it.
+/// Converts an error and its causes to text.
 pub(super) fn figures(error: &dyn std::error::Error) -> String {
     error
         .source()

@@ -1,10 +1,10 @@
 //! Recomputes multisines and traces from their captures, into the folder with all other results.
 //!
-//! The run supplies what no capture holds: which line the gate refused, how long a multisine took,
-//! when each level was commanded, the voltmeter's voltage at rest, and the temperatures beside a
-//! trace. A trace through load and supply has no capture: its rows are the readings of their
-//! meters. A trace through the bipolar supply may come from a version that did not write down its
-//! commands. It has captures, but nothing says where its steps lie in them.
+//! The run supplies what no capture contains: which line the gate refused, how long a multisine
+//! took, when each level was commanded, the voltmeter's voltage at rest, and the temperatures
+//! beside a trace. A trace through load and supply has no capture: its rows are the readings of
+//! their meters. A trace through the bipolar supply may come from a version that did not record
+//! its commands. It has captures, but the positions of its steps in them are unknown.
 
 use std::fs;
 
@@ -31,17 +31,17 @@ pub(crate) struct OtherResults {
     pub(crate) lines: usize,
     /// Rows of traces.
     pub(crate) rows: usize,
-    /// Points that the quality gate has refused.
+    /// Number of points that the quality gate has refused.
     pub(crate) refused: usize,
-    /// Files of traces that have no capture.
+    /// Files of traces without a capture.
     pub(crate) as_read: Vec<String>,
-    /// Files of traces that have captures, of a version that did not write down what was commanded.
+    /// Files of traces with captures, from a version that did not record the commands.
     pub(crate) uncommanded: Vec<String>,
 }
 
 impl Recorded {
-    /// A multisine from its captures, of every line the record that the run kept, or where none
-    /// gives it the latest; and what the run made of it.
+    /// Recomputes a multisine from its captures. Uses the record of every line that the run kept,
+    /// or the latest if none matches. Also returns the run's own result.
     pub(super) fn multisine(
         &self,
         stage: &Stage,
@@ -86,8 +86,8 @@ impl Recorded {
         Ok((found, kept))
     }
 
-    /// The lines of all records of a band, the latest first. One that cannot be analysed was not
-    /// kept, unless it is the only one.
+    /// Returns the lines of all records of a band, the latest first. A record that cannot be
+    /// analysed was not kept, unless it is the only one.
     fn attempts(&self, band: &Band, repeat: usize) -> Result<Vec<Vec<MeasuredLine>>, Failure> {
         let (mut attempts, mut wrong) = (Vec::new(), None);
         for attempt in 0_usize.. {
@@ -131,7 +131,8 @@ impl Recorded {
             .map_or(Ok(attempts), Err)
     }
 
-    /// A trace from its frames, into the new folder: its rows, and what the index says of them.
+    /// Recomputes a trace from its frames into the new folder: its rows, and its entry in the
+    /// index.
     pub(super) fn trace(
         &self,
         recorder: &mut Recorder,
@@ -185,12 +186,12 @@ impl Recorded {
             steps_s: found.steps_s,
             ..entry
         };
-        // A link to what the run wrote must not be written through.
+        // Do not write through a link to the file of the run.
         let _ = fs::remove_file(recorder.path(&entry.file));
         Ok(recorder.trace_again(entry, &found.rows)?)
     }
 
-    /// All frames of a trace; also the bench time of test time 0, s.
+    /// Returns all frames of a trace, and the bench time of test time 0, s.
     fn frames(
         &self,
         frames: &Frames<'_>,

@@ -1,4 +1,4 @@
-//! The sweeps of a run at one amplitude, and what several amplitudes tell.
+//! The sweeps of a run at one amplitude, and a comparison of several amplitudes.
 
 use analysis::{
     spectrum::Spectrum,
@@ -7,16 +7,16 @@ use analysis::{
 
 use super::super::Measured;
 
-/// Amplitudes that differ by less than this share are one.
+/// Relative difference below which amplitudes count as equal.
 const SAME_AMPLITUDE: f64 = 0.1;
 
-/// All sweeps of the cell, in their order.
+/// Returns all sweeps of the cell, in their order.
 pub(crate) fn every_sweep(measured: &Measured) -> impl Iterator<Item = &Spectrum> {
     std::iter::once(&measured.spectrum).chain(&measured.repeats)
 }
 
-/// The places of the sweeps of the cell at the amplitude of the first: at another one the cell may
-/// be another.
+/// Returns the indices of the sweeps of the cell at the amplitude of the first: at another
+/// amplitude the cell may behave differently.
 pub(super) fn alike(measured: &Measured) -> Vec<usize> {
     let amplitude_a = |spectrum: &Spectrum| {
         spectrum
@@ -35,7 +35,7 @@ pub(super) fn alike(measured: &Measured) -> Vec<usize> {
         .collect()
 }
 
-/// The sweeps at these places.
+/// Returns the sweeps at these indices.
 pub(super) fn alike_sweeps(measured: &Measured) -> Vec<&Spectrum> {
     let chosen = alike(measured);
     every_sweep(measured)
@@ -45,8 +45,8 @@ pub(super) fn alike_sweeps(measured: &Measured) -> Vec<&Spectrum> {
         .collect()
 }
 
-/// Sweeps at several amplitudes compared, in words; none where there is one amplitude. Each is
-/// judged by the noise of its own records.
+/// Compares sweeps at several amplitudes, as text; returns `None` if there is one amplitude. Each
+/// is judged by the noise of its own records.
 pub(super) fn linearity_in_words(measured: &Measured) -> Option<(bool, String)> {
     let noises: Vec<Noise> = measured
         .own_noise

@@ -22,7 +22,7 @@ use crate::{
 
 use super::validity::Judged;
 
-/// Frequencies in the table of the report, at most.
+/// Greatest number of frequencies in the table of the report.
 const ROWS: usize = 20;
 
 /// Mean and spread at one frequency.
@@ -30,20 +30,20 @@ const ROWS: usize = 20;
 pub(super) struct Spread {
     /// Frequency, Hz.
     freq_hz: f64,
-    /// Spectra that have it.
+    /// Number of spectra with this frequency.
     spectra: usize,
     /// Mean of the cells' means, Ω.
     mean_re_ohm: f64,
     mean_im_ohm: f64,
-    /// Standard deviation of the cells' means, real and imaginary part, Ω; none for a single cell.
-    /// It contains the scatter of the repeats, divided by their number.
+    /// Standard deviation of the cells' means, real and imaginary part, Ω; `None` for a single
+    /// cell. It includes the scatter of the repeats, divided by their number.
     cells_re_ohm: Option<f64>,
     cells_im_ohm: Option<f64>,
-    /// Standard deviation of the repeats of one cell around its mean, over all cells, Ω; none
+    /// Standard deviation of the repeats of one cell around its mean, over all cells, Ω; `None`
     /// without repeats.
     repeats_re_ohm: Option<f64>,
     repeats_im_ohm: Option<f64>,
-    /// The same of the magnitude, as a share of its mean.
+    /// Standard deviations of the magnitude, relative to its mean.
     cells_magnitude_rel: Option<f64>,
     repeats_magnitude_rel: Option<f64>,
     /// Uncertainty that a single spectrum states, rms over all, Ω.
@@ -62,9 +62,9 @@ struct RunRow {
     temperature_c: Option<f64>,
     /// Kramers–Kronig, Z-HIT, harmonics and drift.
     validity: String,
-    /// The state of charge is not the one that was asked for.
+    /// Whether the state of charge differs from the requested one.
     soc_missed: bool,
-    /// Warnings about it.
+    /// Warnings about the run.
     notes: Vec<String>,
 }
 
@@ -194,7 +194,7 @@ fn runs(recorder: &Recorder, campaign: &Campaign, judged: &[Judged]) -> Vec<RunR
     campaign.runs().filter_map(row).collect()
 }
 
-/// Mean and spread at each frequency of the first spectrum.
+/// Returns mean and spread at each frequency of the first spectrum.
 fn spread(cells: &[(usize, &Spectrum)]) -> Vec<Spread> {
     let Some((_, first)) = cells.first() else {
         return Vec::new();

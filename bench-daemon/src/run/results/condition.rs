@@ -10,11 +10,11 @@ use crate::{
     safety::failure::Failure,
 };
 
-/// Rows of the provenance: the date, the voltages at rest and the temperatures of the cell before
-/// its records.
+/// Returns rows of the provenance: the date, the voltages at rest and the temperatures of the cell
+/// before its records.
 ///
 /// # Errors
-/// A journal that cannot be read.
+/// Fails if the journal cannot be read.
 pub(super) fn rows(
     recorder: &Recorder,
     experiment: &Experiment,
@@ -58,7 +58,7 @@ pub(super) fn rows(
     Ok(rows)
 }
 
-/// The least and the greatest in words; none where there is none.
+/// Formats the least and the greatest value; returns `None` without values.
 fn range(values: impl Iterator<Item = f64>, digits: usize, unit: &str) -> Option<String> {
     let (least, most) = values.fold(
         (f64::INFINITY, f64::NEG_INFINITY),
@@ -77,7 +77,7 @@ fn range(values: impl Iterator<Item = f64>, digits: usize, unit: &str) -> Option
     })
 }
 
-/// The day of a time since 1970, as ISO 8601 writes it.
+/// Returns the date of a time since 1970 in ISO 8601 format.
 fn date(unix_s: f64) -> String {
     jiff::Timestamp::from_second(unix_s.floor() as i64).map_or_else(
         |_| "unknown".to_owned(),

@@ -1,4 +1,4 @@
-//! Pictures and tables of the measurements besides sweeps: multisines and traces.
+//! Pictures and tables of measurements other than sweeps: multisines and traces.
 
 use analysis::{
     dataset::{self, TraceEntry, TraceRow},
@@ -27,7 +27,7 @@ pub(super) struct Shown {
 /// Draws every multisine and every trace into `plots`.
 ///
 /// # Errors
-/// A trace that cannot be read, a picture that cannot be drawn.
+/// Fails if a trace cannot be read or a picture cannot be drawn.
 pub(super) fn write(recorder: &Recorder, measured: &Measured) -> Result<Shown, Failure> {
     let mut shown = Shown::default();
     for (number, run) in (1..)
@@ -72,10 +72,10 @@ pub(super) fn write(recorder: &Recorder, measured: &Measured) -> Result<Shown, F
     Ok(shown)
 }
 
-/// A chart as a file of `plots` and as a figure of the report.
+/// Draws a chart as a file of `plots` and as a figure of the report.
 ///
 /// # Errors
-/// A chart that cannot be drawn, a file that cannot be written.
+/// Fails if a chart cannot be drawn or a file cannot be written.
 pub(super) fn draw(
     recorder: &Recorder,
     file: &str,
@@ -120,7 +120,7 @@ fn multisine_chart(title: &str, run: &MultisineRun) -> Chart {
     )
     .with_spread(spread(|point| point.phase_sigma_rad().to_degrees()));
     let share = |label: &str, colour, value: fn(&Line) -> f64| {
-        // What is nothing at all has no place on a logarithmic axis.
+        // Zero cannot be shown on a logarithmic axis.
         let points = run
             .lines
             .iter()

@@ -24,15 +24,15 @@ use crate::{
 
 use super::multisine_and_trace::{Shown, draw};
 
-/// After a change of the current the voltage is not that of a steady load for so long, s: six time
-/// constants of the slowest branch of the thesis' cell.
+/// Time after a change of the current in which the voltage differs from that of a steady load, s:
+/// six time constants of the slowest branch of the thesis' cell.
 const SETTLE_S: f64 = 30.0;
 
-/// A given resistance contradicts what the interruptions show when it is off by more than so many
-/// of their standard deviations.
+/// Number of standard deviations of the interruptions' resistances above which they contradict a
+/// given resistance.
 const CONTRADICTS: f64 = 3.0;
 
-/// Everything that is known of the curve, `ocv_found.json`.
+/// All results about the curve, `ocv_found.json`.
 #[derive(Debug, Serialize)]
 struct OcvFindings<'a> {
     extraction: &'a OcvExtraction,
@@ -40,12 +40,11 @@ struct OcvFindings<'a> {
     /// Half the range of the resistances of the interruptions, Ω.
     dcir_spread_ohm: Option<f64>,
     reach: Reach,
-    /// The curve never falls.
+    /// Whether the curve never falls.
     monotone: bool,
 }
 
-/// Evaluates the legs, where there are any; returns what the summary says of them, and adds to the
-/// report.
+/// Evaluates the legs, if there are any; returns text for the summary, and adds to the report.
 pub(super) fn write(
     recorder: &mut Recorder,
     experiment: &Experiment,
@@ -71,7 +70,7 @@ pub(super) fn write(
     found.polynomial = ocv
         .polynomial
         .and_then(|order| OcvPolynomial::through(&found.curve, order));
-    // What lies between the ends under load and the limits at rest was carried on.
+    // The range between the ends under load and the limits at rest was extrapolated.
     found
         .warnings
         .retain(|warning| !(warning.starts_with("the discharge ended") && reach.below > 0.0));
@@ -112,7 +111,7 @@ pub(super) fn write(
     Ok(describe(&known, down.resistance_ohm()))
 }
 
-/// Reads the legs of one direction; discharge counts positive from here on.
+/// Reads the legs of one direction; from here on, discharge counts positive.
 fn read(recorder: &Recorder, log: Log) -> Result<Interrupted, Failure> {
     let rows = dataset::read_legs_csv(&recorder.path(log.file())).map_err(RecordError::from)?;
     let of = |value: fn(&LegRow) -> f64| rows.iter().map(value).collect::<Vec<f64>>();
@@ -191,7 +190,7 @@ fn tables(found: &OcvExtraction, interruptions: &[Interruption]) -> [Table; 2] {
     ]
 }
 
-/// Remark on a given resistance, Ω, where the interruptions show another one.
+/// Returns a remark on a given resistance, Ω, if the interruptions show another one.
 fn contradicted(given_ohm: f64, down: &Interrupted) -> Option<String> {
     let (measured_ohm, _) = down.resistance_ohm()?;
     let most_a = down
@@ -208,8 +207,8 @@ fn contradicted(given_ohm: f64, down: &Interrupted) -> Option<String> {
         large.iter().map(|pause| of(pause).powi(2)).sum::<f64>() / count as f64
     };
     let own = mean_square(&|pause| pause.sigma_ohm, large.len());
-    // What the resistance changes with the charge is no error of it, but a part of what one number
-    // for all charges leaves open.
+    // A change of the resistance with the charge is not an error of its value, but part of what a
+    // single number for all charges cannot describe.
     let scatter = if large.len() > 1 {
         mean_square(
             &|pause| pause.resistance_ohm - measured_ohm,
@@ -308,7 +307,7 @@ mod tests {
             steady: steady.clone(),
             interruptions: pauses.iter().copied().map(pause).collect(),
         };
-        // The small current of the tail says nothing of the large one.
+        // The small current of the tail carries no information about the large one.
         let three = down(&[(0.025, 1.0), (0.026, 1.0), (0.027, 1.0), (0.060, 0.2)]);
         for (given_ohm, told) in [
             (0.026, false),

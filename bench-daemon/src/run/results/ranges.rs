@@ -1,5 +1,5 @@
 //! Compares the vertical ranges of the channels with those of the controls. A gain belongs to a
-//! range: a correction that was measured on one does not hold on another.
+//! range: a correction that was measured on one range does not apply to another.
 
 use std::collections::BTreeMap;
 
@@ -12,11 +12,11 @@ use crate::{
     safety::failure::Failure,
 };
 
-/// Ranges that differ by less than this share are one.
+/// Relative difference below which ranges count as equal.
 const SAME_RANGE: f64 = 1.0e-3;
 
-/// Something that was measured: its name, and frequency, Hz, where it has one, and V/div of
-/// channels 1…4 of each record.
+/// A measurement: its name, its frequency, Hz, if it has one, and V/div of channels 1…4 of each
+/// record.
 type Ranged = (String, Vec<Scales>);
 
 /// Frequency, Hz, and V/div.
@@ -25,7 +25,7 @@ type Scales = (Option<f64>, [f64; 4]);
 /// Notes every sweep, multisine and trace of the cell on other ranges than those of a control.
 ///
 /// # Errors
-/// A capture that cannot be read.
+/// Fails if a capture cannot be read.
 pub(super) fn warn(recorder: &mut Recorder, measured: &Measured) -> Result<(), Failure> {
     let of = |points: &[SweepPoint]| {
         points
@@ -76,7 +76,7 @@ pub(super) fn warn(recorder: &mut Recorder, measured: &Measured) -> Result<(), F
             &run_folder::trace_name(&trace.name, trace.repeat),
             run_folder::ZERO_FRAME,
         ));
-        // Meters recorded it: no channel, and nothing to correct.
+        // Meters recorded the trace: there are no channels to correct.
         if !zero.exists() {
             continue;
         }
@@ -94,8 +94,8 @@ pub(super) fn warn(recorder: &mut Recorder, measured: &Measured) -> Result<(), F
     Ok(())
 }
 
-/// Remarks on all measurements on other ranges than those of the controls. Each names its channels
-/// in one note; equal notes are given once.
+/// Returns remarks on all measurements on other ranges than those of the controls. Each remark
+/// names its channels in one note; equal notes are returned once.
 fn differing(all: &[Ranged], controls: &[(&str, Vec<Scales>)]) -> Vec<String> {
     let mut texts: BTreeMap<String, Vec<&str>> = BTreeMap::new();
     for (name, records) in all {
@@ -117,7 +117,8 @@ fn differing(all: &[Ranged], controls: &[(&str, Vec<Scales>)]) -> Vec<String> {
         .collect()
 }
 
-/// A channel that measured on another range than a control: its range, and those of the controls.
+/// Describes a channel that measured on another range than a control: its range, and those of the
+/// controls.
 fn channel(slot: usize, records: &[Scales], controls: &[(&str, Vec<Scales>)]) -> Option<String> {
     let mut ranges: BTreeMap<String, Vec<String>> = BTreeMap::new();
     for (control, reference) in controls {
@@ -144,8 +145,8 @@ fn channel(slot: usize, records: &[Scales], controls: &[(&str, Vec<Scales>)]) ->
     (!parts.is_empty()).then(|| format!("channel {} at {}", slot + 1, parts.join(" and ")))
 }
 
-/// The record has another range than the control had nearest to its frequency, or than any that the
-/// control had.
+/// Checks whether the record has another range than the control's record nearest in frequency, or,
+/// if it has no frequency, than every record of the control.
 fn other(slot: usize, (freq_hz, volts): &Scales, reference: &[Scales]) -> bool {
     let same = |reference: f64| (volts[slot] / reference - 1.0).abs() <= SAME_RANGE;
     !match freq_hz {
@@ -154,12 +155,12 @@ fn other(slot: usize, (freq_hz, volts): &Scales, reference: &[Scales]) -> bool {
     }
 }
 
-/// Four digits: as many as tell ranges apart that are not one.
+/// Formats four digits, which are enough to distinguish different ranges.
 fn short(value: f64) -> String {
     format_significant(value, 4)
 }
 
-/// The record of a control that is nearest in frequency.
+/// Returns the record of a control that is nearest in frequency.
 fn nearest(reference: &[Scales], freq_hz: f64) -> Option<&[f64; 4]> {
     let away = |at: &Option<f64>| at.map_or(f64::INFINITY, |at| (at / freq_hz).ln().abs());
     reference
@@ -186,8 +187,8 @@ mod tests {
                 vec![(Some(1.0), reference[0].1), (Some(10.0), other)],
             ),
             ("B_1".to_owned(), vec![(Some(10.0), other)]),
-            // Each range that the control had serves a trace; a line between its points is held
-            // against the nearest.
+            // A trace may use any range of the control; a line between two points is compared with
+            // the nearest.
             ("trace t".to_owned(), vec![(None, reference[1].1)]),
             ("trace u".to_owned(), vec![(None, [0.1, 0.1, 0.4, 0.2])]),
             (
@@ -208,7 +209,8 @@ mod tests {
             assumes equal gain",
         ];
         assert_eq!(differing(&all, &controls[..1]), texts);
-        // Several channels and controls make one note, without the dust of a single float.
+        // Several channels and controls give one note, without the rounding errors of single
+        // precision.
         let dusty: Vec<Ranged> = vec![(
             "trace v".to_owned(),
             vec![(

@@ -1,4 +1,4 @@
-//! Linearity and drift of the cell by its records, point by point.
+//! Linearity and drift of the cell from its records, point by point.
 
 use analysis::{
     report::Table,
@@ -9,14 +9,14 @@ use num_complex::Complex64;
 
 use crate::{measure::SweepPoint, support::present::significant};
 
-/// A bend below so many standard deviations is noise.
+/// Number of standard deviations below which a bend counts as noise.
 const SIGNIFICANT: f64 = 4.0;
 
-/// The records of a sweep for a verdict on it.
+/// Returns the records of a sweep for a verdict on it.
 ///
-/// A harmonic of the current passes through a linear cell; what counts is the rest, Vₖ − Z(kω)·Iₖ,
-/// with Z as the same sweep reads it, straight between its points over ln ω and constant beyond the
-/// last.
+/// A harmonic of the current passes through a linear cell. The nonlinear part is the rest, Vₖ −
+/// Z(kω)·Iₖ, with Z from the same sweep, interpolated linearly between its points over ln ω and
+/// constant beyond the last.
 pub(super) fn records(points: &[SweepPoint], shunt_ohm: f64) -> Vec<Record> {
     let mut sweep: Vec<ImpedancePoint> = points
         .iter()
@@ -47,7 +47,7 @@ fn record(point: &SweepPoint, sweep: &[ImpedancePoint], shunt_ohm: f64) -> Recor
                 sigma: (0.5 * (noise.re_re + noise.im_im)).sqrt() / amplitude_v,
             }
         });
-    // What relaxations have taken out is in Z no more.
+    // The part that relaxations have removed is no longer in Z.
     let bend = point
         .harmonics_and_drift
         .bend
@@ -64,7 +64,7 @@ fn record(point: &SweepPoint, sweep: &[ImpedancePoint], shunt_ohm: f64) -> Recor
     }
 }
 
-/// Impedance of a sweep by rising frequency at any frequency.
+/// Interpolates the impedance of a sweep, sorted by rising frequency, at any frequency.
 fn between(sweep: &[ImpedancePoint], freq_hz: f64) -> Complex64 {
     let after = sweep.partition_point(|point| point.freq_hz < freq_hz);
     match (
@@ -80,7 +80,7 @@ fn between(sweep: &[ImpedancePoint], freq_hz: f64) -> Complex64 {
     }
 }
 
-/// The records as a table of the report; `of` names their sweep where there are several.
+/// Returns the records as a table of the report; `of` names their sweep if there are several.
 pub(super) fn table(records: &[Record], of: &str) -> Table {
     let strings = |strings: &[&str]| {
         strings
@@ -146,7 +146,7 @@ mod tests {
 
     const SHUNT_OHM: f64 = 0.01;
 
-    /// Channels of a current of so many amperes through the shunt and a voltage across the jig,
+    /// Returns channels for a current in amperes through the shunt and a voltage across the jig,
     /// with 1 µV of noise each.
     fn phasors(freq_hz: f64, current_a: f64, volts: Complex64) -> ChannelPhasors {
         let top = Complex64::from(0.2);

@@ -1,4 +1,4 @@
-//! Plots and the page of a run.
+//! Plots and the report page of a run.
 
 use analysis::{
     budget::Budget,
@@ -33,16 +33,16 @@ use crate::{
     support::present::{branches_table, fit_warnings, models_table, quoted, significant},
 };
 
-/// A reduced χ² above this says that the model leaves something out.
+/// Reduced χ² above which the model is incomplete.
 const GOOD_CHI2: f64 = 2.0;
 
 /// Findings from the sweeps of the cell.
 pub(super) struct SweepFindings<'a> {
-    /// Models of all sweeps alike.
+    /// Models of all sweeps together.
     pub(super) fits: &'a [ErmFit],
     /// The uncertainty of the first sweep.
     pub(super) budget: &'a Budget,
-    /// Judgement of each sweep.
+    /// Verdict on each sweep.
     pub(super) judged: &'a [Judged],
     /// Additions of a campaign.
     pub(super) told: Option<CampaignResults>,
@@ -50,7 +50,7 @@ pub(super) struct SweepFindings<'a> {
     pub(super) shown: Shown,
 }
 
-/// The page of a run that swept the cell.
+/// Writes the page of a run with sweeps of the cell.
 pub(super) fn write(
     recorder: &Recorder,
     experiment: &Experiment,
@@ -121,7 +121,8 @@ pub(super) fn write(
     )
 }
 
-/// The corrected spectra with the models that were fitted to all of them, to look into.
+/// Returns the corrected spectra with the models that were fitted to all of them, for interactive
+/// inspection.
 fn looked_into(measured: &Measured, fits: &[ErmFit]) -> Scripted {
     let named = measured
         .names()
@@ -177,7 +178,7 @@ struct Page {
     tables: Vec<Table>,
 }
 
-/// The page of a run that swept nothing, or controls only.
+/// Writes the page of a run without sweeps, or with controls only.
 pub(super) fn without_sweeps(
     recorder: &Recorder,
     experiment: &Experiment,
@@ -245,7 +246,7 @@ struct NyquistPlot {
     plot: ImpedancePlot,
 }
 
-/// A Nyquist plot as files and as a figure.
+/// Draws a Nyquist plot as files and as a figure.
 fn nyquist(recorder: &Recorder, shown: NyquistPlot) -> Result<Figure, Failure> {
     files::write_picture(&recorder.path(PLOTS), &shown.name, |path| {
         plot::nyquist(&shown.plot, path)
@@ -261,7 +262,7 @@ fn drawn(error: PlotError) -> Failure {
     Failure::Analysis(error.to_string())
 }
 
-/// The models against all that they were fitted to.
+/// Draws the models against all the data that they were fitted to.
 fn models_figures(
     recorder: &Recorder,
     experiment: &Experiment,
@@ -293,7 +294,7 @@ fn models_figures(
     Ok(figures)
 }
 
-/// The cell, and how many there are of it.
+/// Returns the name of the cell, or the number of cells.
 fn whose(experiment: &Experiment) -> String {
     let cells = experiment
         .campaign
@@ -306,7 +307,7 @@ fn whose(experiment: &Experiment) -> String {
     }
 }
 
-/// Nyquist plots of the cell, its models and the controls.
+/// Draws Nyquist plots of the cell, its models and the controls.
 fn plots(
     experiment: &Experiment,
     measured: &Measured,
@@ -422,12 +423,12 @@ fn amplitude_a(experiment: &Experiment) -> f64 {
     experiment.eis.as_ref().map_or(0.0, |eis| eis.amplitude_a)
 }
 
-/// Controls, linearity, multisines.
+/// Returns the verdicts on controls, linearity and multisines.
 fn verdicts(recorder: &Recorder, measured: &Measured) -> Vec<Verdict> {
     let level = |passed: bool| if passed { Level::Good } else { Level::Bad };
     let mut verdicts = Vec::new();
     for control in &measured.controls {
-        // What the correction is computed from need not be right, only near enough.
+        // The reference of the correction need not be correct, only close enough.
         let (raw, what) = match (&control.corrected, control.raw.passed) {
             (Some(_), true) => (Level::Note, "as read, before the correction"),
             (_, passed) => (level(passed), "as read"),
@@ -475,7 +476,7 @@ fn verdicts(recorder: &Recorder, measured: &Measured) -> Vec<Verdict> {
     verdicts
 }
 
-/// Warnings of the run and of the fits.
+/// Returns the warnings of the run and of the fits.
 fn noted(recorder: &Recorder, fits: &[ErmFit]) -> Vec<Verdict> {
     let odd = recorder.warnings().into_iter().map(|text| Verdict {
         level: Level::Note,
@@ -484,7 +485,7 @@ fn noted(recorder: &Recorder, fits: &[ErmFit]) -> Vec<Verdict> {
     odd.chain(fit_warnings(fits)).collect()
 }
 
-/// Whether a model describes what it was fitted to; of several spectra, what it leaves.
+/// Returns whether a model describes its data; for several spectra, the remaining residual.
 fn described(experiment: &Experiment, measured: &Measured, fits: &[ErmFit]) -> Option<Verdict> {
     let known = fits.iter().filter_map(|fit| Some((fit.reduced_chi2?, fit)));
     let (chi2, fit) = known.min_by(|a, b| a.0.total_cmp(&b.0))?;
@@ -524,8 +525,8 @@ fn described(experiment: &Experiment, measured: &Measured, fits: &[ErmFit]) -> O
     })
 }
 
-/// Residual of a fit to several spectra, in words: the spread of the spectra around their mean, and
-/// the error of the model for the mean; rms, Ω.
+/// Describes the residual of a fit to several spectra: the spread of the spectra around their
+/// mean, and the error of the model for the mean; rms, Ω.
 fn residual_text(rms_ohm: f64, scatter_ohm: f64, among: &str) -> String {
     let micro = |ohms: f64| significant(1.0e6 * ohms, 3);
     let missed_ohm = (rms_ohm.powi(2) - scatter_ohm.powi(2)).max(0.0).sqrt();
@@ -543,7 +544,7 @@ fn residual_text(rms_ohm: f64, scatter_ohm: f64, among: &str) -> String {
     }
 }
 
-/// How far spectra are from their mean, root mean square over all points, Ω.
+/// Returns the distance of spectra from their mean, root mean square over all points, Ω.
 fn scatter_ohm(pool: &[&Spectrum]) -> f64 {
     let (mut squares, mut count) = (0.0, 0_u32);
     for point in pool.iter().flat_map(|spectrum| &spectrum.points) {
@@ -587,7 +588,7 @@ fn model_tables(experiment: &Experiment, fits: &[ErmFit]) -> [Table; 3] {
     [models_table(fits), branches_table(fits), pack]
 }
 
-/// `of` names the spectrum where there are several.
+/// Returns a table of the spectrum; `of` names it if there are several.
 fn spectrum_table(measured: &Measured, of: &str) -> Table {
     let point = |point: &ImpedancePoint| {
         vec![

@@ -1,5 +1,5 @@
 //! Removes the charge storage of the cell before models are fitted: the slope of its open-circuit
-//! voltage where it rested before each sweep.
+//! voltage at the voltage at rest before each sweep.
 
 use analysis::{
     fit::ErmFit,
@@ -9,8 +9,8 @@ use analysis::{
 
 use crate::{config::Experiment, record::Recorder};
 
-/// The spectra without the share of the open-circuit voltage; as they are, with a note, where none
-/// is known.
+/// Returns the spectra without the share of the open-circuit voltage. If it is unknown, returns
+/// them unchanged with a note.
 pub(super) fn less_charge_storage(
     recorder: &mut Recorder,
     experiment: &Experiment,
@@ -57,7 +57,7 @@ pub(super) fn less_charge_storage(
     left
 }
 
-/// The apparent DC resistance in words; empty where charge storage was not taken out.
+/// Describes the apparent DC resistance; empty if charge storage was not removed.
 pub(super) fn apparent(fit: &ErmFit) -> String {
     fit.charge_storage.map_or_else(String::new, |storage| {
         format!(

@@ -1,5 +1,5 @@
-//! Judges the validity of the spectra of a run. Each is tested by itself, so that an invalid one
-//! cannot hide behind the first.
+//! Judges the validity of the spectra of a run. Each is tested separately, so that the first one
+//! cannot hide an invalid one.
 
 use analysis::{
     report::{Figure, Level, Table, Verdict},
@@ -14,19 +14,19 @@ use crate::{
     safety::failure::Failure,
 };
 
-/// Most spectra that are named one by one.
+/// Greatest number of spectra that are named individually.
 const NAMED: usize = 4;
 
-/// A spectrum and what is to be thought of it.
+/// A spectrum and its verdict.
 pub(super) struct Judged {
-    /// Name among the others, where there are several.
+    /// Name among the spectra, if there are several.
     pub(super) name: String,
     /// The tests, or why there are none.
     pub(super) outcome: Result<Assessed, String>,
 }
 
 impl Judged {
-    /// One word.
+    /// Returns the grade as one word.
     pub(super) fn grade(&self) -> String {
         self.outcome.as_ref().map_or_else(
             |_| "not tested".to_owned(),
@@ -34,7 +34,7 @@ impl Judged {
         )
     }
 
-    /// Bad counts most, then doubtful, then not tested.
+    /// Returns the rank: bad counts most, then doubtful, then not tested.
     fn rank(&self) -> usize {
         match self.outcome.as_ref().map(|assessed| assessed.verdict.grade) {
             Ok(Grade::Bad) => 3,
@@ -52,7 +52,7 @@ impl Judged {
     }
 }
 
-/// All spectra of the cell, each against the noise of its own records.
+/// Judges all spectra of the cell, each against the noise of its own records.
 pub(super) fn judge(measured: &Measured, shunt_ohm: f64) -> Vec<Judged> {
     let names = measured.names();
     let judged = |((name, points), own): ((String, &Vec<_>), &analysis::spectrum::Spectrum)| {
@@ -70,8 +70,8 @@ pub(super) fn judge(measured: &Measured, shunt_ohm: f64) -> Vec<Judged> {
         .collect()
 }
 
-/// The multisines of the cell, by Kramers–Kronig and Z-HIT; what their lines say of distortion is
-/// told with them.
+/// Judges the multisines of the cell by Kramers–Kronig and Z-HIT, and includes the distortion of
+/// their lines.
 fn of_multisines(measured: &Measured) -> Vec<Judged> {
     let judged = |(number, run): (usize, &MultisineRun)| {
         let name = if measured.multisines.len() > 1 {
@@ -91,7 +91,7 @@ fn of_multisines(measured: &Measured) -> Vec<Judged> {
     (1..).zip(&measured.multisines).map(judged).collect()
 }
 
-/// The multisines in a line for report and summary; none where there is none.
+/// Returns the multisines as one line for report and summary, or `None` if there is none.
 pub(super) fn multisine_verdict(measured: &Measured) -> Option<Verdict> {
     let judged = of_multisines(measured);
     let worst = judged.iter().map(Judged::rank).max()?;
@@ -112,7 +112,7 @@ pub(super) fn multisine_verdict(measured: &Measured) -> Option<Verdict> {
     })
 }
 
-/// A line for report and summary.
+/// Returns one line for report and summary.
 pub(super) fn verdict(judged: &[Judged]) -> Verdict {
     let worst = judged.iter().map(Judged::rank).max().unwrap_or(1);
     let level = match worst {
@@ -158,7 +158,7 @@ pub(super) fn verdict(judged: &[Judged]) -> Verdict {
     Verdict { level, text }
 }
 
-/// Cell by repeat; none for a single spectrum.
+/// Returns a table of cell by repeat, or `None` for a single spectrum.
 pub(super) fn table(campaign: Option<&Campaign>, judged: &[Judged]) -> Option<Table> {
     if judged.len() < 2 {
         return None;
@@ -196,7 +196,7 @@ pub(super) fn table(campaign: Option<&Campaign>, judged: &[Judged]) -> Option<Ta
     })
 }
 
-/// Pictures of the spectrum that looks worst, and its name where there are several.
+/// Returns pictures of the spectrum with the worst verdict, and its name if there are several.
 pub(super) fn pictures(measured: &Measured, judged: &[Judged]) -> Result<Vec<Figure>, Failure> {
     let tested = judged
         .iter()
