@@ -1,4 +1,4 @@
-//! Measurement of one point of a sweep, and the quality of its record. Pure.
+//! Measurement of one point of a sweep, and the quality of its record. The functions are pure.
 
 pub(crate) mod channels;
 pub mod harmonics_and_drift;
@@ -8,8 +8,8 @@ pub(crate) mod repeated;
 pub(crate) mod spectrum_gate;
 pub(crate) mod zero;
 
-/// Harmonics that are fitted besides the sinusoid: a cell, a supply or an amplifier driven too far
-/// shows in these first.
+/// Harmonics that are fitted beside the sinusoid: overdriving of a cell, a supply or an amplifier
+/// appears in these first.
 pub const HARMONICS: [u32; 2] = [2, 3];
 
 pub use harmonics_and_drift::{Bend, HarmonicsAndDrift};

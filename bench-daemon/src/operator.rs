@@ -1,5 +1,5 @@
-//! The person at the bench, asked to change the fixture: on the terminal of the run, or through the
-//! run folder, where a command or the page answers.
+//! The person at the bench, who is asked to change the fixture: on the terminal of the run, or
+//! through the run folder, with the answer from a command or the page.
 
 pub mod progress;
 pub mod question;
@@ -13,15 +13,16 @@ use std::{
 use crate::support::{account::who, terminal::remark};
 use question::{Answer, Question};
 
-/// With this variable set to [`BY_FOLDER`], questions are answered through the run folder.
+/// Environment variable; if it is set to [`BY_FOLDER`], questions are answered through the run
+/// folder.
 pub const OPERATOR_VARIABLE: &str = "EIS_BENCH_OPERATOR";
 /// Value of [`OPERATOR_VARIABLE`].
 pub const BY_FOLDER: &str = "run-folder";
 
-/// A person who could not be asked, or did not confirm.
+/// A person could not be asked or did not confirm.
 #[derive(Debug, thiserror::Error)]
 pub enum OperatorError {
-    /// No terminal.
+    /// There is no terminal.
     #[error(
         "a person must change the fixture ([instruments.jig] model = \"person\"), but standard \
         input is no terminal: run on one, or set {OPERATOR_VARIABLE}={BY_FOLDER} and answer with \
@@ -40,12 +41,12 @@ pub enum Operator {
     Terminal,
     /// Through the run folder.
     Folder,
-    /// There is nobody.
+    /// No person can be asked.
     Nobody,
 }
 
 impl Operator {
-    /// The run folder where that is wanted, else the terminal, where there is one.
+    /// Returns the run folder if it is configured, otherwise the terminal, if there is one.
     pub fn detect() -> Self {
         if std::env::var_os(OPERATOR_VARIABLE).is_some_and(|value| value == BY_FOLDER) {
             Self::Folder
@@ -56,10 +57,10 @@ impl Operator {
         }
     }
 
-    /// Asks the question of this number, and waits until somebody confirms.
+    /// Asks the question with this number, and waits for the confirmation.
     ///
     /// # Errors
-    /// Nobody there; not confirmed.
+    /// Fails if no person can be asked or the change is not confirmed.
     pub async fn ask(
         &self,
         question: &Question,
@@ -83,23 +84,23 @@ impl Operator {
     }
 }
 
-/// Asks on the terminal, and waits until it is confirmed there. Every output is off.
+/// Asks on the terminal, and waits for the confirmation there. Every output is off.
 ///
 /// # Errors
-/// No terminal; not confirmed.
+/// Fails without a terminal, or if the change is not confirmed.
 pub async fn on_terminal(question: &Question) -> Result<(), OperatorError> {
     if !std::io::stdin().is_terminal() {
         return Err(OperatorError::NoTerminal);
     }
     let text = question.text.clone();
-    // Waiting for a person blocks a thread of its own; the bench is off meanwhile.
+    // Waiting for a person blocks a separate thread; the bench is off meanwhile.
     let ask = move || {
         let mut line = String::new();
         remark!(
             "\n{text}\nAll outputs are off, but an output that is off is no open switch: mind \
             the terminals. Type `done` when it is so:"
         );
-        // The end of the input is an answer too: nobody is there any more.
+        // The end of the input also ends the wait: the person has left.
         while std::io::stdin()
             .lock()
             .read_line(&mut line)

@@ -1,5 +1,5 @@
-//! Plan of a run, as data: stages of steps, each with an upper bound in time. It is checked before
-//! anything is energised.
+//! Plan of a run, as data: stages of steps, each with an upper bound in time. The plan is checked
+//! before anything is energised.
 
 mod check;
 mod crash;
@@ -50,31 +50,31 @@ pub struct Stage {
     pub steps: Vec<Step>,
 }
 
-/// Purpose of a stage: decides what is done with its records.
+/// Purpose of a stage: determines how its records are used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Purpose {
-    /// Bringing the cell to its temperature.
+    /// Brings the cell to its temperature.
     Temperature,
-    /// Bringing the cell to its state of charge.
+    /// Brings the cell to its state of charge.
     SocReset,
-    /// Finding the open-circuit voltage over the state of charge.
+    /// Determines the open-circuit voltage over the state of charge.
     OcvSoc,
-    /// A sweep over what is in the jig: 0 as a control, else the number of the repeat.
+    /// A sweep of the fixture in the jig: 0 for a control, otherwise the number of the repeat.
     Sweep(Fixture, usize),
     /// Many frequencies at once, with the number of the repeat.
     Multisine(usize),
-    /// A current that steps through the cell.
+    /// A stepwise current through the cell.
     Trace,
 }
 
 /// One step: everything that the executor sends for it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Step {
-    /// The cell of a run of a campaign is taken into use; every output is off.
+    /// Selects the cell of a run of a campaign; every output is off.
     Specimen(CampaignRun),
-    /// Something else is clamped into the jig; every output is off.
+    /// Clamps another fixture into the jig; every output is off.
     Mount(Fixture),
-    /// The chiller holds a temperature, and the cell is waited for.
+    /// Holds a temperature with the chiller, and waits for the cell.
     HoldTemperature {
         /// Set-point, °C.
         setpoint_c: f64,
@@ -83,7 +83,7 @@ pub enum Step {
         /// Upper bound, s.
         max_s: f64,
     },
-    /// Discharge at constant current down to a voltage.
+    /// Discharges at constant current down to a voltage.
     Discharge {
         /// Current, A, positive.
         current_a: f64,
@@ -92,7 +92,7 @@ pub enum Step {
         /// Upper bound, s.
         max_s: f64,
     },
-    /// Charge at constant current up to a voltage.
+    /// Charges at constant current up to a voltage.
     Charge {
         /// Current, A.
         current_a: f64,
@@ -103,40 +103,41 @@ pub enum Step {
         /// Upper bound, s.
         max_s: f64,
     },
-    /// Nothing flows until the voltage is steady.
+    /// Waits without a current until the voltage is steady.
     Rest {
         /// Lower bound, s.
         min_s: f64,
         /// Upper bound, s.
         max_s: f64,
-        /// Steady means slower than this, V/s.
+        /// Slope below which the voltage is steady, V/s.
         slope_v_per_s: f64,
     },
-    /// The voltage at rest is compared with a band. Where it is within the band, the rest of the
-    /// stage is left out.
+    /// Compares the voltage at rest with a band. If it is within the band, the rest of the stage
+    /// is skipped.
     Accept {
         /// The band, V.
         band_v: (f64, f64),
-        /// Treatment of a cell that misses it; `None` where the charge is tried again.
+        /// Treatment of a cell that misses it; `None` if the charge is tried again.
         missed: Option<Missed>,
     },
-    /// Direct current through load or supply, or rest, every reading of which is kept.
+    /// A direct current through load or supply, or a rest, with every reading stored.
     Leg(Leg),
-    /// The bipolar supply is brought up with the generator at zero.
+    /// Switches the bipolar supply on with the generator at zero.
     PowerUp {
         /// Compliance voltage, V.
         compliance_v: f64,
-        /// Current limit, A: the daemon judges its readings by it, and the supply holds it where it
-        /// can.
+        /// Current limit, A: the daemon judges its readings by it, and the supply enforces it if
+        /// it can.
         limit_a: f64,
-        /// Limit that the supply holds by itself while the generator commands the current.
+        /// Limit that the supply enforces itself while the generator commands the current.
         held: Holds,
-        /// Greatest current while its command is zero, A: more is a zero error that wants trimming.
+        /// Greatest current while its command is zero, A: a larger one is a zero error that must
+        /// be trimmed.
         idle_a: f64,
-        /// Depth that the scope is set to for the sweeps of the run; `None` where it has none.
+        /// Memory depth of the scope for the sweeps of the run; `None` if there are none.
         depth: Option<Depth>,
     },
-    /// One sinusoid is driven and captured.
+    /// Drives and captures one sinusoid.
     Sine {
         /// Its number in the sweep, from 0.
         index: usize,
@@ -149,20 +150,20 @@ pub enum Step {
         /// Settings that it shares with the other points.
         settings: Arc<SweepSettings>,
     },
-    /// Many sinusoids are driven at once and captured.
+    /// Drives and captures many sinusoids at once.
     Multisine(Arc<Band>),
-    /// The finished sweep is checked for consistency. Points that do not fit are measured again.
+    /// Checks the finished sweep for consistency. Points that do not fit are measured again.
     Recheck(Quality),
-    /// Nothing flows for a while.
+    /// Waits without a current.
     Pause {
-        /// How long, s.
+        /// Duration, s.
         span_s: f64,
     },
-    /// Rest, then what scope and voltmeter show of the cell while nothing flows.
+    /// Rests, then records scope and voltmeter of the cell without a current.
     Zero(Arc<TracePlan>),
-    /// Steps of direct current are driven and recorded.
+    /// Drives and records steps of direct current.
     Trace(Arc<TracePlan>),
-    /// The bipolar supply is taken down.
+    /// Switches the bipolar supply off.
     PowerDown,
 }
 
@@ -176,7 +177,7 @@ pub enum Missed {
     Refuse,
 }
 
-/// A plan that would leave the limits.
+/// A plan that would exceed the limits.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("stage {stage}, step {step} ({what}): {reason}")]
 pub struct PlanError {
@@ -186,7 +187,7 @@ pub struct PlanError {
     pub step: usize,
     /// The step in words.
     pub what: String,
-    /// Why not.
+    /// Reason.
     pub reason: String,
 }
 
@@ -195,24 +196,25 @@ pub struct PlanError {
 pub struct Checked(Plan);
 
 impl Checked {
-    /// The plan.
+    /// Returns the plan.
     pub fn plan(&self) -> &Plan {
         &self.0
     }
 }
 
 impl Stage {
-    /// The cell that it is about, where there are several.
+    /// Returns the cell of the stage, if there are several.
     pub fn specimen(&self) -> Option<&Arc<Specimen>> {
         self.of_campaign().map(|run| &run.cell)
     }
 
-    /// Number of the campaign's run that it belongs to.
+    /// Returns the number of the campaign's run that it belongs to.
     pub fn run(&self) -> Option<usize> {
         self.of_campaign().map(|run| run.number)
     }
 
-    /// Purpose of the stage; in a campaign also the run and the cell that it belongs to.
+    /// Returns the purpose of the stage; in a campaign also the run and the cell that it belongs
+    /// to.
     pub fn title(&self) -> String {
         let of_run = self
             .of_campaign()

@@ -1,5 +1,5 @@
 //! The simulated bench: one world of `fixtures`, and behind each configured address a mock that
-//! looks at it.
+//! accesses it.
 
 mod ports;
 
@@ -22,31 +22,31 @@ use crate::{
     mocks::{self, FaultLog, Happened, MockOptions, Quirks, Remote, Schedule, SharedPlant},
 };
 
-/// Reason why a simulation cannot be made.
+/// Reason why a simulation cannot be created.
 #[derive(Debug, thiserror::Error)]
 pub enum SimError {
-    /// The scenario file.
+    /// The scenario file is invalid.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// A model that cannot be simulated.
+    /// A model cannot be simulated.
     #[error("instruments.{role}.model: {reason}")]
     Model {
         /// Its role.
         role: &'static str,
-        /// Why not.
+        /// Reason.
         reason: String,
     },
-    /// A port that cannot be opened.
+    /// A port cannot be opened.
     #[error("instruments.{role}.address: {address}: {reason}")]
     Port {
         /// Its role.
         role: &'static str,
         /// Its address.
         address: String,
-        /// Why not.
+        /// Reason.
         reason: String,
     },
-    /// A bench without a simulation.
+    /// The bench has no simulation.
     #[error("{path}: expected a section [simulation]: this bench is made of real instruments", path = path.display())]
     Real {
         /// The bench file.
@@ -54,7 +54,7 @@ pub enum SimError {
     },
 }
 
-/// A simulated world; clones are the same world.
+/// A simulated world; clones share the same world.
 #[derive(Clone)]
 pub struct Simulation {
     world: Arc<Mutex<SimulatedBench>>,
@@ -79,16 +79,16 @@ pub struct Served {
 }
 
 impl Simulation {
-    /// Reads the scenario of a bench and makes its world from a seed.
+    /// Reads the scenario of a bench and creates its world from a seed.
     ///
     /// # Errors
-    /// The scenario file.
+    /// Fails if the scenario file is invalid.
     pub fn new(path: &Path, seed: u64) -> Result<Self, SimError> {
         Self::of(&Source::read(path)?, seed, None)
     }
 
-    /// As [`Simulation::new`], from a scenario that was read, and with a certain cell in the jig
-    /// where the scenario has a store of them.
+    /// As [`Simulation::new`], from a parsed scenario, and with a certain cell in the jig if the
+    /// scenario has a store of them.
     ///
     /// # Errors
     /// As [`Simulation::new`].
@@ -109,19 +109,19 @@ impl Simulation {
         })
     }
 
-    /// The same with faults between the instruments and whoever speaks to them.
+    /// Adds faults between the instruments and their clients.
     #[must_use]
     pub fn with_faults(self, faults: Option<Schedule>) -> Self {
         Self { faults, ..self }
     }
 
-    /// The same with quirks of the mocks, by role.
+    /// Adds quirks of the mocks, by role.
     #[must_use]
     pub fn with_quirks(self, quirks: BTreeMap<&'static str, Quirks>) -> Self {
         Self { quirks, ..self }
     }
 
-    /// The same with a remote control for each instrument that it serves ([`Self::remote`]).
+    /// Adds a remote control for each instrument that it serves ([`Self::remote`]).
     #[must_use]
     pub fn with_remotes(self) -> Self {
         Self {
@@ -130,14 +130,15 @@ impl Simulation {
         }
     }
 
-    /// The remote control of an instrument that is served; `None` without [`Self::with_remotes`].
+    /// Returns the remote control of an instrument that is served; `None` without
+    /// [`Self::with_remotes`].
     pub fn remote(&self, role: &str) -> Option<Remote> {
         let remotes = self.remotes.as_ref()?;
         let remotes = remotes.lock().unwrap_or_else(PoisonError::into_inner);
         remotes.get(role).cloned()
     }
 
-    /// The faults that have happened.
+    /// Returns the faults that have happened.
     pub fn happened(&self) -> Vec<Happened> {
         self.happened
             .lock()
@@ -145,7 +146,7 @@ impl Simulation {
             .clone()
     }
 
-    /// The world behind the mocks; only tests look at it.
+    /// Returns the world behind the mocks; only tests access it.
     pub fn world(&self) -> &Arc<Mutex<SimulatedBench>> {
         &self.world
     }
@@ -153,7 +154,7 @@ impl Simulation {
     /// Starts a mock for every instrument of a bench on in-process streams.
     ///
     /// # Errors
-    /// A model that cannot be simulated; an address that is not in-process.
+    /// Fails if a model cannot be simulated or an address is not in-process.
     pub fn serve_in_process(
         &self,
         bench: &Bench,
@@ -181,11 +182,11 @@ impl Simulation {
         Ok(())
     }
 
-    /// Starts a mock for every instrument of a bench on a real port each: whatever its address
-    /// names, or `over` something else, on a free port then.
+    /// Starts a mock for every instrument of a bench on a real port each: the one in its address,
+    /// or, with `over`, a free port of another transport.
     ///
     /// # Errors
-    /// A model that cannot be simulated; a port that is taken.
+    /// Fails if a model cannot be simulated or a port is in use.
     pub async fn serve_on_ports(
         &self,
         bench: &Bench,

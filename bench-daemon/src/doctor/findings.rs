@@ -1,5 +1,5 @@
-//! Findings of the doctor: one check after the other, each with what was expected, what was met,
-//! and what to do.
+//! Findings of the doctor: a list of checks, each with the expected value, the observed value, and
+//! a remedy.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
-    /// As it should be.
+    /// As expected.
     Ok,
-    /// To be known; the bench may be used.
+    /// Worth knowing; the bench may be used.
     Warn,
     /// Wrong.
     Fail,
@@ -18,7 +18,7 @@ pub enum Verdict {
 }
 
 impl Verdict {
-    /// The word for people.
+    /// Returns the label for people.
     pub fn label(self) -> &'static str {
         match self {
             Self::Ok => "ok",
@@ -32,15 +32,15 @@ impl Verdict {
 /// One check.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Check {
-    /// Its name, the same in every report.
+    /// Its name, equal in every report.
     pub id: String,
-    /// Expected value or state, in words.
+    /// Expected value or state, as text.
     pub expected: String,
-    /// Value or state that was met, in words.
+    /// Observed value or state, as text.
     pub met: String,
     /// How it ended.
     pub verdict: Verdict,
-    /// Remedy, in words; empty where nothing is to be done.
+    /// Remedy, as text; empty if nothing is to be done.
     pub advice: String,
 }
 
@@ -55,7 +55,7 @@ pub struct Texts<E, M> {
 /// The checks so far, and whether the next one would be unsafe.
 #[derive(Debug, Default)]
 pub struct Findings {
-    /// In the order in which they were done.
+    /// The checks in the order in which they were made.
     pub checks: Vec<Check>,
     stopped: Option<String>,
 }
@@ -99,7 +99,7 @@ impl Findings {
         self.checks.push(check);
     }
 
-    /// Adds checks that are not done, and why not.
+    /// Adds checks that are skipped, and the reason.
     pub fn skip(&mut self, ids: &[&str], why: &str, advice: &str) {
         for id in ids {
             self.add(
@@ -114,19 +114,19 @@ impl Findings {
         }
     }
 
-    /// Nothing may be energised any more.
+    /// Forbids energising anything from here on.
     pub fn stop(&mut self) {
         if self.stopped.is_none() {
             self.stopped = self.checks.last().map(|check| check.id.clone());
         }
     }
 
-    /// The check after which nothing may be energised.
+    /// Returns the check after which nothing may be energised.
     pub fn stopped(&self) -> Option<&str> {
         self.stopped.as_deref()
     }
 
-    /// How many checks ended so.
+    /// Returns the number of checks with this verdict.
     pub fn count(&self, verdict: Verdict) -> usize {
         self.checks
             .iter()

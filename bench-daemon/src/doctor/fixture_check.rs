@@ -1,7 +1,7 @@
 //! Fixture check (thesis 3.3.2): compares the control impedances with their known values, as read
-//! and after the correction that they give.
+//! and after the correction that follows from them.
 //!
-//! Pure: points in, correction and verdicts out.
+//! The functions are pure: they take points and return correction and verdicts.
 
 use std::collections::BTreeMap;
 
@@ -21,8 +21,8 @@ use crate::{
     support::present::significant,
 };
 
-/// After the correction a control must be right in phase too: this many degrees for each per cent
-/// of its tolerance (1 % of a number is 0.57°).
+/// Allowed phase error after the correction, in degrees per unit of its tolerance (1 % of a number
+/// is 0.57°).
 const DEGREES_PER_SHARE: f64 = 180.0 / std::f64::consts::PI;
 
 /// One control's result.
@@ -36,26 +36,26 @@ pub struct ControlResult {
     pub raw: ControlVerdict,
     /// After the correction; `None` until every control was measured.
     pub corrected: Option<ControlVerdict>,
-    /// How far the bench goes as read.
+    /// Valid frequency range of the bench as read.
     pub believed_as_read: Option<ValidBand>,
-    /// How far it goes with the correction.
+    /// Valid frequency range with the correction.
     pub believed: Option<ValidBand>,
 }
 
-/// Up to which frequency a control is right.
+/// Frequency up to which a control is correct.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct ValidBand {
-    /// Up to here every point is right, Hz; none where the slowest is wrong.
+    /// Every point up to this frequency is correct, Hz; `None` if the lowest frequency is wrong.
     pub believed_to_hz: Option<f64>,
-    /// Here is the first that is wrong, Hz; none where all are right: then the control was not
-    /// measured far enough to find the end.
+    /// Frequency of the first wrong point, Hz; `None` if all are correct: then the control was not
+    /// measured far enough to find the limit.
     pub wrong_at_hz: Option<f64>,
-    /// Right means within this share of the known impedance, of a short within this share of the
-    /// current shunt's.
+    /// Greatest error of a correct point, as a share of the known impedance; for a short, of the
+    /// current shunt's impedance.
     pub tolerance: f64,
 }
 
-/// The control's known impedance.
+/// Returns the control's known impedance.
 pub fn known(bench: &Bench, fixture: Fixture) -> KnownImpedance {
     let other = match fixture {
         Fixture::FakeCell => bench.fake_cell,
@@ -65,7 +65,7 @@ pub fn known(bench: &Bench, fixture: Fixture) -> KnownImpedance {
     other.unwrap_or(bench.wiring.shunt)
 }
 
-/// Impedances as read, without any correction.
+/// Returns impedances as read, without any correction.
 pub fn raw_points(bench: &Bench, points: &[SweepPoint]) -> Vec<ImpedancePoint> {
     points
         .iter()
@@ -92,7 +92,7 @@ pub fn judge_raw(
     }
 }
 
-/// The points of a control within the band of the sweep: only they are judged.
+/// Returns the points of a control within the band of the sweep: only they are judged.
 pub fn swept<'p>(experiment: &Experiment, points: &'p [SweepPoint]) -> &'p [SweepPoint] {
     let last_hz = experiment
         .eis
@@ -102,7 +102,8 @@ pub fn swept<'p>(experiment: &Experiment, points: &'p [SweepPoint]) -> &'p [Swee
     &points[..points.partition_point(|point| point.phasors.freq_hz <= last_hz)]
 }
 
-/// How far the bench goes as read, by one control: the tolerance is that of the corrected reading.
+/// Returns the valid frequency range of the bench as read, from one control: the tolerance is that
+/// of the corrected reading.
 pub fn believed_as_read(
     experiment: &Experiment,
     fixture: Fixture,
@@ -120,7 +121,7 @@ pub fn believed_as_read(
     )
 }
 
-/// How far the bench goes with the correction, by one control.
+/// Returns the valid frequency range of the bench with the correction, from one control.
 pub fn believed(
     experiment: &Experiment,
     fixture: Fixture,
@@ -135,8 +136,8 @@ pub fn believed(
     reach(&corrected, experiment, fixture, share)
 }
 
-/// Points by rising frequency. A point counts as right while the error of its impedance, magnitude
-/// and phase together, is within the share.
+/// Returns the valid range for points sorted by rising frequency. A point counts as correct while
+/// the error of its impedance, magnitude and phase together, is within the share.
 fn reach(
     points: &[ImpedancePoint],
     experiment: &Experiment,
@@ -162,8 +163,8 @@ fn reach(
     }
 }
 
-/// How far the bench is to be believed, by all controls that were not the correction's own
-/// reference: a sentence; none without such a control.
+/// Describes the valid frequency range of the bench, from all controls except the reference of the
+/// correction, as a sentence; returns `None` without such a control.
 pub fn believed_in_words(controls: &[ControlResult]) -> Option<String> {
     let limit = |of: fn(&ControlResult) -> Option<ValidBand>| {
         let to_hz = |believed: &ValidBand| believed.believed_to_hz.unwrap_or(0.0);
@@ -208,13 +209,13 @@ fn judge(
     }
 }
 
-/// The points that the quality gate has let through.
+/// Returns the points that the quality gate has accepted.
 pub fn let_through(points: &[SweepPoint]) -> impl Iterator<Item = &SweepPoint> {
     points.iter().filter(|point| point.failing.is_empty())
 }
 
-/// The first control of which the quality gate has left nothing: without it the correction would be
-/// another one than was asked for.
+/// Returns the first control of which the quality gate has accepted no point: without it the
+/// correction would differ from the requested one.
 pub fn refused_whole(sweeps: &BTreeMap<&'static str, Vec<SweepPoint>>) -> Option<&'static str> {
     let controls = [Fixture::Shunt, Fixture::FakeCell, Fixture::Short].map(fixture_name);
     let whole = |name: &&'static str| {
@@ -225,12 +226,12 @@ pub fn refused_whole(sweeps: &BTreeMap<&'static str, Vec<SweepPoint>>) -> Option
     controls.into_iter().find(whole)
 }
 
-/// The correction that the controls give, as far as they were measured: points by the name of the
-/// fixture. What the quality gate has refused is left out: a few parameters describe the harness at
-/// all frequencies.
+/// Computes the correction from the controls, as far as they were measured: points by the name of
+/// the fixture. Points that the quality gate has refused are omitted: a few parameters describe
+/// the harness at all frequencies.
 ///
 /// # Errors
-/// Controls from which it cannot be computed.
+/// Fails if the correction cannot be computed from the controls.
 pub fn correction(
     bench: &Bench,
     sweeps: &BTreeMap<&'static str, Vec<SweepPoint>>,
@@ -261,9 +262,10 @@ pub fn correction(
     })
 }
 
-/// Judges a control after the correction, within a share of its impedance; a short, within that
-/// share of the current shunt's, for it has none. The shunt with the probes on it shares its place
-/// with the correction's own reference, so that only what was in the jig tells something new.
+/// Judges a control after the correction, within a share of its impedance. For a short, which has
+/// none, it is a share of the current shunt's impedance. The shunt with the probes on it has the
+/// same position as the reference of the correction, so only the contents of the jig provide new
+/// information.
 pub fn judge_corrected(
     bench: &Bench,
     fixture: Fixture,

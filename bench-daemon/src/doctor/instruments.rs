@@ -1,5 +1,5 @@
-//! Checks with every output off: which instruments answer, whether limits are taken and read back,
-//! whether the thermometers make sense.
+//! Checks with every output off: which instruments answer, whether limits are accepted and read
+//! back, and whether the thermometers are plausible.
 
 use instruments::{
     load::{Discharge, Draw},
@@ -11,7 +11,8 @@ use instruments::{
 use super::{Examination, Findings, Texts, Verdict, live::LIMITS};
 use crate::{bench::BenchError, bench::survey::InstrumentReport};
 
-/// Temperatures of a laboratory, °C, and how far two thermometers at rest may be apart, K.
+/// Plausible temperatures of a laboratory, °C, and the greatest difference between two
+/// thermometers at rest, K.
 const ROOM_C: (f64, f64) = (-20.0, 80.0);
 const APART_K: f64 = 10.0;
 
@@ -71,7 +72,7 @@ pub fn reached(
 }
 
 impl Examination<'_> {
-    /// Everything off, then limits and thermometers.
+    /// Switches everything off, then checks limits and thermometers.
     pub(super) async fn off(&mut self) -> Result<(), BenchError> {
         let safe = self.bench.safe_state().await;
         let met = if safe.verified {
@@ -97,8 +98,8 @@ impl Examination<'_> {
         self.chiller().await
     }
 
-    /// The set-point goes to where the bath is, it is started and stopped again: in manual mode
-    /// this family ignores commands without a word.
+    /// Sets the set-point to the temperature of the bath, starts the bath and stops it again: in
+    /// manual mode this family ignores commands without an error.
     async fn chiller(&mut self) -> Result<(), BenchError> {
         let (id, expected) = (
             "chiller.obeys",

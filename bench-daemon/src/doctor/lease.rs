@@ -1,5 +1,5 @@
 //! Checks that the guardian switches off when the daemon hangs. Another process takes the bench,
-//! switches the output on at zero current, and stops.
+//! switches the output on at zero current, and stops itself.
 
 use std::{
     io::{BufRead, BufReader},
@@ -29,14 +29,14 @@ use crate::{
     support::terminal::say,
 };
 
-/// The word of the other process.
+/// Message of the other process.
 const ON: &str = "on";
-/// After the lease the guardian has this long to switch off, s.
+/// Time that the guardian has for switching off after the lease, s.
 const PATIENCE_S: f64 = 60.0;
 const POLL_S: f64 = 0.2;
 
-/// Checks the lease; nobody may hold the bench or be connected to it. `folder` is that of the
-/// report.
+/// Checks the lease; no other process may hold the bench or be connected to it. `folder` is the
+/// folder of the report.
 pub async fn lease(
     findings: &mut Findings,
     config: &config::Bench,
@@ -95,7 +95,7 @@ async fn drill(
             message.unwrap_or_default()
         ))
     };
-    // It is dead by now, or of no use any more; without it its guardian switches off.
+    // The process is dead by now or no longer needed; without it its guardian switches off.
     let _ = child.kill();
     let _ = child.wait();
     let took_s = outcome?;
@@ -121,7 +121,7 @@ fn start(config: &config::Bench, folder: &Path, fixture: Fixture) -> std::io::Re
         .spawn()
 }
 
-/// Waits for the guardian's report; gives the time that it took.
+/// Waits for the guardian's report; returns the time that it took.
 async fn switched_off(state: &State, clock: &Clock, lease_s: f64) -> Result<f64, String> {
     let end_s = clock.machine_s() + lease_s + PATIENCE_S;
     let mut last = serde_json::Value::Null;
@@ -141,7 +141,7 @@ async fn switched_off(state: &State, clock: &Clock, lease_s: f64) -> Result<f64,
     ))
 }
 
-/// Every output that can move charge is asked; changes nothing.
+/// Queries every output that can move charge, without changing anything.
 async fn look(config: &config::Bench, clock: &Clock) -> Result<(), String> {
     let connections = Connections {
         clock: clock.clone(),
@@ -172,8 +172,8 @@ async fn look(config: &config::Bench, clock: &Clock) -> Result<(), String> {
     Ok(())
 }
 
-/// The other process: takes the bench, switches the output on at zero current, says so, and stops
-/// itself.
+/// The other process: takes the bench, switches the output on at zero current, reports this, and
+/// stops itself.
 ///
 /// # Errors
 /// Any failure to do that.
@@ -204,7 +204,7 @@ pub async fn hold(
         say!("{ON}");
         let _ = raise(Signal::SIGSTOP);
     }
-    // Here it comes only when it could not switch on, or somebody has woken it up.
+    // The process gets here only if it could not switch on, or if it was resumed.
     let safe = bench.made_safe().await;
     let read = bench.close();
     let outcome = on.map_err(Failure::from);

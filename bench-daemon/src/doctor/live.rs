@@ -1,4 +1,4 @@
-//! Checks that need current: on copper in the place of the cell, half an ampere at most, around
+//! Checks that need a current: on copper in the place of the cell, at most half an ampere, around
 //! zero.
 
 use analysis::{
@@ -30,27 +30,28 @@ pub(super) const LIMITS: (f64, f64) = (2.0, 1.0);
 /// The current of the first touch and of the test, A.
 const FIRST_A: f64 = 0.05;
 const TEST_A: f64 = 0.5;
-/// With its command at zero the supply may drive this much, A; from the first on it is remarkable.
+/// Currents of the supply with its command at zero, A: the first is worth a remark, the second is
+/// the limit.
 const ZERO_A: (f64, f64) = (0.05, 0.2);
-/// The first touch may drive this much at most, A: ten times what it should.
+/// Greatest current of the first test, A: ten times the expected one.
 const FIRST_MOST_A: f64 = 0.5;
-/// A control shows less than this with every output off, V.
+/// Voltage below which a control stays with every output off, V.
 const COPPER_V: f64 = 0.2;
-/// Wait after each change of the command, s, and readings that a mean is taken of.
+/// Wait after each change of the command, s, and number of readings in a mean.
 const SETTLE_S: f64 = 0.3;
 const READINGS: usize = 5;
-/// A channel without signal stays within this of zero and this quiet, divisions.
+/// Greatest offset and noise of a channel without signal, divisions.
 const OFFSET_DIV: f64 = 1.0;
 const NOISE_DIV: f64 = 0.05;
-/// Frequency of the sine, Hz, and how far from it the scope may find it, as a share.
+/// Frequency of the sine, Hz, and greatest relative deviation that the scope may find.
 const SINE_HZ: f64 = 10.0;
 const TIMEBASE: f64 = 2.0e-3;
-/// A limit is kept within this share and this current, A.
+/// Accuracy of a limit, as a share and in A.
 const KEPT: (f64, f64) = (0.1, 0.03);
-/// Limit of the bipolar supply's current, and what is commanded against it, A.
+/// Limit of the bipolar supply's current, and the commanded current that exceeds it, A.
 const AGAINST: (f64, f64) = (0.1, 0.3);
 
-/// Means of what all meters show.
+/// Means of the readings of all meters.
 #[derive(Debug, Clone, Copy)]
 struct MeterMeans {
     amps: f64,
@@ -76,8 +77,8 @@ impl Examination<'_> {
         self.safe().await
     }
 
-    /// A bar across a cell is a dead short: nothing goes on before the jig was found to be without
-    /// a voltage.
+    /// Checks that the jig has no voltage before anything else: a bar across a cell is a dead
+    /// short.
     async fn no_cell(&mut self) -> Result<bool, BenchError> {
         let error = self.bench.error("load");
         if let Some(load) = self.bench.instruments.load.as_mut() {
@@ -93,7 +94,7 @@ impl Examination<'_> {
             expected: format!("less than {COPPER_V} V at the jig with every output off"),
             met: format!("{volts:.3} V"),
         };
-        // A reading that is not a number is refused too.
+        // A reading that is not a number is refused, too.
         let advice =
             "take the cell out of the jig: the control belongs in its place, never beside it";
         Ok(self
@@ -115,7 +116,7 @@ impl Examination<'_> {
             .value())
     }
 
-    /// Output on at zero; what flows then, and what the channels show.
+    /// Switches the output on at zero, and checks the current and the channels.
     async fn zero(&mut self) -> Result<bool, BenchError> {
         self.up(LIMITS.1).await?;
         let seen = self.see().await?;
@@ -201,7 +202,8 @@ impl Examination<'_> {
             .judge("scope.offset", texts, far.is_empty(), &advice);
     }
 
-    /// A touch first: with a gain that is ten times too large half an ampere would be five.
+    /// Starts with a small current: with a gain that is ten times too large, half an ampere would
+    /// be five.
     async fn first(&mut self) -> Result<bool, BenchError> {
         let before = self.see().await?;
         self.command(FIRST_A).await?;
@@ -217,8 +219,8 @@ impl Examination<'_> {
         };
         let advice = "the drive is far too strong: check model and range of the supply, and the \
         factor of the generator";
-        // A probe of another factor makes a small current look large; two of them that agree are
-        // believed.
+        // A probe with a wrong factor makes a small current appear large; two probes that agree
+        // are trusted.
         Ok(self.findings.judge(
             "drive.first",
             texts,
@@ -309,8 +311,8 @@ impl Examination<'_> {
         Ok(())
     }
 
-    /// Whether the supply's own limit holds while the analog input commands it, which no manual
-    /// promises.
+    /// Checks whether the supply's own limit applies while the analog input commands the current,
+    /// which no manual guarantees.
     async fn bipolar_limit(&mut self) -> Result<(), BenchError> {
         let id = "limit.bipolar";
         if self.supply4q()?.capabilities().holds != Holds::CurrentAndVoltage {
@@ -379,8 +381,8 @@ impl Examination<'_> {
         Ok(())
     }
 
-    /// With a current flowing, everything is switched off as a run would do it; then each
-    /// instrument is asked.
+    /// Switches everything off while a current flows, as a run would do it, and then queries each
+    /// instrument.
     async fn safe(&mut self) -> Result<(), BenchError> {
         if self.findings.stopped().is_some() {
             return Ok(());
@@ -439,7 +441,7 @@ impl Examination<'_> {
         Ok(())
     }
 
-    /// Bipolar supply on at zero, within a limit of its current.
+    /// Switches the bipolar supply on at zero, with a current limit.
     async fn up(&mut self, limit_a: f64) -> Result<(), BenchError> {
         let offset = Volts(self.config.wiring.command_offset_v);
         let (error, of_supply) = (self.bench.error("generator"), self.bench.error("supply4q"));
@@ -464,7 +466,7 @@ impl Examination<'_> {
         self.bench.drive_off().await
     }
 
-    /// A steady command.
+    /// Sends a constant command.
     async fn command(&mut self, amps: f64) -> Result<(), BenchError> {
         let offset = Volts(self.config.wiring.command_offset_v + amps * self.volts_per_amp()?);
         let error = self.bench.error("generator");
@@ -493,7 +495,7 @@ impl Examination<'_> {
         })
     }
 
-    /// Command per ampere as the bench file has it, V.
+    /// Returns the command per ampere from the bench file, V.
     fn volts_per_amp(&mut self) -> Result<f64, BenchError> {
         let supply = self.supply4q()?.capabilities();
         Ok(supply.analog_full_scale.value() / supply.full_scale.value()
@@ -517,7 +519,7 @@ impl Examination<'_> {
     }
 }
 
-/// Amplitude across the shunt, V, and the frequency that a free fit finds, Hz.
+/// Returns the amplitude across the shunt, V, and the frequency of a free fit, Hz.
 fn fitted(waveforms: &[Waveform; 4]) -> Option<(f64, f64)> {
     let channels: Vec<Channel<'_>> = waveforms
         .iter()

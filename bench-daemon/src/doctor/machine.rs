@@ -13,17 +13,19 @@ use crate::{
     safety::state::{State, StateError},
 };
 
-/// Free space from which on a run has room, and below which it is not to be begun, bytes.
+/// Free space that is sufficient for a run, and free space below which a run must not begin,
+/// bytes.
 const ROOM: (f64, f64) = (2.0e9, 1.0e8);
-/// The clock of the bench and the calendar may differ by this much over a short wait, s.
+/// Greatest difference between the clock of the bench and the calendar over a short wait, s.
 const DRIFT_S: f64 = 0.05;
 const WAIT_S: f64 = 0.5;
 
-/// Refuses a bench that somebody runs, and waits for a guardian that still switches it off: who
-/// asks an instrument empties its error queue, and many take one client only.
+/// Returns an error if a process runs the bench, and waits for a guardian that is still switching
+/// it off. A query to an instrument empties its error queue, and many instruments accept one
+/// client only.
 ///
 /// # Errors
-/// [`StateError::Busy`]; a guardian that does not come to an end; a state that cannot be read.
+/// [`StateError::Busy`], a guardian that does not finish, or a state that cannot be read.
 pub async fn free(config: &config::Bench, clock: &Clock) -> Result<(), Failure> {
     let Some(state) = State::of(config)? else {
         return Ok(());
@@ -32,7 +34,7 @@ pub async fn free(config: &config::Bench, clock: &Clock) -> Result<(), Failure> 
     Ok(wait_for_earlier(&state, clock).await?)
 }
 
-/// Checks the machine; none of it touches an instrument.
+/// Checks the machine without accessing an instrument.
 pub async fn machine(
     findings: &mut Findings,
     config: &config::Bench,

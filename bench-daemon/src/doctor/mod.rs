@@ -1,10 +1,9 @@
-//! `eis-bench doctor`: walks through a bench before it is used for the first time, and after each
-//! change of it.
+//! `eis-bench doctor`: checks a bench before its first use, and after each change of it.
 //!
 //! Checks without current come first: the machine, the instruments, their limits with every output
-//! off. Then a person clamps a control in the place of the cell. Half an ampere proves drive,
-//! meters, probes, limits and safe state. After a failure that makes the next check unsafe, nothing
-//! is energised any more. The bench always ends in safe state.
+//! off. Then a person clamps a control in the place of the cell. Half an ampere verifies drive,
+//! meters, probes, limits and safe state. After a failure that makes the next check unsafe,
+//! nothing is energised any more. The bench always ends in a safe state.
 
 mod examination;
 mod findings;
@@ -58,7 +57,7 @@ pub const LIVE: [&str; 16] = [
 pub const COPPER_WINDOW_V: (f64, f64) = (-1.0, 1.0);
 
 impl<'a> Examination<'a> {
-    /// Begins with an open bench and what the machine was found to be.
+    /// Begins with an open bench and the findings about the machine.
     pub fn new(config: &'a config::Bench, clock: Clock, bench: Bench, findings: Findings) -> Self {
         let scope = scope::Ranges::new(&config.wiring.scale_per_ampere_v);
         Self {
@@ -71,8 +70,8 @@ impl<'a> Examination<'a> {
         }
     }
 
-    /// Limits with every output off, then what needs current, where a fixture is in the jig.
-    /// Nothing is known of the outputs afterwards.
+    /// Checks limits with every output off, then everything that needs a current, if a fixture is
+    /// in the jig. Afterwards the state of the outputs is unknown.
     pub async fn examine(&mut self, fixture: Option<Fixture>, why_not: &str) {
         let outcome = self.off().await;
         self.told(outcome);

@@ -1,16 +1,17 @@
-//! Reads the positions of the four probes from a known change of the current: which of them sits
-//! where, and whether it reads what it should. Pure.
+//! Determines the positions of the four probes from a known change of the current: where each of
+//! them is, and whether it reads the expected value. The functions are pure.
 //!
-//! The loop is earth, return wire, (1) shunt (2), wire, (3) fixture (4), all voltages against
+//! The loop is earth, return wire, (1) shunt (2), wire, (3) fixture (4), with all voltages against
 //! earth. So for one ampere the four readings rise in this order, by the unknown resistance of a
-//! wire, the shunt, another wire and the fixture in the jig; with the second pair on the shunt they
-//! are those of the first. Every single mistake that is common at a bench – leads in another order,
-//! a lead that reads nothing, a probe of another factor, a control whose value in the bench file is
-//! another one's – is tried; one that makes all four readings possible is an explanation.
+//! wire, the shunt, another wire and the fixture in the jig; with the second pair on the shunt
+//! they equal those of the first. Every single mistake that is common at a bench – leads in
+//! another order, a lead that reads nothing, a probe of another factor, a control with a wrong
+//! value in the bench file – is tried; a mistake that makes all four readings possible is an
+//! explanation.
 //!
-//! How far a reading may be off follows from what is stated: the standard deviation of the control
-//! in the bench file, and that of the probes' gains, which act on the voltage that both leads of a
-//! pair have in common.
+//! The allowed error of a reading follows from the stated uncertainties: the standard deviation of
+//! the control in the bench file, and that of the probes' gains, which act on the voltage that
+//! both leads of a pair have in common.
 
 use instruments::fixture::Fixture;
 
@@ -37,37 +38,37 @@ pub(super) struct KnownResistance {
 /// A mistake at the probes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Mistake {
-    /// All as it should be.
+    /// No mistake.
     None,
-    /// Channels 1 to 4 see what belongs to these.
+    /// Channels 1 to 4 are connected to these positions.
     Order([usize; 4]),
     /// A channel, from 1, reads this multiple of its voltage.
     Factor(usize, f64),
     /// A channel, from 1, reads nothing.
     Dead(usize),
-    /// The shunt is not that of the bench file, but of so many Ω.
+    /// The shunt differs from the bench file and has this resistance, Ω.
     Shunt(f64),
-    /// The fixture is not that of the bench file, but of so many Ω.
+    /// The fixture differs from the bench file and has this resistance, Ω.
     Control(f64),
 }
 
-/// Probe factors that are off by what people set wrongly, and a sign.
+/// Wrong probe factors that people commonly set, and a sign.
 const FACTORS: [f64; 8] = [0.1, 10.0, 0.01, 100.0, 0.5, 2.0, -1.0, 0.001];
-/// So many standard deviations cover 95 % and 99 % of what is normally distributed.
+/// Numbers of standard deviations that cover 95 % and 99 % of a normal distribution.
 pub(super) const COVERAGE: (f64, f64) = (1.96, 2.576);
-/// Standard deviation of the read-back of a supply, as a share; its manual may promise less.
+/// Standard deviation of the read-back of a supply, as a share; its manual may state a larger one.
 pub(super) const METER_SIGMA: f64 = 0.01;
 /// The noise of a mean, Ω at the current of the test.
 const FLOOR_OHM: f64 = 0.1e-3;
-/// A control of another value than the bench file's has between a part and a multiple of it;
-/// beyond, it is rather a lead.
+/// Greatest ratio between another control's value and that in the bench file, in either direction;
+/// beyond it a lead is the more likely cause.
 const ANOTHER: f64 = 3.0;
-/// A wire of more than this is no wire, Ω.
+/// Greatest resistance of a wire, Ω.
 const MOST_WIRE_OHM: f64 = 0.3;
 
 impl Loop {
-    /// Every simplest explanation of four readings in Ω: the voltages' change over that of the
-    /// current. None where not a single mistake explains them.
+    /// Returns every simplest explanation of four readings in Ω: the voltages' change over that of
+    /// the current. Returns none if no single mistake explains them.
     pub(super) fn explain(&self, readings: [f64; 4]) -> Vec<Mistake> {
         if self.possible(readings, None) {
             return vec![Mistake::None];
@@ -112,7 +113,7 @@ impl Loop {
         found
     }
 
-    /// Values of the controls that make the readings possible as they are.
+    /// Returns values of the controls that make the readings possible.
     fn values(&self, readings: [f64; 4]) -> Vec<Mistake> {
         let [a, b, c, d] = readings;
         let another = |met: f64, known: KnownResistance| {
@@ -143,19 +144,19 @@ impl Loop {
         found
     }
 
-    /// Standard deviation of the difference of two readings, Ω: of their gains, and where a control
-    /// lies between them, of its value and of the current.
+    /// Returns the standard deviation of the difference of two readings, Ω: from their gains, and,
+    /// if a control lies between them, from its value and from the current.
     pub(super) fn sigma_ohm(&self, low: f64, high: f64, known: Option<KnownResistance>) -> f64 {
         let control = known.map_or(0.0, |known| known.sigma_ohm.hypot(METER_SIGMA * known.ohm));
         (self.gain_sigma * low.hypot(high)).hypot(control)
     }
 
-    /// Bound within which 99 % of the readings of a sound bench stay, Ω.
+    /// Returns the bound within which 99 % of the readings of a sound bench stay, Ω.
     fn bound(&self, sigma_ohm: f64) -> f64 {
         COVERAGE.1 * sigma_ohm + FLOOR_OHM
     }
 
-    /// Whether four readings can be those of this loop; a channel may be left out of the account.
+    /// Checks whether four readings can belong to this loop; a channel may be ignored.
     fn possible(&self, readings: [f64; 4], without: Option<usize>) -> bool {
         let near = |(low, high): (f64, f64), known: Option<KnownResistance>| {
             let value = known.map_or(0.0, |known| known.ohm);
@@ -180,7 +181,7 @@ impl Loop {
 }
 
 impl Mistake {
-    /// The check that it belongs to.
+    /// Returns the ID of the check that it belongs to.
     pub(super) fn id(&self) -> &'static str {
         match self {
             Self::Order(order) if order[0] >= 2 || order[1] >= 2 => "probes.swapped",
@@ -190,7 +191,7 @@ impl Mistake {
         }
     }
 
-    /// Mistake, and its remedy.
+    /// Returns the mistake and its remedy, as text.
     pub(super) fn describe(&self) -> (String, String) {
         match *self {
             Self::None => ("every probe where it belongs".to_owned(), String::new()),
@@ -267,7 +268,7 @@ fn moved(order: &[usize; 4]) -> usize {
         .count()
 }
 
-/// All 24 orders of four leads.
+/// Returns all 24 orders of four leads.
 fn orders() -> Vec<[usize; 4]> {
     let mut all = Vec::with_capacity(24);
     for code in 0..256_usize {
@@ -373,7 +374,7 @@ mod tests {
         );
     }
 
-    /// A wrong value alone makes readings that a wrong probe could make too: both are told.
+    /// A wrong value produces readings that a wrong probe could also produce: both are reported.
     #[test]
     fn a_control_of_another_value_is_told_beside_what_else_it_may_be() {
         let fake_of_6 = FAKE.explain(milli([17.0, 27.0, 39.0, 45.0]));
@@ -394,15 +395,15 @@ mod tests {
                     .any(|mistake| matches!(mistake, Mistake::Shunt(_))),
             "{half:?}"
         );
-        // Both pairs read the same: it is not the probes.
+        // Both pairs read the same: the probes are not the cause.
         let both = SHUNT.explain(milli([17.0, 37.0, 17.0, 37.0]));
         assert!(matches!(both[..], [Mistake::Shunt(_)]), "{both:?}");
     }
 
     #[test]
     fn the_tolerance_follows_from_what_is_stated() {
-        // Gains of 1 % on 39 mΩ and 42.75 mΩ are 0.58 mΩ; a control of ten times the uncertainty
-        // shows beside that.
+        // Gains of 1 % on 39 mΩ and 42.75 mΩ are 0.58 mΩ; a control with ten times the uncertainty
+        // is visible beside that.
         let sigma = |sigma_ohm| {
             FAKE.sigma_ohm(
                 39.0e-3,

@@ -1,5 +1,5 @@
-//! The doctor's report: JSON for the program, Markdown and HTML for people. It carries a hash of
-//! its own content, so that an edited one is none.
+//! The doctor's report: JSON for the program, Markdown and HTML for people. It contains a hash of
+//! its own content, so that an edited report is invalid.
 
 use std::{fmt::Write, path::Path};
 
@@ -16,15 +16,15 @@ use crate::{safety::failure::Failure, support::hash};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// Everything was done, and nothing failed.
+    /// All checks were made, and nothing failed.
     Passed,
-    /// Nothing failed, but what needs a fixture in the jig was not done.
+    /// Nothing failed, but the checks that need a fixture in the jig were not made.
     Incomplete,
-    /// Something failed.
+    /// A check failed.
     Failed,
 }
 
-/// One instrument as it was met.
+/// One instrument as it was found.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Instrument {
     /// Its role.
@@ -46,13 +46,13 @@ pub struct Report {
     pub bench: String,
     /// SHA-256 of the bench file.
     pub config_sha256: String,
-    /// Who signs for it.
+    /// Person who signs for it.
     pub operator: String,
     /// Date, UTC.
     pub date: String,
-    /// The same, s since 1970.
+    /// The date, s since 1970.
     pub unix_s: f64,
-    /// Fixture in the jig, by the operator's word.
+    /// Fixture in the jig, as stated by the operator.
     pub fixture: Option<String>,
     /// The instruments.
     pub instruments: Vec<Instrument>,
@@ -60,12 +60,12 @@ pub struct Report {
     pub outcome: Outcome,
     /// The checks.
     pub checks: Vec<Check>,
-    /// SHA-256 of all of this, with this field empty.
+    /// SHA-256 of the report, with this field empty.
     pub sha256: String,
 }
 
 impl Report {
-    /// Seals the report.
+    /// Seals the report with its hash.
     #[must_use]
     pub fn sealed(self) -> Self {
         Self {
@@ -74,7 +74,7 @@ impl Report {
         }
     }
 
-    /// Nobody has changed it since.
+    /// Checks that the report was not changed since.
     pub fn is_whole(&self) -> bool {
         self.sha256 == self.digest()
     }
@@ -119,7 +119,7 @@ impl Report {
         lines
     }
 
-    /// Text for people.
+    /// Returns the report as text for people.
     pub fn markdown(&self) -> String {
         let mut text = format!("# {}\n\n", self.title());
         for (name, value) in self.provenance() {
@@ -205,7 +205,7 @@ impl Report {
 /// Writes the report into its folder: `doctor.json`, `doctor.md`, `doctor.html`.
 ///
 /// # Errors
-/// A file that cannot be written.
+/// Fails if a file cannot be written.
 pub fn write(report: &Report, folder: &Path) -> Result<(), Failure> {
     let fail = |error: &dyn std::fmt::Display| {
         Failure::Analysis(format!(

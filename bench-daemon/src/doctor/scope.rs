@@ -1,5 +1,5 @@
-//! Frames of the scope while nothing changes: half a second of four channels, on ranges that widen
-//! until nothing clips.
+//! Frames of the scope while nothing changes: half a second of four channels, on ranges that are
+//! widened until nothing clips.
 
 mod ranges;
 
@@ -12,12 +12,12 @@ use super::Examination;
 use crate::bench::BenchError;
 pub(super) use ranges::Ranges;
 
-/// Length of a frame, s. From here on a roll keeps what the screen held.
+/// Length of a frame, s. From this length on a roll keeps the contents of the screen.
 const SPAN_S: f64 = 0.5;
-/// Waited for a frame, as a multiple of its length.
+/// Wait for a frame, as a multiple of its length.
 const WAIT: f64 = 2.5;
 const POINTS: u64 = 10_000;
-/// A range that clips is made wider by this, so many times at most.
+/// Factor by which a range that clips is widened, and greatest number of times.
 const WIDER: f64 = 5.0;
 const TRIES: usize = 4;
 
@@ -55,7 +55,7 @@ impl Level {
 }
 
 impl Examination<'_> {
-    /// A frame of the four channels.
+    /// Takes a frame of the four channels.
     pub(super) async fn frame(&mut self) -> Result<[Waveform; 4], BenchError> {
         let missing = BenchError::Missing { role: "scope" };
         let error = self.bench.error("scope");

@@ -1,4 +1,4 @@
-//! Decides whether the last report of the doctor still holds for a bench: same file, same
+//! Checks whether the last report of the doctor is still valid for a bench: same file, same
 //! instruments, unaltered, complete, and not too old.
 
 use instruments::{clock, exchange::fold};
@@ -9,12 +9,12 @@ use crate::{bench::Identified, config, safety::state::State, support::hash};
 /// Its name in the state folder.
 pub const REPORT: &str = "doctor.json";
 
-/// Why no report speaks for the bench; nothing where one does, or where the bench is simulated in
-/// this process.
+/// Returns why no report is valid for the bench, or `None` if one is valid, or if the bench is
+/// simulated in this process.
 pub fn standing(config: &config::Bench, text: &str, identities: &[Identified]) -> Option<String> {
     let state = State::of(config).ok().flatten()?;
     let path = state.path(REPORT);
-    // A resumed run says the same, however the way to it was typed.
+    // A resumed run reports the same, regardless of the spelling of the path.
     let path = path.canonicalize().unwrap_or(path);
     let Ok(found) = std::fs::read_to_string(&path) else {
         return Some("`eis-bench doctor` has never looked at this bench".to_owned());

@@ -1,5 +1,5 @@
 //! Judges a known step of the command: which of drive, ammeter, probes and voltmeter can be
-//! believed. Pure.
+//! trusted. The functions are pure.
 
 use instruments::fixture::Fixture;
 
@@ -8,9 +8,10 @@ use super::{
     probes::{COVERAGE, KnownResistance, Loop, METER_SIGMA, Mistake},
 };
 
-/// The gain of the drive is right within this share, and remarkable beyond the first.
+/// Gain errors of the drive, as shares: beyond the first a remark is made, the second is the
+/// limit.
 const GAIN: (f64, f64) = (0.05, 0.15);
-/// Less than this share of the wanted current is none.
+/// Share of the wanted current below which the current counts as none.
 const NOTHING: f64 = 0.05;
 /// Resolution of a bench voltmeter, V.
 const VOLTMETER_V: f64 = 2.0e-3;
@@ -20,19 +21,19 @@ const VOLTMETER_V: f64 = 2.0e-3;
 pub(super) struct Step {
     /// The current that the configured gain should give, A.
     pub(super) wanted_a: f64,
-    /// By the bipolar supply's ammeter, A.
+    /// Change of the bipolar supply's ammeter, A.
     pub(super) ammeter_a: f64,
-    /// By its voltmeter, V.
+    /// Change of its voltmeter, V.
     pub(super) supply_v: f64,
-    /// By the voltmeter of the load, where there is one, V.
+    /// Change of the voltmeter of the load, if there is one, V.
     pub(super) load_v: Option<f64>,
-    /// By the four channels, V.
+    /// Changes of the four channels, V.
     pub(super) channels_v: [f64; 4],
     /// The configured trim of the command.
     pub(super) trim: f64,
 }
 
-/// Judges a step; says whether all of probes and drive can be believed.
+/// Judges a step; returns whether all probes and the drive can be trusted.
 pub(super) fn judge(findings: &mut Findings, circuit: &Loop, step: &Step) -> bool {
     let by = |reference_a: f64| step.channels_v.map(|volts| volts / reference_a);
     let [c1, c2, c3, c4] = step.channels_v;
@@ -67,8 +68,8 @@ pub(super) fn judge(findings: &mut Findings, circuit: &Loop, step: &Step) -> boo
     } else {
         circuit.explain(by(step.ammeter_a))
     };
-    // Where nothing else explains it and the controls agree with each other, it is the ammeter;
-    // where it may be the shunt's value too, the command decides.
+    // If nothing else explains it and the controls agree with each other, the ammeter is wrong; if
+    // the shunt's value may be wrong, too, the command decides.
     let of_value = explained
         .iter()
         .all(|mistake| matches!(mistake, Mistake::Shunt(_)));
@@ -100,7 +101,7 @@ fn wanted(step: &Step) -> String {
     format!("{:+.3} A", step.wanted_a)
 }
 
-/// The current by the shunt, against which the ammeter is judged.
+/// The current from the shunt, with which the ammeter is compared.
 #[derive(Clone, Copy)]
 struct ByShunt {
     current_a: f64,
@@ -152,7 +153,7 @@ fn ammeter(findings: &mut Findings, step: &Step, sound: bool, by_shunt: ByShunt)
     verdict != Verdict::Fail
 }
 
-/// Within 95 % as it should be, within 99 % remarkable, beyond wrong.
+/// Returns the verdict: correct within 95 %, a remark within 99 %, wrong beyond.
 fn verdict(off: f64, sigma: f64) -> Verdict {
     match off {
         off if off <= COVERAGE.0 * sigma => Verdict::Ok,
@@ -161,7 +162,8 @@ fn verdict(off: f64, sigma: f64) -> Verdict {
     }
 }
 
-/// `command`: whether ammeter and shunt, in this order, show the current that was commanded.
+/// Judges the probes. `command` states whether ammeter and shunt, in this order, show the
+/// commanded current.
 fn probes(
     findings: &mut Findings,
     circuit: &Loop,
@@ -283,7 +285,7 @@ fn milli(ohms: f64) -> String {
     format!("{:.2} mΩ", 1.0e3 * ohms)
 }
 
-/// A control with what a sound bench reads of it.
+/// Describes a control with the readings of a sound bench.
 fn expected(known: KnownResistance, sigma_ohm: f64) -> String {
     let within = |k: f64| milli(k * sigma_ohm);
     let KnownResistance {
@@ -303,7 +305,8 @@ fn expected(known: KnownResistance, sigma_ohm: f64) -> String {
     )
 }
 
-/// Remedy, in words. Where a value of the bench file may be wrong, it says how to decide.
+/// Returns the remedy as text. If a value of the bench file may be wrong, it explains how to
+/// decide.
 fn advice(circuit: &Loop, mine: &[&Mistake], command: [bool; 2]) -> String {
     let each: Vec<String> = mine.iter().map(|mistake| mistake.describe().1).collect();
     let either = if each.len() > 1 {
@@ -392,7 +395,7 @@ fn drive(findings: &mut Findings, step: &Step, current_a: f64, known: bool) -> b
     verdict != Verdict::Fail
 }
 
-/// The load's leads see the wire to the jig and what is in it.
+/// Judges the voltmeter of the load, whose leads include the wire to the jig and its contents.
 fn voltmeter(
     findings: &mut Findings,
     circuit: &Loop,
@@ -430,7 +433,8 @@ fn voltmeter(
             good,
         )
     } else {
-        // Sense leads may sit on the jig itself, which is better, or include the wire to it.
+        // Sense leads may be connected to the jig itself, which is better, or include the wire to
+        // it.
         let around = |volts: f64| {
             (
                 volts - 0.3 * volts.abs() - VOLTMETER_V,
@@ -544,8 +548,8 @@ mod tests {
         assert_eq!(failed(&step(0.98)), []);
     }
 
-    /// The same readings with another value in the bench file, or another ammeter: which of them
-    /// the command tells.
+    /// Equal readings for another value in the bench file or for a wrong ammeter: the command
+    /// decides which of them applies.
     #[test]
     fn a_wrong_value_is_told_from_a_wrong_ammeter_by_a_second_control_or_the_command() {
         let shunt_of = |ohm: f64| KnownResistance {
@@ -569,7 +573,7 @@ mod tests {
             }
         };
         for (circuit, step, id, word) in [
-            // A fake cell of 3.75 mΩ where the bench file says 6.
+            // A fake cell of 3.75 mΩ, although the bench file states 6.
             (
                 Loop {
                     control: KnownResistance {
@@ -609,7 +613,7 @@ mod tests {
                 "probes.current_pair",
                 "the value, or the ammeter",
             ),
-            // Both controls agree with each other, and not with the ammeter.
+            // Both controls agree with each other, but not with the ammeter.
             (
                 CIRCUIT,
                 Step {

@@ -1,12 +1,13 @@
-//! Judges the four channels of a record as what they are: potentials along one loop of passive
-//! parts. Pure.
+//! Checks that the four channels of a record are potentials along one loop of passive parts. The
+//! functions are pure.
 //!
-//! The shunt lies between C1 and C2, a wire between C2 and C3, the jig between C3 and C4; or the jig
-//! first, and the wire between C4 and C1. The same current flows through all of them, so that the
-//! potentials per ampere must rise by a positive resistance from part to part, wherever the loop is
-//! earthed. Where C1 to C3 lie between earth and jig they do not depend on what is in the jig: they
-//! must show what they showed with a control in it. Where a record contradicts this, each single
-//! fault of the leads is tried, and those that explain the record are named.
+//! The shunt lies between C1 and C2, a wire between C2 and C3, the jig between C3 and C4.
+//! Alternatively the jig comes first, and the wire lies between C4 and C1. The same current flows
+//! through all of them, so the potentials per ampere must rise by a positive resistance from part
+//! to part, wherever the loop is earthed. If C1 to C3 lie between earth and jig, they do not
+//! depend on the contents of the jig: they must have the values that they had with a control in
+//! it. If a record contradicts this, each single fault of the leads is tried, and those that
+//! explain the record are named.
 
 use analysis::{calibration::Priors, spectrum::ChannelPhasors};
 use instruments::fixture::Fixture;
@@ -14,15 +15,15 @@ use num_complex::Complex64;
 
 use super::SweepPoint;
 
-/// Standard deviations from which on a contradiction is no noise.
+/// Standard deviations above which a contradiction does not count as noise.
 const CERTAIN: f64 = 5.0;
-/// Share by which a potential per ampere may differ from that with a control in the jig. Wires warm
-/// up and contacts differ by some mΩ of tens; a dead channel loses all, and a probe factor of 10
-/// adds nine times.
+/// Greatest relative difference of a potential per ampere from that with a control in the jig.
+/// Wires warm up and contacts differ by some mΩ of tens; a dead channel loses everything, and a
+/// probe factor of 10 adds nine times the value.
 const MOVED: f64 = 0.5;
-/// Two frequencies that differ by less than this share are one.
+/// Relative difference below which two frequencies count as equal.
 const SAME_FREQUENCY: f64 = 0.01;
-/// A channel is dead where it shows less than this share of the largest channel.
+/// Share of the largest channel below which a channel is dead.
 const DEAD: f64 = 0.02;
 /// Share of the commanded amplitude within which the current must be.
 const AMPLITUDE: std::ops::RangeInclusive<f64> = 0.8..=1.2;
@@ -36,16 +37,16 @@ pub(crate) struct ControlPotentials {
     ohm: [Complex64; 3],
 }
 
-/// What a record is judged by, beside its own channels.
+/// Criteria for a record, beside its own channels.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct LoopRequest<'a> {
     /// Fixture in the jig.
     pub(crate) fixture: Fixture,
     /// Resistance of the current shunt, Ω.
     pub(crate) shunt_ohm: f64,
-    /// Amplitude of the current that was commanded, A.
+    /// Commanded amplitude of the current, A.
     pub(crate) amplitude_a: f64,
-    /// Potentials that the controls of this run have shown.
+    /// Potentials that were measured with the controls of this run.
     pub(crate) controls: &'a [ControlPotentials],
 }
 
@@ -54,7 +55,7 @@ pub(crate) struct LoopRequest<'a> {
 pub(crate) struct ChannelFault {
     /// What was expected and what was found.
     pub(crate) found: String,
-    /// The faults of leads that explain it, in words.
+    /// The faults of leads that explain it, as text.
     pub(crate) cause: String,
 }
 
@@ -92,7 +93,8 @@ impl std::fmt::Display for Cause {
 }
 
 impl ControlPotentials {
-    /// The potentials of a sound point of a control in the jig; nothing of other points.
+    /// Returns the potentials of a sound point of a control in the jig, or `None` for other
+    /// points.
     pub(crate) fn of(point: &SweepPoint, shunt_ohm: f64) -> Option<Self> {
         let in_jig = matches!(point.fixture, Fixture::FakeCell | Fixture::Short);
         let [low, high, tap, _] = point.phasors.volts;
@@ -104,21 +106,22 @@ impl ControlPotentials {
         })
     }
 
-    /// Whether C1 to C3 lie between earth and jig, so that what is in the jig does not move them.
+    /// Checks whether C1 to C3 lie between earth and jig, so that the contents of the jig do not
+    /// affect them.
     fn is_below_jig(&self) -> bool {
         let [low, high, tap] = self.ohm;
         low.re > 0.0 && tap.re >= high.re
     }
 }
 
-/// Finds a contradiction between the channels of a record; nothing where a loop of passive parts
+/// Returns a contradiction between the channels of a record, or `None` if a loop of passive parts
 /// explains it within its noise and the prior uncertainty of gains and skews.
 pub(crate) fn find_channel_fault(
     phasors: &ChannelPhasors,
     request: &LoopRequest<'_>,
 ) -> Option<ChannelFault> {
     if request.fixture == Fixture::Shunt {
-        // C3 and C4 lie on the shunt; the fixture check knows what they must show.
+        // C3 and C4 are on the shunt; the fixture check knows their expected values.
         return None;
     }
     let potentials = Potentials::of(phasors, request, None)?;
@@ -139,7 +142,7 @@ pub(crate) fn find_channel_fault(
         .map(|(cause, _)| cause.to_string())
         .collect();
     let cause = match causes.len() {
-        // Another amplitude has more causes than leads.
+        // Causes other than leads may change the amplitude.
         0 if !physical => return None,
         0 => "no single channel explains it: look at the leads of all four".to_owned(),
         _ => causes.join(", or "),
@@ -150,14 +153,15 @@ pub(crate) fn find_channel_fault(
     })
 }
 
-/// Faults that are tried. The level of C4 was compared with a voltmeter where a cell is in the jig.
+/// Returns the faults that are tried. If a cell is in the jig, the level of C4 was compared with a
+/// voltmeter.
 fn causes(request: &LoopRequest<'_>) -> impl Iterator<Item = Cause> {
     let slots = if request.fixture == Fixture::Cell {
         3
     } else {
         4
     };
-    // Without a control a dead C1 or C2 is no more than another amplitude.
+    // Without a control a dead C1 or C2 appears only as another amplitude.
     let first_dead = if request.controls.is_empty() { 2 } else { 0 };
     let dead = (first_dead..slots).map(Cause::Dead);
     let factors = (0..slots).flat_map(|slot| FACTORS.map(|factor| Cause::Factor(slot, factor)));
@@ -168,8 +172,8 @@ fn causes(request: &LoopRequest<'_>) -> impl Iterator<Item = Cause> {
         .chain(swaps)
 }
 
-/// Whether the record is that of a sound loop once a fault is taken out of it: nothing where it is
-/// not, else whether the jig lies above the shunt, as usual.
+/// Checks whether the record is that of a sound loop after removal of a fault. Returns `None` if
+/// not, otherwise whether the jig lies above the shunt, as usual.
 fn explains(cause: Cause, phasors: &ChannelPhasors, request: &LoopRequest<'_>) -> Option<bool> {
     let mut mended = *phasors;
     let mut dead = None;
@@ -194,7 +198,7 @@ fn explains(cause: Cause, phasors: &ChannelPhasors, request: &LoopRequest<'_>) -
     sound.then(|| potentials.negative(1, 2).is_none())
 }
 
-/// Standard deviation of a channel's phasor, V.
+/// Returns the standard deviation of a channel's phasor, V.
 fn noise_v(phasors: &ChannelPhasors, slot: usize) -> f64 {
     let total = phasors.variance[slot].total();
     (total.re_re + total.im_im).max(0.0).sqrt()
@@ -207,12 +211,12 @@ struct Potentials {
     sigma_ohm: [f64; 4],
     /// A channel that counts as dead.
     dead: Option<usize>,
-    /// Amplitude of the current, A; none where a channel of the shunt is dead.
+    /// Amplitude of the current, A; `None` if a channel of the shunt is dead.
     amplitude_a: Option<f64>,
 }
 
 impl Potentials {
-    /// Nothing where no current flows.
+    /// Returns `None` if no current flows.
     fn of(
         phasors: &ChannelPhasors,
         request: &LoopRequest<'_>,
@@ -244,9 +248,10 @@ impl Potentials {
         })
     }
 
-    /// What no loop of passive parts, and no loop that the controls were measured in, shows.
+    /// Returns contradictions to any loop of passive parts, and to the loop that the controls were
+    /// measured in.
     fn contradictions(&self, request: &LoopRequest<'_>) -> Vec<String> {
-        // Where the jig lies between earth and shunt, the wire is the one between C4 and C1.
+        // If the jig lies between earth and shunt, the wire is the one between C4 and C1.
         let wire = self
             .negative(1, 2)
             .filter(|_| self.negative(3, 0).is_some());
@@ -261,7 +266,7 @@ impl Potentials {
         found
     }
 
-    /// A negative resistance between two channels, in words.
+    /// Describes a negative resistance between two channels.
     fn negative(&self, from: usize, to: usize) -> Option<String> {
         if self.dead.is_some_and(|slot| slot == from || slot == to) {
             return None;
@@ -279,7 +284,7 @@ impl Potentials {
         })
     }
 
-    /// A channel that shows another potential than with a control in the jig, in words.
+    /// Describes a channel whose potential differs from that with a control in the jig.
     fn moved(&self, slot: usize, control_ohm: Complex64) -> Option<String> {
         let (ohm, sigma_ohm) = (self.ohm[slot], self.sigma_ohm[slot]);
         let allowed_ohm = MOVED * control_ohm.norm() + CERTAIN * sigma_ohm;
@@ -294,7 +299,7 @@ impl Potentials {
         })
     }
 
-    /// A current that is not the commanded one, in words.
+    /// Describes a current that differs from the commanded one.
     fn wrong_amplitude(&self, request: &LoopRequest<'_>) -> Option<String> {
         let amplitude_a = self.amplitude_a?;
         (!AMPLITUDE.contains(&(amplitude_a / request.amplitude_a))).then(|| {
@@ -365,7 +370,7 @@ mod tests {
         assert_eq!(cause([41e-3, 51e-3, 17e-3, 29e-3], &[]), None);
         let [a, b, c, d] = SOUND;
         assert_eq!(cause([0.99 * a, 1.01 * b, 1.01 * c, 0.99 * d], &[]), None);
-        // A short in the jig, read with such gains, seems to be less than nothing.
+        // A short in the jig, read with such gains, appears to have a negative resistance.
         assert_eq!(cause([a, b, 1.01 * c, 0.99 * c], &[]), None);
     }
 }

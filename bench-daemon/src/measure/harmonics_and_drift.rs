@@ -1,5 +1,5 @@
-//! Content of a record besides its sinusoid: harmonics, and a drift that is not straight. It is a
-//! separate fit, so that the phasors of the sinusoid do not change.
+//! Content of a record beside its sinusoid: harmonics, and a nonlinear drift. It is a separate
+//! fit, so that the phasors of the sinusoid do not change.
 
 use analysis::{
     numeric::Covariance2,
@@ -7,25 +7,25 @@ use analysis::{
     spectrum::{ChannelPhasors, PhasorVariance},
 };
 
-/// Harmonics that are looked for: what an asymmetric and what a symmetric nonlinearity makes first.
+/// Harmonics that are fitted: the first ones of an asymmetric and of a symmetric nonlinearity.
 const ORDERS: [u32; 2] = [2, 3];
 
-/// Content of a record besides its sinusoid.
+/// Content of a record beside its sinusoid.
 #[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct HarmonicsAndDrift {
-    /// Orders and phasors of the harmonics that the record can tell apart.
+    /// Orders and phasors of the harmonics that the record can resolve.
     pub harmonics: Vec<(u32, ChannelPhasors)>,
-    /// The drift that no straight line takes out; none where the record is too short for it.
+    /// The nonlinear part of the drift; `None` if the record is too short for it.
     pub bend: Option<Bend>,
-    /// True if the fit of the sinusoid had relaxations beside it, which take such a drift out.
+    /// Whether the fit of the sinusoid included relaxations, which remove such a drift.
     #[serde(default)]
     pub relaxed: bool,
 }
 
-/// How the offset of the voltage across the jig bends.
+/// Curvature of the offset of the voltage across the jig.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Bend {
-    /// From the middle of the record to its ends, V.
+    /// Change from the middle of the record to its ends, V.
     pub volts: f64,
     /// Its standard deviation, V.
     pub sigma_v: f64,
@@ -33,25 +33,25 @@ pub struct Bend {
     pub periods: f64,
 }
 
-/// Standard deviations from which on a bend is no noise.
+/// Standard deviations above which a bend does not count as noise.
 const CERTAIN: f64 = 5.0;
 
 impl Bend {
-    /// True if it is no noise.
+    /// Returns true if the bend is not noise.
     pub fn is_certain(&self) -> bool {
         self.volts.abs() > CERTAIN * self.sigma_v
     }
 }
 
-/// Fits harmonics and a parabola besides the sinusoid; nothing where the record does not carry
-/// them.
+/// Fits harmonics and a parabola beside the sinusoid; returns nothing if the record is not
+/// sufficient.
 pub(crate) fn fit_harmonics_and_drift(record: &Record<'_>, freq_hz: f64) -> HarmonicsAndDrift {
     let options = FitOptions {
         drift: Drift::Quadratic,
         harmonics: ORDERS.to_vec(),
         ..FitOptions::default()
     };
-    // That the sinusoid itself can be fitted is another fit's to say.
+    // Another fit determines whether the sinusoid itself can be fitted.
     sine::fit_known_frequency(record, freq_hz, &options).map_or_else(
         |_| HarmonicsAndDrift::default(),
         |fit| HarmonicsAndDrift {
@@ -86,8 +86,8 @@ fn harmonics(fit: &SineFit) -> Vec<(u32, ChannelPhasors)> {
     fit.tones.iter().filter_map(of).collect()
 }
 
-/// Over u = −1…1, the part of u² that is neither offset nor straight line has a mean square of
-/// 4/45.
+/// Returns the bend of the offset. Over u = −1…1, the part of u² that is neither offset nor
+/// straight line has a mean square of 4/45.
 fn bend(fit: &SineFit) -> Option<Bend> {
     let [_, _, low, high] = fit.channels.as_slice() else {
         return None;
@@ -97,7 +97,7 @@ fn bend(fit: &SineFit) -> Option<Bend> {
     let variance = |c: &sine::ChannelFit| {
         c.colour_factor * c.residual_rms_v.powi(2) * 45.0 / (4.0 * c.samples_used as f64)
     };
-    // Zero is what a fit without a parabola says.
+    // A fit without a parabola returns zero.
     (curvature != 0.0).then(|| Bend {
         volts: curvature * half_s * half_s,
         sigma_v: (variance(low) + variance(high)).sqrt(),

@@ -19,28 +19,28 @@ pub struct SweepPoint {
     pub phasors: ChannelPhasors,
     /// Vertical scale of the four channels, V per division.
     pub volts_per_div: [f64; 4],
-    /// Frequency that a fit with free frequency finds, Hz.
+    /// Frequency from a fit with free frequency, Hz.
     pub free_freq_hz: f64,
     /// Greatest lag-1 correlation of the residuals: near 0 for noise, near 1 for a signal that the
-    /// sinusoid leaves out.
+    /// sinusoid does not explain.
     pub residual_lag1: f64,
-    /// Content of the record besides the sinusoid.
+    /// Content of the record beside the sinusoid.
     #[serde(rename = "beside")]
     pub harmonics_and_drift: HarmonicsAndDrift,
-    /// Warnings about it.
+    /// Warnings about the point.
     pub warnings: Vec<String>,
-    /// Bench time of the middle of its record, s, to a period and a half.
+    /// Bench time of the middle of its record, s, accurate to a period and a half.
     pub time_s: f64,
-    /// Records that were taken of it.
+    /// Number of its records.
     pub captures: usize,
-    /// How often it was measured again because the finished sweep refused it.
+    /// How often it was measured again because the finished sweep rejected it.
     pub rechecked: usize,
     /// Effort of its retries.
     #[serde(default)]
     pub spent: Spent,
     /// Quality of its record.
     pub measures: Measures,
-    /// Limits of the quality gate that it misses.
+    /// Limits of the quality gate that it exceeds.
     pub failing: Vec<Failing>,
 }
 
@@ -49,7 +49,7 @@ pub struct SweepPoint {
 pub struct Spent {
     /// Time, s.
     pub time_s: f64,
-    /// Charge moved to and fro, C.
+    /// Charge moved back and forth, C.
     pub charge_c: f64,
 }
 
@@ -65,12 +65,13 @@ impl std::ops::Add for Spent {
 }
 
 impl Spent {
-    /// Effort of the finished points of a sweep; it goes on counting after a resume.
+    /// Returns the effort of the finished points of a sweep; it continues to accumulate after a
+    /// resume.
     pub(crate) fn of<'a>(points: impl Iterator<Item = &'a SweepPoint>) -> Self {
         points.fold(Self::default(), |sum, point| sum + point.spent)
     }
 
-    /// Whether so much more is within the budget.
+    /// Checks whether an additional effort is within the budget.
     pub(crate) fn allows(&self, quality: &Quality, more: Self) -> bool {
         let spent = *self + more;
         spent.time_s <= quality.time_s && spent.charge_c <= quality.charge_c

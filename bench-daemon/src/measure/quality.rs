@@ -1,8 +1,8 @@
-//! Quality gate: compares the quality of one point of a sweep with limits, and words the excesses.
-//! Pure.
+//! Quality gate: compares the quality of one point of a sweep with limits, and describes the
+//! excesses. The functions are pure.
 //!
-//! A number counts against a point only where noise does not explain it, so that a quiet limit on a
-//! noisy bench names the noise and nothing else.
+//! A value fails only if noise does not explain it, so that a strict limit on a noisy bench
+//! reports the noise and nothing else.
 
 use analysis::{
     sine::{self, Channel, FitOptions, Record, SineFit, Stored, Tone, ToneKind},
@@ -13,30 +13,30 @@ use num_complex::Complex64;
 
 use crate::measure::HarmonicsAndDrift;
 
-/// Standard deviations from which on a number is no noise.
+/// Standard deviations above which a value does not count as noise.
 const CERTAIN: f64 = 5.0;
 
-/// Harmonics that are looked at: with fewer, a crest that is cut off would pass for noise.
+/// Harmonics that are evaluated: with fewer, a clipped crest would count as noise.
 const ORDERS: std::ops::RangeInclusive<u32> = 2..=7;
 
-/// Limits of the gate; shares of |Z| or of the amplitude.
+/// Limits of the gate, as shares of |Z| or of the amplitude.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Quality {
-    /// Standard deviation of Z by noise and rounding.
+    /// Standard deviation of Z due to noise and rounding.
     pub noise: f64,
-    /// Harmonics of current and voltage over their fundamentals.
+    /// Harmonics of current and voltage relative to their fundamentals.
     pub distortion: f64,
-    /// Largest share of the voltage's drift in Z.
+    /// Greatest share of the voltage's drift in Z.
     pub drift: f64,
-    /// Z of the first half of the record against the second.
+    /// Difference of Z between the two halves of the record.
     pub repeatability: f64,
     /// Residual of the Kramers–Kronig test.
     pub kramers_kronig: f64,
-    /// A point is measured again at most so many times.
+    /// Greatest number of repetitions of a point.
     pub again: usize,
-    /// Time that may go into that in one sweep, s.
+    /// Time for repetitions in one sweep, s.
     pub time_s: f64,
-    /// Charge that may be moved to and fro for that in one sweep, C.
+    /// Charge for repetitions in one sweep, C, moved back and forth.
     pub charge_c: f64,
 }
 
@@ -45,14 +45,14 @@ pub struct Quality {
 pub struct Measures {
     /// Greatest share of clipped samples of a channel.
     pub clipped: f64,
-    /// Standard deviation of Z by noise and rounding, over |Z|.
+    /// Standard deviation of Z due to noise and rounding, relative to |Z|.
     pub noise: f64,
-    /// Greater of the distortions of current and voltage, and what noise makes of it.
+    /// The larger of the distortions of current and voltage, and the part that noise explains.
     pub distortion: (f64, f64),
-    /// Error that the drift of the voltage may have put into Z, over |Z|.
+    /// Possible error of Z due to the drift of the voltage, relative to |Z|.
     pub drift: f64,
-    /// Difference of Z between the halves of the record over |Z|, and what noise makes of it;
-    /// nothing where a half is too short.
+    /// Difference of Z between the halves of the record, relative to |Z|, and the part that noise
+    /// explains; `None` if a half is too short.
     pub repeatability: Option<(f64, f64)>,
 }
 
@@ -74,7 +74,7 @@ pub enum Criterion {
     KramersKronig,
     /// The sign of the real part.
     Passivity,
-    /// Points beside it that the sweep refuses.
+    /// Neighbouring points that the sweep rejects.
     Neighbours,
 }
 
@@ -93,12 +93,12 @@ impl std::fmt::Display for Criterion {
     }
 }
 
-/// A number that is too large.
+/// A value that exceeds its limit.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Failing {
     /// Quantity that fails.
     pub criterion: Criterion,
-    /// The number, as a share.
+    /// The value, as a share.
     pub value: f64,
     /// Its limit.
     pub limit: f64,
@@ -106,7 +106,7 @@ pub struct Failing {
 
 impl std::fmt::Display for Failing {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        // Two significant digits, whatever the size.
+        // Two significant digits for any magnitude.
         let percent = |share: f64| {
             let value = 100.0 * share;
             if !value.is_finite() {
@@ -137,12 +137,12 @@ impl std::fmt::Display for Failing {
 }
 
 impl Quality {
-    /// Limits that a record misses.
+    /// Returns the limits that a record exceeds.
     pub fn judge(&self, measures: &Measures) -> Vec<Failing> {
         let beyond = |(value, sigma): (f64, f64), limit: f64| value > limit.max(CERTAIN * sigma);
         let mut failing = Vec::new();
         let mut check = |criterion, value: (f64, f64), limit| {
-            // What is no number is not known to be good.
+            // A value that is not a number is not known to be good.
             if beyond(value, limit) || value.0.is_nan() {
                 failing.push(Failing {
                     criterion,
@@ -161,7 +161,7 @@ impl Quality {
         failing
     }
 
-    /// The residual of a point in the finished sweep, where it is too much.
+    /// Returns the residual of a point in the finished sweep if it is too large.
     pub fn judge_residual(&self, share: f64) -> Option<Failing> {
         (share > self.kramers_kronig).then_some(Failing {
             criterion: Criterion::KramersKronig,
@@ -172,7 +172,7 @@ impl Quality {
 }
 
 impl Failing {
-    /// It is of the finished sweep, not of the record.
+    /// Checks whether the criterion belongs to the finished sweep instead of the record.
     pub fn is_of_sweep(&self) -> bool {
         matches!(
             self.criterion,
@@ -181,19 +181,19 @@ impl Failing {
     }
 }
 
-/// How far beyond its limit the worst number is; 0 for a good point.
+/// Returns how far the worst value exceeds its limit; 0 for a good point.
 pub fn severity(failing: &[Failing]) -> f64 {
     let of = |one: &Failing| match (one.value, one.limit) {
         (value, _) if value.is_nan() => f64::INFINITY,
         (value, limit) if limit > 0.0 => value / limit,
-        // Any clipped sample is worse than any number that is only too large.
+        // Any clipped sample is worse than any value that is only too large.
         (value, _) => 1.0e3 * (1.0 + value),
     };
     failing.iter().map(of).fold(0.0, f64::max)
 }
 
-/// Quality of a record of four channels, from its fits. `clipped`: greatest share of clipped
-/// samples.
+/// Computes the quality of a record of four channels from its fits. `clipped` is the greatest
+/// share of clipped samples.
 pub fn measure(
     record: &Record<'_>,
     phasors: &ChannelPhasors,
@@ -235,14 +235,16 @@ pub fn measure(
     }
 }
 
-/// Standard deviation across the impedance, Ω: the phase counts as the magnitude does.
+/// Returns the standard deviation perpendicular to the impedance, Ω: an error of the phase counts
+/// as much as one of the magnitude.
 fn across(point: &ImpedancePoint) -> f64 {
     point.phase_sigma_rad() * point.magnitude_ohm()
 }
 
-/// Root of the summed squares of the harmonics over the fundamental, of the current and of what the
-/// current's harmonics do not explain of the voltage (with the impedance of the fundamental, for a
-/// single record knows no other); the greater, with what noise makes of it.
+/// Returns the root of the summed squares of the harmonics relative to the fundamental: for the
+/// current, and for the part of the voltage that the current's harmonics do not explain (with the
+/// impedance of the fundamental, because a single record shows no other). Returns the larger of
+/// the two, with the part that noise explains.
 fn distortion(record: &Record<'_>, freq_hz: f64) -> (f64, f64) {
     let options = FitOptions {
         harmonics: ORDERS.collect(),
@@ -461,7 +463,7 @@ mod tests {
         let samples = |amplitude_v: f64, change: f64| -> Vec<f64> {
             let at = |k: u32| {
                 let t = interval_s * f64::from(k);
-                // A stride without a period takes the place of noise.
+                // A stride that is not periodic replaces noise.
                 let noise = 1.0e-5 * ((f64::from(k) * 0.618_034).fract() - 0.5);
                 amplitude_v
                     * (1.0 + change * f64::from(k) / f64::from(n))
@@ -490,7 +492,7 @@ mod tests {
                 (difference - expected).abs() < 0.003,
                 "{difference}, expected {expected}"
             );
-            // What a changing amplitude leaves is no noise, but counts as such.
+            // The residual of a changing amplitude is not noise, but counts as such.
             assert!(sigma < 0.01, "{sigma}");
         }
     }

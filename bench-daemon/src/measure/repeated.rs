@@ -1,8 +1,8 @@
-//! Recognises a record that the scope has sent before. Pure.
+//! Detects a record that the scope has already sent. The functions are pure.
 //!
-//! Noise moves the last digit of a twelve-bit converter, so that two records are never alike in
-//! each of their thousands of samples. One dead or clipped channel may be: all four channels
-//! decide.
+//! Noise changes the last digit of a twelve-bit converter, so two records never agree in each of
+//! their thousands of samples. A single dead or clipped channel may agree: all four channels are
+//! compared.
 
 use std::{
     collections::HashMap,
@@ -12,13 +12,13 @@ use std::{
 /// Digests of the codes of the four channels.
 pub(crate) type Digest = [u64; 4];
 
-/// Records that were seen, with their names.
+/// Digests of earlier records, with their names.
 #[derive(Debug, Default)]
 pub(crate) struct SeenRecords {
     known: HashMap<Digest, String>,
 }
 
-/// Digest of a record; none where nothing moves, for that proves nothing.
+/// Returns the digest of a record, or `None` if no sample changes, because that proves nothing.
 pub(crate) fn digest_record(codes: [&[i16]; 4]) -> Option<Digest> {
     let moves = |channel: &[i16]| channel.iter().any(|code| Some(code) != channel.first());
     codes.into_iter().any(moves).then(|| {
@@ -31,7 +31,7 @@ pub(crate) fn digest_record(codes: [&[i16]; 4]) -> Option<Digest> {
 }
 
 impl SeenRecords {
-    /// Remembers a record under a name; gives the name of an earlier one with the same codes.
+    /// Stores a record under a name; returns the name of an earlier one with the same codes.
     pub(crate) fn remember(&mut self, digest: Option<Digest>, name: String) -> Option<String> {
         self.known.insert(digest?, name)
     }
@@ -49,7 +49,7 @@ mod tests {
             |codes: [&[i16]; 4], name: &str| seen.remember(digest_record(codes), name.to_owned());
         let first: [&[i16]; 4] = [&moves, &moves, &still, &moves];
         assert_eq!(earlier(first, "3 Hz"), None);
-        // Three channels that are alike are chance where they are dead or clip.
+        // Three channels may agree by chance if they are dead or clip.
         assert_eq!(earlier([&moves, &moves, &still, &other], "30 Hz"), None);
         assert_eq!(earlier(first, "300 Hz").as_deref(), Some("3 Hz"));
         assert_eq!(earlier([&still; 4], "dead"), None);

@@ -1,5 +1,6 @@
 //! Judges the points of a finished sweep of a cell by physics, with or without a quality gate: a
-//! cell is passive, and a point that the gate has let through is believed only beside others. Pure.
+//! cell is passive, and a point that the gate has accepted is trusted only beside other accepted
+//! points. The functions are pure.
 
 use analysis::spectrum::ImpedancePoint;
 
@@ -8,11 +9,11 @@ use super::{
     quality::{Criterion, Failing},
 };
 
-/// Standard deviations from which on a negative real part is no noise.
+/// Standard deviations above which a negative real part does not count as noise.
 const CERTAIN: f64 = 5.0;
 
-/// Adds what refuses points of a sweep, which come by rising frequency with their corrected
-/// impedances.
+/// Adds the reasons for rejecting points of a sweep, which are sorted by rising frequency and come
+/// with their corrected impedances.
 pub(crate) fn judge_sweep(points: &mut [SweepPoint], corrected: &[ImpedancePoint]) {
     for (point, impedance) in points.iter_mut().zip(corrected) {
         point.failing.extend(judge_passivity(impedance));
@@ -28,8 +29,8 @@ pub(crate) fn judge_sweep(points: &mut [SweepPoint], corrected: &[ImpedancePoint
     }
 }
 
-/// A passive two-terminal has no negative real part at any frequency; beyond the uncertainty of the
-/// point it contradicts that.
+/// Returns a failure if the real part is negative beyond the uncertainty of the point: a passive
+/// two-terminal network has no negative real part at any frequency.
 fn judge_passivity(point: &ImpedancePoint) -> Option<Failing> {
     let size_ohm = point.magnitude_ohm();
     let failing = Failing {
@@ -40,10 +41,10 @@ fn judge_passivity(point: &ImpedancePoint) -> Option<Failing> {
     (failing.value > failing.limit).then_some(failing)
 }
 
-/// Points in a row that were let through beside points that the sweep refuses are suspect, unless
-/// they outnumber the refused ones on each side: the refusal says that the sweep contradicts
-/// itself, and of few against many the few are not the right ones. At an end of a sweep the test
-/// has neighbours on one side only.
+/// Returns accepted points that are suspect. A sequence of accepted points beside rejected ones is
+/// suspect unless it outnumbers the rejected points on each side: the rejection shows that the
+/// sweep contradicts itself, and then the minority is probably wrong. At an end of a sweep the
+/// test has neighbours on one side only.
 fn suspects(refused: &[bool]) -> Vec<Option<Failing>> {
     let runs: Vec<&[bool]> = refused.chunk_by(|a, b| a == b).collect();
     let beside = |index: usize| {

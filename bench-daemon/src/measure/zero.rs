@@ -1,15 +1,16 @@
-//! The zero of the scope's channels: their means while no current flows through a cell. Pure.
+//! The zero of the scope's channels: their means without a current through a cell. The functions
+//! are pure.
 
 use crate::interlock::NO_CURRENT_A;
 
-/// Name of what trips.
+/// Name of the quantity that trips.
 pub(crate) const SINCE_ZERO: &str = "mean of the cell current since the zero of the channels";
-/// Direct current that a sinusoid may bring with it, as a share of its amplitude: generators are
+/// Direct current that may accompany a sinusoid, as a share of its amplitude: generators are
 /// specified to 0.25 % to 0.5 % (33500B, SDG1000X).
 const OFFSET_SHARE: f64 = 0.01;
 
-/// Greatest mean of a record beyond the zero of the channels, A: the supply has shown less than
-/// this before the first sinusoid.
+/// Returns the greatest mean of a record relative to the zero of the channels, A: the supply has
+/// shown less than this before the first sinusoid.
 pub(crate) fn allowed_since_zero_a(amplitude_a: f64) -> f64 {
     NO_CURRENT_A + OFFSET_SHARE * amplitude_a
 }
@@ -21,7 +22,7 @@ pub(crate) struct ChannelMeans {
     pub(crate) volts: [f64; 3],
 }
 
-/// Means of the channels while no current flows through a cell, one for each set of scales.
+/// Means of the channels without a current through a cell, one for each set of scales.
 #[derive(Debug, Default)]
 pub(crate) struct Zeros {
     means: Vec<ChannelMeans>,
@@ -29,25 +30,26 @@ pub(crate) struct Zeros {
 }
 
 impl Zeros {
-    /// Keeps the means of a record; the latest on a set of scales counts.
+    /// Stores the means of a record; the latest on a set of scales is used.
     pub(crate) fn keep(&mut self, means: ChannelMeans) {
         self.means
             .retain(|known| known.volts_per_div != means.volts_per_div);
         self.means.push(means);
     }
 
-    /// Keeps the means of a record of a control.
+    /// Stores the means of a record of a control.
     pub(crate) fn keep_of_control(&mut self, means: ChannelMeans) {
         self.by_controls = true;
         self.keep(means);
     }
 
-    /// Whether no control has shown the zero.
+    /// Checks whether no control has shown the zero.
     pub(crate) fn lacks_controls(&self) -> bool {
         !self.by_controls
     }
 
-    /// The zero on these scales of the shunt's channels, if possible with the same scale of C3.
+    /// Returns the zero on these scales of the shunt's channels, if possible with the same scale
+    /// of C3.
     pub(crate) fn on(&self, means: &ChannelMeans) -> Option<&ChannelMeans> {
         let same = |known: &&ChannelMeans| known.volts_per_div[..2] == means.volts_per_div[..2];
         let whole = |known: &&ChannelMeans| known.volts_per_div == means.volts_per_div;

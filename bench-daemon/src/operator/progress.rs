@@ -19,19 +19,19 @@ use crate::{
     support::terminal::remark,
 };
 
-/// With this variable set, what is shown on a terminal's line is written as a line each, behind
-/// [`PROGRESS_LINE`]: for a program that shows it.
+/// Environment variable; if it is set, the content of a terminal's status line is written as
+/// separate lines, each after [`PROGRESS_LINE`], for a program that displays it.
 pub const PROGRESS_VARIABLE: &str = "EIS_BENCH_PROGRESS";
-/// Beginning of such a line.
+/// Prefix of such a line.
 pub const PROGRESS_LINE: &str = "progress: ";
 
-/// A line on a terminal's standard error that says what a computation is doing, and since when.
+/// A line on a terminal's standard error that shows what a computation is doing, and since when.
 pub struct Waiting {
     bar: ProgressBar,
     lines: bool,
 }
 
-/// Puts words on the line.
+/// Shows a text on the line.
 fn put(bar: &ProgressBar, lines: bool, words: String) {
     if lines {
         remark!("{PROGRESS_LINE}{words}");
@@ -40,7 +40,7 @@ fn put(bar: &ProgressBar, lines: bool, words: String) {
 }
 
 impl Waiting {
-    /// Shows the line; nothing on anything else than a terminal, but for [`PROGRESS_VARIABLE`].
+    /// Shows the line on a terminal only, or with [`PROGRESS_VARIABLE`].
     pub fn shown() -> Self {
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(10));
         if let Ok(style) = ProgressStyle::with_template("{elapsed:>4}  {msg}") {
@@ -52,13 +52,13 @@ impl Waiting {
         }
     }
 
-    /// A listener that puts its words on the line.
+    /// Returns a listener that shows its text on the line.
     pub fn listener(&self) -> Listener {
         let (bar, lines) = (self.bar.clone(), self.lines);
         Listener::new(move |step| put(&bar, lines, step.to_owned()))
     }
 
-    /// Counts what is done of so many things, from any thread.
+    /// Returns a counter of finished items, for use from any thread.
     pub fn counter(&self, of: u64, what: &str) -> impl Fn() + Sync + use<> {
         let (bar, lines) = (self.bar.clone(), self.lines);
         let (what, done) = (what.to_owned(), AtomicU64::new(0));
@@ -74,12 +74,12 @@ impl Waiting {
     }
 }
 
-/// Seconds between two lines about progress where there is no terminal.
+/// Seconds between two progress lines without a terminal.
 const QUIET_S: u64 = 10;
-/// Ticks of a share of 1.
+/// Number of ticks for a share of 1.
 const WHOLE: u64 = 10_000;
 
-/// Progress through many things, with the time left.
+/// Progress through many items, with the time left.
 pub struct Share {
     bar: ProgressBar,
     terminal: bool,
@@ -87,7 +87,7 @@ pub struct Share {
 }
 
 impl Share {
-    /// A bar on standard error; on anything else than a terminal a line now and then.
+    /// Shows a bar on standard error; without a terminal, occasional lines.
     pub fn shown() -> Self {
         let terminal = std::io::stderr().is_terminal();
         let bar =
@@ -104,7 +104,7 @@ impl Share {
         }
     }
 
-    /// This share is done, which is so much.
+    /// Sets the finished share, and its description.
     pub fn at(&self, share: f64, done: &str) {
         self.bar.set_position((share * WHOLE as f64) as u64);
         self.bar.set_message(done.to_owned());
@@ -135,19 +135,19 @@ pub struct Progress {
 #[derive(Debug, Clone, Default)]
 pub struct Doing(Arc<Mutex<Now>>);
 
-/// The step in work.
+/// The present step.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Now {
-    /// In words; empty before the first.
+    /// Text; empty before the first step.
     pub step: String,
-    /// Fixture in the jig, where it is known.
+    /// Fixture in the jig, if known.
     pub fixture: Option<Fixture>,
-    /// At which set-point this run has started a bath that closes its own loop, °C.
+    /// Set-point at which this run has started a bath that closes its own loop, °C.
     pub bath_c: Option<f64>,
 }
 
 impl Doing {
-    /// Present action.
+    /// Returns the present action.
     pub fn now(&self) -> Now {
         self.0
             .lock()
@@ -161,8 +161,7 @@ impl Doing {
 }
 
 impl Progress {
-    /// A bar on standard error for a plan; on anything else than a terminal one line per stage
-    /// instead.
+    /// Shows a bar on standard error for a plan; without a terminal, one line per stage instead.
     pub fn new(plan: &Plan) -> Self {
         let terminal = std::io::stderr().is_terminal();
         let bar = ProgressBar::with_draw_target(
@@ -182,7 +181,7 @@ impl Progress {
         }
     }
 
-    /// No output at all.
+    /// Creates progress without output.
     pub fn hidden() -> Self {
         Self {
             bar: ProgressBar::hidden(),
@@ -192,17 +191,17 @@ impl Progress {
         }
     }
 
-    /// Present action, as a handle that others can read later.
+    /// Returns the present action, as a handle that others can read later.
     pub fn doing(&self) -> &Doing {
         &self.doing
     }
 
-    /// A step begins.
+    /// Shows the beginning of a step.
     pub fn begin(&self, stage: &str, step: &Step) {
         self.bar.set_message(format!("{stage}: {step}"));
         self.doing.set(|now| {
             now.step = step.to_string();
-            // Nobody knows what is in the jig while it is being changed.
+            // While the fixture is being changed, the contents of the jig are unknown.
             now.fixture = now.fixture.filter(|_| !matches!(step, Step::Mount(_)));
         });
         let known = stage.bytes().fold(1_u64, |hash, byte| {
@@ -213,12 +212,12 @@ impl Progress {
         }
     }
 
-    /// The bath was started at a set-point, °C, and holds it by itself.
+    /// Records that the bath was started at a set-point, °C, which it holds on its own.
     pub fn bath(&self, setpoint_c: f64) {
         self.doing.set(|now| now.bath_c = Some(setpoint_c));
     }
 
-    /// Something that holds until the next step begins.
+    /// Shows a text until the next step begins.
     pub fn say(&self, text: &str) {
         self.bar.set_message(text.to_owned());
         if !self.terminal {
@@ -226,7 +225,7 @@ impl Progress {
         }
     }
 
-    /// A step ended.
+    /// Shows the end of a step.
     pub fn end(&self, step: &Step) {
         if let Step::Mount(fixture) = *step {
             self.doing.set(|now| now.fixture = Some(fixture));
@@ -234,7 +233,7 @@ impl Progress {
         self.bar.inc(milliseconds(step.expected_s()));
     }
 
-    /// Nothing is left.
+    /// Shows that nothing remains.
     pub fn finish(&self) {
         self.bar.finish_and_clear();
     }

@@ -1,5 +1,5 @@
-//! Questions to the person at the bench that are answered through the run folder, by a command or by
-//! the page: the run writes the question into its journal and waits for a small file.
+//! Questions to the person at the bench that are answered through the run folder, by a command or
+//! by the page: the run writes the question into its journal and waits for a small file.
 
 use std::{
     path::{Path, PathBuf},
@@ -21,36 +21,36 @@ use serde::{Deserialize, Serialize};
 
 use crate::plan::Specimen;
 
-/// Time between two looks for the answer, s on the wall: a person notices no less.
+/// Time between two checks for the answer, s of real time: short enough for a person.
 const LOOK_S: f64 = 0.5;
 /// Longest name or serial number, characters.
 const LONGEST_TEXT: usize = 100;
 
-/// A change of the fixture that a person is asked for. Every output is off.
+/// A requested change of the fixture. Every output is off.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Question {
     /// In words.
     pub text: String,
     /// Fixture that is to be in the jig.
     pub fixture: Fixture,
-    /// Name of the cell, where there are several.
+    /// Name of the cell, if there are several.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cell: Option<String>,
-    /// Its serial number, where it has one.
+    /// Its serial number, if it has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub serial: Option<String>,
-    /// Code that is printed on it, where that is known; an answer may tell it in the place of the
-    /// serial number.
+    /// Code that is printed on it, if known; an answer may contain it instead of the serial
+    /// number.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub barcode: Option<String>,
-    /// It is asked on the terminal of the run, and answered nowhere else.
+    /// Whether it is asked on the terminal of the run, and can be answered only there.
     pub on_terminal: bool,
 }
 
 impl Question {
-    /// Asks for a fixture, for a certain cell where the experiment names them one by one, else for
-    /// one of the kind `cell`. A control begins with taking the cell out: a bar or a copper dummy
-    /// clamped across a cell is a dead short.
+    /// Asks for a fixture: a certain cell if the experiment names its cells, otherwise one of the
+    /// kind `cell`. A control begins with the removal of the cell: a bar or a copper dummy clamped
+    /// across a cell is a dead short.
     pub fn new(fixture: Fixture, specimen: Option<&Specimen>, cell: &str) -> Self {
         let specimen = specimen.filter(|_| fixture == Fixture::Cell);
         Self {
@@ -63,12 +63,12 @@ impl Question {
         }
     }
 
-    /// Refuses an answer with another serial number than that of the cell, or with a text that
-    /// breaks a line. One without a serial number is taken: not every cell carries its number where
-    /// it can be read.
+    /// Rejects an answer with another serial number than that of the cell, or with a text that
+    /// contains a line break. An answer without a serial number is accepted: not every cell has a
+    /// readable number.
     ///
     /// # Errors
-    /// In words: the two numbers, or the text.
+    /// A text with the two numbers, or the invalid text.
     pub fn check(&self, answer: &Answer) -> Result<(), String> {
         let texts = [("by", Some(&answer.by)), ("serial", answer.serial.as_ref())];
         for (field, text) in texts {
@@ -140,9 +140,9 @@ fn text(fixture: Fixture, specimen: Option<&Specimen>, cell: &str) -> String {
 pub struct Answer {
     /// Number of the question: that of its line in the journal.
     pub question: u64,
-    /// Who answers.
+    /// The person who answers.
     pub by: String,
-    /// Serial number that was read from the cell, where it was.
+    /// Serial number that was read from the cell, if any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub serial: Option<String>,
 }
@@ -151,14 +151,14 @@ impl Answer {
     /// Writes the answer into a run folder.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<(), DatasetError> {
         let text = serde_json::to_string(self).unwrap_or_default();
         dataset::write_atomically(&folder.join(ANSWER), text.as_bytes())
     }
 
-    /// Takes the answer to a question out of a run folder. One to another question, or of another
-    /// cell, is none.
+    /// Takes the answer to a question out of a run folder. Ignores an answer to another question
+    /// or for another cell.
     fn take(folder: &Path, number: u64, question: &Question) -> Option<Self> {
         let path = folder.join(ANSWER);
         let text = std::fs::read_to_string(&path).ok()?;
@@ -178,7 +178,7 @@ impl Answer {
     }
 }
 
-/// A wait that ends with whoever waits.
+/// A wait that ends when its waiter is dropped.
 struct Waits(Arc<AtomicBool>);
 
 impl Drop for Waits {
@@ -187,13 +187,14 @@ impl Drop for Waits {
     }
 }
 
-/// Waits for the answer in a run folder, on the wall whatever bench time does. Nothing where the
-/// system has no thread for it.
+/// Waits for the answer in a run folder, in real time regardless of bench time. Returns `None` if
+/// the system cannot start a thread.
 pub(super) async fn answered(folder: &Path, number: u64, question: &Question) -> Option<Answer> {
     let ended = Waits(Arc::default());
     let (over, question, folder): (_, _, PathBuf) =
         (ended.0.clone(), question.clone(), folder.to_owned());
-    // A thread of its own: the clock of a run in virtual time stands still while it works.
+    // A separate thread, because the clock of a run in virtual time stands still while the run
+    // works.
     let look = move || {
         let runtime = Clock::runtime(TimeMode::Real).ok()?;
         runtime.block_on(async {

@@ -1,9 +1,9 @@
-//! Run control requests: a person tells a run from another terminal to pause, to go on, to end, or
-//! to change the order of the rest. They are a small file in the run folder, which the run reads
+//! Run control requests: a person can pause, continue or stop a run from another terminal, or
+//! change the order of the rest. A request is a small file in the run folder, which the run reads
 //! between points.
 //!
-//! In virtual time no request is read: the run is over in seconds, and a repeated run must be the
-//! same.
+//! In virtual time no request is read: the run is over in seconds, and a repeated run must give
+//! the same result.
 
 use std::path::Path;
 
@@ -13,16 +13,16 @@ use analysis::{
 };
 use serde::{Deserialize, Serialize};
 
-/// To go on or not.
+/// Whether to continue.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RunAction {
-    /// To go on.
+    /// Continue.
     #[default]
     GoOn,
-    /// To wait without any current.
+    /// Pause without any current.
     Pause,
-    /// To end in safe state.
+    /// Stop in a safe state.
     Abort,
 }
 
@@ -30,7 +30,7 @@ pub enum RunAction {
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct RunControl {
-    /// To go on or not.
+    /// Whether to continue.
     #[serde(rename = "course")]
     pub action: RunAction,
     /// Runs of the campaign, by their numbers from 1, that come first, in this order.
@@ -39,13 +39,13 @@ pub struct RunControl {
 
 impl RunControl {
     /// Reads the run control request in a run folder. A file that cannot be read counts as no
-    /// request: it must not stop a run.
+    /// request, because it must not stop a run.
     pub fn read(folder: &Path) -> Self {
         Self::read_if_present(folder).unwrap_or_default()
     }
 
-    /// Reads the request; `None` where there is no file or none that can be read. A paused run then
-    /// stays paused: somebody may be at the jig.
+    /// Reads the request; returns `None` if the file does not exist or cannot be read. In that
+    /// case a paused run stays paused, because a person may be working at the jig.
     pub fn read_if_present(folder: &Path) -> Option<Self> {
         let text = std::fs::read_to_string(folder.join(RUN_CONTROL)).ok()?;
         serde_json::from_str(&text)
@@ -56,7 +56,7 @@ impl RunControl {
     /// Writes the request.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// Fails if a file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<(), DatasetError> {
         let text = serde_json::to_string(self).unwrap_or_default();
         dataset::write_atomically(&folder.join(RUN_CONTROL), text.as_bytes())
@@ -71,19 +71,19 @@ impl RunControl {
 /// State of a run of a campaign.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RunStatus {
-    /// Nothing of it is left to do.
+    /// Nothing of it remains to be done.
     Finished,
-    /// It was begun, and ends before anything else is.
+    /// It has begun, and ends before any other run begins.
     InWork,
-    /// It was not begun.
+    /// It has not begun.
     NotBegun,
 }
 
-/// Numbers of the runs that come next, in their order, when the `wanted` ones come first. `runs`
-/// are all runs, by their numbers.
+/// Returns the numbers of the next runs in their order, with the `wanted` ones first. `runs`
+/// contains all runs, by their numbers.
 ///
 /// # Errors
-/// A number that is none of a run, is named twice, or is that of a run that was begun.
+/// Fails if a number does not belong to a run, occurs twice, or belongs to a run that has begun.
 pub fn coming(runs: &[(usize, RunStatus)], wanted: &[usize]) -> Result<Vec<usize>, String> {
     let numbers = |status| {
         runs.iter()
@@ -108,7 +108,7 @@ pub fn coming(runs: &[(usize, RunStatus)], wanted: &[usize]) -> Result<Vec<usize
     Ok(wanted.iter().copied().chain(rest).collect())
 }
 
-/// Numbers in words.
+/// Formats numbers as text.
 pub fn in_words(numbers: impl Iterator<Item = usize>) -> String {
     let words: Vec<String> = numbers.map(|number| number.to_string()).collect();
     if words.is_empty() {

@@ -1,18 +1,18 @@
-//! Checks of a plan before anything is energised. Refused are plans that could leave the limits of
-//! the cell, drive without a supply that is up, change a fixture under power, or wait without end.
-//! Pure.
+//! Checks of a plan before anything is energised. A plan is refused if it could exceed the limits
+//! of the cell, drive while the supply is off, change a fixture under power, or wait without end.
+//! The checks are pure functions.
 
 use instruments::{fixture::Fixture, supply4q::Holds};
 
 use super::{Checked, Plan, PlanError, Purpose, Step};
 use crate::interlock::Limits;
 
-/// The compliance of the bipolar supply lies so far above the cell's greatest voltage, V: enough
-/// that its voltage loop never acts on a sound cell.
+/// Allowed distance of the bipolar supply's compliance above the cell's greatest voltage, V: large
+/// enough that its voltage loop never acts on a sound cell.
 const COMPLIANCE_V: (f64, f64) = (0.25, 2.5);
 
 impl Plan {
-    /// Refuses a plan that could leave the limits of the cell, drive without a supply that is up,
+    /// Refuses a plan that could exceed the limits of the cell, drive while the supply is off,
     /// change a fixture under power, or wait without end.
     ///
     /// # Errors

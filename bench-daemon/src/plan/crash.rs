@@ -1,23 +1,23 @@
-//! Effect of a crash in a step on a resumed run: decided here, for every kind of step, and nowhere
-//! else.
+//! Effect of a crash in a step on a resumed run. This module alone determines it, for every kind
+//! of step.
 
 use super::Step;
 
 /// Effect of a crash in a step on a resumed run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AfterCrash {
-    /// Nothing that lasts was moved: it is played again.
+    /// Nothing permanent was changed: the step is executed again.
     Repeat,
-    /// It ends at a voltage, wherever it begins: the stage is played again from its beginning, and
-    /// ends at once what has been reached.
+    /// The step ends at a voltage, from any starting point: the stage is executed again from its
+    /// beginning, and steps whose target is reached end at once.
     Absolute,
-    /// It moved a charge that nobody knows: it is played again only after the cell was brought to a
+    /// The step moved an unknown charge: it is executed again only after the cell was brought to a
     /// known state of charge.
     Unknown,
 }
 
 impl Step {
-    /// Effect of a crash in this step.
+    /// Returns the effect of a crash in this step.
     pub fn after_crash(&self) -> AfterCrash {
         match self {
             Self::Specimen(_)
@@ -28,9 +28,9 @@ impl Step {
             | Self::Pause { .. }
             | Self::Zero(_)
             | Self::PowerDown => AfterCrash::Repeat,
-            // A sinusoid takes back what it gives.
+            // A sinusoid moves no net charge.
             Self::Sine { .. } | Self::Multisine(_) | Self::Recheck(_) => AfterCrash::Repeat,
-            // What a cell has come to is judged only behind the rest that it came to it in; legs
+            // The state of a cell is judged only after the rest in which it was reached; legs
             // begin with a full cell.
             Self::Discharge { .. } | Self::Charge { .. } | Self::Accept { .. } | Self::Leg(_) => {
                 AfterCrash::Absolute

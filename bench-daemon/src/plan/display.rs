@@ -1,4 +1,4 @@
-//! Words a plan, for `eis-bench plan` and the journal.
+//! Formats a plan as text, for `eis-bench plan` and the journal.
 
 mod words;
 

@@ -4,7 +4,7 @@ use super::{Flow, Step};
 use crate::interlock::Drives;
 
 impl Step {
-    /// The drives that the step uses.
+    /// Returns the drives that the step uses.
     pub fn drives(&self) -> Drives {
         match *self {
             Self::Discharge { .. } => Drives::LOAD,

@@ -1,22 +1,22 @@
-//! How far a plan goes at most, for a look at it beside the limits of the cell.
+//! The extremes of a plan, for a comparison with the limits of the cell.
 
 use super::{Flow, Leg, Plan, Step};
 
-/// Extremes that the steps of a plan ask for. A voltage at which a step ends is asked for; what a
-/// cell shows under a current is not known before.
+/// Extremes that the steps of a plan request. A voltage at which a step ends is included; the
+/// voltage of a cell under a current is not known in advance.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Extent {
     /// Greatest current into the cell, A.
     pub charge_a: f64,
     /// Greatest current out of the cell, A.
     pub discharge_a: f64,
-    /// Lowest and highest voltage that a step ends at or holds, V; none where no step has one.
+    /// Lowest and highest voltage that a step ends at or holds, V; `None` if no step has one.
     pub voltage_v: Option<(f64, f64)>,
-    /// Lowest and highest temperature that is held, °C; none where none is.
+    /// Lowest and highest temperature that is held, °C; `None` if none is held.
     pub temperature_c: Option<(f64, f64)>,
     /// Charge into the cell by direct currents over the expected times, C.
     pub into_c: f64,
-    /// The same out of the cell, C.
+    /// Charge out of the cell by direct currents over the expected times, C.
     pub out_c: f64,
 }
 
@@ -87,7 +87,7 @@ fn widen(range: &mut Option<(f64, f64)>, value: f64) {
 }
 
 impl Plan {
-    /// How far it goes at most.
+    /// Returns the extremes of the plan.
     pub fn extent(&self) -> Extent {
         let mut extent = Extent::default();
         let steps = self.stages.iter().flat_map(|stage| &stage.steps);

@@ -1,5 +1,5 @@
-//! A leg as data: a stretch of direct current through load or supply, or of rest, every reading of
-//! which is kept in a file.
+//! A leg as data: a section of direct current through load or supply, or of rest, whose readings
+//! are all stored in a file.
 
 use std::fmt;
 
@@ -8,14 +8,14 @@ use analysis::run_folder::{OCV_CHARGE, OCV_DISCHARGE};
 use super::minutes;
 use crate::interlock::Limits;
 
-/// A stretch of direct current or of rest that is recorded.
+/// A section of direct current or of rest that is recorded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Leg {
     /// Current or power that flows.
     pub flow: Flow,
-    /// Upper bound, s; a rest lasts that long.
+    /// Upper bound, s; a rest has this duration.
     pub max_s: f64,
-    /// Which file its readings go to.
+    /// The file for its readings.
     pub log: Log,
 }
 
@@ -28,7 +28,7 @@ pub enum Flow {
         current_a: f64,
         /// End, V under load.
         until_v: f64,
-        /// Ends earlier after so much charge, C.
+        /// Charge after which it ends earlier, C.
         charge_c: Option<f64>,
     },
     /// Into the cell, by the supply: constant current, then constant voltage.
@@ -37,26 +37,26 @@ pub enum Flow {
         current_a: f64,
         /// Voltage that the supply holds, V.
         limit_v: f64,
-        /// Ends when the current has fallen to this, A.
+        /// Current at which it ends, A.
         cut_off_a: f64,
-        /// Ends earlier after so much charge, C.
+        /// Charge after which it ends earlier, C.
         charge_c: Option<f64>,
     },
-    /// Nothing.
+    /// No current.
     Rest,
 }
 
-/// The files that legs are kept in.
+/// The files for the readings of legs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Log {
-    /// The way down.
+    /// The discharge direction.
     Discharge,
-    /// The way up.
+    /// The charge direction.
     Charge,
 }
 
 impl Log {
-    /// The file in the run folder.
+    /// Returns the name of the file in the run folder.
     pub fn file(self) -> &'static str {
         match self {
             Self::Discharge => OCV_DISCHARGE,
@@ -66,7 +66,7 @@ impl Log {
 }
 
 impl Leg {
-    /// Current that it asks for at most: into and out of the cell, A.
+    /// Returns the greatest requested currents into and out of the cell, A.
     pub fn most_a(&self) -> (f64, f64) {
         match self.flow {
             Flow::Discharge { current_a, .. } => (0.0, current_a),
@@ -75,7 +75,7 @@ impl Leg {
         }
     }
 
-    /// Expected duration, s: by the charge where one is given.
+    /// Returns the expected duration, s: from the charge if one is given.
     pub(super) fn expected_s(&self) -> f64 {
         match self.flow {
             Flow::Discharge {
@@ -93,7 +93,7 @@ impl Leg {
         }
     }
 
-    /// Refuses what could leave the limits of the cell.
+    /// Returns an error if the leg could exceed the limits of the cell.
     pub(super) fn check(&self, limits: &Limits) -> Result<(), String> {
         let current = |amps: f64, limit: f64, what: &str| {
             (amps > 0.0 && amps <= limit).then_some(()).ok_or_else(|| {

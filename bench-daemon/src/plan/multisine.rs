@@ -1,5 +1,4 @@
-//! A multisine as data: one band of lines that are driven at once, and the record that is taken of
-//! it.
+//! A multisine as data: one band of lines that are driven at once, and its record.
 
 use std::fmt;
 
@@ -13,7 +12,7 @@ use crate::{interlock::Limits, measure::quality::Quality};
 pub struct Band {
     /// Its number, from 1.
     pub number: usize,
-    /// Base frequency, Hz: a period is its inverse.
+    /// Base frequency, Hz: the inverse of the period.
     pub base_hz: f64,
     /// Lines and phases.
     pub design: Design,
@@ -25,36 +24,36 @@ pub struct Band {
     pub settle_s: f64,
     /// Length of the record, whole periods, s.
     pub span_s: f64,
-    /// Points in the scope's memory per channel, and downloaded ones.
+    /// Points in the scope's memory per channel.
     pub memory_points: u64,
     /// Points downloaded per channel.
     pub record_points: u64,
-    /// Harmonics that were wanted, and those that took their place because images of the
-    /// generator's steps would have fallen onto them.
+    /// Requested harmonics, and those that replaced them because images of the generator's steps
+    /// would have fallen onto the requested ones.
     pub moved: Vec<(usize, usize)>,
-    /// The line that images disturb most in theory; none where none falls onto any.
+    /// The line that images disturb most in theory; `None` if no image falls onto a line.
     pub disturbed: Option<Disturbed>,
     /// The quality gate.
     pub quality: Option<Quality>,
 }
 
 impl Band {
-    /// Mean magnitude of the current at most, A: its effective value.
+    /// Returns the greatest mean magnitude of the current, A: its effective value.
     pub fn mean_a(&self) -> f64 {
         self.peak_a / self.design.crest_factor
     }
 
-    /// Periods in the record.
+    /// Returns the number of periods in the record.
     pub fn periods(&self) -> f64 {
         self.span_s * self.base_hz
     }
 
-    /// Expected duration besides its upper bound, s.
+    /// Returns the expected duration, s; the upper bound is separate.
     pub(super) fn expected_s(&self) -> f64 {
         self.settle_s + self.span_s
     }
 
-    /// Refuses what could leave the limits of the cell.
+    /// Returns an error if the band could exceed the limits of the cell.
     pub(super) fn check(&self, limits: &Limits) -> Result<(), String> {
         let greatest_a = limits.charge_a.min(limits.discharge_a);
         if !(self.peak_a > 0.0 && self.peak_a <= greatest_a) {
@@ -103,7 +102,7 @@ impl fmt::Display for Band {
 }
 
 impl Band {
-    /// Writes the images of the generator's steps, as the plan prints them.
+    /// Formats the images of the generator's steps, as the plan prints them.
     fn fmt_images(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let hertz = |harmonic: usize| harmonic as f64 * self.base_hz;
         write!(

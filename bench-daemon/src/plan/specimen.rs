@@ -1,26 +1,26 @@
-//! A certain cell, and the runs of a campaign of several.
+//! A named cell, and the runs of a campaign with several cells.
 
 use std::{fmt, sync::Arc};
 
-/// A certain cell.
+/// A named cell.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Specimen {
     /// Its number in the jig, from 1.
     pub number: usize,
-    /// Its name: files are called after it.
+    /// Its name, which also appears in file names.
     pub name: String,
-    /// Its serial number, where it has one.
+    /// Its serial number, if it has one.
     pub serial: Option<String>,
-    /// Batch that it was made in, where that is known.
+    /// Batch that it was made in, if known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub batch: Option<String>,
-    /// Code that is printed on it, where that is known.
+    /// Code that is printed on it, if known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub barcode: Option<String>,
 }
 
 impl Specimen {
-    /// Whether a text can be the name of a cell: letters, digits and `-`.
+    /// Checks whether a text can be the name of a cell: letters, digits and `-`.
     pub fn is_name(text: &str) -> bool {
         let is_part = |c: char| c.is_ascii_alphanumeric() || c == '-';
         !text.is_empty() && text.chars().all(is_part)
@@ -30,7 +30,7 @@ impl Specimen {
 /// One run of a campaign.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct CampaignRun {
-    /// Its number, from 1, in the order in which the runs are planned.
+    /// Its number, from 1, in planned order.
     pub number: usize,
     /// The cell.
     pub cell: Arc<Specimen>,
@@ -39,12 +39,12 @@ pub struct CampaignRun {
 }
 
 impl CampaignRun {
-    /// Name of its files.
+    /// Returns the name for its files.
     pub fn name(&self) -> String {
         format!("{}_{}", self.cell.name, self.repeat)
     }
 
-    /// Prefix of a note about it.
+    /// Returns the prefix of a note about it.
     pub fn prefix(&self) -> String {
         format!(
             "run {} (cell {}, repeat {}): ",

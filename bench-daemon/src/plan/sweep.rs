@@ -1,24 +1,24 @@
-//! Settings of a sweep as data: what its points share.
+//! Settings of a sweep as data: those that its points share.
 
 use crate::measure::quality::Quality;
 
-/// With its command at zero the bipolar supply may drive this much, A: more is a zero error that
-/// wants trimming.
+/// Greatest current of the bipolar supply with its command at zero, A: a larger one is a zero
+/// error that must be trimmed.
 pub const IDLE_CURRENT_A: f64 = 0.2;
 
 /// Settings that all points of the sweeps of a run share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SweepSettings {
-    /// Greatest amplitude of the currents of the run's sweeps, A: the scope's first ranges follow
-    /// it.
+    /// Greatest amplitude of the currents of the run's sweeps, A: it determines the scope's first
+    /// ranges.
     pub amplitude_a: f64,
-    /// Periods on the screen at least.
+    /// Least number of periods on the screen.
     pub periods_on_screen: f64,
     /// Points per channel that are downloaded.
     pub record_points: u64,
-    /// Frequency of the mains that is fitted besides the sinusoid, Hz.
+    /// Frequency of the mains that is fitted beside the sinusoid, Hz.
     pub mains_hz: Option<f64>,
-    /// Whether points overlap, where somebody has said so.
+    /// Whether points overlap, if configured.
     pub overlap: Option<bool>,
     /// The quality gate.
     pub quality: Option<Quality>,

@@ -2,23 +2,23 @@
 
 use super::{Leg, Plan, Stage, Step, Through};
 
-/// How often a point is measured again because a channel clipped or was too small.
+/// How often a point is measured again because a channel clipped or its signal was too small.
 pub const MAX_RANGING: usize = 4;
-/// A generator's burst lasts so much longer than its step needs as a rule, s: what arming, reading
-/// and fetching take.
+/// Additional duration of a generator's burst beyond the need of its step, s: the usual time for
+/// arming, reading and fetching.
 pub const LEEWAY_S: f64 = 5.0;
-/// Seconds that setting up and downloading one point takes, as a rule of thumb.
+/// Approximate time for setting up and downloading one point, s.
 const OVERHEAD_S: f64 = 2.0;
-/// A wait for a temperature, s: the first of a run takes ten minutes, each after it the minute in
-/// which the cell must stay within its band.
+/// Duration of a wait for a temperature, s: the first of a run takes ten minutes, each later one
+/// the minute in which the cell must stay within its band.
 const TEMPER_S: f64 = 180.0;
-/// Share of its upper bound that a discharge or charge of a reset takes: the bound is enough for a
-/// whole cell and more, and a reset moves about a tenth of a cell each way.
+/// Share of its upper bound that a discharge or charge of a reset takes: the bound is sufficient
+/// for more than a whole cell, and a reset moves about a tenth of a cell in each direction.
 const RESET_SHARE: f64 = 0.055;
 
 impl Plan {
-    /// Expected duration, bench s: the fixed waits whole, the others by a rule of thumb. The first
-    /// attempt of a reset is taken to succeed.
+    /// Returns the expected duration, bench s: fixed waits in full, others by a rule of thumb. The
+    /// first attempt of a reset is assumed to succeed.
     pub fn expected_s(&self) -> f64 {
         let played = |stage: &Stage| {
             let last = stage
@@ -35,8 +35,8 @@ impl Plan {
         self.stages.iter().map(played).sum()
     }
 
-    /// The step that a request to pause, and the one that a request to end, may have to wait for
-    /// longest, with its expected and its longest duration, bench s.
+    /// Returns the step that a pause request, and the one that a stop request, may have to wait
+    /// for longest, with its expected and its longest duration, bench s.
     pub fn waits(&self) -> [Option<(&Step, f64, f64)>; 2] {
         let longest = |of: fn(&&Step) -> bool| {
             let steps = self.stages.iter().flat_map(|stage| &stage.steps).filter(of);
@@ -44,16 +44,16 @@ impl Plan {
                 .map(|step| (step, step.expected_s(), step.longest_s()))
                 .max_by(|one, other| one.2.total_cmp(&other.2))
         };
-        // Points that are measured again are ended one by one.
+        // Repeated points can be ended one by one.
         [
             longest(|_| true),
             longest(|step| !step.ends_early() && !matches!(step, Step::Recheck(_))),
         ]
     }
 
-    /// How long generator and bipolar supply drive on at most where no message reaches them any
-    /// more, by a model that takes so many periods in a burst, bench s: infinite without bursts;
-    /// none where they drive nothing.
+    /// Returns how long generator and bipolar supply at most continue to drive if no message
+    /// reaches them any more, for a model with at most this number of periods in a burst, bench s:
+    /// infinite without bursts; `None` if they drive nothing.
     pub fn plays_on_s(&self, most_periods: Option<u32>) -> Option<f64> {
         let steps = self.stages.iter().flat_map(|stage| &stage.steps);
         let whole_s = |freq_hz: f64, needed_s: f64| {
@@ -84,7 +84,7 @@ impl Plan {
         ends_s.reduce(f64::max)
     }
 
-    /// Longest possible duration, bench s.
+    /// Returns the longest possible duration, bench s.
     pub fn longest_s(&self) -> f64 {
         self.stages
             .iter()
@@ -95,7 +95,7 @@ impl Plan {
 }
 
 impl Step {
-    /// It may be ended in its middle: nothing of it is kept but its end, or its readings.
+    /// Checks whether the step may be ended early: only its end or its readings are kept.
     pub fn ends_early(&self) -> bool {
         matches!(
             self,
@@ -109,7 +109,7 @@ impl Step {
         )
     }
 
-    /// Expected duration, bench s.
+    /// Returns the expected duration, bench s.
     pub fn expected_s(&self) -> f64 {
         match *self {
             Self::Specimen(_) | Self::Mount(_) | Self::PowerUp { .. } | Self::PowerDown => {
@@ -129,7 +129,7 @@ impl Step {
         }
     }
 
-    /// Longest possible duration, bench s.
+    /// Returns the longest possible duration, bench s.
     pub fn longest_s(&self) -> f64 {
         match *self {
             Self::Specimen(_) | Self::Mount(_) | Self::PowerUp { .. } | Self::PowerDown => 60.0,

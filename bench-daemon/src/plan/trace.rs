@@ -1,11 +1,11 @@
-//! Trace as data: when the current steps, when the scope records, and the largest strain of the
-//! cell meanwhile.
+//! A trace as data: when the current changes, when the scope records, and the greatest load on the
+//! cell.
 
 use analysis::series::Role;
 
 use crate::interlock::Limits;
 
-/// Instruments that play a trace.
+/// Instruments that execute a trace.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Through {
     /// The bipolar supply, step by step.
@@ -14,10 +14,10 @@ pub enum Through {
     Wave {
         /// Length of a step, s.
         step_s: f64,
-        /// Steps of a period: the trace, and nothing before and behind it.
+        /// Steps of a period: the trace, and the time without a current before and after it.
         steps: usize,
     },
-    /// The DC load draws, the DC supply charges; their own meters record.
+    /// The DC load discharges, the DC supply charges; their own meters record.
     LoadAndSupply,
 }
 
@@ -26,13 +26,13 @@ pub enum Through {
 pub struct Averaged {
     /// Length of a step, s.
     pub step_s: f64,
-    /// Rows before.
+    /// Number of rows before averaging.
     pub rows: usize,
-    /// They are powers, W, and not currents, A.
+    /// Whether the values are powers, W, instead of currents, A.
     pub power: bool,
-    /// Root mean square of what is left out, over time, W or A.
+    /// Root mean square of what averaging removes, over time, W or A.
     pub rms: f64,
-    /// The same over that of the rows.
+    /// Ratio of this value to the root mean square of the rows.
     pub share: f64,
     /// Greatest difference, W or A.
     pub greatest: f64,
@@ -59,7 +59,7 @@ impl std::fmt::Display for Averaged {
     }
 }
 
-/// A current that steps, with the frames that record it. Times count from the start of the first
+/// A stepwise current, with the frames that record it. Times count from the start of the first
 /// frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TracePlan {
@@ -71,7 +71,7 @@ pub struct TracePlan {
     pub role: Role,
     /// Traces of one group repeat each other.
     pub repeat_group: String,
-    /// Instruments that play it.
+    /// Instruments that execute it.
     pub through: Through,
     /// Averaging of rows that are shorter than a step.
     pub averaged: Option<Averaged>,
@@ -81,9 +81,9 @@ pub struct TracePlan {
     pub rest_s: f64,
     /// Steps of the current, by time; the last is to zero.
     pub levels: Vec<Level>,
-    /// End of the rest behind the last step, s.
+    /// End of the rest after the last step, s.
     pub end_s: f64,
-    /// Frames, by time, apart from each other; every step lies within one.
+    /// Frames, by time and without overlap; every step lies within one.
     pub frames: Vec<Frame>,
     /// Open-circuit voltages at which it may begin, V.
     pub start_v: (f64, f64),
@@ -91,23 +91,23 @@ pub struct TracePlan {
     pub resistance_max_ohm: f64,
     /// Capacity of the cell, C.
     pub capacity_c: f64,
-    /// How frames are thinned out: first mean after a step, s; growth; longest, s.
+    /// Averaging of the frames: first mean after a step, s; growth; longest, s.
     pub thinning: (f64, f64, f64),
 }
 
-/// From here on this current flows.
+/// A current from a certain time on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Level {
-    /// When, s.
+    /// Start time, s.
     pub at_s: f64,
-    /// Current, A, charge positive; of a power, at worst.
+    /// Current, A, charge positive; for a power, in the worst case.
     pub current_a: f64,
-    /// Power into the cell, W, where that is given in its place.
+    /// Power into the cell, W, if given instead of a current.
     pub power_w: Option<f64>,
 }
 
 impl Level {
-    /// The current at a voltage of the cell, A: never more than at worst.
+    /// Returns the current at a voltage of the cell, A, which never exceeds the worst case.
     pub fn at_a(&self, volts: f64) -> f64 {
         let most_a = self.current_a.abs();
         self.power_w.map_or(self.current_a, |power_w| {
@@ -116,12 +116,12 @@ impl Level {
     }
 }
 
-/// The scope looks.
+/// A frame that the scope records.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
-    /// From here on, s …
+    /// Start, s.
     pub start_s: f64,
-    /// … for this long, s.
+    /// Duration, s.
     pub span_s: f64,
     /// Points in the scope's memory per channel.
     pub memory_points: u64,
@@ -129,13 +129,13 @@ pub struct Frame {
     pub record_points: u64,
 }
 
-/// Largest share of the capacity that a trace may move to either side.
+/// Greatest share of the capacity that a trace may move in either direction.
 const GREATEST_SWING: f64 = 0.5;
-/// Longest frame, s: a simulated bench remembers twice as much.
+/// Longest frame, s: a simulated bench stores twice as much.
 pub const LONGEST_FRAME_S: f64 = 200.0;
 
 impl TracePlan {
-    /// Time between the first frame and the end of the last, or of the rest, s.
+    /// Returns the time between the first frame and the end of the last, or of the rest, s.
     pub fn length_s(&self) -> f64 {
         self.frames
             .iter()
@@ -143,12 +143,12 @@ impl TracePlan {
             .fold(self.end_s, f64::max)
     }
 
-    /// It needs the bipolar supply.
+    /// Checks whether the trace needs the bipolar supply.
     pub fn bipolar(&self) -> bool {
         self.through != Through::LoadAndSupply
     }
 
-    /// Least and greatest current, A; at most and at least zero.
+    /// Returns the least and greatest current, A, both including zero.
     pub fn extremes_a(&self) -> (f64, f64) {
         self.levels
             .iter()
@@ -157,8 +157,8 @@ impl TracePlan {
             })
     }
 
-    /// The first step that is not zero, and its way, in words: the sign of a file is seen before
-    /// anything flows.
+    /// Describes the first step that is not zero, and its direction, so that the sign of a file is
+    /// visible before a current flows.
     pub(super) fn first_step(&self) -> Option<String> {
         let level = self.levels.iter().find(|level| level.current_a != 0.0)?;
         let (value, unit) = level
@@ -169,14 +169,14 @@ impl TracePlan {
         } else {
             "into the cell"
         };
-        // A scaled or averaged value has more digits than anybody reads.
+        // A scaled or averaged value has more digits than a person needs.
         Some(format!(
             "{} {unit} {way}",
             (1.0e3 * value.abs()).round() / 1.0e3
         ))
     }
 
-    /// Farthest that the charge goes below and above where it starts, C.
+    /// Returns the greatest charge below and above the start, C.
     pub fn swing_c(&self) -> (f64, f64) {
         let (mut charge_c, mut least_c, mut greatest_c) = (0.0_f64, 0.0_f64, 0.0_f64);
         for pair in self.levels.windows(2) {
@@ -186,15 +186,17 @@ impl TracePlan {
         (least_c, greatest_c)
     }
 
-    /// How far the open-circuit voltage may move downwards and upwards, V: as much of the cell's
-    /// window as the charge is of its capacity, doubled, for the curve is steeper in places.
+    /// Returns how far the open-circuit voltage may fall and rise, V: the charge as a share of the
+    /// cell's capacity, times the cell's voltage window, doubled because the curve is steeper in
+    /// places.
     pub fn drift_v(&self, limits: &Limits) -> (f64, f64) {
         let (least_c, greatest_c) = self.swing_c();
         let per_coulomb = 2.0 * (limits.max_v - limits.min_v) / self.capacity_c;
         (least_c * per_coulomb, greatest_c * per_coulomb)
     }
 
-    /// Refuses what could leave the limits of the cell, at worst, or could not be recorded.
+    /// Returns an error if the trace could exceed the limits of the cell in the worst case, or
+    /// could not be recorded.
     pub(super) fn check(&self, limits: &Limits) -> Result<(), String> {
         let (least_a, greatest_a) = self.extremes_a();
         for (amps, limit, what) in [
@@ -274,7 +276,7 @@ impl TracePlan {
     }
 }
 
-/// A trace for tests.
+/// Returns a trace for tests.
 #[cfg(test)]
 pub(crate) fn test_trace() -> TracePlan {
     TracePlan {

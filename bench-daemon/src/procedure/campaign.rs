@@ -1,9 +1,9 @@
-//! Campaign (thesis 3.3: five cells, five sweeps each): every stage of a run begins with the cell
-//! that it is about.
+//! Campaign (thesis 3.3: five cells, five sweeps each): every stage of a run begins with the
+//! selection of its cell.
 
 use crate::plan::{CampaignRun, Stage, Step};
 
-/// A stage as one of a run's.
+/// Adds the run to a stage.
 pub(super) fn of_run(mut stage: Stage, run: &CampaignRun) -> Stage {
     stage.steps.insert(0, Step::Specimen(run.clone()));
     stage

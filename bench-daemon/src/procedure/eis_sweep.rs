@@ -16,24 +16,24 @@ use super::power::Power;
 /// Resistance of the loop outside the cell that the compliance must allow for, Ω: leads, shunt,
 /// contacts.
 const LOOP_OHM: f64 = 0.1;
-/// The compliance lies at least this much above the cell's limit, V: below the cell's voltage the
-/// two loops of the supply would fight and drive more current than asked for, and the limit is only
-/// good to 0.3 % of the rated voltage.
+/// Least distance of the compliance above the cell's limit, V: below the cell's voltage the two
+/// loops of the supply would interfere and drive more current than requested, and the limit is
+/// accurate only to 0.3 % of the rated voltage.
 const COMPLIANCE_MARGIN_V: f64 = 0.3;
-/// The current limit lies above the amplitude by this factor …
+/// Factor of the current limit on the amplitude.
 const LIMIT_FACTOR: f64 = 1.25;
-/// … and this much, A, for the offset that the trim has to cancel.
+/// Additional margin of the current limit, A, for the offset that the trim must cancel.
 const LIMIT_MARGIN_A: f64 = 0.75;
-/// A trigger comes within one and a half periods once half a screen has passed.
+/// Number of periods within which a trigger occurs after half a screen has passed.
 const TRIGGER_PERIODS: f64 = 1.5;
-/// For the scope to take the frame, s.
+/// Time for the scope to take the frame, s.
 const FRAME_MARGIN_S: f64 = 0.2;
 
 /// One sweep.
 pub(super) struct Sweep<'a> {
     /// Fixture that is swept.
     pub(super) fixture: Fixture,
-    /// 0 where the fixture is a control.
+    /// 0 if the fixture is a control.
     pub(super) repeat: usize,
     /// Amplitude, A.
     pub(super) amplitude_a: f64,
@@ -94,8 +94,8 @@ pub(super) fn stage(
     }
 }
 
-/// The frequencies in their order. A control does not change, and is swept upwards. There and back,
-/// each frequency has the same middle of its two visits.
+/// Returns the frequencies in their order. A control does not change, and is swept upwards. In a
+/// sweep up and down, the two visits of each frequency have the same mean time.
 fn frequencies(sweep: &Sweep<'_>, eis: &Eis) -> Vec<f64> {
     let rising = &eis.freqs_hz;
     if sweep.repeat == 0 {
@@ -124,7 +124,8 @@ fn frequencies(sweep: &Sweep<'_>, eis: &Eis) -> Vec<f64> {
     order
 }
 
-/// Fisher and Yates, with SplitMix64 (Steele, Lea and Flood 2014) as the source of numbers.
+/// Shuffles with the method of Fisher and Yates, with SplitMix64 (Steele, Lea and Flood 2014) as
+/// the random number generator.
 fn shuffled(values: &[f64], mut state: u64) -> Vec<f64> {
     let mut next = || {
         state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);

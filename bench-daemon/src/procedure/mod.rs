@@ -19,11 +19,11 @@ use crate::{
 
 use power::Power;
 
-/// The whole experiment as a plan: fixture check, temperature, OCV over SOC, SOC reset, then rounds
-/// of one sweep and each trace, as often as each is to be repeated; in a campaign temperature, SOC
-/// reset, temperature again, sweep and traces for every run. The controls come first, so that the
-/// cell is put into the jig once, after the last of them, and nothing has to be clamped where it
-/// sits.
+/// Returns the whole experiment as a plan: fixture check, temperature, OCV over SOC, SOC reset,
+/// then rounds of one sweep and each trace, as often as each is to be repeated. In a campaign
+/// every run has temperature, SOC reset, temperature again, sweep and traces. The controls come
+/// first, so that the cell is put into the jig once, after the last of them, and no fixture must
+/// be clamped in the place of the cell afterwards.
 pub fn plan(experiment: &Experiment) -> Plan {
     let mut stages = Vec::new();
     let power = Power::of(experiment);
@@ -148,7 +148,7 @@ fn temperature(temperature: &Temperature) -> Stage {
     }
 }
 
-/// The settings that all points of the sweeps share.
+/// Returns the settings that all points of the sweeps share.
 fn settings(eis: &Eis) -> SweepSettings {
     SweepSettings {
         amplitude_a: eis.amplitude_a,
@@ -160,7 +160,7 @@ fn settings(eis: &Eis) -> SweepSettings {
     }
 }
 
-/// The time that the scope's screen spans when it is to hold at least a given span.
+/// Returns a function from a least span to the time that the scope's screen spans.
 fn time_base(experiment: &Experiment) -> impl Fn(f64) -> f64 {
     let scope =
         experiment

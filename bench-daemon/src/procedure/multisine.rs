@@ -1,5 +1,5 @@
-//! Multisine: odd harmonics at once, some left out to show distortion, with phases of a low crest
-//! factor; one record per band.
+//! Multisine: odd harmonics at once, some of which are omitted to show distortion, with phases of
+//! a low crest factor; one record per band.
 
 use std::sync::Arc;
 
@@ -14,10 +14,10 @@ use crate::{
 
 use super::power::Power;
 
-/// The compliance lies above the cell's limit by this much, V, and at least by what the loop takes,
-/// Ω.
+/// Distance of the compliance above the cell's limit: a least value, V, and the resistance of the
+/// loop, Ω.
 const COMPLIANCE: (f64, f64) = (0.3, 0.1);
-/// The current limit lies above the peak by this factor and this much, A.
+/// Factor and margin, A, of the current limit above the peak.
 const LIMIT: (f64, f64) = (1.1, 0.5);
 
 /// Largest error of the impedance at a line due to an image, Ω. It is half the standard deviation
@@ -26,19 +26,19 @@ const LIMIT: (f64, f64) = (1.1, 0.5);
 const TOLERATED_OHM: f64 = 3.0e-6;
 /// A loop of two metres of wire, a microhenry each.
 const LOOP_H: f64 = 2.0e-6;
-/// How much later one probe is than the other, assumed.
+/// Assumed delay between the probes.
 const SKEW_S: f64 = 150.0e-9;
-/// Pickup of two untwisted probe leads, assumed.
+/// Assumed pickup of two untwisted probe leads.
 const PICKUP_H: f64 = 100.0e-9;
-/// Corner of a supply's response over the frequency that it follows within a seventh.
+/// Ratio of the corner of a supply's response to the frequency that it follows within a seventh.
 const CORNER: f64 = 2.0;
-/// A record has up to so many times the points that were asked for where images want it.
+/// Greatest factor by which a record may exceed the requested points to avoid images.
 const MORE_POINTS: f64 = 2.5;
 /// Least depth of a scope's memory.
 const LEAST_DEPTH: f64 = 1.0e4;
 
-/// Rates and lines of a band at which no image of the generator's steps falls onto a line within
-/// the noise, or the least disturbed.
+/// Returns rates and lines of a band at which no image of the generator's steps falls onto a line
+/// beyond the noise, or those with the least disturbance.
 fn placed(multisine: &Multisine, band: &Wanted) -> Placement {
     let (start_hz, stop_hz) = band.range_hz;
     let harmonics = odd_grid(band.base_hz, start_hz..=stop_hz, band.lines);
@@ -82,8 +82,9 @@ fn placed(multisine: &Multisine, band: &Wanted) -> Placement {
     })
 }
 
-/// Points that a record can have: every n-th of the memory, whole numbers of them in a period, as
-/// many as asked for and not too many more. The depths of the scopes' memories are decades.
+/// Returns the possible sizes of a record: every n-th point of the memory, whole numbers of them
+/// in a period, at least as many as requested and not too many more. The depths of the scopes'
+/// memories are decades.
 fn record_sizes(wanted: Depth, periods: usize) -> Vec<usize> {
     let Depth {
         memory_points,
@@ -218,7 +219,7 @@ mod tests {
         let found = of(&rigid);
         assert_ne!(found.harmonics, [3, 5, 9, 11, 17, 25, 39, 59]);
         assert_eq!(found.harmonics.len(), 8);
-        // Twenty lines have no room: that is told with the image and its line.
+        // There is no room for twenty lines: the message contains the image and its line.
         rigid.bands[0].lines = 20;
         let crowded = of(&rigid);
         assert!(

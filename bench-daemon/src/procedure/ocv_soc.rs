@@ -1,6 +1,7 @@
-//! Open-circuit voltage over state of charge (thesis 3.1): full by constant current and constant
-//! voltage, rest, slowly down, and up again if asked for. Short interruptions tell the resistance
-//! that the load's drop is compensated with, at the very terminals where the voltage is read.
+//! Open-circuit voltage over state of charge (thesis 3.1): charged by constant current and
+//! constant voltage, rest, slow discharge, and charge again if requested. Short interruptions show
+//! the resistance for the compensation of the load's voltage drop, at the terminals where the
+//! voltage is read.
 
 use instruments::fixture::Fixture;
 
@@ -9,12 +10,12 @@ use crate::{
     plan::{Flow, Leg, Log, Purpose, Stage, Step},
 };
 
-/// The currents end this far inside the cell's limits, V: a meter that shows a few millivolts too
-/// much or too little must not trip at the very end.
+/// Distance from the cell's limits at which the currents end, V: a meter error of a few millivolts
+/// must not cause a trip at the end.
 const INSIDE_V: f64 = 0.005;
-/// A leg lasts this much longer at most than the cell's capacity takes …
+/// Greatest duration of a leg, as a multiple of the time for the cell's capacity.
 const LONGER: f64 = 1.5;
-/// … and a constant voltage this much longer still, s.
+/// Additional time for a constant voltage, s.
 const HOLD_S: f64 = 7200.0;
 
 pub(super) fn stage(ocv: &OcvSoc, cell: &Cell) -> Stage {
@@ -35,8 +36,8 @@ pub(super) fn stage(ocv: &OcvSoc, cell: &Cell) -> Stage {
             log,
         })
     };
-    // The first charge ends where the measured one begins; it goes into the file of the way up,
-    // which the measured one restarts.
+    // The first charge ends where the measured one begins; its readings go into the file of the
+    // charge direction, which the measured one restarts.
     let up = |charge_c| {
         let flow = Flow::Charge {
             current_a: ocv.charge_a,

@@ -1,4 +1,4 @@
-//! Power-up of the bipolar supply, as all stages of an experiment share it.
+//! Power-up of the bipolar supply, which all stages of an experiment share.
 
 use instruments::{
     instrument::by_key,
@@ -11,19 +11,20 @@ use crate::{
     plan::{Depth, IDLE_CURRENT_A, Step},
 };
 
-/// Power-up as all stages of an experiment share it.
+/// Power-up that all stages of an experiment share.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Power {
-    /// Limit that the bipolar supply holds by itself.
+    /// Limit that the bipolar supply enforces itself.
     pub(super) held: Holds,
     /// Greatest current while its command is zero, A.
     pub(super) idle_a: f64,
-    /// Depth that the scope is set to for the sweeps, where there are any.
+    /// Memory depth of the scope for the sweeps, if there are any.
     pub(super) depth: Option<Depth>,
 }
 
 impl Power {
-    /// Power-up of an experiment: what its sweeps need holds for its other stages too.
+    /// Returns the power-up of an experiment: the requirements of its sweeps apply to its other
+    /// stages, too.
     pub(super) fn of(experiment: &Experiment) -> Self {
         let supply = experiment
             .bench
@@ -43,7 +44,7 @@ impl Power {
         }
     }
 
-    /// The step that powers up.
+    /// Returns the step that powers up.
     pub(super) fn up(self, compliance_v: f64, limit_a: f64) -> Step {
         let Self {
             held,

@@ -1,6 +1,6 @@
 //! SOC reset (thesis 3.3.1): discharge below the set-point with the load, charge to it with the
-//! supply, stop, let the voltage relax. The relaxed voltage must be steady and within a band, where
-//! one is given; a cell that misses it is reset again, as often as is allowed.
+//! supply, stop, let the voltage relax. The relaxed voltage must be steady and within a band, if
+//! one is given; a cell that misses it is reset again, up to the allowed number of times.
 
 use instruments::fixture::Fixture;
 

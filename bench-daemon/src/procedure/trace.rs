@@ -1,6 +1,7 @@
-//! A current trace: the bipolar supply drives steps of direct current; the scope, which cannot look
-//! while it is read, records frames around the steps and short ones between them. A wave in the
-//! generator's memory is one frame; what load and supply play, their own meters record.
+//! A current trace: the bipolar supply drives steps of direct current. The scope cannot record
+//! while it is read, so it records frames around the steps and short ones between them. A wave in
+//! the generator's memory is one frame; a trace through load and supply is recorded by their own
+//! meters.
 
 use std::{ops::RangeInclusive, sync::Arc};
 
@@ -13,30 +14,30 @@ use crate::{
 
 use super::power::Power;
 
-/// A frame ends this long after a step at least, s.
+/// Least time from a step to the end of its frame, s.
 const AFTER_S: f64 = 2.0;
-/// To read a frame and arm for the next, s.
+/// Time to read a frame and arm for the next, s.
 const GAP_S: f64 = 2.5;
-/// A frame between steps: long enough to roll, s.
+/// Length of a frame between steps, s: long enough to roll.
 const SPOT_S: f64 = 1.0;
 const SPOT_POINTS: u64 = 2_000;
-/// A share of a step that rounding may make.
+/// Greatest share of a step that is due to rounding.
 const ROUNDING: f64 = 1.0e-6;
-/// Samples of a step of a wave, at least, and the records that there are.
+/// Least number of samples per step of a wave, and the available record sizes.
 const SAMPLES_PER_STEP: f64 = 8.0;
 const WAVE_POINTS: [u64; 3] = [POINTS, 2 * POINTS, 5 * POINTS];
-/// A frame around steps has this many points …
+/// Number of points of a frame around steps.
 const POINTS: u64 = 100_000;
-/// … up to this length, s, and ten times as many beyond.
+/// Length up to which a frame has that number of points, s; longer frames have ten times as many.
 const FINE_S: f64 = 10.0;
-/// The compliance lies above the cell's limit by this much, V, and at least by what the loop takes,
-/// Ω.
+/// Distance of the compliance above the cell's limit: a least value, V, and the resistance of the
+/// loop, Ω.
 const COMPLIANCE: (f64, f64) = (0.3, 0.1);
-/// The current limit lies above the greatest current by this factor and this much, A.
+/// Factor and margin, A, of the current limit above the greatest current.
 const LIMIT: (f64, f64) = (1.02, 0.5);
 
-/// `screen_s`: the time that the scope's screen spans when it is to hold at
-/// least a given span.
+/// Returns the stage of a trace. `screen_s` returns the time that the scope's screen spans for a
+/// given least span.
 pub(super) fn stage(
     trace: &Trace,
     repeat: usize,
@@ -85,12 +86,12 @@ pub(super) fn stage(
     }
 }
 
-/// Two decimals are all that a supply shows.
+/// Rounds to two decimals, which is the resolution of a supply.
 fn hundredths(value: f64) -> f64 {
     (value * 100.0).round() / 100.0
 }
 
-/// The steps of the current; equal neighbours are one, and nothing flows at the end.
+/// Returns the steps of the current; equal neighbours are merged, and nothing flows at the end.
 fn levels(trace: &Trace) -> Vec<Level> {
     let (mut levels, mut flowing, mut at_s): (Vec<Level>, _, f64) =
         (Vec::new(), (0.0, None), before_s(trace));
@@ -100,7 +101,7 @@ fn levels(trace: &Trace) -> Vec<Level> {
         power_w,
     } in trace.segments.iter().copied()
     {
-        // Without a current there is no power either.
+        // Without a current there is no power.
         let power_w = power_w.filter(|_| current_a != 0.0);
         if (current_a, power_w) != flowing {
             levels.push(Level {
@@ -122,7 +123,7 @@ fn levels(trace: &Trace) -> Vec<Level> {
     levels
 }
 
-/// Time before the first row, s: whole steps of a wave.
+/// Returns the time before the first row, s: whole steps of a wave.
 fn before_s(trace: &Trace) -> f64 {
     if let Through::Wave { step_s, .. } = trace.through {
         (BEFORE_S / step_s - ROUNDING).ceil() * step_s
@@ -131,7 +132,7 @@ fn before_s(trace: &Trace) -> f64 {
     }
 }
 
-/// The frame that holds a whole wave, with as many points as its steps want.
+/// Returns the frame that holds a whole wave, with the number of points that its steps require.
 fn wave_frame(end_s: f64, step_s: f64, screen_s: impl Fn(f64) -> f64) -> Frame {
     let span_s = screen_s(end_s + AFTER_WAVE_S);
     let wanted = span_s / step_s * SAMPLES_PER_STEP;
@@ -156,8 +157,8 @@ fn end_s(trace: &Trace) -> f64 {
             .sum::<f64>()
 }
 
-/// Frames around the steps, each as long as its steps want, and spots between them, the farther
-/// apart the longer ago the step is.
+/// Returns frames around the steps, each as long as its steps require, and spot frames between
+/// them. Their spacing grows with the time since the step.
 fn frames(
     levels: &[Level],
     end_s: f64,
@@ -204,7 +205,7 @@ fn frames(
 
 fn spots(range_s: RangeInclusive<f64>, stepped_s: f64, trace: &Trace, frames: &mut Vec<Frame>) {
     let (mut at_s, latest_s) = range_s.into_inner();
-    // Nothing is to be seen before the first step.
+    // There is nothing to record before the first step.
     while at_s <= latest_s && !frames.is_empty() {
         frames.push(Frame {
             start_s: at_s,
@@ -248,7 +249,7 @@ mod tests {
         }
     }
 
-    /// Screens of 1, 2, 5 and so on.
+    /// Returns screens of 1, 2, 5 and so on.
     fn screen_s(span_s: f64) -> f64 {
         [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0]
             .into_iter()
@@ -313,7 +314,8 @@ mod tests {
                 .collect();
             assert_eq!(steps, around, "{frames:?}");
         }
-        // Spots stand the farther apart the longer ago the step is, up to the longest interval.
+        // The spacing of the spot frames grows with the time since the step, up to the longest
+        // interval.
         let (_, frames) = laid_out(&long);
         let gaps: Vec<f64> = frames
             .windows(2)

@@ -1,4 +1,4 @@
-//! Simulated instruments on ports, whatever the transport.
+//! Simulated instruments on ports, for all transports.
 
 use std::{io, path::Path, str::FromStr};
 
@@ -16,7 +16,7 @@ pub enum Transport {
     Tcp,
     /// VXI-11 without a port mapper.
     Vxi11,
-    /// VXI-11 with a port mapper of its own.
+    /// VXI-11 with its own port mapper.
     Vxi11Mapped,
     /// HiSLIP.
     HiSlip,
@@ -37,8 +37,8 @@ impl Transport {
     ];
 }
 
-/// Puts mocks behind another transport than their addresses name: all of them (`TRANSPORT`), or one
-/// (`ROLE=TRANSPORT`).
+/// Serves mocks over another transport than that in their addresses: all of them (`TRANSPORT`), or
+/// one (`ROLE=TRANSPORT`).
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Over {
     /// Only this role.
@@ -74,7 +74,7 @@ impl FromStr for Over {
 const LOOPBACK: &str = "127.0.0.1";
 const GPIB_ADDRESS: u8 = 9;
 
-/// Serves on the loopback interface, wherever there is room.
+/// Serves on a free port of the loopback interface.
 pub(super) async fn on_a_free_port(
     device: Box<dyn Device>,
     transport: Transport,
@@ -124,7 +124,8 @@ pub(super) async fn on_a_free_port(
     })
 }
 
-/// Serves where the address says; a serial port becomes a pseudo terminal with the same settings.
+/// Serves at the configured address; a serial port becomes a pseudo terminal with the same
+/// settings.
 pub(super) async fn at(
     device: Box<dyn Device>,
     address: &Address,

@@ -9,7 +9,7 @@ pub(crate) struct Ranges {
 }
 
 impl Ranges {
-    /// Those of the bench file for one ampere.
+    /// Creates the ranges of the bench file for one ampere.
     pub(crate) fn new(per_ampere_v: &[f64; 4]) -> Self {
         Self {
             per_div_v: *per_ampere_v,

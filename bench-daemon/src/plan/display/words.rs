@@ -1,8 +1,8 @@
-//! Words that all texts of a plan have in common.
+//! Terms that all texts of a plan share.
 
 use instruments::fixture::Fixture;
 
-/// The fixture's name in files and configuration.
+/// Returns the fixture's name in files and configuration.
 pub fn fixture_name(fixture: Fixture) -> &'static str {
     match fixture {
         Fixture::Cell => "cell",
