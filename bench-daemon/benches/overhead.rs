@@ -1,6 +1,6 @@
 //! Duration of a real-time sweep, compared with the physical minimum: 20 points from 10 Hz to 300
 //! Hz over sockets. Each point needs 11 periods and a second of settling. A pyvisa script does the
-//! same with the same simulated instruments, where Python has pyvisa and numpy (`benches/peers`).
+//! same with the same simulated instruments, if Python has pyvisa and numpy (`benches/peers`).
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -35,12 +35,12 @@ impl Drop for Mocks {
     }
 }
 
-/// When a sweep began and ended, s of its own clock.
+/// Start and end of a sweep, s of its own clock.
 #[derive(Debug, Clone, Copy)]
 struct Took {
     /// From the first command of the generator to the last record held.
     measured_s: f64,
-    /// To the last point analysed and written down.
+    /// To the last point analysed and written.
     recorded_s: f64,
 }
 
@@ -118,7 +118,7 @@ fn mocks(root: &Path, folder: &Path) -> (Mocks, Value) {
     (mocks, serde_json::from_str(&line).unwrap())
 }
 
-/// The sweep by the daemon, from its journal.
+/// Runs the sweep with the daemon and takes the times from its journal.
 fn ours(root: &Path, overlap: bool) -> Took {
     let folder = tempfile::tempdir().unwrap();
     let (_mocks, _) = mocks(root, folder.path());
@@ -174,14 +174,14 @@ fn took(run: &Path) -> Took {
     }
 }
 
-/// When the scope was stopped last: in its transcript.
+/// Returns when the scope was last stopped, from its transcript.
 fn stopped_s(run: &Path) -> Option<f64> {
     let text = fs::read_to_string(run.join("transcripts/scope.txt")).ok()?;
     let line = text.lines().rfind(|line| line.contains(":TRIGger:STOP"))?;
     line.split_whitespace().find_map(|word| word.parse().ok())
 }
 
-/// The same by a script of a few dozen lines.
+/// Runs the sweep with a script of a few dozen lines.
 fn peer(root: &Path, python: &Path, freqs_hz: &[f64]) -> Took {
     let folder = tempfile::tempdir().unwrap();
     let (_mocks, line) = mocks(root, folder.path());

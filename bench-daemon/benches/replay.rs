@@ -1,8 +1,8 @@
-//! Speed at which the captures of a campaign are analysed again. The speeds of the disk and of the
-//! decoder for the same files are stated beside it.
+//! Speed of the repeated analysis of a campaign's captures. The speeds of the disk and of the
+//! decoder for the same files are stated for comparison.
 //!
-//! `cargo bench --profile dev -p bench-daemon` plays the campaign of
-//! `configs/experiments/campaign.toml` first; `-- FOLDER` takes a run that is there.
+//! `cargo bench --profile dev -p bench-daemon` first runs the campaign of
+//! `configs/experiments/campaign.toml`; `-- FOLDER` uses an existing run.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! What is done to a bench, and the product of windows and deeds.
+//! The attacks on a bench, and the product of windows and attacks.
 
 use instruments::mock::Fault;
 use nix::sys::signal::Signal;
@@ -14,13 +14,13 @@ pub(crate) struct Hand {
     needs: Needs,
 }
 
-/// State of an instrument without which a hand changes nothing.
+/// State of an instrument that is required for the client to have an effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Needs {
     Nothing,
-    /// This instrument's output is on.
+    /// The output of this instrument is on.
     Output,
-    /// The scope is read.
+    /// The scope is being read.
     Scope,
     /// A bath holds the cell's temperature.
     Bath,
@@ -29,23 +29,23 @@ enum Needs {
 /// Attack.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Deed {
-    /// Nothing, to compare with.
+    /// No attack, for comparison.
     Nothing,
     /// Another client.
     Hand(Hand),
-    /// One exchange goes wrong, and the bipolar supply is set to 1.9 A at that moment.
+    /// One message is disturbed, and the bipolar supply is set to 1.9 A at that moment.
     Hang(&'static str, Fault, &'static str),
-    /// An instrument has a fault from now on.
+    /// An instrument has a permanent fault.
     Fault(&'static str, Fault),
-    /// Every answer is late, s, and three seconds later another client comes.
+    /// Every answer is late, s, and another client connects three seconds later.
     Slow(f64, Hand),
-    /// One instrument, or all, is gone for a time, s: silent, or with closed connections.
+    /// One instrument, or all, is unavailable for a time, s: silent, or with closed connections.
     Gone(Option<&'static str>, f64, bool),
     /// A signal to the daemon (0) or its guardian (1), or both (2).
     Signal(u8, Signal),
     /// The run folder is deleted.
     FolderGone,
-    /// The bipolar supply gets an offset, A, at once.
+    /// The bipolar supply suddenly gets an offset, A.
     Offset(f64),
 }
 
@@ -95,7 +95,7 @@ pub(crate) const BIPOLAR_FIXED: Hand = hand(
     Needs::Nothing,
 );
 
-/// What another client does.
+/// Actions of another client.
 const HANDS: [Hand; 18] = [
     LOAD_20,
     hand(
@@ -182,9 +182,9 @@ const HANDS: [Hand; 18] = [
     ),
 ];
 
-/// How late answers are, s.
+/// Delays of answers, s.
 const LATENCIES_S: [f64; 4] = [0.1, 0.3, 1.0, 2.0];
-/// Instruments that are gone one by one.
+/// Instruments that become unavailable individually.
 const ROLES: [&str; 7] = [
     "supply4q",
     "generator",
@@ -196,14 +196,14 @@ const ROLES: [&str; 7] = [
 ];
 /// Instruments with meters.
 const METERS: [&str; 4] = ["supply4q", "load", "supply", "logger"];
-/// Exchanges that hang while the bipolar supply is set.
+/// Messages that hang while the bipolar supply is set.
 const HANGS: [(&str, Fault, &str); 4] = [
     ("scope", Fault::Truncate, "DATA?"),
     ("generator", Fault::TooLate, "?"),
     ("logger", Fault::LoseReply, "?"),
     ("supply4q", Fault::TooLate, "?"),
 ];
-/// Faults of one instrument that lies, or whose power fails.
+/// Faults of one instrument that reports wrong values or loses power.
 const LIES: [Fault; 5] = [
     Fault::StuckOutput,
     Fault::Lagging,
@@ -211,7 +211,7 @@ const LIES: [Fault; 5] = [
     Fault::ShortBlock,
     Fault::OffsetDrift,
 ];
-/// Faults of one exchange.
+/// Faults of one message.
 const WIRE: [Fault; 10] = [
     Fault::LoseMessage,
     Fault::LoseReply,
@@ -225,7 +225,7 @@ const WIRE: [Fault; 10] = [
     Fault::Stall,
 ];
 
-/// Every deed, whether or not a window has room for it.
+/// Returns every attack, whether or not it is possible in a window.
 fn deeds(window: Window) -> Vec<Deed> {
     let mut deeds = vec![Deed::Nothing];
     deeds.extend(HANDS.map(Deed::Hand));
@@ -284,17 +284,18 @@ impl Deed {
         }
     }
 
-    /// Whoever goes on after it must be right: nothing is wrong once it has passed.
+    /// Checks whether the attack is transient: after it has passed, everything must be correct.
     pub(crate) const fn is_transient(self) -> bool {
         matches!(self, Self::Gone(..))
     }
 
-    /// The daemon does not answer for the bench any more, and its guardian's lease has to run out.
+    /// Checks whether the daemon loses control of the bench, so that its guardian's lease must
+    /// expire.
     pub(crate) const fn takes_lease(self) -> bool {
         matches!(self, Self::Signal(0 | 2, _))
     }
 
-    /// How late answers are, s.
+    /// Returns the delay of answers, s.
     pub(crate) const fn late_s(self) -> f64 {
         match self {
             Self::Slow(late_s, _) => late_s,
@@ -308,7 +309,7 @@ impl Attack {
         format!("{}: {}", self.window.name(), self.deed.name())
     }
 
-    /// Why the two cannot meet; `None` where they can.
+    /// Returns why window and attack cannot be combined, or `None` if they can.
     fn impossible(&self) -> Option<&'static str> {
         let window = self.window;
         match self.deed {
@@ -347,7 +348,7 @@ impl Attack {
         }
     }
 
-    /// Why a fault of one instrument is not played.
+    /// Returns why a fault of one instrument is skipped.
     fn no_exchange(&self, role: &str, fault: Fault) -> Option<&'static str> {
         if !self.window.has_exchanges() {
             return Some("faults of one exchange are played in four windows");
@@ -372,7 +373,7 @@ impl Attack {
     }
 }
 
-/// The product, and how many combinations cannot be, by reason.
+/// Returns the product, and the number of impossible combinations by reason.
 pub(crate) fn product() -> (Vec<Attack>, Vec<(&'static str, usize)>) {
     let (mut attacks, mut skipped) = (Vec::new(), Vec::<(&'static str, usize)>::new());
     for window in Window::ALL {

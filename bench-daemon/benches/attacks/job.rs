@@ -2,7 +2,7 @@
 
 use std::{fs, path::Path};
 
-/// Small experiment; each ends with a sweep of the cell, whose points can be right or wrong.
+/// A small experiment; each ends with a sweep of the cell, whose points can be right or wrong.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Job {
     Fast,
@@ -44,7 +44,7 @@ const CONTROLS: &str = "[fixture_check]\ncorrected_tolerance = \"1 %\"\n[fixture
     magnitude = \"3 %\"\nphase = \"3 °\"\n";
 
 impl Job {
-    /// Text of its experiment.
+    /// Returns the text of its experiment.
     fn experiment(self) -> String {
         let sweep = |repeat: usize| SWEEP.replace("REPEAT", &repeat.to_string());
         let parts = match self {
@@ -65,7 +65,7 @@ impl Job {
         )
     }
 
-    /// Number of stages of its plan.
+    /// Returns the number of stages of its plan.
     pub(crate) const fn stages(self) -> usize {
         match self {
             Self::Fast | Self::Slow | Self::SlowBlocks | Self::Pause | Self::Leg => 1,
@@ -73,12 +73,12 @@ impl Job {
         }
     }
 
-    /// A person changes what is in the jig.
+    /// Checks whether a person changes what is in the jig.
     pub(crate) const fn has_person(self) -> bool {
         matches!(self, Self::Prompt)
     }
 
-    /// The greatest and least current that it asks for at any time, A.
+    /// Returns the greatest and least current that it requests at any time, A.
     pub(crate) const fn extremes_a(self) -> (f64, f64) {
         match self {
             Self::Reset => (-5.0, 3.0),
@@ -87,7 +87,7 @@ impl Job {
         }
     }
 
-    /// Its files in a folder of their own.
+    /// Returns its files in a separate folder.
     pub(crate) fn files(self) -> tempfile::TempDir {
         let folder = tempfile::tempdir().expect("a folder");
         let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
@@ -118,8 +118,8 @@ pub(crate) fn state_answers(folder: &Path, answer_s: f64) {
     fs::write(path, text).expect("the bench file");
 }
 
-/// The least and the greatest current that a step asks for, A, by its words in the journal; `None`
-/// where it goes on with what the step before it asked for.
+/// Returns the least and the greatest current that a step requests, A, from its text in the
+/// journal, or `None` if it continues with the currents of the previous step.
 pub(crate) fn asked_a(step: &str, job: Job) -> Option<(f64, f64)> {
     let amps = || {
         step.split_whitespace()

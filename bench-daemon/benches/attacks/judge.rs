@@ -1,4 +1,5 @@
-//! Judges a trial: what the cell bore, whether numbers are right, and whether last words are true.
+//! Judges a trial: the load on the cell, whether numbers are right, and whether final messages are
+//! true.
 
 use std::{collections::BTreeMap, path::Path, sync::Mutex};
 
@@ -14,26 +15,26 @@ use super::{
     table::Row,
 };
 
-/// Nothing flows, A.
+/// Current that counts as none, A.
 pub(crate) const NOTHING_A: f64 = 0.1;
-/// Where nothing should flow, more than this is beyond the envelope, A.
+/// Current above which the envelope is exceeded if none should flow, A.
 const IDLE_A: f64 = 0.2;
-/// Share by which a number may be off without being wrong.
+/// Greatest tolerated error of a number, as a share.
 const OFF: f64 = 0.01;
-/// The journal is seen this much before or after the current changes, s.
+/// Time before or after a change of the current within which the journal is seen, s.
 const BLUR_S: f64 = 0.3;
-/// The guardian acts when it has heard nothing of the daemon for this long, s.
+/// Time without a heartbeat of the daemon after which the guardian acts, s.
 const LEASE_S: f64 = 5.0;
-/// From the cause to zero on instruments that answer fast, s: the longer of a period and the first,
-/// and the second.
+/// Time from the cause to zero current on fast instruments, s: the longer of a period and the
+/// first value, plus the second.
 const DEADLINE_S: (f64, f64) = (2.0, 1.0);
-/// Answers later than this lengthen the deadline, s.
+/// Delay of answers above which the deadline is extended, s.
 const FAST_ANSWER_S: f64 = 0.3;
-/// A run may go on without its folder for this long, s: whatever it measures is lost.
+/// How long a run may continue without its folder, s: all its measurements are lost.
 const FOLDER_S: f64 = 15.0;
-/// What is said of an output holds for the time just before, s.
+/// Time before a statement about an output for which the statement must be true, s.
 const BEFORE_S: f64 = 1.0;
-/// Words that say that everything is off.
+/// Messages that state that everything is off.
 const OFF_WORDS: [&str; 4] = [
     "every output is off",
     "every output is verified off",
@@ -41,8 +42,8 @@ const OFF_WORDS: [&str; 4] = [
     "outputs verified off",
 ];
 
-/// Charge beyond the envelope, A·s, and the longest stretch beyond it, s, which gaps of less than
-/// `gap_s` do not end.
+/// Returns the charge beyond the envelope, A·s, and the longest interval beyond it, s; gaps
+/// shorter than `gap_s` do not end an interval.
 pub(crate) fn beyond(samples: &[Sample], envelope: &[(f64, (f64, f64))], gap_s: f64) -> (f64, f64) {
     let (mut charge, mut longest) = (0.0, 0.0);
     let mut stretch: Option<(f64, f64)> = None;
@@ -64,7 +65,7 @@ pub(crate) fn beyond(samples: &[Sample], envelope: &[(f64, (f64, f64))], gap_s: 
     (charge, longest)
 }
 
-/// What may flow at a time, A: the margin is included, and so are the neighbours in time.
+/// Returns the allowed currents at a time, A, including the margin and the neighbours in time.
 fn asked(envelope: &[(f64, (f64, f64))], now_s: f64) -> (f64, f64) {
     let from = envelope
         .iter()
@@ -87,8 +88,8 @@ fn asked(envelope: &[(f64, (f64, f64))], now_s: f64) -> (f64, f64) {
     (-margin(least), margin(most))
 }
 
-/// The deadline of an attack, s: the bound that the program's plan prints counts where answers are
-/// late.
+/// Returns the deadline of an attack, s: for late answers, the bound that the program's plan
+/// prints.
 pub(crate) fn deadline_s(attack: &Attack, bound_s: Option<f64>) -> f64 {
     let base_s = attack.window.period_s().max(DEADLINE_S.0) + DEADLINE_S.1;
     let lease_s = if attack.deed.takes_lease() {
@@ -100,7 +101,7 @@ pub(crate) fn deadline_s(attack: &Attack, bound_s: Option<f64>) -> f64 {
     bound_s.map_or(base_s, |bound_s| bound_s.max(base_s)) + lease_s
 }
 
-/// The bound in a line of a plan: `watch: from a cause to zero within 3.0 s (…)`.
+/// Parses the bound in a line of a plan: `watch: from a cause to zero within 3.0 s (…)`.
 pub(crate) fn printed_bound_s(text: &str) -> Option<f64> {
     let line = text
         .lines()
@@ -110,7 +111,7 @@ pub(crate) fn printed_bound_s(text: &str) -> Option<f64> {
     number.parse().ok()
 }
 
-/// Words of the program that were false when they were said.
+/// Returns messages of the program that were false when they were written.
 pub(crate) fn false_words(lines: &[(f64, String)], samples: &[Sample]) -> Vec<String> {
     let live = |now_s: f64| {
         let mut before = samples
@@ -143,7 +144,8 @@ pub(crate) fn false_words(lines: &[(f64, String)], samples: &[Sample]) -> Vec<St
 /// Ratio of measured to true impedance at each point of an undisturbed run, by job.
 pub(crate) type Usual = Mutex<BTreeMap<Job, Vec<Complex64>>>;
 
-/// The points of the cell's first spectrum, each over the truth, with their frequencies, Hz.
+/// Returns the points of the cell's first spectrum, each relative to the truth, with their
+/// frequencies, Hz.
 pub(crate) fn shares(run: &Path, scene: &Scene) -> Vec<(f64, Complex64)> {
     let Ok(points) = read_spectrum_csv(&run.join("spectrum.csv")) else {
         return Vec::new();
@@ -158,8 +160,8 @@ pub(crate) fn shares(run: &Path, scene: &Scene) -> Vec<(f64, Complex64)> {
         .collect()
 }
 
-/// Number of points that are off by more than a hundredth without a word in what the program has
-/// said.
+/// Returns the number of points that are off by more than a hundredth without a remark of the
+/// program.
 pub(crate) fn wrong_points(
     shares: &[(f64, Complex64)],
     usual: Option<&Vec<Complex64>>,
@@ -173,13 +175,13 @@ pub(crate) fn wrong_points(
 }
 
 impl Row {
-    /// Violations, in words; empty where there are none.
+    /// Returns the violations as text; empty if there are none.
     pub(crate) fn wrong(&self) -> Vec<String> {
         let mut wrong = self.false_words.clone();
         if !self.happened {
             return Vec::new();
         }
-        // A run that refuses to begin leaves the bench to whoever has it.
+        // A run that refuses to begin leaves the bench to the present client.
         let watched = self.attack.window.is_watched() && self.began;
         if watched && self.beyond_s > self.deadline_s {
             wrong.push(format!(
@@ -203,7 +205,7 @@ impl Row {
                 self.went_on_s
             ));
         }
-        // A process that was stopped ends only where somebody else ends it.
+        // A process that was stopped does not end unless another process ends it.
         let is_stopped = matches!(self.attack.deed, Deed::Signal(_, Signal::SIGSTOP));
         if self.hung && !is_stopped {
             wrong.push("did not end by itself".to_owned());
@@ -211,7 +213,8 @@ impl Row {
         wrong
     }
 
-    /// A run that does not go on after an outage that has passed, or after nothing at all.
+    /// Returns a violation if a run does not continue after an outage that has passed, or without
+    /// an attack.
     fn unfinished(&self) -> Option<String> {
         let must = self.attack.deed.is_transient() || self.attack.deed == Deed::Nothing;
         if !must {

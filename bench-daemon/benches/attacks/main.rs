@@ -1,10 +1,10 @@
 //! Attacks on a bench: the product of windows of a run and faults, on real processes and real ports,
-//! with a simulated cell that records what it bears.
+//! with a simulated cell that records its load.
 //!
 //! `cargo bench --profile dev -p bench-daemon --bench attacks -- [--program PATH] [--only WORDS]
-//! [--sample N] [--jobs N] [--resume] [--stated] [--list] [--out FILE.md]`; another build of the program can
-//! stand trial in the same attacks. Fails where more than the envelope of the step flowed for too
-//! long, where a wrong number has no flag, and where the last words were false.
+//! [--sample N] [--jobs N] [--resume] [--stated] [--list] [--out FILE.md]`; another build of the
+//! program can be tested with the same attacks. Fails if the current exceeded the envelope of the
+//! step for too long, if a wrong number has no flag, or if the last message was false.
 
 #![expect(
     clippy::expect_used,
@@ -29,7 +29,7 @@ use options::Options;
 use table::Row;
 use trial::Play;
 
-/// A trial whose own looks came later than this, s, is played again where it went wrong.
+/// If the trial's own checks were later than this, s, a failed trial is repeated.
 const BUSY_S: f64 = 0.5;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -59,7 +59,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         resumes: options.resumes,
         stated: options.stated,
     };
-    // What nothing does to a run is what the others are compared with.
+    // The undisturbed runs are the reference for the others.
     let alone = quiet.first().map(|attack| play.stand(attack).took_s);
     let mut rows = play_all(&play, &quiet, options.jobs);
     let among = rows.first().map(|row| row.took_s);
@@ -74,7 +74,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     report(&rows, &options)
 }
 
-/// Plays attacks, some at a time; rows in their order.
+/// Executes attacks, some concurrently; returns rows in their order.
 fn play_all(play: &Play<'_>, attacks: &[Attack], jobs: usize) -> Vec<Row> {
     let (next, rows) = (
         Mutex::new(attacks.iter().enumerate()),
@@ -103,7 +103,7 @@ fn play_all(play: &Play<'_>, attacks: &[Attack], jobs: usize) -> Vec<Row> {
     rows.into_iter().map(|(_, row)| row).collect()
 }
 
-/// Prints the table, and writes it and the rows where that is asked for.
+/// Prints the table, and writes it and the rows if requested.
 fn report(rows: &[Row], options: &Options) -> Result<(), Box<dyn std::error::Error>> {
     let text = format!(
         "{}\n{}\n{}",

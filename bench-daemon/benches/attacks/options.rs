@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use super::deed::{Attack, Deed};
 
-/// Attacks at a time: most of each is waiting.
+/// Number of concurrent attacks: each waits most of the time.
 const AT_A_TIME: usize = 16;
 const EXPECTED: &str =
     "--program PATH, --only WORDS, --sample N, --jobs N, --resume, --stated, --list or --out FILE";
 
-/// What is played, and how.
+/// The selected attacks, and how to execute them.
 #[derive(Debug, Clone)]
 pub(crate) struct Options {
     pub(crate) program: String,
@@ -17,17 +17,17 @@ pub(crate) struct Options {
     sample: Option<usize>,
     pub(crate) jobs: usize,
     pub(crate) resumes: bool,
-    /// The bench file states how late answers are.
+    /// Whether the bench file states the delay of answers.
     pub(crate) stated: bool,
     pub(crate) list: bool,
     pub(crate) out: Option<PathBuf>,
 }
 
 impl Options {
-    /// Reads the words of the command line.
+    /// Parses the command line.
     ///
     /// # Errors
-    /// A word that is none of them, or without its value.
+    /// Fails if an argument is unknown or lacks its value.
     pub(crate) fn read(
         mut words: impl Iterator<Item = String>,
         program: &str,
@@ -66,7 +66,7 @@ impl Options {
         Ok(options)
     }
 
-    /// The undisturbed runs that the chosen attacks are compared with, one per job, and the
+    /// Returns the undisturbed runs for comparison with the selected attacks, one per job, and the
     /// attacks.
     pub(crate) fn select(&self, product: Vec<Attack>) -> (Vec<Attack>, Vec<Attack>) {
         let (quiet, attacks): (Vec<_>, Vec<_>) = product

@@ -1,5 +1,5 @@
-//! The bench behind a trial: mocks on real ports, served by a thread of this process, so that the
-//! strain of the cell is known. The program under attack knows only addresses.
+//! The bench of a trial: mocks on real ports, served by a thread of this process, so that the load
+//! on the cell is known. The program under attack knows only addresses.
 
 use std::{
     fs,
@@ -17,19 +17,19 @@ use instruments::{
     },
 };
 
-/// Bench time runs as fast as the wall clock: deadlines are those of real instruments.
+/// Bench time equals real time: deadlines are those of real instruments.
 const MODE: TimeMode = TimeMode::Scaled(1.0);
-/// Between two looks at the true current, s.
+/// Interval between two samples of the true current, s.
 const SAMPLE_S: f64 = 0.05;
 
-/// The truth at one instant.
+/// The truth at one time.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Sample {
     /// Bench time, s.
     pub(crate) now_s: f64,
-    /// Current through what is in the jig, A.
+    /// Current through the object in the jig, A.
     pub(crate) amps: f64,
-    /// An output is on through which charge can move.
+    /// Whether an output is on through which charge can move.
     pub(crate) live: bool,
 }
 
@@ -43,7 +43,7 @@ pub(crate) struct Scene {
     thread: Option<std::thread::JoinHandle<()>>,
 }
 
-/// Switches of the scheduled fault of a trial.
+/// Controls of the scheduled fault of a trial.
 #[derive(Default, Clone)]
 pub(crate) struct Switches {
     pub(crate) begun: FaultSwitch,
@@ -118,7 +118,7 @@ impl Scene {
         self.simulation.remote(role)
     }
 
-    /// Nothing has flowed for a time, s.
+    /// Checks whether no current has flowed for a time, s.
     pub(crate) fn is_quiet_for(&self, span_s: f64) -> bool {
         let samples = lock(&self.samples);
         let Some(last) = samples.last() else {
@@ -132,7 +132,8 @@ impl Scene {
                 .all(|sample| sample.amps.abs() <= super::judge::NOTHING_A)
     }
 
-    /// The greatest delay of a look at the current, s: how busy the machine is.
+    /// Returns the greatest delay of a sample of the current, s: a measure of the load on the
+    /// machine.
     pub(crate) fn lag_s(&self) -> f64 {
         lock(&self.samples)
             .windows(2)
@@ -141,7 +142,7 @@ impl Scene {
     }
 }
 
-/// Looks at the current again and again until the trial is over.
+/// Samples the current repeatedly until the trial is over.
 async fn watch(
     served: &Simulation,
     clock: &Clock,

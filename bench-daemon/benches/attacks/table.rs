@@ -1,4 +1,4 @@
-//! Rows of results, and the table that is made of them.
+//! Rows of results, and the table made from them.
 
 use std::collections::BTreeMap;
 
@@ -13,30 +13,31 @@ pub(crate) struct Row {
     pub(crate) attack: Attack,
     /// Charge beyond the envelope of the step and its margin, A·s.
     pub(crate) beyond_as: f64,
-    /// The longest stretch beyond it, s.
+    /// The longest interval beyond it, s.
     pub(crate) beyond_s: f64,
     /// The bound that the program's plan prints for late answers, s.
     pub(crate) bound_s: Option<f64>,
     pub(crate) deadline_s: f64,
     /// The least and greatest voltage, V, and the greatest temperature, °C, of the cell.
     pub(crate) worst: (f64, f64, f64),
-    /// From the deed to the last current, s; none where the run went on to its end.
+    /// Time from the attack to the last current, s; `None` if the run completed.
     pub(crate) zero_s: Option<f64>,
     pub(crate) still: bool,
     pub(crate) happened: bool,
-    /// The run has taken the bench: it said that everything is off before its first step.
+    /// Whether the run has taken the bench: it reported everything off before its first step.
     pub(crate) began: bool,
-    /// The run had to be asked to end.
+    /// Whether the run had to be asked to end.
     pub(crate) hung: bool,
     pub(crate) code: Option<i32>,
     pub(crate) message: String,
-    /// Points that are wrong and have no flag, points of the spectrum, and how many there should be.
+    /// Number of wrong points without a flag, number of points of the spectrum, and its expected
+    /// number.
     pub(crate) wrong_points: usize,
     pub(crate) points: usize,
     pub(crate) usual: usize,
-    /// Words of the program that were false when they were said.
+    /// Messages of the program that were false when they were written.
     pub(crate) false_words: Vec<String>,
-    /// From the deed to the end of the run, s.
+    /// Time from the attack to the end of the run, s.
     pub(crate) went_on_s: f64,
     /// Length of the run, s.
     pub(crate) took_s: f64,
@@ -45,7 +46,7 @@ pub(crate) struct Row {
     pub(crate) resumed: String,
 }
 
-/// Groups of deeds, one column each.
+/// Groups of attacks, one column each.
 const GROUPS: [&str; 8] = [
     "foreign hand",
     "hanging exchange",
@@ -115,7 +116,7 @@ impl Row {
     }
 }
 
-/// The worst of the attacks of one cell of the table.
+/// Returns the worst of the attacks in one cell of the table.
 fn worst(rows: &[&Row]) -> String {
     let played: Vec<&&Row> = rows.iter().filter(|row| row.happened).collect();
     if played.is_empty() {
@@ -136,8 +137,8 @@ fn worst(rows: &[&Row]) -> String {
     )
 }
 
-/// One line per window, one column per group of deeds: the greatest charge, the longest stretch,
-/// how many were played, and how many went wrong.
+/// Returns one line per window, with one column per group of attacks: the greatest charge, the
+/// longest interval, the number of trials, and the number of failures.
 pub(crate) fn summary(rows: &[Row]) -> String {
     let mut cells: BTreeMap<(Window, usize), Vec<&Row>> = BTreeMap::new();
     for row in rows {
@@ -162,7 +163,7 @@ pub(crate) fn summary(rows: &[Row]) -> String {
     text
 }
 
-/// Numbers over all rows.
+/// Returns totals over all rows.
 pub(crate) fn totals(rows: &[Row]) -> String {
     let played: Vec<&Row> = rows.iter().filter(|row| row.happened).collect();
     let counted = |fits: &dyn Fn(&Row) -> bool| played.iter().filter(|row| fits(row)).count();
@@ -187,7 +188,8 @@ pub(crate) fn totals(rows: &[Row]) -> String {
     )
 }
 
-/// Measured time beyond the envelope of slow instruments, against the bound that the plan prints.
+/// Compares the measured time beyond the envelope for slow instruments with the bound that the
+/// plan prints.
 pub(crate) fn slow(rows: &[Row]) -> String {
     let mut text = "| answers late by, s | longest beyond the envelope, s | printed bound, s | \
     played |\n|---|---|---|---|\n"

@@ -1,4 +1,4 @@
-//! What a run says while it goes on: its journal and its messages, each with the time at which it
+//! The messages of a run in progress: its journal and its output, each with the time at which it
 //! was seen.
 
 use std::{
@@ -28,13 +28,13 @@ pub(crate) struct Entry {
 }
 
 impl Entry {
-    /// Words of a step.
+    /// Returns the text of a step.
     pub(crate) fn text(&self) -> &str {
         self.value["text"].as_str().unwrap_or_default()
     }
 }
 
-/// The journal as far as it was read.
+/// The part of the journal that was read.
 pub(crate) struct Journal {
     path: PathBuf,
     offset: u64,
@@ -52,7 +52,7 @@ impl Journal {
         }
     }
 
-    /// Reads what was written since the last time.
+    /// Reads what was written since the last call.
     pub(crate) fn read(&mut self, now_s: f64) {
         let mut text = String::new();
         let read = File::open(&self.path).and_then(|mut file| {
@@ -69,7 +69,7 @@ impl Journal {
         }
     }
 
-    /// The last entry that is no remark.
+    /// Returns the last entry that is not a remark.
     pub(crate) fn last(&self) -> Option<&Entry> {
         self.entries
             .iter()
@@ -77,7 +77,7 @@ impl Journal {
             .find(|entry| !matches!(entry.kind.as_str(), "note" | "found"))
     }
 
-    /// Everything was read back as off after the last stage, at this time, s.
+    /// Returns when everything was read back as off after the last stage, s.
     pub(crate) fn last_safe_s(&self, stages: usize) -> Option<f64> {
         let mut ended = self.entries.iter().skip_while(|entry| {
             entry.kind != "stage_done" || entry.value["stage"].as_u64() != Some(stages as u64 - 1)
@@ -87,7 +87,7 @@ impl Journal {
             .map(|entry| entry.now_s)
     }
 
-    /// The least and greatest current, A, that is asked for from each time on, s.
+    /// Returns the least and greatest requested current, A, from each time on, s.
     pub(crate) fn envelope(&self, job: Job) -> Vec<(f64, (f64, f64))> {
         let mut envelope = vec![(0.0, (0.0, 0.0))];
         for entry in &self.entries {
@@ -121,12 +121,12 @@ fn parse(line: &str, now_s: f64) -> Option<Entry> {
     })
 }
 
-/// What came out of a pipe, with the times of its lines, s.
+/// Output of a pipe, with the times of its lines, s.
 #[derive(Clone, Default)]
 pub(crate) struct Said(Arc<Mutex<Vec<(f64, String)>>>);
 
 impl Said {
-    /// Collects what comes out of a pipe.
+    /// Collects the output of a pipe.
     pub(crate) fn listen(
         &self,
         mut pipe: impl Read + Send + 'static,
@@ -156,7 +156,7 @@ impl Said {
             .collect()
     }
 
-    /// When it was first said, s.
+    /// Returns when a text was first written, s.
     pub(crate) fn at_s(&self, words: &str) -> Option<f64> {
         self.lines()
             .iter()

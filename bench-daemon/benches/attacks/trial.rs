@@ -1,4 +1,4 @@
-//! Plays one attack, from its files to its row of results.
+//! Executes one attack, from its files to its row of results.
 
 use std::{
     fs,
@@ -28,22 +28,22 @@ use super::{
     window::{Cue, Window},
 };
 
-/// Between two looks at a run.
+/// Interval between two checks of a run.
 const LOOK: Duration = Duration::from_millis(20);
-/// A run that was asked to end may take this long, s; then it is killed.
+/// Time after which a run that was asked to end is killed, s.
 const ENDING_S: f64 = 30.0;
-/// A run is asked to end this long after the deed, s: where it would not end soon by itself, where
-/// it would, and where it must go on after an outage.
+/// Time from the attack until a run is asked to end, s: if it would not end soon on its own, if it
+/// would, and if it must continue after an outage.
 const OBSERVED_S: (f64, f64, f64) = (25.0, 150.0, 280.0);
-/// A window that has not come by then does not come, s.
+/// Time after which a window counts as not reached, s.
 const REACHED_S: f64 = 200.0;
-/// A pause or a prompt ends this long after the deed, s.
+/// Time from the attack to the end of a pause or prompt, s.
 const WAITED_S: f64 = 12.0;
-/// The second client comes this long after answers became late, s.
+/// Time from the delay of answers to the second client, s.
 const SLOW_FIRST_S: f64 = 3.0;
-/// How late blocks of the scope are in the window of their download, s.
+/// Delay of the scope's blocks in the window of their download, s.
 const BLOCK_S: f64 = 3.0;
-/// The longest work of a guardian that is waited for, s, and of a command.
+/// Longest wait for a guardian, s, and for a command.
 const GUARDIAN_S: f64 = 60.0;
 const COMMAND: Duration = Duration::from_secs(300);
 /// Time after the end of a process within which its last output arrives.
@@ -59,20 +59,20 @@ const ROLES: [&str; 7] = [
     "logger",
 ];
 
-/// What a bench file states for an instrument that answers at once, s.
+/// Usual answer time in the bench file for an instrument that answers at once, s.
 const USUAL_ANSWER_S: f64 = 0.1;
 
-/// How attacks are played.
+/// Settings for the execution of attacks.
 pub(crate) struct Play<'a> {
     pub(crate) program: &'a str,
     pub(crate) usual: &'a Usual,
-    /// A run that did not end with 0 is resumed on mended instruments.
+    /// Whether a run that did not end with 0 is resumed on repaired instruments.
     pub(crate) resumes: bool,
-    /// The bench file states how late answers are.
+    /// Whether the bench file states the delay of answers.
     pub(crate) stated: bool,
 }
 
-/// One attack under way.
+/// One attack in progress.
 struct Trial<'a> {
     play: &'a Play<'a>,
     attack: Attack,
@@ -86,9 +86,9 @@ struct Trial<'a> {
     /// Messages of the program and of its guardian, with their times, s.
     reports: Vec<(f64, String)>,
     deed_s: Option<f64>,
-    /// What is still to come: bench time, s, and whose hand.
+    /// Pending actions: bench time, s, and messages of the other client.
     later: Vec<(f64, Hand)>,
-    /// The number of the last question that was answered, and whether the pause was asked for.
+    /// The number of the last answered question, and whether the pause was requested.
     answered: u64,
     paused: bool,
     prelude: bool,
@@ -98,7 +98,7 @@ struct Trial<'a> {
 }
 
 impl Play<'_> {
-    /// Plays one attack.
+    /// Executes one attack.
     pub(crate) fn stand(&self, attack: &Attack) -> Row {
         let job = attack.window.job();
         let folder = job.files();
@@ -165,7 +165,7 @@ impl Play<'_> {
             hung: false,
         };
         let code = trial.until_end();
-        // A guardian that goes on may hold the pipes: what was said until now is enough.
+        // A guardian that continues may hold the pipes: the messages up to now are enough.
         wait_at_most(LINGER, || {
             pipes.iter().flatten().all(|pipe| pipe.is_finished())
         });
@@ -185,7 +185,7 @@ impl Play<'_> {
             .expect("the program")
     }
 
-    /// Runs a command to its end; its exit code and what it has said.
+    /// Runs a command to its end; returns its exit code and its output.
     fn command(&self, words: &[&std::ffi::OsStr]) -> (Option<i32>, String) {
         let mut child = self.start(words);
         let pipes = (child.stdout.take(), child.stderr.take());
@@ -231,7 +231,7 @@ fn wait_at_most(most: Duration, mut done: impl FnMut() -> bool) {
 }
 
 impl Trial<'_> {
-    /// Follows the run to its end; its exit code.
+    /// Follows the run to its end; returns its exit code.
     fn until_end(&mut self) -> Option<i32> {
         let mut status = None;
         wait_at_most(Duration::MAX, || {
@@ -251,7 +251,7 @@ impl Trial<'_> {
         status.and_then(|status| status.code())
     }
 
-    /// One look at the run; whether its time is over.
+    /// Checks the run once; returns whether its time is over.
     fn look(&mut self) -> bool {
         let now_s = self.scene.now_s();
         self.journal.read(now_s);
@@ -266,7 +266,7 @@ impl Trial<'_> {
         self.end_in_time(now_s)
     }
 
-    /// Asks the run to end where it has taken too long; whether that has not helped.
+    /// Asks the run to end if it has taken too long; returns whether it must be killed.
     fn end_in_time(&mut self, now_s: f64) -> bool {
         let (long_s, soon_s, outage_s) = OBSERVED_S;
         let soon = self.attack.window.ends_soon();
@@ -293,7 +293,7 @@ impl Trial<'_> {
             .is_some_and(|asked_s| now_s - asked_s > ENDING_S)
     }
 
-    /// The window is reached.
+    /// Checks whether the window is reached.
     fn is_in_window(&self, now_s: f64) -> bool {
         let since = |entry_s: f64, delay_s: f64| now_s - entry_s >= delay_s;
         match self.attack.window.cue() {
@@ -326,7 +326,7 @@ impl Trial<'_> {
         }
     }
 
-    /// Brings the run into windows that do not come by themselves.
+    /// Brings the run into windows that it does not reach on its own.
     fn prepare(&mut self, now_s: f64) {
         if self.attack.window == Window::Pause {
             self.pause(now_s);
@@ -340,7 +340,7 @@ impl Trial<'_> {
         }
     }
 
-    /// Asks for a pause, and for its end.
+    /// Requests a pause, and its end.
     fn pause(&mut self, now_s: f64) {
         let wish = |course: &str| {
             let text = format!("{{\"course\":\"{course}\",\"order\":[]}}");
@@ -365,7 +365,7 @@ impl Trial<'_> {
         }
     }
 
-    /// Answers a question as a person does, who changes the fixture.
+    /// Answers a question as a person who changes the fixture does.
     fn serve_person(&mut self, now_s: f64) {
         let Some(entry) = self.journal.last().filter(|entry| entry.kind == "asked") else {
             return;
@@ -392,7 +392,7 @@ impl Trial<'_> {
         ]));
     }
 
-    /// Does the deed.
+    /// Executes the attack.
     fn act(&mut self, now_s: f64) {
         match self.attack.deed {
             Deed::Nothing => {}
@@ -436,7 +436,7 @@ impl Trial<'_> {
             .collect();
         self.later.retain(|(at_s, _)| *at_s > now_s);
         for hand in due {
-            // The time to zero counts from the hand on.
+            // The time to zero counts from the action of the other client.
             self.deed_s = Some(now_s);
             self.meddle(hand);
         }
@@ -468,13 +468,13 @@ impl Trial<'_> {
         }
     }
 
-    /// The report of the guardian.
+    /// Returns the report of the guardian.
     fn guardian(&self) -> Option<serde_json::Value> {
         let path = self.folder.join("benches/.eis-bench/demo/guardian.json");
         serde_json::from_str(&fs::read_to_string(path).ok()?).ok()
     }
 
-    /// Notes what the guardian reports, where that is new.
+    /// Records the report of the guardian if it is new.
     fn note_guardian(&mut self, now_s: f64) {
         let Some(status) = self
             .guardian()
@@ -507,7 +507,7 @@ impl Trial<'_> {
         }
     }
 
-    /// Waits for a guardian that is still at work.
+    /// Waits for a guardian that is still working.
     fn until_guardian_rests(&mut self, code: Option<i32>) {
         if !matches!(self.attack.deed, Deed::Signal(..)) && code.is_some_and(|code| code != 6) {
             return;
@@ -533,22 +533,22 @@ impl Trial<'_> {
         }
     }
 
-    /// What may flow at which time. A journal that was deleted says nothing: then all that the job
-    /// ever asks for may flow.
+    /// Returns the allowed currents at each time. If the journal was deleted, every current that
+    /// the job ever requests is allowed.
     fn envelope(&self, ended_s: f64) -> Vec<(f64, (f64, f64))> {
         let job = self.attack.window.job();
         let mut envelope = match self.attack.deed {
             Deed::FolderGone => vec![(0.0, job.extremes_a())],
             _ => self.journal.envelope(job),
         };
-        // Whoever was killed has left on what its step asked for, until its guardian has acted.
+        // A killed process leaves the currents of its step on until its guardian has acted.
         if !self.attack.deed.takes_lease() {
             envelope.push((ended_s, (0.0, 0.0)));
         }
         envelope
     }
 
-    /// The bound that the program prints, s.
+    /// Returns the bound that the program prints, s.
     fn bound_s(&self) -> Option<f64> {
         if self.attack.deed.late_s() == 0.0 {
             return None;
@@ -585,7 +585,7 @@ impl Trial<'_> {
         if attack.deed == Deed::Nothing {
             lock(self.play.usual).insert(job, shares.iter().map(|(_, share)| *share).collect());
         }
-        // Not held while others want it.
+        // Do not hold the lock while other threads need it.
         let usual = lock(self.play.usual).get(&job).cloned();
         let text = self.said.text();
         let mut said = self.said.lines();
@@ -623,8 +623,7 @@ impl Trial<'_> {
         row
     }
 
-    /// Ends what is left of the run on mended instruments, and goes on with it where that is asked
-    /// for.
+    /// Ends the rest of the run on repaired instruments, and resumes it if requested.
     fn clean_up(&self, code: Option<i32>, row: &mut Row) {
         self.switches.repaired.throw();
         for remote in ROLES.iter().filter_map(|role| self.scene.remote(role)) {
@@ -633,7 +632,8 @@ impl Trial<'_> {
         if code == Some(0) {
             return;
         }
-        // A guardian that was stopped, or still tries, would meet the instruments of later trials.
+        // A guardian that was stopped, or still retries, would access the instruments of later
+        // trials.
         self.end_guardian();
         let bench = self.folder.join("benches/demo.toml");
         self.play
@@ -643,7 +643,7 @@ impl Trial<'_> {
         }
     }
 
-    /// Kills the guardian of this trial, where it still runs.
+    /// Kills the guardian of this trial if it still runs.
     fn end_guardian(&self) {
         let Some(pid) = self.guardian().and_then(|report| report["pid"].as_i64()) else {
             return;
@@ -655,7 +655,7 @@ impl Trial<'_> {
         }
     }
 
-    /// Clears the latch and goes on with the run.
+    /// Clears the latch and resumes the run.
     fn resume(&self, job: Job) -> String {
         let bench = self.folder.join("benches/demo.toml");
         self.play
@@ -674,7 +674,7 @@ impl Trial<'_> {
     }
 }
 
-/// The last message of the program.
+/// Returns the last message of the program.
 fn last_message(text: &str) -> String {
     text.lines()
         .rev()

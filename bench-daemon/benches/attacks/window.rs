@@ -1,8 +1,8 @@
-//! Windows of a run in which a fault strikes: every kind of step, and every kind of wait.
+//! Windows of a run in which a fault occurs: every kind of step, and every kind of wait.
 
 use super::job::Job;
 
-/// Part of a run that is recognised from outside, while it goes on.
+/// A part of a run that can be recognised from outside while the run is in progress.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Window {
     Start,
@@ -28,18 +28,18 @@ pub(crate) enum Window {
     End,
 }
 
-/// Sign by which a window is recognised.
+/// Criterion for a window.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Cue {
-    /// A step whose words contain this is in work for a time, s.
+    /// A step whose text contains this has been in progress for a time, s.
     Step(&'static str, f64),
-    /// An entry of this kind is the last of the journal for a time, s.
+    /// An entry of this kind has been the last of the journal for a time, s.
     Entry(&'static str, f64),
-    /// The journal says that everything is off after the last stage.
+    /// The journal states that everything is off after the last stage.
     LastSafe,
-    /// The program has said this some time ago, s.
+    /// The program has written this some time ago, s.
     Said(&'static str, f64),
-    /// The instrument of this role has got a message that contains this.
+    /// The instrument of this role has received a message that contains this.
     Heard(&'static str, &'static str),
 }
 
@@ -145,7 +145,7 @@ impl Window {
         }
     }
 
-    /// Roles whose outputs are on by the plan.
+    /// Returns the roles whose outputs are on according to the plan.
     pub(crate) const fn on(self) -> &'static [&'static str] {
         match self {
             Self::Discharge | Self::LoadTrace => &["load"],
@@ -174,7 +174,7 @@ impl Window {
         self.on().contains(&role)
     }
 
-    /// The scope is read in it.
+    /// Checks whether the scope is read in this window.
     pub(crate) const fn reads_scope(self) -> bool {
         matches!(
             self,
@@ -187,22 +187,23 @@ impl Window {
         )
     }
 
-    /// A fault of the wire comes before it.
+    /// Checks whether a fault of the wire precedes this window.
     pub(crate) const fn is_after_fault(self) -> bool {
         matches!(self, Self::Wait | Self::Reconnection)
     }
 
-    /// The run ends by itself in a time that can be waited for.
+    /// Checks whether the run ends on its own in a time that can be waited for.
     pub(crate) const fn ends_soon(self) -> bool {
         !matches!(self, Self::Hold | Self::Leg)
     }
 
-    /// The bench belongs to the run: every output was not yet read back as off for the last time.
+    /// Checks whether the run holds the bench: not every output was read back as off for the last
+    /// time.
     pub(crate) const fn is_watched(self) -> bool {
         !matches!(self, Self::End)
     }
 
-    /// A window in which each kind of fault of one exchange is played.
+    /// Checks whether each kind of message fault is tested in this window.
     pub(crate) const fn has_exchanges(self) -> bool {
         matches!(
             self,
@@ -210,7 +211,7 @@ impl Window {
         )
     }
 
-    /// Period of the signal, s.
+    /// Returns the period of the signal, s.
     pub(crate) const fn period_s(self) -> f64 {
         match self {
             Self::SlowSine => 5.0,

@@ -1,6 +1,6 @@
-//! Coverage of stated uncertainties: plays a shipped experiment on the simulated bench over many
+//! Coverage of stated uncertainties: runs a shipped experiment on the simulated bench over many
 //! seeds and counts how often the truth lies within the stated 68 % and 95 % intervals, per
-//! frequency and per parameter. Fails where the seeds refute a 95 % interval. The drills play a share
+//! frequency and per parameter. Fails if the seeds refute a 95 % interval. The drills run a share
 //! of it.
 //!
 //! `cargo bench --profile dev -p bench-daemon --bench coverage -- demo accurate multisine thesis
@@ -15,7 +15,7 @@ use std::path::PathBuf;
 use played::Played;
 use tally::Tally;
 
-/// The experiments that are played where none is named.
+/// The experiments that are run if none is named.
 const ALL: [&str; 6] = [
     "demo",
     "thesis",
@@ -30,9 +30,9 @@ struct Options {
     names: Vec<String>,
     seeds: u64,
     from: u64,
-    /// Harness and slope of the open-circuit voltage drawn again for each seed.
+    /// Whether harness and slope of the open-circuit voltage are drawn again for each seed.
     drawn: bool,
-    /// Folder for the deviations behind each table.
+    /// Folder for the deviations of each table.
     out: Option<PathBuf>,
 }
 
@@ -114,7 +114,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
 }
 
-/// The deviations over their standard deviations, one quantity per line in the order of the seeds.
+/// Returns the deviations over their standard deviations, one quantity per line in the order of
+/// the seeds.
 fn csv(tally: &Tally) -> String {
     let line = |(name, deviations): (&str, &[f64])| {
         let values: Vec<String> = deviations.iter().map(|d| format!("{d:.4}")).collect();

@@ -1,4 +1,4 @@
-//! Experiments that are played on the simulated bench.
+//! Experiments that are run on the simulated bench.
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -16,33 +16,33 @@ use rayon::prelude::*;
 
 use super::{synthetic::Normal, tally::Tally};
 
-/// Number of branches of the simulated cell: other orders have no truth.
+/// Number of branches of the simulated cell: other orders have no true values.
 const TRUE_RC: usize = 4;
 
-/// How late a channel is against the first, one standard deviation: what a correction takes for
-/// known beforehand.
+/// Delay of a channel relative to the first, one standard deviation: the prior uncertainty of a
+/// correction.
 const SKEW_SPREAD_S: f64 = 1e-6;
-/// Gains and pick-ups, one standard deviation: less than what a correction allows, for the fixture
-/// check refuses benches that lie further off.
+/// Gains and pick-ups, one standard deviation: below the tolerance of a correction, because the
+/// fixture check refuses benches with larger errors.
 const GAIN_SPREAD: f64 = 0.002;
 const PICKUP_SPREAD_H: f64 = 0.08e-6;
-/// By how much the slope of the open-circuit voltage differs from that of the curve: what a run
-/// allows for.
+/// Relative difference of the slope of the open-circuit voltage from that of the curve: the
+/// uncertainty that a run assumes.
 const SLOPE_SPREAD: f64 = 0.03;
 const CAPACITY_AH: f64 = 4.5;
 
-/// An experiment to play.
+/// An experiment to run.
 pub(crate) struct Played<'a> {
     /// The folder of the shipped configurations.
     pub(crate) configs: &'a Path,
     /// Name of the experiment in it.
     pub(crate) name: &'a str,
-    /// Whether each seed has a harness (but for `accurate`) and a slope of the open-circuit voltage
-    /// of its own, drawn from what the run takes for known of them.
+    /// Whether each seed has its own harness (except for `accurate`) and its own slope of the
+    /// open-circuit voltage, drawn from the uncertainties that the run assumes.
     pub(crate) drawn: bool,
 }
 
-/// Plays an experiment with each of the seeds.
+/// Runs an experiment with each of the seeds.
 pub(crate) fn play(played: &Played<'_>, seeds: &[u64]) -> Result<Tally, Box<dyn Error>> {
     let scratch = tempfile::tempdir()?;
     let one = |seed: &u64| {
@@ -51,7 +51,7 @@ pub(crate) fn play(played: &Played<'_>, seeds: &[u64]) -> Result<Tally, Box<dyn 
         if let Err(error) = with_seed(&mut tally, played, (*seed, &folder)) {
             tally.fail(format!("seed {seed}: {error}"));
         }
-        // A scratch folder that stays does no harm.
+        // A remaining scratch folder is harmless.
         let _ = std::fs::remove_dir_all(&folder);
         tally
     };
@@ -71,8 +71,8 @@ fn with_seed(
     } else {
         played.configs.to_owned()
     };
-    // The thesis' bench is made of real instruments: its experiment is played on the demo's, which
-    // is modelled on it.
+    // The thesis' bench consists of real instruments: its experiment runs on the demo's, which is
+    // modelled on it.
     let bench = (played.name == "thesis").then(|| configs.join("benches/demo.toml"));
     let mut experiment = load_experiment(
         &configs.join(format!("experiments/{}.toml", played.name)),
@@ -125,8 +125,8 @@ fn draw(played: &Played<'_>, seed: u64, folder: &Path) -> Result<PathBuf, Box<dy
                     1,
                 );
             }
-            // The check of `accurate` goes up to 3 kHz and refuses skews of this size; its scenario
-            // draws the controls instead.
+            // The check of `accurate` goes up to 3 kHz and refuses skews of this size; its
+            // scenario draws the controls instead.
             if part == "scenarios" && played.name != "accurate" {
                 text += &format!(
                     "\n[harness]\njig_pickup_h = {jig_h:e}\nshunt_pickup_h = {shunt_h:e}\n\
@@ -157,7 +157,7 @@ fn judge(tally: &mut Tally, finished: &Finished, folder: &Path) {
         .lock()
         .unwrap_or_else(std::sync::PoisonError::into_inner);
     for (number, spectrum) in spectra.iter().enumerate() {
-        // Cells of a campaign are measured one after the other, each as often as the others.
+        // Cells of a campaign are measured one after the other, each equally often.
         let cells = world.truth_specimens();
         let cell = if measured.campaign {
             number * cells / spectra.len()
@@ -206,7 +206,7 @@ fn add_point(tally: &mut Tally, index: usize, point: &ImpedancePoint, truth: Com
     );
 }
 
-/// The cell that the scenarios do not change: the mean of the cells where there are several.
+/// Returns the cell that the scenarios do not change: the mean of the cells if there are several.
 fn truth() -> Erm {
     let cell = Scenario::default().cell;
     let branches = cell
@@ -224,14 +224,14 @@ fn truth() -> Erm {
     .ordered()
 }
 
-/// Rows of the parameters come after those of the frequencies.
+/// Rows of the parameters follow those of the frequencies.
 const PARAMETERS: usize = 10_000;
 
 /// Adds the parameters of a fit.
 pub(crate) fn add_fit(tally: &mut Tally, fit: &ErmFit, truth: &Erm) {
     let mut order = PARAMETERS;
     let mut add = |name: &str, error: f64, sigma: Option<f64>| {
-        // A tally counts 1.96 sigmas: of few cells an interval takes more of them.
+        // A tally counts 1.96 sigmas: for few cells an interval is wider.
         tally.add(
             order,
             name,
@@ -268,8 +268,8 @@ pub(crate) fn add_fit(tally: &mut Tally, fit: &ErmFit, truth: &Erm) {
     );
 }
 
-/// Adds the distance of a reduced χ² from one in units of √(2/ν): no deviation from a truth, but as
-/// rarely beyond two.
+/// Adds the distance of a reduced χ² from one in units of √(2/ν). It is not a deviation from a
+/// truth, but exceeds two equally rarely.
 fn add_chi2(tally: &mut Tally, fit: &ErmFit) {
     if let Some(chi2) = fit.reduced_chi2 {
         let freedom = (2 * fit.points - fit.cells.unwrap_or(1) * fit.erm.parameter_count()) as f64;

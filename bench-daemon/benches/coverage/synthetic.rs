@@ -1,5 +1,5 @@
-//! Synthetic spectra and pulses of one cell, for the joint fit: the cell is solved branch by branch
-//! in closed form, and shares nothing with the model that is fitted but its parameters.
+//! Synthetic spectra and pulses of one cell, for the joint fit: the cell is solved branch by
+//! branch in closed form, and shares only its parameters with the model that is fitted.
 
 use analysis::{
     joint::{JointOptions, Role, StudyInput, StudyOptions, study},
@@ -20,18 +20,18 @@ use super::tally::Tally;
 const SPECTRUM_NOISE: f64 = 1.0e-3;
 /// Noise of a sample of the pulses, V.
 const SERIES_NOISE_V: f64 = 2.0e-4;
-/// By how much the capacity of the cell differs from that of the curve, one standard deviation.
+/// Relative difference of the cell's capacity from that of the curve, one standard deviation.
 const CAPACITY_SPREAD: f64 = 0.02;
-/// By how much the pulses' instrument differs from the spectra's, one standard deviation: the
+/// Relative difference between the instruments of pulses and spectra, one standard deviation: the
 /// default of the joint fit.
 const GAIN_SPREAD: f64 = 0.01;
 /// Voltage at which the spectra are measured, V.
 const AT_V: f64 = 3.72;
-/// Charge drawn beside the pulses, A; and in them.
+/// Current beside the pulses, A; and in them.
 const LOAD_A: f64 = 1.0;
 const PULSE_A: f64 = 5.0;
 
-/// Plays synthetic sets.
+/// Evaluates synthetic sets.
 pub(crate) fn play(seeds: &[u64]) -> Tally {
     seeds
         .par_iter()
@@ -39,7 +39,7 @@ pub(crate) fn play(seeds: &[u64]) -> Tally {
         .reduce(Tally::default, Tally::join)
 }
 
-/// A generator of normal numbers: SplitMix64 and Box and Muller's transform.
+/// Generator of normal numbers: SplitMix64 and Box and Muller's transform.
 pub(crate) struct Normal(pub(crate) u64);
 
 impl Normal {

@@ -6,8 +6,8 @@ use std::fmt::Write as _;
 /// Standard deviations that hold 68.27 % and 95 % of a normal distribution.
 const LEVELS: [f64; 2] = [1.0, 1.959_964];
 
-/// Probability below which a share is no chance: a table has some sixty quantities, so that one in
-/// sixteen sound tables holds such a row.
+/// Probability below which a share is not due to chance: a table has some sixty quantities, so one
+/// in sixteen sound tables contains such a row.
 const REFUTED: f64 = 0.001;
 
 /// Deviations of one stated quantity from its truth, each over its stated standard deviation.
@@ -15,7 +15,7 @@ const REFUTED: f64 = 0.001;
 pub(crate) struct Row {
     /// One per seed and part.
     deviations: Vec<f64>,
-    /// Values that came without an uncertainty.
+    /// Number of values without an uncertainty.
     unstated: usize,
 }
 
@@ -38,19 +38,19 @@ impl Tally {
         }
     }
 
-    /// Counts one trial of a yes or no.
+    /// Counts one trial with two outcomes.
     pub(crate) fn count(&mut self, name: &str, hit: bool) {
         let (hits, of) = self.counts.entry(name.to_owned()).or_default();
         *hits += usize::from(hit);
         *of += 1;
     }
 
-    /// A seed that ended without a result.
+    /// Adds a seed that ended without a result.
     pub(crate) fn fail(&mut self, what: String) {
         self.failed.push(what);
     }
 
-    /// Both tallies together.
+    /// Combines two tallies.
     pub(crate) fn join(mut self, other: Self) -> Self {
         for (key, row) in other.rows {
             let own = self.rows.entry(key).or_default();
@@ -65,16 +65,16 @@ impl Tally {
         self
     }
 
-    /// Quantities and their deviations over the stated standard deviations, in the order of the
-    /// seeds.
+    /// Returns quantities and their deviations over the stated standard deviations, in the order
+    /// of the seeds.
     pub(crate) fn rows(&self) -> impl Iterator<Item = (&str, &[f64])> {
         self.rows
             .iter()
             .map(|((_, name), row)| (name.as_str(), row.deviations.as_slice()))
     }
 
-    /// Quantities whose stated 95 % interval holds the truth so rarely that chance does not explain
-    /// it, those without one, and what failed.
+    /// Returns quantities whose stated 95 % interval contains the truth so rarely that chance does
+    /// not explain it, those without an interval, and failures.
     pub(crate) fn refuted(&self) -> Vec<String> {
         let rare = |(name, deviations): (&str, &[f64])| {
             let inside = hits(deviations, LEVELS[1]);
@@ -93,7 +93,7 @@ impl Tally {
             .collect()
     }
 
-    /// The table in Markdown.
+    /// Returns the table in Markdown.
     pub(crate) fn table(&self, title: &str) -> String {
         let mut text = format!(
             "## {title}\n\n| quantity | n | bias / σ | 68 % | 95 % (Clopper–Pearson 95 %) | χ²/n | \
@@ -137,8 +137,8 @@ fn hits(deviations: &[f64], level: f64) -> usize {
     deviations.iter().filter(|d| d.abs() <= level).count()
 }
 
-/// 95 % interval of a share by Clopper and Pearson (Biometrika 26, 1934): the shares at which so
-/// few, or so many, have a probability of 2.5 %.
+/// Returns the 95 % interval of a share by Clopper and Pearson (Biometrika 26, 1934): the shares
+/// at which this number of hits or fewer, or this number or more, has a probability of 2.5 %.
 fn clopper_pearson(hits: usize, of: usize) -> (f64, f64) {
     let solve = |wanted: &dyn Fn(f64) -> bool| {
         let (mut low, mut high) = (0.0, 1.0);

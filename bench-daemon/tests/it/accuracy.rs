@@ -1,8 +1,8 @@
-//! How exact the bench is at its best: `configs/experiments/accurate.toml` against the simulated
+//! The best accuracy of the bench: `configs/experiments/accurate.toml` against the simulated
 //! truth, 0.1 Hz to 3 kHz.
 //!
-//! A few seeds run always; `EIS_BENCH_ACCURACY_SEEDS=2000..2020` runs those seeds instead (the end
-//! not included) and, from 20 seeds on, holds the coverage of the stated intervals to 93–97 %.
+//! A few seeds always run; `EIS_BENCH_ACCURACY_SEEDS=2000..2020` runs those seeds instead (without
+//! the end) and, from 20 seeds on, requires the coverage of the stated intervals to be 93–97 %.
 
 use std::ops::Range;
 
@@ -12,13 +12,13 @@ use crate::support::truth;
 
 /// Seeds that run always.
 const SEEDS: Range<u64> = 1000..1003;
-/// Up to here the tighter limits hold, Hz.
+/// Frequency up to which the tighter limits apply, Hz.
 const CORNER_HZ: f64 = 300.0;
 /// Half width of a 95 % interval in standard deviations.
 const K95: f64 = 1.96;
 
-/// Largest errors below and above the corner, and how many of the parts (Re and Im of each point)
-/// lie within their 95 % intervals.
+/// Largest errors below and above the corner, and the number of parts (Re and Im of each point)
+/// within their 95 % intervals.
 #[derive(Debug, Clone, Copy, Default)]
 struct Accuracy {
     seed: u64,
@@ -145,7 +145,7 @@ fn the_bench_at_its_best_is_as_exact_as_it_says() {
         largest[2],
         largest[3]
     );
-    // The errors of one seed's controls are common to its points, so that few seeds scatter more.
+    // The errors of one seed's controls are common to its points, so few seeds scatter more.
     let limits = if found.len() >= 20 {
         0.93..=0.97
     } else {

@@ -1,4 +1,5 @@
-//! Commands on a model with additions: what acts, what is left out and said, what is refused.
+//! Commands on a model with additions: which ones take effect, which ones are omitted with a
+//! message, and which ones are refused.
 
 use std::{path::Path, process::Command};
 
@@ -21,8 +22,8 @@ fn eis_bench(folder: &Path, arguments: &[&str]) -> (bool, String) {
     )
 }
 
-/// The thesis' 1-RC model with an OCV curve, once as it is and once with a warming cell and a
-/// current channel that reads too little.
+/// Returns the thesis' 1-RC model with an OCV curve, once unchanged and once with a warming cell
+/// and a current channel that reads too little.
 fn models() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let sweeps =

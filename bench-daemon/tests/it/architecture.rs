@@ -1,4 +1,4 @@
-//! The arrows between the crates (ARCHITECTURE.md): a new one turns this red.
+//! The dependencies between the crates (ARCHITECTURE.md): a new one fails this test.
 
 use std::{collections::BTreeSet, path::Path};
 
@@ -37,7 +37,7 @@ const FOLDERS: [&str; 23] = [
     "python",
 ];
 
-/// Name of the crate in a folder.
+/// Returns the name of the crate in a folder.
 fn name(folder: &str) -> String {
     if folder == "python" {
         return "eisbench-python".to_owned();
@@ -107,7 +107,7 @@ fn the_arrows_between_the_crates_are_these_and_no_others() {
         ("analysis-catalog", "analysis-fit"),
         ("analysis-catalog", "analysis-plot"),
         ("analysis-catalog", "analysis-signal"),
-        // Tests of fits read files of others and simulate.
+        // Tests of fits read files of other programs and simulate.
         ("analysis-fit", "analysis-files"),
         ("analysis-fit", "analysis-forward"),
         ("analysis", "analysis-catalog"),
@@ -127,12 +127,12 @@ fn the_arrows_between_the_crates_are_these_and_no_others() {
         ("bench-daemon", "bench-fleet"),
         ("bench-daemon", "fixtures"),
         ("bench-daemon", "instruments"),
-        // Its tests take data sets from there.
+        // Its tests use data sets from there.
         ("bench-daemon", "study"),
         ("eisbench-python", "analysis"),
-        // Its clock only.
+        // Only its clock.
         ("bench-fleet", "instruments-link"),
-        // Its tests only.
+        // Only in its tests.
         ("fixtures", "instruments"),
         ("fixtures", "instruments-domain"),
         ("fixtures", "instruments-mock"),
@@ -204,7 +204,7 @@ fn numbers_know_no_sockets_and_sockets_know_no_files_of_ours() {
     }
 }
 
-/// A mock that knew the drivers would share their mistakes.
+/// A mock that used the drivers would share their mistakes.
 #[test]
 fn mocks_and_drivers_do_not_know_each_other() {
     let all = ["dependencies", "dev-dependencies"];
@@ -212,7 +212,7 @@ fn mocks_and_drivers_do_not_know_each_other() {
     assert!(!dependencies("instruments/drivers", &all).contains("instruments-mock"));
 }
 
-/// The codec and the words of the instruments need no runtime.
+/// The codec and the commands of the instruments need no runtime.
 #[test]
 fn messages_are_read_and_written_without_io() {
     for folder in ["instruments/domain", "instruments/scpi"] {
@@ -225,14 +225,14 @@ fn messages_are_read_and_written_without_io() {
     }
 }
 
-/// The labels and names of hidden cases are no part of the shipped program.
+/// The labels and names of hidden cases are not part of the shipped program.
 #[test]
 fn the_program_does_not_know_the_blind_study() {
     assert!(!dependencies("bench-daemon", &["dependencies"]).contains("study"));
     assert!(!dependencies("fixtures", &["dependencies"]).contains("study"));
 }
 
-/// The truth of the study and the model share no code: `hidden` names nothing of the analysis.
+/// The truth of the study and the model share no code: `hidden` uses nothing of the analysis.
 #[test]
 fn hidden_cases_name_nothing_of_the_analysis() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/study/src/hidden");
@@ -252,9 +252,9 @@ fn hidden_cases_name_nothing_of_the_analysis() {
     assert!(read > 10, "{read} files");
 }
 
-/// Libraries that only one crate may use: tables of files by polars, pictures by plotters,
-/// catalogues by rusqlite, stores of objects by object_store, serial ports by tokio-serial, the
-/// device side of SCPI by scpi, fleets by async-nats.
+/// Libraries that only one crate may use: table files by polars, pictures by plotters, catalogues
+/// by rusqlite, object stores by object_store, serial ports by tokio-serial, the device side of
+/// SCPI by scpi, fleets by async-nats.
 #[test]
 fn some_libraries_have_one_user_each() {
     for (library, user) in [

@@ -1,5 +1,5 @@
-//! The archive by the command line and in the server: real run folders of the demo, and a folder as
-//! the store.
+//! The archive on the command line and in the server: real run folders of the demo, and a folder
+//! as the store.
 
 use std::{ffi::OsStr, fs, path::PathBuf};
 
@@ -123,7 +123,7 @@ fn captures_that_were_moved_are_told_from_captures_that_are_lost() {
     assert!(told.contains("1 runs, 1 of them read, 0 damaged"), "{told}");
     assert_eq!(at.json(&["push"])["unchanged"], 1);
     assert!(at.json(&["status"])["moved_bytes"].as_u64() > Some(0));
-    // One that is missing without having been moved is lost.
+    // A capture that is missing without having been moved is lost.
     let list = fs::read_to_string(at.run().join(ARCHIVED)).unwrap();
     fs::write(at.run().join(ARCHIVED), list.replace("point01", "paint01")).unwrap();
     let told = at.on_run("verify").expect_code(10).stdout.clone();
@@ -228,7 +228,7 @@ fn a_server_sends_its_runs_and_tells_what_is_there() {
         "{answer}"
     );
     assert!(answer.contains("eis_bench_archive_trouble 0"), "{answer}");
-    // Its store goes away: that is told, and the server serves on.
+    // Its store becomes unavailable: the server reports this and continues.
     drop(served);
     fs::remove_dir_all(files.path("store")).unwrap();
     fs::write(files.path("store"), "no folder").unwrap();

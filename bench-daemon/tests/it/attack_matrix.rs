@@ -1,5 +1,5 @@
-//! The matrix of `benches/attacks`: what it plays and how it judges. The trials themselves take
-//! minutes and are a command of their own.
+//! The matrix of `benches/attacks`: its combinations and its verdicts. The trials themselves take
+//! minutes and have their own command.
 #![allow(
     dead_code,
     reason = "the matrix is played by the benchmark; its parts are tested here"

@@ -1,9 +1,9 @@
-//! Seeded faults around every instrument of a bench during a short sweep: whatever goes wrong, the
-//! run ends finished or with a named cause, the outputs are off, the cell was never harmed, and no
+//! Seeded faults of every instrument of a bench during a short sweep. In every case the run
+//! completes or ends with a named cause, the outputs are off, the cell was never harmed, and no
 //! wrong impedance passes without a remark.
 //!
-//! `EIS_BENCH_BAD_DAYS=10000` plays so many schedules instead of continuous integration's share,
-//! `EIS_BENCH_BAD_DAYS=5000..10000` those of these seeds.
+//! `EIS_BENCH_BAD_DAYS=10000` runs this number of schedules instead of the share in continuous
+//! integration, `EIS_BENCH_BAD_DAYS=5000..10000` those of these seeds.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -13,16 +13,16 @@ use instruments::mock::{Fault, Happened, Schedule};
 
 use crate::support::{Files, truth};
 
-/// Longest that a short sweep may take with all its repetitions and attempts to switch off, bench
+/// Greatest duration of a short sweep including all repetitions and attempts to switch off, bench
 /// s.
 const BOUND_S: f64 = 3600.0;
-/// How far a point may be off the truth, Ω/Ω: the bench's own uncertainty is a thousandth.
+/// Greatest error of a point, Ω/Ω: the bench's own uncertainty is a thousandth.
 const OFF: f64 = 0.01;
 
-/// Current that the meters may not see, A.
+/// Current that the meters may miss, A.
 const NOTHING_A: f64 = 0.1;
 
-/// Decides whether a fault keeps a bench from being verified.
+/// Checks whether a fault prevents the verification of a bench.
 fn lies_about_its_output(fault: Fault) -> bool {
     matches!(
         fault,
@@ -30,12 +30,12 @@ fn lies_about_its_output(fault: Fault) -> bool {
     )
 }
 
-/// How one day ended.
+/// Result of one day.
 struct Day {
     ended: &'static str,
     text: String,
     happened: Vec<Happened>,
-    /// Violations, in words.
+    /// Violations, as text.
     wrong: Vec<String>,
 }
 
@@ -89,14 +89,15 @@ fn day(experiment: &Experiment, folder: &Path, seed: u64) -> Day {
         .happened()
         .iter()
         .any(|happened| lies_about_its_output(happened.fault));
-    // What somebody drives before the run has begun is not the run's: it has changed nothing.
+    // A current that another client drives before the run has begun is not due to the run, which
+    // has changed nothing.
     let refused = text.starts_with("expected every output off at the beginning")
         && simulation
             .happened()
             .iter()
             .any(|happened| happened.fault == Fault::SecondClient);
-    // An output that does not go off, or a meter that stands still, cannot be verified: it carries
-    // nothing all the same.
+    // An output that does not go off, or a meter that does not change, cannot be verified, but it
+    // carries no current.
     if !refused && left_a.abs() > if lies { NOTHING_A } else { 0.0 } {
         wrong.push(format!("{left_a} A still flow"));
     }
@@ -179,13 +180,13 @@ fn every_bad_day_ends_finished_or_with_a_cause_in_safe_state() {
 /// Readings that verify that the load is off: two, of voltage and current.
 const VERIFYING: usize = 4;
 
-/// Messages to the load: a client that changes nothing is logged at every message.
+/// Returns the messages to the load: a client that changes nothing is logged at every message.
 fn messages_to_the_load(experiment: &Experiment, folder: &Path) -> Vec<Happened> {
     with_second_client(experiment, folder, usize::MAX, (usize::MAX, 0.0)).1
 }
 
-/// Runs with a second client at the load that does `variant` from a bench time on, at most so
-/// often.
+/// Runs with a second client at the load that does `variant` from a bench time on, up to a given
+/// number of times.
 fn with_second_client(
     experiment: &Experiment,
     folder: &Path,
@@ -206,7 +207,7 @@ fn with_second_client(
         simulation.faults = Some(schedule);
     }
     let mut session = Session::new(&experiment.bench).unwrap();
-    // How it ends is another test's: a load that is on at the wrong moment may well stop the run.
+    // Another test checks how it ends: a load that is on at the wrong moment may stop the run.
     let _ = session.run(&experiment, folder);
     std::fs::remove_dir_all(folder).unwrap();
     let simulation = session.simulation().unwrap();

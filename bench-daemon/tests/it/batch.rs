@@ -30,7 +30,7 @@ fn refusal(arguments: &[&str]) -> String {
     String::from_utf8(output.stderr).unwrap()
 }
 
-/// Spectra of a resistance and one RC branch of a time constant that grows with the number.
+/// Writes spectra of a resistance and one RC branch whose time constant grows with the number.
 fn long_form(file: &Path, spectra: usize) {
     let mut text = "spectrum_id,freq_hz,z_re_ohm,z_im_ohm,operator\n".to_owned();
     for nth in 0..spectra {
@@ -45,7 +45,7 @@ fn long_form(file: &Path, spectra: usize) {
     std::fs::write(file, text).unwrap();
 }
 
-/// Rows of a CSV as lists of fields; texts hold no commas here but in the last columns.
+/// Returns the rows of a CSV as lists of fields; only texts in the last columns contain commas.
 fn rows(file: &Path) -> (Vec<String>, Vec<Vec<String>>) {
     let text = std::fs::read_to_string(file).unwrap();
     let fields = |line: &str| line.split(',').map(str::to_owned).collect::<Vec<_>>();
@@ -369,7 +369,7 @@ fn data_sets_become_rows_of_their_held_out_runs() {
     for row in 0..2 {
         assert_eq!(value(&found, row, "verdict"), "gap");
         assert_eq!(value(&found, row, "effects"), "\"\"");
-        // Refitted it is nearer, and nothing was added to it.
+        // After the new fit it is closer, and nothing was added to it.
         assert!(number(&found, row, "base_mv") < number(&found, row, "eis_only_mv"));
         assert!(number(&found, row, "base_mv") > number(&found, row, "floor_mv"));
         assert_eq!(

@@ -1,5 +1,5 @@
-//! A bath with a heater and a cooler on relays, whose loop the daemon closes: it holds the
-//! temperature while the run goes on, and ends it when it cannot.
+//! A bath with a heater and a cooler on relays, whose loop the daemon closes: the bath holds the
+//! temperature during the run, and a bath that cannot hold it ends the run.
 
 use bench_daemon::command::run::run_experiment;
 
@@ -8,8 +8,8 @@ use crate::{
     support::{BENCH, EXPERIMENT, Files, SCENARIO},
 };
 
-/// The demo on the bath, with sensors that agree: the cell at 25 °C within a tenth of a kelvin,
-/// then a reset and a short sweep.
+/// Returns the demo on the bath, with sensors that agree: the cell at 25 °C within a tenth of a
+/// kelvin, then a reset and a short sweep.
 fn files() -> Files {
     let files = Files::demo()
         .edit(EXPERIMENT, "within = \"0.2 K\"", "within = \"0.1 K\"")
@@ -24,7 +24,7 @@ fn files() -> Files {
     files
 }
 
-/// Times, s, and what the sensor showed, °C.
+/// Returns times, s, and the readings of the sensor, °C.
 fn shown(files: &Files) -> Vec<(f64, f64)> {
     let transcript = files.text("run/transcripts/chiller.txt");
     let lines = transcript.lines().filter_map(|line| {
@@ -61,7 +61,7 @@ fn the_daemon_holds_a_plain_bath_within_a_tenth_of_a_kelvin_through_the_run() {
     );
     assert!(last_s - held[0].0 > 1500.0, "nearly half an hour: {last_s}");
     assert!(worst_k <= 0.1, "{worst_k}");
-    // The relays are off at the end, and that was read back.
+    // The relays are off at the end, and this was read back.
     let transcript = files.text("run/transcripts/chiller.txt");
     let end: Vec<&str> = transcript
         .lines()

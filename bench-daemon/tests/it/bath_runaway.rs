@@ -1,5 +1,6 @@
-//! A bath that runs away, or whose temperature nobody can read: daemon, guardian and `safe` stop it,
-//! read that back, and say only what was read. A bath that approaches its set-point goes on.
+//! A bath that runs away, or whose temperature cannot be read: daemon, guardian and `safe` stop
+//! it, read this back, and report only what was read. A bath that approaches its set-point
+//! continues.
 
 use std::{
     fs,
@@ -16,7 +17,7 @@ use crate::{
     support::{BENCH, EXPERIMENT, Files, Ports, SCENARIO, json, poll},
 };
 
-/// The bath of the bench runs away from a bench time on.
+/// Makes the bath of the bench run away from a bench time on.
 fn runs_away(from: &str) -> String {
     format!(
         "[simulation.faults]\nseed = 1\nper_message = 1.0\nmost = 1\nkinds = [\"bath_runs_away\"]\n\
@@ -24,7 +25,7 @@ fn runs_away(from: &str) -> String {
     )
 }
 
-/// Sends a Julabo commands, and asks one question.
+/// Sends commands and one query to a Julabo.
 fn converse(ports: &Ports, commands: &str, question: &str) -> String {
     let mut stream = TcpStream::connect(ports.address("chiller")).unwrap();
     let patience = Some(Duration::from_secs(20));
@@ -44,7 +45,7 @@ fn sensor_c(ports: &Ports) -> f64 {
     converse(ports, "", "IN_PV_00").parse().unwrap()
 }
 
-/// The last answer of the bath to the question whether it runs.
+/// Returns the last answer of the bath to the query whether it runs.
 fn last_control(files: &Files, run: &str) -> String {
     let transcript = files.text(&format!("{run}/transcripts/chiller.txt"));
     let lines: Vec<&str> = transcript.lines().collect();
@@ -82,7 +83,7 @@ fn the_daemon_ends_the_run_and_stops_a_bath_that_runs_away_or_whose_cell_gets_ho
         let failure = session.run(&experiment, &files.path("run")).err().unwrap();
         let text = failure.to_string();
         assert!(text.contains(cause), "{text}");
-        // Meters that disagree are no limit of the cell.
+        // A disagreement of meters does not exceed a limit of the cell.
         let code = if text.starts_with("interlock: ") {
             5
         } else {
@@ -113,7 +114,7 @@ fn the_guardian_stops_a_bath_that_runs_away_when_the_daemon_is_killed() {
     let ports = Ports::serve(&files, 5.0, 1);
     let run = files.path("killed");
     let mut child = start(&files, &run, &[]);
-    // The daemon itself would stop it a minute after it has left its band.
+    // The daemon would stop the bath one minute after it has left its band.
     poll("a bath that has left its band", || {
         let rows = fs::read_to_string(run.join("bath.csv")).unwrap_or_default();
         let warm = |row: &str| row.split(',').nth(1)?.parse::<f64>().ok();

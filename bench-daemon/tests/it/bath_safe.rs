@@ -1,5 +1,5 @@
-//! Real processes on real ports: what becomes of a bath, with relays or with a loop of its own,
-//! when a daemon dies and when a person switches off.
+//! Real processes on real ports: the state of a bath, with relays or with its own control loop,
+//! after a daemon has died and after a person has switched everything off.
 
 use std::{
     fs,
@@ -17,7 +17,7 @@ use crate::{
     support::{BENCH, EXPERIMENT, Files, Ports, json, poll},
 };
 
-/// The demo on a bath with relays, in the place of the bench of that name.
+/// Returns the demo on a bath with relays, in place of the bench of that name.
 fn relays() -> Files {
     let files = Files::demo().without(EXPERIMENT, "fixture_check");
     let bath = fs::read_to_string(configs().join("benches/bath.toml")).unwrap();
@@ -25,7 +25,7 @@ fn relays() -> Files {
     files
 }
 
-/// Tells a Julabo something from another client, and reads its set-point.
+/// Sends commands to a Julabo from another client, and reads its set-point.
 fn tell_bath(ports: &Ports, messages: &str) -> String {
     let mut stream = TcpStream::connect(ports.address("chiller")).unwrap();
     stream
@@ -85,7 +85,7 @@ fn safe_opens_the_relays_and_says_where_it_does_not_reach_them() {
         safe.stdout
     );
     assert_eq!(ports.ask("chiller", "STATE"), "OFF");
-    // Nobody listens there: what moves charge is verified all the same.
+    // No instrument listens there: everything that moves charge is still verified.
     let reached = ports.address("chiller").to_owned();
     files.write(BENCH, &files.text(BENCH).replace(&reached, "127.0.0.1:1"));
     let safe = on_bench(&files, &["safe", "--json"]);
@@ -113,7 +113,7 @@ fn safe_leaves_a_bath_alone_that_the_cell_bears_and_stops_one_that_it_does_not()
         tell_bath(&ports, "OUT_SP_00 70.00\rOUT_MODE_05 1\r"),
         "70.00"
     );
-    // What the cell bears is not known: nobody has run this bench.
+    // The temperature limits of the cell are not known: this bench has never been run.
     let safe = on_bench(&files, &["safe"]);
     safe.expect_code(0);
     assert!(
@@ -159,7 +159,7 @@ fn the_guardian_stops_a_bath_only_where_it_is_no_longer_set_as_the_run_has_set_i
                 .unwrap(),
         )
         .unwrap();
-        // It stands still until another client has been at the bath.
+        // The guardian is stopped until another client has changed the bath.
         signal(guardian, Signal::SIGSTOP);
         signal(pid(&child), Signal::SIGKILL);
         let _ = child.0.wait();

@@ -1,5 +1,5 @@
-//! Lease of a bench with real processes on real ports: who holds it, what remains after a crash,
-//! and run control requests from another terminal.
+//! Lease of a bench with real processes on real ports: its holder, its state after a crash, and
+//! run control requests from another terminal.
 
 use std::{ffi::OsStr, fs, path::PathBuf};
 
@@ -15,7 +15,7 @@ use crate::{
 
 const FACTOR: f64 = 10.0;
 
-/// Kills the guardian first, so that nobody is left who could switch off.
+/// Kills the guardian first, so that no process remains that could switch off.
 fn kill_both(files: &Files, child: &mut Running) {
     let guardian = i32::try_from(report(files, "watching")["pid"].as_i64().unwrap()).unwrap();
     signal(guardian, Signal::SIGSTOP);
@@ -110,7 +110,7 @@ fn who_switches_off_after_both_died_settles_what_they_left_and_somebody_has_to_l
     let trip = fs::read_to_string(state(&files, "trip.json")).unwrap();
     assert!(trip.contains(words), "{trip}");
     files.run("again").expect_code(7);
-    // A bench that nobody left open is switched off without a word.
+    // A bench without an open run is switched off without a message.
     clear(&files);
     let again = program(&["safe".as_ref(), files.path(BENCH).as_os_str()]);
     again.expect_code(0);
@@ -207,7 +207,7 @@ fn a_charger_that_feeds_during_a_pause_trips() {
     );
 }
 
-/// Somebody's hand at the panel of an instrument while a run is paused.
+/// A person uses the panel of an instrument while a run is paused.
 fn paused(hand: Action, trip: &str) {
     use instruments::mock::plant::Plant;
     let files = Files::short(6).without(EXPERIMENT, "fixture_check");
@@ -225,7 +225,7 @@ fn paused(hand: Action, trip: &str) {
     assert!(state(&files, "trip.json").exists());
 }
 
-/// A bench that is not simulated as far as the program knows, and where its instruments' state is
+/// A bench that the program does not recognise as simulated, and where its instruments' state is
 /// kept.
 struct Metal {
     files: Files,
@@ -245,7 +245,8 @@ impl Metal {
         Self { files, ports }
     }
 
-    /// The bench file under another name, in another place, with its addresses in other words.
+    /// Copies the bench file with another name, to another place, with other spellings of its
+    /// addresses.
     fn copy(&self, name: &str) -> PathBuf {
         let path = self.files.path("elsewhere").join(name);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -300,7 +301,7 @@ fn lock_and_latch_belong_to_the_instruments_whatever_the_bench_file_is_called() 
         &[again.as_os_str(), "--bench".as_ref(), copy.as_os_str()],
     ]
     .concat();
-    // Held for as long as the other one asks.
+    // Hold it as long as the other one queries.
     signal(pid(&child), Signal::SIGSTOP);
     let busy = metal.program(&other);
     signal(pid(&child), Signal::SIGCONT);
@@ -327,7 +328,8 @@ fn lock_and_latch_belong_to_the_instruments_whatever_the_bench_file_is_called() 
         latched.message()
     );
     assert!(!again.exists());
-    // One instrument in common is enough, and whoever clears it clears it for all.
+    // One shared instrument is enough, and clearing the latch through either bench clears it for
+    // all.
     let logger = metal.files.text(BENCH);
     let logger = logger
         .lines()

@@ -1,4 +1,5 @@
-//! Instruments of other makers in the same roles: the same experiment gives the same impedances.
+//! Instruments of other manufacturers in the same roles: the same experiment gives the same
+//! impedances.
 
 use bench_daemon::{command::run::run_experiment, config::load_experiment};
 
@@ -65,7 +66,7 @@ fn benches_of_first_of_second_and_of_mixed_models_measure_the_same_cell() {
             })
             .sum();
         // 40 degrees of freedom: mean 40, standard deviation 9; the correction's share of the
-        // uncertainty is common, so that less is usual.
+        // uncertainty is common, so smaller values are usual.
         println!(
             "{} against {}: {chi2:.1}",
             BENCHES[first].0, BENCHES[second].0
@@ -109,7 +110,7 @@ fn a_bench_of_second_models_plays_a_campaign_with_a_reset_before_every_sweep() {
             .all(|run| run["soc_missed"] == false),
         "{campaign}"
     );
-    // What its bipolar supply cannot be told is told to whoever reads the summary or the plan.
+    // Settings that its bipolar supply does not accept are listed in the summary and the plan.
     assert!(
         finished.summary.contains(
             "takes no compliance and no current limit; its own set-point limits are -20 V to 20 V"

@@ -1,5 +1,5 @@
-//! The documentation: where its links lead, how long its sentences are, whether its commands run,
-//! and whose addresses its examples name.
+//! The documentation: the targets of its links, the length of its sentences, whether its commands
+//! run, and the owners of the addresses in its examples.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -26,7 +26,7 @@ fn read(path: &Path) -> String {
     fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// The pages in the folder `docs`, by name.
+/// Returns the pages in the folder `docs`, by name.
 fn docs() -> Vec<PathBuf> {
     let mut pages: Vec<PathBuf> = fs::read_dir(root().join("docs"))
         .unwrap()
@@ -49,7 +49,7 @@ enum Kind {
     Prose,
 }
 
-/// A piece of a page that is no code; inline code stands as one word.
+/// A piece of a page without code; inline code counts as one word.
 #[derive(Debug)]
 struct Block {
     line: usize,
@@ -57,7 +57,7 @@ struct Block {
     text: String,
 }
 
-/// Text behind the marker of an item of a list.
+/// Returns the text after the marker of a list item.
 fn item(line: &str) -> Option<&str> {
     let numberless = line.trim_start_matches(|c: char| c.is_ascii_digit());
     if numberless.len() < line.len() {
@@ -75,7 +75,7 @@ fn is_fence(line: &str) -> bool {
     line.starts_with("```") || line.starts_with("~~~")
 }
 
-/// The page without its code blocks, each paragraph and item in one piece.
+/// Returns the page without its code blocks, each paragraph and item in one piece.
 fn blocks(text: &str) -> Vec<Block> {
     let mut blocks: Vec<Block> = Vec::new();
     let (mut fenced, mut open) = (false, false);
@@ -115,7 +115,7 @@ fn blocks(text: &str) -> Vec<Block> {
     blocks
 }
 
-/// The text with every piece of inline code replaced by what `stands_for` makes of it.
+/// Replaces every piece of inline code in a text by the result of `stands_for`.
 fn with_code(text: &str, stands_for: impl Fn(&str) -> String) -> String {
     let mut out = String::new();
     let mut rest = text;
@@ -142,7 +142,7 @@ fn code_as_a_word(text: &str) -> String {
     with_code(text, |_| "code".to_owned())
 }
 
-/// How long the target of a link is, its closing bracket included.
+/// Returns the length of a link target including its closing bracket.
 fn length_of_target(text: &str) -> usize {
     let mut depth = 1;
     for (at, c) in text.char_indices() {
@@ -158,7 +158,7 @@ fn length_of_target(text: &str) -> usize {
     text.len()
 }
 
-/// The targets of links and pictures.
+/// Returns the targets of links and pictures.
 fn links(text: &str) -> Vec<String> {
     let text = code_as_a_word(text);
     let mut found = Vec::new();
@@ -175,7 +175,7 @@ fn links(text: &str) -> Vec<String> {
     found
 }
 
-/// The text with links replaced by what they are called.
+/// Replaces links in a text by their labels.
 fn without_targets(text: &str) -> String {
     let mut out = String::new();
     let mut rest = text;
@@ -188,7 +188,7 @@ fn without_targets(text: &str) -> String {
     out.replace(['[', ']'], "")
 }
 
-/// The anchors of a page's headings, as GitHub and mdBook make them.
+/// Returns the anchors of a page's headings, as GitHub and mdBook create them.
 fn anchors(text: &str) -> BTreeSet<String> {
     let mut seen: BTreeMap<String, usize> = BTreeMap::new();
     blocks(text)
@@ -212,8 +212,8 @@ fn anchors(text: &str) -> BTreeSet<String> {
         .collect()
 }
 
-/// The sentences of a paragraph or an item. A full stop, a question mark or an exclamation mark
-/// ends one where a blank or nothing follows.
+/// Returns the sentences of a paragraph or an item. A full stop, a question mark or an exclamation
+/// mark ends a sentence if a blank or nothing follows.
 pub(super) fn sentences(text: &str) -> Vec<String> {
     let text = without_targets(&code_as_a_word(text));
     let mut sentences = vec![String::new()];
@@ -261,7 +261,7 @@ fn fences(text: &str) -> Vec<Fence<'_>> {
     fences
 }
 
-/// The commands of a page: its blocks of `sh`, one after the other.
+/// Returns the commands of a page: its blocks of `sh`, one after the other.
 fn commands(text: &str) -> String {
     let mut commands = String::new();
     for fence in fences(text) {
@@ -273,13 +273,13 @@ fn commands(text: &str) -> String {
     commands
 }
 
-/// The page of this name: in the folder `docs`, but for the README.
+/// Returns the path of a page: in the folder `docs`, except for the README.
 fn page(name: &str) -> PathBuf {
     let folder = if name == "README.md" { "." } else { "docs" };
     root().join(folder).join(name)
 }
 
-/// The README and the pages in `docs`, by name.
+/// Returns the README and the pages in `docs`, by name.
 fn pages() -> Vec<String> {
     let docs = docs();
     let names = docs.iter().map(|page| name(page).to_owned());
@@ -288,8 +288,8 @@ fn pages() -> Vec<String> {
         .collect()
 }
 
-/// Functions of bash that the commands of a page are played with. A command that serves runs beside
-/// those that follow, once it has told its address, and is ended behind the last one.
+/// Bash functions with which the commands of a page are run. A command that serves runs in
+/// parallel with the next ones, once it has printed its address, and is ended after the last one.
 const PRELUDE: &str = r#"
 served=()
 until_ctrl_c() {
@@ -309,8 +309,8 @@ command -v curl > /dev/null || curl() { echo "there is no curl, not played: $*";
 /// The port of the server in the examples.
 const PORT: &str = "7420";
 
-/// The script that bash plays for the commands of a page. A command runs beside the others where
-/// its comment begins with `until Ctrl-C`.
+/// Returns the bash script for the commands of a page. A command runs in parallel with the others
+/// if its comment begins with `until Ctrl-C`.
 fn script(commands: &str) -> String {
     let mut script = PRELUDE.to_owned();
     for line in commands.lines() {
@@ -323,7 +323,7 @@ fn script(commands: &str) -> String {
     script
 }
 
-/// The command with `eis-bench` for `cargo run --`, as the README has it.
+/// Replaces `cargo run --` in the command by `eis-bench`, as in the README.
 fn as_installed(command: &str) -> String {
     command.replace("cargo run -- ", "eis-bench ")
 }
@@ -333,8 +333,8 @@ fn free_port() -> String {
     listener.local_addr().unwrap().port().to_string()
 }
 
-/// Makes a folder look like the root of the repository. `configs` is a copy, for the server writes
-/// beside it. The port is a free one, for a server may run on this machine already.
+/// Makes a folder resemble the root of the repository. `configs` is a copy, because the server
+/// writes beside it. The port is a free one, because a server may already run on this machine.
 fn bare_clone(folder: &Path, port: &str) {
     symlink(root().join("fixtures"), folder.join("fixtures")).unwrap();
     let copied = Command::new("cp")
@@ -347,7 +347,7 @@ fn bare_clone(folder: &Path, port: &str) {
     fs::write(&server, read(&server).replace(PORT, port)).unwrap();
 }
 
-/// Plays the commands of a page in a folder that looks like the root of the repository.
+/// Runs the commands of a page in a folder that resembles the root of the repository.
 fn play(name: &str) {
     let commands = commands(&read(&page(name)));
     assert!(!commands.is_empty(), "{name} has no commands");
@@ -484,7 +484,7 @@ fn pages_are_read_as_github_and_mdbook_read_them() {
     assert_eq!(commands(page), "[p](q)\n");
 }
 
-/// Pages with a drill of their own, for each takes half a minute or more.
+/// Pages with a separate test, because each takes half a minute or more.
 const ALONE: [&str; 5] = [
     "README.md",
     "diagnosis.md",
@@ -534,7 +534,7 @@ fn the_commands_of_all_other_pages_run_in_a_bare_clone() {
     }
 }
 
-/// Blocks that are not played, by page and first command, and the reason.
+/// Blocks that are not run, by page and first command, and the reason.
 struct NotPlayed {
     reason: &'static str,
     blocks: &'static [&'static str],
@@ -680,7 +680,7 @@ fn a_command_in_a_sentence_that_names_a_file_of_the_repository_is_played() {
     }
 }
 
-/// The files below a folder, or the file itself.
+/// Returns the files below a folder, or the file itself.
 fn files_below(path: &Path) -> Vec<PathBuf> {
     if !path.is_dir() {
         return vec![path.to_owned()];
@@ -691,12 +691,12 @@ fn files_below(path: &Path) -> Vec<PathBuf> {
         .collect()
 }
 
-/// Tells whether the address is this machine, or one that documentation may name (RFC 5737).
+/// Checks whether the address is this machine, or one reserved for documentation (RFC 5737).
 fn is_nobodys(address: Ipv4Addr) -> bool {
     address.is_loopback() || address.is_unspecified() || address.is_documentation()
 }
 
-/// The addresses of a text that may be somebody's, and the names of hosts that may be.
+/// Returns addresses and host names in a text that may belong to others.
 fn addresses_of_others(text: &str) -> Vec<&str> {
     let numbers = text
         .split(|c: char| !c.is_ascii_digit() && c != '.')
@@ -752,7 +752,7 @@ fn no_example_names_the_address_of_somebody() {
         "expected addresses such as 192.0.2.20 and names such as scope.lab.example, found\n{}",
         found.join("\n")
     );
-    // Written without points, for this file is among those that are looked at.
+    // Written without points, because this file is among those that are checked.
     let pointed = |text: &str| text.replace('_', ".");
     let text = pointed("at 8_8_8_8_ and tcp://scope_lab:5025, not tcp://a_example:1");
     let expected = ["8_8_8_8", "scope_lab"].map(pointed);

@@ -1,5 +1,5 @@
-//! Campaigns: several cells, several times, one set of files; and what may be wanted of one that is
-//! going on.
+//! Campaigns: several cells, several times, one set of files; and run control requests to a
+//! running campaign.
 
 use std::fs;
 
@@ -13,7 +13,7 @@ use crate::{
     },
 };
 
-/// Two cells, two sweeps each, a few points.
+/// Returns files with two cells, two sweeps each, a few points.
 fn files() -> Files {
     Files::short(3)
         .append(
@@ -59,7 +59,7 @@ fn a_campaign_that_asks_for_it_ends_with_a_diagnosis_of_each_cell() {
             "the page of {cell} differs in another folder"
         );
     }
-    // It is a part of the run, and held by its hashes.
+    // It is a part of the run, and included in its hashes.
     let verified = command(&["verify".as_ref(), run.as_os_str()])
         .output()
         .unwrap();
@@ -87,8 +87,8 @@ fn two_by_two_give_four_spectra_their_spread_and_one_model_and_the_same_files_ag
     run_experiment(&files.load(), &files.path("again")).unwrap();
     let (run, again) = (files.path("run"), files.path("again"));
     assert_eq!(files_below(&run), files_below(&again));
-    // The log is the process', not the run's: two runs in one process share it, and the hashes hold
-    // its own.
+    // The log belongs to the process, not to the run: two runs in one process share it, and the
+    // list of hashes contains the hash of the log.
     for name in files_below(&run)
         .into_iter()
         .filter(|name| name.as_os_str() != "log.txt" && name.as_os_str() != "SHA256SUMS")
@@ -115,7 +115,7 @@ fn two_by_two_give_four_spectra_their_spread_and_one_model_and_the_same_files_ag
     assert_eq!(campaign["runs"].as_array().unwrap().len(), 4);
     assert_eq!(campaign["cells"][0]["serial"], "S1");
     assert_eq!(campaign["models"].as_array().unwrap().len(), 1);
-    // Every spectrum is judged, and what is about one says which.
+    // Every spectrum is judged, and each verdict names its spectrum.
     let report = fs::read_to_string(run.join("report.html")).unwrap();
     for text in [
         "drift of 4 spectra: ",
@@ -144,7 +144,7 @@ fn two_by_two_give_four_spectra_their_spread_and_one_model_and_the_same_files_ag
             .iter()
             .all(|run| run["validity"].is_string() && run["soc_missed"] == false)
     );
-    // The true cells differ by some per cent at most, and the repeats of one by the noise alone.
+    // The true cells differ by at most some per cent, and the repeats of one by noise alone.
     let point = &campaign["spread"][0];
     let number = |field: &str| point[field].as_f64().unwrap();
     assert!(
@@ -421,7 +421,7 @@ fn the_index_names_the_cells_and_a_diagnosis_is_one_cells() {
         .collect();
     assert_eq!(cells, [Some("A"), Some("A"), Some("B"), Some("B")]);
     let model = run.join("model_1rc.json");
-    // The model of a campaign is of several cells, and has no curve of one.
+    // The model of a campaign is made from several cells, and has no curve of a single one.
     let curve = OcvCurve::monotone(4.5, vec![0.0, 0.5, 1.0], vec![2.8, 3.7, 4.2]).unwrap();
     let ocv = files.path("ocv.json");
     fs::write(&ocv, serde_json::to_string(&curve).unwrap()).unwrap();
@@ -490,7 +490,7 @@ fn a_linear_cell_is_rarely_doubted_for_a_harmonic() {
                 .unwrap()
         })
         .collect();
-    // One false alarm in a hundred sweeps is stated.
+    // The stated rate is one false alarm in a hundred sweeps.
     assert!(
         judged
             .iter()
@@ -542,7 +542,7 @@ fn a_reset_leaves_nothing_of_what_traces_have_moved() {
     };
     assert_eq!(charges(Files::brief(2)), [0.0, 0.0]);
     let kept = charges(Files::short(2));
-    // The supply's zero error flows all the while.
+    // The supply's zero error flows throughout.
     assert!(
         kept[0] == 0.0 && kept[1] != 0.0 && kept[1].abs() < 3.0,
         "{kept:?}"

@@ -1,5 +1,5 @@
-//! Campaigns over cells and benches, with the program itself: simulated benches whose controls are
-//! not what their certificates say, and cells that are the same on each of them.
+//! Campaigns over cells and benches, with the program itself: simulated benches whose controls
+//! differ from their certificates, and cells that are the same on each of them.
 
 use std::{
     fmt::Write,
@@ -11,10 +11,10 @@ use serde_json::{Value, json};
 
 use crate::support::{EXPERIMENT, Ended, Files, program};
 
-/// Standard deviation that the errors of the certificates are drawn with.
+/// Standard deviation of the errors of the certificates.
 const TRUTH: f64 = 0.004;
 
-/// Benches whose controls are all off by a share: everything on them is measured too high by it.
+/// Benches whose controls are all off by a share, so that all results on them are too high by it.
 struct Lab {
     files: Files,
 }
@@ -82,7 +82,7 @@ impl Lab {
 }
 
 impl Lab {
-    /// Words of the program, in which `AT/…` is a path of this place.
+    /// Runs the program; `AT/…` in the arguments is a path of this place.
     fn ask(&self, words: &[&str]) -> Ended {
         let words = words.iter().map(|word| match word.strip_prefix("AT/") {
             Some(name) => self.files.path(name).into_os_string(),
@@ -132,7 +132,7 @@ fn benches_that_differ_are_told_from_cells_that_differ() {
     assert_eq!(report["values"], 10);
     let of_r = named(&report["quantities"], "name", "R");
     let found = offsets(of_r);
-    // Two benches tell their difference, not which of them is right.
+    // Two benches show their difference, not which of them is correct.
     let difference = found[0] - found[1];
     assert!((difference - 0.012).abs() < 0.002, "{difference}");
     let cells = of_r["cells"].as_array().unwrap();
@@ -220,7 +220,7 @@ fn a_campaign_that_cannot_be_is_refused_with_file_and_field() {
 #[test]
 #[ignore = "long drill: 215 runs, four minutes"]
 fn a_hundred_cells_on_five_benches_tell_how_much_the_benches_differ() {
-    // Drawn by hand from a table of normal numbers, times the standard deviation of the truth.
+    // Taken from a table of normal numbers, times the standard deviation of the truth.
     let drawn = [0.464, 0.137, 2.455, -0.323, -0.068].map(|z| TRUTH * z);
     let report = Lab::new(&drawn).campaign(
         "cells = 100\nbenches_per_cell = 2\nreferences = [\"REF-1\"]\nreference_every = 20",

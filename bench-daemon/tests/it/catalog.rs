@@ -1,4 +1,4 @@
-//! The catalogue by the command line and in the server: real run folders of the demo.
+//! The catalogue on the command line and in the server: real run folders of the demo.
 
 use std::{ffi::OsStr, fs, path::PathBuf};
 
@@ -9,7 +9,7 @@ use crate::{
     support::{EXPERIMENT, Ended, Files, poll, program},
 };
 
-/// Two runs of one cell, one of them stopped before its end, and a catalogue of them.
+/// Two runs of one cell, one of which was stopped before its end, and a catalogue of them.
 struct Cataloged {
     files: Files,
 }
@@ -28,7 +28,8 @@ impl Cataloged {
         self.files.path(name)
     }
 
-    /// `eis-bench catalog`, `DB` and `RUNS` being the catalogue and the folder of the runs.
+    /// Runs `eis-bench catalog`; `DB` and `RUNS` stand for the catalogue and the folder of the
+    /// runs.
     fn ask(&self, words: &[&str]) -> Ended {
         let words: Vec<PathBuf> = words
             .iter()

@@ -1,5 +1,5 @@
-//! A collector that takes OTLP over HTTP, and reads the protobuf byte by byte: it shares nothing with
-//! what sends it.
+//! A collector that accepts OTLP over HTTP, and parses the protobuf byte by byte: it shares no
+//! code with the sender.
 
 use std::{
     collections::BTreeMap,
@@ -59,7 +59,7 @@ impl Collector {
     }
 }
 
-/// Takes one request after the other from a connection.
+/// Handles the requests of a connection.
 fn serve(mut stream: BufReader<std::net::TcpStream>, arrived: &Mutex<Arrived>) {
     loop {
         let (mut first, mut line, mut length) = (String::new(), String::new(), 0);
@@ -83,8 +83,8 @@ fn serve(mut stream: BufReader<std::net::TcpStream>, arrived: &Mutex<Arrived>) {
 
 fn take(first: &str, body: &[u8], arrived: &mut Arrived) {
     let mut values = Values::new();
-    // ExportTraceServiceRequest and ExportMetricsServiceRequest: 1 = what comes from one resource,
-    // in it 1 = resource, 2 = what comes from one scope, in it 2 = span or metric.
+    // ExportTraceServiceRequest and ExportMetricsServiceRequest: 1 = content of one resource, with
+    // 1 = resource and 2 = content of one scope, with 2 = span or metric.
     for of_resource in all(body, 1) {
         for resource in all(&of_resource, 1) {
             arrived.resource = attributes(&resource, 1);
@@ -139,7 +139,7 @@ fn metric(bytes: &[u8], values: &mut Values) {
     }
 }
 
-/// KeyValue: 1 key, 2 value: 1 text, 2 yes or no, 3 whole number, 4 number.
+/// KeyValue: 1 key, 2 value: 1 text, 2 Boolean, 3 integer, 4 number.
 fn attributes(bytes: &[u8], field: u64) -> BTreeMap<String, String> {
     let one = |bytes: Vec<u8>| {
         let value = all(&bytes, 2).concat();
@@ -162,7 +162,7 @@ enum Field {
     Bytes(Vec<u8>),
 }
 
-/// Everything that a message has under a number and that has a length.
+/// Returns all fields with a length that a message has under a number.
 fn all(bytes: &[u8], wanted: u64) -> Vec<Vec<u8>> {
     let found = |(number, field)| match field {
         Field::Bytes(bytes) if number == wanted => Some(bytes),
@@ -183,7 +183,7 @@ fn text(bytes: &[u8], wanted: u64) -> String {
     String::from_utf8(all(bytes, wanted).concat()).unwrap()
 }
 
-/// The fields of a message with their numbers (protobuf's wire format).
+/// Returns the fields of a message with their numbers (protobuf's wire format).
 fn fields(mut bytes: &[u8]) -> Vec<(u64, Field)> {
     let mut found = Vec::new();
     while !bytes.is_empty() {

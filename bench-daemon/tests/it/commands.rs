@@ -1,5 +1,5 @@
-//! What a newcomer, a script and a shell ask of the program: `demo`, `config`, `--json`, units in
-//! flags, completions, manual pages.
+//! Features for newcomers, scripts and shells: `demo`, `config`, `--json`, units in flags,
+//! completions, manual pages.
 
 use std::{
     ffi::OsStr,

@@ -1,5 +1,5 @@
-//! Mistakes in configuration files are refused before anything is energised, with file, line, field
-//! and what was expected.
+//! Mistakes in configuration files are refused before anything is energised, with file, line,
+//! field and the expected value.
 
 use std::path::{Path, PathBuf};
 
@@ -20,7 +20,7 @@ const FILES: [&str; 7] = [
     "scenarios/accurate.toml",
 ];
 
-/// A copy of them with one text replaced in one of them.
+/// Copies them and replaces one text in one of them.
 fn altered(file: &str, from: &str, to: &str) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     for name in FILES {
@@ -263,7 +263,7 @@ fn mistakes_are_named_with_file_line_and_field() {
         let field = expected.split(':').next().unwrap();
         assert!(message.contains(expected), "{message}");
         assert!(message.contains(&format!("{file}:")), "{message}");
-        // A complaint about another field than the altered one points at that field's own line.
+        // An error about a field other than the altered one refers to that field's own line.
         if !field.ends_with("voltage_max") {
             assert!(
                 message.contains(&format!("{file}:{line}: {field}")),
@@ -338,8 +338,8 @@ fn a_missing_instrument_is_named_with_the_section_that_needs_it() {
     );
 }
 
-/// The demo with every instrument on a port of its own, the scope at another host, and another
-/// time.
+/// Returns the demo with every instrument on a separate port, the scope at another host, and
+/// another time.
 fn on_ports(scope: &str, time: &str) -> String {
     let folder = altered(
         "benches/demo.toml",

@@ -1,4 +1,4 @@
-//! Files of other programs in and out, and captures that a scope has exported.
+//! Import and export of files of other programs, and captures that a scope has exported.
 
 use std::{fmt::Write as _, fs, path::PathBuf};
 
@@ -48,7 +48,7 @@ fn a_real_file_of_another_program_goes_through_every_format() {
             "{message}"
         );
     }
-    // Whatever reads a spectrum takes them.
+    // Any command that reads a spectrum accepts them.
     let (code, message) = eis_bench(&["fit", &source, "--rc", "1", "--json"]);
     assert!(
         code == 0 && message.contains("\"rc\": 1"),

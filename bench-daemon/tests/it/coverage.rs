@@ -1,5 +1,5 @@
-//! A share of the coverage gate (`benches/coverage`): few seeds, which refute what is wrong by a
-//! factor, not by a tenth.
+//! A share of the coverage gate (`benches/coverage`): few seeds, which detect errors by a factor,
+//! but not by a tenth.
 
 #[path = "../../benches/coverage/played.rs"]
 mod played;

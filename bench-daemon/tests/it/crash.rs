@@ -1,6 +1,6 @@
-//! The crash drill: a short campaign is killed (SIGKILL) at its exchanges with the instruments and
-//! at its writes to the journal, over real sockets, and goes on each time. `EIS_BENCH_CRASHES=all`
-//! takes every point; else a share of them, spread over all by a seed.
+//! The crash drill: a short campaign is killed (SIGKILL) at its messages to the instruments and at
+//! its writes to the journal, over real sockets, and is resumed each time. `EIS_BENCH_CRASHES=all`
+//! uses every point; otherwise a share of them, distributed over all by a seed.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -22,26 +22,27 @@ use crate::{
     support::{EXPERIMENT, Files, Ports, SCENARIO, command, files_below, poll},
 };
 
-/// Bench seconds in one second.
+/// Bench seconds per second.
 const FACTOR: f64 = 50.0;
-/// Crashes without the variable.
+/// Number of crashes without the variable.
 const SHARE: usize = 16;
-/// One of so many crashes is at the journal.
+/// One in this number of crashes is at the journal.
 const JOURNAL: usize = 4;
-/// One of so many runs dies a second time, after it has gone on.
+/// One in this number of runs dies a second time, after it was resumed.
 const TWICE: usize = 3;
-/// Crashes at a time; they mostly wait.
+/// Number of concurrent crashes; they mostly wait.
 const AT_ONCE: usize = 6;
-/// One of so many kills may be excused by the same text; one may in any drill. A forgotten frame
-/// says nothing of the current, and is met in two of eighteen kills on a busy machine; the other
-/// texts are what a fault of the program would say, too.
+/// One in this number of kills may be excused by the same text; one is allowed in any drill. A
+/// forgotten frame contains no information about the current, and occurs in two of eighteen kills
+/// on a busy machine; a fault of the program could also cause the other texts.
 const EXCUSED: [usize; 3] = [3, 10, 10];
-/// A correct program fails by chance once in so many drills.
+/// Number of drills in which a correct program fails once by chance.
 const BY_CHANCE: f64 = 0.01;
 
-/// How far a point may be from that of the run that was not disturbed, in standard deviations of
-/// the difference: so far that among so many comparisons noise alone goes beyond it with a chance
-/// of [`BY_CHANCE`] at most. The union bound over Mills' bound of the normal tail, 2φ(b)/b.
+/// Returns the greatest distance of a point from that of the undisturbed run, in standard
+/// deviations of the difference: among this number of comparisons noise alone exceeds it with a
+/// probability of at most [`BY_CHANCE`]. The union bound over Mills' bound of the normal tail,
+/// 2φ(b)/b.
 pub(crate) fn bound(comparisons: usize) -> f64 {
     let chance = |b: f64| {
         comparisons as f64 * 2.0 * (-0.5 * b * b).exp() / (b * std::f64::consts::TAU.sqrt())
@@ -69,8 +70,8 @@ fn the_bound_grows_with_the_comparisons_as_the_normal_tail_says() {
     );
 }
 
-/// A step that moves a charge which is not known when it dies in the middle. So small a current
-/// that a step which comes late, at fifty times the pace, is no disobedience.
+/// A step that moves an unknown charge if the process dies during it. The current is so small that
+/// a late step, at fifty times the pace, does not count as a violation of the command.
 const TRACE: &str = r#"
 [[traces]]
 name = "pulse"
@@ -80,7 +81,8 @@ resistance_max = "30 mΩ"
 segments = [{ current = "-0.25 A", duration = "2 s" }, { current = "0 A", duration = "2 s" }]
 "#;
 
-/// Two cells, one sweep of two points and a pulse each, a SOC reset of some minutes before each.
+/// Returns files with two cells, one sweep of two points and a pulse each, and a SOC reset of some
+/// minutes before each.
 fn files() -> Files {
     Files::brief(2)
         .without(EXPERIMENT, "fixture_check")
@@ -108,7 +110,7 @@ fn files() -> Files {
         .append(SCENARIO, "[specimens]\ncount = 2\nsoc = 0.001")
 }
 
-/// The points at which a run can die: exchanges, writes.
+/// Returns the points at which a run can die: messages, writes.
 fn points(run: &Path) -> (usize, usize) {
     let lines = |path: PathBuf| fs::read_to_string(path).unwrap().lines().count();
     let exchanges = files_below(&run.join("transcripts"))
@@ -118,7 +120,7 @@ fn points(run: &Path) -> (usize, usize) {
     (exchanges, 2 * lines(run.join("journal.jsonl")))
 }
 
-/// Every point, or a share that a seed spreads over them.
+/// Returns every point, or a share that a seed distributes over them.
 fn chosen((exchanges, writes): (usize, usize)) -> Vec<String> {
     let asked = std::env::var("EIS_BENCH_CRASHES").unwrap_or_default();
     if asked == "all" {
@@ -144,7 +146,7 @@ fn chosen((exchanges, writes): (usize, usize)) -> Vec<String> {
     .concat()
 }
 
-/// Whole lines of the tables of a run.
+/// Returns the complete lines of the tables of a run.
 pub(crate) fn rows(run: &Path) -> BTreeMap<PathBuf, String> {
     let table = |name: &PathBuf| {
         name.extension().is_some_and(|extension| extension == "csv") && !name.starts_with("config")
@@ -161,7 +163,7 @@ pub(crate) fn rows(run: &Path) -> BTreeMap<PathBuf, String> {
         .collect()
 }
 
-/// The sweeps as read: what is uncertain of them is their noise alone.
+/// Returns the sweeps as read: their uncertainty is their noise alone.
 fn spectra(run: &Path) -> Vec<ImpedancePoint> {
     ["cell", "cell_2"]
         .into_iter()
@@ -173,11 +175,11 @@ pub(crate) fn spectrum(run: &Path, name: &str) -> Vec<ImpedancePoint> {
     read_spectrum_csv(&run.join(format!("raw_{name}.csv"))).unwrap()
 }
 
-/// Messages of a run on a machine that is too slow for the pace. A simulated scope forgets a frame
-/// that is not fetched in time. A wave that is not taken away in time begins again. A wave whose
-/// last message was late is not where it is looked for. Each run has ended in safe state, and goes
-/// on like any other. A fault of the program may give the same message, so that [`every`] bounds
-/// how often each is heard.
+/// Messages of a run on a machine that is too slow for the pace. A simulated scope discards a
+/// frame that is not fetched in time. A wave that is not replaced in time repeats. A wave whose
+/// last message was late is not at its expected position. Each run has ended in a safe state, and
+/// can be resumed. A fault of the program may give the same message, so that [`every`] limits how
+/// often each may occur.
 const TOO_SLOW: [&str; 3] = [
     "no frame was completed since the scope was armed",
     ": it began again",
@@ -188,14 +190,14 @@ const TOO_SLOW: [&str; 3] = [
 #[derive(Debug, Default)]
 pub(crate) struct Fate {
     pub(crate) died: bool,
-    /// Phase of the run when it died, where the drill tells phases apart.
+    /// Phase of the run when it died, if the drill distinguishes phases.
     pub(crate) phase: &'static str,
     /// Of [`TOO_SLOW`].
     excuses: BTreeSet<&'static str>,
 }
 
 impl Fate {
-    /// A run did not come to its end: it must have an excuse.
+    /// Records that a run was not completed: it must have an excuse.
     #[track_caller]
     pub(crate) fn excuse(&mut self, text: &str, drill: &str) {
         let excuse = TOO_SLOW.into_iter().find(|slow| text.contains(slow));
@@ -204,7 +206,7 @@ impl Fate {
     }
 }
 
-/// Goes on until the run is finished.
+/// Resumes the run until it is finished.
 #[track_caller]
 fn finish(run: &Path, drill: &str, fate: &mut Fate) {
     for _ in 0..5 {
@@ -217,21 +219,21 @@ fn finish(run: &Path, drill: &str, fate: &mut Fate) {
     panic!("{drill}: the machine is too slow for {FACTOR} bench seconds in one");
 }
 
-/// Runs or goes on until it dies at a point; whether it did.
+/// Starts or resumes the run until it dies at a point; returns whether it died.
 pub(crate) fn dies(mut command: std::process::Command, drill: &str, fate: &mut Fate) -> bool {
     let ended = command.env("EIS_BENCH_DRILL", drill).output().unwrap();
     if std::os::unix::process::ExitStatusExt::signal(&ended.status) == Some(9) {
         fate.died = true;
         return true;
     }
-    // It exchanged less than the undisturbed run: there was nothing to die at.
+    // It sent fewer messages than the undisturbed run: the point was not reached.
     if ended.status.code() != Some(0) {
         fate.excuse(&String::from_utf8_lossy(&ended.stderr), drill);
     }
     false
 }
 
-/// The greatest distance from what an undisturbed run found, in standard deviations.
+/// Returns the greatest distance from the result of an undisturbed run, in standard deviations.
 #[track_caller]
 pub(crate) fn distance(found: &[ImpedancePoint], reference: &[ImpedancePoint]) -> f64 {
     assert_eq!(found.len(), reference.len());
@@ -245,8 +247,8 @@ pub(crate) fn distance(found: &[ImpedancePoint], reference: &[ImpedancePoint]) -
     found.iter().zip(reference).map(one).fold(0.0, f64::max)
 }
 
-/// Every trace is there once; and one that died in the middle was played again only after the
-/// charge of the cell had been brought back.
+/// Asserts that every trace exists once, and that an interrupted trace was repeated only after the
+/// charge of the cell had been restored.
 #[track_caller]
 fn assert_charge_is_known(run: &Path, drill: &str) {
     let index = crate::support::json(&run.join("traces.json"));
@@ -273,7 +275,7 @@ fn assert_charge_is_known(run: &Path, drill: &str) {
                 (moved, *played.entry(text).or_insert(0)) = (true, 1);
             }
             Entry::Done { .. } => moved = false,
-            // A reset is absolute: whatever was moved before, the charge is known after it.
+            // A reset is absolute: after it the charge is known, whatever was moved before.
             Entry::Intent { text, .. } if text.starts_with("charge at") => moved = false,
             _ => {}
         }
@@ -281,9 +283,9 @@ fn assert_charge_is_known(run: &Path, drill: &str) {
     assert_eq!(played.len(), 2, "{drill}: {played:?}");
 }
 
-/// Action of the guardian after the death; it must have switched everything off and read it back.
-/// How long it took is in bench seconds, of which so many pass in one that the machine's own pace
-/// shows: `guardian` asserts the bound of five seconds in real time.
+/// Returns the guardian's action after the death; it must have switched everything off and read it
+/// back. The duration is in bench seconds, which are shorter than real ones, so that the machine's
+/// own speed is visible: `guardian` asserts the bound of five seconds in real time.
 pub(crate) fn guarded(files: &Files, drill: &str) -> String {
     let Ok(_) = fs::read(state(files, "guardian.json")) else {
         return "no guardian yet".to_owned();
@@ -303,7 +305,7 @@ pub(crate) fn guarded(files: &Files, drill: &str) -> String {
     format!("off after {:.1} s", report["took_s"].as_f64().unwrap())
 }
 
-/// A run that nobody kills.
+/// Executes a run without a kill.
 #[track_caller]
 fn whole(files: &Files, out: &str, drill: &str, fate: &mut Fate) {
     let ended = files.run(out);
@@ -313,7 +315,7 @@ fn whole(files: &Files, out: &str, drill: &str, fate: &mut Fate) {
     }
 }
 
-/// One crash, or two of one run, and what became of it, as a row of the table.
+/// Executes one crash, or two of one run, and returns the result as a row of the table.
 fn crash(
     (index, drill): (usize, &str),
     fate: &mut Fate,
@@ -415,8 +417,8 @@ fn a_campaign_that_is_killed_anywhere_goes_on_and_loses_nothing() {
     let reference = spectra(&files.path("whole"));
     let all = points(&files.path("whole"));
     let mut kills = chosen(all);
-    // Whatever the share: before the first pulse flows, and when it has flowed and nobody has
-    // written that down.
+    // For any share: before the first pulse flows, and after it has flowed but before this is
+    // recorded.
     let journal = fs::read_to_string(files.path("whole/journal.jsonl")).unwrap();
     let pulse = 1 + journal
         .lines()
@@ -443,10 +445,10 @@ fn a_campaign_that_is_killed_anywhere_goes_on_and_loses_nothing() {
     );
 }
 
-/// Plays every kill, some at a time, and prints the table, which is also beside the test's binary,
-/// as it grows: a drill of hours tells what it has seen when it is ended, too. A drill in which
-/// hardly anything died has shown nothing, and one that excuses a text again and again looks away
-/// from a fault.
+/// Executes every kill, some concurrently, and prints the table. It is also written beside the
+/// test's binary as it grows, so that a drill of hours that is stopped shows its results, too. A
+/// drill in which hardly any run died has shown nothing, and one that repeatedly excuses the same
+/// text hides a fault.
 pub(crate) fn every(
     kills: &[String],
     (name, head): (&str, &str),
@@ -483,7 +485,7 @@ pub(crate) fn every(
     std::io::stderr()
         .write_all(format!("{head}\n{}\n", rows.join("\n")).as_bytes())
         .unwrap();
-    // The last exchanges of the undisturbed run need not be reached.
+    // The last messages of the undisturbed run need not be reached.
     let died = fates.iter().filter(|fate| fate.died).count();
     assert!(
         2 * died >= kills.len(),

@@ -1,9 +1,9 @@
-//! Second crash drill: points that overlap, and a trace that is one wave in the generator's memory.
-//! The process dies where the generator is ahead of the journal's points, and before, in and after
-//! the wave. Nothing restores the charge of the cell by itself here. A wave with unknown outcome is
-//! therefore refused until a person has accepted it.
+//! Second crash drill: points that overlap, and a trace that is one wave in the generator's
+//! memory. The process dies while the generator is ahead of the journal's points, and before,
+//! during and after the wave. Nothing restores the charge of the cell automatically here. A wave
+//! with unknown outcome is therefore refused until a person has accepted it.
 //!
-//! `EIS_BENCH_CRASHES` as in the first one: `all`, or how many.
+//! `EIS_BENCH_CRASHES` as in the first one: `all`, or a number.
 
 use std::{fs, path::Path};
 
@@ -17,13 +17,13 @@ use crate::{
     support::{EXPERIMENT, Files, Ports, command, files_below, json, sent, transcript},
 };
 
-/// Bench seconds in one second: a wave must be taken away within half a second of bench time.
+/// Bench seconds per second: a wave must be replaced within half a second of bench time.
 const FACTOR: f64 = 5.0;
-/// Crashes without the variable.
+/// Number of crashes without the variable.
 const SHARE: usize = 8;
-/// One of so many crashes is at the journal.
+/// One in this number of crashes is at the journal.
 const JOURNAL: usize = 4;
-/// A machine may be too slow so often in one run.
+/// How often a machine may be too slow in one run.
 const PATIENCE: usize = 8;
 
 const WAVE: &str = r#"
@@ -40,7 +40,7 @@ segments = [
 ]
 "#;
 
-/// One sweep whose points overlap, one wave.
+/// Returns files with one sweep whose points overlap, and one wave.
 fn files() -> Files {
     Files::short(4)
         .without(EXPERIMENT, "fixture_check")
@@ -53,15 +53,15 @@ fn files() -> Files {
         .append(EXPERIMENT, WAVE)
 }
 
-/// The points at which a run can die, and some of the wave's that any drill takes.
+/// The points at which a run can die, and some points of the wave that any drill uses.
 struct Points {
     exchanges: Vec<usize>,
     writes: Vec<usize>,
     wave: Vec<String>,
 }
 
-/// Numbers of the lines of all transcripts together, and of the journal's writes, that lie between
-/// the first point's intent and the end of the wave.
+/// Returns the numbers of the lines of all transcripts together, and of the journal's writes,
+/// between the first point's intent and the end of the wave.
 fn points(run: &Path) -> Points {
     let lines = journal::read(run).unwrap().lines;
     let of = |text: &str| {
@@ -96,8 +96,8 @@ fn points(run: &Path) -> Points {
         !playing.is_empty(),
         "no exchange between {loaded_s} s and {away_s} s"
     );
-    // Where the first two fall varies with the polls before them. At the third the wave is in the
-    // index, and the journal does not say that it is done.
+    // The positions of the first two vary with the polls before them. At the third the wave is in
+    // the index, but the journal does not yet record that it is done.
     let exchange = |third: usize| format!("exchange:{}", playing[third * playing.len() / 3]);
     Points {
         exchanges: between(lines[first].time_s, lines[end].time_s),
@@ -107,8 +107,8 @@ fn points(run: &Path) -> Points {
     }
 }
 
-/// When a wave went into the generator after an instant, and when the least sine took its place,
-/// bench s.
+/// Returns when a wave was loaded into the generator after a time, and when the least sine
+/// replaced it, bench s.
 fn wave_s(generator: &[Record], from_s: f64) -> (f64, f64) {
     let sent_s = |text: &str, from_s: f64| {
         let wording = |record: &Record| match &record.payload {
@@ -127,7 +127,7 @@ fn wave_s(generator: &[Record], from_s: f64) -> (f64, f64) {
     (loaded_s, sent_s("WVTP,SINE", sent_s("WVTP,ARB", loaded_s)))
 }
 
-/// Every point, or a share spread over them; some of the wave's in any case.
+/// Returns every point, or a share distributed over them, and always some of the wave's.
 fn chosen(
     Points {
         exchanges,
@@ -161,7 +161,7 @@ fn chosen(
     .concat()
 }
 
-/// Phase of the run when it died.
+/// Returns the phase of the run when it died.
 fn phase(run: &Path) -> &'static str {
     let lines = journal::read(run).unwrap().lines;
     let began = lines.iter().rposition(
@@ -214,7 +214,7 @@ fn phase(run: &Path) -> &'static str {
     }
 }
 
-/// A wave was begun, and nobody knows how it ended.
+/// Checks whether a wave was begun and its end is unknown.
 fn unknown(run: &Path) -> bool {
     let index = fs::read_to_string(run.join("traces.json")).unwrap_or_default();
     let mut open = false;
@@ -234,8 +234,8 @@ fn ended(run: &Path) -> bool {
         .contains("{\"ended\":{\"how\":\"finished\"}}")
 }
 
-/// Goes on until the run is finished; how often a person had to say that the wave may be played
-/// from its beginning.
+/// Resumes the run until it is finished; returns how often a person had to accept a repetition of
+/// the wave from its beginning.
 #[track_caller]
 fn finish(run: &Path, drill: &str, fate: &mut Fate) -> usize {
     let mut asked = 0;
@@ -264,7 +264,7 @@ fn finish(run: &Path, drill: &str, fate: &mut Fate) -> usize {
     panic!("{drill}: the machine is too slow for {FACTOR} bench seconds in one");
 }
 
-/// One crash and what became of it, as a row of the table.
+/// Executes one crash and returns the result as a row of the table.
 fn crash(drill: &str, fate: &mut Fate, (reference, agrees): (&[ImpedancePoint], f64)) -> String {
     let files = files();
     let ports = Ports::serve(&files, FACTOR, 1);
@@ -310,7 +310,7 @@ fn crash(drill: &str, fate: &mut Fate, (reference, agrees): (&[ImpedancePoint], 
             name.display()
         );
     }
-    // The wave has been begun once, and once more for each time that a person said so.
+    // The wave has begun once, and once more each time that a person accepted it.
     let begun = journal::read(&run).unwrap().lines;
     let jumps = |line: &&Line| matches!(&line.entry, Entry::Intent { text, .. } if text.starts_with("trace jump"));
     let begun = begun.iter().filter(jumps).count();
@@ -380,7 +380,7 @@ fn overlapped_points_and_a_wave_that_are_killed_anywhere_lose_nothing_and_move_n
         .filter(|fate| fate.died)
         .map(|fate| fate.phase)
         .collect();
-    // As `phase` names them: its upload, its play, its end, or behind it.
+    // As named by `phase`: upload, output, end, or after the wave.
     assert!(
         phases.iter().any(|phase| phase.starts_with("wave")),
         "expected a death in the wave, found {phases:?}"

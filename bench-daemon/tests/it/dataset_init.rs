@@ -1,5 +1,5 @@
-//! `dataset init` on the tables of the Panasonic cell: what it writes is what a person wrote, and
-//! `diagnose` takes it.
+//! `dataset init` on the tables of the Panasonic cell: it writes what a person wrote, and
+//! `diagnose` accepts it.
 
 use std::{
     path::{Path, PathBuf},
@@ -25,7 +25,7 @@ fn eis_bench(words: &[&str]) -> Output {
         .unwrap()
 }
 
-/// `dataset init` of the tables of a cell, with its spectrum's circumstances.
+/// Runs `dataset init` on the tables of a cell, with the conditions of its spectrum.
 fn init(cell: &str, at: &str, out: &Path, more: &[&str]) -> Output {
     let file = |name: &str| tables(cell).join(name).to_str().unwrap().to_owned();
     let curve = tables("panasonic_18650pf_25C").join("ocv.json");
@@ -61,13 +61,13 @@ fn ocv_v(set: &DataSet, run: usize) -> f64 {
     }
 }
 
-/// Compares with the data set of a person: the same rows, but for one at an end, and the same
+/// Compares with the data set of a person: the same rows, except for one at an end, and the same
 /// split.
 fn assert_as_by_hand(made: &DataSet, by_hand: &str) {
     let hand = read_dataset(&project("configs/datasets").join(by_hand)).unwrap();
     let hand = hand.set;
     assert_eq!(made.runs.len(), hand.runs.len());
-    // The spectrum is first there, and last here.
+    // The spectrum comes first there, and last here.
     let moved = |k: usize| (k + 1) % made.runs.len();
     for k in 0..made.runs.len() {
         let (run, other) = (&made.runs[k], &hand.runs[moved(k)]);
@@ -88,7 +88,7 @@ fn assert_as_by_hand(made: &DataSet, by_hand: &str) {
     }
 }
 
-/// Tables that are in the project, and the data set that a person made of them.
+/// Tables in the project, and the data set that a person made from them.
 struct Known {
     cell: &'static str,
     at: &'static str,
@@ -124,7 +124,7 @@ fn the_tables_of_panasonic_become_the_data_sets_that_a_person_made() {
         assert_as_by_hand(&read.set, known.by_hand);
         let history = read.set.history.unwrap();
         assert!((history.voltage_resolution_v - 6.4e-4).abs() < 1e-5);
-        // Not told by the data: as it is assumed.
+        // Not contained in the data: the default applies.
         assert_eq!(history.voltage_offset_v, 1e-3);
     }
 }
@@ -148,7 +148,7 @@ fn a_diagnosis_of_proposed_data_sets_is_that_of_the_data_sets_of_a_person() {
         assert!(diagnosis.status.success(), "{}", error(&diagnosis));
         let told: Value = serde_json::from_slice(&diagnosis.stdout).unwrap();
         assert_eq!(told["verdict"], "unexplained");
-        // The gaps of the model file as by the data set of a person.
+        // The gaps of the model file equal those with the data set of a person.
         for (gap, expected_mv) in told["gap"].as_array().unwrap().iter().zip(known.gaps_mv) {
             let met_mv = gap["eis_only_with_edges_mv"].as_f64().unwrap();
             assert!((met_mv / expected_mv - 1.0).abs() < 0.03, "{gap}");

@@ -1,5 +1,5 @@
-//! The demo: its folder is complete, its numbers agree with the simulated truth within what they
-//! claim, and the same seed gives the same bytes.
+//! The demo: its folder is complete, its numbers agree with the simulated truth within their
+//! stated uncertainties, and the same seed gives the same bytes.
 
 use std::{
     collections::BTreeMap,
@@ -34,7 +34,7 @@ const POINTS: usize = 20;
 const RECORD_POINTS: usize = 10_000;
 const SHUNT_OHM: f64 = 9.96e-3;
 
-/// The demo as another process would run it.
+/// Runs the demo as another process.
 fn run_program(out: &Path, more: &[&str]) {
     let experiment = demo();
     let mut arguments = vec![
@@ -47,8 +47,8 @@ fn run_program(out: &Path, more: &[&str]) {
     program(&arguments).expect_code(0);
 }
 
-/// The demo in this process, where its truth can be seen; one fit, for the fits are not what is
-/// looked at.
+/// Runs the demo in this process, where its truth is accessible; with one fit, because the fits
+/// are not tested here.
 fn run_here(seed: u64) -> (Finished, tempfile::TempDir) {
     let mut experiment = load_experiment(&demo(), None).unwrap();
     experiment.seed = seed;
@@ -91,7 +91,7 @@ fn the_run_folder_is_complete_and_everything_in_it_is_readable() {
             "{role}"
         );
     }
-    // What was configured is kept as it was typed.
+    // Configured values are kept as they were typed.
     for (kept, typed) in [
         ("experiments_demo", "experiments/demo"),
         ("benches_demo", "benches/demo"),
@@ -151,7 +151,7 @@ fn assert_captures(run: &Path) {
     let spectrum = read_spectrum_csv(&run.join("spectrum.csv")).unwrap();
     for fixture in FIXTURES {
         let folder = run.join("captures").join(fixture);
-        // A point that was ranged again has more than one capture; its name says so.
+        // A point whose range was changed has more than one capture; its name shows it.
         let files: Vec<PathBuf> = files_below(&folder)
             .into_iter()
             .filter(|name| !name.to_string_lossy().contains("_again"))
@@ -177,7 +177,7 @@ fn assert_captures(run: &Path) {
                 file.display()
             );
             let periods = capture.meta.interval_s * RECORD_POINTS as f64 * point.freq_hz;
-            // The scope tells its sample interval in single precision.
+            // The scope reports its sample interval in single precision.
             assert!(
                 periods >= 4.999,
                 "{fixture} {}: {periods} periods",
@@ -200,14 +200,14 @@ fn assert_models(run: &Path) {
         let model = ModelFile::from_json(&text).unwrap();
         assert_eq!((model.rc, model.fit.erm.branches.len()), (rc, rc));
         let pack = model.pack.unwrap();
-        // 16 cells in series, 3 in parallel, and all cells alike.
+        // 16 cells in series, 3 in parallel, and all cells equal.
         let ratio = pack.dc_resistance_ohm / model.dc_resistance_ohm;
         assert!((ratio - 16.0 / 3.0).abs() < 1.0e-9, "{rc} RC: {ratio}");
     }
 }
 
-/// The budget is that of the spectrum: its totals are the spectrum's standard deviations, and its
-/// parts add up to them in squares.
+/// Asserts that the budget belongs to the spectrum: its totals are the spectrum's standard
+/// deviations, and its parts add up to them in squares.
 fn assert_budget(run: &Path) {
     let spectrum = read_spectrum_csv(&run.join("spectrum.csv")).unwrap();
     let text = fs::read_to_string(run.join("budget.csv")).unwrap();
@@ -362,7 +362,7 @@ fn assert_tables(run: &Path) {
     assert!(log.contains("INFO stage: EIS sweep of the cell"), "{log}");
 }
 
-/// The report shows itself without any other file, and each plot is there for the screen and for
+/// Asserts that the report needs no other file, and that each plot exists for the screen and for
 /// print.
 fn assert_report(run: &Path) {
     let report = fs::read_to_string(run.join("report.html")).unwrap();
@@ -434,7 +434,7 @@ fn one_seed_gives_the_same_bytes_and_another_seed_does_not() {
     }
 }
 
-/// How one seed's spectrum compares with the truth.
+/// Comparison of one seed's spectrum with the truth.
 #[derive(Debug)]
 struct Accuracy {
     /// Largest errors.
@@ -469,7 +469,7 @@ fn accuracy(finished: &Finished) -> Accuracy {
     accuracy
 }
 
-/// One run for all, for it takes a second.
+/// One run for all checks, because it takes a second.
 #[test]
 fn a_run_agrees_with_the_truth_its_shunt_reads_too_much_and_its_cell_was_treated_well() {
     let (finished, folder) = run_here(1);
@@ -512,12 +512,12 @@ fn the_spectra_of_ten_seeds_agree_with_the_truth_and_their_uncertainty_is_honest
     eprintln!(
         "parts of the impedance within two standard deviations: {covered}; by seed: {found:.3?}"
     );
-    // Two standard deviations hold 95 %. The errors of one seed's correction are common to its
-    // points, so that ten seeds scatter around that.
+    // Two standard deviations cover 95 %. The errors of one seed's correction are common to its
+    // points, so ten seeds scatter around that.
     assert!((0.90..=0.99).contains(&covered), "{covered}: {found:#?}");
 }
 
-/// Its phase rises by what the pick-up explains: the moved probes add ωM to R.
+/// Asserts that its phase rises as the pick-up explains: the moved probes add ωM to R.
 fn assert_shunt_reads_too_much(run: &Path, pickup_h: f64) {
     let points = read_spectrum_csv(&run.join("raw_shunt.csv")).unwrap();
     for point in &points {
@@ -568,7 +568,7 @@ fn assert_treated_well(run: &Path, world: &SimulatedBench) {
         witness.greatest_c > 22.0 && witness.greatest_c < 27.0,
         "{witness:?}"
     );
-    // What the run wrote down is what the cell has felt: one reading a second while charge flows.
+    // The run has recorded what the cell experienced: one reading a second while charge flows.
     let readings = fs::read_to_string(run.join("readings.csv")).unwrap();
     let direct_c: f64 = readings
         .lines()
@@ -597,7 +597,7 @@ fn assert_treated_well(run: &Path, world: &SimulatedBench) {
     assert_eq!(world.truth_current_a(), 0.0);
 }
 
-/// The last that each instrument said of its output is that it is off, and nothing was sent
+/// Asserts that each instrument last reported its output as off, and that nothing was sent
 /// afterwards that could change that.
 fn assert_last_word_off(run: &Path) {
     for (role, question, off, on) in [

@@ -1,4 +1,4 @@
-//! The doctor on a simulated bench: each fault by itself is found under its own name, and a sound
+//! The doctor on a simulated bench: each single fault is found under its own name, and a sound
 //! bench has none.
 
 use std::{fs, path::Path};
@@ -23,7 +23,7 @@ fn doctor(files: &Files, fixture: &str, out: &str) -> Ended {
     program(&words)
 }
 
-/// Ids of the checks that ended so, with what to do.
+/// Returns the IDs of the checks with this verdict, and the remedies.
 fn ended(report: &serde_json::Value, verdict: &str) -> Vec<(String, String)> {
     let text = |value: &serde_json::Value| value.as_str().unwrap().to_owned();
     let checks = report["checks"]
@@ -70,8 +70,7 @@ fn a_sound_bench_passes_on_both_controls_and_a_person_has_signed() {
                 "{fixture}: {id}: {report:#}"
             );
         }
-        // The mock takes the manual at its word: it promises no limit while the analog input
-        // commands.
+        // The mock follows the manual, which guarantees no limit while the analog input commands.
         assert_eq!(
             ended(&report, "warn")
                 .into_iter()
@@ -332,8 +331,8 @@ fn a_cell_that_is_still_in_the_jig_is_found_before_anything_goes_on() {
     );
 }
 
-/// On real ports: the guardian is there and steps in, and a run knows whether the doctor has
-/// looked.
+/// On real ports: the guardian exists and intervenes, and a run knows whether the doctor has
+/// checked the bench.
 #[test]
 #[ignore = "long drill"]
 fn the_lease_is_proven_on_ports_and_a_run_asks_for_the_report() {
@@ -400,7 +399,7 @@ fn the_lease_is_proven_on_ports_and_a_run_asks_for_the_report() {
     );
 }
 
-/// Nothing is known of the bench by such a look: what was known before stands.
+/// Such a check provides no information about the bench: earlier information stays valid.
 #[test]
 fn a_latched_bench_is_not_connected_to_and_the_report_before_stands() {
     let files = Files::demo();

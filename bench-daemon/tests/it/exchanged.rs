@@ -1,4 +1,4 @@
-//! Instruments that are exchanged, or that spell their identity in another way, between two parts of
+//! Instruments that are exchanged, or that spell their identity differently, between two parts of
 //! a run.
 
 use std::{
@@ -14,7 +14,7 @@ use crate::{
     support::{EXPERIMENT, Files, Ports},
 };
 
-/// What a proxy does with the answers of an instrument.
+/// Changes that a proxy makes to the answers of an instrument.
 #[derive(Default)]
 struct Answers {
     /// Text that stands in the place of another one.
@@ -58,7 +58,7 @@ impl Proxy {
     }
 }
 
-/// Passes bytes on, altered where they are answers.
+/// Forwards bytes, and alters them if they are answers.
 fn pass(mut from: TcpStream, mut to: TcpStream, answers: Option<&Proxy>) {
     let mut bytes = [0_u8; 65536];
     while let Ok(count @ 1..) = from.read(&mut bytes) {

@@ -1,6 +1,6 @@
-//! Real servers in a fleet: a job goes to the bench that fits it, is seen and stopped from elsewhere,
-//! and a server that is killed goes on with its job. Needs `nats-server` in the PATH, and says so where
-//! it is not there.
+//! Real servers in a fleet: a job goes to a suitable bench, is visible and can be stopped from
+//! another server, and a server that was killed continues its job. Needs `nats-server` in the
+//! PATH, and prints a message if it is missing.
 
 use std::{
     ffi::OsStr,
@@ -18,7 +18,7 @@ use crate::{
     support::{BENCH, EXPERIMENT, Files, Running, SCENARIO, poll, program},
 };
 
-/// A broker, and where it listens.
+/// A broker, and its address.
 pub(crate) struct Broker {
     _process: Running,
     pub(crate) address: String,
@@ -151,7 +151,7 @@ fn a_job_goes_to_the_bench_that_fits_and_its_run_is_as_any_other() {
         .expect(400);
     let told = "state: expected one of queued, claimed, started, lost, done, failed, cancelled";
     assert!(odd.text().contains(told), "{}", odd.text());
-    // The other server shows the same, and refuses what it should.
+    // The other server shows the same state, and refuses what it should.
     let seen = one.get("/fleet");
     assert_eq!(seen["jobs"]["done"], 1, "{seen}");
     assert_eq!(
@@ -171,7 +171,8 @@ fn a_job_goes_to_the_bench_that_fits_and_its_run_is_as_any_other() {
     assert!(stranded.contains("expected at least 500 A"), "{stranded}");
     let path = format!("/api/v1/fleet/jobs/{}", large["jobs"][0].as_str().unwrap());
     one.ask("DELETE", &path, ("", "")).expect(204);
-    // Jobs that nobody takes go all together, and a bench that is gone goes out of the fleet.
+    // Jobs that no bench takes are removed together, and a bench that is gone is removed from the
+    // fleet.
     broker.submit(
         &north,
         &["--site", "west", "--count", "3", "--campaign", "spare"],

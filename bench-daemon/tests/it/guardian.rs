@@ -1,5 +1,5 @@
-//! Real processes on real ports: a daemon that dies, hangs or loses an instrument; what its
-//! guardian does, and what a person has to do afterwards.
+//! Real processes on real ports: a daemon that dies, hangs or loses an instrument; the reaction of
+//! its guardian, and what a person must do afterwards.
 
 use std::{
     fs,
@@ -97,7 +97,7 @@ fn a_daemon_that_is_killed_leaves_a_bench_that_is_off_within_five_seconds() {
     }
     ports.assert_outputs_off();
     assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
-    // Nobody has to look: nothing was wrong with the cell.
+    // No person has to inspect anything: there was no fault of the cell.
     assert!(!state(&files, "trip.json").exists());
 }
 
@@ -126,8 +126,8 @@ fn the_drive_ends_by_itself_where_nobody_is_left_to_end_it() {
             i32::try_from(watching["pid"].as_i64().unwrap()).unwrap(),
             pid(&child),
         ];
-        // Both stand still before it is asked whether a current flows: on a slow machine a point
-        // may end between the two.
+        // Both are stopped before the current is queried: on a slow machine a point may end
+        // between the two.
         poll("a current that neither can end", || {
             poll("a current", || flows().then_some(()));
             both.into_iter()
@@ -416,8 +416,8 @@ fn a_state_folder_that_cannot_be_written_is_refused_before_anything_is_touched()
         ended.message()
     );
     assert!(!files.path("run").exists());
-    // Who runs it cannot be known then: it is switched off all the same, and that is not said to
-    // last.
+    // The process that runs it is then unknown: the bench is switched off anyway, and the message
+    // does not claim that this lasts.
     let safe = on_bench(&files, &["safe"]);
     safe.expect_code(6);
     assert!(
@@ -469,7 +469,7 @@ fn lose(role: &str, lost: &str, reached: [&str; 3]) {
     cable.cut.store(true, Ordering::SeqCst);
     let (code, text) = end(child);
     assert_eq!(code, Some(6), "{text}");
-    // What cannot be verified is named, and what was reached is not.
+    // Instruments that cannot be verified are named, and those that were reached are not.
     let wording = text
         .lines()
         .rev()
@@ -495,8 +495,8 @@ fn lose(role: &str, lost: &str, reached: [&str; 3]) {
     files.run("again").expect_code(0);
 }
 
-/// A cable between everybody and one instrument, which can be cut: what is on its way is lost, and
-/// no new connection comes up.
+/// A cable between all clients and one instrument, which can be cut: data in transit are lost, and
+/// no new connection is established.
 struct Cable {
     cut: Arc<AtomicBool>,
 }

@@ -1,4 +1,5 @@
-//! `identify` asks and changes nothing; what it cannot speak to it names, and says how it could.
+//! `identify` sends only queries; it names an instrument that it does not support, and how to
+//! support it.
 
 use std::{
     io::{BufRead, BufReader, Read, Write},

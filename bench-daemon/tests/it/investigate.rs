@@ -1,10 +1,10 @@
-//! The closed loop on the simulated bench: an effect is put into the world, and the workflow, which
-//! sees files alone, is to find it.
+//! The closed loop on the simulated bench: an effect is added to the world, and the workflow,
+//! which has access to files alone, must find it.
 //!
-//! `EIS_BENCH_INVESTIGATE=all` plays every case and prints how each ended;
-//! `EIS_BENCH_INVESTIGATE=104,118` plays these seeds; `EIS_BENCH_INVESTIGATE=drawn:7:25` draws
-//! kinds and strengths from a seed, `drawn:7:25:716498` plays one of them; without it two are
-//! played. With `EIS_BENCH_KEEP` the run folders stay in that folder.
+//! `EIS_BENCH_INVESTIGATE=all` runs every case and prints the result of each;
+//! `EIS_BENCH_INVESTIGATE=104,118` runs these seeds; `EIS_BENCH_INVESTIGATE=drawn:7:25` draws
+//! kinds and strengths from a seed, `drawn:7:25:716498` runs one of them; without it two are run.
+//! With `EIS_BENCH_KEEP` the run folders stay in that folder.
 
 use std::{borrow::Cow, fmt::Write as _, fs};
 
@@ -17,7 +17,7 @@ use bench_daemon::{
     investigate::closed_loop::{Budget, End, Investigation, Means, investigate},
 };
 
-/// Hidden effect: a seed, the lines for the scenario, and the names of the effect; none where
+/// Hidden effect: a seed, the lines for the scenario, and the names of the effect; no names if
 /// nothing is hidden.
 #[derive(Clone)]
 struct Hidden {
@@ -26,8 +26,8 @@ struct Hidden {
     names: &'static [&'static str],
 }
 
-/// Cases whose strengths were chosen so that they show, some of them after having seen how they
-/// ended.
+/// Cases whose strengths were chosen so that they are detectable, some of them after their results
+/// were known.
 const CASES: [(u64, &str, &[&str]); 27] = [
     (101, "", &[]),
     (102, "", &[]),
@@ -136,8 +136,7 @@ type Kind = (
     fn(f64, f64) -> String,
 );
 
-/// Ranges from what hardly shows to what nobody would overlook, set down before any drawn case was
-/// played.
+/// Ranges from hardly detectable to obvious, defined before any drawn case was run.
 const KINDS: [Kind; 18] = [
     (
         "slow_rc",
@@ -258,8 +257,8 @@ const KINDS: [Kind; 18] = [
     ),
 ];
 
-/// So many cases drawn from a seed: kinds in a random order, again from the start when all were
-/// used; every fifth hides nothing.
+/// Draws a number of cases from a seed: kinds in a random order, starting again when all were
+/// used; every fifth case hides nothing.
 fn drawn(seed: u64, count: usize) -> Vec<Hidden> {
     let mut state = seed;
     let mut uniform = move || {
@@ -297,7 +296,7 @@ fn drawn(seed: u64, count: usize) -> Vec<Hidden> {
         .collect()
 }
 
-/// Cases to play: `all`, a list of seeds, or `drawn:SEED:COUNT`.
+/// Returns the cases to run: `all`, a list of seeds, or `drawn:SEED:COUNT`.
 fn cases(which: &str) -> Vec<Hidden> {
     if let Some(asked) = which.strip_prefix("drawn:") {
         let mut numbers = asked
@@ -324,13 +323,13 @@ fn cases(which: &str) -> Vec<Hidden> {
         .collect()
 }
 
-/// How a case ended against what was hidden.
+/// Result of a case compared with the hidden effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Score {
-    /// The floor where nothing is hidden, else the one name.
+    /// The floor if nothing is hidden, otherwise the single name.
     Right,
-    /// The limit that the hidden effect becomes where these runs do not reach further, and that
-    /// said.
+    /// The limit that replaces the hidden effect if these runs do not reach far enough, with a
+    /// message.
     Limit,
     /// Several names, or one that is not certain.
     Ambiguous,
@@ -419,8 +418,8 @@ fn score(case: &Hidden, investigation: &Investigation) -> Score {
     }
 }
 
-/// Whether a name is a declared limit of what is hidden, and a note says that the latter is not
-/// excluded.
+/// Checks whether a name is a declared limit of the hidden effect, and a note states that the
+/// latter is not excluded.
 fn limit(hidden: &str, named: &str, diagnosis: &Diagnosis) -> bool {
     let card = effects::find(hidden).unwrap().card();
     card.contains.contains(&named)
@@ -468,8 +467,8 @@ fn named(investigation: &Investigation) -> Vec<&'static str> {
     names
 }
 
-/// The examples in words of the scenario file: each is found with its size, and both together get
-/// no wrong name.
+/// The examples in the scenario file: each is found with its size, and both together get no wrong
+/// name.
 #[test]
 #[ignore = "long drill: three investigations"]
 fn the_examples_of_the_scenario_file_are_found() {
@@ -503,9 +502,9 @@ fn the_examples_of_the_scenario_file_are_found() {
     );
 }
 
-/// Ends as the README shows them: the names, and the truth of the scenario files within the
-/// intervals. Of six intervals of 95 % one misses the truth in a quarter of all cells, so that the
-/// six together are asked for 95 % (Bonferroni): 2.64 standard deviations instead of 1.96.
+/// Ends as the README shows: the names, and the truth of the scenario files within the intervals.
+/// Of six intervals of 95 % one misses the truth in a quarter of all cells, so the six together
+/// must cover 95 % (Bonferroni): 2.64 standard deviations instead of 1.96.
 #[test]
 #[ignore = "long drill: two investigations"]
 fn the_showcases_end_as_told() {

@@ -1,4 +1,4 @@
-//! A run that is killed in the middle: what it had finished is on disk, its guardian switches off,
+//! A run that is killed in the middle: its finished part is on disk, its guardian switches off,
 //! and the next run can use the bench.
 
 use std::{fs, path::Path};
@@ -19,7 +19,7 @@ fn every_finished_point_survives_a_kill_and_the_bench_can_be_used_again() {
         let ports = Ports::serve(&files, FACTOR, 1);
         let run = files.path("killed");
         kill_after(&files, &run, (watched, count));
-        // Whoever was killed switched nothing off; the guardian did.
+        // The killed process switched nothing off; the guardian did.
         let report = crate::guardian::report(&files, "verified");
         assert_eq!(
             (&report["cause"], &report["verified"]),
@@ -47,7 +47,7 @@ fn every_finished_point_survives_a_kill_and_the_bench_can_be_used_again() {
     }
 }
 
-/// Starts a run and kills it (SIGKILL) once so many points are in a table.
+/// Starts a run and kills it (SIGKILL) once a table has this number of points.
 fn kill_after(files: &Files, run: &Path, (watched, count): (&str, usize)) {
     let mut child = start(files, run, &[]);
     wait_for_points(&mut child, run, (watched, count));
@@ -59,8 +59,8 @@ fn kill_after(files: &Files, run: &Path, (watched, count): (&str, usize)) {
     );
 }
 
-/// Every row and every capture that is there is whole, no point lacks its capture, and the manifest
-/// does not claim an end.
+/// Asserts that every existing row and capture is complete, that every point has its capture, and
+/// that the manifest does not record an end.
 fn assert_readable(run: &Path, watched: &str, count: usize) {
     for fixture in ["shunt", "fake_cell", "cell"] {
         let table = run.join(format!("raw_{fixture}.csv"));
@@ -98,7 +98,7 @@ fn assert_readable(run: &Path, watched: &str, count: usize) {
     }
 }
 
-/// Waits until so many points are in a table of a run that is still going on.
+/// Waits until a table of a running run has this number of points.
 pub(crate) fn wait_for_points(child: &mut Running, run: &Path, (watched, count): (&str, usize)) {
     poll(watched, || {
         assert!(

@@ -93,9 +93,9 @@ fn the_thesis_sweeps_are_told_cell_by_cell() {
     assert_eq!(spectra.len(), 30);
     for spectrum in &spectra {
         let (verdict, kk) = (&spectrum["verdict"], &spectrum["kramers_kronig"]);
-        // Something may be odd, none of the sweeps at rest is wrong, and each is of use over the
-        // whole band. The one at +5 A charged the cell all the while: it cannot have stayed the
-        // same.
+        // There may be remarks, but none of the sweeps at rest is wrong, and each is usable over
+        // the whole band. The one at +5 A charged the cell throughout, so the cell cannot have
+        // stayed unchanged.
         let charged = spectrum["name"].as_str().unwrap().contains("+5A");
         assert!(
             charged || ["good", "doubtful"].contains(&verdict["grade"].as_str().unwrap()),

@@ -1,5 +1,5 @@
-//! Instruments that lie: whatever they do, no more flows than the step asks for, it ends soon, and
-//! the last message is the truth.
+//! Instruments that report wrong values: in every case no more current flows than the step
+//! requests, the run ends soon, and the last message is correct.
 
 use bench_daemon::run::Session;
 use fixtures::Witness;
@@ -7,7 +7,7 @@ use num_complex::Complex64;
 
 use crate::support::{BENCH, CELL, EXPERIMENT, Files, SCENARIO, program, truth};
 
-/// How a run ended, and what the cell says of it.
+/// Result of a run, and the record of the cell.
 pub(crate) struct Lived {
     pub(crate) ended: String,
     pub(crate) code: u8,
@@ -115,7 +115,7 @@ fn a_charger_that_does_not_go_off_is_brought_to_zero_by_its_current() {
 const PASSING: [&str; 5] = ["too_late", "reset", "half_close", "lose_reply", "garble"];
 const ROLES: [&str; 5] = ["supply4q", "generator", "scope", "load", "logger"];
 
-/// `EIS_BENCH_PASSING=100` plays so many instead of continuous integration's five.
+/// `EIS_BENCH_PASSING=100` runs this number instead of the five in continuous integration.
 #[test]
 #[ignore = "drill"]
 fn a_fault_of_the_wire_in_a_sweep_ends_in_a_finished_right_spectrum() {
@@ -159,7 +159,7 @@ fn a_fault_of_the_wire_in_a_sweep_ends_in_a_finished_right_spectrum() {
         point {:.3} % off",
         100.0 * worst
     );
-    // What the link mends by itself is none of the run's business; the others are told.
+    // Faults that the link corrects automatically are not reported; the others are.
     assert!(told >= count / 3, "{told}");
 }
 
@@ -197,7 +197,7 @@ fn a_bath_that_somebody_else_sets_to_70_degrees_is_named_at_the_next_readings() 
         "{} s",
         lived.over_s - lived.happened_s
     );
-    // Nobody knows where it goes: it goes nowhere.
+    // It is unknown where the temperature of this bath goes, so the bath is stopped.
     let notes = files.text("run/events.csv");
     assert!(
         notes.contains(
@@ -254,8 +254,8 @@ fn a_direct_current_that_comes_up_in_a_fast_sweep_ends_it_soon() {
     );
 }
 
-/// Somebody switches on what the step does not use: its current never enters the step's own, and is
-/// seen all the same.
+/// Another client switches on an instrument that the step does not use: its current does not pass
+/// the step's own instrument, and is still detected.
 #[test]
 fn a_load_that_sinks_beside_a_charge_and_a_charger_that_feeds_beside_a_sweep_are_seen() {
     let reset = Files::brief(2).without(EXPERIMENT, "fixture_check");

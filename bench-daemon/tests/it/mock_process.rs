@@ -1,5 +1,4 @@
-//! The same experiment on simulated instruments in another process: nothing changes but the
-//! addresses.
+//! The same experiment on simulated instruments in another process: only the addresses change.
 
 use std::fs;
 
@@ -8,8 +7,8 @@ use bench_daemon::command::run::run_experiment;
 
 use crate::support::{BENCH, EXPERIMENT, Files, MockProcess, program, sent, transcript, truth};
 
-/// Times real time. A stall of the machine by a whole second is then twenty of the bench's, which
-/// nothing minds.
+/// Scaled time. If the machine stalls for a whole second, twenty bench seconds pass, which is
+/// tolerated.
 const TIME: &str = "scaled:20";
 const SEED: u64 = 1;
 

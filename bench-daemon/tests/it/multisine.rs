@@ -80,7 +80,7 @@ fn it_is_the_spectrum_of_the_single_sines_in_less_than_half_of_their_time() {
     );
     assert_eq!(single.points.len(), 20);
     assert_eq!(many.spectrum.points.len(), 20);
-    // What the correction leaves is one error in both.
+    // The remaining error of the correction is common to both.
     let names = |spectrum: &Spectrum| {
         spectrum
             .shared
@@ -131,7 +131,7 @@ fn it_is_the_spectrum_of_the_single_sines_in_less_than_half_of_their_time() {
     );
 }
 
-/// A cell whose one branch carries much of the voltage, without controls and sweeps.
+/// Returns a cell with one branch that carries much of the voltage, without controls and sweeps.
 fn one_branch(more: &str) -> Files {
     Files::short(2)
         .without(EXPERIMENT, "fixture_check")
@@ -171,7 +171,7 @@ fn it_reports_the_distortion_of_butler_and_volmer_and_none_of_a_linear_cell() {
         "{}",
         linear.summary
     );
-    // Without controls the harness is in it; the order of magnitude is right all the same.
+    // Without controls the harness is included; the order of magnitude is still correct.
     assert!(truth(&linear.measured.multisines[0].spectrum) < 0.25);
     let curved = run(&one_branch(
         "[effects.butler_volmer]\nbranch = 1\nalpha = 0.3",
@@ -299,7 +299,8 @@ fn the_gate_lets_a_good_multisine_through_and_flags_what_fails_to_the_end() {
         "{}",
         finished.summary
     );
-    // What the law of Butler and Volmer distorts is recorded again once, and distorted then, too.
+    // A line that is distorted according to Butler and Volmer is recorded again once, and is
+    // distorted then, too.
     let curved = one_branch("[effects.butler_volmer]\nbranch = 1\nalpha = 0.3").append(
         EXPERIMENT,
         &GATE.replace("again", "distortion = \"0.3 %\"\nagain"),

@@ -1,5 +1,5 @@
-//! Telemetry: what arrives at a collector, that nothing waits for one, and that dashboard, alerts and
-//! documentation name what is there.
+//! Telemetry: what arrives at a collector, that nothing waits for a collector, and that dashboard,
+//! alerts and documentation use existing names.
 
 use std::{
     collections::BTreeSet,
@@ -63,7 +63,7 @@ fn ran(files: &Files, environment: &[(&str, &str)]) -> (Served, String) {
 fn dashboard_alerts_and_documentation_name_what_is_measured() {
     let files = Files::short(3);
     let broker = Broker::start(&files.path("nats"));
-    // Without a broker there is a fleet all the same, of which nothing is heard.
+    // Without a broker there is still a fleet, but it receives nothing.
     let nobody = "nats://127.0.0.1:9".to_owned();
     let address = broker
         .as_ref()
@@ -109,7 +109,7 @@ fn dashboard_alerts_and_documentation_name_what_is_measured() {
     let documented = named(&read("docs/observe.md"));
     let missing: Vec<_> = there.difference(&documented).collect();
     assert_eq!(missing, [""; 0], "docs/observe.md");
-    // Of what a run without an end of its own would have there is nothing else.
+    // No metric of an unfinished run remains.
     let now = values(&text);
     for (name, value) in [
         ("eis_bench_runs_finished_total{bench=\"demo\"}", 1.0),
@@ -176,7 +176,7 @@ fn every_alert_has_its_part_in_the_runbook() {
     }
 }
 
-/// Needs `promtool`, which Debian's package `prometheus` has; passes over where it is absent.
+/// Needs `promtool`, which is in Debian's package `prometheus`; skipped if it is absent.
 #[test]
 fn promtool_finds_the_rules_right() {
     let folder = root().join("packaging/prometheus");
@@ -225,7 +225,7 @@ fn a_collector_is_told_what_prometheus_is_told() {
     let (before, after) = (values(&before), values(&metrics(&served)));
     let names = |values: &Values| values.keys().cloned().collect::<BTreeSet<_>>();
     assert_eq!(names(&sent), names(&before));
-    // Whoever asks for metrics is a connection.
+    // A request for metrics is a connection.
     let still: Vec<_> = before
         .iter()
         .filter(|(name, value)| after.get(*name) == Some(*value))
@@ -328,7 +328,7 @@ fn a_run_is_the_same_whatever_a_collector_does() {
     run_to(&files, "plain", &[]).expect_code(0);
     let plain = files.text("plain/SHA256SUMS");
     let takes = Collector::start();
-    // Nobody accepts: what is sent waits for an answer that never comes.
+    // No process accepts connections: the sender waits for an answer that never arrives.
     let hangs = TcpListener::bind("127.0.0.1:0").unwrap();
     let hanging = format!("http://{}", hangs.local_addr().unwrap());
     let free = TcpListener::bind("127.0.0.1:0").unwrap();

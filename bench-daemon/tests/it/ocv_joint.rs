@@ -18,7 +18,7 @@ fn eis_bench(arguments: &[&str]) -> Output {
         .unwrap()
 }
 
-/// A cell of 1 Ah whose OCV is 3 V + SOC · 1 V.
+/// Returns a cell of 1 Ah whose OCV is 3 V + SOC · 1 V.
 fn series(folder: &Path, name: &str, pulses: bool) -> String {
     let mut text = "Test Time / s,Current / A,Voltage / V\n".to_owned();
     let (mut v, mut drawn) = (BRANCH.0, 0.0);

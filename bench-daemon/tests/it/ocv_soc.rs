@@ -29,7 +29,8 @@ fn worst_v(finished: &Finished, folder: &std::path::Path) -> (OcvCurve, f64) {
         .unwrap();
     let off = |k: i32| {
         let soc = f64::from(k) / 100.0;
-        // The inverse of the true curve tells the same without a door to the true curve itself.
+        // The inverse of the true curve gives the same values without access to the true curve
+        // itself.
         let found_v = curve.voltage_v(soc);
         (world.truth_soc_at(found_v) - soc).abs() * curve.slope_v(soc)
     };
@@ -64,7 +65,7 @@ fn the_curve_is_the_truth_within_two_millivolts_and_the_interruptions_tell_the_r
     let report = std::fs::read_to_string(run.join("report.html")).unwrap();
     assert!(report.contains("<svg") && report.contains("Interruptions of the discharge"));
     assert!(run.join("plots/ocv.svg").exists() && !run.join("ocv.svg").exists());
-    // No hysteresis is hidden in this cell: none is found beyond what the curve may be off.
+    // This cell has no hidden hysteresis: none is found beyond the uncertainty of the curve.
     let half_v = found["extraction"]["charge"]["median_v"].as_f64().unwrap();
     assert!(half_v.abs() < 2.0e-3, "{half_v}");
     let down = read_legs_csv(&run.join("ocv_discharge.bdf.csv")).unwrap();

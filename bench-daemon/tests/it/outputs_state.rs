@@ -1,6 +1,6 @@
-//! What API, page, command line, `safe` and notices say of the outputs of a bench, in one situation
-//! after the other, beside what is so: real processes, simulated instruments on real ports. The
-//! words come from what was read back, and no two places differ.
+//! What API, page, command line, `safe` and notices report about the outputs of a bench in one
+//! situation after the other, compared with the actual state: real processes, simulated
+//! instruments on real ports. The texts follow from what was read back, and all places agree.
 
 use std::{
     fs,
@@ -22,7 +22,7 @@ use crate::{
 
 const DEMO: &str = r#"{"experiment":"demo"}"#;
 
-/// A bench under a server, with a browser where there is one.
+/// A bench under a server, with a browser if there is one.
 struct Scene {
     files: Files,
     served: Served,
@@ -30,7 +30,8 @@ struct Scene {
     rows: Vec<[String; 6]>,
 }
 
-/// Words without the time of a reading, so that a table stays comparable: `14:32` is `T`.
+/// Returns a text without the time of a reading, so that a table stays comparable: `14:32` becomes
+/// `T`.
 fn timeless(words: &str) -> String {
     let is_time = |word: &str| {
         let word = word.trim_matches(|c: char| "(),;.".contains(c));
@@ -54,7 +55,7 @@ impl Scene {
         self.served.get("/benches/demo")
     }
 
-    /// Waits until the API says this of the outputs, and the command line the same.
+    /// Waits until the API reports this state of the outputs, and the command line the same.
     #[track_caller]
     fn wait_words(&self, beginning: &str) -> Value {
         let mut last = (Value::Null, String::new());
@@ -71,7 +72,7 @@ impl Scene {
         );
     }
 
-    /// What the command line says without asking.
+    /// Returns the report of the command line without a query.
     fn known(&self) -> String {
         let known = on_bench(&self.files, &["outputs", "--known"]);
         known.expect_code(0);
@@ -90,7 +91,7 @@ impl Scene {
         Some(one["title"].as_str().unwrap().to_owned())
     }
 
-    /// Adds a row: every place must say the same, beginning with these words.
+    /// Adds a row: all places must agree, with a text that begins with these words.
     #[track_caller]
     fn row(&mut self, situation: &str, so: &str, words: &str) {
         let live = self.wait_words(words);
@@ -145,7 +146,7 @@ impl Scene {
             .json()
     }
 
-    /// Switches off; what it prints at its end is what everybody says then.
+    /// Switches off; afterwards all places must show its final message.
     #[track_caller]
     fn safe(&mut self, situation: &str, code: i32, words: &str) -> Ended {
         let safe = on_bench(&self.files, &["safe"]);
@@ -164,7 +165,7 @@ impl Scene {
         safe
     }
 
-    /// Files with what was read of each output.
+    /// Returns the files with the readings of each output.
     fn kept(&self) -> Vec<PathBuf> {
         let instruments = state(&self.files, "instruments");
         let all = fs::read_dir(instruments)
@@ -173,7 +174,7 @@ impl Scene {
         all.filter(|path| path.exists()).collect()
     }
 
-    /// Changes the times of what was read.
+    /// Changes the times of the readings.
     fn change_times(&self, calendar_s: f64, uptime_s: f64) {
         for path in self.kept() {
             let mut kept = crate::support::json(&path);
@@ -378,7 +379,8 @@ impl Scene {
     }
 }
 
-/// The bench of `files` as metal: nothing says that mocks stand for its instruments.
+/// Returns the bench of `files` as real hardware: nothing indicates that its instruments are
+/// mocks.
 fn metal(name: &str) -> (Files, Ports) {
     let files = Files::short(2).without(EXPERIMENT, "fixture_check");
     let files = files.edit(BENCH, "name = \"demo\"", &format!("name = \"{name}\""));
@@ -454,7 +456,7 @@ fn safe_without_a_bench_switches_off_every_bench_that_runs_or_ran_here() {
         );
         ports.assert_outputs_off();
     }
-    // A bench file that is gone is named, and the others are switched off all the same.
+    // A missing bench file is named, and the others are still switched off.
     load_on(&one.1);
     let gone = fs::canonicalize(other.0.path(BENCH)).unwrap();
     fs::remove_file(&gone).unwrap();

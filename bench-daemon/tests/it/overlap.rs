@@ -1,5 +1,5 @@
-//! A sweep whose points overlap: the same impedances, hardly more time than physics asks for, and a
-//! journal that is ahead of the instruments all the same.
+//! A sweep whose points overlap: the same impedances, hardly more time than the physical minimum,
+//! and a journal that is still ahead of the instruments.
 
 use std::{fs, path::Path};
 
@@ -7,7 +7,7 @@ use bench_daemon::command::run::run_experiment;
 
 use crate::support::{BENCH, EXPERIMENT, Files, sent, truth};
 
-/// Bench time of an entry of the journal, the step it belongs to, and what it is.
+/// Bench time of an entry of the journal, the step it belongs to, and its kind.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum What {
     Intent,
@@ -79,8 +79,8 @@ fn a_sweep_takes_little_more_than_its_periods_and_every_step_is_in_the_journal_f
         expected.push((step, What::Point));
     }
     assert_eq!(order, expected);
-    // In virtual time nothing takes time but what is waited for: gaps between messages, and
-    // physics. A burst is four messages, 10 ms apart.
+    // In virtual time only waits take time: gaps between messages, and physics. A burst is four
+    // messages, 10 ms apart.
     let bursts_s = 0.04 * points.len() as f64;
     // Scales and a record of the zero of the channels come before the first sinusoid.
     let zero_s = 1.5;

@@ -1,5 +1,5 @@
-//! Profiles from files through every way that a bench has: load and supply, the bipolar supply step
-//! by step, and a wave in the generator's memory.
+//! Profiles from files through every path of a bench: load and supply, the bipolar supply step by
+//! step, and a wave in the generator's memory.
 
 use std::fs;
 
@@ -38,8 +38,8 @@ fn files(more: &str, rows: &str) -> Files {
     files
 }
 
-/// The same behind the controls and two points of a sweep: what channels and harness do to a
-/// voltage is corrected.
+/// Returns the profile after the controls and two points of a sweep: the effect of channels and
+/// harness on a voltage is corrected.
 fn corrected(more: &str, rows: &str) -> Files {
     let files = Files::short(2).append(EXPERIMENT, &format!("{HEAD}{more}"));
     files.write("experiments/jump.csv", rows);
@@ -223,7 +223,7 @@ fn a_power_is_the_loads_own_constant_power_and_the_energy_is_the_profiles() {
         ),
     ] {
         let (_, rows, _) = run(&files);
-        // A profile counts what is drawn as positive, a series what is charged.
+        // In a profile the discharge direction is positive, in a series the charge direction.
         for (from_s, to_s, watts) in [(2.0, 20.0, -20.0), (22.0, 40.0, -45.0)] {
             let met = between(&rows, from_s, to_s);
             let powers: Vec<f64> = met
@@ -432,8 +432,8 @@ fn rows_that_are_too_fast_are_averaged_and_what_is_lost_is_said_in_plan_and_repo
     );
 }
 
-/// A robot's jump, A, discharge positive: a crouch, the push, the flight, and what the landing
-/// gives back, every 2 ms.
+/// The current of a robot's jump, A, discharge positive: a crouch, the push, the flight, and the
+/// energy returned by the landing, every 2 ms.
 fn jump_a(time_s: f64) -> f64 {
     let bump = |from_s: f64, length_s: f64, amps: f64| {
         let share = (time_s - from_s) / length_s;
@@ -478,9 +478,9 @@ fn a_wave_plays_two_milliseconds_and_the_record_is_the_profile_and_the_truth() {
         // A step of the SDG may be off by 0.4 % of 16 A, and its edge by a sample.
         assert!(worst_a < 0.2, "{name}: off by {worst_a} A");
         let trace = &index.traces[0];
-        // The noise of the record, the current's through the cell's resistance, and 0.1 mV for what
-        // the correction leaves of 16 A; the zero error that has flowed before the first row is in
-        // the start already.
+        // The noise of the record, the noise of the current times the cell's resistance, and 0.1
+        // mV for the remaining error of the correction at 16 A; the zero error that flowed before
+        // the first row is already in the start.
         let mut squares = 0.0;
         for (row, answer) in rows.iter().zip(answer(&rows)) {
             let noise_v = (trace.sample_sigma_v.powi(2) + (0.01 * trace.sample_sigma_a).powi(2))
@@ -518,7 +518,7 @@ fn a_wave_plays_two_milliseconds_and_the_record_is_the_profile_and_the_truth() {
                 && world.truth_current_a() == 0.0,
             "{name}: {witness:?}"
         );
-        // Whoever simulates can take the profile from it.
+        // A simulation can read the profile from it.
         let options = ReadOptions {
             demand: None,
             interpolation: Interpolation::Linear,
@@ -572,7 +572,7 @@ fn a_wave_of_long_pulses_has_its_charge_every_step_and_the_rest_behind_it() {
         "{:?}",
         trace.steps_s
     );
-    // Three seconds of rest, and nearly one of the time that the scope looks on.
+    // Three seconds of rest, and nearly one second of recording.
     assert!(rows.last().unwrap().time_s > 12.5, "{:?}", rows.last());
 }
 

@@ -1,5 +1,5 @@
-//! The quality gate of a sweep on the simulated bench: each criterion fires on its own fault, a
-//! clean bench passes, and what passes later is kept.
+//! The quality gate of a sweep on the simulated bench: each criterion detects its own fault, a
+//! clean bench passes, and a later record that passes is kept.
 
 use std::fs;
 
@@ -47,7 +47,8 @@ fn a_clean_bench_passes_the_gate_at_once() {
     );
 }
 
-/// A small cell that leaks, with an open-circuit voltage of so many volts over the state of charge.
+/// Returns a small cell that leaks, whose open-circuit voltage rises by `rise_v` over the state of
+/// charge.
 fn leaking(files: Files, rise_v: f64) -> Files {
     let curve = format!(
         "capacity_ah = 0.5\nocv = [{{ soc = 0.0, ocv_v = 3.5 }}, {{ soc = 1.0, ocv_v = {} }}]",
@@ -258,7 +259,7 @@ fn what_the_gate_refuses_has_an_exit_code_a_column_and_no_model_unless_asked() {
             .text("run/report.html")
             .contains("no model: the quality gate has refused every point")
     );
-    // Nor is one made of them on the way to a diagnosis.
+    // An investigation makes no model of them either.
     let out = files.path("investigation");
     let arguments: [std::ffi::OsString; 5] = [
         "investigate".into(),
@@ -417,7 +418,7 @@ fn refused_points_of_repeats_of_one_name_are_told_apart_and_a_replay_ends_with_t
             assert_eq!(rows, sweep.flagged.len(), "{file}: {table}");
         }
     }
-    // What one sweep lost is in the others.
+    // Points that one sweep lost are in the others.
     let text =
         format!("note: {count} points that the quality gate refused are left out of the models");
     assert!(
@@ -510,7 +511,7 @@ fn refused_points_of_a_control_count_are_named_and_do_not_feed_the_correction() 
         "{}",
         ended.message()
     );
-    // A control of which nothing is left is no control.
+    // A control without any points left is not a control.
     let files = noisy("0.01 %");
     let ended = files.run("run");
     ended.expect_code(4);

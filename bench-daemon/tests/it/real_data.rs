@@ -1,6 +1,6 @@
-//! Diagnoses of measured cells, of which nobody knows the truth. Tables trimmed from the measured
-//! files are part of the project (`fixtures/data/cells`). The full files are not. Where they stand
-//! in a folder `shared` beside the project, one test compares both.
+//! Diagnoses of measured cells whose true properties are unknown. Tables trimmed from the measured
+//! files are part of the project (`fixtures/data/cells`). The full files are not. If they are in a
+//! folder `shared` beside the project, one test compares both.
 
 use std::{
     path::{Path, PathBuf},
@@ -9,7 +9,7 @@ use std::{
 
 use serde_json::Value;
 
-/// The folder of the full files, where it is.
+/// Returns the folder of the full files, if it exists.
 fn full_files() -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
     if !folder.is_dir() {
@@ -42,7 +42,7 @@ fn run(folder: &Path, words: &[&str]) -> Vec<u8> {
     output.stdout
 }
 
-/// The diagnosis of a data set of `configs/datasets`, with what it names and these arguments.
+/// Returns the diagnosis of a data set of `configs/datasets` with these arguments.
 fn diagnosis(set: &str, more: &[&str]) -> Value {
     diagnosis_of(&project(&format!("configs/datasets/{set}")), more)
 }
@@ -103,7 +103,7 @@ const PANASONIC_FIT: [&str; 8] = [
     "3",
 ];
 
-/// Runs such arguments; `table` says where a table is.
+/// Runs the program with these arguments; `table` returns the path of a table.
 fn make(folder: &Path, words: &[&str], table: impl Fn(&str) -> String) {
     let words: Vec<String> = words
         .iter()
@@ -147,7 +147,7 @@ fn curves_and_models_beside_the_tables_are_what_the_commands_make() {
         let folder = tempfile::tempdir().unwrap();
         make(folder.path(), words, |name| format!("{tables}/{name}"));
         let mut met = crate::support::json(&folder.path().join("made").join(file));
-        // The next version makes the same from the same tables.
+        // The next version produces the same from the same tables.
         met.as_object_mut().unwrap().remove("program");
         let stored = crate::support::json(&Path::new(&tables).join(file));
         assert_alike(&met, &stored, &format!("{tables}/{file}"));
@@ -206,8 +206,8 @@ fn panasonic_lacks_something_like_diffusion_and_a_rest_stays_without_a_name() {
         (d["verdict"].as_str().unwrap(), names(&d["effects"])),
         ("mostly", vec!["diffusion"])
     );
-    // A slow process with a power law at its onset: which of its forms, data without repeats cannot
-    // tell.
+    // A slow process with a power law at its onset: data without repeats cannot distinguish its
+    // forms.
     assert_eq!(rivals(&d), ["cpe", "warburg"]);
     within(gap_mv(&d, "2C"), [14.71, 8.74, 3.45]);
     within(gap_mv(&d, "6C"), [35.23, 16.15, 5.82]);
@@ -216,7 +216,7 @@ fn panasonic_lacks_something_like_diffusion_and_a_rest_stays_without_a_name() {
             ["eis_only_mv", "augmented_mv"].map(|key| predicted(&d, run)[key].as_f64().unwrap());
         assert!(with < 0.15 * alone, "{run}: {alone} mV to {with} mV");
     }
-    // No repeats: whatever is left, it is not said to be noise.
+    // Without repeats, the residual must not be attributed to noise.
     assert!(
         d["noise"]["from_repeats"] == false
             && d["notes"][0]
@@ -409,8 +409,8 @@ fn trimmed_tables_tell_the_same_as_the_full_files() {
         let of_full = diagnosis_of(folder.path().to_str().unwrap(), &more);
         let of_trimmed = diagnosis(set, &[]);
         assert_eq!(of_full["verdict"], of_trimmed["verdict"], "{set}");
-        // Which of several effects that the data do not tell apart fits best is left to the last
-        // digits: of P45B two are 1.5 of χ² apart.
+        // If the data cannot distinguish several effects, the last digits decide which of them
+        // fits best: for P45B two differ by 1.5 of χ².
         assert_eq!(possible(&of_full), possible(&of_trimmed), "{set}");
         let same = names(&of_full["effects"]) == names(&of_trimmed["effects"]);
         for run in held_out {

@@ -14,8 +14,8 @@ use crate::{
     support::{BENCH, Files},
 };
 
-/// Plays the whole of a role's conversation to its own record; how many messages were as recorded,
-/// of how many.
+/// Replays the whole communication of a role against its own record; returns how many messages
+/// matched, and their total number.
 fn followed(files: &Files, role: &str) -> (usize, usize, Option<String>) {
     let path = files.path(&format!("run/transcripts/{role}.txt"));
     let transcript = Transcript::parse(&std::fs::read_to_string(&path).unwrap()).unwrap();

@@ -1,6 +1,6 @@
-//! The reference pages of `docs`: every key of every file that a user types, every command with its
-//! arguments, and the exit codes. They are made from the sources and from the help of the program.
-//! A test fails where a page is not what they say; with the variable `EIS_BENCH_WRITE_REFERENCE` it
+//! The reference pages of `docs`: every key of every file that a user types, every command with
+//! its arguments, and the exit codes. They are generated from the sources and from the help of the
+//! program. A test fails if a page differs; with the variable `EIS_BENCH_WRITE_REFERENCE` it
 //! writes the page.
 
 mod commands;
@@ -17,7 +17,7 @@ use std::{
 use page::Part;
 use sources::Library;
 
-/// Set where the pages are to be written and not compared.
+/// If set, the pages are written instead of compared.
 const WRITE: &str = "EIS_BENCH_WRITE_REFERENCE";
 
 /// Sources that hold the structures of the files, and the types that these refer to.
@@ -70,7 +70,7 @@ fn read(path: &str) -> String {
     fs::read_to_string(root().join(path)).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
-/// Compares a page with what it should be, or writes it.
+/// Compares a page with its expected text, or writes it.
 fn hold(name: &str, expected: &str) {
     let path = root().join("docs").join(name);
     if std::env::var_os(WRITE).is_some() {

@@ -1,4 +1,4 @@
-//! Recorded runs through the present pipeline, and run folders that are not what they were.
+//! Recorded runs through the present pipeline, and run folders that have changed.
 
 use std::{
     fs,
@@ -56,7 +56,7 @@ fn a_run_comes_out_the_same_and_a_flipped_bit_in_any_file_is_found() {
         );
     }
     assert!(!out.join("journal.jsonl").exists() && !out.join("captures").exists());
-    // Never over what is there.
+    // Existing files are never overwritten.
     let (code, text) = eis_bench(&["replay", "--out", out.to_str().unwrap()], &run);
     assert!(
         code == 2 && text.contains("expected a new or empty folder"),
@@ -125,7 +125,7 @@ fn what_does_not_follow_from_the_captures_is_named_even_with_right_hashes() {
     );
     fs::write(&path, &text).unwrap();
 
-    // Another capture: what the journal and the tables say does not follow from it any more.
+    // Another capture: the contents of journal and tables no longer follow from it.
     let captures: Vec<PathBuf> = files_below(&run.join("captures/cell"))
         .iter()
         .map(|name| run.join("captures/cell").join(name))
@@ -273,7 +273,7 @@ fn multisines_and_traces_are_recomputed_from_their_captures_and_what_does_not_fo
         "{code} {message}"
     );
 
-    // A capture of each that says something else, and hashes that fit it.
+    // One capture of each kind with other contents, and hashes that match it.
     for (capture, told) in [
         (
             "multisine_1/band1",

@@ -1,4 +1,4 @@
-//! Runs that died and go on in their folders.
+//! Runs whose process died and that are resumed in their folders.
 
 use std::{fs, path::Path};
 
@@ -36,7 +36,7 @@ pub(crate) fn resume(run: &Path, more: &[&str]) -> Ended {
     program(&arguments)
 }
 
-/// A person has looked.
+/// A person has inspected the bench.
 pub(crate) fn clear(files: &Files) {
     program(&[
         "clear".as_ref(),
@@ -314,7 +314,7 @@ fn a_folder_that_cannot_be_written_stops_the_run_in_safe_state_and_nothing_finis
     let files = Files::short(4);
     let ports = Ports::serve(&files, 20.0, 1);
     let run = files.path("blocked");
-    // The captures of the cell have no place to go to: a file is where their folder would be.
+    // The captures of the cell cannot be written: a file has the name of their folder.
     fs::create_dir_all(&run).unwrap();
     let child = std::thread::scope(|scope| {
         let ended = scope.spawn(|| files.run("blocked"));
@@ -400,8 +400,7 @@ fn a_charge_that_nobody_knows_is_not_moved_again_by_itself() {
     child.0.wait().unwrap();
     signal(nix::sys::signal::Signal::SIGKILL);
     assert_eq!(ports.ask("supply4q", "OUTP?"), "1");
-    // Whatever became of the run: what it has left on is looked at, written down and switched off
-    // first.
+    // In every case, outputs that the run left on are first queried, recorded and switched off.
     let latched = resume(&run, &[]);
     latched.expect_code(7);
     for text in [
@@ -466,7 +465,7 @@ fn a_sweep_goes_on_at_the_state_of_charge_where_it_began_or_when_a_person_says_s
     child.0.kill().unwrap();
     child.0.wait().unwrap();
     crate::guardian::report(&files, "verified");
-    // Somebody takes 30 mV out of the cell: 20 mV are the bound.
+    // Lower the cell voltage by 30 mV: the bound is 20 mV.
     let draws = |on: bool| {
         let state = LoadState {
             input_on: on,
@@ -479,7 +478,7 @@ fn a_sweep_goes_on_at_the_state_of_charge_where_it_began_or_when_a_person_says_s
     let begun_v = ports.world.lock().unwrap().truth_ocv_v();
     draws(true);
     crate::support::poll("another state of charge", || {
-        // The world goes on with whatever is asked of it.
+        // The world advances with every query.
         ports.ask("load", ":MEAS:VOLT?");
         (ports.world.lock().unwrap().truth_ocv_v() < begun_v - 0.03).then_some(())
     });

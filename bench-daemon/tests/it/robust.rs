@@ -65,7 +65,7 @@ fn points(band_hz: (f64, f64), count: usize, inductance_h: f64) -> Vec<(f64, Com
     (0..count).map(at).collect()
 }
 
-/// Writes a spectrum, with one σ for all parts of all points where there is one.
+/// Writes a spectrum, with one σ for all parts of all points if given.
 fn write(folder: &Path, points: &[(f64, Complex64)], sigma_ohm: Option<f64>) -> PathBuf {
     let mut text = format!(
         "freq_hz,z_re_ohm,z_im_ohm{}\n",
@@ -152,7 +152,7 @@ fn one_wrong_sign_is_no_noise_and_is_named() {
         assert!(text.contains("the point at 5.45 Hz lies"), "{text}");
         assert!(text.contains("σ off the fit to the others"), "{text}");
     }
-    // What is right is called so, and nothing is named.
+    // A correct model is reported as such, and nothing is named.
     let file = write(
         folder.path(),
         &points((0.05, 1000.0), 20, 0.0),
@@ -227,8 +227,7 @@ fn an_inductive_band_is_told_by_fit_and_by_kk() {
         &points((0.05, 5000.0), 30, 3e-7),
         Some(SIGMA_OHM),
     );
-    // At 209 Hz ωL, 0.394 mΩ, is what the branches take; at the next point, 310.5 Hz, it is 0.31 mΩ
-    // more.
+    // At 209 Hz the branches absorb ωL, 0.394 mΩ; at the next point, 310.5 Hz, it is 0.31 mΩ more.
     for arguments in [
         vec!["kk"],
         vec!["fit", "--rc", "3", "--objective", "complex"],

@@ -1,5 +1,5 @@
-//! Strange loads and records in the commands that use a model: power that cannot be had, pulses
-//! that nobody saw, a slow discharge within a longer record, packs of cells with names.
+//! Unusual loads and records in the commands that use a model: power that is not available, pulses
+//! that were not sampled, a slow discharge within a longer record, packs of named cells.
 
 use std::{
     path::Path,
@@ -156,8 +156,8 @@ fn the_tangent_ends_where_no_voltage_is_left_and_says_when() {
     );
 }
 
-/// A cell of 10 Ah, OCV 3 V + SOC · 1 V, 10 mΩ and one branch of 5 mΩ and 8 s, at 1 A with 3 A for
-/// a time every 4000 s; sampled every so often.
+/// Writes a record of a cell of 10 Ah, OCV 3 V + SOC · 1 V, 10 mΩ and one branch of 5 mΩ and 8 s,
+/// at 1 A with 3 A for a time every 4000 s, with the given sampling.
 fn pulsed(folder: &Path, name: &str, (sampling_s, length_s): (f64, f64)) -> String {
     let mut text = "Test Time / s,Current / A,Voltage / V\n".to_owned();
     let (mut v, mut drawn, mut noise) = (0.005, 0.0, 0u64);
@@ -386,7 +386,7 @@ const PACK: [&str; 14] = [
     "0.05",
 ];
 
-/// Report without the words on the source of the cells.
+/// Returns the report without the text on the source of the cells.
 fn outcome(text: &str) -> Value {
     let mut report = json(text);
     let fields = report.as_object_mut().unwrap();

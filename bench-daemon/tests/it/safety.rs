@@ -1,6 +1,6 @@
-//! Each interlock alone saves the cell: a fault of the simulated bench that no other interlock sees
-//! ends in a trip, and the cell's own witness tells of no harm. With that one interlock widened, or
-//! blind, the same fault harms the cell.
+//! Each interlock alone protects the cell: a fault of the simulated bench that no other interlock
+//! detects ends in a trip, and the cell's stress log shows no harm. With that one interlock
+//! widened or disabled, the same fault harms the cell.
 
 use bench_daemon::run::Session;
 use fixtures::{Witness, witness::AbuseKind};
@@ -24,7 +24,7 @@ fn reset() -> Files {
     Files::brief(2).without(EXPERIMENT, "fixture_check")
 }
 
-/// How a run ended, and what the cell says of it.
+/// Returns the result of a run, and the stress log of the cell.
 fn lived(files: &Files) -> (String, Witness) {
     let experiment = files.load();
     let mut session = Session::new(&experiment.bench).unwrap();
@@ -48,8 +48,8 @@ struct Case {
     faults: &'static str,
     /// Changes of `[interlock]` in both runs.
     common: &'static [(&'static str, &'static str)],
-    /// Changes that leave the interlock as it is, and those that take it away: the file, what is
-    /// replaced, what by.
+    /// Changes that keep the interlock, and those that remove it: the file, the replaced text, and
+    /// the replacement.
     with: &'static [(&'static str, &'static str, &'static str)],
     without: &'static [(&'static str, &'static str, &'static str)],
     trip: &'static str,
@@ -58,7 +58,7 @@ struct Case {
 
 impl Case {
     fn run(&self, changes: &[(&str, &str, &str)]) -> (String, Witness) {
-        // What would be refused as too wide is what the interlock is to be proven by.
+        // The interlock is tested with a limit that would be refused as too wide.
         let files = (self.files)()
             .without(CELL, "absolute")
             .append(SCENARIO, self.faults);
@@ -75,7 +75,7 @@ impl Case {
 
     fn prove(&self) {
         let (ended, witness) = self.run(self.with);
-        // Where an ammeter has stopped, nobody can verify afterwards that nothing flows.
+        // If an ammeter has stopped, it cannot be verified afterwards that no current flows.
         assert!(
             ended.contains(&format!("interlock: {}", self.trip)),
             "expected {:?}: {ended}",
@@ -94,9 +94,9 @@ impl Case {
 const NEARLY_FULL: (&str, &str, &str) = (SCENARIO, "initial_soc = 0.60", "initial_soc = 0.981");
 /// The crests of 1 A are within 4.15 V at the beginning of a sweep and leave it in its course.
 const CHARGED: (&str, &str, &str) = (SCENARIO, "initial_soc = 0.60", "initial_soc = 0.977");
-/// The same for 2.6 V.
+/// The setting for 2.6 V.
 const EMPTIED: (&str, &str, &str) = (SCENARIO, "initial_soc = 0.60", "initial_soc = 0.010");
-/// Nobody looks whether a reading moves with a slow sinusoid.
+/// Disables the check whether a reading changes with a slow sinusoid.
 const BLIND: (&str, &str) = ("frozen_time = \"30 s\"", "frozen_time = \"3600 s\"");
 const WEAK: (&str, &str, &str) = (SCENARIO, "[cell]", "[cell]\ngreatest_charge_a = 5.0");
 
@@ -179,7 +179,7 @@ fn only_the_current_limit_saves_a_cell_from_a_supply_that_runs_away() {
         faults: "[faults]\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 12.0 }",
         common: &[BLIND],
         with: &[WEAK],
-        // Nobody sees the current.
+        // No meter shows the current.
         without: &[
             WEAK,
             (SCENARIO, "[faults]", "[faults]\nammeter_freezes_s = 3.0"),
@@ -372,7 +372,7 @@ fn only_a_missing_reading_tells_of_a_thermometer_that_has_come_off_altogether() 
         heater = { from_s = 60.0, watts = 10.0 }\nthermometer_opens_s = 65.0",
         common: &[("\"5 K/min\"", "\"600 K/min\"")],
         with: &[],
-        // It still hangs on the bath, which is no warmer than it should be.
+        // It is still connected to the bath, which is not warmer than it should be.
         without: &[(
             SCENARIO,
             "thermometer_opens_s = 65.0",

@@ -1,5 +1,5 @@
-//! Model files follow the schema of `docs/model.schema.json`. Knows the words of JSON Schema that
-//! this schema uses, and no others.
+//! Model files follow the schema of `docs/model.schema.json`. Supports only the keywords of JSON
+//! Schema that this schema uses.
 
 use serde_json::Value;
 

@@ -127,7 +127,7 @@ fn an_experiment_is_submitted_runs_by_itself_and_can_be_looked_at() {
         !metrics.contains("eis_bench_cell_voltage_volts{"),
         "a cell without a run has no reading: {metrics}"
     );
-    // What ran is what was submitted, whatever became of the file since.
+    // The submitted version was executed, regardless of later changes of the file.
     let frozen = data(&files, &format!("submitted/{run}/experiments/demo.toml"));
     assert_eq!(frozen, files.text(EXPERIMENT));
     assert!(data(&files, "audit.jsonl").contains(
@@ -258,7 +258,7 @@ fn a_queue_survives_a_server_that_is_killed() {
     for run in [&runs[2], &runs[1]] {
         assert_eq!(served.ended(run)["finished"], true);
     }
-    // A second server on the same data is none.
+    // A second server on the same data is refused.
     let config = files.path("serve.toml");
     let second = program(&["serve".as_ref(), config.as_os_str()]);
     second.expect_code(2);
@@ -296,7 +296,7 @@ fn a_run_outlives_its_server_and_the_next_one_finds_it() {
     assert_eq!(served.process.0.wait().unwrap().code(), Some(0));
     let served = Served::start(&files);
     assert_eq!(served.ended(&run)["finished"], true);
-    // What waited behind it goes on by itself.
+    // The waiting run starts automatically.
     poll("the next run", || {
         (served.get("/benches/demo")["run"]["run"] == next.as_str()).then_some(())
     });
@@ -372,15 +372,14 @@ fn a_stop_ends_the_run_reads_every_output_back_and_holds_the_queue() {
         live["instruments"].as_array().unwrap().iter().all(off),
         "{live}"
     );
-    // What waits does not begin behind a stop, and a bench on which nothing runs can be stopped as
-    // well.
+    // A waiting run does not begin after a stop, and a bench without a run can also be stopped.
     assert_eq!(served.get("/queue")["items"][0]["run"], next.as_str());
     let idle = served.post("/benches/demo/stop", "").expect(200).json();
     assert!(
         idle["verified"] == true && idle["steps"][0] == "no run was in work",
         "{idle}"
     );
-    // The interrupted run goes on where it was.
+    // The interrupted run continues where it was.
     served
         .ask("DELETE", "/api/v1/queue/2", ("", ""))
         .expect(200);
@@ -488,7 +487,7 @@ fn after_a_killed_run_outputs_are_shown_as_its_guardian_or_somebody_else_has_ver
         (&true.into(), 4),
         "{report}"
     );
-    // Of a run that dies together with its guardian nothing is known, until somebody has switched
+    // If a run dies together with its guardian, the state is unknown until the bench is switched
     // off.
     served.post("/benches/demo/release", "").expect(200);
     let second = submit(&served, DEMO);

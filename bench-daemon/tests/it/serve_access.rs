@@ -15,8 +15,8 @@ use crate::{
 
 const SCOPES: [&str; 4] = ["read", "operate", "energise", "clear-trip"];
 
-/// Every operation of the document: method, path with names filled in, and the scope that it names;
-/// an empty one where any token will do, none where none is asked for.
+/// Returns every operation of the document: method, path with names filled in, and its scope; an
+/// empty scope if any token is sufficient, `None` if no token is required.
 fn operations(document: &serde_json::Value) -> Vec<(String, String, Option<String>)> {
     let paths = document["paths"].as_object().unwrap();
     let operations = paths.iter().flat_map(|(path, item)| {
@@ -99,7 +99,7 @@ fn every_call_wants_its_scope_and_no_other() {
             assert_eq!((none.status, path.as_str()), (200, "/api/v1/openapi.json"));
             continue;
         };
-        // Whoever stands at the machine can stop; a stop that a proxy passes on wants a token.
+        // A person at the machine can stop; a stop that a proxy forwards requires a token.
         if path == "/api/v1/stop" || path == "/api/v1/benches/demo/stop" {
             assert_eq!(none.status, 200, "{method} {path}");
             let passed_on = format!(
@@ -273,7 +273,7 @@ fn what_is_too_large_too_slow_or_meant_for_somebody_else_is_refused() {
         )
     };
     let told = |status: u16, code: &str| (status, code.to_owned());
-    // Said to be large, and large without having said so.
+    // A body with a large declared size, and a large body without a declared size.
     assert_eq!(
         code(head("Connection: close\r\nContent-Length: 5000\r\n").as_bytes()),
         told(413, "too_large")
@@ -344,7 +344,7 @@ fn what_is_too_large_too_slow_or_meant_for_somebody_else_is_refused() {
         Content-Type: text/plain\r\nContent-Length: 2\r\n\r\n{{}}"
     );
     assert_eq!(code(form.as_bytes()), told(415, "not_json"));
-    // What is not there, and what is there for another method.
+    // A path that does not exist, and one that exists for another method.
     assert_eq!(
         code(
             format!("GET /api/v1/none HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n")
@@ -375,7 +375,7 @@ fn one_peer_cannot_ask_for_ever_and_a_stop_is_heard_all_the_same() {
         .map(|_| served.ask("GET", "/api/v1/queue", ("", "")).status)
         .collect();
     assert_eq!(statuses, [200, 200, 200, 200, 200, 429, 429, 429]);
-    // Where there is nothing to read back, nothing is said to have been read back.
+    // If there is nothing to read back, no read-back is reported.
     let report = served.post("/benches/demo/stop", "").expect(200).json();
     assert_eq!(
         (&report["verified"], &report["simulated"]),
@@ -407,7 +407,7 @@ fn wrong_tokens_are_counted() {
         "{guesses:?}"
     );
     assert_eq!(guesses[24], 429);
-    // Whoever has a token is not shut out by a neighbour who guesses.
+    // A client with a valid token is not blocked by another client's wrong guesses.
     served.ask("GET", "/api/v1/queue", (&good, "")).expect(200);
     served
         .ask("POST", "/api/v1/benches/demo/stop", (&good, ""))
@@ -515,13 +515,14 @@ fn a_server_beyond_this_machine_wants_tokens_and_a_certificate() {
         answer(&bytes)
     };
     assert_eq!(ask(&request).expect(200).json()["name"], "ann");
-    // Without encryption nothing is said.
+    // Without encryption there is no answer.
     let mut plain = std::net::TcpStream::connect(format!("127.0.0.1:{port}")).unwrap();
     plain.write_all(request.as_bytes()).unwrap();
     let mut bytes = Vec::new();
     let _ = plain.read_to_end(&mut bytes);
     assert!(!String::from_utf8_lossy(&bytes).contains("ann"));
-    // Without its last token it lets nobody in, whether that was revoked or the file is gone.
+    // Without its last token the server refuses everyone, whether the token was revoked or the
+    // file is gone.
     let without = request.replace(&format!("Authorization: Bearer {secret}\r\n"), "");
     let config = files.path("serve.toml");
     let wording = program(&[

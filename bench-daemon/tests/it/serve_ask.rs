@@ -1,5 +1,5 @@
 //! Questions to the person at the bench, asked and answered over the API: a campaign of two cells
-//! that somebody clamps, and the notice that they are waited for.
+//! that a person clamps, and the notice that the run waits for that person.
 
 use std::ffi::OsStr;
 
@@ -26,7 +26,7 @@ pub(crate) fn files() -> Files {
         )
 }
 
-/// The bench as it is while it asks for another question than `than`.
+/// Returns the state of the bench while it asks a question other than `than`.
 fn asked(served: &Served, than: Option<u64>) -> Value {
     poll("a question", || {
         let bench = served.get("/benches/demo");

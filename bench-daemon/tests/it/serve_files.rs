@@ -1,5 +1,5 @@
-//! A bench that is edited over the API: what is saved is a proposal, a person at the machine puts it
-//! in force, and a server that runs begins nothing on a bench whose file it does not know.
+//! A bench that is edited over the API: a saved change is a proposal, a person at the machine puts
+//! it in force, and a running server begins no run on a bench whose file it does not know.
 
 use std::{
     fs,
@@ -189,7 +189,8 @@ fn a_run_that_was_planned_with_another_bench_file_is_not_begun() {
     served.ended("demo-2");
 }
 
-/// The demo's bench with addresses on this machine, at which nobody listens: it has a state.
+/// Returns the demo's bench with addresses on this machine where no instrument listens: it has a
+/// state.
 fn outside_the_process() -> Files {
     let files = Files::demo();
     let text = files.text(BENCH);

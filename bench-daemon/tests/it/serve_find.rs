@@ -1,5 +1,5 @@
-//! What people do with runs over the API: find them, write notes, look at the record behind a point,
-//! change files, analyse, explore packs.
+//! Work with runs over the API: find them, write notes, inspect the record of a point, change
+//! files, analyse, explore packs.
 
 use std::{fs, path::Path};
 
@@ -87,7 +87,7 @@ fn a_spectrum_shows_its_models_and_the_record_behind_each_point() {
     let (_files, served) = with_a_run();
     let models = served.get("/runs/demo-1/models?spectrum=spectrum");
     assert_eq!(models[0]["name"], "ERM, 4 RC");
-    // The scenario is of the order of the model: what it leaves is noise, at every frequency.
+    // The scenario has the order of the model: the residual is noise at every frequency.
     let residuals = models[0]["residuals"].as_array().unwrap();
     assert_eq!(residuals.len(), 20);
     let parts = residuals
@@ -211,7 +211,7 @@ fn a_draft_says_what_it_would_do_or_which_field_is_wrong() {
         .unwrap();
     assert_eq!(current["planned_least"], -5.0);
     assert_eq!(number(&current["margin"]), 10.5);
-    // The values make a text that means the same.
+    // The values result in an equivalent text.
     let value = draft["value"].clone();
     let again = served
         .post(drafts, &json!({ "value": value }).to_string())
@@ -264,7 +264,7 @@ fn files_are_changed_with_history_and_are_read_by_what_is_submitted_later() {
         .expect(200)
         .json();
     assert_eq!(second["versions"][1]["why"], "gentler");
-    // Who has not seen it does not write over it.
+    // A client that has not read the file cannot overwrite it.
     put(&served, path, &change(&text, "again", &first["sha256"])).expect(409);
     assert_eq!(
         served.get(&format!("{path}?version=0"))["text"],
@@ -337,7 +337,7 @@ fn analyses_run_beside_and_give_the_results_of_the_command() {
             ("", ""),
         )
         .expect(200);
-    // The same as at a terminal.
+    // The result equals that on a terminal.
     let out = files.path("by-hand");
     let spectrum = files.path("data/runs/demo-1/spectrum.csv");
     program(&[
@@ -369,7 +369,7 @@ fn analyses_run_beside_and_give_the_results_of_the_command() {
             "{part}: {story}"
         );
     }
-    // What it recommends can be run on this server.
+    // The recommended experiment can be run on this server.
     let text = &story["next"][0]["experiment"];
     let draft = served.post(
         "/drafts",
@@ -405,7 +405,7 @@ fn analyses_run_beside_and_give_the_results_of_the_command() {
         let answer = served.post("/analyses", &body.to_string()).expect(422);
         assert!(answer.text().contains(words), "{}", answer.text());
     }
-    // One that fails says why.
+    // A failed analysis reports the reason.
     let failed = analysed(
         &served,
         &json!({ "kind": "fit", "runs": ["demo-1"], "options": { "circuit": "R0-Q" } }),
@@ -538,7 +538,7 @@ fn a_session_cannot_be_forged_fixed_or_used_after_its_end() {
         asked(&served, &head, &json!({ "token": token }).to_string())
     };
     sign_in("", "eb_wrong").expect(401);
-    // A number that somebody else has chosen is not taken over.
+    // A session number that another client has chosen is not accepted.
     let chosen = "eis_bench_session=0123456789";
     let cookie = cookie_of(&sign_in(&format!("\r\nCookie: {chosen}"), &secret).expect(200));
     assert_ne!(cookie, chosen);
@@ -551,7 +551,8 @@ fn a_session_cannot_be_forged_fixed_or_used_after_its_end() {
     };
     get(chosen).expect(401);
     assert_eq!(get(&cookie).expect(200).json()["name"], "ann");
-    // A page of elsewhere can make a browser send the cookie, but not the header, and says whose it is.
+    // A foreign page can make a browser send the cookie, but not the header, and is identified by
+    // its origin.
     let hold = |more: &str| {
         asked(
             &served,
@@ -727,7 +728,7 @@ fn a_file_that_cannot_be_compared_is_refused_with_its_name() {
         message,
         "Content-Type: expected application/octet-stream, found none"
     );
-    // Longer than other bodies may be, and read all the same.
+    // Longer than other bodies may be, but still accepted.
     let mut text = "# a comment\n".repeat(30_000);
     text += "freq_hz,z_re_ohm,z_im_ohm\n10,0.02,-0.001\n1,0.03,-0.002\n";
     let answer = send_file(&served, &bytes_of("long.csv"), text.as_bytes()).expect(200);

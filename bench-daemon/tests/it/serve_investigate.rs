@@ -1,5 +1,5 @@
-//! Investigations over the API on the simulated bench: by which rule they end, and what is left of
-//! them when a person or a death of the server comes in between.
+//! Investigations over the API on the simulated bench: the rule that ends them, and their state
+//! after a person or the death of the server interrupts them.
 
 use serde_json::{Value, json};
 
@@ -106,7 +106,7 @@ fn an_investigation_ends_with_its_budget_a_held_bench_or_a_word() {
     served
         .post("/benches/demo/release", r#"{"why":"fastened"}"#)
         .expect(200);
-    // A word ends it, and its diagnosis with it.
+    // One request ends it together with its diagnosis.
     let path = begin(&served, 600.0);
     let cancel = format!("{path}/cancel");
     let one = served.post(&cancel, "").expect(200).json();

@@ -20,7 +20,7 @@ use crate::{
 
 const LISTENERS: usize = 200;
 const REQUESTS_PER_S: usize = 50;
-/// Seconds of load where `EIS_BENCH_LOAD_S` asks for no other number.
+/// Seconds of load unless `EIS_BENCH_LOAD_S` sets another number.
 const LOAD_S: f64 = 20.0;
 /// Time that the plan allows a point beyond its wait (`Step::longest_s`), s.
 const TOLERANCE_S: f64 = 60.0;

@@ -13,7 +13,8 @@ use crate::{
     support::{CELL, Files, Ports, poll},
 };
 
-/// A receiver of webhooks that answers with this status; gives its address and what comes.
+/// Starts a receiver of webhooks that answers with this status; returns its address and the
+/// received messages.
 fn hook(status: &'static str) -> (String, mpsc::Receiver<Value>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("http://{}/hook/secret", listener.local_addr().unwrap());

@@ -1,5 +1,5 @@
-//! The page in a real browser: Chromium with its driver, headless. Where they are absent the tests
-//! pass and say so. Pictures of each state go to `target/tmp/page`.
+//! The page in a real browser: Chromium with its driver, headless. If they are absent, the tests
+//! pass with a message. Pictures of each state go to `target/tmp/page`.
 
 use std::{
     fs,
@@ -21,7 +21,7 @@ const PHONE: (u32, u32) = (390, 844);
 /// The name of an element in answers (WebDriver, 11).
 const ELEMENT: &str = "element-6066-11e4-a52e-4f735466cecf";
 
-/// A browser with one window, spoken to as WebDriver (W3C) says.
+/// A browser with one window, controlled through WebDriver (W3C).
 pub(crate) struct Browser {
     driver: String,
     session: String,
@@ -30,7 +30,7 @@ pub(crate) struct Browser {
 }
 
 impl Browser {
-    /// None where there is no driver on this machine.
+    /// Returns `None` if there is no driver on this machine.
     pub(crate) fn start(dark: bool) -> Option<Self> {
         let driver = Command::new("chromedriver")
             .arg("--port=0")
@@ -49,7 +49,7 @@ impl Browser {
         let lines = BufReader::new(process.0.stdout.as_mut().unwrap())
             .lines()
             .map_while(Result::ok);
-        // It first says that it was asked for port 0.
+        // It first reports that port 0 was requested.
         let port = |line: String| {
             line.split_once("successfully on port ")
                 .and_then(|(_, port)| port.trim_end_matches('.').parse::<u16>().ok())
@@ -120,7 +120,7 @@ impl Browser {
         self.say("/execute/sync", &json!({ "script": text, "args": [] }))
     }
 
-    /// What a script calls its last argument with.
+    /// Runs a script that passes its result to its last argument.
     fn script_async(&self, text: &str) -> Value {
         self.say("/execute/async", &json!({ "script": text, "args": [] }))
     }
@@ -143,11 +143,11 @@ impl Browser {
         format!("/element/{}", found[ELEMENT].as_str().unwrap())
     }
 
-    /// Clicks as a person does, who sees what is there now: where it was drawn again since it was
-    /// found, it is looked for again.
+    /// Clicks as a person does, who sees the present page: an element that was drawn again since
+    /// it was found is located again.
     #[track_caller]
     pub(crate) fn click(&self, css: &str) {
-        // Not behind the head of the page, which stays where it is.
+        // Not behind the head of the page, which is fixed.
         let middle = format!(
             "const e = document.querySelector({css:?}); if (e) e.scrollIntoView({{ block: 'center' }})"
         );
@@ -185,8 +185,8 @@ impl Browser {
         self.wait_until(css, wanted, |text| text.contains(wanted));
     }
 
-    /// Waits for a number of points or more: between two looks of a slow browser a sweep may have
-    /// gone on by several.
+    /// Waits for at least a number of points: between two checks of a slow browser a sweep may
+    /// have advanced by several.
     #[track_caller]
     fn wait_points(&self, css: &str, before: &str, least: u64) {
         self.wait_until(css, &format!("{before}{least} or more"), |text| {
@@ -213,8 +213,8 @@ impl Browser {
         panic!("{css}: expected {wanted:?}, found {last:?}");
     }
 
-    /// What axe-core finds against WCAG 2.2 AA on the page as it is now; none where axe-core is not
-    /// at hand (`EIS_BENCH_AXE` names its file).
+    /// Checks the present page with axe-core against WCAG 2.2 AA; skipped if axe-core is not
+    /// available (`EIS_BENCH_AXE` names its file).
     #[track_caller]
     fn assert_accessible(&self, name: &str) {
         let Some(path) = std::env::var_os("EIS_BENCH_AXE") else {
@@ -232,7 +232,8 @@ impl Browser {
         assert_eq!(found, serde_json::json!([]), "{name}");
     }
 
-    /// The whole page at one size, and that nothing sticks out at its side.
+    /// Takes a picture of the whole page at one size, and asserts that nothing overflows at its
+    /// side.
     pub(crate) fn picture(&self, name: &str, size: (u32, u32)) {
         let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("page");
         fs::create_dir_all(&folder).unwrap();
@@ -369,13 +370,13 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     for words in ["supply4q", "load", "generator", "off, read back"] {
         assert!(message.contains(words), "{message}");
     }
-    // Folded again: the head of the page hides what is behind it.
+    // Folded again: the head of the page hides the content behind it.
     browser.click("#stopped summary");
     browser.wait("#state", "Idle");
     browser.wait("#held", "stopped by local");
     browser.pictures("stopped");
     browser.assert_accessible("stopped");
-    // On a phone what can be done about a run is within the window.
+    // On a phone the actions for a run are within the window.
     browser.size(PHONE);
     let right = browser.script(
         "return document.querySelector('#runs tr:last-child td:last-child \
@@ -462,7 +463,7 @@ fn a_run_is_seen_over_time_and_a_stretch_of_it_exactly() {
     }
     browser.pictures("time");
     browser.assert_accessible("time");
-    // A point is told in a line of its own, and stays when the plot is drawn anew.
+    // A point is described in its own line, and stays selected when the plot is drawn again.
     browser.keys(".cv-area", "\u{e014}");
     browser.wait(".cv-status", "Hz; Re ");
     browser.script("window.dispatchEvent(new Event('resize'))");
@@ -478,7 +479,7 @@ fn a_run_is_seen_over_time_and_a_stretch_of_it_exactly() {
     assert_eq!(pressed, "true");
 }
 
-/// From the click to the banner that says that the outputs were read off, ms.
+/// Time from the click to the banner that reports the outputs as off, ms.
 const STOP_AND_WAIT: &str = "
     const done = arguments[arguments.length - 1];
     const since = performance.now();
@@ -589,8 +590,8 @@ fn what_the_page_says_of_a_current_follows_from_outputs_through_which_one_can_fl
     }
 }
 
-/// Time passes faster for the page: its timers end so much sooner, and its clock goes so much
-/// faster.
+/// Accelerates the time of the page: its timers end earlier, and its clock runs faster, by one
+/// factor.
 const HURRY: &str = "
     const factor = 8;
     const [once, often, now, began] = [window.setTimeout.bind(window), \
@@ -622,8 +623,8 @@ fn ten_tabs_still_share_one_stream_after_a_server_that_did_not_answer() {
         browser.wait("#link", "connected");
     }
     let listeners = || {
-        // Whatever happens is heard, so that nobody takes the time between two words of the server
-        // for silence.
+        // Every event is received, so that the time between two messages of the server does not
+        // count as silence.
         served.post("/benches/demo/hold", "").expect(200);
         let text = served.ask("GET", "/metrics", ("", "")).expect(200).text();
         let row = text
@@ -645,7 +646,7 @@ fn ten_tabs_still_share_one_stream_after_a_server_that_did_not_answer() {
     let (mut most, since_s) = (0, instruments::clock::unix_time_s());
     while instruments::clock::unix_time_s() - since_s < 8.0 {
         let found = listeners();
-        // Those that were given up are known to be gone only with the next word.
+        // The page learns with the next message that the abandoned ones are gone.
         most = if instruments::clock::unix_time_s() - since_s < 3.0 {
             0
         } else {
@@ -707,7 +708,7 @@ fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     browser.wait("#runs", "✕");
     browser.pictures("tripped");
     browser.assert_accessible("tripped");
-    // Nothing is cleared before a person has said what was found.
+    // The latch cannot be cleared before a person has described the findings.
     browser.click("#trip button");
     assert!(browser.text("#trip").contains("demo is latched"));
     browser.keys("#found", "Ann: the limit in the cell file was too low");
@@ -736,10 +737,10 @@ const FIND: &str = "
     return Boolean(found);
 ";
 
-/// Whether the focus is on what was marked.
+/// Checks whether the marked element has the focus.
 const FOCUSED: &str = "return Boolean(document.activeElement.dataset.found)";
 
-/// Most controls that somebody has to pass to come to one, by Tab.
+/// Greatest number of controls before the wanted one, by Tab.
 const MOST_STOPS: usize = 300;
 
 impl Browser {
@@ -764,7 +765,7 @@ impl Browser {
                 return self.press("\u{e007}");
             }
             self.press("\u{e004}");
-            // What has been drawn anew meanwhile is marked anew.
+            // Elements that were drawn again in the meantime are marked again.
             found();
         }
         self.picture("failed", DESKTOP);
@@ -804,7 +805,7 @@ fn a_newcomers_way(dark: bool, size: (u32, u32), by_keyboard: bool) {
     look("confirm");
     take("Yes, submit to demo");
     browser.wait(".fm-side", "demo-1");
-    // It is watched, paused, and goes on; then it is stopped.
+    // It is watched, paused and continued; then it is stopped.
     browser.script("location.hash = '#demo'");
     browser.wait("#state", "Running");
     browser.wait_points("#runbody", "point ", 2);
@@ -822,7 +823,7 @@ fn a_newcomers_way(dark: bool, size: (u32, u32), by_keyboard: bool) {
     assert_eq!(asked, true, "nobody lets a queue go on without a word");
     browser.keys("#why", "looked at: it was stopped on purpose");
     take("Let the queue go on");
-    // The same again, from the run.
+    // The same actions, starting from the run.
     take("Catalogue");
     browser.wait("#view", "demo-1");
     look("runs");
@@ -838,7 +839,7 @@ fn a_newcomers_way(dark: bool, size: (u32, u32), by_keyboard: bool) {
     loop {
         browser.script(&format!("location.hash = '#/run/demo-{run}'"));
         browser.wait("#view", "✓ finished");
-        // What does its model lack, and what would tell?
+        // What its model lacks, and which experiment would show it.
         take("Diagnose");
         browser.wait("#view", "Cannot tell");
         browser.wait("#view", "What to do next");
@@ -851,7 +852,7 @@ fn a_newcomers_way(dark: bool, size: (u32, u32), by_keyboard: bool) {
         if browser.text("#view").contains("Yes, queue it on demo") {
             break;
         }
-        // The noise of a few points may look like an effect, for which a sweep is recommended that
+        // The noise of a few points may resemble an effect, for which a sweep is recommended that
         // is too slow for a simulated bench: then the run is repeated.
         assert!(run < 5, "no experiment that can be queued after {run} runs");
         run += 1;
@@ -916,7 +917,7 @@ fn a_person_clamps_two_cells_and_answers_on_the_phone() {
     assert_eq!(browser.text("#question"), "");
 }
 
-/// Script that returns where the rows of the table of the ageing lead.
+/// Script that returns the link targets in the rows of the table of the ageing.
 const AGEING_ROWS: &str = "return [...document.querySelectorAll('#view section:has(#fd-ageing) \
 tbody a')].map((link) => link.getAttribute('href'))";
 

@@ -1,9 +1,9 @@
-//! A stop that nothing can starve: a thousand sockets that come, say nothing and come again, three
-//! hundred listeners, a client that sends its head byte by byte; and the stop of a run in work is
-//! verified all the same.
+//! A stop that cannot be starved: a thousand sockets that connect, send nothing and reconnect,
+//! three hundred listeners, and a client that sends its head byte by byte; the stop of a run is
+//! still verified.
 //!
-//! `EIS_BENCH_STOPS=100` stops so many runs instead of continuous integration's one, and prints how
-//! long each took.
+//! `EIS_BENCH_STOPS=100` stops this number of runs instead of the single one in continuous
+//! integration, and prints the duration of each stop.
 
 use std::{
     io::{Read, Write},
@@ -27,7 +27,7 @@ fn sleep(seconds: f64) {
     std::thread::sleep(Duration::from_secs_f64(seconds.max(0.0)));
 }
 
-/// Sockets without a word; those that the server lets go of come again at once.
+/// Opens sockets that send nothing; those that the server closes reconnect at once.
 fn silent(address: &str, over: &AtomicBool) {
     let mut sockets: Vec<TcpStream> = Vec::new();
     while !over.load(Ordering::Relaxed) {
@@ -46,7 +46,7 @@ fn silent(address: &str, over: &AtomicBool) {
     }
 }
 
-/// Ends those who come for ever, however the test ends: a panic would wait for them.
+/// Ends the endless clients, even if the test panics: otherwise it would wait for them.
 struct Ends<'a>(&'a AtomicBool);
 
 impl Drop for Ends<'_> {
@@ -75,8 +75,8 @@ pub(crate) fn stops() -> usize {
     std::env::var("EIS_BENCH_STOPS").map_or(1, |stops| stops.parse().unwrap())
 }
 
-/// Stops a run in work as often as wanted, beside everybody who keeps the server busy; `stop` says
-/// how long it took until the stop was verified, s.
+/// Stops a run the given number of times while other clients keep the server busy; `stop` receives
+/// the time until the stop was verified, s.
 pub(crate) fn stop_beside_load(
     what: &str,
     prepare: impl FnOnce(&Served),
@@ -171,8 +171,7 @@ fn every_bench_is_stopped_at_once_and_a_revoked_token_hears_nothing_more() {
         "watcher".as_ref(),
     ])
     .expect_code(0);
-    // What is heard from here on was sent before; then the stream ends by itself while events go
-    // on.
+    // The received events were sent before; then the stream ends on its own while events continue.
     assert!(events.count() < 200);
     let reports = served
         .ask("POST", "/api/v1/stop", (&starter, ""))

@@ -80,7 +80,7 @@ impl Served {
         Self::start_by(command)
     }
 
-    /// Starts it in a shell that has said this before, such as `umask 0`.
+    /// Starts it in a shell after these commands, such as `umask 0`.
     pub(crate) fn start_after(files: &Files, words: &str) -> Self {
         let mut command = Command::new("sh");
         command
@@ -175,7 +175,7 @@ impl Served {
         })
     }
 
-    /// Waits until a run has so many points.
+    /// Waits until a run has this number of points.
     pub(crate) fn points(&self, count: u64) -> serde_json::Value {
         poll(&format!("{count} points"), || {
             let live = self.get("/benches/demo");
@@ -229,7 +229,7 @@ impl Iterator for Events {
     }
 }
 
-/// Reads to the end of the answer, where it says how long it is, or of the connection.
+/// Reads to the end of the answer, if its length is given, or of the connection.
 fn read(mut stream: TcpStream) -> Answer {
     let (mut bytes, mut part) = (Vec::new(), [0; 16 * 1024]);
     // A reset after the answer is an end too.

@@ -1,5 +1,5 @@
 //! `eis-bench simulate` on a model of the thesis' sweeps: names of the fields, the table over the
-//! robot's profiles, what is refused.
+//! robot's profiles, and what is refused.
 
 use std::{
     path::{Path, PathBuf},
@@ -134,7 +134,7 @@ fn too_much_power_is_a_result_and_the_tangent_goes_on() {
         (number(first, "time_s") - 0.5).abs() < 1e-9 && number(first, "power_w") == 600.0,
         "{first}"
     );
-    // At most 3.72²/(4·6.43 mΩ) = 538 W, less by what the branches hold back.
+    // At most 3.72²/(4·6.43 mΩ) = 538 W, minus the voltage drop of the branches.
     assert!(
         (480.0..538.0).contains(&number(first, "available_w")),
         "{first}"

@@ -1,5 +1,5 @@
-//! The reset of the state of charge is accepted by slope and band; what misses the band is tried
-//! again, then flagged or refused.
+//! The reset of the state of charge is accepted by slope and band; a reset that misses the band is
+//! repeated, then flagged or refused.
 
 use std::fs;
 

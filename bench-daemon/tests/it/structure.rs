@@ -1,6 +1,6 @@
-//! The arrows between the modules of a crate (ARCHITECTURE.md), read from the sources: a module
-//! names only what stands before it in the order of its crate, and circles of files stay small.
-//! Names of files and numbers that decide have one owner. Lines are not wider than 120 columns.
+//! The dependencies between the modules of a crate (ARCHITECTURE.md), read from the sources: a
+//! module uses only earlier modules in the order of its crate, and circles of files stay small.
+//! File names and decisive numbers have one owner. Lines are not wider than 120 columns.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -42,7 +42,7 @@ const DAEMON: &[&str] = &[
 ];
 
 /// Size of the largest circle of files that use each other, and number of circles, for each crate.
-/// Both numbers may only fall. [`arrows`] says what counts as use.
+/// Both numbers may only fall. [`arrows`] defines what counts as use.
 const CIRCLES: [Circles; 22] = [
     Circles::of("analysis/numeric", 0, 0),
     Circles::of("analysis/plot", 0, 0),
@@ -290,8 +290,9 @@ fn sources(krate: &str) -> Sources {
         .collect()
 }
 
-/// The file that defines what a path names, as seen from a module. None where the path ends in a
-/// module or leaves the crate. Imports are followed: whoever passes a name on does not count.
+/// Returns the file that defines what a path names, as seen from a module, or `None` if the path
+/// ends in a module or leaves the crate. Imports are followed: a module that only re-exports a
+/// name does not count.
 fn definer(path: &[String], from: &[String], sources: &Sources) -> Option<Module> {
     let (name, rest) = path.split_first()?;
     let source = sources.get(from)?;
@@ -321,13 +322,13 @@ fn definer(path: &[String], from: &[String], sources: &Sources) -> Option<Module
 
 type Arrows = BTreeMap<Module, BTreeSet<Module>>;
 
-/// Which file uses which other ones of its crate.
+/// Returns which file uses which other files of its crate.
 ///
 /// An arrow goes from a file to the file that defines what it names. Paths may begin with `crate`,
-/// `self`, `super` or a child module. Imports are followed: a file that only passes a name on gets
-/// no arrow. `mod` and `pub use` of files below are no use either: a parent may list its children.
-/// A parent whose own code uses a child that uses the parent makes a circle. Calls of methods are
-/// not seen.
+/// `self`, `super` or a child module. Imports are followed: a file that only re-exports a name
+/// gets no arrow. `mod` and `pub use` of files below do not count as use either: a parent may list
+/// its children. A parent whose own code uses a child that uses the parent makes a circle. Method
+/// calls are not detected.
 fn arrows(sources: &Sources) -> Arrows {
     let of = |(module, source): (&Module, &Source)| {
         let find = |path: &Module| definer(path, module, sources);
@@ -456,7 +457,7 @@ fn circles_of_files_become_fewer_and_smaller_only() {
 
 /// The module that alone spells the names of a run folder.
 const OWNER: &str = "run_folder";
-/// Names of folders that are plain words too: they count where a path is made of them.
+/// Names of folders that are also plain words: they count where they are part of a path.
 const PLAIN_WORDS: [&str; 5] = ["config", "plots", "shared", "spectra", "zero"];
 
 /// The texts of a file, attributes and tests left out: all of them, those of constants, and those
@@ -523,7 +524,7 @@ impl<'ast> Visit<'ast> for Texts {
     }
 }
 
-/// Names that the owner spells: whole names, and how names begin that depend on something.
+/// Names that the owner spells: complete names, and prefixes of names with a variable part.
 struct Spelled {
     names: BTreeSet<String>,
     beginnings: BTreeSet<String>,
@@ -611,7 +612,7 @@ fn one_file_of_the_daemon_names_the_mocks() {
     assert_eq!(found, ["mocks"]);
 }
 
-/// Fields that a struct of the daemon may have, where it changes itself.
+/// Greatest number of fields in a struct of the daemon that changes itself.
 const MOST_FIELDS: usize = 8;
 
 /// The number of fields of the structs of a module and of the modules in it, and which structs have
@@ -675,7 +676,7 @@ fn what_acts_in_the_daemon_has_few_fields() {
 
 /// The module that alone holds numbers of the diagnosis that decide something.
 const REGISTRY: &str = "thresholds";
-/// Constants of the diagnosis that decide nothing, or whole modules of such, with the reason.
+/// Constants of the diagnosis that decide nothing, or whole modules of them, with the reason.
 const NO_THRESHOLDS: [(&str, &str); 26] = [
     ("consistency::STEP", "step of a derivative"),
     ("current_filter::LASTING_ROWS", "a count"),

@@ -1,5 +1,5 @@
 //! Helpers of several tests: altered copies of the demo's files, the program as a process, and
-//! simulated instruments on real ports whose world the test can look into.
+//! simulated instruments on real ports whose world the test can inspect.
 
 use std::{
     fs,
@@ -60,7 +60,7 @@ impl Files {
             .edit(EXPERIMENT, "rc = [1, 2, 3, 4]", "rc = [1]")
     }
 
-    /// The same without the reset: the cell stays at the charge it has.
+    /// Returns the demo without the reset: the cell keeps its charge.
     pub(crate) fn short(points: usize) -> Self {
         Self::brief(points).without(EXPERIMENT, "soc_reset")
     }
@@ -69,8 +69,8 @@ impl Files {
         fs::read_to_string(self.path(name)).unwrap()
     }
 
-    /// Puts a listener before an instrument on a TCP port: its address from now on; and where the
-    /// instrument is.
+    /// Puts a listener in front of an instrument on a TCP port; returns the instrument's original
+    /// address and the listener.
     pub(crate) fn stand_before(&self, role: &str) -> (String, TcpListener) {
         let (bench, _) = load_bench(&self.path(BENCH)).unwrap();
         let addressed = bench.instruments.addressed();
@@ -109,7 +109,7 @@ impl Files {
         self
     }
 
-    /// Leaves out a section and what belongs to it.
+    /// Removes a section and its contents.
     pub(crate) fn without(self, name: &str, section: &str) -> Self {
         let mut inside = false;
         let mut kept = String::new();
@@ -160,7 +160,7 @@ pub(crate) struct Ended {
     pub(crate) stderr: String,
 }
 
-/// A command of the program, with nobody at the terminal.
+/// Returns a command of the program, without a person at the terminal.
 pub(crate) fn command(arguments: &[&std::ffi::OsStr]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_eis-bench"));
     command
@@ -229,7 +229,7 @@ impl MockProcess {
         Self::start_over(bench, written, timing, &[])
     }
 
-    /// The same with instruments behind other transports than their addresses name.
+    /// Starts them with instruments behind other transports than their addresses name.
     pub(crate) fn start_over(
         bench: &Path,
         written: &Path,
@@ -268,7 +268,8 @@ impl MockProcess {
 }
 
 /// The simulated instruments of a bench on real ports, served by a thread of this process, so that
-/// a test sees what truly happens to the cell while the program under test knows only addresses.
+/// a test can inspect the true state of the cell while the program under test knows only
+/// addresses.
 pub(crate) struct Ports {
     pub(crate) world: Arc<Mutex<SimulatedBench>>,
     addresses: Vec<(&'static str, String)>,
@@ -331,8 +332,8 @@ impl Ports {
         }
     }
 
-    /// Asks an instrument one question over a connection of its own; instruments take one client at
-    /// a time, so that nobody else may be connected.
+    /// Sends one query to an instrument over a separate connection. Instruments accept one client
+    /// at a time, so no other client may be connected.
     pub(crate) fn ask(&self, role: &str, question: &str) -> String {
         ask(self.address(role), question)
     }
@@ -348,7 +349,7 @@ impl Ports {
             .unwrap()
     }
 
-    /// Every output that can move charge says that it is off.
+    /// Asserts that every output that can move charge is reported as off.
     #[track_caller]
     pub(crate) fn assert_outputs_off(&self) {
         assert_eq!(self.ask("supply4q", "OUTP?"), "0");
@@ -397,7 +398,7 @@ pub(crate) fn ask(address: &str, question: &str) -> String {
     String::from_utf8(answer).unwrap().trim().to_owned()
 }
 
-/// Asks again and again, a minute at most, until there is an answer.
+/// Repeats a query until there is an answer, for at most one minute.
 pub(crate) fn poll<T>(what: &str, mut question: impl FnMut() -> Option<T>) -> T {
     for _ in 0..3000 {
         if let Some(answer) = question() {

@@ -176,7 +176,7 @@ fn the_controls_tell_how_far_the_bench_goes_with_and_without_correction() {
             .unwrap()
             .contains("the bench is to be believed within 1.0 %")
     );
-    // Beyond the sweep nothing is judged, and the spectrum of the cell ends where it ended.
+    // Beyond the sweep nothing is judged, and the spectrum of the cell ends where it ended before.
     assert_eq!(
         finished.measured.spectrum.points.last().unwrap().freq_hz,
         300.0

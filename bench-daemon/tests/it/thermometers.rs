@@ -25,7 +25,7 @@ fn brief() -> Files {
 #[test]
 fn frozen_and_swapped_thermometers_end_the_run_with_their_cause() {
     let heater = "heater = { from_s = 100.0, watts = 12.0 }";
-    // A sweep moves no charge on the whole, by which a thermometer that stands still would be known.
+    // A sweep moves no net charge, which would reveal a thermometer that does not change.
     let sweep = || {
         Files::demo()
             .without(EXPERIMENT, "temperature")

@@ -151,7 +151,7 @@ fn a_trace_is_the_truth_within_its_noise_and_the_index_tells_what_is_what() {
         );
         for (row, answer) in rows.iter().zip(answer(&rows)) {
             let noise_v = trace.sample_sigma_v * (1.0 / row.samples + 0.01).sqrt();
-            // Where a step lies between two samples is not known to better than their distance.
+            // The position of a step between two samples is uncertain by the sampling interval.
             let jitter_v = if trace
                 .steps_s
                 .iter()
@@ -169,7 +169,7 @@ fn a_trace_is_the_truth_within_its_noise_and_the_index_tells_what_is_what() {
             );
         }
         assert!(rows.last().unwrap().time_s > 23.0 && rows[0].temperature_c > 20.0);
-        // Whoever reads BDF reads it, with discharge positive.
+        // Any reader of BDF can read it, with discharge positive.
         let series = read_series(
             &files.path("run").join(&trace.file),
             &SeriesOptions::default(),

@@ -11,7 +11,7 @@ const ERM: &str = "6.43 mΩ; 1.51 mOhm, 0.553 F; 0.66 mΩ, 4.6 ms; 4.77 mohm, 1.
 const PLAIN: &str = r#"{"r_ohm": 0.00643, "branches": [{"r_ohm": 0.00151, "c_f": 0.553},
     {"r_ohm": 0.00066, "c_f": 6.96969696969697}, {"r_ohm": 0.00477, "c_f": 1084.0}]}"#;
 
-/// The program in a folder; its exit code and all that it said.
+/// Runs the program in a folder; returns its exit code and its complete output.
 fn eis_bench(folder: &Path, arguments: &[&str]) -> (i32, String) {
     let output = std::process::Command::new(env!("CARGO_BIN_EXE_eis-bench"))
         .current_dir(folder)
@@ -243,7 +243,7 @@ fn sop_and_both_pack_commands_take_a_model_in_each_way() {
                 "0.1,1000",
             ],
         );
-        // Down to 2.5 V at the whole DC resistance: 2.5·(3.6 − 2.5)/R.
+        // Down to 2.5 V at the full DC resistance: 2.5·(3.6 − 2.5)/R.
         near(&sop["map"][1]["discharge_w"], 2.5 * 1.1 / dc_ohm, 0.5);
         assert!(sop["notes"].to_string().contains("no uncertainty"), "{sop}");
         let curve = answer(
@@ -333,7 +333,7 @@ fn convert_writes_a_model_in_each_way_with_the_error_of_a_ladder() {
             );
             assert!(text.contains("no uncertainty"), "{text}");
         }
-        // A model file of it, which goes where any model goes.
+        // A model file of it, which is accepted wherever a model is.
         let out = format!("model{k}");
         done(
             folder.path(),

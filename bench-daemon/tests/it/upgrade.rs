@@ -162,7 +162,8 @@ fn run_folders_of_every_version_are_verified_and_their_results_read() {
         let mut words: Vec<&OsStr> = pack.split(' ').map(OsStr::new).collect();
         words.push(model.as_os_str());
         program(&words).expect_code(0);
-        // One that died goes on with the version that began it, and says which that is.
+        // A run whose process died is resumed with the version that began it, and the message
+        // names this version.
         let died = files.path("data/runs/demo-2");
         let ended = program(&["resume".as_ref(), died.as_os_str()]);
         if version == THIS {
@@ -213,7 +214,7 @@ fn the_data_folder_of_every_version_is_served_with_all_that_people_left_in_it() 
         let trail = files.text("data/audit.jsonl");
         assert!(!trail.contains("is not as it was written"), "{trail}");
     }
-    // A program that is used as the test says it is.
+    // The program under test has the version that the test assumes.
     let told = command(&["--version".as_ref()]).output().unwrap();
     assert_eq!(
         String::from_utf8_lossy(&told.stdout).trim(),

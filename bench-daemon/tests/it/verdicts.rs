@@ -1,5 +1,5 @@
-//! Runs that must not go on: each ends with its exit code and a message that names what was found,
-//! the outputs off and the cell left alone.
+//! Runs that must not continue: each ends with its exit code and a message that names the finding,
+//! with the outputs off and the cell unharmed.
 
 use std::{fs, path::Path};
 
@@ -19,7 +19,7 @@ const ON: [(&str, &str); 4] = [
     ("supply", "OUTP CH1,ON"),
 ];
 
-/// A channel whose gain is 6 % off: the voltage pair sits on 27 mΩ of wires, so that 10 mΩ reads a
+/// A channel whose gain is 6 % off: the voltage pair is on 27 mΩ of wires, so that 10 mΩ reads a
 /// sixth too much.
 const BAD_GAIN: &str = "
 [harness]
@@ -42,8 +42,8 @@ fn manifest_status(run: &Path) -> String {
 #[ignore = "drill"]
 fn a_bench_that_measures_its_controls_wrong_never_touches_the_cell() {
     let brief = || Files::brief(2);
-    // What is wrong, the control, the tolerance that says so, and how much the magnitude is off at
-    // most and at least, %.
+    // The fault, the control, the exceeded tolerance, and the greatest and least error of the
+    // magnitude, %.
     let cases = [
         (
             brief().edit(EXPERIMENT, "\"3 %\"", "\"1 %\""),
@@ -169,7 +169,7 @@ fn assert_cell_left_alone(run: &Path, ports: &Ports) {
     assert_eq!(world.truth_soc(), 0.6);
 }
 
-/// A cell whose open-circuit voltage goes from one value to another.
+/// Returns a cell whose open-circuit voltage ranges from one value to another.
 fn cell_of(least_v: f64, greatest_v: f64) -> String {
     format!(
         "initial_soc = 0.60\nocv = [{{ soc = 0.0, ocv_v = {least_v:.1} }}, {{ soc = 1.0, ocv_v = \
@@ -204,7 +204,7 @@ fn a_cell_that_is_out_of_its_limits_is_not_driven() {
             "cell voltage 4.3",
             "V left its limits (2.5 V to 4.2 V)",
         ),
-        // There is no cell: a piece of copper lies in the jig, and nobody is there to change it.
+        // There is no cell: a piece of copper is in the jig, and no person can change it.
         (
             bare()
                 .append(SCENARIO, "")
@@ -381,7 +381,7 @@ fn a_mistake_in_a_file_ends_before_anything_is_made() {
 fn plan_prints_every_stage_and_touches_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let configs = crate::configuration::configs().canonicalize().unwrap();
-    // Nobody answers at the addresses of the thesis' bench, and nobody is asked.
+    // No instrument answers at the addresses of the thesis' bench, and none is queried.
     for name in ["demo", "thesis"] {
         let experiment = configs.join(format!("experiments/{name}.toml"));
         let output = crate::support::command(&["plan".as_ref(), experiment.as_os_str()])
@@ -517,7 +517,7 @@ fn the_linear_bipolar_supply_measures_the_same_cell() {
 
 #[test]
 fn more_current_than_the_step_asked_for_trips_at_once() {
-    // Eight times the command, far below what the cell could bear.
+    // Eight times the command, far below what the cell could tolerate.
     let files = Files::short(2).edit(BENCH, "command_trim = 1.0", "command_trim = 8.0");
     let ports = Ports::serve(&files, FACTOR, 1);
     let ended = files.run("run");
@@ -530,8 +530,7 @@ fn more_current_than_the_step_asked_for_trips_at_once() {
     ports.assert_outputs_off();
 }
 
-/// The operator answers `done` without taking the cell out: nothing changes in the jig, where the
-/// cell sits.
+/// The operator answers `done` without removing the cell: the jig still contains the cell.
 #[test]
 fn a_cell_left_in_the_jig_is_not_driven_as_a_control() {
     for (control, what) in [

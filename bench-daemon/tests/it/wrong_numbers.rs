@@ -5,7 +5,7 @@ use bench_daemon::{command::run::run_experiment, safety::failure::Failure};
 
 use crate::support::{BENCH, EXPERIMENT, Files, SCENARIO, program};
 
-/// How a run ended: its exit code, and everything that it says of its results.
+/// Result of a run: its exit code, and everything that it reports about its results.
 struct Told {
     code: u8,
     words: String,
@@ -38,7 +38,7 @@ fn alone(points: usize) -> Files {
 
 /// Bench time at which the controls are done and the cell is not yet measured, s.
 const BETWEEN_S: f64 = 30.0;
-/// The same with seven points.
+/// The time with seven points.
 const CELL_OF_7_S: f64 = 54.0;
 
 fn faulty(files: Files, fault: &str) -> Files {
@@ -197,7 +197,7 @@ fn points_that_are_let_through_beside_many_that_are_refused_are_refused_and_give
         "{rows}\n{}",
         told.words
     );
-    // What is made of the captures again is judged alike.
+    // The recomputed results of the captures get the same verdict.
     let again = told.files.path("again");
     let ended = program(&[
         "replay".as_ref(),
@@ -244,7 +244,7 @@ fn sound(number: u64) -> Files {
         .append(SCENARIO, &format!("[harness]\nnoise_fraction = {noise}"))
 }
 
-/// Plays 40 sound runs, or the number in `EIS_BENCH_SOUND`.
+/// Executes 40 sound runs, or the number in `EIS_BENCH_SOUND`.
 #[test]
 #[ignore = "drill"]
 fn no_sound_bench_is_refused_or_flagged() {
@@ -259,7 +259,7 @@ fn no_sound_bench_is_refused_or_flagged() {
             flagged.push(format!("run {number}: code {}: {}", told.code, told.words));
         }
     }
-    // Clopper and Pearson's bound for none of so many; exact where none is flagged.
+    // Clopper and Pearson's bound for zero events; exact if none is flagged.
     let most = 1.0 - 0.05_f64.powf(1.0 / count as f64);
     println!(
         "{count} sound runs, {} flagged; 95 % upper bound of the rate where none is: {:.2} %; {} \

@@ -13,7 +13,7 @@ use super::read;
 /// Width of the help, in columns.
 const COLUMNS: &str = "100";
 
-/// The page; the given text says how it is made.
+/// Returns the page; the given text states how it is generated.
 pub(super) fn page(made: &str) -> String {
     let whole = help(&[]);
     let (help_text, codes) = whole.split_once("Exit codes:\n").unwrap();
@@ -77,7 +77,7 @@ fn commands(help: &str) -> Vec<String> {
         .collect()
 }
 
-/// Codes and meanings of the help; a meaning may go on in the next line.
+/// Returns codes and meanings of the help; a meaning may continue on the next line.
 fn exit_codes(listed: &str) -> Vec<(u8, String)> {
     let mut codes: Vec<(u8, String)> = Vec::new();
     for line in listed

@@ -6,9 +6,9 @@ use super::{
     sources::{Library, Structure, Value},
 };
 
-/// Words of a doc comment before what happens where a key is left out.
+/// Text of a doc comment before the effect of an omitted key.
 const LEFT_OUT: &str = " Left out: ";
-/// A heading names so many tables.
+/// Greatest number of tables that a heading names.
 const MOST_IN_A_HEADING: usize = 3;
 
 /// A file on a page.
@@ -37,7 +37,7 @@ impl Section<'_> {
     }
 }
 
-/// The tables of a file; the first is the whole file.
+/// Returns the tables of a file; the first is the whole file.
 pub(super) fn sections<'a>(library: &'a Library, part: &Part<'a>) -> Vec<Section<'a>> {
     let mut sections = Vec::new();
     collect(library, part.top, ("", ""), &mut sections);
@@ -53,7 +53,7 @@ pub(super) fn quantities(library: &Library) -> String {
     for quantity in library.quantities.values() {
         let mut units: Vec<String> = Vec::new();
         for (unit, _) in &quantity.units {
-            // Signs that look the same.
+            // Characters that appear identical.
             let unit = unit.replace('\u{2126}', "Ω").replace('\u{3bc}', "µ");
             let unit = format!("`{unit}`");
             if !units.contains(&unit) {

@@ -12,7 +12,7 @@ use super::{
     sources::{number, plain, text},
 };
 
-/// A bound that is no number in the source is left open.
+/// A bound that is not a number in the source is left open.
 type Range = (Option<f64>, Option<f64>);
 
 /// Ranges by the paths of their keys.
@@ -34,7 +34,7 @@ impl Ranges {
         ranges
     }
 
-    /// The range of a key in words, with a blank before it; nothing where it is not known.
+    /// Returns the range of a key as text, with a blank before it, or nothing if it is not known.
     pub(super) fn words(&self, path: &str) -> String {
         match self.found.get(path) {
             Some((Some(least), Some(greatest))) => {

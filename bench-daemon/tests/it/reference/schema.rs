@@ -78,7 +78,7 @@ fn table(library: &Library, sections: &[Section<'_>], structure: Structure<'_>) 
     })
 }
 
-/// The schema of a value that a page tells in words.
+/// Returns the schema of a value that a page describes as text.
 fn of_words(library: &Library, plain: &str) -> Json {
     let list = |count: &str, items: Json| {
         let mut array = json!({ "type": "array", "items": items });

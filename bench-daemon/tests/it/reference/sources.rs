@@ -11,7 +11,7 @@ use syn::{
 
 use super::read;
 
-/// Default of a table each of whose keys has one.
+/// Default of a table whose keys all have defaults.
 const ITS_DEFAULTS: &str = "no: its defaults";
 
 /// A source file and its path.
@@ -50,9 +50,9 @@ pub(super) type Words = Vec<(String, String)>;
 
 /// Value of a key.
 pub(super) enum Value<'a> {
-    /// In words.
+    /// As text.
     Plain(String),
-    /// One of these words; the text says how many.
+    /// One of these words; the text states how many.
     Words(&'static str, Words),
     /// A table.
     Table(Structure<'a>),
@@ -286,7 +286,7 @@ impl Library {
         Some(&self.quantities[&dimension.path.segments.last()?.ident.to_string()])
     }
 
-    /// Default of a type that says no other.
+    /// Returns the default of a type without a specific one.
     fn zero(&self, source: &Source, ty: &Type) -> String {
         let Type::Path(named) = ty else {
             return "no".to_owned();
@@ -416,7 +416,7 @@ impl Source {
         }
     }
 
-    /// The structure that the default of a type is written as; none where it is derived.
+    /// Returns the structure expression of a type's default, or `None` if the default is derived.
     fn usual(&self, name: &str) -> Option<&syn::ExprStruct> {
         let block = self.file.items.iter().find_map(|item| {
             let Item::Impl(item) = item else { return None };
@@ -469,7 +469,7 @@ impl<'a> Structure<'a> {
 struct Serde {
     rename: Option<String>,
     rename_all: Option<String>,
-    /// Some where the value may be left out; its function where it has one.
+    /// `Some` if the value may be omitted; contains its function, if it has one.
     default: Option<Option<String>>,
     deny_unknown_fields: bool,
 }
@@ -488,7 +488,7 @@ impl Serde {
                     "rename" => found.rename = value,
                     "rename_all" => found.rename_all = value,
                     "default" => found.default = Some(value),
-                    // How it is written, which nobody types.
+                    // This affects only writing, not what a user types.
                     "skip_serializing_if" => {}
                     "deny_unknown_fields" => found.deny_unknown_fields = true,
                     other => panic!("serde({other}) is not known to the reference"),
