@@ -1,15 +1,14 @@
-//! Writes the run folder while the run goes on: every result is on disk before the next step is
-//! begun.
+//! Writes the run folder during the run: every result is on disk before the next step begins.
 //!
-//! `config/` the files that were read · `manifest.json` what ran · `events.csv` every step with
-//! bench time · `readings.csv` every reading (at the end also `readings.parquet`) · `bath.csv`
-//! readings of the chiller · `envelope.csv` bounds of the readings in each step ·
+//! `config/` the files that were read · `manifest.json` identity of the run · `events.csv` every
+//! step with bench time · `readings.csv` every reading (at the end also `readings.parquet`) ·
+//! `bath.csv` readings of the chiller · `envelope.csv` bounds of the readings in each step ·
 //! `captures/FIXTURE/…parquet` raw ADC codes · `raw_FIXTURE.csv` impedances before correction ·
 //! `correction.json` · `spectrum.csv`, `.parquet` · `spectrum_2.csv` … further sweeps ·
-//! `series_TRACE_REPEAT.bdf.csv` traces · `traces.json` which sweeps and traces there are, and
-//! under which circumstances they were measured · `budget.csv`, `.json` · `model_Nrc.json` ·
-//! `plots/` · `report.html` · `transcripts/` every message · `log.txt` · `journal.jsonl` what was
-//! intended and what was done, from which a run that died goes on.
+//! `series_TRACE_REPEAT.bdf.csv` traces · `traces.json` index of the sweeps and traces, with their
+//! measurement conditions · `budget.csv`, `.json` · `model_Nrc.json` · `plots/` · `report.html` ·
+//! `transcripts/` every message · `log.txt` · `journal.jsonl` intended and finished steps, from
+//! which a run whose process died is resumed.
 
 mod error;
 mod folder;

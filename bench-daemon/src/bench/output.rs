@@ -346,8 +346,8 @@ impl SafeReport {
         self.outputs.iter().any(|output| output.silent)
     }
 
-    /// Adds the state of a bath that closes its own loop. If the bath is out of control, the
-    /// report is not verified.
+    /// Adds the state of a bath that closes its own loop. If the bath may harm the cell and could
+    /// not be stopped, the report is not verified.
     #[must_use]
     pub fn with_bath(mut self, bath: Option<BathLeft>) -> Self {
         if let Some(bath) = bath.as_ref().filter(|bath| bath.astray) {

@@ -18,7 +18,7 @@ use crate::{
 pub struct InstrumentReadback {
     /// Its role.
     pub role: String,
-    /// Whether its output is off, or disconnected so that no current can flow.
+    /// Whether its output is off, or open so that no current can flow.
     pub off: bool,
     /// Answers of the instrument.
     pub answers: Vec<Answer>,

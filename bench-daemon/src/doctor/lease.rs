@@ -172,11 +172,11 @@ async fn look(config: &config::Bench, clock: &Clock) -> Result<(), String> {
     Ok(())
 }
 
-/// The other process: takes the bench, switches the output on at zero current, reports this, and
-/// stops itself.
+/// Runs the other process of the check: takes the bench, switches the output on at zero current,
+/// reports this, and stops itself.
 ///
 /// # Errors
-/// Any failure to do that.
+/// Fails if any of these steps fails.
 pub async fn hold(
     config: &config::Bench,
     sha256: String,

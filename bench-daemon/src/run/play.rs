@@ -344,7 +344,8 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// The reason for the end outweighs a manifest that cannot be written.
+    /// Records how the run ended early. The reason for the end outweighs a manifest that cannot be
+    /// written.
     fn ended_early(&mut self, identities: &[Identified], how: &str, failure: &Failure) {
         tracing::info!("{how}: {failure}");
         let told = self.manifest(identities, &format!("{how}: {failure}"));

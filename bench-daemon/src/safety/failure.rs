@@ -129,7 +129,7 @@ pub enum Failure {
         /// Number of points.
         count: usize,
     },
-    /// The data are not sufficient for a diagnosis.
+    /// The data cannot be diagnosed.
     #[error("the data are invalid: {0}")]
     Invalid(String),
     /// The operating system reported an error.
