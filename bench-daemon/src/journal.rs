@@ -91,7 +91,7 @@ pub enum Entry {
         stage: usize,
         /// The step.
         step: usize,
-        /// The step in words.
+        /// The step, as text.
         text: String,
         /// Whether current may flow in it.
         live: bool,

@@ -185,7 +185,7 @@ pub struct PlanError {
     pub stage: usize,
     /// Number of the step in it, from 1.
     pub step: usize,
-    /// The step in words.
+    /// The step, as text.
     pub what: String,
     /// Reason.
     pub reason: String,

@@ -87,7 +87,7 @@ pub enum ExecuteError {
     /// A step reached its upper bound.
     #[error("{step}: not reached within {max_s:.0} s ({state})")]
     Bound {
-        /// The step in words.
+        /// The step, as text.
         step: String,
         /// The bound, s.
         max_s: f64,

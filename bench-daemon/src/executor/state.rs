@@ -51,7 +51,7 @@ pub(super) struct Direct {
 pub(crate) struct Known {
     /// Correction of the harness for the channels.
     pub(crate) correction: Correction,
-    /// Last reading of the cell before the bipolar supply went on.
+    /// Last reading of the cell before the bipolar supply was switched on.
     pub(crate) idle: Reading,
     /// Lines of multisines, with their noise and distortion, until they are taken.
     pub(crate) lines: Vec<Line>,

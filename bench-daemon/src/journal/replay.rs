@@ -75,7 +75,7 @@ pub enum ResumeError {
         stage: usize,
         /// Number of the step in it, from 1.
         step: usize,
-        /// The step in words.
+        /// The step, as text.
         what: String,
     },
 }

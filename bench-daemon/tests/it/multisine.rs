@@ -350,7 +350,7 @@ fn the_gate_lets_a_good_multisine_through_and_flags_what_fails_to_the_end() {
         points.len(),
         finished.measured.multisines[0].spectrum.points.len()
     );
-    // Without any time for it nothing is recorded again.
+    // Without a time budget nothing is recorded again.
     let hurried = one_branch("[effects.butler_volmer]\nbranch = 1\nalpha = 0.3").append(
         EXPERIMENT,
         &GATE

@@ -443,7 +443,7 @@ fn an_analysis_is_cancelled_while_it_waits_and_while_it_works() {
             .ask("DELETE", &format!("/api/v1{}", path(id)), ("", ""))
             .expect(409);
     }
-    // The next one does not wait for it.
+    // The next analysis does not wait for the cancelled one.
     let next = analysed(
         &served,
         &json!({ "kind": "fit", "runs": ["demo-1"], "options": { "rc": "1" } }),

@@ -731,7 +731,7 @@ const FIND: &str = "
         return node.checkVisibility() && !node.disabled && (text === name || text.startsWith(name));
     };
     document.querySelectorAll('[data-found]').forEach((node) => delete node.dataset.found);
-    // Within the part that is open first, for a bench may have the name of a run.
+    // First search the open part, because a bench may have the name of a run.
     const found = all.filter(fits).find((node) => node.closest('#view')) || all.find(fits);
     if (found) found.dataset.found = 'yes';
     return Boolean(found);

@@ -1,5 +1,5 @@
 //! The page of the command line: the help of the program and of each of its commands, and the exit
-//! codes, held against `failure.rs`.
+//! codes, compared with `failure.rs`.
 
 use std::{collections::BTreeSet, process::Command};
 
