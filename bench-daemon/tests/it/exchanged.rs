@@ -23,7 +23,7 @@ struct Answers {
     open: Vec<TcpStream>,
 }
 
-/// Stands between the programs and an instrument.
+/// A proxy between the programs and an instrument.
 #[derive(Clone, Default)]
 struct Proxy(Arc<Mutex<Answers>>);
 
@@ -48,7 +48,7 @@ impl Proxy {
         proxy
     }
 
-    /// Another instrument is plugged in: every connection breaks.
+    /// Plugs in another instrument: every connection breaks.
     fn exchange(&self, from: &str, to: &str) {
         let mut answers = self.0.lock().unwrap();
         answers.replaced = Some((from.to_owned(), to.to_owned()));

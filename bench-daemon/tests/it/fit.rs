@@ -119,7 +119,7 @@ fn one_rc_finds_the_global_optimum_below_the_one_of_the_thesis() {
     );
 }
 
-/// A small spectrum of 10 mΩ with 5 mΩ ∥ 2 F, in the three forms.
+/// Writes a small spectrum of 10 mΩ with 5 mΩ ∥ 2 F, in the three forms.
 fn forms(folder: &Path) -> [PathBuf; 3] {
     let mut own = "freq_hz,z_re_ohm,z_im_ohm\n".to_owned();
     let mut plain = String::new();

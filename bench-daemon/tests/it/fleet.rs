@@ -59,7 +59,7 @@ impl Broker {
         files.write("serve.toml", &text);
     }
 
-    /// Arguments of `fleet`.
+    /// Returns the arguments of `fleet`.
     fn asked<'a>(&'a self, more: &[&'a str]) -> Vec<&'a OsStr> {
         let asked = [
             "fleet",
@@ -73,7 +73,7 @@ impl Broker {
         asked.map(OsStr::new).collect()
     }
 
-    /// An answer of the command line.
+    /// Runs `fleet` on the command line and returns its answer.
     fn fleet(&self, more: &[&str]) -> Value {
         let ended = program(&self.asked(more));
         ended.expect_code(0);
@@ -105,12 +105,12 @@ impl Broker {
     }
 }
 
-/// The cell alone, two points: a run of less than a second.
+/// Returns files with the cell alone and two points: a run of less than a second.
 fn tiny() -> Files {
     Files::short(2).without(EXPERIMENT, "fixture_check")
 }
 
-/// Controls and a sweep that a model with two pairs is fitted to.
+/// Returns files with controls and a sweep to which a model with two pairs is fitted.
 fn measuring() -> Files {
     Files::short(8)
         .edit(EXPERIMENT, "rc = [1]", "rc = [2]")
@@ -299,7 +299,7 @@ fn a_bench_is_held_stopped_and_released_from_elsewhere_and_a_latch_is_out_of_rea
     });
     let released = broker.fleet(&["release", "north/demo", "--why", "it was steam"]);
     assert_eq!(released[0]["heard"], true, "{released}");
-    // A hold by the bench's own server is not the fleet's to take back.
+    // The fleet cannot remove a hold by the bench's own server.
     served
         .post("/benches/demo/hold", r#"{"why": "new probes"}"#)
         .expect(200);

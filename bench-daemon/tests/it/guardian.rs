@@ -26,12 +26,12 @@ use crate::{
 
 const FACTOR: f64 = 10.0;
 
-/// A file in the state folder of the bench.
+/// Returns the path of a file in the state folder of the bench.
 pub(crate) fn state(files: &Files, name: &str) -> PathBuf {
     files.path("benches/.eis-bench/demo").join(name)
 }
 
-/// The guardian's report as soon as it has this status.
+/// Waits until the guardian's report has this status and returns it.
 pub(crate) fn report(files: &Files, status: &str) -> serde_json::Value {
     poll(&format!("a guardian's report of {status:?}"), || {
         let report: serde_json::Value =
@@ -40,7 +40,7 @@ pub(crate) fn report(files: &Files, status: &str) -> serde_json::Value {
     })
 }
 
-/// Current of an instrument after the guardian had switched it off, A.
+/// Returns the current of an instrument after the guardian had switched it off, A.
 pub(crate) fn amps(report: &serde_json::Value, role: &str) -> f64 {
     let outputs = report["outputs"].as_array().unwrap();
     outputs
@@ -59,7 +59,7 @@ pub(crate) fn pid(child: &Running) -> i32 {
     i32::try_from(child.0.id()).unwrap()
 }
 
-/// A command on the bench file.
+/// Runs a command on the bench file.
 pub(crate) fn on_bench(files: &Files, words: &[&str]) -> Ended {
     let bench = files.path(BENCH);
     let arguments: Vec<&std::ffi::OsStr> = words[..1]

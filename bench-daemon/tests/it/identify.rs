@@ -9,7 +9,7 @@ use std::{
 
 use crate::support::{BENCH, Files, Ports, program};
 
-/// Stands between a client and an instrument and writes down every byte that goes to the
+/// A proxy between a client and an instrument that records every byte that goes to the
 /// instrument.
 struct Recorder {
     sent: Arc<Mutex<Vec<u8>>>,

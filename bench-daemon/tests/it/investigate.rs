@@ -429,7 +429,7 @@ fn limit(hidden: &str, named: &str, diagnosis: &Diagnosis) -> bool {
             .any(|note| note.starts_with(&format!("{} is not excluded", card.title)))
 }
 
-/// One line of the table.
+/// Returns one line of the table.
 fn line(case: &Hidden, score: Score, investigation: &Investigation) -> String {
     let mut text = format!(
         "{:3} {score:11?} {:45}",

@@ -35,7 +35,7 @@ fn refusal(file: &Path, arguments: &[&str]) -> String {
     String::from_utf8(output.stderr).unwrap()
 }
 
-/// One sweep of the table, its phase times a factor, in a file of its own.
+/// Writes one sweep of the table, with its phase times a factor, to a separate file.
 fn sweep(folder: &Path, start: &str, phase: f64) -> PathBuf {
     let table = std::fs::read_to_string(TABLE).unwrap();
     let mut text = String::new();

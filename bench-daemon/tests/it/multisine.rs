@@ -29,7 +29,7 @@ periods = 10
 settle = "5 s"
 "#;
 
-/// The frequencies of both bands, Hz.
+/// Returns the frequencies of both bands, Hz.
 fn lines_hz() -> Vec<f64> {
     let of = |base_hz: f64, range_hz, lines| {
         odd_grid(base_hz, range_hz, lines)
@@ -186,7 +186,7 @@ fn it_reports_the_distortion_of_butler_and_volmer_and_none_of_a_linear_cell() {
         slow.iter().any(|line| line.even > 2.0e-3) && slow.iter().any(|line| line.odd > 2.0e-3),
         "{lines:#?}"
     );
-    // The branch is shorted by its capacitance up there: nothing of its law is left.
+    // At these frequencies the capacitance shorts the branch, so its law has no effect.
     assert!(
         lines
             .iter()
@@ -441,7 +441,7 @@ fn errors_are_as_large_as_they_are_stated_where_images_fell_onto_lines() {
     assert!(mean < 2.13, "{mean}: {squares:.1?}");
 }
 
-/// The number at the beginning of a text.
+/// Returns the number at the beginning of a text.
 fn leading(text: &str) -> f64 {
     text.split(' ')
         .next()

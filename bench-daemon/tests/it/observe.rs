@@ -42,7 +42,7 @@ fn values(text: &str) -> Values {
         .collect()
 }
 
-/// Names of metrics in a text.
+/// Returns the names of metrics in a text.
 fn named(text: &str) -> BTreeSet<String> {
     let word = |c: char| c.is_ascii_alphanumeric() || c == '_';
     text.split(|c: char| !word(c))
@@ -51,7 +51,7 @@ fn named(text: &str) -> BTreeSet<String> {
         .collect()
 }
 
-/// A server that has run the short demo, which measures controls.
+/// Starts a server that has run the short demo, which measures controls.
 fn ran(files: &Files, environment: &[(&str, &str)]) -> (Served, String) {
     let served = Served::start_with(files, environment);
     let run = submit(&served, EXPERIMENT);
@@ -129,7 +129,7 @@ fn dashboard_alerts_and_documentation_name_what_is_measured() {
     ] {
         assert_eq!(now.get(name), Some(&value), "{name}: {text}");
     }
-    // The simulated harness reads the shunt a few percent wrong, and the correction mends it.
+    // The simulated harness reads the shunt a few percent wrong, and the correction removes this.
     let deviation = |kind: &str, control: &str, reading: &str| {
         let labels = format!("{{bench=\"demo\",control=\"{control}\",reading=\"{reading}\"}}");
         now[&format!("eis_bench_control_deviation_{kind}{labels}")].abs()
@@ -212,7 +212,7 @@ fn a_collector_is_told_what_prometheus_is_told() {
     };
     let before = poll("rest", || Some(metrics(&served)).filter(settled));
     let number = collector.arrived.lock().unwrap().metrics.len();
-    // The one in work may have been read before.
+    // The present one may have been read before.
     let sent = poll("metrics", || {
         collector
             .arrived
@@ -239,7 +239,7 @@ fn a_collector_is_told_what_prometheus_is_told() {
     assert_eq!(arrived.resource["service.name"], "eis-bench");
 }
 
-/// Spans of a name, of which there must be one at least.
+/// Returns the spans with a name; there must be at least one.
 fn of<'a>(spans: &'a [Span], name: &str) -> Vec<&'a Span> {
     let found: Vec<&Span> = spans.iter().filter(|span| span.name == name).collect();
     assert!(!found.is_empty(), "no span {name:?}: {spans:#?}");

@@ -17,7 +17,7 @@ fn experiment() -> Experiment {
     .unwrap()
 }
 
-/// The curve of a run and its greatest distance from the truth over 5 % to 95 %, V.
+/// Returns the curve of a run and its greatest distance from the truth over 5 % to 95 %, V.
 fn worst_v(finished: &Finished, folder: &std::path::Path) -> (OcvCurve, f64) {
     let curve: OcvCurve = serde_json::from_value(json(&folder.join("ocv.json"))).unwrap();
     let world = finished

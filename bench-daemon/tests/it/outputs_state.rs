@@ -79,7 +79,7 @@ impl Scene {
         known.stdout.lines().next().unwrap().to_owned()
     }
 
-    /// The title of the latest notice of outputs.
+    /// Returns the title of the latest notice of outputs.
     fn notice(&self) -> Option<String> {
         let notices = self.served.get("/notices");
         let all = notices["latest"]
@@ -195,7 +195,7 @@ impl Scene {
     }
 }
 
-/// A hand at the panel of the load, or another program.
+/// Switches the load on, as a person at its panel or another program would.
 fn load_on(ports: &Ports) {
     let mut stream = TcpStream::connect(ports.address("load")).unwrap();
     stream.write_all(b":CURR 2\n:INP ON\n:INP?\n").unwrap();
@@ -485,7 +485,7 @@ fn a_run_without_descriptors_that_has_switched_off_is_not_called_dead() {
         let journal = fs::read_to_string(run.join("journal.jsonl")).unwrap();
         journal.contains("\"entry\":\"paused\"").then_some(())
     });
-    // From here on the run can open no file any more.
+    // From here on the run cannot open any file.
     let limited = std::process::Command::new("prlimit")
         .args(["--pid", &pid(&child).to_string(), "--nofile=3:3"])
         .status();

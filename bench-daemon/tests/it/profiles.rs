@@ -28,7 +28,7 @@ longest_interval = "1 s"
 file = "jump.csv"
 "#;
 
-/// A trace of a file alone.
+/// Returns files with a trace from a file alone.
 fn files(more: &str, rows: &str) -> Files {
     let files = Files::short(2)
         .without(EXPERIMENT, "fixture_check")
@@ -46,7 +46,7 @@ fn corrected(more: &str, rows: &str) -> Files {
     files
 }
 
-/// The bench with one of each second kind.
+/// Returns the bench with one instrument of each second kind.
 fn mixed(files: Files) -> Files {
     let text =
         fs::read_to_string(crate::configuration::configs().join("benches/mixed.toml")).unwrap();
@@ -67,7 +67,7 @@ fn refused(files: &Files) -> String {
         .to_string()
 }
 
-/// Rows that lie within a stretch of test time.
+/// Returns the rows within an interval of test time.
 fn between(rows: &[TraceRow], from_s: f64, to_s: f64) -> Vec<&TraceRow> {
     rows.iter()
         .filter(|row| (from_s..to_s).contains(&row.time_s))
@@ -432,8 +432,8 @@ fn rows_that_are_too_fast_are_averaged_and_what_is_lost_is_said_in_plan_and_repo
     );
 }
 
-/// The current of a robot's jump, A, discharge positive: a crouch, the push, the flight, and the
-/// energy returned by the landing, every 2 ms.
+/// Returns the current of a robot's jump, A, discharge positive: a crouch, the push, the flight,
+/// and the energy returned by the landing, every 2 ms.
 fn jump_a(time_s: f64) -> f64 {
     let bump = |from_s: f64, length_s: f64, amps: f64| {
         let share = (time_s - from_s) / length_s;

@@ -8,7 +8,7 @@ use bench_daemon::{command::run::run_experiment, run::Finished};
 
 use crate::support::{BENCH, EXPERIMENT, Files, SCENARIO, program};
 
-/// A sweep of the cell alone with the gate.
+/// Returns files with a sweep of the cell alone with the gate.
 fn gated(start_hz: f64, points: usize, gate: &str) -> Files {
     Files::short(points)
         .without(EXPERIMENT, "fixture_check")
@@ -294,14 +294,14 @@ fn what_the_gate_refuses_has_an_exit_code_a_column_and_no_model_unless_asked() {
 const LOOSE: &str =
     "kramers_kronig = \"50 %\"\nrepeatability = \"50 %\"\ndistortion = \"50 %\"\ndrift = \"50 %\"";
 
-/// Three sweeps of which the gate refuses some points and lets others through.
+/// Returns files with three sweeps of which the gate refuses some points and accepts others.
 fn partly_refused() -> Files {
     gated(100.0, 6, &format!("noise = \"8 %\"\nagain = 0\n{LOOSE}"))
         .edit(EXPERIMENT, "points = 6", "points = 6\nrepeat = 3")
         .append(SCENARIO, "[harness]\nnoise_fraction = 0.05")
 }
 
-/// The table with a flag at these rows.
+/// Returns the table with a flag at these rows.
 fn flagged_table(plain: &str, rows: &[usize]) -> String {
     let mut lines = plain.lines();
     let mut text = format!("{},flags\n", lines.next().unwrap());
@@ -524,7 +524,7 @@ fn refused_points_of_a_control_count_are_named_and_do_not_feed_the_correction() 
     );
 }
 
-/// Rows that are flagged.
+/// Returns the number of flagged rows.
 fn flags_of(table: &str) -> usize {
     table
         .lines()

@@ -162,14 +162,14 @@ fn names(list: &Value) -> Vec<&str> {
         .collect()
 }
 
-/// Names of the rivals, sorted.
+/// Returns the names of the rivals, sorted.
 fn rivals(d: &Value) -> Vec<&str> {
     let mut rivals = names(&d["rivals"]);
     rivals.sort_unstable();
     rivals
 }
 
-/// The names and their rivals, sorted.
+/// Returns the names and their rivals, sorted.
 fn possible(d: &Value) -> Vec<&str> {
     let mut all = names(&d["effects"]);
     all.extend(rivals(d));
@@ -177,7 +177,8 @@ fn possible(d: &Value) -> Vec<&str> {
     all
 }
 
-/// The gaps of a held-out run over all rows in mV: by the model file, refitted, augmented.
+/// Returns the gaps of a held-out run over all rows in mV: of the model file, fitted again, and
+/// augmented.
 fn gap_mv(d: &Value, run: &str) -> [f64; 3] {
     let gap = d["gap"]
         .as_array()
@@ -247,7 +248,7 @@ fn cold_panasonic_is_predicted_by_two_effects_and_named_by_none() {
     }
 }
 
-/// The gap of a held-out run with the terms for predictions.
+/// Returns the gap of a held-out run with the terms for predictions.
 fn predicted<'a>(d: &'a Value, run: &str) -> &'a Value {
     let gaps = d["predictive"]["gap"].as_array().unwrap();
     gaps.iter().find(|gap| gap["run"] == run).unwrap()

@@ -58,7 +58,7 @@ const KEYS: &str = "*Needed* says `yes`, or the default of a key, or `no` and wh
     the key is left out.\n\
     A key that no table lists is an error.\n";
 
-/// The root of the repository.
+/// Returns the root of the repository.
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("..")

@@ -20,7 +20,7 @@ fn eis_bench(arguments: &[&str], folder: &Path) -> (i32, String) {
     (ended.code.unwrap(), ended.stdout + &ended.stderr)
 }
 
-/// A small run: controls, and a sweep of five points.
+/// Executes a small run: controls, and a sweep of five points.
 fn small_run(files: &Files) -> PathBuf {
     files.run("run").expect_code(0);
     files.path("run")

@@ -31,7 +31,7 @@ fn told(arguments: &[&str]) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// A number of spread 1 and mean 0, from a counter.
+/// Returns a number of spread 1 and mean 0, from a counter.
 fn noise(seed: u64) -> f64 {
     let mix = |seed: u64| {
         let mut x = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15);
@@ -55,7 +55,7 @@ fn cell(freq_hz: f64, inductance_h: f64) -> Complex64 {
             .sum::<Complex64>()
 }
 
-/// Points of the cell over a band, with noise.
+/// Returns points of the cell over a band, with noise.
 fn points(band_hz: (f64, f64), count: usize, inductance_h: f64) -> Vec<(f64, Complex64)> {
     let at = |k: usize| {
         let freq_hz = band_hz.0 * (band_hz.1 / band_hz.0).powf(k as f64 / (count - 1) as f64);

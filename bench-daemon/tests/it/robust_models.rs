@@ -36,7 +36,7 @@ fn json(text: &str) -> Value {
     serde_json::from_str(text).unwrap()
 }
 
-/// The thesis' 4-RC model as `model.json` in a folder of its own.
+/// Returns the thesis' 4-RC model as `model.json` in a separate folder.
 fn fitted() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let sweeps =

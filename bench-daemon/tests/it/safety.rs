@@ -19,7 +19,7 @@ fn sweep(points: usize) -> Files {
         .edit(EXPERIMENT, "rc = [1, 2, 3, 4]", "rc = [1]")
 }
 
-/// The reset of the state of charge, then two fast points.
+/// Returns files with the reset of the state of charge, then two fast points.
 fn reset() -> Files {
     Files::brief(2).without(EXPERIMENT, "fixture_check")
 }

@@ -432,7 +432,7 @@ fn a_stop_reaches_a_run_that_hangs_and_one_of_another_terminal() {
     );
 }
 
-/// The process of the run in work.
+/// Returns the process ID of the present run.
 fn in_work(served: &Served) -> i32 {
     poll("a process", || {
         i32::try_from(served.get("/queue")["items"][0]["process"]["pid"].as_i64()?).ok()

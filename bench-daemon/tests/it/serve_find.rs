@@ -11,7 +11,7 @@ use crate::{
     support::{CELL, EXPERIMENT, Files, poll, program},
 };
 
-/// A server with a finished run of the demo in virtual time.
+/// Starts a server with a finished run of the demo in virtual time.
 fn with_a_run() -> (Files, Served) {
     let files = Files::demo();
     config(&files, "");
@@ -504,7 +504,7 @@ fn a_pack_is_explored_with_the_model_of_a_run() {
     }
 }
 
-/// A request with more lines in its head.
+/// Sends a request with additional header lines and returns the answer.
 fn asked(served: &Served, head: &str, body: &str) -> crate::serve_support::Answer {
     let request = format!(
         "{head}\r\nHost: {}\r\nConnection: close\r\nContent-Length: {}\r\n\r\n{body}",

@@ -8,8 +8,8 @@ use crate::{
     support::{Files, poll},
 };
 
-/// A server with a finished run of the demo in virtual time. Its one sweep repeats nothing, so that
-/// its diagnosis stays open and recommends to repeat it.
+/// Starts a server with a finished run of the demo in virtual time. Its one sweep repeats
+/// nothing, so that its diagnosis stays open and recommends to repeat it.
 fn with_a_run() -> (Files, Served) {
     let files = Files::demo();
     config(&files, "");
@@ -33,12 +33,12 @@ fn begin(served: &Served, minutes: f64) -> String {
     format!("/investigations/{}", one["id"].as_str().unwrap())
 }
 
-/// The investigation, as soon as it is so.
+/// Waits until the investigation fits and returns it.
 fn once(served: &Served, path: &str, what: &str, fits: impl Fn(&Value) -> bool) -> Value {
     poll(what, || Some(served.get(path)).filter(|one| fits(one)))
 }
 
-/// The investigation with its end.
+/// Waits until the investigation has this end and returns it.
 fn ended(served: &Served, path: &str, end: &str) -> Value {
     let one = once(served, path, "the end of the investigation", |one| {
         one["state"] == "ended"

@@ -32,12 +32,12 @@ fn sleep(seconds: f64) {
     std::thread::sleep(Duration::from_secs_f64(seconds.max(0.0)));
 }
 
-/// A quantile of sorted numbers.
+/// Returns a quantile of sorted numbers.
 fn quantile(sorted: &[f64], share: f64) -> f64 {
     sorted[((sorted.len() - 1) as f64 * share).round() as usize]
 }
 
-/// Each point's wait as planned and as it took, and the longest time between two readings, s.
+/// Returns each point's planned and actual wait, and the longest time between two readings, s.
 fn lateness(files: &Files, run: &str) -> (Vec<f64>, f64) {
     let folder = files.path("data/runs").join(run);
     let lines = read(&folder).unwrap().lines;

@@ -43,7 +43,8 @@ fn hook(status: &'static str) -> (String, mpsc::Receiver<Value>) {
     (address, receiver)
 }
 
-/// A mail server that takes everything (RFC 5321); gives its address and the messages.
+/// Starts a mail server that accepts every message (RFC 5321); returns its address and the
+/// messages.
 fn mail() -> (String, mpsc::Receiver<String>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap().to_string();

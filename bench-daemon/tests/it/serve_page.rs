@@ -125,7 +125,7 @@ impl Browser {
         self.say("/execute/async", &json!({ "script": text, "args": [] }))
     }
 
-    /// The text of an element that is shown.
+    /// Returns the text of an element that is shown.
     pub(crate) fn text(&self, css: &str) -> String {
         let script = format!(
             "const e = document.querySelector({css:?}); return e && e.offsetParent !== null ? \

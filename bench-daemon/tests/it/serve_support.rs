@@ -1,5 +1,5 @@
-//! A server as a process, and a client that speaks HTTP byte by byte, so that it can also speak it
-//! badly.
+//! A server as a process, and a client that sends HTTP byte by byte, so that it can also send
+//! invalid requests.
 
 use std::{
     fs,
@@ -162,7 +162,7 @@ impl Served {
         self.ask("POST", &format!("/api/v1{path}"), ("", body))
     }
 
-    /// The end of a run, as soon as it is there.
+    /// Waits for the end of a run and returns it.
     pub(crate) fn ended(&self, run: &str) -> serde_json::Value {
         poll(&format!("the end of {run}"), || {
             let jobs = self.get("/runs");
@@ -183,7 +183,7 @@ impl Served {
         })
     }
 
-    /// A listener to the events.
+    /// Connects a listener to the events.
     pub(crate) fn listen(&self, more: &str) -> Events {
         let mut stream = self.connect();
         write!(
@@ -247,7 +247,7 @@ fn read(mut stream: TcpStream) -> Answer {
     answer(&bytes)
 }
 
-/// One question and its answer over a connection of its own.
+/// Sends one request over a separate connection and returns the answer.
 pub(crate) fn exchange(address: &str, method: &str, path: &str, body: &str) -> Answer {
     let mut stream = TcpStream::connect(address).unwrap();
     stream
@@ -308,7 +308,7 @@ pub(crate) fn submit(served: &Served, body: &str) -> String {
         .to_owned()
 }
 
-/// The text of a file in the server's data folder.
+/// Returns the text of a file in the server's data folder.
 pub(crate) fn data(files: &Files, name: &str) -> String {
     fs::read_to_string(files.path("data").join(name))
         .unwrap_or_else(|error| panic!("{name}: {error}"))

@@ -32,7 +32,7 @@ fn number(value: &Value, key: &str) -> f64 {
         .unwrap_or_else(|| panic!("no number {key} in {value}"))
 }
 
-/// The thesis' 4-RC model in a folder of its own.
+/// Returns the thesis' 4-RC model in a separate folder.
 fn fitted() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let sweeps =

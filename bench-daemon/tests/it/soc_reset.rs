@@ -7,7 +7,7 @@ use bench_daemon::command::run::run_experiment;
 
 use crate::support::{EXPERIMENT, Files, SCENARIO, json};
 
-/// A reset and two points.
+/// Returns files with a reset and two points.
 fn files(acceptance: &str) -> Files {
     Files::brief(2).without(EXPERIMENT, "fixture_check").edit(
         EXPERIMENT,

@@ -93,7 +93,7 @@ impl Circles {
 
 type Module = Vec<String>;
 
-/// The source files of a crate by module, tests left out.
+/// Returns the source files of a crate by module, without tests.
 fn files(krate: &str) -> BTreeMap<Module, PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("..")
@@ -224,7 +224,7 @@ impl Source {
     }
 }
 
-/// A source file without the modules that are compiled for tests only.
+/// Parses a source file without the modules that are compiled for tests only.
 fn parsed(path: impl AsRef<Path>) -> syn::File {
     let mut file = syn::parse_file(&std::fs::read_to_string(path).unwrap()).unwrap();
     leave_out_tests(&mut file.items);
@@ -282,7 +282,7 @@ impl<'ast> Visit<'ast> for Source {
 
 type Sources = BTreeMap<Module, Source>;
 
-/// The sources of a crate by module.
+/// Returns the sources of a crate by module.
 fn sources(krate: &str) -> Sources {
     let files = files(krate).into_iter();
     files
@@ -359,7 +359,7 @@ fn upward(krate: &str, order: &[&str]) -> Vec<String> {
         .collect()
 }
 
-/// Modules that can be reached from a module.
+/// Returns the modules that can be reached from a module.
 fn reached<'a>(from: &'a Module, arrows: &'a Arrows) -> BTreeSet<&'a Module> {
     let (mut seen, mut next) = (BTreeSet::new(), vec![from]);
     while let Some(module) = next.pop() {
@@ -372,7 +372,7 @@ fn reached<'a>(from: &'a Module, arrows: &'a Arrows) -> BTreeSet<&'a Module> {
     seen
 }
 
-/// The circles of files, the largest first.
+/// Returns the circles of files, the largest first.
 fn circles(arrows: &Arrows) -> Vec<Vec<String>> {
     let reach: BTreeMap<&Module, BTreeSet<&Module>> = arrows
         .keys()
@@ -399,7 +399,7 @@ fn the_modules_of_the_daemon_depend_one_way_only() {
     assert_eq!(upward("bench-daemon", DAEMON), [""; 0]);
 }
 
-/// Circles of a small crate, given by its files.
+/// Returns the circles of a small crate, given by its files.
 fn circles_of(files: &[(&str, &str)]) -> Vec<Vec<String>> {
     let module = |path: &str| path.split_terminator("::").map(str::to_owned).collect();
     let source = |text: &str| Source::of(&syn::parse_file(text).unwrap());
@@ -624,7 +624,7 @@ struct Acting {
 }
 
 impl Acting {
-    /// The structs that change themselves, with their numbers of fields.
+    /// Returns the structs that change themselves, with their numbers of fields.
     fn structs(&self) -> impl Iterator<Item = (&str, usize)> {
         self.fields
             .iter()
@@ -766,7 +766,8 @@ fn the_thresholds_of_the_diagnosis_have_one_owner() {
     assert_eq!(gone, [""; 0], "exceptions that no constant needs");
 }
 
-/// Lines of source files below a folder with more than [`MOST_COLUMNS`], as `path:line: columns`.
+/// Returns the lines of source files below a folder with more than [`MOST_COLUMNS`], as `path:line:
+/// columns`.
 fn wide_lines(folder: &Path) -> Vec<String> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).unwrap() {

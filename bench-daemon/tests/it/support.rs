@@ -30,7 +30,7 @@ pub(crate) const BENCH: &str = "benches/demo.toml";
 pub(crate) const CELL: &str = "cells/p45b.toml";
 pub(crate) const SCENARIO: &str = "scenarios/p45b.toml";
 
-/// The demo's files as they are in the tree.
+/// Returns the demo's files as they are in the tree.
 pub(crate) fn demo() -> PathBuf {
     crate::configuration::configs().join(EXPERIMENT)
 }
@@ -196,7 +196,7 @@ impl Ended {
         self
     }
 
-    /// The message behind `eis-bench:`.
+    /// Returns the message after `eis-bench:`.
     pub(crate) fn message(&self) -> &str {
         self.stderr
             .lines()
@@ -338,7 +338,7 @@ impl Ports {
         ask(self.address(role), question)
     }
 
-    /// Host and port of an instrument.
+    /// Returns the host and port of an instrument.
     pub(crate) fn address(&self, role: &str) -> &str {
         self.addresses
             .iter()
@@ -376,7 +376,7 @@ impl Drop for Ports {
     }
 }
 
-/// One question over a fresh connection.
+/// Sends one query over a new connection and returns the answer.
 pub(crate) fn ask(address: &str, question: &str) -> String {
     let mut stream = TcpStream::connect(address).unwrap();
     stream
@@ -417,7 +417,7 @@ fn nap() {
     std::thread::sleep(Duration::from_millis(20));
 }
 
-/// The impedance of the true cell at the present moment.
+/// Returns the impedance of the true cell at the present moment.
 pub(crate) fn truth(
     world: &Mutex<SimulatedBench>,
     points: &[ImpedancePoint],
@@ -429,7 +429,7 @@ pub(crate) fn truth(
         .collect()
 }
 
-/// The transcript of one instrument of a run.
+/// Returns the transcript of one instrument of a run.
 pub(crate) fn transcript(run: &Path, role: &str) -> Transcript {
     let path = run.join("transcripts").join(format!("{role}.txt"));
     let text =
@@ -437,7 +437,7 @@ pub(crate) fn transcript(run: &Path, role: &str) -> Transcript {
     Transcript::parse(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// Messages that were sent to one instrument of a run.
+/// Returns the messages that were sent to one instrument of a run.
 pub(crate) fn sent(run: &Path, role: &str) -> Vec<String> {
     transcript(run, role)
         .records
@@ -450,13 +450,13 @@ pub(crate) fn sent(run: &Path, role: &str) -> Vec<String> {
         .collect()
 }
 
-/// The JSON of a run's file.
+/// Returns the JSON of a run's file.
 pub(crate) fn json(path: &Path) -> serde_json::Value {
     serde_json::from_str(&fs::read_to_string(path).unwrap())
         .unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// Every file below a folder, relative to it, sorted.
+/// Returns every file below a folder, relative to it, sorted.
 pub(crate) fn files_below(folder: &Path) -> Vec<PathBuf> {
     fn walk(folder: &Path, root: &Path, found: &mut Vec<PathBuf>) {
         for entry in fs::read_dir(folder).unwrap() {

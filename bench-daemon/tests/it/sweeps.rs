@@ -1,5 +1,5 @@
-//! Options of a sweep on the simulated bench: any order, there and back on a cell that changes,
-//! several amplitudes; and how far the bench goes.
+//! Options of a sweep on the simulated bench: any order, up and down on a cell that changes,
+//! several amplitudes; and the valid frequency range of the bench.
 
 use std::fs;
 
@@ -13,7 +13,7 @@ fn run(files: &Files) -> Finished {
     run_experiment(&files.load(), &files.path("run")).unwrap()
 }
 
-/// A sweep of the cell from 1 Hz to 300 Hz with more lines in `[eis]`.
+/// Returns files with a sweep of the cell from 1 Hz to 300 Hz with more lines in `[eis]`.
 fn swept(points: usize, eis: &str) -> Files {
     Files::short(points)
         .edit(EXPERIMENT, "start = \"100 Hz\"", "start = \"1 Hz\"")

@@ -1,5 +1,5 @@
 //! Thermometers that are frozen from the start, or swapped with that of the air: the run ends with
-//! its cause before the cell is hot. Sound ones are left alone.
+//! the cause before the cell is hot. Sound thermometers do not end a run.
 
 use bench_daemon::run::Session;
 

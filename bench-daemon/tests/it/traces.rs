@@ -30,7 +30,7 @@ segments = [
 ]
 "#;
 
-/// The demo's files with a brief check of the bench, two short sweeps and the trace.
+/// Returns the demo's files with a brief check of the bench, two short sweeps and the trace.
 fn files() -> Files {
     Files::short(2)
         .edit(

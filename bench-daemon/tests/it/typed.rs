@@ -52,8 +52,8 @@ fn arc(freq_hz: f64) -> (f64, f64) {
     (0.010 + g / (g * g + b * b), -b / (g * g + b * b))
 }
 
-/// A folder with `plain.json`, `circuit.json` of the arc from 10 mHz to 10 kHz as `fit --circuit`
-/// writes it, an OCV curve and a pulse.
+/// Returns a folder with `plain.json`, `circuit.json` of the arc from 10 mHz to 10 kHz as `fit
+/// --circuit` writes it, an OCV curve and a pulse.
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();

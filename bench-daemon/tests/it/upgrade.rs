@@ -1,4 +1,4 @@
-//! Run folders and data folders of earlier versions, as they are kept in `fixtures/data/upgrade`:
+//! Run folders and data folders of earlier versions, from `fixtures/data/upgrade`:
 //! this version reads, verifies and serves them. With `EIS_BENCH_WRITE_UPGRADE=1` the folder of this
 //! version is written, which is done once, at its release.
 
@@ -112,7 +112,7 @@ fn write() {
     let _ = fs::remove_file(to.join("data/lock"));
 }
 
-/// The folder of a version, copied; its token.
+/// Copies the folder of a version; returns the copy and its token.
 fn unpacked(version: &str) -> (Files, String) {
     let files = Files::demo();
     let from = kept().join(version);

@@ -1,5 +1,5 @@
 //! The watch beside a procedure, with real processes and sockets: currents that no step reads are
-//! seen in every wait, and outages shorter than the patience of safe state end no run.
+//! detected in every wait, and outages shorter than the retry time of safe state do not end a run.
 
 use std::{
     fs,
@@ -19,10 +19,10 @@ use crate::{
     support::{BENCH, EXPERIMENT, Files, Ports, poll},
 };
 
-/// Bench seconds to one second.
+/// Bench seconds per second.
 const FACTOR: f64 = 10.0;
 
-/// Adds a foreign hand that strikes once, at the first message after `from`.
+/// Adds another client that acts once, at the first message after `from`.
 fn with_foreign_hand(files: &Files, role: &str, variant: usize, from: &str) {
     let faults = format!(
         "[simulation.faults]\nseed = 1\nper_message = 1.0\nmost = 1\nkinds = [\"second_client\"]\n\
@@ -31,7 +31,7 @@ fn with_foreign_hand(files: &Files, role: &str, variant: usize, from: &str) {
     files.write(BENCH, &format!("{}\n{faults}\n", files.text(BENCH)));
 }
 
-/// A hold of the temperature in which the cell never gets there, and a sweep behind it.
+/// Returns files with a temperature step whose target the cell never reaches, and a sweep after it.
 fn holding() -> Files {
     Files::demo()
         .without(EXPERIMENT, "soc_reset")
@@ -60,7 +60,7 @@ fn a_current_is_seen_while_the_procedure_reads_the_thermometer_alone() {
     }
 }
 
-/// Stands between the program and an instrument; can cut the wire, and delay answers.
+/// A proxy between the program and an instrument; it can cut the wire, and delay answers.
 #[derive(Default)]
 struct Wire {
     is_cut: AtomicBool,
@@ -138,8 +138,8 @@ fn a_drive_that_answers_too_late_ends_the_current_and_the_run_waits_until_it_is_
     let mut child = start(&files, &run, &[]);
     wait_for_points(&mut child, &run, ("spectrum.csv", 2));
     wire.set_late(Duration::from_millis(700));
-    // In scaled time the wait of five seconds is over after half a second; the answers are not in
-    // time until now.
+    // In scaled time the wait of five seconds is over after half a second; up to now the answers
+    // are late.
     pause(Duration::from_secs(5));
     wire.set_late(Duration::ZERO);
     let (code, text) = end(child);

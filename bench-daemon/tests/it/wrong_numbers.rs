@@ -1,5 +1,5 @@
-//! Benches that measure wrong numbers: none ends with exit code 0 and a number without a flag, and
-//! the message names the cause. Sound benches are not refused.
+//! Benches that measure wrong numbers: no run ends with exit code 0 and a number without a flag,
+//! and the message names the cause. Sound benches are not refused.
 
 use bench_daemon::{command::run::run_experiment, safety::failure::Failure};
 
@@ -31,7 +31,7 @@ fn with_controls(points: usize) -> Files {
     Files::short(points).edit(EXPERIMENT, "start = \"100 Hz\"", "start = \"3 Hz\"")
 }
 
-/// The cell alone.
+/// Returns files with the cell alone.
 fn alone(points: usize) -> Files {
     with_controls(points).without(EXPERIMENT, "fixture_check")
 }
@@ -57,7 +57,7 @@ fn offset(from_s: f64) -> String {
     format!("[faults.offset_with_sine]\nfrom_s = {from_s}\namps = 0.34")
 }
 
-/// A greater current, under which the meter of the supply allows this offset.
+/// Returns files with a larger current, at which the meter of the supply allows this offset.
 fn strong(files: Files) -> Files {
     files.edit(EXPERIMENT, "amplitude = \"1 A\"", "amplitude = \"3 A\"")
 }
@@ -149,7 +149,7 @@ fn wrong_numbers_are_refused_and_the_channel_or_the_scope_is_named() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// Models of a run folder.
+/// Returns the number of models in a run folder.
 fn models(files: &Files) -> usize {
     std::fs::read_dir(files.path("run"))
         .unwrap()

@@ -46,7 +46,7 @@ fn section(command: &str, help: &str) -> String {
     format!("\n## `{command}`\n\n```text\n{}\n```\n", help.trim_end())
 }
 
-/// The help of a command.
+/// Returns the help of a command.
 fn help(command: &[String]) -> String {
     let output = Command::new(env!("CARGO_BIN_EXE_eis-bench"))
         .args(command)
@@ -61,7 +61,7 @@ fn help(command: &[String]) -> String {
     lines.join("\n")
 }
 
-/// The commands that a help lists.
+/// Returns the commands that a help lists.
 fn commands(help: &str) -> Vec<String> {
     let Some((_, listed)) = help.split_once("\nCommands:\n") else {
         return Vec::new();

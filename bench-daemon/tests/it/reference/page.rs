@@ -44,7 +44,7 @@ pub(super) fn sections<'a>(library: &'a Library, part: &Part<'a>) -> Vec<Section
     sections
 }
 
-/// The units of all quantities.
+/// Returns the units of all quantities.
 pub(super) fn quantities(library: &Library) -> String {
     let mut text =
         "A quantity is a text of a number and its unit; a number without its unit is an \
@@ -69,7 +69,7 @@ pub(super) fn quantities(library: &Library) -> String {
     text
 }
 
-/// The sections of a file.
+/// Returns the sections of a file.
 pub(super) fn part(library: &Library, part: &Part<'_>) -> String {
     let sections = sections(library, part);
     let heading = |section: &Section<'_>| {

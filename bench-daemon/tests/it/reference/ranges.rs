@@ -47,7 +47,7 @@ impl Ranges {
     }
 }
 
-/// A path of a key: a literal, or a pattern from which the numbers of elements are left out.
+/// Returns the path of a key: a literal, or a pattern without the numbers of elements.
 fn path_of(value: &Expr) -> Option<String> {
     match value {
         Expr::Reference(reference) => path_of(&reference.expr),

@@ -10,7 +10,7 @@ use super::{
 /// A number before a unit.
 const NUMBER: &str = r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?";
 
-/// The schema of a file.
+/// Returns the schema of a file.
 pub(super) fn schema(library: &Library, part: &Part<'_>) -> String {
     let sections = sections(library, part);
     let mut definitions = Map::new();

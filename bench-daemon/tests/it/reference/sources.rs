@@ -120,7 +120,7 @@ impl Library {
         }
     }
 
-    /// A structure by the end of its source's path and its name.
+    /// Returns a structure by the end of its source's path and its name.
     pub(super) fn structure(&self, path: &str, name: &str) -> Structure<'_> {
         let source = self
             .sources
@@ -132,8 +132,8 @@ impl Library {
             .unwrap_or_else(|| panic!("{path} has no structure {name}"))
     }
 
-    /// The source of a type that another source names: itself, else the one that its path or its
-    /// import names, else the only one that has it.
+    /// Returns the source of a type that another source names: that source itself, otherwise the
+    /// one that its path or its import names, otherwise the only one that defines it.
     fn source_of<'a>(&'a self, from: &'a Source, named: &TypePath) -> &'a Source {
         let names: Vec<String> = named
             .path
@@ -165,7 +165,7 @@ impl Library {
         }
     }
 
-    /// The keys of a table.
+    /// Returns the keys of a table.
     pub(super) fn keys<'a>(&'a self, structure: Structure<'a>) -> Vec<Key<'a>> {
         let Structure { source, item } = structure;
         let all = Serde::of(&item.attrs);
@@ -312,7 +312,7 @@ impl Library {
         }
     }
 
-    /// A default that can be read: as it would be typed.
+    /// Returns a readable default as a person would type it.
     fn literal(&self, source: &Source, value: &Expr, ty: &Type) -> Option<String> {
         self.typed(source, value, ty)
             .map(|typed| format!("`{typed}`"))
@@ -500,7 +500,7 @@ impl Serde {
         found
     }
 
-    /// A name of the source as it is typed.
+    /// Returns a name of the source as a person types it.
     fn name(&self, ident: &str) -> String {
         let mut snake = String::new();
         for (at, c) in ident.char_indices() {
@@ -546,7 +546,7 @@ pub(super) fn doc(attrs: &[Attribute]) -> String {
     lines.join(" ").replace("[`", "`").replace("`]", "`")
 }
 
-/// The type within `Option<…>`, `Vec<…>` or another generic one.
+/// Returns the type within `Option<…>`, `Vec<…>` or another generic one.
 fn generic<'a>(ty: &'a Type, name: &str) -> Option<&'a Type> {
     let Type::Path(named) = ty else { return None };
     let last = named.path.segments.last()?;
@@ -595,7 +595,7 @@ pub(super) fn number(value: &Expr) -> Option<f64> {
     }
 }
 
-/// A number as a person types it.
+/// Returns a number as a person types it.
 pub(super) fn plain(number: f64) -> String {
     let number: f64 = format!("{number:.9e}").parse().unwrap();
     if number == 0.0 || (1.0e-4..1.0e7).contains(&number.abs()) {
