@@ -32,11 +32,16 @@ fn refusal(arguments: &[&str]) -> String {
 
 /// Writes spectra of a resistance and one RC branch whose time constant grows with the number.
 fn long_form(file: &Path, spectra: usize) {
+    write_spectra(file, spectra, 1);
+}
+
+/// Writes spectra over five decades.
+fn write_spectra(file: &Path, spectra: usize, per_decade: i32) {
     let mut text = "spectrum_id,freq_hz,z_re_ohm,z_im_ohm,operator\n".to_owned();
     for nth in 0..spectra {
         let tau_s = 1.0e-3 * (1.0 + nth as f64 / spectra as f64);
-        for k in 0..6 {
-            let freq_hz = 10.0_f64.powi(k - 1);
+        for k in 0..=5 * per_decade {
+            let freq_hz = 10.0_f64.powf(f64::from(k) / f64::from(per_decade) - 1.0);
             let x = std::f64::consts::TAU * freq_hz * tau_s;
             let (re, im) = (0.01 + 0.02 / (1.0 + x * x), -0.02 * x / (1.0 + x * x));
             writeln!(text, "cell {nth},{freq_hz},{re},{im},nobody").unwrap();
@@ -112,11 +117,15 @@ fn circuits_and_tests_of_validity_make_tables_too() {
         let tau_s = number(&table, row, "R1") * number(&table, row, "C1");
         assert!((tau_s / (1.0e-3 * (1.0 + row as f64 / 3.0)) - 1.0).abs() < 1e-6);
     }
-    let judge = ["--drt", "--table", text(&judged)];
-    done(&["kk", text(&spectra), judge[0], judge[1], judge[2]]);
-    let table = rows(&judged);
-    assert_eq!(value(&table, 1, "grade"), "good");
-    assert!(number(&table, 1, "drt_polarisation_ohm") > 0.0);
+    // One point per decade does not show what is noise; three do.
+    for (per_decade, grade) in [(1, "cannot-be-judged"), (3, "good")] {
+        write_spectra(&spectra, 3, per_decade);
+        let judge = ["--drt", "--table", text(&judged)];
+        done(&["kk", text(&spectra), judge[0], judge[1], judge[2]]);
+        let table = rows(&judged);
+        assert_eq!(value(&table, 1, "grade"), grade);
+        assert!(number(&table, 1, "drt_polarisation_ohm") > 0.0);
+    }
 }
 
 #[test]
