@@ -23,7 +23,10 @@ mod shared;
 mod unwatched;
 
 use std::{
-    sync::{Arc, Mutex},
+    sync::{
+        Arc, Mutex,
+        atomic::{AtomicBool, Ordering},
+    },
     thread::JoinHandle,
 };
 
@@ -49,6 +52,11 @@ pub struct WatchLink {
 }
 
 impl WatchLink {
+    /// Checks whether every drive of the bench was read recently and answers in time.
+    pub fn sees_every_drive(&self) -> bool {
+        self.shared.sees_every_drive.load(Ordering::Relaxed)
+    }
+
     /// Sets the envelope of a new step. The previous envelope stays allowed until the procedure
     /// has read a current that the new step allows, or for a bounded time.
     pub fn allow(&self, envelope: Envelope) {
@@ -107,6 +115,7 @@ impl Watch {
             force: Mutex::new(InForce::new()),
             log: Mutex::new(WatchLog::default()),
             waits,
+            sees_every_drive: AtomicBool::new(false),
         });
         let (found, alarm) = watch::channel(None);
         let (stop, stopped) = watch::channel(false);
@@ -137,11 +146,6 @@ impl Watch {
     /// Returns the procedure's handle.
     pub fn link(&self) -> WatchLink {
         self.link.clone()
-    }
-
-    /// Checks whether every drive of the bench was read recently and answers in time.
-    pub fn sees_every_drive(&self) -> bool {
-        locked(&self.link.shared.log).sees_every_drive
     }
 
     /// Waits for an alarm. When this returns, the watch is already switching everything off.

@@ -49,7 +49,6 @@ pub(crate) trait Driven {
     fn rating_a(&self) -> f64;
     async fn renew(&mut self);
     async fn in_step(&mut self) -> Result<(), LinkError>;
-    async fn reconnect(&mut self) -> Result<(), LinkError>;
     async fn identify_same(&mut self) -> Result<(), LinkError>;
     fn is_dropped(&mut self) -> bool;
     fn answer_time_s(&mut self) -> f64;
@@ -93,10 +92,6 @@ macro_rules! drives {
 
             async fn in_step(&mut self) -> Result<(), LinkError> {
                 self.reconnect_and_identify().await
-            }
-
-            async fn reconnect(&mut self) -> Result<(), LinkError> {
-                self.link_mut().reconnect().await
             }
 
             async fn identify_same(&mut self) -> Result<(), LinkError> {
@@ -616,10 +611,6 @@ mod tests {
                     "the identity of a m",
                 ))
             }
-        }
-
-        async fn reconnect(&mut self) -> Result<(), LinkError> {
-            Ok(())
         }
 
         async fn identify_same(&mut self) -> Result<(), LinkError> {

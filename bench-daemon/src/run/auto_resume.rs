@@ -261,22 +261,24 @@ impl Session {
             let mut bench = Bench::unconnected(&experiment.bench, &connections)?;
             let pace = Pace::of(experiment);
             let mut watch = Watch::start_waiting(&bench, pace, &self.clock.apart())?;
-            let mut waited = tokio::select! {
-                goes_on = self.wait_for_person(wait_s, folder, stop) => Ok(goes_on),
+            let link = watch.as_ref().map(Watch::link);
+            let waiting = async {
+                let mut goes_on = self.wait_for_person(wait_s, folder, stop).await;
+                let until_s = self.clock.now_s() + MOST_LONGER_S;
+                while goes_on
+                    && link.as_ref().is_some_and(|link| !link.sees_every_drive())
+                    && self.clock.now_s() < until_s
+                {
+                    goes_on = self.wait_for_person(LOOK_S, folder, stop).await;
+                }
+                goes_on
+            };
+            let waited = tokio::select! {
+                goes_on = waiting => Ok(goes_on),
                 alarm = Watch::alarm_of(watch.as_mut()) => {
                     Err(Failure::from(ExecuteError::from(alarm)))
                 }
             };
-            let until_s = self.clock.now_s() + MOST_LONGER_S;
-            while let (Ok(true), Some(watch)) = (&waited, watch.as_mut())
-                && !watch.sees_every_drive()
-                && self.clock.now_s() < until_s
-            {
-                waited = tokio::select! {
-                    goes_on = self.wait_for_person(LOOK_S, folder, stop) => Ok(goes_on),
-                    alarm = watch.alarm() => Err(ExecuteError::from(alarm).into()),
-                };
-            }
             let (alarm, log) = match watch {
                 Some(watch) => watch.end(&mut bench).await,
                 None => (None, WatchLog::default()),

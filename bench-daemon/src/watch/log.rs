@@ -24,8 +24,6 @@ pub struct WatchLog {
     pub readings: [Readings; 3],
     /// Remarks for the report, for example on drives that could not be read for a while.
     pub remarks: Vec<String>,
-    /// Whether every drive of the bench was read recently and answers in time.
-    pub sees_every_drive: bool,
 }
 
 impl WatchLog {

@@ -4,7 +4,7 @@
 use std::{
     cell::{Cell, RefCell},
     future::pending,
-    sync::Arc,
+    sync::{Arc, atomic::Ordering},
 };
 
 use instruments::{
@@ -310,7 +310,7 @@ impl<'a> Watched<'a> {
     /// Reconnects and identifies the instrument. During a wait the instrument is switched off
     /// first: with late answers, reading its identity and its current takes seconds.
     async fn reconnect<D: Driven>(&self, meter: &mut D) -> Result<(), LinkError> {
-        meter.reconnect().await?;
+        meter.renew().await;
         if self.shared.waits {
             meter.off().await?;
         }
@@ -413,7 +413,8 @@ impl<'a> Watched<'a> {
             let passed_s = (now_s - last_s).min(2.0 * self.period_s() / TICKS);
             last_s = now_s;
             let envelope = self.envelope(now_s);
-            locked(&self.shared.log).sees_every_drive = self.sees_every_drive();
+            let sees = self.sees_every_drive();
+            self.shared.sees_every_drive.store(sees, Ordering::Relaxed);
             for drive in Drive::ALL {
                 let at = drive as usize;
                 let state = &self.drives[at];

@@ -1,6 +1,6 @@
 //! State that the watch and the procedure share.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError, atomic::AtomicBool};
 
 use super::{envelope::InForce, log::WatchLog};
 
@@ -12,6 +12,8 @@ pub(super) struct Shared {
     /// Whether no procedure runs: nothing may flow, and a drive that shows a current is switched
     /// off before it is queried again.
     pub(super) waits: bool,
+    /// Every drive of the bench was read a moment ago, and answers in time.
+    pub(super) sees_every_drive: AtomicBool,
 }
 
 /// Locks a mutex even if a thread has panicked while holding it.
