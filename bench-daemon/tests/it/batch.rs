@@ -107,7 +107,7 @@ fn a_row_holds_what_a_single_fit_prints() {
 #[test]
 fn circuits_and_tests_of_validity_make_tables_too() {
     let (_kept, at) = folder();
-    let (spectra, fits, judged) = (at.join("in.csv"), at.join("fits.csv"), at.join("kk.csv"));
+    let (spectra, fits) = (at.join("in.csv"), at.join("fits.csv"));
     long_form(&spectra, 3);
     let of = ["--circuit", "R0-p(R1,C1)", "--table"];
     done(&["fit", text(&spectra), of[0], of[1], of[2], text(&fits)]);
@@ -120,6 +120,7 @@ fn circuits_and_tests_of_validity_make_tables_too() {
     // One point per decade does not show what is noise; three do.
     for (per_decade, grade) in [(1, "cannot-be-judged"), (3, "good")] {
         write_spectra(&spectra, 3, per_decade);
+        let judged = at.join(format!("{grade}.csv"));
         let judge = ["--drt", "--table", text(&judged)];
         done(&["kk", text(&spectra), judge[0], judge[1], judge[2]]);
         let table = rows(&judged);
