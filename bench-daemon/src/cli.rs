@@ -31,9 +31,7 @@ const GROUPS: [(&str, &[&str]); 7] = [
     ("A cell or a pack under load", &["simulate", "pack", "sop"]),
     (
         "Files",
-        &[
-            "convert", "replay", "verify", "catalog", "campaign", "archive",
-        ],
+        &["convert", "replay", "verify", "catalog", "campaign"],
     ),
     (
         "Server and shell",
@@ -97,9 +95,6 @@ Examples:
   All runs below a folder, and a cell over its runs:
     eis-bench catalog scan runs.sqlite runs
     eis-bench catalog ageing runs.sqlite --cell P45B-17 --out FOLDER
-  Ended runs of a server into its archive, and back:
-    eis-bench archive push SERVER.toml
-    eis-bench archive fetch SERVER.toml RUN
   A spectrum for ZView, a time series for the Battery Data Alliance's tools, a model for a \
 controller:
     eis-bench convert SPECTRUM.csv --to zview --out FOLDER
@@ -216,8 +211,6 @@ enum Command {
     Catalog(command::catalog::CatalogArgs),
     /// Measure many cells on several benches: plan, and judge what came of it.
     Campaign(command::campaign::CampaignArgs),
-    /// Send ended runs to a store, read them back, and move captures there by policy.
-    Archive(command::archive::ArchiveArgs),
     /// Serve benches over HTTP, with a queue, a page and an API, until stopped.
     Serve(command::serve::ServeArgs),
     /// Tokens that open a server's API.
@@ -279,7 +272,7 @@ pub fn main() -> ExitCode {
         }
         _ => Telemetry::default(),
     };
-    logging::start(verbosity, telemetry.tracer());
+    logging::start(verbosity, &telemetry);
     let result = match cli.command {
         Command::Run(args) => command::run::run(&args),
         Command::Resume(args) => command::resume::resume(&args),
@@ -313,7 +306,6 @@ pub fn main() -> ExitCode {
         Command::Verify(args) => command::verify::verify(&args),
         Command::Catalog(args) => command::catalog::catalog(&args),
         Command::Campaign(args) => command::campaign::campaign(&args),
-        Command::Archive(args) => command::archive::archive(&args),
         Command::Serve(args) => command::serve::serve(&args),
         Command::Token(args) => command::token::token(&args),
         Command::Fleet(args) => command::fleet::fleet(&args),

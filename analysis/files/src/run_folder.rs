@@ -3,6 +3,7 @@
 //!
 //! The tables of numbers have their columns in [`crate::dataset`], which reads and writes them.
 
+pub mod archive_status;
 mod archived;
 mod bath;
 mod envelope;

@@ -169,7 +169,7 @@ fn remote(bucket: &Bucket) -> Result<Arc<dyn ObjectStore>, ArchiveError> {
         builder = builder.with_endpoint(endpoint);
     }
     let wrong = |source: object_store::Error| ArchiveError::Setting {
-        field: "archive.store",
+        field: "store",
         why: source.to_string(),
     };
     let objects = builder.build().map_err(wrong)?;
@@ -177,7 +177,7 @@ fn remote(bucket: &Bucket) -> Result<Arc<dyn ObjectStore>, ArchiveError> {
         return Ok(Arc::new(objects));
     }
     let prefix = Path::parse(&bucket.prefix).map_err(|error| ArchiveError::Setting {
-        field: "archive.store",
+        field: "store",
         why: format!("expected s3://BUCKET/PREFIX: {error}"),
     })?;
     Ok(Arc::new(PrefixStore::new(objects, prefix)))
@@ -205,7 +205,7 @@ impl Keys {
         };
         let needed = |name: &str| {
             key(name).ok_or_else(|| ArchiveError::Setting {
-                field: "archive.credentials_file",
+                field: "credentials_file",
                 why: match &bucket.credentials {
                     Some(path) => format!("expected {name} in {}, found none", path.display()),
                     None => format!(
@@ -233,7 +233,7 @@ fn entries(path: &std::path::Path) -> Result<BTreeMap<String, String>, ArchiveEr
     let mode = fs::metadata(path).map_err(failed())?.mode() & 0o777;
     if mode & 0o077 != 0 {
         return Err(ArchiveError::Setting {
-            field: "archive.credentials_file",
+            field: "credentials_file",
             why: format!(
                 "expected {} with mode 0600, found {mode:04o}",
                 path.display()

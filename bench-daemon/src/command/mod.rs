@@ -1,7 +1,6 @@
 //! Commands of the command line, one file per command.
 
 pub mod answer;
-pub mod archive;
 pub mod batch;
 pub mod campaign;
 pub mod catalog;

@@ -3,13 +3,10 @@
 use std::path::Path;
 
 use instruments::clock::Clock;
-use opentelemetry::trace::Status;
 use tracing::{Span, field::Empty, info_span};
-use tracing_opentelemetry::OpenTelemetrySpanExt;
 
 use crate::{
-    config::Experiment, executor::Timed, plan::Stage, safety::failure::Failure,
-    support::telemetry::context,
+    config::Experiment, executor::Timed, plan::Stage, safety::failure::Failure, support::telemetry,
 };
 
 /// Returns the span of a run. It belongs to the trace of the process that started this one, if
@@ -25,18 +22,14 @@ pub(super) fn run(experiment: &Experiment, folder: &Path, resumed: bool) -> Span
         eis_bench.seed = experiment.seed,
         eis_bench.resumed = resumed,
     );
-    if let Some(parent) = context::of_environment() {
-        // Without tracing there is no span that could have a parent.
-        let _ = span.set_parent(parent);
-    }
+    telemetry::set_parent(&span);
     span
 }
 
 /// Records how a run ended.
 pub(super) fn ended(span: &Span, failure: Option<&Failure>) {
     if let Some(failure) = failure {
-        span.set_attribute("error.type", i64::from(failure.exit_code()).to_string());
-        span.set_status(Status::error(failure.to_string()));
+        telemetry::record_failure(span, failure.exit_code(), failure.to_string());
     }
 }
 

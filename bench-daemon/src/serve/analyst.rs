@@ -55,7 +55,6 @@ async fn one(server: &Server, analysis: &Analysis) {
         }
     });
     server.catalog.refresh_analysis(&analysis.id);
-    server.archive.analysis_ended();
 }
 
 /// Runs the process; gives a remark on its results.

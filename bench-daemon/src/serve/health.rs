@@ -10,6 +10,7 @@ use std::{
     },
 };
 
+use analysis::run_folder::archive_status::ArchiveStatus;
 use instruments::clock::Clock;
 use nix::sys::statvfs::statvfs;
 
@@ -38,6 +39,8 @@ pub struct Health {
 pub struct Noted {
     /// The disk of the data folder, once it has been checked.
     pub disk: Option<Disk>,
+    /// State of the archive, if `eis-archive` has written one.
+    pub archive: Option<ArchiveStatus>,
     /// Each bench.
     pub benches: BTreeMap<String, BenchHealth>,
 }
@@ -75,8 +78,8 @@ impl Health {
     pub fn of<'a>(data: &Path, jobs: &Arc<Jobs>, benches: impl Iterator<Item = &'a str>) -> Self {
         let benches = benches.map(|bench| (bench.to_owned(), BenchHealth::default()));
         let noted = Noted {
-            disk: None,
             benches: benches.collect(),
+            ..Noted::default()
         };
         Self {
             data: data.to_owned(),
@@ -114,8 +117,12 @@ impl Health {
     pub async fn work(&self, clock: &Clock) {
         self.earlier();
         while !self.stop.load(Ordering::Relaxed) {
-            let disk = disk_of(&self.data);
-            self.lock().disk = disk;
+            let (disk, archive) = (disk_of(&self.data), self.read_archive());
+            {
+                let mut noted = self.lock();
+                noted.disk = disk;
+                noted.archive = archive;
+            }
             self.read_controls();
             clock.sleep_s(LOOK_S).await;
         }
@@ -154,6 +161,13 @@ impl Health {
                 }
             });
         }
+    }
+
+    fn read_archive(&self) -> Option<ArchiveStatus> {
+        ArchiveStatus::read(&self.data).unwrap_or_else(|reason| {
+            tracing::warn!("the archive is not in the metrics: {reason}");
+            None
+        })
     }
 
     fn controls_of(&self, run: &str) -> Vec<ControlNow> {

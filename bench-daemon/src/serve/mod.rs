@@ -13,8 +13,6 @@
 
 pub mod analyses;
 pub mod analyst;
-pub mod archive;
-pub mod archivist;
 pub mod audit;
 pub mod capture;
 pub mod catalog;
@@ -38,6 +36,10 @@ pub mod models;
 pub mod notebook;
 pub mod notices;
 pub mod notify;
+#[cfg(feature = "otlp")]
+pub mod otlp;
+#[cfg(not(feature = "otlp"))]
+#[path = "otlp_off.rs"]
 pub mod otlp;
 pub mod outputs;
 pub mod pack;
@@ -55,6 +57,10 @@ pub mod systemd;
 pub mod targets;
 pub mod timeline;
 pub mod token;
+#[cfg(feature = "otlp")]
+pub mod traced;
+#[cfg(not(feature = "otlp"))]
+#[path = "traced_off.rs"]
 pub mod traced;
 pub mod transcript_monitor;
 pub mod watch;
@@ -124,9 +130,10 @@ fn beside(
 
 async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     let mut stop = StopSignals::install()?;
-    let mut telemetry = otlp::start(&settings);
+    let telemetry = otlp::start(&settings);
     let server = Arc::new(Server::open(settings, &telemetry)?);
-    otlp::measure(&mut telemetry, &server);
+    #[cfg(feature = "otlp")]
+    let telemetry = otlp::measure(telemetry, &server);
     let notify = systemd::Notify::from_environment();
     let listener = http::Listener::bind(&server).await?;
     let supervisor = supervisor::start(&server)?;
@@ -135,7 +142,6 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     })?;
     beside("catalog", &server, async |server| server.catalog.work())?;
     beside("analyst", &server, analyst::work)?;
-    beside("archive", &server, archivist::work)?;
     beside("investigator", &server, investigator::work)?;
     beside("notices", &server, notify::work)?;
     beside("idle benches", &server, outputs::read_idle_benches)?;

@@ -29,7 +29,7 @@ pub fn start(settings: &Settings) -> Telemetry {
 }
 
 /// Sends the metrics of a server from now on.
-pub fn measure(telemetry: &mut Telemetry, server: &Arc<Server>) {
+pub fn measure(mut telemetry: Telemetry, server: &Arc<Server>) -> Telemetry {
     let server = Arc::downgrade(server);
     let defined = telemetry.measure(|meter| {
         metrics::all().for_each(|metric| define(meter, metric, server.clone()));
@@ -37,6 +37,7 @@ pub fn measure(telemetry: &mut Telemetry, server: &Arc<Server>) {
     if let Err(error) = defined {
         tracing::warn!("no metrics are sent: {error}");
     }
+    telemetry
 }
 
 fn define(meter: &Meter, metric: &'static Metric, server: Weak<Server>) {

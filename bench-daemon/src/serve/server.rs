@@ -11,11 +11,9 @@ use std::{
 
 use bench_fleet::Fleet;
 use instruments::clock::{self, Clock, TimeMode};
-use opentelemetry_sdk::trace::SdkTracer;
 
 use super::{
     analyses::Analyses,
-    archive::ArchiveKeeper,
     audit::Audit,
     catalog::CatalogKeeper,
     find::{Finder, Places},
@@ -35,7 +33,7 @@ use super::{
 };
 use crate::{
     safety::failure::Failure,
-    support::telemetry::{Telemetry, client},
+    support::telemetry::{Telemetry, Tracer, counts::TelemetryCounts},
 };
 
 /// State that all requests share.
@@ -57,9 +55,9 @@ pub struct Server {
     /// Notes on benches and disk for the metrics.
     pub health: Health,
     /// Tracer; `None` if tracing is off.
-    pub tracer: Option<SdkTracer>,
+    pub tracer: Option<Tracer>,
     /// Counts of exported telemetry.
-    pub telemetry: Arc<client::Counts>,
+    pub telemetry: Arc<TelemetryCounts>,
     /// Readings of runs.
     pub timelines: Timelines,
     /// Analyses of runs.
@@ -78,8 +76,6 @@ pub struct Server {
     pub finder: Finder,
     /// The catalogue of runs and diagnoses.
     pub catalog: Arc<CatalogKeeper>,
-    /// The archive of runs.
-    pub archive: ArchiveKeeper,
     /// The fleet that the benches belong to, once the server has joined it.
     pub fleet: OnceLock<Arc<Fleet>>,
     queue: Mutex<Queue>,
@@ -176,7 +172,6 @@ impl Server {
             jobs,
             finder: Finder::default(),
             catalog: Arc::new(CatalogKeeper::of(&settings.data)),
-            archive: ArchiveKeeper::default(),
             fleet: OnceLock::new(),
             queue: Mutex::new(queue),
             shelf: Mutex::default(),

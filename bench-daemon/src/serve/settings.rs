@@ -3,12 +3,10 @@
 
 use std::{
     net::SocketAddr,
-    ops::RangeInclusive,
     path::{Path, PathBuf},
     process::Command,
 };
 
-use bench_archive::store::{Bucket, StorePlace};
 use jiff::civil::Time;
 use serde::Deserialize;
 
@@ -23,15 +21,13 @@ use crate::{
     },
     support::{
         confined_path::plain,
-        logging::{DETAIL_VARIABLE, EXCHANGES},
         loopback::names_loopback,
-        telemetry::endpoint::{self, check_address},
+        telemetry::{
+            DETAIL_VARIABLE, EXCHANGES, WITHOUT_OTLP,
+            endpoint::{self, check_address},
+        },
     },
 };
-
-/// Times from an upload to the removal of captures that are allowed, s. Less than an hour is a slip of
-/// the pen rather than a policy.
-const CAPTURES_AFTER_S: RangeInclusive<f64> = 3.6e3..=36_500.0 * 86_400.0;
 
 /// File of a server as it is typed.
 #[derive(Debug, Deserialize)]
@@ -66,8 +62,6 @@ struct Raw {
     /// Traces and metrics to a collector.
     #[serde(default)]
     telemetry: RawTelemetry,
-    /// Store that ended runs are sent to. Left out: none.
-    archive: Option<RawArchive>,
     /// Fleet that the benches belong to. Left out: none.
     fleet: Option<RawFleet>,
 }
@@ -77,43 +71,12 @@ struct Raw {
 #[serde(deny_unknown_fields)]
 struct RawTelemetry {
     /// Base address of a collector that takes OTLP over HTTP, such as `http://127.0.0.1:4318`:
-    /// `https://…`, or `http://` on this machine. Left out: that of `OTEL_EXPORTER_OTLP_ENDPOINT`, or
-    /// none.
+    /// `https://…`, or `http://` on this machine; refused by a program that is built without the feature
+    /// `otlp`. Left out: that of `OTEL_EXPORTER_OTLP_ENDPOINT`, or none.
     otlp: Option<String>,
     /// A span for each message to an instrument, thousands in a run.
     #[serde(default)]
     exchanges: bool,
-}
-
-/// The archive: a store that ended runs are sent to.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RawArchive {
-    /// Path of a folder, from the folder of this file, or `s3://BUCKET/PREFIX`.
-    store: String,
-    /// Name of this site in the store: rows of several sites lie in one store.
-    site: String,
-    /// Address of the S3-compatible server: `https://…`, or `http://` on this machine. Left out: that of
-    /// AWS in the region.
-    endpoint: Option<String>,
-    /// Region of the bucket. Left out: `AWS_REGION` of the environment, else `us-east-1`.
-    region: Option<String>,
-    /// Path of a file with mode 0600 that holds the keys of the bucket in lines such as
-    /// `aws_access_key_id = …`, from the folder of this file. Left out: `AWS_ACCESS_KEY_ID` and
-    /// `AWS_SECRET_ACCESS_KEY` of the environment.
-    credentials_file: Option<String>,
-    /// Captures that are kept in the store only.
-    #[serde(default)]
-    thin: RawThin,
-}
-
-/// Captures that are moved from the run folders into the archive.
-#[derive(Debug, Default, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RawThin {
-    /// Time from the verified upload of a finished run to the removal of its captures from the run
-    /// folder, 1 h to 36 500 d. Left out: never.
-    captures_after: Option<Quantity<Duration>>,
 }
 
 /// Encryption of the connections.
@@ -196,18 +159,6 @@ struct RawStop {
     wait: Option<Quantity<Duration>>,
 }
 
-/// The archive of a server.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Archive {
-    /// The store.
-    pub place: StorePlace,
-    /// Name of this site in it.
-    pub site: String,
-    /// Time from the verified upload of a run to the removal of its captures, s; `None` for
-    /// never.
-    pub captures_after_s: Option<f64>,
-}
-
 /// A server as it is to be.
 #[derive(Debug, Clone)]
 pub struct Settings {
@@ -236,8 +187,6 @@ pub struct Settings {
     pub limits: Limits,
     /// Time that a run has to end after a stop request before it is killed, s.
     pub stop_wait_s: f64,
-    /// Store that ended runs are sent to.
-    pub archive: Option<Archive>,
     /// The fleet that the benches belong to.
     pub fleet: Option<FleetSection>,
 }
@@ -285,6 +234,7 @@ impl Settings {
     /// The first mistake, with file, line and field.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let source = Source::read(path)?;
+        check_moved_sections(&source)?;
         let raw: Raw = source.parse()?;
         let listen: SocketAddr = raw.listen.parse().map_err(|_| {
             source.complain(
@@ -331,10 +281,11 @@ impl Settings {
         if let Some(reason) = otlp.as_deref().and_then(|base| check_address(base).err()) {
             return Err(source.complain("telemetry.otlp", reason));
         }
-        let archive = raw.archive.as_ref().map(|raw| archive(&source, raw));
+        if otlp.is_some() && !cfg!(feature = "otlp") {
+            return Err(source.complain("telemetry.otlp", WITHOUT_OTLP.to_owned()));
+        }
         Ok(Self {
             file: absolute(path.to_owned()),
-            archive: archive.transpose()?,
             telemetry: TelemetrySettings {
                 otlp,
                 exchanges: raw.telemetry.exchanges,
@@ -402,6 +353,18 @@ impl Settings {
     }
 }
 
+/// Refuses sections that other programs read now: a server that ignored them would stop the work that
+/// they ask for in silence.
+fn check_moved_sections(source: &Source) -> Result<(), ConfigError> {
+    let whole: toml::Table = source.parse()?;
+    if whole.contains_key("archive") {
+        let reason = "the archive has a file of its own: move this section to `archive.toml`, add \
+            `data`, and start `eis-archive follow archive.toml`";
+        return Err(source.complain("archive", reason.to_owned()));
+    }
+    Ok(())
+}
+
 /// Where notices go, checked.
 fn targets(source: &Source, raw: &RawNotify) -> Result<Targets, ConfigError> {
     if let Some(address) = &raw.webhook {
@@ -428,67 +391,6 @@ fn targets(source: &Source, raw: &RawNotify) -> Result<Targets, ConfigError> {
             .transpose()?,
         quiet: quiet.flatten(),
     })
-}
-
-/// The archive, checked.
-fn archive(source: &Source, raw: &RawArchive) -> Result<Archive, ConfigError> {
-    let complain = |key: &str, reason: String| source.complain(&format!("archive.{key}"), reason);
-    if raw.site.trim().is_empty() || raw.site.chars().any(char::is_control) {
-        let reason = format!("expected the name of a site, found {:?}", raw.site);
-        return Err(complain("site", reason));
-    }
-    let captures_after_s = raw.thin.captures_after.map(|after| after.si);
-    if let Some(after_s) = captures_after_s.filter(|after_s| !CAPTURES_AFTER_S.contains(after_s)) {
-        let reason = format!("expected 1 h to 36500 d, found {after_s} s");
-        return Err(complain("thin.captures_after", reason));
-    }
-    Ok(Archive {
-        place: store(source, raw)?,
-        site: raw.site.clone(),
-        captures_after_s,
-    })
-}
-
-fn store(source: &Source, raw: &RawArchive) -> Result<StorePlace, ConfigError> {
-    let complain = |key: &str, reason: String| source.complain(&format!("archive.{key}"), reason);
-    let Some(address) = raw.store.strip_prefix("s3://") else {
-        if raw.store.trim().is_empty() || raw.store.contains("://") {
-            let reason = format!(
-                "expected a folder or s3://BUCKET/PREFIX, found {:?}",
-                raw.store
-            );
-            return Err(complain("store", reason));
-        }
-        for (key, set) in [
-            ("endpoint", &raw.endpoint),
-            ("region", &raw.region),
-            ("credentials_file", &raw.credentials_file),
-        ] {
-            if set.is_some() {
-                let reason = format!("expected with a store s3://… only, found {:?}", raw.store);
-                return Err(complain(key, reason));
-            }
-        }
-        return Ok(StorePlace::Folder(absolute(source.relative(&raw.store))));
-    };
-    let (name, prefix) = address.split_once('/').unwrap_or((address, ""));
-    if name.is_empty() {
-        let reason = format!("expected s3://BUCKET/PREFIX, found {:?}", raw.store);
-        return Err(complain("store", reason));
-    }
-    if let Some(endpoint) = &raw.endpoint {
-        check_address(endpoint).map_err(|reason| complain("endpoint", reason))?;
-    }
-    Ok(StorePlace::S3(Bucket {
-        name: name.to_owned(),
-        prefix: prefix.trim_matches('/').to_owned(),
-        endpoint: raw.endpoint.clone(),
-        region: raw.region.clone(),
-        credentials: raw
-            .credentials_file
-            .as_ref()
-            .map(|path| absolute(source.relative(path))),
-    }))
 }
 
 fn email(source: &Source, raw: &RawEmail) -> Result<Email, ConfigError> {

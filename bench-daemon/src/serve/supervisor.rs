@@ -42,7 +42,7 @@ use crate::{
     operator::{BY_FOLDER, OPERATOR_VARIABLE},
     safety::failure::{Failure, GATE_REFUSED, REFUSED_CODE},
     safety::state::{Holder, State},
-    support::{locks, telemetry::context},
+    support::{locks, telemetry::CONTEXT_VARIABLE},
 };
 pub use identity::{Answer, Identity};
 
@@ -216,7 +216,6 @@ impl SupervisedBench {
         server.catalog.refresh_run(&item.run);
         server.health.ended(&item.bench, &item.run, ended);
         traced::ended(server, item, ended);
-        server.archive.run_ended(&item.run);
         server.hub.tell("run", &job);
         server.tell_queue();
     }
@@ -668,8 +667,8 @@ fn command(server: &Server, item: &Item, bench: &config::Bench) -> Result<Comman
         .env_remove("WATCHDOG_USEC");
     server.settings.telemetry.hand_over(&mut command);
     match &item.traceparent {
-        Some(traceparent) => command.env(context::VARIABLE, traceparent),
-        None => command.env_remove(context::VARIABLE),
+        Some(traceparent) => command.env(CONTEXT_VARIABLE, traceparent),
+        None => command.env_remove(CONTEXT_VARIABLE),
     };
     Ok(command)
 }

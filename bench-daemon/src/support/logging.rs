@@ -10,28 +10,19 @@ use std::{
 };
 
 use instruments::clock::Clock;
-use opentelemetry_sdk::trace::SdkTracer;
-use tracing::{Subscriber, level_filters::LevelFilter};
+use tracing::level_filters::LevelFilter;
 use tracing_subscriber::{
     Layer,
     filter::filter_fn,
     fmt::{format::Writer, time::FormatTime},
     layer::{Filter, SubscriberExt},
-    registry::LookupSpan,
     util::SubscriberInitExt,
 };
 
-use super::telemetry::client::TARGET;
+use super::telemetry::{TARGET, Telemetry};
 
 static BENCH_CLOCK: OnceLock<Clock> = OnceLock::new();
 static RUN_LOG: Mutex<Option<Box<dyn Write + Send>>> = Mutex::new(None);
-
-/// Environment variable that sets the level of detail of traces.
-pub const DETAIL_VARIABLE: &str = "EIS_BENCH_TRACES";
-/// Its value for a span per message to an instrument.
-pub const EXCHANGES: &str = "exchanges";
-/// Crates whose spans are sent.
-const OURS: [&str; 2] = ["bench_daemon", "instruments"];
 
 /// How much the terminal shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,8 +36,8 @@ pub enum Verbosity {
 }
 
 /// Starts logging to the terminal, and to the file of [`log_to`] once there is one; spans go to
-/// `tracer`. Once per process.
-pub fn start(verbosity: Verbosity, tracer: Option<SdkTracer>) {
+/// `telemetry`. Once per process.
+pub fn start(verbosity: Verbosity, telemetry: &Telemetry) {
     let level = match verbosity {
         Verbosity::Normal => LevelFilter::WARN,
         Verbosity::Verbose => LevelFilter::INFO,
@@ -68,7 +59,7 @@ pub fn start(verbosity: Verbosity, tracer: Option<SdkTracer>) {
     let _ = tracing_subscriber::registry()
         .with(terminal)
         .with(file)
-        .with(tracer.map(traced))
+        .with(telemetry.layer())
         .try_init();
 }
 
@@ -76,31 +67,6 @@ pub fn start(verbosity: Verbosity, tracer: Option<SdkTracer>) {
 fn lines<S>(level: LevelFilter, of: fn(&str) -> bool) -> impl Filter<S> {
     filter_fn(move |meta| meta.is_event() && *meta.level() <= level && of(meta.target()))
         .with_max_level_hint(level)
-}
-
-/// Spans of this program to a collector, with the warnings that fall into them.
-fn traced<S: Subscriber + for<'a> LookupSpan<'a>>(tracer: SdkTracer) -> impl Layer<S> {
-    let level = match std::env::var(DETAIL_VARIABLE).as_deref() {
-        Ok(EXCHANGES) => LevelFilter::TRACE,
-        _ => LevelFilter::INFO,
-    };
-    let ours = |target: &str| OURS.iter().any(|krate| target.starts_with(krate));
-    let wanted = move |meta: &tracing::Metadata<'_>| {
-        let most = if meta.is_span() {
-            level
-        } else {
-            LevelFilter::WARN
-        };
-        ours(meta.target()) && *meta.level() <= most
-    };
-    tracing_opentelemetry::layer()
-        .with_tracer(tracer)
-        .with_location(false)
-        .with_target(false)
-        .with_threads(false)
-        .with_tracked_inactivity(false)
-        .with_context_activation(false)
-        .with_filter(filter_fn(wanted).with_max_level_hint(level))
 }
 
 /// From now on the log goes to this file too, stamped by this clock.

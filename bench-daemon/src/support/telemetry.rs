@@ -1,205 +1,31 @@
-//! Traces and metrics to a collector, over OTLP (HTTP with protobuf). Nothing waits for a collector:
-//! queues are bounded, threads of their own send, what does not fit or is not taken is counted, and
-//! the end takes two seconds at most.
+//! Traces and metrics to a collector. Nothing waits for a collector, and nothing is sent unless the
+//! feature `otlp` is built in and an address is set.
 
-pub mod client;
+#[cfg(feature = "otlp")]
+mod client;
+#[cfg(feature = "otlp")]
 pub mod context;
+#[cfg(feature = "otlp")]
 mod counted;
+pub mod counts;
 pub mod endpoint;
+#[cfg(feature = "otlp")]
+mod exporter;
+#[cfg(not(feature = "otlp"))]
+#[path = "telemetry/off.rs"]
+mod exporter;
 
-use std::{
-    process,
-    sync::{Arc, atomic::Ordering, mpsc},
-    thread,
-    time::Duration,
-};
+pub use exporter::{Telemetry, Tracer, record_failure, set_parent};
 
-use opentelemetry::{
-    KeyValue,
-    metrics::{Meter, MeterProvider},
-    trace::TracerProvider,
-};
-use opentelemetry_otlp::{
-    MetricExporter, Protocol, RetryPolicy, SpanExporter, WithExportConfig, WithHttpConfig,
-};
-use opentelemetry_sdk::{
-    Resource,
-    metrics::SdkMeterProvider,
-    resource::{EnvResourceDetector, TelemetryResourceDetector},
-    trace::{BatchSpanProcessor, SdkTracer, SdkTracerProvider},
-};
-
-use super::terminal::remark;
-use client::{Counts, Poster, TARGET};
-use counted::Counted;
-use endpoint::Endpoints;
-
-/// Name of the service, unless `OTEL_SERVICE_NAME` gives another.
-const SERVICE: &str = "eis-bench";
-const SERVICE_VARIABLE: &str = "OTEL_SERVICE_NAME";
-/// Maximum time at the end to send the remaining telemetry.
-const END: Duration = Duration::from_secs(2);
-
-/// Traces and metrics to a collector.
-#[derive(Debug, Default)]
-pub struct Telemetry {
-    endpoints: Endpoints,
-    resource: Option<Resource>,
-    tracers: Option<SdkTracerProvider>,
-    meters: Option<SdkMeterProvider>,
-    counts: Arc<Counts>,
-}
-
-impl Telemetry {
-    /// Starts the telemetry that the environment requests. A setting that cannot be used is
-    /// reported and stays off, because telemetry must not make a measurement fail.
-    pub fn from_environment(instance: &str) -> Self {
-        if endpoint::is_disabled() {
-            return Self::default();
-        }
-        let started = Endpoints::from_environment().and_then(|found| Self::start(found, instance));
-        started.unwrap_or_else(|error| {
-            // Lines that begin with the program's name say how a run ended.
-            remark!("note: telemetry is off: {error}");
-            Self::default()
-        })
-    }
-
-    /// Starts traces; `instance` distinguishes this process from others on this machine.
-    ///
-    /// # Errors
-    /// A setting of the environment that cannot be used, in words.
-    pub fn start(endpoints: Endpoints, instance: &str) -> Result<Self, String> {
-        if endpoints.is_empty() || endpoint::is_disabled() {
-            return Ok(Self::default());
-        }
-        let mut telemetry = Self {
-            endpoints,
-            resource: Some(resource(instance)),
-            ..Self::default()
-        };
-        telemetry.tracers = telemetry.tracers()?;
-        Ok(telemetry)
-    }
-
-    /// Returns the tracer, or `None` if tracing is off.
-    pub fn tracer(&self) -> Option<SdkTracer> {
-        let tracers = self.tracers.as_ref()?;
-        Some(tracers.tracer(SERVICE))
-    }
-
-    /// Sends metrics from now on: `define` makes the instruments.
-    ///
-    /// # Errors
-    /// As [`Telemetry::start`].
-    pub fn measure(&mut self, define: impl FnOnce(&Meter)) -> Result<(), String> {
-        let (Some(address), Some(resource)) = (&self.endpoints.metrics, &self.resource) else {
-            return Ok(());
-        };
-        let exporter = self
-            .over_http(MetricExporter::builder().with_http(), address)
-            .build()
-            .map_err(|error| error.to_string())?;
-        let meters = SdkMeterProvider::builder()
-            .with_periodic_exporter(exporter)
-            .with_resource(resource.clone())
-            .build();
-        define(&meters.meter(SERVICE));
-        self.meters = Some(meters);
-        Ok(())
-    }
-
-    /// Returns counts of sent telemetry.
-    pub fn counts(&self) -> &Arc<Counts> {
-        &self.counts
-    }
-
-    /// Sends the remaining telemetry, for two seconds at most.
-    pub fn end(&self) {
-        if self.tracers.is_none() && self.meters.is_none() {
-            return;
-        }
-        let (tracers, meters) = (self.tracers.clone(), self.meters.clone());
-        let (done, over) = mpsc::channel();
-        let work = move || {
-            let _ = tracers.map(|tracers| tracers.shutdown());
-            let _ = meters.map(|meters| meters.shutdown());
-            let _ = done.send(());
-        };
-        if thread::Builder::new()
-            .name("telemetry".to_owned())
-            .spawn(work)
-            .is_ok()
-        {
-            let _ = over.recv_timeout(END);
-        }
-        self.tell_lost();
-    }
-
-    fn tell_lost(&self) {
-        let spans = self.counts.spans.load(Ordering::Relaxed);
-        let sent = self.counts.spans_sent.load(Ordering::Relaxed);
-        if sent < spans {
-            tracing::warn!(
-                target: TARGET,
-                "telemetry: {} of {spans} spans were not taken", spans - sent
-            );
-        }
-    }
-
-    /// An exporter that posts to an address. One try each: while it is repeated, what comes next would
-    /// be lost in its place.
-    fn over_http<B: WithHttpConfig + WithExportConfig>(&self, exporter: B, address: &str) -> B {
-        exporter
-            .with_http_client(Poster::new(&self.counts))
-            .with_retry_policy(RetryPolicy::disabled())
-            .with_endpoint(address)
-            .with_protocol(Protocol::HttpBinary)
-    }
-
-    fn tracers(&self) -> Result<Option<SdkTracerProvider>, String> {
-        let (Some(address), Some(resource)) = (&self.endpoints.traces, &self.resource) else {
-            return Ok(None);
-        };
-        let exporter = self
-            .over_http(SpanExporter::builder().with_http(), address)
-            .build()
-            .map_err(|error| error.to_string())?;
-        let exporter = Counted {
-            next: exporter,
-            counts: self.counts.clone(),
-        };
-        let processor = Counted {
-            next: BatchSpanProcessor::builder(exporter).build(),
-            counts: self.counts.clone(),
-        };
-        let tracers = SdkTracerProvider::builder()
-            .with_span_processor(processor)
-            .with_resource(resource.clone());
-        Ok(Some(tracers.build()))
-    }
-}
-
-/// Returns the resource attributes of all telemetry; the environment can add to them and change
-/// them.
-fn resource(instance: &str) -> Resource {
-    let host = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
-    let host = host.trim().to_owned();
-    let own = [
-        KeyValue::new("service.name", SERVICE),
-        KeyValue::new("service.version", env!("CARGO_PKG_VERSION")),
-        KeyValue::new("service.instance.id", format!("{host}:{instance}")),
-        KeyValue::new("host.name", host),
-        KeyValue::new("process.pid", i64::from(process::id())),
-    ];
-    let resource = Resource::builder_empty()
-        .with_attributes(own)
-        .with_detectors(&[
-            Box::new(TelemetryResourceDetector),
-            Box::new(EnvResourceDetector::new()),
-        ]);
-    match std::env::var(SERVICE_VARIABLE) {
-        Ok(name) if !name.is_empty() => resource.with_service_name(name).build(),
-        _ => resource.build(),
-    }
-}
+/// Log target of messages about telemetry. They go to the terminal and not into the run folder,
+/// whose content must not depend on a collector.
+pub const TARGET: &str = "telemetry";
+/// Environment variable that sets the level of detail of traces.
+pub const DETAIL_VARIABLE: &str = "EIS_BENCH_TRACES";
+/// Its value for a span per message to an instrument.
+pub const EXCHANGES: &str = "exchanges";
+/// Environment variable that hands the context of a trace to a process.
+pub const CONTEXT_VARIABLE: &str = "TRACEPARENT";
+/// Why a program without the feature `otlp` sends nothing.
+pub const WITHOUT_OTLP: &str =
+    "this program is built without OTLP; `cargo build --features otlp` adds it";

@@ -123,7 +123,6 @@ fn the_arrows_between_the_crates_are_these_and_no_others() {
         ("bench-archive", "analysis-catalog"),
         ("bench-archive", "analysis-files"),
         ("bench-daemon", "analysis"),
-        ("bench-daemon", "bench-archive"),
         ("bench-daemon", "bench-fleet"),
         ("bench-daemon", "fixtures"),
         ("bench-daemon", "instruments"),

@@ -8,6 +8,8 @@ use std::{
     sync::{Arc, Mutex},
 };
 
+use crate::observe::Values;
+
 /// A span as it arrived.
 #[derive(Debug, Clone)]
 pub(crate) struct Span {
@@ -19,9 +21,6 @@ pub(crate) struct Span {
     /// 2 is an error.
     pub(crate) status: u64,
 }
-
-/// Values of metrics by name with labels, as Prometheus writes them.
-pub(crate) type Values = BTreeMap<String, f64>;
 
 /// Requests that arrived.
 #[derive(Debug, Default)]

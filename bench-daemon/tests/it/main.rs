@@ -9,7 +9,6 @@
 mod accuracy;
 mod additions;
 mod architecture;
-mod archive;
 mod attack_matrix;
 mod bad_day;
 mod batch;
@@ -22,6 +21,7 @@ mod book;
 mod campaign;
 mod campaign_benches;
 mod catalog;
+#[cfg(feature = "otlp")]
 mod collector;
 mod commands;
 mod configuration;
@@ -48,6 +48,8 @@ mod multisine;
 mod observe;
 mod ocv_joint;
 mod ocv_soc;
+#[cfg(feature = "otlp")]
+mod otlp;
 mod outputs_state;
 mod overlap;
 mod profiles;

@@ -1,23 +1,22 @@
-//! Telemetry: what arrives at a collector, that nothing waits for a collector, and that dashboard,
-//! alerts and documentation use existing names.
+//! Metrics, dashboard, alerts and documentation use the same names, and settings of telemetry are
+//! checked.
 
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeMap, BTreeSet},
     fs,
-    net::TcpListener,
     path::{Path, PathBuf},
     process::Command,
 };
 
+use analysis::run_folder::archive_status::ArchiveStatus;
+
 use crate::{
-    archive::ARCHIVE,
-    collector::{Collector, Span, Values},
     fleet::Broker,
     serve_support::{Served, config, submit},
-    support::{Ended, Files, command, poll, program},
+    support::{Files, poll, program},
 };
 
-const EXPERIMENT: &str = r#"{"experiment":"demo","seed":5}"#;
+pub(crate) const EXPERIMENT: &str = r#"{"experiment":"demo","seed":5}"#;
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
@@ -27,12 +26,15 @@ fn read(path: &str) -> String {
     fs::read_to_string(root().join(path)).unwrap()
 }
 
-fn metrics(served: &Served) -> String {
+pub(crate) fn metrics(served: &Served) -> String {
     let answer = served.ask("GET", "/metrics", ("", "")).expect(200);
     String::from_utf8(answer.body).unwrap()
 }
 
-fn values(text: &str) -> Values {
+/// Values of metrics by name with labels, as Prometheus writes them.
+pub(crate) type Values = BTreeMap<String, f64>;
+
+pub(crate) fn values(text: &str) -> Values {
     let lines = text.lines().filter(|line| !line.starts_with('#'));
     lines
         .map(|line| {
@@ -52,7 +54,7 @@ fn named(text: &str) -> BTreeSet<String> {
 }
 
 /// Starts a server that has run the short demo, which measures controls.
-fn ran(files: &Files, environment: &[(&str, &str)]) -> (Served, String) {
+pub(crate) fn ran(files: &Files, environment: &[(&str, &str)]) -> (Served, String) {
     let served = Served::start_with(files, environment);
     let run = submit(&served, EXPERIMENT);
     assert_eq!(served.ended(&run)["finished"], true);
@@ -69,7 +71,15 @@ fn dashboard_alerts_and_documentation_name_what_is_measured() {
         .as_ref()
         .map_or(nobody, |found| found.address.clone());
     let fleet = format!("[fleet]\nname = \"lab\"\nsite = \"north\"\nserver = {address:?}");
-    config(&files, &format!("{ARCHIVE}\n{fleet}"));
+    config(&files, &fleet);
+    let archive = ArchiveStatus {
+        archived: 1,
+        last_verified_unix_s: Some(1.0),
+        ..ArchiveStatus::default()
+    };
+    let path = ArchiveStatus::path(&files.path("data"));
+    fs::create_dir_all(files.path("data")).unwrap();
+    fs::write(path, serde_json::to_vec(&archive).unwrap()).unwrap();
     let (served, _) = ran(&files, &[]);
     let mut wanted = vec![
         "eis_bench_control_impedance_ohms{",
@@ -198,197 +208,6 @@ fn promtool_finds_the_rules_right() {
 }
 
 #[test]
-fn a_collector_is_told_what_prometheus_is_told() {
-    let files = Files::short(3);
-    let collector = Collector::start();
-    config(
-        &files,
-        &format!("[telemetry]\notlp = {:?}", collector.address),
-    );
-    let (served, _) = ran(&files, &[("OTEL_METRIC_EXPORT_INTERVAL", "200")]);
-    let settled = |text: &String| {
-        text.contains("eis_bench_control_impedance_ohms{")
-            && text.contains("eis_bench_state{bench=\"demo\",state=\"idle\"} 1")
-    };
-    let before = poll("rest", || Some(metrics(&served)).filter(settled));
-    let number = collector.arrived.lock().unwrap().metrics.len();
-    // The present one may have been read before.
-    let sent = poll("metrics", || {
-        collector
-            .arrived
-            .lock()
-            .unwrap()
-            .metrics
-            .get(number + 1)
-            .cloned()
-    });
-    let (before, after) = (values(&before), values(&metrics(&served)));
-    let names = |values: &Values| values.keys().cloned().collect::<BTreeSet<_>>();
-    assert_eq!(names(&sent), names(&before));
-    // A request for metrics is a connection.
-    let still: Vec<_> = before
-        .iter()
-        .filter(|(name, value)| after.get(*name) == Some(*value))
-        .filter(|(name, _)| *name != "eis_bench_http_connections")
-        .collect();
-    assert!(still.len() > 40, "{still:?}");
-    for (name, value) in still {
-        assert_eq!(sent.get(name), Some(value), "{name}");
-    }
-    let arrived = collector.arrived.lock().unwrap();
-    assert_eq!(arrived.resource["service.name"], "eis-bench");
-}
-
-/// Returns the spans with a name; there must be at least one.
-fn of<'a>(spans: &'a [Span], name: &str) -> Vec<&'a Span> {
-    let found: Vec<&Span> = spans.iter().filter(|span| span.name == name).collect();
-    assert!(!found.is_empty(), "no span {name:?}: {spans:#?}");
-    found
-}
-
-#[test]
-fn a_request_the_wait_and_the_run_are_one_trace() {
-    let files = Files::short(3);
-    let collector = Collector::start();
-    config(
-        &files,
-        &format!("[telemetry]\notlp = {:?}", collector.address),
-    );
-    let served = Served::start_with(&files, &[("OTEL_BSP_SCHEDULE_DELAY", "100")]);
-    let (trace, caller) = ("4bf92f3577b34da6a3ce929d0e0e4736", "00f067aa0ba902b7");
-    let request = format!(
-        "POST /api/v1/queue HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\
-        traceparent: 00-{trace}-{caller}-01\r\nContent-Type: application/json\r\n\
-        Content-Length: {}\r\n\r\n{EXPERIMENT}",
-        served.address,
-        EXPERIMENT.len()
-    );
-    let answer = served.raw(request.as_bytes()).expect(201).json();
-    let run = answer["run"].as_str().unwrap().to_owned();
-    assert_eq!(served.ended(&run)["finished"], true);
-    let spans = poll("the whole trace", || {
-        let spans = collector.spans();
-        let there = |name: &str| spans.iter().any(|span| span.name == name);
-        (there("run") && there("run process")).then_some(spans)
-    });
-    assert!(spans.iter().all(|span| span.trace == trace), "{spans:#?}");
-    let submitted = of(&spans, "POST /api/v1/queue")[0];
-    assert_eq!(submitted.parent, caller);
-    assert_eq!(submitted.attributes["http.response.status_code"], "201");
-    for name in ["wait in queue", "run process", "run"] {
-        let span = of(&spans, name)[0];
-        assert_eq!(span.parent, submitted.id, "{name}");
-        assert_eq!(span.attributes["eis_bench.run"], run, "{name}");
-        assert_eq!(span.attributes["eis_bench.bench"], "demo", "{name}");
-    }
-    let of_run = of(&spans, "run")[0];
-    assert_eq!(of_run.attributes["eis_bench.cell"], "Molicel P45B");
-    let stages: Vec<&str> = of(&spans, "stage")
-        .iter()
-        .map(|stage| {
-            assert_eq!(stage.parent, of_run.id);
-            stage.id.as_str()
-        })
-        .collect();
-    let points = of(&spans, "point");
-    // Three of each control, and three of the cell.
-    assert_eq!(points.len(), 9, "{points:#?}");
-    for point in points {
-        assert!(stages.contains(&point.parent.as_str()), "{point:?}");
-        assert!(
-            point.attributes["eis_bench.freq_hz"]
-                .parse::<f64>()
-                .unwrap()
-                > 0.0
-        );
-        assert!(
-            point.attributes["eis_bench.bench_duration_s"]
-                .parse::<f64>()
-                .unwrap()
-                > 0.0
-        );
-    }
-}
-
-fn run_to(files: &Files, out: &str, environment: &[(&str, &str)]) -> Ended {
-    let (experiment, out) = (files.experiment(), files.path(out));
-    let mut command = command(&[
-        "run".as_ref(),
-        experiment.as_os_str(),
-        "--out".as_ref(),
-        out.as_os_str(),
-    ]);
-    command.envs(environment.iter().copied());
-    Ended::of(command.output().unwrap())
-}
-
-#[test]
-fn a_run_is_the_same_whatever_a_collector_does() {
-    let files = Files::short(3);
-    run_to(&files, "plain", &[]).expect_code(0);
-    let plain = files.text("plain/SHA256SUMS");
-    let takes = Collector::start();
-    // No process accepts connections: the sender waits for an answer that never arrives.
-    let hangs = TcpListener::bind("127.0.0.1:0").unwrap();
-    let hanging = format!("http://{}", hangs.local_addr().unwrap());
-    let free = TcpListener::bind("127.0.0.1:0").unwrap();
-    let absent = format!("http://{}", free.local_addr().unwrap());
-    drop(free);
-    let odd = "http://collector.example:4318";
-    for (name, address) in [
-        ("takes", takes.address.as_str()),
-        ("hangs", &hanging),
-        ("absent", &absent),
-        ("odd", odd),
-    ] {
-        let environment = [
-            ("OTEL_EXPORTER_OTLP_ENDPOINT", address),
-            ("EIS_BENCH_TRACES", "exchanges"),
-        ];
-        let ended = run_to(&files, name, &environment);
-        ended.expect_code(0);
-        assert_eq!(files.text(&format!("{name}/SHA256SUMS")), plain, "{name}");
-        let told = &ended.stderr;
-        match name {
-            "hangs" | "absent" => assert!(told.contains("spans were not taken"), "{told}"),
-            "odd" => assert!(
-                told.contains(
-                    "note: telemetry is off: OTEL_EXPORTER_OTLP_ENDPOINT: expected an address"
-                ),
-                "{told}"
-            ),
-            _ => {}
-        }
-    }
-    assert!(takes.spans().iter().any(|span| span.name == "exchange"));
-}
-
-#[test]
-fn a_run_that_fails_is_an_error_in_its_trace_and_disabled_means_off() {
-    let files = Files::short(3).edit(
-        "experiments/demo.toml",
-        "magnitude = \"3 %\"",
-        "magnitude = \"0.01 %\"",
-    );
-    let collector = Collector::start();
-    let endpoint = ("OTEL_EXPORTER_OTLP_ENDPOINT", collector.address.as_str());
-    run_to(&files, "off", &[endpoint, ("OTEL_SDK_DISABLED", "true")]).expect_code(4);
-    assert!(collector.spans().is_empty());
-    run_to(&files, "on", &[endpoint]).expect_code(4);
-    let spans = poll("the run", || {
-        let spans = collector.spans();
-        let is_there = spans.iter().any(|span| span.name == "run");
-        is_there.then_some(spans)
-    });
-    let run = of(&spans, "run")[0];
-    assert_eq!(
-        (run.status, run.attributes["error.type"].as_str()),
-        (2, "4"),
-        "{run:?}"
-    );
-}
-
-#[test]
 fn an_address_that_must_not_be_used_is_refused() {
     let files = Files::short(3);
     let file = config(
@@ -399,6 +218,19 @@ fn an_address_that_must_not_be_used_is_refused() {
     let text = ended.expect_code(2).message();
     assert!(
         text.contains("telemetry.otlp") && text.contains("expected an address https://HOST/PATH"),
+        "{text}"
+    );
+}
+
+#[test]
+#[cfg(not(feature = "otlp"))]
+fn a_program_without_otlp_refuses_a_collector_and_says_how_to_get_it() {
+    let files = Files::short(3);
+    let file = config(&files, "[telemetry]\notlp = \"http://127.0.0.1:9\"");
+    let ended = program(&["serve".as_ref(), file.as_os_str()]);
+    let text = ended.expect_code(2).message();
+    assert!(
+        text.contains("telemetry.otlp") && text.contains("cargo build --features otlp"),
         "{text}"
     );
 }

@@ -104,7 +104,7 @@ impl Archived {
     /// Place of moved files and how they come back, in words.
     pub fn words(&self) -> String {
         format!(
-            "moved to the archive {}, `eis-bench archive fetch` brings it back",
+            "moved to the archive {}, `eis-archive fetch` brings it back",
             self.store
         )
     }

@@ -1,17 +1,15 @@
-//! Metrics of the archive; empty if no archive is configured.
+//! Metrics of the archive, as `eis-archive` wrote its state last; empty if there is none.
+
+use analysis::run_folder::archive_status::ArchiveStatus;
 
 use super::{
     metric::{Metric, gauge},
     sample::Sample,
     snapshot::Snapshot,
 };
-use crate::serve::archive::ArchiveNow;
 
-fn of(now: &Snapshot<'_>, read: impl Fn(&ArchiveNow) -> Vec<Sample>) -> Vec<Sample> {
-    match now.server.settings.archive {
-        Some(_) => read(&now.server.archive.now()),
-        None => Vec::new(),
-    }
+fn of(now: &Snapshot<'_>, read: impl Fn(&ArchiveStatus) -> Vec<Sample>) -> Vec<Sample> {
+    now.noted.archive.as_ref().map_or_else(Vec::new, read)
 }
 
 /// Values under one label.
@@ -23,7 +21,7 @@ fn labelled<const N: usize>(label: &'static str, values: [(&str, f64); N]) -> Ve
     values.into_iter().map(sample).collect()
 }
 
-fn runs(now: &ArchiveNow) -> Vec<Sample> {
+fn runs(now: &ArchiveStatus) -> Vec<Sample> {
     let states = [
         ("archived", now.archived as f64),
         ("pending", now.pending as f64),
@@ -34,7 +32,7 @@ fn runs(now: &ArchiveNow) -> Vec<Sample> {
     labelled("state", states)
 }
 
-fn bytes(now: &ArchiveNow) -> Vec<Sample> {
+fn bytes(now: &ArchiveStatus) -> Vec<Sample> {
     let sizes = [
         ("archived", now.bytes as f64),
         ("sent", now.sent_bytes as f64),
@@ -67,6 +65,12 @@ pub(super) const METRICS: &[Metric] = &[
                     .map_or_else(Vec::new, Sample::plain)
             })
         },
+    ),
+    gauge(
+        "archive_written_timestamp_seconds",
+        "s",
+        "When `eis-archive` wrote its state last, since 1970.",
+        |now| of(now, |now| Sample::plain(now.written_unix_s)),
     ),
     gauge(
         "archive_trouble",

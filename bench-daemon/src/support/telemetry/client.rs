@@ -14,9 +14,7 @@ use std::{
 use instruments::clock::{Clock, TimeMode};
 use opentelemetry_http::{Bytes, HttpClient, HttpError, Request, Response};
 
-/// Log target of messages about telemetry. They go to the terminal and not into the run folder,
-/// whose content must not depend on a collector.
-pub const TARGET: &str = "telemetry";
+use super::{TARGET, counts::TelemetryCounts};
 
 /// A collector may take so long for one request: at a stop not much more than that is in flight.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -25,31 +23,18 @@ const MOST_ANSWER_BYTES: u64 = 64 << 10;
 /// Minimum interval between two reports of a collector that accepts nothing, s.
 const TELL_S: f64 = 600.0;
 
-/// Counts of sent telemetry since the start.
-#[derive(Debug, Default)]
-pub struct Counts {
-    /// Spans that ended here.
-    pub spans: AtomicU64,
-    /// Spans that a collector took.
-    pub spans_sent: AtomicU64,
-    /// Requests to a collector that failed.
-    pub failures: AtomicU64,
-    /// Bytes that were posted and taken.
-    pub bytes: AtomicU64,
-    /// Milliseconds of the clock at which the last warning was given, and 1; 0 before the first.
-    warned: AtomicU64,
-}
-
 /// A client on `ureq`.
 #[derive(Debug)]
 pub(super) struct Poster {
     agent: ureq::Agent,
     clock: Clock,
-    counts: Arc<Counts>,
+    counts: Arc<TelemetryCounts>,
+    /// Milliseconds of the clock at which the last warning was given, and 1; 0 before the first.
+    warned: AtomicU64,
 }
 
 impl Poster {
-    pub(super) fn new(counts: &Arc<Counts>) -> Self {
+    pub(super) fn new(counts: &Arc<TelemetryCounts>) -> Self {
         let config = ureq::Agent::config_builder()
             .timeout_global(Some(PATIENCE))
             .max_redirects(0)
@@ -59,6 +44,7 @@ impl Poster {
             agent: config.into(),
             clock: Clock::start(TimeMode::Real),
             counts: counts.clone(),
+            warned: AtomicU64::new(0),
         }
     }
 
@@ -75,13 +61,13 @@ impl Poster {
         Ok(Response::from_parts(parts, bytes.into()))
     }
 
-    /// Counts a failure, and reports it unless that was done recently.
+    /// TelemetryCounts a failure, and reports it unless that was done recently.
     fn failed(&self, what: &dyn std::fmt::Display) {
         self.counts.failures.fetch_add(1, Ordering::Relaxed);
         let now_ms = (self.clock.now_s() * 1.0e3) as u64 + 1;
-        let last = self.counts.warned.load(Ordering::Relaxed);
+        let last = self.warned.load(Ordering::Relaxed);
         if last == 0 || (now_ms - last) as f64 >= TELL_S * 1.0e3 {
-            self.counts.warned.store(now_ms, Ordering::Relaxed);
+            self.warned.store(now_ms, Ordering::Relaxed);
             tracing::warn!(
                 target: TARGET,
                 "telemetry is not taken, and nothing waits for it: {what}"

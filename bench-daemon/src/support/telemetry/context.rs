@@ -7,8 +7,8 @@ use opentelemetry::{
 };
 use opentelemetry_sdk::propagation::TraceContextPropagator;
 
-/// Variable that hands a context to a process.
-pub const VARIABLE: &str = "TRACEPARENT";
+use super::CONTEXT_VARIABLE;
+
 /// Header that hands it to a server.
 pub const HEADER: &str = "traceparent";
 
@@ -33,7 +33,7 @@ pub fn parent(text: &str) -> Option<Context> {
 
 /// The context that this process was given.
 pub fn of_environment() -> Option<Context> {
-    parent(&std::env::var(VARIABLE).ok()?)
+    parent(&std::env::var(CONTEXT_VARIABLE).ok()?)
 }
 
 /// The span of a context as such a text.

@@ -1,4 +1,4 @@
-//! Counts spans when they end and when a collector has accepted them. The difference was lost, in
+//! TelemetryCounts spans when they end and when a collector has accepted them. The difference was lost, in
 //! the full queue or in transit.
 
 use std::{
@@ -14,13 +14,13 @@ use opentelemetry_sdk::{
     trace::{Span, SpanData, SpanExporter, SpanProcessor},
 };
 
-use super::client::Counts;
+use super::counts::TelemetryCounts;
 
 /// A processor or an exporter whose spans are counted.
 #[derive(Debug)]
 pub(super) struct Counted<T> {
     pub(super) next: T,
-    pub(super) counts: Arc<Counts>,
+    pub(super) counts: Arc<TelemetryCounts>,
 }
 
 impl<T: SpanExporter> SpanExporter for Counted<T> {

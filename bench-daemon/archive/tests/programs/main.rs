@@ -1,17 +1,37 @@
-//! The archive on the command line and in the server: real run folders of the demo, and a folder
-//! as the store.
+//! `eis-archive` on run folders that `eis-bench` wrote, with a folder as the store, and beside a
+//! server.
 
-use std::{ffi::OsStr, fs, path::PathBuf};
+mod support;
 
-use analysis::run_folder::{ARCHIVED, CAPTURES};
-use serde_json::Value;
-
-use crate::{
-    serve_support::{Served, config, submit},
-    support::{Ended, Files, files_below, poll, program},
+use std::{
+    fs,
+    os::unix::fs::PermissionsExt,
+    path::PathBuf,
+    process::{Command, Stdio},
 };
 
-pub(crate) const ARCHIVE: &str = "[archive]\nstore = \"store\"\nsite = \"north\"";
+use analysis_files::run_folder::{ARCHIVED, CAPTURES};
+use serde_json::Value;
+
+use support::{Ended, Files, Running, Served, bench, files_below, poll};
+
+/// File of the archive; the store is a folder beside the data folder.
+const ARCHIVE: &str = "data = \"data\"\nstore = \"store\"\nsite = \"north\"\n";
+
+fn archive() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_eis-archive"))
+}
+
+fn write_config(files: &Files, text: &str) {
+    files.write("archive.toml", text);
+}
+
+/// Starts `eis-archive follow`.
+fn follow(files: &Files) -> Running {
+    let mut command = archive();
+    command.arg("follow").arg(files.path("archive.toml"));
+    Running::start(command.args(["--every", "1 s"]).stderr(Stdio::null()))
+}
 
 /// A run in the data folder of a server with an archive.
 struct Archived {
@@ -20,9 +40,9 @@ struct Archived {
 
 impl Archived {
     fn new() -> Self {
-        let files = Files::short(3);
-        config(&files, ARCHIVE);
-        files.run("data/runs/first").expect_code(0);
+        let files = Files::new();
+        write_config(&files, ARCHIVE);
+        files.run("data/runs/first");
         Self { files }
     }
 
@@ -31,13 +51,14 @@ impl Archived {
     }
 
     fn ask(&self, words: &[&str]) -> Ended {
-        let config = self.files.path("serve.toml");
-        let (act, others) = words.split_first().unwrap();
-        let words: Vec<&OsStr> = [OsStr::new("archive"), act.as_ref(), config.as_os_str()]
-            .into_iter()
-            .chain(others.iter().map(|word| OsStr::new(*word)))
-            .collect();
-        program(&words)
+        let (action, others) = words.split_first().unwrap();
+        let mut command = archive();
+        Ended::of(
+            command
+                .arg(action)
+                .arg(self.files.path("archive.toml"))
+                .args(others),
+        )
     }
 
     fn json(&self, words: &[&str]) -> Value {
@@ -50,7 +71,7 @@ impl Archived {
     }
 
     fn on_run(&self, command: &str) -> Ended {
-        program(&[command.as_ref(), self.run().as_os_str()])
+        bench(&[command.as_ref(), self.run().as_os_str()])
     }
 }
 
@@ -83,7 +104,7 @@ fn a_run_goes_into_the_archive_once_and_comes_back_as_it_was() {
             "{copy:?}"
         );
     }
-    program(&["verify".as_ref(), again.as_os_str()]).expect_code(0);
+    bench(&["verify".as_ref(), again.as_os_str()]).expect_code(0);
 }
 
 #[test]
@@ -102,18 +123,18 @@ fn captures_that_were_moved_are_told_from_captures_that_are_lost() {
     assert_eq!(at.captures(), captures, "dry");
     at.ask(&["thin", "--captures-after", "0 s"]).expect_code(0);
     assert_eq!(at.captures(), 0);
-    let told = at.on_run("verify").expect_code(0).stdout.clone();
+    let told = at.on_run("verify").expect_code(0).stdout;
     assert!(told.contains("all as they were"), "{told}");
     assert!(told.contains("nothing was recomputed"), "{told}");
     assert!(
-        told.contains("`eis-bench archive fetch` brings it back"),
+        told.contains("`eis-archive fetch` brings it back"),
         "{told}"
     );
     let told = at.on_run("replay").expect_code(2).message().to_owned();
     assert!(told.contains("moved to the archive"), "{told}");
     let catalog = at.files.path("runs.sqlite");
     let runs = at.files.path("data/runs");
-    let scanned = program(&[
+    let scanned = bench(&[
         "catalog".as_ref(),
         "scan".as_ref(),
         catalog.as_os_str(),
@@ -126,12 +147,12 @@ fn captures_that_were_moved_are_told_from_captures_that_are_lost() {
     // A capture that is missing without having been moved is lost.
     let list = fs::read_to_string(at.run().join(ARCHIVED)).unwrap();
     fs::write(at.run().join(ARCHIVED), list.replace("point01", "paint01")).unwrap();
-    let told = at.on_run("verify").expect_code(10).stdout.clone();
+    let told = at.on_run("verify").expect_code(10).stdout;
     assert!(told.contains(": missing"), "{told}");
     fs::write(at.run().join(ARCHIVED), list).unwrap();
     at.ask(&["fetch", "first"]).expect_code(0);
     assert_eq!(at.captures(), captures);
-    let told = at.on_run("verify").expect_code(0).stdout.clone();
+    let told = at.on_run("verify").expect_code(0).stdout;
     assert!(told.contains("every number as stored"), "{told}");
 }
 
@@ -153,7 +174,7 @@ fn what_is_wrong_with_an_archive_is_told_with_what_was_expected() {
     );
     let told = message(&["thin"], 2);
     assert!(
-        told.contains("archive.thin.captures_after: expected a time"),
+        told.contains("thin.captures_after: expected a time"),
         "{told}"
     );
     fs::write(at.run().join("spectrum.csv"), "x").unwrap();
@@ -161,104 +182,114 @@ fn what_is_wrong_with_an_archive_is_told_with_what_was_expected() {
     let status = at.json(&["status"]);
     let why = status["troubles"][0]["why"].as_str().unwrap();
     assert!(why.contains("spectrum.csv: expected the SHA-256"), "{why}");
-    for (section, expected) in [
-        ("", "expected a section [archive], found none"),
+    let own = "data = \"data\"\n";
+    for (text, expected) in [
+        ("", "missing field `data`"),
         (
-            "[archive]\nstore = \"x\"\nsite = \" \"",
-            "archive.site: expected the name of a site",
+            "data = \"nowhere\"\nstore = \"x\"\nsite = \"n\"",
+            "data: expected the data folder of a server",
         ),
         (
-            "[archive]\nstore = \"ftp://x\"\nsite = \"n\"",
-            "archive.store: expected a folder or s3://BUCKET/PREFIX, found \"ftp://x\"",
+            "store = \"x\"\nsite = \" \"",
+            "site: expected the name of a site",
         ),
         (
-            "[archive]\nstore = \"s3://b\"\nsite = \"n\"\nendpoint = \"http://192.0.2.1:9000\"",
-            "archive.endpoint: expected an address https://HOST/PATH, or http:// on this machine",
+            "store = \"ftp://x\"\nsite = \"n\"",
+            "store: expected a folder or s3://BUCKET/PREFIX, found \"ftp://x\"",
         ),
         (
-            "[archive]\nstore = \"x\"\nsite = \"n\"\nregion = \"r\"",
-            "archive.region: expected with a store s3://… only",
+            "store = \"s3://b\"\nsite = \"n\"\nendpoint = \"http://192.0.2.1:9000\"",
+            "endpoint: expected an address https://HOST/PATH, or http:// on this machine",
         ),
         (
-            "[archive]\nstore = \"x\"\nsite = \"n\"\n[archive.thin]\ncaptures_after = \"1 s\"",
-            "archive.thin.captures_after: expected 1 h to 36500 d, found 1 s",
+            "store = \"x\"\nsite = \"n\"\nregion = \"r\"",
+            "region: expected with a store s3://… only",
+        ),
+        (
+            "store = \"x\"\nsite = \"n\"\n[thin]\ncaptures_after = \"1 s\"",
+            "thin.captures_after: expected 1 h to 36500 d, found \"1 s\"",
         ),
     ] {
-        config(&at.files, section);
+        let begin = if text.starts_with("store") { own } else { "" };
+        write_config(&at.files, &format!("{begin}{text}"));
         let told = message(&["status"], 2);
         assert!(told.contains(expected), "{told}");
     }
     let keys = at.files.path("keys");
     fs::write(&keys, "aws_access_key_id = x\n").unwrap();
-    let section = "[archive]\nstore = \"s3://b\"\nsite = \"n\"\ncredentials_file = \"keys\"";
-    config(&at.files, section);
+    let text = "data = \"data\"\nstore = \"s3://b\"\nsite = \"n\"\ncredentials_file = \"keys\"";
+    write_config(&at.files, text);
     let told = message(&["push"], 2);
     assert!(told.contains("with mode 0600, found 0644"), "{told}");
-    fs::set_permissions(&keys, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
+    fs::set_permissions(&keys, PermissionsExt::from_mode(0o600)).unwrap();
     let told = message(&["push"], 2);
     assert!(
-        told.contains("archive.credentials_file: expected aws_secret_access_key in"),
+        told.contains("credentials_file: expected aws_secret_access_key in"),
         "{told}"
     );
 }
 
 #[test]
-fn a_server_sends_its_runs_and_tells_what_is_there() {
-    let files = Files::short(3);
-    config(&files, ARCHIVE);
-    files.run("data/runs/before").expect_code(0);
+fn a_follower_sends_runs_as_they_end_and_the_server_shows_its_state() {
+    let files = Files::new();
+    files.write_server("");
+    write_config(&files, ARCHIVE);
+    files.run("data/runs/before");
     let served = Served::start(&files);
+    let following = follow(&files);
     let archived = |count: u64| {
         poll("runs in the archive", || {
-            let now = served.get("/archive");
+            let now = served.archive()?;
             (now["archived"] == count && now["in_work"] == false).then_some(now)
         })
     };
     archived(1);
-    let run = submit(&served, r#"{"experiment":"demo"}"#);
-    served.ended(&run);
+    let (status, answer) = served.ask("POST", "/api/v1/queue", r#"{"experiment":"demo"}"#);
+    assert_eq!(status, 201, "{answer}");
     let now = archived(2);
     assert_eq!(
         (&now["pending"], &now["trouble"]),
         (&0.into(), &Value::Null)
     );
-    let answer = served.ask("GET", "/metrics", ("", "")).expect(200).text();
-    assert!(
-        answer.contains("eis_bench_archive_runs{state=\"archived\"} 2"),
-        "{answer}"
-    );
-    assert!(answer.contains("eis_bench_archive_trouble 0"), "{answer}");
-    // Its store becomes unavailable: the server reports this and continues.
-    drop(served);
+    poll("the archive in the metrics", || {
+        let (_, text) = served.ask("GET", "/metrics", "");
+        let has = |row: &str| text.lines().any(|line| line == row);
+        let is_up_to_date = has("eis_bench_archive_runs{state=\"archived\"} 2");
+        (is_up_to_date && has("eis_bench_archive_trouble 0")).then_some(())
+    });
+    // A store that fails is retried, and the server shows why.
+    drop(following);
     fs::remove_dir_all(files.path("store")).unwrap();
-    fs::write(files.path("store"), "no folder").unwrap();
-    files.run("data/runs/later").expect_code(0);
-    let served = Served::start(&files);
+    files.write("store", "no folder");
+    files.run("data/runs/later");
+    let _following = follow(&files);
     let now = poll("the trouble", || {
-        let now = served.get("/archive");
+        let now = served.archive()?;
         (now["trouble"] != Value::Null).then_some(now)
     });
     assert_eq!((&now["archived"], &now["pending"]), (&2.into(), &1.into()));
     assert!(now["again_unix_s"].as_f64() > Some(0.0));
     fs::remove_file(files.path("store")).unwrap();
-    poll("the run in the store that is back", || {
-        (served.get("/archive")["archived"] == 3).then_some(())
-    });
+    archived(3);
 }
 
 #[test]
-fn a_server_without_an_archive_says_so() {
-    let files = Files::short(3);
-    config(&files, "");
+fn a_server_refuses_the_section_of_the_archive_and_shows_none() {
+    let files = Files::new();
+    let path = files.write_server("[archive]\nstore = \"store\"\nsite = \"north\"");
+    let ended = bench(&["serve".as_ref(), path.as_os_str()]).expect_code(2);
+    let message = ended.message();
+    assert!(
+        message.contains("archive: the archive has a file of its own"),
+        "{message}"
+    );
+    files.write_server("");
     let served = Served::start(&files);
-    let told = served
-        .ask("GET", "/api/v1/archive", ("", ""))
-        .expect(404)
-        .json();
-    assert_eq!(told["code"], "no-archive");
-    let answer = served.ask("GET", "/metrics", ("", "")).expect(200).text();
-    let has = answer
+    let (status, answer) = served.ask("GET", "/api/v1/archive", "");
+    assert!(status == 404 && answer.contains("no-archive"), "{answer}");
+    let (_, text) = served.ask("GET", "/metrics", "");
+    let has_value = text
         .lines()
         .any(|line| line.starts_with("eis_bench_archive"));
-    assert!(!has, "{answer}");
+    assert!(!has_value, "{text}");
 }

@@ -1,0 +1,47 @@
+//! An archive that is open: its settings, its store and its receipts.
+
+use std::path::Path;
+
+use bench_archive::{Store, receipt::Receipts, snapshot::RunSource};
+use jiff::Timestamp;
+
+use crate::{
+    data_folder::run_sources,
+    failure::Failure,
+    settings::Settings,
+    status::{read_status, write_status},
+};
+
+/// An archive that is open.
+pub(crate) struct Archive {
+    pub(crate) settings: Settings,
+    pub(crate) store: Store,
+    pub(crate) receipts: Receipts,
+}
+
+impl Archive {
+    pub(crate) fn open(config: &Path) -> Result<Self, Failure> {
+        let settings = Settings::load(config)?;
+        Ok(Self {
+            store: Store::open(&settings.place)?,
+            receipts: Receipts::of(&settings.data)?,
+            settings,
+        })
+    }
+
+    pub(crate) fn sources(&self, named: &[String]) -> Result<Vec<RunSource>, Failure> {
+        run_sources(&self.settings.data, named)
+    }
+
+    /// Updates the status that the server shows.
+    pub(crate) fn update_status(&self) -> Result<(), Failure> {
+        let mut status = read_status(&self.settings)?;
+        status.written_unix_s = unix_time_s();
+        write_status(&self.settings.data, &status)
+    }
+}
+
+/// Returns the time, s since 1970.
+pub(crate) fn unix_time_s() -> f64 {
+    Timestamp::now().as_duration().as_secs_f64()
+}
