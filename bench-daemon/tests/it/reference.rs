@@ -58,6 +58,45 @@ const KEYS: &str = "*Needed* says `yes`, or the default of a key, or `no` and wh
     the key is left out.\n\
     A key that no table lists is an error.\n";
 
+/// The shortest data set: its files are those of `fixtures/data/cells/panasonic_18650pf_25C`.
+const DATA_SET: &str = r#"The shortest data set has a spectrum, a record to fit and one to predict.
+In a copy of `fixtures/data/cells/panasonic_18650pf_25C`, `eis-bench diagnose FOLDER` reads this file:
+
+```toml
+name = "NCR18650PF"
+model = "model_3rc.json"
+ocv = "ocv.json"
+
+[[runs]]
+file = "eis_07.csv"
+kind = "eis"
+ocv_v = 3.6635
+temperature_c = 26.8
+from_hz = 0.1
+to_hz = 300
+
+[[runs]]
+name = "4C"
+file = "pulses.bdf.csv"
+kind = "time"
+ocv_v = 3.6564
+from_s = 49041.8
+to_s = 49171.9
+
+[[runs]]
+name = "2C"
+file = "pulses.bdf.csv"
+kind = "time"
+ocv_v = 3.6609
+from_s = 47831.7
+to_s = 47961.8
+role = "held_out"
+```
+
+[`eis-bench dataset init`](dataset.md) writes such a file from the logs of a cycler.
+
+"#;
+
 /// Returns the root of the repository.
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -160,7 +199,7 @@ fn the_reference_of_a_data_set_is_what_the_sources_say() {
         top: library.structure("dataset/raw.rs", "File"),
     };
     let text = format!(
-        "# Keys of `dataset.toml`\n\n{MADE}\n{KEYS}{}",
+        "# Keys of `dataset.toml`\n\n{DATA_SET}{MADE}\n{KEYS}{}",
         page::part(&library, &part)
     );
     hold("reference-dataset.md", &text);
