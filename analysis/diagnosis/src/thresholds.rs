@@ -87,7 +87,7 @@ impl Source {
     }
 }
 
-/// Returns the registry as a table in Markdown, as in `docs/thresholds.md`.
+/// Returns the registry as a table in Markdown, as in `docs/reference-thresholds.md`.
 pub fn markdown() -> String {
     let head = "| name | value | unit | meaning | source |\n|---|---|---|---|---|\n";
     let row = |t: &Threshold| {

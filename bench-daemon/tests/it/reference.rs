@@ -14,6 +14,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use analysis::diagnosis::thresholds::markdown;
+
 use page::Part;
 use sources::Library;
 
@@ -96,6 +98,16 @@ role = "held_out"
 [`eis-bench dataset init`](dataset.md) writes such a file from the logs of a cycler.
 
 "#;
+
+/// The text before the table of the thresholds.
+const THRESHOLDS: &str = "These numbers decide in a [diagnosis](diagnosis.md), in the order of the workflow.\n\
+    `eis-bench effects --thresholds` prints them, with `--json` as JSON.\n\
+    Most are conventions; [some were varied](thresholds.md), and the [study](study.md) measures their joint \
+    effect.\n\n\
+    A source is a *quantile* of a distribution, a *derivation*, a *study* with its seed, a *citation*, or a \
+    *convention*: set by judgement, with what supports it.\n\
+    The unit 1 is a ratio, a probability or a χ²; σ is a standard deviation.\n\
+    Names in code font are thresholds, modules of the code or pages.\n";
 
 /// Returns the root of the repository.
 fn root() -> PathBuf {
@@ -204,6 +216,15 @@ fn the_reference_of_a_data_set_is_what_the_sources_say() {
     );
     hold("reference-dataset.md", &text);
     hold("schema/dataset.json", &schema::schema(&library, &part));
+}
+
+#[test]
+fn the_reference_of_the_thresholds_is_their_registry() {
+    let text = format!(
+        "# Thresholds of the diagnosis\n\n{MADE}\n{THRESHOLDS}\n{}",
+        markdown()
+    );
+    hold("reference-thresholds.md", &text);
 }
 
 #[test]
