@@ -540,7 +540,11 @@ struct NotPlayed {
     blocks: &'static [&'static str],
 }
 
-const NOT_PLAYED: [NotPlayed; 8] = [
+const NOT_PLAYED: [NotPlayed; 9] = [
+    NotPlayed {
+        reason: "it needs `eis-archive`, whose own tests play it",
+        blocks: &["archive.md: cargo install --path bench-daemon/archive --locked"],
+    },
     NotPlayed {
         reason: "it needs the Python package, whose own tests play it",
         blocks: &["jobs.md: python -m eisbench.jobs fit store --rc 4 --out fits"],

@@ -17,6 +17,8 @@ use std::{
 use flate2::{Compression, read::ZlibDecoder, write::ZlibEncoder};
 use zip::{ZipArchive, ZipWriter, write::SimpleFileOptions};
 
+use analysis_forward::forward::{Demand, Interpolation};
+
 use super::parse_file;
 use crate::formats::{
     ReadOptions, SeriesOptions, SeriesReadError, read_profile, read_record, scope::open_scope,
@@ -145,7 +147,7 @@ fn repacked(bytes: &[u8], random: &mut Random) -> Option<Vec<u8>> {
                 continue;
             }
         }
-        let name = member.name().to_owned();
+        let name = member.name().ok()?.to_string();
         drop(member);
         writer.start_file(name, SimpleFileOptions::default()).ok()?;
         writer.write_all(&content).ok()?;
@@ -384,8 +386,12 @@ fn read_all(path: &Path, bytes: &[u8]) -> Vec<&'static str> {
         }
         Err(error) => check_error(path, &error),
     }
-    if let Ok(profile) = read_profile(path, &ReadOptions::default()) {
-        drop(profile);
+    let options = ReadOptions {
+        demand: Some(Demand::Current),
+        interpolation: Interpolation::Hold,
+        charge_positive: false,
+    };
+    if read_profile(path, &options).is_ok() {
         read.push("profile");
     }
     if let Ok(record) = open_scope(path, Some(1.0e-6)) {
