@@ -20,8 +20,13 @@ pub(crate) struct Archive {
 }
 
 impl Archive {
-    pub(crate) fn open(config: &Path) -> Result<Self, Failure> {
-        let settings = Settings::load(config)?;
+    /// Reads the file of an archive, and opens its store.
+    pub(crate) fn load(config: &Path) -> Result<Self, Failure> {
+        Self::open(Settings::load(config)?)
+    }
+
+    /// Opens the store.
+    pub(crate) fn open(settings: Settings) -> Result<Self, Failure> {
         Ok(Self {
             store: Store::open(&settings.place)?,
             receipts: Receipts::of(&settings.data)?,

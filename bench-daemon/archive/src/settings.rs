@@ -78,7 +78,11 @@ impl Settings {
             Failure::Usage(format!("{}: {reason}", path.display()))
         };
         let text = fs::read_to_string(path).map_err(|error| complain(&error))?;
-        let raw: Raw = toml::from_str(&text).map_err(|error| complain(&error))?;
+        let raw: Raw = toml::from_str(&text).map_err(|error| {
+            let before = error.span().and_then(|span| text.get(..span.start));
+            let line = before.unwrap_or_default().matches('\n').count() + 1;
+            Failure::Usage(format!("{}:{line}: {}", path.display(), error.message()))
+        })?;
         let source = Source { path };
         if raw.site.trim().is_empty() || raw.site.chars().any(char::is_control) {
             let reason = format!("expected the name of a site, found {:?}", raw.site);

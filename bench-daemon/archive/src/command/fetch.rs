@@ -9,7 +9,7 @@ use super::arguments::FetchArgs;
 use crate::{failure::Failure, open::Archive, print::print_line};
 
 pub(super) async fn fetch(args: &FetchArgs) -> Result<(), Failure> {
-    let archive = Archive::open(&args.config)?;
+    let archive = Archive::load(&args.config)?;
     let fetched = match &args.out {
         Some(out) => {
             let run = find_run_hash(&archive, &args.run)?;

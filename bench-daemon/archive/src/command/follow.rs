@@ -14,6 +14,7 @@ use crate::{
     failure::Failure,
     open::{Archive, unix_time_s},
     print::print_remark,
+    settings::Settings,
     status::{read_status, write_status},
 };
 
@@ -30,7 +31,7 @@ const STATUS_EVERY: Duration = Duration::from_secs(30);
 /// A file of the archive that is not as expected, at the start. A store that does not answer is
 /// retried instead.
 pub(super) async fn follow(args: &FollowArgs) -> Result<(), Failure> {
-    let archive = Archive::open(&args.config)?;
+    let settings = Settings::load(&args.config)?;
     let push = PushArgs {
         tries: 1,
         ..PushArgs::default()
@@ -38,41 +39,42 @@ pub(super) async fn follow(args: &FollowArgs) -> Result<(), Failure> {
     let mut pause_s = PAUSES_S[0];
     let mut next_thin = Instant::now();
     loop {
-        if let Err(trouble) = push_once(&archive, &push).await {
+        if let Err(trouble) = push_once(&settings, &push).await {
             let pause = with_jitter(pause_s);
             let words = format!("{trouble}; next attempt in {:.0} s", pause.as_secs_f64());
             print_remark(format_args!("{words}"));
             let again_unix_s = unix_time_s() + pause.as_secs_f64();
-            publish(&archive, false, Some((trouble.to_string(), again_unix_s)));
+            publish(&settings, false, Some((trouble.to_string(), again_unix_s)));
             sleep(pause).await;
             pause_s = (2.0 * pause_s).min(PAUSES_S[1]);
             continue;
         }
         pause_s = PAUSES_S[0];
-        if let Some(after_s) = archive.settings.captures_after_s
+        if let Some(after_s) = settings.captures_after_s
             && Instant::now() >= next_thin
         {
             next_thin = Instant::now() + THIN_EVERY;
-            if let Err(trouble) = move_due_captures(&archive, after_s).await {
+            if let Err(trouble) = move_due_captures(&settings, after_s).await {
                 print_remark(format_args!("captures stay where they are: {trouble}"));
             }
         }
-        publish(&archive, false, None);
+        publish(&settings, false, None);
         sleep(Duration::from_secs_f64(args.every_s)).await;
     }
 }
 
 /// Sends what is due, once.
-async fn push_once(archive: &Archive, push: &PushArgs) -> Result<(), Failure> {
+async fn push_once(settings: &Settings, push: &PushArgs) -> Result<(), Failure> {
+    let archive = Archive::open(settings.clone())?;
     let mut published: Option<Instant> = None;
     let between = || {
         if published.is_none_or(|at| at.elapsed() >= STATUS_EVERY) {
             published = Some(Instant::now());
-            publish(archive, true, None);
+            publish(settings, true, None);
         }
         Ok(())
     };
-    let report = push_due(archive, push, between).await?;
+    let report = push_due(&archive, push, between).await?;
     match report.failed {
         0 => Ok(()),
         failed => Err(Failure::Store(format!(
@@ -81,19 +83,20 @@ async fn push_once(archive: &Archive, push: &PushArgs) -> Result<(), Failure> {
     }
 }
 
-async fn move_due_captures(archive: &Archive, after_s: f64) -> Result<(), Failure> {
+async fn move_due_captures(settings: &Settings, after_s: f64) -> Result<(), Failure> {
+    let archive = Archive::open(settings.clone())?;
     let sources = archive.sources(&[])?;
-    move_captures(archive, &sources, after_s, false).await?;
+    move_captures(&archive, &sources, after_s, false).await?;
     Ok(())
 }
 
 /// Writes the status for the server. A failure of this is only a remark: the runs matter more.
-fn publish(archive: &Archive, in_work: bool, trouble: Option<(String, f64)>) {
-    let written = read_status(&archive.settings).and_then(|mut status| {
+fn publish(settings: &Settings, in_work: bool, trouble: Option<(String, f64)>) {
+    let written = read_status(settings).and_then(|mut status| {
         status.in_work = in_work;
         status.written_unix_s = unix_time_s();
         (status.trouble, status.again_unix_s) = trouble.unzip();
-        write_status(&archive.settings.data, &status)
+        write_status(&settings.data, &status)
     });
     if let Err(error) = written {
         print_remark(format_args!("the status is out of date: {error}"));

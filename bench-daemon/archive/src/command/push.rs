@@ -35,7 +35,7 @@ pub(super) struct PushReport {
 }
 
 pub(super) async fn push_runs(args: &PushArgs) -> Result<(), Failure> {
-    let archive = Archive::open(&args.config)?;
+    let archive = Archive::load(&args.config)?;
     let report = push_due(&archive, args, || Ok(())).await?;
     archive.update_status()?;
     if args.json {

@@ -21,7 +21,7 @@ pub(super) struct Moved {
 }
 
 pub(super) async fn thin_runs(args: &ThinArgs) -> Result<(), Failure> {
-    let archive = Archive::open(&args.config)?;
+    let archive = Archive::load(&args.config)?;
     let after_s = args.captures_after_s.or(archive.settings.captures_after_s);
     let Some(captures_after_s) = after_s else {
         return Err(Failure::Usage(

@@ -20,7 +20,7 @@ struct VerifyReport {
 }
 
 pub(super) async fn verify_runs(args: &VerifyArgs) -> Result<(), Failure> {
-    let archive = Archive::open(&args.config)?;
+    let archive = Archive::load(&args.config)?;
     let mut verifier = Verifier::of(&archive.store);
     let found = match args.all {
         true => verify_store(&archive, &mut verifier).await?,
