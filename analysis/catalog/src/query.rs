@@ -27,7 +27,7 @@ const FEW: usize = 2000;
 pub struct RunsFound {
     /// The runs.
     pub runs: Vec<CatalogRun>,
-    /// Where to go on; none where there are no more.
+    /// Position of the next part; absent at the end.
     pub after: Option<String>,
 }
 
@@ -37,7 +37,7 @@ pub struct RunsFound {
 pub struct SpectraFound {
     /// The spectra.
     pub spectra: Vec<CatalogSpectrum>,
-    /// Where to go on; none where there are no more.
+    /// Position of the next part; absent at the end.
     pub after: Option<String>,
 }
 
@@ -47,9 +47,9 @@ pub struct SpectraFound {
 pub struct CellFound {
     /// Its name.
     pub cell: String,
-    /// Its serial number; none where no experiment tells it.
+    /// Its serial number, if an experiment states it.
     pub serial: Option<String>,
-    /// Number of runs with it, of those that were asked for.
+    /// Number of matching runs with it.
     pub runs: u32,
     /// When the first of them began, s since 1970.
     pub first_unix_s: f64,
@@ -75,7 +75,7 @@ pub struct CellFound {
 pub struct CellsFound {
     /// The cells.
     pub cells: Vec<CellFound>,
-    /// Where to go on; none where there are no more.
+    /// Position of the next part; absent at the end.
     pub after: Option<String>,
 }
 
@@ -103,7 +103,7 @@ pub struct RunShown {
 pub struct FitsFound {
     /// The fits.
     pub fits: Vec<CatalogFit>,
-    /// Where to go on; none where there are no more.
+    /// Position of the next part; absent at the end.
     pub after: Option<String>,
 }
 
@@ -113,7 +113,7 @@ pub struct FitsFound {
 pub struct DiagnosesFound {
     /// The diagnoses.
     pub diagnoses: Vec<CatalogDiagnosis>,
-    /// Where to go on; none where there are no more.
+    /// Position of the next part; absent at the end.
     pub after: Option<String>,
 }
 

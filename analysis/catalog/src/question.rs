@@ -51,7 +51,7 @@ impl Filter {
         }
     }
 
-    /// Returns whether there is no condition beside a cursor and a length.
+    /// Returns whether the question has no condition except a cursor and a length.
     pub(crate) fn is_empty(&self) -> bool {
         let all = Self {
             after: self.after.clone(),

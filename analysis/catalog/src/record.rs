@@ -9,11 +9,11 @@ use serde::{Deserialize, Serialize};
 pub enum CatalogVerdict {
     /// Finished; no point was refused.
     Good,
-    /// Finished, with refused points or a state of charge that was missed.
+    /// Finished, with refused points or a missed state of charge.
     Doubtful,
-    /// Ended before it was finished.
+    /// Ended early.
     Failed,
-    /// Its journal tells no end: it goes on, or its process has died.
+    /// Its journal has no end entry: the run is in progress, or its process has died.
     Unfinished,
     /// A file of its folder cannot be read.
     Damaged,
@@ -51,9 +51,9 @@ impl CatalogVerdict {
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum TimeSource {
-    /// The manifest tells when the run began.
+    /// The manifest states when the run began.
     Clock,
-    /// The run was in virtual time, which has no calendar: the time of its file stands for it.
+    /// The run was in virtual time, which has no calendar; the time of its file is used instead.
     File,
 }
 
@@ -81,7 +81,7 @@ impl TimeSource {
 pub struct CatalogCell {
     /// Its name: that of the specimen in a campaign, else that of the file of the cell.
     pub name: String,
-    /// Its serial number, where the experiment tells it.
+    /// Its serial number, if the experiment states it.
     pub serial: Option<String>,
     /// Serial number that a person read from the cell when it was put into the jig.
     pub scanned_serial: Option<String>,
@@ -134,7 +134,7 @@ pub struct CatalogRun {
     pub bench: String,
     /// The cells.
     pub cells: Vec<CatalogCell>,
-    /// Who asked for it or answered its questions; none where nobody is told.
+    /// Who submitted it or answered its questions; null if nobody was named.
     pub operator: Option<String>,
     /// Seed of simulation and searches.
     pub seed: u64,
@@ -148,9 +148,9 @@ pub struct CatalogRun {
     pub time_source: TimeSource,
     /// Bench time of its last manifest, s.
     pub bench_time_s: f64,
-    /// How it ended, in words; none where its journal tells no end.
+    /// How it ended, in words; null if its journal has no end entry.
     pub how: Option<String>,
-    /// The same in a word.
+    /// The same as a keyword.
     pub verdict: CatalogVerdict,
     /// Message of the interlock that ended it; none where it did not trip.
     pub trip: Option<String>,
@@ -329,7 +329,7 @@ pub struct CatalogEvent {
     pub kind: CatalogEventKind,
     /// In words.
     pub text: String,
-    /// Who acted; none where nobody is told.
+    /// Who acted; null if nobody was named.
     pub by: Option<String>,
 }
 
@@ -339,9 +339,10 @@ pub struct CatalogEvent {
 pub struct CatalogDiagnosis {
     /// Its folder.
     pub folder: String,
-    /// Identity of the run that it is of; none where that cannot be told.
+    /// Identity of the run that it belongs to; null if it is unknown.
     pub run: Option<String>,
-    /// Cell of that run that it is of; none where the run has several and it is of none of them.
+    /// Cell of that run; null if the run has several cells and the diagnosis belongs to none of
+    /// them.
     pub cell: Option<String>,
     /// Name of the data set.
     pub data_set: String,

@@ -27,7 +27,7 @@ impl Diagnosis {
     }
 
     /// Returns the terms of the augmentation for predictions as additions to the model that was
-    /// refitted together with them; empty if there are no terms.
+    /// refitted together with them; empty without terms.
     pub fn predictive_additions(&self, added_by: &str) -> Vec<Addition> {
         let Some(predictive) = &self.predictive else {
             return Vec::new();

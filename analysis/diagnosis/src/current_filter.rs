@@ -5,7 +5,7 @@
 //! its previous value to that level as the filter allows. Levels and one time constant for all
 //! records are fitted to the logged current, for each form of filter, and compared with no filter
 //! at all. If the voltage changes as slowly as the logged current, that current actually flows, and
-//! there are no jumps.
+//! the inverted model does not jump.
 
 use std::fmt;
 use std::ops::Range;

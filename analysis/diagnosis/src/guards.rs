@@ -57,8 +57,8 @@ pub(super) fn naming_lead(measured: bool, lambda: f64) -> f64 {
     NAMING_LEAD.max(part * lambda)
 }
 
-/// Penalised gain by which something outside the catalogue must lead a name of this λ: 3 % of an
-/// effect that differ from its formula are no lead.
+/// Penalised gain by which a change outside the catalogue must lead a name of this λ: a deviation
+/// of 3 % of an effect from its formula is not a lead.
 pub(super) fn outside_lead(lambda: f64) -> f64 {
     OUTSIDE_LEAD
         .max(FORMULA_SHARE * FORMULA_SHARE * lambda)

@@ -138,7 +138,7 @@ pub(super) struct Shape {
     /// Diagonal of the white term, voltage or spectrum.
     white: (Term, Vec<f64>),
     /// Current-noise propagation: covariance from white noise of the current after its own sample,
-    /// row-major; empty if there is no such noise.
+    /// row-major; empty without such noise.
     propagated: Vec<f64>,
     /// Correlation of the drift, row-major; empty for a spectrum.
     pub(super) drift: Vec<f64>,

@@ -2,8 +2,7 @@
 //! search.
 //!
 //! Order: ln R, ln R₁, ln τ₁, ln R₂, …; then per effect its strength in units of its typical size
-//! and its shapes' logarithms. Choices are no part of the vector: another choice is another
-//! structure.
+//! and its shapes' logarithms. Choices are not in the vector: another choice is another structure.
 
 use crate::thresholds::{AT_BOUND_PART, RESISTANCE_REACH, TIME_REACH};
 use analysis_effects::{

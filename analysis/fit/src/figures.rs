@@ -22,7 +22,7 @@ impl ErmFit {
 pub struct FigureInput<'a> {
     /// Sweeps of cells, named `cell0_3` (cell 0, repeat 3).
     pub sweeps: &'a [Spectrum],
-    /// Sweeps of control impedances; with none there is no figure 3.10.
+    /// Sweeps of control impedances; without them figure 3.10 is not drawn.
     pub controls: &'a [Spectrum],
     /// Fits of the pooled sweeps; those with 1…4 RC branches become figures 3.11–3.14.
     pub fits: &'a [ErmFit],
@@ -143,7 +143,7 @@ fn unit(fit: &ErmFit) -> &'static str {
     }
 }
 
-/// `cell 0` of `cell0_3`; a name that tells no cell stands for one of its own.
+/// Returns `cell 0` for `cell0_3`. A name without a cell counts as a cell of its own.
 fn cell_of(name: &str) -> String {
     cell_in_name(name).map_or_else(|| name.to_owned(), |cell| format!("cell {cell}"))
 }

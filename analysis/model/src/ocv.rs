@@ -43,7 +43,7 @@ pub struct OcvCurve {
     pub slope_v: Vec<f64>,
 }
 
-/// Reason why knots are no OCV curve.
+/// Reason why knots are not a valid OCV curve.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum OcvError {

@@ -122,7 +122,7 @@ fn frame(plot: &ImpedancePlot, unit: Unit, room: Room) -> Frame {
 }
 
 /// Writes the frequency beside the point of each whole decade: of the last curve, or of the first
-/// points if there is no curve.
+/// points without a curve.
 fn decades(
     plot: &ImpedancePlot,
     frame: &Frame,

@@ -252,7 +252,7 @@ impl Correction {
     }
 
     /// Returns the corrected impedance, with the combined covariance from the noise of the phasors
-    /// and the uncertainty of the correction. It is not finite if there is no current.
+    /// and the uncertainty of the correction. It is not finite without a current.
     pub fn apply(&self, phasors: &ChannelPhasors) -> ImpedancePoint {
         let harness = Harness::new(&self.values, phasors);
         let (current, impedance) = (harness.current(), harness.impedance());

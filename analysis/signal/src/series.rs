@@ -34,7 +34,7 @@ pub struct TimeSeries {
     pub temperature_c: Option<Vec<f64>>,
 }
 
-/// Reason why numbers are no time series.
+/// Reason why numbers are not a valid time series.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SeriesError {
@@ -117,7 +117,7 @@ impl TimeSeries {
         self.time_s.len()
     }
 
-    /// Returns whether there are no samples.
+    /// Returns whether the series has no samples.
     pub fn is_empty(&self) -> bool {
         self.time_s.is_empty()
     }
@@ -152,8 +152,8 @@ impl TimeSeries {
     }
 
     /// Returns the longest stretch (in charge) in which the current keeps the sign of `direction`
-    /// (+1 discharge, −1 charge) and is above a tenth of the largest current of that sign; empty if
-    /// there is no such stretch.
+    /// (+1 discharge, −1 charge) and is above a tenth of the largest current of that sign; empty
+    /// without such a stretch.
     pub fn longest_stretch(&self, direction: f64) -> Range<usize> {
         let most = self
             .current_a

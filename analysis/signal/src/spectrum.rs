@@ -73,7 +73,7 @@ pub struct Spectrum {
 
 /// Returns the impedance from the voltage pair over the current pair, (V₄ − V₃)/(V₂ − V₁) ·
 /// R_shunt, without any correction, with the covariance from the noise of the four channels. It is
-/// not finite if there is no current.
+/// not finite without a current.
 ///
 /// The quotient is analytic in every channel, so a derivative rotates and scales the covariance of
 /// its phasor: R/(V₂ − V₁) for V₄ and −V₃, and Z/(V₂ − V₁) for V₁ and −V₂.

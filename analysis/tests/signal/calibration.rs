@@ -273,7 +273,7 @@ fn the_common_error_is_what_the_correction_carries() {
         compared += 1;
     }
     assert!(compared > 2);
-    // The common error of the real part is no larger than the correction's own error in it.
+    // The common error of the real part does not exceed the correction's own error in it.
     let end = runs
         .cell
         .iter()

@@ -244,7 +244,7 @@ pub(super) fn recommend(
         playable,
     };
     if planner.open.pairs.is_empty() {
-        // There are no names to separate: repeating the first run shows what changed on its own.
+        // Without names to separate, a repeat of the first run shows what changed on its own.
         let next = sentinel_repeat(&campaign)
             .filter(|item| planner.allowed(item))
             .map(|item| told(item, Vec::new(), Separation::default(), false));

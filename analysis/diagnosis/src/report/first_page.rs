@@ -240,7 +240,7 @@ fn next(d: &Diagnosis) -> Vec<String> {
 /// One held-out run: the error of every model over the same rows, and their noise.
 pub(super) struct Row {
     pub(super) run: String,
-    /// Rows that are compared; empty if there is no choice.
+    /// Rows that are compared; empty without a choice.
     pub(super) rows: &'static str,
     pub(super) alone: f64,
     pub(super) base: f64,

@@ -34,8 +34,8 @@ pub(super) struct Design {
 }
 
 impl Design {
-    /// The problem with a grid that reaches as far beyond the slow end of the band as told, and
-    /// with an inductive branch of a time constant where one is wanted.
+    /// Builds the problem. The grid extends beyond the slow end of the band by the factor
+    /// `slow_reach`. If `loop_tau_s` is given, it has an inductive branch with this time constant.
     pub(super) fn new(
         spectrum: &Spectrum,
         noise: &Noise,
@@ -113,7 +113,8 @@ fn element(j: usize, omega: f64, tau_s: &[f64], loop_tau_s: Option<f64>) -> Comp
     }
 }
 
-/// Second differences of the continuum with zeros beyond both ends, among so many unknowns.
+/// Returns the second differences of the continuum, with zeros beyond both ends, as a matrix of
+/// this number of unknowns.
 fn penalty(nodes: usize, unknowns: usize) -> DMatrix<f64> {
     let mut differences = DMatrix::zeros(nodes + 2, unknowns);
     for row in 0..nodes + 2 {

@@ -1,13 +1,13 @@
 //! Distribution of relaxation times: a spectrum as R∞, L and a continuum of RC elements, γ(τ) d ln
 //! τ. The part below the band is a series capacitance and a Warburg element.
 //!
-//! Tikhonov's regularisation (see Wan, Saccoccio, Chen and Ciucci, Electrochim. Acta 184
-//! (2015) 483): weighted least squares plus λ times the squared second derivative of γ, under γ ≥
-//! 0, γ → 0 beyond the grid. λ is chosen by generalised cross-validation, because it needs neither
-//! the noise nor a corner found by eye; degrees of freedom count 1.4-fold, for plain
-//! cross-validation of few points follows the noise now and then. The uncertainty is that of the
-//! Gaussian posterior of the elements that are not held at zero: it tells what noise does for this
-//! λ, not what another smoothness would show.
+//! Tikhonov's regularisation (see Wan, Saccoccio, Chen and Ciucci, Electrochim. Acta 184 (2015)
+//! 483): weighted least squares plus λ times the squared second derivative of γ, under γ ≥ 0, γ → 0
+//! beyond the grid. λ is chosen by generalised cross-validation, because it needs neither the noise
+//! nor a corner found by eye; degrees of freedom count 1.4-fold, because plain cross-validation of
+//! few points sometimes follows the noise. The uncertainty is that of the Gaussian posterior of the
+//! elements that are not held at zero: it covers the effect of the noise at this λ, but not the
+//! effect of another smoothness.
 //!
 //! Inductive and diffusive ends have elements of their own, so that they do not come out as peaks.
 //! A loop with Im Z > 0 at low frequency has one branch with a negative resistance, whose time
@@ -121,11 +121,11 @@ pub struct Drt {
     pub fitted_ohm: Vec<Complex64>,
 }
 
-/// Reason why there is no distribution.
+/// Reason why a distribution cannot be computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum DrtError {
-    /// Numbers that are no spectrum.
+    /// The numbers are not a valid spectrum.
     #[error(transparent)]
     Spectrum(#[from] SpectrumError),
     /// Nothing to distribute.

@@ -125,7 +125,7 @@ fn inductance_and_diffusion_are_no_peaks() {
             let Some((r, _)) = known else {
                 panic!("seed {seed}: phantom {peak:?}")
             };
-            // A tail that reaches into a peak can be told from it only so far.
+            // A tail that reaches into a peak can be separated from it only approximately.
             assert!((peak.r_ohm / r - 1.0).abs() < 0.3, "seed {seed}: {peak:?}");
         }
         with_warburg += u32::from(drt.warburg_ohm_per_sqrt_s.value > 0.5e-3);

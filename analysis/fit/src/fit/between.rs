@@ -1,7 +1,8 @@
-//! Sigmas of a model of several cells whose points have stated covariances. These covariances tell
-//! the noise of a sweep, but the cells differ by far more. Every cell is therefore fitted on its
-//! own. The scatter of the cells' parameters is the uncertainty of their mean, as the mean of all
-//! such cells. Errors that the points of all cells share move all cells alike, and are added.
+//! Sigmas of a model of several cells whose points have stated covariances. These covariances
+//! describe the noise of a sweep, but the cells differ by far more. Every cell is therefore fitted
+//! on its own. The scatter of the cells' parameters gives the uncertainty of their mean, as the
+//! mean of all such cells. Errors that the points of all cells share move all cells alike, and are
+//! added.
 
 use nalgebra::{DMatrix, SymmetricEigen};
 
@@ -106,9 +107,9 @@ fn alone(sweeps: &[Spectrum], options: &FitOptions, x: &[f64]) -> Option<Own> {
     })
 }
 
-/// The scatter, whose directions that so few cells do not tell are filled with the noise; the
-/// variance of each parameter stays that of the scatter. None for a noise that is not positive
-/// definite.
+/// Returns the scatter; the directions that the few cells do not determine are filled with the
+/// noise. The variance of each parameter stays that of the scatter. `None` if the noise is not
+/// positive definite.
 fn filled(scatter: &DMatrix<f64>, noise: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let root = noise.clone().cholesky()?.l();
     let whitened =

@@ -12,15 +12,15 @@ use serde::{Deserialize, Serialize};
 pub struct CellSweeps {
     /// Name of the cell in the file.
     pub cell: String,
-    /// True where file or name tells the cell; else the sweep is a cell of its own for want of
-    /// better knowledge.
+    /// True if a file or a name identifies the cell. Otherwise the sweep counts as a cell of its
+    /// own.
     pub named: bool,
     /// Its sweeps.
     pub sweeps: Vec<Spectrum>,
 }
 
 impl CellSweeps {
-    /// Sorts sweeps by the cell that their files or names tell; a sweep that tells none is a cell
+    /// Groups sweeps by the cell that their files or names identify; a sweep without one is a cell
     /// of its own.
     pub fn sort(sourced: &[SourcedSpectrum]) -> Vec<Self> {
         let mut cells: Vec<(Option<&str>, Self)> = Vec::new();
@@ -314,8 +314,8 @@ fn with_shared(mut mean: Spectrum, sweeps: &[Spectrum]) -> Spectrum {
     mean
 }
 
-/// Standard deviation of repeats over |Z|, averaged with the neighbours: a variance of few degrees
-/// of freedom is no good as a weight.
+/// Returns the standard deviation of repeats over |Z|, averaged over neighbouring frequencies,
+/// because a variance with few degrees of freedom is a poor weight.
 fn smooth_relative(
     spread: &[FrequencySpread],
     part: fn(&FrequencySpread) -> &Components,

@@ -66,8 +66,8 @@ impl Clusters {
         self.cells.filter(|cells| *cells > 1)
     }
 
-    /// True where clusters tell the noise: known cells always, sweeps where there are more of them
-    /// than parameters.
+    /// Returns whether the clusters determine the noise: known cells always do; sweeps do if there
+    /// are more of them than parameters.
     pub(super) fn tell_noise(&self, parameters: usize) -> bool {
         self.cells().is_some() || self.count > parameters
     }

@@ -159,7 +159,8 @@ impl Common {
         (best, taken)
     }
 
-    /// Share of the objective that the errors themselves have, which is no misfit of the data.
+    /// Returns the share of the objective that the common errors contribute. It is not a misfit of
+    /// the data.
     pub(super) fn own_share(&self, best: &[f64]) -> f64 {
         self.noise * best.iter().map(|a| a * a).sum::<f64>()
     }

@@ -44,8 +44,8 @@ use num_complex::Complex64;
 /// ```
 ///
 /// # Errors
-/// [`FitError`] for options or data that cannot be fitted: no points, points that are no
-/// impedances, more parameters than numbers, bad bounds.
+/// [`FitError`] for options or data that cannot be fitted: no points, invalid impedances, more
+/// parameters than numbers, bad bounds.
 pub fn fit_erm(spectra: &[Spectrum], options: &FitOptions) -> Result<ErmFit, FitError> {
     fit(spectra, options, &Clusters::sweeps(spectra.len()), 0)
 }

@@ -2,13 +2,13 @@
 //! the extended Randles model and for circuits.
 //!
 //! With weights that are inverse covariances: (JᵀWJ)⁻¹, widened by the reduced χ² where that
-//! exceeds one (Birge's ratio). Without them, where neither cells nor enough sweeps tell the noise:
-//! noise proportional to |Z|, its size from the residuals. Otherwise the sandwich H⁻¹BH⁻¹ of an
-//! M-estimator (Huber, 1967), H the Hessian of the objective and B the scatter of its gradient over
-//! whole cells, or over whole sweeps where cells are not known (Liang and Zeger, 1986), times G/(G
-//! − 1) for G of them: the points of one sweep share its cell and its contacts. (Over the points of
-//! one sweep of 20 the sandwich was measured to state two thirds of the scatter of repeats, and
-//! over 25 sweeps of five cells half of the scatter of the cells.)
+//! exceeds one (Birge's ratio). Without them, if neither cells nor enough sweeps determine the
+//! noise: noise proportional to |Z|, its size from the residuals. Otherwise the sandwich H⁻¹BH⁻¹ of
+//! an M-estimator (Huber, 1967), H the Hessian of the objective and B the scatter of its gradient
+//! over whole cells, or over whole sweeps where cells are not known (Liang and Zeger, 1986), times
+//! G/(G − 1) for G of them: the points of one sweep share its cell and its contacts. (Over the
+//! points of one sweep of 20 the sandwich was measured to state two thirds of the scatter of
+//! repeats, and over 25 sweeps of five cells half of the scatter of the cells.)
 
 use super::clusters::Clusters;
 use super::options::Objective;
@@ -72,8 +72,8 @@ pub(super) struct Evidence<'a> {
     pub(super) shared: Option<Vec<f64>>,
 }
 
-/// The covariance `factor`·A⁻¹, or `factor`·A⁻¹BA⁻¹, of which the inverse is the caller's; no
-/// factor where nothing tells the noise.
+/// The covariance `factor`·A⁻¹, or `factor`·A⁻¹BA⁻¹; the caller inverts. `factor` is absent if
+/// nothing determines the noise.
 pub(super) struct Normal {
     /// A, row by row.
     pub(super) bread: Vec<f64>,

@@ -1,5 +1,5 @@
-//! Fits the extended Randles model to impedance spectra, and circuits in general. It serves
-//! everybody who has a spectrum and wants a model with uncertainties.
+//! Fits the extended Randles model, and circuits in general, to impedance spectra, with
+//! uncertainties.
 //!
 //! [`fit_erm`] (or [`fit_cells`], where it is known which sweeps share a cell) pools the spectra
 //! and searches globally over the time constants; the resistances are linear once these are held.
@@ -8,8 +8,8 @@
 //!
 //! [`select_order`] finds the number of branches that the data support, [`profiles`] the interval
 //! of each parameter, [`cell_spread`] the differences between cells and repeats. [`survey_seeds`]
-//! tells how surely the search ends at the best minimum, and lists the others. [`fit_circuit`] fits
-//! any equivalent circuit.
+//! measures how reliably the search ends at the best minimum, and lists the others. [`fit_circuit`]
+//! fits any equivalent circuit.
 
 mod addition;
 mod batch;

@@ -25,8 +25,8 @@ pub enum Objective {
     /// magnitudes). Robust against outliers.
     SumAbs,
     /// Σ(|Z_model| − |Z_data|)², Ω²: magnitudes only, as the thesis' text says. The phase is
-    /// ignored, and with it most of what tells slow branches apart: with four branches and one
-    /// sweep, seeds may end up to 1e-4 apart in the value. Squares were chosen over absolute values
+    /// ignored, and with it most of what separates slow branches: with four branches and one sweep,
+    /// seeds may end up to 1e-4 apart in the value. Squares were chosen over absolute values
     /// because they are smooth and the best estimate under normal noise.
     Modulus,
     /// Complex least squares. With a covariance at every point the weight is its inverse and the
@@ -164,13 +164,13 @@ impl Default for FitOptions {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FitError {
-    /// No points at all.
+    /// The data have no points.
     #[error("fit: expected at least one point, met none in {spectra} spectra")]
     NoPoints {
         /// Number of spectra given.
         spectra: usize,
     },
-    /// A point that is no measurement.
+    /// A point is not a valid measurement.
     #[error(
         "fit: spectrum \"{spectrum}\", point {index} (counted from 1): expected {expected}, met \
         {met}"
@@ -204,7 +204,7 @@ pub enum FitError {
         /// Branches asked for.
         met: usize,
     },
-    /// Bounds that hold nothing.
+    /// The bounds are empty or not finite.
     #[error(
         "fit: bounds of {parameter}: expected 0 < lower < upper, both finite, met {lower} to \
         {upper} {unit}"
@@ -219,10 +219,10 @@ pub enum FitError {
         /// Unit.
         unit: &'static str,
     },
-    /// Impedances whose squares are no numbers.
+    /// The squares of the impedances overflow.
     #[error("fit: expected impedances that can be squared, met too large ones")]
     TooLarge,
-    /// A name that is no objective.
+    /// The name is not an objective.
     #[error("objective: expected sum-abs, modulus or complex, met \"{met}\"")]
     UnknownObjective {
         /// The name met.

@@ -49,8 +49,8 @@ pub struct OrderSelection {
     pub rows: Vec<OrderRow>,
     /// The order to use.
     pub recommended: usize,
-    /// Orders that the data do not tell from the best of the criteria; more than one means: cannot
-    /// tell.
+    /// Orders that the data cannot distinguish from the best one; if there is more than one, the
+    /// order is undecided.
     pub plausible: Vec<usize>,
     /// Why, in sentences.
     pub reasons: Vec<String>,

@@ -49,7 +49,7 @@ pub(super) fn standing_out(problem: &Problem, erm: &Erm) -> Vec<usize> {
     } else {
         scale
     };
-    // The chance that one of so many squares exceeds x is about n·exp(−x/2).
+    // The chance that one of n squares exceeds x is about n·exp(−x/2).
     let limit = 2.0 * (squares.len() as f64 / FALSE_ALARM_RATE).ln() * scale;
     let mut met = BTreeSet::new();
     squares

@@ -60,8 +60,9 @@ pub struct ErmFit {
 const MANY: f64 = 1e8;
 
 impl ErmFit {
-    /// Why the model is no result: its parameters that stand at a bound, in sentences. There the
-    /// bound decides and not the data, so that neither the parameter nor a sum with it is measured.
+    /// Returns why the model is not a result: its parameters that stand at a bound, in sentences.
+    /// There the bound decides and not the data, so that neither the parameter nor a sum with it is
+    /// measured.
     pub fn at_bounds(&self) -> Option<String> {
         let held = self
             .warnings

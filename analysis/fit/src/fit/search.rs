@@ -192,8 +192,8 @@ fn distance(a: &[f64], b: &[f64]) -> f64 {
         .fold(0.0, |m, (a, b)| f64::max(m, (a - b).abs()))
 }
 
-/// Time constants the data can tell from none and from infinite: the band widened by two decades
-/// each way, within what the bounds allow.
+/// Returns the range of time constants that the data can distinguish from zero and from infinity:
+/// the band widened by two decades each way, within the bounds.
 fn log_tau_range(problem: &Problem, bounds: &Bounds) -> (f64, f64) {
     let allowed = (
         (bounds.r_ohm.0 * bounds.c_f.0).ln(),

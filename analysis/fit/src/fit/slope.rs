@@ -25,7 +25,7 @@ pub enum SlopeError {
         /// The objective.
         objective: Objective,
     },
-    /// A text that is no slope.
+    /// The text is not a slope.
     #[error(": expected `fit`, `none` or a slope in V/C, found {met:?}")]
     Text {
         /// The text met.

@@ -162,8 +162,8 @@ fn told(problem: &Problem, common: &Common, fitted: &Fitted<'_>) -> Option<(f64,
     Some((best.get(error).copied()?, sigma))
 }
 
-/// Adds what the slope's uncertainty does to a fit whose objective is no sum of squares: the change
-/// by one standard deviation of it.
+/// Adds the effect of the slope's uncertainty to a fit whose objective is not a sum of squares: the
+/// change by one standard deviation of the slope.
 pub(super) fn carry(
     spectra: &[Spectrum],
     options: &FitOptions,

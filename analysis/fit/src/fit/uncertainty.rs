@@ -40,7 +40,7 @@ pub struct ErmSigma {
 pub(crate) struct Uncertainty {
     pub(crate) sigma: ErmSigma,
     pub(crate) log_covariance: Option<Vec<Vec<f64>>>,
-    /// Degrees of freedom; zero when there are no more numbers than parameters.
+    /// Degrees of freedom; zero if the data have no more numbers than parameters.
     pub(crate) freedom: f64,
 }
 
@@ -130,10 +130,10 @@ pub(crate) fn sigma_of(erm: &Erm, entry: &impl Fn(usize, usize) -> Option<f64>) 
     }
 }
 
-/// Covariance of the free logarithmic parameters, row-major; none when the data do not fix them or
-/// leave no freedom to tell.
+/// Returns the covariance of the free logarithmic parameters, row-major; `None` if the data do not
+/// determine them or leave no degrees of freedom.
 ///
-/// `shared` is what common errors take from the information.
+/// `shared` is the information that common errors remove.
 fn covariance(
     problem: &Problem,
     x: &[f64],

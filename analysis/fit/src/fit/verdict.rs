@@ -4,10 +4,10 @@ use super::warnings::HIGH_CHI2;
 use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
 
-/// Lower orders whose criterion is within this of the best are not told from it: odds of about one
-/// to four and a half.
+/// Lower orders whose criterion is within this of the best cannot be distinguished from it: odds of
+/// about one to four and a half.
 const PLAUSIBLE: f64 = 3.0;
-/// The same for higher orders, which have to earn their branches.
+/// The same for higher orders, which must justify their additional branches.
 const PLAUSIBLE_ABOVE: f64 = 1.5;
 /// A cell left out counts as predicted as well as by the best order when the error is larger by no
 /// more than this.
@@ -55,9 +55,10 @@ pub struct OrderRow {
     pub unidentified: Vec<String>,
 }
 
-/// The order to use, the orders that cannot be told from the best, and the reasons.
+/// Returns the recommended order, the orders that cannot be distinguished from the best, and the
+/// reasons.
 pub(super) fn judge(rows: &[OrderRow]) -> (usize, Vec<usize>, Vec<String>) {
-    // A branch at a bound is no branch: such an order is taken only where every order has one.
+    // A branch at a bound is not measured: such an order is eligible only if every order has one.
     let sound: Vec<&OrderRow> = rows
         .iter()
         .filter(|r| r.held_by_bounds.is_empty())

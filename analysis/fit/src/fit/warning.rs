@@ -32,8 +32,8 @@ pub enum WarningCode {
     Sign,
     /// Points that no model of relaxations passes through.
     Outliers,
-    /// The spectrum as a whole, or an end of it, is no measurement of a linear, steady system, or
-    /// its noise hides whether it is.
+    /// The spectrum, or an end of it, was not measured on a linear, steady system, or its noise
+    /// hides whether it was.
     Validity,
     /// A warning of the fit to spectra and pulses together.
     Joint,

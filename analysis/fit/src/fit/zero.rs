@@ -1,5 +1,5 @@
-//! Is the series resistance zero? Its logarithm has a bound, which is no fault where the data show
-//! no resistance.
+//! Decides whether the series resistance is zero. Its logarithm has a lower bound; a value at that
+//! bound is not a fault if the data show no resistance.
 
 use super::options::Bounds;
 use super::problem::Problem;
@@ -14,9 +14,8 @@ const FALLEN_OFF: f64 = 3.0;
 /// Share of the greatest |Z| that the data may still have at the highest frequency.
 const LEFT: f64 = 0.4;
 
-/// The series resistance is zero as far as the data tell: it stands at its lower bound, and all
-/// branches have fallen off within the band, so that none of them stands for it, and so has what was
-/// measured.
+/// Returns whether the series resistance is zero within the data: it is at its lower bound, and all
+/// branches and the measured |Z| have fallen off within the band, so that no branch replaces it.
 pub(super) fn is_r_zero(erm: &Erm, bounds: &Bounds, problem: &Problem) -> bool {
     let Some(fastest) = problem.groups.last() else {
         return false;

@@ -1,7 +1,7 @@
-//! Reasons why a source is no model of a cell.
+//! Reasons why a source is not a valid model of a cell.
 
-/// Relative error beyond which there is no ladder: the thesis' cells differ by 0.9 %, and what lies
-/// farther off is another cell.
+/// Relative error above which a ladder is refused: the thesis' cells differ by 0.9 %, and a larger
+/// error describes another cell.
 pub const REFUSED: f64 = 1e-2;
 /// Most branches of a ladder.
 pub const MOST_BRANCHES: usize = 32;
@@ -90,7 +90,7 @@ pub enum LadderError {
     Model(#[from] analysis_model::model::ModelError),
 }
 
-/// Reason why a text is no model of a cell.
+/// Reason why a text is not a valid model of a cell.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum GivenError {

@@ -126,8 +126,8 @@ impl GivenModel {
         }
     }
 
-    /// The same with what the gate of the data has refused, beside what its first fit knew of that:
-    /// a model that is no model file has no place for it.
+    /// Adds the points that the gate of the data has refused to those that its first fit refused.
+    /// Only a model from a model file has a place for them.
     #[must_use]
     pub fn with_refused(mut self, refused: Vec<RefusedPoint>) -> Self {
         if let Some(file) = &mut self.fitted {

@@ -19,8 +19,8 @@ pub struct Apparent {
 const BASELINE_S: f64 = 20.0;
 
 /// Apparent resistance after a time: the straight line through the last 20 s before the edge,
-/// carried on to the edge, less the mean of the samples within ±(50 ms + a tenth of the time). None
-/// where there is no sample.
+/// extrapolated to the edge, less the mean of the samples within ±(50 ms + a tenth of the time).
+/// `None` without samples there.
 pub fn apparent(
     series: &TimeSeries,
     pulse: &Pulse,

@@ -73,7 +73,7 @@ impl JointOptions {
     }
 }
 
-/// Reason why there is no joint fit.
+/// Reason why a joint fit cannot be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum JointError {
@@ -114,7 +114,7 @@ pub struct JointFit {
     pub step_resistance: Vec<(f64, f64, Option<f64>)>,
     /// Resistance of the pulses' cell and instrument over the spectra's.
     pub gain: f64,
-    /// Its standard uncertainty; the prior's where there are no pulses.
+    /// Its standard uncertainty; that of the prior if the data have no pulses.
     pub gain_sigma: Option<f64>,
     /// Place of the edges between their two samples, 0…1.
     pub edge: f64,

@@ -24,8 +24,8 @@ pub struct NoiseModel {
 }
 
 impl NoiseModel {
-    /// Measures the noise before the pulses, in windows of 128 samples; none when there is no such
-    /// window.
+    /// Measures the noise before the pulses, in windows of 128 samples; `None` if the record has no
+    /// such window.
     pub fn measure(series: &TimeSeries, pulses: &[Pulse]) -> Option<Self> {
         let mut sums = [0.0; LENGTHS.len()];
         let mut windows = 0;

@@ -10,7 +10,7 @@ use analysis_numeric::{Covariance2, linalg::cholesky};
 use analysis_signal::spectrum::{SharedError, SourcedSpectrum};
 use num_complex::Complex64;
 
-/// Relative uncertainty taken per part when nothing tells it.
+/// Relative uncertainty assumed per part if the data give none.
 const ASSUMED: f64 = 0.005;
 /// Frequencies to each side over which the relative scatter is averaged.
 const NEIGHBOURS: usize = 2;
@@ -70,9 +70,8 @@ pub enum PooledError {
 }
 
 impl PooledSpectrum {
-    /// Pools spectra of one kind of cell, all at the same frequencies. Which spectrum is of which
-    /// cell is told by the file or by a name like `cell0_3`; one that tells none is a cell of its
-    /// own.
+    /// Pools spectra of one kind of cell, all at the same frequencies. The file or a name such as
+    /// `cell0_3` identifies the cell of a spectrum; a spectrum without one is a cell of its own.
     ///
     /// # Errors
     /// [`PooledError`] for no spectra or frequencies that differ.
@@ -148,7 +147,7 @@ impl PooledSpectrum {
     }
 
     /// Cholesky factor of the covariance of all points, real and imaginary parts in turn, row by
-    /// row; none where it is no covariance.
+    /// row; `None` if the covariance is not positive definite.
     pub(super) fn factor(&self) -> Option<Vec<f64>> {
         let n = 2 * self.points.len();
         let mut covariance = vec![0.0; n * n];

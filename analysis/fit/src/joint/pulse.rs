@@ -58,10 +58,9 @@ impl Pulse {
     }
 }
 
-/// Samples next to an edge may be so far apart at most, s: the shortest pulse that counts
-/// ([`PulseOptions::default`]). In a slower record a pulse and a change of the load look alike, and
-/// the series resistance and the fast branches, which answer within that time, cannot be told
-/// apart.
+/// Maximum interval between the samples next to an edge, s: the shortest pulse that counts
+/// ([`PulseOptions::default`]). In a slower record a pulse looks like a change of the load, and the
+/// series resistance cannot be separated from the fast branches, which answer within that time.
 pub const SLOWEST_EDGE_S: f64 = 1.0;
 
 impl Pulse {

@@ -110,7 +110,7 @@ pub struct Study {
     pub warnings: Vec<String>,
 }
 
-/// Reason why there is no comparison.
+/// Reason why a comparison cannot be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum StudyError {

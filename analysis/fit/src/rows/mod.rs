@@ -105,7 +105,7 @@ impl Cell {
 pub struct ResultRow {
     /// One value for each column.
     pub cells: Vec<Cell>,
-    /// The reason why there is no result; the last cell says it too.
+    /// Reason why the result is missing; the last cell contains it too.
     pub error: Option<String>,
     /// The result carries warnings.
     pub has_warnings: bool,

@@ -38,11 +38,11 @@ pub struct Assessment {
 
 /// Judges the spectra of one cell, given in order of time. Those on the grid and at the amplitude
 /// of the first are its repeats; those at other amplitudes show whether the cell is linear. Records
-/// may be few or none. Of a spectrum with more than [`super::MOST_POINTS`] points so many are
-/// judged, and its verdict says so.
+/// may be few or none. Of a spectrum with more than [`super::MOST_POINTS`] points only this number
+/// is judged, and its verdict says so.
 ///
 /// # Errors
-/// [`ValidityError`] for a spectrum that is none or too short.
+/// [`ValidityError`] for a spectrum that is invalid or too short.
 ///
 /// # Examples
 /// ```

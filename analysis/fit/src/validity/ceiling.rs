@@ -22,10 +22,10 @@ pub(super) struct Roughness {
 /// A violation of 2 % in each of forty points then raises the sum of squares by half of its standard
 /// deviation.
 const CEILING: f64 = 0.05;
-/// Noise from which on it is held against what the system does. Deviations of up to 2 % are called
-/// acceptable by Kanoun and Kallel, Electrochim. Acta (2024) 144351, and by the manual of EIS
-/// Spectrum Analyser (Bondarenko and Ragoisha, log-KK check); such a violation in each of forty
-/// points can just be told from so much noise at one false alarm in a hundred.
+/// Noise above which it is compared with the variation of Z over the band. Kanoun and Kallel,
+/// Electrochim. Acta (2024) 144351, and the manual of EIS Spectrum Analyser (Bondarenko and
+/// Ragoisha, log-KK check) call deviations of up to 2 % acceptable; such a violation in each of
+/// forty points can just be detected in this noise at one false alarm in a hundred.
 const NOTABLE: f64 = 0.02;
 /// Share of the noise in the variance over the band from which on nothing is seen of the system.
 const MOST_SHARE: f64 = 0.1;
@@ -51,8 +51,8 @@ pub(super) fn not_judged(spectrum: &Spectrum, noise: &Noise) -> Option<String> {
     })
 }
 
-/// Least ratio of the squares of residuals along the curve to those across it that tells of wrong
-/// frequencies, and its greatest probability in noise that lies all around.
+/// Least ratio of the squares of residuals along the curve to those across it that indicates wrong
+/// frequencies, and its greatest probability in noise without a preferred direction.
 const ALONG: f64 = 4.0;
 const ALONG_RATE: f64 = 1e-4;
 /// Noise below which it is passed over: what is called doubtful of an estimated noise.

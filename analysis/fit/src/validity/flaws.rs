@@ -21,9 +21,9 @@ pub struct Flaws {
     pub whole: Option<String>,
 }
 
-/// Tests a spectrum by itself, as one of so many that are fitted together: as `kk` where it is
-/// alone, and of several so that of a thousand sound fits no more than one is accused. Nothing is
-/// found where it cannot be tested; an imaginary part of the wrong sign is left to
+/// Tests a spectrum by itself. A single spectrum (`among` = 1) is tested as by `kk`; of several
+/// spectra that are fitted together, at most one in a thousand sound fits is flagged. A spectrum
+/// that cannot be tested has no flaws. An imaginary part of the wrong sign is left to
 /// [`super::wrong_sign_remarks`].
 pub fn flaws(spectrum: &Spectrum, among: usize) -> Flaws {
     if spectrum.points.len() < FEWEST_POINTS || spectrum.validate().is_err() {

@@ -48,7 +48,7 @@ pub const DOUBTFUL_RATE: f64 = 0.05;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ValidityError {
-    /// Numbers that are no spectrum.
+    /// The numbers are not a valid spectrum.
     #[error(transparent)]
     Spectrum(#[from] SpectrumError),
     /// A point that nothing can be measured against.

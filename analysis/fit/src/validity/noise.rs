@@ -172,7 +172,8 @@ fn from_repeats(repeats: &[&Spectrum]) -> (Vec<f64>, f64) {
         variances.push(sum / (2.0 * (count - 1.0)) / mean.norm_sqr());
     }
     let dof = 2.0 * (count - 1.0);
-    // The median of χ²/dof after Wilson and Hilferty; a median tells about half as much as a mean.
+    // The median of χ²/dof after Wilson and Hilferty; a median has about half the information of a
+    // mean.
     let of_median = 1.0 / (1.0 - 2.0 / (9.0 * dof)).powi(3);
     let whole = median(variances.clone());
     let around = |k: usize| median(variances[neighbours(k, points)].to_vec());
@@ -236,7 +237,7 @@ fn from_smoother(spectrum: &Spectrum) -> Result<(Vec<f64>, f64), ValidityError> 
     }
     let variance = |k: usize| {
         let (near, near_dof) = total(&left[neighbours(k, z.len())]);
-        // Fewer tell nothing of their own.
+        // Fewer degrees of freedom do not determine a local variance.
         if near_dof > LEAST_NEAR {
             (sum / dof).max(near / near_dof)
         } else {

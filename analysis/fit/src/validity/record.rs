@@ -1,9 +1,9 @@
-//! Does the cell answer in proportion? From the harmonics in the records.
+//! Tests from the harmonics in the records whether the cell responds linearly.
 //!
-//! The size of an error of Z is told: in a polynomial without memory, v = Σ aₙ iⁿ, the term of odd
-//! order n puts C(n, (n−1)/2) times its n-th harmonic into the fundamental (3 times the third, 10
-//! times the fifth), even orders nothing. A sweep has many harmonics, so that the probabilities are
-//! corrected for their number after Holm.
+//! The test yields the size of an error of Z: in a polynomial without memory, v = Σ aₙ iⁿ, the term
+//! of odd order n puts C(n, (n−1)/2) times its n-th harmonic into the fundamental (3 times the
+//! third, 10 times the fifth), even orders nothing. A sweep has many harmonics, so that the
+//! probabilities are corrected for their number after Holm.
 
 use super::FALSE_ALARM_RATE;
 use super::stationarity::Drift;

@@ -45,9 +45,9 @@ pub struct LoopBand {
     pub to_hz: f64,
 }
 
-/// The widest run of points with Im Z > 0 that does not reach the upper end of the band. Beyond
-/// three standard deviations of the noise and 0.3 % of |Z|, at two neighbours at least; none where
-/// there is no such run.
+/// Returns the widest run of points with Im Z > 0 that does not reach the upper end of the band:
+/// beyond three standard deviations of the noise and 0.3 % of |Z|, at two neighbours at least.
+/// `None` without such a run.
 pub fn slow_loop_band(spectrum: &Spectrum, noise: &Noise) -> Option<LoopBand> {
     let points = &spectrum.points;
     let above: Vec<bool> = points
@@ -125,7 +125,7 @@ pub fn wrong_sign_remarks(spectra: &[Spectrum]) -> Vec<String> {
         .collect()
 }
 
-/// Words on one of so many spectra.
+/// Prefixes the remark with the name of the spectrum if there are several.
 fn of(spectrum: &Spectrum, spectra: usize, words: &str) -> String {
     if spectra > 1 {
         format!("{}: {words}", spectrum.name)
@@ -171,8 +171,8 @@ pub fn slow_loop_remarks(spectra: &[Spectrum]) -> Vec<String> {
     sound.filter_map(words).collect()
 }
 
-/// A circuit of R, so many RC branches, and a resistance beside an inductance; with an inductance
-/// in series where the upper end of the band shows one.
+/// Returns a circuit of R, `rc` RC branches, and a resistance in parallel with an inductance; with
+/// an inductance in series if the upper end of the band shows one.
 fn with_inductive_branch(spectrum: &Spectrum, rc: usize) -> String {
     let leads = inductive_from_hz(&spectrum.points).map_or("", |_| "L0-");
     let branches: String = (1..=rc).map(|k| format!("-p(R{k},C{k})")).collect();

@@ -926,8 +926,8 @@ fn reversed_leads_are_named() {
     }
 }
 
-/// An error that all points share is an impedance of a linear system: it is no noise that would
-/// hide a bad point.
+/// An error that all points share is an impedance of a linear system, and not noise that could hide
+/// a bad point.
 #[test]
 fn shared_errors_do_not_hide_a_bad_point() {
     let sigma = 1e-5;

@@ -37,9 +37,9 @@ pub enum Grade {
     Good,
     /// Something does, but chance or a small effect could explain it.
     Doubtful,
-    /// So much is noise that nothing can be told.
+    /// The noise is so large that no test can decide.
     CannotBeJudged,
-    /// It is wrong, or was measured on something that was not linear or did not stay the same.
+    /// It is wrong, or the system was not linear or not steady.
     Bad,
 }
 
@@ -85,8 +85,8 @@ pub struct SpectrumVerdict {
     pub grade: Grade,
     /// One sentence or more.
     pub text: String,
-    /// Lowest and highest frequency between which no more than single points are bad, Hz; none if
-    /// there is no such band.
+    /// Lowest and highest frequency between which no more than single points are bad, Hz; `None` if
+    /// no such band exists.
     pub valid_band_hz: Option<(f64, f64)>,
     /// The points, by rising frequency.
     pub points: Vec<PointVerdict>,

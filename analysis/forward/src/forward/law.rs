@@ -116,9 +116,9 @@ impl Drive {
         }
     }
 
-    /// Returns whether the tangent has reached a voltage that no load can hold, zero or less: there
-    /// is no solution. As E falls the tangent continues to any negative voltage, because its slope
-    /// is −R/(cE).
+    /// Returns whether the tangent has reached a voltage that no load can hold, zero or less, so
+    /// that no solution exists. As E falls the tangent continues to any negative voltage, because
+    /// its slope is −R/(cE).
     pub(super) fn is_past_tangent(&self, e_v: f64, reply: &Reply) -> bool {
         self.demand == Demand::Power
             && matches!(self.beyond, Beyond::Extrapolate { .. })

@@ -169,7 +169,7 @@ impl Profile {
 
     /// Returns the largest demand: the highest value, or for a profile that only charges the most
     /// negative one. The last row of [`Interpolation::Hold`] does not count, because it only ends
-    /// the profile. Returns `None` if there is no demand.
+    /// the profile. Returns `None` without a demand.
     pub fn peak(&self) -> Option<f64> {
         let count = self
             .value

@@ -36,9 +36,9 @@ pub struct Interruption {
 /// A series without its pauses, and the results of the pauses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Interrupted {
-    /// Samples under current only, without those so soon after it came that the voltage had not
-    /// settled. Its times are such that the trapezia of its current are the charge; they are no
-    /// times of the measurement.
+    /// Samples under current only, without those that follow its start so closely that the voltage
+    /// had not settled. Its times are such that the trapezia of its current give the charge; they
+    /// are not measured times.
     pub steady: TimeSeries,
     /// The pauses that are long enough.
     pub interruptions: Vec<Interruption>,
@@ -46,7 +46,7 @@ pub struct Interrupted {
 
 impl Interrupted {
     /// Returns the median of the resistances at the larger currents, Ω, and half their range, or
-    /// `None` if there is no pause.
+    /// `None` without a pause.
     pub fn resistance_ohm(&self) -> Option<(f64, f64)> {
         let most = self
             .interruptions

@@ -284,7 +284,7 @@ fn drift(samples: &[f64], periods: usize) -> (f64, f64) {
 }
 
 /// Returns the variance of each part of the phasor at a harmonic, V²: the mean over the bins
-/// between its two neighbours that are no harmonics.
+/// between its two neighbouring harmonics.
 fn noise(bins: &[Complex64], harmonic: usize, periods: usize) -> f64 {
     let centre = harmonic * periods;
     let around = (centre.saturating_sub(periods) + 1..centre + periods)

@@ -66,7 +66,7 @@ impl<'a> Channel<'a> {
         }
     }
 
-    /// Returns whether there are no samples.
+    /// Returns whether the record has no samples.
     pub const fn is_empty(&self) -> bool {
         self.len() == 0
     }

@@ -260,7 +260,7 @@ impl SineFit {
 
     /// Returns the covariance of the phasor of a channel against absolute time, V²:
     /// [`ChannelFit::variance`] plus the rotation, common to all channels, that the uncertainty of
-    /// a fitted frequency gives to phases at sample 0. Returns `None` if there is no such channel.
+    /// a fitted frequency gives to phases at sample 0. Returns `None` for an unknown channel.
     pub fn absolute_covariance(&self, channel: usize) -> Option<Covariance2> {
         let fit = self.channels.get(channel)?;
         let middle_s = 0.5 * self.interval_s * (self.samples as f64 - 1.0);
@@ -270,8 +270,8 @@ impl SineFit {
     }
 
     /// Returns the value of the model of a channel at a time since sample 0, V: sinusoid, offset,
-    /// drift and tones, without the relaxations, whose parts are not kept. Returns `None` if there
-    /// is no such channel.
+    /// drift and tones, without the relaxations, whose parts are not kept. Returns `None` for an
+    /// unknown channel.
     ///
     /// ```
     /// use analysis_signal::sine::{Channel, FitOptions, Record, fit_known_frequency};
@@ -303,8 +303,8 @@ impl SineFit {
         Some(turned(fit.phasor, self.freq_hz) + tones + slow)
     }
 
-    /// Returns the distortion of a channel by the fitted harmonics, or `None` if there are no
-    /// harmonics or no such channel.
+    /// Returns the distortion of a channel by the fitted harmonics, or `None` without harmonics or
+    /// for an unknown channel.
     pub fn distortion(&self, channel: usize) -> Option<Distortion> {
         let amplitude_v = self.channels.get(channel)?.phasor.norm();
         let harmonics = self

@@ -1,6 +1,6 @@
-//! Reasons why numbers are no spectrum.
+//! Reasons why numbers are not a valid spectrum.
 
-/// Reason why fits or points are no spectrum.
+/// Reason why fits or points are not a valid spectrum.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SpectrumError {

@@ -320,7 +320,7 @@ fn damage_is_found_and_named() {
     assert!(wrong.is_empty(), "{wrong:#?}");
 }
 
-/// Without any one of the checks, some damage is no longer found under its name.
+/// Without any one of the checks, some damage is not found under its name.
 #[test]
 fn each_check_is_needed() {
     let clean = campaign(&Hidden::default(), 1);

@@ -2,7 +2,7 @@
 //!
 //! Local fits (bounded Levenberg–Marquardt in the logarithms of the parameters, exponents as they
 //! are) run from many starts that are drawn from ranges which the data give, until several of them
-//! end at the same best optimum. Whether the circuit is the right one is not told here; the
+//! end at the same best optimum. The fit does not decide whether the circuit is the right one; the
 //! corrected Akaike criterion compares circuits on the same data, objective and weight.
 
 mod data;

@@ -133,10 +133,10 @@ impl CircuitOptions {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CircuitFitError {
-    /// The data are no impedances.
+    /// The data are not valid impedances.
     #[error(transparent)]
     Data(#[from] FitError),
-    /// A covariance is asked for and not there.
+    /// A covariance is requested but absent.
     #[error(
         "weight covariance: expected a covariance at every point, met {known} of {points} points \
         with one; use unit or modulus"
@@ -213,13 +213,13 @@ pub enum CircuitFitError {
         /// The circuit.
         circuit: String,
     },
-    /// A name that is no weight.
+    /// The name is not a weight.
     #[error("weight: expected unit, modulus or covariance, met \"{met}\"")]
     UnknownWeight {
         /// The name met.
         met: String,
     },
-    /// A name that is no search.
+    /// The name is not a search.
     #[error("search: expected starts or evolution, met \"{met}\"")]
     UnknownSearch {
         /// The name met.

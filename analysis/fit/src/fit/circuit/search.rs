@@ -18,8 +18,8 @@ const STARTS: usize = 64;
 const ROUND: usize = 8;
 /// Random parameters looked at for each start, of which the best is taken.
 const CANDIDATES: usize = 12;
-/// Number of starts at the same optimum that ends the search, once so many starts per free
-/// parameter were tried. A wide basin need not be the deepest.
+/// Number of starts at the same optimum that ends the search, after at least `STARTS_PER_PARAMETER`
+/// starts per free parameter: the widest basin need not be the deepest.
 const AGREEING: usize = 3;
 const STARTS_PER_PARAMETER: usize = 3;
 /// Below this reduced χ² an optimum explains the data to their stated noise, and no deeper one is

@@ -210,7 +210,7 @@ pub(super) struct Starter<'a> {
 }
 
 impl Starter<'_> {
-    /// The best of so many random starts: parameters and weighted sum of squares.
+    /// Returns the best of this number of random starts: parameters and weighted sum of squares.
     pub(super) fn draw(&self, rng: &mut Rng, candidates: usize) -> (Vec<f64>, f64) {
         let dimensions = Ranges::dimensions(self.circuit);
         let mut best = (Vec::new(), f64::INFINITY);

@@ -134,8 +134,8 @@ fn without_a_series_resistance_the_branches_are_counted_all_the_same() {
 
 #[test]
 fn a_resistance_that_a_branch_stands_for_is_at_its_bound() {
-    // All that is seen is the flat top of an arc whose corner is far above the band: R and the
-    // branch cannot be told apart.
+    // The data show only the flat top of an arc whose corner is far above the band: R and the
+    // branch cannot be separated.
     let spectrum = wide((1e-9, &[(20.0, 2e-9)]), 0.0);
     let met = fit(&spectrum, 1, Objective::Complex);
     assert!(met.at_bounds().is_some(), "{met:?}");

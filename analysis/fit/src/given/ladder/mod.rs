@@ -126,11 +126,11 @@ impl Bands {
     }
 }
 
-/// The ERM that follows a circuit of these values.
+/// Returns the ERM that follows a circuit with these values.
 ///
 /// # Errors
-/// [`LadderError`] for values that are no passive circuit's, a band that is none, and a circuit
-/// that no RC ladder follows.
+/// [`LadderError`] for values that are not those of a passive circuit, an invalid band, and a
+/// circuit that no RC ladder follows.
 pub fn follow(circuit: &Circuit, values: &[f64], bands: Bands) -> Result<Followed, LadderError> {
     let (band_hz, told_hz) = bands.resolve()?;
     check_values(circuit, values)?;

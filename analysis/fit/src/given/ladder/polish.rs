@@ -8,9 +8,9 @@ use num_complex::Complex64;
 
 /// Iterations at most; the error is judged whether or not they end at the bottom.
 const ITERATIONS: usize = 60;
-/// A sum of squares that falls by a smaller part per step is at its bottom for what is asked of it.
+/// Relative decrease of the sum of squares per step below which the search has converged.
 const TOLERANCE: f64 = 1e-6;
-/// The resistance in series lies between these parts of the largest |Z|, and those of branches too.
+/// Bounds of all resistances, as factors of the largest |Z|.
 const MOST: f64 = 1e6;
 
 /// Squares of the relative errors by the logarithms of: the series resistance, the inverse

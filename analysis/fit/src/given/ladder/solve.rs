@@ -180,7 +180,7 @@ impl Problem<'_> {
     }
 }
 
-/// Values with equal quotients from end to end, at least so many per decade.
+/// Returns values with equal ratios from end to end, at least this number per decade.
 fn spaced(range: &RangeInclusive<f64>, per_decade: f64) -> Vec<f64> {
     let (low, high) = (range.start(), range.end());
     let steps = (per_decade * (high / low).log10()).ceil().max(1.0) as usize;

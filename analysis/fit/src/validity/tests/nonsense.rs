@@ -275,7 +275,7 @@ fn nonsense_is_not_good_and_sound_spectra_are() {
         500 - of(&sound, Grade::Good) <= most_by_chance(500, DOUBTFUL_RATE),
         "{sound:?}"
     );
-    // Of a resistor with so much noise nothing tells it from exchanged values.
+    // In this noise a resistor cannot be distinguished from exchanged values.
     assert!(
         of(&noisy, Grade::Bad) <= most_by_chance(200, FALSE_ALARM_RATE),
         "{noisy:?}"

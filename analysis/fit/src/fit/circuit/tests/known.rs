@@ -162,7 +162,8 @@ fn no_start_values_are_needed_for_a_diffusion_behind_a_resistance() {
     let mut rng = Rng::new(5);
     for seed in 0..seeds {
         let spectrum = noisy(truth, &frequencies((3e-3, 1e3), 40), (0.003, &mut rng));
-        // Half of them without a stated noise, by which the search could tell that it is done.
+        // Half of the spectra have no stated noise, from which the search could conclude that it is
+        // done.
         let spectra = [if seed % 2 == 0 {
             spectrum
         } else {

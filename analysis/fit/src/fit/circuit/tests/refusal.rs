@@ -221,7 +221,7 @@ fn one_reading_said_often_is_one_reading() {
         ),
         expected
     );
-    // Readings that scatter do tell an uncertainty.
+    // Readings that scatter do give an uncertainty.
     spectrum.points[1].z_ohm += 1e-5;
     assert!(
         fit_circuit(&[spectrum], &parse("R0-C0"), &CircuitOptions::default())
