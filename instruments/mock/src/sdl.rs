@@ -1,4 +1,4 @@
-//! Siglent SDL1000X DC electronic load. `[:SOURce]` is optional. There is no error queue, so a
+//! Siglent SDL1000X DC electronic load. `[:SOURce]` is optional. The load has no error queue, so a
 //! refused command is visible only in its read-back, and an unknown query gets no reply.
 //!
 //! Only constant current and constant power draw from the cell; the other functions can be chosen

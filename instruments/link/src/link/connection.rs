@@ -18,7 +18,7 @@ const MAX_UNASKED: usize = 1 << 20;
 /// Bytes of a message that are kept when it is read whole, whatever it is.
 const MOST_KEPT: usize = 4096;
 
-/// Why a channel is no longer usable.
+/// Reason why a channel is unusable.
 #[derive(Debug)]
 pub(super) enum Broken {
     Closed,

@@ -410,7 +410,7 @@ impl Conversation {
         Ok(answer)
     }
 
-    /// Throws away bytes that came unasked: they are no answer to the next question.
+    /// Discards unexpected bytes, which are not an answer to the next question.
     pub(super) async fn drain(
         &self,
         connection: &mut Connection,

@@ -160,7 +160,7 @@ impl HiSlip {
 struct Half {
     stream: TcpStream,
     messages: Messages,
-    /// A message was abandoned while it was sent: the stream is no longer usable.
+    /// A message was abandoned while it was sent; the stream is unusable.
     cut_off: bool,
 }
 

@@ -225,7 +225,7 @@ struct Rpc {
     id: u32,
     /// A call was given up before its reply came.
     pending: bool,
-    /// A call was abandoned while it was sent: the stream is no longer usable.
+    /// A call was abandoned while it was sent; the stream is unusable.
     cut_off: bool,
 }
 

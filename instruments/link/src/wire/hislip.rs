@@ -161,11 +161,11 @@ impl Messages {
         self.buffer.len()
     }
 
-    /// Gives out the next whole message; `None` while bytes are missing.
+    /// Returns the next complete message; `None` while bytes are missing.
     ///
     /// # Errors
-    /// The bytes are no HiSLIP, or the payload is longer than the limit; the stream is of no use
-    /// after that.
+    /// The bytes are not HiSLIP, or the payload is longer than the limit; the stream is then
+    /// unusable.
     pub fn pull(&mut self) -> Result<Option<Message>, WireError> {
         let Some((&[h, s, number, control, ref fields @ ..], rest)) =
             self.buffer.split_first_chunk::<HEADER_BYTES>()

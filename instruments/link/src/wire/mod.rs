@@ -10,7 +10,7 @@ pub mod prologix;
 pub mod rpc;
 pub mod vxi11;
 
-/// Bytes that are no message of the protocol.
+/// Bytes that are not a message of the protocol.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("expected {expected}, found {found}")]
 pub struct WireError {

@@ -38,7 +38,7 @@ impl Dho {
     }
 
     /// Returns format, type, points of a page, count, then the scaling of times and codes. The
-    /// scales are zero if there is no record.
+    /// scales are zero without a record.
     pub(super) fn preamble(&self) -> Fallible<Answer> {
         let (format, kind) = (
             u8::from(self.transfer.words),

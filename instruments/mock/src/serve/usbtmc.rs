@@ -1,6 +1,6 @@
 //! A device in place of `/dev/usbtmcN` on machines without the kernel device: a datagram socket in
 //! the file system. One datagram is one transfer, and a transfer shorter than [`TRANSFER`] ends a
-//! message, as on USB. There is no control pipe, and therefore no device clear.
+//! message, as on USB. It has no control pipe, and therefore no device clear.
 
 use std::{
     io,
