@@ -203,19 +203,19 @@ enum Command {
     Sop(command::sop::SopArgs),
     /// Write spectra, time series and models as other programs read them; read theirs.
     Convert(command::convert::ConvertArgs),
-    /// Send recorded captures through the present pipeline, and tell what changed.
+    /// Process recorded captures with the present pipeline and report what changes.
     Replay(command::replay::ReplayArgs),
     /// Compare a run folder with its hashes, and recompute every number from its captures.
     Verify(command::verify::VerifyArgs),
-    /// Build a catalogue of run folders, and ask it across runs and benches.
+    /// Build a catalogue of run folders and search it across runs and benches.
     Catalog(command::catalog::CatalogArgs),
-    /// Measure many cells on several benches: plan, and judge what came of it.
+    /// Plan measurements of many cells on several benches, and evaluate the results.
     Campaign(command::campaign::CampaignArgs),
     /// Serve benches over HTTP, with a queue, a page and an API, until stopped.
     Serve(command::serve::ServeArgs),
     /// Tokens that open a server's API.
     Token(command::token::TokenArgs),
-    /// Show a fleet of benches, give it work, hold and stop its benches.
+    /// Show a fleet of benches, submit work to it, and hold or stop its benches.
     Fleet(command::fleet::FleetArgs),
     /// Print completions for bash, zsh, fish, elvish or PowerShell.
     Completions(command::shell::CompletionsArgs),

@@ -37,11 +37,11 @@ const FLAT_V: f64 = 1.0e-9;
 /// Arguments of `convert`.
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
-    /// Spectra, time series or models, the format told by the content.
+    /// Spectra, time series or models; the format is detected from the content.
     #[arg(required_unless_present = "erm", value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// Instead of files, a model typed: "6.43 mΩ; 1.51 mΩ, 0.553 F; 0.66 mΩ, 4.6 ms". It is written
-    /// as `typed`.
+    /// A model as text instead of files: "6.43 mΩ; 1.51 mΩ, 0.553 F; 0.66 mΩ, 4.6 ms". It is
+    /// written as `typed`.
     #[arg(long, value_name = "TEXT", conflicts_with = "files")]
     pub erm: Option<String>,
     /// For circuit.json: lowest and highest frequency, Hz, at which RC branches follow it [default:
@@ -51,11 +51,11 @@ pub struct ConvertArgs {
     /// Kind of file to write.
     #[arg(long, value_enum)]
     pub to: To,
-    /// The folder to write into. Nothing that is there is written over.
+    /// The folder to write into. Existing files are not overwritten.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
-    /// For time series: the direction that they count positive, `discharge` or `charge` [default: as
-    /// the voltage and the file's columns tell]
+    /// For time series: the direction of positive current, `discharge` or `charge` [default: from
+    /// the voltage and the file's columns]
     #[arg(long, value_name = "DIRECTION")]
     pub positive: Option<CurrentSign>,
     /// For a model: its open-circuit voltage, as `ocv --out` writes it.

@@ -19,7 +19,7 @@ use crate::{files, safety::failure::Failure, support::terminal::say};
 /// Arguments of `effects`.
 #[derive(Debug, clap::Args)]
 pub struct EffectsArgs {
-    /// A data set for which to say what could be told apart; needs --model or --erm, unless its
+    /// A data set: print which effects it can distinguish. Needs --model or --erm, unless its
     /// `dataset.toml` names a model.
     #[arg(value_name = "DATASET")]
     pub data: Option<PathBuf>,

@@ -62,8 +62,8 @@ pub struct JointArgs {
     /// Pulses this far from it are used, V; every second of them is held out.
     #[arg(long, default_value_t = 0.2, value_name = "V", value_parser = units::of::<Voltage>)]
     pub within_v: f64,
-    /// Direction that the series count positive, `discharge` or `charge` [default: as the voltage and
-    /// the file's columns tell]
+    /// Direction of positive current in the series, `discharge` or `charge` [default: from the
+    /// voltage and the file's columns]
     #[arg(long, value_name = "DIRECTION")]
     pub positive: Option<CurrentSign>,
     /// Seed of the starts.

@@ -54,8 +54,8 @@ pub struct OcvArgs {
     /// A polynomial of this order besides, with its error and where it falls.
     #[arg(long, value_name = "ORDER")]
     pub poly: Option<usize>,
-    /// Direction that the files count positive, `discharge` or `charge` [default: as the voltage and
-    /// the file's columns tell]
+    /// Direction of positive current in the files, `discharge` or `charge` [default: from the
+    /// voltage and the file's columns]
     #[arg(long, value_name = "DIRECTION")]
     pub positive: Option<CurrentSign>,
     /// Write `ocv.csv`, `ocv.json` and `ocv.svg`/`.png` into this folder.
@@ -162,7 +162,7 @@ fn within(series: &TimeSeries, window: Window) -> Result<TimeSeries, Failure> {
     )))
 }
 
-/// A time series as a command names it; tells how it was read.
+/// Reads a time series that an argument names, and reports how it was read.
 pub(super) fn read(path: &Path, sign: Option<CurrentSign>) -> Result<TimeSeries, Failure> {
     let read = read_record(path, &SeriesOptions { sign });
     let read = read.map_err(|error| Failure::Usage(error.to_string()))?;

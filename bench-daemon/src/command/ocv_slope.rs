@@ -12,7 +12,7 @@ use analysis::{
 
 use crate::{files, safety::failure::Failure, support::present::significant};
 
-/// Arguments that tell the slope.
+/// Arguments that define the slope.
 #[derive(Debug, clap::Args)]
 pub struct SlopeArgs {
     /// The OCV curve, as `eis-bench ocv --out` writes it (`ocv.json`); with --at-v.
@@ -21,9 +21,9 @@ pub struct SlopeArgs {
     /// Open-circuit voltage at which the spectra were measured, V.
     #[arg(long, value_name = "V", requires = "ocv", value_parser = units::of::<Voltage>)]
     pub at_v: Option<f64>,
-    /// Slope dU/dQ of the open-circuit voltage where no curve is known: `fit` finds it with a weak
+    /// Slope dU/dQ of the open-circuit voltage if no curve is known: `fit` estimates it with a weak
     /// prior, `none` leaves it in the impedances, a number is V/C [default: fit with --objective
-    /// complex, else none]
+    /// complex, otherwise none]
     #[arg(long, value_name = "fit|none|V/C", conflicts_with = "ocv")]
     pub ocv_slope: Option<String>,
 }

@@ -104,7 +104,7 @@ pub struct ThermalArgs {
     #[arg(long, value_name = "KG", default_value_t = ThermalMass::P45B.mass_kg)]
     pub cell_mass_kg: f64,
     /// Specific heat of a cell, J/(kg·K). Published values for such cells lie between 900 and 1000;
-    /// nobody measured it here.
+    /// the default has not been measured on the cells of this project.
     #[arg(
         long,
         value_name = "J/KG/K",

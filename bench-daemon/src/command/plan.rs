@@ -42,7 +42,7 @@ struct Told {
     /// Bench time, s.
     expected_s: f64,
     longest_s: f64,
-    /// Longest wait after `pause` and after `abort`, s; `None` if there is no wait.
+    /// Longest wait after `pause` and after `abort`, s; `None` if the plan has no wait.
     longest_pause_s: Option<f64>,
     longest_abort_s: Option<f64>,
     /// Remarks, as sentences.

@@ -34,12 +34,12 @@ use crate::{
 pub struct ResumeArgs {
     /// The run folder.
     pub folder: PathBuf,
-    /// Play a step again although nobody knows which charge it moved before, or go on with a sweep
-    /// although the cell has moved: the cell was looked at.
+    /// Repeat a step whose moved charge is unknown, or continue a sweep although the state of the
+    /// cell has changed. Use it only after an inspection of the cell.
     #[arg(long)]
     pub accept_charge: bool,
-    /// Go on although an instrument is another one than before, by serial number or identity: the
-    /// finished part was measured with the old one, and the report tells both.
+    /// Continue although the serial number or identity of an instrument has changed. The finished
+    /// part was measured with the old instrument; the report names both.
     #[arg(long)]
     pub accept_instruments: bool,
 }

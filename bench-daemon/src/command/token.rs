@@ -32,29 +32,29 @@ pub struct TokenArgs {
 
 #[derive(Debug, Subcommand)]
 enum Act {
-    /// Make a token and show it, this once.
+    /// Create a token and print it. It is shown only once.
     Add {
         /// The server's file.
         config: PathBuf,
-        /// Whose it is.
+        /// Name of the holder.
         name: String,
-        /// Scopes that it opens; several with commas.
+        /// Scopes of the token, separated by commas.
         #[arg(long, value_enum, value_delimiter = ',', default_value = "read")]
         scope: Vec<Scope>,
-        /// How long it opens anything: a duration such as "90 d", or `never`.
+        /// Validity of the token: a duration such as "90 d", or `never`.
         #[arg(long, default_value = "365 d", value_name = "DURATION", value_parser = validity)]
         valid: Validity,
     },
-    /// Show whose tokens there are; not the tokens themselves, which nobody has.
+    /// List the holders of tokens, with scopes and expiry. The tokens themselves are not stored.
     List {
         /// The server's file.
         config: PathBuf,
     },
-    /// Take a token back; it opens nothing from the next request on.
+    /// Revoke a token. It is refused from the next request on.
     Revoke {
         /// The server's file.
         config: PathBuf,
-        /// Whose it is.
+        /// Name of the holder.
         name: String,
     },
 }

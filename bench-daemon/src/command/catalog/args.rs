@@ -16,13 +16,13 @@ pub struct CatalogArgs {
 
 #[derive(Debug, Subcommand)]
 pub(super) enum Act {
-    /// Read run folders into a catalogue: new ones and changed ones only. Changes none of them.
+    /// Read new and changed run folders into a catalogue. The folders are not changed.
     Scan(ScanArgs),
     /// List runs that meet every condition, the latest first.
     Find(FindArgs),
     /// List the cells of the runs that meet every condition, with the number of these runs.
     Cells(CellsArgs),
-    /// Print all that is known of a run.
+    /// Print everything that is known about a run.
     Show(ShowArgs),
     /// Write spectra, runs, fits or diagnoses as one table.
     Export(ExportArgs),
@@ -32,13 +32,13 @@ pub(super) enum Act {
 
 #[derive(Debug, Args)]
 pub(super) struct ScanArgs {
-    /// The catalogue; made where it is not there.
+    /// The catalogue; created if it does not exist.
     #[arg(value_name = "DB")]
     pub(super) catalog: PathBuf,
     /// Folders with run folders at any depth [default: those of the scans before]
     #[arg(value_name = "ROOT")]
     pub(super) roots: Vec<PathBuf>,
-    /// Take runs out whose folders are not there any more, in the place of marking them.
+    /// Remove runs whose folders no longer exist, instead of marking them.
     #[arg(long)]
     pub(super) forget_missing: bool,
     /// Print JSON.
@@ -52,7 +52,7 @@ pub(super) struct FilterArgs {
     /// Name, serial number or barcode of a cell.
     #[arg(long, value_name = "TEXT")]
     cell: Option<String>,
-    /// Serial number of a cell, as the experiment tells it or a person read it, or its barcode.
+    /// Serial number of a cell, from the experiment or read by a person, or its barcode.
     #[arg(long, value_name = "TEXT")]
     serial: Option<String>,
     /// Batch of a cell.
@@ -64,19 +64,19 @@ pub(super) struct FilterArgs {
     /// Name of a bench.
     #[arg(long, value_name = "NAME")]
     bench: Option<String>,
-    /// Begun at this time or later: 2026-11-28, 2026-11-28T12:00:00Z, or s since 1970.
+    /// Started at this time or later: 2026-11-28, 2026-11-28T12:00:00Z, or s since 1970.
     #[arg(long, value_name = "TIME", value_parser = unix_s)]
     from: Option<f64>,
-    /// Begun before this time.
+    /// Started before this time.
     #[arg(long, value_name = "TIME", value_parser = unix_s)]
     to: Option<f64>,
     /// Verdict of the run.
     #[arg(long)]
     verdict: Option<Verdict>,
-    /// Runs that the interlock has ended, even where they went on afterwards.
+    /// Runs that the interlock ended, also if they were resumed afterwards.
     #[arg(long)]
     trip: bool,
-    /// Words in name, bench, experiment, operator, end or cells of the run.
+    /// Words in the name, bench, experiment, operator, end or cells of the run.
     #[arg(long, value_name = "WORDS")]
     text: Option<String>,
 }
@@ -86,13 +86,13 @@ pub(super) struct FilterArgs {
 enum Verdict {
     /// Finished; no point was refused.
     Good,
-    /// Finished, with refused points or a state of charge that was missed.
+    /// Finished, with refused points or a missed state of charge.
     Doubtful,
-    /// Ended before it was finished.
+    /// Ended early.
     Failed,
-    /// Its journal tells no end.
+    /// The journal has no end entry.
     Unfinished,
-    /// A file of its folder cannot be read.
+    /// A file of the run folder cannot be read.
     Damaged,
 }
 
@@ -141,10 +141,10 @@ impl FilterArgs {
 /// Part of a long answer.
 #[derive(Debug, Clone, Args)]
 pub(super) struct PageArgs {
-    /// Go on behind the last answer: the text that it ended with.
+    /// Continue after the previous answer: the text that it ended with.
     #[arg(long, value_name = "TEXT")]
     pub(super) after: Option<String>,
-    /// At most so many.
+    /// Maximum number of results.
     #[arg(long, value_name = "N", default_value_t = 100)]
     pub(super) most: usize,
 }
@@ -211,10 +211,10 @@ pub(super) struct ExportArgs {
     /// The catalogue.
     #[arg(value_name = "DB")]
     pub(super) catalog: PathBuf,
-    /// The table: Parquet where its name ends in `.parquet`, else CSV.
+    /// The table: Parquet if its name ends in `.parquet`, otherwise CSV.
     #[arg(long, value_name = "FILE")]
     pub(super) out: PathBuf,
-    /// Its rows.
+    /// Rows of the table.
     #[arg(long, default_value = "spectra")]
     pub(super) table: Table,
     #[command(flatten)]

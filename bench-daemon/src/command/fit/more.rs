@@ -19,13 +19,13 @@ use serde::Serialize;
 /// Arguments of `fit` beyond the fit itself.
 #[derive(Debug, clap::Args)]
 pub struct MoreArgs {
-    /// More descents from random time constants, beside those of the global search; with --circuit
-    /// the most starts of the search, which ends earlier when several agree [default: 0;
-    /// with --circuit 64]
+    /// Additional descents from random time constants, beside those of the global search. With
+    /// --circuit: maximum number of starts of the search, which ends earlier if several agree
+    /// [default: 0; with --circuit 64]
     #[arg(long, value_name = "N")]
     pub starts: Option<usize>,
-    /// Repeat every search with so many seeds: how many reach the best optimum, and which other
-    /// minima there are.
+    /// Repeat every search with this number of seeds; print how many reach the best optimum, and
+    /// which other minima exist.
     #[arg(long, value_name = "N")]
     pub seeds: Option<u64>,
     /// Profile likelihood of every parameter and of the DC resistance: intervals that need not be

@@ -9,11 +9,11 @@ pub struct MockArgs {
     #[arg(required_unless_present = "replay")]
     pub bench: Option<PathBuf>,
     /// Serve a recorded conversation instead: `transcripts/ROLE.txt` of a run folder, or another
-    /// transcript. It answers as then, and ends at the first message that is another.
+    /// transcript. It repeats the recorded answers, and ends at the first message that differs.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["bench", "time", "write_bench", "seed"])]
     pub replay: Option<PathBuf>,
-    /// With --replay: the model whose conversation it is, where neither the file's name nor a
-    /// manifest tells it.
+    /// With --replay: the instrument model of the conversation, if neither the file's name nor a
+    /// manifest states it.
     #[arg(long, value_name = "KEY", requires = "replay")]
     pub model: Option<String>,
     /// With --replay: where to listen.
@@ -28,7 +28,7 @@ pub struct MockArgs {
     #[arg(long)]
     pub json: bool,
     /// Bench time: `real` or `scaled:FACTOR`; overrides the bench file. Clients must run at the
-    /// same pace: --write-bench tells them.
+    /// same rate, which --write-bench writes into their bench file.
     #[arg(long, value_name = "MODE")]
     pub time: Option<String>,
     /// Serve over another transport than the addresses name, on a free port of this machine:
