@@ -22,7 +22,7 @@ pub const BY_FOLDER: &str = "run-folder";
 /// A person could not be asked or did not confirm.
 #[derive(Debug, thiserror::Error)]
 pub enum OperatorError {
-    /// There is no terminal.
+    /// Standard input is not a terminal.
     #[error(
         "a person must change the fixture ([instruments.jig] model = \"person\"), but standard \
         input is no terminal: run on one, or set {OPERATOR_VARIABLE}={BY_FOLDER} and answer with \

@@ -157,7 +157,7 @@ impl Watch {
         .unwrap_or_else(|| Alarm::Lost("its thread has ended".to_owned()))
     }
 
-    /// As [`Self::alarm`]; never returns if there is no watch.
+    /// As [`Self::alarm`]; never returns without a watch.
     pub async fn alarm_of(watch: Option<&mut Self>) -> Alarm {
         match watch {
             Some(watch) => watch.alarm().await,

@@ -38,7 +38,7 @@ enum SensorReading {
     /// The last temperature, °C, with no fault.
     Sound(f64),
     Wrong(BathFault),
-    /// Why there is no reading.
+    /// Reason why no reading was taken.
     Unread(String),
 }
 

@@ -22,17 +22,17 @@ pub struct Output {
     pub volts: Option<f64>,
     /// Current that it measures, A; none without a meter or an answer.
     pub amps: Option<f64>,
-    /// It said that it is off while a current flowed.
+    /// True if it reported off while a current flowed.
     #[serde(default)]
     pub lied: bool,
-    /// Its answers do not belong to the questions: what it measures is not known.
+    /// True if its answers do not match the questions, so that its readings are unknown.
     #[serde(default)]
     pub out_of_step: bool,
-    /// By what its current was brought to zero while its output stayed on.
+    /// Setting that made its current zero while its output stayed on.
     pub by: Option<String>,
-    /// Limit of its current, in words, where it could not be verified to be off.
+    /// Text of its current limit, if the output could not be verified to be off.
     pub bound: Option<String>,
-    /// It was not reached, or did not answer; told of a bath only.
+    /// True if it was not reached or did not answer. Set only for a bath.
     #[serde(default)]
     pub silent: bool,
     /// Error in the words of the link, for the log.
@@ -207,10 +207,10 @@ impl Output {
 /// State in which a bath was left.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct BathLeft {
-    /// In words.
+    /// Description of the state.
     pub words: String,
-    /// It may go to a temperature that harms the cell, and was told to stop without success: a
-    /// person has to look at it.
+    /// True if the bath may drift to a temperature that harms the cell and did not obey the stop
+    /// command. A person must check it.
     pub astray: bool,
 }
 

@@ -93,7 +93,7 @@ pub enum OutputsKind {
     Stale,
     /// A run is in work: its own readings are the state.
     InRun,
-    /// The bench is simulated within the process of a run: there are no outputs beside it.
+    /// The bench is simulated within the process of a run and has no outputs outside it.
     Simulated,
 }
 

@@ -39,8 +39,8 @@ struct Raw {
     /// Number of benches on which each cell is measured, 1 to all of them.
     #[serde(default = "one")]
     benches_per_cell: usize,
-    /// Names of cells that every bench measures, so that benches can be told apart from cells. They
-    /// may be cells of the table.
+    /// Names of cells that every bench measures, to separate differences between benches from
+    /// differences between cells. They may be cells of the table.
     #[serde(default)]
     references: Vec<String>,
     /// Number of cells after which a bench measures the references again; 0 for only at its

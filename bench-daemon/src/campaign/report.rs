@@ -1,10 +1,10 @@
 //! Result of a campaign over benches: components of variance of the fitted resistances, the offset
 //! of each bench, and each cell corrected for them.
 //!
-//! The logarithm of a value is the mean + batch + cell + bench + rest, each but the mean drawn with
-//! a variance of its own (`analysis::mixed`). The stated uncertainty of a fit is not used: a misfit
-//! of the model and an error of the controls are in all of them alike and are no scatter. The rest is
-//! what repeats differ by.
+//! The logarithm of a value is the mean + batch + cell + bench + rest; each term except the mean
+//! has its own variance (`analysis::mixed`). The stated uncertainty of a fit is not used, because a
+//! misfit of the model and an error of the controls are equal in all values and do not scatter. The
+//! rest is the difference between repeats.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -23,7 +23,7 @@ use serde::Serialize;
 /// Chance that any cell or bench of a campaign without outliers is named as one.
 const FALSE_ALARM: f64 = 0.01;
 
-/// Reason why there is no report.
+/// Reason why a report cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
     /// The catalogue.

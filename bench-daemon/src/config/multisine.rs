@@ -48,9 +48,9 @@ pub struct Band {
     pub followed_hz: f64,
 }
 
-/// Steps of the generator in a period of the fastest line, at least. Their images are no part of
-/// the record's band; the scope folds them back into it, and the plan chooses rates and lines so
-/// that they miss the lines.
+/// Minimum number of generator steps in a period of the fastest line. The images of the steps lie
+/// outside the record's band. The scope folds them back into it; the plan chooses rates and lines
+/// so that they miss the lines.
 const STEPS_PER_PERIOD: usize = 64;
 /// Maximum number of steps: an SDG has no more, and a 33500B receives this many as a hundred
 /// kilobytes of text.

@@ -23,7 +23,7 @@ pub(super) struct Experiment {
     /// multisine.
     #[serde(default)]
     pub(super) seed: u64,
-    /// Temperature to wait for. Left out: nobody sets or waits for a temperature.
+    /// Temperature to wait for. Left out: the run neither sets nor waits for a temperature.
     pub(super) temperature: Option<TemperatureSection>,
     /// Check of the controls before the cell is measured; it needs `[eis]`. Left out: no control is
     /// measured.

@@ -80,7 +80,7 @@ impl Rig<'_> {
         Ok(())
     }
 
-    /// Resets the burst state, because the generator is set to its least sine: there is no signal
+    /// Resets the burst state, because the generator is set to its smallest sine and has no signal
     /// that could end.
     pub(super) fn no_burst(&mut self) {
         (

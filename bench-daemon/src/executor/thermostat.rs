@@ -26,7 +26,7 @@ pub enum Action {
 /// Why the bath is not under control.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Fault {
-    /// There is no plausible reading.
+    /// The sensor has no plausible reading.
     #[error("no bath temperature that can be believed for {age_s:.0} s")]
     Stale {
         /// Age of the last plausible reading, s.
@@ -277,7 +277,7 @@ mod tests {
             matches!(second, Action::Pulse(pulse) if (pulse - 2.4).abs() < 1.0e-3),
             "{pulses:?}"
         );
-        // Suddenly too warm: there is no cooling for a minute.
+        // Suddenly too warm: cooling does not begin within a minute.
         let after: Vec<Action> = (4..9)
             .map(|window| thermostat.step(Some(25.3), 20.0 * f64::from(window)))
             .collect();

@@ -59,7 +59,7 @@ pub struct ResumeDecision {
 /// Reason why a run cannot be resumed without a person.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ResumeError {
-    /// There is no first entry.
+    /// The first entry is missing.
     #[error("expected a journal that begins with what runs, found {0}")]
     NotStarted(String),
     /// A step moved an unknown charge.

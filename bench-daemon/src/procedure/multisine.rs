@@ -219,7 +219,7 @@ mod tests {
         let found = of(&rigid);
         assert_ne!(found.harmonics, [3, 5, 9, 11, 17, 25, 39, 59]);
         assert_eq!(found.harmonics.len(), 8);
-        // There is no room for twenty lines: the message contains the image and its line.
+        // Twenty lines do not fit: the message contains the image and its line.
         rigid.bands[0].lines = 20;
         let crowded = of(&rigid);
         assert!(

@@ -101,7 +101,7 @@ fn levels(trace: &Trace) -> Vec<Level> {
         power_w,
     } in trace.segments.iter().copied()
     {
-        // Without a current there is no power.
+        // Without a current the power is undefined.
         let power_w = power_w.filter(|_| current_a != 0.0);
         if (current_a, power_w) != flowing {
             levels.push(Level {

@@ -65,10 +65,10 @@ impl Budget {
     }
 
     /// Returns the wait before the retry after this failure, with `points` finished points at
-    /// `now_s`, s, and a text with the number of the retry; `None` if there is no retry. A failure
-    /// that repeats without progress is not transient at once: each wait is twice the previous
-    /// one, and after an output was on there is no third attempt. An instrument that was not
-    /// reached at all is retried as long as the budget lasts, because nothing was switched on.
+    /// `now_s`, s, and a text with the number of the retry; `None` if the run must not be retried.
+    /// A failure that repeats without progress is not transient: each wait is twice the previous
+    /// one, and after an output was on, the run is not tried a third time. An instrument that was
+    /// not reached at all is retried as long as the budget lasts, because nothing was switched on.
     fn next(&mut self, failure: &Failure, points: usize, now_s: f64) -> Option<(f64, String)> {
         let moved = points > self.points || now_s - self.since_s > DONE_S;
         (self.stalled, self.driven) = if moved {

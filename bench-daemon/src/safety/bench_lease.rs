@@ -154,7 +154,7 @@ impl BenchLease {
         })
     }
 
-    /// Waits until the guardian process has ended. Never returns if there is no guardian.
+    /// Waits until the guardian process has ended. Never returns without a guardian.
     pub async fn lost(&mut self) -> GuardianError {
         match &mut self.held {
             Some(held) => held.keeper.lost().await,

@@ -266,12 +266,12 @@ pub fn margins(submission: &Submission) -> Vec<Margin> {
 /// A key whose value differs between two texts.
 #[derive(Debug, PartialEq, Eq, Serialize, ToSchema)]
 pub struct KeyChange {
-    /// The key, from the top, such as `wiring.command_trim`; tables of a list by their number, from
-    /// 1.
+    /// The key, from the top level, such as `wiring.command_trim`. Tables of a list are counted
+    /// from 1.
     pub key: String,
-    /// Its value before, TOML; null where the key was not there.
+    /// Its value before, TOML; null if the key was absent.
     pub was: Option<String>,
-    /// Its value after that, TOML; null where the key is no longer there.
+    /// Its value afterwards, TOML; null if the key was removed.
     pub now: Option<String>,
 }
 

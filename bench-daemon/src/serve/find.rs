@@ -30,7 +30,7 @@ const MOST: usize = 100;
 pub struct RunCell {
     /// Its name.
     pub name: String,
-    /// Its serial number, where the experiment tells it.
+    /// Its serial number, if the experiment states it.
     pub serial: Option<String>,
 }
 
@@ -85,11 +85,11 @@ pub struct Card {
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct Wanted {
-    /// Words that stand in the name, experiment, bench, cells, tags or notes of the run.
+    /// Words that occur in the name, experiment, bench, cells, tags or notes of the run.
     pub text: Option<String>,
     /// Name or serial number of a cell.
     pub cell: Option<String>,
-    /// Serial number of a cell, as the experiment tells it.
+    /// Serial number of a cell, as stated by the experiment.
     pub serial: Option<String>,
     /// Name of a bench.
     pub bench: Option<String>,
@@ -101,10 +101,10 @@ pub struct Wanted {
     pub from_s: Option<f64>,
     /// Submitted before this time, s since 1970.
     pub to_s: Option<f64>,
-    /// At most so many, the latest first.
+    /// Maximum number of runs, the latest first.
     #[param(minimum = 1, maximum = 1000)]
     pub most: Option<u16>,
-    /// Name of the run behind which to go on: `more` of the answer before.
+    /// Name of the run after which the answer begins: `more` of the previous answer.
     pub after: Option<String>,
 }
 
@@ -113,7 +113,7 @@ pub struct Wanted {
 pub struct Found {
     /// The latest first.
     pub found: Vec<Card>,
-    /// Where to go on, if there are more.
+    /// Position of the next part, if more runs exist.
     pub more: Option<String>,
     /// Number of all runs that were found.
     pub number: usize,
@@ -426,7 +426,7 @@ fn index(folder: &Path) -> Option<RunIndex> {
 pub struct KnownCell {
     /// Its name.
     cell: String,
-    /// Its serial number, where an experiment tells it.
+    /// Its serial number, if an experiment states it.
     serial: Option<String>,
     /// Number of runs with it.
     runs: usize,
@@ -441,7 +441,7 @@ pub struct KnownCell {
 pub struct CellHistory {
     /// Its name.
     cell: String,
-    /// Serial numbers that runs have told of it.
+    /// Serial numbers that its runs state.
     serials: Vec<String>,
     /// Its spectra in the order of time.
     history: Vec<Moment>,

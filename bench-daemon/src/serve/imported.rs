@@ -78,7 +78,7 @@ pub fn refusal(name: &str, code: Option<i32>, errors: &str) -> String {
 pub struct ImportedSpectra {
     /// In the order of the file, in the shape of those of a run.
     pub spectra: Vec<Spectrum>,
-    /// How they were read: by what they were told apart, what was left out or taken for granted.
+    /// How the file was read: how its spectra were distinguished, and what was left out or assumed.
     pub notes: Vec<String>,
 }
 

@@ -50,8 +50,8 @@ impl Ending {
     }
 }
 
-/// Continues all investigations until the server ends. Only events trigger progress: there is no
-/// timer here, because it would not survive the end of the runtime.
+/// Continues all investigations until the server ends. Only events trigger progress: a timer would
+/// not survive the end of the runtime.
 pub async fn work(server: Arc<Server>) {
     let mut wake = server.hub.wake();
     while !server.hub.closed() {

@@ -142,42 +142,41 @@ pub struct RunNow {
     pub points: usize,
     /// Share that is done, by expected bench time.
     pub done: f64,
-    /// Time left, s on the wall; none where nobody knows.
+    /// Remaining wall time, s; null if it is unknown.
     pub left_s: Option<f64>,
     /// Bench time of the last entry or reading, s.
     pub bench_time_s: f64,
     /// How bench time runs: `real`, `virtual` or `scaled:FACTOR`.
     pub time: String,
-    /// Everything was off and read back at the last entry of the journal.
+    /// True if all outputs were read back as off at the last entry of the journal.
     pub safe: bool,
 }
 
-/// A change of the fixture that a person is asked for.
+/// A change of the fixture that a person is asked to make.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct QuestionNow {
-    /// Its number in the run, which the answer names.
+    /// Number of the question in the run; the answer names it.
     pub number: u64,
-    /// In words.
+    /// Text of the question.
     pub text: String,
-    /// Name of the cell, where there are several.
+    /// Name of the cell, if the run has several.
     pub cell: Option<String>,
-    /// Its serial number, where it has one: an answer with another one is refused.
+    /// Serial number of the cell, if it has one; an answer with another one is refused.
     pub serial: Option<String>,
-    /// Code that is printed on it, where that is known: an answer may tell it in the place of the serial
-    /// number.
+    /// Barcode on the cell, if known; an answer may state it instead of the serial number.
     pub barcode: Option<String>,
-    /// It is asked on the terminal of the run, and answered nowhere else.
+    /// True if it is asked on the terminal of the run and can be answered only there.
     pub on_terminal: bool,
     /// Bench time at which it was asked, s.
     pub asked_s: f64,
 }
 
-/// A point in work.
+/// A point in progress.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct PointNow {
-    /// Its number in the sweep, from 1.
+    /// Number of the point in the sweep, from 1.
     pub number: usize,
-    /// How many there are.
+    /// Number of points of the sweep.
     pub of: usize,
     /// Its frequency, Hz.
     pub freq_hz: f64,
@@ -198,7 +197,7 @@ pub struct ReadingNow {
     pub current_a: Option<f64>,
     /// Surface temperature of the cell when it was read last, °C.
     pub temperature_c: Option<f64>,
-    /// The process that took it still runs; otherwise it tells how things were, not how they are.
+    /// True if the process that took the reading still runs; otherwise the reading is out of date.
     pub fresh: bool,
 }
 
@@ -317,8 +316,8 @@ pub struct StopReport {
     pub over: bool,
     /// Every output that can move charge was read back as off.
     pub verified: bool,
-    /// The bench is simulated within the run's process, and that process has ended: there is no
-    /// output, and none was read back.
+    /// The bench was simulated within the run's process, which has ended. It has no outputs, and
+    /// none was read back.
     pub simulated: bool,
     /// Steps of the stop, in words, in order.
     pub steps: Vec<String>,

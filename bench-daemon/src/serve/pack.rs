@@ -80,8 +80,8 @@ pub struct Load {
     /// Open-circuit voltage of a cell at the start, V, in the place of `soc`.
     #[serde(default)]
     ocv_v: Option<f64>,
-    /// Temperature of the cells, °C; told beside that of the measurement, for no model of it is
-    /// known.
+    /// Temperature of the cells, °C. It is shown beside that of the measurement; the model does not
+    /// depend on it.
     #[serde(default)]
     temperature_c: Option<f64>,
     /// `walking`, `lateral_jump`, `spin_jump`, `gap_2m` or `constant`.

@@ -94,7 +94,8 @@ struct RawTls {
 #[serde(deny_unknown_fields)]
 struct RawProxy {
     /// Name under which browsers reach the proxy over TLS, such as `bench.lab.example`, with its
-    /// port where it is not 443. Requests for this host are answered besides those for this machine.
+    /// port if it is not 443. Requests for this host are answered in addition to those for this
+    /// machine.
     host: String,
 }
 
@@ -102,10 +103,10 @@ struct RawProxy {
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawNotify {
-    /// Address that each notice is posted to as JSON: `https://…`, or `http://` on this machine.
+    /// Address to which each notice is posted as JSON: `https://…`, or `http://` on this machine.
     webhook: Option<String>,
-    /// Local time in which ends of runs are kept and told together at its end, such as
-    /// `22:00-06:00`. Trips are told at any time. Left out: none.
+    /// Local time, such as `22:00-06:00`, in which notices of ended runs are held back and sent
+    /// together at its end. Notices of trips are always sent at once. Left out: none.
     quiet: Option<String>,
     /// Each notice as an e-mail.
     email: Option<RawEmail>,

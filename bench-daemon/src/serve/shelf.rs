@@ -303,8 +303,8 @@ fn open_proposal(all: &[Kept]) -> Option<&Kept> {
     is_open.then_some(last)
 }
 
-/// Returns a file: the version of this number, otherwise the latest. The latest version of a
-/// bench is its proposal, otherwise its file. Returns `None` if there is no such file.
+/// Returns a file: the version of this number, otherwise the latest. The latest version of a bench
+/// is its proposal, otherwise its file. Returns `None` if the file does not exist.
 ///
 /// # Errors
 /// A version that cannot be read.

@@ -689,8 +689,8 @@ fn last_word(log: &str) -> Option<String> {
         .map(str::to_owned)
 }
 
-/// How a run ended, by its journal and by the last word of its process. One that is finished may
-/// have points that the quality gate has refused.
+/// Returns how a run ended, from its journal and the last message of its process. A finished run
+/// may have points that the quality gate has refused.
 fn how_it_ended(ended: Option<&str>, word: Option<String>) -> String {
     let (ended, word) = match ended {
         Some("finished") => (ended, word.filter(|word| word.starts_with(GATE_REFUSED))),

@@ -274,7 +274,7 @@ pub struct Timelines {
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub struct Part {
-    /// At most so many rows, 8 to 10 000.
+    /// Maximum number of rows, 8 to 10 000.
     #[param(minimum = 8, maximum = 10_000)]
     pub most: Option<u16>,
     /// From this bench time on, s.
@@ -317,7 +317,7 @@ pub struct Readings {
     charge_c: Vec<f64>,
     /// Rows of this part in the file.
     rows: usize,
-    /// Every one of them is told.
+    /// True if all rows are returned.
     whole: bool,
     /// Last bench time of the run, s.
     end_s: f64,
@@ -335,15 +335,15 @@ pub struct Readings {
 /// Readings of the chiller, by column.
 #[derive(Debug, Default, Serialize, ToSchema)]
 pub struct Bath {
-    /// Bench time, s; the first may lie before this part: its setpoint still holds.
+    /// Bench time, s. The first may precede this part, because its setpoint is still in effect.
     time_s: Vec<f64>,
-    /// Temperature of the bath as the chiller tells it, °C.
+    /// Temperature of the bath as reported by the chiller, °C.
     bath_c: Vec<Option<f64>>,
     /// Setpoint, °C.
     setpoint_c: Vec<Option<f64>>,
     /// Rows of this part in the file.
     rows: usize,
-    /// Every one of them is told.
+    /// True if all rows are returned.
     whole: bool,
 }
 

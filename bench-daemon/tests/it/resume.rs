@@ -169,7 +169,7 @@ fn a_run_whose_process_lives_is_not_gone_on_with_and_one_whose_process_is_gone_h
 }
 
 /// Writes that fail on a full disk: each kind of file, and the number of the write from which on
-/// there is no room.
+/// the disk is full.
 const FULL: [&str; 17] = [
     "journal.jsonl:30",
     "events.csv:20",

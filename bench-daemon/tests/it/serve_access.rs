@@ -515,7 +515,7 @@ fn a_server_beyond_this_machine_wants_tokens_and_a_certificate() {
         answer(&bytes)
     };
     assert_eq!(ask(&request).expect(200).json()["name"], "ann");
-    // Without encryption there is no answer.
+    // The server does not answer without encryption.
     let mut plain = std::net::TcpStream::connect(format!("127.0.0.1:{port}")).unwrap();
     plain.write_all(request.as_bytes()).unwrap();
     let mut bytes = Vec::new();

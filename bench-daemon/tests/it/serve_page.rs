@@ -30,7 +30,7 @@ pub(crate) struct Browser {
 }
 
 impl Browser {
-    /// Returns `None` if there is no driver on this machine.
+    /// Returns `None` if this machine has no driver.
     pub(crate) fn start(dark: bool) -> Option<Self> {
         let driver = Command::new("chromedriver")
             .arg("--port=0")

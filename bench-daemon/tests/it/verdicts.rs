@@ -204,7 +204,7 @@ fn a_cell_that_is_out_of_its_limits_is_not_driven() {
             "cell voltage 4.3",
             "V left its limits (2.5 V to 4.2 V)",
         ),
-        // There is no cell: a piece of copper is in the jig, and no person can change it.
+        // The jig holds a piece of copper instead of a cell, and no person can change it.
         (
             bare()
                 .append(SCENARIO, "")

@@ -31,15 +31,15 @@ pub enum End {
     AtNoiseFloor,
     /// The data cannot be used.
     Invalid,
-    /// No run of the menu that this bench can play and that was not played yet would tell more.
+    /// No remaining run of the menu that this bench can execute adds information.
     NoExperiment,
-    /// The rest of the budget does not pay for a run that might tell more.
+    /// The rest of the budget does not pay for a run that may add information.
     Budget,
-    /// A run that was asked for ended early, or its bench was stopped, held or latched.
+    /// A requested run ended early, or its bench was stopped, held or latched.
     Stopped,
-    /// Somebody has ended it.
+    /// A person cancelled it.
     Cancelled,
-    /// A diagnosis could not be made, or an experiment could not be handed over.
+    /// A diagnosis failed, or an experiment could not be submitted.
     Failed,
 }
 

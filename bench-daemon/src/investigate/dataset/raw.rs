@@ -173,7 +173,7 @@ pub(super) struct Run {
     pub(super) from_hz: Option<f64>,
     /// Highest used frequency of a sweep, Hz, above 0. Left out: its highest.
     pub(super) to_hz: Option<f64>,
-    /// Direct current of a sweep, A. Left out: as the file tells, else 0.
+    /// Direct current of a sweep, A. Left out: from the file, otherwise 0.
     pub(super) bias_a: Option<f64>,
     /// Resistance between the lower tap and the ground of the channels, Ω, where each tap has a
     /// channel of its own. Left out: 0.
@@ -184,9 +184,9 @@ pub(super) struct Run {
     /// Time of each point of the sweep since its start, s, 0 or more, in the order of the
     /// frequencies. Left out: not known.
     pub(super) elapsed_s: Option<Vec<f64>>,
-    /// Amplitude of a sweep, A, above 0. Left out: as the file tells, else not known.
+    /// Amplitude of a sweep, A, above 0. Left out: from the file, otherwise unknown.
     pub(super) amplitude_a: Option<f64>,
-    /// Name of the spectrum where the file holds several. Left out: the one at `bias_a`.
+    /// Name of the spectrum if the file contains several. Left out: the one at `bias_a`.
     pub(super) spectrum: Option<String>,
     /// Whether points are used that the quality gate of the measurement refused, as the column
     /// `flags` of the file says.

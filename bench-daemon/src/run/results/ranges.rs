@@ -76,7 +76,7 @@ pub(super) fn warn(recorder: &mut Recorder, measured: &Measured) -> Result<(), F
             &run_folder::trace_name(&trace.name, trace.repeat),
             run_folder::ZERO_FRAME,
         ));
-        // Meters recorded the trace: there are no channels to correct.
+        // Meters recorded the trace, which has no channels to correct.
         if !zero.exists() {
             continue;
         }

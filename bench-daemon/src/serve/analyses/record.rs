@@ -57,7 +57,7 @@ pub struct Analysis {
     pub state: State,
     /// How far it is.
     pub progress: Progress,
-    /// Time left, s; none where nobody knows.
+    /// Time left, s; null if it is unknown.
     pub left_s: Option<f64>,
     /// Why it has no results; a remark on them.
     pub message: Option<String>,

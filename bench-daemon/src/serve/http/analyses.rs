@@ -46,8 +46,8 @@ pub async fn list(_caller: Reader, State(app): State<App>) -> Result<Json<Vec<An
     aside(move || Ok(Json(app.server.analyses.list()))).await
 }
 
-/// Takes an analysis of runs. It begins when those before it have ended; events `analysis` tell how
-/// it goes.
+/// Queues an analysis of runs. It begins when the analyses before it have ended; events `analysis`
+/// report its progress.
 #[utoipa::path(
     post,
     path = "/api/v1/analyses",

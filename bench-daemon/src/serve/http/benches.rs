@@ -39,17 +39,19 @@ pub struct Caller {
     name: String,
     /// Scopes that its token opens.
     scopes: Vec<Scope>,
-    /// The benches, which whoever has a token may stop.
+    /// The benches that every holder of a token may stop.
     benches: Vec<String>,
 }
 
-/// Confirms that somebody has looked.
+/// Confirms that a person has looked.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Confirm {
-    /// The cause that is shown now, word by word: nobody clears what they have not seen.
+    /// The current cause, verbatim. A different cause is refused, so that only a cause that was
+    /// seen can be cleared.
     cause: String,
-    /// Who looked, and what they found and did, at most 1000 characters; it is kept with the trip.
+    /// Who looked, what they found and what they did, at most 1000 characters; stored with the
+    /// trip.
     #[serde(default)]
     found: Option<String>,
 }
@@ -57,11 +59,11 @@ pub struct Confirm {
 /// Longest text of what was found, characters.
 const LONGEST_FOUND: usize = 1000;
 
-/// How many.
+/// Length of the answer.
 #[derive(Debug, Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct Most {
-    /// At most so many, the latest.
+    /// Maximum number of entries, the latest ones.
     #[param(minimum = 1, maximum = 10_000)]
     most: Option<u16>,
 }
@@ -279,9 +281,9 @@ pub struct IdentifiedOne {
     recognised: bool,
 }
 
-/// Stops whatever runs on a bench and reads every output back. Answers when that is done; events
-/// tell how it goes. Every token may stop, and so may anyone on the server's machine, with or
-/// without a token; stops are not limited in number.
+/// Stops whatever runs on a bench and reads all outputs back. Answers when that is done; events
+/// report the progress. Every token may stop, and so may anyone on the server's machine, with or
+/// without a token. The number of stops is not limited.
 #[utoipa::path(
     post,
     path = "/api/v1/benches/{bench}/stop",

@@ -28,7 +28,7 @@ use crate::support::calendar::unix_s;
 pub struct CatalogWanted {
     /// Name, serial number or barcode of a cell.
     cell: Option<String>,
-    /// Serial number of a cell, as the experiment tells it or a person read it, or its barcode.
+    /// Serial number of a cell, from the experiment or read by a person, or its barcode.
     serial: Option<String>,
     /// Batch of a cell.
     batch: Option<String>,
@@ -51,7 +51,7 @@ pub struct CatalogWanted {
     text: Option<String>,
     /// Where to go on: `after` of the answer before.
     after: Option<String>,
-    /// At most so many.
+    /// Maximum number of results.
     #[param(minimum = 1, maximum = 1000)]
     most: Option<u16>,
 }

@@ -50,7 +50,7 @@ pub struct Tags {
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub struct OfSpectrum {
-    /// Name of the spectrum, as `/spectra` tells it.
+    /// Name of the spectrum, as listed by `/spectra`.
     spectrum: String,
 }
 
@@ -59,7 +59,7 @@ pub struct OfSpectrum {
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub struct OfPoint {
-    /// Name of the spectrum, as `/spectra` tells it.
+    /// Name of the spectrum, as listed by `/spectra`.
     spectrum: String,
     /// Frequency of the point, Hz.
     freq_hz: f64,

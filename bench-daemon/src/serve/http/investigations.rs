@@ -32,10 +32,9 @@ pub async fn list(
     aside(move || Ok(Json(app.server.analyses.investigations.list()))).await
 }
 
-/// Begins an investigation with a run that has come to its end. It diagnoses what was measured,
-/// puts the recommended experiment at the end of the queue, and diagnoses all of it, until the
-/// verdict is clear or the budget ends: that lets current flow. Events `investigation` tell how it
-/// goes.
+/// Starts an investigation of a finished run. It diagnoses the data, appends the recommended
+/// experiment to the queue, and diagnoses all data again, until the verdict is clear or the budget
+/// is used up. Its experiments let current flow. Events `investigation` report its progress.
 #[utoipa::path(
     post,
     path = "/api/v1/investigations",

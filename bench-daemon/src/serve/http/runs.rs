@@ -206,8 +206,8 @@ pub async fn fits(
     aside(move || Ok(Json(spectra::fits(&folder).into_iter().collect()))).await
 }
 
-/// The readings of a run, or of a part of it: all of them, or those that hold what is least and
-/// greatest, so that no peak is lost. Steps and checks are told beside them.
+/// Returns the readings of a run, or of a part of it: all of them, or those with the least and
+/// greatest values, so that no peak is lost. Steps and checks are returned with them.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{run}/readings",

@@ -31,39 +31,38 @@ const LONGEST_WHY: usize = 1000;
 /// Longest name of a file, characters.
 const LONGEST_NAME: usize = 60;
 
-/// A file with its history. Of a bench the text is the one that is proposed, where there is one,
-/// else the one in force; version 0 is the file in force.
+/// A file with its history. The text of a bench is the proposed version if there is one, otherwise
+/// the version in force; version 0 is the file in force.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct ShelfFile {
     /// Its name.
     name: String,
     /// Its text, TOML.
     text: String,
-    /// The same as values; null where it is no TOML.
+    /// The text as values; null if it is not valid TOML.
     value: serde_json::Value,
     /// SHA-256 of the text.
     sha256: String,
     /// All versions, the oldest first.
     versions: Vec<Version>,
-    /// Keys in which the text differs from the file of the configuration; of a bench that is the
-    /// file in force. Null where there is no such file, or one of both is no TOML.
+    /// Keys in which the text differs from the file of the configuration, which for a bench is the
+    /// file in force. Null if that file does not exist, or if either text is not valid TOML.
     changes: Option<Vec<KeyChange>>,
-    /// Of a bench: the version that is proposed and not in force; null where there is none.
+    /// For a bench: the version that is proposed but not in force; null if there is none.
     proposed: Option<usize>,
-    /// Of a bench: why nothing is begun on it until the server is restarted; null where nothing
-    /// hinders.
+    /// For a bench: why no run starts on it until the server is restarted; null if runs can start.
     restart: Option<String>,
 }
 
-/// A version of a file that is to be made.
+/// A new version of a file.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NewVersion {
     /// The whole text.
     text: String,
-    /// Why, 1 to 1000 characters.
+    /// Reason for the change, 1 to 1000 characters.
     why: String,
-    /// SHA-256 of the text that it was made from; null for a file that is new.
+    /// SHA-256 of the text that it is based on; null for a new file.
     was_sha256: Option<String>,
 }
 
@@ -97,13 +96,13 @@ pub struct NewDraft {
 pub struct Draft {
     /// Its text.
     text: String,
-    /// Its values; null where the text is no TOML.
+    /// Its values; null if the text is not valid TOML.
     value: serde_json::Value,
-    /// The first field that is not as expected.
+    /// The first invalid field.
     mistakes: Vec<Mistake>,
-    /// The plan, where there is no mistake.
+    /// The plan, if the draft is valid.
     plan: Option<Planned>,
-    /// Demands of the plan beside the limits of the cell.
+    /// Requirements of the plan and the limits of the cell.
     margins: Vec<Margin>,
 }
 
