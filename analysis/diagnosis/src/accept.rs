@@ -53,7 +53,7 @@ impl Search<'_> {
             ));
         }
         if is_outside(attempt.name) {
-            return Err("it is no effect of the catalogue".to_owned());
+            return Err("it is not an effect of the catalogue".to_owned());
         }
         let converged = [before, &attempt.fit]
             .iter()

@@ -817,7 +817,7 @@ impl Filter {
     pub(crate) fn told(&self) -> String {
         format!(
             "the current of {} records was corrected for {} of {:.3} ± {:.3} s, as accepted: all \
-            that is told hangs on the corrected current; the files hold the logged one",
+            results depend on the corrected current; the files contain the logged one",
             self.records.len(),
             self.form,
             self.tau_s,

@@ -220,7 +220,7 @@ pub(crate) fn diagnose_with(
     }
     if next.is_none() && d.verdict.is_open() {
         d.notes
-            .push("no run of the menu would tell apart what is open".to_owned());
+            .push("no run of the menu can separate the remaining candidates".to_owned());
     }
     let (next_experiment, next_runs) = next.unzip();
     d.next_experiment = next_experiment;

@@ -59,7 +59,7 @@ impl Search<'_> {
             let chi2 = self.problem.block_chi2(after.at(), k, &mut self.workspace);
             if chi2.is_nan() {
                 return Err(format!(
-                    "held-out run {} becomes worse: its prediction is no number",
+                    "held-out run {} becomes worse: its prediction is not a number",
                     self.problem.blocks[k].name
                 ));
             }

@@ -77,8 +77,8 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
         for container in selected.limit_of.iter().filter_map(|name| find(name)) {
             let (title, named) = (container.card().title, title(selected.name));
             d.notes.push(format!(
-                "{title} is not excluded: it becomes {named} at a limit of its \
-                shape, from which these runs do not tell it"
+                "{title} is not excluded: it becomes {named} at a limit of its shape, and these \
+                runs cannot separate the two"
             ));
         }
     }

@@ -182,8 +182,8 @@ thresholds! {
     LAG_LEAST_MISSED: f64 = 4.0, "1",
         "Least squares that the prediction misses, as a multiple of the noise's, before a lag is \
         looked for.",
-        Convention "A misfit of twice the noise in root mean square; below, a lag cannot be told \
-        from noise.";
+        Convention "A misfit of twice the noise in root mean square; below, a lag cannot be \
+        separated from noise.";
     LAG_LEFT_PART: f64 = 0.3, "1",
         "Part of the missed squares that the best lag may leave to be believed.",
         Convention "Most of the misfit must go with the lag. `gate/tests` finds each damage and \
@@ -232,12 +232,12 @@ thresholds! {
         is on record.";
     WHOLE_RUN_PART: f64 = 0.9, "1",
         "Part of a repeat's length, or number of points, below which a run is cut off.",
-        Convention "A stop that comes late or early by some samples is no damage. No study of the \
+        Convention "A stop that comes late or early by some samples is not damage. No study of the \
         value is on record.";
     REPEAT_FLOWS_PART: f64 = 0.05, "1",
         "Part of the repeat's largest current that must flow in the missing time of a run that is \
         cut off.",
-        Convention "A shorter rest at the end is no damage. No study of the value is on record.";
+        Convention "A shorter rest at the end is not damage. No study of the value is on record.";
     REPEAT_FAR_OFF_Z: f64 = 20.0, "σ",
         "Distance of a run from its repeats, in standard deviations of the bench's history, from \
         which on it is damaged.",
@@ -245,7 +245,7 @@ thresholds! {
         moved reaches the diagnosis.";
     FEWEST_TO_DRIFT: usize = 3, "runs",
         "Fewest repeats that show a drift.",
-        Derivation "Two runs always lie on opposite sides of their mean; a third tells a \
+        Derivation "Two runs always lie on opposite sides of their mean; a third shows a \
         direction.";
     DRIFT_CORRELATION: f64 = -0.7, "1",
         "Correlation of the first and the last repeat about the middle below which the group \
@@ -294,7 +294,7 @@ thresholds! {
         "Difference of two instants below which two samples of repeats have the same time.",
         Convention "The planned runs of the menu are sampled in whole milliseconds.";
     LARGE_STEP_PART: f64 = 0.2, "1",
-        "Part of the largest step of current from which on a step tells the resistance.",
+        "Part of the largest step of current from which on a step determines the resistance.",
         Convention "Smaller steps add more noise than knowledge. No study of the value is on \
         record.";
     VISIBLE_STEP_SIGMAS: f64 = 10.0, "σ",
@@ -332,7 +332,8 @@ thresholds! {
         row are by chance once in 500 000.";
     COPY_DISTINCT: usize = 6, "1",
         "Fewest voltages that differ among these rows.",
-        Convention "Half of the rows must tell something: a rest repeats few codes in every run.";
+        Convention "Half of the rows must carry information: a rest repeats few codes in every \
+            run.";
     COPY_LEAST_ROWS: usize = 24, "rows",
         "Fewest rows that two runs share in a copy.",
         Convention "Two windows of `COPY_WINDOW`.";
@@ -362,10 +363,10 @@ thresholds! {
         Convention "Zero and noise of a channel lie within it. No study of the value is on record.";
     REST_SIGMAS: f64 = 5.0, "σ",
         "Distance of the rest voltage from its expectation, in standard deviations of noise, level \
-        and start voltage, that is told.",
+        and start voltage, that is reported.",
         Quantile "Normal distribution, two-sided probability 6·10⁻⁷.";
     REST_LEAST_V: f64 = 0.03, "V",
-        "Least distance of the rest voltage that is told.",
+        "Least distance of the rest voltage that is reported.",
         Convention "Hysteresis of LFP is 17 mV and a rest of minutes lacks some millivolts: both \
         are the physics' to name.";
     REST_SOC: f64 = 0.02, "1",
@@ -373,7 +374,7 @@ thresholds! {
         Convention "As for counted states in `dataset init`: further than 2 % off is refused there.";
     GAP_TIMES_EVEN: f64 = 3.0, "1",
         "Multiple of the steps around from which on rows are missing in an evenly sampled record.",
-        Convention "Three rows or more are lost; one late row is no gap.";
+        Convention "Three rows or more are lost; one late row is not a gap.";
     GAP_TIMES: f64 = 12.0, "1",
         "The same in a record whose spacing changes.",
         Convention "Loggers that slow down by decades make steps of ten times the one before.";
@@ -394,16 +395,16 @@ thresholds! {
         "Fewest equal rows in a row that may be a logger that stood still.",
         Convention "Codes repeat a value too; chance and motion decide, not this number.";
     FROZEN_BY_CHANCE: f64 = 1e-9, "1",
-        "Expected number of such stretches in a record by chance, below which they are told.",
+        "Expected number of such stretches in a record by chance, below which they are reported.",
         Convention "Rows are not independent: a drift of the noise holds a code longer.";
     FROZEN_CODES: f64 = 3.0, "codes",
-        "Least expected motion of the voltage during equal rows that tells a standstill.",
+        "Least expected motion of the voltage during equal rows that shows a standstill.",
         Convention "One code is rounding; three are beyond it and the noise of one code.";
     FROZEN_SIGMAS: f64 = 10.0, "σ",
         "The same in standard deviations of a sample.",
         Convention "As `CLIP_MOVES_SIGMAS`.";
     ROUNDED_FEWEST: usize = 8, "1",
-        "Fewest uneven steps that tell rounded stamps.",
+        "Fewest uneven steps that show rounded stamps.",
         Convention "An edge makes one or two. No study of the value is on record.";
     ROUNDED_PART: f64 = 0.05, "1",
         "Least part of the steps that are uneven by exactly one quantum.",
@@ -417,7 +418,7 @@ thresholds! {
         record does not see it.",
         Derivation "exp(−2) = 14 % of it is left at the next sample.";
     SLOW_SHARE: f64 = 0.25, "1",
-        "Part of the model's resistance in such branches from which on it is told.",
+        "Part of the model's resistance in such branches from which on it is reported.",
         Convention "Less goes with the series resistance unseen. No study of the value is on \
         record.";
     UNSEEN_PART: f64 = 0.3, "1",
@@ -442,10 +443,10 @@ thresholds! {
         "Time after an edge over which model and record are compared for a factor.",
         Convention "Diffusion and charge are small within it, most branches are not.";
     SCALE_FEWEST: usize = 3, "1",
-        "Fewest edges that tell a factor with its scatter.",
+        "Fewest edges that determine a factor with its scatter.",
         Derivation "Two have one degree of freedom, of which a scatter is known to 70 %.";
     SCALE_LEAST: f64 = 1.25, "1",
-        "Factor, or its inverse, from which on it is told.",
+        "Factor, or its inverse, from which on it is reported.",
         Convention "Temperature, ageing and missing effects make less on the real data sets.";
     SCALE_SIGMAS: f64 = 5.0, "σ",
         "Distance of the factor from one in standard deviations.",
@@ -461,7 +462,7 @@ thresholds! {
         "Number of time constants that are tried first, equally spaced in their logarithm.",
         Convention "22 % from one to the next; the best is then sharpened.";
     FILTER_FEWEST_EDGES: usize = 4, "1",
-        "Fewest steps of the current that tell a filter.",
+        "Fewest steps of the current that determine a filter.",
         Convention "A pulse has two; one record of one pulse is too little to speak of all.";
     FILTER_EDGE_SIGMAS: f64 = 6.0, "σ",
         "Least jump of the current that the voltage needs, in standard deviations of such jumps.",
@@ -477,7 +478,7 @@ thresholds! {
         "Difference of two levels of the current below which there was no step between them.",
         Quantile "Normal distribution, two-sided probability 6·10⁻⁵.";
     FILTER_SPLIT_SIGMAS: f64 = 6.0, "σ",
-        "Difference of two levels from which on the log tells a step that the voltage did not.",
+        "Difference of two levels from which on the log shows a step that the voltage does not.",
         Quantile "Normal distribution, two-sided probability 2·10⁻⁹: one is looked for at each of \
         10⁴ rows and more.";
     FILTER_SHORT_PART: f64 = 0.1, "1",
@@ -503,8 +504,7 @@ thresholds! {
         Convention "Where the source is slow, the voltage shows as little of it as the log.";
     FILTER_SLOWER: f64 = 1.0, "1",
         "Least time constant as a multiple of the distance of the first two samples after a step.",
-        Convention "A faster one is told by one sample, which the time of the edge explains as \
-        well.";
+        Convention "A faster one shows in one sample, which the time of the edge explains as well.";
     // Rows of a run.
     MOST_BINS: usize = 140, "rows",
         "Most rows of a record; more are merged.",
@@ -543,7 +543,7 @@ thresholds! {
     EDGE_ROW_PART: f64 = 0.5, "1",
         "Part of a row's variance that errors at edges of the current must make for it to be left \
         out of gaps and floors in millivolts.",
-        Derivation "More than half: the row then tells of the edge's time rather than of all else \
+        Derivation "More than half: the row then depends more on the edge's time than on all else \
         together.";
     EDGE_SAMPLES: usize = 2, "samples",
         "Samples after an edge that stay as they were logged, for a smoothed channel shows there.",
@@ -575,7 +575,7 @@ thresholds! {
     SWEEP_INTERRUPTED: f64 = 3.0, "1",
         "Multiple of the time that waits and periods explain, beyond which a sweep was \
         interrupted.",
-        Convention "Set by judgement. `tests/repeats` holds slow points that are no break.";
+        Convention "Set by judgement. `tests/repeats` holds slow points that are not a break.";
     // Noise.
     HISTORY_SPREAD: f64 = 0.15, "1",
         "Standard deviation of the logarithm of a σ that the bench's history states.",
@@ -665,10 +665,11 @@ thresholds! {
         is on record.";
     PULSE_FLOWS_PART: f64 = 0.2, "1",
         "Part of the largest current from which on a stretch of current counts as a pulse.",
-        Convention "Smaller ones tell little of a resistance. No study of the value is on record.";
+        Convention "Smaller ones determine a resistance poorly. No study of the value is on \
+            record.";
     MOST_TURNS: u32 = 2, "1",
         "Reversals of the current that are counted; further ones are one class.",
-        Convention "None, one and more tell a memory from none. No study of the value is on \
+        Convention "None, one and more separate a memory from none. No study of the value is on \
         record.";
     WAVE_PERIODS_S: (f64, f64) = (2.0, 60.0), "s",
         "Periods of a wave that are looked for.",
@@ -877,11 +878,11 @@ thresholds! {
         "Root of the χ² at the ends of a stated interval.",
         Quantile "Normal distribution, probability 0.975.";
     HARD_TO_TELL_R: f64 = 0.9, "1",
-        "Distinguishability r below which the catalogue lists a pair as hard to tell apart; no \
+        "Distinguishability r below which the catalogue lists a pair as hard to separate; no \
         verdict depends on it.",
         Convention "A tenth of λ is shared. No study of the value is on record.";
     APART_SIGMA: f64 = 6.32, "σ",
-        "Separation from which on the catalogue counts a pair as told apart; no verdict depends on \
+        "Separation from which on the catalogue counts a pair as separated; no verdict depends on \
         it.",
         Convention "√40. At λ of 40 or more the study finds the truth, alone or among twins, in \
         971 of 973 trials (seed 20261128).";
@@ -895,13 +896,13 @@ thresholds! {
         Convention "Else a plan for a barely seen effect would never be enough. No study of the \
         value is on record.";
     LEAST_GROWTH: f64 = 0.1, "1",
-        "Part of what settles a pair that a run must add to its λ to count as telling it apart.",
+        "Part of what settles a pair that a run must add to its λ to count as separating it.",
         Convention "Less is not worth the time of a run. No study of the value is on record.";
     MOST_RIVALS: usize = 6, "effects",
         "Most rivals of one effect that a plan looks at.",
         Convention "A bound on the time of a plan. No study of the value is on record.";
     LINEAR_FACTOR: f64 = 2.0, "1",
-        "Factor by which a linear refit may tell λ wrongly before a pair is given up.",
+        "Factor by which a linear refit may misjudge λ before a pair is given up.",
         Convention "Set by judgement. Of the plans that expected to settle, 61 of 68 did (study, \
         seed 1729).";
     MOST_TIMES: usize = 8, "1",

@@ -390,7 +390,7 @@ fn parameters_come_back_where_the_controls_tell_them() {
     }
     assert!(
         parameters[..3].iter().all(|gain| gain.sigma < 1e-5),
-        "all gains are told: {parameters:?}"
+        "all gains are determined: {parameters:?}"
     );
     let alone = Correction::fit(&Controls {
         fake_cell: None,
@@ -401,7 +401,7 @@ fn parameters_come_back_where_the_controls_tell_them() {
     assert_eq!(told.len(), 10);
     assert!(
         told[1].sigma < 1e-5 && told[0].sigma > 0.005 && told[2].sigma > 0.005,
-        "the shunt tells gain 3 and the ratio of 4 and 2: {told:?}"
+        "the shunt determines gain 3 and the ratio of 4 and 2: {told:?}"
     );
 }
 

@@ -152,7 +152,7 @@ fn a_leak_counts_where_the_open_jig_was_measured_and_only_there() {
     assert_eq!(
         (told, untold),
         (14, 12),
-        "what was not measured is no parameter"
+        "what was not measured is not a parameter"
     );
 }
 

@@ -306,13 +306,13 @@ fn what_the_record_cannot_tell_apart_is_left_out_and_said() {
         messages,
         [
             "harmonic 5 (500.000000 Hz) is not fitted: half the sampling rate is 500.000000 Hz",
-            "harmonic 2 (200.000000 Hz) is not fitted: the record cannot tell it from 200.000000 \
-            Hz, it resolves 1.000000 Hz",
+            "harmonic 2 (200.000000 Hz) is not fitted: the record cannot separate it from \
+            200.000000 Hz, it resolves 1.000000 Hz",
             "harmonic 0 (0.000000 Hz) is not fitted: expected a frequency above 0 Hz",
-            "100.400000 Hz is not fitted: the record cannot tell it from 100.000000 Hz, it \
+            "100.400000 Hz is not fitted: the record cannot separate it from 100.000000 Hz, it \
             resolves 1.000000 Hz",
             "0.500000 Hz is not fitted: one period takes longer than the record (1.000000 Hz)",
-            "200.000000 Hz is not fitted: the record cannot tell it from 200.000000 Hz, it \
+            "200.000000 Hz is not fitted: the record cannot separate it from 200.000000 Hz, it \
             resolves 1.000000 Hz",
             "NaN Hz is not fitted: expected a frequency above 0 Hz",
         ]

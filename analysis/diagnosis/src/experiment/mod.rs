@@ -48,7 +48,7 @@ impl Advice {
             }
             let would = find(truth).map_or("", |e| e.card().experiment);
             format!(
-                "no run of the menu, however often it is repeated, tells {} from {}; what would: \
+                "no run of the menu, however often it is repeated, separates {} from {}; required: \
                 {would}",
                 title(truth),
                 title(other)

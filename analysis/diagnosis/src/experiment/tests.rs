@@ -499,9 +499,9 @@ fn what_no_run_tells_is_said_with_what_would() {
     assert_eq!(
         notes,
         [
-            "no run of the menu, however often it is repeated, tells gain error of the current \
-            channel from gain error of the voltage channel; what would: \
-             the same shunt through both instruments",
+            "no run of the menu, however often it is repeated, separates gain error of the current \
+            channel from gain error of the voltage channel; required: the same shunt through both \
+            instruments",
             "series inductance: its signal is too small for any run of the menu to make it certain",
         ]
     );

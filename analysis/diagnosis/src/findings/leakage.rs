@@ -65,14 +65,14 @@ fn finding(runs: &[&str; 2], held_out: [bool; 2], text: &str, how_sure: String) 
         (
             FindingKind::Leakage,
             format!(
-                "{a} was fitted as {b}: its gap is no test of a prediction. Hold out another run."
+                "{a} was fitted as {b}: its gap does not test a prediction. Hold out another run."
             ),
         )
     } else {
         (
             FindingKind::Copy,
             "Two copies are taken for two measurements: the noise between repeats comes out too \
-            small, and what the run tells counts twice."
+            small, and the information of the run counts twice."
                 .to_owned(),
         )
     };

@@ -147,7 +147,7 @@ fn frozen(scene: &Scene<'_>, played: &Played<'_>) -> Option<Finding> {
         how_sure: format!(
             "{chance:.0e} such stretches are expected by chance of the record's codes and noise"
         ),
-        effect: "These rows are no measurements: an edge within them is late, and they weigh as \
+        effect: "These rows are not measurements: an edge within them is late, and they weigh as \
             much as true ones."
             .to_owned(),
         correctable: false,

@@ -56,7 +56,9 @@ pub(super) fn find(scene: &Scene<'_>) -> Vec<Finding> {
             "the model meets the spectra of the set at a factor of {factor:.3}: it is a model of \
             another cell, state or temperature"
         ),
-        None => "no spectrum of the set tells whether the model or the records are off".to_owned(),
+        None => {
+            "the set has no spectrum that shows whether the model or the records are off".to_owned()
+        }
     };
     vec![Finding {
         kind: FindingKind::Scale,

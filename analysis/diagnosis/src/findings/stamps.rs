@@ -130,8 +130,8 @@ pub(super) fn slow(scene: &Scene<'_>) -> Vec<Finding> {
             100.0 * share_of(typical_s)
         ),
         how_sure: "certain: stamps against the model's time constants".to_owned(),
-        effect: "These records cannot tell such a branch from the series resistance, nor a fast \
-            effect from an edge between two samples."
+        effect: "These records cannot separate such a branch from the series resistance, nor a \
+            fast effect from an edge between two samples."
             .to_owned(),
         runs,
         correctable: false,

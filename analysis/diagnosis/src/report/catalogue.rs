@@ -44,7 +44,7 @@ impl Distinguishability {
     pub fn pictures(&self) -> Vec<Picture> {
         let r = Shown {
             name: "distinguishability",
-            title: "Which effects these data can tell apart",
+            title: "Which effects these data can separate",
             subtitle: "r: part of the row's effect that the column's cannot imitate",
             scale: HeatScale {
                 ends: (0.0, 1.0),
@@ -55,10 +55,10 @@ impl Distinguishability {
         let separation = Shown {
             name: "separation",
             title: "Separation of effects in standard deviations",
-            subtitle: "√λ that is left to tell the row's effect from the column's",
+            subtitle: "√λ that is left to separate the row's effect from the column's",
             scale: HeatScale {
                 ends: (0.0, 10.0),
-                end_labels: ("σ, not told apart".into(), "σ or more, told apart".into()),
+                end_labels: ("σ, not separated".into(), "σ or more, separated".into()),
                 decimals: 1,
             },
         };
@@ -237,7 +237,7 @@ fn told_apart(matrix: &Distinguishability) -> Section {
     let mut items = vec![Item::Text(
         "r is the part of an effect's λ that another effect, fitted with all parameters of the \
         base model, cannot imitate on these data: 0 identical, 1 distinct. √λ is what is left to \
-        tell them apart, in standard deviations."
+        separate them, in standard deviations."
             .into(),
     )];
     let pairs = matrix.hard_pairs();
@@ -247,7 +247,7 @@ fn told_apart(matrix: &Distinguishability) -> Section {
         )));
     } else {
         items.push(Item::Table(
-            vec!["Acting", "Imitating", "r", "√λ left", "Told apart"],
+            vec!["Acting", "Imitating", "r", "√λ left", "Separated"],
             pairs,
         ));
     }
@@ -256,5 +256,5 @@ fn told_apart(matrix: &Distinguishability) -> Section {
     ));
     items.push(Item::Verbatim(matrix.numbers()));
     items.push(Item::Pictures(super::Kind::Matrix));
-    Section::new("What these data can tell apart", items)
+    Section::new("What these data can separate", items)
 }

@@ -13,7 +13,7 @@ pub(super) fn in_short(d: &Diagnosis) -> Vec<String> {
         .map(|finding| sentence(finding, d))
         .collect();
     let more = d.findings.len() - told.len();
-    let rest = (more > 0).then(|| format!("The details tell {more} more."));
+    let rest = (more > 0).then(|| format!("The details list {more} more."));
     told.into_iter().chain(rest).collect()
 }
 

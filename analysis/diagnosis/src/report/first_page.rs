@@ -163,7 +163,7 @@ fn missing(d: &Diagnosis) -> Vec<String> {
 fn as_well(d: &Diagnosis) -> Option<String> {
     let rivals: Vec<String> = d.rivals.iter().map(|r| named_title(r.name)).collect();
     let or = rivals.join(", or ");
-    (!or.is_empty()).then(|| format!("As well could be {or}: these runs do not tell."))
+    (!or.is_empty()).then(|| format!("It could equally be {or}: these runs cannot decide."))
 }
 
 fn distrust(d: &Diagnosis) -> Vec<String> {
@@ -210,9 +210,9 @@ fn next(d: &Diagnosis) -> Vec<String> {
         match (names.as_slice(), next.settles) {
             ([], _) => {}
             ([one], true) => sentences.push(format!("It should settle whether it is {one}.")),
-            ([one], false) => sentences.push(format!("It helps to tell whether it is {one}.")),
+            ([one], false) => sentences.push(format!("It helps to decide whether it is {one}.")),
             ([names @ .., last], settles) => sentences.push(format!(
-                "It {} tell {} and {last} apart.",
+                "It {} separate {} and {last}.",
                 if settles { "should" } else { "helps to" },
                 names.join(", ")
             )),
@@ -227,11 +227,11 @@ fn next(d: &Diagnosis) -> Vec<String> {
         }
         Verdict::Explained => {
             "Use the model with what was added, within the currents, frequencies, states of charge \
-            and temperatures of these runs. The details tell which run would contradict it."
+            and temperatures of these runs. The details name a run that could contradict it."
         }
         Verdict::Mostly | Verdict::Ambiguous | Verdict::Unexplained => {
-            "None of the runs that the program can plan would tell more. Look at the details: where \
-            it disagrees, and what was refused for which reason."
+            "No run that the program can plan would add information. Look at the details: where it \
+            disagrees, and what was refused for which reason."
         }
     };
     vec![text.to_owned()]
@@ -390,7 +390,7 @@ fn held_out(d: &Diagnosis) -> Section {
         .to_owned();
     if edges {
         text.push_str(
-            " Where a logger does not tell when the current changed, the rows at that edge say \
+            " Where a logger does not record when the current changed, the rows at that edge say \
             little about the model: they are counted apart.",
         );
     }

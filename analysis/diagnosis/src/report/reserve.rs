@@ -126,8 +126,7 @@ pub(super) fn not_claimed(d: &Diagnosis) -> Section {
     let mut points = Vec::new();
     if !d.noise.from_repeats {
         points.push(
-            "That the model is at the noise floor: there are no repeats, so that nobody \
-        knows the floor."
+            "That the model is at the noise floor: without repeats the floor is unknown."
                 .to_owned(),
         );
     }

@@ -722,7 +722,7 @@ fn a_wave_that_is_small_in_every_record_is_seen_in_all_of_them() {
         .notes
         .iter()
         .find(|note| note.contains("a wave of"))
-        .expect("the wave is told");
+        .expect("the wave is reported");
     let period_s: f64 = note
         .split("a wave of ")
         .nth(1)

@@ -7,8 +7,7 @@ static CARD: Card = Card {
     title: "gain error of the voltage channel",
     group: Group::Bench,
     mechanism: "The voltage channel of the time records reads too little or too much. The level at \
-    the start of a record is no witness: it belongs to the \
-                run's offset, which is noise.",
+    the start of a record is not evidence: it belongs to the run's offset, which is noise.",
     state_equation: "u_logged = u₀ + (1 + g)·(u − u₀), u₀ at the first sample of the record; g as \
     a fraction",
     impedance: "none: spectra are taken as the reference",

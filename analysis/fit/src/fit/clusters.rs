@@ -87,8 +87,8 @@ impl Clusters {
         }
         if absolute {
             return Some(format!(
-                "the sigmas come from the stated covariances, which tell the noise of sweeps: by \
-                how much the {cells} cells differ is not in them"
+                "the sigmas come from the stated covariances, which describe the noise of sweeps \
+                and not the differences between the {cells} cells"
             ));
         }
         let freedom = (cells - 1) as f64;

@@ -240,8 +240,8 @@ fn too_large(r: &OrderRow) -> String {
         None => "hold one that stands out of the others".to_owned(),
     };
     format!(
-        "residuals keep no waves over ln f, but with {} RC they {size}: this is no noise; look for \
-        points that are off and for a σ that is stated too small",
+        "residuals keep no waves over ln f, but with {} RC they {size}: this is not noise; look \
+        for points that are off and for a σ that is stated too small",
         r.rc
     )
 }

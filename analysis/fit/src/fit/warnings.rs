@@ -122,8 +122,7 @@ fn at_bounds(fit: &ErmFit, problem: &Problem, found: &mut Warnings) {
     let zero = is_r_zero(&fit.erm, &fit.bounds, problem);
     if zero {
         found.push(WarningCode::NotIdentified.says(format!(
-            "R is zero as far as these data tell: less than {:.1e} Ω, with every branch within the \
-            band",
+            "R is zero within these data: less than {:.1e} Ω, with every branch within the band",
             fit.erm.r_ohm
         )));
     }

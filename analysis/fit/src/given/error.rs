@@ -145,7 +145,8 @@ pub enum GivenError {
     Ladder(#[from] LadderError),
     /// A band for a ladder where there is none.
     #[error(
-        "band of the ladder: expected a fitted circuit to follow, met a model that is no circuit"
+        "band of the ladder: expected a fitted circuit to follow, met a model that is not a \
+        circuit"
     )]
     BandWithoutCircuit,
 }

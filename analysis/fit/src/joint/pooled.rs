@@ -246,7 +246,7 @@ impl Pool<'_> {
         (
             vec![assumed; self.total.len()],
             format!(
-                "assumed, {} % of |Z| per part: neither repeats nor files tell it",
+                "assumed, {} % of |Z| per part: neither repeats nor files give it",
                 100.0 * ASSUMED
             ),
         )

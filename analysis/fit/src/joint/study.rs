@@ -140,9 +140,9 @@ pub enum StudyError {
     /// Steps of the current whose edges the samples do not resolve.
     #[error(
         "{series}: expected samples at most {SLOWEST_EDGE_S} s apart around the edges of a pulse, \
-        met {met_s} s at its {count} steps of the current: they tell \
-         nothing of the first second; record the pulses faster (0.1 s shows all), or use the \
-         record as a slow discharge, for --ocv-from"
+        met {met_s} s at its {count} steps of the current: they contain nothing about the first \
+        second; record the pulses faster (0.1 s shows all), or use the record as a slow discharge, \
+        for --ocv-from"
     )]
     Unseen {
         /// Name of the series.

@@ -388,7 +388,7 @@ fn amplitudes_that_change_the_impedance_are_nonlinear() {
             .unwrap()
             .linearity
             .is_none(),
-        "one amplitude tells nothing"
+        "one amplitude does not show linearity"
     );
 }
 

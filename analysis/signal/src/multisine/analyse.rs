@@ -576,7 +576,7 @@ mod tests {
         let ratio: f64 = squares / count;
         // Sixteen degrees of freedom of the noise make the mean of the quotient's square 16/14.
         assert!((0.95..1.35).contains(&ratio), "{ratio}");
-        assert_eq!(distorted, 0, "noise is no distortion");
+        assert_eq!(distorted, 0, "noise is not distortion");
     }
 
     #[test]

@@ -240,8 +240,8 @@ impl std::fmt::Display for LeftOut {
             } => {
                 write!(
                     f,
-                    "the record cannot tell it from {to_hz:.6} Hz, it resolves {resolution_hz:.6} \
-                    Hz"
+                    "the record cannot separate it from {to_hz:.6} Hz, it resolves \
+                    {resolution_hz:.6} Hz"
                 )
             }
             Self::Undetermined { channel } => write!(

@@ -283,7 +283,7 @@ pub(crate) fn campaign(hidden: &Hidden, seed: u64) -> DataSet {
 pub(crate) fn series<'a>(set: &'a mut DataSet, name: &str) -> &'a mut TimeSeries {
     let run = set.runs.iter_mut().find(|run| run.name == name).unwrap();
     let RunData::Time(record) = &mut run.data else {
-        panic!("{name} is no record")
+        panic!("{name} is not a record")
     };
     &mut record.series
 }
@@ -292,7 +292,7 @@ pub(crate) fn series<'a>(set: &'a mut DataSet, name: &str) -> &'a mut TimeSeries
 pub(crate) fn points<'a>(set: &'a mut DataSet, name: &str) -> &'a mut Vec<SweepPoint> {
     let run = set.runs.iter_mut().find(|run| run.name == name).unwrap();
     let RunData::Eis(sweep) = &mut run.data else {
-        panic!("{name} is no sweep")
+        panic!("{name} is not a sweep")
     };
     &mut sweep.points
 }

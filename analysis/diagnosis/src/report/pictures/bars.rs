@@ -70,7 +70,7 @@ pub(super) fn map(d: &Diagnosis) -> Option<Picture> {
         width_px: WIDTH_PX,
     };
     let caption = "Where model and measurement disagree: residuals divided by frequency, time, \
-    current and so on; bars tell how many times larger they are than noise.";
+    current and so on; bars show how many times larger they are than noise.";
     Some(Picture {
         name: "where".into(),
         kind: Kind::Map,

@@ -86,7 +86,7 @@ fn confounders_are_in_the_catalogue() {
         for name in effect.card().confounders {
             assert!(
                 find(name).is_some(),
-                "{}: {name} is no effect",
+                "{}: {name} is not an effect",
                 effect.card().name
             );
         }
@@ -243,7 +243,7 @@ fn nothing_breaks_at_the_bounds() {
                 let voltage_v = play(&added, &record, Between::Hold, 1);
                 assert!(
                     voltage_v.iter().all(|v| v.is_finite()),
-                    "{} {p:?}: a voltage that is no number",
+                    "{} {p:?}: a voltage that is not a number",
                     effect.card().name
                 );
             }

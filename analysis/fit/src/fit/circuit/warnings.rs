@@ -70,8 +70,8 @@ fn not_identified(fit: &CircuitFit, data: &Data, found: &mut Warnings) {
         .collect();
     if !free.is_empty() && fit.degrees_of_freedom == 0 {
         found.push(WarningCode::NoFreedom.says(
-            "there are as many parameters as numbers: the fit leaves nothing to tell an \
-        uncertainty from",
+            "the fit has as many parameters as numbers: nothing is left to estimate an uncertainty \
+        from",
         ));
         return;
     }

@@ -121,7 +121,7 @@ fn covered(runs: u64, weight: Option<Weight>) -> (u32, u32) {
                 let sigma = sigma.unwrap_or_else(|| panic!("{text}: {fit:?}"));
                 assert!(
                     sigma < 0.2 * value,
-                    "{text}: a parameter of {value} ± {sigma} is no test of intervals"
+                    "{text}: a parameter of {value} ± {sigma} does not test intervals"
                 );
                 inside += u32::from((value - truth).abs() < 1.96 * sigma);
                 all += 1;
