@@ -468,7 +468,7 @@ impl ExpectedAnswers {
                 );
                 let words = Differs::of(settings, question, expect, &answer);
                 let unnamed =
-                    || format!("what `{question}` asks for is no longer as this run left it");
+                    || format!("the value of `{question}` differs from what this run left");
                 return Ok(Some(words.map_or_else(unnamed, |words| words.to_string())));
             }
         }

@@ -67,27 +67,27 @@ pub(super) const COMMON: &[Quirk] = &[
     ),
     quirk(
         "min_gap",
-        "a message that comes so soon after the last one is lost, s",
+        "interval after a message within which the next one is lost, s",
         Kind::Number(0.0, (0.0, 10.0)),
     ),
     quirk(
         "first_answer",
-        "the first answer on a connection comes so late, s",
+        "delay of the first answer on a connection, s",
         Kind::Number(0.0, (0.0, 60.0)),
     ),
     quirk(
         "late_end",
-        "the last byte of an answer comes so much later, s",
+        "delay of the last byte of an answer, s",
         Kind::Number(0.0, (0.0, 10.0)),
     ),
     quirk(
         "digits",
-        "an answer of one number has so many significant digits; 0: as the model prints it",
+        "significant digits of an answer of one number; 0: as the model prints it",
         Kind::Number(0.0, (0.0, 12.0)),
     ),
     quirk(
         "second_client",
-        "one who connects while another is served waits, or is refused",
+        "a client that connects while another is served waits, or is refused",
         Kind::Word(&["starve", "refuse"]),
     ),
 ];
@@ -123,26 +123,26 @@ pub(super) const QUEUE: &[Quirk] = &[quirk(
 /// Quirk of models that refuse out-of-range values.
 pub(super) const REFUSES: &[Quirk] = &[quirk(
     "clamps",
-    "what is out of range is limited without a word",
+    "an out-of-range value is clamped without an error",
     Kind::Switch(false),
 )];
 /// Quirk of models that clamp out-of-range values.
 pub(super) const CLAMPS: &[Quirk] = &[quirk(
     "clamps",
-    "what is out of range is limited without a word",
+    "an out-of-range value is clamped without an error",
     Kind::Switch(true),
 )];
 
 /// Models whose function query returns another keyword than the one that sets it.
 const FUNCTION: Quirk = quirk(
     "function_word",
-    "the function is answered by another word than sets it",
+    "the function query returns another keyword than the one that sets it",
     Kind::Switch(true),
 );
 pub(super) const KEPCO_MG: &[Quirk] = &[
     quirk(
         "off_active",
-        "its output, when off, is held at zero volts until it is told otherwise",
+        "its output, when off, is held at zero volts until a command changes that",
         Kind::Switch(false),
     ),
     FUNCTION,
@@ -157,7 +157,7 @@ pub(super) const KEPCO_LINEAR: &[Quirk] = &[
 ];
 const BURSTS: Quirk = quirk(
     "bursts",
-    "it plays bursts of so many periods",
+    "it can play bursts of a given number of periods",
     Kind::Switch(true),
 );
 pub(super) const B33500: &[Quirk] = &[BURSTS];
@@ -227,7 +227,7 @@ const STICKY: Quirk = quirk(
 );
 const STOP: Quirk = quirk(
     "stop_delay",
-    "it goes on for so long after it was told to stop, s",
+    "time for which it continues after a stop command, s",
     Kind::Number(0.0, (0.0, 60.0)),
 );
 const BUSY: Quirk = quirk(

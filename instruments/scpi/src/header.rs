@@ -77,7 +77,7 @@ impl Pattern {
         }
         let ways: Vec<Vec<usize>> = ways.into_iter().filter(|way| !way.is_empty()).collect();
         if ways.is_empty() {
-            Err(fail("there is no node"))
+            Err(fail("the header has no node"))
         } else {
             Ok(Self {
                 nodes: parser.nodes,
@@ -293,7 +293,7 @@ mod tests {
     #[test]
     fn mistaken_patterns_say_what_is_wrong() {
         let table = [
-            ("", "there is no node"),
+            ("", "the header has no node"),
             ("[:SOURce", "a bracket is not closed"),
             ("SOURce]", "a bracket is closed that was not opened"),
             ("A::B", "a node is empty"),

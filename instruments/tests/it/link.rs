@@ -105,7 +105,7 @@ fn the_final_line_end_of_a_block_may_come_late_and_twice() {
         }
         assert!(
             !text.text().contains(" ! "),
-            "line ends are no unasked bytes: {}",
+            "line ends are not unexpected bytes: {}",
             text.text()
         );
     });

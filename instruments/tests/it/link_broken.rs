@@ -177,7 +177,8 @@ fn addresses_where_nobody_answers_are_named() {
         let table = [
             (
                 "memory:device",
-                "dev: cannot open memory:device: nobody listens under this name in this process",
+                "dev: cannot open memory:device: no simulated instrument has this name in this \
+                process",
             ),
             (
                 "tcp://127.0.0.1:5025",
@@ -198,7 +199,9 @@ fn addresses_where_nobody_answers_are_named() {
             .await
             .unwrap_err();
         assert!(
-            error.to_string().contains("nobody listens"),
+            error
+                .to_string()
+                .contains("no simulated instrument has this name"),
             "a dropped listener frees its name: {error}"
         );
         let _listener = hub.listen("device").unwrap();

@@ -165,7 +165,7 @@ impl Dialect for Huber {
             .map(|(_, value)| value)
             .filter(|value| *value != NOT_AVAILABLE);
         let alarm = match word {
-            None => Some(format!("an answer that is no status word: {raw}")),
+            None => Some(format!("an answer that is not a status word: {raw}")),
             Some(word) if word & ERROR != 0 => Some(format!("error, status word {word:#06x}")),
             Some(_) => None,
         };

@@ -136,7 +136,7 @@ impl Dialect for RelayBoard {
         Status {
             running: known,
             remote: true,
-            alarm: (!known).then(|| format!("an answer that is no state: {raw}")),
+            alarm: (!known).then(|| format!("an answer that is not a state: {raw}")),
             raw,
         }
     }

@@ -49,7 +49,7 @@ pub(super) fn judge(
     }
     match (units.iter().any(|unit| unit.query), answered) {
         (true, false) => Err(Refusal::Malformed(
-            "expected a command, found a question whose answer nobody would read".to_owned(),
+            "expected a command, found a question whose answer would not be read".to_owned(),
         )),
         (false, true) => Err(Refusal::Malformed(
             "expected a question, found a command that has no answer".to_owned(),
@@ -99,7 +99,7 @@ mod tests {
             (
                 "CURR?",
                 false,
-                Some("a question whose answer nobody would read"),
+                Some("a question whose answer would not be read"),
             ),
             ("CURR 1", true, Some("a command that has no answer")),
             (

@@ -31,9 +31,7 @@ impl Conversation {
             self.ask_something_else(&mut connection).await?;
         }
         if self.has_answer_waiting(&mut connection).await? {
-            return Err(
-                self.not_cleared("no answer waiting", "one that nobody asked for".to_owned())
-            );
+            return Err(self.not_cleared("no answer waiting", "an unexpected one".to_owned()));
         }
         self.connection = Some(connection);
         self.remark("in step again after a device clear");

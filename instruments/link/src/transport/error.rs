@@ -17,7 +17,7 @@ pub enum TransportError {
         source: io::Error,
     },
     /// This process has no listener under this name.
-    #[error("cannot open memory:{name}: nobody listens under this name in this process")]
+    #[error("cannot open memory:{name}: no simulated instrument has this name in this process")]
     NobodyListens {
         /// The name.
         name: String,

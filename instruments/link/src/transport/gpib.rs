@@ -195,7 +195,7 @@ async fn greet(stream: &mut Stream) -> io::Result<Vec<u8>> {
             return Ok(last.to_vec());
         }
     }
-    Err(no_adapter("tells its version", &heard))
+    Err(no_adapter("reports its version", &heard))
 }
 
 fn no_adapter(that: &str, found: &[u8]) -> io::Error {

@@ -82,7 +82,7 @@ pub async fn open(address: &Address, hub: &MemoryHub) -> Result<Stream, Transpor
         Address::Vxi11 { .. } | Address::HiSlip { .. } | Address::UsbTmc { .. } => {
             Err(failed(io::Error::new(
                 io::ErrorKind::Unsupported,
-                "it carries messages and is no stream of bytes",
+                "it carries messages and not a stream of bytes",
             )))
         }
     }

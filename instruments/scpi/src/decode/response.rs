@@ -502,7 +502,7 @@ mod tests {
         assert_eq!(
             decoder.pull(Expect::Line),
             Ok(None),
-            "the final NL is no answer"
+            "the final NL is not an answer"
         );
         decoder.push(b"1.5");
         assert_eq!(decoder.pull(Expect::Line), Ok(None));
