@@ -45,8 +45,8 @@ pub(crate) fn leave_out_refused(
     let (name, told) = (&sourced.spectrum.name, refused_in_words(&sourced.flagged));
     if wanted {
         remark!(
-            "{name}: {count} of {points} points are used, because that was asked for, though the \
-            quality gate refused them: {told}"
+            "{name}: {count} of {points} points are used as requested, although the quality gate \
+            refused them: {told}"
         );
         return Ok(());
     }

@@ -25,8 +25,8 @@ pub enum OperatorError {
     /// Standard input is not a terminal.
     #[error(
         "a person must change the fixture ([instruments.jig] model = \"person\"), but standard \
-        input is no terminal: run on one, or set {OPERATOR_VARIABLE}={BY_FOLDER} and answer with \
-        `eis-bench answer` or on the page"
+        input is not a terminal: run on one, or set {OPERATOR_VARIABLE}={BY_FOLDER} and answer \
+        with `eis-bench answer` or on the page"
     )]
     NoTerminal,
     /// The input ended before the change was confirmed.
@@ -97,8 +97,8 @@ pub async fn on_terminal(question: &Question) -> Result<(), OperatorError> {
     let ask = move || {
         let mut line = String::new();
         remark!(
-            "\n{text}\nAll outputs are off, but an output that is off is no open switch: mind \
-            the terminals. Type `done` when it is so:"
+            "\n{text}\nAll outputs are off, but an output that is off is not an open switch: mind \
+            the terminals. Type `done` when it is done:"
         );
         // The end of the input also ends the wait: the person has left.
         while std::io::stdin()

@@ -15,7 +15,7 @@ create_exception!(
     eisbench,
     FileError,
     EisError,
-    "A file that is not as expected; `file`, `line` and `field` tell where, None where unknown."
+    "A file that is not as expected; `file`, `line` and `field` give the place, None if unknown."
 );
 create_exception!(
     eisbench,

@@ -260,8 +260,8 @@ fn tell_left_out(spectrum: &Spectrum, flagged: &[FlaggedPoint], keeps_sigma: boo
     if !flagged.is_empty() {
         let (count, told) = (flagged.len(), refused_in_words(flagged));
         remark!(
-            "{name}: the quality gate refused {count} points, which this format has no place to \
-            say: {told}"
+            "{name}: the quality gate refused {count} points, which this format cannot mark: \
+            {told}"
         );
     }
     let has_sigma = spectrum

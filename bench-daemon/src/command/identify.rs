@@ -77,7 +77,8 @@ pub fn identify(args: &IdentifyArgs) -> Result<(), Failure> {
             })?;
             if matches!(address, Address::Memory { .. }) {
                 return Err(Failure::Usage(format!(
-                    "{address}: nobody but a bench file can say what is simulated in this process"
+                    "{address}: a memory: address exists only within a process; give the bench \
+                    file of the simulated instruments instead"
                 )));
             }
             found.extend(single(&address, args.json)?);
@@ -398,7 +399,7 @@ fn print(found: &IdentifiedInstrument) {
     let identity = &report.identity;
     let or_none = |text: &str| {
         if text.is_empty() {
-            "not told".to_owned()
+            "not reported".to_owned()
         } else {
             text.to_owned()
         }

@@ -108,7 +108,8 @@ fn budget(args: &InvestigateArgs) -> Result<Budget, Failure> {
     }
     if Operator::detect() != Operator::Terminal {
         return Err(Failure::Usage(
-            "expected the budget to be confirmed: give --yes, standard input is no terminal"
+            "expected a confirmation of the budget: give --yes, because standard input is not a \
+            terminal"
                 .to_owned(),
         ));
     }

@@ -158,7 +158,8 @@ fn going_on(folder: &Path) -> Result<JournalReplay, Failure> {
         .any(|line| matches!(&line.entry, Entry::Started(started) if started.time == "virtual"))
     {
         return Err(usage(
-            "expected a run in real or scaled time: in virtual time nobody is asked".to_owned(),
+            "expected a run in real or scaled time: a run in virtual time takes no requests"
+                .to_owned(),
         ));
     }
     if !journal::is_written(folder) {
@@ -169,7 +170,7 @@ fn going_on(folder: &Path) -> Result<JournalReplay, Failure> {
         .and_then(|begun| State::of(&begun.bench).ok()??.holder().ok()?);
     if let Some(Holder { pid, .. }) = holder.filter(|holder| is_stopped(holder.pid)) {
         let text = format!(
-            "nobody listens: process {pid}, which runs it, is stopped; `eis-bench safe --kill \
+            "the run cannot receive requests: its process {pid} is stopped; `eis-bench safe --kill \
             BENCH` ends it and switches off"
         );
         return Err(usage(text));
@@ -190,9 +191,8 @@ fn unheard(folder: &Path, replay: &JournalReplay, lines: &[Line]) -> String {
         Err(error) => format!("what its bench was left in is not known ({error})"),
     };
     format!(
-        "nobody listens: the process of this run is gone, at {:.0} s of bench time, {points} \
-        points finished, last in step \"{}\"; {bench_state}; \
-         `eis-bench resume {}` goes on with it",
+        "the run cannot receive requests: its process ended at {:.0} s of bench time, {points} \
+        points finished, last in step \"{}\"; {bench_state}; `eis-bench resume {}` goes on with it",
         replay.last_s,
         last.unwrap_or("none"),
         pasted(folder)

@@ -161,7 +161,7 @@ fn without_tokens(listen: SocketAddr) -> String {
         return "from now on everybody on this machine may do everything".to_owned();
     }
     format!(
-        "the server listens beyond this machine (on {listen}) and lets nobody in until `eis-bench \
-        token add` makes another"
+        "the server listens beyond this machine (on {listen}) and refuses all requests until \
+        `eis-bench token add` makes another"
     )
 }

@@ -200,8 +200,8 @@ fn tell(verified: &Verified) {
     }
     for file in &verified.as_read {
         say!(
-            "  {file}: its rows are what meters said, and no capture tells them anew: held against \
-            its hash"
+            "  {file}: its rows are meter readings, which no capture can reproduce: only its hash \
+            was checked"
         );
     }
     verified.notes.iter().for_each(|note| say!("  {note}"));

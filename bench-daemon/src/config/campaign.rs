@@ -144,8 +144,8 @@ impl Check<'_> {
             file.path().display(),
         );
         let reason = format!(
-            "expected at most {there} {cells}, for so many has the simulated bench \
-            (specimens.count of {file}), found {}, {:?} the first too many",
+            "expected at most {there} {cells}, the number of the simulated bench (specimens.count \
+            of {file}), found {}; {:?} is the first in excess",
             campaign.cells.len(),
             first.name
         );

@@ -91,7 +91,7 @@ impl Fence {
         let name = name.and_then(|name| name.to_str().map(str::to_owned));
         let file = name.and_then(|name| confined_path::open(&self.below, &name));
         let file = file.ok_or_else(|| {
-            unreadable("there is no such file in the folder of the configuration".to_owned())
+            unreadable("the file does not exist in the folder of the configuration".to_owned())
         })?;
         let mut text = String::new();
         match file.take(LONGEST).read_to_string(&mut text) {
@@ -468,7 +468,7 @@ mod tests {
         ] {
             let message = x.open(&x.relative(name)).unwrap_err().to_string();
             assert!(
-                message.contains("there is no such file in the folder of the configuration"),
+                message.contains("the file does not exist in the folder of the configuration"),
                 "{name}: {message}"
             );
         }

@@ -27,8 +27,8 @@ pub fn reached(
     let expected = format!("a {model}");
     match report {
         Err(error) => {
-            let advice = "see that it is switched on, that its address is right, and that nobody \
-            else is connected to it";
+            let advice = "check that it is switched on, that its address is right, and that no \
+            other client is connected to it";
             findings.judge(
                 &id,
                 Texts {
@@ -40,8 +40,8 @@ pub fn reached(
             )
         }
         Ok(report) if !report.recognised => {
-            let advice = "check model and address in the bench file; `eis-bench identify` tells \
-            which dialects could be forced";
+            let advice = "check model and address in the bench file; `eis-bench identify` lists \
+            the dialects that could be forced";
             findings.judge(
                 &id,
                 Texts {

@@ -123,7 +123,7 @@ fn data(findings: &mut Findings, folder: &Path) {
         return;
     }
     let Ok(disk) = nix::sys::statvfs::statvfs(folder) else {
-        findings.skip(&["machine.disk"], "the system does not tell", "");
+        findings.skip(&["machine.disk"], "the system does not report it", "");
         return;
     };
     #[expect(clippy::cast_precision_loss, reason = "gigabytes")]
@@ -187,7 +187,7 @@ fn state(findings: &mut Findings, config: &config::Bench) {
     check(
         findings,
         "bench.free",
-        "nobody runs the bench",
+        "the bench is not in use",
         state.refuse_busy(),
         "wait for that run, or end it with `eis-bench abort`",
     );

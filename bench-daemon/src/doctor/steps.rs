@@ -265,7 +265,7 @@ fn probes(
             findings.skip(
                 &[id],
                 "both pairs are on the shunt",
-                "`--fixture fake_cell` tells the pairs apart",
+                "`--fixture fake_cell` separates the pairs",
             );
         }
         None if unexplained => findings.skip(&[id], "probes or controls cannot be believed", ""),
@@ -327,19 +327,18 @@ fn advice(circuit: &Loop, mine: &[&Mistake], command: [bool; 2]) -> String {
              supply that are off twice; `--fixture fake_cell` decides by a second control"
         }
         (Fixture::Shunt, true, _) => {
-            "Both pairs read the same, so that it is no probe: the value, or the ammeter; \
-            `--fixture fake_cell` decides by a second \
-             control, or a meter of known accuracy in series"
+            "Both pairs read the same, so that the cause is not a probe but the value or the \
+            ammeter; `--fixture fake_cell` decides by a second control, or a meter of known \
+            accuracy in series"
         }
         (_, true, _) => {
             "`--fixture shunt` decides: where C3, C4 read on the shunt what C1, C2 do, it is the \
             value or the ammeter, else a probe"
         }
         (_, _, true) => {
-            "`--fixture shunt` decides: where C3, C4 read the shunt right, it is the value, else a \
-            probe; the current of the charger through \
-             the fake cell, by its own display, and the voltage across it tell its resistance once \
-             more"
+            "`--fixture shunt` decides: if C3, C4 read the shunt right, it is the value, otherwise \
+            a probe; the charger's displayed current through the fake cell and the voltage across \
+            it give its resistance once more"
         }
         _ => return either,
     };
@@ -584,7 +583,7 @@ mod tests {
                 },
                 step(1.0),
                 "probes.voltage_pair",
-                "it is the value, else a probe",
+                "it is the value, otherwise a probe",
             ),
             (
                 Loop {
@@ -611,7 +610,7 @@ mod tests {
                 on_shunt(15.0e-3),
                 both(1.0, 2.0),
                 "probes.current_pair",
-                "the value, or the ammeter",
+                "not a probe but the value",
             ),
             // Both controls agree with each other, but not with the ammeter.
             (

@@ -388,7 +388,8 @@ impl Executor<'_> {
                 // justify the loss of a night, but it must be reported.
                 let text = if slope.is_nan() {
                     format!(
-                        "{max_s:.0} s of rest are too short to tell whether the voltage is steady"
+                        "{max_s:.0} s of rest are too short to decide whether the voltage is \
+                        steady"
                     )
                 } else {
                     format!(

@@ -400,7 +400,7 @@ fn judge_images(fit: &MultisineFit) -> Option<String> {
         proof.missing, proof.predicted
     );
     let strange = format!(
-        "{} lines are no images, the strongest at {:.3} Hz with {:.0} standard deviations of the \
+        "{} lines are not images, the strongest at {:.3} Hz with {:.0} standard deviations of the \
         noise",
         proof.strange, proof.strange_hz, proof.strange_sigmas
     );

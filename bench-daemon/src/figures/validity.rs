@@ -20,7 +20,7 @@ pub(crate) fn tested(spectrum: &Spectrum, records: &[Record]) -> Result<Assessed
         .spectra
         .into_iter()
         .next()
-        .ok_or_else(|| "there is no spectrum".to_owned())
+        .ok_or_else(|| "the assessment has no spectrum".to_owned())
 }
 
 /// Pictures of a tested spectrum for a report; it is shown with its whole uncertainty.

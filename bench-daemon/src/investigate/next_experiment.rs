@@ -42,7 +42,7 @@ pub fn experiment_file(
     let mut out = String::new();
     let _ = writeln!(out, "# {}: {}.", next.name, next.description);
     if !next.separates.is_empty() {
-        let _ = writeln!(out, "# It is to tell apart: {}.", next.separates.join(", "));
+        let _ = writeln!(out, "# It is to separate: {}.", next.separates.join(", "));
     }
     let _ = writeln!(
         out,
@@ -305,9 +305,8 @@ mod tests {
     fn the_head_says_what_it_is_for() {
         let text = written(&[run(cell(), Planned::Trace(vec![(600.0, 0.0)]))]);
         assert!(text.starts_with(
-            "# the_run: what is done.\n# It is to tell apart: inductance, time_skew.\n\
-             # Expected separation 12.3 standard deviations (now 0.5); 42 min, 1.25 Ah.\n\
-             name = \"the_run\"\n"
+            "# the_run: what is done.\n# It is to separate: inductance, time_skew.\n# Expected \
+             separation 12.3 standard deviations (now 0.5); 42 min, 1.25 Ah.\nname = \"the_run\"\n"
         ));
     }
 

@@ -64,11 +64,10 @@ pub enum ResumeError {
     NotStarted(String),
     /// A step moved an unknown charge.
     #[error(
-        "stage {stage}, step {step} ({what}) was begun and its end is not known: nobody knows \
-        which charge it has moved, and no SOC reset comes \
-         before it that could be repeated; look at the cell, bring it to its state by hand, and go \
-         on with --accept-charge, which plays the step from \
-         its beginning"
+        "stage {stage}, step {step} ({what}) was started but its end is not known: the charge that \
+        it moved is unknown, and no SOC reset precedes it that could be repeated; check the cell, \
+        bring it to the required state by hand, and continue with --accept-charge, which repeats \
+        the step from its beginning"
     )]
     UnknownCharge {
         /// Number of the stage, from 1.

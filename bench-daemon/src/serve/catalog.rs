@@ -226,7 +226,7 @@ mod tests {
         let file = keeper.file();
         let whole = fs::read(&file).unwrap();
         // A file that is not a database, and a database whose pages after the header are missing.
-        for text in [&b"a text that is no database at all"[..], &whole[..100]] {
+        for text in [&b"a text that is not a database at all"[..], &whole[..100]] {
             let mut text = text.to_vec();
             text.resize(whole.len(), 0x5a);
             fs::write(&file, text).unwrap();

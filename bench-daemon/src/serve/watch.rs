@@ -278,7 +278,10 @@ mod tests {
             how: "stopped".to_owned(),
         };
         tell(&mut watch, 30.0, ended());
-        assert!(!watch.now(None, false).safe, "nobody said that it is");
+        assert!(
+            !watch.now(None, false).safe,
+            "no entry says that it is safe"
+        );
         tell(&mut watch, 31.0, Entry::Safe);
         tell(&mut watch, 32.0, ended());
         assert!(watch.now(None, false).safe);

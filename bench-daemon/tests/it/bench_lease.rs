@@ -40,7 +40,7 @@ fn where_both_processes_died_under_current_the_next_start_says_what_it_finds_swi
         let unheard = program(&[command.as_ref(), run.as_os_str()]);
         unheard.expect_code(2);
         for text in [
-            "nobody listens: the process of this run is gone, at ",
+            "the run cannot receive requests: its process ended at ",
             "outputs not read since a run began at ",
             "`eis-bench safe ",
         ] {

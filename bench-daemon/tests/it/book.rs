@@ -303,7 +303,7 @@ until_ctrl_c() {
     done
 }
 trap 'for one in "${served[@]}"; do kill "$one" && wait "$one" || true; done' EXIT
-command -v curl > /dev/null || curl() { echo "there is no curl, not played: $*"; }
+command -v curl > /dev/null || curl() { echo "curl is missing, not played: $*"; }
 "#;
 
 /// The port of the server in the examples.

@@ -236,7 +236,7 @@ fn a_campaign_is_paused_reordered_aborted_and_gone_on_with_from_another_terminal
     assert!(
         refused
             .message()
-            .contains("expected a bench that nobody runs: process "),
+            .contains("expected a bench that is not in use: process "),
         "{}",
         refused.message()
     );
@@ -393,10 +393,11 @@ fn a_campaign_that_cannot_be_is_refused() {
     }
     let none = files().edit(SCENARIO, "count = 2", "count = 1").run("one");
     none.expect_code(2);
-    let expected = "campaign.cells: expected at most 1 cell, for so many has the simulated bench \
+    let expected = "campaign.cells: expected at most 1 cell, the number of the simulated bench \
     (specimens.count of ";
     assert!(
-        none.message().contains(expected) && none.message().contains("\"B\" the first too many"),
+        none.message().contains(expected)
+            && none.message().contains("\"B\" is the first in excess"),
         "{}",
         none.message()
     );

@@ -270,7 +270,7 @@ fn assert_charge_is_known(run: &Path, drill: &str) {
             Entry::Intent { text, .. } if text.starts_with("trace pulse") => {
                 assert!(
                     !moved,
-                    "{drill}: {text} was begun although nobody knew what had been moved before"
+                    "{drill}: {text} was started although the charge moved before was unknown"
                 );
                 (moved, *played.entry(text).or_insert(0)) = (true, 1);
             }

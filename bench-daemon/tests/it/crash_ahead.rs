@@ -317,7 +317,7 @@ fn crash(drill: &str, fate: &mut Fate, (reference, agrees): (&[ImpedancePoint], 
     assert_eq!(
         begun,
         1 + asked,
-        "{drill}: a wave was played again although nobody knew what it had moved"
+        "{drill}: a wave was repeated although the charge that it had moved was unknown"
     );
     assert_eq!(
         json(&run.join("traces.json"))["traces"]

@@ -241,7 +241,7 @@ fn a_bench_is_run_by_one_daemon_and_switched_off_beside_one_that_hangs() {
     let second = files.run("second");
     second.expect_code(8);
     let words = format!(
-        "expected a bench that nobody runs: process {} runs demo for {}",
+        "expected a bench that is not in use: process {} runs demo for {}",
         pid(&child),
         run.display()
     );

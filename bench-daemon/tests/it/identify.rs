@@ -242,7 +242,7 @@ fn nobody_is_asked_on_a_bench_that_somebody_runs() {
         let refused = program(words);
         refused.expect_code(8);
         let expected = format!(
-            "expected a bench that nobody runs: process {} runs demo for {}",
+            "expected a bench that is not in use: process {} runs demo for {}",
             std::process::id(),
             run.display()
         );

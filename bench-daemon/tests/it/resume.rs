@@ -425,7 +425,7 @@ fn a_charge_that_nobody_knows_is_not_moved_again_by_itself() {
         refused.message()
     );
     assert!(
-        refused.message().contains("go on with --accept-charge"),
+        refused.message().contains("continue with --accept-charge"),
         "{}",
         refused.message()
     );

@@ -159,13 +159,13 @@ fn an_experiment_is_checked_before_it_waits_and_names_no_file_outside_the_config
         let message = refused(&text.replace("../cells/p45b.toml", cell));
         assert!(
             message.contains("cell: ")
-                && message.contains("there is no such file in the folder of the configuration"),
+                && message.contains("the file does not exist in the folder of the configuration"),
             "{message}"
         );
     }
     std::os::unix::fs::symlink("/etc/hostname", files.path("cells/link.toml")).unwrap();
     let message = refused(&text.replace("p45b.toml", "link.toml"));
-    assert!(message.contains("there is no such file"), "{message}");
+    assert!(message.contains("the file does not exist"), "{message}");
     let message = refused(&text.replace("amplitude = \"1 A\"", "amplitude = \"1 V\""));
     assert!(
         message.contains("eis.amplitude: expected a current"),

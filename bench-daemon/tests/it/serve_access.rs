@@ -536,8 +536,8 @@ fn a_server_beyond_this_machine_wants_tokens_and_a_certificate() {
     .clone();
     assert!(
         wording.contains(
-            "that was the last token: the server listens beyond this machine (on \
-    0.0.0.0:0) and lets nobody in"
+            "that was the last token: the server listens beyond this machine (on 0.0.0.0:0) and \
+    refuses all requests"
         ),
         "{wording}"
     );

@@ -128,11 +128,11 @@ fn a_person_answers_from_elsewhere_and_the_wrong_cell_is_refused() {
     let readings = files.text(&format!("data/runs/{run}/readings.csv"));
     assert!(
         readings.contains(",asking,"),
-        "nobody has watched: {readings}"
+        "readings were not watched: {readings}"
     );
     let late = answered(&served, &run, "", &json!({"question": 1}));
     let status = late.0;
-    assert_eq!(status, 409, "nobody asks any more");
+    assert_eq!(status, 409, "the question is no longer open");
 }
 
 #[test]

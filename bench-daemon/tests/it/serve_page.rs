@@ -820,7 +820,10 @@ fn a_newcomers_way(dark: bool, size: (u32, u32), by_keyboard: bool) {
     ports.assert_outputs_off();
     look("stopped");
     let asked = browser.script("return document.querySelector('#why').required");
-    assert_eq!(asked, true, "nobody lets a queue go on without a word");
+    assert_eq!(
+        asked, true,
+        "a queue is never released without a confirmation"
+    );
     browser.keys("#why", "looked at: it was stopped on purpose");
     take("Let the queue go on");
     // The same actions, starting from the run.

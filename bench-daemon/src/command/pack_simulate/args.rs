@@ -10,8 +10,8 @@ use clap::Args;
 use super::super::{model_args::ModelArgs, pack_size::ThermalArgs, profile_args::ProfileArgs};
 
 const HELP: &str = "\
-Draws many packs of cells that differ a little, runs the profile through each, and tells how the \
-worst cells fare. Cells in parallel share a
+Draws many packs of cells that differ a little, runs the profile through each, and reports \
+the results of the worst cells. Cells in parallel share a
 voltage, so that the one with the smallest resistance takes the largest current; groups in series \
 share the current, so that the weakest group
 reaches a limit first. Compare with the column `identical`, a pack of cells that are all as \
@@ -26,7 +26,7 @@ draw (several packs). What is empty is as
 
 --sigma-r is the spread of a cell's resistances all together; its default, 0.8 %, is what the \
 thesis' 25 sweeps of P45B cells show, and that of
-the capacitances is taken from there. How much capacities and states of charge differ nobody \
+the capacitances is taken from there. The spread of capacities and states of charge has not been \
 measured here: the 0.5 % are an assumption.
 Power and current count discharge as positive. Margins are those of single cells, without tabs and \
 interconnect.

@@ -27,7 +27,7 @@ impl WhyNot {
             Self::Cost => "cost",
             Self::Limit => "limit",
             Self::Played => "played already",
-            Self::TellsNothing => "tells nothing",
+            Self::TellsNothing => "adds no information",
         }
     }
 }

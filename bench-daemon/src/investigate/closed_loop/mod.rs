@@ -294,12 +294,12 @@ impl Workspace<'_> {
             let (end, text) = if dear {
                 (
                     End::Budget,
-                    "what is left of the budget does not pay for a run that might tell more",
+                    "the rest of the budget does not pay for a run that may add information",
                 )
             } else {
                 (
                     End::NoExperiment,
-                    "no run that this bench can play would tell more",
+                    "no run that this bench can execute adds information",
                 )
             };
             return Err(Ended {

@@ -68,9 +68,9 @@ impl Loaded {
         }
         let told = present::refused_in_words(flagged);
         let what = if fitted {
-            "are used, because that was asked for, though"
+            "are used as requested, although"
         } else {
-            "and their like in its repeats are left out:"
+            "and the same points of its repeats are left out:"
         };
         let asked = if fitted {
             ""

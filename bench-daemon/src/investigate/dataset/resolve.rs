@@ -391,7 +391,7 @@ fn sweep(at: &At<'_>, entry: &raw::Run) -> Result<Result<Swept, String>, ConfigE
         at.complain(
             field,
             format!(
-                "expected to be told one of the file's spectra: {}",
+                "expected the name of one of the file's spectra: {}",
                 names.join(", ")
             ),
         )

@@ -155,7 +155,7 @@ fn one_spectrum_of_several_is_chosen_by_bias_or_name() {
             "{more}"
         );
     }
-    let names = "expected to be told one of the file's spectra: thesis, thesis_-2A";
+    let names = "expected the name of one of the file's spectra: thesis, thesis_-2A";
     assert_eq!(
         read(&run("")).unwrap_err(),
         format!("dataset.toml:2: runs.1.spectrum: {names}")
@@ -585,7 +585,7 @@ fn a_run_folder_with_an_index_gives_its_sweeps_and_traces() {
     assert_eq!(
         series(pulse).averaged_s,
         None,
-        "an older run does not tell windows"
+        "an older run does not state windows"
     );
     assert_eq!(
         (pulse.name.as_str(), pulse.role, pulse.start_s),

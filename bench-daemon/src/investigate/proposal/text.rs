@@ -69,7 +69,7 @@ name = {}
 }
 
 /// Why a key of `[bench]` may be missing.
-const NOT_TOLD: &str = "the data do not tell it; the diagnosis assumes it";
+const NOT_TOLD: &str = "the data do not determine it; the diagnosis assumes it";
 
 /// Keys that a single campaign of a cycler never determines.
 const NEVER_TOLD: [&str; 7] = [
@@ -109,7 +109,8 @@ fn bench_text(bench: &Estimate) -> String {
         ),
         ("current_resolution_a", bench.current_resolution_a, codes),
     ];
-    let mut text = "\n# Errors of the bench, as far as the logs tell them.\n[bench]\n".to_owned();
+    let mut text =
+        "\n# Errors of the bench, as far as the logs determine them.\n[bench]\n".to_owned();
     for (key, value, meaning) in told {
         text += &match value {
             Some(value) => format!("{key} = {value:.1e}  # {meaning}\n"),
@@ -253,7 +254,7 @@ fn spectrum_text(named: &Named, spectrum: &FoundSpectrum, order: usize) -> Strin
     let mut notes = vec![format!("Spectrum of {} points.", spectrum.points)];
     if !spectrum.assumed.is_empty() {
         notes.push(format!(
-            "ASSUMED, for the file does not tell it: {} as at the first run in time.",
+            "ASSUMED, because the file does not state it: {} as at the first run in time.",
             spectrum.assumed.join(", ")
         ));
     }

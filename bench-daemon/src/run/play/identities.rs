@@ -57,7 +57,7 @@ impl Run<'_> {
                 let folder = self.recorder.folder();
                 return Err(Failure::Usage(format!(
                     "{}: {text}; put the old ones back, or accept the new ones with `eis-bench \
-                    resume {} --accept-instruments`, which the report tells",
+                    resume {} --accept-instruments`; the report then names both",
                     folder.display(),
                     quoted(folder)
                 )));

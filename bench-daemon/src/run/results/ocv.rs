@@ -132,8 +132,8 @@ fn options(
 ) -> Result<OcvOptions, Failure> {
     let missing = || {
         Failure::Analysis(
-            "no interruption tells the resistance that the discharge is compensated \
-        with: set ocv_soc.dcir"
+            "the discharge has no interruption that gives the resistance for its compensation: set \
+        ocv_soc.dcir"
                 .to_owned(),
         )
     };

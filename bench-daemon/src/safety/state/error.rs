@@ -25,7 +25,7 @@ pub enum StateError {
     )]
     Nowhere,
     /// Another daemon runs the bench.
-    #[error("expected a bench that nobody runs: process {pid} runs {bench} for {run}", run = run.display())]
+    #[error("expected a bench that is not in use: process {pid} runs {bench} for {run}", run = run.display())]
     Busy {
         /// The bench.
         bench: String,

@@ -63,7 +63,7 @@ fn benches_that_share_an_instrument_exclude_each_other_and_see_each_others_latch
     ] {
         assert_eq!(
             refused.to_string(),
-            format!("expected a bench that nobody runs: {words}")
+            format!("expected a bench that is not in use: {words}")
         );
     }
     apart.lock(Path::new("runs/c")).unwrap();
@@ -169,7 +169,7 @@ fn one_process_runs_a_bench_and_the_next_is_told_which() {
     assert_eq!(
         refused,
         format!(
-            "expected a bench that nobody runs: process {} runs b for runs/a",
+            "expected a bench that is not in use: process {} runs b for runs/a",
             pid()
         )
     );

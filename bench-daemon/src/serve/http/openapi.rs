@@ -125,19 +125,19 @@ const REFUSALS: [(&str, &str); 10] = [
         "403",
         "Another host or origin is meant, or the token lacks the scope.",
     ),
-    ("404", "There is no such thing."),
+    ("404", "The resource does not exist."),
     ("408", "The body took too long."),
     ("413", "The body is too large."),
     ("414", "The path is too long."),
-    ("415", "The body is no JSON."),
+    ("415", "The body is not JSON."),
     ("422", "The body is JSON, but not what is expected."),
     ("429", "Too many requests."),
     ("431", "The head is too large."),
 ];
 const WITH_TOKEN: [(&str, &str); 3] = [
-    ("401", "No token, or one of nobody."),
-    ("409", "Not as things are."),
-    ("503", "The machine does not let it."),
+    ("401", "The token is missing or invalid."),
+    ("409", "The request conflicts with the current state."),
+    ("503", "The server's machine cannot serve the request."),
 ];
 
 impl Modify for Common {

@@ -62,8 +62,9 @@ fn encrypted(app: &App) -> bool {
     request_body = SignIn,
     responses(
         (status = 200, body = SignedIn),
-        (status = 401, body = Problem, description = "A token of nobody."),
-        (status = 503, body = Problem, description = "The machine does not let it.")
+        (status = 401, body = Problem, description = "The token is invalid."),
+        (status = 503, body = Problem, description = "The server's machine cannot serve the \
+            request.")
     )
 )]
 pub async fn begin(State(app): State<App>, request: Request) -> Result<Response, Refusal> {

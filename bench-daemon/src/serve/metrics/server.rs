@@ -87,7 +87,7 @@ pub(super) const METRICS: &[Metric] = &[
     counter(
         "event_listeners_lagged_total",
         "{time}",
-        "Times that a listener was told that it had missed events.",
+        "Times that a listener was notified of missed events.",
         |now| count(&now.server.counts.lagged),
     ),
     counter("events_total", "{event}", "Events since the start.", events),

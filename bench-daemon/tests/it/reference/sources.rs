@@ -273,7 +273,7 @@ impl Library {
                 match (source.structure(&name), source.enumeration(&name)) {
                     (Some(structure), _) => Value::Table(structure),
                     (None, Some(item)) => Value::Words("", words(item)),
-                    (None, None) => panic!("{}: {name} is no type of a file", source.path),
+                    (None, None) => panic!("{}: {name} is not a type of a file", source.path),
                 }
             }
         }
