@@ -567,19 +567,19 @@ fn what_the_page_says_of_a_current_follows_from_outputs_through_which_one_can_fl
             off.clone(),
             json!(-3.0),
             true,
-            "▲ Running: 3.00 A flow, though every output says that it is off",
+            "▲ Running: 3.00 A flow, although every output reports off",
         ),
         (
             off.clone(),
             json!(0.02),
             false,
-            "▶ Running: every output says that it is off, no current was read yet",
+            "▶ Running: every output reports off; no current has been read yet",
         ),
         (
             off.clone(),
             json!(null),
             true,
-            "▶ Running: every output says that it is off, no current was read yet",
+            "▶ Running: every output reports off; no current has been read yet",
         ),
     ] {
         let message = browser.say(
@@ -685,7 +685,7 @@ fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     browser.keys("#token", "eb_wrong\u{e007}");
     browser.wait("#loginsaid", "expected a token of this server");
     browser.keys("#token", &format!("{clear}\u{e007}"));
-    browser.wait("#link", "this token shows nothing; STOP works");
+    browser.wait("#link", "this token cannot read; STOP works");
     browser.click("#stop");
     browser.wait("#stopped", "outputs read off at");
     browser.click("#leave");
@@ -850,7 +850,7 @@ fn a_newcomers_way(dark: bool, size: (u32, u32), by_keyboard: bool) {
         take("Show its plan");
         take("Queue it");
         browser.wait_until("#view", "a plan, or why there is none", |text| {
-            text.contains("Yes, queue it on demo") || text.contains("There is no plan")
+            text.contains("Yes, queue it on demo") || text.contains("No plan: ")
         });
         if browser.text("#view").contains("Yes, queue it on demo") {
             break;

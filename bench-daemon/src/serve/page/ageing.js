@@ -14,16 +14,16 @@ const WORDS = {
   again: "Ask again",
   failed: (why) => `▲ The ageing cannot be shown: ${why}`,
   rc: "RC pairs of the models",
-  rcAuto: (rc) => `by itself: ${rc}`,
+  rcAuto: (rc) => `automatic: ${rc}`,
   rcOf: (rc) => `${rc} RC ${rc === 1 ? "pair" : "pairs"}`,
   rcHint:
-    "Only models with the same number of RC pairs compare. By itself: the greatest number that every run has, else " +
-    "the one that most runs have.",
+    "Only models with the same number of RC pairs can be compared. Automatic: the greatest number that every run " +
+    "has, otherwise the one that most runs have.",
   serial: "Serial number",
   serialAll: "all of this name",
   serialOf: (one, n) => `${one} (${n} ${n === 1 ? "run" : "runs"})`,
   serialsMixed: (n) =>
-    `▲ ${n} serial numbers have this name: they are different cells, and joined to none. Choose one.`,
+    `▲ ${n} serial numbers have this name: they are different cells and are not joined. Choose one.`,
   identity: { batch: (value) => `Batch ${value}. `, chemistry: (value) => `Chemistry: ${value}. ` },
   at: "Compare at",
   atGroup: (celsius, n) => `${celsius} °C (${n} ${n === 1 ? "value" : "values"})`,
@@ -34,7 +34,7 @@ const WORDS = {
     ` ${n} ${n === 1 ? "is" : "are"} at another temperature, or at one that is not known: marked ◇, and not joined.`,
   bars: "Bars: ±1σ. A press on a mark, or the link in the table, opens its run.",
   voltage: "Resistances depend on the state of charge too: compare values at about the same voltage at rest.",
-  fromFile: "A run in virtual time has no calendar: the time of its file stands for it.",
+  fromFile: "A run in virtual time has no calendar: the time of its file is used instead.",
   quantities: {
     r: "R",
     dc: "DC resistance",
@@ -230,7 +230,7 @@ function marked(part) {
   const choices = found.map(({ at, points: same }) => [at.toFixed(2), WORDS.atGroup(at.toFixed(1), same.size)]);
   choose(part.at, choices.length ? choices : [["", WORDS.atNone]]);
   const chosen = found.find(({ at }) => at.toFixed(2) === part.at.value);
-  // If no temperature is known, there is no difference.
+  // Without a known temperature the difference is undefined.
   return points.map((point) => ({ ...point, isSame: chosen ? chosen.points.has(point) : true }));
 }
 
@@ -263,7 +263,7 @@ function drawHints(part) {
 // Whether several cells are shown, which have one name.
 const isMixed = (part) => !part.serial.value && part.cells.filter((one) => one.serial).length > 1;
 
-// Draws a chart for each quantity, and removes charts that are no longer needed.
+// Draws a chart for each quantity, and removes obsolete charts.
 function drawFigures(part) {
   if (noCharts()) return;
   const there = new Set(part.quantities.map((one) => one.key));

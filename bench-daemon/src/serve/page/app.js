@@ -36,15 +36,15 @@ const WORDS = {
   close: "Close this message",
   link: {
     up: "● connected",
-    down: "○ connection lost: what is shown is old",
+    down: "○ connection lost: the values are out of date",
     refused: "✕ the token is refused",
     trying: "○ not reached, trying again",
-    stopOnly: "● this token shows nothing; STOP works",
+    stopOnly: "● this token cannot read; STOP works",
     connecting: "connecting …",
     nobody: "○ not signed in",
   },
   ended: "The session has ended.",
-  unknownToken: (why) => `This token is not known here: typed wrong, ended, or taken back (${why}).`,
+  unknownToken: (why) => `This token is not valid: mistyped, expired or revoked (${why}).`,
   who: (name, scopes) => `${name}: ${scopes || "STOP only"}`,
   lacks: (scope, scopes) => `needs the scope ${scope}; yours has: ${scopes || "none"}`,
   maySubmit: (lacks) => `To submit, the token ${lacks}.`,
@@ -64,14 +64,14 @@ const WORDS = {
     `The stop was refused: ${why}. NOTHING WAS STOPPED, and it is not sent again. ` +
     `Use the emergency switch, or on the machine: ${safe}`,
   stopUnheard: (waited, why, safe) =>
-    `No word after ${waited} s that the bench is off (${why}). The stop is sent again. ` +
+    `No confirmation after ${waited} s that the bench is off (${why}). The stop is sent again. ` +
     `Use the emergency switch, or on the machine: ${safe}`,
   // Without a bench file it switches off every bench that runs or ran on the machine.
   safeEvery: "eis-bench safe",
   outputsRead: ({ words }) => `Read: ${words}.`,
   noAnswer: "no answer yet",
   curveOf: (run, name) => `${run}: ${name}`,
-  noAddress: (hash, bench) => `There is nothing at ${hash}: ${bench} is shown.`,
+  noAddress: (hash, bench) => `The address ${hash} does not exist: ${bench} is shown.`,
   empty: "Empty.",
   inQueue: (item, time, who) =>
     `${item.run} on ${item.bench}, ${item.kind === "resume" ? "to go on, " : ""}` +
@@ -80,7 +80,7 @@ const WORDS = {
   takeOut: "Take out",
   takenOut: (run) => `${run} was taken out.`,
   first: "First",
-  held: (bench, why) => `❚❚ Nothing is begun on ${bench}: ${why}. `,
+  held: (bench, why) => `❚❚ No run starts on ${bench}: ${why}. `,
   heldWhy: "What was found, and why it may go on ",
   release: "Let the queue go on",
   released: "The queue goes on.",
@@ -130,7 +130,7 @@ const may = (scope) => known.scopes.includes(scope);
 const live = () => known.benches.get(known.bench);
 
 let silence = 0;
-// Messages about an answer, the end of a run or an address are removed once they are no longer true.
+// Messages about an answer, the end of a run or an address are removed when they become obsolete.
 let saidOf = "";
 
 function say(words, bad, of = "") {

@@ -20,9 +20,9 @@ const WORDS = {
   },
   noState: "?",
   state: (sign, words) => `${sign} ${words}`,
-  unread: ["▶", "Running: every output says that it is off, no current was read yet"],
+  unread: ["▶", "Running: every output reports off; no current has been read yet"],
   allOff: ["▶", "Running: every output is off"],
-  flows: (amps) => ["▲", `Running: ${amps} A flow, though every output says that it is off`],
+  flows: (amps) => ["▲", `Running: ${amps} A flow, although every output reports off`],
   voltage: "Cell voltage",
   voltageOf: (fixture) => `Voltage (${fixture})`,
   current: "Current",
@@ -43,13 +43,13 @@ const WORDS = {
   upper: "upper",
   lower: "lower",
   meter: (quantity, words, range) => `${quantity}: ${words} of ${range}`,
-  tighter: (range) => `${range}; the step in work is judged tighter`,
+  tighter: (range) => `${range}; the present step has tighter limits`,
   failed: (how) => `✕ ${how}`,
   finished: "✓ finished",
   finishedBut: (how) => `✓ finished, but ${how}`,
   gateRefused: "✓ finished, but the quality gate refused points",
   noRun: "No run yet. Submit an experiment below.",
-  noEnd: "its process ended without a word",
+  noEnd: "its process ended without a message",
   point: (number, of, hz) => `point ${number} of ${of}, ${hz} Hz`,
   progress: "share of the plan that is done",
   experiment: "Experiment",
@@ -108,7 +108,7 @@ const WORDS = {
   stopping: (bench) => `■ Stopping ${bench} …`,
   stoppedSimulated: (bench) =>
     `✓ Stopped ${bench}: it is simulated within the run's process, and that has ended. ` +
-    "There is no output to read back.",
+    "It has no outputs to read back.",
   stopped: (bench, words) => `✓ Stopped ${bench}: ${words}.`,
   stoppedUnverified: (bench) => `▲ ${bench} STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH.`,
   stoppedBy: (who, time) => ` By ${who}, ${time}.`,
@@ -479,7 +479,7 @@ export function drawOthers(others, choose) {
 }
 
 // Shows benches that a stop of another bench did not affect, as long as current may flow on them. The message stays
-// until that is no longer so, or a user closes it.
+// until they are confirmed, or a user closes it.
 export function drawMissed(benches, close) {
   const banner = $("missed");
   const state = (one) => (rests(one) ? WORDS.missedOutputs(one.state, one.outputs.words) : one.state);

@@ -85,7 +85,7 @@
   // How far off, px, a point may be pointed at; how deep one may zoom; and by how much with one press.
   const REACH = 40;
   const DEEPEST = 500;
-  // Sources of a curve: a control, a file that somebody has brought.
+  // Sources of a curve: a control, or a file that a user has added.
   const [CONTROL, FILE] = ["control", "file"];
   const STEP = 1.5;
   const MARGIN = { left: 62, right: 12, top: 24, bottom: 42 };

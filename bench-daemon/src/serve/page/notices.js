@@ -7,25 +7,25 @@ import { el, fill, when } from "./bench.js";
 const WORDS = {
   title: "Notices",
   about:
-    "Trips, benches whose outputs were not read back as off, and ends of runs are told by a webhook and by e-mail. " +
-    "The section [notify] of the server's file says where to.",
+    "Notices of trips, of benches whose outputs were not read back as off, and of ended runs are sent by webhook and " +
+    "by e-mail. The section [notify] of the server's file sets the addresses.",
   webhook: "Webhook",
   email: "E-mail to",
   quiet: "Quiet hours",
   none: "none",
   test: "Send a test",
-  here: "Tell them in this browser",
-  hereOn: "Told in this browser, while the page is open",
-  hereNo: "This browser does not let the page tell them: allow notifications for this site.",
+  here: "Show them in this browser",
+  hereOn: "Shown in this browser while the page is open",
+  hereNo: "This browser does not let the page show them: allow notifications for this site.",
   latest: "The latest",
   nothing: "No notice yet.",
-  head: ["When", "What", "What came of it"],
+  head: ["When", "What", "Result"],
   needs: "needs the scope operate",
   sent: (notice) =>
     Object.entries(notice.outcome)
       .map(([target, words]) => `${target}: ${words}`)
       .join("; ") || "not sent yet",
-  nowhere: "nowhere to send it",
+  nowhere: "no target",
 };
 
 const CHOICE = "notices";

@@ -22,7 +22,7 @@ const ink = (name) => getComputedStyle(document.documentElement).getPropertyValu
 // Message if charts cannot be drawn, otherwise null.
 export const noCharts = () => (window.uPlot ? null : WORDS.noCharts);
 
-// Returns a value and the ends of its error bar, multiplied by `times`; without an uncertainty there is no bar.
+// Returns a value and the ends of its error bar, multiplied by `times`; without an uncertainty it has no bar.
 export function bar({ value, sigma }, times) {
   const half = Number.isFinite(sigma) ? sigma : NaN;
   return { value: times * value, low: times * (value - half), high: times * (value + half) };

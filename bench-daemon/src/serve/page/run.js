@@ -23,7 +23,7 @@ import { notes } from "./notes.js";
 const WORDS = {
   title: (run) => `Run ${run}`,
   looking: "Looking …",
-  missing: (run) => `There is no run ${run} on this server.`,
+  missing: (run) => `This server has no run ${run}.`,
   waits: (run) => `${run} waits in the queue, or is just beginning: it is shown as soon as it has begun.`,
   facts: "What it is",
   fact: {
@@ -53,7 +53,7 @@ const WORDS = {
   analysisOf: (name) =>
     `Fit and Kramers–Kronig take the spectrum that is chosen: ${name}; a diagnosis takes all that its cell has.`,
   analysisOfRun: "Fit and Kramers–Kronig take all spectra of the run that are corrected.",
-  noSpectrum: "There is no spectrum yet.",
+  noSpectrum: "No spectrum yet.",
   fileTooLong: (bytes) => `expected at most ${MOST_FILE_BYTES} bytes, found ${bytes}`,
   notReached: (why) => `the server was not reached (${why})`,
   spectra: "Spectra",
@@ -81,7 +81,7 @@ const WORDS = {
   place: (cell, repeat, state) => `${cell}, repeat ${repeat}: ${state}`,
   report: "Save the report",
   files: "Report and files",
-  noReport: "There is no report yet.",
+  noReport: "No report yet.",
   noFile: "No file yet.",
   folder: (name, n, size) => `${name}: ${n} ${n === 1 ? "file" : "files"}, ${size}`,
   top: "In the folder of the run",

@@ -210,7 +210,7 @@ function letter(ctx, text, x, y, ink) {
   ctx.fillText(text, x, y + size / 2);
 }
 
-// Draws vertical lines at events, with a letter at the top, or a tick if there is no room: thousands of dashed lines
+// Draws vertical lines at events, with a letter at the top, or a tick if the room is too small: many dashed lines
 // would be slow to draw, and would hide the readings.
 function events(chart, ctx, box) {
   const bottom = box.top + box.height;
