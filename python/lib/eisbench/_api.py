@@ -22,8 +22,8 @@ Path = Union[str, "os.PathLike[str]"]
 def read_spectra(path: Union[Path, Iterable[Path], Any]) -> Spectra:
     """Reads the spectra of a file, of several files, or of a data frame in long form.
 
-    Formats: those of ``docs/formats.md``; which one it is, the file tells. A data frame has the
-    columns of :func:`spectra_of_table`.
+    Formats: those of ``docs/formats.md``, detected from the file. A data frame has the columns of
+    :func:`spectra_of_table`.
 
     Raises FileError, which names file, line and field.
     """
@@ -147,7 +147,7 @@ def _cells(spectra: Union[Spectrum, Iterable[Spectrum]]) -> tuple[list[Spectrum]
     others = [spectrum.name for spectrum in given if not spectrum.is_unbiased_cell]
     if others:
         told = ", ".join(others)
-        text = f"not fitted, for they are controls or carry a direct current: {told}"
+        text = f"not fitted, because they are controls or carry a direct current: {told}"
         warnings.warn(text, stacklevel=3)
     if not cells:
         raise EisError("expected at least one spectrum of a cell without direct current, met none")
@@ -191,14 +191,14 @@ def fit_erm(
     ``rc`` is a number of branches, or ``"auto"``: the data choose. With ``pool`` one model is
     fitted to all spectra together, else one to each. ``objective`` is ``complex`` (least squares,
     weighted by the covariances where every point has one), ``modulus`` or ``sum-abs`` (the
-    thesis'). ``ocv_slope`` is what becomes of the charge that the cell stores, −j·(dU/dQ)/ω:
-    ``fit`` finds the slope with a weak prior and takes it out, ``none`` leaves it in, a number is
-    the slope in V/C; None is ``fit`` for ``complex``, else ``none``. No start values are needed:
-    the search is global, and the same ``seed`` gives the same fit.
+    thesis'). ``ocv_slope`` controls the impedance of the charge that the cell stores, −j·(dU/dQ)/ω:
+    ``fit`` estimates the slope with a weak prior and removes it, ``none`` leaves it in, a number is
+    the slope in V/C; None is ``fit`` for ``complex``, otherwise ``none``. No start values are
+    needed: the search is global, and the same ``seed`` gives the same fit.
 
     A single spectrum, or ``pool``, gives an :class:`ErmFit`; several give :class:`Fits`. Of
     several, controls and spectra under direct current are left out with a warning, so that there
-    may be fewer fits than spectra; each fit tells its ``spectra``.
+    may be fewer fits than spectra; each fit names its ``spectra``.
 
     Raises EisError for data that cannot be fitted.
     """

@@ -280,11 +280,11 @@ class Catalog:
     that of a daemon (``docs/catalog.md``). Both give the same answers, as pandas data frames where
     pandas is installed, else as :class:`Table`.
 
-    Conditions of a question, all of which must hold: ``cell`` (name or serial number), ``serial``,
+    Conditions of a query, all of which must hold: ``cell`` (name or serial number), ``serial``,
     ``batch``, ``bench``, ``experiment``, ``from_`` and ``to`` (a date in UTC, a time, or s since
     1970), ``verdict`` (``good``, ``doubtful``, ``failed``, ``unfinished``, ``damaged``), ``trip``
-    (runs that the interlock has ended), ``text`` (words of the run), ``most`` (at most so many
-    answers; all of them where it is not given).
+    (runs that the interlock has ended), ``text`` (words of the run), ``most`` (maximum number of
+    answers; all of them if it is left out).
 
     ``started_unix_s`` is the time in s since 1970; a data frame has ``started`` too, in UTC.
     """
@@ -312,11 +312,11 @@ class Catalog:
         return f"<Catalog of {self._source.client!r}>"
 
     def scan(self, *roots: PathLike) -> dict[str, Any]:
-        """Reads the run folders below each root into the file, which is made where it is not there;
-        without a root, those of the scans before. Tells how many were read. A daemon does this for
-        itself.
+        """Reads the run folders below each root into the file, which is created if it does not
+        exist; without a root, those of earlier scans. Returns how many were read. A daemon scans its
+        own folders.
 
-        Raises EisError for a folder that is not there and for a file of another program.
+        Raises EisError for a missing folder and for a file of another program.
         """
         if not isinstance(self._source, _OfFile):
             raise EisError("scan: expected a catalogue in a file; a daemon scans its own")

@@ -21,7 +21,7 @@ from ._series import Run
 
 PathLike = Union[str, "os.PathLike[str]"]
 
-# An answer longer than this is no answer of the daemon, bytes; files are read in pieces.
+# Maximum length of an answer of the daemon, bytes; files are read in pieces.
 MOST_BYTES = 64 << 20
 # Pauses between attempts to listen again, s: in all about as long as a restart of the daemon takes.
 PAUSES_S = (0.5, 1.0, 2.0, 4.0, 8.0)
@@ -51,7 +51,7 @@ class OutcomeUnknown(Unreachable):
 @dataclass(frozen=True)
 class Event:
     """Something that changed: ``kind`` is ``hello``, ``live``, ``spectrum``, ``run``, ``queue``,
-    ``stop`` or ``lost``; ``data`` is what the daemon tells of it."""
+    ``stop`` or ``lost``; ``data`` is the daemon's description of it."""
 
     id: str
     kind: str
@@ -257,7 +257,7 @@ class Client:
     def _has_ended(self, run: str) -> bool:
         try:
             told = self._json("GET", f"/runs/{run}")["job"]
-            # Between queue and run a job is told by neither for a moment.
+            # For a moment between queue and run, neither lists the job.
             return told is not None and _job(told).ended
         except ApiError as error:
             if error.status == 404:
@@ -325,7 +325,7 @@ class Client:
             lines: list[str] = []
             while True:
                 line = answer.readline(MOST_BYTES)
-                # Half a line is no event: the connection was lost in its midst.
+                # Half a line is not an event: the connection was lost within it.
                 if not line.endswith(b"\n"):
                     return
                 text = line.decode("utf-8").rstrip("\r\n")
@@ -374,7 +374,7 @@ def _refusal(status: int, told: bytes) -> EisError:
         return ApiError(status, str(problem["code"]), str(problem["message"]))
     except (ValueError, KeyError, TypeError):
         text = told[:200].decode("utf-8", "replace")
-        return ApiError(status, "unknown", text or "no reason was told")
+        return ApiError(status, "unknown", text or "no reason was given")
 
 
 def _event(lines: list[str]) -> Optional[Event]:

@@ -40,15 +40,15 @@ def to_delta(
     tables: Sequence[str] = TABLES,
     storage_options: Optional[Mapping[str, str]] = None,
 ) -> dict[str, Written]:
-    """Brings Delta tables below an address up to the tables of a store: ``table/runs``,
-    ``table/spectra``, …, each by ``site``, ``bench`` and ``date``. Tells what was done in each.
+    """Updates the Delta tables below an address from the tables of a store: ``table/runs``,
+    ``table/spectra``, …, each by ``site``, ``bench`` and ``date``. Returns the changes of each.
 
-    Runs that are there are not written again, by their ``run_sha256``; rows of a run that the store
-    has replaced go in the commit that brings others. Each commit counts itself in the table, so that
-    of two writers at once one begins again: every run is there once, and a call that was killed is
-    made again. ``storage_options`` are those of ``deltalake``.
+    Runs in the table, known by their ``run_sha256``, are not written again; if the store has
+    replaced a run, one commit deletes its old rows and adds the new ones. Each commit counts itself
+    in the table, so that of two concurrent writers one starts again: the table has every run once,
+    and an interrupted call can be repeated. ``storage_options`` are those of ``deltalake``.
 
-    Raises EisError for a folder that is no store, and where the store has no rows and the table has.
+    Raises EisError for a folder that is not a store, and if the store has no rows but the table has.
     """
     place = Place(store)
     check_store(place)

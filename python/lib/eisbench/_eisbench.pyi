@@ -41,10 +41,10 @@ class Spectrum:
         """Name: of the file, or of the spectrum in its file."""
     @property
     def fixture(self) -> Optional[str]:
-        """Object in the jig: ``cell``, ``shunt``, …; None where the file does not tell."""
+        """Object in the jig: ``cell``, ``shunt``, …; None if the file does not state it."""
     @property
     def cell(self) -> Optional[str]:
-        """Name of the cell; None where neither file nor name tells it."""
+        """Name of the cell; None if neither file nor name states it."""
     @property
     def repeat(self) -> Optional[str]:
         """Name of the repetition."""

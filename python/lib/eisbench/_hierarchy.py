@@ -19,7 +19,7 @@ Levels = NDArray[np.int64]
 
 #: Rounds of fits in which spectra that stand out are taken out; few tables need three.
 _ROUNDS = 10
-#: Share of the cells that may stand out, of one table; beyond it the others are no reference.
+#: Maximum share of outlying cells in a table; with more, the other cells are not a reference.
 _MOST_CELLS = 0.2
 #: The same as a number: each costs a fit.
 _MOST_STEPS = 10
@@ -203,7 +203,7 @@ def _numbers(table: Any, name: str) -> Floats:
 
 
 def _texts(table: Any, name: str) -> Optional[list[str]]:
-    """A column of texts, empty where missing; None where there is no such column."""
+    """A column of texts, empty where missing; None if the table has no such column."""
     found = columns_of(table, [name])
     if name not in found:
         return None
@@ -272,14 +272,14 @@ def _levels(
 
 
 def _tell_confounded(name: str, rows: _Rows, usable: NDArray[np.bool_]) -> None:
-    """Notes factors that the table cannot tell apart: every level of one is one of the other."""
+    """Notes factors that the table cannot separate: every level of one is one of the other."""
     for k, one in enumerate(rows.factors):
         for j in range(k):
             left, right = rows.levels[k][usable], rows.levels[j][usable]
             pairs = len(set(zip(left.tolist(), right.tolist())))
             if pairs == len(set(left.tolist())) == len(set(right.tolist())):
                 told = f"{name}: {rows.factors[j]} and {one} go together in every row"
-                rows.notes.append(f"{told}: the table cannot tell their shares apart")
+                rows.notes.append(f"{told}: the table cannot separate their shares")
 
 
 def _part(name: str, rows: _Rows, fixed: list[str], share: float) -> _Part:

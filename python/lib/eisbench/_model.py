@@ -68,8 +68,8 @@ class Simulation:
 
 
 class _Play:
-    """A profile and how it is played, as the half in Rust takes it: no further than there is power
-    for, and without limits of the voltage, unless it is told otherwise."""
+    """A profile and the options of its simulation, as the Rust part takes them. By default the
+    simulation stops if the power cannot be delivered, and has no limits of the voltage."""
 
     beyond, fraction = "stop", 0.95
     low_v, high_v = 0.0, float("inf")

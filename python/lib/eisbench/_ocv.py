@@ -57,7 +57,7 @@ class Ocv:
 
     @property
     def slope_v(self) -> Optional[NDArray[np.float64]]:
-        """Slope of the curve at the knots, V; None where the file does not tell it."""
+        """Slope of the curve at the knots, V; None if the file does not contain it."""
         slope_v = self.raw["curve"].get("slope_v")
         return None if slope_v is None else np.array(slope_v, dtype=np.float64)
 

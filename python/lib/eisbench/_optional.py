@@ -7,7 +7,7 @@ from typing import Any
 
 
 def optional(module: str, install: str) -> Any:
-    """A module of a package that may not be installed; ``install`` is what pip is told."""
+    """A module of a package that may not be installed; ``install`` is the argument for pip."""
     try:
         return importlib.import_module(module)
     except ImportError:

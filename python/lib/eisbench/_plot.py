@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ._model import Simulation
     from ._results import Drt, Fit
 
-#: Colours of Okabe and Ito, which the colour-blind tell apart.
+#: Colours of Okabe and Ito, which people with colour blindness can distinguish.
 MEASURED, FITTED, ALONE = "#0072B2", "#D55E00", "#009E73"
 
 

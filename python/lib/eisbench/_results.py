@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 def significant(value: float, digits: int = 5) -> str:
-    """A number with so many significant digits, without an exponent where it is readable."""
+    """A number with ``digits`` significant digits, without an exponent where that is readable."""
     if value == 0.0 or not np.isfinite(value):
         return str(value)
     exponent = int(np.floor(np.log10(abs(value))))
@@ -309,7 +309,7 @@ class Fits(list[T], Generic[T]):
 
 
 class Spectra(list[Spectrum]):
-    """Several spectra: a list that prints as a table. ``notes`` tell how their files were read."""
+    """Several spectra: a list that prints as a table. ``notes`` state how their files were read."""
 
     def __init__(self, spectra: Sequence[Spectrum] = (), notes: Sequence[str] = ()) -> None:
         super().__init__(spectra)

@@ -95,7 +95,7 @@ def ocv(
 
 
 class _About:
-    """What is told of a run beside its data."""
+    """Properties of a run beside its data."""
 
     def __init__(self, **told: Any) -> None:
         self.__dict__.update(told)
@@ -228,7 +228,7 @@ class Run:
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """What the run was, as ``manifest.json`` tells."""
+        """The manifest of the run, ``manifest.json``."""
         return self._json("manifest.json")
 
     @property
@@ -274,7 +274,7 @@ class Run:
 
 
 def _csv(file: Path) -> Table:
-    """A CSV of numbers as the program writes it; a field that is no number is a text."""
+    """A CSV of numbers as the program writes it; a field that is not a number is a text."""
     if not file.is_file():
         raise EisError(f"{file}: expected a table, met no file")
     lines = file.read_text(encoding="utf-8").splitlines()

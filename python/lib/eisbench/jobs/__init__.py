@@ -31,7 +31,7 @@ class Done:
 
     def __init__(self, out: Place, manifest: dict[str, Any]) -> None:
         self._out = out
-        #: What the table is made of, as ``results.json`` tells.
+        #: Origin of the table, from ``results.json``.
         self.manifest = manifest
 
     @property
@@ -41,7 +41,7 @@ class Done:
 
     @property
     def errors(self) -> int:
-        """Number of rows without a result; the column ``error`` tells why."""
+        """Number of rows without a result; the column ``error`` states the reason."""
         return int(self.manifest["errors"])
 
     @property

@@ -20,7 +20,7 @@ CARRIED = {
     "temperature_c": "number",
     "ocv_v": "number",
 }
-#: Columns that tell how a row was made.
+#: Columns that state how a row was made.
 MADE = ("task", "program", "parameters", "task_sha256", "input_sha256")
 
 

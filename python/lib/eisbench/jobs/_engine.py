@@ -15,7 +15,7 @@ from ._folder import AnyTask, JobFolder
 from ._place import Place
 from ._shard import Shard
 
-#: Is told the number of shards that are done, and of all.
+#: Receives the number of finished shards and the number of all shards.
 Progress = Callable[[int, int], None]
 
 

@@ -31,7 +31,7 @@ class JobFolder:
 
     * ``job.json``: the task
     * ``shards/NAME.parquet``: the results of a shard; its name follows from task and input
-    * ``results.parquet``: all rows, by ``spectrum_id`` or ``row_id``; ``results.json`` tells what it is made of
+    * ``results.parquet``: all rows, by ``spectrum_id`` or ``row_id``; ``results.json`` states their origin
     """
 
     def __init__(self, place: Place, task: AnyTask) -> None:

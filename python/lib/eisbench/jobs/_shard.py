@@ -60,12 +60,12 @@ class Shard:
         return Shard(hashlib.sha256(canonical(told).encode()).hexdigest(), pieces)
 
     def told(self) -> dict[str, Any]:
-        """The shard as JSON tells it."""
+        """The shard as JSON."""
         return {"shard": self.name, "pieces": [asdict(piece) for piece in self.pieces]}
 
     @staticmethod
     def read(told: dict[str, Any]) -> Shard:
-        """The shard that :meth:`told` has told."""
+        """The shard from the JSON of :meth:`told`."""
         return Shard(told["shard"], tuple(Piece(**piece) for piece in told["pieces"]))
 
 

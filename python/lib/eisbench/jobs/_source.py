@@ -30,7 +30,7 @@ class Source:
 
 
 def source(spectra: Any, out: Place) -> Source:
-    """The files of spectra. What is no Parquet is written as such into the job's folder first."""
+    """The files of spectra. Other inputs are first written as Parquet into the job's folder."""
     if isinstance(spectra, Catalog):
         return _written(spectra.parts(), out)
     if not isinstance(spectra, (str, os.PathLike)):
@@ -70,7 +70,7 @@ def rows_of(place: Place, table: str) -> list[str]:
 
 
 def check_store(place: Place) -> None:
-    """Refuses a folder that is no store of runs, and one of another version."""
+    """Refuses a folder that is not a store of runs, and one of another version."""
     where = place.at("store.json")
     try:
         told: Any = json.loads(place.read("store.json"))
