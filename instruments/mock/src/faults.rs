@@ -25,7 +25,7 @@ pub use troubled::make_troubled;
 pub enum Fault {
     /// The message never reaches the instrument.
     LoseMessage,
-    /// The instrument acts, and its answer is lost.
+    /// The instrument acts, but its answer is lost.
     LoseReply,
     /// The answer comes late, but in time.
     Delay,
@@ -35,11 +35,11 @@ pub enum Fault {
     Split,
     /// The answer comes twice.
     Duplicate,
-    /// One byte of the answer is another one.
+    /// One byte of the answer is changed.
     Garble,
-    /// The second half of the answer is missing, its end too.
+    /// The second half of the answer, with its end, is missing.
     Truncate,
-    /// The instrument stops sending for good after this answer, and goes on listening.
+    /// The instrument stops sending after this answer, but continues to receive.
     HalfClose,
     /// The connection breaks before the answer.
     Reset,
@@ -47,7 +47,7 @@ pub enum Fault {
     Stall,
     /// The error queue runs over.
     Overflow,
-    /// The power fails: settings are those of switching on, the connection is gone.
+    /// The power fails: all settings return to their power-on values, and the connection is lost.
     PowerCycle,
     /// The output goes off by itself.
     OutputOff,
@@ -55,16 +55,16 @@ pub enum Fault {
     StuckOutput,
     /// Another client changes a setting, once.
     SecondClient,
-    /// From now on every question for a measurement gets the answer that it got first.
+    /// Every query of a measurement repeats its first answer.
     FrozenMeter,
-    /// From now on every answer is that to the question before.
+    /// Every answer belongs to the previous question.
     Lagging,
-    /// From now on blocks lack their last third, and their heads say so.
+    /// Blocks lack their last third, and their headers are consistent with that.
     ShortBlock,
     /// From now on the zero error of the bipolar supply grows.
     OffsetDrift,
-    /// From now on a bath that runs heats without end, whatever its set-point is. Stopped, it heats
-    /// no more.
+    /// A running bath heats without limit, regardless of its set-point. It stops heating when it is
+    /// stopped.
     BathRunsAway,
 }
 
