@@ -167,13 +167,13 @@ pub enum Step {
     PowerDown,
 }
 
-/// Treatment of a run whose cell misses the band of its state of charge to the end.
+/// Treatment of a run whose cell does not reach the band of its state of charge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Missed {
-    /// It goes on, and says so.
+    /// The run continues and reports it.
     Flag,
-    /// It ends.
+    /// The run ends.
     Refuse,
 }
 

@@ -25,15 +25,15 @@ const MOST_BENCHES: usize = 1000;
 struct Raw {
     /// Name of the campaign and of its experiments: letters, digits, `-` and `_`.
     name: String,
-    /// Path of the experiment that each cell undergoes, from the folder of this file; its bench,
-    /// seed and `[specimen]` are put in.
+    /// Path of the experiment that each cell undergoes, from the folder of this file. The plan
+    /// writes the bench, seed and `[specimen]` into it.
     experiment: String,
-    /// Number of cells, 1 to 100 000, that are only counted. Left out: `table` names them.
+    /// Number of cells, 1 to 100 000, without a table of names. Left out: `table` names them.
     cells: Option<usize>,
-    /// Path of a table of the cells, from the folder of this file: CSV with the columns `name` and,
-    /// where they are known, `serial`, `batch` and `barcode`. Left out: `cells` says how many.
+    /// Path of a table of the cells, from the folder of this file: CSV with the column `name` and
+    /// optionally `serial`, `batch` and `barcode`. Left out: `cells` sets the number.
     table: Option<String>,
-    /// Beginning of the names of cells that are only counted.
+    /// Prefix of the names of cells without a table.
     #[serde(default = "cell_prefix")]
     prefix: String,
     /// Number of benches on which each cell is measured, 1 to all of them.
@@ -43,8 +43,8 @@ struct Raw {
     /// differences between cells. They may be cells of the table.
     #[serde(default)]
     references: Vec<String>,
-    /// Number of cells after which a bench measures the references again; 0 for only at its
-    /// beginning and at its end.
+    /// Number of cells after which a bench measures the references again; with 0 it measures them
+    /// only at its beginning and end.
     #[serde(default)]
     reference_every: usize,
     /// Seed of the order of the cells, and of the runs.
@@ -58,11 +58,11 @@ struct Raw {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawBench {
-    /// Name of the bench; in a fleet with its site before it: `SITE/BENCH`. Two benches differ in
-    /// more than their sites.
+    /// Name of the bench; in a fleet preceded by its site: `SITE/BENCH`. The names must differ in
+    /// more than the site.
     name: String,
-    /// Path of the bench file, from the folder of this file. Left out: the bench is known to a fleet
-    /// only, and no experiment for it can be written here.
+    /// Path of the bench file, from the folder of this file. Left out: only a fleet knows the
+    /// bench, and no experiment is written for it.
     file: Option<String>,
 }
 

@@ -9,7 +9,7 @@ use crate::plan::Specimen;
 /// Longest text of an identity, characters.
 const LONGEST: usize = 200;
 
-/// Who a cell is, or of which kind.
+/// Identity of a cell, or of a kind of cell.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Identity {
@@ -19,7 +19,7 @@ pub struct Identity {
     /// Batch or lot that it was made in. Left out: not known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub batch: Option<String>,
-    /// Code that is printed on it, as a scanner reads it. Left out: none is known.
+    /// Barcode on the cell, as a scanner reads it. Left out: none is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub barcode: Option<String>,
     /// Maker. Left out: not known.
@@ -28,23 +28,23 @@ pub struct Identity {
     /// Chemistry, positive electrode first, such as `NMC811 / graphite`. Left out: not known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub chemistry: Option<String>,
-    /// Term of a vocabulary such as BattINFO that says what kind of cell it is:
+    /// Term of a vocabulary such as BattINFO for the kind of cell:
     /// `https://w3id.org/emmo/domain/battery#…`. Left out: none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub term: Option<String>,
 }
 
-/// The one cell that an experiment measures.
+/// The individual cell that an experiment measures.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct RawSpecimen {
-    /// Name of this one cell: letters, digits and `-`.
+    /// Name of the cell: letters, digits and `-`.
     name: String,
     /// Serial number. Left out: that of the cell file.
     serial: Option<String>,
     /// Batch or lot that it was made in. Left out: that of the cell file.
     batch: Option<String>,
-    /// Code that is printed on it, as a scanner reads it. Left out: that of the cell file.
+    /// Barcode on the cell, as a scanner reads it. Left out: that of the cell file.
     barcode: Option<String>,
 }
 

@@ -9,17 +9,18 @@ use super::{
 };
 use crate::interlock::Settings;
 
-/// Limits of the interlock beside the limits of the cell; shares are of its capacity.
+/// Limits of the interlock in addition to the limits of the cell; shares are of its capacity.
 #[derive(Debug, Deserialize, Default)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Section {
     /// Fastest change of the temperature, 0.1 K/min to 600 K/min. Left out: 5 K/min.
     temperature_rate_max: Option<Quantity<TemperatureRate>>,
-    /// Time over which that change is taken, 20 s to 600 s. Left out: 60 s.
+    /// Time over which the change is evaluated, 20 s to 600 s. Left out: 60 s.
     temperature_window: Option<Quantity<Duration>>,
     /// Largest charge of one discharge or charge, 1 % to 1000 %. Left out: 110 %.
     charge_max: Option<Quantity<Share>>,
-    /// Largest net charge of a sweep, or of a trace off its own, 0.01 % to 1000 %. Left out: 0.5 %.
+    /// Largest net charge of a sweep, or deviation of a trace from its planned charge, 0.01 % to
+    /// 1000 %. Left out: 0.5 %.
     charge_drift_max: Option<Quantity<Share>>,
     /// Charge in one direction under which a voltage or temperature must move, 0.01 % to 1000 %.
     /// Left out: 1 %.

@@ -9,7 +9,7 @@ use super::quantity::{
     TemperatureDifference, Voltage, VoltageSlope,
 };
 
-/// An experiment: what is to be done with which cell on which bench.
+/// An experiment: which measurements to make, with which cell, on which bench.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Experiment {
@@ -19,8 +19,7 @@ pub(super) struct Experiment {
     pub(super) bench: String,
     /// Path of the cell file, from the folder of this file.
     pub(super) cell: String,
-    /// Seed of everything that is drawn at random: simulated errors, random orders, phases of a
-    /// multisine.
+    /// Seed of all random numbers: simulated errors, random orders, phases of a multisine.
     #[serde(default)]
     pub(super) seed: u64,
     /// Temperature to wait for. Left out: the run neither sets nor waits for a temperature.
@@ -28,8 +27,8 @@ pub(super) struct Experiment {
     /// Check of the controls before the cell is measured; it needs `[eis]`. Left out: no control is
     /// measured.
     pub(super) fixture_check: Option<FixtureCheck>,
-    /// Reset of the state of charge before the measurements. Left out: the cell is measured as it
-    /// is.
+    /// Reset of the state of charge before the measurements. Left out: the state of charge is not
+    /// changed.
     pub(super) soc_reset: Option<SocReset>,
     /// Measurement of the open-circuit voltage over the state of charge. Left out: it is not
     /// measured.
@@ -38,13 +37,13 @@ pub(super) struct Experiment {
     pub(super) eis: Option<Eis>,
     /// Records of many frequencies at once. Left out: none.
     pub(super) multisine: Option<super::raw_multisine::Raw>,
-    /// The one cell that is measured; refused beside `[campaign]`. Left out: one of the kind of the
-    /// cell file.
+    /// The individual cell that is measured; refused beside `[campaign]`. Left out: any cell of the
+    /// kind of the cell file.
     pub(super) specimen: Option<super::identity::RawSpecimen>,
     /// Several cells, each measured several times; refused beside `[ocv_soc]` and `[multisine]`.
     /// Left out: one cell.
     pub(super) campaign: Option<Campaign>,
-    /// Currents that step, and their records; names must differ. Left out: none.
+    /// Stepwise currents and their records; names must differ. Left out: none.
     #[serde(default)]
     pub(super) traces: Vec<Trace>,
     /// Fits of the extended Randles model.
@@ -53,17 +52,17 @@ pub(super) struct Experiment {
     /// Diagnosis at the end of the run; it needs a sweep of the cell and `[ocv]` in the cell file.
     /// Left out: none.
     pub(super) diagnosis: Option<Diagnosis>,
-    /// Rules by which a run goes on by itself. Left out: it does so after faults of the wire only,
-    /// five times at most.
+    /// Rules for automatic continuation of an interrupted run. Left out: it continues only after
+    /// faults of the wire, at most five times.
     pub(super) resume: Option<Resume>,
 }
 
-/// Rules by which an interrupted run goes on by itself. A trip of the interlock always ends the
+/// Rules for automatic continuation of an interrupted run. A trip of the interlock always ends the
 /// run.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Resume {
-    /// Pause before the run goes on after a fault other than one of the wire, 5 s to 86 400 s.
+    /// Pause before the run continues after a fault other than one of the wire, 5 s to 86 400 s.
     pub(super) after: Quantity<Duration>,
     /// Largest number of continuations after such faults, 0 to 20.
     pub(super) most: usize,
@@ -113,7 +112,8 @@ pub(super) struct ControlTolerance {
     pub(super) phase: Quantity<Angle>,
 }
 
-/// Largest deviation of a short, which has no magnitude to be a share of, and no phase.
+/// Largest deviation of a short, which has neither a magnitude for a relative tolerance nor a
+/// phase.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ShortTolerance {
@@ -168,7 +168,7 @@ pub(super) struct Eis {
     /// Number of frequencies on a logarithmic grid, 2 to 1000. Left out: `frequencies` must be
     /// given.
     pub(super) points: Option<usize>,
-    /// Whether `stop` is the last point of the grid; else the grid ends one step before it.
+    /// Whether `stop` is the last point of the grid; otherwise the grid ends one step before it.
     #[serde(default = "yes")]
     pub(super) include_stop: bool,
     /// Amplitude of the current, from 0.01 A to the smallest limit of supply and cell. Half a
@@ -193,8 +193,8 @@ pub(super) struct Eis {
     /// out: none is fitted.
     #[serde(default)]
     pub(super) mains: Option<Quantity<Frequency>>,
-    /// List of 2 to 1000 frequencies in the place of `start`, `stop` and `points`. Left out: these
-    /// must be given.
+    /// List of 2 to 1000 frequencies instead of `start`, `stop` and `points`. Left out: these must
+    /// be given.
     pub(super) frequencies: Option<Vec<Quantity<Frequency>>>,
     /// Fixture that is swept; `shunt` needs a jig.
     #[serde(default)]
@@ -210,7 +210,7 @@ pub(super) struct Eis {
     /// Amplitudes of the sweeps of each round, all different, from 0.01 A to `amplitude`. Left out:
     /// one sweep at `amplitude`.
     pub(super) amplitude_steps: Option<Vec<Quantity<Current>>>,
-    /// Whether each sweep goes there and back, so that every point counts at the time in between.
+    /// Whether each sweep runs in both directions, so that every point counts at the mean time.
     #[serde(default)]
     pub(super) compensate_drift: bool,
     /// Whether the next point settles while the record of this one is fetched and analysed. Left
@@ -245,11 +245,11 @@ pub(super) struct Campaign {
     pub(super) cells: Vec<CampaignCell>,
 }
 
-/// Which cell comes next.
+/// Order of the runs of a campaign.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum CampaignOrder {
-    /// Each cell as often as `repeats` says, then the next one.
+    /// Each cell `repeats` times in a row, then the next one.
     #[default]
     CellByCell,
     /// Every cell once, then every cell again.
@@ -260,54 +260,53 @@ pub(super) enum CampaignOrder {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct CampaignCell {
-    /// Name of the cell: letters, digits and `-`. Names must differ in more than capital and small
-    /// letters.
+    /// Name of the cell: letters, digits and `-`. Names must differ in more than upper and lower
+    /// case.
     pub(super) name: String,
     /// Serial number; those of a campaign must differ. Left out: not known.
     pub(super) serial: Option<String>,
     /// Batch or lot that it was made in. Left out: that of the cell file.
     pub(super) batch: Option<String>,
-    /// Code that is printed on it, as a scanner reads it. Left out: none is known.
+    /// Barcode on the cell, as a scanner reads it. Left out: none is known.
     pub(super) barcode: Option<String>,
 }
 
-/// A current that steps, and its record. Exactly one of `segments`, `pulses` and `file` is given.
+/// A stepwise current and its record. Exactly one of `segments`, `pulses` and `file` is given.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Trace {
-    /// Name of the trace: letters, digits, `-` and `_`. Files are called after it.
+    /// Name of the trace: letters, digits, `-` and `_`. Its files have this name.
     pub(super) name: String,
     /// Purpose of the record in fits and in the diagnosis.
     #[serde(default)]
     pub(super) role: Role,
-    /// Name of the group of traces that repeat each other. Left out: `name`.
+    /// Name of the group of traces that are repeats of each other. Left out: `name`.
     pub(super) repeat_group: Option<String>,
-    /// Number of times that the trace is played, 1 to 1000; beside `[campaign]` it must be 1.
+    /// Number of executions of the trace, 1 to 1000; beside `[campaign]` it must be 1.
     #[serde(default = "one")]
     pub(super) repeat: usize,
     /// Rest before the trace with nothing connected, 0 s to 86 400 s.
     pub(super) rest_first: Quantity<Duration>,
-    /// Lowest and highest open-circuit voltage at which it may begin, within the limits of the
-    /// cell.
+    /// Lowest and highest open-circuit voltage at which the trace may start, within the limits of
+    /// the cell.
     pub(super) start_voltage: [Quantity<Voltage>; 2],
     /// Highest resistance of the cell, leads to the voltmeter included, 0.1 mΩ to 1 Ω.
     pub(super) resistance_max: Quantity<Resistance>,
     /// Steps of current or power, typed one by one. Left out: `pulses` or `file` must be given.
     pub(super) segments: Option<Vec<Segment>>,
-    /// Pulses of either sign in the place of typed steps. Left out: `segments` or `file` must be
-    /// given.
+    /// Pulses of either sign instead of typed steps. Left out: `segments` or `file` must be given.
     pub(super) pulses: Option<Pulses>,
     /// Path of a file of steps or of a profile over time, from the folder of this file. Left out:
     /// `segments` or `pulses` must be given.
     pub(super) file: Option<String>,
-    /// Factor on every row, −1000 to 1000 and not 0: a pack's profile on one of its cells, for
-    /// instance. Left out: 1.
+    /// Factor on every row, −1000 to 1000 and not 0, for example to scale a pack's profile to one
+    /// cell. Left out: 1.
     pub(super) scale: Option<f64>,
-    /// Instruments that play the trace.
+    /// Instruments that drive the trace.
     #[serde(default)]
     pub(super) through: Through,
-    /// Resistance between the cell and the voltmeter of the load where load and supply drive, 0 Ω
-    /// to 0.1 Ω. Left out: 0 Ω.
+    /// Resistance between the cell and the voltmeter of the load if load and supply drive the
+    /// trace, 0 Ω to 0.1 Ω. Left out: 0 Ω.
     pub(super) lead_resistance: Option<Quantity<Resistance>>,
     /// Length of the steps over which rows are averaged, 1 ms to 3600 s, at most that of the trace.
     /// Left out: rows stay as they are.
@@ -323,21 +322,21 @@ pub(super) struct Trace {
     pub(super) longest_interval: Quantity<Duration>,
 }
 
-/// Pulses of either sign, each with a relaxation behind it: first out of the cell, then into it,
-/// amplitude by amplitude.
+/// Pulses of either sign, each followed by a relaxation: first discharge, then charge, amplitude by
+/// amplitude.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Pulses {
-    /// Amplitudes of the pulses, 1 mA to 1000 A, one after the other.
+    /// Amplitudes of the pulses, 1 mA to 1000 A, in order.
     pub(super) amplitudes: Vec<Quantity<Current>>,
     /// Duration of each pulse, above 0 s.
     #[serde(default = "five_seconds")]
     pub(super) duration: Quantity<Duration>,
-    /// Rest behind each pulse, above 0 s.
+    /// Rest after each pulse, above 0 s.
     pub(super) relaxation: Quantity<Duration>,
 }
 
-/// Instruments that play a trace.
+/// Instruments that drive a trace.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Through {
@@ -348,17 +347,17 @@ pub(super) enum Through {
     Wave,
     /// The DC load and the DC supply, for steps of 1 s or longer.
     LoadAndSupply,
-    /// The first of these that can.
+    /// The first of these that can drive the trace.
     Auto,
 }
 
-/// A current or a power for a while: one of the two is given.
+/// A current or a power for a duration: one of the two is given.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Segment {
     /// Current, positive for a charge. Left out: `power` must be given.
     pub(super) current: Option<Quantity<Current>>,
-    /// Power in the place of a current, positive for a charge. Left out: `current` must be given.
+    /// Power instead of a current, positive for a charge. Left out: `current` must be given.
     pub(super) power: Option<Quantity<Power>>,
     /// Duration, above 0 s.
     pub(super) duration: Quantity<Duration>,
@@ -368,12 +367,12 @@ pub(super) struct Segment {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Fit {
-    /// Numbers of RC branches of the models, 1 to 8 and all different. Each has 2·rc + 1
-    /// parameters, for which the sweep must have points enough.
+    /// Numbers of RC branches of the models, 1 to 8 and all different. Each model has 2·rc + 1
+    /// parameters; the sweep must have at least as many points.
     pub(super) rc: Vec<usize>,
     /// Objective that is minimised: `complex`, `modulus` or `sum-abs`.
     pub(super) objective: String,
-    /// Whether points that the quality gate has refused are fitted, too.
+    /// Whether points that the quality gate has refused are also fitted.
     pub(super) refused_points: bool,
 }
 
@@ -433,7 +432,7 @@ fn million() -> u64 {
     1_000_000
 }
 
-/// A cell and what may be done to it.
+/// A cell and its limits.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Cell {
@@ -456,16 +455,16 @@ pub(super) struct Cell {
     /// Identity of the cell, or of its kind.
     #[serde(default)]
     pub(super) identity: super::identity::Identity,
-    /// Limits of the interlock beside those of the cell.
+    /// Limits of the interlock in addition to those of the cell.
     #[serde(default)]
     pub(super) interlock: super::interlock::Section,
-    /// Limits of the maker, beyond which no limit of this file may lie. Left out: none is checked.
+    /// Limits of the maker, which no limit of this file may exceed. Left out: none is checked.
     #[serde(default)]
     pub(super) absolute: super::limits::Section,
     /// Pack to which the model of the cell is mapped.
     pub(super) pack: Pack,
-    /// Open-circuit voltage over the state of charge, as known before. Left out: a diagnosis inside
-    /// a run is refused.
+    /// Known open-circuit voltage over the state of charge. Left out: a diagnosis inside a run is
+    /// refused.
     pub(super) ocv: Option<Ocv>,
 }
 
@@ -475,7 +474,7 @@ pub(super) struct Cell {
 pub(super) struct Ocv {
     /// States of charge, two or more, rising, 0 to 1.
     pub(super) soc: Vec<f64>,
-    /// Open-circuit voltage at each of them, V; it may not fall.
+    /// Open-circuit voltage at each state of charge, V; it must not fall.
     pub(super) voltage_v: Vec<f64>,
 }
 

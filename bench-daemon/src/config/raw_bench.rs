@@ -11,28 +11,27 @@ use super::quantity::{
 };
 use crate::mocks::{Fault, Value};
 
-/// A bench: its instruments, its wiring, its controls, and the simulation behind it, if there is
-/// one.
+/// A bench: its instruments, its wiring, its controls, and optionally the simulation behind it.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Bench {
-    /// Name of the bench. A server takes letters, digits, `-` and `_` only.
+    /// Name of the bench. A server accepts only letters, digits, `-` and `_`.
     pub(super) name: String,
     /// Instruments by their roles.
     pub(super) instruments: Instruments,
     /// Wiring between generator, supply, shunt and scope.
     pub(super) wiring: Wiring,
-    /// Known impedances that are measured as controls. Left out: none beside the shunt.
+    /// Known impedances that are measured as controls. Left out: only the shunt.
     #[serde(default)]
     pub(super) controls: Controls,
-    /// Simulation behind the instruments. Left out: the instruments count as real ones.
+    /// Simulation behind the instruments. Left out: the instruments are real.
     pub(super) simulation: Option<Simulation>,
-    /// Errors of the bench as its past shows them, for the diagnosis. Left out: they are assumed.
+    /// Errors of the bench from its own past, for the diagnosis. Left out: they are assumed.
     pub(super) history: Option<BenchHistory>,
     /// Folder of the state of the bench (lock, latch, report of the doctor). Left out:
     /// `.eis-bench/NAME` beside this file.
     pub(super) state_folder: Option<String>,
-    /// Limits in time of the guardian.
+    /// Time limits of the guardian.
     #[serde(default)]
     pub(super) guardian: Guardian,
     /// Control of a bath with relays.
@@ -47,15 +46,14 @@ pub(super) struct Bench {
 #[derive(Debug, Deserialize, Default)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Thermostat {
-    /// Distance from the set-point at which a relay is on all the time, 0.05 K to 20 K. Left out:
-    /// 0.5 K.
+    /// Distance from the set-point at which a relay is always on, 0.05 K to 20 K. Left out: 0.5 K.
     pub(super) proportional_band: Option<Quantity<TemperatureDifference>>,
     /// Integral time of the loop, 10 s to 100 000 s. Left out: 400 s.
     pub(super) integral_time: Option<Quantity<Duration>>,
     /// Length of the window in which a relay is switched once, 5 s to 45 s. Left out: 20 s.
     pub(super) window: Option<Quantity<Duration>>,
-    /// Longest time without a reading that can be believed, from `window` to 600 s; then the run
-    /// ends. Left out: 60 s.
+    /// Longest time without a plausible reading, from `window` to 600 s; then the run ends. Left
+    /// out: 60 s.
     pub(super) stale: Option<Quantity<Duration>>,
     /// Excess of the reading of the sensor over the true temperature, −5 K to 5 K. Left out: 0 K.
     pub(super) sensor_offset: Option<Quantity<TemperatureDifference>>,
@@ -71,19 +69,19 @@ pub(super) struct Doctor {
     pub(super) valid_for: Option<Quantity<Duration>>,
 }
 
-/// Limits in time of the guardian, which switches the bench off where the daemon cannot.
+/// Time limits of the guardian, which switches the bench off if the daemon cannot.
 #[derive(Debug, Deserialize, Default)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Guardian {
-    /// Longest silence of the daemon, 1 s to 600 s; then the guardian ends it and switches off.
-    /// Left out: 5 s.
+    /// Longest silence of the daemon, 1 s to 600 s; then the guardian ends the daemon and switches
+    /// the bench off. Left out: 5 s.
     pub(super) lease: Option<Quantity<Duration>>,
-    /// Longest computation of the daemon between two waits, 1 s to 600 s; then it counts as hung.
-    /// Left out: 20 s.
+    /// Longest computation of the daemon between two waits, 1 s to 600 s; after it the daemon
+    /// counts as hung. Left out: 20 s.
     pub(super) stall: Option<Quantity<Duration>>,
 }
 
-/// Instruments of a bench by their roles. A section of the experiment says which roles it needs.
+/// Instruments of a bench by their roles. Each section of the experiment states the roles it needs.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Instruments {
@@ -117,7 +115,7 @@ pub(super) struct Instrument {
     /// Text in the identity of another model that is accepted as this one. Left out: the identity
     /// must be that of the model.
     pub(super) accept: Option<String>,
-    /// Longest usual time until it answers a question, 0.05 s to 5 s: what the watch counts on.
+    /// Longest usual time to the answer to a question, 0.05 s to 5 s, on which the watch relies.
     /// Left out: 0.3 s.
     pub(super) answer: Option<Quantity<Duration>>,
 }
@@ -159,7 +157,7 @@ pub(super) struct Wiring {
     pub(super) command_trim: f64,
     /// Voltage at the input of the supply that cancels its zero error, −0.5 V to 0.5 V.
     pub(super) command_offset: Quantity<Voltage>,
-    /// Whether the generator plays bursts that end by themselves. Left out: true.
+    /// Whether the generator can play bursts that end by themselves. Left out: true.
     pub(super) bursts: Option<bool>,
     /// Impedance of the current shunt, which is also the first control.
     pub(super) shunt: Known,
@@ -167,7 +165,7 @@ pub(super) struct Wiring {
     pub(super) scale_per_ampere: [Quantity<Voltage>; 4],
 }
 
-/// Impedance that was measured by other means, with its standard uncertainty.
+/// Impedance that was measured separately, with its standard uncertainty.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Known {
@@ -189,7 +187,7 @@ pub(super) struct Controls {
     pub(super) fake_cell: Option<Known>,
     /// Impedance of the short. Left out: it cannot be a control.
     pub(super) short: Option<Known>,
-    /// Bounds of the empty jig. Left out: no stray admittance is taken into account.
+    /// Bounds of the empty jig. Left out: the stray admittance is ignored.
     pub(super) open: Option<Open>,
 }
 
@@ -197,9 +195,9 @@ pub(super) struct Controls {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Open {
-    /// Lowest resistance that it may have, above 0 Ω.
+    /// Lowest resistance of the empty jig, above 0 Ω.
     pub(super) resistance_min: Quantity<Resistance>,
-    /// Highest capacitance that it may have, 0 F or more.
+    /// Highest capacitance of the empty jig, 0 F or more.
     pub(super) capacitance_max: Quantity<Capacitance>,
 }
 
@@ -229,14 +227,13 @@ pub(super) struct Faults {
     pub(super) per_message: f64,
     /// Largest number of faults on one instrument.
     pub(super) most: usize,
-    /// Faults that may happen. Left out: those of the wire and of the day, `lose_message` to
-    /// `output_off`.
+    /// Possible faults. Left out: those of the wire and of the day, `lose_message` to `output_off`.
     pub(super) kinds: Option<Vec<Fault>>,
-    /// Role of the only instrument that has faults. Left out: all have.
+    /// Role of the only instrument that has faults. Left out: all instruments.
     pub(super) role: Option<String>,
     /// Bench time before which no fault happens. Left out: 0 s.
     pub(super) from: Option<Quantity<Duration>>,
-    /// Number, from 0, of the change that `second_client` makes to an instrument. Left out: it is
-    /// drawn.
+    /// Number, from 0, of the change that `second_client` makes to an instrument. Left out: a
+    /// random one.
     pub(super) variant: Option<usize>,
 }

@@ -36,7 +36,7 @@ pub(super) struct RawBand {
     pub(super) base: Quantity<Frequency>,
     /// Lowest frequency of a line, `base` or more. Left out: `base`.
     pub(super) start: Option<Quantity<Frequency>>,
-    /// Highest frequency of a line, up to what generator and supply can do.
+    /// Highest frequency of a line, up to the limits of generator and supply.
     pub(super) stop: Quantity<Frequency>,
     /// Number of lines, 2 to 200.
     pub(super) lines: usize,

@@ -10,7 +10,7 @@ use super::quantity::{Current, Duration, Quantity, Resistance, Voltage, VoltageS
 pub(super) struct Raw {
     /// Current of the charge, from C/100 to 1C and the limits of cell and supply.
     pub(super) charge_current: Quantity<Current>,
-    /// Voltage that the supply holds at the end of a charge, within the limits of the cell.
+    /// Voltage of the supply at the end of a charge, within the limits of the cell.
     pub(super) charge_voltage: Quantity<Voltage>,
     /// Current at which the cell counts as full, from 0.02 A to half of `charge_current`.
     pub(super) cut_off: Quantity<Current>,
@@ -34,13 +34,13 @@ pub(super) struct Raw {
     pub(super) rest_max: Quantity<Duration>,
     /// Slope of the voltage below which the rest ends, 1 nV/s to 10 mV/s.
     pub(super) rest_slope: Quantity<VoltageSlope>,
-    /// Whether the charge is measured, too.
+    /// Whether the charge is measured as well.
     #[serde(default)]
     pub(super) both_directions: bool,
-    /// Resistance that the drop under load is compensated with, 0 Ω to 1 Ω. Left out: that of the
-    /// pauses, which must not be 0 then.
+    /// Resistance for the compensation of the drop under load, 0 Ω to 1 Ω. Left out: that of the
+    /// pauses, whose number must then not be 0.
     pub(super) dcir: Option<Quantity<Resistance>>,
-    /// Order of a polynomial that is fitted besides, 1 to 15. Left out: none.
+    /// Order of an additional fitted polynomial, 1 to 15. Left out: none.
     pub(super) polynomial: Option<usize>,
 }
 

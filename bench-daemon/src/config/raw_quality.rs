@@ -8,16 +8,16 @@ use super::quantity::{Charge, Duration, Quantity, Share};
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Raw {
-    /// Standard deviation of Z by noise and rounding. The default lies below what separates the
-    /// orders of the thesis' fits.
+    /// Standard deviation of Z from noise and rounding. The default is below the value at which the
+    /// orders of the thesis' fits can no longer be separated.
     pub(super) noise: Quantity<Share>,
-    /// Harmonics 2 to 7 of current and voltage. A third harmonic of 1 % may stand for an error of Z
+    /// Harmonics 2 to 7 of current and voltage. A third harmonic of 1 % can indicate an error of Z
     /// of 3 %.
     pub(super) distortion: Quantity<Share>,
-    /// Part of Z that the drift of the voltage may make up. It acts like noise.
+    /// Part of Z that comes from the drift of the voltage. It acts like noise.
     pub(super) drift: Quantity<Share>,
-    /// Difference between the halves of a record. It is the difference of two numbers, and so twice
-    /// the noise.
+    /// Difference between the halves of a record. As the difference of two numbers it has twice the
+    /// noise.
     pub(super) repeatability: Quantity<Share>,
     /// Residual of the Kramers–Kronig test in the finished sweep. The bound is common for a valid
     /// spectrum (Schönleber et al. 2014 show residuals below 1 %).

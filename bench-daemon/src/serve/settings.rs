@@ -42,24 +42,24 @@ struct Raw {
     /// Paths of the bench files, from the folder of this file; the names of the benches must
     /// differ.
     benches: Vec<String>,
-    /// Interval at which the outputs of benches are read while nothing runs on them, 10 s to 600 s:
-    /// connects, asks, and lets go again; other programs on the same instruments may meet it. Left
-    /// out: they are read when a person asks for it.
+    /// Interval at which the outputs of idle benches are read, 10 s to 600 s. Each reading
+    /// connects, asks and disconnects; it can collide with other programs on the same instruments.
+    /// Left out: they are read only on request.
     read_idle: Option<Quantity<Duration>>,
     /// Certificate and key. Left out: the server listens on this machine only.
     tls: Option<RawTls>,
-    /// Reverse proxy in front of the server, which encrypts and may ask who somebody is.
+    /// Reverse proxy in front of the server, which encrypts and may authenticate users.
     proxy: Option<RawProxy>,
-    /// Notices to people who are not at the page.
+    /// Notices to people who do not watch the page.
     #[serde(default)]
     notify: RawNotify,
-    /// Bounds of the server.
+    /// Limits of the server.
     #[serde(default)]
     limits: RawLimits,
-    /// Course of a stop.
+    /// Procedure of a stop.
     #[serde(default)]
     stop: RawStop,
-    /// Traces and metrics to a collector.
+    /// Traces and metrics for a collector.
     #[serde(default)]
     telemetry: RawTelemetry,
     /// Fleet that the benches belong to. Left out: none.
@@ -74,7 +74,7 @@ struct RawTelemetry {
     /// `https://…`, or `http://` on this machine; refused by a program that is built without the feature
     /// `otlp`. Left out: that of `OTEL_EXPORTER_OTLP_ENDPOINT`, or none.
     otlp: Option<String>,
-    /// A span for each message to an instrument, thousands in a run.
+    /// Whether each message to an instrument has its own span; a run has thousands.
     #[serde(default)]
     exchanges: bool,
 }
@@ -121,7 +121,7 @@ struct RawEmail {
     /// Encryption of the connection; `none` to this machine only.
     #[serde(default = "tls")]
     encryption: Encryption,
-    /// User at the mail server. Left out: none is asked for.
+    /// User at the mail server. Left out: the server requires none.
     user: Option<String>,
     /// Path of a file that holds the password, from the folder of this file.
     password_file: Option<String>,
@@ -135,28 +135,28 @@ fn tls() -> Encryption {
     Encryption::Tls
 }
 
-/// Bounds of a server.
+/// Limits of a server.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawLimits {
     /// Longest body of a request, 1024 to 64 000 000 bytes. Left out: 262 144.
     body_bytes: Option<usize>,
-    /// Requests of one peer per second in the long run, 0.1 to 100 000. Left out: 100.
+    /// Average number of requests per second of one peer, 0.1 to 100 000. Left out: 100.
     requests_per_s: Option<f64>,
-    /// Requests of one peer at once, 1 to 1 000 000. Left out: 400.
+    /// Number of requests of one peer at once, 1 to 1 000 000. Left out: 400.
     burst: Option<f64>,
     /// Connections at the same time, 4 to 65 536. Left out: 512.
     connections: Option<usize>,
-    /// Longest time that a peer may take for the head or the body of a request, or to take an
-    /// answer, 0.1 s to 600 s. Left out: 10 s.
+    /// Time limit of a peer to send the head or the body of a request, or to accept an answer, 0.1
+    /// s to 600 s. Left out: 10 s.
     patience: Option<Quantity<Duration>>,
 }
 
-/// Course of a stop.
+/// Procedure of a stop.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawStop {
-    /// Time that a run has to end by itself before it is ended, 0.5 s to 600 s. Left out: 10 s.
+    /// Time that a run has to end itself before it is killed, 0.5 s to 600 s. Left out: 10 s.
     wait: Option<Quantity<Duration>>,
 }
 
