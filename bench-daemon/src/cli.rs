@@ -50,49 +50,49 @@ Examples:
     eis-bench run configs/experiments/demo.toml
   Go on with a run that died, in its folder:
     eis-bench resume runs/thesis
-  What would be done, and for how long, without touching anything:
+  Print the steps of an experiment and their duration; changes nothing:
     eis-bench plan configs/experiments/thesis.toml
-  Who answers at the configured addresses; changes nothing:
+  Identify the instruments at the configured addresses; changes nothing:
     eis-bench identify configs/benches/thesis.toml
-  Examine a bench before its first use, with the fake cell in the place of the cell:
+  Examine a bench before its first use, with the fake cell instead of the cell:
     eis-bench doctor configs/benches/thesis.toml --fixture fake_cell
-  What its outputs do; changes nothing:
+  Read the state of its outputs; changes nothing:
     eis-bench outputs configs/benches/thesis.toml
-  Switch a bench off, now, whoever runs it; without a file every bench that runs or ran here:
+  Switch a bench off, no matter who runs it; without a file all benches that run or ran here:
     eis-bench safe configs/benches/thesis.toml
     eis-bench safe
-  The simulated instruments on real ports, until Ctrl-C:
+  Serve the simulated instruments on real ports, until Ctrl-C:
     eis-bench mock configs/benches/demo.toml --json
-  A page and an API for benches, with a queue:
+  Serve a page and an API for benches, with a queue:
     eis-bench serve configs/serve.toml
-  The benches of a fleet, and 20 runs for whichever of them is free:
+  Show the benches of a fleet, and submit 20 runs to its free benches:
     eis-bench fleet --config serve.toml status
     eis-bench fleet --config serve.toml submit configs/experiments/demo.toml --count 20
-  Fit the extended Randles model to spectra from anywhere:
+  Fit the extended Randles model to spectra of any supported format:
     eis-bench fit SPECTRUM.csv --rc all --out FOLDER
   Fit any equivalent circuit, without start values:
     eis-bench fit SPECTRUM.csv --circuit 'R0-p(R1,C1)-p(R2-Wo1,CPE1)'
-  May these spectra be believed? Kramers–Kronig and more, with pictures:
+  Test whether spectra are valid: Kramers–Kronig and more, with pictures:
     eis-bench kk SPECTRUM.csv --drt --out FOLDER
   Run a load profile through a pack of the fitted cells:
     eis-bench simulate --model FOLDER/model_4rc.json --profile POWER.csv --series 16 --parallel 3 \
 --ocv-v 3.72
-  The same with the numbers of a paper, or with a fitted circuit:
+  The same with a typed model, or with a fitted circuit:
     eis-bench simulate --erm \"6.43 mΩ; 1.51 mΩ, 0.553 F; 4.77 mΩ, 1.084 kF\" --profile POWER.csv \
 --ocv-v 3.72
     eis-bench simulate --model FOLDER/circuit.json --profile POWER.csv --ocv-v 3.72
-  Open-circuit voltage from a slow discharge:
+  Compute the open-circuit voltage from a slow discharge:
     eis-bench ocv DISCHARGE.csv --out FOLDER
-  The model from spectra and pulses together:
+  Fit the model to spectra and pulses together:
     eis-bench joint --spectra CELL*.csv --series PULSES.csv --ocv-from DISCHARGE.csv --out FOLDER
-  What the model lacks that a campaign shows:
+  Find what the model of a campaign lacks:
     eis-bench diagnose DATASET --model FOLDER/model.json --out FOLDER
-  The whole loop on the simulated bench, with follow-up experiments:
+  Run the whole loop on the simulated bench, with follow-up experiments:
     eis-bench investigate configs/experiments/investigate.toml --yes
-  Yesterday's captures through today's analysis, and whether a folder is what it was:
+  Analyse recorded captures again, and check that a run folder is unaltered:
     eis-bench replay runs/thesis
     eis-bench verify runs/thesis
-  All runs below a folder, and a cell over its runs:
+  Catalogue all runs below a folder, and follow a cell over its runs:
     eis-bench catalog scan runs.sqlite runs
     eis-bench catalog ageing runs.sqlite --cell P45B-17 --out FOLDER
   A spectrum for ZView, a time series for the Battery Data Alliance's tools, a model for a \
@@ -100,29 +100,29 @@ controller:
     eis-bench convert SPECTRUM.csv --to zview --out FOLDER
     eis-bench convert SERIES.csv --to bdf-parquet --out FOLDER
     eis-bench convert model_4rc.json --to c --ocv ocv.json --out FOLDER
-  What a pack can give and take, and for how long:
+  Compute the power limits of a pack, and their duration:
     eis-bench pack size --series 16 --parallel 3 --ocv-v 3.6 --dcir-ohm 0.015
     eis-bench sop --model FOLDER/model_4rc.json --series 16 --parallel 3 --ocv-v 3.6
 
 Exit codes:
   0  done
-  1  something unexpected
-  2  the command line or a file is not as expected; nothing was energised
-  3  an instrument cannot be reached, answers wrongly or disobeys
-  4  the fixture check or the doctor failed: the bench is not to be believed
-  5  the interlock tripped, or a cell was found in the jig where a control belongs
+  1  an unexpected error
+  2  the command line or a file is invalid; nothing was energised
+  3  an instrument cannot be reached, answers wrongly or does not obey
+  4  the fixture check or the doctor failed: do not trust measurements of this bench
+  5  the interlock tripped, or a cell was in the jig instead of a control
   6  an output is not known to be off: LOOK AT THE BENCH, the message says what to unplug
-  7  the bench is latched after a trip: look at it, then `eis-bench clear BENCH`
-  8  another process runs the bench, or the guardian of an earlier run is still at work on it
+  7  the bench is latched after a trip: inspect it, then run `eis-bench clear BENCH`
+  8  another process runs the bench, or the guardian of an earlier run is still active on it
   9  the guardian cannot be started or was lost; the bench was brought into safe state
-  10 a run folder is not what it was, or its numbers do not follow from its captures
-  11 the run, or what was recomputed of it, is finished, and the quality gate refused points: see \
-the column `flags` of its spectra
+  10 a run folder was altered, or its numbers do not follow from its captures
+  11 the run or its recomputation is finished, but the quality gate refused points: see the \
+column `flags` of its spectra
   12 the diagnosis is finished, and its verdict is that the data are invalid
   130  stopped by Ctrl-C, Ctrl-Z, SIGTERM, `eis-bench abort` or the end of the terminal; the bench \
 was brought into safe state";
 
-/// Runs a battery test bench and turns what it measures into a model that a robot can trust.
+/// Runs a battery test bench and turns its measurements into a cell model with uncertainties.
 #[derive(Debug, Parser)]
 #[command(name = "eis-bench", version, after_help = EXAMPLES, max_term_width = 120)]
 struct Cli {
@@ -137,42 +137,42 @@ struct Cli {
 enum Command {
     /// Run the whole job on the built-in simulated bench, from files that it writes.
     Demo(command::demo::DemoArgs),
-    /// Write files to begin with, print their schema, check them.
+    /// Write example files, print the schemas of files, and check files.
     Config(command::config::ConfigArgs),
     /// Run an experiment: fixture check, SOC reset, sweep, fits, report.
     Run(command::run::RunArgs),
-    /// Go on with a run that died or was stopped, in its folder, at the next unfinished point.
+    /// Continue an interrupted or stopped run in its folder, at the next unfinished point.
     Resume(command::resume::ResumeArgs),
-    /// Ask a run in another terminal to wait without any current, from the next point on.
+    /// Pause a run of another terminal at its next point, without any current.
     Pause(command::run_control::FolderArgs),
-    /// Ask a paused run to go on.
+    /// Continue a paused run.
     GoOn(command::run_control::FolderArgs),
-    /// Ask a run to end in safe state at the next point.
+    /// End a run in safe state at its next point.
     Abort(command::run_control::FolderArgs),
-    /// Ask a campaign to play the named runs next.
+    /// Move the named runs of a campaign to the front of its order.
     Reorder(command::run_control::ReorderArgs),
     /// Show the question of a run that waits for a person, or confirm that the fixture is changed.
     Answer(command::answer::AnswerArgs),
-    /// Print what an experiment would do, step by step, with its duration. Touches nothing.
+    /// Print the steps of an experiment and their duration. Changes nothing.
     Plan(command::plan::PlanArgs),
     /// Serve the simulated instruments of a bench on real ports until stopped.
     Mock(command::mock::MockArgs),
-    /// Ask instruments who they are, what they can do and what is programmed into them. Changes
-    /// nothing on any of them.
+    /// Identify instruments, and print their abilities and programmed settings. Changes nothing on
+    /// any of them.
     Identify(command::identify::IdentifyArgs),
     /// Examine a bench before its first use: instruments, probes, drive, limits, safe state,
     /// guardian; writes a signed report.
     Doctor(command::doctor::DoctorArgs),
-    /// Read what the outputs of a bench do; changes nothing.
+    /// Read the state of the outputs of a bench. Changes nothing.
     Outputs(command::outputs::OutputsArgs),
-    /// Switch a bench off, whoever runs it, and print what was read back.
+    /// Switch a bench off, no matter who runs it, and print the read-back.
     Safe(command::safe::SafeArgs),
-    /// Show why a bench is latched, and let it run again after a person has looked.
+    /// Show why a bench is latched, and clear the latch after a person has inspected it.
     Clear(command::clear::ClearArgs),
     /// Read the spectra of a file on standard input, with bounds of memory and time.
     #[command(hide = true)]
     ReadSpectra(crate::serve::imported::ReadSpectraArgs),
-    /// Watch over the process that started it; a run does that by itself.
+    /// Watch the process that started it. A run starts its own guardian.
     #[command(hide = true)]
     Guardian(command::guardian::GuardianArgs),
     /// Fit the extended Randles model, or any equivalent circuit, to spectra.
@@ -186,7 +186,7 @@ enum Command {
     Ocv(command::ocv::OcvArgs),
     /// Run load profiles through a fitted model, as a cell or as a pack.
     Simulate(command::simulate::SimulateArgs),
-    /// Fit the model to spectra and pulses together; say by how much the spectra alone miss the
+    /// Fit the model to spectra and pulses together; print the error of the spectra alone on the
     /// pulses.
     Joint(command::joint::JointArgs),
     /// Make a data set for `diagnose` from spectra and logs of a cycler.
@@ -194,14 +194,14 @@ enum Command {
     /// Find where a model and a data set disagree, which effect is missing, and whether adding it
     /// closes the gap.
     Diagnose(command::diagnose::DiagnoseArgs),
-    /// Run a campaign, diagnose it, run what the diagnosis asks for within a budget, and diagnose
-    /// again.
+    /// Run a campaign, diagnose it, run the experiments that the diagnosis recommends within a
+    /// budget, and diagnose again.
     Investigate(command::investigate::InvestigateArgs),
     /// Print the catalogue of effects that a model may lack.
     Effects(command::effects::EffectsArgs),
     /// State of power: the most power that can be held, over duration and state of charge.
     Sop(command::sop::SopArgs),
-    /// Write spectra, time series and models as other programs read them; read theirs.
+    /// Convert spectra, time series and models to and from the formats of other programs.
     Convert(command::convert::ConvertArgs),
     /// Process recorded captures with the present pipeline and report what changes.
     Replay(command::replay::ReplayArgs),
@@ -213,7 +213,7 @@ enum Command {
     Campaign(command::campaign::CampaignArgs),
     /// Serve benches over HTTP, with a queue, a page and an API, until stopped.
     Serve(command::serve::ServeArgs),
-    /// Tokens that open a server's API.
+    /// Manage the tokens of a server's API.
     Token(command::token::TokenArgs),
     /// Show a fleet of benches, submit work to it, and hold or stop its benches.
     Fleet(command::fleet::FleetArgs),

@@ -22,13 +22,13 @@ const LOOK_S: f64 = 0.25;
 pub struct AnswerArgs {
     /// The run folder.
     pub folder: PathBuf,
-    /// The fixture is changed as asked: the run may go on, and let current flow.
+    /// Confirm that the fixture is changed as asked: the run continues, and current may flow.
     #[arg(long, requires = "question")]
     pub done: bool,
-    /// Number of the question that is answered: refused where another one waits meanwhile.
+    /// Number of the question that is answered; refused if another question is open.
     #[arg(long, value_name = "N", requires = "done")]
     pub question: Option<u64>,
-    /// Serial number read from the cell: refused where it is not that of the cell asked for.
+    /// Serial number read from the cell; refused if it is not that of the requested cell.
     #[arg(long, value_name = "TEXT", requires = "done")]
     pub serial: Option<String>,
     /// Who answers [default: the account]

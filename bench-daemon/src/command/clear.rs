@@ -19,10 +19,10 @@ use crate::{
 pub struct ClearArgs {
     /// The bench file, or an experiment on it.
     pub config: PathBuf,
-    /// I have looked at the bench and the cell: do not ask.
+    /// Confirm without being asked that the bench and the cell were inspected.
     #[arg(long)]
     pub yes: bool,
-    /// Finding of whoever looked, and what they did; it is kept with the trip.
+    /// Result of the inspection and actions taken; stored with the trip.
     #[arg(long, value_name = "TEXT")]
     pub found: Option<String>,
 }

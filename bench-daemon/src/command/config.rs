@@ -69,8 +69,8 @@ enum Act {
         json: bool,
     },
     /// Put a bench file in force that was proposed on the page of a server: print every key that
-    /// changes, and write the file once that is confirmed. Refused while the bench is in use, latched
-    /// or not verified off. The file that was in force stays a version.
+    /// changes, and write the file after a confirmation. Refused while the bench is in use, latched
+    /// or not verified off. The previous file stays available as a version.
     Take(TakeArgs),
 }
 

@@ -17,7 +17,7 @@ pub struct DemoArgs {
     /// The folder for the files and the run.
     #[arg(default_value = "eis-bench-demo", value_name = "DIR")]
     pub folder: PathBuf,
-    /// Another seed, for the simulation and the fits' searches.
+    /// Seed of the simulation and of the fits' searches, instead of the default.
     #[arg(long)]
     pub seed: Option<u64>,
 }

@@ -40,11 +40,11 @@ use crate::{
 pub struct DoctorArgs {
     /// The bench file, or an experiment on it.
     pub config: PathBuf,
-    /// The control that is clamped in the place of the cell. Without one nothing is energised, and
-    /// the report is incomplete.
+    /// The control that is clamped into the jig instead of the cell. Without one nothing is
+    /// energised, and the report is incomplete.
     #[arg(long, value_name = "FIXTURE")]
     pub fixture: Option<Control>,
-    /// The fixture is in the jig and the cell is not: I have looked.
+    /// Confirm that the fixture is in the jig and the cell is not.
     #[arg(long)]
     pub yes: bool,
     /// Who signs the report [default: the account's name]
@@ -56,12 +56,12 @@ pub struct DoctorArgs {
     /// Print the report as JSON.
     #[arg(long)]
     pub json: bool,
-    /// Take the bench, switch its output on at zero current, and stop: for the guardian to find.
+    /// Take the bench, switch its output on at zero current, and hang, to test the guardian.
     #[arg(long, hide = true)]
     pub hang: bool,
 }
 
-/// A control in the place of the cell.
+/// A control that replaces the cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 #[value(rename_all = "snake_case")]
 pub enum Control {

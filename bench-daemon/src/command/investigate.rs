@@ -24,25 +24,25 @@ use crate::{
 pub struct InvestigateArgs {
     /// The experiment file of the first campaign.
     pub experiment: PathBuf,
-    /// Another bench file than the experiment names.
+    /// A bench file instead of the one that the experiment names.
     #[arg(long, value_name = "FILE")]
     pub bench: Option<PathBuf>,
     /// Folder of the investigation [default: runs/NAME-investigation]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Another seed than the experiment's, for the simulation and the fits' searches.
+    /// A seed instead of the experiment's, for the simulation and the fits' searches.
     #[arg(long)]
     pub seed: Option<u64>,
     /// Time on the bench for experiments after the campaign, min.
     #[arg(long, default_value_t = 240.0, value_name = "MIN")]
     pub budget_minutes: f64,
-    /// Charge that they may move in either direction, Ah.
+    /// Charge that these experiments may move in either direction, Ah.
     #[arg(long, default_value_t = 20.0, value_name = "AH", value_parser = units::of::<Charge>)]
     pub budget_ah: f64,
     /// Confirm the budget without being asked.
     #[arg(long)]
     pub yes: bool,
-    /// The OCV curve, as `ocv --out` writes it (`ocv.json`); else that of the cell's file.
+    /// The OCV curve, as `ocv --out` writes it (`ocv.json`) [default: that of the cell's file]
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Print JSON.

@@ -32,7 +32,7 @@ pub struct JointArgs {
     /// the uncertainty.
     #[arg(long, required = true, num_args = 1.., value_name = "FILE")]
     pub spectra: Vec<PathBuf>,
-    /// Use points of the spectra that the quality gate of their measurement refused, too.
+    /// Also use points of the spectra that the quality gate of their measurement refused.
     #[arg(long)]
     pub refused_points: bool,
     /// A series with pulses of current: the thesis' cycler CSV, BDF (CSV or Parquet), the bench's
@@ -50,7 +50,7 @@ pub struct JointArgs {
     /// A slow discharge to take the OCV curve from.
     #[arg(long, value_name = "FILE")]
     pub ocv_from: Option<PathBuf>,
-    /// Resistance that brings the voltage under steady load to OCV, Ω.
+    /// Resistance that converts the voltage under steady load to OCV, Ω.
     #[arg(long, default_value_t = 0.015, value_name = "OHM", value_parser = units::of::<Resistance>)]
     pub dcir_ohm: f64,
     /// Order: a number of RC pairs, or `auto` (1 to 6, by AICc).
@@ -59,7 +59,7 @@ pub struct JointArgs {
     /// OCV at which the spectra were measured, V.
     #[arg(long, default_value_t = 3.72, value_name = "V", value_parser = units::of::<Voltage>)]
     pub at_v: f64,
-    /// Pulses this far from it are used, V; every second of them is held out.
+    /// Largest distance from --at-v of the pulses that are used, V; every second one is held out.
     #[arg(long, default_value_t = 0.2, value_name = "V", value_parser = units::of::<Voltage>)]
     pub within_v: f64,
     /// Direction of positive current in the series, `discharge` or `charge` [default: from the

@@ -28,17 +28,17 @@ use serde::Serialize;
 /// Arguments of `kk`.
 #[derive(Debug, clap::Args)]
 pub struct KkArgs {
-    /// Spectra in any form that `fit` reads. Those of one cell are taken as repeats in order of
+    /// Spectra in any format that `fit` reads. Spectra of one cell count as repeats in order of
     /// time, or as a series of amplitudes.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// Files that do not name a cell are different cells (or states), not repeats of one.
+    /// Treat files that do not name a cell as different cells (or states), not as repeats of one.
     #[arg(long)]
     pub separate: bool,
-    /// Also the distribution of relaxation times, with start values for a fit.
+    /// Compute the distribution of relaxation times too, with start values for a fit.
     #[arg(long)]
     pub drt: bool,
-    /// Records beside the sine: CSV with `freq_hz` and any of `periods,drift_over_amplitude`,
+    /// Properties of the records: CSV with `freq_hz` and any of `periods,drift_over_amplitude`,
     /// `h2,sigma_h2`, `h3,sigma_h3`, … (relative to the fundamental).
     #[arg(long, value_name = "FILE")]
     pub records: Option<PathBuf>,

@@ -24,25 +24,25 @@ pub struct OcvArgs {
     /// A slow discharge: the thesis' cycler CSV, BDF (CSV or Parquet), the bench's own series.
     #[arg(value_name = "FILE")]
     pub discharge: PathBuf,
-    /// Begin of the discharge in a longer record, by its own time, such as "2 h" or "900 s".
+    /// Start of the discharge in a longer record, by its own time, such as "2 h" or "900 s".
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub from: Option<f64>,
     /// End of the discharge, such as "10 h".
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub to: Option<f64>,
-    /// A charge (may be the same file): half the difference of both directions.
+    /// A charge (may be the same file); also prints half the difference of both directions.
     #[arg(long, value_name = "FILE")]
     pub charge: Option<PathBuf>,
-    /// Begin of the charge in its record.
+    /// Start of the charge in its record.
     #[arg(long, value_name = "TIME", value_parser = duration, requires = "charge")]
     pub charge_from: Option<f64>,
     /// End of the charge.
     #[arg(long, value_name = "TIME", value_parser = duration, requires = "charge")]
     pub charge_to: Option<f64>,
-    /// The mean of both directions as the curve, for a cell with hysteresis.
+    /// Use the mean of both directions as the curve, for a cell with hysteresis.
     #[arg(long, requires = "charge")]
     pub mean: bool,
-    /// Resistance that the load's voltage drop is compensated with, Ω.
+    /// Resistance for the compensation of the voltage drop under load, Ω.
     #[arg(long, default_value_t = 0.015, value_name = "OHM", value_parser = units::of::<Resistance>)]
     pub dcir_ohm: f64,
     /// Lower voltage limit of the cell, V.
@@ -51,7 +51,7 @@ pub struct OcvArgs {
     /// Upper voltage limit of the cell, V.
     #[arg(long, default_value_t = 4.2, value_name = "V", value_parser = units::of::<Voltage>)]
     pub high_v: f64,
-    /// A polynomial of this order besides, with its error and where it falls.
+    /// Also fit a polynomial of this order, with its error and its falling ranges.
     #[arg(long, value_name = "ORDER")]
     pub poly: Option<usize>,
     /// Direction of positive current in the files, `discharge` or `charge` [default: from the

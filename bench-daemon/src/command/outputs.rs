@@ -23,7 +23,7 @@ const READ: Duration = Duration::from_secs(40);
 pub struct OutputsArgs {
     /// The bench file, or an experiment on it.
     pub config: PathBuf,
-    /// Print what was read last, and ask nothing.
+    /// Print the last reading, and ask no instrument.
     #[arg(long)]
     pub known: bool,
     /// Print JSON.

@@ -14,10 +14,11 @@ pub struct PackArgs {
 
 #[derive(Debug, Subcommand)]
 enum PackCommand {
-    /// Peak, crossing and regeneration power by the simple-IR model, and how warm the cells get.
+    /// Compute peak, crossing and regeneration power by the simple-IR model, and the heating of
+    /// cells.
     Size(pack_size::SizeArgs),
-    /// A profile through many packs of cells that differ: current shares, worst cell, how often the
-    /// window is left.
+    /// Run a profile through many packs of cells that differ: current shares, worst cell,
+    /// violations of the voltage window.
     Simulate(pack_simulate::PackSimulateArgs),
 }
 

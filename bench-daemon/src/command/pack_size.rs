@@ -59,7 +59,7 @@ pub struct SizeArgs {
     /// and `branches` alone, or circuit.json.
     #[arg(long, value_name = "FILE", conflicts_with = "dcir_ohm")]
     pub model: Option<PathBuf>,
-    /// The same typed: "6.43 mΩ; 1.51 mΩ, 0.553 F; 0.66 mΩ, 4.6 ms".
+    /// The model as text: "6.43 mΩ; 1.51 mΩ, 0.553 F; 0.66 mΩ, 4.6 ms".
     #[arg(long, value_name = "TEXT", conflicts_with_all = ["dcir_ohm", "model"])]
     pub erm: Option<String>,
     /// Resistance of busbars, wires and connectors over the whole pack, Ω.
@@ -83,7 +83,7 @@ pub struct SizeArgs {
         value_parser = units::of::<Power>
     )]
     pub power_w: Option<f64>,
-    /// For how long --power-w is held, s.
+    /// Duration for which --power-w is held, s.
     #[arg(long, value_name = "S", requires = "power_w", value_parser = units::of::<Duration>)]
     pub hold_s: Option<f64>,
     /// Mass and specific heat of a cell.

@@ -24,7 +24,7 @@ use crate::{
 pub struct PlanArgs {
     /// The experiment file.
     pub experiment: PathBuf,
-    /// Another bench file than the experiment names.
+    /// A bench file instead of the one that the experiment names.
     #[arg(long, value_name = "FILE")]
     pub bench: Option<PathBuf>,
     /// Print JSON.

@@ -9,10 +9,10 @@ use clap::Args;
 /// Properties of a profile that its file may not state.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct ProfileArgs {
-    /// Quantity of the second column, where no header says it [default: power].
+    /// Quantity of the second column, if no header states it [default: power].
     #[arg(long, value_enum)]
     pub kind: Option<Kind>,
-    /// Course between rows.
+    /// Interpolation between rows.
     #[arg(long, value_enum, default_value_t = Between::Hold)]
     pub interpolation: Between,
     /// The profile counts charge as positive.
@@ -34,9 +34,9 @@ pub enum Kind {
 /// Course between rows.
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 pub enum Between {
-    /// A row holds until the next.
+    /// The value of a row holds until the next row.
     Hold,
-    /// Straight from row to row.
+    /// The value is linear from row to row.
     Linear,
 }
 

@@ -43,8 +43,8 @@ pub struct ReplayArgs {
     /// Run folders, folders of run folders, or TOML files that describe captures of a scope.
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
-    /// Write what comes out into this folder, a folder in it for each run where there are several.
-    /// Nothing that is there is written over.
+    /// Write the results into this folder, with a subfolder for each run if there are several.
+    /// Existing files are not overwritten.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Print JSON; for run folders only.

@@ -17,17 +17,17 @@ use crate::{
 pub struct RunArgs {
     /// The experiment file.
     pub experiment: PathBuf,
-    /// Another bench file than the experiment names.
+    /// A bench file instead of the one that the experiment names.
     #[arg(long, value_name = "FILE")]
     pub bench: Option<PathBuf>,
     /// The run folder [default: runs/NAME, runs/NAME-2, …]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Another seed than the experiment's, for the simulation and the fits' searches.
+    /// A seed instead of the experiment's, for the simulation and the fits' searches.
     #[arg(long)]
     pub seed: Option<u64>,
-    /// Print JSON: the folder, the files in it that answer for the run, and how many points the
-    /// quality gate refused.
+    /// Print JSON: the folder, its files with the results of the run, and the number of points that
+    /// the quality gate refused.
     #[arg(long)]
     pub json: bool,
 }

@@ -29,7 +29,7 @@ pub struct FolderArgs {
 pub struct ReorderArgs {
     /// The run folder.
     pub folder: PathBuf,
-    /// Numbers of the runs that come next, in this order; the others follow as they were.
+    /// Numbers of the next runs, in this order; the others follow in their previous order.
     #[arg(required = true)]
     pub runs: Vec<usize>,
 }

@@ -32,11 +32,11 @@ pub struct SafeArgs {
     /// The bench file, or an experiment on it. Left out: every bench that runs or ran on this
     /// machine, all at the same time.
     pub config: Option<PathBuf>,
-    /// First end the process that runs the bench (SIGKILL): most instruments take one client only,
-    /// and that is it.
+    /// First kill the process that runs the bench (SIGKILL): most instruments accept only one
+    /// client, and that process is it.
     #[arg(long)]
     pub kill: bool,
-    /// Print the report as JSON, one line for each time that the bench is switched off.
+    /// Print the report as JSON, one line for each bench that is switched off.
     #[arg(long)]
     pub json: bool,
     /// Who switches off, for the record.

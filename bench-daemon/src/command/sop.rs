@@ -44,8 +44,7 @@ pub struct SopArgs {
     /// Which model.
     #[command(flatten)]
     pub model: ModelArgs,
-    /// The cell's OCV curve, as `ocv --out` writes it, where the model holds none or another is
-    /// wanted.
+    /// The cell's OCV curve, as `ocv --out` writes it, if the model has none or to replace it.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Cells in series.
@@ -63,7 +62,7 @@ pub struct SopArgs {
         value_parser = units::of::<Resistance>
     )]
     pub interconnect_ohm: f64,
-    /// Durations, s, with commas.
+    /// Durations, s, separated by commas.
     #[arg(long, value_name = "LIST", default_value = "0.1,1,2,10")]
     pub duration_s: String,
     /// States of charge, for a model with an OCV curve or with --ocv: a list with commas, or a
@@ -75,7 +74,7 @@ pub struct SopArgs {
         required_unless_present = "ocv_v"
     )]
     pub soc: Option<String>,
-    /// Open-circuit voltage of a cell, V, between --v-min and --v-max, which then stays as it is.
+    /// Constant open-circuit voltage of a cell, V, between --v-min and --v-max.
     #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = units::of::<Voltage>)]
     pub ocv_v: Option<f64>,
     /// Lowest voltage of a cell, V.

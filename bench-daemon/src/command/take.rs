@@ -41,10 +41,10 @@ pub struct TakeArgs {
     server: PathBuf,
     /// Name of the bench.
     bench: String,
-    /// The version; left out: the one that is proposed.
+    /// Number of the version [default: the proposed one]
     #[arg(long, value_name = "N")]
     version: Option<usize>,
-    /// I have read the keys that change: do not ask.
+    /// Confirm the changed keys without being asked.
     #[arg(long)]
     yes: bool,
 }

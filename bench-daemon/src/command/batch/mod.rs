@@ -19,8 +19,8 @@ use crate::safety::failure::Failure;
 #[derive(Debug, Clone, clap::Args)]
 pub struct TableArgs {
     /// Write one table of results, .parquet or .csv: a row for each spectrum of files, folders and
-    /// tables in long form (Parquet or CSV with `spectrum_id,freq_hz,z_re_ohm,z_im_ohm`). A call
-    /// that was killed goes on where it was.
+    /// tables in long form (Parquet or CSV with `spectrum_id,freq_hz,z_re_ohm,z_im_ohm`). If
+    /// the call is interrupted, the next call with the same arguments continues it.
     #[arg(long, value_name = "FILE")]
     pub table: Option<PathBuf>,
     /// Spectra that are drawn into --out: `none`, `failed` (no result, or one with warnings) or

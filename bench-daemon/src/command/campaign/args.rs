@@ -13,7 +13,7 @@ pub struct CampaignArgs {
 
 #[derive(Debug, Subcommand)]
 pub(super) enum Act {
-    /// Print which bench measures which cells, and write the experiments.
+    /// Plan which bench measures which cells, and write the experiments.
     Plan(PlanArgs),
     /// Print how much cells, batches and benches differ, from catalogues of the runs.
     Report(ReportArgs),
@@ -34,13 +34,13 @@ pub(super) struct ReportArgs {
     /// The catalogue of the runs.
     #[arg(value_name = "DB")]
     pub(super) catalog: PathBuf,
-    /// Name of the campaign, which is that of its experiments.
+    /// Name of the campaign and of its experiments.
     #[arg(value_name = "NAME")]
     pub(super) campaign: String,
     /// Another catalogue, such as that of another machine; may be given several times.
     #[arg(long, value_name = "DB")]
     pub(super) and: Vec<PathBuf>,
-    /// Number of RC pairs of the models [default: the greatest that is there]
+    /// Number of RC pairs of the models [default: the greatest available]
     #[arg(long, value_name = "N")]
     pub(super) rc: Option<u32>,
     /// Write a table of the cells and pictures into this folder.

@@ -16,10 +16,10 @@ pub struct FitArgs {
     /// `freq,offset,resistance,theta`, files of the programs that docs/formats.md lists.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// Leave out what is below this frequency, Hz.
+    /// Lowest frequency to fit, Hz.
     #[arg(long, default_value_t = 0.0, value_name = "HZ", value_parser = units::of::<Frequency>)]
     pub from_hz: f64,
-    /// Leave out what is above this frequency, Hz.
+    /// Highest frequency to fit, Hz.
     #[arg(
         long,
         default_value_t = f64::INFINITY,
@@ -28,15 +28,15 @@ pub struct FitArgs {
         value_parser = units::of::<Frequency>
     )]
     pub to_hz: f64,
-    /// Fit points that the quality gate of their measurement refused, too: those of the column
+    /// Also fit points that the quality gate of their measurement refused, marked in the column
     /// `flags`.
     #[arg(long)]
     pub refused_points: bool,
-    /// One fit over all spectra instead of one for each.
+    /// Fit one model to all spectra instead of one to each.
     #[arg(long)]
     pub pool: bool,
-    /// Orders: a number of RC pairs, several with commas, `all` for 1 to 4, or `auto` for the one
-    /// that the data bear.
+    /// Orders: a number of RC pairs, several separated by commas, `all` for 1 to 4, or `auto` for
+    /// the order that the data support.
     #[arg(long, default_value = "all", value_name = "N|all|auto")]
     pub rc: String,
     /// Objective to minimise: `sum-abs` (Σ|Z_model − Z_data|, as the thesis), `modulus` (|Z| only)

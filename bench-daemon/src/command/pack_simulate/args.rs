@@ -40,11 +40,10 @@ Example:
 #[derive(Debug, Args)]
 #[command(after_help = HELP)]
 pub struct PackSimulateArgs {
-    /// The cell that the others are factors of.
+    /// The nominal cell; the factors of all cells apply to it.
     #[command(flatten)]
     pub model: ModelArgs,
-    /// The cell's OCV curve, as `ocv --out` writes it, where the model holds none or another is
-    /// wanted.
+    /// The cell's OCV curve, as `ocv --out` writes it, if the model has none or to replace it.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Two columns, time in s and power in W or current in A, with or without header.

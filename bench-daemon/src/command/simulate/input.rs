@@ -31,8 +31,7 @@ pub struct SimulateArgs {
     /// Which model.
     #[command(flatten)]
     pub model: ModelArgs,
-    /// The cell's OCV curve, as `ocv --out` writes it, where the model holds none or another is
-    /// wanted.
+    /// The cell's OCV curve, as `ocv --out` writes it, if the model has none or to replace it.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Two columns, time and power, current or load resistance, with or without header; several for
@@ -63,7 +62,7 @@ pub struct SimulateArgs {
         allow_negative_numbers = true
     )]
     pub soc: Option<f64>,
-    /// Open-circuit voltage of a cell at the start, V; without an OCV curve in the model it stays.
+    /// Open-circuit voltage of a cell at the start, V; constant if the model has no OCV curve.
     #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = units::of::<Voltage>)]
     pub ocv_v: Option<f64>,
     /// How the files are read.
@@ -107,12 +106,12 @@ pub struct SimulateArgs {
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Write one table of results, .parquet or .csv: a row for each model and profile. --model may
-    /// then be a table of `fit --rc N --table`, and --profile a folder. A call that was killed goes
-    /// on where it was.
+    /// then be a table of `fit --rc N --table`, and --profile a folder. If the call is
+    /// interrupted, the next call with the same arguments continues it.
     #[arg(long, value_name = "FILE")]
     pub table: Option<PathBuf>,
-    /// In the table also the largest factor on each profile that keeps every cell within its
-    /// window: a search of some hundred simulations for each row.
+    /// Also write the largest factor on each profile that keeps every cell within its window: a
+    /// search of some hundred simulations for each row.
     #[arg(long, requires = "table")]
     pub largest_factor: bool,
     /// Print JSON: one object for one profile, a list for several.

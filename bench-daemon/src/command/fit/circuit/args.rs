@@ -12,15 +12,15 @@ pub struct CircuitArgs {
     /// covariance where all points have one, else the modulus; for the others unit]
     #[arg(long, requires = "circuit")]
     pub weight: Option<String>,
-    /// Start values; none are needed. With all of them only the optimum next to them is looked for,
-    /// unless --starts asks for more.
+    /// Optional start values. If all are given, only the nearest optimum is searched, unless
+    /// --starts is given.
     #[arg(long, requires = "circuit", value_name = "NAME=VALUE,…")]
     pub guess: Option<String>,
-    /// Parameters that are held.
+    /// Parameters that are held constant.
     #[arg(long, requires = "circuit", value_name = "NAME=VALUE,…")]
     pub constants: Option<String>,
-    /// How the global optimum is looked for: `starts` (many local fits) or `evolution`
-    /// (differential evolution, then local fits).
+    /// Search for the global optimum: `starts` (many local fits) or `evolution` (differential
+    /// evolution, then local fits).
     #[arg(long, requires = "circuit", default_value = "starts")]
     pub search: String,
 }
