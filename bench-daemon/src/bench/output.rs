@@ -9,18 +9,18 @@ use utoipa::ToSchema;
 use super::outputs::{OutputReading, OutputState, OutputsState};
 use crate::interlock::NO_CURRENT_A;
 
-/// State in which one instrument was left.
+/// State of one instrument after switching off.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Output {
     /// Its role.
     pub role: String,
     /// Its model in the bench file.
     pub model: String,
-    /// Its output is off by its own word.
+    /// True if the instrument reports its output off.
     pub off: bool,
-    /// Voltage that it measures, V; none without a meter or an answer.
+    /// Measured voltage, V; null without a meter or an answer.
     pub volts: Option<f64>,
-    /// Current that it measures, A; none without a meter or an answer.
+    /// Measured current, A; null without a meter or an answer.
     pub amps: Option<f64>,
     /// True if it reported off while a current flowed.
     #[serde(default)]
@@ -35,7 +35,7 @@ pub struct Output {
     /// True if it was not reached or did not answer. Set only for a bath.
     #[serde(default)]
     pub silent: bool,
-    /// Error in the words of the link, for the log.
+    /// Error message of the link, for the log.
     pub trouble: Option<String>,
 }
 
@@ -204,7 +204,7 @@ impl Output {
     }
 }
 
-/// State in which a bath was left.
+/// State of a bath after switching off.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct BathLeft {
     /// Description of the state.
@@ -236,21 +236,21 @@ impl std::fmt::Display for BathLeft {
     }
 }
 
-/// State in which a bench was left.
+/// State of a bench after switching off.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SafeReport {
     /// Its name.
     pub bench: String,
-    /// Every output was read back as off, and no current flows by any meter.
+    /// True if every output was read back as off and no meter shows a current.
     pub verified: bool,
-    /// State in which it was left, in one sentence.
+    /// State of the bench, in one sentence.
     pub message: String,
-    /// Every instrument that was switched off.
+    /// All instruments that were switched off.
     pub outputs: Vec<Output>,
-    /// State of a bath that closes its own loop, where it was looked at.
+    /// State of a bath with its own control loop, if it was checked.
     #[serde(default)]
     pub bath: Option<BathLeft>,
-    /// When the outputs were read back, s since 1970; none where nothing was read.
+    /// Time of the read-back, s since 1970; null if nothing was read.
     #[serde(default)]
     pub read_unix_s: Option<f64>,
     /// State of the outputs in words, with the time of the reading.

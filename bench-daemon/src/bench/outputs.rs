@@ -14,17 +14,17 @@ pub const CURRENT_FOR_S: f64 = 900.0;
 /// Roles of the instruments that can move charge.
 pub const DRIVES: [&str; 4] = ["supply4q", "generator", "load", "supply"];
 
-/// State in which one output was read.
+/// State of one output as read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OutputState {
-    /// Off by its own word, and no current flows by its meter, where it has one.
+    /// The instrument reports the output off, and its meter, if any, shows no current.
     Off,
-    /// On, or its word that it is off was wrong.
+    /// On, or reported off although it was not.
     On,
-    /// Off by its own word, but its meter shows a current.
+    /// The instrument reports the output off, but its meter shows a current.
     Current,
-    /// It did not answer, or not to what was asked.
+    /// The instrument did not answer, or its answers do not match the questions.
     Unreachable,
 }
 
@@ -47,16 +47,16 @@ pub struct OutputReading {
     pub role: String,
     /// Its model in the bench file.
     pub model: String,
-    /// What was read.
+    /// State as read.
     pub state: OutputState,
     /// Voltage that it measured, V.
     pub volts: Option<f64>,
     /// Current that it measured, A.
     pub amps: Option<f64>,
-    /// When, s since 1970.
+    /// Time of the reading, s since 1970.
     pub unix_s: f64,
-    /// Who read it: `run`, `guardian`, `safe`, `stop` (of the server), `read` (a reading that was
-    /// asked for), or `next run` (before it began).
+    /// Source of the reading: `run`, `guardian`, `safe`, `stop` (of the server), `read` (a
+    /// requested reading), or `next run` (before it started).
     pub by: String,
 }
 
@@ -72,7 +72,7 @@ impl OutputReading {
 pub struct KnownReading {
     /// The reading.
     pub reading: OutputReading,
-    /// Its age, s; none if the machine's clock was set since.
+    /// Age of the reading, s; null if the machine's clock has been set since.
     pub age_s: Option<f64>,
 }
 
@@ -80,33 +80,34 @@ pub struct KnownReading {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum OutputsKind {
-    /// At least one output was never read, or not since a run began that has left no reading.
+    /// At least one output was never read, or not since the start of a run that left no reading.
     #[default]
     NotRead,
-    /// Each was read as off, and each reading is current.
+    /// All outputs were read as off, and all readings are current.
     Off,
-    /// At least one was read as on, or as carrying a current.
+    /// At least one output was read as on, or carries a current.
     On,
-    /// At least one was not reached, and the others were read as off.
+    /// At least one output was not reached; the others were read as off.
     Unreachable,
-    /// The reading is too old to be current, or the machine's clock was set since.
+    /// The reading is out of date, or the machine's clock has been set since.
     Stale,
-    /// A run is in work: its own readings are the state.
+    /// A run is in progress; its own readings give the state.
     InRun,
     /// The bench is simulated within the process of a run and has no outputs outside it.
     Simulated,
 }
 
-/// State of the outputs of a bench: what was read back, and when.
+/// State of the outputs of a bench with the time of the readings.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct OutputsState {
-    /// What is known.
+    /// Kind of the state.
     pub state: OutputsKind,
     /// The same in words, with the time of the reading (the machine's local time).
     pub words: String,
-    /// When the oldest of the readings was taken, s since 1970.
+    /// Time of the oldest reading, s since 1970.
     pub read_unix_s: Option<f64>,
-    /// Age of it in whole minutes, s; none if nothing was read or the clock was set since.
+    /// Age of the oldest reading, s, in whole minutes; null if nothing was read or the clock has
+    /// been set since.
     pub age_s: Option<f64>,
     /// The readings, one for each output that was read.
     pub outputs: Vec<OutputReading>,

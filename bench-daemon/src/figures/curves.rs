@@ -19,11 +19,11 @@ pub struct Point {
     pub re_ohm: f64,
     /// Imaginary part, Ω; negative for a capacitive one.
     pub im_ohm: f64,
-    /// Standard uncertainty of the real part, Ω; none where it is not known.
+    /// Standard uncertainty of the real part, Ω; null if unknown.
     pub re_sigma_ohm: Option<f64>,
     /// Standard uncertainty of the imaginary part, Ω.
     pub im_sigma_ohm: Option<f64>,
-    /// Why the quality gate refused it; none for an accepted point.
+    /// Reason of the quality gate for a refusal; null for an accepted point.
     pub verdict: Option<String>,
 }
 
@@ -41,22 +41,22 @@ impl From<&ImpedancePoint> for Point {
     }
 }
 
-/// A model over a spectrum.
+/// A fitted model over the frequencies of a spectrum.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct ModelOver {
-    /// Its name in words.
+    /// Display name.
     pub name: String,
-    /// Its file, without the ending.
+    /// File name, without extension.
     pub file: String,
-    /// Number of its RC pairs.
+    /// Number of RC pairs.
     pub order: usize,
-    /// The spectrum.
+    /// Name of the spectrum.
     #[serde(rename = "spectrum")]
     pub curve: String,
-    /// Impedance that it expects to be measured, over the frequencies of the spectrum: with the slope
-    /// of the open-circuit voltage where the fit has one.
+    /// Impedance of the model over the frequencies of the spectrum, as it would be measured:
+    /// including the slope of the open-circuit voltage if the fit has one.
     pub line: Vec<LinePoint>,
-    /// Measured minus model, in standard deviations of the points that state one.
+    /// Measured minus model, in standard deviations, for points with a stated uncertainty.
     pub residuals: Vec<Residual>,
 }
 

@@ -59,7 +59,7 @@ pub struct WithResults {
 pub struct ResultFile {
     /// Its path among the results.
     pub path: String,
-    /// Its length.
+    /// Its length, bytes.
     pub bytes: u64,
 }
 

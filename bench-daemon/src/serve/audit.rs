@@ -52,17 +52,17 @@ pub fn private(path: &Path, mode: u32) -> std::io::Result<()> {
 /// One request in the audit trail.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Deed {
-    /// When, s since 1970.
+    /// Time, s since 1970.
     pub unix_s: f64,
-    /// Name of the token; `local` where none is asked for, `-` where none was shown.
+    /// Name of the token; `local` if none is required, `-` if none was presented.
     pub who: String,
     /// Address of the peer.
     pub from: String,
     /// Request: method and path.
     pub what: String,
-    /// How it was answered: the status, and for a refusal its code.
+    /// Outcome: the status, and for a refusal its code.
     pub outcome: String,
-    /// Checksum over the line before and this one.
+    /// Checksum over the previous line and this one.
     #[serde(default)]
     pub chain: String,
 }

@@ -47,9 +47,9 @@ pub struct ChannelView {
     unit: &'static str,
     /// Amplitude of the fitted sinusoid, V zero to peak.
     amplitude_v: f64,
-    /// Root mean square of what the fit leaves, V.
+    /// Root mean square of the residual of the fit, V.
     residual_rms_v: f64,
-    /// Samples at the bounds of the converter.
+    /// Number of samples at the limits of the converter.
     clipped_samples: usize,
     /// Time since sample 0, s.
     time_s: Vec<f64>,

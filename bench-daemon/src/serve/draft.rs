@@ -17,34 +17,34 @@ use crate::{
     procedure,
 };
 
-/// A field that is not as expected.
+/// An invalid field.
 #[derive(Debug, PartialEq, Serialize, ToSchema)]
 pub struct Mistake {
-    /// The field, from the top, such as `eis.amplitude`; items of a list by their number, from 1.
-    /// Empty where it is about the whole.
+    /// Path of the field, such as `eis.amplitude`. Items of a list are counted from 1. Empty for
+    /// the whole text.
     field: String,
-    /// Expected and found.
+    /// What was expected and what was found.
     message: String,
     /// Line of the text, from 1.
     line: Option<usize>,
 }
 
-/// Demand of a plan beside a limit of the cell.
+/// Requirement of a plan and the corresponding limit of the cell.
 #[derive(Debug, PartialEq, Serialize, ToSchema)]
 pub struct Margin {
     /// The quantity.
     quantity: &'static str,
     /// Its unit.
     unit: &'static str,
-    /// Least that the plan asks for.
+    /// Least planned value.
     planned_least: f64,
-    /// Greatest that the plan asks for.
+    /// Greatest planned value.
     planned_greatest: f64,
     /// The lower limit.
     least: f64,
     /// The upper limit.
     greatest: f64,
-    /// The smaller distance of both.
+    /// The smaller of the two distances to the limits.
     margin: f64,
 }
 

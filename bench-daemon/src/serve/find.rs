@@ -34,7 +34,7 @@ pub struct RunCell {
     pub serial: Option<String>,
 }
 
-/// How much a run may be believed, in a word.
+/// Reliability of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum RunVerdict {
@@ -44,12 +44,12 @@ pub enum RunVerdict {
     Doubtful,
     /// Not finished.
     Failed,
-    /// Not ended yet.
+    /// In progress.
     #[serde(rename = "in work")]
     InWork,
 }
 
-/// A run as a line of a list.
+/// Summary of a run in a list.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Card {
     /// Its name.
@@ -58,23 +58,23 @@ pub struct Card {
     pub bench: String,
     /// The experiment.
     pub experiment: String,
-    /// Who asked for it.
+    /// Name of the person who submitted it.
     pub by: String,
-    /// When it was asked for, s since 1970.
+    /// Time of submission, s since 1970.
     pub submitted_unix_s: f64,
-    /// When it ended, s since 1970.
+    /// Time of its end, s since 1970.
     pub ended_unix_s: Option<f64>,
-    /// How it ended, in words.
+    /// Description of its end.
     pub how: String,
-    /// The same in one of four words.
+    /// The same as a keyword.
     pub verdict: RunVerdict,
-    /// The cells that it measures.
+    /// The measured cells.
     pub cells: Vec<RunCell>,
-    /// Number of its spectra, corrected ones where there are any.
+    /// Number of its spectra; only corrected ones if there are any.
     pub spectra: usize,
-    /// It measures several cells or repeats.
+    /// True if it measures several cells or repeats.
     pub campaign: bool,
-    /// Tags that people gave it.
+    /// Tags that users have added.
     pub tags: Vec<String>,
     /// Number of notes.
     pub notes: usize,
@@ -108,14 +108,14 @@ pub struct Wanted {
     pub after: Option<String>,
 }
 
-/// Runs that were found.
+/// The matching runs.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Found {
-    /// The latest first.
+    /// Summaries, the latest first.
     pub found: Vec<Card>,
     /// Position of the next part, if more runs exist.
     pub more: Option<String>,
-    /// Number of all runs that were found.
+    /// Number of all matching runs.
     pub number: usize,
     /// All cells of all runs.
     pub cells: Vec<String>,
@@ -430,9 +430,9 @@ pub struct KnownCell {
     serial: Option<String>,
     /// Number of runs with it.
     runs: usize,
-    /// When the first of them was submitted, s since 1970.
+    /// Time of submission of the first of them, s since 1970.
     first_unix_s: f64,
-    /// The same of the last.
+    /// Time of submission of the last of them, s since 1970.
     last_unix_s: f64,
 }
 
@@ -443,31 +443,31 @@ pub struct CellHistory {
     cell: String,
     /// Serial numbers that its runs state.
     serials: Vec<String>,
-    /// Its spectra in the order of time.
+    /// Its spectra, by time.
     history: Vec<Moment>,
-    /// Notes of people about it.
+    /// Notes of users about it.
     notes: Vec<super::notebook::Note>,
     /// Its runs, the latest first.
     runs: Vec<Card>,
 }
 
-/// A spectrum of a cell at a time.
+/// A spectrum of a cell with its time.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Moment {
     /// The run.
     run: String,
-    /// Number of the repeat, in a campaign.
+    /// Number of the repeat in a campaign.
     repeat: Option<usize>,
-    /// When it was measured, s since 1970; that of the submission where the run was in virtual
+    /// Time of the measurement, s since 1970; that of the submission if the run was in virtual
     /// time.
     unix_s: f64,
     /// The bench.
     bench: String,
     /// Name of the spectrum in the run.
     spectrum: String,
-    /// Whether points were refused.
+    /// Verdict from refused points.
     verdict: RunVerdict,
-    /// Real part where the imaginary part changes its sign, Ω; else at the highest frequency.
+    /// Real part where the imaginary part changes its sign, Ω; otherwise at the highest frequency.
     r_high_ohm: f64,
     /// Its standard uncertainty, Ω.
     r_high_sigma_ohm: Option<f64>,
@@ -554,7 +554,7 @@ pub struct Matrix {
     cells: Vec<RunCell>,
     /// Number of repeats of each.
     repeats: usize,
-    /// Its runs in the order of their numbers.
+    /// Its runs, by number.
     runs: Vec<MatrixRun>,
 }
 
@@ -571,9 +571,9 @@ pub struct MatrixRun {
     state: &'static str,
     /// Name of its spectrum.
     spectrum: Option<String>,
-    /// `good` or `doubtful`; none before it is judged.
+    /// `good` or `doubtful`; null before it is judged.
     verdict: Option<RunVerdict>,
-    /// Judgement and remarks.
+    /// Verdict and remarks as text.
     words: String,
 }
 

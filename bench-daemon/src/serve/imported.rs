@@ -27,7 +27,7 @@ pub const MOST_POINTS: usize = 20_000;
 const MEMORY: u64 = 2 << 30;
 /// Processor time of it, s: the largest file takes 3 s in a build for tests.
 const PROCESSOR_S: u64 = 20;
-/// So long it is waited for, s.
+/// Time limit for reading a file, s.
 pub const WAIT_S: f64 = 60.0;
 
 /// Arguments of `read-spectra`.
@@ -76,7 +76,7 @@ pub fn refusal(name: &str, code: Option<i32>, errors: &str) -> String {
 /// Spectra of a file.
 #[derive(Debug, PartialEq, Serialize, ToSchema)]
 pub struct ImportedSpectra {
-    /// In the order of the file, in the shape of those of a run.
+    /// Spectra in the order of the file, in the format of those of a run.
     pub spectra: Vec<Spectrum>,
     /// How the file was read: how its spectra were distinguished, and what was left out or assumed.
     pub notes: Vec<String>,

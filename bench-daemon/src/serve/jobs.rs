@@ -13,25 +13,25 @@ use utoipa::ToSchema;
 
 use super::queue::Item;
 
-/// A run that was begun here.
+/// A run that this server started.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Job {
     /// Request for the run.
     pub item: Item,
-    /// How it ended; none while it goes on.
+    /// Its end; null while it is in progress.
     pub ended: Option<Ended>,
 }
 
 /// The end of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Ended {
-    /// Exit code of its process; none where it was killed, or ended while no server was there.
+    /// Exit code of its process; null if it was killed, or ended while no server was running.
     pub code: Option<i32>,
-    /// Nothing of it is left to do.
+    /// True if nothing of it is left to do.
     pub finished: bool,
-    /// How, in words.
+    /// Description of the end.
     pub how: String,
-    /// When it was noticed, s since 1970.
+    /// Time at which the end was noticed, s since 1970.
     pub unix_s: f64,
 }
 

@@ -10,42 +10,40 @@ use crate::{
     safety::state::Latched,
 };
 
-/// A bench as it is now.
+/// Current state of a bench.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
 pub struct Live {
     /// Its name.
     pub bench: String,
     /// State of the bench.
     pub state: BenchState,
-    /// Why nothing is begun on it; none where nothing holds it.
+    /// Reason why no run starts on it; null if it is not held.
     pub held: Option<String>,
-    /// The run in work, or the last one.
+    /// The run in progress, or the last one.
     pub run: Option<RunNow>,
     /// The last reading of that run.
     pub reading: Option<ReadingNow>,
-    /// State of charge, where the cell's open-circuit voltage is known.
+    /// State of charge, if the cell's open-circuit voltage is known.
     pub soc: Option<Soc>,
-    /// Limits of the cell for the reading, with the margin left. The step in work is judged by
-    /// limits of its own within these, that of current above all: it may trip while there is a
-    /// margin here.
+    /// Limits of the cell for the reading, with the remaining margin. The present step has tighter
+    /// limits, above all of the current: it may trip although a margin is left here.
     pub limits: Vec<Limit>,
     /// The instruments.
     pub instruments: Vec<InstrumentNow>,
-    /// Why it is latched, if it is.
+    /// Why it is latched; null if it is not.
     pub trip: Option<TripNow>,
-    /// Change of the fixture that a person is asked for; the run waits for the answer.
+    /// Requested change of the fixture, for whose answer the run waits.
     pub question: Option<QuestionNow>,
     /// Report of the last stop.
     pub stop: Option<StopReport>,
-    /// State of the outputs: what was read back, and when.
+    /// State of the outputs with the time of the read-back.
     pub outputs: OutputsState,
-    /// Nothing runs, and every output was last read back as off by a reading that is current; or
-    /// the bench is simulated within a run's process, and none runs.
+    /// True if nothing runs and current readings show every output off, or if the bench is
+    /// simulated within a run's process and no run is in progress.
     pub verified: bool,
     /// The command that switches the bench off on the server's machine.
     pub safe_command: String,
-    /// Interval at which the server reads the outputs while nothing runs, s; none where it does
-    /// not.
+    /// Interval at which the server reads the outputs of the idle bench, s; null if it does not.
     pub read_idle_s: Option<f64>,
 }
 
@@ -68,20 +66,21 @@ impl Live {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BenchState {
-    /// The server has not looked yet, or a run has ended whose outputs were not read back as off.
+    /// The server has not read the bench yet, or a run ended whose outputs were not read back as
+    /// off.
     #[default]
     Unknown,
-    /// Nothing runs; what its outputs do stands in `outputs`.
+    /// No run is in progress; `outputs` has the state of its outputs.
     Idle,
-    /// A run is in work.
+    /// A run is in progress.
     Running,
-    /// A run waits on request, every output off.
+    /// A run is paused on request; all outputs are off.
     Paused,
-    /// A run waits for a person who is to change the fixture, every output off.
+    /// A run waits for a person to change the fixture; all outputs are off.
     Asking,
-    /// It is being switched off.
+    /// The bench is being switched off.
     Stopping,
-    /// A person has to look at it and to clear it.
+    /// A person must inspect and clear the bench.
     Latched,
 }
 
@@ -111,42 +110,42 @@ impl BenchState {
     }
 }
 
-/// A run as it is now.
+/// Progress of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct RunNow {
-    /// Its name; none for one that was not begun by this server.
+    /// Its name; null if this server did not start it.
     pub run: Option<String>,
     /// Name of the experiment.
     pub experiment: String,
-    /// It goes on.
+    /// True while it is in progress.
     pub going: bool,
-    /// How it ended, if it did by itself.
+    /// How it ended, if it ended by itself.
     pub ended: Option<String>,
-    /// The stage in work, in words.
+    /// The current stage, as text.
     pub stage: String,
-    /// Its number, from 1; 0 before the first.
+    /// Number of the current stage, from 1; 0 before the first.
     pub stage_number: usize,
-    /// How many there are.
+    /// Number of stages.
     pub stages: usize,
-    /// The step in work, in words.
+    /// The current step, as text.
     pub step: String,
-    /// Its number, from 1.
+    /// Number of the current step, from 1.
     pub step_number: usize,
-    /// How many steps the stage has.
+    /// Number of steps of the stage.
     pub steps: usize,
-    /// The sweep's point in work.
+    /// The current point of the sweep.
     pub point: Option<PointNow>,
-    /// Points that are finished, of all sweeps.
+    /// Number of finished points of all sweeps.
     pub points_done: usize,
-    /// How many there are.
+    /// Number of points of all sweeps.
     pub points: usize,
-    /// Share that is done, by expected bench time.
+    /// Completed share of the expected bench time.
     pub done: f64,
     /// Remaining wall time, s; null if it is unknown.
     pub left_s: Option<f64>,
     /// Bench time of the last entry or reading, s.
     pub bench_time_s: f64,
-    /// How bench time runs: `real`, `virtual` or `scaled:FACTOR`.
+    /// Course of bench time: `real`, `virtual` or `scaled:FACTOR`.
     pub time: String,
     /// True if all outputs were read back as off at the last entry of the journal.
     pub safe: bool,
@@ -195,7 +194,7 @@ pub struct ReadingNow {
     pub voltage_v: Option<f64>,
     /// Current, A; positive for charge.
     pub current_a: Option<f64>,
-    /// Surface temperature of the cell when it was read last, °C.
+    /// Last reading of the surface temperature of the cell, °C.
     pub temperature_c: Option<f64>,
     /// True if the process that took the reading still runs; otherwise the reading is out of date.
     pub fresh: bool,
@@ -206,7 +205,8 @@ pub struct ReadingNow {
 pub struct Soc {
     /// Share of the capacity.
     pub share: f64,
-    /// Charge counted since it was found from the voltage at rest, C; positive for charge.
+    /// Charge counted since the state of charge was determined from the voltage at rest, C;
+    /// positive for charge.
     pub counted_c: f64,
 }
 
@@ -217,14 +217,14 @@ pub struct Limit {
     pub quantity: &'static str,
     /// Its unit.
     pub unit: &'static str,
-    /// Value that was read last.
+    /// Last reading.
     pub value: Option<f64>,
-    /// Lower limit; none where there is none.
+    /// Lower limit; null if there is none.
     pub least: Option<f64>,
     /// Upper limit.
     pub greatest: f64,
-    /// Distance to the nearer of them; negative beyond it, none where nothing was read or the
-    /// reading is not fresh. The step in work is judged tighter.
+    /// Distance to the nearer limit; negative beyond it, null without a fresh reading. The present
+    /// step has tighter limits.
     pub margin: Option<f64>,
 }
 
@@ -235,43 +235,43 @@ pub struct InstrumentNow {
     pub role: String,
     /// Its model in the bench file.
     pub model: String,
-    /// Where it is reached.
+    /// Its address.
     pub address: String,
-    /// Identity by its own last answer.
+    /// Identity in its last answer.
     pub identity: Option<String>,
     /// Whether that is the configured model.
     pub recognised: Option<bool>,
-    /// Whether its output is on, or carries a current; none for an instrument without one, before
-    /// it was asked, or if it was not reached.
+    /// Whether its output is on or carries a current; null for an instrument without an output,
+    /// before it was asked, or if it was not reached.
     pub output: Option<bool>,
-    /// Bench time of its own word in a run, s; none if it was read since.
+    /// Bench time of its last report in a run, s; null if it was read since.
     pub output_s: Option<f64>,
-    /// When it was read outside a run, or at its end, s since 1970.
+    /// Time of its reading outside a run, or at the end of a run, s since 1970.
     pub output_unix_s: Option<f64>,
-    /// Who read it then: `run`, `guardian`, `stop`, `safe`, `read` or `next run`.
+    /// Source of that reading: `run`, `guardian`, `stop`, `safe`, `read` or `next run`.
     pub output_by: Option<String>,
     /// Bench time of its last answer, s.
     pub answered_s: Option<f64>,
-    /// Fault of it, as far as is known.
+    /// Known fault of the instrument.
     pub trouble: Option<String>,
 }
 
 /// Why a bench is latched.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct TripNow {
-    /// In words, with the step and the run.
+    /// The cause as text, with the step and the run.
     pub cause: String,
-    /// Quantity that left its limits, where it was a reading.
+    /// Quantity that exceeded its limits, if it was a reading.
     pub quantity: Option<String>,
     /// Its value.
     pub value: Option<f64>,
     /// Its unit.
     pub unit: Option<String>,
-    /// The step in work.
+    /// The step during which it tripped.
     pub step: Option<String>,
-    /// Which process found it.
+    /// Process that detected it.
     pub by: String,
-    /// When, s since 1970.
+    /// Time, s since 1970.
     pub unix_s: f64,
 }
 
@@ -305,27 +305,27 @@ impl From<Latched> for TripNow {
 pub struct StopReport {
     /// The bench.
     pub bench: String,
-    /// Who stopped it.
+    /// Name of the caller.
     pub by: String,
     /// The side that holds the bench behind it.
     #[serde(skip)]
     pub held_by: HeldBy,
-    /// When, s since 1970.
+    /// Time, s since 1970.
     pub unix_s: f64,
-    /// It is over.
+    /// True after the stop has completed.
     pub over: bool,
-    /// Every output that can move charge was read back as off.
+    /// True if every output that can move charge was read back as off.
     pub verified: bool,
     /// The bench was simulated within the run's process, which has ended. It has no outputs, and
     /// none was read back.
     pub simulated: bool,
-    /// Steps of the stop, in words, in order.
+    /// Steps of the stop, as text, in order.
     pub steps: Vec<String>,
-    /// State in which the bench was left, in one sentence, once it was read back.
+    /// State of the bench after the read-back, in one sentence.
     pub message: String,
     /// State of the outputs in words, with the time of the reading.
     pub read: String,
-    /// When they were read back, s since 1970.
+    /// Time of the read-back, s since 1970.
     pub read_unix_s: Option<f64>,
     /// States that were read back, one for each instrument.
     pub outputs: Vec<OutputRead>,
@@ -350,9 +350,9 @@ pub struct OutputRead {
     /// State of the output.
     #[serde(flatten)]
     pub output: Output,
-    /// It is off by its own word, and no current flows by its meter, where it has one.
+    /// True if the instrument reports the output off and its meter, if any, shows no current.
     pub verified: bool,
-    /// The line in full.
+    /// The complete line for people.
     pub text: String,
 }
 

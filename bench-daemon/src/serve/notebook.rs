@@ -37,9 +37,9 @@ pub enum About<'a> {
 /// A note.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Note {
-    /// When, s since 1970.
+    /// Time, s since 1970.
     pub unix_s: f64,
-    /// Name of the token; `local` where none is asked for.
+    /// Name of the token; `local` if none is required.
     pub by: String,
     /// The text.
     pub text: String,

@@ -21,11 +21,11 @@ pub enum About {
     Trip,
     /// The outputs of a bench were not read back as off.
     Unverified,
-    /// A person is to change the fixture of a bench, and a run waits for it.
+    /// A person must change the fixture of a bench; a run waits for it.
     Question,
     /// A run has ended.
     End,
-    /// Somebody tries whether notices arrive.
+    /// A person tests whether notices arrive.
     Test,
 }
 
@@ -40,17 +40,17 @@ impl About {
 /// A notice.
 #[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
 pub struct Notice {
-    /// Its number since the server began.
+    /// Its number since the start of the server.
     pub number: u64,
-    /// When, s since 1970.
+    /// Time, s since 1970.
     pub unix_s: f64,
     /// Subject.
     pub about: About,
-    /// The bench; none for a test.
+    /// The bench; null for a test.
     pub bench: Option<String>,
-    /// One line.
+    /// Title, one line.
     pub title: String,
-    /// The rest.
+    /// Text.
     pub text: String,
     /// Outcome by target.
     pub outcome: BTreeMap<String, String>,

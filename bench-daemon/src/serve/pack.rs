@@ -77,7 +77,7 @@ pub struct Load {
     /// State of charge at the start, 0 to 1; needs a model with an open-circuit voltage.
     #[serde(default)]
     soc: Option<f64>,
-    /// Open-circuit voltage of a cell at the start, V, in the place of `soc`.
+    /// Open-circuit voltage of a cell at the start, V, instead of `soc`.
     #[serde(default)]
     ocv_v: Option<f64>,
     /// Temperature of the cells, °C. It is shown beside that of the measurement; the model does not
@@ -92,18 +92,18 @@ pub struct Load {
     /// Factor on the profile, above 0 to 100.
     #[serde(default)]
     scale: Option<f64>,
-    /// Lowest voltage of the pack, V; left out: 2.5 V for each cell in series.
+    /// Lowest voltage of the pack, V. Left out: 2.5 V for each cell in series.
     #[serde(default)]
     voltage_min_v: Option<f64>,
-    /// Highest voltage of the pack, V; left out: 4.2 V for each cell in series.
+    /// Highest voltage of the pack, V. Left out: 4.2 V for each cell in series.
     #[serde(default)]
     voltage_max_v: Option<f64>,
-    /// Greatest current of the pack, A; left out: none.
+    /// Greatest current of the pack, A. Left out: no limit.
     #[serde(default)]
     current_max_a: Option<f64>,
 }
 
-/// The model of a cell: of a run, or typed.
+/// The model of a cell: of a run, or as text.
 #[derive(Debug, Clone, Deserialize, ToSchema)]
 #[serde(untagged)]
 pub enum CellModel {
@@ -114,14 +114,14 @@ pub enum CellModel {
         /// The model's file without its ending, such as `model_4rc`.
         name: String,
     },
-    /// Typed.
+    /// A model as text.
     Typed {
-        /// Such as `6.43 mΩ; 1.51 mΩ, 0.553 F`.
+        /// Text, such as `6.43 mΩ; 1.51 mΩ, 0.553 F`.
         erm: String,
     },
 }
 
-/// Effect of the load.
+/// Response of the pack to the load.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct UnderLoad {
     /// Time, s.
@@ -134,7 +134,7 @@ pub struct UnderLoad {
     current_a: Vec<f64>,
     /// Lowest voltage, V.
     lowest_v: f64,
-    /// When, s.
+    /// Time of the lowest voltage, s.
     at_s: f64,
     /// Highest voltage, V.
     highest_v: f64,
@@ -142,17 +142,17 @@ pub struct UnderLoad {
     highest_a: f64,
     /// Heat in the resistances, J.
     heat_j: f64,
-    /// Lowest voltage above the lower limit, V; negative below it.
+    /// Distance of the lowest voltage from the lower limit, V; negative below it.
     margin_v: f64,
-    /// Highest voltage below the upper limit, V; negative above it.
+    /// Distance of the highest voltage from the upper limit, V; negative above it.
     margin_high_v: f64,
-    /// Distance of the current to its limit, A; negative beyond it; none without a limit.
+    /// Distance of the current from its limit, A; negative beyond it; null without a limit.
     margin_a: Option<f64>,
-    /// All power could be had, and every limit was kept.
+    /// True if all power was delivered within all limits.
     kept: bool,
-    /// The same in a sentence.
+    /// The result in a sentence.
     words: String,
-    /// Limits of the answer.
+    /// Limitations of the answer.
     cautions: Vec<String>,
 }
 
@@ -165,11 +165,11 @@ pub struct RunModel {
     name: String,
     /// Number of its RC pairs.
     order: usize,
-    /// Temperature of the cell when it was measured, °C.
+    /// Temperature of the cell during the measurement, °C.
     temperature_c: Option<f64>,
-    /// State of charge when it was measured, where it is known.
+    /// State of charge during the measurement, if known.
     soc: Option<f64>,
-    /// It knows the open-circuit voltage over state of charge.
+    /// True if it includes the open-circuit voltage over the state of charge.
     ocv: bool,
 }
 

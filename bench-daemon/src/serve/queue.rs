@@ -19,41 +19,41 @@ const MOST: usize = 1000;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
-    /// It is to be run from its beginning.
+    /// Run from the beginning.
     Run,
-    /// It is to go on where it was interrupted.
+    /// Continue after an interruption.
     Resume,
 }
 
-/// One place in the queue.
+/// An entry of the queue.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Item {
-    /// Its number; never used again.
+    /// Its number; never reused.
     pub id: u64,
-    /// The run, and its folder.
+    /// Name of the run and of its folder.
     pub run: String,
-    /// To run or to go on.
+    /// Whether to run or to resume.
     pub kind: Kind,
     /// Name of the experiment.
     pub experiment: String,
     /// Name of the bench.
     pub bench: String,
-    /// Another seed than the experiment's.
+    /// A seed instead of that of the experiment.
     pub seed: Option<u64>,
     /// Expected duration of the whole plan, bench s.
     pub expected_s: f64,
-    /// Who asked for it.
+    /// Name of the person who submitted it.
     pub by: String,
-    /// When, s since 1970.
+    /// Time of submission, s since 1970.
     pub submitted_unix_s: f64,
-    /// The process that does it, once it was begun.
+    /// Its process, after the start.
     pub process: Option<Process>,
-    /// Trace that the run belongs to (W3C `traceparent`), where its request was traced.
+    /// Trace of the run (W3C `traceparent`), if its request was traced.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub traceparent: Option<String>,
 }
 
-/// A process at work.
+/// A running process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Process {
     /// Its number.
@@ -106,7 +106,7 @@ impl Kept {
 /// Side that holds a bench. The fleet takes back its own holds only.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum HeldBy {
-    /// This server: a person here, a stop, or a run that has failed.
+    /// This server: a person, a stop, or a failed run.
     #[default]
     Here,
     /// The fleet.

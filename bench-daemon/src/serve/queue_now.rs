@@ -7,12 +7,12 @@ use utoipa::ToSchema;
 
 use super::{Server, queue::Item};
 
-/// The queue as it is now.
+/// Current state of the queue.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct QueueNow {
-    /// Runs in work and waiting, in order.
+    /// Running and waiting runs, in order.
     items: Vec<Item>,
-    /// Benches on which nothing is begun, and why.
+    /// Held benches with the reasons.
     held: BTreeMap<String, String>,
 }
 

@@ -33,9 +33,9 @@ pub const BENCH_SHA256: &str = "bench.sha256";
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum FileKind {
-    /// Course of a measurement.
+    /// Procedure of a measurement.
     Experiments,
-    /// Limits of a cell, and facts of it.
+    /// Limits and properties of a cell.
     Cells,
     /// Instruments and wiring.
     Benches,
@@ -55,28 +55,28 @@ impl FileKind {
 /// A file of a kind.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Listed {
-    /// Its name, without the ending.
+    /// Its name, without extension.
     pub name: String,
-    /// It was changed here, or is from here.
+    /// True if it was changed or created on this server.
     edited: bool,
-    /// Number of its versions here.
+    /// Number of its versions on this server.
     versions: usize,
-    /// Of a bench: the version that is proposed and not in force; null where there is none.
+    /// For a bench: the version that is proposed but not in force; null if there is none.
     proposed: Option<usize>,
 }
 
-/// How a version came to be.
+/// Origin of a version.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum VersionKind {
-    /// Written by a person; of a bench, a proposal.
+    /// Written by a person; for a bench, a proposal.
     #[default]
     Written,
-    /// Of a bench: the text in force was written once more, so that nothing is proposed.
+    /// For a bench: the text in force was saved again, which withdraws the proposal.
     Withdrawn,
-    /// Of a bench: its file, before another text was put in force.
+    /// For a bench: its file before another text was put in force.
     Before,
-    /// Of a bench: the text was put in force, and became its file.
+    /// For a bench: the text was put in force and became its file.
     Taken,
 }
 
@@ -85,15 +85,15 @@ pub enum VersionKind {
 pub struct Version {
     /// Its number, from 1; 0 is the file of the configuration.
     pub version: usize,
-    /// When it was made, s since 1970; none for the file of the configuration.
+    /// Time of creation, s since 1970; null for the file of the configuration.
     pub unix_s: Option<f64>,
-    /// Who made it.
+    /// Author.
     pub by: String,
-    /// Why.
+    /// Reason for the change.
     pub why: String,
     /// SHA-256 of its text.
     pub sha256: String,
-    /// How it came to be.
+    /// Its origin.
     #[serde(default)]
     pub kind: VersionKind,
 }

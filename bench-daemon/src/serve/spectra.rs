@@ -16,11 +16,11 @@ use crate::support::confined_path;
 /// A spectrum.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Spectrum {
-    /// Its name: the file without its ending.
+    /// Its name: that of the file, without extension.
     pub name: String,
-    /// The harness is taken off it; else it is as read.
+    /// True if the harness is subtracted; otherwise it is as read.
     pub corrected: bool,
-    /// In the order of their frequencies.
+    /// Its points, by frequency.
     pub points: Vec<Point>,
 }
 

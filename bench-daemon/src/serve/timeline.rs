@@ -269,7 +269,7 @@ pub struct Timelines {
     known: Mutex<VecDeque<Known>>,
 }
 
-/// Part of a run that is asked for.
+/// Selects a part of a run.
 #[derive(Debug, Clone, Copy, Default, Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
@@ -277,9 +277,9 @@ pub struct Part {
     /// Maximum number of rows, 8 to 10 000.
     #[param(minimum = 8, maximum = 10_000)]
     pub most: Option<u16>,
-    /// From this bench time on, s.
+    /// Start of the part, bench time, s.
     pub from_s: Option<f64>,
-    /// Up to this bench time, s.
+    /// End of the part, bench time, s.
     pub to_s: Option<f64>,
 }
 
@@ -312,10 +312,10 @@ pub struct Readings {
     current_a: Vec<Option<f64>>,
     /// Surface temperature of the cell, °C.
     temperature_c: Vec<Option<f64>>,
-    /// Charge through the meter since the first reading, C, positive into the cell: its readings
-    /// joined by lines, where they lie no more than 30 s apart.
+    /// Charge through the meter since the first reading, C, positive into the cell: the integral of
+    /// readings that are at most 30 s apart, interpolated linearly.
     charge_c: Vec<f64>,
-    /// Rows of this part in the file.
+    /// Number of rows of this part in the file.
     rows: usize,
     /// True if all rows are returned.
     whole: bool,
@@ -323,10 +323,10 @@ pub struct Readings {
     end_s: f64,
     /// The chiller in this part.
     bath: Bath,
-    /// Bounds of the readings in this part, one after the other. The interlock adds 2 % to the
-    /// bounds of the current, for the meter.
+    /// Limits of the readings in this part, in order of time. The interlock adds 2 % to the limits
+    /// of the current, for the error of the meter.
     envelopes: Vec<Envelope>,
-    /// Stretches of this part in which the run waits on request.
+    /// Periods of this part in which the run is paused on request.
     pauses: Vec<Pause>,
     /// Steps, stages, checks, requests, points and ends of this part, by time.
     marks: Vec<Mark>,
@@ -341,27 +341,27 @@ pub struct Bath {
     bath_c: Vec<Option<f64>>,
     /// Setpoint, °C.
     setpoint_c: Vec<Option<f64>>,
-    /// Rows of this part in the file.
+    /// Number of rows of this part in the file.
     rows: usize,
     /// True if all rows are returned.
     whole: bool,
 }
 
-/// Bounds of a quantity; none where there is none.
+/// Limits of a quantity; null if there is none.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 pub struct Between {
-    /// Least value.
+    /// Lower limit.
     least: Option<f64>,
-    /// Greatest value.
+    /// Upper limit.
     greatest: Option<f64>,
 }
 
-/// Bounds of each reading for a stretch of time, beyond which the step in work trips.
+/// Limits of each reading over a period, beyond which the present step trips.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 pub struct Envelope {
-    /// From this bench time on, s.
+    /// Start, bench time, s.
     from_s: f64,
-    /// Up to this bench time, s.
+    /// End, bench time, s.
     to_s: f64,
     /// Voltage, V.
     voltage_v: Between,
@@ -371,12 +371,12 @@ pub struct Envelope {
     temperature_c: Between,
 }
 
-/// A stretch of time in which a run waits on request.
+/// A period in which a run is paused on request.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 pub struct Pause {
-    /// From this bench time on, s.
+    /// Start, bench time, s.
     from_s: f64,
-    /// Up to this bench time, s; the last one of the run where it still waits.
+    /// End, bench time, s; the end of the run if it is still paused.
     to_s: f64,
 }
 
@@ -391,11 +391,11 @@ impl Pause {
 pub struct Mark {
     /// Bench time, s.
     time_s: f64,
-    /// Its kind: `stage`, `step`, `check`, `again`, `request`, `resumed`, `note`; `point` in the
-    /// middle of the record of a point; `pause` and `go_on` on request; `trip` where a run ended
-    /// and latched the bench, `end` where it ended otherwise.
+    /// Kind: `stage`, `step`, `check`, `again`, `request`, `resumed`, `note`; `point` in the middle
+    /// of the record of a point; `pause` and `go_on` on request; `trip` if the run ended and
+    /// latched the bench, `end` if it ended otherwise.
     kind: &'static str,
-    /// In words.
+    /// Text of the event.
     text: String,
 }
 

@@ -37,14 +37,14 @@ const MODE: u32 = 0o600;
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Scope {
-    /// To look. To stop no scope is needed: who sees that something goes wrong must be able to end
-    /// it.
+    /// Permission to read. Stopping needs no scope, because whoever sees a danger must be able to
+    /// stop it.
     Read,
-    /// To cancel, reorder, hold and pause, and to ask the instruments who they are.
+    /// Permission to cancel, reorder, hold and pause, and to query the identity of instruments.
     Operate,
-    /// To let current flow: to submit, to release what is held, to go on.
+    /// Permission to let current flow: to submit, to release a hold, to continue.
     Energise,
-    /// To clear a bench that is latched after a trip.
+    /// Permission to clear a bench that is latched after a trip.
     ClearTrip,
 }
 
@@ -76,13 +76,13 @@ pub fn random() -> Result<String, TokenError> {
 /// A token as it is stored.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Token {
-    /// Name of its holder.
+    /// Name of the holder.
     pub name: String,
-    /// Scopes that it opens.
+    /// Its scopes.
     pub scopes: Vec<Scope>,
-    /// SHA-256 of it.
+    /// Its SHA-256.
     pub sha256: String,
-    /// When it was made, s since 1970.
+    /// Time of creation, s since 1970.
     pub made_unix_s: u64,
     /// Expiry, s since 1970; null if it never expires, like tokens of versions before 0.2.
     #[serde(default)]
@@ -90,7 +90,7 @@ pub struct Token {
 }
 
 impl Token {
-    /// Whether it has ended.
+    /// Returns whether it has expired.
     pub fn has_expired(&self) -> bool {
         let now_s = clock::unix_time_s();
         self.expires_unix_s
@@ -98,7 +98,7 @@ impl Token {
     }
 }
 
-/// Tokens that cannot be read, written or made.
+/// Reasons why tokens cannot be read, written or created.
 #[derive(Debug, thiserror::Error)]
 pub enum TokenError {
     /// The file system.
@@ -111,28 +111,28 @@ pub enum TokenError {
         /// Error of the operating system.
         reason: String,
     },
-    /// A name that cannot be.
+    /// The name is invalid.
     #[error("expected a name of letters, digits, `-` and `_`, found {0:?}")]
     Name(String),
-    /// A name that is there already.
+    /// The name is in use.
     #[error("expected a new name, found that of a token that is there: {0}; revoke it first")]
     Taken(String),
-    /// An unknown name.
+    /// The name is unknown.
     #[error("expected the name of a token, found {0:?}, which is none")]
     Unknown(String),
-    /// A machine without chance.
+    /// The machine has no source of random numbers.
     #[error("the system gives no random bytes: {0}")]
     Random(String),
 }
 
-/// The tokens of a data folder; read again as soon as the file is another one.
+/// The tokens of a data folder; read again when the file has changed.
 #[derive(Debug)]
 pub struct Tokens {
     path: PathBuf,
     known: Mutex<(Option<Stamp>, Vec<Token>)>,
 }
 
-/// Which file it was: inode, length and time of its last change.
+/// Identity of a state of the file: inode, length and time of the last change.
 type Stamp = (u64, u32, u64, i64, i64);
 
 impl Tokens {

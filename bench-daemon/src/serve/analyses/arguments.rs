@@ -29,7 +29,7 @@ pub enum AnalysisKind {
     Fit,
     /// Kramers–Kronig and other tests.
     Kk,
-    /// Which effect the model lacks.
+    /// Search for the effect that the model lacks.
     Diagnose,
 }
 
@@ -48,36 +48,36 @@ impl AnalysisKind {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Options {
-    /// Of a fit: orders, such as `1,2,3`, `all` or `auto`.
+    /// For a fit: orders, such as `1,2,3`, `all` or `auto`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rc: Option<String>,
-    /// Of a fit: a circuit in the place of the extended Randles model.
+    /// For a fit: a circuit instead of the extended Randles model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub circuit: Option<String>,
-    /// Of a fit: `sum-abs`, `modulus` or `complex`.
+    /// For a fit: `sum-abs`, `modulus` or `complex`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub objective: Option<String>,
-    /// Of a test: also the distribution of relaxation times.
+    /// For a test: whether to compute the distribution of relaxation times.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drt: Option<bool>,
-    /// Of a diagnosis: number of RC pairs of the run's model; left out: the highest.
+    /// For a diagnosis: number of RC pairs of the run's model. Left out: the highest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub order: Option<u8>,
-    /// Of a diagnosis: one cell of a campaign; left out: each of them by itself.
+    /// For a diagnosis: one cell of a campaign. Left out: each cell separately.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cell: Option<String>,
 }
 
-/// An analysis that is asked for.
+/// Request for an analysis.
 #[derive(Debug, Clone, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Request {
     /// Its kind.
     pub kind: AnalysisKind,
-    /// The runs, 1 to 50. A diagnosis takes a campaign, and behind it experiments of the same cell
-    /// that were recommended after it: they are one data set.
+    /// The runs, 1 to 50. For a diagnosis: a campaign, optionally followed by recommended
+    /// experiments on the same cell, as one data set.
     pub runs: Vec<String>,
-    /// Names of spectra of the run, where not all of its cells are meant; of one run only.
+    /// Names of spectra of the run, to select some of its cells; for a single run only.
     #[serde(default)]
     pub spectra: Vec<String>,
     /// Options.

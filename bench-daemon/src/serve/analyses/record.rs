@@ -9,23 +9,23 @@ use super::arguments::{AnalysisKind, Options};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum State {
-    /// Others come first.
+    /// It waits for earlier analyses.
     Waiting,
     /// Its process runs.
     #[serde(rename = "in work")]
     InWork,
     /// It has results.
     Done,
-    /// It has none.
+    /// It failed and has no results.
     Failed,
-    /// Somebody has ended it.
+    /// A person cancelled it.
     Cancelled,
 }
 
-/// How far an analysis is.
+/// Progress of an analysis.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Progress {
-    /// Share that is done, where the command counts.
+    /// Completed share, if the command counts it.
     pub done: Option<f64>,
     /// Present action.
     pub words: String,
@@ -40,30 +40,30 @@ pub struct Analysis {
     pub kind: AnalysisKind,
     /// The runs.
     pub runs: Vec<String>,
-    /// The spectra, where not all are meant.
+    /// The selected spectra; empty for all.
     #[serde(default)]
     pub spectra: Vec<String>,
     /// Options.
     pub options: Options,
-    /// Who asked for it.
+    /// Name of the person who submitted it.
     pub by: String,
-    /// When, s since 1970.
+    /// Time of submission, s since 1970.
     pub submitted_unix_s: f64,
-    /// When its process began, s since 1970.
+    /// Start of its process, s since 1970.
     pub began_unix_s: Option<f64>,
-    /// When it ended, s since 1970.
+    /// Time of its end, s since 1970.
     pub ended_unix_s: Option<f64>,
     /// State.
     pub state: State,
-    /// How far it is.
+    /// Progress.
     pub progress: Progress,
     /// Time left, s; null if it is unknown.
     pub left_s: Option<f64>,
-    /// Why it has no results; a remark on them.
+    /// Reason why it has no results, or a remark on them.
     pub message: Option<String>,
-    /// The same on a command line.
+    /// The equivalent command line.
     pub command: String,
-    /// Number of its process, once it has begun.
+    /// Process number, after its start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pid: Option<i32>,
 }

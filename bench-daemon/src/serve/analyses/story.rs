@@ -14,20 +14,20 @@ use crate::{
     support::confined_path,
 };
 
-/// Words of a diagnosis.
+/// Text of a diagnosis.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Story {
-    /// The cell, where the run has several.
+    /// The cell, if the run has several.
     cell: Option<String>,
     /// `nothing missing`, `missing`, `cannot tell` or `invalid data`.
     verdict: &'static str,
-    /// The same in a sentence.
+    /// The verdict in a sentence.
     sentence: String,
     /// Where simulation and measurement disagree.
     r#where: Vec<Passage>,
     /// Missing effects.
     what: Vec<Passage>,
-    /// How sure that is.
+    /// Certainty of the verdict.
     how_sure: Vec<Passage>,
     /// Next steps.
     next: Vec<Next>,
@@ -35,7 +35,7 @@ pub struct Story {
     caution: Vec<String>,
 }
 
-/// A title and what stands under it.
+/// A title with its text.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct Passage {
     /// The title.
@@ -51,9 +51,9 @@ pub(super) struct Next {
     title: String,
     /// The text.
     text: String,
-    /// The experiment, TOML, where there is one that this server can run.
+    /// The recommended experiment, TOML, if this server can run one.
     experiment: Option<String>,
-    /// Its name.
+    /// Name of the experiment.
     name: Option<String>,
 }
 

@@ -34,7 +34,7 @@ impl From<AnalysisError> for Refusal {
     }
 }
 
-/// The latest analyses, the latest first.
+/// Returns the latest analyses, the latest first.
 #[utoipa::path(
     get,
     path = "/api/v1/analyses",
@@ -73,7 +73,7 @@ pub async fn submit(
     .await
 }
 
-/// An analysis with its results; of a diagnosis, what it says.
+/// Returns an analysis with its results; for a diagnosis also its text.
 #[utoipa::path(
     get,
     path = "/api/v1/analyses/{id}",
@@ -96,7 +96,7 @@ pub async fn detail(
     .await
 }
 
-/// Ends an analysis that waits or is in work.
+/// Cancels a waiting or running analysis.
 #[utoipa::path(
     delete,
     path = "/api/v1/analyses/{id}",
@@ -120,7 +120,7 @@ fn known(app: &App, id: &str) -> Result<(), Refusal> {
         .ok_or_else(|| Refusal::not_found("an analysis", id))
 }
 
-/// Last lines of the process of an analysis.
+/// Returns the last lines of the output of the process of an analysis.
 #[utoipa::path(
     get,
     path = "/api/v1/analyses/{id}/log",
@@ -141,7 +141,7 @@ pub async fn log(
     .await
 }
 
-/// A file of results, to be kept: it is not shown as a page of this server.
+/// Returns a file of results as a download; it is not rendered as a page of this server.
 #[utoipa::path(
     get,
     path = "/api/v1/analyses/{id}/files/{path}",

@@ -32,12 +32,12 @@ use crate::{
 /// `eis-bench identify` is waited for so long.
 const IDENTIFY: Duration = Duration::from_secs(60);
 
-/// Who asks.
+/// Identity of the caller.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Caller {
-    /// Name of the token; `local` where none is asked for.
+    /// Name of the token; `local` if none is required.
     name: String,
-    /// Scopes that its token opens.
+    /// Scopes of its token.
     scopes: Vec<Scope>,
     /// The benches that every holder of a token may stop.
     benches: Vec<String>,
@@ -94,7 +94,7 @@ fn state_of(bench: &config::Bench) -> Result<Option<state::State>, Refusal> {
     state::State::of(bench).map_err(|error| Refusal::machine(&error))
 }
 
-/// Who the token belongs to, and what it opens. Every token may ask.
+/// Returns the holder and the scopes of the token. Every token may call it.
 #[utoipa::path(
     get,
     path = "/api/v1/whoami",
@@ -117,7 +117,7 @@ pub async fn whoami(caller: Known, State(app): State<App>) -> Json<Caller> {
     })
 }
 
-/// All benches as they are now.
+/// Returns the current state of all benches.
 #[utoipa::path(
     get,
     path = "/api/v1/benches",
@@ -137,7 +137,7 @@ pub async fn list(_caller: Reader, State(app): State<App>) -> Json<Vec<Live>> {
     )
 }
 
-/// A bench as it is now: the live state.
+/// Returns the current state of a bench.
 #[utoipa::path(
     get,
     path = "/api/v1/benches/{bench}",
@@ -157,7 +157,7 @@ pub async fn detail(
         .ok_or_else(|| Refusal::not_found("a bench", &bench))
 }
 
-/// The instruments of a bench and their health.
+/// Returns the instruments of a bench and their health.
 #[utoipa::path(
     get,
     path = "/api/v1/benches/{bench}/instruments",
@@ -174,8 +174,8 @@ pub async fn instruments(
     Ok(Json(detail(caller, app, bench).await?.0.instruments))
 }
 
-/// Asks every instrument who it is; changes nothing on any of them. Refused while a run is in work,
-/// for instruments take one client.
+/// Queries the identity of every instrument; changes nothing on any of them. Refused while a run is
+/// in progress, because instruments accept one client.
 #[utoipa::path(
     post,
     path = "/api/v1/benches/{bench}/identify",
@@ -235,9 +235,8 @@ pub async fn identify(
     }))
 }
 
-/// Asks every instrument that can move charge what its output does; changes nothing on any of them,
-/// and lets go of them again. Refused while a run or a stop is in work, whose own readings show the
-/// outputs.
+/// Reads the output state of every instrument that can move charge, and disconnects again; changes
+/// nothing on any of them. Refused during a run or a stop, whose own readings show the outputs.
 #[utoipa::path(
     post,
     path = "/api/v1/benches/{bench}/outputs/read",
@@ -264,9 +263,9 @@ pub async fn read_outputs(
 /// Identities of the instruments.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Identified {
-    /// Those that answered.
+    /// Instruments that answered.
     answers: Vec<IdentifiedOne>,
-    /// Error, where there is one.
+    /// Error, if any.
     trouble: Option<String>,
 }
 
@@ -277,7 +276,7 @@ pub struct IdentifiedOne {
     role: String,
     /// Its answer.
     answer: String,
-    /// Whether that is the configured model.
+    /// Whether it is the configured model.
     recognised: bool,
 }
 
@@ -308,7 +307,7 @@ pub async fn stop(
         .map_err(|error| Refusal::machine(&error))
 }
 
-/// Stops every bench at once, as the stop of each of them does. Answers when all is done. Whoever may
+/// Stops all benches at once, like the stop of each of them. Answers when all is done. Whoever may
 /// stop one bench may stop all.
 #[utoipa::path(
     post,
@@ -334,7 +333,7 @@ pub async fn stop_all(
     Ok(Json(reports))
 }
 
-/// Every latch and every clearing of a bench, the latest last.
+/// Returns all latches and clearings of a bench, the latest last.
 #[utoipa::path(
     get,
     path = "/api/v1/benches/{bench}/trips",
@@ -390,27 +389,27 @@ fn happened(line: &str) -> Option<Happened> {
 pub struct Trips {
     /// Why it is latched now, if it is.
     latched: Option<TripNow>,
-    /// Latches, clearings, and guardians that switched off.
+    /// Latches, clearings, and switch-offs by guardians.
     history: Vec<Happened>,
 }
 
-/// A latch, a clearing, or a guardian that switched off.
+/// A latch, a clearing, or a switch-off by a guardian.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Happened {
-    /// Which of them.
+    /// Kind of the event.
     what: String,
-    /// Who cleared: the name of the token, or the account on a terminal or where no token is asked
-    /// for.
+    /// Who cleared it: the name of the token, or the account on a terminal or if no token is
+    /// required.
     who: Option<String>,
-    /// Finding of whoever cleared, in their words.
+    /// Finding of the person who cleared it, verbatim.
     found: Option<String>,
     /// The cause.
     cause: Option<String>,
-    /// When, s since 1970.
+    /// Time, s since 1970.
     unix_s: Option<f64>,
 }
 
-/// Clears a latched bench: somebody has looked at it and at the cell.
+/// Clears a latched bench after a person has inspected it and the cell.
 #[utoipa::path(
     post,
     path = "/api/v1/benches/{bench}/trips/clear",
@@ -464,7 +463,7 @@ pub async fn clear(
     Ok(Json(trip.into()))
 }
 
-/// Who did what, the latest last.
+/// Returns the audit trail, the latest entry last.
 #[utoipa::path(
     get,
     path = "/api/v1/audit",

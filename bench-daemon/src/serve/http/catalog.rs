@@ -21,7 +21,7 @@ use utoipa::IntoParams;
 use super::{App, aside::aside, caller::Reader, problem::Refusal};
 use crate::support::calendar::unix_s;
 
-/// Conditions on what the catalogue holds; all of them must hold.
+/// Conditions on the contents of the catalogue; all of them must hold.
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
@@ -36,41 +36,41 @@ pub struct CatalogWanted {
     experiment: Option<String>,
     /// Name of a bench.
     bench: Option<String>,
-    /// Begun at this time or later: 2026-11-28, 2026-11-28T12:00:00Z, or s since 1970.
+    /// Started at this time or later: 2026-11-28, 2026-11-28T12:00:00Z, or s since 1970.
     #[serde(alias = "from_s")]
     from: Option<String>,
-    /// Begun before this time.
+    /// Started before this time.
     #[serde(alias = "to_s")]
     to: Option<String>,
     /// Verdict of the run.
     verdict: Option<CatalogVerdict>,
-    /// Runs that the interlock has ended, even where they went on afterwards.
+    /// Runs that the interlock ended, also if they were resumed afterwards.
     #[serde(default)]
     trip: bool,
-    /// Words in name, bench, experiment, operator, end or cells of the run.
+    /// Words in the name, bench, experiment, operator, end or cells of the run.
     text: Option<String>,
-    /// Where to go on: `after` of the answer before.
+    /// Position of the next part: `after` of the previous answer.
     after: Option<String>,
     /// Maximum number of results.
     #[param(minimum = 1, maximum = 1000)]
     most: Option<u16>,
 }
 
-/// A cell that is asked for over its runs.
+/// Selects a cell and its runs.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
 pub struct AgeingWanted {
     /// Name or serial number of the cell.
     cell: String,
-    /// Its serial number, where several cells have one name.
+    /// Its serial number, if several cells have the same name.
     serial: Option<String>,
-    /// Number of RC pairs of the models; else the greatest that every run of the cell has.
+    /// Number of RC pairs of the models. Left out: the greatest that every run of the cell has.
     rc: Option<u32>,
-    /// Begun at this time or later: 2026-11-28, 2026-11-28T12:00:00Z, or s since 1970.
+    /// Started at this time or later: 2026-11-28, 2026-11-28T12:00:00Z, or s since 1970.
     #[serde(alias = "from_s")]
     from: Option<String>,
-    /// Begun before this time.
+    /// Started before this time.
     #[serde(alias = "to_s")]
     to: Option<String>,
 }
@@ -136,7 +136,7 @@ fn within(data: &Path, folder: &str) -> String {
     within.map_or_else(|_| folder.to_owned(), |path| path.display().to_string())
 }
 
-/// Runs of the catalogue that meet every condition, the latest first.
+/// Returns the runs of the catalogue that meet all conditions, the latest first.
 #[utoipa::path(
     get,
     path = "/api/v1/catalog/runs",
@@ -162,7 +162,7 @@ pub async fn runs(
     .await
 }
 
-/// All that is known of a run, by its name or its identity.
+/// Returns everything that is known about a run, by its name or identity.
 #[utoipa::path(
     get,
     path = "/api/v1/catalog/runs/{run}",
@@ -188,7 +188,7 @@ pub async fn run(
     .await
 }
 
-/// Fitted models of runs that meet every condition, the latest first.
+/// Returns the fitted models of runs that meet all conditions, the latest first.
 #[utoipa::path(
     get,
     path = "/api/v1/catalog/fits",
@@ -206,7 +206,7 @@ pub async fn fits(
     ask(app, move |catalog| catalog.fits(&filter)).await
 }
 
-/// Diagnoses of runs that meet every condition, those of the latest run first.
+/// Returns the diagnoses of runs that meet all conditions, those of the latest run first.
 #[utoipa::path(
     get,
     path = "/api/v1/catalog/diagnoses",
@@ -232,7 +232,7 @@ pub async fn diagnoses(
     .await
 }
 
-/// Corrected spectra of cells that meet every condition, the latest first.
+/// Returns the corrected spectra of cells that meet all conditions, the latest first.
 #[utoipa::path(
     get,
     path = "/api/v1/catalog/spectra",
@@ -250,7 +250,7 @@ pub async fn spectra(
     ask(app, move |catalog| catalog.spectra(&filter)).await
 }
 
-/// Cells of the runs that meet every condition, by name and serial number.
+/// Returns the cells of the runs that meet all conditions, by name and serial number.
 #[utoipa::path(
     get,
     path = "/api/v1/catalog/cells",
@@ -268,7 +268,7 @@ pub async fn cells(
     ask(app, move |catalog| catalog.cells(&filter)).await
 }
 
-/// A cell over its runs: resistances and diffusion over time, with uncertainty.
+/// Returns a cell over its runs: resistances and diffusion over time, with uncertainty.
 #[utoipa::path(
     get,
     path = "/api/v1/catalog/ageing",

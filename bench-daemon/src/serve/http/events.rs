@@ -24,11 +24,11 @@ use crate::serve::Server;
 /// Maximum time without data on the stream, s.
 const HEARTBEAT_S: f64 = 15.0;
 
-/// Where a listener goes on.
+/// Start position of a listener.
 #[derive(Debug, Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct From {
-    /// The last event that came, for who cannot set the header `Last-Event-ID`.
+    /// The last event that was received, for clients that cannot set the header `Last-Event-ID`.
     last_event_id: Option<String>,
 }
 
@@ -46,9 +46,10 @@ impl Drop for Listener {
     }
 }
 
-/// Everything that changes: `live` (a bench), `spectrum`, `run`, `queue`, `stop`, `analysis`,
-/// `investigation`, `notice`; first `hello`, and `lost` where some were missed: then ask for the
-/// present state. With the header `Last-Event-ID` it goes on behind that event.
+/// Streams all changes: `live` (a bench), `spectrum`, `run`, `queue`, `stop`, `analysis`,
+/// `investigation`, `notice`. The first event is `hello`; `lost` means that events were missed, so
+/// that the client must request the present state. With the header `Last-Event-ID` the stream
+/// continues after that event.
 #[utoipa::path(
     get,
     path = "/api/v1/events",

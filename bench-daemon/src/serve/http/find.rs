@@ -29,7 +29,7 @@ use crate::{
 /// Longest name of a cell, characters.
 const LONGEST_CELL: usize = 200;
 
-/// A note that is to be added.
+/// A new note.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NewNote {
@@ -124,7 +124,7 @@ fn known_cell(app: &App, cell: &str) -> Result<CellHistory, Refusal> {
     found.ok_or_else(|| Refusal::not_found("a cell that a run has measured", cell))
 }
 
-/// Runs that meet every condition, the latest first.
+/// Returns the runs that meet all conditions, the latest first.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/find",
@@ -145,7 +145,7 @@ pub async fn runs(
     aside(move || Ok(Json(app.server.finder.find(app.server.places(), &wanted)))).await
 }
 
-/// Notes of people about a run, the latest last.
+/// Returns the notes about a run, the latest last.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{run}/notes",
@@ -166,7 +166,7 @@ pub async fn run_notes(
     .await
 }
 
-/// Adds a note to a run. Notes are never changed or taken away.
+/// Adds a note to a run. Notes cannot be changed or removed.
 #[utoipa::path(
     post,
     path = "/api/v1/runs/{run}/notes",
@@ -195,7 +195,7 @@ pub async fn note_run(
     .await
 }
 
-/// Gives a run these tags and no others.
+/// Replaces all tags of a run.
 #[utoipa::path(
     put,
     path = "/api/v1/runs/{run}/tags",
@@ -224,7 +224,7 @@ pub async fn tag_run(
     .await
 }
 
-/// A campaign as a table of cells and repeats.
+/// Returns a campaign as a table of cells and repeats.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{run}/campaign",
@@ -248,7 +248,7 @@ pub async fn campaign(
     .await
 }
 
-/// The fitted models of a run over one of its spectra, with what they leave of each point.
+/// Returns the fitted models of a run over one of its spectra, with the residual of each point.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{run}/models",
@@ -273,7 +273,7 @@ pub async fn models(
     .await
 }
 
-/// The record behind a point of a spectrum.
+/// Returns the record behind a point of a spectrum.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{run}/capture",
@@ -302,7 +302,7 @@ pub async fn capture(
     .await
 }
 
-/// All cells that runs have measured.
+/// Returns all measured cells.
 #[utoipa::path(
     get,
     path = "/api/v1/cells",
@@ -317,7 +317,7 @@ pub async fn cells(
     aside(move || Ok(Json(app.server.finder.cells(app.server.places())))).await
 }
 
-/// A cell: its spectra over time, its runs, and what people have written about it.
+/// Returns a cell: its spectra over time, its runs, and the notes about it.
 #[utoipa::path(
     get,
     path = "/api/v1/cells/{cell}",
@@ -334,7 +334,7 @@ pub async fn cell(
     aside(move || known_cell(&app, &cell).map(Json)).await
 }
 
-/// Notes of people about a cell, the latest last.
+/// Returns the notes about a cell, the latest last.
 #[utoipa::path(
     get,
     path = "/api/v1/cells/{cell}/notes",
@@ -355,7 +355,7 @@ pub async fn cell_notes(
     .await
 }
 
-/// Adds a note to a cell. Notes are never changed or taken away.
+/// Adds a note to a cell. Notes cannot be changed or removed.
 #[utoipa::path(
     post,
     path = "/api/v1/cells/{cell}/notes",

@@ -30,7 +30,7 @@ const BYTES: &str = "application/octet-stream";
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub struct FileNamed {
-    /// Its name without a folder, at most 255 bytes; spectra and messages are named after it.
+    /// Its name without a folder, at most 255 bytes; used in the names of spectra and in messages.
     #[param(min_length = 1, max_length = 255)]
     name: String,
 }
@@ -50,8 +50,8 @@ impl FileNamed {
     }
 }
 
-/// Spectra of a file of any format that `eis-bench fit` reads, in the shape of those of a run, to
-/// be compared with these. Nothing is kept.
+/// Returns the spectra of a file of any format that `eis-bench fit` reads, in the format of those
+/// of a run, for comparison. Nothing is stored.
 #[utoipa::path(
     post,
     path = "/api/v1/spectra/read",
@@ -61,8 +61,8 @@ impl FileNamed {
     responses(
         (status = 200, body = ImportedSpectra),
         (status = 413, body = Problem, description = "The file has more than 8 000 000 bytes."),
-        (status = 415, body = Problem, description = "The body is not said to be bytes."),
-        (status = 422, body = Problem, description = "The file is of no known format.")
+        (status = 415, body = Problem, description = "The content type of the body is not bytes."),
+        (status = 422, body = Problem, description = "The format of the file is unknown.")
     ),
     security(("token" = ["read"]))
 )]

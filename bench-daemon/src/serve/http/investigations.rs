@@ -17,7 +17,7 @@ use crate::serve::{
     investigator,
 };
 
-/// The latest investigations, the latest first.
+/// Returns the latest investigations, the latest first.
 #[utoipa::path(
     get,
     path = "/api/v1/investigations",
@@ -55,7 +55,7 @@ pub async fn begin(
     .await
 }
 
-/// An investigation with its steps.
+/// Returns an investigation with its steps.
 #[utoipa::path(
     get,
     path = "/api/v1/investigations/{id}",
@@ -72,8 +72,8 @@ pub async fn detail(
     aside(move || Ok(Json(known(&app, &id)?))).await
 }
 
-/// Ends an investigation. Its experiment is taken out of the queue where it waits there; one that
-/// runs goes on to its end: a stop ends that.
+/// Ends an investigation. If its experiment waits in the queue, it is removed; a running one
+/// continues to its end unless it is stopped.
 #[utoipa::path(
     post,
     path = "/api/v1/investigations/{id}/cancel",

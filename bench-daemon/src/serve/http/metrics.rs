@@ -14,7 +14,7 @@ use crate::serve::{
     metrics::{self, Kind, PREFIX, Sample, Snapshot},
 };
 
-/// Metrics of the server and its benches, in the text format of Prometheus.
+/// Returns the metrics of the server and its benches, in the text format of Prometheus.
 #[utoipa::path(
     get,
     path = "/metrics",

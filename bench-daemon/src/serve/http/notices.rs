@@ -11,10 +11,10 @@ use super::{
 };
 use crate::serve::{notices::Notice, notify};
 
-/// Where notices go, and the latest of them.
+/// Targets of notices, and the latest notices.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct NoticesNow {
-    /// Host of the webhook; its address may hold a secret.
+    /// Host of the webhook; its full address may contain a secret.
     webhook: Option<String>,
     /// Receivers of e-mails.
     email: Vec<String>,
@@ -24,7 +24,7 @@ pub struct NoticesNow {
     latest: Vec<Notice>,
 }
 
-/// Where notices go, and the latest of them with what came of each.
+/// Returns the targets of notices, and the latest notices with their outcome.
 #[utoipa::path(
     get,
     path = "/api/v1/notices",
@@ -60,7 +60,7 @@ pub async fn list(_caller: Reader, State(app): State<App>) -> Json<NoticesNow> {
     })
 }
 
-/// Sends a notice now, to see whether notices arrive; answers with what came of it.
+/// Sends a test notice now, and returns its outcome.
 #[utoipa::path(
     post,
     path = "/api/v1/notices/test",

@@ -5,7 +5,7 @@ use axum::{Json, extract::State};
 use super::{App, aside::aside, caller::Reader, problem::Refusal};
 use crate::serve::pack::{self, Load, RunModel, UnderLoad};
 
-/// Simulates a load on a pack of cells. Touches nothing.
+/// Simulates a load on a pack of cells. Changes nothing.
 #[utoipa::path(
     post,
     path = "/api/v1/pack",
@@ -27,7 +27,7 @@ pub async fn under_load(
     .await
 }
 
-/// Models of cells that runs have fitted, of the latest run first.
+/// Returns the models of cells that runs have fitted, of the latest run first.
 #[utoipa::path(
     get,
     path = "/api/v1/pack/models",

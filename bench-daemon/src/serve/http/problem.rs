@@ -8,12 +8,12 @@ use axum::{
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Why a request was refused.
+/// Reason for the refusal of a request.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Problem {
-    /// One word for programs, such as `not_found`.
+    /// Keyword for programs, such as `not_found`.
     pub code: String,
-    /// For people: what was expected and what was found.
+    /// Message for people: what was expected and what was found.
     pub message: String,
 }
 

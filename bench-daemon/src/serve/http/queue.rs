@@ -28,33 +28,33 @@ use crate::{
 };
 use instruments::clock;
 
-/// Run that is submitted.
+/// A run to submit.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Submit {
-    /// Name of an experiment of this server; left out where `text` is there.
+    /// Name of an experiment of this server. Left out if `text` is given.
     experiment: Option<String>,
-    /// An experiment file in full (TOML), as if it lay among those of this server.
+    /// A complete experiment file (TOML), as if it were among those of this server.
     text: Option<String>,
-    /// Another bench than the experiment names.
+    /// A bench instead of the one that the experiment names.
     bench: Option<String>,
-    /// Another seed.
+    /// A seed instead of that of the experiment.
     seed: Option<u64>,
 }
 
-/// Numbers of places, in the order that is wanted.
+/// Queue numbers in the requested order.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Order {
-    /// These come first; the others follow as they were.
+    /// These come first; the others follow in their previous order.
     ids: Vec<u64>,
 }
 
-/// Why something is held.
+/// Reason for a hold.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Why {
-    /// In words; may be left out.
+    /// Reason as text. Optional.
     #[serde(default)]
     why: Option<String>,
 }
@@ -79,7 +79,7 @@ pub struct Planned {
     longest_s: f64,
     /// Charge into the cell by direct currents over the expected times, C.
     charge_c: f64,
-    /// The same out of the cell, C.
+    /// Charge out of the cell by direct currents over the expected times, C.
     discharge_c: f64,
     /// Its stages.
     stages: Vec<PlannedStage>,
@@ -90,7 +90,7 @@ pub struct Planned {
 pub struct PlannedStage {
     /// Purpose of the stage.
     purpose: String,
-    /// Its steps, in words.
+    /// Its steps, as text.
     steps: Vec<String>,
     /// Expected duration, bench s.
     expected_s: f64,
@@ -118,11 +118,11 @@ impl Planned {
     }
 }
 
-/// Which bench.
+/// Selects a bench.
 #[derive(Debug, Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 pub struct On {
-    /// Another bench than the experiment names.
+    /// A bench instead of the one that the experiment names.
     bench: Option<String>,
 }
 
@@ -149,7 +149,7 @@ impl From<Refused> for Refusal {
     }
 }
 
-/// Runs in work and waiting.
+/// Returns the running and waiting runs.
 #[utoipa::path(
     get,
     path = "/api/v1/queue",
@@ -161,7 +161,7 @@ pub async fn list(_caller: Reader, State(app): State<App>) -> Json<QueueNow> {
     Json(QueueNow::of(&app.server))
 }
 
-/// Experiments that can be submitted by name.
+/// Returns the experiments that can be submitted by name.
 #[utoipa::path(
     get,
     path = "/api/v1/experiments",
@@ -177,7 +177,7 @@ pub async fn experiments(_caller: Reader, State(app): State<App>) -> Json<Vec<Of
     Json(all.into_iter().map(offered).collect())
 }
 
-/// Plan of an experiment, step by step. Touches nothing.
+/// Returns the plan of an experiment, step by step. Changes nothing.
 #[utoipa::path(
     get,
     path = "/api/v1/experiments/{experiment}/plan",
@@ -206,8 +206,8 @@ pub async fn plan(
     .await
 }
 
-/// Puts an experiment at the end of the queue, once it is checked. It begins by itself when its
-/// bench is free: that lets current flow.
+/// Checks an experiment and appends it to the queue. It starts automatically when its bench is
+/// free: that lets current flow.
 #[utoipa::path(
     post,
     path = "/api/v1/queue",
@@ -265,7 +265,7 @@ pub async fn submit(
     .await
 }
 
-/// Takes a place that waits out of the queue.
+/// Removes a waiting entry from the queue.
 #[utoipa::path(
     delete,
     path = "/api/v1/queue/{id}",
@@ -284,7 +284,7 @@ pub async fn cancel(
     Ok(Json(item))
 }
 
-/// Says what comes first.
+/// Moves entries to the front of the queue.
 #[utoipa::path(
     post,
     path = "/api/v1/queue/order",
@@ -303,7 +303,7 @@ pub async fn reorder(
     Ok(Json(QueueNow::of(&app.server)))
 }
 
-/// From now on nothing is begun on a bench; what is in work goes on.
+/// Holds a bench: no run starts on it from now on; a run in progress continues.
 #[utoipa::path(
     post,
     path = "/api/v1/benches/{bench}/hold",
@@ -331,8 +331,8 @@ pub async fn hold(
     Ok(Json(QueueNow::of(&app.server)))
 }
 
-/// Releases the queue of a bench, so that waiting runs may begin: that lets current flow. Who does it
-/// and why is kept with the bench.
+/// Releases the queue of a bench, so that waiting runs may start: that lets current flow. The name
+/// of the caller and the reason are stored with the bench.
 #[utoipa::path(
     post,
     path = "/api/v1/benches/{bench}/release",
@@ -383,7 +383,8 @@ fn said(words: &str) -> &str {
     }
 }
 
-/// Notes about a bench, such as who released its queue and why; the latest last.
+/// Returns the notes about a bench, such as releases of its queue with their reasons; the latest
+/// last.
 #[utoipa::path(
     get,
     path = "/api/v1/benches/{bench}/notes",

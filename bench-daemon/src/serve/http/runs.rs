@@ -45,13 +45,13 @@ const LONGEST_SERIAL: usize = 100;
 /// A run in full.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Run {
-    /// Request for the run, and how it ended; `None` for a run that was not begun here.
+    /// Request for the run, and its end; null for a run that this server did not start.
     job: Option<Job>,
-    /// Where it is.
+    /// Progress of the run.
     now: RunNow,
-    /// It was interrupted, and can go on.
+    /// True if it was interrupted and can be resumed.
     resumable: bool,
-    /// The same as a line of a list, with its cells and tags; none for a run that was not begun here.
+    /// Summary with cells and tags; null for a run that this server did not start.
     card: Option<Card>,
 }
 
@@ -60,14 +60,14 @@ pub struct Run {
 pub struct FileEntry {
     /// Its path in the run folder.
     path: String,
-    /// Its length.
+    /// Its length, bytes.
     bytes: u64,
 }
 
 /// Lines of a log.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Log {
-    /// The latest, the latest last.
+    /// The latest lines, the latest last.
     lines: Vec<String>,
 }
 
@@ -78,11 +78,11 @@ impl Log {
     }
 }
 
-/// Numbers of a campaign's runs.
+/// Numbers of runs of a campaign.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CampaignOrder {
-    /// These come next, in this order.
+    /// The next runs, in this order.
     runs: Vec<u32>,
 }
 
@@ -92,8 +92,8 @@ pub struct CampaignOrder {
 pub struct FixtureChanged {
     /// Number of the question.
     question: u64,
-    /// Serial number that was read from the cell, by eye or by a scanner; refused where it is not
-    /// that of the cell asked for.
+    /// Serial number that was read from the cell, by eye or by a scanner; refused if it is not that
+    /// of the requested cell.
     #[schema(max_length = 100)]
     serial: Option<String>,
 }
@@ -101,7 +101,7 @@ pub struct FixtureChanged {
 /// Run control request that was passed on.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Conveyed {
-    /// Reaction of the run, in words.
+    /// Reaction of the run, as text.
     #[serde(rename = "said")]
     message: String,
 }
@@ -110,7 +110,7 @@ pub(super) fn folder(app: &App, run: &str) -> Result<PathBuf, Refusal> {
     confined_path::folder(&app.server.runs(), run).ok_or_else(|| Refusal::not_found("a run", run))
 }
 
-/// All runs that were begun here, the latest first.
+/// Returns all runs that this server started, the latest first.
 #[utoipa::path(
     get,
     path = "/api/v1/runs",
@@ -128,7 +128,7 @@ pub async fn list(
     aside(move || Ok(Json(app.server.jobs.latest().take(most).collect()))).await
 }
 
-/// A run: what was asked for, where it is, how it ended.
+/// Returns a run: its request, its progress and its end.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{run}",
@@ -162,7 +162,7 @@ pub async fn detail(
     .await
 }
 
-/// The spectra of a run, as far as they are measured: `spectrum…` corrected, `raw_…` as read.
+/// Returns the spectra of a run that are measured so far: `spectrum…` corrected, `raw_…` as read.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{run}/spectra",
@@ -188,7 +188,7 @@ pub async fn spectra(
     .await
 }
 
-/// The fitted models of a run, by name, as their files hold them.
+/// Returns the fitted models of a run, by name, as in their files.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{run}/fits",
@@ -238,7 +238,7 @@ pub async fn readings(
     .await
 }
 
-/// Last lines of a run: its log, and behind it the output of its process.
+/// Returns the last lines of a run: its log, followed by the output of its process.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{run}/log",
@@ -269,7 +269,7 @@ pub async fn log(
     .await
 }
 
-/// The files of a run.
+/// Returns the list of files of a run.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{run}/files",
@@ -296,7 +296,7 @@ pub async fn files(
     .await
 }
 
-/// A file of a run, to be kept: it is not shown as a page of this server.
+/// Returns a file of a run as a download; it is not rendered as a page of this server.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{run}/files/{path}",
@@ -358,7 +358,7 @@ async fn send_request(
     Err(Refusal::conflict(why.strip_prefix(&prefix).unwrap_or(why)))
 }
 
-/// Lets a run wait without any current from the next point on.
+/// Pauses a run at its next point, without any current.
 #[utoipa::path(
     post,
     path = "/api/v1/runs/{run}/pause",
@@ -375,7 +375,7 @@ pub async fn pause(
     send_request(&app, &run, "pause", &[]).await
 }
 
-/// Lets a run that waits go on: that lets current flow.
+/// Continues a paused run: that lets current flow.
 #[utoipa::path(
     post,
     path = "/api/v1/runs/{run}/go-on",
@@ -392,7 +392,7 @@ pub async fn go_on(
     send_request(&app, &run, "go-on", &[]).await
 }
 
-/// Says which runs of a campaign come next.
+/// Sets the next runs of a campaign.
 #[utoipa::path(
     post,
     path = "/api/v1/runs/{run}/order",
@@ -450,7 +450,7 @@ pub async fn answer(
     send_request(&app, &run, "answer", &words).await
 }
 
-/// Puts a run that was interrupted into the queue again, to go on where it was: that lets current
+/// Appends an interrupted run to the queue, to continue where it was interrupted: that lets current
 /// flow.
 #[utoipa::path(
     post,

@@ -19,7 +19,7 @@ use crate::serve::{
     token::{Scope, TokenError},
 };
 
-/// A token that is shown once.
+/// A token for signing in.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SignIn {
@@ -27,14 +27,14 @@ pub struct SignIn {
     token: String,
 }
 
-/// A session that has begun.
+/// A new session.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct SignedIn {
     /// Name of the token.
     name: String,
-    /// Scopes that it opens.
+    /// Scopes of the token.
     scopes: Vec<Scope>,
-    /// The session ends after this time, s.
+    /// Time after which the session ends, s.
     ends_after_s: f64,
 }
 
@@ -53,8 +53,8 @@ fn encrypted(app: &App) -> bool {
     app.server.settings.tls.is_some() || app.server.settings.proxy_host.is_some()
 }
 
-/// Begins a session of a browser: its number comes as a cookie that no script can read and no page
-/// of elsewhere can send.
+/// Starts a session of a browser. Its number is returned as a cookie that scripts cannot read and
+/// that other sites cannot send.
 #[utoipa::path(
     post,
     path = "/api/v1/session",

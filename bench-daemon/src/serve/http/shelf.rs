@@ -66,26 +66,26 @@ pub struct NewVersion {
     was_sha256: Option<String>,
 }
 
-/// Which version.
+/// Selects a version.
 #[derive(Debug, Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
 #[serde(deny_unknown_fields)]
 pub struct OfVersion {
-    /// Its number; left out: the latest.
+    /// Its number. Left out: the latest.
     version: Option<usize>,
 }
 
-/// A file that is being written.
+/// A draft of a file.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NewDraft {
-    /// Its text, TOML; left out where `value` is there.
+    /// Its text, TOML. Left out if `value` is given.
     text: Option<String>,
-    /// Its values, as the schema of experiments has them.
+    /// Its values, according to the schema of experiments.
     value: Option<serde_json::Value>,
-    /// The bench; left out: the one that the experiment names.
+    /// The bench. Left out: the one that the experiment names.
     bench: Option<String>,
-    /// Kind of the file; left out: an experiment. A cell and a bench have no plan.
+    /// Kind of the file. Left out: an experiment. A cell and a bench have no plan.
     kind: Option<FileKind>,
     /// Name of the file of a cell or a bench.
     name: Option<String>,
@@ -123,7 +123,7 @@ impl Draft {
 pub struct OfRun {
     /// Its name.
     name: String,
-    /// The bench that it was run on.
+    /// The bench of the run.
     bench: String,
     /// Its text, TOML.
     text: String,
@@ -162,7 +162,7 @@ fn without_nulls(value: &mut serde_json::Value) {
     }
 }
 
-/// The JSON Schema of a kind of file.
+/// Returns the JSON Schema of a kind of file.
 #[utoipa::path(
     get,
     path = "/api/v1/schemas/{kind}",
@@ -186,7 +186,7 @@ pub async fn schema(
         .map_err(|error| Refusal::machine(&error))
 }
 
-/// All files of a kind.
+/// Returns all files of a kind.
 #[utoipa::path(
     get,
     path = "/api/v1/files/{kind}",
@@ -203,7 +203,7 @@ pub async fn list(
     aside(move || Ok(Json(shelf::list(&app.server.settings, kind)))).await
 }
 
-/// A file, with its history.
+/// Returns a file with its history.
 #[utoipa::path(
     get,
     path = "/api/v1/files/{kind}/{name}",
@@ -254,9 +254,9 @@ fn named(name: &str) -> Result<(), Refusal> {
     )))
 }
 
-/// Makes a new version of a file, once it is checked. The file of the configuration is not changed.
-/// A version of an experiment or a cell is read in its place, by what is submitted from then on. A
-/// version of a bench is a proposal: `eis-bench config take`, at the machine, puts it in force.
+/// Checks a text and stores it as a new version of a file. The file of the configuration is not
+/// changed. Later submissions use the new version of an experiment or a cell. A version of a bench
+/// is a proposal: `eis-bench config take`, at the machine, puts it in force.
 #[utoipa::path(
     put,
     path = "/api/v1/files/{kind}/{name}",
@@ -304,8 +304,8 @@ pub async fn write(
     .await
 }
 
-/// Says what an experiment would do on a bench, or what is not as expected in it, in a cell or in a
-/// bench. Touches nothing.
+/// Returns the plan of an experiment on a bench, or the mistakes in an experiment, a cell or a
+/// bench. Changes nothing.
 #[utoipa::path(
     post,
     path = "/api/v1/drafts",
@@ -350,7 +350,7 @@ pub async fn draft(
     .await
 }
 
-/// The experiment of a run that was begun here, as it was submitted.
+/// Returns the experiment of a run that this server started, as it was submitted.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{run}/experiment",

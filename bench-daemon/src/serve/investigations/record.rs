@@ -6,18 +6,18 @@ use utoipa::ToSchema;
 
 use crate::investigate::closed_loop::{Budget, End};
 
-/// An investigation that is asked for.
+/// Request for an investigation.
 #[derive(Debug, Clone, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct InvestigationRequest {
-    /// The run that it begins with: one that has finished, of one cell, with a model.
+    /// The first run: it must be finished, of one cell, and have a fitted model.
     pub run: String,
-    /// Another bench than that of the run.
+    /// A bench instead of that of the run.
     #[serde(default)]
     pub bench: Option<String>,
-    /// Time on the bench that its experiments may take, min; 0 or more.
+    /// Limit of the time of its experiments on the bench, min; 0 or more.
     pub budget_minutes: f64,
-    /// Charge that they may move in either direction, Ah; 0 or more.
+    /// Limit of the charge that they move in either direction, Ah; 0 or more.
     pub budget_ah: f64,
 }
 
@@ -25,13 +25,13 @@ pub struct InvestigationRequest {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum InvestigationState {
-    /// All data so far are diagnosed.
+    /// All data so far are being diagnosed.
     Diagnosing,
     /// Its experiment waits in the queue.
     WaitingForBench,
     /// Its experiment runs.
     Measuring,
-    /// Nothing more happens.
+    /// It has ended.
     Ended,
 }
 
@@ -40,23 +40,23 @@ pub enum InvestigationState {
 pub struct Investigation {
     /// Its name.
     pub id: String,
-    /// The run that it began with.
+    /// The first run.
     pub run: String,
     /// The bench of its experiments.
     pub bench: String,
     /// Budget of its experiments.
     pub budget: Budget,
-    /// Part of it that is spent. The experiment in work counts when it has ended.
+    /// Part of the budget that is spent. The experiment in progress counts after its end.
     pub spent: Budget,
-    /// Who asked for it.
+    /// Name of the person who submitted it.
     pub by: String,
-    /// When, s since 1970.
+    /// Time of submission, s since 1970.
     pub submitted_unix_s: f64,
     /// State.
     pub state: InvestigationState,
     /// Runs in order, each with the diagnosis of all data up to it.
     pub steps: Vec<InvestigationStep>,
-    /// How it ended; none while it goes on.
+    /// Its end; null while it is in progress.
     pub ended: Option<InvestigationEnded>,
 }
 
@@ -65,13 +65,13 @@ pub struct Investigation {
 pub struct InvestigationStep {
     /// The run.
     pub run: String,
-    /// The recommended experiment that it plays; none for the run that was there before.
+    /// The recommended experiment of this run; null for the first run.
     pub experiment: Option<FollowUp>,
-    /// The diagnosis of this run and all before it, once it is asked for.
+    /// The diagnosis of this run and all previous ones, after it was requested.
     pub analysis: Option<String>,
-    /// Its verdict, in words.
+    /// Verdict of the diagnosis.
     pub verdict: Option<String>,
-    /// The same in a sentence.
+    /// The verdict in a sentence.
     pub summary: Option<String>,
 }
 
@@ -80,11 +80,11 @@ pub struct InvestigationStep {
 pub struct FollowUp {
     /// Its name.
     pub name: String,
-    /// Number of its place in the queue.
+    /// Its queue number.
     pub place: u64,
-    /// Time and charge of its plan.
+    /// Planned time and charge.
     pub expected: Budget,
-    /// Time that it took, with the charge of its plan, once it has ended.
+    /// Actual time and planned charge, after its end.
     pub spent: Option<Budget>,
 }
 
@@ -93,9 +93,9 @@ pub struct FollowUp {
 pub struct InvestigationEnded {
     /// Kind of the end.
     pub end: End,
-    /// The same in words.
+    /// The reason in words.
     pub why: String,
-    /// When, s since 1970.
+    /// Time, s since 1970.
     pub unix_s: f64,
 }
 
