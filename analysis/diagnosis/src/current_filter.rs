@@ -735,8 +735,8 @@ impl<'a> Cut<'a> {
     }
 }
 
-/// Part of the old state that a first-order filter shows so long after a step, in the mean over an
-/// interval from then on.
+/// Returns the part of the old state that a first-order filter still shows at a time after a step,
+/// as the mean over the following interval.
 fn decay(since_s: f64, step_s: f64, tau_s: f64) -> f64 {
     let now = (-since_s.max(0.0) / tau_s).exp();
     if step_s > 0.0 {

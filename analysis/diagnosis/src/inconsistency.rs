@@ -9,7 +9,7 @@ pub(super) struct Inconsistency {
     /// χ² that would go if it could, and as how many quantities.
     pub(super) chi2: f64,
     pub(super) dof: usize,
-    /// Probability of so much by noise, corrected for the number of questions.
+    /// Probability that noise alone gives this χ², corrected for the number of questions.
     pub(super) p_value: f64,
     /// An intermittent contact: not a form of an effect.
     pub(super) is_contact: bool,

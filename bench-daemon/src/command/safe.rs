@@ -231,7 +231,7 @@ async fn ended(state: Option<&State>, clock: &Clock, at_most_s: f64) -> bool {
     }
 }
 
-/// Waits until no guardian is at work any more, so long at most.
+/// Waits until no guardian is active, up to a time limit.
 async fn guarded(state: Option<&State>, clock: &Clock) {
     let (Some(state), start_s) = (state, clock.machine_s()) else {
         return;

@@ -75,37 +75,37 @@ impl Bench {
     }
 }
 
-/// When the guardian steps in. Both are seconds on the wall.
+/// Time limits of the guardian, in wall time.
 #[derive(Debug, Clone, Copy)]
 pub struct Guardian {
-    /// Without a word from the daemon for so long, s, the guardian ends it and switches off.
+    /// Silence of the daemon, s, after which the guardian ends it and switches off.
     pub lease_s: f64,
-    /// The daemon may compute for so long between two waits, s: after that it counts as hung, and
-    /// the lease is not renewed.
+    /// Longest computation of the daemon between two waits, s: after it the daemon counts as hung,
+    /// and the lease is not renewed.
     pub stall_s: f64,
 }
 
-/// How the daemon holds a bath with relays.
+/// Control of a bath with relays.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Thermostat {
-    /// So far from the set-point a relay is on all the time, K.
+    /// Distance from the set-point at which a relay is always on, K.
     pub band_k: f64,
     /// Time in which a standing error doubles its effect, s.
     pub integral_s: f64,
     /// Interval in which a relay is switched on once, s.
     pub window_s: f64,
-    /// Without a reading for longer the run is stopped, s.
+    /// Longest time without a reading before the run is stopped, s.
     pub stale_s: f64,
-    /// Offset of the sensor: shown less true temperature, K.
+    /// Offset of the sensor: reading minus true temperature, K.
     pub sensor_offset_k: f64,
 }
 
 /// Requirement of a run on the last report of `eis-bench doctor`.
 #[derive(Debug, Clone, Copy)]
 pub struct Doctor {
-    /// Without a valid report nothing is energised; else its want is remarked.
+    /// Whether a missing valid report prevents energising; otherwise it is only reported.
     pub required: bool,
-    /// A report is valid for so long, s.
+    /// Validity of a report, s.
     pub valid_for_s: f64,
 }
 

@@ -184,8 +184,8 @@ pub fn resolve_experiment(
     })
 }
 
-/// Unless they are typed: so often after a fault that passes, and so long after it, s, for an
-/// instrument to notice that its client has gone.
+/// Default number of continuations after a transient fault, and the wait before each, s, in which
+/// an instrument notices that its client has gone.
 const PASSING: (usize, f64) = (5, 5.0);
 
 fn auto_resume(source: &Source, raw: Option<&raw::Resume>) -> Result<AutoResume, ConfigError> {

@@ -173,7 +173,7 @@ fn resolve_guardian(source: &Source, raw: &raw_bench::Guardian) -> Result<Guardi
     })
 }
 
-/// A report of the doctor is valid for so long unless that is typed, s.
+/// Default validity of a report of the doctor, s.
 const DOCTOR_VALID_S: f64 = 90.0 * 86_400.0;
 
 fn resolve_doctor(source: &Source, raw: &raw_bench::Doctor) -> Result<Doctor, ConfigError> {

@@ -48,7 +48,7 @@ pub struct Trace {
     pub longest_s: f64,
 }
 
-/// Nothing flows for so long before the first row, s.
+/// Time without current before the first row, s.
 pub(crate) const BEFORE_S: f64 = 0.5;
 
 impl Check<'_> {

@@ -33,9 +33,9 @@ use super::{
 
 /// Waits before the second and later tries, s.
 const AGAIN_S: [f64; 4] = [2.0, 10.0, 60.0, 600.0];
-/// A receiver may take so long, s.
+/// Time limit of a receiver, s.
 const PATIENCE: Duration = Duration::from_secs(20);
-/// Interval between two checks of what waits for the end of quiet hours, s.
+/// Interval between two checks for notices that wait for the end of quiet hours, s.
 const LOOK_S: f64 = 5.0;
 /// Time between two questions whether the benches have been looked at, s.
 const FIRST_S: f64 = 0.1;

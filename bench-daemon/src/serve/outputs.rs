@@ -9,7 +9,7 @@ use crate::{
     bench::outputs::OutputsState, config, safety::failure::BUSY_CODE, support::present::quoted,
 };
 
-/// `eis-bench outputs` is waited for so long.
+/// Time limit for `eis-bench outputs`.
 const READ: Duration = Duration::from_secs(60);
 
 /// Why the outputs were not read.

@@ -24,7 +24,7 @@ use crate::{
     support::locks,
 };
 
-/// `eis-bench safe` is waited for so long: it tries each instrument several times.
+/// Time limit for `eis-bench safe`, which tries each instrument several times.
 const SAFE: Duration = Duration::from_secs(90);
 /// A run that was starting when the stop came is ended in a second turn; no run begins after the
 /// first.

@@ -109,8 +109,8 @@ impl<'a> Subject<'a> {
         }
     }
 
-    /// Error of the expected open-circuit voltage for a current that is read wrong by one ampere,
-    /// so long after the start of a record, V.
+    /// Error of the expected open-circuit voltage at this time after the start of a record, V, for
+    /// a current reading that is wrong by one ampere.
     pub(super) fn counted_wrong_v(&self, time_s: f64) -> f64 {
         if let Prediction::Voltage(_, per_c_v) = self.prediction {
             per_c_v * time_s

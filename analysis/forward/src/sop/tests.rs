@@ -127,7 +127,7 @@ fn as_brute_force_says() {
         );
         met.push(by);
     }
-    // Full cells are worth so much that the busbars of 30 mΩ take half of the voltage first.
+    // The voltage of full cells is so high that the busbars of 30 mΩ take half of it first.
     assert!(
         met.contains(&LimitedBy::TheoreticalMaximum) && met.contains(&LimitedBy::LowerVoltage),
         "{met:?}"

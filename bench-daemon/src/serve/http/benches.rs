@@ -29,7 +29,7 @@ use crate::{
     },
 };
 
-/// `eis-bench identify` is waited for so long.
+/// Time limit for `eis-bench identify`.
 const IDENTIFY: Duration = Duration::from_secs(60);
 
 /// Identity of the caller.

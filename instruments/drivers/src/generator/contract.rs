@@ -12,7 +12,7 @@ pub(super) const QUIET_VPP: f64 = 0.02;
 /// here a thousandth of the amplitude.
 pub(super) const PHASE_TOLERANCE_DEG: f64 = 0.05;
 
-/// A burst may begin so much later than its trigger, s: the least that models can is below a
+/// Largest delay of a burst after its trigger, s: the smallest setting of the models is below a
 /// microsecond.
 pub(super) const DELAY_TOLERANCE_S: f64 = 1.0e-3;
 

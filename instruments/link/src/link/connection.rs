@@ -73,7 +73,7 @@ impl Connection {
         self.channel.send(bytes).await.map_err(broken)
     }
 
-    /// Waits for one complete answer, for which the caller has so much patience.
+    /// Waits for one complete answer, at most for `patience`.
     pub(super) async fn read(
         &mut self,
         expect: Expect,

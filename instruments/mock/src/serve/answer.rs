@@ -14,7 +14,7 @@ const PIECE_S: f64 = 0.05;
 /// Next step of an answer.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Step {
-    /// Nothing for so long, bench s.
+    /// Nothing is sent for this bench time, s.
     Wait(f64),
     /// These bytes are sent; the end of the message accompanies the last ones, if the transport has
     /// one.

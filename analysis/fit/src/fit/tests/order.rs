@@ -61,7 +61,7 @@ fn branches_far_apart_are_counted() {
     }
 }
 
-/// Time constants a factor two apart under so much noise that the second branch gains about what it
+/// Time constants a factor two apart, in noise in which the second branch gains about as much as it
 /// costs.
 #[test]
 fn branches_that_merge_in_the_noise_are_not_told_apart() {
