@@ -10,8 +10,9 @@ use std::{
 };
 
 impl ErmFit {
-    /// The fitted model as a curve over a band of frequencies in Hz, above zero, with the share of
-    /// the open-circuit voltage that was taken out of its data, as [`ErmFit::impedance`].
+    /// The fitted model as a curve over a band of frequencies in Hz, above zero, including the
+    /// share of the open-circuit voltage that was subtracted from its data, as
+    /// [`ErmFit::impedance`].
     pub fn series(&self, label: &str, band_hz: RangeInclusive<f64>, colour: usize) -> Series {
         Series::curve(label, band_hz, colour, |freq_hz| self.impedance(freq_hz))
     }

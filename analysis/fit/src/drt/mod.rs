@@ -39,13 +39,13 @@ pub struct Estimate {
     pub sigma: f64,
 }
 
-/// A band below the upper end of a sweep in which Im Z > 0, which no resistances and capacitances
-/// follow.
+/// A band below the upper end of a sweep in which Im Z > 0, which resistances and capacitances
+/// cannot describe.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SlowLoop {
     /// Where it is.
     pub band: LoopBand,
-    /// The inductive branch that follows it; none where the spectrum is described as well without.
+    /// The inductive branch that describes it; `None` if the spectrum is described as well without.
     pub branch: Option<InductiveBranch>,
 }
 
@@ -54,12 +54,12 @@ pub struct SlowLoop {
 pub struct InductiveBranch {
     /// Its time constant, s; without an uncertainty.
     pub tau_s: f64,
-    /// The resistance by which it lowers that at zero frequency, Ω.
+    /// Amount by which it lowers the resistance at zero frequency, Ω.
     pub r_ohm: Estimate,
 }
 
 impl SlowLoop {
-    /// What there is and what becomes of it, in a sentence.
+    /// Describes the loop and its treatment in a sentence.
     pub fn in_words(&self) -> String {
         let short = |value| format_significant(value, 3);
         let LoopBand { from_hz, to_hz } = self.band;
@@ -113,7 +113,7 @@ pub struct Drt {
     pub peaks: Vec<Peak>,
     /// Time constants 1/ω of the ends of the band, s.
     pub band_tau_s: (f64, f64),
-    /// A loop at low frequency with Im Z > 0; none where there is none.
+    /// A loop at low frequency with Im Z > 0; `None` without such a loop.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub slow_loop: Option<SlowLoop>,
     /// The model at the measured frequencies, Ω.

@@ -8,7 +8,7 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 const PATIENCE: u32 = 4;
 const MOST_ROUNDS: usize = 400;
 
-/// A minimiser and which unknowns are free.
+/// A minimiser, and which unknowns are free.
 #[derive(Debug, Clone)]
 pub(crate) struct Solution {
     pub(crate) x: DVector<f64>,
@@ -18,8 +18,8 @@ pub(crate) struct Solution {
     pub(crate) factor: Cholesky<f64, Dyn>,
 }
 
-/// Minimises ½xᵀKx − cᵀx under x ≥ 0, beginning with a guess of the free unknowns; none if K is too
-/// near to singular.
+/// Minimises ½xᵀKx − cᵀx under x ≥ 0, starting from a guess of the free unknowns; `None` if K is
+/// too near to singular.
 pub(crate) fn solve(k: &DMatrix<f64>, c: &DVector<f64>, guess: &[usize]) -> Option<Solution> {
     let n = c.len();
     let mut is_free = vec![false; n];

@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 use serde::Serialize;
 use std::ops::RangeInclusive;
 
-/// Least share of the whole that makes a peak, and its least number of standard deviations.
+/// Minimum share of the whole for a peak, and its minimum number of standard deviations.
 const LEAST_SHARE: f64 = 5e-3;
 const LEAST_SIGMAS: f64 = 2.0;
 

@@ -11,19 +11,19 @@ use std::f64::consts::TAU;
 
 const FEWEST_POINTS: usize = 6;
 const PENALTY_ON_FREEDOM: f64 = 1.4;
-/// Of all λ whose score is within this factor of the best, the smoothest is taken: the best is
-/// often one of many alike.
+/// Of all λ whose score is within this factor of the best, the largest is used, because many λ have
+/// nearly the same score.
 const AS_GOOD: f64 = 1.03;
 /// Decades of λ that are tried, relative to the size of the data's normal matrix.
 const DECADES: (i32, i32) = (-9, 1);
 const PER_DECADE: i32 = 2;
 /// Factor by which the time constant of an inductive branch may lie beyond the band of its loop,
-/// and how many are tried: evenly over the logarithm, and then in halved steps.
+/// and the number of tried values: evenly over the logarithm, then in halved steps.
 const LOOP_REACH: f64 = 10.0;
 const LOOP_STEPS: usize = 25;
 const LOOP_HALVINGS: usize = 6;
 
-/// A solution for one λ and how good cross-validation finds it.
+/// A solution for one λ with its cross-validation score.
 struct Candidate {
     solution: Solution,
     lambda: f64,
@@ -91,8 +91,9 @@ pub fn drt(spectrum: &Spectrum, noise: &Noise) -> Result<Drt, DrtError> {
     Ok(drt)
 }
 
-/// The problem with an inductive branch, whose time constant is the one that leaves least: near the
-/// band of the loop, at the strength of regularisation that cross-validation takes in its middle.
+/// Returns the problem with an inductive branch. Its time constant gives the smallest residual near
+/// the band of the loop, at the strength of regularisation that cross-validation chooses in its
+/// middle.
 fn with_loop(spectrum: &Spectrum, noise: &Noise, reach: f64, band: LoopBand) -> Option<Design> {
     let made = |tau_s: f64| Design::new(spectrum, noise, reach, Some(tau_s));
     let (fast, slow) = (1.0 / (TAU * band.to_hz), 1.0 / (TAU * band.from_hz));
@@ -123,7 +124,7 @@ fn with_loop(spectrum: &Spectrum, noise: &Noise, reach: f64, band: LoopBand) -> 
     Some(made(best.1.exp()))
 }
 
-/// The inductive branch of a solution; none where it has none.
+/// Returns the inductive branch of a solution, or `None` without one.
 fn inductive_branch(
     design: &Design,
     best: &Candidate,

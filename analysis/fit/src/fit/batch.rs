@@ -45,7 +45,7 @@ struct Work {
     lo: [Lane; MAX_UNKNOWNS],
     hi: [Lane; MAX_UNKNOWNS],
     r: [Lane; MAX_UNKNOWNS],
-    /// 1 for an unknown that no bound holds, else 0; and the bound that holds it.
+    /// 1 for an unknown that no bound holds, otherwise 0; and the bound that holds it.
     free: [Lane; MAX_UNKNOWNS],
     at: [Lane; MAX_UNKNOWNS],
 }
@@ -211,7 +211,7 @@ impl Work {
         }
     }
 
-    /// Holds what violates a bound and frees what pulls off one; 1 where nothing was wrong.
+    /// Holds unknowns that violate a bound and frees those that pull off one; 1 if nothing changed.
     #[inline(always)]
     fn exchange(&mut self) -> Lane {
         let n = self.n;
@@ -256,8 +256,8 @@ impl Work {
         right
     }
 
-    /// Cholesky of all lanes over the free unknowns, the held at their bounds, with the ridge of
-    /// [`BoxQuadratic`]; 1 where it was sound.
+    /// Cholesky of all lanes over the free unknowns, with the held ones at their bounds and the
+    /// ridge of [`BoxQuadratic`]; 1 if it succeeded.
     #[inline(always)]
     fn solve_free(&mut self) -> Lane {
         let n = self.n;
@@ -306,7 +306,7 @@ impl Work {
         sound
     }
 
-    /// The objective at the resistances; sets the next touching quadratic if it is wanted.
+    /// Computes the objective at the resistances; sets the next touching quadratic if requested.
     #[inline(always)]
     fn evaluate(&mut self, problem: &Problem, more: bool) -> Lane {
         let rc = self.n - 1;

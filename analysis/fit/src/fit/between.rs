@@ -32,9 +32,9 @@ pub(super) struct Between {
     pub(super) reduced_chi2: Option<f64>,
 }
 
-/// The mean of the cells' logarithmic parameters, with their scatter in the place of the widened
-/// noise of sweeps. None, and nothing done, where a cell does not fix all parameters. `x` is where
-/// the fits to the cells begin.
+/// Returns the mean of the cells' logarithmic parameters, with their scatter instead of the widened
+/// noise of sweeps. Returns `None` and changes nothing if a cell does not determine all parameters.
+/// `x` is the start of the fits to the cells.
 pub(super) fn between_cells(
     spectra: &[Spectrum],
     options: &FitOptions,

@@ -50,10 +50,10 @@ impl CellSweeps {
 pub struct Components {
     /// Mean of the cells' means, each cell counting once.
     pub mean: f64,
-    /// Standard uncertainty of that mean as the mean of all such cells: none for a single cell.
+    /// Standard uncertainty of that mean as the mean of all such cells; `None` for a single cell.
     pub sigma_mean: Option<f64>,
-    /// Standard deviation between cells, the repeats' share taken off; zero where the repeats
-    /// explain all. None for a single cell.
+    /// Standard deviation between cells without the share of the repeats; zero if the repeats
+    /// explain all of it. `None` for a single cell.
     pub between: Option<f64>,
     /// 95 % interval of the standard deviation between cells (Williams, 1962), for the mean number
     /// of repeats.
@@ -66,7 +66,7 @@ pub struct Components {
     pub freedom: (usize, usize),
 }
 
-/// Separates the spread between groups from that within; none without any value.
+/// Separates the spread between groups from that within; `None` without any value.
 pub fn components(groups: &[Vec<f64>]) -> Option<Components> {
     let groups: Vec<&Vec<f64>> = groups.iter().filter(|g| !g.is_empty()).collect();
     let (a, n) = (groups.len(), groups.iter().map(|g| g.len()).sum::<usize>());
@@ -132,8 +132,8 @@ struct MeanSquare {
     freedom: usize,
 }
 
-/// The interval of Williams and Tukey for the standard deviation between cells, from the mean
-/// squares between and within them: at least the level asked for.
+/// Returns the interval of Williams and Tukey for the standard deviation between cells, from the
+/// mean squares between and within them, with at least the requested level.
 fn between_interval(between: MeanSquare, within: MeanSquare, n0: f64) -> (f64, f64) {
     let (b, fb, w) = (between.value, between.freedom, within.value);
     let f = |p: f64| {
@@ -218,9 +218,9 @@ pub fn frequency_spread(cells: &[CellSweeps]) -> Vec<FrequencySpread> {
     first.points.iter().filter_map(|p| of(p.freq_hz)).collect()
 }
 
-/// One spectrum per cell: the mean of its sweeps, its covariance from the repeats of all cells. A
-/// cell's points, where frequencies differ from sweep to sweep or nothing was repeated, are passed
-/// on with what is known of them.
+/// Returns one spectrum per cell: the mean of its sweeps, its covariance from the repeats of all
+/// cells. If frequencies differ from sweep to sweep or nothing was repeated, a cell's points are
+/// passed on with their own uncertainties.
 pub(super) fn cell_means(cells: &[CellSweeps]) -> Vec<Spectrum> {
     let spread = frequency_spread(cells);
     let relative = |part: fn(&FrequencySpread) -> &Components| smooth_relative(&spread, part);

@@ -5,8 +5,8 @@ use super::cells::CellSweeps;
 use analysis_numeric::stats::t_factor;
 use analysis_signal::spectrum::Spectrum;
 
-/// Number of cells from which on their scatter is known well enough (to a tenth) for the sigmas to
-/// need no remark.
+/// Number of cells from which on their scatter is known to a tenth, so that the sigmas need no
+/// remark.
 const MANY: usize = 50;
 
 /// Clusters of sweeps, for the scatter of the objective's gradient.
@@ -16,12 +16,12 @@ pub(super) struct Clusters {
     of: Vec<usize>,
     /// Number of clusters.
     pub(super) count: usize,
-    /// Number of cells where they are known.
+    /// Number of cells, if they are known.
     cells: Option<usize>,
 }
 
 impl Clusters {
-    /// Every sweep for itself: nothing is known of cells.
+    /// Makes every sweep a cluster of its own, for unknown cells.
     pub(super) fn sweeps(count: usize) -> Self {
         Self {
             of: (0..count).collect(),
@@ -30,8 +30,8 @@ impl Clusters {
         }
     }
 
-    /// The sweeps one cell after the other, and their clusters: the cells where there are two or
-    /// more and they are known, else the sweeps.
+    /// Returns the sweeps ordered by cell, and their clusters: the cells if two or more are known,
+    /// otherwise the sweeps.
     pub(super) fn of_cells(cells: &[CellSweeps]) -> (Vec<Spectrum>, Self) {
         let spectra: Vec<Spectrum> = cells.iter().flat_map(|c| c.sweeps.clone()).collect();
         let known = cells.iter().all(|c| c.named) || cells.len() < spectra.len();
@@ -72,8 +72,8 @@ impl Clusters {
         self.cells().is_some() || self.count > parameters
     }
 
-    /// Remark on how far the sigmas may be believed; none where the cells are not known. `absolute`
-    /// is true where stated covariances make the sigmas.
+    /// Returns a remark on the reliability of the sigmas; `None` if the cells are not known.
+    /// `absolute` is true if the sigmas come from stated covariances.
     pub(super) fn remark(&self, absolute: bool) -> Option<String> {
         let cells = self
             .cells

@@ -93,7 +93,7 @@ pub(super) struct MeasuredPoint {
 }
 
 impl Common {
-    /// From the points of all groups; none where nothing is shared.
+    /// Collects the common errors of the points of all groups; `None` without shared errors.
     pub(super) fn new(
         names: &[&str],
         groups: Vec<Vec<MeasuredPoint>>,
@@ -131,7 +131,7 @@ impl Common {
         Some(common)
     }
 
-    /// Sets λ; none for numbers that make no matrix.
+    /// Sets λ; `None` for numbers that do not give a valid matrix.
     pub(super) fn set_noise(&mut self, noise: f64) -> Option<()> {
         let n = self.count();
         let mut factor = self.information.clone();
@@ -144,8 +144,8 @@ impl Common {
         self.names.len()
     }
 
-    /// The errors at their best for the model's impedances, group by group, and what they take from
-    /// the objective.
+    /// Returns the best values of the errors for the model's impedances, group by group, and the
+    /// amount by which they reduce the objective.
     pub(super) fn best(&self, model: &[Complex64]) -> (Vec<f64>, f64) {
         let mut b = self.constant.clone();
         for (pull, z) in self.pull.iter().zip(model) {
@@ -165,7 +165,7 @@ impl Common {
         self.noise * best.iter().map(|a| a * a).sum::<f64>()
     }
 
-    /// Gradient of what the errors take off, over (Re, Im) of a group's impedance.
+    /// Returns the gradient of this reduction over (Re, Im) of a group's impedance.
     pub(super) fn gradient(&self, group: usize, best: &[f64]) -> [f64; 2] {
         self.pull[group]
             .iter()
@@ -219,9 +219,9 @@ impl Common {
             .sum()
     }
 
-    /// Variance of an error with all parameters free, in units of its own: the corner of the
-    /// inverse of the whole normal matrix. `covariance` is that of the parameters, row by row, and
-    /// `mixed` DᵀWJ over them.
+    /// Returns the variance of an error with all parameters free, in units of its own: the corner
+    /// of the inverse of the whole normal matrix. `covariance` is that of the parameters, row by
+    /// row, and `mixed` DᵀWJ over them.
     pub(super) fn variance(
         &self,
         error: usize,

@@ -50,8 +50,9 @@ pub fn fit_erm(spectra: &[Spectrum], options: &FitOptions) -> Result<ErmFit, Fit
     fit(spectra, options, &Clusters::sweeps(spectra.len()), 0)
 }
 
-/// As [`fit_erm`], with sigmas from the scatter of the cells where two or more are known, and with
-/// `starts` more descents from random time constants: surer, and it meets more of the other minima.
+/// As [`fit_erm`], with sigmas from the scatter of the cells if two or more are known, and with
+/// `starts` additional descents from random time constants, which make the search more reliable and
+/// find more of the other minima.
 ///
 /// # Errors
 /// As [`fit_erm`].

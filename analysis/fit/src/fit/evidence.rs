@@ -34,7 +34,7 @@ type Sym2 = [f64; 3];
 pub(super) struct PointShare {
     /// Norm of the weighted residual, as the objective's weight has it.
     pub(super) norm: f64,
-    /// Size that the noise of that norm is proportional to: |Z| for residuals in Ω, one for
+    /// Size to which the noise of that norm is proportional: |Z| for residuals in Ω, one for
     /// residuals relative to it.
     pub(super) size: f64,
     /// The weight of the squared residual.
@@ -58,7 +58,7 @@ pub(super) struct FrequencyShare {
 /// The optimum.
 pub(super) struct Evidence<'a> {
     pub(super) kind: Objective,
-    /// True where the weights are inverse covariances and the objective is a χ².
+    /// True if the weights are inverse covariances and the objective is a χ².
     pub(super) absolute_weights: bool,
     /// Value of the objective.
     pub(super) value: f64,
@@ -130,7 +130,7 @@ impl Evidence<'_> {
         }
     }
 
-    /// 2JᵀWJ less what common errors take from it.
+    /// Returns 2JᵀWJ less the part that common errors remove.
     fn left_information(&self) -> Vec<f64> {
         let mut left = self.information(|f| f.weight);
         if let Some(taken) = &self.shared {

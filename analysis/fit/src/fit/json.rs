@@ -16,7 +16,7 @@ use analysis_model::{
 };
 use serde::{Deserialize, Serialize};
 
-/// Version of a file without additions, so that older readers take it.
+/// Version of a file without additions, which older readers accept.
 const PLAIN_VERSION: u32 = 1;
 
 /// All fits of one call: `{"fits": [{"rc": …, "objective": …, "r_ohm": …, "branches": […],
@@ -52,7 +52,7 @@ pub struct FitEntry {
     pub sigma: ErmSigma,
     /// Root mean square of |Z_model − Z_data|, Ω.
     pub rms_ohm: f64,
-    /// χ² per degree of freedom, where the data state their uncertainty.
+    /// χ² per degree of freedom, if the data state their uncertainty.
     pub reduced_chi2: Option<f64>,
     /// Warnings to the user, in sentences.
     #[serde(flatten)]
@@ -136,14 +136,14 @@ pub struct ModelFile {
     /// Points that the gate of the measurement has refused.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub refused: Vec<RefusedPoint>,
-    /// The cell's model mapped to a pack, where one was asked for.
+    /// The cell's model mapped to a pack, if requested.
     pub pack: Option<PackModel>,
-    /// Open-circuit voltage over state of charge, where it is known.
+    /// Open-circuit voltage over state of charge, if known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ocv: Option<OcvCurve>,
-    /// The pulses that the model was fitted to besides the spectra; none for spectra alone. `fit`
-    /// then holds the joint fit: its objective is χ² of both, its points are frequencies of the
-    /// mean spectrum and bins of the pulses.
+    /// The pulses that the model was fitted to in addition to the spectra; `None` for spectra
+    /// alone. `fit` then holds the joint fit: its objective is χ² of both, its points are
+    /// frequencies of the mean spectrum and bins of the pulses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joint: Option<JointProvenance>,
     /// Effects that a diagnosis has added; `fit` then holds the base that was refitted together
@@ -167,7 +167,7 @@ pub struct RefusedPoint {
     pub freq_hz: f64,
     /// Why.
     pub reasons: Vec<String>,
-    /// The model was fitted to it all the same, because that was asked for.
+    /// True if the model was nevertheless fitted to it, on request.
     pub fitted: bool,
 }
 
@@ -213,8 +213,8 @@ impl ModelFile {
         }
     }
 
-    /// The order said is the model's, and the covariance has a row and a column for each of its
-    /// parameters.
+    /// Checks that the stated order is the model's, and that the covariance has a row and a column
+    /// for each of its parameters.
     fn check_size(&self) -> Result<(), JsonError> {
         let (branches, parameters) = (self.fit.erm.branches.len(), self.fit.erm.parameter_count());
         if self.rc != branches {
@@ -299,8 +299,8 @@ impl ModelFile {
         )
     }
 
-    /// The file with additions to a base that was refitted together with them. What the first fit
-    /// knew of its uncertainty, and its pack, belong to another base and go.
+    /// Returns the file with additions to a base that was refitted together with them. The
+    /// uncertainty and the pack of the first fit belong to another base and are dropped.
     #[must_use]
     pub fn with_additions(mut self, erm: Erm, facts: Facts, additions: Vec<Addition>) -> Self {
         self.schema_version = MODEL_SCHEMA_VERSION;

@@ -120,7 +120,7 @@ pub fn survey_seeds(
     })
 }
 
-/// The proven minima of a search beside its deepest.
+/// Returns the proven minima of a search except the deepest.
 pub(super) fn other_minima(
     problem: &Problem,
     options: &FitOptions,
@@ -133,7 +133,7 @@ pub(super) fn other_minima(
     described.filter(|m| is_distinct(m, options)).collect()
 }
 
-/// A proven minimum of this order: none of its branches has vanished.
+/// Returns whether a minimum is proven and of this order: none of its branches has vanished.
 fn is_distinct(minimum: &LocalMinimum, options: &FitOptions) -> bool {
     minimum.is_proven()
         && minimum

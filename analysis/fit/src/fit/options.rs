@@ -8,10 +8,11 @@ use std::fmt;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
-/// Values that SCPI-99 (7.2.1.4 and 7.2.1.5) has for infinity, 9.9e37, and for no number, 9.91e37, in
-/// one part or in both.
+/// Values that SCPI-99 (7.2.1.4 and 7.2.1.5) uses for infinity, 9.9e37, and for not-a-number,
+/// 9.91e37, in one part or in both.
 const OVERLOAD_OHM: RangeInclusive<f64> = 9.8e37..=1.5e38;
-/// A branch of this share of the least |Z| is the smallest that a capacitance is wanted for.
+/// Resistance, as a share of the least |Z|, of the smallest branch for which the bounds of C
+/// suffice.
 const SMALL: f64 = 0.01;
 
 /// Most RC branches a fit may have.
@@ -191,7 +192,7 @@ pub enum FitError {
         {frequencies} distinct frequencies"
     )]
     TooFewFrequencies {
-        /// Branches asked for.
+        /// Requested number of branches.
         rc: usize,
         /// Their parameters.
         parameters: usize,
@@ -201,7 +202,7 @@ pub enum FitError {
     /// More branches than supported.
     #[error("fit: expected 0 to {MAX_RC} RC branches, met {met}")]
     TooManyBranches {
-        /// Branches asked for.
+        /// Requested number of branches.
         met: usize,
     },
     /// The bounds are empty or not finite.
@@ -231,7 +232,7 @@ pub enum FitError {
 }
 
 impl FitOptions {
-    /// Number of parameters of the model asked for.
+    /// Returns the number of parameters of the requested model.
     pub fn parameter_count(&self) -> usize {
         1 + 2 * self.rc
     }
@@ -256,8 +257,8 @@ impl FitOptions {
     }
 
     /// Refuses more parameters than independent points. Real and imaginary part of one point are
-    /// tied by Kramers and Kronig, and share the errors of its record, so that they do not count as
-    /// two.
+    /// related by Kramers and Kronig and share the errors of its record, so that they do not count
+    /// as two.
     pub(crate) fn check_size(&self, frequencies: usize) -> Result<(), FitError> {
         let (rc, parameters) = (self.rc, self.parameter_count());
         if parameters > frequencies {

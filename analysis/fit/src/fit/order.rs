@@ -25,7 +25,7 @@ use analysis_signal::spectrum::Spectrum;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Highest order that is tried where the data choose it.
+/// Highest order that is tried if the data choose it.
 pub const MOST_AUTO: usize = 6;
 
 /// Residuals relative to |Z| that are rounding.
@@ -42,7 +42,7 @@ pub struct OrderOptions {
     pub seed: u64,
 }
 
-/// The orders tried, and what follows.
+/// The orders tried, and the conclusion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OrderSelection {
     /// One row per order, rising.
@@ -58,7 +58,8 @@ pub struct OrderSelection {
     pub cells: usize,
     /// Number of sweeps.
     pub sweeps: usize,
-    /// The smallest order that predicts a cell left out as well as any; none below three cells.
+    /// The smallest order that predicts a left-out cell as well as any other; `None` below three
+    /// cells.
     pub for_other_cells: Option<usize>,
     /// Error of predicting a cell from the mean of the others without any model: no order can do
     /// better than about this.

@@ -19,7 +19,7 @@ use analysis_model::model::Erm;
 use analysis_numeric::{Covariance2, significant::format_significant};
 use analysis_signal::spectrum::Spectrum;
 
-/// Share of clean data sets in which a point may be taken to stand out.
+/// Share of clean data sets in which a point may be flagged.
 const FALSE_ALARM_RATE: f64 = 0.01;
 /// Points named at most.
 const MOST_NAMED: usize = 4;
@@ -61,9 +61,9 @@ pub(super) fn standing_out(problem: &Problem, erm: &Erm) -> Vec<usize> {
         .collect()
 }
 
-/// Names the points that stand out of a fit of an ERM to these spectra, and those that `kk` calls
-/// bad: a model that misses the data hides them. Says which spectra `kk` does not believe as a
-/// whole. Of many spectra those are looked at first that hold the furthest.
+/// Returns remarks on the points that stand out of a fit of an ERM to these spectra, and on those
+/// that `kk` calls bad, because a model that misses the data hides them. Names the spectra that
+/// `kk` rejects as a whole. Of many spectra those with the largest deviations are tested first.
 pub(super) fn remarks(spectra: &[Spectrum], erm: Option<&Erm>) -> Vec<Warning> {
     let suspects = erm.map_or_else(Vec::new, |erm| {
         standing_out(&Problem::new(spectra, Objective::Complex), erm)
@@ -153,8 +153,8 @@ fn words(p: &KkPoint, spectrum: &Spectrum, several: bool, source: &str) -> Strin
     )
 }
 
-/// The Kramers–Kronig test, where it holds but for single points: by the noise as stated, else by
-/// the spectrum's own, for σ may be stated too small.
+/// Returns the Kramers–Kronig test if the spectrum passes it except for single points: by the
+/// stated noise, otherwise by the spectrum's own noise, because σ may be stated too small.
 fn tested(spectrum: &Spectrum) -> Option<KramersKronig> {
     if spectrum.points.len() < FEWEST_POINTS || spectrum.validate().is_err() {
         return None;

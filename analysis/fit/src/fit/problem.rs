@@ -18,7 +18,7 @@ use std::f64::consts::TAU;
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct DataPoint {
     pub(crate) z: Complex64,
-    /// Weight of the squared residual; the identity where the objective does not weigh.
+    /// Weight of the squared residual; the identity if the objective has no weights.
     pub(crate) weight: Sym2,
     /// Index of the spectrum it came from.
     pub(crate) spectrum: usize,
@@ -62,8 +62,8 @@ impl Problem {
         Self::pool(spectra, kind, &common::names(spectra))
     }
 
-    /// The same with the shares of common errors as noise of each point: good enough to find basins
-    /// by, and quick.
+    /// The same with the shares of common errors as noise of each point: accurate enough to find
+    /// basins, and fast.
     pub(super) fn coarse(spectra: &[Spectrum], kind: Objective) -> Self {
         Self::pool(spectra, kind, &[])
     }
@@ -399,7 +399,8 @@ fn impedance_of(r_ohm: f64, branches: &[(f64, f64)], freq_hz: f64) -> Complex64 
         })
 }
 
-/// R, and (R, RC) of the branches: the exponentials are taken once and not at every frequency.
+/// Returns R, and (R, RC) of the branches, so that the exponentials are computed once and not at
+/// every frequency.
 fn components(x: &[f64]) -> (f64, Vec<(f64, f64)>) {
     (
         x[0].exp(),

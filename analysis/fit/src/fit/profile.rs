@@ -19,10 +19,10 @@ use analysis_signal::spectrum::Spectrum;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Steps taken to each side at most, and the fraction of a sigma that each begins with.
+/// Maximum number of steps to each side, and the first step as a fraction of a sigma.
 const STEPS: usize = 40;
 const FIRST_STEP: f64 = 0.4;
-/// Pull on the DC resistance: Δχ² that being off by a whole step costs.
+/// Pull on the DC resistance: Δχ² of a deviation by a whole step.
 const PULL: f64 = 50.0;
 
 /// Quantity that is held fixed.
@@ -32,7 +32,7 @@ enum Held {
     DcResistance,
 }
 
-/// Lower and upper limit; none where the band or the bounds set none.
+/// Lower and upper limit; `None` if neither the band nor the bounds set one.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
     /// Lower limit, in the unit of the quantity.
@@ -58,13 +58,12 @@ pub struct Profile {
     pub curve: Vec<(f64, f64)>,
     /// Δχ² at the ends of the two intervals.
     pub limits: (f64, f64),
-    /// A deeper minimum that the profile ran into, as an objective; none when the fit was the best.
+    /// A deeper minimum that the profile found, as an objective; `None` if the fit was the best.
     pub deeper: Option<f64>,
 }
 
 impl Profile {
-    /// Warning to the user with the numbers of the interval; none where it is bounded on both
-    /// sides.
+    /// Returns a warning with the numbers of the interval; `None` if it is bounded on both sides.
     pub fn warning(&self) -> Option<String> {
         let Interval { low, high } = self.interval_95;
         let reach = |index: usize| self.curve.get(index).map_or(self.value, |p| p.0);
@@ -287,8 +286,8 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// The least objective with the quantity held (or pulled) at `target`: where it came to lie,
-    /// and the minimum.
+    /// Returns the least objective with the quantity held (or pulled) at `target`: its actual
+    /// value, and the minimum.
     fn held_at(&self, held: Held, target: f64, from: &[f64], weight: f64) -> (f64, Minimum) {
         match held {
             Held::Parameter(i) => {
@@ -344,7 +343,7 @@ fn ln_dc(x: &[f64]) -> f64 {
     (x[0].exp() + x[1..].iter().step_by(2).map(|v| v.exp()).sum::<f64>()).ln()
 }
 
-/// Slopes of [`ln_dc`]: each resistance's share; none of a capacitance.
+/// Returns the slopes of [`ln_dc`]: each resistance's share; zero for capacitances.
 fn dc_shares(x: &[f64]) -> Vec<f64> {
     let dc = ln_dc(x).exp();
     (0..x.len())

@@ -9,10 +9,10 @@ use super::result::ErmFit;
 use super::slope::Slope;
 use analysis_signal::spectrum::{SourcedSpectrum, Spectrum};
 
-/// Wishes for the fit of one group of spectra.
+/// Options for the fit of one group of spectra.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ErmRequest {
-    /// Number of RC branches; none for the number that the data bear.
+    /// Number of RC branches; `None` for the number that the data support.
     pub rc: Option<usize>,
     /// Objective to minimise.
     pub objective: Objective,
@@ -24,7 +24,7 @@ pub struct ErmRequest {
     pub starts: usize,
 }
 
-/// A fit, and the choice of its order where there was one.
+/// A fit, and the choice of its order, if any.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ErmAnswer {
     /// The fit.
@@ -33,7 +33,7 @@ pub struct ErmAnswer {
     pub order: Option<OrderSelection>,
 }
 
-/// Spectra as they are fitted: sorted by cell, without what the slope takes out.
+/// Spectra prepared for a fit: sorted by cell, without the share of the slope.
 #[derive(Debug, Clone)]
 pub struct Prepared {
     /// Sweeps by cell.

@@ -24,17 +24,17 @@ pub struct ErmFit {
     pub points: usize,
     /// Number of spectra pooled.
     pub spectra: usize,
-    /// Number of cells whose scatter the sigmas rest on; none where they rest on the noise of
-    /// points or sweeps.
+    /// Number of cells whose scatter gives the sigmas; `None` if they come from the noise of points
+    /// or sweeps.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cells: Option<usize>,
     /// Standard uncertainty (1σ) of the parameters.
     pub sigma: ErmSigma,
     /// Covariance of the logarithmic parameters ln R, ln R₁, ln C₁, … (so: relative), row by row;
-    /// none when the data do not fix them all.
+    /// `None` if the data do not determine all of them.
     pub log_covariance: Option<Vec<Vec<f64>>>,
-    /// Slope of the open-circuit voltage beside the model; none where the spectra hold it or it was
-    /// left in them.
+    /// Slope of the open-circuit voltage beside the model; `None` if the spectra contain it or it
+    /// was left in them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub charge_storage: Option<ChargeStorage>,
     /// Root mean square of |Z_model − Z_data|, Ω. Errors that the points have in common count as
@@ -60,9 +60,8 @@ pub struct ErmFit {
 const MANY: f64 = 1e8;
 
 impl ErmFit {
-    /// Returns why the model is not a result: its parameters that stand at a bound, in sentences.
-    /// There the bound decides and not the data, so that neither the parameter nor a sum with it is
-    /// measured.
+    /// Returns why the model is not a result: its parameters at a bound, in sentences. There the
+    /// bound decides and not the data, so that neither the parameter nor a sum with it is measured.
     pub fn at_bounds(&self) -> Option<String> {
         let held = self
             .warnings
@@ -72,8 +71,8 @@ impl ErmFit {
         (!words.is_empty()).then(|| words.join("; "))
     }
 
-    /// Half width of a 95 % interval in sigmas: 1.96, more where the sigmas rest on few cells
-    /// (Student's t).
+    /// Returns the half width of a 95 % interval in sigmas: 1.96, or more if the sigmas come from
+    /// few cells (Student's t).
     pub fn sigmas_of_95(&self) -> f64 {
         t_factor(
             0.95,
@@ -82,8 +81,8 @@ impl ErmFit {
         )
     }
 
-    /// Impedance that the fit expects to be measured: the model and, where it was taken out, the
-    /// share of the open-circuit voltage, Ω.
+    /// Returns the impedance that would be measured, Ω: that of the model and, if it was
+    /// subtracted, the share of the open-circuit voltage.
     pub fn impedance(&self, freq_hz: f64) -> Complex64 {
         let storage = |s: ChargeStorage| {
             OcvSlope {

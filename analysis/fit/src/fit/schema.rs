@@ -4,8 +4,8 @@
 pub const PROGRAM: &str = concat!("eis-bench ", env!("CARGO_PKG_VERSION"));
 /// Name of the model file's schema.
 pub const MODEL_SCHEMA: &str = "eis-bench/model";
-/// Version of the model file's schema; readers refuse a newer one. 2 has additions, which a reader
-/// of 1 would pass over in silence.
+/// Version of the model file's schema; readers refuse a newer one. Version 2 has additions, which a
+/// reader of version 1 would ignore.
 pub const MODEL_SCHEMA_VERSION: u32 = 2;
 
 /// Reason why a model file could not be read or written.

@@ -15,7 +15,7 @@ use std::f64::consts::TAU;
 /// Corners of the smoothed norm, in typical impedances, from the first descent to full precision.
 const CORNERS: [f64; 4] = [1e-3, 1e-5, 1e-7, 1e-9];
 
-/// Curves nearer than this everywhere, in typical impedances, are one.
+/// Curves closer than this everywhere, in typical impedances, count as one.
 const SAME_CURVE: f64 = 1e-5;
 
 /// A basin's bottom and how many descents ended there.
@@ -253,8 +253,8 @@ fn same_curve(problem: &Problem, a: &Minimum, b: &Minimum) -> bool {
     curves_within(problem, a, b, SAME_CURVE)
 }
 
-/// One minimum reached twice: equal values, and curves that agree or differ by what the value does
-/// not feel.
+/// Returns whether two minima are the same: equal values, and curves that agree or differ only
+/// where the objective is flat.
 pub(super) fn same_minimum(problem: &Problem, a: &Minimum, b: &Minimum) -> bool {
     let equal = (a.value - b.value).abs() <= 1e-8 * a.value.abs().max(b.value.abs());
     curves_within(problem, a, b, if equal { 1e-3 } else { SAME_CURVE })

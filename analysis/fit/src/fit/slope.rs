@@ -9,7 +9,7 @@ use analysis_signal::spectrum::{OcvSlope, Spectrum};
 pub enum Slope {
     /// It stays in the impedances.
     Left,
-    /// It is taken out as known.
+    /// A known slope, which is subtracted.
     Known(OcvSlope),
     /// It is fitted with a prior for each spectrum.
     Fitted,
@@ -19,7 +19,7 @@ pub enum Slope {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SlopeError {
-    /// A fit of the slope with an objective that has no room for it.
+    /// A fit of the slope with an objective that does not support it.
     #[error(" fit: expected --objective complex, found {objective}")]
     Objective {
         /// The objective.

@@ -23,10 +23,9 @@ pub struct QuantitySpread {
     pub unit: String,
     /// Mean, and the two spreads.
     pub spread: Components,
-    /// Median of the relative standard uncertainty that single fits state; none for what is
-    /// measured and not fitted.
+    /// Median of the relative standard uncertainty of single fits; `None` for measured quantities.
     pub fitted_relative_sigma: Option<f64>,
-    /// False when single sweeps do not fix it, so that its spread is of the fit and not of the
+    /// False if single sweeps do not determine it, so that its spread describes the fit and not the
     /// cells.
     pub identified: bool,
 }
@@ -51,15 +50,15 @@ pub struct CellSpread {
     pub sweeps: usize,
     /// The impedance, frequency by frequency.
     pub frequencies: Vec<FrequencySpread>,
-    /// Quantities that need no model: |Z| near whole decades and the real part at the lowest
+    /// Quantities without a model: |Z| near whole decades and the real part at the lowest
     /// frequency.
     pub measured: Vec<QuantitySpread>,
     /// The parameters, by order.
     pub parameters: Vec<ParameterSpread>,
 }
 
-/// Separates between from within for the impedance and for the parameters of every order asked for;
-/// `options.rc` is passed over.
+/// Separates between from within for the impedance and for the parameters of every requested order;
+/// `options.rc` is ignored.
 ///
 /// # Errors
 /// [`FitError`] as for a fit of a single sweep.

@@ -19,9 +19,9 @@ const NOISE_ROUNDS: usize = 3;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ChargeStorage {
-    /// Slope dU/dQ, V/C: as it was given, moved to where the data want it within its uncertainty.
+    /// Slope dU/dQ, V/C: the given value, moved within its uncertainty towards the data.
     pub v_per_c: f64,
-    /// Its standard deviation, V/C; none where the data leave it open.
+    /// Its standard deviation, V/C; `None` if the data do not determine it.
     pub sigma_v_per_c: Option<f64>,
     /// Slope that was given.
     pub given: OcvSlope,
@@ -30,11 +30,12 @@ pub struct ChargeStorage {
     pub apparent_dc_resistance_ohm: f64,
 }
 
-/// Scale of relative noise beside which a prior is as good as absent: a standard deviation of 0.001
-/// % of |Z|.
+/// Scale of relative noise at which a prior is effectively absent: a standard deviation of 0.001 %
+/// of
+/// Z|.
 const FAINT_NOISE: f64 = 1.0e-10;
-/// Standard deviations of what was given beyond which a fitted slope contradicts it: 3 of 1000 do
-/// by chance.
+/// Standard deviations beyond which a fitted slope contradicts the given one: 3 of 1000 do by
+/// chance.
 const CONTRADICTED: f64 = 3.0;
 
 /// Fits again until the noise of relative weights is that of the residuals, so that what is known
@@ -81,7 +82,7 @@ fn misfit(problem: &Problem, minimum: &analysis_numeric::Minimum) -> f64 {
 }
 
 impl ChargeStorage {
-    /// A sentence where the data contradict the slope that was given.
+    /// Returns a sentence if the data contradict the given slope.
     pub(super) fn contradiction(&self) -> Option<String> {
         let off = (self.v_per_c - self.given.v_per_c) / self.given.sigma_v_per_c;
         (off.abs() > CONTRADICTED && off.is_finite()).then(|| {
@@ -100,7 +101,7 @@ impl ChargeStorage {
     }
 }
 
-/// Slope that the fit finds; none where no charge storage was subtracted from the spectra.
+/// Returns the slope of the fit; `None` if no charge storage was subtracted from the spectra.
 pub(super) fn charge_storage(
     problem: &Problem,
     spectra: &[Spectrum],
@@ -146,7 +147,7 @@ pub(super) struct Fitted<'a> {
     pub(super) noise: f64,
 }
 
-/// The slope's own deviation and its standard deviation, in units of what was given.
+/// Returns the deviation of the slope and its standard deviation, in units of the given value.
 fn told(problem: &Problem, common: &Common, fitted: &Fitted<'_>) -> Option<(f64, Option<f64>)> {
     let error = common.names.iter().position(|name| name == OCV_SLOPE)?;
     let (best, _) = common.best(&problem.model(fitted.x));

@@ -15,7 +15,7 @@ use analysis_numeric::{
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
-/// Standard uncertainty of a branch; none where the data do not fix it.
+/// Standard uncertainty of a branch; `None` if the data do not determine it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RcSigma {
     /// Standard uncertainty of the resistance, Ω.
@@ -26,7 +26,7 @@ pub struct RcSigma {
     pub time_constant_s: Option<f64>,
 }
 
-/// Standard uncertainty of a model's parameters; none where the data do not fix them.
+/// Standard uncertainty of a model's parameters; `None` if the data do not determine them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ErmSigma {
     /// Standard uncertainty of the series resistance, Ω.
@@ -208,7 +208,8 @@ fn taken(problem: &Problem, x: &[f64], free: &[usize]) -> Option<Vec<f64>> {
     )
 }
 
-/// Every frequency at the optimum; none for parameters that make no model.
+/// Returns the shares of every frequency at the optimum; `None` for parameters that do not give a
+/// model.
 fn shares(problem: &Problem, x: &[f64], free: &[usize]) -> Option<Vec<FrequencyShare>> {
     let erm = Erm::from_log_parameters(x).ok()?;
     let seen = problem.seen(x);
@@ -230,7 +231,8 @@ fn shares(problem: &Problem, x: &[f64], free: &[usize]) -> Option<Vec<FrequencyS
     Some(problem.groups.iter().enumerate().map(of).collect())
 }
 
-/// The problem with the norm's corner as round as the residuals are large, as for the sigmas.
+/// Returns the problem with the norm's corner rounded by the size of the residuals, as for the
+/// sigmas.
 pub(super) fn rounded(problem: &Problem, x: &[f64], by_cell: bool) -> Problem {
     problem.smoothed(
         if by_cell { CELL_CORNER } else { NORM_CORNER }

@@ -137,7 +137,7 @@ pub(super) fn judge(rows: &[OrderRow]) -> (usize, Vec<usize>, Vec<String>) {
     (recommended.rc, plausible, reasons)
 }
 
-/// The order from which no next branch pays.
+/// Returns the order from which no further branch is significant.
 fn by_f_test(rows: &[OrderRow]) -> usize {
     rows.iter()
         .filter(|r| r.f_test_p.is_some_and(|p| p < LEVEL))
@@ -147,7 +147,7 @@ fn by_f_test(rows: &[OrderRow]) -> usize {
         .unwrap_or(0)
 }
 
-/// Sentence on an order that is not taken although its criterion is smaller.
+/// Returns a sentence on an order that is refused although its criterion is smaller.
 fn at_a_bound(r: &OrderRow) -> String {
     let stand = if r.held_by_bounds.len() > 1 {
         "stand"
@@ -205,8 +205,8 @@ fn f_test(rows: &[OrderRow], tested: usize) -> String {
     }
 }
 
-/// Residuals are noise where neighbours are not alike *and* their size is that of the noise: one
-/// wrong point leaves no waves either.
+/// Returns a sentence if the residuals are noise: neighbours are uncorrelated *and* their size is
+/// that of the noise, because one wrong point leaves no waves either.
 fn whiteness(rows: &[OrderRow]) -> Option<String> {
     let of_size =
         |r: &&OrderRow| !r.stands_out && r.reduced_chi2.is_none_or(|chi2| chi2 <= HIGH_CHI2);
@@ -230,7 +230,7 @@ fn whiteness(rows: &[OrderRow]) -> Option<String> {
     }
 }
 
-/// Sentence on residuals without waves that are too large for noise.
+/// Returns a sentence on residuals without waves that are too large for noise.
 fn too_large(r: &OrderRow) -> String {
     let size = match r.reduced_chi2.filter(|chi2| *chi2 > HIGH_CHI2) {
         Some(chi2) => format!(

@@ -42,7 +42,7 @@ pub(crate) fn warnings(
     found
 }
 
-/// Reason why stated uncertainties were not used; none where none are stated.
+/// Returns why stated uncertainties were not used; `None` if none are stated.
 fn no_weights(spectra: &[Spectrum]) -> Option<Warning> {
     const INSTEAD: &str = "all residuals were weighted relative to |Z| instead";
     let covariances = || {

@@ -10,16 +10,16 @@ use super::problem::Problem;
 use super::result::ErmFit;
 use nalgebra::DMatrix;
 
-/// Lag-1 autocorrelation of one spectrum's residuals, and how many standard deviations it is above
-/// what noise would leave.
+/// Lag-1 autocorrelation of one spectrum's residuals, and its excess over that of noise, in
+/// standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Lag1 {
     pub(super) correlation: f64,
     pub(super) z: f64,
 }
 
-/// Autocorrelation of the residuals of a complex least-squares fit; none where parameters leave no
-/// freedom.
+/// Returns the autocorrelation of the residuals of a complex least-squares fit; `None` if the
+/// parameters leave no degrees of freedom.
 pub(super) fn lag1(problem: &Problem, fit: &ErmFit) -> Option<Lag1> {
     let (residuals, slopes) = weighted(problem, fit)?;
     let n = residuals.len();

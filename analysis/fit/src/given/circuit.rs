@@ -66,8 +66,8 @@ fn one(mut value: Value) -> Result<Value, GivenError> {
     }
 }
 
-/// J·Σ·Jᵀ with the covariance of the logarithms of the circuit's parameters; none where it is not
-/// known of one that the ERM depends on.
+/// Returns J·Σ·Jᵀ with the covariance of the logarithms of the circuit's parameters; `None` if it
+/// is unknown for one that the ERM depends on.
 fn propagated(
     jacobian: &[Vec<f64>],
     values: &[f64],

@@ -35,7 +35,7 @@ pub enum LadderError {
         /// The value met.
         met: f64,
     },
-    /// A band that is none.
+    /// An invalid band.
     #[error("{name}: expected a lower and a higher frequency above 0 Hz, met {low} and {high}")]
     Band {
         /// Name of the parameter.
@@ -45,7 +45,7 @@ pub enum LadderError {
         /// Upper end met, Hz.
         high: f64,
     },
-    /// A circuit whose data are not known.
+    /// A circuit whose data have an unknown band.
     #[error(
         "circuit: expected the field band_hz, the lowest and the highest frequency of the data, \
         met none (an older program wrote the file): fit again, \
@@ -119,7 +119,7 @@ pub enum GivenError {
     /// An OCV curve that cannot be.
     #[error("typed model: {0}")]
     Ocv(#[from] analysis_model::ocv::OcvError),
-    /// Another number of fits than one.
+    /// The number of fits is not one.
     #[error(
         "fits: expected one fitted circuit, met {met}: take one cell's circuit.json, or fit them \
         together with --pool"
@@ -137,13 +137,13 @@ pub enum GivenError {
     /// A circuit that is not as it must be.
     #[error("fitted circuit: {0}")]
     CircuitFile(serde_json::Error),
-    /// A circuit's string that is none.
+    /// The text is not a circuit.
     #[error("fitted circuit: {0}")]
     Circuit(#[from] analysis_model::model::ParseError),
     /// A circuit that has no ladder.
     #[error("fitted circuit: {0}")]
     Ladder(#[from] LadderError),
-    /// A band for a ladder where there is none.
+    /// A band for a ladder, but the model is not a circuit.
     #[error(
         "band of the ladder: expected a fitted circuit to follow, met a model that is not a \
         circuit"

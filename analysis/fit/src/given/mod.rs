@@ -24,7 +24,7 @@ pub use model::GivenModel;
 use serde_json::Value;
 
 impl GivenModel {
-    /// A model of nothing but its components.
+    /// Creates a model from its components alone.
     ///
     /// # Errors
     /// [`ModelError`] for components that no cell has.
@@ -85,7 +85,7 @@ impl GivenModel {
         Err(GivenError::Kind { met })
     }
 
-    /// The same with another OCV curve, where one is given.
+    /// Returns the model with another OCV curve, if one is given.
     #[must_use]
     pub fn with_ocv(mut self, curve: Option<OcvCurve>) -> Self {
         if let Some(curve) = curve {
@@ -105,9 +105,9 @@ impl GivenModel {
         augmented(&self.erm, self.ocv.as_ref(), self.facts, &self.additions)
     }
 
-    /// The same with additions to a base that was refitted together with them. What the first fit
-    /// knew of its uncertainty, and how its ladder followed a circuit, belong to another base and
-    /// go.
+    /// Returns the model with additions to a base that was refitted together with them. The
+    /// uncertainty of the first fit, and the report on its ladder, belong to another base and are
+    /// dropped.
     #[must_use]
     pub fn with_additions(self, erm: Erm, facts: Facts, additions: Vec<Addition>) -> Self {
         if let Some(file) = self.fitted {
@@ -140,7 +140,8 @@ impl GivenModel {
         self
     }
 
-    /// Resistance at zero frequency, Ω; none for a circuit whose resistance grows without end.
+    /// Returns the resistance at zero frequency, Ω; `None` for a circuit whose resistance grows
+    /// without limit.
     pub fn dc_resistance_ohm(&self) -> Option<f64> {
         let grows = self
             .ladder
@@ -149,7 +150,7 @@ impl GivenModel {
         (!grows).then(|| self.erm.dc_resistance_ohm())
     }
 
-    /// Notes on data that the source lacks, in sentences; empty for a model file, which has
+    /// Returns notes on data that the source lacks, in sentences; empty for a model file, which has
     /// warnings of its own.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = self

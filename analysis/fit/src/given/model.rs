@@ -13,9 +13,9 @@ pub struct GivenModel {
     pub name: String,
     /// The model.
     pub erm: Erm,
-    /// Open-circuit voltage over state of charge, where it is known.
+    /// Open-circuit voltage over state of charge, if known.
     pub ocv: Option<OcvCurve>,
-    /// Covariance of the logarithmic parameters of `erm`, row by row, where it is known.
+    /// Covariance of the logarithmic parameters of `erm`, row by row, if known.
     pub log_covariance: Option<Vec<Vec<f64>>>,
     /// Warnings of the fit.
     pub warnings: Vec<String>,
@@ -25,6 +25,6 @@ pub struct GivenModel {
     pub facts: Option<Facts>,
     /// Report on the ladder that follows the circuit; none for other sources.
     pub ladder: Option<Ladder>,
-    /// The model file; none for what was typed and for circuits.
+    /// The model file; `None` for typed models and circuits.
     pub(super) fitted: Option<Box<ModelFile>>,
 }

@@ -31,7 +31,7 @@ pub struct PlainModel {
     /// Warnings to the user of the model, in sentences.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
-    /// The circuit that the model follows, and how well.
+    /// The circuit that the model follows, and the quality of the ladder.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ladder: Option<Ladder>,
     /// Effects that a diagnosis has added.

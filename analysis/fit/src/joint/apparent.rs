@@ -15,7 +15,7 @@ pub struct Apparent {
     pub sigma_ohm: f64,
 }
 
-/// Seconds of steady current that the voltage at the edge is taken from.
+/// Duration of steady current from which the voltage at the edge is extrapolated, s.
 const BASELINE_S: f64 = 20.0;
 
 /// Apparent resistance after a time: the straight line through the last 20 s before the edge,

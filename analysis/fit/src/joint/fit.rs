@@ -20,7 +20,7 @@ pub(super) const STATED_S: [f64; 2] = [10.0, 60.0];
 pub struct JointInput<'a> {
     /// The mean spectrum.
     pub spectrum: &'a PooledSpectrum,
-    /// The pulses; none for a fit of the spectrum alone.
+    /// The pulses; empty for a fit of the spectrum alone.
     pub windows: &'a [PulseWindow],
 }
 
@@ -40,8 +40,8 @@ pub struct JointOptions {
 }
 
 impl Default for JointOptions {
-    /// 4 RC, 1 % between the instruments, 48 starts; capacitances up to 1 MF, for a slow branch of
-    /// a small resistance has one.
+    /// 4 RC, 1 % between the instruments, 48 starts; capacitances up to 1 MF, because a slow branch
+    /// of a small resistance has such a capacitance.
     fn default() -> Self {
         let bounds = Bounds {
             c_f: (0.01, 1e6),
@@ -58,8 +58,8 @@ impl Default for JointOptions {
 }
 
 impl JointOptions {
-    /// Options whose bounds are those of these spectra; capacitances may be ten times larger, for a
-    /// slow branch of a small resistance has such a one.
+    /// Returns options with the bounds of these spectra; capacitances may be ten times larger,
+    /// because a slow branch of a small resistance has such a capacitance.
     pub fn for_spectra(spectra: &[Spectrum], seed: u64) -> Self {
         let bounds = Bounds::for_spectra(spectra);
         Self {
@@ -77,7 +77,7 @@ impl JointOptions {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum JointError {
-    /// Uncertainties that are none.
+    /// The uncertainties are not a valid covariance.
     #[error(
         "joint fit: expected a positive definite covariance of the spectra's points, met another"
     )]
@@ -91,7 +91,7 @@ pub enum JointError {
     /// More parameters than numbers.
     #[error("joint fit: {rc} RC branches have {parameters} parameters, met {numbers} numbers")]
     TooFew {
-        /// Branches asked for.
+        /// Requested number of branches.
         rc: usize,
         /// Their parameters.
         parameters: usize,
@@ -126,12 +126,12 @@ pub struct JointFit {
     pub pulses_chi2: (f64, usize),
     /// χ² over the degrees of freedom.
     pub reduced_chi2: f64,
-    /// Covariance of ln R, ln R₁, ln C₁, …, ln g, e; none where a parameter is held by a bound or
-    /// not fixed.
+    /// Covariance of ln R, ln R₁, ln C₁, …, ln g, e; `None` if a parameter is held by a bound or
+    /// not determined.
     pub covariance: Option<Vec<Vec<f64>>>,
     /// Starts that ended at this minimum, of all.
     pub starts: (usize, usize),
-    /// Branches that the data do not bear: those that stand at a bound, and two with one time
+    /// Branches that the data do not support: those at a bound, and two with the same time
     /// constant, which are one.
     #[serde(default)]
     pub not_borne: Vec<String>,
@@ -224,9 +224,9 @@ pub fn fit_spectra(
     )
 }
 
-/// The order of least corrected information criterion (AICc, Hurvich and Tsai, 1989), χ² scaled by
-/// the best order's reduced χ² where that exceeds one. Orders with branches that the data do not
-/// bear come only where all have such.
+/// Returns the order of least corrected information criterion (AICc, Hurvich and Tsai, 1989), with
+/// χ² scaled by the best order's reduced χ² if that exceeds one. Orders with branches that the data
+/// do not support are eligible only if all have such branches.
 pub fn choose_order(fits: &[JointFit]) -> Option<usize> {
     let scale = fits
         .iter()
@@ -424,7 +424,7 @@ fn describe(
 /// count as there.
 const NEAR: f64 = 1.02;
 
-/// Branches at a bound, and pairs of branches that are one.
+/// Returns branches at a bound, and pairs of branches that are one.
 pub(super) fn not_borne(erm: &Erm, bounds: &Bounds) -> Vec<String> {
     let mut found = Vec::new();
     let mut held = |name: String, value: f64, (lo, hi): (f64, f64), unit: &str| {

@@ -32,7 +32,7 @@ pub struct GapAt {
     /// Predicted, Ω: the model's answer and the fall of the OCV.
     pub predicted_ohm: f64,
     /// Its standard uncertainty, Ω: parameters, gain between the instruments and cells, place of
-    /// the edge; none where a parameter is not fixed.
+    /// the edge; `None` if a parameter is not determined.
     pub predicted_sigma_ohm: Option<f64>,
     /// Part of the predicted resistance that is the fall of the OCV, Ω.
     pub ocv_ohm: f64,
@@ -58,7 +58,7 @@ pub struct Gap {
     pub soc: f64,
     /// Step of the current, A.
     pub step_a: f64,
-    /// At the times asked for that have samples.
+    /// At the requested times that have samples.
     pub at: Vec<GapAt>,
     /// Root mean square of predicted less measured voltage over the pulse, V.
     pub rms_v: f64,

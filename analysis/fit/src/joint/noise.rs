@@ -83,7 +83,8 @@ impl NoiseModel {
     }
 }
 
-/// Variances of means of each length about a straight line, corrected for the line's two freedoms.
+/// Returns the variances of means of each length about a straight line, corrected for the line's
+/// two degrees of freedom.
 fn scatter(series: &TimeSeries, start: usize) -> [f64; LENGTHS.len()] {
     let n = WINDOW as f64;
     let samples: Vec<(f64, f64)> = (start..start + WINDOW)

@@ -166,8 +166,8 @@ impl PooledSpectrum {
     }
 }
 
-/// Errors that sweeps share, at the points of their mean: one that only some of them have counts
-/// for its part.
+/// Returns the errors that sweeps share, at the points of their mean. An error of only some sweeps
+/// counts proportionally.
 fn shared(spectra: &[SourcedSpectrum], points: usize) -> Vec<SharedError> {
     let mut all: Vec<SharedError> = Vec::new();
     let share = 1.0 / spectra.len() as f64;

@@ -10,7 +10,8 @@ use super::window::PulseWindow;
 use analysis_model::model::Erm;
 use analysis_numeric::Smooth;
 
-/// Mean and standard deviation of an edge of which nothing is known but the two samples around it.
+/// Mean and standard deviation of the place of an edge, if only the two samples around it are
+/// known.
 pub(super) const EDGE: (f64, f64) = (0.5, 0.288_675_134_594_812_9);
 
 /// Likelihood to minimise: χ² of spectra and pulses, and of the priors.

@@ -6,8 +6,8 @@ use std::ops::Range;
 /// Conditions for a pulse.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PulseOptions {
-    /// Smallest step of the current from sample to sample, A; none for a tenth of the largest
-    /// current met.
+    /// Smallest step of the current from sample to sample, A; `None` for a tenth of the largest
+    /// current.
     pub step_a: Option<f64>,
     /// Shortest and longest pulse, s.
     pub length_s: (f64, f64),

@@ -41,7 +41,7 @@ pub struct StudyOptions {
     /// Resistance that the voltage before a pulse is brought to OCV with, Ω: that of the OCV
     /// curve's compensation.
     pub dcir_ohm: f64,
-    /// Order; none to find it.
+    /// Order; `None` to choose it.
     pub rc: Option<usize>,
     /// Options of the fits; their order is set here.
     pub fit: JointOptions,
@@ -55,7 +55,7 @@ pub enum Role {
     Fitted,
     /// In the OCV range, but kept from the fit.
     HeldOut,
-    /// At another OCV: for information.
+    /// At another OCV: for information only.
     Outside,
 }
 
@@ -132,12 +132,12 @@ pub enum StudyError {
         low: f64,
         /// Upper end of the range, V.
         high: f64,
-        /// Pulses anywhere.
+        /// Number of pulses at any OCV.
         met: usize,
         /// Their OCVs.
         at: String,
     },
-    /// Steps of the current whose edges the samples do not resolve.
+    /// The samples do not resolve the edges of the current's steps.
     #[error(
         "{series}: expected samples at most {SLOWEST_EDGE_S} s apart around the edges of a pulse, \
         met {met_s} s at its {count} steps of the current: they contain nothing about the first \
@@ -313,7 +313,7 @@ pub fn study(
     Ok((study, pooled))
 }
 
-/// The pulses' windows and their noise, with a word on the pulses that were left out.
+/// Returns the pulses' windows and their noise, with a remark on omitted pulses.
 fn windows(
     input: &StudyInput<'_>,
     options: &StudyOptions,

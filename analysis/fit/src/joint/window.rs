@@ -67,8 +67,8 @@ pub struct PulseWindow {
 }
 
 impl PulseWindow {
-    /// The window of a pulse, its state of charge by the voltage before it plus the drop over
-    /// `dcir_ohm`; none where the OCV curve does not reach or the pulse has too few samples.
+    /// Creates the window of a pulse, its state of charge from the voltage before it plus the drop
+    /// over `dcir_ohm`; `None` if the OCV curve does not reach it or the pulse has too few samples.
     pub fn new(
         series: &TimeSeries,
         noise: &NoiseModel,

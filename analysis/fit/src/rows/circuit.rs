@@ -14,7 +14,7 @@ use analysis_signal::spectrum::SourcedSpectrum;
 pub struct CircuitRows {
     /// The circuit.
     pub circuit: Circuit,
-    /// Wishes for each fit.
+    /// Options for each fit.
     pub options: CircuitOptions,
     /// Treatment of the charge storage.
     pub slope: Slope,

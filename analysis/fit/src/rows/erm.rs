@@ -12,7 +12,7 @@ use analysis_signal::spectrum::SourcedSpectrum;
 /// the lower triangle of the covariance of the logarithms of the parameters.
 #[derive(Debug, Clone, Copy)]
 pub struct ErmRows {
-    /// Wishes for each fit.
+    /// Options for each fit.
     pub request: ErmRequest,
 }
 

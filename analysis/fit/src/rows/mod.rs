@@ -83,7 +83,7 @@ pub enum Cell {
 }
 
 impl Cell {
-    /// The value where it is a number.
+    /// Returns the value if it is finite.
     pub fn finite(value: f64) -> Self {
         Self::Number(Some(value).filter(|value| value.is_finite()))
     }
@@ -99,8 +99,7 @@ impl Cell {
     }
 }
 
-/// Results of one spectrum, in the order of the columns, and whether there is something to be looked
-/// at.
+/// Results of one spectrum, in the order of the columns, and whether they need attention.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ResultRow {
     /// One value for each column.
@@ -118,10 +117,10 @@ pub trait ResultRows: Sync {
     /// Columns between `spectrum_id` and `warning_codes`.
     fn own_columns(&self) -> Vec<ResultColumn>;
 
-    /// Values of these columns, and warnings.
+    /// Returns the values of these columns, and warnings.
     ///
     /// # Errors
-    /// The reason why there are none.
+    /// The reason why there are no values.
     fn values(&self, sourced: &SourcedSpectrum) -> Result<RowValues, String>;
 
     /// All columns.
@@ -132,7 +131,7 @@ pub trait ResultRows: Sync {
         columns
     }
 
-    /// The row of a spectrum, or of the reason why there is none.
+    /// Returns the row of a spectrum, or of the reason why it is missing.
     fn row(&self, spectrum_id: &str, spectrum: &Result<SourcedSpectrum, String>) -> ResultRow {
         let values = spectrum
             .as_ref()

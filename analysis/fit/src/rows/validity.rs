@@ -5,8 +5,8 @@ use crate::drt::{Drt, drt};
 use crate::validity::{Assessed, Grade, Noise, assess, thinned};
 use analysis_signal::spectrum::SourcedSpectrum;
 
-/// Peaks of a distribution that the columns have room for, the largest first: more than ten is
-/// noise, for a band of six decades has room for about ten time constants.
+/// Number of peaks of a distribution in the columns, the largest first: more than ten are noise,
+/// because a band of six decades can resolve about ten time constants.
 const PEAKS: usize = 10;
 
 /// The tests of each spectrum by itself: repeats are not compared.
@@ -19,7 +19,7 @@ const PEAKS: usize = 10;
 /// `peak1_r_ohm`, `peak1_sigma_ohm`, `peak1_width_decades`, ….
 #[derive(Debug, Clone, Copy)]
 pub struct ValidityRows {
-    /// Also the distribution of relaxation times.
+    /// Whether to compute the distribution of relaxation times.
     pub drt: bool,
 }
 

@@ -30,9 +30,9 @@ pub struct Assessed {
 pub struct Assessment {
     /// The spectra, as given.
     pub spectra: Vec<Assessed>,
-    /// Sweeps at different amplitudes compared; none if there is one amplitude.
+    /// Comparison of sweeps at different amplitudes; `None` for a single amplitude.
     pub linearity: Option<Linearity>,
-    /// Repeats compared; none if there is one sweep.
+    /// Comparison of repeats; `None` for a single sweep.
     pub stationarity: Option<Stationarity>,
 }
 
@@ -142,7 +142,7 @@ pub fn assess(spectra: &[Spectrum], records: &[Record]) -> Result<Assessment, Va
     })
 }
 
-/// Says of a spectrum by how many of its points it was judged.
+/// Adds to the verdict of a spectrum the number of points that were judged.
 fn tell(assessed: &mut Assessed, whole: &Spectrum) {
     let judged = assessed.kramers_kronig.points.len();
     if judged < whole.points.len() {

@@ -27,10 +27,10 @@ const CEILING: f64 = 0.05;
 /// Ragoisha, log-KK check) call deviations of up to 2 % acceptable; such a violation in each of
 /// forty points can just be detected in this noise at one false alarm in a hundred.
 const NOTABLE: f64 = 0.02;
-/// Share of the noise in the variance over the band from which on nothing is seen of the system.
+/// Share of the noise in the variance over the band from which on the system is not visible.
 const MOST_SHARE: f64 = 0.1;
 
-/// Why a spectrum cannot be judged; none where it can.
+/// Returns why a spectrum cannot be judged; `None` if it can.
 pub(super) fn not_judged(spectrum: &Spectrum, noise: &Noise) -> Option<String> {
     let Roughness { noise, share } = Roughness::of(spectrum, noise);
     let percent = |value: f64| format_significant(100.0 * value, 2);
@@ -55,11 +55,12 @@ pub(super) fn not_judged(spectrum: &Spectrum, noise: &Noise) -> Option<String> {
 /// frequencies, and its greatest probability in noise without a preferred direction.
 const ALONG: f64 = 4.0;
 const ALONG_RATE: f64 = 1e-4;
-/// Noise below which it is passed over: what is called doubtful of an estimated noise.
+/// Noise below which the direction is not tested: the limit for doubt with an estimated noise.
 const SMALL: f64 = 0.003;
 
-/// That what looks like noise lies along the curve, as where points have the frequency of others;
-/// none where it does not. Noise lies all around a point. A stated noise needs no such test.
+/// Returns a remark if the apparent noise lies along the curve, as when points have the frequencies
+/// of others; `None` otherwise. Noise has no preferred direction around a point. A stated noise
+/// needs no such test.
 pub(super) fn along_the_curve(
     spectrum: &Spectrum,
     noise: &Noise,

@@ -9,7 +9,7 @@ use super::thin::thinned;
 use super::verdict::{Grade, by_size, by_worst, is_nothing_valid, nothing_valid, short};
 use analysis_signal::spectrum::Spectrum;
 
-/// Factor by which the rate of false alarms is less where several spectra are fitted together.
+/// Factor by which the rate of false alarms is smaller if several spectra are fitted together.
 const SEVERAL: f64 = 10.0;
 
 /// Faults of one spectrum that `kk` calls bad.
@@ -17,7 +17,7 @@ const SEVERAL: f64 = 10.0;
 pub struct Flaws {
     /// Single points that disagree with the others.
     pub points: Vec<KkPoint>,
-    /// What is wrong with the spectrum or with an end of it, in words.
+    /// Fault of the spectrum or of an end of it, as text.
     pub whole: Option<String>,
 }
 

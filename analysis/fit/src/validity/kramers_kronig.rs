@@ -33,7 +33,7 @@ const MOST_ELEMENTS: usize = 60;
 /// Shares of the false-alarm rate: the single points, the sum of all.
 const POINTS_SHARE: f64 = 0.4;
 const SUM_SHARE: f64 = 0.3;
-/// A point of whose noise the ladder follows more than this is not tested.
+/// Maximum share of a point's noise that the ladder may follow; above it the point is not tested.
 const UNTESTED: f64 = 0.97;
 
 /// One point's part in the test.
@@ -54,11 +54,11 @@ pub struct KkPoint {
     pub sigmas: f64,
     /// Probability of such a distance in a valid spectrum.
     pub p: f64,
-    /// It disagrees with the others: a single point that was left out of the fit, or one of an end
-    /// of the band, whose residual is that of the fit to the whole band (the fit to the rest says
-    /// nothing sensible there).
+    /// True if it disagrees with the others: a single point that was left out of the fit, or one of
+    /// an end of the band, whose residual is that of the fit to the whole band (the fit to the rest
+    /// has no meaning there).
     pub left_out: bool,
-    /// False where the ladder follows the point wherever it goes.
+    /// False if the ladder follows the point regardless of its value.
     pub tested: bool,
 }
 
@@ -75,9 +75,9 @@ impl KkPoint {
 pub enum KkOutcome {
     /// The whole spectrum agrees with the Kramers–Kronig relations.
     Agrees,
-    /// It does but for single points.
+    /// It agrees except for single points.
     SinglePoints,
-    /// It does but for one end of the band.
+    /// It agrees except for one end of the band.
     PartOfBand,
     /// It does with the other sign of the imaginary part.
     SignSwapped,
@@ -103,13 +103,13 @@ impl KkOutcome {
 pub struct KramersKronig {
     /// RC elements of the fit that is reported.
     pub order: usize,
-    /// The order at which µ fell to 0.85; none if it stayed above.
+    /// The order at which µ fell to 0.85; `None` if it stayed above.
     pub mu_order: Option<usize>,
     /// µ of the fit that is reported.
     pub mu: f64,
     /// Weighted sum of squared residuals; single points that were left out do not count.
     pub chi2: f64,
-    /// Its degrees of freedom; not whole, for the resistances are held within reason.
+    /// Its degrees of freedom; not an integer, because the resistances are restrained.
     pub dof: f64,
     /// Probability of such a sum in a valid spectrum.
     pub p: f64,
@@ -259,8 +259,8 @@ impl<'a> Test<'a> {
         })
     }
 
-    /// Solves with rising order until µ is low and nothing is in doubt; the order, and the one that
-    /// µ alone would have chosen.
+    /// Solves with rising order until µ is low and nothing is in doubt. Returns that order, and the
+    /// one that µ alone would have chosen.
     fn choose_order(&mut self) -> (usize, Option<usize>) {
         let mut mu_order = None;
         for order in 3..=self.most {
@@ -305,8 +305,8 @@ impl<'a> Test<'a> {
             .unwrap_or((0, 1.0))
     }
 
-    /// Squared distance of a point's residual in its own standard deviations; none where the ladder
-    /// follows the point.
+    /// Returns the squared distance of a point's residual in its own standard deviations; `None` if
+    /// the ladder follows the point.
     fn distance(&self, point: usize) -> Option<f64> {
         let (re, im) = self.ladder.residual(point);
         distance(Complex64::new(re, im), self.left(point))
@@ -322,8 +322,7 @@ impl<'a> Test<'a> {
         }
     }
 
-    /// Solves with the highest order and without the points chosen; true if nothing is wrong with
-    /// the others.
+    /// Solves with the highest order and without the chosen points; true if all others agree.
     fn leave_out(&mut self, chosen: impl Fn(usize) -> bool) -> bool {
         let mut whiten = self.noise.whitening();
         for (k, (out, w)) in self.left_out.iter_mut().zip(&mut whiten).enumerate() {
@@ -338,9 +337,9 @@ impl<'a> Test<'a> {
         !self.alarm(FALSE_ALARM_RATE)
     }
 
-    /// Leaves out one point after the other, the worst first, until the others agree; false if that
-    /// takes more than a tenth of them, or three neighbours within the band, for then it is not
-    /// points that are wrong.
+    /// Leaves out one point after the other, the worst first, until the others agree. Returns false
+    /// if that needs more than a tenth of them, or three neighbours within the band, because then
+    /// the fault is not in single points.
     fn leave_out_the_worst(&mut self) -> bool {
         let mut out = Vec::new();
         let agree = (0..(self.z_ohm.len() / 10).max(1)).any(|_| {
@@ -455,7 +454,8 @@ impl<'a> Test<'a> {
     }
 }
 
-/// rᵀM⁻¹r of a residual with the covariance M; none where M says that the ladder follows the point.
+/// Returns rᵀM⁻¹r of a residual with the covariance M; `None` if M shows that the ladder follows
+/// the point.
 fn distance(residual: Complex64, covariance: Covariance2) -> Option<f64> {
     let (re, im) = (residual.re, residual.im);
     let (m11, m12, m22) = (covariance.re_re, covariance.re_im, covariance.im_im);

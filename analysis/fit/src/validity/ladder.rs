@@ -86,8 +86,8 @@ impl Ladder {
     }
 
     /// Sets the data and their weights, and prepares what all orders share. Without the restraint a
-    /// resistance may be as large as it likes: near the ends of the band that lets pairs of huge
-    /// opposite ones describe what no passive system does.
+    /// resistance has no limit: near the ends of the band pairs of huge opposite resistances would
+    /// then describe responses that no passive system has.
     pub(super) fn load(
         &mut self,
         z_ohm: &[Complex64],
@@ -110,7 +110,7 @@ impl Ladder {
         pulp::Arch::new().dispatch(Whole(self, order.min(self.width - SERIES)));
     }
 
-    /// Makes the columns that all orders share orthonormal, and takes their part out of the
+    /// Makes the columns that all orders share orthonormal, and subtracts their part from the
     /// residual.
     #[inline(always)]
     fn prepare(&mut self) {
@@ -177,8 +177,8 @@ impl Ladder {
         self.sizes[index] = dot(column, column);
     }
 
-    /// Makes a column that is orthogonal to those before one of length one, and takes its part out
-    /// of the residual.
+    /// Normalises a column that is orthogonal to those before, and subtracts its part from the
+    /// residual.
     #[inline(always)]
     fn finish(&mut self, index: usize) {
         let column = &mut self.q[index * self.rows..(index + 1) * self.rows];
@@ -197,8 +197,8 @@ impl Ladder {
         self.projections[index] = projection;
     }
 
-    /// Takes a finished column's part out of those of a range after it. They do not depend on each
-    /// other, which keeps the machine's lanes busy.
+    /// Subtracts a finished column's part from those of a range after it. They do not depend on
+    /// each other, so that the loop can be vectorised.
     #[inline(always)]
     fn take_out(&mut self, index: usize, range: Range<usize>) {
         // Further rows are zero: those that hold later elements near zero.

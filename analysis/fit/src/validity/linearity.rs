@@ -38,8 +38,8 @@ pub struct Linearity {
     pub points: Vec<LinearityPoint>,
 }
 
-/// Compares the sweeps at the smallest with those at the largest amplitude; none unless there are
-/// two amplitudes on one grid.
+/// Compares the sweeps at the smallest with those at the largest amplitude; `None` unless one grid
+/// has two amplitudes.
 pub fn linearity(spectra: &[Spectrum], noises: &[Noise]) -> Option<Linearity> {
     let first = spectra.first()?;
     let known: Vec<(f64, &Spectrum, &Noise)> = spectra
@@ -85,7 +85,7 @@ pub fn linearity(spectra: &[Spectrum], noises: &[Noise]) -> Option<Linearity> {
     })
 }
 
-/// Median amplitude of a spectrum, A; not a number where it is not known.
+/// Returns the median amplitude of a spectrum, A; NaN if it is unknown.
 pub(super) fn amplitude(spectrum: &Spectrum) -> f64 {
     super::noise::median(
         spectrum

@@ -41,7 +41,7 @@ use analysis_signal::spectrum::{Spectrum, SpectrumError};
 
 /// Share of valid spectra that may be called bad.
 pub const FALSE_ALARM_RATE: f64 = 0.01;
-/// Share of valid spectra in which something may be called doubtful.
+/// Share of valid spectra in which something may be called doubtful by chance.
 pub const DOUBTFUL_RATE: f64 = 0.05;
 
 /// Reason why spectra cannot be judged.

@@ -15,10 +15,9 @@ use num_complex::Complex64;
 use serde::Serialize;
 use std::f64::consts::TAU;
 
-/// Fewest repeats of one grid and amplitude whose scatter is taken for the noise.
+/// Minimum number of repeats of one grid and amplitude whose scatter gives the noise.
 pub const FEWEST_REPEATS: usize = 3;
-/// A scale per decade that a smoother of 20 to 60 points can afford, and how far it reaches beyond
-/// the band.
+/// Number of scales per decade for a smoother of 20 to 60 points, and its reach beyond the band.
 const SMOOTHER_PER_DECADE: f64 = 3.0;
 const SMOOTHER_REACH: f64 = 2.0;
 /// Share of clean parts of a spectrum in which a point may be left out of the smoother.
@@ -48,7 +47,7 @@ pub enum NoiseSource {
 pub struct Noise {
     /// Covariance of each point, Ω².
     pub covariance: Vec<Covariance2>,
-    /// Degrees of freedom of an estimate; none for a stated covariance.
+    /// Degrees of freedom of an estimate; `None` for a stated covariance.
     pub dof: Option<f64>,
     /// Source of the noise.
     pub source: NoiseSource,
@@ -110,8 +109,8 @@ impl Noise {
         })
     }
 
-    /// The same where each point's whole uncertainty counts: with stated covariances, what points
-    /// share is in it.
+    /// Returns the noise with each point's whole uncertainty: stated covariances then include the
+    /// errors that points share.
     #[must_use]
     pub fn with_shared(self, spectrum: &Spectrum) -> Self {
         match self.source {
@@ -157,8 +156,9 @@ fn same_amplitude(a: &Spectrum, b: &Spectrum) -> bool {
         .all(|(a, b)| equal(a.amplitude_a, b.amplitude_a))
 }
 
-/// Scatter of each point relative to |Z| and its degrees of freedom. By the median over the points,
-/// so that one bad point counts no more than another; more where the points around scatter more.
+/// Returns the scatter of each point relative to |Z| and its degrees of freedom: the median over
+/// the points, so that one bad point counts no more than another; larger if the neighbouring points
+/// scatter more.
 fn from_repeats(repeats: &[&Spectrum]) -> (Vec<f64>, f64) {
     let count = repeats.len() as f64;
     let points = repeats[0].points.len();
@@ -185,7 +185,7 @@ fn from_repeats(repeats: &[&Spectrum]) -> (Vec<f64>, f64) {
     )
 }
 
-/// The points whose noise is taken for that of one of them.
+/// Returns the points that determine the noise of one of them.
 fn neighbours(point: usize, points: usize) -> std::ops::Range<usize> {
     point.saturating_sub(NEIGHBOURS)..(point + NEIGHBOURS + 1).min(points)
 }
@@ -252,8 +252,8 @@ fn from_smoother(spectrum: &Spectrum) -> Result<(Vec<f64>, f64), ValidityError> 
     ))
 }
 
-/// Squares that the smoother of one part leaves, relative to |Z|, and their degrees of freedom;
-/// none of outliers.
+/// Returns the squares that the smoother of one part leaves, relative to |Z|, and their degrees of
+/// freedom; without outliers.
 fn smooth_part(
     ladder: &mut Ladder,
     z: &[Complex64],

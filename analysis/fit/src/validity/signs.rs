@@ -10,10 +10,10 @@ use serde::Serialize;
 /// Of a spectrum that obeys Kramers–Kronig with the other sign of its imaginary part only.
 pub(super) const WRONG_SIGN: &str =
     "the imaginary part has the wrong sign; with the other sign it agrees with Kramers–Kronig";
-/// Standard uncertainties by which an imaginary part must be above zero.
+/// Number of standard uncertainties by which an imaginary part must be above zero.
 const SIGNIFICANT: f64 = 3.0;
-/// The same where no uncertainty is known, as a share of |Z|: what `kk` calls bad of a noise that
-/// it had to estimate.
+/// The same if no uncertainty is known, as a share of |Z|: the limit of `kk` for a bad point with
+/// an estimated noise.
 const LARGE: f64 = 0.01;
 /// Least size of a slow loop, as a share of |Z|: what `kk` doubts.
 const LOOP: f64 = 0.003;
@@ -29,8 +29,8 @@ fn is_inductive(point: &ImpedancePoint) -> bool {
     point.z_ohm.im > least
 }
 
-/// The lowest frequency from which on, up to the end of the band, all points are inductive, Hz;
-/// none where the last one is not, or the first one is.
+/// Returns the lowest frequency from which on, up to the end of the band, all points are inductive,
+/// Hz; `None` if the last one is not, or the first one is.
 pub fn inductive_from_hz(points: &[ImpedancePoint]) -> Option<f64> {
     let upper = points.iter().rev().take_while(|p| is_inductive(p)).count();
     (upper > 0 && upper < points.len()).then(|| points[points.len() - upper].freq_hz)
@@ -72,8 +72,8 @@ pub fn slow_loop_band(spectrum: &Spectrum, noise: &Noise) -> Option<LoopBand> {
     })
 }
 
-/// That there is a slow inductive loop, by the noise that is known or estimated; none where there is
-/// none.
+/// Returns a remark on a slow inductive loop, by the known or estimated noise; `None` without a
+/// loop.
 fn slow_loop(spectrum: &Spectrum) -> Option<String> {
     let mut measured = spectrum.clone();
     if let Some(slope) = spectrum.less {
@@ -91,7 +91,7 @@ fn slow_loop(spectrum: &Spectrum) -> Option<String> {
     slow_loop_band(&measured, &noise).map(slow_loop_words)
 }
 
-/// Words on a slow loop.
+/// Returns the text on a slow loop.
 pub(super) fn slow_loop_words(LoopBand { from_hz, to_hz }: LoopBand) -> String {
     let short = |freq_hz| format_significant(freq_hz, 3);
     format!(
@@ -101,7 +101,7 @@ pub(super) fn slow_loop_words(LoopBand { from_hz, to_hz }: LoopBand) -> String {
     )
 }
 
-/// That the upper end of the band is inductive; none where it is not.
+/// Returns a remark if the upper end of the band is inductive; `None` otherwise.
 pub(super) fn inductive(points: &[ImpedancePoint]) -> Option<String> {
     let from_hz = inductive_from_hz(points)?;
     Some(format!(

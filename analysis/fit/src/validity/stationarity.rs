@@ -16,14 +16,15 @@ pub struct StationarityPoint {
     pub freq_hz: f64,
     /// Standard deviation of a part of Z between repeats, % of |Z|.
     pub scatter_percent: f64,
-    /// Standard deviation that the spectra state or show within themselves, %; none where it was
-    /// taken from the repeats.
+    /// Standard deviation that the spectra state or show within themselves, %; `None` if the
+    /// repeats gave it.
     pub noise_percent: Option<f64>,
     /// Scatter beyond the noise, %; zero if there is none.
     pub excess_percent: Option<f64>,
     /// Probability of such a scatter by noise alone, corrected for the number of frequencies.
     pub p_scatter: Option<f64>,
-    /// Change from the first to the last repeat by a straight line, % of |Z|; none for two repeats.
+    /// Change from the first to the last repeat by a straight line, % of |Z|; `None` for two
+    /// repeats.
     pub trend_percent: Option<f64>,
     /// Probability of such a line by scatter alone, corrected for the number of frequencies.
     pub p_trend: Option<f64>,
@@ -36,8 +37,8 @@ pub struct Stationarity {
     pub repeats: Vec<String>,
     /// Deviation of each repeat from the mean of all over the whole band, %.
     pub shift_percent: Vec<f64>,
-    /// Root mean square over the band of what the scatter has beyond the noise, %; none where the
-    /// noise was taken from the repeats.
+    /// Root mean square over the band of the scatter beyond the noise, %; `None` if the repeats
+    /// gave the noise.
     pub excess_percent: Option<f64>,
     /// The points, by rising frequency.
     pub points: Vec<StationarityPoint>,
@@ -65,7 +66,7 @@ struct Column {
     rest: f64,
 }
 
-/// Compares repeats on one grid, in order of time; none for fewer than two.
+/// Compares repeats on one grid, in order of time; `None` for fewer than two.
 pub fn stationarity(repeats: &[&Spectrum], noises: &[&Noise]) -> Option<Stationarity> {
     let first = repeats.first()?;
     if repeats.len() < 2 || !repeats.iter().all(|r| same_grid(r, first)) {

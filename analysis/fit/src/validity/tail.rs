@@ -8,7 +8,8 @@ const EPSILON: f64 = 1e-15;
 const TINY: f64 = 1e-300;
 const STEPS: u32 = 500;
 
-/// Probability that χ² of `dof` degrees of freedom exceeds `x`. One for nothing to test.
+/// Returns the probability that χ² of `dof` degrees of freedom exceeds `x`; 1 without degrees of
+/// freedom.
 pub fn chi2_tail(x: f64, dof: f64) -> f64 {
     if x > 0.0 && dof > 0.0 {
         gamma_tail(0.5 * dof, 0.5 * x)

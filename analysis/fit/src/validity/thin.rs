@@ -4,13 +4,13 @@
 
 use analysis_signal::spectrum::{SharedError, Spectrum};
 
-/// Points that are judged at most: eight for each of the ladder's sixty elements, and the matrices
-/// of Z-HIT stay at 2 MB each.
+/// Maximum number of judged points: eight for each of the ladder's sixty elements, with 2 MB for
+/// each matrix of Z-HIT.
 pub const MOST_POINTS: usize = 500;
 
-/// A long spectrum with no more than [`MOST_POINTS`] of its points, those nearest to an even grid
-/// over ln f with both ends; none for one that is short enough. The points are taken as they are: a
-/// mean of neighbours would hide a bad one.
+/// Returns a long spectrum with no more than [`MOST_POINTS`] of its points, those nearest to an
+/// even grid over ln f with both ends; `None` for a spectrum that is short enough. Original points
+/// are used, because a mean of neighbours would hide a bad one.
 pub fn thinned(spectrum: &Spectrum) -> Option<Spectrum> {
     let points = &spectrum.points;
     let (first, last) = (points.first()?.freq_hz.ln(), points.last()?.freq_hz.ln());

@@ -147,7 +147,7 @@ pub(super) fn verdict(findings: &Findings<'_>) -> SpectrumVerdict {
     }
 }
 
-/// A verdict that is taken back: no point is known to be good.
+/// Replaces a verdict by one without any conclusion: no point is known to be good.
 fn cannot_be_judged(verdict: SpectrumVerdict, why: &str) -> SpectrumVerdict {
     let hidden = |point: PointVerdict| PointVerdict {
         grade: point.grade.max(Grade::CannotBeJudged),
@@ -337,7 +337,7 @@ fn by_record(record: &Record, beyond: &[bool], verdict: &mut PointVerdict) {
     }
 }
 
-/// No point is worth anything, for a reason that is common to all.
+/// Returns whether all points are invalid for a common reason.
 pub(super) fn is_nothing_valid(kk: &KramersKronig) -> bool {
     let whole = match kk.outcome {
         KkOutcome::SignSwapped => by_worst(kk) != Grade::Good,
@@ -347,8 +347,8 @@ pub(super) fn is_nothing_valid(kk: &KramersKronig) -> bool {
     whole || kk.is_reversed()
 }
 
-/// The band that is left when runs of bad points at the ends are cut off; none if fewer than half
-/// the points of it are good.
+/// Returns the band that remains after runs of bad points at the ends are cut off; `None` if fewer
+/// than half of its points are good.
 fn valid_band(points: &[PointVerdict], kk: &KramersKronig) -> Option<(f64, f64)> {
     if is_nothing_valid(kk) {
         return None;

@@ -41,8 +41,8 @@ pub struct ZHitPoint {
 /// Outcome of the Z-HIT test.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ZHit {
-    /// The band in which the rebuilt modulus was set equal to the measured, Hz: the middle half of
-    /// the sweep, where neither drift nor inductance is large.
+    /// The band in which the rebuilt modulus was set equal to the measured one, Hz: the middle half
+    /// of the sweep, where neither drift nor inductance is large.
     pub anchor_hz: (f64, f64),
     /// Degrees of freedom that the smoothed phase difference has.
     pub smoothing_freedom: f64,

@@ -197,8 +197,9 @@ impl Data {
         }
     }
 
-    /// Value and derivatives of one frequency's share. Without `exact` the Hessian of |Z| leaves
-    /// out what changes sign with the residual (Gauss and Newton), so that it is never indefinite.
+    /// Returns value and derivatives of one frequency's share. Without `exact` the Hessian of |Z|
+    /// omits the terms that change sign with the residual (Gauss and Newton), so that it is never
+    /// indefinite.
     pub(super) fn share(&self, g: &Group, z: Complex64, corner: f64, exact: bool) -> Share {
         match self.objective {
             Objective::SumAbs => norms_share(g, z, corner),

@@ -12,9 +12,9 @@ pub enum State {
     Free,
     /// Held at a given value.
     Constant,
-    /// Fitted, and stopped by the lower bound.
+    /// Fitted, at the lower bound.
     AtLowerBound,
-    /// Fitted, and stopped by the upper bound.
+    /// Fitted, at the upper bound.
     AtUpperBound,
 }
 
@@ -40,8 +40,8 @@ pub struct CircuitFit {
     pub names: Vec<String>,
     /// Their values, in their units. Equal blocks stand by rising time constant.
     pub values: Vec<f64>,
-    /// Standard uncertainties (1σ), in the same units; none where the data do not fix one, a bound
-    /// holds it, or it is a constant.
+    /// Standard uncertainties (1σ), in the same units; `None` if the data do not determine the
+    /// parameter, a bound holds it, or it is a constant.
     pub sigmas: Vec<Option<f64>>,
     /// Units; empty for a pure number.
     pub units: Vec<String>,
@@ -49,7 +49,7 @@ pub struct CircuitFit {
     pub states: Vec<State>,
     /// Bounds each was kept in.
     pub bounds: Vec<(f64, f64)>,
-    /// Covariance of the values to first order, row by row; none as for the sigmas.
+    /// Covariance of the values to first order, row by row; `None` as for the sigmas.
     pub covariance: Vec<Vec<Option<f64>>>,
     /// Value of the objective.
     pub objective: f64,
@@ -61,8 +61,8 @@ pub struct CircuitFit {
     pub degrees_of_freedom: usize,
     /// χ² per degree of freedom; only where residuals were compared with a measured covariance.
     pub reduced_chi2: Option<f64>,
-    /// Corrected Akaike criterion, to compare circuits on the same data, objective and weight: less
-    /// is better. None for too few numbers.
+    /// Corrected Akaike criterion for a comparison of circuits on the same data, objective and
+    /// weight: smaller is better. `None` for too few numbers.
     pub aicc: Option<f64>,
     /// Root mean square of |Z_model − Z_data|, Ω. Errors that the points have in common count as
     /// part of the model.
@@ -84,7 +84,7 @@ pub struct CircuitFit {
     pub starts_at_optimum: usize,
     /// Seed of the starts.
     pub seed: u64,
-    /// Warnings to the user of the model, in sentences; empty when there are none.
+    /// Warnings, in sentences.
     #[serde(flatten)]
     pub warnings: Warnings,
 }

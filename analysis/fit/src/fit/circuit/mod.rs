@@ -69,7 +69,7 @@ pub fn fit_circuit(
     fit(spectra, circuit, options, Clusters::sweeps(spectra.len()))
 }
 
-/// As [`fit_circuit`], with sigmas from the scatter of the cells where two or more are known.
+/// As [`fit_circuit`], with sigmas from the scatter of the cells if two or more are known.
 ///
 /// # Errors
 /// As [`fit_circuit`].

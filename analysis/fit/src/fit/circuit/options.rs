@@ -80,15 +80,15 @@ impl FromStr for Search {
 pub struct CircuitOptions {
     /// Objective to minimise.
     pub objective: Objective,
-    /// Weight of the residuals. None: for `complex` the covariance where every point has one, else
-    /// the modulus; for the others unit, so that they are the sums of the ERM's fit.
+    /// Weight of the residuals. `None`: for `complex` the covariance if every point has one,
+    /// otherwise the modulus; for the others unit, so that they are the sums of the ERM's fit.
     pub weight: Option<Weight>,
     /// Start values as (index of the parameter, value); the others are drawn.
     pub guess: Vec<(usize, f64)>,
     /// Parameters that are held, as (index of the parameter, value).
     pub constants: Vec<(usize, f64)>,
-    /// Most starts of [`Search::Starts`]. None: 64, or the guess alone where it gives every
-    /// parameter.
+    /// Maximum number of starts of [`Search::Starts`]. `None`: 64, or only the guess if it gives
+    /// every parameter.
     pub starts: Option<usize>,
     /// Method of the search for the global optimum.
     pub search: Search,
@@ -165,7 +165,7 @@ pub enum CircuitFitError {
         /// The objective: magnitudes alone give one number per frequency, complex values two.
         objective: Objective,
     },
-    /// As many parameters as numbers, and only the same readings again.
+    /// As many parameters as numbers, and more readings only repeat the same numbers.
     #[error(
         "fit of {circuit}: expected more numbers than {parameters} free parameters, met {points} \
         points that repeat {frequencies} distinct \

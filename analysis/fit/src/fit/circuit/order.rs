@@ -37,7 +37,7 @@ fn order_node(node: &Node, constants: &[(usize, f64)], parameters: &mut [f64]) {
     }
 }
 
-/// Equal but for the names.
+/// Returns whether the nodes are equal except for names.
 fn same_shape(a: &Node, b: &Node) -> bool {
     let all = |a: &[Node], b: &[Node]| {
         a.len() == b.len() && a.iter().zip(b).all(|(a, b)| same_shape(a, b))

@@ -87,8 +87,8 @@ impl Problem<'_> {
         model.iter().enumerate().map(of).collect()
     }
 
-    /// Part of the Hessian over the free variables that common errors remove, row by row; none
-    /// without common errors.
+    /// Returns the part of the Hessian over the free variables that common errors remove, row by
+    /// row; `None` without common errors.
     pub(super) fn taken(&self, x: &[f64]) -> Option<Vec<f64>> {
         let common = self.data.common.as_ref()?;
         let mut mixed = vec![0.0; common.count() * x.len()];
@@ -142,7 +142,7 @@ impl Problem<'_> {
     }
 }
 
-/// True for a parameter whose variable is its logarithm.
+/// Returns whether the variable of a parameter is its logarithm.
 pub(super) fn is_log(circuit: &Circuit, index: usize) -> bool {
     circuit.parameter_kinds()[index].role != Role::Exponent
 }

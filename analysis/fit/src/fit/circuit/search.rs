@@ -12,24 +12,24 @@ use analysis_numeric::{
 };
 use rayon::prelude::*;
 
-/// Starts when none are asked for.
+/// Default number of starts.
 const STARTS: usize = 64;
 /// Starts of one round; after each the search may end.
 const ROUND: usize = 8;
-/// Random parameters looked at for each start, of which the best is taken.
+/// Number of random candidates for each start; the best one is used.
 const CANDIDATES: usize = 12;
 /// Number of starts at the same optimum that ends the search, after at least `STARTS_PER_PARAMETER`
 /// starts per free parameter: the widest basin need not be the deepest.
 const AGREEING: usize = 3;
 const STARTS_PER_PARAMETER: usize = 3;
-/// Below this reduced χ² an optimum explains the data to their stated noise, and no deeper one is
-/// to be expected.
+/// Below this reduced χ² an optimum explains the data to their stated noise, and a deeper one is
+/// not expected.
 const EXPLAINED: f64 = 1.3;
 /// Rounds of starts around the best optimum, while they find better ones: a diffusion's τ has many
 /// optima side by side.
 const HOPS: usize = 6;
-/// Distance of these starts from it, in logarithms (a tenth of it for exponents), one standard
-/// deviation.
+/// Distance of these starts from the best optimum, in logarithms (a tenth of it for exponents), one
+/// standard deviation.
 const HOP: f64 = 1.0;
 /// Populations of a differential evolution.
 const ISLANDS: usize = 4;
@@ -47,7 +47,7 @@ pub(super) struct BestOptimum {
     pub(super) agreeing: usize,
 }
 
-/// Looks for the global optimum; none when no start gives a finite value.
+/// Searches the global optimum; `None` if no start gives a finite value.
 pub(super) fn search(
     problem: &Problem,
     starter: &Starter,
@@ -228,7 +228,8 @@ impl Seeker<'_> {
         self.descend(&moved)
     }
 
-    /// Every start has chance of its own, so that the order in which they run does not matter.
+    /// Returns the random numbers of a start. Each start has its own, so that the order in which
+    /// they run does not matter.
     fn chance(&self, k: usize) -> Rng {
         Rng::new(
             self.seed
@@ -237,8 +238,8 @@ impl Seeker<'_> {
         )
     }
 
-    /// The bottoms below the best members of several populations, which know nothing of each other:
-    /// one alone often settles on a wide basin.
+    /// Returns the optima below the best members of several independent populations: a single
+    /// population often settles on a wide basin.
     fn evolution(&self) -> Vec<Minimum> {
         let dimensions = Ranges::dimensions(self.starter.circuit);
         let options = |island: usize| DeOptions {

@@ -43,9 +43,9 @@ impl Ranges {
         }
     }
 
-    /// Bounds of one parameter: what this band could still see, several decades beyond it, within
-    /// the physical range. `order` is the power of the frequency with which the impedance of the
-    /// element falls.
+    /// Returns the bounds of one parameter: the range that this band could detect, several decades
+    /// beyond it, within the physical range. `order` is the power of the frequency with which the
+    /// impedance of the element falls.
     fn bounds(&self, kind: &ParameterKind, element: ElementKind) -> (f64, f64) {
         let (physical, omega) = (kind.bounds, (1e-3 * self.omega.0, 1e3 * self.omega.1));
         let level = (1e-6 * self.z_ohm.0, 1e4 * self.z_ohm.1);
@@ -77,7 +77,7 @@ impl Ranges {
         )
     }
 
-    /// Bounds of all parameters, widened where a start value asks for it.
+    /// Returns the bounds of all parameters, widened to contain given start values.
     pub(super) fn all_bounds(&self, circuit: &Circuit, guess: &[(usize, f64)]) -> Vec<(f64, f64)> {
         let mut bounds = Vec::with_capacity(circuit.parameter_names().len());
         circuit.root().visit(&mut |element| {
@@ -101,7 +101,7 @@ impl Ranges {
         bounds
     }
 
-    /// Number of coordinates in 0…1 that [`Ranges::place`] wants.
+    /// Returns the number of coordinates in 0…1 that [`Ranges::place`] needs.
     pub(super) fn dimensions(circuit: &Circuit) -> usize {
         circuit.parameter_names().len() + elements(circuit)
     }
@@ -241,8 +241,8 @@ impl Starter<'_> {
         (parameters, value)
     }
 
-    /// Scales the blocks at the top that hold no given level, so that the weighted squares become
-    /// least; returns them.
+    /// Scales the top-level blocks without given levels so that the weighted squares are minimal;
+    /// returns them.
     fn scale(&self, parameters: &mut [f64]) -> f64 {
         let single = std::slice::from_ref(self.circuit.root());
         let blocks: &[Node] = if let Node::Series(blocks) = self.circuit.root() {

@@ -12,16 +12,16 @@ use nalgebra::DMatrix;
 
 /// Eigenvalues of the scaled information below this fraction of the largest are rounding.
 const NULL: f64 = 1e-13;
-/// Share of a parameter in a direction that the data do not fix, from which on it has no sigma.
+/// Share of a parameter in an undetermined direction, from which on it has no sigma.
 const INVOLVED: f64 = 1e-3;
 
 /// Covariance of the free variables that no bound holds.
 pub(super) struct Uncertainty {
-    /// Row-major over `variables`; none for a variable that the data do not fix.
+    /// Row-major over `variables`; `None` for a variable that the data do not determine.
     covariance: Vec<Option<f64>>,
     /// Places among the free variables.
     variables: Vec<usize>,
-    /// Greatest over least eigenvalue of the information, scaled to a unit diagonal; none where the
+    /// Greatest over least eigenvalue of the information, scaled to a unit diagonal; `None` if the
     /// least is zero.
     pub(super) condition: Option<f64>,
     /// Numbers minus parameters that no bound holds.
@@ -29,7 +29,8 @@ pub(super) struct Uncertainty {
 }
 
 impl Uncertainty {
-    /// At the optimum x of the free variables, of which `held` are held by bounds.
+    /// Computes the uncertainty at the optimum x of the free variables; bounds hold those in
+    /// `held`.
     pub(super) fn of(problem: &Problem, x: &[f64], held: &[bool]) -> Self {
         let variables: Vec<usize> = (0..x.len()).filter(|k| !held[*k]).collect();
         let m = variables.len();
@@ -69,7 +70,8 @@ impl Uncertainty {
         }
     }
 
-    /// Covariance of two free variables; none where the data do not fix them or a bound holds one.
+    /// Returns the covariance of two free variables; `None` if the data do not determine them or a
+    /// bound holds one.
     pub(super) fn covariance(&self, i: usize, j: usize) -> Option<f64> {
         let place = |k: usize| self.variables.iter().position(|v| *v == k);
         self.covariance

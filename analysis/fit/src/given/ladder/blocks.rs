@@ -4,9 +4,9 @@ use analysis_model::model::{Circuit, ElementKind, Erm, Node, RcBranch, Role};
 use num_complex::Complex64;
 use std::ops::RangeInclusive;
 
-/// Points per decade at which the sign of a reactance is asked for.
+/// Points per decade at which the sign of a reactance is evaluated.
 const PER_DECADE: f64 = 8.0;
-/// Branches in parallel that all block are compared so far below the band.
+/// Factor below the band at which branches in parallel that all block are compared.
 const BELOW: f64 = 1e-2;
 
 /// Behaviour of a block under a direct current.
@@ -116,13 +116,13 @@ impl<'a> Blocks<'a> {
         )
     }
 
-    /// DC resistance of the rest, Ω; none where it blocks.
+    /// Returns the DC resistance of the rest, Ω; `None` if it blocks.
     pub(super) fn rest_dc_ohm(&self, p: &[f64]) -> Option<f64> {
         Some(self.rest.iter().map(|node| dc_ohm(node, p)).sum::<f64>())
             .filter(|ohm| ohm.is_finite())
     }
 
-    /// DC resistance of all that is not left out, Ω; none where the rest blocks.
+    /// Returns the DC resistance of all blocks that are not left out, Ω; `None` if the rest blocks.
     pub(super) fn dc_ohm(&self, p: &[f64]) -> Option<f64> {
         let exact = self.r_ohm
             + self
@@ -248,7 +248,7 @@ fn blocking(node: &Node, p: &[f64], omega: f64) -> Blocking {
     }
 }
 
-/// Resistance at zero frequency, Ω; infinite where a node blocks.
+/// Returns the resistance at zero frequency, Ω; infinite if a node blocks.
 fn dc_ohm(node: &Node, p: &[f64]) -> f64 {
     match node {
         Node::Element(element) => element.kind.dc_resistance_ohm(&p[node.range()]),

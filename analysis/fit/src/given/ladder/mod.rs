@@ -46,7 +46,7 @@ pub struct Ladder {
     pub circuit: String,
     /// Its parameters, in the order of the string and in their units.
     pub values: Vec<f64>,
-    /// Band of the data that the circuit was fitted to, Hz; none where it is not known.
+    /// Band of the data that the circuit was fitted to, Hz; `None` if unknown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub data_band_hz: Option<(f64, f64)>,
     /// Band in which the ladder follows the circuit, Hz.
@@ -56,8 +56,8 @@ pub struct Ladder {
     pub worst_relative_error: f64,
     /// Frequency of that error, Hz.
     pub worst_at_hz: f64,
-    /// DC resistance of the circuit, without the blocks left out, Ω; none where it grows without
-    /// end.
+    /// DC resistance of the circuit, without the blocks left out, Ω; `None` if it grows without
+    /// limit.
     pub dc_resistance_ohm: Option<f64>,
     /// Time beyond which the ladder lacks resistance, s; none for a circuit with a DC resistance.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -96,12 +96,12 @@ pub struct Followed {
     pub log_jacobian: Option<Vec<Vec<f64>>>,
 }
 
-/// Bands in which a circuit is to be followed.
+/// Bands in which the ladder follows a circuit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bands {
-    /// Band of the data, Hz, where it is known.
+    /// Band of the data, Hz, if known.
     pub data_hz: Option<(f64, f64)>,
-    /// Band that was asked for, Hz; else that of the data, a decade wider on each side.
+    /// Requested band, Hz; otherwise that of the data, a decade wider on each side.
     pub asked_hz: Option<(f64, f64)>,
 }
 
@@ -184,8 +184,8 @@ pub fn follow(circuit: &Circuit, values: &[f64], bands: Bands) -> Result<Followe
     })
 }
 
-/// The blocks that are parts of an ERM, and a ladder for all others; with the inverse of the
-/// capacitance in series.
+/// Returns the blocks that are parts of an ERM, and a ladder for all others; with the inverse of
+/// the capacitance in series.
 fn fitted(
     blocks: &Blocks,
     values: &[f64],
@@ -373,7 +373,7 @@ impl Ladder {
     }
 }
 
-/// A frequency in words.
+/// Formats a frequency.
 fn hertz(freq_hz: f64) -> String {
     match freq_hz {
         f if f < 0.1 => format!("{} mHz", format_significant(1e3 * f, 3)),

@@ -6,7 +6,7 @@ use std::ops::RangeInclusive;
 
 /// Weight of the DC resistance among the rows of the band.
 pub(super) const DC_WEIGHT: f64 = 3.0;
-/// A resistance that is a smaller part of the largest |Z| is none.
+/// A resistance that is a smaller part of the largest |Z| counts as zero.
 pub(super) const NOTHING: f64 = 1e-9;
 
 /// A ladder and its error.

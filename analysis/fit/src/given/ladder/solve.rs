@@ -12,7 +12,7 @@ use std::ops::RangeInclusive;
 
 /// Branches per decade that are tried, until the error is small enough.
 const DENSITIES: [f64; 10] = [0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0];
-/// Points per decade that are fitted, and at which the error is taken: finer, and between them.
+/// Points per decade for the fit, and for the error: finer, and between them.
 const FITTED_PER_DECADE: f64 = 16.0;
 const CHECKED_PER_DECADE: f64 = 50.0;
 /// Factor by which time constants reach beyond the reciprocals of the band's ends.
@@ -22,18 +22,18 @@ const REACH_SLOW: f64 = 10.0;
 pub(super) struct Problem<'a> {
     /// Impedance to be followed, by angular frequency.
     pub(super) rest: &'a dyn Fn(f64) -> Complex64,
-    /// Impedance in series with it that is an ERM as it is.
+    /// Impedance in series with it that is already an ERM.
     pub(super) beside: &'a dyn Fn(f64) -> Complex64,
     /// Ends of the band, rad/s.
     pub(super) omega: RangeInclusive<f64>,
     /// Whether it ends as a capacitance.
     pub(super) stores: bool,
-    /// DC resistance of the rest, Ω, where it has one.
+    /// DC resistance of the rest, Ω, if it has one.
     pub(super) dc_ohm: Option<f64>,
 }
 
-/// The shortest ladder that is good enough, else the best of all; none where no system could be
-/// solved.
+/// Returns the shortest ladder that is good enough, otherwise the best of all; `None` if no system
+/// could be solved.
 pub(super) fn best_ladder(problem: &Problem) -> Option<Met> {
     let mut best: Option<Met> = None;
     for density in DENSITIES {
