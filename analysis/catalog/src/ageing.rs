@@ -34,16 +34,16 @@ pub struct AgeingPoint {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct Ageing {
-    /// The cell, as it was asked for.
+    /// The requested cell.
     pub cell: String,
-    /// Number of RC pairs of the models, the same for all: only then do their numbers compare.
+    /// Number of RC pairs of the models; only models with the same number can be compared.
     pub rc: Option<u32>,
     /// Numbers of RC pairs that models of the cell have.
     pub orders: Vec<u32>,
     /// Serial numbers that the cells of these models are known to have: several are different cells
     /// of one name, whose values do not belong together.
     pub serials: Vec<String>,
-    /// Number of models of several cells together, which are of none of them and left out.
+    /// Number of models of several cells together, which are left out.
     pub pooled: u32,
     /// In the order of time.
     pub points: Vec<AgeingPoint>,

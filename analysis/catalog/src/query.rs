@@ -51,15 +51,15 @@ pub struct CellFound {
     pub serial: Option<String>,
     /// Number of matching runs with it.
     pub runs: u32,
-    /// When the first of them began, s since 1970.
+    /// Start of the first of them, s since 1970.
     pub first_unix_s: f64,
-    /// The same of the last.
+    /// Start of the last of them, s since 1970.
     pub last_unix_s: f64,
-    /// Its kind, where it has a name of its own.
+    /// Its kind, if it has a name of its own.
     pub model: Option<String>,
     /// Batch that it was made in.
     pub batch: Option<String>,
-    /// Code that is printed on it.
+    /// Barcode on the cell.
     pub barcode: Option<String>,
     /// Maker.
     pub maker: Option<String>,
@@ -79,13 +79,13 @@ pub struct CellsFound {
     pub after: Option<String>,
 }
 
-/// All that is known of a run.
+/// Everything that is known about a run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct RunShown {
     /// The run.
     pub run: CatalogRun,
-    /// Its instruments, as its manifest has them.
+    /// Its instruments, from its manifest.
     pub instruments: serde_json::Value,
     /// Its spectra, in the order of time.
     pub spectra: Vec<CatalogSpectrum>,
@@ -217,7 +217,7 @@ impl Catalog {
         Ok(FitsFound { fits, after })
     }
 
-    /// Every fit that meets the conditions, in the order of time.
+    /// Returns every fit that meets the conditions, in the order of time.
     ///
     /// # Errors
     /// [`CatalogError`].
@@ -348,7 +348,7 @@ impl Catalog {
         Ok(question)
     }
 
-    /// All that is known of a run, by its identity, its folder or its name.
+    /// Returns everything that is known about a run, by its identity, its folder or its name.
     ///
     /// # Errors
     /// [`CatalogError::Run`] for none or several.
@@ -475,7 +475,8 @@ impl Catalog {
         Ok(Named { name, codes })
     }
 
-    /// Whether a text that is given as a cell is a serial number or a barcode, and no name.
+    /// Returns whether a text that is given as a cell is a serial number or a barcode, and not a
+    /// name.
     fn is_code(&self, cell: &str) -> Result<bool, CatalogError> {
         let failed = sql(&self.path, "look for a cell");
         let text = "SELECT NOT EXISTS (SELECT 1 FROM run_cell WHERE name = ?1) \

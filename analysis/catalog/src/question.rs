@@ -26,9 +26,9 @@ pub struct Filter {
     pub bench: Option<String>,
     /// Name of an experiment.
     pub experiment: Option<String>,
-    /// Begun at this time or later, s since 1970.
+    /// Started at this time or later, s since 1970.
     pub from_unix_s: Option<f64>,
-    /// Begun before this time, s since 1970.
+    /// Started before this time, s since 1970.
     pub to_unix_s: Option<f64>,
     /// Verdict of the run.
     pub verdict: Option<CatalogVerdict>,
@@ -36,7 +36,7 @@ pub struct Filter {
     pub trip: bool,
     /// Words that occur in the name, bench, experiment, operator, end or cells of the run.
     pub text: Option<String>,
-    /// Where to go on: `after` of the answer before.
+    /// Position of the next part: `after` of the previous answer.
     pub after: Option<String>,
     /// Maximum number of rows in the reply; 0 for [`MOST`].
     pub most: usize,
@@ -67,7 +67,7 @@ impl Filter {
         self.trip || self.verdict.is_some() || texts.into_iter().any(Option::is_some)
     }
 
-    /// Returns whether there is a condition beside the time.
+    /// Returns whether the question has a condition beside the time.
     pub(crate) fn asks_beside_time(&self) -> bool {
         let texts = [&self.cell, &self.serial, &self.bench];
         self.asks_of_runs() || texts.into_iter().any(Option::is_some)

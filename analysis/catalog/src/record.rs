@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// How much a run may be believed, in a word.
+/// Reliability of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "kebab-case")]
@@ -46,7 +46,7 @@ impl CatalogVerdict {
     }
 }
 
-/// Where the time of a run comes from.
+/// Source of the time of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 #[serde(rename_all = "kebab-case")]
@@ -79,18 +79,18 @@ impl TimeSource {
 #[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CatalogCell {
-    /// Its name: that of the specimen in a campaign, else that of the file of the cell.
+    /// Its name: that of the specimen in a campaign, otherwise that of the file of the cell.
     pub name: String,
     /// Its serial number, if the experiment states it.
     pub serial: Option<String>,
     /// Serial number that a person read from the cell when it was put into the jig.
     pub scanned_serial: Option<String>,
-    /// Name of the file of the cell: the type, where specimens have names of their own.
+    /// Name of the file of the cell, which is the type if specimens have names of their own.
     pub model: Option<String>,
     /// Batch that it was made in.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub batch: Option<String>,
-    /// Code that is printed on it.
+    /// Barcode on the cell.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub barcode: Option<String>,
     /// Maker.
@@ -124,7 +124,7 @@ pub struct CatalogRun {
     pub name: String,
     /// The folder.
     pub folder: String,
-    /// The folder was not there in the last scan.
+    /// True if the last scan did not find the folder.
     pub missing: bool,
     /// Version of the program that measured.
     pub version: String,
@@ -138,13 +138,13 @@ pub struct CatalogRun {
     pub operator: Option<String>,
     /// Seed of simulation and searches.
     pub seed: u64,
-    /// How bench time ran.
+    /// Course of bench time.
     pub time: String,
-    /// It was on a simulated bench.
+    /// True if the bench was simulated.
     pub simulated: bool,
-    /// When it began, s since 1970.
+    /// Time of its start, s since 1970.
     pub started_unix_s: f64,
-    /// Where that time comes from.
+    /// Source of that time.
     pub time_source: TimeSource,
     /// Bench time of its last manifest, s.
     pub bench_time_s: f64,
@@ -152,9 +152,9 @@ pub struct CatalogRun {
     pub how: Option<String>,
     /// The same as a keyword.
     pub verdict: CatalogVerdict,
-    /// Message of the interlock that ended it; none where it did not trip.
+    /// Message of the interlock that ended it; null if it did not trip.
     pub trip: Option<String>,
-    /// How often it was resumed.
+    /// Number of times it was resumed.
     pub resumed: u32,
     /// Number of its corrected spectra of a cell.
     pub spectra: u32,
@@ -164,7 +164,8 @@ pub struct CatalogRun {
     pub fits: u32,
     /// SHA-256 of its configuration.
     pub config_sha256: Option<String>,
-    /// SHA-256 of its list of hashes, which stands for the whole folder; none before it is written.
+    /// SHA-256 of its list of hashes, which identifies the content of the folder; null before the
+    /// list is written.
     pub content_sha256: Option<String>,
     /// Files that cannot be read, with the reason.
     pub damage: Vec<String>,
@@ -184,21 +185,21 @@ pub struct CatalogSpectrum {
     pub bench: String,
     /// The cell.
     pub cell: String,
-    /// Serial number of the cell, where it is known.
+    /// Serial number of the cell, if known.
     pub serial: Option<String>,
-    /// Batch of the cell, where it is known.
+    /// Batch of the cell, if known.
     pub batch: Option<String>,
-    /// Chemistry of the cell, in words, where it is known.
+    /// Chemistry of the cell, in words, if known.
     pub chemistry: Option<String>,
     /// Fixture in the jig: `cell`, or the control.
     pub fixture: String,
-    /// The harness is corrected.
+    /// True if the harness is corrected.
     pub corrected: bool,
     /// Number of the repeat, from 1.
     pub repeat: u32,
-    /// When it began, s since 1970.
+    /// Time of its start, s since 1970.
     pub started_unix_s: f64,
-    /// Where that time comes from.
+    /// Source of that time.
     pub time_source: TimeSource,
     /// Amplitude of the current as commanded, A.
     pub amplitude_a: f64,
@@ -214,7 +215,7 @@ pub struct CatalogSpectrum {
     pub low_hz: Option<f64>,
     /// Highest frequency, Hz.
     pub high_hz: Option<f64>,
-    /// Real part where the imaginary part changes its sign, else at the highest frequency, Ω.
+    /// Real part where the imaginary part changes its sign, otherwise at the highest frequency, Ω.
     pub r_high_ohm: Option<f64>,
     /// Its standard uncertainty, Ω.
     pub r_high_sigma_ohm: Option<f64>,
@@ -236,19 +237,20 @@ pub struct CatalogFit {
     pub file: String,
     /// The bench.
     pub bench: String,
-    /// The cell; the type of the cells where the model is that of several.
+    /// The cell; the type of the cells if the model is that of several.
     pub cell: String,
-    /// Serial number of the cell, where it is known.
+    /// Serial number of the cell, if known.
     pub serial: Option<String>,
-    /// Batch of the cell, where it is known.
+    /// Batch of the cell, if known.
     pub batch: Option<String>,
-    /// Number of cells whose spectra were fitted together: a model of several is of none of them.
+    /// Number of cells whose spectra were fitted together; a model of several does not belong to
+    /// one.
     pub cells: u32,
     /// Number of RC pairs.
     pub rc: u32,
-    /// When the run began, s since 1970.
+    /// Time of the run's start, s since 1970.
     pub started_unix_s: f64,
-    /// Where that time comes from.
+    /// Source of that time.
     pub time_source: TimeSource,
     /// Temperature of the cell's surface before its first spectrum, °C.
     pub temperature_c: Option<f64>,
@@ -272,7 +274,7 @@ pub struct CatalogFit {
     pub slow_tau_sigma_s: Option<f64>,
     /// Time constants of all pairs, s.
     pub time_constants_s: Vec<f64>,
-    /// Root mean square of what the model leaves, Ω.
+    /// Root mean square of the residual of the model, Ω.
     pub rms_ohm: f64,
     /// χ² per degree of freedom.
     pub reduced_chi2: Option<f64>,
@@ -287,7 +289,7 @@ pub struct CatalogFit {
 pub enum CatalogEventKind {
     /// The interlock ended the run.
     Trip,
-    /// The run went on after its process had ended.
+    /// The run continued after its process had ended.
     Resumed,
     /// A person confirmed a change of the fixture.
     Answered,
@@ -317,7 +319,7 @@ impl CatalogEventKind {
     }
 }
 
-/// An event of a run: what was done to it by a person, and how it ended.
+/// An event of a run: an action of a person, or its end.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
 pub struct CatalogEvent {
@@ -327,7 +329,7 @@ pub struct CatalogEvent {
     pub time_s: f64,
     /// Its kind.
     pub kind: CatalogEventKind,
-    /// In words.
+    /// Text of the event.
     pub text: String,
     /// Who acted; null if nobody was named.
     pub by: Option<String>,
@@ -354,7 +356,7 @@ pub struct CatalogDiagnosis {
     pub summary: String,
     /// Parameters of the effects that it names.
     pub parameters: Vec<CatalogParameter>,
-    /// Why it cannot be read; none where it can.
+    /// Reason why it cannot be read; null if it can.
     pub damage: Option<String>,
 }
 
