@@ -15,7 +15,7 @@ const READ: Duration = Duration::from_secs(60);
 /// Why the outputs were not read.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
-    /// Not as things are.
+    /// The request conflicts with the current state.
     #[error("{0}")]
     Busy(String),
     /// The machine.

@@ -105,7 +105,7 @@ pub(crate) fn read(args: &FitArgs) -> Result<(Vec<SourcedSpectrum>, Vec<Spectrum
     }
     if !passed_over.is_empty() {
         remark!(
-            "not fitted, for they are controls or carry a direct current: {}",
+            "not fitted, because they are controls or carry a direct current: {}",
             passed_over.join(", ")
         );
     }

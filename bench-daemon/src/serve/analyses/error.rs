@@ -9,7 +9,7 @@ pub enum AnalysisError {
     /// No such analysis.
     #[error("expected the name of an analysis, found {0:?}")]
     Unknown(String),
-    /// Not as things are.
+    /// The request conflicts with the current state.
     #[error("{0}")]
     Conflict(String),
     /// The file system.

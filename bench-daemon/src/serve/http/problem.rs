@@ -55,7 +55,7 @@ impl Refusal {
         Self::of(StatusCode::UNPROCESSABLE_ENTITY, message)
     }
 
-    /// Not as things are.
+    /// The request conflicts with the current state.
     pub fn conflict(message: impl Into<String>) -> Self {
         Self::of(StatusCode::CONFLICT, message)
     }
