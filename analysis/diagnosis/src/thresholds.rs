@@ -185,11 +185,11 @@ thresholds! {
         Convention "A misfit of twice the noise in root mean square; below, a lag cannot be \
         separated from noise.";
     LAG_LEFT_PART: f64 = 0.3, "1",
-        "Part of the missed squares that the best lag may leave to be believed.",
+        "Part of the missed squares that the best lag may leave to be accepted.",
         Convention "Most of the misfit must go with the lag. `gate/tests` finds each damage and \
         passes strong effects.";
     LAG_UNEXPLAINED_PART: f64 = 0.1, "1",
-        "Part of the delayed voltage's squares that may stay unexplained where a lag is believed.",
+        "Part of the delayed voltage's squares that may stay unexplained if a lag is accepted.",
         Convention "A larger rest says that something else is wrong. `gate/tests` finds each \
         damage and passes strong effects.";
     LAG_TIMES_OTHERS: f64 = 3.0, "1",
@@ -546,7 +546,8 @@ thresholds! {
         Derivation "More than half: the row then depends more on the edge's time than on all else \
         together.";
     EDGE_SAMPLES: usize = 2, "samples",
-        "Samples after an edge that stay as they were logged, for a smoothed channel shows there.",
+        "Samples after an edge that stay as they were logged, because a smoothed channel shows \
+        there.",
         Convention "One sample may be read during the edge, and one shows the smoothing. No study \
         of the value is on record.";
     ALIKE_SOC: f64 = 5e-4, "1",
@@ -759,7 +760,7 @@ thresholds! {
         Convention "About powers of 0.6. Commit 2496db6 names the depletions that one start had \
         missed.";
     SHAPE_DRIFT: f64 = 12.0, "1",
-        "χ² that a shape at its bound must gain over a held one to be believed.",
+        "χ² that a shape at its bound must gain over a held one to be accepted.",
         Convention "Noise gains as much in 5·10⁻⁴ of cases (χ² of one degree of freedom), or \
         2.5·10⁻³ (two).";
     DEEPER_CHI2: f64 = 1.0, "1",

@@ -481,7 +481,7 @@ async fn found<D: Driven>(
         ));
     }
     if drive.ways().is_empty() {
-        bounds.push("no other command ends it, for it follows its analog input".to_owned());
+        bounds.push("no other command ends it, because it follows its analog input".to_owned());
     }
     Some(Output {
         by: by.map(str::to_owned),

@@ -124,7 +124,7 @@ fn budget(args: &InvestigateArgs) -> Result<Budget, Failure> {
         Ok(budget)
     } else {
         Err(Failure::Usage(format!(
-            "expected `yes`, found {:?}: nothing was begun",
+            "expected `yes`, found {:?}: nothing was started",
             line.trim()
         )))
     }

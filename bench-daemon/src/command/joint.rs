@@ -147,7 +147,7 @@ fn spectra(files: &[PathBuf], refused_points: bool) -> Result<Vec<SourcedSpectru
     }
     if !passed_over.is_empty() {
         remark!(
-            "not used, for they are controls or carry a direct current: {}",
+            "not used, because they are controls or carry a direct current: {}",
             passed_over.join(", ")
         );
     }

@@ -410,10 +410,9 @@ fn write_draws(out: &Path, met: &Scatter) -> Result<(), Failure> {
             ),
             |o| o.hottest_rise_k,
         ),
-        (
-            spec("feasible", "1", "1 where all power could be had"),
-            |o| f64::from(u8::from(o.feasible)),
-        ),
+        (spec("feasible", "1", "1 if all power was available"), |o| {
+            f64::from(u8::from(o.feasible))
+        }),
     ];
     let values: Vec<(ColumnSpec, Vec<f64>)> = columns
         .into_iter()

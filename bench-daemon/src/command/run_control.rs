@@ -192,7 +192,7 @@ fn unheard(folder: &Path, replay: &JournalReplay, lines: &[Line]) -> String {
     };
     format!(
         "the run cannot receive requests: its process ended at {:.0} s of bench time, {points} \
-        points finished, last in step \"{}\"; {bench_state}; `eis-bench resume {}` goes on with it",
+        points finished, last in step \"{}\"; {bench_state}; `eis-bench resume {}` continues it",
         replay.last_s,
         last.unwrap_or("none"),
         pasted(folder)

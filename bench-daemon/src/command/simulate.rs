@@ -140,8 +140,8 @@ fn print_text(
         }) = &output.first_infeasible
         {
             remark!(
-                "{}: at {time_s:.4} s {power_w:.1} W were asked for, {available_w:.1} W could be \
-                had",
+                "{}: at {time_s:.4} s {power_w:.1} W were requested, {available_w:.1} W were \
+                available",
                 output.profile
             );
         }

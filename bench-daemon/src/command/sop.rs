@@ -20,7 +20,7 @@ use crate::{files, safety::failure::Failure, support::terminal::say};
 const HELP: &str = "\
 State of power: the most constant power that the pack bears for a time, from rest, such that every \
 cell stays between --v-min and --v-max from
-the first instant to the last and all of the power can be had. Positive is discharge. Each value \
+the first instant to the last and all of the power is available. Positive is discharge. Each value \
 is the root of a simulation with the transient
 model, to 1e-7 of itself; `IR` beside it is the simple-IR model's, which has the full DC \
 resistance from the first instant. The limits hold at

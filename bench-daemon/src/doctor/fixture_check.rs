@@ -192,8 +192,8 @@ pub fn believed_in_words(controls: &[ControlResult]) -> Option<String> {
     .unwrap_or_default();
     let percent = significant(100.0 * corrected.tolerance, 2);
     Some(format!(
-        "With its correction the bench is to be believed within {percent} % {}; as read, without \
-        it, {as_read}.",
+        "With its correction the bench is accurate within {percent} % {}; as read, without it, \
+        {as_read}.",
         words(corrected)
     ))
 }

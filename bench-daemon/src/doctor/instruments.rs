@@ -181,7 +181,7 @@ impl Examination<'_> {
                     met,
                 },
                 good,
-                "no output goes on without its limits: see why they are not taken",
+                "no output is switched on without its limits: find out why they are not accepted",
             ) {
                 self.findings.stop();
             }

@@ -46,7 +46,7 @@ pub async fn lease(
 ) {
     let id = "guardian.lease";
     let expected = format!(
-        "everything off after {} s without a word from the daemon",
+        "everything off after {} s of silence of the daemon",
         config.guardian.lease_s
     );
     let advice = "do not leave the bench alone: nothing would switch it off when the daemon dies; \

@@ -127,7 +127,7 @@ fn ammeter(findings: &mut Findings, step: &Step, sound: bool, by_shunt: ByShunt)
     if !sound {
         findings.skip(
             &["meters.ammeter"],
-            "probes or controls cannot be believed",
+            "probes or controls cannot be trusted",
             "settle first what is wrong with them",
         );
         return false;
@@ -268,7 +268,7 @@ fn probes(
                 "`--fixture fake_cell` separates the pairs",
             );
         }
-        None if unexplained => findings.skip(&[id], "probes or controls cannot be believed", ""),
+        None if unexplained => findings.skip(&[id], "probes or controls cannot be trusted", ""),
         None => findings.add(
             id,
             Texts {
@@ -351,7 +351,7 @@ fn drive(findings: &mut Findings, step: &Step, current_a: f64, known: bool) -> b
     if !known {
         findings.skip(
             &["drive.gain"],
-            "neither ammeter nor probes can be believed",
+            "neither ammeter nor probes can be trusted",
             "",
         );
         return false;
@@ -415,7 +415,7 @@ fn voltmeter(
     if !sound {
         findings.skip(
             &[id],
-            "probes or controls cannot be believed",
+            "probes or controls cannot be trusted",
             "settle first what is wrong with them",
         );
         return;

@@ -202,7 +202,7 @@ fn unsteady(fit: &SineFit, harmonics_and_drift: &HarmonicsAndDrift) -> Option<St
     let fitted = if fit.relaxed {
         "fitted beside the sinusoid"
     } else {
-        "not fitted, for the record is too short: see the drift in its uncertainty"
+        "not fitted, because the record is too short: its uncertainty includes the drift"
     };
     Some(format!(
         "the record is not stationary: the cell's voltage bends by {least} µV to {} µV, {fitted}",

@@ -27,7 +27,7 @@ pub enum Action {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Fault {
     /// The sensor has no plausible reading.
-    #[error("no bath temperature that can be believed for {age_s:.0} s")]
+    #[error("no plausible bath temperature for {age_s:.0} s")]
     Stale {
         /// Age of the last plausible reading, s.
         age_s: f64,
@@ -228,10 +228,7 @@ mod tests {
         let Action::Fault(fault) = thermostat.step(None, 80.0) else {
             panic!("expected a fault")
         };
-        assert_eq!(
-            fault.to_string(),
-            "no bath temperature that can be believed for 80 s"
-        );
+        assert_eq!(fault.to_string(), "no plausible bath temperature for 80 s");
     }
 
     #[test]

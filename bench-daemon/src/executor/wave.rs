@@ -111,9 +111,8 @@ impl Rig<'_> {
             })
             .sum();
         self.recorder.warning(&format!(
-            "trace {}: powers were turned into currents at the {:.4} V at rest, for a wave cannot \
-            follow the voltage: {flowed_j:.2} J flowed, {asked_j:.2} J were \
-             asked for",
+            "trace {}: powers were converted to currents at the {:.4} V at rest, because a wave \
+            cannot follow the voltage: {flowed_j:.2} J flowed, {asked_j:.2} J were requested",
             trace.name, zero.ocv_v
         ));
         Ok(())

@@ -95,7 +95,7 @@ impl Question {
         let known: Vec<String> = known.iter().map(|asked| format!("{asked:?}")).collect();
         Err(match known.join(" or ") {
             asked if asked.is_empty() => format!(
-                "serial: expected none, for no cell with a serial number is asked for, found \
+                "serial: expected none, because no cell with a serial number is requested, found \
                 {found:?}"
             ),
             asked => format!("this is another cell: serial: expected {asked}, found {found:?}"),

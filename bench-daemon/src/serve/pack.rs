@@ -307,7 +307,8 @@ pub fn under_load(settings: &Settings, last: &LastModel, load: &Load) -> Result<
         (None, Some(ocv_v)) => OcvSource::Constant(ocv_v),
         (None, None) => {
             return Err(
-                "ocv_v: expected an open-circuit voltage, for the model knows no curve".to_owned(),
+                "ocv_v: expected an open-circuit voltage, because the model has no curve"
+                    .to_owned(),
             );
         }
     };
@@ -383,7 +384,7 @@ fn told(
     let margin_a = current_max_a.map(|limit| limit - highest_a);
     let words = if let Some(first) = summary.infeasible.first() {
         format!(
-            "at {:.3} s {:.0} W were asked for, {:.0} W can be had: the simulation ends there",
+            "at {:.3} s {:.0} W were requested, {:.0} W are available: the simulation ends there",
             first.time_s, first.power_w, first.available_w
         )
     } else if margin_v < 0.0 {

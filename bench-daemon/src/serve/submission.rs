@@ -230,8 +230,8 @@ fn chosen<'a>(
     let found = settings.benches.iter().find(same);
     found.ok_or_else(|| {
         Refused::Unfit(format!(
-            "the experiment names a bench that is none of this server's ({}): \
-        say which with `bench`",
+            "the experiment names a bench that this server does not have ({}): choose one with \
+        `bench`",
             known()
         ))
     })

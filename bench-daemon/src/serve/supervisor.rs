@@ -293,7 +293,7 @@ impl SupervisedBench {
         };
         if stopped && pid > 1 {
             tracing::warn!(
-                "{}: process {pid} was begun while the bench was being stopped: it is ended",
+                "{}: process {pid} was started while the bench was being stopped: it is ended",
                 self.bench.name
             );
             let _ = kill(Pid::from_raw(pid), Signal::SIGTERM);

@@ -118,7 +118,7 @@ pub enum TokenError {
     #[error("expected a new name, found that of a token that is there: {0}; revoke it first")]
     Taken(String),
     /// The name is unknown.
-    #[error("expected the name of a token, found {0:?}, which is none")]
+    #[error("expected the name of a token, found {0:?}, which does not exist")]
     Unknown(String),
     /// The machine has no source of random numbers.
     #[error("the system gives no random bytes: {0}")]
@@ -341,7 +341,7 @@ mod tests {
                 .revoke("ann")
                 .unwrap_err()
                 .to_string()
-                .contains("which is none")
+                .contains("which does not exist")
         );
     }
 

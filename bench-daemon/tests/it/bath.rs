@@ -78,18 +78,12 @@ fn the_daemon_holds_a_plain_bath_within_a_tenth_of_a_kelvin_through_the_run() {
 #[test]
 fn a_sensor_or_a_relay_that_fails_ends_the_run_with_its_cause_and_the_relays_off() {
     for (quirk, cause) in [
-        (
-            "sensor = \"crc\"",
-            "no bath temperature that can be believed for ",
-        ),
+        ("sensor = \"crc\"", "no plausible bath temperature for "),
         (
             "sensor = \"power_on\"",
-            "no bath temperature that can be believed for ",
+            "no plausible bath temperature for ",
         ),
-        (
-            "sensor = \"absent\"",
-            "no bath temperature that can be believed for ",
-        ),
+        ("sensor = \"absent\"", "no plausible bath temperature for "),
         ("sensor = \"stuck\"", "°C all the while, after "),
         (
             "relay = \"refused\"",

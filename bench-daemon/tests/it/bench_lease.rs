@@ -52,7 +52,7 @@ fn where_both_processes_died_under_current_the_next_start_says_what_it_finds_swi
         }
         assert!(
             unheard.message().ends_with(&format!(
-                "`eis-bench resume {}` goes on with it",
+                "`eis-bench resume {}` continues it",
                 run.display()
             )),
             "{}",

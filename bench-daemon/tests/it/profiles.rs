@@ -592,7 +592,7 @@ fn powers_of_a_wave_take_the_voltage_at_rest_and_the_report_says_what_flowed() {
     assert!(
         finished
             .summary
-            .contains("powers were turned into currents at the 3.79"),
+            .contains("powers were converted to currents at the 3.79"),
         "{}",
         finished.summary
     );

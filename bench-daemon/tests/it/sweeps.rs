@@ -167,14 +167,14 @@ fn the_controls_tell_how_far_the_bench_goes_with_and_without_correction() {
     assert!(
         finished
             .summary
-            .contains("the bench is to be believed within 1.0 % up to "),
+            .contains("the bench is accurate within 1.0 % up to "),
         "{}",
         finished.summary
     );
     assert!(
         fs::read_to_string(files.path("run/report.html"))
             .unwrap()
-            .contains("the bench is to be believed within 1.0 %")
+            .contains("the bench is accurate within 1.0 %")
     );
     // Beyond the sweep nothing is judged, and the spectrum of the cell ends where it ended before.
     assert_eq!(

@@ -467,7 +467,7 @@ fn a_circuit_without_dc_resistance_says_so_everywhere() {
         "{text}"
     );
     assert!(
-        text.contains("left out, for a ladder of RC has no inductance: L0, 1.26 mΩ"),
+        text.contains("left out, because a ladder of RC has no inductance: L0, 1.26 mΩ"),
         "{text}"
     );
     let size = [

@@ -276,7 +276,7 @@ fn sweeps(campaign: &Campaign<'_>) -> Vec<MenuItem> {
     );
     for (name, ohm) in shunts {
         let what = format!(
-            "a sweep of a {:.0} mΩ shunt in the place of the cell, {:.0} Hz to {top_hz:.0} Hz",
+            "a sweep of a {:.0} mΩ shunt instead of the cell, {:.0} Hz to {top_hz:.0} Hz",
             1e3 * ohm,
             0.1 * highest_hz
         );

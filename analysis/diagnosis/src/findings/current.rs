@@ -31,9 +31,9 @@ pub(super) fn find(scene: &Scene<'_>) -> Vec<Finding> {
             filter.edges,
             100.0 * filter.left
         ),
-        effect: "Every edge is played too late: what is fast in the cell looks slow, and laws \
-            that no cell has fit best. The steps of the current can be used in the place of the \
-            logged one."
+        effect: "Every edge is simulated too late: fast processes of the cell look slow, and laws \
+            that no cell has fit best. The steps of the current can be used instead of the logged \
+            current."
             .to_owned(),
         runs,
         correctable: true,

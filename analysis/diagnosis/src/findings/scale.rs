@@ -71,7 +71,7 @@ pub(super) fn find(scene: &Scene<'_>) -> Vec<Finding> {
         how_sure: format!("{:.0} σ from 1", (mean - 1.0).abs() / sigma),
         effect: "A fit gives the factor to resistances or to an effect that scales them. Check \
             cell, temperature and state of charge of spectrum and records before any name is \
-            believed."
+            accepted."
             .to_owned(),
         runs,
         correctable: false,

@@ -87,8 +87,8 @@ pub(super) fn clock(at: &Inspection<'_>) -> Findings {
             let time_s = &own.series.time_s;
             let step_s = time_s[k + 1] - time_s[*k];
             let text = format!(
-                "after {:.2} s its clock jumps: a step of {step_s:.3} s is none in any of its \
-                repeats",
+                "after {:.2} s its clock jumps: none of its repeats has a step of {step_s:.3} s \
+                there",
                 time_s[*k]
             );
             found.add(Check::TimesGoBack, subject.run, text);

@@ -19,7 +19,7 @@ pub(super) fn in_short(d: &Diagnosis) -> Vec<String> {
 
 fn sentence(finding: &Finding, d: &Diagnosis) -> String {
     let corrected = if d.accepted.contains(&finding.kind) {
-        " The corrected data were used, as accepted: all that follows hangs on them."
+        " The corrected data were used, as accepted: all that follows depends on them."
     } else {
         ""
     };
@@ -44,10 +44,10 @@ pub(super) fn details(d: &Diagnosis) -> Section {
         ];
         if finding.correctable {
             let text = if d.accepted.contains(&finding.kind) {
-                "The corrected data were used in the place of the raw ones, as accepted."
+                "The corrected data were used instead of the raw ones, as accepted."
             } else {
-                "Corrected data can be used in the place of the raw ones: `--accept \
-                current_filter`, or `accept` in dataset.toml."
+                "Corrected data can be used instead of the raw ones: `--accept current_filter`, or \
+                `accept` in dataset.toml."
             };
             properties.push(("Correction", text.to_owned()));
         }

@@ -173,7 +173,7 @@ fn distrust(d: &Diagnosis) -> Vec<String> {
     let mut sentences = Vec::new();
     if !d.noise.from_repeats {
         sentences.push(
-            "The noise: it is assumed, for too few runs were repeated, and every judgement here \
+            "The noise: it is assumed because too few runs were repeated, and every judgement here \
             depends on it."
                 .to_owned(),
         );

@@ -313,8 +313,8 @@ fn what_else(d: &Diagnosis) -> Section {
         let text = if d.verdict == Verdict::Explained {
             "No other effect of the catalogue explains these data as well."
         } else {
-            "No other effect does as well in the place of a named one. Why the names are not all \
-            the truth, the verdict says."
+            "No other effect does as well as a named one. The verdict states why the names are not \
+            the whole truth."
         };
         items.push(Item::Text(text.into()));
     }

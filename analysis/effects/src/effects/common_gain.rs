@@ -9,8 +9,8 @@ static CARD: Card = Card {
     title: "gain error of the current channel in everything",
     group: Group::Bench,
     mechanism: "Shunt or channel of the current read too little or too much in all measurements. \
-    Resistances take it up, so that it looks like a cell of another capacity; only something known \
-    in the place of the cell shows it.",
+    Resistances take it up, so that it looks like a cell of another capacity; only a known \
+    impedance instead of the cell shows it.",
     state_equation: "i = (1 + g)·i_logged everywhere; g as a fraction",
     impedance: "Z_logged = (1 + g)·Z, of the cell and of what is known",
     source: "data sheets of shunts and oscilloscopes: gain error",
@@ -18,7 +18,7 @@ static CARD: Card = Card {
     shunt too",
     confounders: &["ocv_slope", "current_gain"],
     contains: &[],
-    experiment: "the shunt in the place of the cell",
+    experiment: "the shunt instead of the cell",
 };
 
 /// See [`Effect::card`].

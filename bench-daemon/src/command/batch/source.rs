@@ -105,7 +105,9 @@ impl Choice {
         sourced.spectrum.keep(|p| band.contains(&p.freq_hz));
         sourced.flagged.retain(|p| band.contains(&p.freq_hz));
         if self.cells_only && !sourced.origin.is_unbiased_cell() {
-            return Err("not fitted, for it is a control or carries a direct current".to_owned());
+            return Err(
+                "not fitted, because it is a control or carries a direct current".to_owned(),
+            );
         }
         let told = refused_in_words(&sourced.flagged);
         if !self.refused_points {

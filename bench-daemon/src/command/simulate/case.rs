@@ -319,7 +319,7 @@ pub(super) fn sentence(o: &Output) -> String {
     };
     let bound = match o.largest_factor_bound {
         Some(analysis::forward::ScaleBound::UpperVoltage) => "the upper voltage",
-        Some(analysis::forward::ScaleBound::Power) => "the power that can be had",
+        Some(analysis::forward::ScaleBound::Power) => "the available power",
         Some(analysis::forward::ScaleBound::Nothing) => "nothing",
         _ => "the lower voltage",
     };

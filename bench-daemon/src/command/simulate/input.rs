@@ -23,8 +23,8 @@ const MOST_EULER_STEPS: f64 = 1e8;
 #[command(after_help = "\
 Margins are per cell (mean over the cells in series, interconnect left out) and positive inside \
 the window; min_ccv_v and max_ccv_v are \
-voltages at the terminals. `feasible` says that all power asked for could be had; whether the \
-window was kept, the margins say.
+voltages at the terminals. `feasible` states whether all requested power was available; the \
+margins show whether the window was kept.
 Power and current count discharge as positive. Each row of a profile holds until the next; the \
 last row only ends it.")]
 pub struct SimulateArgs {

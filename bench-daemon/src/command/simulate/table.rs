@@ -255,7 +255,7 @@ fn warnings(summary: &Summary) -> Vec<(&'static str, String)> {
         let (time_s, asked_w, had_w) = (first.time_s, first.power_w, first.available_w);
         found.push((
             "infeasible",
-            format!("at {time_s:.4} s {asked_w:.1} W were asked for, {had_w:.1} W could be had"),
+            format!("at {time_s:.4} s {asked_w:.1} W were requested, {had_w:.1} W were available"),
         ));
     }
     if summary.margin_low_v < 0.0 {

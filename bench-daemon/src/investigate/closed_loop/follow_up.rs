@@ -257,7 +257,7 @@ fn fixture(first: &Experiment, planned: &Fixture) -> Result<fixture::Fixture, St
             })
         }
         Fixture::FakeCell(_) => {
-            Err("a sweep of the fake cell is none of the cell's data".to_owned())
+            Err("a sweep of the fake cell does not belong to the cell's data".to_owned())
         }
     }
 }

@@ -242,7 +242,7 @@ pub(super) fn shown(
     if peer.is_some_and(|peer| !app.guesses.take(peer, app.server.clock.now_s())) {
         return Err(Refusal::of(
             StatusCode::TOO_MANY_REQUESTS,
-            "expected fewer tokens that are none of this server's",
+            "expected fewer tokens that this server does not know",
         ));
     }
     Err(Refusal::of(

@@ -472,8 +472,7 @@ pub async fn resume(
         let job = jobs::read(&server.settings.data, &run).filter(|_| plain(&run));
         let Some(job) = job else {
             return Err(Refusal::conflict(
-                "expected a run that was begun \
-        here, found another one",
+                "expected a run that this server started, found another one",
             ));
         };
         let finished = job.ended.as_ref().map(|ended| ended.finished);

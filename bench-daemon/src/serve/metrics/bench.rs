@@ -92,7 +92,7 @@ pub(super) const METRICS: &[Metric] = &[
     gauge("stopping", "", "The bench is being stopped.", |now| {
         now.benches(|live| flag(live.state == BenchState::Stopping))
     }),
-    gauge("held", "", "Nothing is begun on the bench.", |now| {
+    gauge("held", "", "No run starts on the bench.", |now| {
         now.benches(|live| flag(live.held.is_some()))
     }),
     gauge(

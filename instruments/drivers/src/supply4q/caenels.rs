@@ -161,7 +161,7 @@ impl Dialect for FastPs {
             read_back: None,
         };
         vec![Way {
-            name: "its own command, 0 A, in the place of the generator's",
+            name: "its own command, 0 A, instead of the generator's",
             script: vec![normal(), zero],
         }]
     }

@@ -161,7 +161,7 @@ impl Dialect for Kepco {
         match self.analog_select {
             AnalogSelect::Command => {
                 vec![Way {
-                    name: "its own command, 0 A, in the place of the generator's",
+                    name: "its own command, 0 A, instead of the generator's",
                     script: [
                         self.analog(false),
                         vec![Exchange::fixed("CURR", 0.0, DECIMALS, READ_BACK)],

@@ -293,8 +293,8 @@ impl Ladder {
                 hertz(l.freq_hz)
             );
             notes.push(format!(
-                "left out, for a ladder of RC has no inductance: {}, {z} mΩ (as \
-            many mV per ampere) {place}",
+                "left out, because a ladder of RC has no inductance: {}, {z} mΩ (as many mV per \
+            ampere) {place}",
                 l.block
             ));
         }
@@ -302,8 +302,8 @@ impl Ladder {
             let v_per_ah = format_significant(3600.0 / storage_f, 3);
             notes.push(format!(
                 "the circuit blocks a direct current: its capacitance in series, {} F ({v_per_ah} \
-                V per Ah), is charge storage. The slope of an OCV curve \
-                 stands for it; a voltage at rest that is held leaves it out",
+                V per Ah), is charge storage. The slope of an OCV curve represents it; a constant \
+                voltage at rest omits it",
                 format_significant(storage_f, 4)
             ));
         }
