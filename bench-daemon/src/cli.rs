@@ -272,7 +272,7 @@ pub fn main() -> ExitCode {
         }
         _ => Telemetry::default(),
     };
-    logging::start(verbosity, &telemetry);
+    logging::start(verbosity, telemetry.layer());
     let result = match cli.command {
         Command::Run(args) => command::run::run(&args),
         Command::Resume(args) => command::resume::resume(&args),

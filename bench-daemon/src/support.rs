@@ -1,18 +1,11 @@
-//! Helpers that know nothing of a bench: paths, addresses, hashes, terminal, log.
+//! Helpers of the command line and the server.
 
-pub mod account;
-pub mod addresses;
-pub mod calendar;
 pub mod chance;
 pub mod compare;
-pub mod confined_path;
-pub mod crash_point;
-pub mod hash;
-pub mod locks;
-pub mod logging;
-pub mod loopback;
-pub mod moment;
 pub mod present;
-pub mod sums;
 pub mod telemetry;
-pub mod terminal;
+
+pub use bench_core::support::{
+    account, calendar, confined_path, crash_point, hash, locks, logging, loopback, quoted, sums,
+    terminal,
+};

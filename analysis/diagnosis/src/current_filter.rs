@@ -7,13 +7,14 @@
 //! at all. If the voltage changes as slowly as the logged current, that current actually flows, and
 //! the inverted model does not jump.
 
+use analysis_signal::history::BenchHistory;
 use std::fmt;
 use std::ops::Range;
 
 use analysis_effects::augmented::Between;
 use serde::Serialize;
 
-use super::data::{BenchHistory, DataSet, Fixture, Run, RunData, Start, TimeRecord};
+use super::data::{DataSet, Fixture, Run, RunData, Start, TimeRecord};
 use super::edges::UNIFORM;
 use super::median::median;
 use super::prepare::BaseModel;

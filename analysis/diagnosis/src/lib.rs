@@ -51,9 +51,10 @@ mod together;
 mod whitening;
 mod windows;
 
+pub use analysis_signal::history::BenchHistory;
 pub use block::DataSetError;
 pub use data::{
-    BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord,
+    DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord, assumed_history,
 };
 pub use diagnose::{DiagnosisOptions, Outcome};
 pub use distinguish::distinguish;

@@ -11,7 +11,7 @@
 use super::block::{Block, Kind, Model, Workspace};
 use super::codes::Codes;
 use super::current_noise_propagation;
-use super::data::BenchHistory;
+use super::data::assumed_history;
 use super::edges::{self, UNIFORM};
 use super::shared::{self, Errors, RecordRows};
 use super::time_block::TimeBlock;
@@ -19,6 +19,7 @@ use super::whitening::{Whitener, dot};
 use crate::thresholds::{EDGE_ROW_PART, HISTORY_SPREAD, IGNORANCE_SPREAD, MOST_STRETCHES};
 use analysis_effects::{augmented::Added, contract::Base, effects::resistance_spread};
 use analysis_signal::calibration::CommonError;
+use analysis_signal::history::BenchHistory;
 
 /// Part by which all resistances are made larger to see what their scatter does.
 const LARGER: f64 = 1e-3;
@@ -67,7 +68,7 @@ impl Prior {
         calibration: Option<CommonError>,
         base: &Base,
     ) -> Self {
-        let h = history.unwrap_or_else(|| BenchHistory::assumed(base.facts.greatest_a));
+        let h = history.unwrap_or_else(|| assumed_history(base.facts.greatest_a));
         let sigma = |term: Term| match term {
             Term::White => h.voltage_noise_v,
             Term::Drift => h.voltage_drift_v,
@@ -115,7 +116,7 @@ impl Prior {
     /// 0 if nothing is known.
     pub(super) fn jitter_a(&self) -> f64 {
         if self.known {
-            self.history.current_jitter_a()
+            current_jitter_a(&self.history)
         } else {
             0.0
         }
@@ -469,14 +470,12 @@ impl Shape {
     }
 }
 
-impl BenchHistory {
-    /// Returns the standard deviation of the difference of two samples of a current that stays, A.
-    pub(super) fn current_jitter_a(&self) -> f64 {
-        2f64.sqrt()
-            * self
-                .current_noise_a
-                .hypot(self.current_resolution_a * UNIFORM)
-    }
+/// Returns the standard deviation of the difference of two samples of a current that stays, A.
+pub(super) fn current_jitter_a(history: &BenchHistory) -> f64 {
+    2f64.sqrt()
+        * history
+            .current_noise_a
+            .hypot(history.current_resolution_a * UNIFORM)
 }
 
 /// Returns the variance that is independent in every sample of the current, its codes included, A².

@@ -5,7 +5,7 @@ use super::data::{DataSet, Fixture, Role, Run, RunData, Start};
 use super::estimate::{Estimate, estimate};
 use super::experiment::planned::PlannedRun;
 use super::guards::Guards;
-use super::noise::{Prior, Shape, Term};
+use super::noise::{Prior, Shape, Term, current_jitter_a};
 use super::problem::{Fit, Problem};
 use super::shared::{Errors, Shared};
 use super::whitening::Whitener;
@@ -85,7 +85,7 @@ pub(super) fn prepare(
 /// has no meaning for the cell.
 fn blocks(set: &DataSet, base: &Base) -> Result<Vec<Block>, DataSetError> {
     let first = set.runs.iter().map(|r| r.order).min().unwrap_or(0);
-    let jitter_a = set.history.map_or(0.0, |h| h.current_jitter_a());
+    let jitter_a = set.history.as_ref().map_or(0.0, current_jitter_a);
     let first_s = set
         .runs
         .iter()

@@ -11,12 +11,12 @@
 //! its standard deviation as the prior.
 
 use super::block::Kind;
-use super::data::BenchHistory;
 use super::edges::{self, EdgeErrors};
 use super::time_block::TimeBlock;
 use super::whitening::dot;
 use analysis_effects::contract::{Base, Point};
 use analysis_signal::calibration::{COMMON, CommonError};
+use analysis_signal::history::BenchHistory;
 use num_complex::Complex64;
 
 /// Change of the rows of a block by one standard deviation of each shared error: of the

@@ -2,11 +2,12 @@
 //!
 //! [`sine`] fits sinusoids to samples, [`spectrum`] holds complex impedances with their
 //! uncertainty, [`calibration`] corrects the harness from the control impedances, [`budget`]
-//! attributes the uncertainty to its sources, [`multisine`] measures many frequencies in one
+//! attributes the uncertainty to its sources, [`history`] holds the errors of a bench, [`multisine`] measures many frequencies in one
 //! record, [`staircase`] finds a stair of milliseconds in its record, [`series`] holds time series.
 
 pub mod budget;
 pub mod calibration;
+pub mod history;
 pub mod multisine;
 pub mod series;
 pub mod sine;

@@ -7,7 +7,7 @@ use analysis::given::GivenModel;
 
 use crate::{
     config::erm_text, files, investigate::dataset::NamedFile, safety::failure::Failure,
-    support::present::quoted,
+    support::quoted::quoted,
 };
 
 /// Name of a model that was typed.

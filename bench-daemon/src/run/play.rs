@@ -25,7 +25,7 @@ use crate::{
     record::Event,
     safety::{bench_lease::BenchLease, failure::Failure},
     sim::Simulation,
-    support::{present::quoted, terminal::remark},
+    support::{quoted::quoted, terminal::remark},
     watch::{Pace, Watch, unwatched},
 };
 pub(super) use begun::Run;

@@ -6,7 +6,7 @@ use std::{process::Stdio, sync::Arc, time::Duration};
 
 use super::Server;
 use crate::{
-    bench::outputs::OutputsState, config, safety::failure::BUSY_CODE, support::present::quoted,
+    bench::outputs::OutputsState, config, safety::failure::BUSY_CODE, support::quoted::quoted,
 };
 
 /// Time limit for `eis-bench outputs`.

@@ -1,7 +1,5 @@
 //! Tables and sentences of models, shared by the reports of `run` and `fit`.
 
-use std::path::Path;
-
 use analysis::{
     fit::{ErmFit, Objective},
     report::{Level, Table, Verdict},
@@ -62,20 +60,6 @@ pub fn utc(unix_s: f64) -> String {
         second / 60 % 60,
         second % 60
     )
-}
-
-/// Formats a path for a shell: quoted if it contains a character with a special meaning.
-pub fn quoted(path: &Path) -> String {
-    let text = path.display().to_string();
-    let plain = |c: char| {
-        c.is_ascii_alphanumeric()
-            || matches!(c, '/' | '.' | '_' | '-' | '+' | '=' | ':' | ',' | '@' | '%')
-    };
-    if !text.is_empty() && text.chars().all(plain) {
-        text
-    } else {
-        format!("'{}'", text.replace('\'', r"'\''"))
-    }
 }
 
 /// Returns the title of a picture or a page, with the name of the object if it has one.
@@ -227,19 +211,6 @@ mod tests {
             (1_795_327_626.0, "2026-11-22T06:07:06Z"),
         ] {
             assert_eq!(super::utc(unix_s), date);
-        }
-    }
-
-    #[test]
-    fn a_path_with_blanks_is_one_word_of_a_shell() {
-        for (path, word) in [
-            ("runs/a_1/x.toml", "runs/a_1/x.toml"),
-            ("my runs/a", "'my runs/a'"),
-            ("it's", r"'it'\''s'"),
-            ("", "''"),
-            ("a;b", "'a;b'"),
-        ] {
-            assert_eq!(super::quoted(std::path::Path::new(path)), word);
         }
     }
 

@@ -17,9 +17,6 @@ mod exporter;
 
 pub use exporter::{Telemetry, Tracer, record_failure, set_parent};
 
-/// Log target of messages about telemetry. They go to the terminal and not into the run folder,
-/// whose content must not depend on a collector.
-pub const TARGET: &str = "telemetry";
 /// Environment variable that sets the level of detail of traces.
 pub const DETAIL_VARIABLE: &str = "EIS_BENCH_TRACES";
 /// Its value for a span per message to an instrument.

@@ -11,7 +11,7 @@ fn manifest(krate: &str) -> toml::Table {
 }
 
 /// Folders of the crates, each after those that it may depend on.
-const FOLDERS: [&str; 23] = [
+const FOLDERS: [&str; 24] = [
     "analysis/numeric",
     "analysis/plot",
     "analysis/signal",
@@ -31,6 +31,7 @@ const FOLDERS: [&str; 23] = [
     "instruments",
     "fixtures",
     "fixtures/study",
+    "bench-daemon/core",
     "bench-daemon/archive",
     "bench-daemon/fleet",
     "bench-daemon",
@@ -122,7 +123,17 @@ fn the_arrows_between_the_crates_are_these_and_no_others() {
         ("analysis", "analysis-signal"),
         ("bench-archive", "analysis-catalog"),
         ("bench-archive", "analysis-files"),
+        ("bench-core", "analysis-effects"),
+        ("bench-core", "analysis-files"),
+        ("bench-core", "analysis-fit"),
+        ("bench-core", "analysis-forward"),
+        ("bench-core", "analysis-model"),
+        ("bench-core", "analysis-numeric"),
+        ("bench-core", "analysis-signal"),
+        ("bench-core", "fixtures"),
+        ("bench-core", "instruments"),
         ("bench-daemon", "analysis"),
+        ("bench-daemon", "bench-core"),
         ("bench-daemon", "bench-fleet"),
         ("bench-daemon", "fixtures"),
         ("bench-daemon", "instruments"),
@@ -199,6 +210,26 @@ fn numbers_know_no_sockets_and_sockets_know_no_files_of_ours() {
         assert!(
             !dependencies("fixtures", &["dependencies"]).contains(forbidden),
             "fixtures depends on {forbidden}"
+        );
+    }
+}
+
+/// What moves current draws nothing, serves nothing, and asks no diagnosis and no catalogue.
+#[test]
+fn what_moves_current_knows_no_server_and_no_diagnosis() {
+    for forbidden in [
+        "analysis",
+        "analysis-catalog",
+        "analysis-diagnosis",
+        "analysis-plot",
+        "axum",
+        "hyper",
+        "lettre",
+        "ureq",
+    ] {
+        assert!(
+            !dependencies("bench-daemon/core", &["dependencies"]).contains(forbidden),
+            "bench-core depends on {forbidden}"
         );
     }
 }

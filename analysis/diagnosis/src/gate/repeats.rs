@@ -1,6 +1,6 @@
 //! Checks for repeats that end early, or that differ by far more than the bench's history allows.
 
-use super::super::data::{BenchHistory, Fixture, TimeRecord};
+use super::super::data::{Fixture, TimeRecord};
 use super::{Check, Findings, Inspection, Reason, Subject};
 use crate::median::median;
 use crate::thresholds::{
@@ -8,6 +8,7 @@ use crate::thresholds::{
     MOST_ODD_STEPS, ODD_STEP_PART, ODD_STEP_S, REPEAT_FAR_OFF_Z, REPEAT_FLOWS_PART, SAME_TIME_S,
     STEADY_PART, WHOLE_RUN_PART, WITH_CELL_TIMES,
 };
+use analysis_signal::history::BenchHistory;
 
 pub(super) fn truncated(at: &Inspection<'_>) -> Findings {
     let mut found = Findings::default();

@@ -5,12 +5,13 @@ use crate::{
     DiagnosisOptions, Verdict,
     block::{Block, Kind},
     current_noise_propagation,
-    data::{BenchHistory, DataSet, RunData},
+    data::{DataSet, RunData},
     diagnose::diagnose_with,
     guards::Guards,
     prepare::prepare,
     time_block::TimeBlock,
 };
+use analysis_signal::history::BenchHistory;
 use analysis_signal::series::TimeSeries;
 
 /// A long discharge of a campaign.

@@ -3,9 +3,7 @@
 use super::bench::{Hidden, campaign, model};
 use crate::{
     block::{Block, Kind, Workspace},
-    data::{
-        BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord,
-    },
+    data::{DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord},
     diagnose::base_fit,
     guards::Guards,
     prepare::{Prepared, prepare},
@@ -19,6 +17,7 @@ use analysis_effects::{
     contract::{CommonModeImpedance, Moved},
     effects::find,
 };
+use analysis_signal::history::BenchHistory;
 use analysis_signal::series::TimeSeries;
 use num_complex::Complex64;
 
@@ -267,6 +266,9 @@ fn noise_of_a_small_current_is_no_edge() {
         current_resolution_a: 0.1,
         ..super::bench::HISTORY
     };
-    assert_eq!(edges(history.current_jitter_a()), [0, 20, 120]);
+    assert_eq!(
+        edges(crate::noise::current_jitter_a(&history)),
+        [0, 20, 120]
+    );
     assert!(edges(0.0).len() > 20);
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use analysis::{
     diagnosis::{
-        self, BaseModel, DiagnosisOptions, Finding, FindingKind, Fixture, Outcome,
+        self, BaseModel, DiagnosisOptions, Finding, FindingKind, Fixture, Outcome, Progress,
         findings::inspect, gate,
     },
     given::GivenModel,
@@ -20,7 +20,7 @@ use crate::{
     operator::progress::Waiting,
     run::Recorded,
     safety::failure::Failure,
-    support::present::quoted,
+    support::quoted::quoted,
 };
 
 /// Findings on the data of a cell.
@@ -315,7 +315,10 @@ impl Judged {
         let waiting = (!self.quiet).then(Waiting::shown);
         let mut options = DiagnosisOptions {
             accept: self.loaded.accept.clone(),
-            progress: waiting.as_ref().map(Waiting::listener).unwrap_or_default(),
+            progress: waiting
+                .as_ref()
+                .map(|waiting| Progress::new(waiting.listener()))
+                .unwrap_or_default(),
             ..DiagnosisOptions::default()
         };
         if self.base_only {

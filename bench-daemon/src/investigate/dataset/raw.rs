@@ -74,7 +74,7 @@ pub(super) struct StatedBench {
 impl StatedBench {
     /// The errors that are stated, and the others as they are assumed for a greatest current in A.
     pub(super) fn completed(&self, greatest_a: f64) -> BenchHistory {
-        let assumed = BenchHistory::assumed(greatest_a);
+        let assumed = analysis::diagnosis::assumed_history(greatest_a);
         BenchHistory {
             voltage_noise_v: self.voltage_noise_v.unwrap_or(assumed.voltage_noise_v),
             voltage_resolution_v: self

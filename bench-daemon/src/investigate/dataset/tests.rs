@@ -312,7 +312,7 @@ fn errors_of_a_bench_that_are_not_stated_are_assumed_and_told() {
     // The greatest current is 2 A.
     let expected = BenchHistory {
         voltage_noise_v: 1e-4,
-        ..BenchHistory::assumed(2.0)
+        ..analysis::diagnosis::assumed_history(2.0)
     };
     assert_eq!(loaded.set.history, Some(expected));
     let [note] = loaded.notes.as_slice() else {

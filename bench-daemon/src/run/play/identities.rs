@@ -7,7 +7,7 @@ use crate::{
     bench::Identified,
     journal::{Entry, InstrumentIdentity},
     safety::failure::Failure,
-    support::{present::quoted, terminal::remark},
+    support::{quoted::quoted, terminal::remark},
 };
 
 /// Returns the instruments that differ from before, as text.

@@ -30,7 +30,10 @@ use crate::{
     record::Recorder,
     run::{Measured, manifest},
     safety::failure::Failure,
-    support::present::{branches_table, fit_warnings, models_table, quoted, significant},
+    support::{
+        present::{branches_table, fit_warnings, models_table, significant},
+        quoted::quoted,
+    },
 };
 
 /// Reduced χ² above which the model is incomplete.

@@ -14,7 +14,8 @@ use std::{
 use instruments::clock::{Clock, TimeMode};
 use opentelemetry_http::{Bytes, HttpClient, HttpError, Request, Response};
 
-use super::{TARGET, counts::TelemetryCounts};
+use super::counts::TelemetryCounts;
+use crate::support::logging::TELEMETRY;
 
 /// A collector may take so long for one request: at a stop not much more than that is in flight.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -69,7 +70,7 @@ impl Poster {
         if last == 0 || (now_ms - last) as f64 >= TELL_S * 1.0e3 {
             self.warned.store(now_ms, Ordering::Relaxed);
             tracing::warn!(
-                target: TARGET,
+                target: TELEMETRY,
                 "telemetry is not taken, and nothing waits for it: {what}"
             );
         }

@@ -23,25 +23,25 @@ use opentelemetry_sdk::{
     trace::{BatchSpanProcessor, SdkTracer, SdkTracerProvider},
 };
 
-use tracing::{Subscriber, level_filters::LevelFilter};
+use tracing::level_filters::LevelFilter;
 use tracing_opentelemetry::OpenTelemetrySpanExt;
-use tracing_subscriber::{Layer, filter::filter_fn, registry::LookupSpan};
+use tracing_subscriber::{Layer, Registry, filter::filter_fn};
 
 use super::{
-    DETAIL_VARIABLE, EXCHANGES, TARGET,
+    DETAIL_VARIABLE, EXCHANGES,
     client::Poster,
     context,
     counted::Counted,
     counts::TelemetryCounts,
     endpoint::{self, Endpoints},
 };
-use crate::support::terminal::remark;
+use crate::support::{logging::TELEMETRY, terminal::remark};
 
 /// Begins spans and sends them.
 pub type Tracer = SdkTracer;
 
 /// Crates whose spans are sent.
-const OURS: [&str; 2] = ["bench_daemon", "instruments"];
+const OURS: [&str; 3] = ["bench_core", "bench_daemon", "instruments"];
 
 /// Name of the service, unless `OTEL_SERVICE_NAME` gives another.
 const SERVICE: &str = "eis-bench";
@@ -98,10 +98,7 @@ impl Telemetry {
     }
 
     /// Returns the layer that sends spans of this program, with the warnings that fall into them.
-    pub fn layer<S>(&self) -> Option<impl Layer<S> + use<S>>
-    where
-        S: Subscriber + for<'a> LookupSpan<'a>,
-    {
+    pub fn layer(&self) -> Option<impl Layer<Registry> + use<>> {
         self.tracer().map(layer_of)
     }
 
@@ -158,7 +155,7 @@ impl Telemetry {
         let sent = self.counts.spans_sent.load(Ordering::Relaxed);
         if sent < spans {
             tracing::warn!(
-                target: TARGET,
+                target: TELEMETRY,
                 "telemetry: {} of {spans} spans were not taken", spans - sent
             );
         }
@@ -197,7 +194,7 @@ impl Telemetry {
     }
 }
 
-fn layer_of<S: Subscriber + for<'a> LookupSpan<'a>>(tracer: Tracer) -> impl Layer<S> {
+fn layer_of(tracer: Tracer) -> impl Layer<Registry> {
     let level = match std::env::var(DETAIL_VARIABLE).as_deref() {
         Ok(EXCHANGES) => LevelFilter::TRACE,
         _ => LevelFilter::INFO,

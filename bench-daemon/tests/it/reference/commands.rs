@@ -119,7 +119,7 @@ fn returned_codes() -> BTreeSet<u8> {
             }
         }
     }
-    let file = syn::parse_file(&read("bench-daemon/src/safety/failure.rs")).unwrap();
+    let file = syn::parse_file(&read("bench-daemon/core/src/safety/failure.rs")).unwrap();
     let mut codes = Codes(BTreeSet::new());
     for item in &file.items {
         match item {

@@ -102,7 +102,8 @@ impl Library {
             path,
             file: syn::parse_file(&read(path)).unwrap(),
         };
-        let quantities = syn::parse_file(&read("bench-daemon/src/config/quantity.rs")).unwrap();
+        let quantities =
+            syn::parse_file(&read("bench-daemon/core/src/config/quantity.rs")).unwrap();
         let quantity = |item: &Item| match item {
             Item::Macro(item) if item.mac.path.is_ident("dimension") => {
                 Some(item.mac.parse_body::<Quantity>().unwrap())

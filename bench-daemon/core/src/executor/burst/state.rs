@@ -1,0 +1,58 @@
+//! How long the generator's signal continues on its own.
+
+use super::super::ExecuteError;
+use crate::{
+    interlock::{NO_CURRENT_A, Reading},
+    plan::{IDLE_CURRENT_A, LEEWAY_S},
+};
+
+/// How long the generator's signal continues on its own.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Burst {
+    /// Earliest end of the signal, bench s.
+    pub ends_s: f64,
+    /// Latest end of the signal, bench s.
+    pub(super) ended_s: f64,
+    pub(super) leeway_s: f64,
+    /// Whether the generator is in burst mode.
+    pub(super) on: bool,
+    /// Whether the generator did not execute the burst command.
+    pub refused: bool,
+}
+
+impl Default for Burst {
+    fn default() -> Self {
+        Self {
+            ends_s: f64::INFINITY,
+            ended_s: f64::INFINITY,
+            leeway_s: LEEWAY_S,
+            on: false,
+            refused: false,
+        }
+    }
+}
+
+impl Burst {
+    /// Checks that no current is read after the signal must have ended.
+    ///
+    /// # Errors
+    /// [`ExecuteError::Disobeyed`].
+    pub(crate) fn over(&self, reading: &Reading) -> Result<(), ExecuteError> {
+        let nothing_a = IDLE_CURRENT_A + NO_CURRENT_A;
+        let Some(amps) = reading
+            .current_a
+            .filter(|amps| reading.time_s > self.ended_s && amps.abs() > nothing_a)
+        else {
+            return Ok(());
+        };
+        let expected = format!(
+            "its burst to have ended {:.1} s ago",
+            reading.time_s - self.ended_s
+        );
+        Err(ExecuteError::Disobeyed {
+            what: "generator".to_owned(),
+            expected,
+            met: format!("{amps:.3} A"),
+        })
+    }
+}

@@ -1,0 +1,113 @@
+//! State of a run between steps, beside its instruments.
+
+use std::sync::Arc;
+
+use analysis_files::dataset::LegRow;
+use analysis_signal::{calibration::Correction, multisine::Line};
+use instruments::fixture::Fixture;
+
+use crate::{
+    interlock::Reading,
+    measure::channels::ControlPotentials,
+    operator::Operator,
+    operator::progress::Progress,
+    plan::{CampaignRun, Log, Specimen},
+};
+
+/// The person at the bench.
+pub struct Person<'a> {
+    /// Asks the person who changes the fixture if no device does.
+    pub operator: &'a Operator,
+    /// Progress that the person at the terminal sees.
+    pub progress: &'a Progress,
+}
+
+/// Position of the present stage in the run, and contents of the jig.
+#[derive(Default)]
+pub(super) struct Position {
+    /// Fixture that was last clamped into the jig, and its cell if there are several.
+    pub(super) mounted: Option<(Fixture, Option<Arc<Specimen>>)>,
+    /// The cell in use, if there are several.
+    pub(super) specimen: Option<Arc<Specimen>>,
+    /// The run of a campaign that the present stage belongs to.
+    pub(super) run: Option<CampaignRun>,
+    /// Number of the sweep, 0 for a control.
+    pub(super) repeat: usize,
+}
+
+/// State that steps of direct current leave for the steps after them.
+#[derive(Default)]
+pub(super) struct Direct {
+    /// Readings of the channels without a current.
+    pub(super) zero: Option<Zero>,
+    /// Charge that traces have left in the cell, C.
+    pub(super) charge_c: f64,
+    /// The readings of the legs so far.
+    pub(super) legs: Legs,
+    /// Progress of the reset of the state of charge.
+    pub(super) reset: Reset,
+}
+
+/// Knowledge of harness and cell beside the points.
+pub struct Known {
+    /// Correction of the harness for the channels.
+    pub correction: Correction,
+    /// Last reading of the cell before the bipolar supply was switched on.
+    pub idle: Reading,
+    /// Lines of multisines, with their noise and distortion, until they are taken.
+    pub lines: Vec<Line>,
+    /// Potentials of the channels with the controls of this run in the jig.
+    pub controls: Vec<ControlPotentials>,
+}
+
+/// Progress of the reset of the state of charge.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Reset {
+    /// Voltage after the rest, V, and whether it was steady.
+    pub(super) rested: Option<(f64, bool)>,
+    /// Shift of the end of the next charge, V.
+    pub(super) shift_v: f64,
+    /// Whether the cell is at its target, so that nothing remains to be done.
+    pub(super) accepted: bool,
+}
+
+/// The readings of the legs of one direction.
+#[derive(Default)]
+pub(super) struct Legs {
+    pub(super) log: Option<Log>,
+    pub(super) start_s: f64,
+    pub(super) charge_c: f64,
+    pub(super) rows: Vec<LegRow>,
+}
+
+impl Legs {
+    /// Stores a reading with its bench time; a charge current is positive.
+    pub(super) fn push(
+        &mut self,
+        time_s: f64,
+        voltage_v: f64,
+        current_a: f64,
+        last_c: Option<f64>,
+    ) {
+        self.rows.push(LegRow {
+            time_s: time_s - self.start_s,
+            current_a,
+            voltage_v,
+            temperature_c: last_c.unwrap_or(f64::NAN),
+            charge_c: self.charge_c,
+        });
+    }
+}
+
+/// State of the channels and the voltmeter without a current.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Zero {
+    /// Channels 1…4, V.
+    pub(super) volts: [f64; 4],
+    /// Voltage at rest by the voltmeter, V.
+    pub(super) ocv_v: f64,
+    /// Scatter of a reading of voltage and current, V and A.
+    pub(super) scatter: (f64, f64),
+    /// Temperature of the cell, °C.
+    pub(super) temperature_c: Option<f64>,
+}

@@ -1,0 +1,238 @@
+//! A leg as data: a section of direct current through load or supply, or of rest, whose readings
+//! are all stored in a file.
+
+use std::fmt;
+
+use analysis_files::run_folder::{OCV_CHARGE, OCV_DISCHARGE};
+
+use super::minutes;
+use crate::interlock::Limits;
+
+/// A section of direct current or of rest that is recorded.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Leg {
+    /// Current or power that flows.
+    pub flow: Flow,
+    /// Upper bound, s; a rest has this duration.
+    pub max_s: f64,
+    /// The file for its readings.
+    pub log: Log,
+}
+
+/// Current or power that flows in a leg.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Flow {
+    /// Out of the cell, by the load.
+    Discharge {
+        /// Current, A, positive.
+        current_a: f64,
+        /// End, V under load.
+        until_v: f64,
+        /// Charge after which it ends earlier, C.
+        charge_c: Option<f64>,
+    },
+    /// Into the cell, by the supply: constant current, then constant voltage.
+    Charge {
+        /// Current, A.
+        current_a: f64,
+        /// Voltage that the supply holds, V.
+        limit_v: f64,
+        /// Current at which it ends, A.
+        cut_off_a: f64,
+        /// Charge after which it ends earlier, C.
+        charge_c: Option<f64>,
+    },
+    /// No current.
+    Rest,
+}
+
+/// The files for the readings of legs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Log {
+    /// The discharge direction.
+    Discharge,
+    /// The charge direction.
+    Charge,
+}
+
+impl Log {
+    /// Returns the name of the file in the run folder.
+    pub fn file(self) -> &'static str {
+        match self {
+            Self::Discharge => OCV_DISCHARGE,
+            Self::Charge => OCV_CHARGE,
+        }
+    }
+}
+
+impl Leg {
+    /// Returns the greatest requested currents into and out of the cell, A.
+    pub fn most_a(&self) -> (f64, f64) {
+        match self.flow {
+            Flow::Discharge { current_a, .. } => (0.0, current_a),
+            Flow::Charge { current_a, .. } => (current_a, 0.0),
+            Flow::Rest => (0.0, 0.0),
+        }
+    }
+
+    /// Returns the expected duration, s: from the charge if one is given.
+    pub(super) fn expected_s(&self) -> f64 {
+        match self.flow {
+            Flow::Discharge {
+                current_a,
+                charge_c: Some(charge_c),
+                ..
+            }
+            | Flow::Charge {
+                current_a,
+                charge_c: Some(charge_c),
+                ..
+            } => (charge_c / current_a).min(self.max_s),
+            Flow::Discharge { .. } | Flow::Charge { .. } => 0.2 * self.max_s,
+            Flow::Rest => self.max_s,
+        }
+    }
+
+    /// Returns an error if the leg could exceed the limits of the cell.
+    pub(super) fn check(&self, limits: &Limits) -> Result<(), String> {
+        let current = |amps: f64, limit: f64, what: &str| {
+            (amps > 0.0 && amps <= limit).then_some(()).ok_or_else(|| {
+                format!("expected a {what} current above 0 A, at most {limit} A, found {amps} A")
+            })
+        };
+        let window = |volts: f64, what: &str| {
+            (limits.min_v..=limits.max_v)
+                .contains(&volts)
+                .then_some(())
+                .ok_or_else(|| {
+                    format!(
+                        "expected {what} within {} V to {} V, found {volts} V",
+                        limits.min_v, limits.max_v
+                    )
+                })
+        };
+        match self.flow {
+            Flow::Discharge {
+                current_a, until_v, ..
+            } => {
+                current(current_a, limits.discharge_a, "discharge")?;
+                window(until_v, "the end of the discharge")
+            }
+            Flow::Charge {
+                current_a,
+                limit_v,
+                cut_off_a,
+                ..
+            } => {
+                current(current_a, limits.charge_a, "charge")?;
+                window(limit_v, "the limit of the supply")?;
+                let falls = cut_off_a > 0.0 && cut_off_a < current_a;
+                falls.then_some(()).ok_or_else(|| {
+                    format!(
+                        "expected a cut-off current above 0 A, \
+                below {current_a} A, found {cut_off_a} A"
+                    )
+                })
+            }
+            Flow::Rest => Ok(()),
+        }
+    }
+}
+
+impl fmt::Display for Leg {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let part = |charge_c: Option<f64>| {
+            charge_c.map_or_else(String::new, |charge_c| format!(" or by {charge_c:.0} C"))
+        };
+        let (bound, file) = (minutes(self.max_s), self.log.file());
+        match self.flow {
+            Flow::Discharge {
+                current_a,
+                until_v,
+                charge_c,
+            } => {
+                write!(
+                    f,
+                    "discharge at {current_a} A to {until_v} V{}, at most {bound}, into {file}",
+                    part(charge_c)
+                )
+            }
+            Flow::Charge {
+                current_a,
+                limit_v,
+                cut_off_a,
+                charge_c,
+            } => {
+                write!(
+                    f,
+                    "charge at {current_a} A, hold {limit_v} V until {cut_off_a} A{}, at most \
+                    {bound}, into {file}",
+                    part(charge_c)
+                )
+            }
+            Flow::Rest => write!(f, "nothing flows for {bound}, into {file}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMITS: Limits = Limits {
+        min_v: 2.5,
+        max_v: 4.2,
+        charge_a: 13.5,
+        discharge_a: 45.0,
+        min_c: 0.0,
+        max_c: 60.0,
+    };
+
+    #[test]
+    fn a_leg_within_the_limits_passes_and_each_other_is_refused_in_words() {
+        let down = |current_a, until_v| Flow::Discharge {
+            current_a,
+            until_v,
+            charge_c: Some(1.0),
+        };
+        let up = |current_a, limit_v, cut_off_a| Flow::Charge {
+            current_a,
+            limit_v,
+            cut_off_a,
+            charge_c: None,
+        };
+        let cases = [
+            (down(1.0, 2.505), ""),
+            (up(1.0, 4.195, 0.1), ""),
+            (Flow::Rest, ""),
+            (
+                down(50.0, 2.5),
+                "expected a discharge current above 0 A, at most 45 A, found 50 A",
+            ),
+            (
+                down(1.0, 2.4),
+                "expected the end of the discharge within 2.5 V to 4.2 V, found 2.4 V",
+            ),
+            (
+                up(14.0, 4.2, 0.1),
+                "expected a charge current above 0 A, at most 13.5 A, found 14 A",
+            ),
+            (
+                up(1.0, 4.21, 0.1),
+                "expected the limit of the supply within 2.5 V to 4.2 V, found 4.21 V",
+            ),
+            (
+                up(1.0, 4.2, 1.0),
+                "expected a cut-off current above 0 A, below 1 A, found 1 A",
+            ),
+        ];
+        for (flow, text) in cases {
+            let leg = Leg {
+                flow,
+                max_s: 60.0,
+                log: Log::Charge,
+            };
+            assert_eq!(leg.check(&LIMITS).err().unwrap_or_default(), text, "{leg}");
+        }
+    }
+}
