@@ -23,7 +23,7 @@ use sources::Library;
 const WRITE: &str = "EIS_BENCH_WRITE_REFERENCE";
 
 /// Sources that hold the structures of the files, and the types that these refer to.
-const SOURCES: [&str; 27] = [
+const SOURCES: [&str; 28] = [
     "bench-daemon/src/campaign/file.rs",
     "bench-daemon/core/src/config/identity.rs",
     "bench-daemon/core/src/config/raw.rs",
@@ -47,6 +47,7 @@ const SOURCES: [&str; 27] = [
     "instruments/domain/src/fixture.rs",
     "instruments/mock/src/faults.rs",
     "analysis/diagnosis/src/data.rs",
+    "analysis/signal/src/history.rs",
     "analysis/effects/src/augmented/play.rs",
     "analysis/files/src/dataset/index.rs",
     "analysis/signal/src/calibration.rs",

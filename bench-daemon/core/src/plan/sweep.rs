@@ -34,6 +34,7 @@ pub struct Depth {
 }
 
 #[cfg(test)]
+/// Settings of a sweep for tests.
 pub fn test_settings() -> std::sync::Arc<SweepSettings> {
     std::sync::Arc::new(SweepSettings {
         amplitude_a: 1.0,
