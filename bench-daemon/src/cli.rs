@@ -35,7 +35,7 @@ const GROUPS: [(&str, &[&str]); 7] = [
     ),
     (
         "Server and shell",
-        &["serve", "token", "fleet", "completions", "man"],
+        &["serve", "token", "completions", "man"],
     ),
 ];
 /// Width of the names of commands, and of a line, in the help.
@@ -65,9 +65,6 @@ Examples:
     eis-bench mock configs/benches/demo.toml --json
   Serve a page and an API for benches, with a queue:
     eis-bench serve configs/serve.toml
-  Show the benches of a fleet, and submit 20 runs to its free benches:
-    eis-bench fleet --config serve.toml status
-    eis-bench fleet --config serve.toml submit configs/experiments/demo.toml --count 20
   Fit the extended Randles model to spectra of any supported format:
     eis-bench fit SPECTRUM.csv --rc all --out FOLDER
   Fit any equivalent circuit, without start values:
@@ -215,8 +212,6 @@ enum Command {
     Serve(command::serve::ServeArgs),
     /// Manage the tokens of a server's API.
     Token(command::token::TokenArgs),
-    /// Show a fleet of benches, submit work to it, and hold or stop its benches.
-    Fleet(command::fleet::FleetArgs),
     /// Print completions for bash, zsh, fish, elvish or PowerShell.
     Completions(command::shell::CompletionsArgs),
     /// Write manual pages.
@@ -308,7 +303,6 @@ pub fn main() -> ExitCode {
         Command::Campaign(args) => command::campaign::campaign(&args),
         Command::Serve(args) => command::serve::serve(&args),
         Command::Token(args) => command::token::token(&args),
-        Command::Fleet(args) => command::fleet::fleet(&args),
         Command::Demo(args) => command::demo::demo(&args),
         Command::Config(args) => command::config::config(&args),
         Command::Completions(args) => {

@@ -31,6 +31,9 @@ pub enum FleetError {
         /// Reason, in words.
         reason: String,
     },
+    /// The server of a bench does not answer: the outcome of the operation is unknown.
+    #[error("{0}")]
+    Bench(String),
     /// The file system.
     #[error("{0}")]
     File(String),

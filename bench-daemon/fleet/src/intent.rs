@@ -29,8 +29,9 @@ pub struct Intent {
     pub seed: Option<u64>,
     /// Name of the caller.
     pub by: String,
-    /// The bench of this daemon.
-    pub bench: String,
+    /// Text of the experiment. Intents of versions before 0.2 have none.
+    #[serde(default)]
+    pub text: String,
     /// The bench has received the request to begin it.
     pub begun: bool,
 }
@@ -42,6 +43,7 @@ impl Intent {
             job: self.job.clone(),
             run: self.run.clone(),
             name: self.name.clone(),
+            text: self.text.clone(),
             seed: self.seed,
             by: self.by.clone(),
         }

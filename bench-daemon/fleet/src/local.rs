@@ -1,7 +1,9 @@
-//! Abilities that a bench of this daemon must have for the fleet, and the state that it reports.
+//! Abilities that a bench must have for the fleet, and the state that it reports.
 
 use futures_util::future::BoxFuture;
 use serde::{Deserialize, Serialize};
+
+use crate::error::FleetError;
 
 /// Properties of a bench that requirements of jobs are held against.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -65,6 +67,27 @@ pub struct Condition {
     pub trip: Option<String>,
 }
 
+impl Condition {
+    /// Returns the state of a bench whose server does not answer: nothing is known of it.
+    pub fn away(away: &Away) -> Self {
+        Self {
+            held: Some(away.to_string()),
+            ..Self::default()
+        }
+    }
+}
+
+/// The server of a bench does not answer. Whether a request has taken effect is unknown.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("the server of the bench does not answer: {0}")]
+pub struct Away(pub String);
+
+impl From<Away> for FleetError {
+    fn from(away: Away) -> Self {
+        Self::Bench(away.to_string())
+    }
+}
+
 /// A run that the fleet wants of a bench.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Order {
@@ -74,6 +97,8 @@ pub struct Order {
     pub run: String,
     /// Name of the experiment.
     pub name: String,
+    /// Text of the experiment.
+    pub text: String,
     /// Another seed than the experiment's.
     pub seed: Option<u64>,
     /// Name of the caller.
@@ -111,8 +136,17 @@ pub enum NotTaken {
     NotNow(String),
 }
 
-/// A bench of this daemon. All but the stop may wait for a disk: they are called on a thread for
-/// work that waits.
+/// Why a bench does not do something.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NotDone {
+    /// Its server has refused, and nothing was done.
+    Refused(String),
+    /// Whether it was done is unknown.
+    Away(Away),
+}
+
+/// A bench of this daemon. All functions but the stop may wait for a disk or a server: they are
+/// called on a thread for work that waits.
 pub trait LocalBench: Send + Sync + 'static {
     /// Its name.
     fn name(&self) -> String;
@@ -121,46 +155,57 @@ pub trait LocalBench: Send + Sync + 'static {
     fn capabilities(&self) -> Capabilities;
 
     /// Returns the present state of the bench. Must not block.
-    fn condition(&self) -> Condition;
+    ///
+    /// # Errors
+    /// A server that does not answer.
+    fn condition(&self) -> Result<Condition, Away>;
 
-    /// Checks an experiment like any submission to the daemon, and stores the checked files. Does
-    /// not begin a run.
+    /// Checks an experiment like any submission to the bench. Does not begin a run.
     ///
     /// # Errors
     /// Why this bench does not take it.
-    fn prepare(&self, order: &Order, text: &str) -> Result<(), NotTaken>;
+    fn check(&self, order: &Order) -> Result<(), NotTaken>;
 
-    /// Begins a prepared run as soon as the bench is free. Does nothing if the bench knows a run
-    /// of this name.
+    /// Begins a checked run as soon as the bench is free. Does nothing if the bench knows a run of
+    /// this name.
     ///
     /// # Errors
-    /// Why it does not begin, in words.
-    fn begin(&self, order: &Order) -> Result<(), String>;
-
-    /// Deletes a prepared run that has not begun and never will.
-    fn discard(&self, order: &Order);
+    /// Why it does not begin, or that this is unknown.
+    fn begin(&self, order: &Order) -> Result<(), NotDone>;
 
     /// Removes a waiting run from the queue of the bench. Returns `false` if it does not wait.
-    fn withdraw(&self, run: &str) -> bool;
+    ///
+    /// # Errors
+    /// A server that does not answer.
+    fn withdraw(&self, run: &str, by: &str) -> Result<bool, Away>;
 
     /// Returns the fate of a run.
-    fn fate(&self, run: &str) -> Fate;
+    ///
+    /// # Errors
+    /// A server that does not answer.
+    fn fate(&self, run: &str) -> Result<Fate, Away>;
 
     /// Holds the bench: no run begins from now on, and an active run continues.
     ///
     /// # Errors
-    /// Why it is not held, in words.
-    fn hold(&self, by: &str, why: &str) -> Result<(), String>;
+    /// Why it is not held.
+    fn hold(&self, by: &str, why: &str) -> Result<(), NotDone>;
 
     /// Releases a hold of the fleet. A hold by its own server stays, as does a latch.
     ///
     /// # Errors
-    /// Why it stays held, in words.
-    fn release(&self, by: &str, why: &str) -> Result<(), String>;
+    /// Why it stays held.
+    fn release(&self, by: &str, why: &str) -> Result<(), NotDone>;
 
     /// Stops the bench and reads its outputs back; the report in JSON has at least `verified`.
-    fn stop<'a>(&'a self, by: &'a str) -> BoxFuture<'a, serde_json::Value>;
+    ///
+    /// # Errors
+    /// A server that does not answer.
+    fn stop<'a>(&'a self, by: &'a str) -> BoxFuture<'a, Result<serde_json::Value, Away>>;
 
     /// Records an action on this bench through the fleet in the audit trail.
-    fn audit(&self, who: &str, what: &str, outcome: &str);
+    ///
+    /// # Errors
+    /// A server that does not answer.
+    fn audit(&self, by: &str, what: &str, outcome: &str) -> Result<(), Away>;
 }

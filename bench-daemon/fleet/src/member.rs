@@ -116,9 +116,12 @@ impl Member {
         let mut told = None;
         loop {
             let trouble = self.look().await.err();
-            // The connection reports an unreachable broker; trouble with a disk or a record is
-            // reported here, once.
-            let news = trouble.filter(|error| !matches!(error, FleetError::Unreachable(_)));
+            // The connections report an unreachable broker or server; trouble with a disk or a
+            // record is reported here, once.
+            let is_known = |error: &FleetError| {
+                matches!(error, FleetError::Unreachable(_) | FleetError::Bench(_))
+            };
+            let news = trouble.filter(|error| !is_known(error));
             if let Some(error) = news.as_ref().filter(|error| told.as_ref() != Some(*error)) {
                 tracing::error!("fleet: {}: nothing is taken: {error}", self.me.place);
             }
@@ -132,7 +135,14 @@ impl Member {
             return Ok(());
         }
         let followed = self.obedience.follow(&self.standing()).await;
-        let condition = self.bench.condition();
+        let condition = match self.bench.condition() {
+            Ok(condition) => condition,
+            // Which run is in work is unknown, and so is the end of each job.
+            Err(away) => {
+                let told = self.tell(&Condition::away(&away)).await.map(drop);
+                return followed.and(told);
+            }
+        };
         let heard = self.hear(&condition.run).await;
         let told = self.tell(&condition).await;
         // Trouble with one job does not block the others, but no new job is taken.
@@ -296,8 +306,10 @@ async fn answer(shared: &Shared, obedience: &Arc<Obedience>, message: &async_nat
     };
     let known = jobs.as_deref().unwrap_or_default();
     let record = record(shared, obedience, &standing.unwrap_or_default(), known);
+    let condition = obedience.bench().condition();
+    let condition = condition.unwrap_or_else(|away| Condition::away(&away));
     let answer = BenchAnswer {
-        record: record.with(&obedience.bench().condition()),
+        record: record.with(&condition),
         jobs,
         report,
     };

@@ -9,9 +9,12 @@ use analysis::{
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
 };
 
+use serde::Serialize;
+
 use super::printed::say_json;
 use crate::{
-    campaign::{CampaignFile, CampaignReport, Design, Quantity, report},
+    campaign::{CampaignFile, CampaignReport, Design, Quantity, Visit, report},
+    config::ConfigError,
     files,
     safety::failure::Failure,
     support::terminal::say,
@@ -34,12 +37,52 @@ pub fn campaign(args: &CampaignArgs) -> Result<(), Failure> {
 fn plan(args: &PlanArgs) -> Result<(), Failure> {
     let file = CampaignFile::read(&args.file)?;
     let design = Design::of(&file);
+    if args.json {
+        return say_json(&PlannedCampaign::of(&file, &design)?);
+    }
     print::design(&file, &design);
     if let Some(out) = &args.out {
         let written = file.write(&design, out)?;
         say!("{} experiments in {}", written.len(), out.display());
     }
     Ok(())
+}
+
+/// The experiments of a campaign, for another program.
+#[derive(Serialize)]
+struct PlannedCampaign<'a> {
+    campaign: &'a str,
+    experiments: Vec<PlannedVisit<'a>>,
+}
+
+/// An experiment of a campaign.
+#[derive(Serialize)]
+struct PlannedVisit<'a> {
+    bench: &'a str,
+    cell: &'a str,
+    seed: u64,
+    text: String,
+}
+
+impl<'a> PlannedCampaign<'a> {
+    /// Takes the benches in turn, so that no bench waits for the whole plan of another.
+    fn of(file: &'a CampaignFile, design: &'a Design) -> Result<Self, ConfigError> {
+        let turns = design.benches.iter().map(Vec::len).max().unwrap_or(0);
+        let visits =
+            (0..turns).flat_map(|turn| design.benches.iter().filter_map(move |all| all.get(turn)));
+        let planned = |visit: &'a Visit| {
+            Ok(PlannedVisit {
+                bench: &file.benches[visit.bench].name,
+                cell: &visit.cell.name,
+                seed: file.seed_of(visit),
+                text: file.text(visit, None, str::to_owned)?,
+            })
+        };
+        Ok(Self {
+            campaign: &file.name,
+            experiments: visits.map(planned).collect::<Result<_, _>>()?,
+        })
+    }
 }
 
 fn judge(args: &ReportArgs) -> Result<(), Failure> {

@@ -13,7 +13,6 @@ pub mod diagnose;
 pub mod doctor;
 pub mod effects;
 pub mod fit;
-pub mod fleet;
 pub mod guardian;
 pub mod identify;
 pub mod investigate;

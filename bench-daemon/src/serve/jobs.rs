@@ -11,7 +11,7 @@ use analysis::dataset::write_atomically;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::queue::Item;
+use super::queue::{Item, Queue};
 
 /// A run that this server started.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -124,6 +124,13 @@ impl Jobs {
 /// Reads the record of a run; `run` must be a plain name.
 pub fn read(data: &Path, run: &str) -> Option<Job> {
     serde_json::from_str(&std::fs::read_to_string(path(data, run)).ok()?).ok()
+}
+
+/// Returns the request for a run that was submitted before, whether the run waits, is in work or
+/// has ended.
+pub fn submitted(data: &Path, queue: &Queue, run: &str) -> Option<Item> {
+    let waits = queue.items().iter().find(|item| item.run == run).cloned();
+    waits.or_else(|| read(data, run).map(|job| job.item))
 }
 
 /// Every record, in no order.

@@ -3,7 +3,6 @@
 
 mod archive;
 mod bench;
-mod fleet;
 mod metric;
 mod sample;
 mod server;
@@ -19,5 +18,4 @@ pub fn all() -> impl Iterator<Item = &'static Metric> {
         .iter()
         .chain(bench::METRICS)
         .chain(archive::METRICS)
-        .chain(fleet::METRICS)
 }

@@ -14,14 +14,12 @@
 pub mod analyses;
 pub mod analyst;
 pub mod audit;
+pub mod capabilities;
 pub mod capture;
 pub mod catalog;
 pub mod controls;
 pub mod draft;
 pub mod find;
-pub mod fleet;
-pub mod fleet_settings;
-pub mod fleet_told;
 pub mod follow;
 pub mod health;
 pub mod http;
@@ -145,7 +143,6 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     beside("investigator", &server, investigator::work)?;
     beside("notices", &server, notify::work)?;
     beside("idle benches", &server, outputs::read_idle_benches)?;
-    fleet::join(&server)?;
     say!("listening on {}", listener.url());
     notify.say("READY=1");
     let refresh = async {
@@ -171,7 +168,6 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     notify.say("STOPPING=1");
     tracing::info!("stopping; runs in work go on by themselves");
     server.hub.close();
-    fleet::leave(&server).await;
     supervisor.end();
     telemetry.end();
     Ok(())

@@ -4,12 +4,11 @@ use std::{
     collections::BTreeMap,
     path::PathBuf,
     sync::{
-        Arc, Mutex, MutexGuard, OnceLock, PoisonError,
+        Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicU64, Ordering},
     },
 };
 
-use bench_fleet::Fleet;
 use instruments::clock::{self, Clock, TimeMode};
 
 use super::{
@@ -76,8 +75,6 @@ pub struct Server {
     pub finder: Finder,
     /// The catalogue of runs and diagnoses.
     pub catalog: Arc<CatalogKeeper>,
-    /// The fleet that the benches belong to, once the server has joined it.
-    pub fleet: OnceLock<Arc<Fleet>>,
     queue: Mutex<Queue>,
     shelf: Mutex<()>,
     live: Mutex<BTreeMap<String, Live>>,
@@ -172,7 +169,6 @@ impl Server {
             jobs,
             finder: Finder::default(),
             catalog: Arc::new(CatalogKeeper::of(&settings.data)),
-            fleet: OnceLock::new(),
             queue: Mutex::new(queue),
             shelf: Mutex::default(),
             live: Mutex::new(live.collect()),

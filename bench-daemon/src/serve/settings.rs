@@ -10,10 +10,7 @@ use std::{
 use jiff::civil::Time;
 use serde::Deserialize;
 
-use super::{
-    fleet_settings::{FleetSection, RawFleet},
-    targets::{Email, Encryption, Targets},
-};
+use super::targets::{Email, Encryption, Targets};
 use crate::{
     config::{
         self, ConfigError, Source, load_bench,
@@ -62,8 +59,6 @@ struct Raw {
     /// Traces and metrics for a collector.
     #[serde(default)]
     telemetry: RawTelemetry,
-    /// Fleet that the benches belong to. Left out: none.
-    fleet: Option<RawFleet>,
 }
 
 /// Traces and metrics over OTLP.
@@ -188,8 +183,6 @@ pub struct Settings {
     pub limits: Limits,
     /// Time that a run has to end after a stop request before it is killed, s.
     pub stop_wait_s: f64,
-    /// The fleet that the benches belong to.
-    pub fleet: Option<FleetSection>,
 }
 
 /// Traces and metrics of a server and of the runs that it begins.
@@ -291,10 +284,6 @@ impl Settings {
                 otlp,
                 exchanges: raw.telemetry.exchanges,
             },
-            fleet: raw
-                .fleet
-                .map(|raw| FleetSection::resolve(&source, raw, &benches))
-                .transpose()?,
             notify: targets(&source, &raw.notify)?,
             proxy_host,
             listen,
@@ -354,14 +343,24 @@ impl Settings {
     }
 }
 
-/// Refuses sections that other programs read now: a server that ignored them would stop the work that
-/// they ask for in silence.
+/// Refuses sections that other programs read now: a server that ignored them would stop, in silence, the
+/// work that they ask for.
 fn check_moved_sections(source: &Source) -> Result<(), ConfigError> {
-    let whole: toml::Table = source.parse()?;
-    if whole.contains_key("archive") {
+    let table: Result<toml::Table, _> = source.text().parse();
+    let has = |section: &str| {
+        let table = table.as_ref();
+        table.is_ok_and(|table| table.contains_key(section))
+    };
+    if has("archive") {
         let reason = "the archive has a file of its own: move this section to `archive.toml`, add \
-            `data`, and start `eis-archive follow archive.toml`";
-        return Err(source.complain("archive", reason.to_owned()));
+            `data`, and start `eis-archive follow archive.toml` (docs/archive.md)";
+        return Err(source.complain("archive", reason));
+    }
+    if has("fleet") {
+        let reason = "expected no section [fleet]: the program eis-fleet joins the fleet beside this \
+            server; move the keys of the section into a file fleet.toml, add `data`, `listen` and \
+            `bench_server` there, and start `eis-fleet agent fleet.toml` (docs/fleet.md)";
+        return Err(source.complain("fleet", reason));
     }
     Ok(())
 }

@@ -41,24 +41,6 @@ pub struct Stopper<'a> {
     pub name: &'a str,
 }
 
-impl<'a> Stopper<'a> {
-    /// Returns a user of this server.
-    pub fn here(name: &'a str) -> Self {
-        Self {
-            held_by: HeldBy::Here,
-            name,
-        }
-    }
-
-    /// Returns a user of the fleet.
-    pub fn fleet(name: &'a str) -> Self {
-        Self {
-            held_by: HeldBy::Fleet,
-            name,
-        }
-    }
-}
-
 /// Stops a bench. Requests that arrive while it is being stopped share the outcome.
 pub async fn stop(server: &Arc<Server>, bench: &config::Bench, by: Stopper<'_>) -> StopReport {
     let mut report = StopReport {

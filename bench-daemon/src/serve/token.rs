@@ -46,11 +46,20 @@ pub enum Scope {
     Energise,
     /// Permission to clear a bench that is latched after a trip.
     ClearTrip,
+    /// To act for persons of a fleet: the scope of `eis-fleet agent`, beside read, operate and
+    /// energise.
+    Fleet,
 }
 
 impl Scope {
     /// All scopes.
-    pub const ALL: [Self; 4] = [Self::Read, Self::Operate, Self::Energise, Self::ClearTrip];
+    pub const ALL: [Self; 5] = [
+        Self::Read,
+        Self::Operate,
+        Self::Energise,
+        Self::ClearTrip,
+        Self::Fleet,
+    ];
 
     /// Its name.
     pub fn name(self) -> &'static str {
@@ -59,6 +68,7 @@ impl Scope {
             Self::Operate => "operate",
             Self::Energise => "energise",
             Self::ClearTrip => "clear-trip",
+            Self::Fleet => "fleet",
         }
     }
 }

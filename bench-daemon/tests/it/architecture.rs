@@ -134,13 +134,12 @@ fn the_arrows_between_the_crates_are_these_and_no_others() {
         ("bench-core", "instruments"),
         ("bench-daemon", "analysis"),
         ("bench-daemon", "bench-core"),
-        ("bench-daemon", "bench-fleet"),
         ("bench-daemon", "fixtures"),
         ("bench-daemon", "instruments"),
         // Its tests use data sets from there.
         ("bench-daemon", "study"),
         ("eisbench-python", "analysis"),
-        // Only its clock.
+        // Only its clock. It speaks the HTTP API of the daemon, which knows nothing of it.
         ("bench-fleet", "instruments-link"),
         // Only in its tests.
         ("fixtures", "instruments"),

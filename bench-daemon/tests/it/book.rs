@@ -555,7 +555,7 @@ const NOT_PLAYED: [NotPlayed; 9] = [
             "campaign.md: eis-bench campaign plan batch.toml --out experiments",
             "campaign.md: eis-bench campaign report north.sqlite batch-7 --and south.sqlite \
              --and west.sqlite --out report",
-            "campaign.md: eis-bench fleet --config serve.toml campaign batch.toml",
+            "campaign.md: eis-fleet --config fleet.toml campaign batch.toml",
         ],
     },
     NotPlayed {
@@ -605,7 +605,9 @@ const NOT_PLAYED: [NotPlayed; 9] = [
     NotPlayed {
         reason: "it needs a NATS server, which bench-daemon/fleet/tests starts where there is one",
         blocks: &[
-            "fleet.md: eis-bench fleet --config serve.toml status",
+            "fleet.md: eis-bench token add serve.toml agent --scope read,operate,energise,fleet > agent.token",
+            "fleet.md: eis-fleet --config fleet.toml status",
+            "fleet.md: eis-fleet agent fleet.toml",
             "fleet.md: nats-server -js -sd /var/lib/nats -a 127.0.0.1",
         ],
     },

@@ -36,7 +36,6 @@ mod doctor;
 mod exchanged;
 mod fit;
 mod fit_circuit;
-mod fleet;
 mod guardian;
 mod identify;
 mod investigate;

@@ -11,7 +11,6 @@ use std::{
 use analysis::run_folder::archive_status::ArchiveStatus;
 
 use crate::{
-    fleet::Broker,
     serve_support::{Served, config, submit},
     support::{Files, poll, program},
 };
@@ -48,7 +47,8 @@ pub(crate) fn values(text: &str) -> Values {
 fn named(text: &str) -> BTreeSet<String> {
     let word = |c: char| c.is_ascii_alphanumeric() || c == '_';
     text.split(|c: char| !word(c))
-        .filter(|word| word.starts_with("eis_bench_"))
+        // Those of a fleet are the agent's.
+        .filter(|word| word.starts_with("eis_bench_") && !word.starts_with("eis_bench_fleet_"))
         .map(str::to_owned)
         .collect()
 }
@@ -64,14 +64,7 @@ pub(crate) fn ran(files: &Files, environment: &[(&str, &str)]) -> (Served, Strin
 #[test]
 fn dashboard_alerts_and_documentation_name_what_is_measured() {
     let files = Files::short(3);
-    let broker = Broker::start(&files.path("nats"));
-    // Without a broker there is still a fleet, but it receives nothing.
-    let nobody = "nats://127.0.0.1:9".to_owned();
-    let address = broker
-        .as_ref()
-        .map_or(nobody, |found| found.address.clone());
-    let fleet = format!("[fleet]\nname = \"lab\"\nsite = \"north\"\nserver = {address:?}");
-    config(&files, &fleet);
+    config(&files, "");
     let archive = ArchiveStatus {
         archived: 1,
         last_verified_unix_s: Some(1.0),
@@ -81,15 +74,12 @@ fn dashboard_alerts_and_documentation_name_what_is_measured() {
     fs::create_dir_all(files.path("data")).unwrap();
     fs::write(path, serde_json::to_vec(&archive).unwrap()).unwrap();
     let (served, _) = ran(&files, &[]);
-    let mut wanted = vec![
+    let wanted = [
         "eis_bench_control_impedance_ohms{",
         "eis_bench_archive_runs{state=\"archived\"} 1",
         "eis_bench_archive_last_verified_timestamp_seconds ",
     ];
-    if broker.is_some() {
-        wanted.push("eis_bench_fleet_benches{fleet=\"lab\",state=\"idle\"} 1");
-    }
-    let text = poll("controls, archive and fleet", || {
+    let text = poll("controls and archive", || {
         let text = metrics(&served);
         wanted.iter().all(|row| text.contains(row)).then_some(text)
     });
@@ -100,8 +90,7 @@ fn dashboard_alerts_and_documentation_name_what_is_measured() {
             .lines()
             .any(|line| line.split(['{', ' ']).next() == Some(name));
         let is_of_a_run = ["_run_", "_cell_"].iter().any(|part| name.contains(part));
-        let is_of_a_fleet = broker.is_none() && name.contains("_fleet_");
-        assert!(has_values || is_of_a_run || is_of_a_fleet, "{name}: {text}");
+        assert!(has_values || is_of_a_run, "{name}: {text}");
     }
     let types = text.lines().filter_map(|line| line.strip_prefix("# TYPE "));
     let there: BTreeSet<String> = types
@@ -128,10 +117,6 @@ fn dashboard_alerts_and_documentation_name_what_is_measured() {
         ("eis_bench_state{bench=\"demo\",state=\"idle\"}", 1.0),
         ("eis_bench_outputs_verified{bench=\"demo\"}", 1.0),
         ("eis_bench_archive_trouble", 0.0),
-        (
-            "eis_bench_fleet_connected{fleet=\"lab\"}",
-            f64::from(broker.is_some()),
-        ),
         (
             "eis_bench_control_certified_ohms{bench=\"demo\",control=\"fake_cell\"}",
             3.75e-3,

@@ -36,7 +36,7 @@ const SOURCES: [&str; 28] = [
     "bench-daemon/core/src/config/limits.rs",
     "bench-daemon/core/src/config/mod.rs",
     "bench-daemon/core/src/plan.rs",
-    "bench-daemon/src/serve/fleet_settings.rs",
+    "bench-daemon/fleet/src/config.rs",
     "bench-daemon/src/serve/settings.rs",
     "bench-daemon/src/serve/targets.rs",
     "bench-daemon/src/investigate/dataset/raw.rs",
@@ -171,6 +171,12 @@ fn the_reference_of_the_configuration_is_what_the_sources_say() {
             name: "Server",
             about: "The file of [`eis-bench serve`](serve.md): `configs/serve.toml`.",
             top: library.structure("settings.rs", "Raw"),
+        },
+        Part {
+            name: "Agent",
+            about: "The file of [`eis-fleet agent`](fleet.md), which connects the benches of a server to \
+                a fleet.",
+            top: library.structure("fleet/src/config.rs", "RawAgent"),
         },
         Part {
             name: "Campaign",

@@ -13,7 +13,7 @@ use crate::{
     support::{Files, program},
 };
 
-const SCOPES: [&str; 4] = ["read", "operate", "energise", "clear-trip"];
+const SCOPES: [&str; 5] = ["read", "operate", "energise", "clear-trip", "fleet"];
 
 /// Returns every operation of the document: method, path with names filled in, and its scope; an
 /// empty scope if any token is sufficient, `None` if no token is required.
@@ -69,8 +69,6 @@ fn every_call_wants_its_scope_and_no_other() {
         any,
         [
             "/api/v1/benches/demo/stop",
-            "/api/v1/fleet/benches/{site}/demo/stop",
-            "/api/v1/fleet/stop",
             "/api/v1/stop",
             "/api/v1/whoami"
         ]
@@ -546,4 +544,17 @@ fn a_server_beyond_this_machine_wants_tokens_and_a_certificate() {
     fs::remove_file(files.path("data/tokens.json")).unwrap();
     ask(&request).expect(401);
     ask(&without).expect(401);
+}
+
+#[test]
+fn a_section_of_a_fleet_is_refused_with_the_way_to_move_it() {
+    let files = Files::short(2);
+    let path = config(&files, "[fleet]\nname = \"lab\"\nsite = \"north\"");
+    let message = program(&["serve".as_ref(), path.as_os_str()]);
+    let message = message.expect_code(2).message().to_owned();
+    assert!(
+        message.contains("serve.toml:") && message.contains("fleet: expected no section [fleet]"),
+        "{message}"
+    );
+    assert!(message.contains("eis-fleet agent fleet.toml"), "{message}");
 }

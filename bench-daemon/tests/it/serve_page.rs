@@ -964,8 +964,6 @@ fn a_cell_is_followed_over_its_runs_and_spectra_of_several_runs_are_compared() {
     browser.wait(".cv-legend", "demo-2: spectrum (4 points)");
     browser.pictures("catalogue");
     browser.assert_accessible("catalogue");
-    let is_hidden = browser.script("return document.querySelector('#fleetlink').hidden");
-    assert_eq!(is_hidden, true, "this server belongs to no fleet");
 }
 
 #[test]
@@ -1004,7 +1002,6 @@ fn every_part_of_the_page_is_accessible_with_what_people_have_written_in_it() {
         ("#/run/demo-1?spectrum=spectrum&freq_hz=300", "channel 4"),
         ("#/cell/Molicel%20P45B", "onerror"),
         ("#/cell/Molicel%20P45B", "1 fitted model of 1 run"),
-        ("#/fleet", "belongs to no fleet"),
         ("#/analyses", "kk-2"),
         ("#/analysis/fit-1", "✓ done"),
         ("#/analysis/kk-2", "✓ done"),

@@ -8,8 +8,8 @@ use super::shared::aside;
 use crate::{
     error::FleetError,
     intent::{Desk, Followed, Intent},
-    local::{Fate, LocalBench},
-    standing::{Said, Standing, through_the_fleet},
+    local::{Fate, LocalBench, NotDone},
+    standing::{Said, Standing},
 };
 
 /// A bench that follows orders.
@@ -54,13 +54,23 @@ impl Obedience {
     /// Stops the bench now, whatever run is active.
     pub(super) async fn stop(&self, said: &Said) -> serde_json::Value {
         *self.stopping() = Some(said.id.clone());
-        let report = self.bench.stop(&through_the_fleet(&said.by)).await;
+        let report = match self.bench.stop(&said.by).await {
+            Ok(report) => report,
+            // It is not followed: if the broker keeps it, it is followed once the server answers.
+            Err(away) => {
+                self.stopping().take_if(|id| *id == said.id);
+                tracing::error!("fleet: {}: NOT STOPPED: {away}", self.bench.name());
+                return serde_json::json!({ "verified": false, "message": away.to_string() });
+            }
+        };
         let outcome = match (&report["verified"], &report["simulated"]) {
             (serde_json::Value::Bool(true), _) => "stopped and verified off",
             (_, serde_json::Value::Bool(true)) => "stopped; the bench is simulated",
             _ => "NOT VERIFIED OFF",
         };
-        self.note(said, "stop", outcome.to_owned()).await;
+        if let Err(error) = self.note(said, "stop", outcome.to_owned()).await {
+            tracing::error!("fleet: {error}");
+        }
         let mut followed = self.followed.lock().await;
         if let Err(error) = self.keep(&mut followed, |kept| kept.stop = Some(said.id.clone())) {
             tracing::error!("fleet: {error}");
@@ -117,8 +127,8 @@ impl Obedience {
             Some(said) => {
                 // The code that takes work checks the standing orders; here the drain is only
                 // recorded.
-                self.note(&said, "drain", said_of(Ok(()))).await;
-                self.keep(&mut followed, |kept| kept.drain = Some(said.id))
+                let noted = self.note(&said, "drain", "done".to_owned()).await;
+                noted.and_then(|()| self.keep(&mut followed, |kept| kept.drain = Some(said.id)))
             }
             None => Ok(()),
         };
@@ -136,10 +146,10 @@ impl Obedience {
             true => "held again since".to_owned(),
             false => {
                 let act = |bench: &dyn LocalBench, said: &Said| bench.release(&said.by, &said.why);
-                said_of(self.act(said, act).await?)
+                self.act(said, act).await?
             }
         };
-        self.note(said, "release", outcome).await;
+        self.note(said, "release", outcome).await?;
         self.keep(followed, |kept| kept.release = Some(said.id.clone()))
     }
 
@@ -149,8 +159,7 @@ impl Obedience {
         followed: &mut Option<Followed>,
     ) -> Result<(), FleetError> {
         let held = self.act(said, |bench, said| bench.hold(&said.by, &said.why));
-        let outcome = said_of(held.await?);
-        self.note(said, "hold", outcome).await;
+        self.note(said, "hold", held.await?).await?;
         self.keep(followed, |kept| kept.hold = Some(said.id.clone()))
     }
 
@@ -167,9 +176,8 @@ impl Obedience {
             return Ok(());
         }
         let held = self.act(said, |bench, said| bench.hold(&said.by, &said.why));
-        let outcome = said_of(held.await?);
-        self.note(said, "stop", format!("heard through the broker: {outcome}"))
-            .await;
+        let outcome = format!("heard through the broker: {}", held.await?);
+        self.note(said, "stop", outcome).await?;
         if !self.is_to_end().await {
             return self.keep(followed, |kept| kept.stop = Some(said.id.clone()));
         }
@@ -186,35 +194,47 @@ impl Obedience {
         let intents = self.desk.all();
         let heard = self.heard_run().clone();
         let look = aside(&self.bench, move |bench| {
-            let is_going = |intent: &Intent| matches!(bench.fate(&intent.run), Fate::Going);
-            let run = bench.condition().run;
-            // If the jobs are unknown, assume that there is one.
-            intents.map_or(true, |all| all.iter().any(is_going)) || (run.is_some() && run == heard)
+            // A job whose fate is unknown counts as going, and so does an unknown job.
+            let is_going =
+                |intent: &Intent| matches!(bench.fate(&intent.run), Ok(Fate::Going) | Err(_));
+            let is_heard = match bench.condition() {
+                Ok(now) => now.run.is_some() && now.run == heard,
+                Err(_) => true,
+            };
+            intents.map_or(true, |all| all.iter().any(is_going)) || is_heard
         });
         look.await.unwrap_or(true)
     }
 
-    async fn act<T: Send + 'static>(
+    /// Carries out an order, and returns its outcome in words.
+    ///
+    /// # Errors
+    /// A server that does not answer: the order is carried out later.
+    async fn act(
         &self,
         said: &Said,
-        act: impl FnOnce(&dyn LocalBench, &Said) -> T + Send + 'static,
-    ) -> Result<T, FleetError> {
+        act: impl FnOnce(&dyn LocalBench, &Said) -> Result<(), NotDone> + Send + 'static,
+    ) -> Result<String, FleetError> {
         let said = said.clone();
-        aside(&self.bench, move |bench| act(bench, &said)).await
+        match aside(&self.bench, move |bench| act(bench, &said)).await? {
+            Ok(()) => Ok("done".to_owned()),
+            Err(NotDone::Refused(words)) => Ok(words),
+            Err(NotDone::Away(away)) => Err(away.into()),
+        }
     }
 
-    async fn note(&self, said: &Said, what: &'static str, outcome: String) {
-        let (by, why) = (through_the_fleet(&said.by), said.why.clone());
+    async fn note(
+        &self,
+        said: &Said,
+        what: &'static str,
+        outcome: String,
+    ) -> Result<(), FleetError> {
+        let said = said.clone();
         let noted = aside(&self.bench, move |bench| {
-            bench.audit(
-                &by,
-                &format!("fleet {what} {}: {why}", bench.name()),
-                &outcome,
-            );
+            let what = format!("fleet {what} {}: {}", bench.name(), said.why);
+            bench.audit(&said.by, &what, &outcome)
         });
-        if let Err(error) = noted.await {
-            tracing::error!("fleet: {error}");
-        }
+        Ok(noted.await??)
     }
 
     fn keep(
@@ -231,8 +251,4 @@ impl Obedience {
         *followed = Some(next);
         Ok(())
     }
-}
-
-fn said_of(done: Result<(), String>) -> String {
-    done.err().unwrap_or_else(|| "done".to_owned())
 }

@@ -7,8 +7,7 @@ use crate::{
     intent::Intent,
     job::{Job, JobState},
     link::{Stored, Swap, Write},
-    local::{End, Fate},
-    standing::through_the_fleet,
+    local::{End, Fate, NotDone},
 };
 
 impl Member {
@@ -16,14 +15,13 @@ impl Member {
     pub(super) async fn go_on(&mut self) -> Result<(), FleetError> {
         for intent in self.desk.all()? {
             let run = intent.run.clone();
-            match aside(&self.bench, move |bench| bench.fate(&run)).await? {
+            match aside(&self.bench, move |bench| bench.fate(&run)).await?? {
                 Fate::Going if self.is_put_back(&intent).await? => self.withdraw(&intent).await?,
-                Fate::Going if !intent.begun => {
-                    self.mark_begun(&intent)?;
-                    self.note_begin(&intent, "begun").await?;
+                Fate::Going => self.keep_begun(&intent).await?,
+                Fate::Ended(end) => {
+                    self.keep_begun(&intent).await?;
+                    self.report(&intent, &end).await?;
                 }
-                Fate::Going => {}
-                Fate::Ended(end) => self.report(&intent, &end).await?,
                 Fate::Unknown if intent.begun => {
                     let words = "it was taken out of the queue of its bench".to_owned();
                     let end = End {
@@ -37,6 +35,16 @@ impl Member {
             }
         }
         Ok(())
+    }
+
+    /// Records that a run has begun, if that was not known yet: the reply to its begin was lost, or
+    /// the process that began it has died.
+    async fn keep_begun(&self, intent: &Intent) -> Result<(), FleetError> {
+        if intent.begun {
+            return Ok(());
+        }
+        self.mark_begun(intent)?;
+        self.note_begin(intent, "begun").await
     }
 
     fn mark_begun(&self, intent: &Intent) -> Result<(), FleetError> {
@@ -59,7 +67,7 @@ impl Member {
                 self.give_back(intent, &found, words).await
             }
             _ => {
-                self.discard(intent).await;
+                self.desk.drop(&intent.job);
                 Ok(())
             }
         }
@@ -82,7 +90,9 @@ impl Member {
                     .await;
                 Ok(())
             }
-            Err(words) => {
+            // Its fate is asked for before it is begun again.
+            Err(NotDone::Away(away)) => Err(away.into()),
+            Err(NotDone::Refused(words)) => {
                 self.note_begin(intent, &words).await?;
                 self.rest();
                 let words = format!("it did not begin at {}: {words}", self.me.place);
@@ -92,13 +102,15 @@ impl Member {
     }
 
     async fn note_begin(&self, intent: &Intent, outcome: &str) -> Result<(), FleetError> {
-        let who = through_the_fleet(&intent.by);
+        let by = intent.by.clone();
         let what = format!("fleet begin {} as {}", intent.job, intent.run);
-        let outcome = outcome.to_owned();
-        aside(&self.bench, move |bench| {
-            bench.audit(&who, &what, &outcome);
-        })
-        .await
+        let (entry, outcome) = (format!("{by}: {what}: {outcome}"), outcome.to_owned());
+        let noted = aside(&self.bench, move |bench| bench.audit(&by, &what, &outcome)).await?;
+        if let Err(away) = noted {
+            // The run is not done a second time for the sake of its entry.
+            tracing::error!("the audit trail lacks an entry ({away}): {entry}");
+        }
+        Ok(())
     }
 
     /// Puts a started job whose run has not begun back into the queue. Only this bench knows that
@@ -108,22 +120,19 @@ impl Member {
         match found.filter(|found| self.is_ours(&found.value, intent)) {
             Some(found) => self.give_back(intent, &found, words).await,
             None => {
-                self.discard(intent).await;
+                self.desk.drop(&intent.job);
                 Ok(())
             }
         }
     }
 
-    /// Puts a job back that has not begun. The prepared files are deleted first, because a second
-    /// bench of this daemon may prepare the same run in the same folder.
+    /// Puts a job back that has not begun.
     async fn give_back(
         &self,
         intent: &Intent,
         found: &Stored<Job>,
         words: String,
     ) -> Result<(), FleetError> {
-        let order = intent.order();
-        aside(&self.bench, move |bench| bench.discard(&order)).await?;
         self.put_back(found, words).await?;
         self.desk.drop(&intent.job);
         Ok(())
@@ -142,22 +151,13 @@ impl Member {
     /// Removes a run from the queue of the bench if a person has put its job back. An active run
     /// continues.
     async fn withdraw(&self, intent: &Intent) -> Result<(), FleetError> {
-        let run = intent.run.clone();
-        if aside(&self.bench, move |bench| bench.withdraw(&run)).await? {
+        let (run, by) = (intent.run.clone(), intent.by.clone());
+        if aside(&self.bench, move |bench| bench.withdraw(&run, &by)).await?? {
             self.note_begin(intent, "withdrawn: its job was put back")
                 .await?;
-            self.discard(intent).await;
+            self.desk.drop(&intent.job);
         }
         Ok(())
-    }
-
-    /// Deletes a prepared run that never began.
-    pub(super) async fn discard(&self, intent: &Intent) {
-        let order = intent.order();
-        if let Err(error) = aside(&self.bench, move |bench| bench.discard(&order)).await {
-            tracing::error!("fleet: {error}");
-        }
-        self.desk.drop(&intent.job);
     }
 
     fn is_ours(&self, job: &Job, intent: &Intent) -> bool {
@@ -252,7 +252,7 @@ impl Member {
         match self.shared.link.swap_surely(write, mine).await {
             Swap::Written(_) => self.begin(intent).await,
             Swap::Lost => {
-                self.discard(intent).await;
+                self.desk.drop(&intent.job);
                 Ok(())
             }
         }

@@ -73,9 +73,9 @@ impl Member {
             Ok(text) => text,
             Err(words) => return self.refuse(&claimed, &words).await,
         };
-        let intent = self.intent(job);
+        let intent = self.intent(job, text);
         let order = intent.order();
-        let check = move |bench: &dyn LocalBench| bench.prepare(&order, &text);
+        let check = move |bench: &dyn LocalBench| bench.check(&order);
         match aside(&self.bench, check).await? {
             Ok(()) => {}
             Err(NotTaken::Unfit(words)) => return self.refuse(&claimed, &words).await,
@@ -89,10 +89,9 @@ impl Member {
         // Orders that were given in the meantime count, and so does another process with this
         // name.
         let standing = self.shared.link.standing(&self.me.place).await?;
-        let is_free = self.bench.condition().free && standing.value.lets_work();
+        let is_free = self.bench.condition().is_ok_and(|now| now.free);
+        let is_free = is_free && standing.value.lets_work();
         if !is_free || !self.post.prove().await? {
-            let order = intent.order();
-            aside(&self.bench, move |bench| bench.discard(&order)).await?;
             let words = format!("{} is not free any more", self.me.place);
             return self.put_back(&claimed, words).await;
         }
@@ -123,7 +122,7 @@ impl Member {
         self.rhythm.again_s = self.shared.link.clock.now_s() + self.shared.lease_s;
     }
 
-    fn intent(&self, job: &Job) -> Intent {
+    fn intent(&self, job: &Job, text: String) -> Intent {
         Intent {
             job: job.job.clone(),
             turn: job.turn,
@@ -131,7 +130,7 @@ impl Member {
             name: job.name.clone(),
             seed: job.seed,
             by: job.asked.by.clone(),
-            bench: self.me.place.bench.clone(),
+            text,
             begun: false,
         }
     }

@@ -403,7 +403,7 @@ async fn a_bench_that_was_cut_off_follows_a_stop_late_and_spares_what_a_person_b
     lab.is(&job, JobState::Failed).await;
     until("a bench that is held", 20.0, async || {
         use bench_fleet::LocalBench as _;
-        persons.condition().held.is_some()
+        persons.condition().unwrap().held.is_some()
     })
     .await;
     assert_eq!(fleets.stops.load(Ordering::SeqCst), 1);
@@ -436,7 +436,7 @@ async fn a_release_that_is_heard_with_a_later_stop_does_not_undo_it() {
     let stop = told.find("fleet stop b1").unwrap();
     assert!(stop < told.find("fleet release b1").unwrap(), "{told}");
     use bench_fleet::LocalBench as _;
-    assert!(machine.condition().held.is_some());
+    assert!(machine.condition().unwrap().held.is_some());
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -527,4 +527,51 @@ async fn a_broker_with_tls_and_a_password_lets_in_who_has_both() {
         witness(std::slice::from_ref(&machine), "work").ends == 1
     })
     .await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_run_whose_reply_was_lost_is_not_begun_again() {
+    let Some(lab) = Lab::open().await else { return };
+    let machine = lab.machine("b1", 0.2);
+    machine.loses_reply.store(true, Ordering::SeqCst);
+    let _daemon = lab.daemon(&machine);
+    let job = lab.submit(&work("work", 1)).await;
+    lab.is(&job, JobState::Done).await;
+    assert!(!machine.loses_reply.load(Ordering::SeqCst));
+    let told = ledger(&machine);
+    assert!(
+        told.contains(&format!("fleet begin {job} as work-{job}: begun")),
+        "{told}"
+    );
+    assert_eq!(witness(&[machine], "work").begins[&job], 1);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_bench_whose_server_is_away_is_never_free_and_follows_orders_once_it_is_back() {
+    let Some(lab) = Lab::open().await else { return };
+    let machine = lab.machine("b1", 0.2);
+    let _daemon = lab.daemon(&machine);
+    lab.knows("b1").await;
+    machine.is_away.store(true, Ordering::SeqCst);
+    let job = lab.submit(&work("work", 1)).await;
+    let drained = lab.say("b1", OrderKind::Drain).await;
+    let words = "the server of the bench does not answer: no reply";
+    assert_eq!(
+        (drained.heard, drained.held.as_deref()),
+        (true, Some(words))
+    );
+    let stopped = lab.say("b1", OrderKind::Stop).await;
+    assert_eq!((stopped.heard, stopped.verified), (true, Some(false)));
+    pause(1.0).await;
+    assert_eq!(lab.job(&job).await.job.state, JobState::Queued);
+    assert_eq!(ledger(&machine), "");
+    machine.is_away.store(false, Ordering::SeqCst);
+    until("both orders", 20.0, async || {
+        let told = ledger(&machine);
+        told.contains("fleet drain b1: to look at it: done")
+            && told.contains("fleet stop b1: to look at it: heard through the broker: done")
+    })
+    .await;
+    lab.say("b1", OrderKind::Release).await;
+    lab.is(&job, JobState::Done).await;
 }

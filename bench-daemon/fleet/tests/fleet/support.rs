@@ -16,7 +16,9 @@ use std::{
 
 use bench_fleet::{
     BenchState, Capabilities, Client, Condition, End, Fate, Fleet, FleetSettings, LocalBench,
-    Order, Reading, Submission, fleet::Joining, local::NotTaken,
+    Order, Reading, Submission,
+    fleet::Joining,
+    local::{Away, NotDone, NotTaken},
 };
 use futures_util::{FutureExt, future::BoxFuture};
 use instruments_link::clock::{Clock, TimeMode};
@@ -260,12 +262,16 @@ pub(crate) struct Machine {
     pub(crate) is_full: AtomicBool,
     /// It cannot begin a run.
     pub(crate) is_broken: AtomicBool,
+    /// Its server does not answer.
+    pub(crate) is_away: AtomicBool,
+    /// The next reply to a begin is lost, after the run was begun.
+    pub(crate) loses_reply: AtomicBool,
 }
 
 impl Machine {
     pub(crate) fn new(root: &Path, name: &str, run_s: f64) -> Arc<Self> {
         let folder = root.join(name);
-        for part in ["prepared", "queued", "ended"] {
+        for part in ["queued", "ended"] {
             fs::create_dir_all(folder.join(part)).unwrap();
         }
         let capabilities = Capabilities {
@@ -286,6 +292,8 @@ impl Machine {
             is_off: AtomicBool::new(false),
             is_full: AtomicBool::new(false),
             is_broken: AtomicBool::new(false),
+            is_away: AtomicBool::new(false),
+            loses_reply: AtomicBool::new(false),
         })
     }
 
@@ -328,6 +336,13 @@ impl Machine {
     /// A person begins a run at this bench.
     pub(crate) fn begin_by_hand(&self, run: &str) {
         self.spawn(run);
+    }
+
+    fn answers(&self) -> Result<(), Away> {
+        match self.is_away.load(Ordering::SeqCst) {
+            true => Err(Away("no reply".to_owned())),
+            false => Ok(()),
+        }
     }
 
     fn spawn(&self, run: &str) {
@@ -380,10 +395,11 @@ impl LocalBench for Machine {
         self.capabilities.clone()
     }
 
-    fn condition(&self) -> Condition {
+    fn condition(&self) -> Result<Condition, Away> {
+        self.answers()?;
         let going = self.going();
         let held = self.held.lock().unwrap().clone();
-        Condition {
+        Ok(Condition {
             state: match (&held, going.is_empty()) {
                 (_, false) => BenchState::Running,
                 (Some(_), true) => BenchState::Held,
@@ -399,53 +415,56 @@ impl LocalBench for Machine {
             run: going.into_iter().next(),
             held,
             ..Condition::default()
-        }
+        })
     }
 
-    fn prepare(&self, order: &Order, text: &str) -> Result<(), NotTaken> {
-        if text.contains(&format!("not {}", self.name)) {
+    fn check(&self, order: &Order) -> Result<(), NotTaken> {
+        if let Err(away) = self.answers() {
+            return Err(NotTaken::NotNow(away.to_string()));
+        }
+        if order.text.contains(&format!("not {}", self.name)) {
             let words = "the plan would leave the limits of this bench".to_owned();
             return Err(NotTaken::Unfit(words));
         }
         if self.is_full.load(Ordering::SeqCst) {
             return Err(NotTaken::NotNow("no space left".to_owned()));
         }
-        fs::write(self.folder.join("prepared").join(&order.run), text).unwrap();
         Ok(())
     }
 
-    fn begin(&self, order: &Order) -> Result<(), String> {
+    fn begin(&self, order: &Order) -> Result<(), NotDone> {
+        self.answers().map_err(NotDone::Away)?;
         if self.is_broken.load(Ordering::SeqCst) {
-            return Err("no queue".to_owned());
+            return Err(NotDone::Refused("no queue".to_owned()));
         }
         let mut lets = self.gate.0.lock().unwrap();
         while !*lets {
             lets = self.gate.1.wait(lets).unwrap();
             if self.is_off.load(Ordering::SeqCst) {
-                return Err("off".to_owned());
+                return Err(NotDone::Refused("off".to_owned()));
             }
         }
         drop(lets);
         if self.names("queued").contains(&order.run) {
             return Ok(());
         }
-        assert!(self.names("prepared").contains(&order.run));
+        assert!(!order.text.is_empty(), "{order:?}");
         self.spawn(&order.run);
+        if self.loses_reply.swap(false, Ordering::SeqCst) {
+            return Err(NotDone::Away(Away("the reply is lost".to_owned())));
+        }
         Ok(())
     }
 
-    fn discard(&self, order: &Order) {
-        let _ = fs::remove_file(self.folder.join("prepared").join(&order.run));
-    }
-
-    fn withdraw(&self, _run: &str) -> bool {
+    fn withdraw(&self, _run: &str, _by: &str) -> Result<bool, Away> {
         // A run here never waits.
-        false
+        self.answers().map(|()| false)
     }
 
-    fn fate(&self, run: &str) -> Fate {
+    fn fate(&self, run: &str) -> Result<Fate, Away> {
+        self.answers()?;
         let (queued, ended) = (self.names("queued"), self.folder.join("ended").join(run));
-        match (queued.contains(run), fs::read_to_string(ended)) {
+        Ok(match (queued.contains(run), fs::read_to_string(ended)) {
             (_, Ok(words)) => Fate::Ended(End {
                 finished: words == "finished",
                 words,
@@ -453,22 +472,25 @@ impl LocalBench for Machine {
             }),
             (true, Err(_)) => Fate::Going,
             (false, Err(_)) => Fate::Unknown,
-        }
+        })
     }
 
-    fn hold(&self, by: &str, why: &str) -> Result<(), String> {
+    fn hold(&self, by: &str, why: &str) -> Result<(), NotDone> {
+        self.answers().map_err(NotDone::Away)?;
         let mut held = self.held.lock().unwrap();
         held.get_or_insert_with(|| format!("{why} (fleet: {by})"));
         Ok(())
     }
 
-    fn release(&self, _by: &str, _why: &str) -> Result<(), String> {
+    fn release(&self, _by: &str, _why: &str) -> Result<(), NotDone> {
+        self.answers().map_err(NotDone::Away)?;
         *self.held.lock().unwrap() = None;
         Ok(())
     }
 
-    fn stop<'a>(&'a self, by: &'a str) -> BoxFuture<'a, serde_json::Value> {
+    fn stop<'a>(&'a self, by: &'a str) -> BoxFuture<'a, Result<serde_json::Value, Away>> {
         async move {
+            self.answers()?;
             self.stops.fetch_add(1, Ordering::SeqCst);
             let _ = self.hold(by, "stopped");
             let going = self.going();
@@ -477,13 +499,18 @@ impl LocalBench for Machine {
                 append(&self.folder, &format!("stop {run}"));
                 end(&self.folder, run, "stopped");
             }
-            serde_json::json!({ "bench": self.name, "by": by, "verified": true })
+            Ok(serde_json::json!({ "bench": self.name, "by": by, "verified": true }))
         }
         .boxed()
     }
 
-    fn audit(&self, who: &str, what: &str, outcome: &str) {
-        append(&self.folder, &format!("audit {who}: {what}: {outcome}"));
+    fn audit(&self, by: &str, what: &str, outcome: &str) -> Result<(), Away> {
+        self.answers()?;
+        append(
+            &self.folder,
+            &format!("audit fleet: {by}: {what}: {outcome}"),
+        );
+        Ok(())
     }
 }
 

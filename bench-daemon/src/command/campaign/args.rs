@@ -27,6 +27,9 @@ pub(super) struct PlanArgs {
     /// Write the experiments into this folder, one folder for each bench.
     #[arg(long, value_name = "FOLDER")]
     pub(super) out: Option<PathBuf>,
+    /// Print every experiment as JSON, in the order in which `eis-fleet campaign` submits them.
+    #[arg(long, conflicts_with = "out")]
+    pub(super) json: bool,
 }
 
 #[derive(Debug, Args)]

@@ -12,7 +12,7 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::{
     App,
-    caller::{Clearer, Known, Operator, Reader, Stopping},
+    caller::{Agent, Clearer, Known, Operator, Reader, Stopping},
     problem::Refusal,
 };
 use crate::{
@@ -20,7 +20,8 @@ use crate::{
     config,
     safety::state,
     serve::{
-        audit::Deed,
+        audit::{By, Deed},
+        capabilities::Capabilities,
         live::{InstrumentNow, Live, StopReport, TripNow},
         outputs::{self, ReadError},
         stop::{self, Stopper},
@@ -42,6 +43,36 @@ pub struct Caller {
     /// The benches that every holder of a token may stop.
     benches: Vec<String>,
 }
+
+/// A bench as it is now.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct BenchNow {
+    #[serde(flatten)]
+    live: Live,
+    /// Properties that follow from its file.
+    capabilities: Capabilities,
+}
+
+impl BenchNow {
+    fn of(app: &App, bench: &config::Bench) -> Option<Self> {
+        let live = app.server.live().get(&bench.name).cloned()?;
+        let capabilities = Capabilities::of(bench);
+        Some(Self { live, capabilities })
+    }
+}
+
+/// Something that an agent of a fleet did for a person.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AgentDeed {
+    /// What it did.
+    what: String,
+    /// Result of it.
+    outcome: String,
+}
+
+/// Longest text of a deed of an agent that is kept, characters.
+const LONGEST_DEED: usize = 500;
 
 /// Confirms that a person has looked.
 #[derive(Debug, Deserialize, ToSchema)]
@@ -122,17 +153,14 @@ pub async fn whoami(caller: Known, State(app): State<App>) -> Json<Caller> {
     get,
     path = "/api/v1/benches",
     tag = "benches",
-    responses((status = 200, body = [Live])),
+    responses((status = 200, body = [BenchNow])),
     security(("token" = ["read"]))
 )]
-pub async fn list(_caller: Reader, State(app): State<App>) -> Json<Vec<Live>> {
-    let live = app.server.live();
+pub async fn list(_caller: Reader, State(app): State<App>) -> Json<Vec<BenchNow>> {
+    let benches = app.server.settings.benches.iter();
     Json(
-        app.server
-            .settings
-            .benches
-            .iter()
-            .filter_map(|bench| live.get(&bench.name).cloned())
+        benches
+            .filter_map(|bench| BenchNow::of(&app, bench))
             .collect(),
     )
 }
@@ -143,17 +171,16 @@ pub async fn list(_caller: Reader, State(app): State<App>) -> Json<Vec<Live>> {
     path = "/api/v1/benches/{bench}",
     tag = "benches",
     params(("bench" = String, Path)),
-    responses((status = 200, body = Live)),
+    responses((status = 200, body = BenchNow)),
     security(("token" = ["read"]))
 )]
 pub async fn detail(
     _caller: Reader,
     State(app): State<App>,
     Path(bench): Path<String>,
-) -> Result<Json<Live>, Refusal> {
-    known(&app, &bench)?;
-    let live = app.server.live().get(&bench).cloned();
-    live.map(Json)
+) -> Result<Json<BenchNow>, Refusal> {
+    let now = BenchNow::of(&app, known(&app, &bench)?);
+    now.map(Json)
         .ok_or_else(|| Refusal::not_found("a bench", &bench))
 }
 
@@ -171,7 +198,7 @@ pub async fn instruments(
     app: State<App>,
     bench: Path<String>,
 ) -> Result<Json<Vec<InstrumentNow>>, Refusal> {
-    Ok(Json(detail(caller, app, bench).await?.0.instruments))
+    Ok(Json(detail(caller, app, bench).await?.0.live.instruments))
 }
 
 /// Queries the identity of every instrument; changes nothing on any of them. Refused while a run is
@@ -298,10 +325,13 @@ pub async fn stop(
 ) -> Result<Json<StopReport>, Refusal> {
     let config = known(&app, &bench)?.clone();
     // A peer that goes away does not end it.
-    let work =
-        tokio::spawn(
-            async move { stop::stop(&app.server, &config, Stopper::here(&caller.name)).await },
-        );
+    let work = tokio::spawn(async move {
+        let by = Stopper {
+            held_by: caller.side,
+            name: &caller.name,
+        };
+        stop::stop(&app.server, &config, by).await
+    });
     work.await
         .map(Json)
         .map_err(|error| Refusal::machine(&error))
@@ -322,8 +352,14 @@ pub async fn stop_all(
 ) -> Result<Json<Vec<StopReport>>, Refusal> {
     let benches = app.server.settings.benches.clone();
     let begin = |bench: config::Bench| {
-        let (server, by) = (app.server.clone(), caller.name.clone());
-        tokio::spawn(async move { stop::stop(&server, &bench, Stopper::here(&by)).await })
+        let (server, caller) = (app.server.clone(), caller.clone());
+        tokio::spawn(async move {
+            let by = Stopper {
+                held_by: caller.side,
+                name: &caller.name,
+            };
+            stop::stop(&server, &bench, by).await
+        })
     };
     let work: Vec<_> = benches.into_iter().map(begin).collect();
     let mut reports = Vec::with_capacity(work.len());
@@ -482,4 +518,31 @@ pub async fn audit(
         .latest(most.or(200)?)
         .map(Json)
         .map_err(|error| Refusal::machine(&error))
+}
+
+/// Enters what an agent of a fleet did for a person, in the name of that person.
+#[utoipa::path(
+    post,
+    path = "/api/v1/audit",
+    tag = "access",
+    request_body = AgentDeed,
+    responses((status = 204)),
+    security(("token" = ["fleet"]))
+)]
+pub async fn enter(
+    caller: Agent,
+    State(app): State<App>,
+    Json(deed): Json<AgentDeed>,
+) -> Result<StatusCode, Refusal> {
+    let plain = |text: &str| -> String {
+        let plain = text.chars().filter(|c| !c.is_control());
+        plain.take(LONGEST_DEED).collect()
+    };
+    let by = By {
+        who: &caller.name,
+        from: "fleet",
+    };
+    let written = (app.server.audit).write(by, &plain(&deed.what), &plain(&deed.outcome));
+    written.map_err(|error| Refusal::machine(&error))?;
+    Ok(StatusCode::NO_CONTENT)
 }

@@ -14,6 +14,7 @@ use axum::{
 use super::{App, problem::Refusal};
 use crate::{
     serve::{
+        queue::HeldBy,
         session::{self, PROOF_HEADER},
         token::{Scope, Token, TokenError},
     },
@@ -30,6 +31,11 @@ const LOCAL: &str = "local";
 /// Code of the refusal of a session without the header of the page.
 const FORGED: &str = "forged";
 
+/// Header with the name of the person of a fleet for whom an agent of the fleet acts.
+pub const PERSON_HEADER: &str = "x-eis-bench-person";
+/// Longest name of a person that is kept, letters.
+const LONGEST_PERSON: usize = 200;
+
 /// A caller with the scope number `SCOPE` of [`Scope::ALL`]; a number beyond the last scope
 /// accepts any scope.
 #[derive(Debug, Clone)]
@@ -40,6 +46,8 @@ pub struct With<const SCOPE: usize> {
     pub scopes: Vec<Scope>,
     /// SHA-256 of the token; `None` if no token is required.
     pub token_sha256: Option<String>,
+    /// Side that the caller acts for. It is the fleet if the request names a person of a fleet.
+    pub side: HeldBy,
 }
 
 /// A caller with any token, whatever its scopes.
@@ -52,6 +60,8 @@ pub type Operator = With<1>;
 pub type Energiser = With<2>;
 /// May clear a latch.
 pub type Clearer = With<3>;
+/// May act for persons of a fleet.
+pub type Agent = With<4>;
 
 /// The peer of a connection.
 #[derive(Debug, Clone, Copy)]
@@ -65,32 +75,56 @@ impl<const SCOPE: usize> FromRequestParts<App> for With<SCOPE> {
     type Rejection = Refusal;
 
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, Refusal> {
-        let token = who(parts, app)?;
+        let (Token { name, scopes, .. }, token_sha256) = who(parts, app)?;
+        let person = person(parts);
+        // Without the scope the token's own name stays in the audit trail.
+        let acts_for = person.filter(|_| scopes.contains(&Scope::Fleet));
+        let name = acts_for.map_or(name, |person| format!("fleet: {person}"));
         if let Some(named) = parts.extensions.get::<Named>() {
-            let _ = named.0.set(token.0.name.clone());
+            let _ = named.0.set(name.clone());
         }
-        let (Token { name, scopes, .. }, token_sha256) = token;
-        if let Some(scope) = Scope::ALL
-            .get(SCOPE)
-            .filter(|scope| !scopes.contains(*scope))
-        {
-            let has = scopes
-                .iter()
-                .map(|scope| scope.name())
-                .collect::<Vec<_>>()
-                .join(", ");
-            let message = format!(
-                "expected a token with the scope `{}`, found one with: {has}",
-                scope.name()
-            );
-            return Err(Refusal::of(StatusCode::FORBIDDEN, message));
+        let is_for_fleet = parts.headers.contains_key(PERSON_HEADER);
+        if is_for_fleet {
+            has_scope(&scopes, Scope::Fleet)?;
+        }
+        if let Some(scope) = Scope::ALL.get(SCOPE) {
+            has_scope(&scopes, *scope)?;
         }
         Ok(Self {
             name,
             scopes,
             token_sha256,
+            side: match is_for_fleet {
+                true => HeldBy::Fleet,
+                false => HeldBy::Here,
+            },
         })
     }
+}
+
+/// Refuses a token without a scope.
+fn has_scope(scopes: &[Scope], scope: Scope) -> Result<(), Refusal> {
+    if scopes.contains(&scope) {
+        return Ok(());
+    }
+    let has = scopes
+        .iter()
+        .map(|scope| scope.name())
+        .collect::<Vec<_>>()
+        .join(", ");
+    let message = format!(
+        "expected a token with the scope `{}`, found one with: {has}",
+        scope.name()
+    );
+    Err(Refusal::of(StatusCode::FORBIDDEN, message))
+}
+
+/// Returns the person of a fleet that a request names.
+fn person(parts: &Parts) -> Option<String> {
+    let value = parts.headers.get(PERSON_HEADER)?;
+    let text = String::from_utf8_lossy(value.as_bytes());
+    let plain = text.chars().filter(|c| !c.is_control());
+    Some(plain.take(LONGEST_PERSON).collect())
 }
 
 /// A caller with permission to stop: with any token, or without one from this machine. A local
@@ -100,6 +134,8 @@ impl<const SCOPE: usize> FromRequestParts<App> for With<SCOPE> {
 pub struct Stopping {
     /// Their name.
     pub name: String,
+    /// Side that the caller acts for.
+    pub side: HeldBy,
 }
 
 impl FromRequestParts<App> for Stopping {
@@ -107,16 +143,22 @@ impl FromRequestParts<App> for Stopping {
 
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, Refusal> {
         match Known::from_request_parts(parts, app).await {
-            Ok(known) => Ok(Self { name: known.name }),
+            Ok(known) => Ok(Self {
+                name: known.name,
+                side: known.side,
+            }),
             // A browser that sends its cookie and not the page's header was made to do so by a page
             // of elsewhere.
             Err(refusal) if refusal.1.code == FORGED => Err(refusal),
+            // Only an agent acts for a fleet.
+            Err(refusal) if parts.headers.contains_key(PERSON_HEADER) => Err(refusal),
             Err(_) if is_of_this_machine(parts) => {
                 if let Some(named) = parts.extensions.get::<Named>() {
                     let _ = named.0.set(LOCAL.to_owned());
                 }
                 Ok(Self {
                     name: LOCAL.to_owned(),
+                    side: HeldBy::Here,
                 })
             }
             Err(refusal) => Err(refusal),

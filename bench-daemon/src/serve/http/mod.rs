@@ -11,7 +11,6 @@ pub mod catalog;
 mod connection;
 pub mod events;
 pub mod find;
-pub mod fleet;
 pub mod guard;
 pub mod imported;
 pub mod investigations;
@@ -92,23 +91,6 @@ pub fn router(app: &App) -> Router {
         .route("/runs/{run}/campaign", get(find::campaign))
         .route("/runs/{run}/models", get(find::models))
         .route("/runs/{run}/capture", get(find::capture))
-        .route("/fleet", get(fleet::now))
-        .route("/fleet/stop", post(fleet::stop_all))
-        .route(
-            "/fleet/jobs",
-            get(fleet::jobs)
-                .post(fleet::submit)
-                .delete(fleet::cancel_campaign),
-        )
-        .route("/fleet/jobs/{job}", delete(fleet::cancel))
-        .route("/fleet/jobs/{job}/release", post(fleet::release_job))
-        .route("/fleet/benches/{site}/{bench}/hold", post(fleet::hold))
-        .route("/fleet/benches/{site}/{bench}/drain", post(fleet::drain))
-        .route("/fleet/benches/{site}/{bench}/stop", post(fleet::stop))
-        .route(
-            "/fleet/benches/{site}/{bench}/release",
-            post(fleet::release),
-        )
         .route("/spectra/read", post(imported::read))
         .route("/catalog/runs", get(catalog::runs))
         .route("/catalog/runs/{run}", get(catalog::run))
@@ -135,7 +117,7 @@ pub fn router(app: &App) -> Router {
         .route("/runs/{run}/answer", post(runs::answer))
         .route("/runs/{run}/order", post(runs::order))
         .route("/runs/{run}/resume", post(runs::resume))
-        .route("/audit", get(benches::audit))
+        .route("/audit", get(benches::audit).post(benches::enter))
         .route("/events", get(events::events));
     Router::new()
         .nest("/api/v1", api)

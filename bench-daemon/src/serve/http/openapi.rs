@@ -11,8 +11,8 @@ use utoipa::{
 };
 
 use super::{
-    analyses, archive, benches, catalog, events, find, fleet, imported, investigations, metrics,
-    notices, pack, problem, queue, runs, session, shelf,
+    analyses, archive, benches, catalog, events, find, imported, investigations, metrics, notices,
+    pack, problem, queue, runs, session, shelf,
 };
 
 #[derive(OpenApi)]
@@ -32,6 +32,7 @@ use super::{
         benches::trips,
         benches::clear,
         benches::audit,
+        benches::enter,
         queue::list,
         queue::experiments,
         queue::plan,
@@ -70,17 +71,6 @@ use super::{
         catalog::cells,
         catalog::ageing,
         archive::now,
-        fleet::now,
-        fleet::jobs,
-        fleet::submit,
-        fleet::cancel,
-        fleet::cancel_campaign,
-        fleet::release_job,
-        fleet::hold,
-        fleet::release,
-        fleet::drain,
-        fleet::stop,
-        fleet::stop_all,
         find::cells,
         find::cell,
         find::cell_notes,

@@ -18,13 +18,16 @@ use super::{
 use crate::{
     procedure,
     serve::{
+        jobs,
         notebook::{About, Note},
-        queue::{HeldBy, Item, Kind, QueueError, Wanted},
+        queue::{HeldBy, Item, Kind, Queue, QueueError, Wanted},
         queue_now::QueueNow,
         shelf,
         submission::{ExperimentRequest, Refused, Submission},
+        token::Scope,
         traced::Traced,
     },
+    support::confined_path::plain,
 };
 use instruments::clock;
 
@@ -40,6 +43,9 @@ pub struct Submit {
     bench: Option<String>,
     /// A seed instead of that of the experiment.
     seed: Option<u64>,
+    /// Name that the run gets, for a token with the scope `fleet`. If a run of this name was
+    /// submitted before, nothing is submitted, and the answer is that run, with status 200.
+    run: Option<String>,
 }
 
 /// Queue numbers in the requested order.
@@ -213,7 +219,7 @@ pub async fn plan(
     path = "/api/v1/queue",
     tag = "queue",
     request_body = Submit,
-    responses((status = 201, body = Item)),
+    responses((status = 201, body = Item), (status = 200, body = Item)),
     security(("token" = ["energise"]))
 )]
 pub async fn submit(
@@ -222,7 +228,18 @@ pub async fn submit(
     traced: Traced,
     Json(submit): Json<Submit>,
 ) -> Result<(StatusCode, Json<Item>), Refusal> {
+    let wanted_run = wanted_run(&caller, submit.run.as_deref())?;
     aside(move || {
+        let server = &app.server;
+        // Two requests for one run are answered one after the other.
+        let _one = wanted_run.as_ref().map(|_| server.shelf());
+        let known = |queue: &Queue| {
+            let run = wanted_run.as_deref()?;
+            jobs::submitted(&server.settings.data, queue, run)
+        };
+        if let Some(item) = known(&server.queue()) {
+            return Ok((StatusCode::OK, Json(item)));
+        }
         let (name, text) = match (&submit.experiment, &submit.text) {
             (Some(name), None) => (name.as_str(), None),
             (None, Some(text)) => ("submitted", Some(text.as_str())),
@@ -233,7 +250,6 @@ pub async fn submit(
                 ));
             }
         };
-        let server = &app.server;
         let submission = Submission::new(
             &server.settings,
             ExperimentRequest {
@@ -255,7 +271,8 @@ pub async fn submit(
         };
         // The files of the run are written before the queue names it.
         let mut queue = server.queue();
-        let run = format!("{}-{}", experiment.name, queue.next_id());
+        let own_run = || format!("{}-{}", experiment.name, queue.next_id());
+        let run = wanted_run.clone().unwrap_or_else(own_run);
         submission.freeze(&server.settings.data.join("submitted").join(&run))?;
         let item = queue.submit(&wanted, |_| run)?;
         drop(queue);
@@ -263,6 +280,21 @@ pub async fn submit(
         Ok((StatusCode::CREATED, Json(item)))
     })
     .await
+}
+
+/// Returns the name that a run must get. Only an agent of a fleet may choose one.
+fn wanted_run(caller: &Energiser, run: Option<&str>) -> Result<Option<String>, Refusal> {
+    let Some(run) = run else { return Ok(None) };
+    if !caller.scopes.contains(&Scope::Fleet) {
+        let message = "run: expected from a token with the scope `fleet` only";
+        return Err(Refusal::of(StatusCode::FORBIDDEN, message));
+    }
+    if !plain(run) {
+        let message =
+            format!("run: expected a name of letters, digits, `-` and `_`, found {run:?}");
+        return Err(Refusal::unfit(message));
+    }
+    Ok(Some(run.to_owned()))
 }
 
 /// Removes a waiting entry from the queue.
@@ -326,7 +358,7 @@ pub async fn hold(
     let why: String = why.chars().filter(|c| !c.is_control()).take(200).collect();
     app.server
         .queue()
-        .hold(HeldBy::Here, &bench, &format!("{why} ({})", caller.name))?;
+        .hold(caller.side, &bench, &format!("{why} ({})", caller.name))?;
     app.server.tell_queue();
     Ok(Json(QueueNow::of(&app.server)))
 }
@@ -354,9 +386,17 @@ pub async fn release(
     aside(move || {
         let (by, held) = {
             let queue = app.server.queue();
-            // Revokes the hold that is shown; a hold of the fleet then becomes visible.
-            (queue.holder(&bench), queue.held(&bench).map(str::to_owned))
+            // A person here revokes the hold that is shown; a hold of the fleet then becomes
+            // visible. The fleet revokes its own hold only.
+            let by = match caller.side {
+                HeldBy::Here => queue.holder(&bench),
+                HeldBy::Fleet => HeldBy::Fleet,
+            };
+            (by, queue.held_by(by, &bench).map(str::to_owned))
         };
+        if caller.side == HeldBy::Fleet && held.is_none() {
+            return Ok(Json(QueueNow::of(&app.server)));
+        }
         let text = format!(
             "released: {}; it was held: {}",
             said(&why),

@@ -2,7 +2,7 @@
 
 use std::{collections::BTreeMap, path::PathBuf, process::Stdio, time::Duration};
 
-use analysis::run_folder::{LOG, READINGS};
+use analysis::run_folder::{LOG, READINGS, SUMS};
 use axum::{
     Json,
     extract::{Path, Query, State},
@@ -32,7 +32,10 @@ use crate::{
         traced::Traced,
         watch::Watch,
     },
-    support::confined_path::{self, plain},
+    support::{
+        confined_path::{self, plain},
+        hash,
+    },
 };
 
 /// Time within which a run control request is passed on, or not at all.
@@ -53,6 +56,8 @@ pub struct Run {
     resumable: bool,
     /// Summary with cells and tags; null for a run that this server did not start.
     card: Option<Card>,
+    /// SHA-256 of its list of hashes, by which a catalogue names the run; none before that is written.
+    content_sha256: Option<String>,
 }
 
 /// A file of a run.
@@ -142,9 +147,16 @@ pub async fn detail(
     State(app): State<App>,
     Path(run): Path<String>,
 ) -> Result<Json<Run>, Refusal> {
-    let folder = folder(&app, &run)?;
+    if !plain(&run) {
+        return Err(Refusal::not_found("a run", &run));
+    }
     aside(move || {
         let job = jobs::read(&app.server.settings.data, &run);
+        // A run whose process could not be started has a record and no folder.
+        let folder = match folder(&app, &run) {
+            Err(_) if job.is_some() => app.server.runs().join(&run),
+            found => found?,
+        };
         let going = job.as_ref().is_some_and(|job| job.ended.is_none());
         let mut watch = Watch::new(&folder);
         watch.look();
@@ -153,6 +165,7 @@ pub async fn detail(
             .as_ref()
             .map(|job| app.server.finder.of(app.server.places(), job));
         Ok(Json(Run {
+            content_sha256: hash::sha256_of(&folder.join(SUMS)).ok(),
             card,
             job,
             now: watch.now(Some(run), going),

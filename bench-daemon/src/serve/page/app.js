@@ -106,8 +106,6 @@ const WORDS = {
 
 // Time that the stream has at the start before the page requests the state without it, ms.
 const FIRST_MS = 2000;
-// Silence after which the page shows that the server is not heard, ms.
-const UNHEARD_MS = 4000;
 
 const known = {
   asked: false,
@@ -205,18 +203,17 @@ async function stop(all) {
 }
 
 // Sends a stop until the server replies, and returns the reply, or null if the stop was refused. A request that hangs
-// is abandoned after `patience` or a few seconds, and sent again: the server performs a stop once, and repeated
-// requests get its outcome. `waits(seconds)` returns the message during a long wait.
-async function insistOnStop(button, path, { body, patience, waits } = {}) {
+// is abandoned after a few seconds, and sent again: the server performs a stop once, and repeated requests get its
+// outcome.
+async function insistOnStop(button, path) {
   button.classList.add("pressed");
   const began = Date.now();
   const waited = () => Math.round((Date.now() - began) / 1000);
-  const tick = waits && setInterval(() => stopSays(waits(waited())), UNHEARD_MS);
   let answer;
   for (let tries = 1; answer === undefined; tries += 1) {
     text(button, WORDS.stopping(tries));
     try {
-      answer = await stopNow(path, body, patience);
+      answer = await stopNow(path);
     } catch (error) {
       answer = stopIsRefused(error, path) ? null : undefined;
       const isLate = error.name === "TimeoutError";
@@ -225,7 +222,6 @@ async function insistOnStop(button, path, { body, patience, waits } = {}) {
       if (answer === undefined && !isLate) await new Promise((done) => setTimeout(done, 500));
     }
   }
-  clearInterval(tick);
   button.classList.remove("pressed");
   return answer;
 }
@@ -630,7 +626,6 @@ const MODULES = {
   analysis: "/analysis.js",
   pack: "/pack.js",
   notices: "/notices.js",
-  fleet: "/fleet.js",
 };
 
 // Old addresses that users may have stored, with their present names.
@@ -645,8 +640,6 @@ const context = {
   attempt,
   may,
   Refused,
-  stop: insistOnStop,
-  stopSays,
   go: (hash) => go(hash),
   benches: () => [...known.benches.keys()],
   bench: () => known.bench,
@@ -791,20 +784,9 @@ async function refresh() {
 // target of the address, if nothing is shown yet or a part is missing.
 async function again() {
   await attempt(ask);
-  offerFleet();
   const isEmpty = $("main").hidden && !view.module;
   if (isEmpty && may("read")) show();
   drawAll();
-}
-
-// A server that belongs to no fleet has no such part.
-async function offerFleet() {
-  if (!may("read")) return;
-  const isThere = await get("/fleet").then(
-    () => true,
-    (error) => !(error instanceof Refused && error.status === 404),
-  );
-  $("fleetlink").hidden = !isThere;
 }
 
 // A missing event stream or a missing reply must not leave the page empty.

@@ -1,5 +1,5 @@
-// View `#/fleet`: every bench of every server of the fleet, its jobs, and the actions on them. Rows keep their nodes
-// while their text changes, so that focus, scroll position and a press of a button survive.
+// Every bench of every server of the fleet, its jobs, and the actions on them. Rows keep their nodes while their text
+// changes, so that focus, scroll position and a press of a button survive.
 "use strict";
 
 import { $, duration, el, fill, person, text, when } from "./bench.js";
@@ -9,7 +9,6 @@ const WORDS = {
   title: "Fleet",
   named: (fleet) => `Fleet ${fleet}`,
   looking: "Looking …",
-  none: "This server belongs to no fleet. The section [fleet] of its file makes it a member.",
   connected: (server) => `● Connected to ${server}.`,
   apart: (server) =>
     `▲ NOT connected to ${server}: what is shown of other benches is old. Benches go on by themselves.`,
@@ -489,8 +488,7 @@ function drawStopped(fates, head, isFine) {
   );
 }
 
-async function stop(path, body, benches, node, label) {
-  const { ctx } = view;
+async function stop(ctx, path, body, benches, node, label) {
   const answer = await ctx.stop(node, path, { body, patience: STOP_MS, waits: WORDS.stopWaits });
   text(node, label);
   // A refusal has already been shown at the button.
@@ -498,9 +496,11 @@ async function stop(path, body, benches, node, label) {
   poll();
 }
 
-const stopBench = (one, node) => stop(pathOf(one, "stop"), { why: WORDS.stopWhy }, [one], node, WORDS.stop);
-const stopAll = () =>
-  stop("/fleet/stop", undefined, view.fleet ? view.fleet.benches : [], $("stopfleet"), WORDS.stopAll);
+const stopBench = (one, node) => stop(view.ctx, pathOf(one, "stop"), { why: WORDS.stopWhy }, [one], node, WORDS.stop);
+
+// Stops every bench of the fleet, also for a user who may see nothing.
+export const stopAll = (ctx) =>
+  stop(ctx, "/fleet/stop", undefined, view && view.fleet ? view.fleet.benches : [], $("stopfleet"), WORDS.stopAll);
 
 // ---- jobs ---------------------------------------------------------------------------------------
 
@@ -1022,30 +1022,20 @@ function build(parent) {
   drawReason();
 }
 
-// Without a fleet, only a message to that effect is shown.
 async function first() {
   const mine = view;
-  try {
-    const fleet = await mine.ctx.get("/fleet");
-    if (view === mine) take(fleet);
-    return true;
-  } catch (error) {
-    if (!(error instanceof mine.ctx.Refused) || error.status !== 404) throw error;
-    if (view !== mine) return false;
-    for (const node of [...mine.heading.parentNode.children].slice(1)) if (node !== mine.said) node.remove();
-    text(mine.said, WORDS.none);
-    return false;
-  }
+  const fleet = await mine.ctx.get("/fleet");
+  if (view === mine) take(fleet);
 }
 
-export async function open(parent, _, ctx) {
+export async function open(parent, ctx) {
   view = { ctx, fleet: null, rows: new Map(), lostNodes: new Map(), turn: 0, jobTurn: 0, jobsAt: 0, page: FIRST_PAGE };
   const mine = view;
   build(parent);
-  const isThere = await ctx.attempt(first);
-  if (view !== mine || isThere === false) return;
+  await ctx.attempt(first);
+  if (view !== mine) return;
   $("stopfleet").hidden = false;
-  $("stopfleet").onclick = stopAll;
+  $("stopfleet").onclick = () => stopAll(ctx);
   // If the server did not reply at first, the request is sent again.
   mine.fleet ||= { benches: [], jobs: {} };
   mine.heardAt ||= Date.now();

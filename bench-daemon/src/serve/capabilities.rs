@@ -1,18 +1,34 @@
-//! Properties of a bench by its file, for the requirements of jobs.
+//! Properties of a bench by its file, from which a client can see whether an experiment fits it.
 
-use bench_fleet::Capabilities;
 use instruments::{chiller, fixture::Fixture, instrument::by_key, load, supply, supply4q};
+use serde::Serialize;
+use utoipa::ToSchema;
 
 use crate::config::{Bench, Instrument, Jig};
 
-/// Returns the properties of a bench. A job that needs more is not taken; one that needs less is
-/// nevertheless checked against the limits of its cell.
-pub(super) fn capabilities(bench: &Bench) -> Capabilities {
-    Capabilities {
-        current_a: current_a(bench),
-        temperature_c: temperature_c(bench),
-        fixtures: fixtures(bench).into_iter().map(name).collect(),
-        simulated: bench.in_process() || bench.is_mocked(),
+/// Properties of a bench. An experiment that needs less is nevertheless checked against the limits
+/// of its cell.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Capabilities {
+    /// Greatest current that its instruments can drive through a cell, A.
+    current_a: f64,
+    /// Least and greatest temperature that its bath can hold, °C; null without a bath.
+    temperature_c: Option<[f64; 2]>,
+    /// Fixtures that its jig can take: `cell`, `shunt`, `fake_cell`, `short`.
+    fixtures: Vec<String>,
+    /// Every instrument is simulated.
+    simulated: bool,
+}
+
+impl Capabilities {
+    /// Returns the properties of a bench.
+    pub fn of(bench: &Bench) -> Self {
+        Self {
+            current_a: current_a(bench),
+            temperature_c: temperature_c(bench),
+            fixtures: fixtures(bench).into_iter().map(name).collect(),
+            simulated: bench.in_process() || bench.is_mocked(),
+        }
     }
 }
 

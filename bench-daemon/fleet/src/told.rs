@@ -1,12 +1,13 @@
 //! The state of the fleet as the API and the command line report it.
 
-use bench_fleet::{
-    BenchView, FleetView, JobCounts, JobState, Needs,
-    client::Outcome,
-    view::{JobPage, JobView},
-};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
+
+use crate::{
+    client::Outcome,
+    job::{JobState, Needs},
+    view::{BenchView, FleetView, JobCounts, JobPage, JobView},
+};
 
 /// The fleet as it is now.
 #[derive(Debug, Serialize, ToSchema)]
@@ -290,4 +291,19 @@ impl From<Outcome> for FleetOutcome {
             report: outcome.report,
         }
     }
+}
+
+/// Returns the name of an experiment by its text.
+///
+/// # Errors
+/// A text that is not TOML, or names no experiment.
+pub fn name_of(text: &str) -> Result<String, String> {
+    #[derive(Deserialize)]
+    struct Named {
+        name: String,
+    }
+    let named: Result<Named, _> = toml::from_str(text);
+    named
+        .map(|named| named.name)
+        .map_err(|error| error.message().to_owned())
 }

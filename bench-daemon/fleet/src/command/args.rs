@@ -1,35 +1,20 @@
-//! Arguments of `fleet`.
+//! Arguments of the commands to a fleet.
 
 use std::path::PathBuf;
 
-use bench_fleet::{
-    Needs,
-    view::{JobFilter, JobView, MOST_JOBS},
-};
 use clap::{Args, Subcommand};
 
 use crate::{
-    command::units,
-    config::quantity::{Current, Duration, Temperature},
-    serve::fleet_settings::DEFAULT_SERVER,
+    config::DEFAULT_SERVER,
+    job::Needs,
+    quantity,
+    view::{JobFilter, JobView, MOST_JOBS},
 };
-
-/// Arguments of `fleet`.
-#[derive(Debug, Args)]
-pub struct FleetArgs {
-    #[command(flatten)]
-    pub(super) connect: ConnectArgs,
-    /// Print JSON.
-    #[arg(long, global = true)]
-    pub(super) json: bool,
-    #[command(subcommand)]
-    pub(super) act: Act,
-}
 
 /// Which fleet, and how it is reached.
 #[derive(Debug, Args)]
-pub(super) struct ConnectArgs {
-    /// File of a server with a section [fleet].
+pub struct ConnectArgs {
+    /// File of an agent.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["fleet", "credentials", "ca"])]
     pub(super) config: Option<PathBuf>,
     /// Name of the fleet, where there is no such file.
@@ -46,14 +31,15 @@ pub(super) struct ConnectArgs {
     pub(super) ca: Option<PathBuf>,
 }
 
+/// Commands to a fleet.
 #[derive(Debug, Subcommand)]
-pub(super) enum Act {
+pub enum Act {
     /// Show the benches, which of them answer, and the jobs that are not over.
     Status(StatusArgs),
     /// Put an experiment into the queue; the first bench that is free and fits takes it.
     Submit(SubmitArgs),
     /// Put the experiments of a campaign over benches into the queue, each for its bench and in its
-    /// order; those that are there already are left out.
+    /// order; those that are there already are left out. Needs the program `eis-bench`.
     Campaign {
         /// The file of the campaign; its benches are named SITE/BENCH, or BENCH alone.
         #[arg(value_name = "FILE")]
@@ -74,9 +60,10 @@ pub(super) enum Act {
     Forget(ForgetArgs),
 }
 
+/// Jobs that are cancelled.
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
-pub(super) struct CancelArgs {
+pub struct CancelArgs {
     /// The job.
     pub(super) job: Option<String>,
     /// Every job of this campaign that waits.
@@ -84,18 +71,20 @@ pub(super) struct CancelArgs {
     pub(super) campaign: Option<String>,
 }
 
+/// Records that are removed.
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
-pub(super) struct ForgetArgs {
+pub struct ForgetArgs {
     /// A bench that has signed off or is silent, SITE/BENCH. What stands for it stays.
     pub(super) bench: Option<String>,
     /// Jobs that have been over for longer than this: a duration such as "90 d".
-    #[arg(long = "older", value_name = "DURATION", value_parser = units::of::<Duration>)]
+    #[arg(long = "older", value_name = "DURATION", value_parser = quantity::duration_s)]
     pub(super) older_s: Option<f64>,
 }
 
+/// Jobs that are listed.
 #[derive(Debug, Args)]
-pub(super) struct StatusArgs {
+pub struct StatusArgs {
     /// List jobs that are over too.
     #[arg(long)]
     all: bool,
@@ -122,8 +111,9 @@ impl StatusArgs {
     }
 }
 
+/// Work for the fleet.
 #[derive(Debug, Args)]
-pub(super) struct SubmitArgs {
+pub struct SubmitArgs {
     /// The experiment. Files that it names are those of the bench that takes it.
     pub(super) experiment: PathBuf,
     /// So many jobs.
@@ -139,14 +129,14 @@ pub(super) struct SubmitArgs {
     #[arg(long, value_name = "LABEL")]
     pub(super) cell: Option<String>,
     /// Greatest current that the bench must be able to drive, A.
-    #[arg(long = "current", value_name = "CURRENT", value_parser = units::of::<Current>)]
+    #[arg(long = "current", value_name = "CURRENT", value_parser = quantity::current_a)]
     current_a: Option<f64>,
     /// Temperature that the bench must be able to hold, °C.
     #[arg(
         long = "temperature",
         value_name = "TEMPERATURE",
         allow_negative_numbers = true,
-        value_parser = units::of::<Temperature>
+        value_parser = quantity::temperature_c
     )]
     temperature_c: Option<f64>,
     /// Fixture that the jig must be able to take: cell, shunt, fake_cell or short.
@@ -176,8 +166,9 @@ impl SubmitArgs {
     }
 }
 
+/// An order to a bench.
 #[derive(Debug, Args)]
-pub(super) struct OrderArgs {
+pub struct OrderArgs {
     /// The bench, SITE/BENCH; `release` takes a job too.
     pub(super) what: String,
     /// Why; it is kept with the bench or the job.
@@ -185,8 +176,9 @@ pub(super) struct OrderArgs {
     pub(super) why: String,
 }
 
+/// Benches that are stopped.
 #[derive(Debug, Args)]
-pub(super) struct StopArgs {
+pub struct StopArgs {
     /// The bench, SITE/BENCH.
     #[arg(required_unless_present = "all")]
     pub(super) bench: Option<String>,

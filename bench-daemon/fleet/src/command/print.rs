@@ -1,15 +1,13 @@
 //! Prints a fleet as text and as JSON.
 
-use bench_fleet::{
-    BenchView, FleetView, JobState,
-    client::Outcome,
-    view::{JobPage, JobView},
-};
 use serde::Serialize;
 
 use crate::{
-    serve::fleet_told::{FleetJob, FleetJobs, FleetNow},
-    support::terminal::say,
+    client::Outcome,
+    job::JobState,
+    terminal::say,
+    told::{FleetJob, FleetJobs, FleetNow},
+    view::{BenchView, FleetView, JobPage, JobView},
 };
 
 /// Prints the present state of the fleet: benches, numbers of jobs, and the requested jobs.

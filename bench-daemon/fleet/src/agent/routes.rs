@@ -1,32 +1,25 @@
 //! Routes of the fleet: benches of all sites, their jobs, and orders to them.
 
-use std::sync::Arc;
-
 use axum::{
     Json,
     extract::{Path, Query, State},
-    http::StatusCode,
-};
-use bench_fleet::{
-    Client, Fleet, FleetError, FleetView, Place, Submission,
-    client::{Command, Outcome},
-    standing::{OrderKind, through_the_fleet},
-    view::{JobFilter, JobView, MOST_JOBS},
+    http::{HeaderMap, StatusCode},
 };
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::{
-    App,
-    caller::{Energiser, Known, Reader},
-    problem::Refusal,
+    app::App,
+    caller::{Energiser, Known, Reader, Whoami},
+    forward::experiment_text,
+    refusal::Refusal,
 };
-use crate::serve::{
-    fleet_told::{FleetJobs, FleetNeeds, FleetNow, FleetOutcome},
-    live::StopReport,
-    queue::HeldBy,
-    stop::{self, Stopper},
-    submission::{name_of, text_of},
+use crate::{
+    client::{Command, Submission},
+    job::Place,
+    standing::OrderKind,
+    told::{FleetJobs, FleetNeeds, FleetNow, FleetOutcome, name_of},
+    view::{FleetView, JobFilter, JobView, MOST_JOBS},
 };
 
 /// Default number of jobs on one page.
@@ -36,7 +29,7 @@ const PAGE: usize = 100;
 #[derive(Debug, Default, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-pub struct FleetJobsWanted {
+pub(crate) struct FleetJobsWanted {
     /// In this state: `queued`, `claimed`, `started`, `lost`, `done`, `failed` or `cancelled`.
     state: Option<String>,
     /// Of this campaign.
@@ -51,7 +44,7 @@ pub struct FleetJobsWanted {
 /// Work for the fleet.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct SubmitJobs {
+pub(crate) struct SubmitJobs {
     /// Name of an experiment of this server; left out where `text` is there.
     experiment: Option<String>,
     /// An experiment file in full (TOML). Files that it names are those of the bench that takes it.
@@ -71,7 +64,7 @@ pub struct SubmitJobs {
 
 /// Jobs that were submitted.
 #[derive(Debug, Serialize, ToSchema)]
-pub struct SubmittedJobs {
+pub(crate) struct SubmittedJobs {
     /// Their names.
     jobs: Vec<String>,
 }
@@ -80,14 +73,14 @@ pub struct SubmittedJobs {
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 #[into_params(parameter_in = Query)]
-pub struct FleetCampaign {
+pub(crate) struct FleetCampaign {
     /// Its label.
     campaign: String,
 }
 
 /// Jobs that were cancelled.
 #[derive(Debug, Serialize, ToSchema)]
-pub struct CancelledJobs {
+pub(crate) struct CancelledJobs {
     /// Their number.
     cancelled: usize,
 }
@@ -95,49 +88,22 @@ pub struct CancelledJobs {
 /// Why, in words.
 #[derive(Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct FleetWhy {
+pub(crate) struct FleetWhy {
     /// In words; may be left out.
     #[serde(default)]
     why: Option<String>,
 }
 
-/// Result of a stop of all benches.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct FleetStopped {
-    /// Each bench.
-    benches: Vec<FleetOutcome>,
-    /// Why further benches may not have been reached; null where all are told above.
-    unreached: Option<String>,
-}
-
-impl From<FleetError> for Refusal {
-    fn from(error: FleetError) -> Self {
-        let status = match error {
-            FleetError::Unknown { .. } => StatusCode::NOT_FOUND,
-            FleetError::Conflict(_) => StatusCode::CONFLICT,
-            FleetError::Unfit(_) => StatusCode::UNPROCESSABLE_ENTITY,
-            FleetError::Unreachable(_) => StatusCode::SERVICE_UNAVAILABLE,
-            _ => return Self::machine(&error),
-        };
-        Self::of(status, error.to_string())
-    }
-}
-
-fn fleet(app: &App) -> Result<&Arc<Fleet>, Refusal> {
-    app.server.fleet.get().ok_or_else(|| {
-        let message = "expected a section [fleet] in the file of the server, found none";
-        Refusal::new(StatusCode::NOT_FOUND, "no-fleet", message)
-    })
-}
-
-fn client(app: &App) -> Result<Client, Refusal> {
-    Ok(fleet(app)?.client()?)
-}
-
-/// Returns the caller's name as other sites show it.
-fn by(app: &App, name: &str) -> String {
-    let section = app.server.settings.fleet.as_ref();
-    format!("{name}@{}", section.map_or("", |section| &section.site))
+/// Who the token belongs to, as the server of the benches has it. Every token may ask.
+#[utoipa::path(
+    get,
+    path = "/api/v1/whoami",
+    tag = "access",
+    responses((status = 200, body = Whoami)),
+    security(("token" = []))
+)]
+pub(crate) async fn whoami(caller: Known) -> Json<Whoami> {
+    Json(caller.known)
 }
 
 /// The fleet as it is now: its benches and numbers of jobs.
@@ -148,8 +114,11 @@ fn by(app: &App, name: &str) -> String {
     responses((status = 200, body = FleetNow)),
     security(("token" = ["read"]))
 )]
-pub async fn now(_caller: Reader, State(app): State<App>) -> Result<Json<FleetNow>, Refusal> {
-    let fleet = fleet(&app)?;
+pub(crate) async fn now(
+    _caller: Reader,
+    State(app): State<App>,
+) -> Result<Json<FleetNow>, Refusal> {
+    let fleet = app.fleet()?;
     let settings = fleet.settings();
     let view = match fleet.seer().await {
         Ok(seer) => seer.view(),
@@ -169,7 +138,7 @@ pub async fn now(_caller: Reader, State(app): State<App>) -> Result<Json<FleetNo
     responses((status = 200, body = FleetJobs)),
     security(("token" = ["read"]))
 )]
-pub async fn jobs(
+pub(crate) async fn jobs(
     _caller: Reader,
     State(app): State<App>,
     Query(wanted): Query<FleetJobsWanted>,
@@ -188,7 +157,7 @@ pub async fn jobs(
         let message = format!("state: expected one of {states}, found {state:?}");
         return Err(Refusal::of(StatusCode::BAD_REQUEST, message));
     }
-    let page = fleet(&app)?.seer().await?.jobs(&JobFilter {
+    let page = app.fleet()?.seer().await?.jobs(&JobFilter {
         state: wanted.state,
         open: false,
         campaign: wanted.campaign,
@@ -208,26 +177,27 @@ pub async fn jobs(
     responses((status = 201, body = SubmittedJobs)),
     security(("token" = ["energise"]))
 )]
-pub async fn submit(
+pub(crate) async fn submit(
     caller: Energiser,
     State(app): State<App>,
+    headers: HeaderMap,
     Json(wanted): Json<SubmitJobs>,
 ) -> Result<(StatusCode, Json<SubmittedJobs>), Refusal> {
-    let client = client(&app)?;
+    let client = app.client()?;
     let text = match (&wanted.experiment, wanted.text) {
-        (Some(name), None) => text_of(&app.server.settings, name)?,
+        (Some(name), None) => experiment_text(&app, &headers, name).await?,
         (None, Some(text)) => text,
         _ => return Err(Refusal::unfit("expected either `experiment` or `text`")),
     };
     let submission = Submission {
-        name: name_of(&text)?,
+        name: name_of(&text).map_err(Refusal::unfit)?,
         text,
         needs: wanted.needs.into(),
         count: wanted.count.unwrap_or(1),
         seed: wanted.seed,
         campaign: wanted.campaign,
         cell: wanted.cell,
-        by: by(&app, &caller.name),
+        by: app.by(&caller.name),
     };
     let jobs = client.submit(&submission).await?;
     Ok((StatusCode::CREATED, Json(SubmittedJobs { jobs })))
@@ -242,13 +212,12 @@ pub async fn submit(
     responses((status = 204)),
     security(("token" = ["energise"]))
 )]
-pub async fn cancel(
+pub(crate) async fn cancel(
     caller: Energiser,
     State(app): State<App>,
     Path(job): Path<String>,
 ) -> Result<StatusCode, Refusal> {
-    let by = by(&app, &caller.name);
-    client(&app)?.cancel(&job, &by).await?;
+    app.client()?.cancel(&job, &app.by(&caller.name)).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -261,13 +230,12 @@ pub async fn cancel(
     responses((status = 200, body = CancelledJobs)),
     security(("token" = ["energise"]))
 )]
-pub async fn cancel_campaign(
+pub(crate) async fn cancel_campaign(
     caller: Energiser,
     State(app): State<App>,
     Query(wanted): Query<FleetCampaign>,
 ) -> Result<Json<CancelledJobs>, Refusal> {
-    let by = by(&app, &caller.name);
-    let client = client(&app)?;
+    let (client, by) = (app.client()?, app.by(&caller.name));
     let cancelled = client.cancel_campaign(&wanted.campaign, &by).await?;
     Ok(Json(CancelledJobs { cancelled }))
 }
@@ -282,37 +250,48 @@ pub async fn cancel_campaign(
     responses((status = 204)),
     security(("token" = ["energise"]))
 )]
-pub async fn release_job(
+pub(crate) async fn release_job(
     caller: Energiser,
     State(app): State<App>,
     Path(job): Path<String>,
     why: Option<Json<FleetWhy>>,
 ) -> Result<StatusCode, Refusal> {
-    let (by, why) = (by(&app, &caller.name), said(why));
-    client(&app)?.release_job(&job, &by, &why).await?;
+    let (by, why) = (app.by(&caller.name), reason(why));
+    app.client()?.release_job(&job, &by, &why).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
-fn said(why: Option<Json<FleetWhy>>) -> String {
+/// Returns the reason that a request gives.
+pub(crate) fn reason(why: Option<Json<FleetWhy>>) -> String {
     let why = why.and_then(|why| why.0.why).unwrap_or_default();
     let plain: String = why.chars().filter(|c| !c.is_control()).take(200).collect();
     match plain.trim() {
         "" => "no reason given".to_owned(),
-        said => said.to_owned(),
+        given => given.to_owned(),
     }
 }
 
-/// Order of a caller.
-fn command(app: &App, kind: OrderKind, who: &str, why: Option<Json<FleetWhy>>) -> Command {
+/// Returns the order of a caller.
+pub(crate) fn command(
+    app: &App,
+    kind: OrderKind,
+    who: &str,
+    why: Option<Json<FleetWhy>>,
+) -> Command {
     Command {
         kind,
-        by: by(app, who),
-        why: said(why),
+        by: app.by(who),
+        why: reason(why),
     }
 }
 
-async fn order(app: &App, place: &Place, command: Command) -> Result<Json<FleetOutcome>, Refusal> {
-    let outcome = client(app)?.order(place, &command).await?;
+/// Gives an order to a bench through the NATS server.
+pub(crate) async fn order(
+    app: &App,
+    place: &Place,
+    command: Command,
+) -> Result<Json<FleetOutcome>, Refusal> {
+    let outcome = app.client()?.order(place, &command).await?;
     Ok(Json(outcome.into()))
 }
 
@@ -326,7 +305,7 @@ async fn order(app: &App, place: &Place, command: Command) -> Result<Json<FleetO
     responses((status = 200, body = FleetOutcome)),
     security(("token" = ["energise"]))
 )]
-pub async fn hold(
+pub(crate) async fn hold(
     caller: Energiser,
     State(app): State<App>,
     Path(place): Path<Place>,
@@ -347,7 +326,7 @@ pub async fn hold(
     responses((status = 200, body = FleetOutcome)),
     security(("token" = ["energise"]))
 )]
-pub async fn release(
+pub(crate) async fn release(
     caller: Energiser,
     State(app): State<App>,
     Path(place): Path<Place>,
@@ -367,7 +346,7 @@ pub async fn release(
     responses((status = 200, body = FleetOutcome)),
     security(("token" = ["energise"]))
 )]
-pub async fn drain(
+pub(crate) async fn drain(
     caller: Energiser,
     State(app): State<App>,
     Path(place): Path<Place>,
@@ -375,137 +354,4 @@ pub async fn drain(
 ) -> Result<Json<FleetOutcome>, Refusal> {
     let command = command(&app, OrderKind::Drain, &caller.name, why);
     order(&app, &place, command).await
-}
-
-/// Stops whatever runs on a bench of the fleet and reads every output back, by the bench's own server.
-/// A bench of this server is stopped without the NATS server.
-#[utoipa::path(
-    post,
-    path = "/api/v1/fleet/benches/{site}/{bench}/stop",
-    tag = "fleet",
-    params(("site" = String, Path), ("bench" = String, Path)),
-    request_body = Option<FleetWhy>,
-    responses((status = 200, body = FleetOutcome)),
-    security(("token" = []))
-)]
-pub async fn stop(
-    caller: Known,
-    State(app): State<App>,
-    Path(place): Path<Place>,
-    why: Option<Json<FleetWhy>>,
-) -> Result<Json<FleetOutcome>, Refusal> {
-    fleet(&app)?;
-    let who = caller.name;
-    // A peer that goes away does not end it.
-    let work = tokio::spawn(async move {
-        let own = own_stop(&app, &place, &who);
-        let command = command(&app, OrderKind::Stop, &who, why);
-        let through = order(&app, &place, command);
-        match tokio::join!(own, through) {
-            (Some(report), through) => {
-                let through = through.ok().map(|through| through.0);
-                hold_here(&app, &report, through.as_ref());
-                Ok(Json(of_own(&place, &report, through.as_ref())))
-            }
-            (None, through) => through,
-        }
-    });
-    work.await.map_err(|error| Refusal::machine(&error))?
-}
-
-/// Stops a bench of this server; returns `None` for a bench of another server.
-async fn own_stop(app: &App, place: &Place, who: &str) -> Option<StopReport> {
-    let section = app.server.settings.fleet.as_ref()?;
-    let bench = app.server.settings.bench(&place.bench)?;
-    if section.site != place.site {
-        return None;
-    }
-    // Uses the fleet's name of the user, so that a release by the fleet lifts the hold.
-    let by = through_the_fleet(&by(app, who));
-    Some(stop::stop(&app.server, bench, Stopper::fleet(&by)).await)
-}
-
-/// A stop that the NATS server does not keep is this server's own: an older release of the fleet that is
-/// heard later must not take it back.
-fn hold_here(app: &App, report: &StopReport, through: Option<&FleetOutcome>) {
-    if through.is_none_or(|through| !through.kept) {
-        stop::hold(&app.server, HeldBy::Here, report);
-    }
-}
-
-fn of_own(place: &Place, report: &StopReport, through: Option<&FleetOutcome>) -> FleetOutcome {
-    let kept = through.is_some_and(|through| through.kept);
-    FleetOutcome {
-        site: place.site.clone(),
-        bench: place.bench.clone(),
-        kept,
-        heard: true,
-        held: Some(report.held()),
-        outputs_verified: Some(report.proven()),
-        words: "stopped by this server".to_owned(),
-        report: serde_json::to_value(report).ok(),
-    }
-}
-
-/// Stops every bench of the fleet at once. Answers when all have answered, or 2 min have passed.
-#[utoipa::path(
-    post,
-    path = "/api/v1/fleet/stop",
-    tag = "fleet",
-    request_body = Option<FleetWhy>,
-    responses((status = 200, body = FleetStopped)),
-    security(("token" = []))
-)]
-pub async fn stop_all(
-    caller: Known,
-    State(app): State<App>,
-    why: Option<Json<FleetWhy>>,
-) -> Result<Json<FleetStopped>, Refusal> {
-    fleet(&app)?;
-    let work = tokio::spawn(async move { stopped(&app, &caller.name, &said(why)).await });
-    let stopped = work.await.map_err(|error| Refusal::machine(&error))?;
-    Ok(Json(stopped))
-}
-
-/// Sends stops through the NATS server. Returns their replies, and why further benches may not
-/// have been reached. If NATS does not list its benches, the benches seen earlier are asked.
-async fn stopped_through(
-    app: &App,
-    who: &str,
-    why: &str,
-) -> Result<(Vec<Outcome>, Option<String>), Refusal> {
-    let (client, by) = (client(app)?, by(app, who));
-    match client.stop_all(&by, why).await {
-        Ok(outcomes) => Ok((outcomes, None)),
-        Err(error) => {
-            let seer = fleet(app)?.seer().await;
-            let seen = seer.map(|seer| seer.places()).unwrap_or_default();
-            let outcomes = client.stop_these(&seen, &by, why).await?;
-            Ok((outcomes, Some(error.to_string())))
-        }
-    }
-}
-
-async fn stopped(app: &App, who: &str, why: &str) -> FleetStopped {
-    let settings = &app.server.settings;
-    let site = settings.fleet.as_ref().map_or("", |section| &section.site);
-    let benches = settings.benches.iter();
-    let places: Vec<Place> = benches.map(|bench| Place::new(site, &bench.name)).collect();
-    let own = futures_util::future::join_all(places.iter().map(|place| own_stop(app, place, who)));
-    let (own, through) = tokio::join!(own, stopped_through(app, who, why));
-    let (others, unreached) = match through {
-        Ok(told) => told,
-        Err(Refusal(_, problem)) => (Vec::new(), Some(problem.message)),
-    };
-    let mut all: Vec<FleetOutcome> = others.into_iter().map(Into::into).collect();
-    for (place, report) in places.iter().zip(own.iter().flatten()) {
-        let same = |one: &FleetOutcome| one.site == place.site && one.bench == place.bench;
-        let through = all.iter().position(same).map(|index| all.remove(index));
-        hold_here(app, report, through.as_ref());
-        all.push(of_own(place, report, through.as_ref()));
-    }
-    FleetStopped {
-        benches: all,
-        unreached,
-    }
 }

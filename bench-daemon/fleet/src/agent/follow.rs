@@ -1,0 +1,203 @@
+//! Follows the benches and the queue of the server: a copy that is never older than a few seconds,
+//! so that the state of a bench is at hand without a wait.
+
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+};
+
+use instruments_link::clock::Clock;
+use serde::Deserialize;
+
+use super::server::{BenchServer, Call};
+use crate::local::{Away, Capabilities};
+
+/// Interval of the polls, s.
+const POLL_S: f64 = 0.5;
+/// Age at which a copy counts as old, s: a server that hangs is not shown as idle.
+const OLD_S: f64 = 5.0;
+
+/// A bench as the server shows it; other fields are not used here.
+#[derive(Debug, Clone, Deserialize)]
+pub(crate) struct ServedState {
+    /// Its name.
+    pub(crate) bench: String,
+    /// State of the bench.
+    pub(crate) state: String,
+    /// Why nothing is begun on it.
+    pub(crate) held: Option<String>,
+    /// The run in work, or the last one.
+    pub(crate) run: Option<ServedRun>,
+    /// The last reading of that run.
+    pub(crate) reading: Option<ServedReading>,
+    /// Why it is latched.
+    pub(crate) trip: Option<ServedTrip>,
+    /// State of the outputs.
+    pub(crate) outputs: ServedOutputs,
+    /// Nothing runs, and every output is known to be off.
+    pub(crate) verified: bool,
+    /// Its properties.
+    pub(crate) capabilities: Capabilities,
+}
+
+/// A run as the server shows it.
+#[derive(Debug, Clone, Deserialize)]
+pub(crate) struct ServedRun {
+    pub(crate) run: Option<String>,
+    pub(crate) going: bool,
+    pub(crate) left_s: Option<f64>,
+}
+
+/// A reading as the server shows it.
+#[derive(Debug, Clone, Deserialize)]
+pub(crate) struct ServedReading {
+    pub(crate) voltage_v: Option<f64>,
+    pub(crate) current_a: Option<f64>,
+    pub(crate) temperature_c: Option<f64>,
+    pub(crate) fresh: bool,
+}
+
+/// A trip as the server shows it.
+#[derive(Debug, Clone, Deserialize)]
+pub(crate) struct ServedTrip {
+    pub(crate) cause: String,
+}
+
+/// Outputs as the server shows them.
+#[derive(Debug, Clone, Deserialize)]
+pub(crate) struct ServedOutputs {
+    pub(crate) state: String,
+    pub(crate) words: String,
+}
+
+/// The queue as the server shows it.
+#[derive(Debug, Clone, Default, Deserialize)]
+pub(crate) struct ServedQueue {
+    /// Runs in work and waiting.
+    pub(crate) items: Vec<ServedItem>,
+    /// Benches on which nothing is begun, and why.
+    pub(crate) held: BTreeMap<String, String>,
+}
+
+/// A place in the queue.
+#[derive(Debug, Clone, Deserialize)]
+pub(crate) struct ServedItem {
+    pub(crate) id: u64,
+    pub(crate) run: String,
+    pub(crate) bench: String,
+}
+
+/// What the server has shown last.
+#[derive(Debug, Clone)]
+struct Shown {
+    at_s: f64,
+    benches: BTreeMap<String, ServedState>,
+    queue: ServedQueue,
+}
+
+/// A copy of the state of the server.
+pub(crate) struct Follower {
+    server: Arc<BenchServer>,
+    clock: Clock,
+    shown: Mutex<Result<Shown, Away>>,
+}
+
+impl Follower {
+    /// Creates a copy that is still empty.
+    pub(crate) fn of(server: &Arc<BenchServer>, clock: &Clock) -> Arc<Self> {
+        Arc::new(Self {
+            server: server.clone(),
+            clock: clock.clone(),
+            shown: Mutex::new(Err(Away("it was not asked yet".to_owned()))),
+        })
+    }
+
+    /// Follows the server for ever.
+    pub(crate) async fn follow(self: Arc<Self>) {
+        loop {
+            let this = self.clone();
+            // A refresh that panicked leaves the copy to grow old.
+            let _ = tokio::task::spawn_blocking(move || this.refresh()).await;
+            self.clock.sleep_s(POLL_S).await;
+        }
+    }
+
+    /// Makes a new copy now.
+    pub(crate) fn refresh(&self) {
+        let fresh = self.ask();
+        let mut shown = self.shown();
+        match (&*shown, &fresh) {
+            // Another refresh has begun later, and is here already.
+            (Ok(shown), Ok(fresh)) if shown.at_s > fresh.at_s => return,
+            (Ok(_), Err(away)) => tracing::warn!("{away}; it is tried again"),
+            (Err(_), Ok(_)) => tracing::info!("the server {} answers", self.server.url()),
+            _ => {}
+        }
+        *shown = fresh;
+    }
+
+    fn ask(&self) -> Result<Shown, Away> {
+        let at_s = self.clock.now_s();
+        // The benches first: a run that ends in between is then in work, and never forgotten.
+        let benches: Vec<ServedState> = self.get("/benches")?;
+        let queue = self.get("/queue")?;
+        let named = benches.into_iter().map(|one| (one.bench.clone(), one));
+        Ok(Shown {
+            at_s,
+            benches: named.collect(),
+            queue,
+        })
+    }
+
+    fn get<T: serde::de::DeserializeOwned>(&self, path: &str) -> Result<T, Away> {
+        let answer = self.server.call(Call::get(path));
+        answer.map_err(super::server::CallError::into_away)
+    }
+
+    fn shown(&self) -> MutexGuard<'_, Result<Shown, Away>> {
+        self.shown.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns a bench and the queue as they are now.
+    ///
+    /// # Errors
+    /// A server that does not answer, or no longer has the bench.
+    pub(crate) fn now(&self, bench: &str) -> Result<Now, Away> {
+        let shown = self.shown();
+        let shown = shown.as_ref().map_err(Clone::clone)?;
+        let age_s = self.clock.now_s() - shown.at_s;
+        if age_s > OLD_S {
+            return Err(Away(format!("{age_s:.0} s without an answer")));
+        }
+        let state = shown.benches.get(bench).cloned();
+        let state = state.ok_or_else(|| Away("it has no bench of this name".to_owned()))?;
+        let waits = shown.queue.items.iter().any(|item| item.bench == bench);
+        let held = shown.queue.held.get(bench).cloned();
+        Ok(Now { state, waits, held })
+    }
+
+    /// Returns the properties of a bench as they were seen last.
+    pub(crate) fn capabilities(&self, bench: &str) -> Option<Capabilities> {
+        let shown = self.shown();
+        let benches = &shown.as_ref().ok()?.benches;
+        Some(benches.get(bench)?.capabilities.clone())
+    }
+
+    /// Returns whether a run was in the queue when it was seen last.
+    pub(crate) fn was_queued(&self, run: &str) -> bool {
+        let shown = self.shown();
+        let queue = shown.as_ref().map(|shown| &shown.queue.items);
+        queue.is_ok_and(|items| items.iter().any(|item| item.run == run))
+    }
+}
+
+/// A bench with its part of the queue.
+#[derive(Debug, Clone)]
+pub(crate) struct Now {
+    /// The bench.
+    pub(crate) state: ServedState,
+    /// A run is in work or waits on it.
+    pub(crate) waits: bool,
+    /// Why the queue holds it.
+    pub(crate) held: Option<String>,
+}

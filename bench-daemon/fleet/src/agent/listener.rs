@@ -1,0 +1,139 @@
+//! Accepts connections for the routes, encrypted if a certificate is configured. A peer that is slow
+//! to send the head of a request is dropped.
+
+use std::{net::SocketAddr, path::Path, sync::Arc, time::Duration};
+
+use axum::{Router, extract::Request};
+use hyper::{body::Incoming, server::conn::http1, service::service_fn};
+use hyper_util::{
+    rt::{TokioIo, TokioTimer},
+    service::TowerToHyperService,
+};
+use instruments_link::clock::Clock;
+use rustls::pki_types::{CertificateDer, PrivateKeyDer, pem::PemObject};
+use tokio::{
+    io::{AsyncRead, AsyncWrite},
+    net::{TcpListener, TcpStream},
+    sync::Semaphore,
+};
+use tokio_rustls::TlsAcceptor;
+
+use super::caller::Peer;
+use crate::{
+    config::{AgentFile, CertificateFiles},
+    failure::Failure,
+};
+
+/// Most connections at once.
+const CONNECTIONS: usize = 512;
+/// Longest head of a request, bytes.
+const HEAD_BYTES: usize = 16 * 1024;
+/// Longest time for a handshake, and for the head of a request.
+const PATIENCE: Duration = Duration::from_secs(10);
+/// Pause after a socket that could not be accepted, s: out of files, most likely.
+const PAUSE_S: f64 = 0.1;
+
+/// The socket of the agent.
+pub(crate) struct Listener {
+    socket: TcpListener,
+    tls: Option<TlsAcceptor>,
+    address: SocketAddr,
+}
+
+impl Listener {
+    /// Starts to listen.
+    ///
+    /// # Errors
+    /// An address that is in use; a certificate or key that cannot be used.
+    pub(crate) async fn bind(file: &AgentFile) -> Result<Self, Failure> {
+        let tls = file.tls.as_ref().map(acceptor).transpose()?;
+        let socket = TcpListener::bind(file.listen).await.map_err(|error| {
+            let listen = file.listen;
+            Failure::Usage(format!("cannot listen on {listen}: {error}"))
+        })?;
+        let address = socket.local_addr()?;
+        Ok(Self {
+            socket,
+            tls,
+            address,
+        })
+    }
+
+    /// Returns the address for a browser.
+    pub(crate) fn url(&self) -> String {
+        let scheme = if self.tls.is_some() { "https" } else { "http" };
+        format!("{scheme}://{}", self.address)
+    }
+
+    /// Accepts and serves connections for ever.
+    pub(crate) async fn accept(&self, router: &Router, clock: &Clock) {
+        let places = Arc::new(Semaphore::new(CONNECTIONS));
+        loop {
+            let Ok((socket, peer)) = self.socket.accept().await else {
+                clock.sleep_s(PAUSE_S).await;
+                continue;
+            };
+            let Ok(place) = places.clone().try_acquire_owned() else {
+                continue;
+            };
+            let (router, tls, clock) = (router.clone(), self.tls.clone(), clock.clone());
+            tokio::spawn(async move {
+                let _place = place;
+                serve(&clock, router, socket, Peer(peer.ip()), tls).await;
+            });
+        }
+    }
+}
+
+async fn serve(
+    clock: &Clock,
+    router: Router,
+    socket: TcpStream,
+    peer: Peer,
+    tls: Option<TlsAcceptor>,
+) {
+    let _ = socket.set_nodelay(true);
+    match tls {
+        None => requests(router, socket, peer).await,
+        Some(tls) => {
+            if let Ok(Ok(stream)) = clock.deadline(PATIENCE, tls.accept(socket)).await {
+                requests(router, stream, peer).await;
+            }
+        }
+    }
+}
+
+async fn requests<S>(router: Router, stream: S, peer: Peer)
+where
+    S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+{
+    let service = TowerToHyperService::new(router);
+    let service = service_fn(move |mut request: Request<Incoming>| {
+        request.extensions_mut().insert(peer);
+        hyper::service::Service::call(&service, request)
+    });
+    // However a connection ends is its peer's business.
+    let _ = http1::Builder::new()
+        .timer(TokioTimer::new())
+        .header_read_timeout(PATIENCE)
+        .max_buf_size(HEAD_BYTES)
+        .serve_connection(TokioIo::new(stream), service)
+        .await;
+}
+
+fn acceptor(files: &CertificateFiles) -> Result<TlsAcceptor, Failure> {
+    let usage = |path: &Path, error: &dyn std::fmt::Display| {
+        Failure::Usage(format!("{}: expected PEM for TLS: {error}", path.display()))
+    };
+    let chain = CertificateDer::pem_file_iter(&files.certificate)
+        .and_then(Iterator::collect::<Result<Vec<_>, _>>)
+        .map_err(|error| usage(&files.certificate, &error))?;
+    let key = PrivateKeyDer::from_pem_file(&files.key);
+    let key = key.map_err(|error| usage(&files.key, &error))?;
+    let provider = Arc::new(rustls::crypto::ring::default_provider());
+    let config = rustls::ServerConfig::builder_with_provider(provider)
+        .with_safe_default_protocol_versions()
+        .and_then(|builder| builder.with_no_client_auth().with_single_cert(chain, key))
+        .map_err(|error| usage(&files.certificate, &error))?;
+    Ok(TlsAcceptor::from(Arc::new(config)))
+}

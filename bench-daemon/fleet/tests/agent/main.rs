@@ -1,0 +1,18 @@
+//! Agents beside real servers, all of them processes, with a real broker: `nats-server` in the PATH.
+//! If it is missing, the tests report it and pass. Needs the program `eis-bench` beside `eis-fleet`,
+//! where `cargo test --workspace` puts it.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "helpers of tests may end a test"
+)]
+
+mod access;
+mod between;
+mod faults;
+mod files;
+mod jobs;
+mod names;
+mod processes;
+mod stops;
