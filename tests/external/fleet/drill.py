@@ -108,10 +108,11 @@ class Network:
 
 
 class Serve:
-    """A server with several benches, in a folder of its own."""
+    """A server with several benches and its agent, in a folder of its own."""
 
     def __init__(self, drill: "Drill", number: int):
         self.program, self.number, self.kills = drill.arguments.program, number, 0
+        self.fleet_program, self.agent_kills = drill.arguments.fleet_program, 0
         self.folder = drill.folder / f"s{number:02}"
         shutil.copytree(ROOT / "configs" / "cells", self.folder / "cells")
         shutil.copytree(ROOT / "configs" / "scenarios", self.folder / "scenarios")
@@ -125,32 +126,50 @@ class Serve:
         # A third is beyond the network that is cut.
         port = drill.network.port if number % 3 == 0 else drill.broker.port
         benches = ", ".join(f'"benches/{name}.toml"' for name in names)
+        own = free_port()
         (self.folder / "serve.toml").write_text(
-            f'listen = "127.0.0.1:0"\ndata = "data"\nconfigs = "."\nbenches = [{benches}]\n'
-            f'[fleet]\nname = "drill"\nsite = "s{number:02}"\nlease = "10 s"\n'
-            f'server = "nats://127.0.0.1:{port}"\n'
+            f'listen = "127.0.0.1:{own}"\ndata = "data"\nconfigs = "."\nbenches = [{benches}]\n'
+        )
+        (self.folder / "fleet.toml").write_text(
+            f'name = "drill"\nsite = "s{number:02}"\nlease = "10 s"\ndata = "agent"\n'
+            f'server = "nats://127.0.0.1:{port}"\nbench_server = "http://127.0.0.1:{own}"\n'
+            f'listen = "127.0.0.1:0"\n'
         )
         self.process: subprocess.Popen | None = None
+        self.agent: subprocess.Popen | None = None
         self.start()
+        self.start_agent()
 
-    def start(self) -> None:
-        with (self.folder / "serve.log").open("a") as log:
-            self.process = subprocess.Popen(
-                [self.program, "serve", str(self.folder / "serve.toml")],
+    def begin(self, program: str, word: str, name: str) -> subprocess.Popen:
+        with (self.folder / f"{word}.log").open("a") as log:
+            return subprocess.Popen(
+                [program, word, str(self.folder / name)],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
             )
+
+    def start(self) -> None:
+        self.process = self.begin(self.program, "serve", "serve.toml")
+
+    def start_agent(self) -> None:
+        self.agent = self.begin(self.fleet_program, "agent", "fleet.toml")
 
     def kill(self) -> None:
         self.process.kill()
         self.process.wait()
         self.kills += 1
 
+    def kill_agent(self) -> None:
+        self.agent.kill()
+        self.agent.wait()
+        self.agent_kills += 1
+
     def end(self) -> None:
-        if self.process.poll() is None:
-            self.process.send_signal(signal.SIGTERM)
-            self.process.wait()
+        for process in (self.agent, self.process):
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+                process.wait()
 
 
 def memory_mb(pid: int) -> float:
@@ -174,7 +193,7 @@ class Drill:
 
     def fleet(self, *more: str) -> dict:
         server = f"nats://127.0.0.1:{self.broker.port}"
-        command = [self.arguments.program, "fleet", "--fleet", "drill", "--server", server, "--json"]
+        command = [self.arguments.fleet_program, "--fleet", "drill", "--server", server, "--json"]
         done = subprocess.run([*command, *more], capture_output=True, text=True, check=False)
         if done.returncode != 0:
             raise RuntimeError(done.stderr)
@@ -200,16 +219,22 @@ class Drill:
         arguments = self.arguments
         rounds = max(arguments.broker_kills, 1)
         killed: list[Serve] = []
+        without_agent: list[Serve] = []
         cut_at = None
         for number in range(rounds):
             time.sleep(arguments.every)
             for serve in killed:
                 serve.start()
+            for serve in without_agent:
+                serve.start_agent()
             share = arguments.serve_kills * (number + 1) // rounds
             share -= arguments.serve_kills * number // rounds
             killed = random.sample(self.serves, min(share, len(self.serves)))
             for serve in killed:
                 serve.kill()
+            without_agent = random.sample(self.serves, min(share, len(self.serves)))
+            for serve in without_agent:
+                serve.kill_agent()
             if arguments.broker_kills:
                 self.broker.kill()
                 time.sleep(1.5)
@@ -224,6 +249,8 @@ class Drill:
         self.network.cut(False)
         for serve in killed:
             serve.start()
+        for serve in without_agent:
+            serve.start_agent()
 
     def wait_for_jobs(self) -> dict:
         until = time.monotonic() + self.arguments.patience
@@ -292,6 +319,7 @@ def overlaps(spans: list[tuple[float, float]]) -> int:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--program", required=True)
+    parser.add_argument("--fleet-program", required=True)
     parser.add_argument("--serves", type=int, default=20)
     parser.add_argument("--benches", type=int, default=10)
     parser.add_argument("--jobs", type=int, default=2000)
@@ -312,6 +340,7 @@ def main() -> None:
         took = time.monotonic() - begun
         broker_mb = drill.broker.memory_mb()
         serve_mb = [memory_mb(serve.process.pid) for serve in drill.serves]
+        agent_mb = [memory_mb(serve.agent.pid) for serve in drill.serves]
         drill.end()
         seen = Witness(drill.serves)
         once = sum(seen.folders.get(job, 0) == 1 for job in jobs)
@@ -321,7 +350,8 @@ def main() -> None:
             "jobs": len(jobs),
             "broker killed and restarted": drill.broker.kills,
             "servers killed": sum(serve.kills for serve in drill.serves),
-            "servers cut off": f"{drill.cut_serves} for {arguments.cut_s:.0f} s",
+            "agents killed": sum(serve.agent_kills for serve in drill.serves),
+            "agents cut off": f"{drill.cut_serves} for {arguments.cut_s:.0f} s",
             "jobs with one run folder": once,
             "jobs with several": sum(count > 1 for count in seen.folders.values()),
             "jobs with none": sum(job not in seen.folders for job in jobs),
@@ -333,6 +363,7 @@ def main() -> None:
             "time": f"{took:.0f} s",
             "memory of the broker": f"{broker_mb:.0f} MB",
             "memory of a server": f"{sum(serve_mb) / len(serve_mb):.0f} MB",
+            "memory of an agent": f"{sum(agent_mb) / len(agent_mb):.0f} MB",
         }
         for what, value in rows.items():
             print(f"{what:<36} {value:>14}")
