@@ -130,7 +130,7 @@ async fn work(app: &App, file: &AgentFile) -> Result<(), Failure> {
 /// # Errors
 /// A server that refuses the token, or one with too few scopes.
 async fn reach(app: &App) -> Result<Whoami, Failure> {
-    let mut told = String::new();
+    let mut reported = String::new();
     loop {
         let server = app.server.clone();
         let asked = tokio::task::spawn_blocking(move || server.call(Call::get("/whoami"))).await;
@@ -146,9 +146,9 @@ async fn reach(app: &App) -> Result<Whoami, Failure> {
             }
             Err(error) => {
                 let words = error.into_away().to_string();
-                if words != told {
+                if words != reported {
                     tracing::warn!("{words}; it is tried again");
-                    told = words;
+                    reported = words;
                 }
             }
         }

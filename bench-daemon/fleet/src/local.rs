@@ -77,9 +77,10 @@ impl Condition {
     }
 }
 
-/// The server of a bench does not answer. Whether a request has taken effect is unknown.
+/// The server of a bench does not answer, or not as expected. Whether a request has taken effect is
+/// unknown.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("the server of the bench does not answer: {0}")]
+#[error("{0}")]
 pub struct Away(pub String);
 
 impl From<Away> for FleetError {

@@ -28,6 +28,9 @@ pub(crate) use shared::Shared;
 /// Interval between two polls of a bench, s. It delays the start of a job by at most this time,
 /// which is short compared with the minutes of a run.
 const LOOK_S: f64 = 0.25;
+/// Time until an order that a bench could not be given is tried again, s: the server of a bench that
+/// refuses is not asked at every poll.
+const AGAIN_S: f64 = 1.0;
 /// Time between two samples of telemetry of a bench that runs, s.
 const TELEMETRY_S: f64 = 10.0;
 
@@ -75,6 +78,9 @@ struct Rhythm {
     /// Number of the oldest jobs among which one is chosen. It grows after each job that another
     /// bench claimed first.
     window: usize,
+    /// Time before which no standing order is followed, s, because the server of the bench did not
+    /// answer at the last attempt.
+    follow_s: f64,
     /// Time before which no job is taken, s, because the bench could take none at the last
     /// attempt.
     again_s: f64,
@@ -134,7 +140,7 @@ impl Member {
         if !self.shared.link.is_connected() || !self.shared.orders.is_whole() {
             return Ok(());
         }
-        let followed = self.obedience.follow(&self.standing()).await;
+        let followed = self.follow_seen().await;
         let condition = match self.bench.condition() {
             Ok(condition) => condition,
             // Which run is in work is unknown, and so is the end of each job.
@@ -156,6 +162,19 @@ impl Member {
             self.take().await?;
         }
         Ok(())
+    }
+
+    /// Follows the standing orders as they were seen last.
+    async fn follow_seen(&mut self) -> Result<(), FleetError> {
+        let now_s = self.shared.link.clock.now_s();
+        if now_s < self.rhythm.follow_s {
+            return Ok(());
+        }
+        let followed = self.obedience.follow(&self.standing()).await;
+        if matches!(followed, Err(FleetError::Bench(_))) {
+            self.rhythm.follow_s = now_s + AGAIN_S;
+        }
+        followed
     }
 
     /// Reads the standing orders once a run is active. A stop that arrives later was issued after

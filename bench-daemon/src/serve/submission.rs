@@ -63,7 +63,7 @@ pub struct Submission {
 ///
 /// # Errors
 /// No such experiment; a file that cannot be read.
-pub fn text_of(settings: &Settings, name: &str) -> Result<String, Refused> {
+fn text_of(settings: &Settings, name: &str) -> Result<String, Refused> {
     let file = shelf::read(settings, shelf::FileKind::Experiments, name, None)
         .map_err(|error| Refused::Kept(error.to_string()))?;
     file.map(|file| file.text)
@@ -146,20 +146,6 @@ impl Submission {
         write_atomically(&folder.join(shelf::BENCH_SHA256), sha256.as_bytes())
             .map_err(|error| kept(&error))
     }
-}
-
-/// Name of an experiment by its text.
-///
-/// # Errors
-/// A text that is not TOML, or names no experiment.
-pub fn name_of(text: &str) -> Result<String, Refused> {
-    #[derive(serde::Deserialize)]
-    struct Named {
-        name: String,
-    }
-    let named: Named =
-        toml::from_str(text).map_err(|error| Refused::Unfit(error.message().to_owned()))?;
-    Ok(named.name)
 }
 
 /// The frozen experiment in such a folder.

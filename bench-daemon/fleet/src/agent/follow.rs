@@ -108,7 +108,9 @@ impl Follower {
         Arc::new(Self {
             server: server.clone(),
             clock: clock.clone(),
-            shown: Mutex::new(Err(Away("it was not asked yet".to_owned()))),
+            shown: Mutex::new(Err(Away(
+                "the server of the bench has not answered yet".to_owned(),
+            ))),
         })
     }
 
@@ -167,10 +169,12 @@ impl Follower {
         let shown = shown.as_ref().map_err(Clone::clone)?;
         let age_s = self.clock.now_s() - shown.at_s;
         if age_s > OLD_S {
-            return Err(Away(format!("{age_s:.0} s without an answer")));
+            return Err(Away(format!(
+                "the server of the bench has not answered for {age_s:.0} s"
+            )));
         }
         let state = shown.benches.get(bench).cloned();
-        let state = state.ok_or_else(|| Away("it has no bench of this name".to_owned()))?;
+        let state = state.ok_or_else(|| Away("the server has no bench of this name".to_owned()))?;
         let waits = shown.queue.items.iter().any(|item| item.bench == bench);
         let held = shown.queue.held.get(bench).cloned();
         Ok(Now { state, waits, held })

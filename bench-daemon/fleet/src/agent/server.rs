@@ -93,7 +93,10 @@ impl CallError {
         match self {
             Self::Away(away) => away,
             Self::Refused(ServerRefusal { status, message }) => {
-                Away(format!("it answers {}: {message}", status.as_u16()))
+                let status = status.as_u16();
+                Away(format!(
+                    "the server of the bench answers {status}: {message}"
+                ))
             }
         }
     }
@@ -192,7 +195,12 @@ impl BenchServer {
         request: Request<Vec<u8>>,
         patience: Duration,
     ) -> Result<Response<Vec<u8>>, Away> {
-        let away = |error: &dyn std::fmt::Display| Away(format!("{}: {error}", self.url));
+        let away = |error: &dyn std::fmt::Display| {
+            let url = &self.url;
+            Away(format!(
+                "the server of the bench does not answer: {url}: {error}"
+            ))
+        };
         let (parts, body) = request.into_parts();
         let answer = if body.is_empty() && parts.method != Method::POST {
             let request = self.agent.configure_request(Request::from_parts(parts, ()));

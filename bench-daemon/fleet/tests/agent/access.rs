@@ -2,9 +2,14 @@
 
 use serde_json::{Value, json};
 
+use ureq::tls::{PemItem, RootCerts, TlsConfig, parse_pem};
+
 use crate::{
-    files::Files,
-    processes::{Broker, Served, fleet_program, poll, run, serve, start_agent, token, write_agent},
+    files::{Files, root},
+    processes::{
+        Broker, Served, fleet_program, poll, run, serve, serve_with, start_agent, token,
+        write_agent,
+    },
 };
 
 const SCOPES: &str = "read,operate,energise,fleet";
@@ -284,4 +289,43 @@ fn an_agent_before_a_server_without_tokens_does_not_answer_for_other_machines() 
     agent
         .ask("POST /api/v1/fleet/stop", passed_on, "{}")
         .expect(401);
+}
+
+#[test]
+fn server_and_agent_are_reached_over_tls_with_a_certificate_of_ones_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let Some(broker) = Broker::start(folder.path().join("nats")) else {
+        return;
+    };
+    let files = Files::tiny();
+    let pem = root()
+        .join("bench-daemon/tests/data/tls")
+        .canonicalize()
+        .unwrap();
+    let (certificate, key) = (pem.join("certificate.pem"), pem.join("key.pem"));
+    let tls = format!("[tls]\ncertificate = {certificate:?}\nkey = {key:?}\n");
+    let server = serve_with(&files, &tls);
+    write_agent(&files, &broker, "north", &server.address);
+    let text = files.text("fleet.toml").replace("http://", "https://");
+    files.write(
+        "fleet.toml",
+        &format!("{text}bench_ca = {certificate:?}\n{tls}"),
+    );
+    let agent = start_agent(&files);
+    broker.wait_for_bench("north", "idle");
+    let roots = parse_pem(&std::fs::read(&certificate).unwrap())
+        .filter_map(|item| match item.unwrap() {
+            PemItem::Certificate(certificate) => Some(certificate),
+            _ => None,
+        })
+        .collect::<Vec<_>>();
+    let roots = RootCerts::new_with_certs(&roots);
+    let config = ureq::Agent::config_builder()
+        .tls_config(TlsConfig::builder().root_certs(roots).build())
+        .build();
+    let client: ureq::Agent = config.into();
+    let url = format!("https://{}/api/v1/fleet", agent.address);
+    let mut answer = client.get(&url).call().unwrap();
+    let fleet: Value = serde_json::from_str(&answer.body_mut().read_to_string().unwrap()).unwrap();
+    assert_eq!(fleet["benches"][0]["state"], "idle", "{fleet}");
 }

@@ -186,7 +186,7 @@ fn a_job_goes_back_after_the_lease_if_its_agent_is_gone_for_good_before_it_was_s
     let job = broker.submit(&files, &[]);
     poll("a submission", || (between.submissions() > 0).then_some(()));
     agent.process.kill();
-    // Its run may have begun: nobody else begins it before a person says so.
+    // Its run may have begun: no other bench begins it before a person puts it back.
     let other = serve(&others);
     write_agent(&others, &broker, "south", &other.address);
     let _south = start_agent(&others);

@@ -291,6 +291,11 @@ impl Served {
 
 /// Starts the server of these files; on its old port, if there is one.
 pub(crate) fn serve(files: &Files) -> Served {
+    serve_with(files, "")
+}
+
+/// Starts the server of these files, with more sections in its file.
+pub(crate) fn serve_with(files: &Files, more: &str) -> Served {
     let port = files.text("port");
     let listen = if port.is_empty() {
         "127.0.0.1:0"
@@ -299,7 +304,7 @@ pub(crate) fn serve(files: &Files) -> Served {
     };
     let text = format!(
         "listen = {listen:?}\ndata = \"data\"\nconfigs = \".\"\nbenches = [\"{BENCH}\"]\n\
-        [limits]\nrequests_per_s = 1000\nburst = 2000\n"
+        [limits]\nrequests_per_s = 1000\nburst = 2000\n{more}"
     );
     files.write("serve.toml", &text);
     let config = files.path("serve.toml");

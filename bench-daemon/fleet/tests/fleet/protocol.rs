@@ -555,7 +555,7 @@ async fn a_bench_whose_server_is_away_is_never_free_and_follows_orders_once_it_i
     machine.is_away.store(true, Ordering::SeqCst);
     let job = lab.submit(&work("work", 1)).await;
     let drained = lab.say("b1", OrderKind::Drain).await;
-    let words = "the server of the bench does not answer: no reply";
+    let words = "no reply";
     assert_eq!(
         (drained.heard, drained.held.as_deref()),
         (true, Some(words))
