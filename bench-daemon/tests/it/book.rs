@@ -605,10 +605,9 @@ const NOT_PLAYED: [NotPlayed; 9] = [
     NotPlayed {
         reason: "it needs a NATS server, which bench-daemon/fleet/tests starts where there is one",
         blocks: &[
-            "fleet.md: eis-bench token add serve.toml agent --scope read,operate,energise,fleet > agent.token",
             "fleet.md: eis-fleet --config fleet.toml status",
-            "fleet.md: eis-fleet agent fleet.toml",
             "fleet.md: nats-server -js -sd /var/lib/nats -a 127.0.0.1",
+            "fleet.md: umask 077",
         ],
     },
     NotPlayed {

@@ -128,7 +128,14 @@ fn an_agent_whose_answer_is_lost_asks_for_the_fate_before_it_submits_again() {
     between.lose(Loses::Answers);
     let job = broker.submit(&files, &[]);
     broker.wait_for(&job, "done");
-    assert_run_once(&files, &[job]);
+    assert_run_once(&files, std::slice::from_ref(&job));
+    // It never left this bench.
+    let trail = files.text("data/audit.jsonl");
+    let entries: Vec<&str> = trail
+        .lines()
+        .filter(|line| line.contains(&format!("fleet begin {job}")))
+        .collect();
+    assert!(entries.len() == 1 && entries[0].contains("\"outcome\":\"begun\""), "{trail}");
     // The network is cut: no job is taken, and the bench is never shown as idle.
     between.lose(Loses::Everything);
     broker.wait_for_bench("north", "held");
