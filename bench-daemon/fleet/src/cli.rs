@@ -36,8 +36,8 @@ Exit codes, with the same meaning as those of eis-bench:
   2  the command line or a file is not as expected, or the request is refused
   6  an output is not known to be off: LOOK AT THE BENCH";
 
-/// Connects the server of a bench to a fleet, and shows, feeds, holds and stops the benches of a
-/// fleet.
+/// Connects the server of a bench to a fleet; shows a fleet, gives it jobs, holds and stops its
+/// benches.
 #[derive(Debug, Parser)]
 #[command(name = "eis-fleet", version, after_help = EXAMPLES, max_term_width = 120)]
 struct Cli {

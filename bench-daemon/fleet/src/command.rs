@@ -8,6 +8,7 @@ mod print;
 use instruments_link::clock::{Clock, TimeMode};
 
 use crate::{
+    api::{FleetOutcome, name_of},
     client::{Ages, Client, Command, Forgotten, Outcome, Submission},
     config::{self, AgentFile, read},
     failure::Failure,
@@ -15,7 +16,6 @@ use crate::{
     settings::FleetSettings,
     standing::OrderKind,
     terminal::{say, say_json},
-    told::{FleetOutcome, name_of},
     view::{FleetView, JobFilter, JobPage},
 };
 use args::{CancelArgs, ForgetArgs, OrderArgs, StopArgs, SubmitArgs};

@@ -16,6 +16,7 @@
 //! [`agent`] (a daemon beside a server), [`command`], [`cli`].
 
 pub mod agent;
+pub mod api;
 pub mod cli;
 pub mod client;
 pub mod command;
@@ -35,7 +36,6 @@ pub mod settings;
 mod sight;
 pub mod standing;
 mod terminal;
-pub mod told;
 pub mod view;
 mod watched;
 

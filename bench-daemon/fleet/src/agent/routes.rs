@@ -15,10 +15,10 @@ use super::{
     refusal::Refusal,
 };
 use crate::{
+    api::{FleetJobs, FleetNeeds, FleetNow, FleetOutcome, name_of},
     client::{Command, Submission},
     job::Place,
     standing::OrderKind,
-    told::{FleetJobs, FleetNeeds, FleetNow, FleetOutcome, name_of},
     view::{FleetView, JobFilter, JobView, MOST_JOBS},
 };
 
@@ -34,9 +34,9 @@ pub(crate) struct FleetJobsWanted {
     state: Option<String>,
     /// Of this campaign.
     campaign: Option<String>,
-    /// Where to go on: `after` of the answer before.
+    /// Begin after this job: `after` of the previous answer.
     after: Option<String>,
-    /// At most so many.
+    /// Maximum number of jobs. Left out: 100.
     #[param(minimum = 1, maximum = 1000)]
     most: Option<u16>,
 }
@@ -45,14 +45,14 @@ pub(crate) struct FleetJobsWanted {
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct SubmitJobs {
-    /// Name of an experiment of this server; left out where `text` is there.
+    /// Name of an experiment of the server beside the agent; left out if `text` is given.
     experiment: Option<String>,
     /// An experiment file in full (TOML). Files that it names are those of the bench that takes it.
     text: Option<String>,
     /// Requirements on the bench.
     #[serde(default)]
     needs: FleetNeeds,
-    /// So many jobs, 1 to 10 000. Left out: 1.
+    /// Number of jobs, 1 to 10 000. Left out: 1.
     count: Option<usize>,
     /// Label of a campaign.
     campaign: Option<String>,
@@ -85,7 +85,7 @@ pub(crate) struct CancelledJobs {
     cancelled: usize,
 }
 
-/// Why, in words.
+/// Reason of an order.
 #[derive(Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct FleetWhy {
@@ -167,8 +167,8 @@ pub(crate) async fn jobs(
     Ok(Json(page.into()))
 }
 
-/// Puts jobs into the queue of the fleet. The first bench that is free and fits takes each, and checks
-/// it as whatever is submitted there: that lets current flow.
+/// Puts jobs into the queue of the fleet. The first free bench that fits takes each job, and checks it
+/// like any submission to its server: that lets current flow.
 #[utoipa::path(
     post,
     path = "/api/v1/fleet/jobs",
@@ -203,7 +203,7 @@ pub(crate) async fn submit(
     Ok((StatusCode::CREATED, Json(SubmittedJobs { jobs })))
 }
 
-/// Takes a job that waits out of the queue.
+/// Removes a waiting job from the queue.
 #[utoipa::path(
     delete,
     path = "/api/v1/fleet/jobs/{job}",
@@ -221,7 +221,7 @@ pub(crate) async fn cancel(
     Ok(StatusCode::NO_CONTENT)
 }
 
-/// Takes every job of a campaign that waits out of the queue.
+/// Removes every waiting job of a campaign from the queue.
 #[utoipa::path(
     delete,
     path = "/api/v1/fleet/jobs",
@@ -240,7 +240,7 @@ pub(crate) async fn cancel_campaign(
     Ok(Json(CancelledJobs { cancelled }))
 }
 
-/// Puts a started job whose bench is gone back into the queue: a person says that it may run again.
+/// Puts a started job whose bench is gone back into the queue: a person decides that it may run again.
 #[utoipa::path(
     post,
     path = "/api/v1/fleet/jobs/{job}/release",
@@ -295,7 +295,7 @@ pub(crate) async fn order(
     Ok(Json(outcome.into()))
 }
 
-/// From now on nothing begins on a bench of the fleet; what is in work goes on.
+/// Holds a bench of the fleet: no further run begins, and an active run continues.
 #[utoipa::path(
     post,
     path = "/api/v1/fleet/benches/{site}/{bench}/hold",
@@ -315,8 +315,8 @@ pub(crate) async fn hold(
     order(&app, &place, command).await
 }
 
-/// Takes back what the fleet has held, drained or stopped. A hold by the bench's own server and a
-/// latch stay.
+/// Revokes a hold, a drain and a stop of the fleet. A hold by the bench's own server and a latch
+/// stay.
 #[utoipa::path(
     post,
     path = "/api/v1/fleet/benches/{site}/{bench}/release",
@@ -336,7 +336,7 @@ pub(crate) async fn release(
     order(&app, &place, command).await
 }
 
-/// A bench takes no further job of the fleet; what it has goes on.
+/// Lets a bench take no further job of the fleet; its jobs continue.
 #[utoipa::path(
     post,
     path = "/api/v1/fleet/benches/{site}/{bench}/drain",

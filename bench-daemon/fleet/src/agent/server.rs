@@ -142,17 +142,13 @@ impl BenchServer {
     /// # Errors
     /// A server that does not answer, or refuses.
     pub(crate) fn call<T: DeserializeOwned>(&self, call: Call<'_>) -> Result<T, CallError> {
+        let (path, patience) = (call.path, call.patience);
         let odd = |error: &dyn std::fmt::Display| {
-            let reason = format!(
-                "expected an answer of this version from {}: {error}",
-                call.path
-            );
+            let reason = format!("expected an answer of this version from {path}: {error}");
             CallError::Away(Away(reason))
         };
-        let answer = self.send(
-            self.request(&call).map_err(|error| odd(&error))?,
-            call.patience,
-        );
+        let request = self.request(call).map_err(|error| odd(&error))?;
+        let answer = self.send(request, patience);
         let answer = answer.map_err(CallError::Away)?;
         let (status, body) = (answer.status(), answer.into_body());
         if !status.is_success() {
@@ -169,9 +165,9 @@ impl BenchServer {
         serde_json::from_slice(body).map_err(|error| odd(&error))
     }
 
-    fn request(&self, call: &Call<'_>) -> Result<Request<Vec<u8>>, axum::http::Error> {
+    fn request(&self, call: Call<'_>) -> Result<Request<Vec<u8>>, axum::http::Error> {
         let uri = format!("{}/api/v1{}", self.url, call.path);
-        let mut request = Request::builder().method(&call.method).uri(uri);
+        let mut request = Request::builder().method(call.method).uri(uri);
         if let Some(token) = &self.token {
             request = request.header(header::AUTHORIZATION, token);
         }
@@ -179,11 +175,12 @@ impl BenchServer {
             let plain: String = person.chars().filter(|c| !c.is_control()).collect();
             request = request.header(PERSON_HEADER, HeaderValue::from_bytes(plain.as_bytes())?);
         }
-        let body = call.body.as_ref().map(Value::to_string);
-        if body.is_some() {
-            request = request.header(header::CONTENT_TYPE, "application/json");
-        }
-        request.body(body.unwrap_or_default().into_bytes())
+        let Some(body) = call.body else {
+            return request.body(Vec::new());
+        };
+        request
+            .header(header::CONTENT_TYPE, "application/json")
+            .body(body.to_string().into_bytes())
     }
 
     /// Sends a request whose address is of this server.

@@ -19,11 +19,11 @@ use super::{
     server::Call,
 };
 use crate::{
+    api::FleetOutcome,
     client::Outcome,
     job::Place,
     local::Away,
     standing::{OrderKind, through_the_fleet},
-    told::FleetOutcome,
 };
 
 /// Result of a stop of all benches.
@@ -31,7 +31,7 @@ use crate::{
 pub(crate) struct FleetStopped {
     /// Each bench.
     benches: Vec<FleetOutcome>,
-    /// Why further benches may not have been reached; null where all are told above.
+    /// Why further benches may not have been reached; null if all are listed above.
     unreached: Option<String>,
 }
 
@@ -145,7 +145,7 @@ pub(crate) async fn stop(
     work.await.map_err(|error| Refusal::machine(&error))?
 }
 
-/// Stops every bench of the fleet at once. Answers when all have answered, or 2 min have passed.
+/// Stops every bench of the fleet at once. Answers when all have answered, or after 2 min.
 #[utoipa::path(
     post,
     path = "/api/v1/fleet/stop",

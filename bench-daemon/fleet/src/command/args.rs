@@ -17,7 +17,7 @@ pub struct ConnectArgs {
     /// File of an agent.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["fleet", "credentials", "ca"])]
     pub(super) config: Option<PathBuf>,
-    /// Name of the fleet, where there is no such file.
+    /// Name of the fleet, without a file.
     #[arg(long, value_name = "NAME")]
     pub(super) fleet: Option<String>,
     /// Address of the NATS server: tls://HOST:PORT, or nats://HOST:PORT on this machine.
@@ -34,29 +34,29 @@ pub struct ConnectArgs {
 /// Commands to a fleet.
 #[derive(Debug, Subcommand)]
 pub enum Act {
-    /// Show the benches, which of them answer, and the jobs that are not over.
+    /// Show the benches, which of them answer, and the jobs that have not ended.
     Status(StatusArgs),
-    /// Put an experiment into the queue; the first bench that is free and fits takes it.
+    /// Put an experiment into the queue; the first free bench that fits takes it.
     Submit(SubmitArgs),
     /// Put the experiments of a campaign over benches into the queue, each for its bench and in its
-    /// order; those that are there already are left out. Needs the program `eis-bench`.
+    /// order, except those that are in the queue already. Needs the program `eis-bench`.
     Campaign {
         /// The file of the campaign; its benches are named SITE/BENCH, or BENCH alone.
         #[arg(value_name = "FILE")]
         file: PathBuf,
     },
-    /// Take a job that waits, or all of a campaign that wait, out of the queue.
+    /// Remove a waiting job, or all waiting jobs of a campaign, from the queue.
     Cancel(CancelArgs),
-    /// Take back a hold, drain or stop of a bench; or put a started job whose bench is gone back into
-    /// the queue.
+    /// Revoke a hold, drain or stop of a bench; or put a started job whose bench is gone back into the
+    /// queue.
     Release(OrderArgs),
-    /// Begin nothing more on a bench; what is in work goes on.
+    /// Begin no further run on a bench; an active run continues.
     Hold(OrderArgs),
-    /// Let a bench take no further job; what it has goes on.
+    /// Let a bench take no further job; its jobs continue.
     Drain(OrderArgs),
-    /// Stop a bench, or all, now, and print what was read back.
+    /// Stop a bench, or all benches, now, and print the states that were read back.
     Stop(StopArgs),
-    /// Take jobs that are over, with their texts, or a bench that is gone, out of the records.
+    /// Remove ended jobs with their texts, or a bench that is gone, from the records.
     Forget(ForgetArgs),
 }
 
@@ -66,7 +66,7 @@ pub enum Act {
 pub struct CancelArgs {
     /// The job.
     pub(super) job: Option<String>,
-    /// Every job of this campaign that waits.
+    /// All waiting jobs of this campaign.
     #[arg(long, value_name = "LABEL")]
     pub(super) campaign: Option<String>,
 }
@@ -75,9 +75,9 @@ pub struct CancelArgs {
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
 pub struct ForgetArgs {
-    /// A bench that has signed off or is silent, SITE/BENCH. What stands for it stays.
+    /// A bench that has signed off or is silent, SITE/BENCH. Its orders are kept.
     pub(super) bench: Option<String>,
-    /// Jobs that have been over for longer than this: a duration such as "90 d".
+    /// Jobs that ended longer ago than this duration, such as "90 d".
     #[arg(long = "older", value_name = "DURATION", value_parser = quantity::duration_s)]
     pub(super) older_s: Option<f64>,
 }
@@ -85,7 +85,7 @@ pub struct ForgetArgs {
 /// Jobs that are listed.
 #[derive(Debug, Args)]
 pub struct StatusArgs {
-    /// List jobs that are over too.
+    /// List ended jobs too.
     #[arg(long)]
     all: bool,
     /// List jobs in this state.
@@ -116,7 +116,7 @@ impl StatusArgs {
 pub struct SubmitArgs {
     /// The experiment. Files that it names are those of the bench that takes it.
     pub(super) experiment: PathBuf,
-    /// So many jobs.
+    /// Number of jobs.
     #[arg(long, default_value_t = 1)]
     pub(super) count: usize,
     /// Seed of the first job; each further job has the next one.
@@ -171,7 +171,7 @@ impl SubmitArgs {
 pub struct OrderArgs {
     /// The bench, SITE/BENCH; `release` takes a job too.
     pub(super) what: String,
-    /// Why; it is kept with the bench or the job.
+    /// Reason, which is kept with the bench or the job.
     #[arg(long, value_name = "WORDS")]
     pub(super) why: String,
 }
@@ -185,7 +185,7 @@ pub struct StopArgs {
     /// Stop every bench of the fleet.
     #[arg(long, conflicts_with = "bench")]
     pub(super) all: bool,
-    /// Why; it is kept with the bench.
+    /// Reason, which is kept with the bench.
     #[arg(long, value_name = "WORDS", default_value = "stopped by hand")]
     pub(super) why: String,
 }

@@ -3,10 +3,10 @@
 use serde::Serialize;
 
 use crate::{
+    api::{FleetJob, FleetJobs, FleetNow},
     client::Outcome,
     job::JobState,
     terminal::say,
-    told::{FleetJob, FleetJobs, FleetNow},
     view::{BenchView, FleetView, JobPage, JobView},
 };
 

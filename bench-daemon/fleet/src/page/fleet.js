@@ -82,7 +82,7 @@ const WORDS = {
   stopSimulated: (n) => ` ${n} simulated within a run that has ended.`,
   stopUnverified: (n) => `▲ ${n} STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH. `,
   stopMissed: (why) => `▲ FURTHER BENCHES MAY NOT HAVE BEEN REACHED (${why}). Go there. `,
-  stopUnreached: (n) => `▲ ${n} NOT REACHED: nobody knows whether anything was stopped there. Go there. `,
+  stopUnreached: (n) => `▲ ${n} NOT REACHED: it is unknown whether anything was stopped there. Go there. `,
   stopOff: (name) => `✓ ${name}: stopped, every output is off, read back.`,
   stopSim: (name) => `✓ ${name}: it is simulated within the run's process, which has ended.`,
   stopNotVerified: (name) => `▲ ${name}: STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH.`,
@@ -92,7 +92,7 @@ const WORDS = {
   close: "Close this report",
   lost: "Runs that a person has to judge",
   lostHint:
-    "These runs were begun on a bench that is silent now. Nobody knows whether they have run, or still do. " +
+    "These runs were begun on a bench that is silent now. It is unknown whether they have run, or still do. " +
     "They are begun nowhere else before a person says so. ",
   lostOf: (job) => `${job.name} (job ${job.job}) on ${job.bench || "–"}${job.run ? `, run ${job.run}` : ""}`,
   lostWarn:

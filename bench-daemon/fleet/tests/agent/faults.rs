@@ -135,7 +135,10 @@ fn an_agent_whose_answer_is_lost_asks_for_the_fate_before_it_submits_again() {
         .lines()
         .filter(|line| line.contains(&format!("fleet begin {job}")))
         .collect();
-    assert!(entries.len() == 1 && entries[0].contains("\"outcome\":\"begun\""), "{trail}");
+    assert!(
+        entries.len() == 1 && entries[0].contains("\"outcome\":\"begun\""),
+        "{trail}"
+    );
     // The network is cut: no job is taken, and the bench is never shown as idle.
     between.lose(Loses::Everything);
     broker.wait_for_bench("north", "held");

@@ -1,4 +1,4 @@
-//! The state of the fleet as the API and the command line report it.
+//! Values of the API, which `--json` of the command line prints too.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -14,13 +14,13 @@ use crate::{
 pub struct FleetNow {
     /// Its name.
     fleet: String,
-    /// The NATS server is there. Without it benches go on with what they have, and take nothing.
+    /// The NATS server answers. Without it benches continue their jobs, and take no other.
     connected: bool,
     /// Address of the NATS server.
     server: String,
-    /// When a bench has changed last, s since 1970 by the calendar of the NATS server.
+    /// Time of the latest change of a bench, s since 1970 by the calendar of the NATS server.
     changed_unix_s: f64,
-    /// Its benches, those that are gone too.
+    /// Its benches, also silent ones.
     benches: Vec<FleetBench>,
     /// Numbers of jobs.
     jobs: FleetJobCounts,
@@ -37,7 +37,7 @@ pub struct FleetBench {
     bench: String,
     /// `idle`, `running`, `held`, `draining`, `latched`, `asking` or `silent`.
     state: &'static str,
-    /// Since when it was not heard, s.
+    /// Time since its last message, s.
     silent_s: f64,
     /// The run in work.
     run: Option<String>,
@@ -47,9 +47,9 @@ pub struct FleetBench {
     left_s: Option<f64>,
     /// Its properties.
     capabilities: FleetCapabilities,
-    /// Why nothing is begun on it.
+    /// Why no run begins on it.
     held: Option<String>,
-    /// Every output is known to be off; null where that is not known, or a run is in work.
+    /// Every output is known to be off; null if that is unknown, or a run is in work.
     outputs_verified: Option<bool>,
 }
 
@@ -116,11 +116,11 @@ pub struct FleetJob {
     state: &'static str,
     /// Its requirements.
     needs: FleetNeeds,
-    /// The bench that has it, or had it last: `SITE/BENCH`.
+    /// The bench that has the job, or had it last: `SITE/BENCH`.
     bench: Option<String>,
     /// Its run, once there may be one.
     run: Option<String>,
-    /// SHA-256 of the run's `SHA256SUMS`, as the catalogue has it, once the run has come to its end.
+    /// SHA-256 of the run's list of hashes, by which a catalogue names it, once the run has ended.
     content_sha256: Option<String>,
     /// When it was submitted, s since 1970.
     submitted_unix_s: f64,
@@ -130,7 +130,7 @@ pub struct FleetJob {
     campaign: Option<String>,
     /// Label of its cell.
     cell: Option<String>,
-    /// How often it was put into the queue.
+    /// Number of times that it was put into the queue.
     turn: u32,
     /// Remarks on it, in words.
     words: String,
@@ -141,7 +141,7 @@ pub struct FleetJob {
 pub struct FleetJobs {
     /// In the order of the queue.
     pub jobs: Vec<FleetJob>,
-    /// Where to go on; null at the end.
+    /// Last job of the page, for the request of the next one; null at the end.
     pub after: Option<String>,
 }
 
@@ -152,13 +152,13 @@ pub struct FleetOutcome {
     pub site: String,
     /// The bench.
     pub bench: String,
-    /// The NATS server keeps the order: a bench that is cut off follows it when it hears.
+    /// The NATS server keeps the order: a bench that is cut off follows it once it is back.
     pub kept: bool,
     /// The bench has answered.
     pub heard: bool,
-    /// Why nothing is begun on it now.
+    /// Why no run begins on it now.
     pub held: Option<String>,
-    /// Every output is known to be off; null where the bench was not heard.
+    /// Every output is known to be off; null if the bench did not answer.
     pub outputs_verified: Option<bool>,
     /// Remarks on it, in words.
     pub words: String,
