@@ -14,6 +14,10 @@ use crate::local::{Away, Capabilities};
 
 /// Interval of the polls, s.
 const POLL_S: f64 = 0.5;
+/// The server shows a change of its queue in the state of a bench after 0.2 s. Pause between two looks,
+/// s, and their number.
+const SETTLE_S: f64 = 0.2;
+const SETTLE_LOOKS: usize = 5;
 /// Age at which a copy counts as old, s: a server that hangs is not shown as idle.
 const OLD_S: f64 = 5.0;
 
@@ -136,6 +140,18 @@ impl Follower {
             _ => {}
         }
         *shown = fresh;
+    }
+
+    /// Makes new copies until a bench is no longer shown as held. Must be called on a thread of a
+    /// runtime that may block.
+    pub(crate) fn refresh_released(&self, bench: &str) {
+        for _ in 0..SETTLE_LOOKS {
+            self.refresh();
+            if self.now(bench).is_ok_and(|now| now.state.held.is_none()) {
+                return;
+            }
+            tokio::runtime::Handle::current().block_on(self.clock.sleep_s(SETTLE_S));
+        }
     }
 
     fn ask(&self) -> Result<Shown, Away> {

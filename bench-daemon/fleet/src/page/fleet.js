@@ -668,7 +668,7 @@ function sendForm() {
   parts.reason = el("p", { class: "quiet", id: id("reason") });
   parts.go = el("button", { "aria-describedby": parts.reason.id }, WORDS.send);
   parts.confirm = el("div", {
-    class: "fm-confirm",
+    class: "fl-confirm",
     role: "group",
     tabindex: "-1",
     "aria-label": WORDS.submit,

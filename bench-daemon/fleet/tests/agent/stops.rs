@@ -26,6 +26,7 @@ fn a_bench_is_held_stopped_and_released_from_elsewhere_and_a_latch_is_out_of_rea
     assert_eq!(held, "stopped by fleet: local@north");
     let released = broker.fleet(&["release", "north/demo", "--why", "it was steam"]);
     assert_eq!(released[0]["heard"], true, "{released}");
+    assert_eq!(released[0]["held"], serde_json::Value::Null, "{released}");
     broker.wait_for_bench("north", "idle");
     // The fleet cannot remove a hold by the bench's own server.
     let hold = r#"{"why": "new probes"}"#;
