@@ -4,12 +4,15 @@ use super::error::FormatError;
 use std::path::Path;
 
 /// First bytes and what begins with them.
-const MAGIC: [(&[u8], &str); 20] = [
+const MAGIC: [(&[u8], &str); 21] = [
     (
         b"PAR1",
         "Parquet, which is read for time series, and with --table as spectra in long form",
     ),
-    (b"\x89HDF\r\n\x1a\n", "HDF5"),
+    (
+        b"\x89HDF\r\n\x1a\n",
+        "HDF5; export its table as CSV or Parquet",
+    ),
     (
         b"MATLAB ",
         "a MATLAB .mat, which is read for time series (but version 7.3, which is HDF5)",
@@ -39,7 +42,11 @@ const MAGIC: [(&[u8], &str); 20] = [
         b"SQLite format 3\0",
         "an SQLite database; export its table as CSV",
     ),
-    (b"\x93NUMPY", "a NumPy array"),
+    (
+        b"\x93NUMPY",
+        "a NumPy array; write it as text with numpy.savetxt",
+    ),
+    (b"TDSm", "LabVIEW's TDMS; export its channels as CSV"),
     (
         b"NEWARE",
         "a Neware .nda, which is binary; export it as CSV",
@@ -47,6 +54,13 @@ const MAGIC: [(&[u8], &str); 20] = [
     (b"%!PS", "PostScript"),
     (b"II*\0", "a picture"),
 ];
+
+/// Bytes in which a code page is told, and letters with accents in a row that tell it.
+const CODE_PAGE_HEAD: usize = 4096;
+const CODE_PAGE_RUN: usize = 4;
+
+/// Bytes in which the first member of an OpenDocument file tells its kind.
+const FIRST_MEMBER: usize = 200;
 
 /// Neware's archive of binary tables.
 const NDAX: &str = "a Neware .ndax, which is binary; export it as CSV or Excel from BTSDA";
@@ -93,14 +107,42 @@ pub(super) fn binary(path: &Path, bytes: &[u8]) -> Option<FormatError> {
     Some(error(path, kind))
 }
 
-/// Texts in which no spectrum was found.
+/// Texts in which nothing was found that is read.
 pub(super) fn text(path: &Path, bytes: &[u8]) -> Option<FormatError> {
+    by_content(bytes)
+        .or_else(|| by_extension(path))
+        .or_else(|| code_page(bytes))
+        .map(|kind| error(path, kind))
+}
+
+/// A text in a code page of two bytes for a character: as one of a single byte it has runs of letters
+/// with accents, which no word has.
+fn code_page(bytes: &[u8]) -> Option<&'static str> {
+    let head = String::from_utf8_lossy(&bytes[..bytes.len().min(CODE_PAGE_HEAD)]);
+    let is_high = |c: char| ('\u{80}'..='\u{ff}').contains(&c);
+    let mut runs = head.split(|c: char| !is_high(c));
+    runs.any(|run| run.chars().count() >= CODE_PAGE_RUN).then_some(
+        "text in a code page of two bytes for a character, such as GBK or Shift-JIS; save it as UTF-8",
+    )
+}
+
+/// Texts that hold no table, whatever their lines seem to name.
+pub(super) fn markup(path: &Path, bytes: &[u8]) -> Option<FormatError> {
+    by_content(bytes).map(|kind| error(path, kind))
+}
+
+fn by_content(bytes: &[u8]) -> Option<&'static str> {
     let bytes = bytes
         .strip_prefix(b"\xEF\xBB\xBF")
         .unwrap_or(bytes)
         .trim_ascii_start();
-    let by_content = match bytes {
-        [b'{', ..] => Some("JSON, which is not read as a spectrum"),
+    match bytes {
+        [b'{', ..] => Some("JSON, which is not read as a table; export the data as CSV"),
+        _ if bytes.starts_with(b"EC-LAB SETTING FILE")
+            || bytes.starts_with(b"BT-LAB SETTING FILE") =>
+        {
+            Some("settings of EC-Lab (.mps), which hold no data; take the .mpr or .mpt beside them")
+        }
         _ if bytes.starts_with(b"<") && has(bytes, b"<office:document") => {
             by_extension(Path::new("a.fods"))
         }
@@ -108,13 +150,10 @@ pub(super) fn text(path: &Path, bytes: &[u8]) -> Option<FormatError> {
             || bytes.starts_with(b"<!DOCTYPE")
             || bytes.starts_with(b"<html") =>
         {
-            Some("XML or HTML")
+            Some("XML or HTML; export its table as CSV")
         }
         _ => None,
-    };
-    by_content
-        .or_else(|| by_extension(path))
-        .map(|kind| error(path, kind))
+    }
 }
 
 fn error(path: &Path, kind: &'static str) -> FormatError {
@@ -132,16 +171,30 @@ fn by_extension(path: &Path) -> Option<&'static str> {
         .map(|(_, kind)| *kind)
 }
 
+/// The kind of a ZIP archive by the names of its members, and by the first one's content.
 fn archive(bytes: &[u8]) -> &'static str {
-    if has(bytes, b"opendocument.spreadsheet") {
+    let names: Vec<&[u8]> = members(bytes).collect();
+    let first = &bytes[..bytes.len().min(FIRST_MEMBER)];
+    if has(first, b"opendocument.spreadsheet") {
         "an OpenDocument spreadsheet that cannot be decoded; export the table as CSV"
-    } else if has(bytes, b"xl/") {
+    } else if names.iter().any(|name| name.starts_with(b"xl/")) {
         "an Excel workbook that cannot be decoded; export the table as CSV"
-    } else if has(bytes, b".ndc") {
+    } else if names.iter().any(|name| name.ends_with(b".ndc")) {
         NDAX
     } else {
         "a ZIP archive; unpack it"
     }
+}
+
+/// Names of the members of a ZIP archive, by the headers before them.
+fn members(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
+    let starts = bytes.windows(4).enumerate();
+    let headers = starts.filter(|(_, window)| *window == b"PK\x03\x04");
+    headers.filter_map(|(at, _)| {
+        let length = bytes.get(at + 26..at + 28)?;
+        let length = usize::from(u16::from_le_bytes([length[0], length[1]]));
+        bytes.get(at + 30..at + 30 + length)
+    })
 }
 
 fn has(bytes: &[u8], part: &[u8]) -> bool {

@@ -73,9 +73,22 @@ fn points(bytes: &[u8]) -> Option<Vec<[f64; 3]>> {
     is_one.then(|| (0..count).map(row).collect())
 }
 
+fn decoded(path: &Path, points: &[[f64; 3]]) -> Decoded {
+    let kept = sweep(points);
+    let mut text = "freq/Hz\t|Z|/Ohm\tPhase/rad\n".to_owned();
+    for [freq_hz, modulus_ohm, phase_rad] in kept {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{freq_hz:?}\t{modulus_ohm:?}\t{phase_rad:?}");
+    }
+    Decoded {
+        text,
+        note: note(path, points.len() - kept.len()),
+    }
+}
+
 /// The sweep between the highest and the lowest frequency: the maker's programs show no other
 /// points. The instrument begins in the middle of the band, and measures that part twice.
-fn decoded(path: &Path, points: &[[f64; 3]]) -> Decoded {
+pub(super) fn sweep(points: &[[f64; 3]]) -> &[[f64; 3]] {
     let place = |better: fn(f64, f64) -> bool| {
         (1..points.len()).fold(0, |best, k| {
             if better(points[k][0], points[best][0]) {
@@ -86,19 +99,18 @@ fn decoded(path: &Path, points: &[[f64; 3]]) -> Decoded {
         })
     };
     let (low, high) = (place(|a, b| a < b), place(|a, b| a > b));
-    let kept = &points[low.min(high)..=low.max(high)];
-    let mut text = "freq/Hz\t|Z|/Ohm\tPhase/rad\n".to_owned();
-    for [freq_hz, modulus_ohm, phase_rad] in kept {
-        // Writing to a string cannot fail.
-        let _ = writeln!(text, "{freq_hz:?}\t{modulus_ohm:?}\t{phase_rad:?}");
-    }
-    let left_out = points.len() - kept.len();
+    points
+        .get(low.min(high)..=low.max(high))
+        .unwrap_or_default()
+}
+
+/// The remark on points outside the sweep.
+pub(super) fn note(path: &Path, left_out: usize) -> Option<String> {
     let file = path.file_name().unwrap_or_default().to_string_lossy();
-    let note = (left_out > 0).then(|| {
+    (left_out > 0).then(|| {
         format!(
             "{file}: {left_out} points outside the sweep from the highest to the lowest frequency, \
              which are measured twice, are left out"
         )
-    });
-    Decoded { text, note }
+    })
 }

@@ -49,6 +49,7 @@ pub(crate) mod text;
 mod timeseries;
 mod vendor;
 mod write;
+mod zmx;
 
 pub use bdf::{bdf_text, write_bdf_parquet};
 pub use error::{ErrorPlace, FormatError};
@@ -142,7 +143,7 @@ pub fn parse_file(path: &Path, bytes: &[u8]) -> Result<FileSpectra, FormatError>
     if let Some(text) = mpr::text(path, bytes) {
         return parse_text(path, text?.as_bytes());
     }
-    if let Some(decoded) = ism::text(path, bytes) {
+    if let Some(decoded) = ism::text(path, bytes).or_else(|| zmx::text(path, bytes)) {
         let ism::Decoded { text, note } = decoded?;
         let mut read = parse_text(path, text.as_bytes())?;
         read.notes.extend(note);
@@ -205,6 +206,9 @@ fn parse_text(path: &Path, bytes: &[u8]) -> Result<FileSpectra, FormatError> {
     }
     let plain = plain::text(bytes);
     let bytes = plain.as_bytes();
+    if let Some(error) = foreign::markup(path, bytes) {
+        return Err(error);
+    }
     let text = text::Text::new(path, bytes)?;
     // The names of a list may stand in a comment before it.
     let own = if vendor::names_in_comment(&plain) {

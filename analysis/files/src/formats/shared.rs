@@ -5,16 +5,21 @@
 use num_complex::Complex64;
 
 use super::error::FormatError;
-use super::text::{self, Text};
+use super::text::{self, Row, Text};
 use crate::dataset::shared::{IM, RE};
 use analysis_signal::spectrum::{SharedError, SourcedSpectrum};
 
-/// Reads the columns, where a header announces any, into the one spectrum of a file.
+/// Reads the columns, where a header announces any, into the one spectrum of a file. `rows` are those
+/// whose points the spectrum holds.
 ///
 /// # Errors
 /// A column without its other part, or a field that is no number.
-pub(super) fn attach(text: &Text<'_>, spectra: &mut [SourcedSpectrum]) -> Result<(), FormatError> {
-    let (Some((header, rows)), [only]) = (text.rows.split_first(), spectra) else {
+pub(super) fn attach(
+    text: &Text<'_>,
+    rows: &[&Row<'_>],
+    spectra: &mut [SourcedSpectrum],
+) -> Result<(), FormatError> {
+    let (Some(header), [only]) = (text.rows.first(), spectra) else {
         return Ok(());
     };
     let named = |prefix: &str| -> Vec<(usize, String)> {

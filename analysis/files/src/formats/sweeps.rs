@@ -10,18 +10,15 @@
 //! its frequencies, or all of them. A run that only repeats a few points, fills gaps or measures
 //! another part of the band belongs to the same sweep.
 
+mod runs;
+
 use super::FileSpectra;
 use super::error::FormatError;
 use super::text;
 use analysis_signal::spectrum::{ImpedancePoint, Origin, SourcedSpectrum, Spectrum};
+use runs::{Cuts, cuts, distinct};
 use std::{collections::BTreeMap, path::Path};
 
-/// Two frequencies closer than this are one, relative. Half a step of a grid with 100 points per
-/// decade is 1.2 %; generators round far finer.
-const SAME: f64 = 0.01;
-/// Fewest points of a run that goes back to the start and is a sweep by itself: a line and a
-/// direction that it turns to.
-const FEWEST: usize = 3;
 /// Lines that a remark names, at most.
 const SHOWN: usize = 10;
 
@@ -199,14 +196,17 @@ fn told(keys: &[Key], restarts: &[usize], spectra: &[SourcedSpectrum]) -> Option
     })
 }
 
+/// Whether a point was measured: it is no overload, lacks no part, and is not 0 + 0j.
+pub(super) fn is_measured(point: &ImpedancePoint) -> bool {
+    let z = point.z_ohm;
+    text::is_measured(z.re) && text::is_measured(z.im) && z.norm() > 0.0
+}
+
 impl Rows {
     /// Leaves out points that are no measurement: overloads, what lacks a part, and 0 + 0j, which a
     /// program writes where it has none. Gives a remark with their lines.
     fn drop_unmeasured(&mut self) -> Option<String> {
-        let good = |row: &MeasuredRow| {
-            let z = row.point.z_ohm;
-            text::is_measured(z.re) && text::is_measured(z.im) && z.norm() > 0.0
-        };
+        let good = |row: &MeasuredRow| is_measured(&row.point);
         let lines: Vec<String> = self
             .rows
             .iter()
@@ -265,16 +265,38 @@ impl Part {
     /// Cuts it where the frequency starts again.
     fn split(self, restarts: &mut Vec<usize>, notes: &mut Vec<String>) -> Vec<Self> {
         let freqs: Vec<f64> = self.rows.iter().map(|(_, point)| point.freq_hz).collect();
-        let Cuts { starts, again } = cuts(&freqs);
-        if let Some(first) = again.first() {
-            let (line, count) = (self.rows[*first].0, again.len());
-            let points = if count == 1 {
-                "a frequency is".to_owned()
-            } else {
-                format!("{count} frequencies are")
+        let Cuts {
+            starts,
+            again,
+            turns,
+            still,
+        } = cuts(&freqs);
+        let points = |count: usize| match count {
+            1 => "a frequency is".to_owned(),
+            _ => format!("{count} frequencies are"),
+        };
+        let line = |row: &usize| self.rows[*row].0;
+        if let Some(first) = again.first().map(line) {
+            let points = points(again.len());
+            notes.push(format!(
+                "{points} measured again (from line {first}) within one sweep, which is left whole"
+            ));
+        }
+        if let Some(first) = still.first().map(line) {
+            let points = points(still.len());
+            notes.push(format!(
+                "{points} that of the row before (from line {first})"
+            ));
+        }
+        if let Some(first) = turns.first().map(line) {
+            let more = match turns.len() - 1 {
+                0 => String::new(),
+                more => format!(" and in {more} more"),
             };
             notes.push(format!(
-                "{points} measured again (from line {line}) within one sweep, which is left whole"
+                "the frequency turns in line {first}{more} within one sweep, whose points are sorted by \
+                 frequency: if its frequencies and its impedances stand in different orders, the \
+                 spectrum is wrong; check it with `kk`"
             ));
         }
         if starts.len() == 1 {
@@ -330,138 +352,4 @@ impl Part {
             flagged: Vec::new(),
         }
     }
-}
-
-/// Starts of sweeps, and rows that measure a frequency of their sweep again after it had moved on.
-#[derive(Debug)]
-struct Cuts {
-    starts: Vec<usize>,
-    again: Vec<usize>,
-}
-
-fn cuts(freqs: &[f64]) -> Cuts {
-    let mut cuts = Cuts {
-        starts: vec![0],
-        again: Vec::new(),
-    };
-    let runs = runs(freqs);
-    let mut start = 0;
-    for run in runs.iter().skip(1) {
-        let (sweep, next) = (&freqs[start..run.start], &freqs[run.start..run.end]);
-        if measures_again(sweep, next) {
-            start = run.start;
-            cuts.starts.push(start);
-        } else {
-            let known = distinct(sweep);
-            cuts.again
-                .extend((run.start..run.end).filter(|row| holds(&known, freqs[*row])));
-        }
-    }
-    cuts
-}
-
-/// Rows whose frequency moves one way; standing still is no move.
-#[derive(Debug, Clone, Copy)]
-struct Run {
-    start: usize,
-    end: usize,
-    /// Greater than zero for rising; zero for one frequency only.
-    direction: i8,
-}
-
-fn runs(freqs: &[f64]) -> Vec<Run> {
-    let mut runs: Vec<Run> = Vec::new();
-    // The run at hand, and the frequency that its moves are counted from.
-    let (mut run, mut anchor) = (
-        Run {
-            start: 0,
-            end: 0,
-            direction: 0,
-        },
-        freqs.first().copied().unwrap_or(1.0),
-    );
-    for (row, freq) in freqs.iter().enumerate() {
-        let step = match freq.total_cmp(&anchor) {
-            _ if same(*freq, anchor) => 0,
-            std::cmp::Ordering::Greater => 1,
-            _ => -1,
-        };
-        if step != 0 {
-            if run.direction != 0 && step != run.direction {
-                runs.push(Run { end: row, ..run });
-                run = Run {
-                    start: row,
-                    end: row,
-                    direction: 0,
-                };
-            } else {
-                run.direction = step;
-            }
-            anchor = *freq;
-        }
-    }
-    runs.push(Run {
-        end: freqs.len(),
-        ..run
-    });
-    // A frequency that is measured twice where the sweep turns belongs to both ways.
-    for k in 1..runs.len() {
-        let (before, after) = (runs[k - 1], runs[k]);
-        let turn = after.start;
-        let turns = before.direction * after.direction < 0;
-        if turns && turn >= before.start + 2 && same(freqs[turn - 1], freqs[turn - 2]) {
-            runs[k - 1].end -= 1;
-            runs[k].start -= 1;
-        }
-    }
-    runs
-}
-
-/// Whether a run measures a sweep again, by the rule of the module.
-fn measures_again(sweep: &[f64], run: &[f64]) -> bool {
-    if run.len() < FEWEST && sweep.len() > FEWEST {
-        return false;
-    }
-    let (known, new) = (distinct(sweep), distinct(run));
-    let longer = known.len().max(new.len());
-    let shared = new.iter().filter(|freq| holds(&known, **freq)).count();
-    let within = |these: &[f64], those: &[f64]| {
-        let (low, high) = (
-            those[0] * (1.0 - SAME),
-            those[those.len() - 1] * (1.0 + SAME),
-        );
-        these
-            .iter()
-            .filter(|freq| (low..=high).contains(*freq))
-            .count()
-    };
-    let covered = within(&new, &known).min(within(&known, &new));
-    let from_the_start = [run[0], run[run.len() - 1]]
-        .into_iter()
-        .any(|freq| same(freq, sweep[0]));
-    let all = shared >= 2 && known.len() == shared && new.len() == shared;
-    all || (shared >= FEWEST && 2 * shared > longer)
-        || (from_the_start && covered >= FEWEST && 4 * covered >= longer)
-}
-
-/// Frequencies that differ, by rising value; never empty where the list is not.
-fn distinct(freqs: &[f64]) -> Vec<f64> {
-    let mut sorted = freqs.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted.dedup_by(|a, b| same(*a, *b));
-    sorted
-}
-
-/// Whether sorted frequencies hold one.
-fn holds(sorted: &[f64], freq: f64) -> bool {
-    let above = sorted.partition_point(|known| *known < freq);
-    sorted
-        .iter()
-        .skip(above.saturating_sub(1))
-        .take(2)
-        .any(|known| same(*known, freq))
-}
-
-fn same(a: f64, b: f64) -> bool {
-    (a - b).abs() <= SAME * a.max(b)
 }

@@ -205,7 +205,7 @@ fn errors_name_the_place_and_what_was_expected() {
                  or a table that names its columns (`f,re,im`, `Frequency/Hz`, `Zreal`, `|Z|/Ohm`, \
                  `Phase/deg`, …)";
     let header = "freq_hz,z_re_ohm,z_im_ohm,sigma_re_ohm,sigma_im_ohm,cov_re_im_ohm2\n";
-    let cases: [(String, String); 15] = [
+    let cases: [(String, String); 16] = [
         (String::new(), ": expected at least one line with a frequency and an impedance, met an \
         empty file".into()),
         ("# nothing\n".into(), ": expected at least one line with a frequency and an impedance, \
@@ -221,8 +221,10 @@ fn errors_name_the_place_and_what_was_expected() {
         ("f,q,y\n".into(), format!(", line 1: expected {known}, met \"f,q,y\"")),
         ("1,2,3\n1,x,3\n".into(), ", line 2, column 2 (Re Z): expected a finite number in Ω, \
         met \"x\"".into()),
-        ("1,2,3\n\n2,NaN,3\n".into(), ", line 3, column 2 (Re Z): expected a finite number in Ω, \
-        met \"NaN\"".into()),
+        ("1,2,3\n\nNaN,2,3\n".into(), ", line 3, column 1 (frequency): expected a positive finite \
+        frequency in Hz, met \"NaN\"".into()),
+        ("1,2,3\n\n2,inf,3\n".into(), ", line 3, column 2 (Re Z): expected a finite number in Ω, \
+        met \"inf\"".into()),
         ("-1,2,3\n".into(), ", line 1, column 1 (frequency): expected a positive finite frequency \
         in Hz, met \"-1\"".into()),
         ("1,2,3\n1,2\n".into(), ", line 2, column 3: expected 3 fields, met 2".into()),

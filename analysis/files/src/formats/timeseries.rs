@@ -25,6 +25,7 @@ mod frame;
 mod kinds;
 mod moment;
 mod names;
+mod near;
 mod parts;
 mod raw;
 #[cfg(test)]
@@ -92,6 +93,7 @@ pub fn read_record(path: &Path, options: &SeriesOptions) -> Result<ReadSeries, S
             },
         }
     };
+    rises(path, &raw)?;
     let known = Known {
         stated: options.sign,
         named: named(path),
@@ -156,6 +158,25 @@ pub fn read_record(path: &Path, options: &SeriesOptions) -> Result<ReadSeries, S
     Ok(read)
 }
 
+/// Refuses times that go back: a record that starts again is another one, or the column is none of the
+/// time of the test.
+fn rises(path: &Path, raw: &Raw) -> Result<(), SeriesReadError> {
+    let times = raw.get(Quantity::Time);
+    let Some(row) = (1..times.len()).find(|row| times[*row] < times[*row - 1]) else {
+        return Ok(());
+    };
+    Err(SeriesReadError::Order {
+        file: path.to_owned(),
+        line: raw.line(row),
+        met: format!(
+            "{} behind {}; if the file holds several records, split it there, otherwise name the \
+             time since the start of the test \"Test Time / s\"",
+            times[row],
+            times[row - 1]
+        ),
+    })
+}
+
 /// The direction of a record by the name of its file.
 fn named(path: &Path) -> Option<CurrentSign> {
     let name = path.file_name()?.to_string_lossy().to_lowercase();
@@ -188,7 +209,7 @@ fn of_sheets(path: &Path, sheets: &[Sheet]) -> Result<Raw, SeriesReadError> {
     let Some((_, first)) = named.first() else {
         let lacks = sheets.iter().find_map(|sheet| {
             let lines: Vec<&str> = sheet.text.lines().collect();
-            let (at, lacks) = columns::near_miss(&lines)?;
+            let (at, lacks) = near::near_miss(&lines)?;
             Some(format!(
                 "; nearest is {}, line {}: {lacks}",
                 sheet.name,
@@ -407,8 +428,9 @@ mod tests {
             ),
             (
                 "Time,Voltage,Current\n1,4.1,1\n0,4.1,1\n",
-                ": time series \"discharge.csv\", sample 2 (counted from 1): expected times in s \
-                that rise, met 0",
+                ", line 3: expected times in s that rise, met 0 behind 1; if the file holds several \
+                 records, split it there, otherwise name the time since the start of the test \"Test \
+                 Time / s\"",
             ),
             (
                 "t,u,i\n0,4.1,1\n",

@@ -14,7 +14,7 @@ use analysis::{
         CurrentSign, FormatError, LeftOut, ReadSeries, SeriesOptions, SeriesReadError, read_record,
         read_sourced,
     },
-    series::{SeriesError, TimeSeries},
+    series::TimeSeries,
     spectrum::{SourcedSpectrum, Spectrum},
     table::{Hash, Row, Table},
 };
@@ -186,12 +186,7 @@ fn series_error(error: &SeriesReadError) -> FileError {
         // No line at all is a file that was cut off; a line of other columns is the wrong file.
         SeriesReadError::UnknownFormat { place, .. } if !place.is_empty() => FileError::Usage(text),
         SeriesReadError::Text(FormatError::Read { .. }) => FileError::Usage(text),
-        SeriesReadError::Series {
-            source: SeriesError::Sample { expected, .. },
-            ..
-        } if expected.starts_with("times") => {
-            FileError::Damaged(format!("its times go back: {text}"))
-        }
+        SeriesReadError::Order { .. } => FileError::Damaged(format!("its times go back: {text}")),
         _ => FileError::Damaged(text),
     }
 }

@@ -261,3 +261,80 @@ fn battery_techniques_of_ec_lab_have_a_current() {
         .to_string();
     assert!(refused.contains("without a current"), "{refused}");
 }
+
+/// A `.zmx` with tables of a modulus in Ω and a phase in rad for each of these impedances.
+fn zmx(signals: &[&str], unit: &str) -> String {
+    let columns = |one: &str| format!(";{one}").repeat(signals.len());
+    let mut table = format!("frequency;time{}\n", columns("|impedance|;phase"));
+    table += &format!("Hz;s{}\n", columns(&format!("{unit};rad")));
+    let named: String = signals.iter().map(|one| format!(";{one};{one}")).collect();
+    table += &format!(";{named}\n");
+    for (k, freq) in [100, 300, 1000, 100, 10, 1].iter().enumerate() {
+        let values: String = (1..=signals.len())
+            .map(|n| format!(";{}.{k};-0.{n}", 10 * n))
+            .collect();
+        table += &format!("{freq};{k}{values}\n");
+    }
+    format!(
+        "<?xml version=\"1.0\"?>\n<zahner-measurement>\n <csv type=\"wave\"><![CDATA[\nt;x\n]]></csv>\n \
+         <csv type=\"data\"><![CDATA[\n{table}]]></csv>\n</zahner-measurement>\n"
+    )
+}
+
+#[test]
+fn a_measurement_of_zahners_im7_is_a_spectrum_for_each_impedance() {
+    let parsed = |text: &str| parse_file(Path::new("a.zmx"), text.as_bytes());
+    let one = parsed(&zmx(&["voltage/current"], "Ω")).unwrap();
+    assert_eq!(names(&one.spectra), ["a"]);
+    assert_eq!(
+        one.notes,
+        [
+            "a.zmx: 2 points outside the sweep from the highest to the lowest frequency, which are \
+          measured twice, are left out"
+        ]
+    );
+    let points = &one.spectra[0].spectrum.points;
+    assert_eq!(points.len(), 4);
+    let expected = Complex64::from_polar(10.2, -0.1);
+    assert_eq!(points[3].freq_hz, 1000.0);
+    assert!(
+        (points[3].z_ohm - expected).norm() < 1e-12,
+        "{:?}",
+        points[3]
+    );
+    let two = parsed(&zmx(&["7:U~9:A/7:I~9:B", "8:CH4~9:C/7:I~9:B"], "mΩ")).unwrap();
+    assert_eq!(
+        names(&two.spectra),
+        ["a.zmx#7:U per 7:I", "a.zmx#8:CH4 per 7:I"]
+    );
+    let z = two.spectra[1].spectrum.points[0].z_ohm;
+    assert!(
+        (z - Complex64::from_polar(0.0205, -0.2)).norm() < 1e-12,
+        "{z}"
+    );
+    for (text, told) in [
+        (zmx(&["a/b"], ""), "the impedance a per b has no unit"),
+        (
+            zmx(&["a/b"], "Ω").replace("10.2", "1O.2"),
+            "row 3, field 3: expected a number, met \"1O.2\"",
+        ),
+        (
+            zmx(&["a/b"], "Ω").replace("]]></csv>\n</", "</"),
+            "has no end",
+        ),
+        (
+            zmx(&["a/b"], "Ω").replace("|impedance|", "gain"),
+            "no table of it holds an impedance",
+        ),
+        (
+            zmx(&["a/b"], "Ω").replace("phase", "drift"),
+            "no phase stands behind a modulus",
+        ),
+    ] {
+        let met = parsed(&text).unwrap_err().to_string();
+        assert!(
+            met.starts_with("a.zmx: expected a Zahner .zmx") && met.contains(told),
+            "{met}"
+        );
+    }
+}

@@ -303,3 +303,72 @@ fn every_channel_of_a_palmsens_session_is_read_whatever_the_case_of_its_keys() {
         assert_eq!(ohms, [1.0, 11.0, 2.0, 12.0, 3.0, 13.0]);
     }
 }
+
+#[test]
+fn points_that_are_no_measurement_are_left_out_of_the_projects_own_tables_too() {
+    let odd = |k: usize, f: f64, z: Complex64| {
+        let (re, im) = match k {
+            3 => ("NaN".to_owned(), z.im.to_string()),
+            5 => (z.re.to_string(), "OVERLOAD".to_owned()),
+            8 => ("9.9E37".to_owned(), z.im.to_string()),
+            11 => (z.re.to_string(), String::new()),
+            13 => ("0".to_owned(), "0".to_owned()),
+            _ => (z.re.to_string(), z.im.to_string()),
+        };
+        if k == 15 {
+            ",,".to_owned()
+        } else {
+            format!("{f},{re},{im}")
+        }
+    };
+    for (head, first) in [
+        ("freq_hz,z_re_ohm,z_im_ohm\n", 5),
+        ("", 4),
+        ("f,re,im\n", 5),
+    ] {
+        let read = read("x.csv", &text(head, odd)).unwrap();
+        let points = &read.spectra[0].spectrum.points;
+        assert_eq!(points.len(), 15, "{head}");
+        let right = points.iter().all(|point| {
+            let mut all = truth().into_iter();
+            all.any(|(f, z)| point.freq_hz == f && (point.z_ohm - z).norm() < 1e-15)
+        });
+        assert!(right, "{points:?}");
+        let lines = [0, 2, 5, 8, 10].map(|k| (first + k).to_string()).join(", ");
+        assert_eq!(
+            read.notes,
+            [format!(
+                "x.csv: points that are no measurement (an overload, 0 + 0j, or no number) are left \
+                 out: line {lines}"
+            )]
+        );
+    }
+    // Errors that points share stay with their points.
+    let shared = "freq_hz,z_re_ohm,z_im_ohm,shared_re_ohm[a],shared_im_ohm[a]\n\
+        100,0.02,-0.001,1e-5,4e-5\n10,NaN,-0.002,2e-5,5e-5\n1,0.03,-0.003,3e-5,6e-5\n";
+    let spectrum = &read("x.csv", shared).unwrap().spectra[0].spectrum;
+    assert_eq!(spectrum.points.len(), 2);
+    assert_eq!(
+        spectrum.shared[0].at_ohm,
+        [Complex64::new(3e-5, 6e-5), Complex64::new(1e-5, 4e-5)]
+    );
+    let thesis =
+        "freq,offset,resistance,theta\n10,0,0.02,-0.1\n1,0,overload,-0.2\n0.1,0,0.03,nan\n";
+    assert_eq!(
+        read("x.csv", thesis).unwrap().spectra[0]
+            .spectrum
+            .points
+            .len(),
+        1
+    );
+    for (row, word) in [
+        ("1,inf,0", "\"inf\""),
+        ("NaN,0.02,0", "\"NaN\""),
+        ("1,a,0", "\"a\""),
+    ] {
+        refused(
+            &format!("freq_hz,z_re_ohm,z_im_ohm\n10,0.02,0\n{row}\n"),
+            &["line 3", word],
+        );
+    }
+}

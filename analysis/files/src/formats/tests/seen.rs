@@ -258,9 +258,17 @@ fn files_of_other_kinds_are_told_by_their_kind() {
         ("a.ism", b"\x00\x01\x02\xff", "a Zahner .ism"),
         (
             "a.xlsx",
-            b"PK\x03\x04\x14\x00\x00\x00[Content_Types].xml xl/workbook.xml\xff",
+            b"PK\x03\x04\x14\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\x0f\0\0\0xl/workbook.xml\xff",
             "an Excel workbook",
         ),
+        // Packed bytes may hold anything.
+        (
+            "a.zip",
+            b"PK\x03\x04\x14\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\x05\0\0\0a.csv \xff xl/ .ndc",
+            "a ZIP archive; unpack it",
+        ),
+        ("a.tdms", b"TDSm\x0e\0\0\0", "LabVIEW's TDMS; export its channels as CSV"),
+        ("a.npy", b"\x93NUMPY\x01\0", "numpy.savetxt"),
         (
             "a.ods",
             b"PK\x03\x04\x14\x00\x00\x00mimetypeapplication/vnd.oasis.opendocument.spreadsheet\xff",
@@ -279,7 +287,7 @@ fn files_of_other_kinds_are_told_by_their_kind() {
             b"MATLAB 5.0 MAT-file, Platform: GLNXA64\x00\xff",
             "a MATLAB .mat",
         ),
-        ("a.h5", b"\x89HDF\r\n\x1a\n\x00", "HDF5"),
+        ("a.h5", b"\x89HDF\r\n\x1a\n\x00", "HDF5; export its table as CSV or Parquet"),
         ("a.pdf", b"%PDF-1.7\n\xff", "a PDF"),
         ("a.png", b"\x89PNG\r\n\x1a\n\x00", "a picture"),
         ("a.jpg", b"\xFF\xD8\xFF\xE0\x00", "a picture"),
@@ -290,6 +298,18 @@ fn files_of_other_kinds_are_told_by_their_kind() {
             "an Arbin .res",
         ),
         ("a.json", b"{\n \"f (Hz)\": {\"0\": 1}}\n", "JSON"),
+        // Its texts may name columns.
+        (
+            "b.json",
+            b"{\"rows\": [\"freq/Hz\", \"Re(Z)\", \"-Im(Z)\", \"Re(Z)\"]}\n",
+            "JSON",
+        ),
+        ("a.isfx", b"<?xml version=\"1.0\"?>\n<f,re,im>\n", "XML"),
+        (
+            "a.mps",
+            b"BT-LAB SETTING FILE\r\n\r\nlim1_type  Time  Ecell  I\r\n",
+            "settings of EC-Lab (.mps), which hold no data; take the .mpr or .mpt",
+        ),
         (
             "a.fods",
             b"<?xml version=\"1.0\"?>\n<office:document>\n",

@@ -1,6 +1,6 @@
 //! Several sweeps in one file.
 
-use super::{names, parse};
+use super::{names, parse, parse_file};
 use analysis_signal::spectrum::SourcedSpectrum;
 use std::{fmt::Write as _, path::Path};
 
@@ -231,4 +231,61 @@ fn every_layout_is_split() {
         writeln!(labelled, "{f},1,-2,{}", k / 9 + 1).unwrap();
     }
     assert_eq!(spectra(labelled), expected("x.csv#cycle1 x.csv#cycle2"));
+}
+
+/// The remarks on a table of these frequencies, the first in line 2.
+fn notes(freqs: &[f64]) -> Vec<String> {
+    let mut text = "freq/Hz\tRe(Z)/Ohm\t-Im(Z)/Ohm\n".to_owned();
+    for (k, f) in freqs.iter().enumerate() {
+        writeln!(text, "{f}\t{}\t0.5", k + 1).unwrap();
+    }
+    parse_file(Path::new("x.mpt"), text.as_bytes())
+        .unwrap()
+        .notes
+}
+
+#[test]
+fn an_order_of_frequencies_that_is_none_is_told_by_its_line() {
+    let up: Vec<f64> = DOWN.iter().rev().copied().collect();
+    for quiet in [DOWN.to_vec(), up] {
+        assert!(notes(&quiet).is_empty(), "{:?}", notes(&quiet));
+    }
+    let mut turned = DOWN.to_vec();
+    turned.swap(3, 4);
+    let told = |freqs: &[f64]| notes(freqs).join("; ");
+    assert!(
+        told(&turned).contains("the frequency turns in line 6 within one sweep"),
+        "{}",
+        told(&turned)
+    );
+    assert!(told(&turned).contains("sorted by frequency") && told(&turned).contains("`kk`"));
+    turned.swap(6, 7);
+    assert!(
+        told(&turned).contains("turns in line 6 and in 1 more within"),
+        "{}",
+        told(&turned)
+    );
+    let halves = [&DOWN[4..], &DOWN[..4]].concat();
+    assert!(
+        told(&halves).contains("turns in line 7 within"),
+        "{}",
+        told(&halves)
+    );
+    let twice = [&DOWN[..5], &DOWN[4..]].concat();
+    assert!(
+        told(&twice).contains("a frequency is that of the row before (from line 7)"),
+        "{}",
+        told(&twice)
+    );
+    // What is measured again after the frequency has moved on has a remark of its own.
+    let again = [&DOWN[..5], &DOWN[3..]].concat();
+    assert!(told(&again).contains("2 frequencies are measured again (from line 7)"));
+    assert!(!told(&again).contains("turns"), "{}", told(&again));
+    // There and back are two sweeps.
+    let back: Vec<f64> = DOWN.iter().chain(DOWN.iter().rev()).copied().collect();
+    assert!(
+        !told(&back).contains("turns") && !told(&back).contains("row before"),
+        "{}",
+        told(&back)
+    );
 }

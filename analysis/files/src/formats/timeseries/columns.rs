@@ -12,7 +12,10 @@ use super::names::{
 use super::raw::{QUANTITIES, Quantity};
 
 /// Lines in which the names of the columns are sought: heads of files have some dozens.
-const HEAD_LINES: usize = 200;
+pub(super) const HEAD_LINES: usize = 200;
+
+/// Units that stand for other things where they are whole names.
+const AMBIGUOUS: [&str; 2] = ["d", "min"];
 
 /// A column.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,8 +44,17 @@ pub(super) struct Columns {
     pub(super) maccor: bool,
     /// Names without a text before the first: a row with something there is of another level.
     pub(super) lead: usize,
-    /// Column of EC-Lab's mode in a record of its technique OCV, which writes no current.
-    pub(super) rest_mode: Option<usize>,
+    /// What tells that no current flows, in a record without a current.
+    pub(super) rest: Option<Rest>,
+}
+
+/// What tells that no current flows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Rest {
+    /// The column of EC-Lab's mode.
+    EcLabMode(usize),
+    /// The tag of Gamry's open-circuit potential.
+    GamryTag,
 }
 
 impl Columns {
@@ -65,7 +77,7 @@ static READ: [(Quantity, &Names); 8] = [
 
 /// A name in parts.
 #[derive(Debug, Clone, PartialEq)]
-struct Parted {
+pub(super) struct Parted {
     /// Without blanks and marks, in small letters.
     base: String,
     unit: Option<String>,
@@ -82,7 +94,7 @@ pub(super) fn columns(names: &[&str], units: Option<&[&str]>) -> Option<Columns>
 }
 
 /// The columns that a row names, whether or not they are a record.
-fn any(names: &[&str], units: Option<&[&str]>) -> Columns {
+pub(super) fn any(names: &[&str], units: Option<&[&str]>) -> Columns {
     let mut all: Vec<Parted> = names.iter().map(|name| parted(name)).collect();
     for (one, unit) in all.iter_mut().zip(units.unwrap_or_default()) {
         one.unit = one
@@ -115,29 +127,63 @@ fn any(names: &[&str], units: Option<&[&str]>) -> Columns {
         maccor: (has("md") || has("state")) && (has("rec") || has("steptime") || has("amps")),
         times,
         found,
-        rest_mode: None,
+        rest: None,
     }
 }
 
-/// The line and the columns of EC-Lab's technique OCV: a time, a voltage and the mode, and no current.
+/// The line and the columns of a record at open circuit, which has no current: EC-Lab's technique OCV,
+/// with the mode in a column, and Gamry's `CORPOT`.
 pub(super) fn open_circuit(lines: &[&str]) -> Option<(usize, Columns)> {
-    lines
-        .first()
-        .filter(|line| line.contains("-Lab ASCII FILE"))?;
+    let ec_lab = lines.first()?.contains("-Lab ASCII FILE");
+    let is_tag = |line: &&&str| line.split_whitespace().eq(["TAG", "CORPOT"]);
+    let gamry = lines.first()?.trim() == "EXPLAIN" && lines.iter().take(5).any(|l| is_tag(&l));
     (0..lines.len().min(HEAD_LINES)).find_map(|at| {
         let (names, units) = row(lines, at);
         let columns = any(&names, units.as_deref());
-        let mode = names.iter().position(|name| name.trim() == "mode")?;
+        let place = |wanted: &str| names.iter().position(|name| name.trim() == wanted);
+        let rest = if ec_lab {
+            Rest::EcLabMode(place("mode")?)
+        } else {
+            place("Vf").filter(|_| gamry)?;
+            Rest::GamryTag
+        };
         let lacks_current = columns.get(Quantity::Current).is_none();
-        let rest = columns.get(Quantity::Voltage).is_some() && !columns.times.is_empty();
-        (rest && lacks_current).then_some((
+        let rests = columns.get(Quantity::Voltage).is_some() && !columns.times.is_empty();
+        (rests && lacks_current).then_some((
             at,
             Columns {
-                rest_mode: Some(mode),
+                rest: Some(rest),
                 ..columns
             },
         ))
     })
+}
+
+/// The columns of a row whose names are units, such as `Seconds,Volts,Amps` or `s;V;A`, each once. None
+/// under a row of names, whose units these are.
+fn of_units(lines: &[&str], at: usize) -> Option<Columns> {
+    let (names, _) = row(lines, at);
+    let filled = |fields: &[&str]| fields.iter().filter(|field| !field.is_empty()).count();
+    let above = at.checked_sub(1).map_or("", |above| lines[above]);
+    let above: Vec<&str> = text::fields(above, text::separator(lines[at])).collect();
+    if filled(&above) >= filled(&names) {
+        return None;
+    }
+    let mut columns = any(&names, None);
+    let all: Vec<Parted> = names.iter().map(|name| parted(name)).collect();
+    let one = |names: &Names| match names.as_units(&all).as_slice() {
+        [only] => Some(only.clone()),
+        _ => None,
+    };
+    for (quantity, names) in [(Quantity::Voltage, &VOLTAGE), (Quantity::Current, &CURRENT)] {
+        if columns.get(quantity).is_none() {
+            columns.found[quantity as usize] = Some(one(names)?);
+        }
+    }
+    if columns.times.is_empty() {
+        columns.times.push(one(&TIME)?);
+    }
+    Some(columns)
 }
 
 /// Whether a name is that of a wall clock.
@@ -162,14 +208,19 @@ fn is_bdf(names: &[&str]) -> bool {
 
 /// The line of names of a text, from 0, and its separator.
 pub(super) fn header(lines: &[&str]) -> Option<(usize, Columns)> {
-    (0..lines.len().min(HEAD_LINES)).find_map(|at| {
+    let head = 0..lines.len().min(HEAD_LINES);
+    let named = |at: usize| {
         let (names, units) = row(lines, at);
         Some((at, columns(&names, units.as_deref())?))
-    })
+    };
+    let by_units = |at: usize| Some((at, of_units(lines, at)?));
+    head.clone()
+        .find_map(named)
+        .or_else(|| head.clone().find_map(by_units))
 }
 
 /// The names of a line, and the units under them where the next line holds some.
-fn row<'a>(lines: &[&'a str], at: usize) -> (Vec<&'a str>, Option<Vec<&'a str>>) {
+pub(super) fn row<'a>(lines: &[&'a str], at: usize) -> (Vec<&'a str>, Option<Vec<&'a str>>) {
     let separator = text::separator(lines[at]);
     let names: Vec<&str> = text::fields(lines[at], separator).collect();
     let units = lines
@@ -185,46 +236,6 @@ fn row<'a>(lines: &[&'a str], at: usize) -> (Vec<&'a str>, Option<Vec<&'a str>>)
         units.iter().filter(known).count() > 1
     });
     (names, units)
-}
-
-/// The line that names most of a record and what it lacks, as line from 0 and in words; none where no
-/// line names two quantities of one.
-pub(super) fn near_miss(lines: &[&str]) -> Option<(usize, String)> {
-    let of = |at: usize| {
-        let (names, units) = row(lines, at);
-        let columns = any(&names, units.as_deref());
-        let has = [
-            ("a time", !columns.times.is_empty()),
-            ("a voltage", columns.get(Quantity::Voltage).is_some()),
-            ("a current", columns.get(Quantity::Current).is_some()),
-        ];
-        let count = has.iter().filter(|(_, there)| *there).count();
-        let unknown = [&TIME, &VOLTAGE, &CURRENT]
-            .iter()
-            .find_map(|names_of| names_of.unknown_unit(&names));
-        ((1..3).contains(&count) && (count == 2 || unknown.is_some()))
-            .then(|| (count, at, words(&has, unknown)))
-    };
-    let all = (0..lines.len().min(HEAD_LINES)).filter_map(of);
-    let (_, at, words) = all.max_by_key(|(count, at, _)| (*count, std::cmp::Reverse(*at)))?;
-    Some((at, words))
-}
-
-fn words(has: &[(&str, bool)], unknown: Option<String>) -> String {
-    let list = |there: bool| {
-        let names = has.iter().filter(|(_, met)| *met == there);
-        names
-            .map(|(name, _)| *name)
-            .collect::<Vec<_>>()
-            .join(" and ")
-    };
-    let unit = unknown.map_or_else(String::new, |name| {
-        format!(
-            "; the unit in {} is not known (s, min, h; V, mV; A, mA)",
-            text::shorten(&name)
-        )
-    });
-    format!("it names {}, and not {}{unit}", list(true), list(false))
 }
 
 impl Names {
@@ -253,6 +264,18 @@ impl Names {
         self.names.iter().copied().flat_map(of).collect()
     }
 
+    /// Columns whose whole name is a unit of the quantity.
+    pub(super) fn as_units(&self, all: &[Parted]) -> Vec<Found> {
+        let of = |(index, one): (usize, &Parted)| {
+            let bare = one.unit.is_none() && !AMBIGUOUS.contains(&one.base.as_str());
+            let mut units = self.units.iter().filter(|_| bare);
+            let (_, factor) = units.find(|(unit, _)| *unit == one.base)?;
+            let (unit, title) = (Some(*factor), one.title.clone());
+            Some(Found { index, unit, title })
+        };
+        all.iter().enumerate().filter_map(of).collect()
+    }
+
     fn is_clock(&self, unit: &str) -> bool {
         self.names.contains(&"testtime")
             && unit.starts_with('h')
@@ -261,7 +284,7 @@ impl Names {
     }
 
     /// A name of the quantity with a unit that is not known.
-    fn unknown_unit(&self, names: &[&str]) -> Option<String> {
+    pub(super) fn unknown_unit(&self, names: &[&str]) -> Option<String> {
         let odd = |one: &Parted| {
             let of_it = self.names.contains(&one.base.as_str());
             let known = |unit: &String| self.units.iter().any(|(known, _)| known == unit);
@@ -295,7 +318,7 @@ fn plain_unit(text: &str) -> String {
 }
 
 /// A name without blanks and marks, in small letters, and its unit where it has one.
-fn parted(name: &str) -> Parted {
+pub(super) fn parted(name: &str) -> Parted {
     let title = name.trim().to_owned();
     let written = title
         .trim_matches(['~', '<', '>', '%'])

@@ -67,6 +67,16 @@ pub enum SeriesReadError {
         /// Both sides, with their values, and the next thing to try.
         met: String,
     },
+    /// Times that go back.
+    #[error("{}, line {line}: expected times in s that rise, met {met}", file.display())]
+    Order {
+        /// The file.
+        file: PathBuf,
+        /// Line, from 1; in Parquet the row.
+        line: usize,
+        /// Both times, and the next thing to try.
+        met: String,
+    },
     /// A field that is not what its column holds.
     #[error("{}, line {line}, column {column} ({name}): expected a finite number, met {met}", file.display())]
     Field {
@@ -101,4 +111,14 @@ pub enum SeriesReadError {
         #[source]
         source: SeriesError,
     },
+}
+
+impl SeriesReadError {
+    /// The refusal of a file of another kind, as the readers of spectra give it.
+    pub(super) fn foreign(error: FormatError) -> Self {
+        match error {
+            FormatError::Foreign { file, kind } => Self::Foreign { file, kind },
+            other => other.into(),
+        }
+    }
 }

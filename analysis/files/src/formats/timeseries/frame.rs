@@ -5,6 +5,7 @@ use super::agreement::{self, COUNTED, Open};
 use super::columns::{self, Columns, direction_of};
 use super::error::SeriesReadError;
 use super::moment::Stamp;
+use super::near;
 use super::raw::{QUANTITIES, Quantity, Raw};
 use crate::dataset;
 use polars::prelude::{Column, DataFrame, DataType, ParquetReader, SerReader, TimeUnit};
@@ -42,7 +43,7 @@ pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Raw, SeriesReadError> 
     }
     let columns = columns::columns(&names, None).ok_or_else(|| {
         let line = names.join("\t");
-        let lacks = columns::near_miss(&[line.as_str()]);
+        let lacks = near::near_miss(&[line.as_str()]);
         let lacks = lacks.map_or_else(String::new, |(_, lacks)| format!(": {lacks}"));
         SeriesReadError::UnknownFormat {
             file: path.to_owned(),

@@ -34,6 +34,8 @@ pub(super) static TIME: Names = Names {
         "temps",
         "时间",
         "recordtime",
+        "timedomain",
+        "passtime",
         "t",
     ],
     units: &[
@@ -86,6 +88,8 @@ pub(super) static VOLTAGE: Names = Names {
         "packvoltage",
         "measuredvoltage",
         "voltagemeasured",
+        "we(1)potential",
+        "potential(ac)",
         "vf",
         "u",
         "v",
@@ -118,6 +122,8 @@ pub(super) static CURRENT: Names = Names {
         "packcurrent",
         "measuredcurrent",
         "currentmeasured",
+        "we(1)current",
+        "current(ac)",
         "im",
     ],
     units: &[

@@ -4,9 +4,10 @@ use super::super::error::FormatError;
 use super::super::text::{self, Row, Text, shorten};
 use super::super::{foreign, plain};
 use super::agreement::{self, COUNTED, Open};
-use super::columns::{self, Columns, Found, direction_of};
+use super::columns::{self, Columns, Found, Rest, direction_of};
 use super::error::SeriesReadError;
 use super::moment::Stamp;
+use super::near;
 use super::raw::{QUANTITIES, Quantity, Raw};
 use std::path::Path;
 
@@ -28,15 +29,16 @@ const BESIDE: [Quantity; 5] = [
 pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, SeriesReadError> {
     let decoded = text::utf_16(bytes);
     if let Some(error) = foreign::binary(path, decoded.as_deref().map_or(bytes, str::as_bytes)) {
-        return Err(match error {
-            FormatError::Foreign { file, kind } => SeriesReadError::Foreign { file, kind },
-            other => other.into(),
-        });
+        return Err(SeriesReadError::foreign(error));
     }
     let content = plain::text(bytes);
     let lines: Vec<&str> = content.lines().collect();
     let found = columns::header(&lines).or_else(|| columns::open_circuit(&lines));
-    let (at, columns) = found.ok_or_else(|| unknown(path, &lines))?;
+    let refused = || {
+        let foreign = foreign::text(path, content.as_bytes());
+        foreign.map_or_else(|| unknown(path, &lines), SeriesReadError::foreign)
+    };
+    let (at, columns) = found.ok_or_else(refused)?;
     let start = lines[at].as_ptr() as usize - content.as_ptr() as usize;
     let mut text = Text::new(path, &content.as_bytes()[start..])?;
     text.rows.iter_mut().for_each(|row| row.line += at);
@@ -62,7 +64,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, SeriesReadError> {
 
 /// The refusal of a text without a record, with what its nearest line lacks.
 fn unknown(path: &Path, lines: &[&str]) -> SeriesReadError {
-    let near = columns::near_miss(lines);
+    let near = near::near_miss(lines);
     let first = || {
         let filled = |line: &str| !line.trim().is_empty() && !text::is_comment(line);
         lines.iter().position(|line| filled(line))
@@ -126,8 +128,9 @@ impl Table<'_> {
             };
             values[Quantity::Time as usize] = time_s - start_s;
             values[Quantity::Voltage as usize] = self.measured(row, Quantity::Voltage)?;
-            values[Quantity::Current as usize] = match self.columns.rest_mode {
-                Some(mode) => self.rest(row, mode)?,
+            values[Quantity::Current as usize] = match self.columns.rest {
+                Some(Rest::EcLabMode(mode)) => self.rest(row, mode)?,
+                Some(Rest::GamryTag) => 0.0,
                 None => self.measured(row, Quantity::Current)?,
             };
             for quantity in BESIDE {
@@ -156,9 +159,13 @@ impl Table<'_> {
                 time.title, surest.title
             ));
         }
-        if self.columns.rest_mode.is_some() {
-            let told = "EC-Lab's technique OCV writes no current: it is 0 A at rest";
-            raw.notes.push(told.to_owned());
+        if let Some(rest) = self.columns.rest {
+            let program = match rest {
+                Rest::EcLabMode(_) => "EC-Lab's technique OCV",
+                Rest::GamryTag => "Gamry's open-circuit potential (CORPOT)",
+            };
+            let told = format!("{program} writes no current: it is 0 A at rest");
+            raw.notes.push(told);
         }
         let plain = |quantity| {
             let found = self.columns.get(quantity);

@@ -114,3 +114,105 @@ fn what_is_wrong_is_told_with_its_line_in_the_file() {
         assert!(met.contains(told), "{met}\n{text}");
     }
 }
+
+#[test]
+fn names_that_are_units_are_read_where_each_stands_once() {
+    for text in [
+        "Seconds,Amps,Volts,Ah\n0,-2,4.1,0\n36,0.5,4.0,0.01\n",
+        "Volts,Seconds,Amps\n4.1,0,-2\n4.0,36,0.5\n",
+        "s;mV;mA\n0;4100;-2000\n36;4000;500\n",
+        "made by a program\nh\tV\tA\n0\t4.1\t-2\n0.01\t4.0\t0.5\n",
+        // TOYO.
+        "Mode,Cycle,TotlCycle,PassTime[Sec],Voltage[V],Current[mA]\n1,1,1,0,4.1,-2000\n2,1,1,36,4.0,500\n",
+        // Autolab NOVA, and its lists of the time domain.
+        "Index\tCorrected time (s)\tTime (s)\tWE(1).Potential (V)\tWE(1).Current (A)\n\
+         1\t0\t0\t4.1\t-2\n2\t1\t36\t4.0\t0.5\n",
+        "Frequency (Hz),Time domain (s),Current (AC) (A),Potential (AC) (V)\n1000,0,-2,4.1\n100,36,0.5,4\n",
+    ] {
+        holds(text);
+    }
+    for (text, told) in [
+        // Which of two is not told.
+        (
+            "V,µA,V,µA\n1,2,3,4\n1,2,3,4\n",
+            "it names a voltage and a current, and not a time",
+        ),
+        (
+            "s,V,V,A\n0,1,2,3\n1,1,2,3\n",
+            "line 1: expected columns of a time",
+        ),
+        // Units of names above, one of which is not known.
+        (
+            "Time;Voltage;Level\ns;V;A\n0;4.1;-2\n36;4.0;0.5\n",
+            "not a current",
+        ),
+        ("d,V,A\n0,4.1,-2\n1,4.0,0.5\n", "not a time"),
+    ] {
+        let met = read("x.txt", text.as_bytes()).unwrap_err();
+        assert!(met.contains(told), "{met}\n{text}");
+    }
+}
+
+#[test]
+fn a_refusal_names_the_line_before_the_rows() {
+    for (text, told) in [
+        (
+            // CH Instruments: the current stands in the head.
+            "Chronopotentiometry\nCurrent Polarity = Potential\nSegment = 2\n\nTime/sec, Potential/V\n\n\
+             0.5, 0.7\n1.0, 0.8\n",
+            "line 5: expected columns of a time, a voltage and a current, such as \"Test Time / s,Voltage / \
+             V,Current / A\", met \"Time/sec, Potential/V\": it names a time and a voltage, and not a current",
+        ),
+        (
+            "EXPLAIN\nTAG\tSQUAREWAVE\nCONDIT\tTWOPARAM\tF\t15\t0\tConditioning\tTime(s)\tE(V)\n\
+             CURVE\tTABLE\t2\n\tPt\tT\tVfwd\tIfwd\n\t#\ts\tV\tA\n\t0\t0.1\t1\t2\n\t1\t0.2\t1\t2\n",
+            "line 5: expected",
+        ),
+        (
+            "Cycle_Index,Test_Time (s),Max_Current (A)\n1,10,2\n2,20,2\n",
+            "it names a time, and not a voltage and a current",
+        ),
+        (
+            "{\"Time/s\": [1], \"Voltage/V\": [2]}\n",
+            "met JSON, which is not read as a table",
+        ),
+        (
+            "<?xml version=\"1.0\"?>\n<a Time Voltage>\n",
+            "met XML or HTML",
+        ),
+    ] {
+        let met = read("x.txt", text.as_bytes()).unwrap_err();
+        assert!(met.contains(told), "{met}\n{text}");
+    }
+}
+
+#[test]
+fn gamrys_open_circuit_potential_is_a_rest() {
+    let text = "EXPLAIN\nTAG\tCORPOT\nCURVE\tTABLE\t2\n\tPt\tT\tVf\tVm\tOver\n\t#\ts\tV vs. Ref.\tV\tbits\n\
+                \t0\t0.5\t3.71\t0\t...a\n\t1\t1.0\t3.72\t0\t...a\n";
+    let series = read("x.dta", text.as_bytes()).unwrap();
+    assert_eq!(
+        (series.time_s, series.voltage_v, series.current_a),
+        (vec![0.5, 1.0], vec![3.71, 3.72], vec![0.0, 0.0])
+    );
+    let other = read("x.dta", text.replace("CORPOT", "SQUAREWAVE").as_bytes()).unwrap_err();
+    assert!(
+        other.contains("line 4") && other.contains("not a current"),
+        "{other}"
+    );
+}
+
+#[test]
+fn a_code_page_of_two_bytes_is_told() {
+    // `时间(s),电压(V),电流(A)` in GBK.
+    let head = b"\xCA\xB1\xBC\xE4(s),\xB5\xE7\xD1\xB9(V),\xB5\xE7\xC1\xF7(A)\n";
+    let text = [head.as_slice(), b"0,4.1,-2\n36,4.0,0.5\n"].concat();
+    let met = read("x.csv", &text).unwrap_err();
+    assert!(
+        met.contains("such as GBK or Shift-JIS; save it as UTF-8"),
+        "{met}"
+    );
+    // One of a single byte is read.
+    let latin = b"Zeit (s),Spannung (V),Strom (A),W\xE4rme\n0,4.1,-2,1\n36,4.0,0.5,1\n";
+    assert_eq!(read("x.csv", latin).unwrap().current_a, [2.0, -0.5]);
+}
