@@ -159,6 +159,24 @@ pub(super) fn open_circuit(lines: &[&str]) -> Option<(usize, Columns)> {
     })
 }
 
+/// Whether rows of numbers follow a line of names, perhaps with units between.
+pub(super) fn come_before_rows(lines: &[&str], names: usize) -> bool {
+    let mut next = (names + 1..lines.len()).take(3);
+    next.any(|row| is_numbers(lines, names, row))
+}
+
+/// Whether a line, parted as the line of names is, holds numbers in at least half of its fields.
+fn is_numbers(lines: &[&str], names: usize, row: usize) -> bool {
+    let separator = text::separator(lines[names]);
+    let fields = text::fields(lines[row], separator).filter(|field| !field.is_empty());
+    let (mut filled, mut numbers) = (0, 0);
+    for field in fields {
+        filled += 1;
+        numbers += usize::from(text::number(field, separator).is_some());
+    }
+    numbers >= 2 && 2 * numbers >= filled
+}
+
 /// The columns of a row whose names are units, such as `Seconds,Volts,Amps` or `s;V;A`, each once. None
 /// under a row of names, whose units these are.
 fn of_units(lines: &[&str], at: usize) -> Option<Columns> {
@@ -166,7 +184,8 @@ fn of_units(lines: &[&str], at: usize) -> Option<Columns> {
     let filled = |fields: &[&str]| fields.iter().filter(|field| !field.is_empty()).count();
     let above = at.checked_sub(1).map_or("", |above| lines[above]);
     let above: Vec<&str> = text::fields(above, text::separator(lines[at])).collect();
-    if filled(&above) >= filled(&names) {
+    // In prose `a` is no ampere.
+    if filled(&above) >= filled(&names) || !come_before_rows(lines, at) {
         return None;
     }
     let mut columns = any(&names, None);

@@ -1,7 +1,7 @@
 //! Says what the line that comes nearest to the names of a record lacks.
 
 use super::super::text;
-use super::columns::{HEAD_LINES, Parted, any, parted, row};
+use super::columns::{HEAD_LINES, Parted, any, come_before_rows, parted, row};
 use super::names::{CURRENT, Names, TIME, VOLTAGE};
 use super::raw::Quantity;
 
@@ -11,9 +11,7 @@ pub(super) fn near_miss(lines: &[&str]) -> Option<(usize, String)> {
     let of = |at: usize| {
         let (names, units) = row(lines, at);
         let columns = any(&names, units.as_deref());
-        let before_rows = (at + 1..lines.len())
-            .take(3)
-            .any(|row| is_numbers(lines, at, row));
+        let before_rows = come_before_rows(lines, at);
         let all: Vec<Parted> = names.iter().map(|name| parted(name)).collect();
         let by_unit = |names: &Names| before_rows && !names.as_units(&all).is_empty();
         let has = [
@@ -39,18 +37,6 @@ pub(super) fn near_miss(lines: &[&str]) -> Option<(usize, String)> {
     let (.., at, words) = all
         .max_by_key(|(before_rows, count, at, _)| (*before_rows, *count, std::cmp::Reverse(*at)))?;
     Some((at, words))
-}
-
-/// Whether a line, parted as the line of names is, holds numbers in at least half of its fields.
-fn is_numbers(lines: &[&str], names: usize, row: usize) -> bool {
-    let separator = text::separator(lines[names]);
-    let fields = text::fields(lines[row], separator).filter(|field| !field.is_empty());
-    let (mut filled, mut numbers) = (0, 0);
-    for field in fields {
-        filled += 1;
-        numbers += usize::from(text::number(field, separator).is_some());
-    }
-    numbers >= 2 && 2 * numbers >= filled
 }
 
 fn words(has: &[(&str, bool)], unknown: Option<String>) -> String {

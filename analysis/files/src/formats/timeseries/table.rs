@@ -32,6 +32,9 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, SeriesReadError> {
         return Err(SeriesReadError::foreign(error));
     }
     let content = plain::text(bytes);
+    if let Some(error) = foreign::markup(path, content.as_bytes()) {
+        return Err(SeriesReadError::foreign(error));
+    }
     let lines: Vec<&str> = content.lines().collect();
     let found = columns::header(&lines).or_else(|| columns::open_circuit(&lines));
     let refused = || {

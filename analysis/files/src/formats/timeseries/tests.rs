@@ -147,6 +147,11 @@ fn names_that_are_units_are_read_where_each_stands_once() {
             "not a current",
         ),
         ("d,V,A\n0,4.1,-2\n1,4.0,0.5\n", "not a time"),
+        // Prose.
+        (
+            "record a voltage over time\nof cells\nand nothing more\n",
+            "and not a current",
+        ),
     ] {
         let met = read("x.txt", text.as_bytes()).unwrap_err();
         assert!(met.contains(told), "{met}\n{text}");
