@@ -1,53 +1,66 @@
 //! Current and voltage over time in MATLAB's `.mat`, as the text of a cycler: the vectors `Time`,
-//! `Voltage` and `Current`, alone or as fields of one structure (`meas`, in the data that Kollmeyer
-//! has published).
+//! `Voltage` and `Current`, alone or as fields of a structure, at any depth (`meas` in the data that
+//! Kollmeyer has published, `cycle(k).data` in those of NASA's PCoE).
 //!
-//! The layout is that of MathWorks' "MAT-File Format", Level 5: behind a head of 128 bytes elements
-//! of a type, a length and bytes that are filled up to eight; compressed ones hold another. Files of
-//! version 7.3 are HDF5 and are not read.
+//! Several such structures follow each other as steps of one record: by the date vectors beside them, or
+//! by times that go on. If neither tells when they were taken, an hour is put between them, with a word.
 
+mod level5;
+
+use self::level5::{Contents, Group};
 use super::error::FormatError;
 use std::fmt::Write as _;
-use std::io::Read as _;
 use std::path::Path;
 
 /// First bytes of a file of Level 5; one of 7.3 says `MATLAB 7.3`.
 const MAGIC: &[u8] = b"MATLAB 5.0 MAT-file";
-/// Bytes before the first element.
-const HEAD: usize = 128;
-/// Types of elements, by table 1-1 of the description.
-const MATRIX: u32 = 14;
-const COMPRESSED: u32 = 15;
-/// Classes of arrays, by table 1-3: a structure; from double on the numbers.
-const STRUCTURE: u8 = 2;
-const NUMBERS: std::ops::RangeInclusive<u8> = 6..=15;
-/// Most bytes that a compressed element may grow to: a day at 1 kHz of ten columns is 7 GB, which is
-/// no record of a cycler.
-const MOST_BYTES: u64 = 1 << 30;
-/// Deepest structure within structures that is looked into.
-const DEEPEST: usize = 8;
+/// Rest that is put between two records of which nothing tells when they were taken, s: a cut, which no
+/// run spans.
+const APART_S: f64 = 3600.0;
 
 /// Names of a quantity in small letters, and the column that it becomes.
-const NAMED: [(&[&str], &str); 4] = [
-    (&["time", "time_s", "t"], "Time (s)"),
-    (&["voltage", "voltage_v", "v"], "Voltage (V)"),
-    (&["current", "current_a", "i"], "Current (A)"),
+const NAMED: [(&[&str], &str); 7] = [
+    (&["time", "time_s", "t", "test_time"], "Time (s)"),
     (
-        &["battery_temp_degc", "temperature_c", "temperature", "temp"],
+        &["voltage", "voltage_v", "v", "voltage_measured"],
+        "Voltage (V)",
+    ),
+    (
+        &["current", "current_a", "i", "current_measured"],
+        "Current (A)",
+    ),
+    (
+        &[
+            "battery_temp_degc",
+            "temperature_c",
+            "temperature",
+            "temp",
+            "temperature_measured",
+        ],
         "Temperature (C)",
     ),
+    (&["chamber_temp_degc"], "Chamber Temperature (C)"),
+    (&["soc"], "SOC"),
+    (&["step", "step_index"], "Step Index"),
 ];
 /// Of these the first must be there.
 const NEEDED: usize = 3;
+/// Position of the step in them.
+const STEP: usize = 6;
 
-/// Vectors that stand together: variables, or fields of one structure.
-type Vectors = Vec<(String, Vec<f64>)>;
+/// The record of a file as a text.
+#[derive(Debug)]
+pub(super) struct Decoded {
+    pub(super) text: String,
+    /// How several records became one.
+    pub(super) note: Option<String>,
+}
 
-/// The text of the one record of a file; nothing where it is none of MATLAB's.
+/// The record of a file; nothing where it is none of MATLAB's.
 ///
 /// # Errors
-/// [`FormatError::Decode`] for a file that is cut off, or with none or several records.
-pub(super) fn text(path: &Path, bytes: &[u8]) -> Option<Result<String, FormatError>> {
+/// [`FormatError::Decode`] for a file that is cut off, or with no record, or twice the same one.
+pub(super) fn decode(path: &Path, bytes: &[u8]) -> Option<Result<Decoded, FormatError>> {
     bytes.starts_with(MAGIC).then(|| {
         decoded(bytes).map_err(|reason| FormatError::Decode {
             file: path.to_owned(),
@@ -57,221 +70,141 @@ pub(super) fn text(path: &Path, bytes: &[u8]) -> Option<Result<String, FormatErr
     })
 }
 
-fn decoded(bytes: &[u8]) -> Result<String, String> {
-    let big = match bytes.get(126..HEAD) {
-        Some(b"IM") => false,
-        Some(b"MI") => true,
-        _ => return Err("the file ends within its head".to_owned()),
-    };
-    let mut reader = Reader {
-        big,
-        groups: Vec::new(),
-        names: Vec::new(),
-    };
-    let variables = reader.elements(bytes.get(HEAD..).unwrap_or_default(), 0)?;
-    reader.groups.push(variables);
-    let records: Vec<Vec<(&str, &[f64])>> = reader.groups.iter().filter_map(record).collect();
-    let [record] = records.as_slice() else {
-        let (count, names) = (records.len(), reader.names.join(", "));
+fn decoded(bytes: &[u8]) -> Result<Decoded, String> {
+    let Contents { groups, names } = level5::read(bytes)?;
+    let records: Vec<Record<'_>> = groups.iter().filter_map(Record::of).collect();
+    if records.is_empty() {
         return Err(format!(
-            "expected vectors Time, Voltage and Current of one length once, met {count} such \
-             records; its variables and fields are {names}"
+            "expected vectors Time, Voltage and Current of one length, met none; its variables and \
+             fields are {}",
+            names.join(", ")
         ));
-    };
-    let names: Vec<&str> = record.iter().map(|(name, _)| *name).collect();
-    let mut text = names.join("\t") + "\n";
-    for k in 0..record.first().map_or(0, |(_, values)| values.len()) {
-        for (nth, (_, values)) in record.iter().enumerate() {
-            // Writing to a string cannot fail; what is no number is left empty.
-            let _ = match values.get(k).filter(|value| value.is_finite()) {
-                Some(value) if nth > 0 => write!(text, "\t{value}"),
-                Some(value) => write!(text, "{value}"),
-                None => write!(text, "{}", if nth > 0 { "\t" } else { "" }),
-            };
-        }
-        text.push('\n');
     }
-    Ok(text)
-}
-
-/// The columns of a record, where the vectors are one.
-fn record(vectors: &Vectors) -> Option<Vec<(&'static str, &[f64])>> {
-    let find = |(names, column): &(&[&str], &'static str)| {
-        let met = |name: &&str| vectors.iter().find(|(met, _)| met.to_lowercase() == *name);
-        names
-            .iter()
-            .find_map(met)
-            .map(|(_, values)| (*column, values.as_slice()))
-    };
-    let found: Vec<_> = NAMED.iter().map(find).collect();
-    let (_, first) = found.first().copied().flatten()?;
-    let whole = found[..NEEDED]
-        .iter()
-        .all(|one| one.is_some_and(|(_, values)| values.len() == first.len()));
-    (whole && first.len() > 1).then(|| {
-        found
-            .into_iter()
-            .flatten()
-            .filter(|(_, values)| values.len() == first.len())
-            .collect()
+    for (k, record) in records.iter().enumerate() {
+        let same = |other: &&Record<'_>| other.columns[..NEEDED] == record.columns[..NEEDED];
+        if let Some(first) = records[..k].iter().find(same) {
+            return Err(format!(
+                "expected each record once, met the same one in {} and {}",
+                first.path, record.path
+            ));
+        }
+    }
+    let (starts_s, note) = starts_s(&records);
+    Ok(Decoded {
+        text: written(&records, &starts_s),
+        note,
     })
 }
 
-struct Reader {
-    big: bool,
-    groups: Vec<Vectors>,
-    /// Names of everything that was met.
-    names: Vec<String>,
+/// Time that is added to each record, s, and a remark where there are several.
+fn starts_s(records: &[Record<'_>]) -> (Vec<f64>, Option<String>) {
+    let (count, first) = (records.len(), records.first().map_or("", |one| one.path));
+    let several = |how: &str| {
+        (count > 1).then(|| format!("it holds {count} records, the first in {first}, joined {how}"))
+    };
+    let rises = |starts_s: &[f64]| {
+        let mut pairs = records
+            .iter()
+            .zip(starts_s)
+            .zip(records[1..].iter().zip(&starts_s[1..]));
+        pairs.all(|((a, a_s), (b, b_s))| b.ends_s().0 + b_s > a.ends_s().1 + a_s)
+    };
+    let dated: Option<Vec<f64>> = records.iter().map(|record| record.begun_s).collect();
+    if let Some(dates_s) = dated {
+        let starts_s: Vec<f64> = dates_s.iter().map(|date_s| date_s - dates_s[0]).collect();
+        if rises(&starts_s) {
+            return (starts_s, several("by the dates beside them"));
+        }
+    }
+    let as_they_are = vec![0.0; count];
+    if rises(&as_they_are) {
+        return (as_they_are, several("by their times, which go on"));
+    }
+    let mut free_s = 0.0;
+    let apart = records.iter().map(|record| {
+        let (begin_s, end_s) = record.ends_s();
+        let start_s = free_s - begin_s;
+        free_s = end_s + start_s + APART_S;
+        start_s
+    });
+    let how = "with an hour between them: nothing tells when each was taken";
+    (apart.collect(), several(how))
 }
 
-/// An element: its type and its bytes.
-struct Element<'a> {
-    kind: u32,
-    bytes: &'a [u8],
+/// The rows of the records; of several each has the number of its record as its step.
+fn written(records: &[Record<'_>], starts_s: &[f64]) -> String {
+    let several = records.len() > 1;
+    let used: Vec<usize> = (0..NAMED.len())
+        .filter(|k| {
+            several && *k == STEP || records.iter().any(|record| record.columns[*k].is_some())
+        })
+        .collect();
+    let names: Vec<&str> = used.iter().map(|k| NAMED[*k].1).collect();
+    let mut text = names.join("\t") + "\n";
+    for (nth, (record, start_s)) in records.iter().zip(starts_s).enumerate() {
+        for row in 0..record.rows() {
+            for (place, k) in used.iter().enumerate() {
+                let value = record.columns[*k].and_then(|values| values.get(row).copied());
+                let value = match *k {
+                    0 => value.map(|time_s| time_s + start_s),
+                    #[expect(clippy::cast_precision_loss, reason = "a number of records")]
+                    STEP if several => Some((nth + 1) as f64),
+                    _ => value,
+                };
+                // Writing to a string cannot fail; what is no number is left empty.
+                let tab = if place > 0 { "\t" } else { "" };
+                let _ = match value.filter(|value| value.is_finite()) {
+                    Some(value) => write!(text, "{tab}{value}"),
+                    None => write!(text, "{tab}"),
+                };
+            }
+            text.push('\n');
+        }
+    }
+    text
 }
 
-impl Reader {
-    /// Vectors of the arrays that follow each other.
-    fn elements(&mut self, mut rest: &[u8], depth: usize) -> Result<Vectors, String> {
-        let mut vectors = Vec::new();
-        while rest.len() >= 8 {
-            let element = self.element(&mut rest)?;
-            match element.kind {
-                MATRIX => vectors.extend(self.array(element.bytes, None, depth)?),
-                COMPRESSED => {
-                    let mut whole = Vec::new();
-                    let mut decoder =
-                        flate2::read::ZlibDecoder::new(element.bytes).take(MOST_BYTES);
-                    let read = decoder.read_to_end(&mut whole);
-                    read.map_err(|error| format!("a compressed variable: {error}"))?;
-                    let mut inner = whole.as_slice();
-                    let element = self.element(&mut inner)?;
-                    if element.kind == MATRIX {
-                        vectors.extend(self.array(element.bytes, None, depth)?);
-                    }
-                }
-                _ => {}
-            }
-        }
-        Ok(vectors)
-    }
+/// The columns of a record in the order of [`NAMED`].
+struct Record<'a> {
+    path: &'a str,
+    columns: [Option<&'a [f64]>; NAMED.len()],
+    begun_s: Option<f64>,
+}
 
-    /// The vector of an array of numbers; of a structure its fields go into a group of their own.
-    fn array(
-        &mut self,
-        mut rest: &[u8],
-        field: Option<&str>,
-        depth: usize,
-    ) -> Result<Option<(String, Vec<f64>)>, String> {
-        // An empty field.
-        if rest.is_empty() {
-            return Ok(None);
-        }
-        let flags = self.element(&mut rest)?;
-        let class = self.word(flags.bytes, 0)?.to_le_bytes()[0];
-        let sizes = self.element(&mut rest)?;
-        let count = sizes.bytes.chunks_exact(4).count();
-        let sizes: Vec<u32> = (0..count)
-            .map(|k| self.word(sizes.bytes, 4 * k))
-            .collect::<Result<_, _>>()?;
-        let own = self.element(&mut rest)?;
-        let name = field.map_or_else(|| words(own.bytes), str::to_owned);
-        self.names.push(name.clone());
-        if class == STRUCTURE && depth < DEEPEST && sizes.iter().all(|size| *size == 1) {
-            let group = self.structure(rest, depth)?;
-            self.groups.push(group);
-            return Ok(None);
-        }
-        // A vector has one size that is not one.
-        if !NUMBERS.contains(&class) || sizes.iter().filter(|size| **size != 1).count() > 1 {
-            return Ok(None);
-        }
-        let numbers = self.element(&mut rest)?;
-        Ok(Some((name, self.numbers(&numbers)?)))
-    }
-
-    fn structure(&mut self, mut rest: &[u8], depth: usize) -> Result<Vectors, String> {
-        let length = self.element(&mut rest)?;
-        let length = self.word(length.bytes, 0)? as usize;
-        let names = self.element(&mut rest)?;
-        let mut vectors = Vec::new();
-        for name in names.bytes.chunks_exact(length.max(1)).map(words) {
-            let field = self.element(&mut rest)?;
-            if field.kind == MATRIX {
-                vectors.extend(self.array(field.bytes, Some(&name), depth + 1)?);
-            }
-        }
-        Ok(vectors)
-    }
-
-    /// The next element; the rest begins behind it.
-    fn element<'a>(&self, rest: &mut &'a [u8]) -> Result<Element<'a>, String> {
-        let cut = || "the file ends within an element; it was cut off".to_owned();
-        let tag = self.word(rest, 0)?;
-        // Up to four bytes stand within the tag.
-        let (kind, start, length) = if tag >> 16 == 0 {
-            (tag, 8, self.word(rest, 4)? as usize)
-        } else {
-            (tag & 0xFFFF, 4, (tag >> 16) as usize)
+impl<'a> Record<'a> {
+    /// The record of these vectors, where they are one.
+    fn of(group: &'a Group) -> Option<Self> {
+        let find = |(names, _): &(&[&str], &'static str)| {
+            let met = |name: &&str| {
+                let mut all = group.vectors.iter();
+                all.find(|vector| vector.name.to_lowercase() == *name)
+            };
+            names
+                .iter()
+                .find_map(met)
+                .map(|vector| vector.values.as_slice())
         };
-        let end = start + length;
-        let bytes = rest.get(start..end).ok_or_else(cut)?;
-        let filled = if start == 4 {
-            8
-        } else if kind == COMPRESSED {
-            end
-        } else {
-            end.next_multiple_of(8)
-        };
-        *rest = rest.get(filled..).unwrap_or_default();
-        Ok(Element { kind, bytes })
-    }
-
-    /// Numbers, which are stored in the smallest type that holds them.
-    fn numbers(&self, element: &Element<'_>) -> Result<Vec<f64>, String> {
-        let width = match element.kind {
-            1 | 2 => 1,
-            3 | 4 => 2,
-            5..=7 => 4,
-            9 | 12 | 13 => 8,
-            other => return Err(format!("numbers of type {other}, which is not known")),
-        };
-        let number = |bytes: &[u8]| {
-            let mut eight = [0; 8];
-            for (place, byte) in bytes.iter().enumerate() {
-                eight[if self.big { width - 1 - place } else { place }] = *byte;
-            }
-            let [a, b, c, d, ..] = eight;
-            match element.kind {
-                1 => f64::from(i8::from_le_bytes([a])),
-                3 => f64::from(i16::from_le_bytes([a, b])),
-                5 => f64::from(i32::from_le_bytes([a, b, c, d])),
-                7 => f64::from(f32::from_le_bytes([a, b, c, d])),
-                9 => f64::from_le_bytes(eight),
-                12 => i64::from_le_bytes(eight) as f64,
-                _ => u64::from_le_bytes(eight) as f64,
-            }
-        };
-        Ok(element.bytes.chunks_exact(width).map(number).collect())
-    }
-
-    fn word(&self, bytes: &[u8], at: usize) -> Result<u32, String> {
-        let four = bytes.get(at..).and_then(<[u8]>::first_chunk);
-        let four = four.ok_or("the file ends within an element; it was cut off")?;
-        Ok(if self.big {
-            u32::from_be_bytes(*four)
-        } else {
-            u32::from_le_bytes(*four)
+        let mut columns = NAMED.each_ref().map(find);
+        let rows = columns[0]?.len();
+        for column in &mut columns {
+            *column = column.filter(|values| values.len() == rows);
+        }
+        let whole = columns[..NEEDED].iter().all(Option::is_some);
+        (whole && rows > 1).then_some(Self {
+            path: &group.path,
+            columns,
+            begun_s: group.begun_s,
         })
     }
-}
 
-/// A name, which zeros may follow.
-fn words(bytes: &[u8]) -> String {
-    let name: Vec<u8> = bytes
-        .iter()
-        .copied()
-        .take_while(|byte| *byte != 0)
-        .collect();
-    String::from_utf8_lossy(&name).into_owned()
+    fn rows(&self) -> usize {
+        self.columns[0].map_or(0, <[f64]>::len)
+    }
+
+    /// First and last time, s.
+    fn ends_s(&self) -> (f64, f64) {
+        let times_s = self.columns[0].unwrap_or_default();
+        let end = |time_s: Option<&f64>| time_s.copied().unwrap_or(0.0);
+        (end(times_s.first()), end(times_s.last()))
+    }
 }

@@ -55,7 +55,8 @@ pub use bdf::{bdf_text, write_bdf_parquet};
 pub use error::{ErrorPlace, FormatError};
 pub use profile::{ProfileReadError, ReadOptions, first_bare_row, parse_profile, read_profile};
 pub use timeseries::{
-    CurrentSign, LeftOut, ReadSeries, SeriesOptions, SeriesReadError, read_record, read_series,
+    CurrentSign, Fact, Head, LeftOut, ReadSeries, SeriesOptions, SeriesReadError, State,
+    read_record, read_series,
 };
 pub use write::{SpectrumFormat, spectrum_text};
 
@@ -193,6 +194,21 @@ fn of_sheets(path: &Path, sheets: &[Sheet]) -> Result<FileSpectra, FormatError> 
         }),
         _ => Ok(all),
     }
+}
+
+/// Bytes at the start of a file in which the names of its columns are sought: heads have some dozens of
+/// lines.
+const HEAD_BYTES: u64 = 1 << 16;
+
+/// Whether a text names the columns of an impedance near its start, as a log does that holds spectra in
+/// some of its rows.
+pub fn names_a_spectrum(path: &Path) -> bool {
+    let mut bytes = Vec::new();
+    let read = std::fs::File::open(path).and_then(|file| {
+        use std::io::Read as _;
+        file.take(HEAD_BYTES).read_to_end(&mut bytes)
+    });
+    read.is_ok() && vendor::names_a_spectrum(path, &plain::text(&bytes))
 }
 
 fn parse_text(path: &Path, bytes: &[u8]) -> Result<FileSpectra, FormatError> {

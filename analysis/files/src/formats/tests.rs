@@ -6,6 +6,7 @@ mod binary;
 mod cases;
 mod corpus;
 mod kinds;
+mod mat;
 mod mutations;
 mod native;
 mod seen;

@@ -21,6 +21,7 @@ mod direction;
 mod error;
 mod evidence;
 mod frame;
+mod head;
 #[cfg(test)]
 mod kinds;
 mod moment;
@@ -28,6 +29,7 @@ mod names;
 mod near;
 mod parts;
 mod raw;
+mod state;
 #[cfg(test)]
 mod study;
 mod table;
@@ -38,7 +40,9 @@ use super::spreadsheet::{self, Sheet};
 use super::{mat, mpr};
 use analysis_signal::series::TimeSeries;
 pub use error::SeriesReadError;
+pub use head::{Fact, Head};
 pub use parts::{CurrentSign, LeftOut};
+pub use state::State;
 use std::path::Path;
 
 /// Options of reading a time series.
@@ -60,6 +64,8 @@ pub struct ReadSeries {
     pub left_out: Vec<LeftOut>,
     /// Numbers of the cycler's steps, one for each row, where the file has them.
     pub steps: Option<Vec<f64>>,
+    /// What the file says of the state of the cell.
+    pub state: State,
     /// Remarks on what was taken for what, each a sentence with the file's name.
     pub notes: Vec<String>,
 }
@@ -87,10 +93,7 @@ pub fn read_record(path: &Path, options: &SeriesOptions) -> Result<ReadSeries, S
     } else {
         match spreadsheet::sheets(path, &bytes) {
             Some(sheets) => of_sheets(path, &sheets?)?,
-            None => match mpr::text(path, &bytes).or_else(|| mat::text(path, &bytes)) {
-                Some(text) => table::read(path, text?.as_bytes())?,
-                None => table::read(path, &bytes)?,
-            },
+            None => of_text(path, &bytes)?,
         }
     };
     rises(path, &raw)?;
@@ -113,7 +116,9 @@ pub fn read_record(path: &Path, options: &SeriesOptions) -> Result<ReadSeries, S
     let file = path
         .file_name()
         .map_or_else(|| "series".to_owned(), |n| n.to_string_lossy().into_owned());
+    let (state, temperature_c) = state::take(&mut raw);
     let mut read = ReadSeries {
+        state,
         left_out: std::mem::take(&mut raw.left_out),
         steps: raw.take(Quantity::Step),
         notes: raw
@@ -126,7 +131,7 @@ pub fn read_record(path: &Path, options: &SeriesOptions) -> Result<ReadSeries, S
             time_s: raw.take(Quantity::Time).unwrap_or_default(),
             voltage_v: raw.take(Quantity::Voltage).unwrap_or_default(),
             current_a,
-            temperature_c: raw.take(Quantity::Temperature),
+            temperature_c,
         },
     };
     let unmeasured: Vec<usize> = read
@@ -175,6 +180,20 @@ fn rises(path: &Path, raw: &Raw) -> Result<(), SeriesReadError> {
             times[row - 1]
         ),
     })
+}
+
+/// The record of a text, or of a binary file that is read by way of one.
+fn of_text(path: &Path, bytes: &[u8]) -> Result<Raw, SeriesReadError> {
+    if let Some(text) = mpr::text(path, bytes) {
+        return table::read(path, text?.as_bytes());
+    }
+    let Some(decoded) = mat::decode(path, bytes) else {
+        return table::read(path, bytes);
+    };
+    let mat::Decoded { text, note } = decoded?;
+    let mut raw = table::read(path, text.as_bytes())?;
+    raw.notes.extend(note);
+    Ok(raw)
 }
 
 /// The direction of a record by the name of its file.

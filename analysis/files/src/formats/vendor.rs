@@ -92,6 +92,15 @@ pub(super) fn quantities(line: &str) -> Option<Vec<&'static str>> {
     may_be_names(line).then(|| table::quantities(line))?
 }
 
+/// Whether some line of a text names all columns of an impedance.
+pub(super) fn names_a_spectrum(path: &Path, text: &str) -> bool {
+    let lines: Vec<&str> = text.lines().collect();
+    let names = |at: usize| {
+        may_be_names(lines[at]) && table::table(path, &lines, at).is_some_and(|table| table.is_ok())
+    };
+    (0..lines.len()).any(names)
+}
+
 /// A row of numbers names nothing; its only letters are those of exponents, `e` or `D`.
 fn may_be_names(line: &str) -> bool {
     line.len() > 2

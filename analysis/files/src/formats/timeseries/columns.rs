@@ -7,7 +7,8 @@
 
 use super::super::text;
 use super::names::{
-    CAPACITY, CHARGE, CURRENT, DISCHARGE, Names, STATES, STEP, TEMPERATURE, TIME, VOLTAGE, WALL,
+    AMBIENT, CAPACITY, CHARGE, CURRENT, DISCHARGE, DOD, Names, SOC, STATES, STEP, TEMPERATURE,
+    TIME, VOLTAGE, WALL,
 };
 use super::raw::{QUANTITIES, Quantity};
 
@@ -64,7 +65,7 @@ impl Columns {
     }
 }
 
-static READ: [(Quantity, &Names); 8] = [
+static READ: [(Quantity, &Names); 11] = [
     (Quantity::Voltage, &VOLTAGE),
     (Quantity::Current, &CURRENT),
     (Quantity::Temperature, &TEMPERATURE),
@@ -73,6 +74,9 @@ static READ: [(Quantity, &Names); 8] = [
     (Quantity::Capacity, &CAPACITY),
     (Quantity::Wall, &WALL),
     (Quantity::Step, &STEP),
+    (Quantity::Soc, &SOC),
+    (Quantity::Dod, &DOD),
+    (Quantity::Ambient, &AMBIENT),
 ];
 
 /// A name in parts.
@@ -322,7 +326,7 @@ impl Names {
 }
 
 /// A text in small letters without blanks and marks.
-fn plain(text: &str) -> String {
+pub(super) fn plain(text: &str) -> String {
     let kept = text
         .chars()
         .filter(|c| !matches!(c, ' ' | '_' | '#' | '.' | ':' | '-' | '<' | '>'));
@@ -340,7 +344,8 @@ fn plain_unit(text: &str) -> String {
 pub(super) fn parted(name: &str) -> Parted {
     let title = name.trim().to_owned();
     let written = title
-        .trim_matches(['~', '<', '>', '%'])
+        .trim_start_matches('%')
+        .trim_matches(['~', '<', '>'])
         .replace('（', "(")
         .replace('）', ")");
     let (base, unit) = match written.rsplit_once(['(', '[', '/', '{']) {
@@ -353,9 +358,14 @@ pub(super) fn parted(name: &str) -> Parted {
             _ => (written.as_str(), None),
         },
     };
+    // Arbin numbers its auxiliary channels behind the unit.
+    let (unit, number) = match unit.and_then(|unit| unit.split_once([')', ']', '}'])) {
+        Some((unit, number)) => (Some(unit), number),
+        None => (unit, ""),
+    };
     let unit = unit.map(plain_unit);
     Parted {
-        base: plain(base),
+        base: plain(base) + &plain(number),
         unit: unit.filter(|unit| !unit.is_empty()),
         title,
     }

@@ -14,7 +14,7 @@ use std::path::Path;
 /// Columns of the bench's own files, which have a checksum.
 const BENCH: [&str; 3] = ["time_s", "voltage_v", "current_a"];
 /// Quantities that are plain numbers.
-const NUMBERS: [Quantity; 7] = [
+const NUMBERS: [Quantity; 10] = [
     Quantity::Capacity,
     Quantity::Voltage,
     Quantity::Current,
@@ -22,6 +22,9 @@ const NUMBERS: [Quantity; 7] = [
     Quantity::ChargeAh,
     Quantity::DischargeAh,
     Quantity::Step,
+    Quantity::Soc,
+    Quantity::Dod,
+    Quantity::Ambient,
 ];
 
 /// Reads Parquet.

@@ -24,6 +24,7 @@ pub(super) static TIME: Names = Names {
         "testzeit",
         "gesamtzeit",
         "programmdauer",
+        "progrzeit",
         "laufzeit",
         "总时间",
         "累计时间",
@@ -146,23 +147,67 @@ pub(super) static TEMPERATURE: Names = Names {
         "surfacetemperaturet1",
         "temperaturet1",
         "auxtemperature1",
+        "auxtemperature",
         "celltemperature",
+        "celltemp",
+        "batterytemperature",
+        "batterytemp",
+        "surfacetemperature",
+        "temperaturemeasured",
         "temperature",
         "temperatur",
         "température",
         "温度",
         "temp",
+        "temperature1",
+        "temp1",
         "t1",
     ],
-    units: &[
-        ("c", 1.0),
-        ("°c", 1.0),
-        ("℃", 1.0),
-        ("degc", 1.0),
-        ("celsius", 1.0),
-        ("degreesc", 1.0),
-    ],
+    units: CELSIUS,
     short: &["t1"],
+};
+
+const CELSIUS: &[(&str, f64)] = &[
+    ("c", 1.0),
+    ("°c", 1.0),
+    ("℃", 1.0),
+    ("degc", 1.0),
+    ("celsius", 1.0),
+    ("degreesc", 1.0),
+];
+
+/// Temperature of the chamber, °C.
+pub(super) static AMBIENT: Names = Names {
+    names: &[
+        "ambienttemperature",
+        "ambienttemp",
+        "chambertemperature",
+        "chambertemp",
+        "climatechambertemperature",
+        "environmenttemperature",
+        "envtemperature",
+        "umgebungstemperatur",
+        "kammertemperatur",
+        "环境温度",
+    ],
+    units: CELSIUS,
+    short: &[],
+};
+
+const FRACTION: &[(&str, f64)] = &[("1", 1.0), ("%", 0.01), ("percent", 0.01), ("pct", 0.01)];
+
+/// State of charge, 0 to 1.
+pub(super) static SOC: Names = Names {
+    names: &["soc", "soc%", "stateofcharge", "ladezustand"],
+    units: FRACTION,
+    short: &[],
+};
+
+/// Depth of discharge, 0 to 1.
+pub(super) static DOD: Names = Names {
+    names: &["dod", "dod%", "depthofdischarge", "entladetiefe"],
+    units: FRACTION,
+    short: &[],
 };
 
 const CAPACITY_UNITS: &[(&str, f64)] = &[("ah", 1.0), ("mah", 1.0e-3), ("amperehour", 1.0)];
@@ -244,12 +289,16 @@ pub(super) static STEP: Names = Names {
     names: &[
         "stepindex",
         "stepnumber",
+        "pgmstep",
+        "programstep",
         "stepcount",
         "stepid",
         "stepno",
         "stepnr",
         "step",
         "ns",
+        "schrittnr",
+        "schritt",
         "工步号",
         "工步序号",
     ],

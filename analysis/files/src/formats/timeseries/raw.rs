@@ -1,5 +1,6 @@
 //! The columns of a record as they stand in the file.
 
+use super::head::Head;
 use super::parts::LeftOut;
 
 /// Quantity of a column.
@@ -25,10 +26,16 @@ pub(super) enum Quantity {
     Wall,
     /// Number of the step of the program.
     Step,
+    /// State of charge, 0 to 1.
+    Soc,
+    /// Depth of discharge, 0 to 1.
+    Dod,
+    /// Temperature of the chamber, °C.
+    Ambient,
 }
 
 /// Number of quantities.
-pub(super) const QUANTITIES: usize = 10;
+pub(super) const QUANTITIES: usize = 13;
 
 /// A value of each quantity; NaN where it lacks.
 pub(super) type Values = [f64; QUANTITIES];
@@ -46,6 +53,8 @@ pub(super) struct Raw {
     pub(super) notes: Vec<String>,
     /// True where the file's program counts charge positive by its own rule.
     pub(super) charge_positive: bool,
+    /// What stands before the names of the columns.
+    pub(super) head: Head,
 }
 
 impl Raw {
@@ -94,6 +103,7 @@ impl Raw {
         if self.lines.is_empty() {
             self.present = other.present;
             self.charge_positive = other.charge_positive;
+            self.head = other.head;
         }
         for (column, more) in self.columns.iter_mut().zip(&mut other.columns) {
             column.append(more);

@@ -6,6 +6,7 @@ use super::super::{foreign, plain};
 use super::agreement::{self, COUNTED, Open};
 use super::columns::{self, Columns, Found, Rest, direction_of};
 use super::error::SeriesReadError;
+use super::head;
 use super::moment::Stamp;
 use super::near;
 use super::raw::{QUANTITIES, Quantity, Raw};
@@ -14,12 +15,15 @@ use std::path::Path;
 /// EC-Lab's number of the mode in which no current flows.
 const MODE_OF_REST: f64 = 3.0;
 /// Quantities whose fields may hold anything: one that is no number is unknown.
-const BESIDE: [Quantity; 5] = [
+const BESIDE: [Quantity; 8] = [
     Quantity::Capacity,
     Quantity::Temperature,
     Quantity::ChargeAh,
     Quantity::DischargeAh,
     Quantity::Step,
+    Quantity::Soc,
+    Quantity::Dod,
+    Quantity::Ambient,
 ];
 
 /// Reads a text.
@@ -62,7 +66,9 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, SeriesReadError> {
         text: &text,
         columns: &columns,
     };
-    table.read()
+    let mut raw = table.read()?;
+    raw.head = head::read(&lines[..at]);
+    Ok(raw)
 }
 
 /// The refusal of a text without a record, with what its nearest line lacks.

@@ -221,3 +221,75 @@ fn a_code_page_of_two_bytes_is_told() {
     let latin = b"Zeit (s),Spannung (V),Strom (A),W\xE4rme\n0,4.1,-2,1\n36,4.0,0.5,1\n";
     assert_eq!(read("x.csv", latin).unwrap().current_a, [2.0, -0.5]);
 }
+
+fn recorded(text: &str) -> ReadSeries {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.csv");
+    std::fs::write(&path, text).unwrap();
+    read_record(&path, &SeriesOptions::default()).unwrap_or_else(|error| panic!("{error}\n{text}"))
+}
+
+#[test]
+fn columns_of_the_state_are_read_as_fractions() {
+    for (names, values) in [
+        ("SOC(%)", ["80", "79.5"]),
+        ("SOC / %", ["80", "79.5"]),
+        ("soc", ["0.8", "0.795"]),
+        ("DOD [%]", ["20", "20.5"]),
+        ("Depth of Discharge / 1", ["0.2", "0.205"]),
+    ] {
+        let [a, b] = values;
+        let text =
+            format!("Test Time / s,Voltage / V,Current / A,{names}\n0,4.1,0,{a}\n36,4.0,-2,{b}\n");
+        let soc = recorded(&text).state.soc.unwrap();
+        assert!(
+            (soc[0] - 0.8).abs() < 1e-9 && (soc[1] - 0.795).abs() < 1e-9,
+            "{names}: {soc:?}"
+        );
+    }
+    let odd = "Test Time / s,Voltage / V,Current / A,SOC\n0,4.1,0,8000\n36,4.0,-2,7950\n";
+    let read = recorded(odd);
+    assert_eq!(read.state.soc, None);
+    assert!(read.notes[0].contains("8000"), "{:?}", read.notes);
+}
+
+#[test]
+fn the_temperature_of_the_chamber_stands_in_for_that_of_the_cell() {
+    let of = |names: &str, values: [&str; 2]| {
+        let [a, b] = values;
+        recorded(&format!(
+            "Test Time (s),Voltage (V),Current (A),{names}\n0,4.1,0,{a}\n36,4.0,-2,{b}\n"
+        ))
+    };
+    let both = of("Aux_Temperature(℃)_1,Chamber_Temp_degC", ["26,25", "27,25"]);
+    assert_eq!(both.series.temperature_c, Some(vec![26.0, 27.0]));
+    let chamber = of("Ambient Temperature / degC", ["25", "25"]);
+    assert_eq!(chamber.series.temperature_c, Some(vec![25.0, 25.0]));
+    assert!(chamber.notes.iter().any(|note| note.contains("chamber")));
+    let nothing = of(
+        "Battery_Temp_degC,Chamber Temperature (C)",
+        [",-10", ",-10"],
+    );
+    assert_eq!(nothing.series.temperature_c, Some(vec![-10.0, -10.0]));
+}
+
+#[test]
+fn the_head_of_digatrons_export_has_the_capacity_and_its_steps_are_kept() {
+    let text = "\
+Measurement ID,585,,
+Battery Name,cell 7,,
+Nominal Capacity, 3,,
+Ambient Temperature, 25,,
+Time Stamp,Step,Status,Prog Time,Step Time,Voltage,Current,Capacity,Cnt,
+,,,,,[V],[A],[Ah],[Cnt],
+11/27/2018 8:41:18 PM,21,PAU,25:19:08.386,00:01:00.004,4.16273,0.00000,0.00000,13.0,
+11/27/2018 8:41:19 PM,22,DCH,25:19:09.386,00:00:01.004,4.12273,-1.50000,-0.00042,13.0,
+";
+    let read = recorded(text);
+    let head = read.state.head;
+    let of = |fact: Option<Fact>| fact.map(|fact| (fact.value, fact.line));
+    assert_eq!(of(head.capacity_ah), Some((3.0, 3)));
+    assert_eq!(of(head.temperature_c), Some((25.0, 4)));
+    assert_eq!(read.steps, Some(vec![21.0, 22.0]));
+    assert_eq!(read.series.current_a[1], 1.5);
+}

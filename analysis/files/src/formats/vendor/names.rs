@@ -84,6 +84,13 @@ pub(super) fn named(name: &str) -> Option<Named> {
         })
 }
 
+/// Whether a name is that of an impedance in Digatron's exports, which count it in mΩ where they write
+/// no unit.
+pub(super) fn is_of_digatron(name: &str) -> bool {
+    let name = name.trim().to_lowercase();
+    ["zreal1", "zimg1", "zimag1"].contains(&name.as_str())
+}
+
 /// Reads a field under a name as a unit; none where it is empty.
 pub(super) fn unit_under(quantity: Quantity, field: &str) -> Option<Unit> {
     let text = plain(field);
@@ -216,30 +223,32 @@ fn base_of(base: &str) -> Option<(Quantity, f64, bool)> {
         .iter()
         .find_map(|suffix| base.strip_suffix(suffix));
     let (drift_corrected, base) = (corrected.is_some(), corrected.unwrap_or(base));
-    let quantity =
-        match base {
-            "f" | "freq" | "freqs" | "frequency" | "hz" | "frequenz" | "fréquence"
-            | "frequence" | "频率" | "测试频率" => Quantity::Frequency,
-            // ZPlot's (a) and (b) are no units.
-            "z'" | "z'(a)" | "re" | "real" | "zre" | "zreal" | "rez" | "realz" | "re(z)"
-            | "real(z)" | "realpart" | "impedancereal" | "realimpedance" | "rs" | "r"
-            | "zrealpart" | "realteil" | "partieréelle" | "partiereelle" | "实部" | "阻抗实部"
-            | "z实部" => Quantity::Real,
-            "z\"" | "z\"(b)" | "im" | "imag" | "imaginary" | "zim" | "zimg" | "zimag" | "imz"
-            | "imagz" | "im(z)" | "imag(z)" | "imaginarypart" | "impedanceimag"
-            | "impedanceimaginary" | "imagimpedance" | "imaginaryimpedance" | "zimaginary"
-            | "reactance" | "xs" | "x" | "zimagpart" | "imaginärteil" | "imaginaerteil"
-            | "partieimaginaire" | "虚部" | "阻抗虚部" | "z虚部" => Quantity::Imaginary,
-            "|z|" | "zmod" | "zabs" | "abs" | "absz" | "mod(z)" | "abs(z)" | "modulus"
-            | "zmodulus" | "magnitude" | "zmagnitude" | "impedancemodulus"
-            | "impedancemagnitude" | "z" | "impedance" | "zmag" | "z-mag" | "absoluteimpedance"
-            | "betrag" | "impedanz" | "impedanzbetrag" | "module" | "模值" | "阻抗模值"
-            | "阻抗模" => Quantity::Modulus,
-            "phase" | "phase(z)" | "zphz" | "zphase" | "phasez" | "phaseangle"
-            | "impedancephase" | "theta" | "phi" | "angle" | "arg(z)" | "θ" | "φ" | "theta(z)"
-            | "phasenwinkel" | "相位" | "相位角" | "相角" => Quantity::Phase,
-            _ => return None,
-        };
+    let quantity = match base {
+        "f" | "freq" | "freqs" | "frequency" | "hz" | "frequenz" | "fréquence" | "frequence"
+        | "频率" | "测试频率" | "actfreq" => Quantity::Frequency,
+        // ZPlot's (a) and (b) are no units.
+        "z'" | "z'(a)" | "re" | "real" | "zre" | "zreal" | "rez" | "realz" | "re(z)"
+        | "real(z)" | "realpart" | "impedancereal" | "realimpedance" | "rs" | "r" | "zrealpart"
+        | "zreal1" | "realteil" | "partieréelle" | "partiereelle" | "实部" | "阻抗实部"
+        | "z实部" => Quantity::Real,
+        "z\"" | "z\"(b)" | "im" | "imag" | "imaginary" | "zim" | "zimg" | "zimag" | "imz"
+        | "imagz" | "im(z)" | "imag(z)" | "imaginarypart" | "impedanceimag"
+        | "impedanceimaginary" | "imagimpedance" | "imaginaryimpedance" | "zimaginary"
+        | "reactance" | "xs" | "x" | "zimagpart" | "zimg1" | "zimag1" | "imaginärteil"
+        | "imaginaerteil" | "partieimaginaire" | "虚部" | "阻抗虚部" | "z虚部" => {
+            Quantity::Imaginary
+        }
+        "|z|" | "zmod" | "zabs" | "abs" | "absz" | "mod(z)" | "abs(z)" | "modulus" | "zmodulus"
+        | "magnitude" | "zmagnitude" | "impedancemodulus" | "impedancemagnitude" | "z"
+        | "impedance" | "zmag" | "z-mag" | "absoluteimpedance" | "betrag" | "impedanz"
+        | "impedanzbetrag" | "module" | "模值" | "阻抗模值" | "阻抗模" => {
+            Quantity::Modulus
+        }
+        "phase" | "phase(z)" | "zphz" | "zphase" | "phasez" | "phaseangle" | "impedancephase"
+        | "theta" | "phi" | "angle" | "arg(z)" | "θ" | "φ" | "theta(z)" | "phasenwinkel"
+        | "相位" | "相位角" | "相角" => Quantity::Phase,
+        _ => return None,
+    };
     // A frequency or a modulus below zero there is none.
     let negative = sign < 0.0 && matches!(quantity, Quantity::Frequency | Quantity::Modulus);
     (!negative).then_some((quantity, sign, drift_corrected))
@@ -337,6 +346,9 @@ mod tests {
             ("-Phase (°)", Phase, -1.0, Some(degree)),
             ("Zphz", Phase, 1.0, None),
             ("Hz", Frequency, 1.0, None),
+            ("ActFreq", Frequency, 1.0, None),
+            ("Zreal1", Real, 1.0, None),
+            ("Zimg1", Imaginary, 1.0, None),
             ("EIS_f_Hz", Frequency, 1.0, Some(1.0)),
             ("EIS_Z_Re_Ohm", Real, 1.0, Some(1.0)),
             ("impedance_real", Real, 1.0, None),

@@ -80,7 +80,7 @@ impl<'a> Reader<'a> {
         let before = self.rows.rows.len();
         self.beside.clear();
         let mut short = None;
-        let (mut seen, mut end) = (0, self.lines.len());
+        let (mut seen, mut end, mut settling) = (0, self.lines.len(), 0);
         for at in header + 1..self.lines.len() {
             if is_title(self.lines[at]).is_some() {
                 end = at;
@@ -111,6 +111,7 @@ impl<'a> Reader<'a> {
                     seen += 1;
                     // So EC-Lab marks direct current.
                     if freq != 0.0 {
+                        settling += usize::from(self.drop_settling(&table, freq, before));
                         self.take_row(&line, &table, &name)?;
                         table.others.iter_mut().for_each(|other| {
                             other.used |=
@@ -120,8 +121,42 @@ impl<'a> Reader<'a> {
                 }
             }
         }
+        self.tell_of_digatron(&table, settling);
         self.tell(&table, before)?;
         Ok(end)
+    }
+
+    /// Drops the last row where an export of Digatron goes on at its frequency: the program logs a point
+    /// while it settles, and the last row of it counts. Returns whether a row was dropped.
+    fn drop_settling(&mut self, table: &Table, freq: f64, before: usize) -> bool {
+        let freq_hz = freq * table.freq.factor();
+        let again = self.rows.rows[before..]
+            .last()
+            .is_some_and(|row| row.point.freq_hz == freq_hz && table.is_of_digatron());
+        if again {
+            self.rows.rows.pop();
+            self.beside.pop();
+        }
+        again
+    }
+
+    /// Remarks on how an export of Digatron is read.
+    fn tell_of_digatron(&mut self, table: &Table, settling: usize) {
+        let file = self.file();
+        let open = table
+            .read()
+            .find(|column| column.is_of_digatron() && column.unit.is_none());
+        self.notes.extend(open.map(|column| {
+            let title = &column.title;
+            format!(
+                "{file}: column \"{title}\" has no unit and is taken in mΩ, as Digatron writes it"
+            )
+        }));
+        if settling > 0 {
+            self.notes.push(format!(
+                "{file}: {settling} rows are left out: of the rows at one frequency the last counts"
+            ));
+        }
     }
 
     /// Kind of a line below the names, after so many rows.

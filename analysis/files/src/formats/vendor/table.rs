@@ -21,9 +21,15 @@ pub(super) struct Column {
 
 impl Column {
     /// Factor that converts a number of the column to SI. A frequency and an impedance without unit
-    /// are in Hz and Ω.
+    /// are in Hz and Ω, but for Digatron's impedances in mΩ.
     pub(super) fn factor(&self) -> f64 {
-        self.sign * self.unit.unwrap_or(1.0)
+        let usual = if self.is_of_digatron() { 1.0e-3 } else { 1.0 };
+        self.sign * self.unit.unwrap_or(usual)
+    }
+
+    /// Whether it is an impedance in an export of Digatron.
+    pub(super) fn is_of_digatron(&self) -> bool {
+        names::is_of_digatron(&self.title)
     }
 }
 
@@ -327,7 +333,9 @@ impl<'a> Header<'a> {
             })
             .collect();
         let beside = |quantity| {
-            let there = cartesian && self.has(quantity);
+            // Digatron's modulus stands beside it without a unit.
+            let digatron = self.titles.iter().any(|title| names::is_of_digatron(title));
+            let there = cartesian && !digatron && self.has(quantity);
             there.then(|| self.column(quantity, false).ok()).flatten()
         };
         let polar = Polar {
@@ -428,6 +436,11 @@ impl Column {
 }
 
 impl Table {
+    /// Whether it is an export of Digatron.
+    pub(super) fn is_of_digatron(&self) -> bool {
+        self.read().any(Column::is_of_digatron)
+    }
+
     /// The columns that are read.
     pub(super) fn read(&self) -> impl Iterator<Item = &Column> {
         std::iter::once(&self.freq).chain(self.curves.iter().flat_map(|curve| &curve.columns))

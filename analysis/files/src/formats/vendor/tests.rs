@@ -167,3 +167,41 @@ fn wrong_numbers_are_named() {
     of columns and no row of numbers";
     assert_eq!(message("Freq(Hz)\tZ'(a)\tZ''(b)\n"), empty);
 }
+
+/// An export of Digatron's impedance meter, by the columns that public readers of it name.
+const DIGATRON: &str = "\
+Measurement ID;3541
+Battery Name;cell 7
+
+Time Stamp;Step;Status;Prog Time;Voltage;Current;AhAccu;Temp45;ActFreq;Zreal1;Zimg1;Betrag;Phase
+;;;h;V;A;Ah;C;Hz;;;;
+01.06.2017 10:00:00;7;EIS;00:00:01.000;3.6635;0.00;-1.45;26.8;0;0;0;0;0
+01.06.2017 10:00:02;7;EIS;00:00:02.000;3.6635;0.00;-1.45;26.8;1000;20.9;0.9;20.9;2.4
+01.06.2017 10:00:03;7;EIS;00:00:03.000;3.6635;0.00;-1.45;26.8;1000;21.0;1.0;21.0;2.7
+01.06.2017 10:00:04;7;EIS;00:00:04.000;3.6635;0.00;-1.45;26.8;100;23.5;-1.5;23.5;-3.6
+01.06.2017 10:00:05;7;EIS;00:00:05.000;3.6635;0.00;-1.45;26.8;10;28.0;-3.0;28.2;-6.1
+";
+
+#[test]
+fn digatrons_spectra_are_in_milliohms_and_count_once_per_frequency() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("3541_EIS00001.csv");
+    std::fs::write(&path, DIGATRON).unwrap();
+    let read = crate::formats::read_file(&path).unwrap();
+    let [spectrum] = read.spectra.as_slice() else {
+        panic!("{:?}", read.notes)
+    };
+    let points = &spectrum.spectrum.points;
+    assert_eq!(points.len(), 3);
+    let met = points[2].z_ohm;
+    assert!((met - Complex64::new(0.021, 0.001)).norm() < 1e-12, "{met}");
+    let told = read.notes.join("; ");
+    assert!(
+        told.contains("taken in mΩ") && told.contains("1 rows are left out"),
+        "{told}"
+    );
+    assert!(crate::formats::names_a_spectrum(&path));
+    std::fs::write(&path, DIGATRON.replace("Hz;;;", "Hz;Ohm;Ohm;")).unwrap();
+    let ohms = crate::formats::read_file(&path).unwrap();
+    assert_eq!(ohms.spectra[0].spectrum.points[0].z_ohm.re, 28.0);
+}
