@@ -1,23 +1,23 @@
-//! `eis-bench dataset init`: a `dataset.toml` for spectra and logs of a cycler.
+//! `eis-bench dataset`: makes a `dataset.toml` for spectra and logs of a cycler, and checks one.
 
 mod args;
+mod check;
 mod findings;
+mod found;
 mod print;
 mod read;
+mod written;
 
 use crate::command::printed::say_json;
 use std::collections::BTreeMap;
 
-use analysis::{dataset, formats::CurrentSign, series::TimeSeries};
+use analysis::{dataset, formats::CurrentSign};
 
 use crate::{
     files,
     investigate::{
         dataset::{DATASET_FILE, read_dataset},
-        proposal::{
-            ChargeKnown, FoundLog, LogSearch, Named, check_spectra, count_charge, dataset_text,
-            estimate, loads, propose,
-        },
+        proposal::{Named, OwnFiles, Proposal, StartModel, dataset_text},
     },
     record::RecordError,
     safety::failure::Failure,
@@ -25,65 +25,75 @@ use crate::{
 };
 use args::{Act, InitArgs};
 use findings::Findings;
-use read::Content;
 
 pub use args::DatasetArgs;
 
-/// Makes a data set.
+/// Makes or checks a data set.
 ///
 /// # Errors
-/// An argument that is not as expected; a `dataset.toml` that is there already; no usable run.
+/// An argument that is not as expected; a `dataset.toml` that is there already; a data set that lacks
+/// a key or a usable run.
 pub fn dataset(args: &DatasetArgs) -> Result<(), Failure> {
     match &args.act {
         Act::Init(args) => init(args),
+        Act::Check(args) => check::check(&args.data),
     }
 }
 
 fn init(args: &InitArgs) -> Result<(), Failure> {
     let target = args.out.join(DATASET_FILE);
-    if !args.dry_run && target.exists() {
+    if !args.dry_run && target.exists() && !written::may_be_replaced(&target) {
         return Err(Failure::Usage(format!(
             "{}: expected no such file, found one: nothing is written over; choose another folder \
             with --out",
             target.display()
         )));
     }
+    let replaces = target.exists();
     check(args)?;
     let contents = read::read_all(args)?;
-    let findings = found(args, contents)?;
-    let text = dataset_text(
-        &named(args)?,
-        &findings.logs,
-        &findings.runs,
-        &findings.spectra,
-        &findings.bench,
-    );
+    let findings = found::found(args, contents)?;
     if args.json {
         say_json(&findings)?;
     } else {
         print::findings(&findings);
     }
-    let used = findings.runs.len()
-        + findings
-            .spectra
-            .iter()
-            .filter(|spectrum| spectrum.refusal.is_none())
-            .count();
-    if used == 0 {
-        return Err(Failure::Usage(format!(
-            "expected at least one run or spectrum that can be used, found none; nothing is \
-            written{}",
-            commonest(&findings)
-        )));
+    if findings.logs.is_empty() && findings.spectra.is_empty() {
+        return Err(Failure::Usage(
+            "expected at least one log or spectrum that can be read, found none; nothing is written"
+                .to_owned(),
+        ));
     }
+    let mut text = dataset_text(
+        &named(args, &findings)?,
+        &Proposal {
+            logs: &findings.logs,
+            runs: &findings.runs,
+            spectra: &findings.spectra,
+            bench: &findings.bench,
+        },
+    );
+    let lacks = lacks(&findings);
     if args.dry_run {
         if !args.json {
             say!("\n{text}");
         }
-        return Ok(());
+        return lacks.map_or(Ok(()), |lacks| {
+            Err(Failure::Usage(format!("the data set would lack {lacks}")))
+        });
+    }
+    if lacks.is_some() {
+        written::mark_incomplete(&mut text);
     }
     files::make_folder(&args.out)?;
+    write_own(args, &findings, replaces)?;
     dataset::write_atomically(&target, text.as_bytes()).map_err(RecordError::from)?;
+    if let Some(lacks) = lacks {
+        return Err(Failure::Usage(format!(
+            "{}: written, but it lacks {lacks}; state it and run the command again, or fill in the file",
+            target.display()
+        )));
+    }
     let read = read_dataset(&target)?;
     if let Some(problem) = read.problems.first() {
         return Err(Failure::Usage(format!(
@@ -93,13 +103,85 @@ fn init(args: &InitArgs) -> Result<(), Failure> {
     }
     if !args.json {
         say!(
-            "\nwritten and read back: {}, {} runs; next: eis-bench diagnose {} --model MODEL",
+            "\nwritten and read back: {}, {} runs; next: {}",
             target.display(),
             read.set.runs.len(),
-            args.out.display()
+            next(args, &findings)
         );
     }
     Ok(())
+}
+
+/// Name of the curve through the rest voltages.
+const OWN_CURVE: &str = "ocv_rests.json";
+/// Name of the model to start from.
+const OWN_MODEL: &str = "model_start.json";
+
+/// Writes the curve and the model that the logs give, beside the data set.
+fn write_own(args: &InitArgs, findings: &Findings, replaces: bool) -> Result<(), Failure> {
+    let curve = findings.curve.as_ref();
+    let curve = curve.and_then(|curve| serde_json::to_string(curve).ok());
+    let model = findings.model.as_ref().map(StartModel::json);
+    for (name, text) in [(OWN_CURVE, curve), (OWN_MODEL, model)] {
+        let (path, Some(text)) = (args.out.join(name), text) else {
+            continue;
+        };
+        if path.exists() && !replaces {
+            return Err(Failure::Usage(format!(
+                "{}: expected no such file, found one: nothing is written over; choose another folder \
+                with --out",
+                path.display()
+            )));
+        }
+        dataset::write_atomically(&path, text.as_bytes()).map_err(RecordError::from)?;
+    }
+    Ok(())
+}
+
+/// The commands that lead from the data set to a verdict.
+fn next(args: &InitArgs, findings: &Findings) -> String {
+    let out = args.out.display();
+    let mut used = findings.spectra.iter().filter(|one| one.refusal.is_none());
+    let curve = match (&args.ocv, &findings.curve) {
+        (None, None) => " --ocv CURVE",
+        _ => "",
+    };
+    match (&findings.model, used.next()) {
+        (Some(_), _) => format!("eis-bench diagnose {out}{curve}"),
+        (None, Some(_)) => format!(
+            "eis-bench fit SPECTRUM --out {out}/fit, then eis-bench diagnose {out} --model \
+             {out}/fit/model_NRC.json{curve}"
+        ),
+        (None, None) => format!("eis-bench diagnose {out} --model MODEL{curve}"),
+    }
+}
+
+/// What a data set lacks before `diagnose` accepts it, with the options that state it; none if it lacks
+/// nothing.
+fn lacks(findings: &Findings) -> Option<String> {
+    let spectra = findings.spectra.iter();
+    let used = spectra
+        .filter(|spectrum| spectrum.refusal.is_none())
+        .count();
+    if findings.runs.len() + used == 0 {
+        return Some(format!(
+            "a run: no load and no spectrum can be used{}",
+            commonest(findings)
+        ));
+    }
+    let mut of_keys: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for one in &findings.missing {
+        of_keys.entry(one.key).or_default().push(&one.option);
+    }
+    let words = of_keys.into_iter().map(|(key, options)| {
+        let option = options.first().copied().unwrap_or_default();
+        let runs = match options.len() {
+            1 => "1 run".to_owned(),
+            count => format!("{count} runs"),
+        };
+        format!("`{key}` of {runs} ({option})")
+    });
+    Some(words.collect::<Vec<_>>().join(" and ")).filter(|words| !words.is_empty())
 }
 
 /// Refuses numbers that cannot be.
@@ -121,20 +203,6 @@ fn check(args: &InitArgs) -> Result<(), Failure> {
     if !(args.near > 0.0 && args.near <= 1.0) {
         return fail("near", "a distance above 0 up to 1", args.near);
     }
-    if args.soc.is_some() && args.soc_start.is_none() && args.ocv.is_none() && args.at.is_empty() {
-        return Err(Failure::Usage(
-            "--soc: expected --soc-start with --capacity-ah, --at NAME:soc=…, or --ocv beside it, met \
-            none: the state of charge of the loads is not known"
-                .to_owned(),
-        ));
-    }
-    if args.soc_start.is_some() && args.capacity_ah.is_none() && args.ocv.is_none() {
-        return Err(Failure::Usage(
-            "--soc-start: expected --capacity-ah or --ocv beside it, met neither: charge cannot be \
-            counted without a capacity"
-                .to_owned(),
-        ));
-    }
     let band = [("from-hz", args.from_hz), ("to-hz", args.to_hz)];
     for (option, hz) in band {
         if let Some(hz) = hz.filter(|hz| !(*hz > 0.0 && hz.is_finite())) {
@@ -147,7 +215,7 @@ fn check(args: &InitArgs) -> Result<(), Failure> {
     }
 }
 
-fn named(args: &InitArgs) -> Result<Named, Failure> {
+fn named(args: &InitArgs, findings: &Findings) -> Result<Named, Failure> {
     let ocv = args
         .ocv
         .as_deref()
@@ -157,63 +225,15 @@ fn named(args: &InitArgs) -> Result<Named, Failure> {
         name: args.cell.clone(),
         cell: args.cell.clone(),
         ocv,
+        own: OwnFiles {
+            ocv: findings.curve.as_ref().map(|_| OWN_CURVE.to_owned()),
+            model: findings.model.as_ref().map(|_| OWN_MODEL.to_owned()),
+        },
         current_positive: args.positive.map(|sign| match sign {
             CurrentSign::Charge => "charge",
             CurrentSign::Discharge => "discharge",
         }),
         rest_s: args.rest,
-    })
-}
-
-/// Derives loads, runs, split and noise from the contents.
-fn found(args: &InitArgs, contents: Vec<Content>) -> Result<Findings, Failure> {
-    let curve = args.ocv.as_deref().map(files::read_curve).transpose()?;
-    let search = LogSearch {
-        rest_s: args.rest,
-        slowest_s: args.sampling,
-    };
-    let (mut listed, mut logs, mut series, mut spectra) = (vec![], vec![], vec![], vec![]);
-    for content in contents {
-        listed.push(content.finding);
-        spectra.extend(content.spectra);
-        let Some(log) = content.log else { continue };
-        let stated = read::stated(&args.at, &log.name);
-        let mut found = loads(&log.series, &search);
-        let known = ChargeKnown {
-            capacity_ah: args.capacity_ah,
-            soc_start: stated.soc.or(args.soc_start),
-            curve: curve.as_ref(),
-        };
-        count_charge(&log.series, &mut found, known);
-        let temperature_c = stated.temperature_c.or(args.temperature_c);
-        for load in &mut found {
-            if load.refusal.is_none() {
-                load.refusal = args.soc.and_then(|soc| elsewhere(load.soc, soc, args.near));
-            }
-            if load.refusal.is_none() && load.temperature_c.or(temperature_c).is_none() {
-                load.refusal = Some(
-                    "no temperature: the log holds none, --temperature-c states it".to_owned(),
-                );
-            }
-        }
-        logs.push(FoundLog {
-            file: log.file,
-            name: log.name,
-            lasting_s: lasting_s(&log.series),
-            temperature_c,
-            loads: found,
-        });
-        series.push(log.series);
-    }
-    let runs = propose(&logs);
-    check_spectra(&mut spectra, &runs);
-    let series: Vec<&TimeSeries> = series.iter().collect();
-    Ok(Findings {
-        files: listed,
-        bench: estimate(&series),
-        logs,
-        spectra,
-        runs,
     })
 }
 
@@ -232,25 +252,4 @@ fn commonest(findings: &Findings) -> String {
     most.map_or_else(String::new, |(reason, count)| {
         format!("; {count} loads are left out because: {reason}")
     })
-}
-
-/// Why a load is not one at a state of charge.
-fn elsewhere(met: Option<f64>, wanted: f64, near: f64) -> Option<String> {
-    match met {
-        Some(met) if (met - wanted).abs() <= near => None,
-        Some(met) => Some(format!(
-            "at {:.1} % SOC, not within {:.1} % of --soc {:.1} %",
-            100.0 * met,
-            100.0 * near,
-            100.0 * wanted
-        )),
-        None => Some("its state of charge is not known: --soc cannot pick it".to_owned()),
-    }
-}
-
-fn lasting_s(series: &TimeSeries) -> f64 {
-    match (series.time_s.first(), series.time_s.last()) {
-        (Some(first), Some(last)) => last - first,
-        _ => 0.0,
-    }
 }

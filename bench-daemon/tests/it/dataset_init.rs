@@ -230,3 +230,198 @@ fn files_that_cannot_be_read_are_told_and_a_spectrum_elsewhere_is_a_comment() {
         "{written}"
     );
 }
+
+/// Rows of a log: for so long this current and a voltage that falls by 2 mΩ, each a second.
+fn rows(text: &mut String, lasting_s: u32, current_a: f64, from_s: &mut u32) {
+    for _ in 0..lasting_s {
+        *from_s += 1;
+        let volts = 3.7 + 2e-3 * current_a;
+        *text += &format!("{from_s},{current_a},{volts:.5}\n");
+    }
+}
+
+/// A log of two pulses, with a rest after each; charge is positive.
+fn two_pulses(folder: &Path, head: &str) -> PathBuf {
+    let (mut text, mut at_s) = (format!("{head}Test Time / s,Current / A,Voltage / V\n"), 0);
+    for current_a in [0.0, -5.0, 0.0, -10.0, 0.0] {
+        let lasting_s = if current_a == 0.0 { 60 } else { 10 };
+        rows(&mut text, lasting_s, current_a, &mut at_s);
+    }
+    let path = folder.join("pulses.csv");
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+#[test]
+fn a_log_without_a_temperature_is_written_with_the_key_as_a_comment() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("data");
+    let log = two_pulses(folder.path(), "");
+    let (log, target) = (log.to_str().unwrap(), out.to_str().unwrap());
+    let words = ["dataset", "init", log, "--out", target];
+    let lacking = eis_bench(&words);
+    let told = error(&lacking);
+    assert_eq!(lacking.status.code(), Some(2), "{told}");
+    assert!(
+        told.contains("`temperature_c` of 2 runs (--temperature-c C)"),
+        "{told}"
+    );
+    let text = std::fs::read_to_string(out.join("dataset.toml")).unwrap();
+    assert_eq!(
+        text.matches("# temperature_c =  # FILL IN").count(),
+        2,
+        "{text}"
+    );
+    assert!(text.contains("# ocv =  # FILL IN"), "{text}");
+    assert!(text.contains("model = \"model_start.json\""), "{text}");
+    // What reads it names the key.
+    let file = |name: &str| tables("panasonic_18650pf_25C").join(name);
+    let (model, curve) = (file("model_3rc.json"), file("ocv.json"));
+    let given = [
+        "--model",
+        model.to_str().unwrap(),
+        "--ocv",
+        curve.to_str().unwrap(),
+    ];
+    let diagnose = [&["diagnose", target][..], &given].concat();
+    for command in [vec!["dataset", "check", target], diagnose] {
+        let refused = eis_bench(&command);
+        let told = error(&refused);
+        assert_eq!(refused.status.code(), Some(2), "{told}");
+        assert!(told.contains("temperature_c"), "{command:?}: {told}");
+    }
+    // The unchanged file is written over.
+    let stated = eis_bench(&[&words[..], &["--temperature-c", "25"]].concat());
+    assert!(stated.status.success(), "{}", error(&stated));
+    let checked = eis_bench(&["dataset", "check", target]);
+    let told = String::from_utf8_lossy(&checked.stdout).into_owned();
+    assert!(
+        told.contains("2 runs: 2 in time, 0 spectra"),
+        "{told}{}",
+        error(&checked)
+    );
+}
+
+#[test]
+fn a_changed_file_that_lacks_something_is_kept() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("data");
+    let log = two_pulses(folder.path(), "");
+    let words = [
+        "dataset",
+        "init",
+        log.to_str().unwrap(),
+        "--out",
+        out.to_str().unwrap(),
+    ];
+    assert_eq!(eis_bench(&words).status.code(), Some(2));
+    let file = out.join("dataset.toml");
+    let changed = std::fs::read_to_string(&file).unwrap() + "# mine\n";
+    std::fs::write(&file, &changed).unwrap();
+    assert!(error(&eis_bench(&words)).contains("nothing is written over"));
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), changed);
+}
+
+#[test]
+fn the_head_gives_capacity_and_temperature_and_an_option_overrides_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let log = two_pulses(
+        folder.path(),
+        "Nominal Capacity,2.5\nAmbient Temperature,10\n",
+    );
+    let out = folder.path().join("data");
+    let words = [
+        "dataset",
+        "init",
+        log.to_str().unwrap(),
+        "--out",
+        out.to_str().unwrap(),
+    ];
+    let made = eis_bench(&[&words[..], &["--soc-start", "0.5", "--json"]].concat());
+    assert!(made.status.success(), "{}", error(&made));
+    let found: Value = serde_json::from_slice(&made.stdout).unwrap();
+    let loads = found["logs"][0]["loads"].as_array().unwrap();
+    // 5 A for 10 s out of 2.5 Ah; the first row of a pulse counts half a step of it.
+    let soc = |k: usize| loads[k]["soc"]["value"].as_f64().unwrap();
+    assert!((soc(0) - soc(1) - 50.0 / 9000.0).abs() < 5e-4, "{loads:?}");
+    let ohm = loads[1]["resistance_1s_ohm"].as_f64().unwrap();
+    assert!((ohm - 2e-3).abs() < 1e-9, "{ohm}");
+    let set = read_dataset(&out).unwrap().set;
+    assert!(set.runs.iter().all(|run| run.temperature_c == 10.0));
+    let other = folder.path().join("other");
+    let words = [
+        "dataset",
+        "init",
+        log.to_str().unwrap(),
+        "--out",
+        other.to_str().unwrap(),
+    ];
+    let more = [
+        "--capacity-ah",
+        "5",
+        "--soc-start",
+        "0.5",
+        "--temperature-c",
+        "25",
+    ];
+    let made = eis_bench(&[&words[..], &more].concat());
+    let told = String::from_utf8_lossy(&made.stdout).into_owned();
+    assert!(
+        told.contains("the capacity 5 Ah is used, and the head of the file has 2.5 Ah"),
+        "{told}"
+    );
+    let set = read_dataset(&other).unwrap().set;
+    assert!(set.runs.iter().all(|run| run.temperature_c == 25.0));
+}
+
+#[test]
+fn an_hppc_with_forty_seconds_of_rest_gives_its_pulses() {
+    let log = project("../shared/data/cases/hppc_40s_rest.csv");
+    if !log.exists() {
+        println!("skipped: {} is not there", log.display());
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("data");
+    let words = [
+        "dataset",
+        "init",
+        log.to_str().unwrap(),
+        "--soc-start",
+        "0.9",
+        "--capacity-ah",
+        "30",
+        "--temperature-c",
+        "25",
+        "--json",
+        "--out",
+        out.to_str().unwrap(),
+    ];
+    let made = eis_bench(&words);
+    assert!(made.status.success(), "{}", error(&made));
+    let found: Value = serde_json::from_slice(&made.stdout).unwrap();
+    let loads = found["logs"][0]["loads"].as_array().unwrap();
+    let first = &loads[0];
+    assert!(first["refusal"].is_null(), "{first}");
+    let of = |key: &str| first[key].as_f64().unwrap();
+    assert_eq!(
+        (first["kind"].as_str(), of("current_a")),
+        (Some("pulse"), 30.0)
+    );
+    assert_eq!((of("start_s"), of("duration_s")), (31.0, 10.0));
+    // The truth without the change of the open-circuit voltage within the second.
+    let milliohms = 1e3 * of("resistance_1s_ohm");
+    assert!((milliohms - 2.05).abs() < 0.01, "{milliohms}");
+    let kinds: Vec<&str> = loads
+        .iter()
+        .filter_map(|load| load["kind"].as_str())
+        .collect();
+    assert_eq!(kinds, ["pulse", "pulse", "discharge", "pulse"]);
+    let set = read_dataset(&out).unwrap().set;
+    assert_eq!(set.runs.len(), 2);
+    // It names its own curve and model, so that a verdict needs nothing else.
+    let diagnosis = eis_bench(&["diagnose", out.to_str().unwrap(), "--json"]);
+    assert!(diagnosis.status.success(), "{}", error(&diagnosis));
+    let told: Value = serde_json::from_slice(&diagnosis.stdout).unwrap();
+    assert!(told["verdict"].is_string(), "{told}");
+}

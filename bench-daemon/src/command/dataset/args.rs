@@ -23,6 +23,16 @@ pub struct DatasetArgs {
 pub(super) enum Act {
     /// Propose a data set for `diagnose` from spectra and logs: runs, repeats, split, noise.
     Init(InitArgs),
+    /// Check whether `diagnose` accepts a data set, and name the first key that is missing or wrong.
+    Check(CheckArgs),
+}
+
+/// Arguments of `dataset check`.
+#[derive(Debug, Args)]
+pub(super) struct CheckArgs {
+    /// Folder with a `dataset.toml`, the file itself, or a run folder.
+    #[arg(value_name = "DATA")]
+    pub data: PathBuf,
 }
 
 /// Arguments of `dataset init`.
@@ -31,28 +41,30 @@ pub(super) struct InitArgs {
     /// Spectra and logs of a cycler, the format told by the content. They stay where they are.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// Folder of the new `dataset.toml`. A file that is there is never written over.
+    /// Folder of the new `dataset.toml`. A file that is there is never written over, unless it lacks
+    /// something and is unchanged.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
     /// Name of the cell.
     #[arg(long, default_value = "cell", value_name = "NAME")]
     pub cell: String,
-    /// Capacity for counting charge, Ah [default: that of the OCV curve]
+    /// Capacity for counting charge, Ah [default: that of the OCV curve, else of the log's head]
     #[arg(long, value_name = "AH", value_parser = units::of::<Charge>)]
     pub capacity_ah: Option<f64>,
-    /// State of charge at the first row of each log, 0 to 1.
+    /// State of charge at the first row of each log, 0 to 1 [default: as the log's column says]
     #[arg(long, value_name = "SOC")]
     pub soc_start: Option<f64>,
-    /// Use loads at this state of charge only, 0 to 1. It needs --soc-start with a capacity, or --ocv.
+    /// Use loads and spectra at this state of charge only, 0 to 1. A load whose state is not known is
+    /// left out.
     #[arg(long, value_name = "SOC")]
     pub soc: Option<f64>,
-    /// Distance from --soc up to which a load is used.
+    /// Distance from --soc up to which a load or a spectrum is used.
     #[arg(long, value_name = "SOC", default_value_t = 0.05, requires = "soc")]
     pub near: f64,
     /// OCV curve, as `ocv --out` writes it: it gives states of charge, and the data set names it.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
-    /// Temperature for logs and spectra without one, °C.
+    /// Temperature of all logs and spectra, °C [default: as logged, else as the log's head says]
     #[arg(long, value_name = "C", allow_hyphen_values = true, value_parser = units::of::<Temperature>)]
     pub temperature_c: Option<f64>,
     /// Circumstances of one spectrum or log, such as "eis_07:ocv_v=3.66,temperature_c=26.8" or

@@ -2,7 +2,11 @@
 
 use serde::Serialize;
 
-use crate::investigate::proposal::{Estimate, FoundLog, FoundSpectrum, ProposedRun};
+use analysis::ocv::OcvCurve;
+
+use crate::investigate::proposal::{
+    Estimate, FoundLog, FoundSpectrum, Missing, ProposedRun, StartModel,
+};
 
 /// Everything that was found, for `--json`.
 #[derive(Debug, Serialize)]
@@ -17,6 +21,12 @@ pub(super) struct Findings {
     pub(super) runs: Vec<ProposedRun>,
     /// Noise and codes.
     pub(super) bench: Estimate,
+    /// Keys that a person must fill in.
+    pub(super) missing: Vec<Missing>,
+    /// Curve through the rest voltages, if no curve was given.
+    pub(super) curve: Option<OcvCurve>,
+    /// Model to start from, if there is no spectrum.
+    pub(super) model: Option<StartModel>,
 }
 
 /// A file and its kind.

@@ -19,11 +19,12 @@ pub(super) fn findings(found: &Findings) {
             log.lasting_s,
             if count == 1 { "" } else { "s" }
         );
+        log.notes.iter().for_each(|note| say!("  {note}"));
         if log.loads.is_empty() {
             continue;
         }
         say!(
-            "  {:>9} {:<9} {:>8} {:>8} {:>8} {:>8} {:>9} {:>7}  use",
+            "  {:>9} {:<9} {:>8} {:>8} {:>8} {:>8} {:>9} {:>7} {:>7}  use",
             "start / s",
             "kind",
             "I / A",
@@ -31,7 +32,8 @@ pub(super) fn findings(found: &Findings) {
             "rest / s",
             "rest / V",
             "mV / min",
-            "SOC"
+            "SOC",
+            "R1 / mΩ"
         );
         for (place, load) in log.loads.iter().enumerate() {
             row(
@@ -53,6 +55,9 @@ pub(super) fn findings(found: &Findings) {
     for spectrum in &found.spectra {
         let used = match &spectrum.refusal {
             Some(reason) => format!("left out: {reason}"),
+            None if found.missing.iter().any(|one| one.run == spectrum.name) => {
+                "train; keys are missing".to_owned()
+            }
             None if spectrum.assumed.is_empty() => "train".to_owned(),
             None => format!(
                 "train; ASSUMED as at the first run: {}",
@@ -104,7 +109,7 @@ fn used(found: &Findings, log: &FoundLog, at: Position) -> String {
 fn row(load: &Load, used: &str) {
     let or_dash = |text: Option<String>| text.unwrap_or_else(|| "–".to_owned());
     say!(
-        "  {:>9.1} {:<9} {:>8.3} {:>8.1} {:>8} {:>8} {:>9} {:>7}  {used}",
+        "  {:>9.1} {:<9} {:>8.3} {:>8.1} {:>8} {:>8} {:>9} {:>7} {:>7}  {used}",
         load.start_s,
         load.kind.word(),
         load.current_a,
@@ -115,13 +120,37 @@ fn row(load: &Load, used: &str) {
             load.rest
                 .map(|rest| format!("{:+.2}", rest.slope_mv_per_min()))
         ),
-        or_dash(load.soc.map(|soc| format!("{soc:.4}"))),
+        or_dash(load.soc.map(|soc| format!("{:.4}", soc.value))),
+        or_dash(
+            load.resistance_1s_ohm
+                .map(|ohm| format!("{:.3}", 1e3 * ohm))
+        ),
     );
 }
 
 fn noise(found: &Findings) {
     if found.logs.is_empty() {
         return;
+    }
+    if let Some(curve) = &found.curve {
+        let (low, high) = (curve.soc.first(), curve.soc.last());
+        let percent = |soc: Option<&f64>| 100.0 * soc.copied().unwrap_or(f64::NAN);
+        say!(
+            "\ncurve of the open-circuit voltage: through {} rest voltages, {:.1} % to {:.1} % SOC",
+            curve.soc.len(),
+            percent(low),
+            percent(high)
+        );
+    }
+    if let Some(model) = &found.model {
+        let branch = model.branch.map_or_else(String::new, |one| {
+            format!("; {:.3} mΩ, {:.2} s", 1e3 * one.r_ohm, one.tau_s)
+        });
+        let ohm = 1e3 * model.r_ohm;
+        say!(
+            "model to start from, read off {}: {ohm:.3} mΩ{branch}",
+            model.run
+        );
     }
     let bench = &found.bench;
     let value = |value: Option<f64>, unit: &str| {

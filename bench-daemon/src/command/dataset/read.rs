@@ -5,8 +5,8 @@ use std::path::{Component, Path, PathBuf};
 
 use analysis::{
     formats::{
-        FormatError, ReadOptions, ReadSeries, SeriesOptions, SeriesReadError, read_file,
-        read_profile, read_record,
+        FileSpectra, FormatError, ReadOptions, ReadSeries, SeriesOptions, SeriesReadError, State,
+        names_a_spectrum, read_file, read_profile, read_record,
     },
     forward::Interpolation,
     series::TimeSeries,
@@ -28,6 +28,33 @@ pub(super) struct Log {
     pub(super) file: String,
     pub(super) name: String,
     pub(super) series: TimeSeries,
+    /// Numbers of the cycler's steps.
+    pub(super) steps: Option<Vec<f64>>,
+    /// What the file says of the state of the cell.
+    pub(super) state: State,
+}
+
+impl Log {
+    /// What is taken from the file beside current and voltage, as remarks.
+    pub(super) fn remarks(&self) -> Vec<String> {
+        let head = self.state.head;
+        let capacity = head.capacity_ah.map(|fact| {
+            let (value, line) = (fact.value, fact.line);
+            format!("its head has a capacity of {value} Ah in line {line}")
+        });
+        let celsius = head.temperature_c.map(|fact| {
+            let (value, line) = (fact.value, fact.line);
+            format!("its head has a temperature of {value} °C in line {line}")
+        });
+        let column = self.state.soc.as_ref();
+        let column = column.map(|_| "it has a column of the state of charge".to_owned());
+        let steps = self.steps.as_ref();
+        let steps = steps.map(|_| "it is cut by the steps of the cycler".to_owned());
+        [steps, capacity, celsius, column]
+            .into_iter()
+            .flatten()
+            .collect()
+    }
 }
 
 /// Content of a file.
@@ -93,42 +120,17 @@ fn one(args: &InitArgs, path: &Path, names: &mut Names) -> Result<Content, Failu
         text,
     };
     let series_error = match read_record(path, &options) {
-        Ok(ReadSeries { series, notes, .. }) => {
-            let mut text = format!("{} rows", series.len());
-            text.extend(notes.iter().map(|note| format!("; {note}")));
-            return Ok(Content {
-                finding: finding(Some(FileKind::Log), text),
-                log: Some(Log {
-                    file: from_folder(path, &args.out)?,
-                    name: names.unique(&stem(path)),
-                    series,
-                }),
-                spectra: Vec::new(),
-            });
-        }
+        Ok(read) => return of_log(args, path, read, names),
         Err(error) => error,
     };
     match read_file(path) {
         Ok(read) => {
-            let file = from_folder(path, &args.out)?;
-            let several = read.spectra.len() > 1;
-            let spectra: Vec<FoundSpectrum> = read
-                .spectra
-                .iter()
-                .map(|sourced| FoundSpectrum {
-                    among: several.then(|| sourced.spectrum.name.clone()),
-                    ..spectrum(args, sourced, &file, names)
-                })
-                .collect();
-            let mut text = match spectra.len() {
-                1 => "1 spectrum".to_owned(),
-                count => format!("{count} spectra"),
-            };
-            text.extend(read.notes.iter().map(|note| format!("; {note}")));
+            let text = described(&read);
+            let own = Place::default();
             Ok(Content {
                 finding: finding(Some(FileKind::Spectra), text),
                 log: None,
-                spectra,
+                spectra: of_spectra(args, path, &read, own, names)?,
             })
         }
         Err(error) => Ok(Content {
@@ -137,6 +139,104 @@ fn one(args: &InitArgs, path: &Path, names: &mut Names) -> Result<Content, Failu
             spectra: Vec::new(),
         }),
     }
+}
+
+/// A log, with the spectra that stand in some of its rows.
+fn of_log(
+    args: &InitArgs,
+    path: &Path,
+    read: ReadSeries,
+    names: &mut Names,
+) -> Result<Content, Failure> {
+    let mut text = format!("{} rows", read.series.len());
+    text.extend(read.notes.iter().map(|note| format!("; {note}")));
+    let mut spectra = Vec::new();
+    let within = names_a_spectrum(path)
+        .then(|| read_file(path).ok())
+        .flatten();
+    if let Some(found) = within {
+        text += &format!("; {}", described(&found));
+        spectra = of_spectra(args, path, &found, place_of(&read), names)?;
+    }
+    let kind = if spectra.is_empty() {
+        FileKind::Log
+    } else {
+        FileKind::Spectra
+    };
+    Ok(Content {
+        finding: FileFinding {
+            file: path.display().to_string(),
+            kind: Some(kind),
+            text,
+        },
+        log: Some(Log {
+            file: from_folder(path, &args.out)?,
+            name: names.unique(&stem(path)),
+            series: read.series,
+            steps: read.steps,
+            state: read.state,
+        }),
+        spectra,
+    })
+}
+
+/// Greatest current at which the voltage of a log is that at rest, as a part of the greatest: as for
+/// the rests of a log. A log without any current is at rest.
+const REST_PART: f64 = 2e-3;
+
+/// State and temperature in the rows of a log that holds spectra.
+fn place_of(read: &ReadSeries) -> Place {
+    let middle = |all: &[f64]| {
+        let mut all: Vec<f64> = all.iter().copied().filter(|v| v.is_finite()).collect();
+        all.sort_by(f64::total_cmp);
+        all.get(all.len() / 2).copied()
+    };
+    let series = &read.series;
+    let most_a = series
+        .current_a
+        .iter()
+        .fold(0.0_f64, |most, a| most.max(a.abs()));
+    let at_rest: Vec<f64> = (series.current_a.iter().zip(&series.voltage_v))
+        .filter(|(a, _)| a.abs() <= REST_PART * most_a)
+        .map(|(_, v)| *v)
+        .collect();
+    let soc = read.state.soc.as_deref().and_then(middle);
+    Place {
+        soc,
+        ocv_v: middle(&at_rest).filter(|_| soc.is_none()),
+        temperature_c: series.temperature_c.as_deref().and_then(middle).or(read
+            .state
+            .head
+            .temperature_c
+            .map(|fact| fact.value)),
+    }
+}
+
+/// Spectra of a file in words, with the remarks of the reader.
+fn described(read: &FileSpectra) -> String {
+    let mut text = match read.spectra.len() {
+        1 => "1 spectrum".to_owned(),
+        count => format!("{count} spectra"),
+    };
+    text.extend(read.notes.iter().map(|note| format!("; {note}")));
+    text
+}
+
+/// The spectra of a file, whose own state and temperature count where none are stated.
+fn of_spectra(
+    args: &InitArgs,
+    path: &Path,
+    read: &FileSpectra,
+    own: Place,
+    names: &mut Names,
+) -> Result<Vec<FoundSpectrum>, Failure> {
+    let file = from_folder(path, &args.out)?;
+    let several = read.spectra.len() > 1;
+    let each = read.spectra.iter().map(|sourced| FoundSpectrum {
+        among: several.then(|| sourced.spectrum.name.clone()),
+        ..spectrum(args, sourced, &file, own, names)
+    });
+    Ok(each.collect())
 }
 
 /// The reader that came furthest, and its reason.
@@ -170,11 +270,16 @@ fn spectrum(
     args: &InitArgs,
     sourced: &SourcedSpectrum,
     file: &str,
+    own: Place,
     names: &mut Names,
 ) -> FoundSpectrum {
     let name = names.unique(&sourced.spectrum.name);
     let mut place = stated(&args.at, &name);
-    place.temperature_c = place.temperature_c.or(args.temperature_c);
+    let temperature_c = place.temperature_c.or(args.temperature_c);
+    place.temperature_c = temperature_c.or(own.temperature_c);
+    if place.soc.is_none() && place.ocv_v.is_none() {
+        (place.soc, place.ocv_v) = (own.soc, own.ocv_v);
+    }
     let points = &sourced.spectrum.points;
     // The points are by rising frequency.
     let inductive = points.iter().position(|point| point.z_ohm.im > 0.0);

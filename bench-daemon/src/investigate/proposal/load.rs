@@ -4,10 +4,11 @@ use analysis::series::TimeSeries;
 use serde::Serialize;
 
 use super::{
+    rest::{Rest, mean, rest_of, unfit},
     segment::{self, Course, Segment, inner, median, median_a},
     thresholds::{
-        FEWEST_OF_DISCHARGE, FEWEST_OF_SLOPE, JITTER_PART, LEAD_S, LONGEST_PULSE_S, REST_VOLTAGE_S,
-        REST_WINDOW_S, SHORTEST_CYCLE_S, STEEPEST_V_PER_S,
+        BASE_AFTER_S, BASE_BEFORE_S, COMPARED_BEFORE_S, FEWEST_OF_DISCHARGE, JITTER_PART, LEAD_S,
+        LONGEST_PAUSE_S, LONGEST_PULSE_S, RESISTANCE_S, REST_VOLTAGE_S, SHORTEST_CYCLE_S,
     },
 };
 
@@ -46,24 +47,36 @@ impl Kind {
     }
 }
 
-/// Rest before a load.
+/// A current that flows all the time, on which a pulse stands.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Rest {
-    /// Its duration, s.
-    pub duration_s: f64,
+pub struct Base {
+    /// The current, A, positive for discharge.
+    pub current_a: f64,
     /// Voltage at its end, V.
     pub voltage_v: f64,
-    /// Residual slope of the voltage at its end, V/s.
-    pub slope_v_per_s: f64,
-    /// Standard uncertainty of the slope, V/s.
-    pub slope_sigma_v_per_s: f64,
+    /// Time of the log from which the run is compared, s: before it the cell settles under the base.
+    pub compare_from_s: f64,
 }
 
-impl Rest {
-    /// Residual slope in mV per minute, rounded so that nothing has no sign.
-    pub fn slope_mv_per_min(&self) -> f64 {
-        (6e6 * self.slope_v_per_s).round() / 1e2 + 0.0
-    }
+/// How a state of charge is known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SocFrom {
+    /// Charge is counted from a known state on.
+    Counted,
+    /// A column of the log holds it.
+    Column,
+    /// The OCV curve has it at the rest voltage.
+    RestVoltage,
+}
+
+/// A state of charge and how it is known.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct KnownSoc {
+    /// State of charge, 0 to 1.
+    pub value: f64,
+    /// How it is known.
+    pub from: SocFrom,
 }
 
 /// A load, and the run that it would be.
@@ -87,17 +100,22 @@ pub struct Load {
     pub rest: Option<Rest>,
     /// Duration of the rest after it, s; 0 if there is none.
     pub rest_after_s: f64,
+    /// The current that a pulse stands on; `None` if it follows a rest or another load.
+    pub base: Option<Base>,
+    /// Resistance of a pulse after 1 s, Ω: the change of the voltage over that of the current.
+    pub resistance_1s_ohm: Option<f64>,
     /// Temperature of the cell at the start, °C, if logged.
     pub temperature_c: Option<f64>,
     /// State of charge at the start, if known.
-    pub soc: Option<f64>,
-    /// Whether `soc` was counted, and not taken from the rest voltage.
-    pub counted: bool,
+    pub soc: Option<KnownSoc>,
     /// Reason why the load cannot be a run.
     pub refusal: Option<String>,
     /// First sample of the load.
     #[serde(skip)]
     pub(super) first: usize,
+    /// Sample at which its state of charge counts: the first, or the first of the run on a base.
+    #[serde(skip)]
+    pub(super) begin: usize,
     /// Part of the log between two cuts.
     #[serde(skip)]
     pub(super) part: usize,
@@ -110,17 +128,24 @@ impl Load {
     }
 }
 
-/// The loads of a log, in its order.
-pub fn loads(series: &TimeSeries, search: &LogSearch) -> Vec<Load> {
-    let segments = segment::segments(series);
+/// The loads of a log, in its order. `steps` holds the number of the cycler's step in each row, if the
+/// log has it.
+pub fn loads(series: &TimeSeries, steps: Option<&[f64]>, search: &LogSearch) -> Vec<Load> {
+    let segments = segment::segments(series, steps);
     let of = |k: usize| -> Option<Load> {
-        let load = segments.get(k).filter(|segment| !segment.rest)?;
+        let load = segments
+            .get(k)
+            .filter(|segment| !segment.rest && !segment.base)?;
         let beside = |at: Option<usize>| {
             at.and_then(|at| segments.get(at))
                 .filter(|rest| rest.rest && rest.part == load.part)
         };
         let before = Before {
             rest: beside(k.checked_sub(1)),
+            base: k
+                .checked_sub(1)
+                .and_then(|at| segments.get(at))
+                .filter(|base| base.base && base.part == load.part),
             // The rest then belongs to the load before too.
             shared: k >= 2 && segments[k - 2].part == load.part,
         };
@@ -129,13 +154,16 @@ pub fn loads(series: &TimeSeries, search: &LogSearch) -> Vec<Load> {
             shared: segments
                 .get(k + 2)
                 .is_some_and(|next| next.part == load.part),
+            load: segments
+                .get(k + 1)
+                .filter(|next| !next.rest && next.part == load.part),
         };
         Some(one(series, search, load, before, after))
     };
     let mut all: Vec<Load> = (0..segments.len()).filter_map(of).collect();
     for k in 1..all.len() {
         // A load that is left out takes no rest from the one before it.
-        if all[k].refusal.is_some() {
+        if all[k].refusal.is_some() && all[k - 1].rest_after_s > 0.0 {
             let before = &mut all[k - 1];
             before.to_s = before.start_s + before.duration_s + before.rest_after_s;
         }
@@ -147,6 +175,8 @@ pub fn loads(series: &TimeSeries, search: &LogSearch) -> Vec<Load> {
 #[derive(Clone, Copy)]
 struct Before<'a> {
     rest: Option<&'a Segment>,
+    /// The current that the load stands on.
+    base: Option<&'a Segment>,
     shared: bool,
 }
 
@@ -155,6 +185,8 @@ struct Before<'a> {
 struct After<'a> {
     rest: Option<&'a Segment>,
     shared: bool,
+    /// The load that follows without a rest.
+    load: Option<&'a Segment>,
 }
 
 /// Part of a rest that goes to the load after it, s.
@@ -176,7 +208,14 @@ fn one(
     let off = after
         .rest
         .map_or(load.samples.end - 1, |rest| rest.samples.start);
-    let duration_s = time_s[off] - start_s;
+    let duration_s = match after.load {
+        // The next current begins after one more step of the log, or at its own first sample.
+        Some(next) => {
+            let step_s = longest_step_s(time_s, first..off);
+            time_s[next.samples.start].min(time_s[off] + step_s) - start_s
+        }
+        None => time_s[off] - start_s,
+    };
     let course = segment::course(series, load);
     let middle_a = median_a(series, inner(load));
     let kind = match course {
@@ -209,8 +248,15 @@ fn one(
         .temperature_c
         .as_ref()
         .and_then(|all| all[from..=off].iter().copied().find(|t| t.is_finite()));
-    let steps = first.saturating_sub(usize::from(rest.is_some()))..off;
-    let step_s = steps.map(|k| time_s[k + 1] - time_s[k]).fold(0.0, f64::max);
+    let step_s = longest_step_s(
+        time_s,
+        first.saturating_sub(usize::from(rest.is_some()))..off,
+    );
+    let on_base = before.base.filter(|base| {
+        let goes_on = after.load.is_some_and(|next| next.base);
+        let long = base.lasting_s(series) >= LONGEST_PAUSE_S;
+        goes_on && long && kind == Kind::Pulse
+    });
     let mut found = Load {
         kind,
         current_a,
@@ -221,17 +267,93 @@ fn one(
         to_s,
         rest,
         rest_after_s,
+        base: None,
+        resistance_1s_ohm: rest.filter(|_| kind == Kind::Pulse).and_then(|rest| {
+            let before = Point {
+                voltage_v: rest.voltage_v,
+                current_a: 0.0,
+            };
+            resistance_ohm(series, load, before)
+        }),
         temperature_c,
         soc: None,
-        counted: false,
         refusal: None,
         first,
+        begin: first,
         part: load.part,
     };
+    if let Some((base, next)) = on_base.zip(after.load) {
+        place_on_base(series, &mut found, load, base, next);
+    }
     let rows = before.rest.map_or(first, |rest| rest.samples.start)
         ..after.rest.map_or(load.samples.end, |rest| rest.samples.end);
-    found.refusal = damaged(series, rows).or_else(|| refusal(&found, course, search));
+    let ends = after.rest.is_some() || after.load.is_some();
+    found.refusal = damaged(series, rows)
+        .or_else(|| refusal(&found, course, search))
+        .or_else(|| {
+            let open = found.kind == Kind::Pulse && !ends;
+            open.then(|| "no rest after it".to_owned())
+        });
     found
+}
+
+/// Longest step between these samples and those after them, s.
+fn longest_step_s(time_s: &[f64], samples: std::ops::Range<usize>) -> f64 {
+    samples
+        .map(|k| time_s[k + 1] - time_s[k])
+        .fold(0.0, f64::max)
+}
+
+/// Gives a pulse on a base the run from the base before it to that after it.
+fn place_on_base(
+    series: &TimeSeries,
+    found: &mut Load,
+    load: &Segment,
+    base: &Segment,
+    next: &Segment,
+) {
+    let time_s = &series.time_s;
+    // Half of a short base is left to the pulse on its other side.
+    let tail_s = |base: &Segment| BASE_AFTER_S.min(0.5 * base.lasting_s(series));
+    let earliest_s = time_s[base.samples.start] + tail_s(base);
+    found.from_s = earliest_s.max(found.start_s - BASE_BEFORE_S);
+    found.begin = time_s.partition_point(|t| *t < found.from_s);
+    found.to_s = found.start_s + found.duration_s + tail_s(next);
+    let late = time_s[base.samples.clone()]
+        .partition_point(|t| *t < found.start_s - REST_VOLTAGE_S)
+        .min(base.samples.len() - 1);
+    let before = Point {
+        voltage_v: median(series.voltage_v[base.samples.start + late..base.samples.end].to_vec()),
+        current_a: median_a(series, inner(base)),
+    };
+    found.base = Some(Base {
+        current_a: before.current_a,
+        voltage_v: before.voltage_v,
+        compare_from_s: found.from_s.max(found.start_s - COMPARED_BEFORE_S),
+    });
+    found.resistance_1s_ohm = resistance_ohm(series, load, before);
+}
+
+/// Voltage and current before a pulse.
+#[derive(Clone, Copy)]
+struct Point {
+    voltage_v: f64,
+    current_a: f64,
+}
+
+/// The resistance of a pulse 1 s after its last sample before it, Ω; none if no sample is within half a
+/// second of it.
+fn resistance_ohm(series: &TimeSeries, load: &Segment, before: Point) -> Option<f64> {
+    let begun_s = series.time_s[load.samples.start.checked_sub(1)?];
+    let away_s = |k: &usize| (series.time_s[*k] - begun_s - RESISTANCE_S).abs();
+    let nearest = load
+        .samples
+        .clone()
+        .min_by(|a, b| away_s(a).total_cmp(&away_s(b)))
+        .filter(|k| away_s(k) <= 0.5 * RESISTANCE_S)?;
+    let ohm = (before.voltage_v - series.voltage_v[nearest])
+        / (series.current_a[nearest] - before.current_a);
+    Some(ohm).filter(|ohm| ohm.is_finite())
 }
 
 /// Rows of which no run can be made.
@@ -252,30 +374,21 @@ fn damaged(series: &TimeSeries, mut rows: std::ops::Range<usize>) -> Option<Stri
 
 /// Why a load cannot be a run.
 fn refusal(load: &Load, course: Course, search: &LogSearch) -> Option<String> {
-    let Some(rest) = load.rest else {
-        return Some("no rest before it".to_owned());
-    };
-    if rest.duration_s < search.rest_s {
-        return Some(format!(
-            "the rest before it is logged for {:.1} s, less than {:.1} s",
-            rest.duration_s, search.rest_s
-        ));
+    match load.rest {
+        Some(rest) => unfit(&rest, search.rest_s),
+        None if load.base.is_some() => None,
+        None => Some("no rest before it".to_owned()),
     }
-    let sure = rest.slope_v_per_s.abs() - 2.0 * rest.slope_sigma_v_per_s;
-    if sure > STEEPEST_V_PER_S {
-        return Some(format!(
-            "the voltage before it still moves by {:.2} mV per minute",
-            rest.slope_mv_per_min()
-        ));
-    }
+    .or_else(|| refusal_of_load(load, course, search))
+}
+
+/// Why the current of a load is none of a run.
+fn refusal_of_load(load: &Load, course: Course, search: &LogSearch) -> Option<String> {
     if course == Course::AtLimit {
         return Some("a voltage limit was hit: its current falls at one voltage".to_owned());
     }
     if course == Course::Varying && load.duration_s < SHORTEST_CYCLE_S {
         return Some("its current is not constant".to_owned());
-    }
-    if load.kind == Kind::Pulse && load.rest_after_s <= 0.0 {
-        return Some("no rest after it".to_owned());
     }
     let slowest_s = match load.kind {
         Kind::Pulse | Kind::DriveCycle => search.slowest_s * (1.0 + JITTER_PART),
@@ -287,51 +400,4 @@ fn refusal(load: &Load, course: Course, search: &LogSearch) -> Option<String> {
             load.step_s
         )
     })
-}
-
-fn mean(values: &[f64]) -> f64 {
-    let finite: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
-    #[expect(clippy::cast_precision_loss, reason = "numbers of samples")]
-    let count = finite.len().max(1) as f64;
-    finite.iter().sum::<f64>() / count
-}
-
-/// A rest that a load ends at this time.
-fn rest_of(series: &TimeSeries, rest: &Segment, load_s: f64) -> Rest {
-    let time_s = &series.time_s[rest.samples.clone()];
-    let voltage_v = &series.voltage_v[rest.samples.clone()];
-    let duration_s = load_s - time_s[0];
-    let late = |window_s: f64| time_s.partition_point(|t| *t < load_s - window_s);
-    // A slow log has less than a few samples in the window.
-    let begin = late(REST_WINDOW_S).min(time_s.len().saturating_sub(FEWEST_OF_SLOPE));
-    let end = begin.max(late(REST_VOLTAGE_S)).min(time_s.len() - 1);
-    let (slope, sigma) = slope(&time_s[begin..], &voltage_v[begin..]);
-    Rest {
-        duration_s,
-        voltage_v: median(voltage_v[end..].to_vec()),
-        slope_v_per_s: slope,
-        slope_sigma_v_per_s: sigma,
-    }
-}
-
-/// Returns the slope of a straight line and its standard uncertainty; both are 0 if there are too
-/// few samples.
-fn slope(time_s: &[f64], voltage_v: &[f64]) -> (f64, f64) {
-    let (t0, v0) = (mean(time_s), mean(voltage_v));
-    let sum = |of: &dyn Fn(f64, f64) -> f64| -> f64 {
-        let pairs = time_s.iter().zip(voltage_v);
-        pairs
-            .map(|(t, v)| of(t - t0, v - v0))
-            .filter(|x| x.is_finite())
-            .sum()
-    };
-    let spread = sum(&|t, _| t * t);
-    if time_s.len() < 3 || spread <= 0.0 {
-        return (0.0, 0.0);
-    }
-    let slope = sum(&|t, v| t * v) / spread;
-    let rest = sum(&|t, v| (v - slope * t).powi(2));
-    #[expect(clippy::cast_precision_loss, reason = "numbers of samples")]
-    let freedom = (time_s.len() - 2) as f64;
-    (slope, (rest / freedom / spread).sqrt())
 }

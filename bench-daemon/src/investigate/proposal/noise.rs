@@ -29,7 +29,7 @@ pub struct Estimate {
 pub fn estimate(logs: &[&TimeSeries]) -> Estimate {
     let (mut rest_v, mut constant_a) = (Vec::new(), Vec::new());
     for series in logs {
-        for segment in segment::segments(series) {
+        for segment in segment::segments(series, None) {
             if segment.rest {
                 bends(&series.voltage_v[segment.samples], &mut rest_v);
             } else if segment::course(series, &segment) == Course::Constant {

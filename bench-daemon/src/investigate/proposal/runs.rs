@@ -6,8 +6,8 @@ use serde::Serialize;
 use super::{
     load::{Kind, Load},
     thresholds::{
-        REPEAT_SOC, REPEAT_TEMPERATURE_C, REPEAT_V, SAME_CURRENT_PART, SAME_DURATION_PART,
-        STATE_SOC, STATE_TEMPERATURE_C, STATE_V,
+        FEWEST_STATES, REPEAT_SOC, REPEAT_TEMPERATURE_C, REPEAT_V, SAME_CURRENT_PART,
+        SAME_DURATION_PART, STATE_SOC, STATE_TEMPERATURE_C, STATE_V,
     },
 };
 
@@ -20,10 +20,21 @@ pub struct FoundLog {
     pub name: String,
     /// Time between its first and its last row, s.
     pub lasting_s: f64,
-    /// Temperature for a log without one, °C.
-    pub temperature_c: Option<f64>,
+    /// Temperature that is used in the place of its own.
+    pub temperature: Option<TestTemperature>,
+    /// Remarks: what stands in the file, and what contradicts it.
+    pub notes: Vec<String>,
     /// Its loads.
     pub loads: Vec<Load>,
+}
+
+/// A temperature of a whole log.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct TestTemperature {
+    /// Temperature, °C.
+    pub celsius: f64,
+    /// Where it stands, for a comment.
+    pub source: String,
 }
 
 /// Circumstances of a run that other runs are compared with.
@@ -52,6 +63,22 @@ impl Place {
         ) && match (self.soc, other.soc) {
             (Some(_), Some(_)) => near(self.soc, other.soc, within.soc),
             _ => near(self.ocv_v, other.ocv_v, within.ocv_v),
+        }
+    }
+
+    /// The temperature alone.
+    fn without_state(self) -> Self {
+        Self {
+            temperature_c: self.temperature_c,
+            ..Self::default()
+        }
+    }
+
+    /// The state alone.
+    fn without_temperature(self) -> Self {
+        Self {
+            temperature_c: None,
+            ..self
         }
     }
 
@@ -160,9 +187,11 @@ pub fn propose(logs: &[FoundLog]) -> Vec<ProposedRun> {
                 log,
                 load: number,
                 place: Place {
-                    soc: load.soc,
+                    soc: load.soc.map(|soc| soc.value),
                     ocv_v: load.rest_v(),
-                    temperature_c: load.temperature_c.or(found.temperature_c),
+                    temperature_c: (found.temperature.as_ref())
+                        .map(|temperature| temperature.celsius)
+                        .or(load.temperature_c),
                 },
                 start_s,
                 role: Role::Train,
@@ -224,6 +253,8 @@ fn split(runs: &mut [ProposedRun], logs: &[FoundLog]) {
     let mut waiting: Vec<usize> = (0..runs.len())
         .filter(|k| load_of(&runs[*k], logs).kind == Kind::Pulse)
         .collect();
+    // The states of the discharges and of the charges.
+    let mut states: [Vec<Vec<usize>>; 2] = [Vec::new(), Vec::new()];
     while let Some(first) = waiting.first().copied() {
         let place = runs[first].place;
         let charges = |k: &usize| load_of(&runs[*k], logs).current_a < 0.0;
@@ -233,6 +264,11 @@ fn split(runs: &mut [ProposedRun], logs: &[FoundLog]) {
             .partition(|k| runs[*k].place.is_near(&place, &STATE) && charges(k) == charging);
         waiting = elsewhere;
         split_state(runs, &here, logs);
+        states[usize::from(charging)].push(here);
+    }
+    let any = runs.iter().any(|run| run.role == Role::HeldOut);
+    for of_direction in states.iter().filter(|_| !any) {
+        split_states(runs, of_direction);
     }
     let cycles: Vec<usize> = (0..runs.len())
         .filter(|k| load_of(&runs[*k], logs).kind == Kind::DriveCycle)
@@ -249,6 +285,18 @@ fn split(runs: &mut [ProposedRun], logs: &[FoundLog]) {
     }
     for run in runs.iter_mut().filter(|run| run.reason.is_empty()) {
         run.reason = "long constant currents train".to_owned();
+    }
+}
+
+/// Holds out every other state of a direction where none has enough currents and there are at least
+/// three.
+fn split_states(runs: &mut [ProposedRun], states: &[Vec<usize>]) {
+    if states.len() < FEWEST_STATES {
+        return;
+    }
+    for k in states.iter().skip(1).step_by(2).flatten() {
+        runs[*k].role = role(true);
+        runs[*k].reason = "every other state is held out, for each has too few currents".to_owned();
     }
 }
 
@@ -302,27 +350,46 @@ pub fn check_spectra(spectra: &mut [FoundSpectrum], runs: &[ProposedRun]) {
     let first = runs.first().map(|run| run.place);
     for spectrum in spectra.iter_mut().filter(|one| one.refusal.is_none()) {
         let place = &mut spectrum.place;
-        let Some(first) = first else {
-            if place.temperature_c.is_none() || (place.soc.is_none() && place.ocv_v.is_none()) {
-                spectrum.refusal = Some("its state or temperature is not stated".to_owned());
-            }
-            continue;
-        };
-        let one_state = runs.iter().all(|run| run.place.is_near(&first, &STATE));
-        let unstated = place.temperature_c.is_none() || (place.soc.or(place.ocv_v)).is_none();
-        if unstated && !one_state {
-            let reason = "its state or temperature is not stated, and the runs have several";
-            spectrum.refusal = Some(reason.to_owned());
+        // Its missing keys are written as comments then.
+        let Some(first) = first else { continue };
+        let lacks_state = place.soc.or(place.ocv_v).is_none();
+        let several = [
+            (
+                place.temperature_c.is_none(),
+                Place::without_state as fn(Place) -> Place,
+                "temperature",
+            ),
+            (lacks_state, Place::without_temperature, "state"),
+        ];
+        let open = several.into_iter().find(|(lacks, part, _)| {
+            let alike = |run: &ProposedRun| part(run.place).is_near(&part(first), &STATE);
+            *lacks && !runs.iter().all(alike)
+        });
+        if let Some((_, _, what)) = open {
+            let option = if what == "state" {
+                "soc=SOC"
+            } else {
+                "temperature_c=C"
+            };
+            spectrum.refusal = Some(format!(
+                "its {what} is not stated, and the runs have several: --at {}:{option} states it",
+                spectrum.name
+            ));
             continue;
         }
-        if place.temperature_c.is_none() {
+        if place.temperature_c.is_none() && first.temperature_c.is_some() {
             place.temperature_c = first.temperature_c;
             spectrum.assumed.push("temperature_c".to_owned());
         }
-        if place.soc.is_none() && place.ocv_v.is_none() {
+        if lacks_state {
             place.ocv_v = first.ocv_v;
             place.soc = first.soc.filter(|_| first.ocv_v.is_none());
-            spectrum.assumed.push("ocv_v".to_owned());
+            let key = if first.ocv_v.is_some() {
+                "ocv_v"
+            } else {
+                "soc"
+            };
+            spectrum.assumed.push(key.to_owned());
         }
         if !runs.iter().any(|run| run.place.is_near(place, &STATE)) {
             let at = |place: &Place| match place.temperature_c {

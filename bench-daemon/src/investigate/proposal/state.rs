@@ -1,9 +1,10 @@
-//! State of charge at the start of every load, by counting charge.
+//! State of charge at the start of every load: by counting charge, by a column of the log, or by the
+//! voltage of a rest.
 
 use analysis::{ocv::OcvCurve, series::TimeSeries};
 
 use super::{
-    load::Load,
+    load::{KnownSoc, Load, SocFrom},
     segment::rest_current_a,
     thresholds::{CUT_S, SOC_BEYOND},
 };
@@ -17,6 +18,8 @@ pub struct ChargeKnown<'a> {
     pub soc_start: Option<f64>,
     /// OCV curve.
     pub curve: Option<&'a OcvCurve>,
+    /// State of charge in each row of the log, NaN where the row has none.
+    pub column: Option<&'a [f64]>,
 }
 
 /// A state of charge at a sample, from which charge is counted.
@@ -30,14 +33,40 @@ struct Anchor {
 
 /// Sets the state of charge at the start of each load.
 ///
-/// It is counted from the start of the log if the initial state is known. Otherwise, the first
-/// usable rest of each part of the log determines it by the curve, and it is counted from there
-/// for later loads.
+/// It is counted from the start of the log if the initial state and the capacity are known. Otherwise
+/// a column of the log determines it. Otherwise, the first usable rest of each part of the log
+/// determines it by the curve, and it is counted from there for later loads. A pulse on a base current
+/// is refused without it.
 pub fn count_charge(series: &TimeSeries, loads: &mut [Load], known: ChargeKnown<'_>) {
-    let Some(capacity_ah) = known
-        .capacity_ah
-        .or(known.curve.map(|curve| curve.capacity_ah))
-    else {
+    set_states(series, loads, known);
+    for load in loads {
+        if let (Some(base), None, None) = (load.base, load.soc, &load.refusal) {
+            load.refusal = Some(format!(
+                "it stands on {:.3} A without a rest, and its state of charge is not known: --soc-start \
+                 with --capacity-ah states it",
+                base.current_a
+            ));
+        }
+    }
+}
+
+fn set_states(series: &TimeSeries, loads: &mut [Load], known: ChargeKnown<'_>) {
+    let counts = known.soc_start.is_some() && known.capacity_ah.is_some();
+    if let Some(column) = known.column.filter(|_| !counts) {
+        loads.iter_mut().for_each(|load| {
+            // The last row of the rest, if the load has one.
+            let rows = load.begin.saturating_sub(1)..=load.begin;
+            let soc = column
+                .get(rows)
+                .and_then(|rows| rows.iter().find(|soc| soc.is_finite()));
+            load.soc = soc.map(|soc| KnownSoc {
+                value: soc.clamp(0.0, 1.0),
+                from: SocFrom::Column,
+            });
+        });
+        return;
+    }
+    let Some(capacity_ah) = known.capacity_ah else {
         return;
     };
     let counted = Counted::of(series);
@@ -49,25 +78,29 @@ pub fn count_charge(series: &TimeSeries, loads: &mut [Load], known: ChargeKnown<
     for load in loads {
         let from = anchor.filter(|anchor| {
             anchor.part.is_none_or(|part| part == load.part)
-                && counted.connects(anchor.sample, load.first)
+                && counted.connects(anchor.sample, load.begin)
         });
         let at_rest = |curve: &OcvCurve| {
             let rest_v = load.rest_v().filter(|_| load.refusal.is_none())?;
-            let end = f64::from(u8::from(rest_v > curve.voltage_v(0.5)));
-            Some(curve.soc_at(rest_v).unwrap_or(end))
+            Some(at_voltage(curve, rest_v))
         };
         if let Some(anchor) = from {
             let soc = anchor.soc
-                - (counted.charge_ah[load.first] - counted.charge_ah[anchor.sample]) / capacity_ah;
-            load.soc = Some(soc.clamp(0.0, 1.0));
-            load.counted = true;
+                - (counted.charge_ah[load.begin] - counted.charge_ah[anchor.sample]) / capacity_ah;
+            load.soc = Some(KnownSoc {
+                value: soc.clamp(0.0, 1.0),
+                from: SocFrom::Counted,
+            });
             if !(-SOC_BEYOND..=1.0 + SOC_BEYOND).contains(&soc) && load.refusal.is_none() {
                 load.refusal = Some(format!(
                     "the counted state of charge is {soc:.3}: capacity or start are wrong"
                 ));
             }
         } else if let Some(soc) = known.curve.and_then(at_rest) {
-            load.soc = Some(soc);
+            load.soc = Some(KnownSoc {
+                value: soc,
+                from: SocFrom::RestVoltage,
+            });
             anchor = Some(Anchor {
                 sample: load.first,
                 soc,
@@ -77,15 +110,21 @@ pub fn count_charge(series: &TimeSeries, loads: &mut [Load], known: ChargeKnown<
     }
 }
 
+/// The state of charge at which a curve has a voltage; its end for a voltage beyond it.
+pub(super) fn at_voltage(curve: &OcvCurve, rest_v: f64) -> f64 {
+    let end = f64::from(u8::from(rest_v > curve.voltage_v(0.5)));
+    curve.soc_at(rest_v).unwrap_or(end)
+}
+
 /// Charge drawn since the start of a log.
-struct Counted {
-    charge_ah: Vec<f64>,
+pub(super) struct Counted {
+    pub(super) charge_ah: Vec<f64>,
     /// Number of cuts with unknown current before each sample.
     cuts: Vec<usize>,
 }
 
 impl Counted {
-    fn of(series: &TimeSeries) -> Self {
+    pub(super) fn of(series: &TimeSeries) -> Self {
         let below_a = rest_current_a(series);
         let (mut charge, mut cuts) = (0.0, 0);
         let mut counted = Self {

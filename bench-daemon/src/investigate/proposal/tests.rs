@@ -46,7 +46,7 @@ fn log(parts: &[Part], step_s: f64) -> TimeSeries {
 }
 
 fn found(series: &TimeSeries) -> Vec<Load> {
-    loads(series, &SEARCH)
+    loads(series, None, &SEARCH)
 }
 
 fn refusal(load: &Load) -> &str {
@@ -58,7 +58,8 @@ fn proposed(loads: Vec<Load>) -> Vec<ProposedRun> {
         file: "log.csv".to_owned(),
         name: "log".to_owned(),
         lasting_s: 0.0,
-        temperature_c: None,
+        temperature: None,
+        notes: Vec::new(),
         loads,
     }])
 }
@@ -296,36 +297,37 @@ fn charge_is_counted_from_the_start_or_from_the_rest_voltage() {
     ];
     let series = log(&parts, 1.0);
     let curve = OcvCurve::monotone(2.0, vec![0.0, 1.0], vec![3.2, 4.2]).unwrap();
-    for (known, start, counted) in [
+    for (known, start, from) in [
         (
             ChargeKnown {
                 capacity_ah: Some(2.0),
                 soc_start: Some(0.9),
-                curve: None,
+                ..ChargeKnown::default()
             },
             0.9,
-            true,
+            SocFrom::Counted,
         ),
         (
             ChargeKnown {
+                capacity_ah: Some(2.0),
                 curve: Some(&curve),
                 ..ChargeKnown::default()
             },
             0.5,
-            false,
+            SocFrom::RestVoltage,
         ),
     ] {
         let mut all = found(&series);
         count_charge(&series, &mut all, known);
         let met = [all[0].soc.unwrap(), all[1].soc.unwrap()];
-        assert!((met[0] - start).abs() < 1e-3 && (met[1] - start + 0.1).abs() < 1e-3);
-        assert_eq!((all[0].counted, all[1].counted), (counted, true));
+        assert!((met[0].value - start).abs() < 1e-3 && (met[1].value - start + 0.1).abs() < 1e-3);
+        assert_eq!((met[0].from, met[1].from), (from, SocFrom::Counted));
     }
     let mut all = found(&series);
     let wrong = ChargeKnown {
         capacity_ah: Some(0.1),
         soc_start: Some(0.5),
-        curve: None,
+        ..ChargeKnown::default()
     };
     count_charge(&series, &mut all, wrong);
     assert!(refusal(&all[1]).starts_with("the counted state of charge is -1.5"));
@@ -369,6 +371,45 @@ fn a_spectrum_elsewhere_is_refused_and_one_without_a_state_is_taken_at_the_pulse
     ] {
         assert!(spectrum.refusal.as_deref().unwrap().starts_with(told));
     }
+}
+
+#[test]
+fn a_spectrum_beside_several_states_needs_its_own_and_takes_the_one_temperature() {
+    let mut loads = pulses(&[1.0, 2.0]);
+    for (load, value) in loads.iter_mut().zip([0.9, 0.5]) {
+        load.soc = Some(KnownSoc {
+            value,
+            from: SocFrom::Counted,
+        });
+    }
+    let runs = proposed(loads);
+    let spectrum = |soc| FoundSpectrum {
+        name: "eis".to_owned(),
+        file: "eis.csv".to_owned(),
+        among: None,
+        points: 10,
+        from_hz: None,
+        to_hz: None,
+        inductive: false,
+        place: Place {
+            soc,
+            ..Place::default()
+        },
+        assumed: Vec::new(),
+        refusal: None,
+    };
+    let mut all = [spectrum(Some(0.52)), spectrum(None)];
+    check_spectra(&mut all, &runs);
+    assert_eq!(
+        (all[0].refusal.as_deref(), all[0].place.temperature_c),
+        (None, Some(25.0))
+    );
+    assert_eq!(all[0].assumed, ["temperature_c"]);
+    let told = all[1].refusal.as_deref().unwrap();
+    assert!(
+        told.starts_with("its state is not stated") && told.contains("--at eis:soc="),
+        "{told}"
+    );
 }
 
 #[test]

@@ -4,9 +4,11 @@ use analysis::diagnosis::Role;
 use serde_json::json;
 
 use super::{
-    load::Load,
+    load::{Load, SocFrom},
+    missing,
     noise::Estimate,
-    runs::{FoundLog, FoundSpectrum, ProposedRun},
+    runs::{FoundLog, FoundSpectrum, Place, ProposedRun},
+    thresholds::BASE_LEVEL_V,
 };
 
 /// Names of a data set that cannot be measured.
@@ -18,22 +20,47 @@ pub struct Named {
     pub cell: String,
     /// Path of the OCV curve from the folder of the data set.
     pub ocv: Option<String>,
+    /// Files that the command writes beside the data set.
+    pub own: OwnFiles,
     /// Direction that the logs count as positive, if the user stated it.
     pub current_positive: Option<&'static str>,
     /// Shortest rest before a load, s.
     pub rest_s: f64,
 }
 
+/// Files that the command writes beside the data set.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct OwnFiles {
+    /// Name of the curve through the rest voltages.
+    pub ocv: Option<String>,
+    /// Name of the model to start from.
+    pub model: Option<String>,
+}
+
+/// What is written into `dataset.toml`.
+#[derive(Debug, Clone, Copy)]
+pub struct Proposal<'a> {
+    /// Logs.
+    pub logs: &'a [FoundLog],
+    /// Runs of their loads.
+    pub runs: &'a [ProposedRun],
+    /// Spectra.
+    pub spectra: &'a [FoundSpectrum],
+    /// Noise and codes.
+    pub bench: &'a Estimate,
+}
+
 /// A proposal as the text of `dataset.toml`. Every number of a JSON text is one of TOML.
-pub fn dataset_text(
-    named: &Named,
-    logs: &[FoundLog],
-    runs: &[ProposedRun],
-    spectra: &[FoundSpectrum],
-    bench: &Estimate,
-) -> String {
+pub fn dataset_text(named: &Named, proposal: &Proposal<'_>) -> String {
+    let Proposal {
+        logs,
+        runs,
+        spectra,
+        bench,
+    } = *proposal;
     let mut text = head(named);
     text += &bench_text(bench);
+    text += &notes(logs);
     for (order, run) in runs.iter().enumerate() {
         text += &run_text(named, logs, run, order);
     }
@@ -42,6 +69,30 @@ pub fn dataset_text(
     }
     text += &left_out(logs);
     text
+}
+
+/// Remarks on the logs.
+fn notes(logs: &[FoundLog]) -> String {
+    let of = |log: &FoundLog| -> String {
+        let each = log.notes.iter();
+        each.map(|note| format!("# {}: {note}.\n", log.name))
+            .collect()
+    };
+    let all: String = logs.iter().map(of).collect();
+    if all.is_empty() {
+        all
+    } else {
+        format!(
+            "\n# What the files say beside current and voltage, and what contradicts it.\n{all}"
+        )
+    }
+}
+
+/// Comments in the place of the keys that a run lacks.
+fn missing_lines(run: &str, place: &Place) -> impl Iterator<Item = String> {
+    missing::of_place(run, place)
+        .into_iter()
+        .map(|one| format!("# {} =  # FILL IN: {}", one.key, one.text))
 }
 
 fn head(named: &Named) -> String {
@@ -61,11 +112,26 @@ name = {}
         named.rest_s,
         json!(named.name)
     );
-    match &named.ocv {
-        Some(path) => text += &format!("ocv = {}\n", json!(path)),
-        None => text += "# No OCV curve was given: the model must hold one, or `--ocv` names it.\n",
+    text += &match (&named.ocv, &named.own.ocv) {
+        (Some(path), _) => format!("ocv = {}\n", json!(path)),
+        (None, Some(own)) => format!(
+            "# The curve through the rest voltages of the runs at their states of charge.\nocv = {}\n",
+            json!(own)
+        ),
+        (None, None) => "\
+# ocv =  # FILL IN unless the model holds an OCV curve or `diagnose` gets --ocv: the path of a curve;
+# `eis-bench ocv` makes one from a slow discharge.
+"
+        .to_owned(),
+    };
+    text + &match &named.own.model {
+        Some(own) => format!(
+            "# A model to start from, read off one load, for there is no spectrum: the diagnosis fits it\n\
+             # again. `--model` takes its place.\nmodel = {}\n",
+            json!(own)
+        ),
+        None => "# The model of the cell: `eis-bench diagnose` takes it as `--model`.\n".to_owned(),
     }
-    text + "# The model of the cell: `eis-bench diagnose` takes it as `--model`.\n"
 }
 
 /// Why a key of `[bench]` may be missing.
@@ -144,12 +210,12 @@ fn run_text(named: &Named, logs: &[FoundLog], run: &ProposedRun, order: usize) -
         "kind = \"time\"".to_owned(),
         format!("cell = {}", json!(named.cell)),
     ];
-    if load.temperature_c.is_none() {
-        lines.extend(run.place.temperature_c.map(|celsius| {
-            format!("temperature_c = {celsius:?}  # as stated; the log holds none")
-        }));
+    if let Some(temperature) = &log.temperature {
+        let (celsius, source) = (temperature.celsius, &temperature.source);
+        lines.push(format!("temperature_c = {celsius:?}  # {source}"));
     }
     lines.extend(start_line(load));
+    lines.extend(missing_lines(&run.name, &run.place));
     if let Some(positive) = named.current_positive {
         lines.push(format!("current_positive = {}", json!(positive)));
     }
@@ -157,9 +223,15 @@ fn run_text(named: &Named, logs: &[FoundLog], run: &ProposedRun, order: usize) -
         milliseconds(load.from_s, false),
         milliseconds(load.to_s, true),
     ];
+    lines.extend([format!("from_s = {from_s:?}"), format!("to_s = {to_s:?}")]);
+    if let Some(base) = load.base {
+        let compare_from_s = milliseconds(base.compare_from_s, false);
+        lines.push(format!("compare_from_s = {compare_from_s:?}"));
+        lines.push(format!(
+            "level_sigma_v = {BASE_LEVEL_V:?}  # no rest tells the level"
+        ));
+    }
     lines.extend([
-        format!("from_s = {from_s:?}"),
-        format!("to_s = {to_s:?}"),
         format!("repeat_group = {}", json!(run.repeat_group)),
         format!("order = {order}"),
         format!("start_s = {:?}", milliseconds(run.start_s, false)),
@@ -173,11 +245,11 @@ fn run_text(named: &Named, logs: &[FoundLog], run: &ProposedRun, order: usize) -
 /// The key of the state at the start.
 fn start_line(load: &Load) -> Option<String> {
     let by_rest = load
-        .rest_v()
-        .filter(|_| !load.counted && !load.soc.is_some_and(|soc| soc <= 0.0 || soc >= 1.0));
-    match (by_rest, load.soc) {
+        .soc
+        .is_none_or(|soc| soc.from == SocFrom::RestVoltage && soc.value > 0.0 && soc.value < 1.0);
+    match (load.rest_v().filter(|_| by_rest), load.soc) {
         (Some(ocv_v), _) => Some(format!("ocv_v = {ocv_v:.5}")),
-        (None, Some(soc)) => Some(format!("soc = {soc:.5}")),
+        (None, Some(soc)) => Some(format!("soc = {:.5}", soc.value)),
         (None, None) => None,
     }
 }
@@ -198,7 +270,10 @@ fn load_words(load: &Load) -> String {
 }
 
 fn rest_words(load: &Load) -> String {
-    let after = format!("{:.0} s of rest after it", load.rest_after_s);
+    let resistance = load.resistance_1s_ohm.map_or_else(String::new, |ohm| {
+        format!("; {:.4} mΩ after 1 s", 1e3 * ohm)
+    });
+    let after = format!("{:.0} s of rest after it{resistance}", load.rest_after_s);
     match load.rest {
         Some(rest) => format!(
             "Rest before it: {:.1} s logged, {:.4} V, {:+.2} ± {:.2} mV per minute; {after}",
@@ -207,7 +282,14 @@ fn rest_words(load: &Load) -> String {
             rest.slope_mv_per_min(),
             6e4 * rest.slope_sigma_v_per_s
         ),
-        None => format!("No rest before it; {after}"),
+        None => match load.base {
+            Some(base) => format!(
+                "It stands on {:.3} A, which flows all the time: played from {:.1} s on, compared from \
+                 {:.1} s on{resistance}",
+                base.current_a, load.from_s, base.compare_from_s
+            ),
+            None => format!("No rest before it; {after}"),
+        },
     }
 }
 
@@ -216,14 +298,15 @@ fn state_words(load: &Load) -> String {
         Some(celsius) => format!("{celsius:.1} °C logged"),
         None => "no temperature logged".to_owned(),
     };
-    match load.soc {
-        Some(soc) if load.counted => format!("{:.2} % SOC by counted charge, {celsius}", 1e2 * soc),
-        Some(soc) => format!(
-            "{:.2} % SOC by rest voltage and curve, {celsius}",
-            1e2 * soc
-        ),
-        None => format!("State by the rest voltage, {celsius}"),
-    }
+    let Some(soc) = load.soc else {
+        return format!("State by the rest voltage, {celsius}");
+    };
+    let how = match soc.from {
+        SocFrom::Counted => "counted charge",
+        SocFrom::Column => "the column of the log",
+        SocFrom::RestVoltage => "rest voltage and curve",
+    };
+    format!("{:.2} % SOC by {how}, {celsius}", 1e2 * soc.value)
 }
 
 fn spectrum_text(named: &Named, spectrum: &FoundSpectrum, order: usize) -> String {
@@ -248,6 +331,7 @@ fn spectrum_text(named: &Named, spectrum: &FoundSpectrum, order: usize) -> Strin
         (Some(soc), None) => Some(format!("soc = {soc:?}")),
         (None, None) => None,
     });
+    lines.extend(missing_lines(&spectrum.name, place));
     lines.extend(spectrum.from_hz.map(|hz| format!("from_hz = {hz:?}")));
     lines.extend(spectrum.to_hz.map(|hz| format!("to_hz = {hz:?}")));
     lines.push(format!("order = {order}"));

@@ -8,6 +8,28 @@ pub(super) const REST_PART: f64 = 2e-3;
 pub(super) const SHORTEST_REST_S: f64 = 5.0;
 /// Longest pause inside a drive cycle, s. Stops of UDDS, US06 and WLTP last less.
 pub(super) const LONGEST_PAUSE_S: f64 = 120.0;
+/// Longest part of the base current that is played before a pulse on it, s. The voltage then settles
+/// under the base: slow branches of models have time constants of minutes.
+pub(super) const BASE_BEFORE_S: f64 = 600.0;
+/// Part of the base before a pulse that is compared, s. Convention: it shows the level.
+pub(super) const COMPARED_BEFORE_S: f64 = 30.0;
+/// Longest part of the base after a pulse that belongs to its run, s. Convention.
+pub(super) const BASE_AFTER_S: f64 = 120.0;
+/// Standard deviation of the level of a run on a base, V: no rest tells it.
+pub(super) const BASE_LEVEL_V: f64 = 0.02;
+/// Fewest steps of a cycler's program that follow each other under current and are a drive cycle. In
+/// an HPPC two do: a pulse, and the discharge to the next state.
+pub(super) const FEWEST_OF_CHAIN: usize = 3;
+/// Longest pulse that is cut from a long current that follows it, s. Convention: HPPC pulses last 10 s
+/// to 30 s.
+pub(super) const LONGEST_BEFORE_STEP_S: f64 = 60.0;
+/// Part of a load that a model to start from is read off, s. Convention: the open-circuit voltage moves
+/// little in it.
+pub(super) const START_S: f64 = 60.0;
+/// Fewest samples that tell a time constant. Convention.
+pub(super) const START_SAMPLES: usize = 5;
+/// Time after the start of a pulse at which its resistance is stated, s. Convention.
+pub(super) const RESISTANCE_S: f64 = 1.0;
 /// Longest step of a log within one segment, s. Cyclers log rests every 10 min at the slowest; a
 /// longer step is a cut.
 pub(super) const CUT_S: f64 = 900.0;
@@ -62,8 +84,13 @@ pub(super) const STATE_TEMPERATURE_C: f64 = 3.0;
 /// States of charge of runs that are split together differ by less than this: an HPPC at one state
 /// of charge takes up to 4 %.
 pub(super) const STATE_SOC: f64 = 0.05;
+/// Fewest states of which every other one is held out: two are left to train then.
+pub(super) const FEWEST_STATES: usize = 3;
 /// As [`STATE_SOC`] in rest voltage, V, if no state of charge is known.
 pub(super) const STATE_V: f64 = 0.03;
+/// Part by which two statements of one capacity may differ. Nominal and measured capacity do by a few
+/// percent.
+pub(super) const SAME_CAPACITY_PART: f64 = 0.1;
 /// Part by which a counted state of charge may leave 0 to 1; a capacity is not known better.
 pub(super) const SOC_BEYOND: f64 = 0.02;
 /// Step between the codes of a channel that is looked at, in codes: beyond it the rounding of

@@ -110,6 +110,15 @@ pub(super) fn any(names: &[&str], units: Option<&[&str]>) -> Columns {
     for (quantity, names) in READ {
         found[quantity as usize] = names.all(&all).into_iter().next();
     }
+    // The first of numbered channels, such as Digatron's `Temp45`.
+    if found[Quantity::Temperature as usize].is_none() {
+        let unnumbered = |one: &Parted| Parted {
+            base: one.base.trim_end_matches(|c: char| c.is_ascii_digit()).to_owned(),
+            ..one.clone()
+        };
+        let channels: Vec<Parted> = all.iter().map(unnumbered).collect();
+        found[Quantity::Temperature as usize] = TEMPERATURE.all(&channels).into_iter().next();
+    }
     let mut times = TIME.all(&all);
     // A wall clock counts too, from its first row on.
     if let Some(wall) = &found[Quantity::Wall as usize] {

@@ -263,6 +263,8 @@ fn the_temperature_of_the_chamber_stands_in_for_that_of_the_cell() {
     };
     let both = of("Aux_Temperature(℃)_1,Chamber_Temp_degC", ["26,25", "27,25"]);
     assert_eq!(both.series.temperature_c, Some(vec![26.0, 27.0]));
+    let channels = of("Temp45 [°C],Temp46 [°C]", ["26,30", "27,31"]);
+    assert_eq!(channels.series.temperature_c, Some(vec![26.0, 27.0]));
     let chamber = of("Ambient Temperature / degC", ["25", "25"]);
     assert_eq!(chamber.series.temperature_c, Some(vec![25.0, 25.0]));
     assert!(chamber.notes.iter().any(|note| note.contains("chamber")));
