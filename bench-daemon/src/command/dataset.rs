@@ -249,7 +249,8 @@ fn commonest(findings: &Findings) -> String {
         *counts.entry(reason).or_default() += 1;
     }
     let most = counts.into_iter().max_by_key(|(_, count)| *count);
-    most.map_or_else(String::new, |(reason, count)| {
-        format!("; {count} loads are left out because: {reason}")
+    most.map_or_else(String::new, |(reason, count)| match count {
+        1 => format!("; 1 load is left out because: {reason}"),
+        _ => format!("; {count} loads are left out because: {reason}"),
     })
 }

@@ -40,8 +40,7 @@ use super::spreadsheet::{self, Sheet};
 use super::{mat, mpr};
 use analysis_signal::series::TimeSeries;
 pub use error::SeriesReadError;
-pub use head::{Fact, Head};
-pub use parts::{CurrentSign, LeftOut};
+pub use parts::{CurrentSign, Fact, Head, LeftOut};
 pub use state::State;
 use std::path::Path;
 

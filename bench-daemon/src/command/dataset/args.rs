@@ -22,7 +22,7 @@ pub struct DatasetArgs {
 #[derive(Debug, Subcommand)]
 pub(super) enum Act {
     /// Propose a data set for `diagnose` from spectra and logs: runs, repeats, split, noise.
-    Init(InitArgs),
+    Init(Box<InitArgs>),
     /// Check whether `diagnose` accepts a data set, and name the first key that is missing or wrong.
     Check(CheckArgs),
 }

@@ -51,8 +51,9 @@ pub(super) fn found(args: &InitArgs, contents: Vec<Content>) -> Result<Findings,
     check_spectra(&mut spectra, &runs);
     let series: Vec<&TimeSeries> = series.iter().collect();
     let has_spectrum = spectra.iter().any(|spectrum| spectrum.refusal.is_none());
-    let model = start_model(&series, &logs, &runs).filter(|_| !has_spectrum);
     let own_curve = rest_curve(&logs, capacity_ah).filter(|_| curve.is_none());
+    let known = curve.as_ref().or(own_curve.as_ref());
+    let model = start_model(&series, &logs, &runs, known).filter(|_| !has_spectrum);
     Ok(Findings {
         curve: own_curve,
         model,

@@ -53,7 +53,7 @@ pub(super) fn rest_current_a(series: &TimeSeries) -> f64 {
 /// The rests and loads of a log, in its order. `steps` holds the number of the cycler's step in each
 /// row.
 pub(super) fn segments(series: &TimeSeries, steps: Option<&[f64]>) -> Vec<Segment> {
-    let all = chained(series, absorbed(series, by_rows(series, steps)));
+    let all = chained(series, &absorbed(series, by_rows(series, steps)));
     let all = joined(all, |before, pause, after| {
         before.step == after.step && pause.lasting_s(series) < SHORTEST_REST_S
     });
@@ -134,9 +134,9 @@ fn absorbed(series: &TimeSeries, segments: Vec<Segment>) -> Vec<Segment> {
 
 /// Joins three or more short steps under current that follow each other without a rest: a drive cycle
 /// that is written in steps.
-fn chained(series: &TimeSeries, segments: Vec<Segment>) -> Vec<Segment> {
+fn chained(series: &TimeSeries, segments: &[Segment]) -> Vec<Segment> {
     let mut all: Vec<Segment> = Vec::new();
-    let mut rest = segments.as_slice();
+    let mut rest = segments;
     while let Some(first) = rest.first() {
         let pairs = rest.windows(2);
         let length = 1 + pairs.take_while(|pair| follows(&pair[0], &pair[1])).count();

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::{
     load::{Kind, Load, SocFrom},
     runs::{FoundLog, ProposedRun},
-    thresholds::{REPEAT_SOC, START_S, START_SAMPLES, STATE_SOC},
+    thresholds::{REPEAT_SOC, SHORTEST_PULSE_S, START_S, START_SAMPLES, STATE_SOC},
 };
 
 /// A model that is read off one load.
@@ -43,24 +43,27 @@ impl StartModel {
 }
 
 /// Reads a model off the largest constant current that trains: the voltage over the current in its first
-/// minute.
+/// minute. A curve takes out how the open-circuit voltage moves, if the state of charge is known.
 pub fn start_model(
     series: &[&TimeSeries],
     logs: &[FoundLog],
     runs: &[ProposedRun],
+    curve: Option<&OcvCurve>,
 ) -> Option<StartModel> {
     let of = |run: &ProposedRun| &logs[run.log].loads[run.load];
     let trains = runs.iter().filter(|run| run.role == Role::Train);
     let constant = trains.filter(|run| of(run).kind != Kind::DriveCycle);
+    // A pulse that was cut short tells no course.
     let run = constant.max_by(|a, b| {
+        let long = |run: &ProposedRun| of(run).duration_s >= SHORTEST_PULSE_S;
         let size = |run: &ProposedRun| of(run).current_a.abs();
-        size(a).total_cmp(&size(b))
+        (long(a).cmp(&long(b))).then(size(a).total_cmp(&size(b)))
     })?;
-    let rise = rise(series.get(run.log)?, of(run));
+    let rise = rise(series.get(run.log)?, of(run), curve);
     let first = rise.first()?.ohm;
     let last_s = rise.last()?.time_s;
     let fits = (0..=TRIES).filter_map(|k| {
-        let tau_s = last_s * SHORTEST_PART.powf(f64::from(k) / f64::from(TRIES));
+        let tau_s = LONGEST_PART * last_s * SHORTEST_PART.powf(f64::from(k) / f64::from(TRIES));
         fitted(&rise, tau_s)
     });
     let best = fits.min_by(|a, b| a.squares.total_cmp(&b.squares));
@@ -75,8 +78,10 @@ pub fn start_model(
 
 /// Time constants that are tried, less one.
 const TRIES: i32 = 24;
-/// The shortest of them, as a part of the time that is looked at.
-const SHORTEST_PART: f64 = 0.05;
+/// The longest of them, as a part of the time that is looked at: beyond it an exponential is a line.
+const LONGEST_PART: f64 = 2.0;
+/// The shortest of them, as a part of the longest.
+const SHORTEST_PART: f64 = 0.025;
 
 /// A sample of a load.
 struct Sample {
@@ -87,7 +92,7 @@ struct Sample {
 }
 
 /// The first minute of a load.
-fn rise(series: &TimeSeries, load: &Load) -> Vec<Sample> {
+fn rise(series: &TimeSeries, load: &Load, curve: Option<&OcvCurve>) -> Vec<Sample> {
     let before = match (load.rest, load.base) {
         (Some(rest), _) => Some((rest.voltage_v, 0.0)),
         (None, base) => base.map(|base| (base.voltage_v, base.current_a)),
@@ -97,12 +102,21 @@ fn rise(series: &TimeSeries, load: &Load) -> Vec<Sample> {
     else {
         return Vec::new();
     };
+    let known = curve.zip(load.soc);
+    let mut drawn_ah = 0.0;
+    let mut moved_v = |k: usize| {
+        drawn_ah += series.current_a[k] * (series.time_s[k] - series.time_s[k - 1]) / 3600.0;
+        known.map_or(0.0, |(curve, soc)| {
+            let now = soc.value - drawn_ah / curve.capacity_ah;
+            curve.voltage_v(soc.value) - curve.voltage_v(now)
+        })
+    };
     let end_s = load.start_s + load.duration_s.min(START_S);
     (load.first..series.len())
         .take_while(|k| series.time_s[*k] < end_s)
         .map(|k| Sample {
             time_s: series.time_s[k] - begun_s,
-            ohm: (voltage_v - series.voltage_v[k]) / (series.current_a[k] - current_a),
+            ohm: (voltage_v - series.voltage_v[k] - moved_v(k)) / (series.current_a[k] - current_a),
         })
         .filter(|sample| sample.ohm.is_finite())
         .collect()

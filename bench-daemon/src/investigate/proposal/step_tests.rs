@@ -299,7 +299,7 @@ fn a_model_to_start_from_is_read_off_the_largest_current_that_trains() {
     }
     let logs = [found_log(loads(&series, Some(&steps), &SEARCH))];
     let runs = propose(&logs);
-    let model = start_model(&[&series], &logs, &runs).unwrap();
+    let model = start_model(&[&series], &logs, &runs, None).unwrap();
     let branch = model.branch.unwrap();
     assert_eq!(model.run, "pulse_2_5.00A");
     assert!((model.r_ohm / 6e-3 - 1.0).abs() < 0.02, "{model:?}");
@@ -309,7 +309,27 @@ fn a_model_to_start_from_is_read_off_the_largest_current_that_trains() {
         "{}",
         model.json()
     );
-    assert_eq!(start_model(&[], &[], &[]), None);
+    assert_eq!(start_model(&[], &[], &[], None), None);
+    // The open-circuit voltage falls by 0.4 V over 1 Ah meanwhile: the curve takes it out again.
+    let curve = analysis::ocv::OcvCurve::monotone(1.0, vec![0.0, 1.0], vec![3.2, 3.6]).unwrap();
+    for k in 0..series.len() {
+        if series.current_a[k] == 5.0 {
+            series.voltage_v[k] -= 0.4 * 5.0 * (series.time_s[k] - 130.0) / 3600.0;
+        }
+    }
+    let mut logs = logs;
+    logs[0].loads[1].soc = Some(KnownSoc {
+        value: 0.5,
+        from: SocFrom::Counted,
+    });
+    let with = start_model(&[&series], &logs, &runs, Some(&curve)).unwrap();
+    assert!((with.r_ohm / model.r_ohm - 1.0).abs() < 1e-6, "{with:?}");
+    assert!((with.branch.unwrap().r_ohm / branch.r_ohm - 1.0).abs() < 1e-6);
+    let without = start_model(&[&series], &logs, &runs, None).unwrap();
+    assert!(
+        without.branch.unwrap().r_ohm > 1.2 * branch.r_ohm,
+        "{without:?}"
+    );
 }
 
 fn found_log(loads: Vec<Load>) -> FoundLog {

@@ -113,7 +113,10 @@ pub(super) fn any(names: &[&str], units: Option<&[&str]>) -> Columns {
     // The first of numbered channels, such as Digatron's `Temp45`.
     if found[Quantity::Temperature as usize].is_none() {
         let unnumbered = |one: &Parted| Parted {
-            base: one.base.trim_end_matches(|c: char| c.is_ascii_digit()).to_owned(),
+            base: one
+                .base
+                .trim_end_matches(|c: char| c.is_ascii_digit())
+                .to_owned(),
             ..one.clone()
         };
         let channels: Vec<Parted> = all.iter().map(unnumbered).collect();

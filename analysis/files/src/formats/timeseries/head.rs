@@ -2,6 +2,7 @@
 //! the temperature of the test.
 
 use super::columns::plain;
+use super::parts::{Fact, Head};
 
 /// Names of the capacity of a cell. A capacity that was measured has other names.
 const CAPACITY: [&str; 7] = [
@@ -27,24 +28,6 @@ const TEMPERATURE: [&str; 7] = [
 const MOST_AH: f64 = 100.0;
 /// Temperatures at which a cell is tested, °C.
 const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -60.0..=120.0;
-
-/// A number of the head.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Fact {
-    /// Its value, in the unit of its name.
-    pub value: f64,
-    /// Its line, from 1.
-    pub line: usize,
-}
-
-/// Numbers of the head, where it holds them.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Head {
-    /// Capacity of the cell, Ah.
-    pub capacity_ah: Option<Fact>,
-    /// Temperature of the test, °C.
-    pub temperature_c: Option<Fact>,
-}
 
 /// Reads the lines before the names of the columns. The first number of a kind counts.
 pub(super) fn read(lines: &[&str]) -> Head {

@@ -1,4 +1,5 @@
-//! What a record is told by: the direction that a file counts positive, and rows that were left out.
+//! What a record comes with: the direction that a file counts positive, the numbers of its head, and rows
+//! that were left out.
 
 use std::str::FromStr;
 
@@ -23,6 +24,24 @@ impl FromStr for CurrentSign {
             )),
         }
     }
+}
+
+/// A number of the head.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fact {
+    /// Its value, in the unit of its name.
+    pub value: f64,
+    /// Its line, from 1.
+    pub line: usize,
+}
+
+/// Numbers of the head, where it holds them.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Head {
+    /// Capacity of the cell, Ah.
+    pub capacity_ah: Option<Fact>,
+    /// Temperature of the test, °C.
+    pub temperature_c: Option<Fact>,
 }
 
 /// A row that was left out, because it holds no voltage or no current, or because another one at the

@@ -1,7 +1,6 @@
 //! The columns of a record as they stand in the file.
 
-use super::head::Head;
-use super::parts::LeftOut;
+use super::parts::{Head, LeftOut};
 
 /// Quantity of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

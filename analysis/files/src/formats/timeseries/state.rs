@@ -1,6 +1,6 @@
 //! State and temperature of the cell, from the columns and the head of a record.
 
-use super::head::Head;
+use super::parts::Head;
 use super::raw::{Quantity, Raw};
 
 /// Beyond this number a state of charge is in percent.
