@@ -325,3 +325,20 @@ fn words(bytes: &[u8]) -> String {
         .collect();
     String::from_utf8_lossy(&name).into_owned()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn date_vectors_are_seconds_since_1970() {
+        for (date, expected_s) in [
+            ([1970.0, 1.0, 1.0, 0.0, 0.0, 0.0], 0.0),
+            ([2000.0, 2.0, 29.0, 0.0, 0.0, 0.0], 951_782_400.0),
+            ([2008.0, 3.0, 1.0, 12.0, 30.0, 1.5], 1_204_374_601.5),
+        ] {
+            assert_eq!(date_s(&date), Some(expected_s), "{date:?}");
+        }
+        assert_eq!(date_s(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]), None);
+    }
+}
