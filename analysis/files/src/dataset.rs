@@ -288,7 +288,7 @@ fn is_flagged(flags: &[String]) -> bool {
 }
 
 /// Reasons as the last field of a line.
-fn flag_field(flag: &str) -> String {
+pub(crate) fn flag_field(flag: &str) -> String {
     format!(",{}", flag.replace([',', '"', '\n'], " "))
 }
 

@@ -9,9 +9,11 @@ use analysis::{
     batch::write_long_form,
     dataset,
     formats::{
-        CurrentSign, SpectrumFormat, bdf_text,
+        BdfMetadata, CurrentSign, FileSpectra, FormatError, SeriesOptions, SeriesReadError,
+        SpectrumFormat, bdf_metadata_path, bdf_metadata_text, bdf_spectrum_text, bdf_text,
         model::{CellModel, ModelFormat},
-        spectrum_text, write_bdf_parquet,
+        read_bdf_metadata, read_file, read_record, spectrum_text, write_bdf_parquet,
+        write_bdf_spectrum_parquet,
     },
     given::GivenModel,
     ocv::OcvCurve,
@@ -95,9 +97,9 @@ pub enum To {
     TableCsv,
     /// All spectra as one Parquet in long form, `spectra.parquet`.
     TableParquet,
-    /// Time series as BDF CSV.
+    /// Time series and spectra as BDF CSV; of a spectrum the metadata stand beside it.
     BdfCsv,
-    /// Time series as BDF Parquet.
+    /// Time series and spectra as BDF Parquet; of a spectrum the metadata stand beside it.
     BdfParquet,
     /// A model as a C header.
     C,
@@ -147,7 +149,7 @@ pub fn convert(args: &ConvertArgs) -> Result<(), Failure> {
         To::Gamry => format_of(Some(SpectrumFormat::Gamry)),
         To::Biologic => format_of(Some(SpectrumFormat::BioLogic)),
         To::Zview => format_of(Some(SpectrumFormat::ZView)),
-        To::BdfCsv | To::BdfParquet => each(&|file| series(args, file)),
+        To::BdfCsv | To::BdfParquet => each(&|file| bdf(args, file)),
         To::C | To::Pybamm | To::Casadi | To::Model => each(&|file| {
             let band_hz = args
                 .ladder_band_hz
@@ -200,6 +202,13 @@ impl To {
 }
 
 fn spectra(args: &ConvertArgs, file: &Path, format: Option<SpectrumFormat>) -> Result<(), Failure> {
+    if let Some(metadata) = metadata(file)? {
+        let unread = metadata.unread();
+        if !unread.is_empty() {
+            let (met, sections) = (metadata.file.display(), unread.join(", "));
+            remark!("{met}: this format has no place for metadata: {sections}");
+        }
+    }
     for SourcedSpectrum {
         spectrum, flagged, ..
     } in files::read_spectra(file)?
@@ -280,17 +289,72 @@ fn tell_left_out(spectrum: &Spectrum, flagged: &[FlaggedPoint], keeps_sigma: boo
     }
 }
 
-fn series(args: &ConvertArgs, file: &Path) -> Result<(), Failure> {
+/// The metadata beside a file of BDF.
+fn metadata(file: &Path) -> Result<Option<BdfMetadata>, Failure> {
+    read_bdf_metadata(file).map_err(|error| Failure::Usage(error.to_string()))
+}
+
+/// Writes the spectra of a file and its record over time, whichever it holds.
+fn bdf(args: &ConvertArgs, file: &Path) -> Result<(), Failure> {
+    let usage = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
+    let sign = args.positive;
+    match (read_file(file), read_record(file, &SeriesOptions { sign })) {
+        (
+            Err(error),
+            Err(SeriesReadError::UnknownFormat { .. } | SeriesReadError::Foreign { .. }),
+        ) if !is_unknown(&error) => Err(usage(&error)),
+        (Err(_), Err(error)) => Err(usage(&error)),
+        (Err(_), Ok(_)) => series(args, file, ""),
+        (Ok(read), Ok(_)) => {
+            bdf_spectra(args, file, read)?;
+            series(args, file, ".series")
+        }
+        (Ok(read), Err(_)) => bdf_spectra(args, file, read),
+    }
+}
+
+/// Whether a file was refused because no reader of spectra knows it.
+fn is_unknown(error: &FormatError) -> bool {
+    matches!(
+        error,
+        FormatError::UnknownFormat { .. } | FormatError::Foreign { .. }
+    )
+}
+
+fn bdf_spectra(args: &ConvertArgs, file: &Path, read: FileSpectra) -> Result<(), Failure> {
+    read.notes.iter().for_each(|note| remark!("{note}"));
+    let source = metadata(file)?;
+    for one in &read.spectra {
+        let (spectrum, name) = (&one.spectrum, &one.spectrum.name);
+        let beside = free(args, name, ".bdf.metadata.json")?;
+        let path = if args.to == To::BdfCsv {
+            let path = free(args, name, ".bdf.csv")?;
+            write(&path, &bdf_spectrum_text(one))?;
+            path
+        } else {
+            let path = free(args, name, ".bdf.parquet")?;
+            tell_left_out(spectrum, &one.flagged, true);
+            write_bdf_spectrum_parquet(&path, spectrum).map_err(RecordError::from)?;
+            path
+        };
+        debug_assert_eq!(beside, bdf_metadata_path(&path));
+        write(&beside, &bdf_metadata_text(one, source.as_ref()))?;
+        say!("{}: {} points", path.display(), spectrum.points.len());
+    }
+    Ok(())
+}
+
+fn series(args: &ConvertArgs, file: &Path, infix: &str) -> Result<(), Failure> {
     let series = ocv::read(file, args.positive)?;
     let stem = stem(file);
+    let ending = match args.to {
+        To::BdfCsv => ".bdf.csv",
+        _ => ".bdf.parquet",
+    };
     let path = free(
         args,
         stem.trim_end_matches(".bdf"),
-        if args.to == To::BdfCsv {
-            ".bdf.csv"
-        } else {
-            ".bdf.parquet"
-        },
+        &format!("{infix}{ending}"),
     )?;
     match args.to {
         To::BdfCsv => write(&path, &bdf_text(&series))?,

@@ -62,6 +62,88 @@ fn a_real_file_of_another_program_goes_through_every_format() {
 }
 
 #[test]
+fn spectra_become_bdf_with_their_metadata_and_come_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = |name: &str| folder.path().join(name).display().to_string();
+    let source = fixture("spectra/vendors/biologic.mpt");
+    let points = |path: &str| {
+        let read = read_spectra(&PathBuf::from(path)).unwrap().remove(0);
+        let numbers = read.points.iter().map(|p| (p.freq_hz, p.z_ohm));
+        (read.name, numbers.collect::<Vec<_>>())
+    };
+    let expected = points(&source);
+    for (to, file) in [
+        ("bdf-csv", "biologic.bdf.csv"),
+        ("bdf-parquet", "biologic.bdf.parquet"),
+    ] {
+        let (code, message) = eis_bench(&["convert", &source, "--to", to, "--out", &out(to)]);
+        assert_eq!(code, 0, "{message}");
+        let written = format!("{}/{file}", out(to));
+        assert_eq!(points(&written), expected, "{to}");
+        let beside = format!("{}/biologic.bdf.metadata.json", out(to));
+        assert!(
+            fs::read_to_string(beside)
+                .unwrap()
+                .contains("\"name\": \"biologic\"")
+        );
+        // Once more, from BDF.
+        let again = out(&format!("{to}-again"));
+        let (code, message) = eis_bench(&["convert", &written, "--to", to, "--out", &again]);
+        assert_eq!(code, 0, "{message}");
+        assert_eq!(points(&format!("{again}/{file}")), expected, "{to}");
+    }
+    // A log of a cycler with a spectrum in some of its rows becomes both.
+    let log = folder.path().join("log.csv");
+    let mut text = "Test Time / s,Voltage / V,Current / A,Frequency / Hz,Real Impedance / \
+                    ohm,Imaginary Impedance / ohm\n"
+        .to_owned();
+    for k in 0..20 {
+        writeln!(text, "{k},{},-1,,,", 3.7 - 0.01 * f64::from(k)).unwrap();
+    }
+    for k in 0..5 {
+        writeln!(
+            text,
+            "{},3.6,0,{},0.01,-0.001",
+            20 + k,
+            100.0 / f64::from(k + 1)
+        )
+        .unwrap();
+    }
+    fs::write(&log, text).unwrap();
+    let both = out("both");
+    let (code, message) = eis_bench(&[
+        "convert",
+        &log.display().to_string(),
+        "--to",
+        "bdf-csv",
+        "--out",
+        &both,
+    ]);
+    assert_eq!(code, 0, "{message}");
+    assert_eq!(
+        points(&format!("{both}/log.bdf.csv")).1.len(),
+        5,
+        "{message}"
+    );
+    let series = fs::read_to_string(format!("{both}/log.series.bdf.csv")).unwrap();
+    assert_eq!(series.lines().count(), 26, "{message}");
+    // A spectrum that is damaged is refused as one.
+    fs::write(&log, "freq_hz,z_re_ohm,z_im_ohm\n1,x,0\n").unwrap();
+    let (code, message) = eis_bench(&[
+        "convert",
+        &log.display().to_string(),
+        "--to",
+        "bdf-csv",
+        "--out",
+        &both,
+    ]);
+    assert!(
+        code == 2 && message.contains("log.csv, line 2, column 2 (z_re_ohm)"),
+        "{message}"
+    );
+}
+
+#[test]
 fn a_model_is_written_for_others_only_with_its_voltage() {
     let folder = tempfile::tempdir().unwrap();
     let out = |name: &str| folder.path().join(name).display().to_string();

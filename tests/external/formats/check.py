@@ -166,6 +166,34 @@ def _():
     return "; ".join(told)
 
 
+@check("batterydf opens our spectra in BDF and their metadata")
+def _():
+    from bdf import io
+
+    told = []
+    for to, name in {"bdf-csv": "cell.bdf.csv", "bdf-parquet": "cell.bdf.parquet"}.items():
+        out = OUT / f"spectrum-{to}"
+        eis_bench("convert", SPECTRUM, "--to", to, "--out", out)
+        frame = io.load(out / name)
+        rows = list(csv.DictReader(SPECTRUM.open()))
+        ours = [(float(r["freq_hz"]), float(r["z_re_ohm"]), float(r["z_im_ohm"])) for r in rows]
+        columns = ["Frequency / Hz", "Real Impedance / ohm", "Imaginary Impedance / ohm"]
+        theirs = list(zip(*(map(float, frame[column]) for column in columns)))
+        if sorted(ours) != sorted(theirs):
+            raise AssertionError(f"{to}: {ours[:2]} against {theirs[:2]}")
+        metadata = json.loads((out / "cell.bdf.metadata.json").read_text())
+        if metadata["battinfo_dataset"]["dataset"]["name"] != "cell":
+            raise AssertionError(f"{to}: {metadata}")
+        # What batterydf saves, with its metadata, comes back.
+        io.save(frame, OUT / f"back-{name}", metadata=metadata)
+        eis_bench("convert", OUT / f"back-{name}", "--to", "csv", "--out", OUT / f"back-{to}")
+        again = list(csv.DictReader((OUT / f"back-{to}" / "cell.csv").open()))
+        if sorted(ours) != sorted((float(r["freq_hz"]), float(r["z_re_ohm"]), float(r["z_im_ohm"])) for r in again):
+            raise AssertionError(f"{to}: {again[:2]}")
+        told.append(f"{to} {len(theirs)} points")
+    return "; ".join(told)
+
+
 @check("eis-bench reads what batterydf writes")
 def _():
     import pandas

@@ -1,11 +1,21 @@
-//! Time series as BDF (Battery Data Format of the Battery Data Alliance): CSV and Parquet. Currents
-//! are positive for charge, as cyclers write them.
+//! Time series and spectra as BDF (Battery Data Format of the Battery Data Alliance): CSV and Parquet.
+//! Currents are positive for charge, as cyclers write them.
+
+mod metadata;
+mod spectrum;
+#[cfg(test)]
+#[path = "bdf/tests.rs"]
+mod spectrum_tests;
 
 use std::fmt::Write as _;
 use std::path::Path;
 
 use crate::dataset::{self, ColumnSpec, DatasetError};
 use analysis_signal::series::TimeSeries;
+pub(super) use metadata::attach as attach_metadata;
+pub use metadata::{BdfMetadata, bdf_metadata_path, bdf_metadata_text, read_bdf_metadata};
+pub use spectrum::{bdf_spectrum_text, write_bdf_spectrum_parquet};
+pub(super) use spectrum::{parquet_text, with_own_names};
 
 const COLUMNS: [ColumnSpec; 4] = [
     ColumnSpec {

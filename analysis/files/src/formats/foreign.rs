@@ -7,7 +7,9 @@ use std::path::Path;
 const MAGIC: [(&[u8], &str); 21] = [
     (
         b"PAR1",
-        "Parquet, which is read for time series, and with --table as spectra in long form",
+        "Parquet, which is read for time series, with BDF's columns of impedance (Frequency / Hz, Real \
+         Impedance / ohm, Imaginary Impedance / ohm) as a spectrum, and with --table as spectra in long \
+         form",
     ),
     (
         b"\x89HDF\r\n\x1a\n",

@@ -51,7 +51,10 @@ mod vendor;
 mod write;
 mod zmx;
 
-pub use bdf::{bdf_text, write_bdf_parquet};
+pub use bdf::{
+    BdfMetadata, bdf_metadata_path, bdf_metadata_text, bdf_spectrum_text, bdf_text,
+    read_bdf_metadata, write_bdf_parquet, write_bdf_spectrum_parquet,
+};
 pub use error::{ErrorPlace, FormatError};
 pub use profile::{ProfileReadError, ReadOptions, first_bare_row, parse_profile, read_profile};
 pub use timeseries::{
@@ -98,7 +101,8 @@ pub fn read_sourced(path: &Path) -> Result<Vec<SourcedSpectrum>, FormatError> {
     Ok(read_file(path)?.spectra)
 }
 
-/// Reads all spectra of a file, with remarks on how.
+/// Reads all spectra of a file, with remarks on how. Of a file of BDF the metadata beside it count
+/// too.
 ///
 /// # Errors
 /// As [`read_spectra`].
@@ -107,7 +111,9 @@ pub fn read_file(path: &Path) -> Result<FileSpectra, FormatError> {
         file: path.to_owned(),
         source,
     })?;
-    parse_file(path, &bytes)
+    let mut read = parse_file(path, &bytes)?;
+    bdf::attach_metadata(path, &mut read)?;
+    Ok(read)
 }
 
 /// As [`read_sourced`], from bytes already read; `path` serves names and messages only.
@@ -149,6 +155,9 @@ pub fn parse_file(path: &Path, bytes: &[u8]) -> Result<FileSpectra, FormatError>
         let mut read = parse_text(path, text.as_bytes())?;
         read.notes.extend(note);
         return Ok(read);
+    }
+    if let Some(text) = bdf::parquet_text(path, bytes) {
+        return parse_text(path, text?.as_bytes());
     }
     parse_text(path, bytes)
 }
@@ -224,6 +233,11 @@ fn parse_text(path: &Path, bytes: &[u8]) -> Result<FileSpectra, FormatError> {
     let bytes = plain.as_bytes();
     if let Some(error) = foreign::markup(path, bytes) {
         return Err(error);
+    }
+    if let Some(renamed) = bdf::with_own_names(&plain) {
+        // Modulus and phase are held against the parts.
+        vendor::parse(path, bytes).transpose()?;
+        return layout::parse(&text::Text::new(path, renamed.as_bytes())?);
     }
     let text = text::Text::new(path, bytes)?;
     // The names of a list may stand in a comment before it.

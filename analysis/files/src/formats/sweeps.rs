@@ -69,12 +69,15 @@ pub(super) fn label(name: &str) -> Option<&'static str> {
         .collect::<String>()
         .to_ascii_lowercase();
     match plain.as_str() {
-        "cycle" | "cyclenumber" | "cycleindex" | "cycleno" | "cyclenr" | "cycleid" => Some("cycle"),
+        "cycle" | "cyclenumber" | "cycleindex" | "cycleno" | "cyclenr" | "cycleid"
+        | "cyclecount" | "cyclecount1" => Some("cycle"),
         "loop" | "loopnumber" | "loopindex" | "loopno" => Some("loop"),
         "id" | "testid" | "eistestid" | "spectrumid" | "sweepid" | "scanid" | "measurementid" => {
             Some("id")
         }
-        "spectrum" | "spectrumnumber" | "spectrumindex" => Some("spectrum"),
+        "spectrum" | "spectrumnumber" | "spectrumindex" | "eisindex" | "eisindex1" => {
+            Some("spectrum")
+        }
         "sweep" | "sweepnumber" | "sweepindex" | "scan" | "scannumber" => Some("sweep"),
         _ => None,
     }

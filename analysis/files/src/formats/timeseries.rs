@@ -360,6 +360,23 @@ mod tests {
     }
 
     #[test]
+    fn a_time_of_parquet_that_stands_still_beside_a_clock_is_passed_over() {
+        let mut frame = DataFrame::new_infer_height(vec![
+            Series::new("test_time_second".into(), [0.0, 0.0, 0.0]).into(),
+            Series::new("unix_time_second".into(), [1.7e9, 1.7e9 + 1.0, 1.7e9 + 2.5]).into(),
+            Series::new("voltage_volt".into(), [4.1, 4.0, 3.9]).into(),
+            Series::new("current_ampere".into(), [-2.0, 0.5, 0.0]).into(),
+        ])
+        .unwrap();
+        let mut bytes = Vec::new();
+        ParquetWriter::new(&mut bytes).finish(&mut frame).unwrap();
+        let series = read("x.bdf.parquet", &bytes, SeriesOptions::default())
+            .1
+            .unwrap();
+        assert_eq!(series.time_s, [0.0, 1.0, 2.5]);
+    }
+
+    #[test]
     fn files_of_batterydf_are_read() {
         // Provenance beside the files: the first rows of a real one, and the same as Parquet.
         for name in ["landt.bdf.csv", "landt.bdf.parquet"] {

@@ -63,6 +63,17 @@ impl Columns {
     pub(super) fn get(&self, quantity: Quantity) -> Option<&Found> {
         self.found[quantity as usize].as_ref()
     }
+
+    /// A remark on a time that is not from the surest column.
+    pub(super) fn not_the_surest(&self, time: &Found) -> Option<String> {
+        let surest = self.times.first()?;
+        (surest.index != time.index).then(|| {
+            format!(
+                "the time is taken from \"{}\", for \"{}\" starts again, stands still or is no time",
+                time.title, surest.title
+            )
+        })
+    }
 }
 
 static READ: [(Quantity, &Names); 11] = [

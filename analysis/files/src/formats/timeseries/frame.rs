@@ -6,7 +6,7 @@ use super::columns::{self, Columns, direction_of};
 use super::error::SeriesReadError;
 use super::moment::Stamp;
 use super::near;
-use super::raw::{QUANTITIES, Quantity, Raw};
+use super::raw::{self, QUANTITIES, Quantity, Raw};
 use crate::dataset;
 use polars::prelude::{Column, DataFrame, DataType, ParquetReader, SerReader, TimeUnit};
 use std::path::Path;
@@ -105,8 +105,7 @@ fn of_columns(path: &Path, frame: &DataFrame, columns: &Columns) -> Result<Raw, 
         .map(|found| times(path, frame, found.index))
         .transpose()?;
     all[Quantity::Wall as usize] = wall.map(|(stamps, _)| stamps);
-    let rises = |times: &[f64]| times.windows(2).all(|pair| pair[1] >= pair[0]);
-    let mut time = None;
+    let mut times_of = Vec::new();
     for found in &columns.times {
         let (stamps, kind) = times(path, frame, found.index)?;
         let factor = found.unit.filter(|_| kind == Kind::Number).unwrap_or(1.0);
@@ -116,17 +115,17 @@ fn of_columns(path: &Path, frame: &DataFrame, columns: &Columns) -> Result<Raw, 
             0.0
         };
         let stamps: Vec<f64> = stamps.iter().map(|t| (t - start_s) * factor).collect();
-        let risen = rises(&stamps);
-        if time.is_none() || risen {
-            time = Some((found, stamps, kind));
-        }
-        if risen {
-            break;
-        }
+        times_of.push((found, stamps, kind));
     }
-    let Some((time, stamps, kind)) = time else {
+    let moves: Vec<Option<usize>> = times_of
+        .iter()
+        .map(|(_, stamps, _)| count_moves(stamps))
+        .collect();
+    let chosen = raw::most_moving(&moves).unwrap_or(0);
+    if chosen >= times_of.len() {
         return Err(failed(path, "no column of a time".to_owned()));
-    };
+    }
+    let (time, stamps, kind) = times_of.swap_remove(chosen);
     all[Quantity::Time as usize] = Some(stamps);
     all[Quantity::State as usize] = state(frame, columns);
     let present = std::array::from_fn(|k| all[k].is_some());
@@ -136,6 +135,7 @@ fn of_columns(path: &Path, frame: &DataFrame, columns: &Columns) -> Result<Raw, 
         raw.push(k + 1, std::array::from_fn(|quantity| value(&all[quantity])));
     }
     raw.charge_positive = columns.charge_positive;
+    raw.notes.extend(columns.not_the_surest(time));
     let plain = |quantity| {
         let found = columns.get(quantity);
         found
@@ -154,6 +154,13 @@ fn of_columns(path: &Path, frame: &DataFrame, columns: &Columns) -> Result<Raw, 
     };
     agreement::settle(path, &mut raw, &open)?;
     Ok(raw)
+}
+
+/// How often a time moves; nothing where it goes back or is no number.
+fn count_moves(stamps: &[f64]) -> Option<usize> {
+    let rises = stamps.windows(2).all(|pair| pair[1] >= pair[0]);
+    let moves = stamps.windows(2).filter(|pair| pair[1] > pair[0]).count();
+    rises.then_some(moves)
 }
 
 /// Kind of a column of times.

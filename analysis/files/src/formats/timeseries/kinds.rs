@@ -390,6 +390,30 @@ fn times_that_stand_still_are_told() {
     );
 }
 
+#[test]
+fn a_time_that_stands_still_beside_one_that_moves_is_passed_over() {
+    // The first stands still throughout; the second moves once in five rows, the clock in each.
+    let head = "test_time_second,voltage_volt,current_ampere,unix_time_second";
+    for coarse in [0.0, 0.2] {
+        let rows = |_: usize, [t, v, a]: [f64; 3]| {
+            format!("{},{v},{a},{}", (t * coarse).floor(), 1.7e9 + t)
+        };
+        let read = read("x.bdf.csv", &text(head, rows)).unwrap();
+        assert_eq!(read.series.len(), 100, "{coarse}: {:?}", read.notes);
+        assert!(
+            read.notes[0].contains("taken from \"unix_time_second\", for \"test_time_second\""),
+            "{:?}",
+            read.notes
+        );
+    }
+    // Without another one the rows that are kept count.
+    let still = |_: usize, [t, v, a]: [f64; 3]| format!("{},{v},{a},1.7e9", (t * 0.2).floor());
+    assert_eq!(
+        read("x.bdf.csv", &text(head, still)).unwrap().series.len(),
+        20
+    );
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(512))]
 

@@ -39,6 +39,15 @@ pub(super) const QUANTITIES: usize = 13;
 /// A value of each quantity; NaN where it lacks.
 pub(super) type Values = [f64; QUANTITIES];
 
+/// The first column of times that moves at least half as often as that which moves most, by how often
+/// each does; none where each goes back.
+pub(super) fn most_moving(moves: &[Option<usize>]) -> Option<usize> {
+    let most = moves.iter().flatten().max()?;
+    moves
+        .iter()
+        .position(|moves| moves.is_some_and(|moves| 2 * moves >= *most))
+}
+
 /// Columns of a record, of one length; those that the file lacks are empty.
 #[derive(Debug, Default)]
 pub(super) struct Raw {

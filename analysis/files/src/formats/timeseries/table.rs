@@ -9,7 +9,7 @@ use super::error::SeriesReadError;
 use super::head;
 use super::moment::Stamp;
 use super::near;
-use super::raw::{QUANTITIES, Quantity, Raw};
+use super::raw::{self, QUANTITIES, Quantity, Raw};
 use std::path::Path;
 
 /// EC-Lab's number of the mode in which no current flows.
@@ -161,13 +161,7 @@ impl Table<'_> {
             raw.push(row.line, values);
         }
         raw.charge_positive = self.columns.charge_positive;
-        let surest = &self.columns.times[0];
-        if surest.index != time.index {
-            raw.notes.push(format!(
-                "the time is taken from \"{}\", for \"{}\" starts again, stands still or is no time",
-                time.title, surest.title
-            ));
-        }
+        raw.notes.extend(self.columns.not_the_surest(time));
         if let Some(rest) = self.columns.rest {
             let program = match rest {
                 Rest::EcLabMode(_) => "EC-Lab's technique OCV",
@@ -216,34 +210,31 @@ impl Table<'_> {
     }
 
     /// The first column of a time that never goes back and does not stand still, and the kind of its
-    /// stamps.
+    /// stamps. One that stands still where another moves more than twice as often is passed over: of
+    /// rows at one time all but the last are left out.
     fn time(&self, rows: &[Row<'_>]) -> (&Found, Option<Stamp>) {
         let kind = |found: &Found| {
             rows.iter()
                 .find_map(|row| Stamp::of(row.fields.get(found.index)?, self.text.separator))
         };
-        let rises = |found: &&Found| {
-            let Some(kind) = kind(found) else {
-                return false;
-            };
+        let count_moves = |found: &Found| {
+            let kind = kind(found)?;
             let (mut last, mut moves) = (f64::NEG_INFINITY, 0);
             for row in rows.iter().filter(|row| !self.is_empty(row, found)) {
                 let field = row.fields.get(found.index).copied().unwrap_or_default();
                 let stamp = Stamp::of(field, self.text.separator);
-                let Some(now) = stamp.filter(|stamp| stamp.is_like(kind)) else {
-                    return false;
-                };
-                let now = now.seconds(1.0);
+                let now = stamp.filter(|stamp| stamp.is_like(kind))?.seconds(1.0);
                 if now < last {
-                    return false;
+                    return None;
                 }
                 moves += usize::from(now > last);
                 last = now;
             }
-            2 * moves > rows.len().min(4)
+            (2 * moves > rows.len().min(4)).then_some(moves)
         };
         let times = &self.columns.times;
-        let chosen = times.iter().find(rises).unwrap_or(&times[0]);
+        let moves: Vec<Option<usize>> = times.iter().map(count_moves).collect();
+        let chosen = &times[raw::most_moving(&moves).unwrap_or(0)];
         (chosen, kind(chosen))
     }
 
