@@ -215,6 +215,32 @@ def _():
     return ", ".join(told)
 
 
+@check("fastnda and eis-bench read the same numbers from each version of .nda and .ndax")
+def _():
+    import fastnda
+
+    told = []
+    for path in sorted((ROOT / "fixtures/data/series/neware").iterdir()):
+        frame = fastnda.read(path)
+        names = ("total_time_s", "voltage_V", "current_mA")
+        theirs = {}
+        for time_s, voltage_v, current_ma in zip(*(frame[name].to_list() for name in names)):
+            # Of rows at one time eis-bench keeps the last.
+            theirs[round(time_s, 6)] = (voltage_v, current_ma / 1000)
+        out = OUT / f"neware-{path.name}"
+        eis_bench("convert", path, "--to", "bdf-csv", "--out", out)
+        rows = list(csv.DictReader(next(out.iterdir()).open()))
+        ours = {float(r["Test Time / s"]): (float(r["Voltage / V"]), float(r["Current / A"])) for r in rows}
+        if sorted(ours) != sorted(theirs):
+            raise AssertionError(f"{path.name}: {sorted(ours)[:5]} against {sorted(theirs)[:5]}")
+        worst = max(abs(a - b) for t in ours for a, b in zip(ours[t], theirs[t]))
+        # fastnda keeps 32 bits.
+        if worst > 5e-7:
+            raise AssertionError(f"{path.name}: off by {worst}")
+        told.append(f"{path.name} {len(ours)} rows")
+    return ", ".join(told)
+
+
 @check("CasADi gives what eis-bench simulate gives")
 def _():
     eis_bench("convert", MODEL, "--to", "casadi", "--ocv", CURVE, "--out", OUT / "casadi")

@@ -49,10 +49,7 @@ const MAGIC: [(&[u8], &str); 21] = [
         "a NumPy array; write it as text with numpy.savetxt",
     ),
     (b"TDSm", "LabVIEW's TDMS; export its channels as CSV"),
-    (
-        b"NEWARE",
-        "a Neware .nda, which is binary; export it as CSV",
-    ),
+    (b"NEWARE", "a Neware .nda, which is read for time series"),
     (b"%!PS", "PostScript"),
     (b"II*\0", "a picture"),
 ];
@@ -65,7 +62,8 @@ const CODE_PAGE_RUN: usize = 4;
 const FIRST_MEMBER: usize = 200;
 
 /// Neware's archive of binary tables.
-const NDAX: &str = "a Neware .ndax, which is binary; export it as CSV or Excel from BTSDA";
+const NDAX: &str = "a Neware .ndax, which is read for time series; if it has no data.ndc, export it as CSV or \
+                    Excel from BTSDA";
 
 /// Extensions of files that are known and not read; of texts too.
 const EXTENSIONS: [(&str, &str); 8] = [
@@ -78,7 +76,10 @@ const EXTENSIONS: [(&str, &str); 8] = [
         "res",
         "an Arbin .res; export it as CSV or Excel from MITS Pro",
     ),
-    ("nda", "a Neware .nda, which is binary; export it as CSV"),
+    (
+        "nda",
+        "bytes that are no Neware .nda; export it as CSV or Excel from BTSDA",
+    ),
     ("ndax", NDAX),
     ("sr", "a sigrok session; export it as CSV from PulseView"),
     ("mat", "a MATLAB .mat that is not of Level 5 (`save -v7`)"),

@@ -39,6 +39,7 @@ pub mod model;
 mod mpr;
 mod native;
 mod nearest;
+mod neware;
 mod plain;
 mod profile;
 pub mod scope;

@@ -4,7 +4,7 @@
 //! * text and spreadsheets with the names that programs write (`columns`): the bench's own, BDF, Arbin,
 //!   Basytec, EC-Lab, Digatron, Gamry, Maccor, Neware, Novonix, PEC, TRI, the thesis' cycler
 //! * Parquet with these names, the bench's own with its checksum
-//! * EC-Lab's `.mpr`, MATLAB's `.mat`
+//! * EC-Lab's `.mpr`, MATLAB's `.mat`, Neware's `.nda` and `.ndax`
 //!
 //! What is read is positive for discharge: `direction` decides what the file counts positive, for all
 //! readers. Columns that say one thing twice are held against each other (`agreement`). Rows whose
@@ -37,7 +37,7 @@ mod table;
 use self::direction::{Fault, Known};
 use self::raw::{Quantity, Raw};
 use super::spreadsheet::{self, Sheet};
-use super::{mat, mpr};
+use super::{mat, mpr, neware};
 use analysis_signal::series::TimeSeries;
 pub use error::SeriesReadError;
 pub use parts::{CurrentSign, Fact, Head, LeftOut};
@@ -89,6 +89,11 @@ pub fn read_record(path: &Path, options: &SeriesOptions) -> Result<ReadSeries, S
     })?;
     let mut raw = if bytes.starts_with(b"PAR1") {
         frame::read(path, bytes)?
+    } else if let Some(decoded) = neware::text(path, &bytes) {
+        let neware::Decoded { text, mut notes } = decoded?;
+        let mut raw = table::read(path, text.as_bytes())?;
+        raw.notes.append(&mut notes);
+        raw
     } else {
         match spreadsheet::sheets(path, &bytes) {
             Some(sheets) => of_sheets(path, &sheets?)?,
