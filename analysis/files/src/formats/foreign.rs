@@ -32,10 +32,7 @@ const MAGIC: [(&[u8], &str); 21] = [
         b"\xD0\xCF\x11\xE0\xA1\xB1\x1A\xE1",
         "an old Excel workbook that cannot be decoded, or another compound file; export the table as CSV",
     ),
-    (
-        b"\0\x01\0\0Standard Jet DB",
-        "an Arbin .res (an Access database); export it as CSV or Excel from MITS Pro",
-    ),
+    (b"\0\x01\0\0Standard Jet DB", RES),
     (
         b"\0\x01\0\0Standard ACE DB",
         "an Access database; export its table as CSV",
@@ -61,6 +58,9 @@ const CODE_PAGE_RUN: usize = 4;
 /// Bytes in which the first member of an OpenDocument file tells its kind.
 const FIRST_MEMBER: usize = 200;
 
+/// Arbin's database.
+const RES: &str = "an Arbin .res (an Access database); export its table of rows with `mdb-export FILE \
+                   Channel_Normal_Table > FILE.csv` (mdbtools), or as CSV or Excel from MITS Pro";
 /// Neware's archive of binary tables.
 const NDAX: &str = "a Neware .ndax, which is read for time series; if it has no data.ndc, export it as CSV or \
                     Excel from BTSDA";
@@ -72,16 +72,16 @@ const EXTENSIONS: [(&str, &str); 8] = [
         "isw",
         "a Zahner .isw, which is binary; export it as a text list",
     ),
-    (
-        "res",
-        "an Arbin .res; export it as CSV or Excel from MITS Pro",
-    ),
+    ("res", RES),
     (
         "nda",
         "bytes that are no Neware .nda; export it as CSV or Excel from BTSDA",
     ),
     ("ndax", NDAX),
-    ("sr", "a sigrok session; export it as CSV from PulseView"),
+    (
+        "sr",
+        "a sigrok session, which `replay` reads as the capture of a scope",
+    ),
     ("mat", "a MATLAB .mat that is not of Level 5 (`save -v7`)"),
     (
         "fods",

@@ -65,6 +65,50 @@ fn each_cycler_is_read_by_its_columns() {
 }
 
 #[test]
+fn arbins_database_is_refused_with_the_command_whose_table_is_read() {
+    let told = read("x.res", b"\0\x01\0\0Standard Jet DB\0 and pages").unwrap_err();
+    assert!(
+        told.contains("x.res: expected a record of time, voltage and current, met an Arbin .res"),
+        "{told}"
+    );
+    assert!(
+        told.contains("`mdb-export FILE Channel_Normal_Table > FILE.csv`"),
+        "{told}"
+    );
+    // Columns of Channel_Normal_Table as mdb-export writes them: no units, days since 1900. A rest,
+    // 2 A out, a rest.
+    let mut text = "Test_ID,Data_Point,Test_Time,Step_Time,DateTime,Step_Index,Cycle_Index,\
+                    Is_FC_Data,Current,Voltage,Charge_Capacity,Discharge_Capacity,Charge_Energy,\
+                    Discharge_Energy,dV/dt,Internal_Resistance,AC_Impedance,ACI_Phase_Angle\n"
+        .to_owned();
+    for k in 0..36_i32 {
+        let load = (12..24).contains(&k);
+        let (amperes, volts) = if load { (-2.0, 3.9) } else { (0.0, 4.1) };
+        let (time_s, out_ah) = (36 * k, 0.02 * f64::from((k - 12).clamp(0, 12)));
+        let days = 42_614.5 + f64::from(time_s) / 86_400.0;
+        text += &format!(
+            "7,{k},{time_s}.0000000e+00,0,{days:.10},{},1,0,{amperes:.5e},{volts:.5e},0,{out_ah:.5e},\
+             0,0,0,0,0,0\n",
+            1 + k / 12
+        );
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.csv");
+    std::fs::write(&path, text).unwrap();
+    let record = read_record(&path, &SeriesOptions::default()).unwrap();
+    let (series, steps) = (&record.series, record.steps.as_ref().unwrap());
+    assert_eq!((series.len(), steps[11], steps[12]), (36, 1.0, 2.0));
+    assert_eq!(
+        (
+            series.time_s[35],
+            series.voltage_v[12],
+            series.current_a[12]
+        ),
+        (1260.0, 3.9, 2.0)
+    );
+}
+
+#[test]
 fn of_rows_at_one_time_the_last_is_kept() {
     let text = "Test Time / s,Voltage / V,Current / A\n0,4.1,0\n1,4.1,0\n1,4.0,-2\n2,3.9,-2\n";
     let folder = tempfile::tempdir().unwrap();
