@@ -36,7 +36,7 @@ pub enum ScopeError {
     },
     /// A file of no known kind.
     #[error(
-        "{}: expected a scope's record (Siglent .bin of V2 to V4, Rigol .bin, LeCroy .trc, or a \
+        "{}: expected a scope's record (Siglent .bin of V2 to V4, Rigol .bin, LeCroy .trc, sigrok .sr, or a \
         CSV with rows of numbers), met {met}",
         file.display()
     )]

@@ -7,7 +7,9 @@
 //!   Format"; Keysight binary, told by `AG`: InfiniiVision, "Binary Data in .bin Format", the same
 //!   layout
 //! * LeCroy `.trc`, told by `WAVEDESC`: the template LECROY_2_3 that the instruments send
-//! * Siglent and Rigol CSV, any table of numbers, told by a row of numbers: the files themselves
+//! * Siglent, Rigol and Rohde & Schwarz CSV, any table of numbers, told by a row of numbers: the files
+//!   themselves; of an RTO the settings beside it
+//! * sigrok's session `.sr`, told by its `metadata`
 //!
 //! Nothing is loaded as a whole: binary files are read where they are, a table goes once through a
 //! temporary file of numbers. Rigol's `.wfm` is not documented by its maker and refused. Knows no
@@ -18,7 +20,9 @@ mod lecroy;
 mod raw;
 mod record;
 mod rigol;
+mod rohde_schwarz;
 mod siglent;
+mod sigrok;
 mod table;
 
 use std::path::Path;
@@ -42,6 +46,14 @@ pub fn open_scope(path: &Path, interval_s: Option<f64>) -> Result<ScopeRecord, S
     }
     if siglent::is_one(&bytes) {
         return siglent::open(path, &bytes);
+    }
+    if bytes.head().starts_with(sigrok::MAGIC)
+        && let Some(record) = sigrok::open(path)?
+    {
+        return Ok(record);
+    }
+    if let Some(pair) = rohde_schwarz::pair(path) {
+        return rohde_schwarz::open(&pair);
     }
     let text = bytes
         .head()

@@ -1,8 +1,9 @@
 //! Samples of a binary file, read in pieces.
 
-use std::fs::File;
+use std::fs::{File, OpenOptions};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use super::ScopeError;
 use analysis_signal::sine::{CodeScale, Samples};
@@ -11,6 +12,24 @@ use analysis_signal::sine::{CodeScale, Samples};
 const HEAD: usize = 1 << 14;
 /// Samples that are looked at for the step of the codes.
 const LOOKED_AT: usize = 1 << 15;
+
+/// A temporary file without a name: it is gone as soon as it is closed, however the process ends.
+pub(super) fn unnamed_file() -> std::io::Result<File> {
+    static NEXT: AtomicU32 = AtomicU32::new(0);
+    let name = format!(
+        "eis-bench-table-{}-{}",
+        std::process::id(),
+        NEXT.fetch_add(1, Ordering::Relaxed)
+    );
+    let path = std::env::temp_dir().join(name);
+    let file = OpenOptions::new()
+        .read(true)
+        .write(true)
+        .create_new(true)
+        .open(&path)?;
+    std::fs::remove_file(&path)?;
+    Ok(file)
+}
 
 /// Format of one sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

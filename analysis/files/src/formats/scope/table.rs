@@ -1,4 +1,4 @@
-//! Records as tables of numbers: Siglent's and Rigol's CSV, and any other with one row per sample.
+//! Records as tables of numbers: Siglent's, Rigol's and Rohde & Schwarz' (RTB, RTM) CSV, and any other with one row per sample.
 //! The rows go once through a temporary file of numbers, so that the length of a table does not
 //! matter.
 //!
@@ -6,12 +6,11 @@
 //! Interval`, `Sample Rate`, `Increment`) or from the first column, where that is called a time. A
 //! column of sample numbers is skipped.
 
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, Write};
 use std::path::Path;
-use std::sync::atomic::{AtomicU32, Ordering};
 
-use super::raw::{Form, Layout, RawFile};
+use super::raw::{self, Form, Layout, RawFile};
 use super::{ScopeError, ScopeRecord};
 use crate::formats::text;
 
@@ -21,7 +20,17 @@ const HEADER: usize = 100;
 /// Rows in which the step of the quantisation is looked for.
 const LOOKED_AT: usize = 20_000;
 /// Names of a first column that holds times.
-const TIMES: [&str; 5] = ["second", "time", "time(s)", "t", "time_s"];
+const TIMES: [&str; 7] = [
+    "second",
+    "time",
+    "time(s)",
+    "t",
+    "time_s",
+    "in s",
+    "time in s",
+];
+/// Ends of the names of samples in volts and amperes, as Rohde & Schwarz writes them.
+const UNITS: [&str; 2] = [" in V", " in A"];
 const ONE_MARK: &str = "one decimal mark in all numbers, a comma or a point";
 
 /// Values read from the lines before the numbers.
@@ -258,6 +267,12 @@ impl Header {
             // The units' row of Rigol's: the last two fields are start and increment.
             self.interval_s = fields.get(column).and_then(|field| field.parse().ok());
             self.names.truncate(column.saturating_sub(1));
+        } else if fields.len() > 1 && TIMES[5..].contains(&key.as_str()) {
+            let plain = |name: &&str| {
+                let named = UNITS.iter().find_map(|unit| name.strip_suffix(unit));
+                named.unwrap_or(name).to_owned()
+            };
+            self.names = fields.iter().map(plain).collect();
         } else if fields.len() > 1 && !key.contains(' ') {
             // Siglent's last line names the units; the line before, `Source`, the channels.
             let named =
@@ -295,20 +310,7 @@ struct Spill {
 
 impl Spill {
     fn new(width: usize) -> std::io::Result<Self> {
-        static NEXT: AtomicU32 = AtomicU32::new(0);
-        let name = format!(
-            "eis-bench-table-{}-{}",
-            std::process::id(),
-            NEXT.fetch_add(1, Ordering::Relaxed)
-        );
-        let path = std::env::temp_dir().join(name);
-        let file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create_new(true)
-            .open(&path)?;
-        // Without a name it is gone as soon as it is closed, however the process ends.
-        std::fs::remove_file(&path)?;
+        let file = raw::unnamed_file()?;
         Ok(Self {
             writer: BufWriter::new(file),
             width,
@@ -366,7 +368,7 @@ impl Spill {
 
 /// The least difference of two values, wherever they stand. That of two neighbours in time would be
 /// the slope of a steep signal, however finely it was quantised.
-fn step(seen: &[f64]) -> Option<f64> {
+pub(super) fn step(seen: &[f64]) -> Option<f64> {
     let mut sorted = seen.to_vec();
     sorted.sort_by(f64::total_cmp);
     let changes = sorted

@@ -142,6 +142,185 @@ fn siglents_tables_and_plain_ones_are_read() {
     );
 }
 
+/// A session of sigrok: its metadata and pieces of channels.
+fn session(path: &std::path::Path, metadata: &str, pieces: &[(&str, Vec<u8>)]) {
+    use std::io::Write as _;
+    let mut archive = zip::ZipWriter::new(std::fs::File::create(path).unwrap());
+    let deflated = zip::write::SimpleFileOptions::default();
+    let texts = [("version", b"2".to_vec()), ("metadata", metadata.into())];
+    for (name, content) in texts.iter().chain(pieces) {
+        archive.start_file(*name, deflated).unwrap();
+        archive.write_all(content).unwrap();
+    }
+    archive.finish().unwrap();
+}
+
+#[test]
+fn a_session_of_sigrok_gives_its_analog_channels() {
+    let floats = |from: u16, to: u16| -> Vec<u8> {
+        let of = |k: u16| (0.25 * f32::from(k)).to_le_bytes();
+        (from..to).flat_map(of).collect()
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.sr");
+    // Logic channels are counted before the analog ones; the pieces go on beyond the ninth.
+    let metadata = "[global]\nsigrok version=0.5.2\n\n[device 1]\ncapturefile=logic-1\ntotal \
+                    probes=1\nsamplerate=200 kHz\ntotal analog=2\nprobe1=TRIG\nanalog2=CH1\n\
+                    analog3=CH2\nunitsize=1\n";
+    let mut pieces: Vec<(String, Vec<u8>)> = (0..11)
+        .map(|k| {
+            (
+                format!("analog-1-2-{}", k + 1),
+                floats(10 * k, 10 * (k + 1)),
+            )
+        })
+        .collect();
+    pieces.push(("analog-1-3-1".to_owned(), floats(500, 610)));
+    pieces.push(("logic-1-1".to_owned(), vec![1; 110]));
+    let written = |metadata: &str, pieces: &[(String, Vec<u8>)]| {
+        let pieces: Vec<(&str, Vec<u8>)> = pieces
+            .iter()
+            .map(|(name, content)| (name.as_str(), content.clone()))
+            .collect();
+        session(&path, metadata, &pieces);
+        open_scope(&path, None)
+    };
+    let record = written(metadata, &pieces).unwrap();
+    assert_eq!((record.kind, record.samples), ("sigrok session", 110));
+    assert_eq!(record.names, ["CH1", "CH2"]);
+    near(record.interval_s, 5.0e-6, 1.0e-18);
+    assert_eq!(record.volts(0, 99, 3).unwrap(), [24.75, 25.0, 25.25]);
+    assert_eq!(record.volts(1, 0, 1).unwrap(), [125.0]);
+    let Some(Channel::Stored(stored)) = record.channel(1) else {
+        panic!("no channel")
+    };
+    assert_eq!((stored.lsb_v, stored.level_v), (Some(0.25), 125.0));
+    let mut gap = pieces.clone();
+    gap[3].1[4..8].copy_from_slice(&f32::NAN.to_le_bytes());
+    let mut cut = pieces.clone();
+    cut[2].1.pop();
+    for (metadata, pieces, words) in [
+        (metadata, &gap, "CH1: analog-1-2-4: sample 30 of all is NaN"),
+        (
+            metadata,
+            &cut,
+            "CH1: analog-1-2-3: it ends within a sample of 4 bytes",
+        ),
+        (
+            metadata,
+            &pieces[..11].to_vec(),
+            "more than none, met 0 of CH2",
+        ),
+        (
+            &metadata.replace("kHz", "rpm"),
+            &pieces,
+            "samplerate: expected a number with Hz",
+        ),
+        (
+            &metadata.replace("analog2", "x").replace("analog3", "y"),
+            &pieces,
+            "met none: logic",
+        ),
+        (
+            &(metadata.to_owned() + "[device 2]\n"),
+            &pieces,
+            "devices: expected one, met 2",
+        ),
+    ] {
+        let message = written(metadata, pieces).unwrap_err().to_string();
+        assert!(message.contains(words), "{message}");
+    }
+    // Another archive is none.
+    session(&path, metadata, &[]);
+    let bytes = std::fs::read(&path).unwrap();
+    std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
+    let message = open_scope(&path, None).unwrap_err().to_string();
+    assert!(
+        message.ends_with("met bytes 50 4b 03 04 14 00 00 00"),
+        "{message}"
+    );
+}
+
+#[test]
+fn tables_of_rohde_und_schwarz_are_read_with_their_settings() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    // RTB and RTM; Batronix writes the same with one word more.
+    for head in ["in s,C1 in V,C2 in V", "time in s,C1 in V,C2 in V"] {
+        let text =
+            format!("{head}\n-2.0E-03,1.5E-01,3.7\n-1.0E-03,2.5E-01,3.6\n0.0E+00,1.5E-01,3.7\n");
+        std::fs::write(at("rtb.CSV"), text).unwrap();
+        let record = open_scope(&at("rtb.CSV"), None).unwrap();
+        assert_eq!(record.names, ["C1", "C2"], "{head}");
+        near(record.interval_s, 1.0e-3, 1.0e-15);
+        assert_eq!(record.volts(0, 0, 3).unwrap(), [0.15, 0.25, 0.15]);
+    }
+    // RTO: settings and samples, told by either name.
+    let one =
+        "Resolution:2e-06:\nRecordLength:3:\nSource:Ch2:\nBaseUnit:V:\nNumberOfAcquisitions:1:\n";
+    let two = "Resolution:2e-06:\nSignalRecordLength:3:\nMultiChannelExport:On:\n\
+               MultiChannelExportState:4:On:Off:On:Off:\nMultiChannelSource:4:Ch1:Ch2:Ch3:Ch4:\n\
+               MultiChannelViewUnit:4:V:V:A:V:\n";
+    for (settings, rows, names) in [
+        (one, "0.5\n0.25\n0.5\n", vec!["Ch2"]),
+        (two, "0.5,1\n0.25,2\n0.5,1\n", vec!["Ch1", "Ch3"]),
+        (
+            two,
+            "0,0.5,1\n2e-6,0.25,2\n4e-6,0.5,1\n",
+            vec!["Ch1", "Ch3"],
+        ),
+    ] {
+        std::fs::write(at("r.csv"), settings).unwrap();
+        std::fs::write(at("r.Wfm.csv"), rows).unwrap();
+        for name in ["r.csv", "r.Wfm.csv"] {
+            let record = open_scope(&at(name), None).unwrap();
+            assert_eq!((record.kind, record.samples), ("Rohde & Schwarz CSV", 3));
+            assert_eq!(
+                (&record.names, record.interval_s),
+                (&names.iter().map(|n| (*n).to_owned()).collect(), 2e-6)
+            );
+            assert_eq!(record.volts(0, 0, 3).unwrap(), [0.5, 0.25, 0.5], "{name}");
+        }
+    }
+    for (from, to, words) in [
+        (
+            "Resolution:2e-06",
+            "Resolution:0",
+            "Resolution: expected the time between two samples, s, met 0",
+        ),
+        (
+            "Length:3",
+            "Length:4",
+            "RecordLength: expected 4, met 3 rows of",
+        ),
+        ("V:A:V", "V:dBm:V", "unit: expected V or A, met dBm of Ch3"),
+        ("Off:On", "On:On", "channels: expected 3, met 1 in a row of"),
+    ] {
+        std::fs::write(at("r.csv"), two.replacen(from, to, 1)).unwrap();
+        std::fs::write(
+            at("r.Wfm.csv"),
+            if to == "On:On" {
+                "1\n2\n3\n"
+            } else {
+                "1,1\n2,2\n3,3\n"
+            },
+        )
+        .unwrap();
+        let message = open_scope(&at("r.Wfm.csv"), None).unwrap_err().to_string();
+        assert!(message.contains(words), "{message}");
+    }
+    std::fs::write(
+        at("r.csv"),
+        one.replace("Acquisitions:1", "Acquisitions:20"),
+    )
+    .unwrap();
+    let message = open_scope(&at("r.csv"), None).unwrap_err().to_string();
+    assert!(
+        message.contains("NumberOfAcquisitions: expected 1, met 20"),
+        "{message}"
+    );
+}
+
 #[test]
 fn damaged_files_are_refused_and_nothing_panics() {
     let folder = tempfile::tempdir().unwrap();
