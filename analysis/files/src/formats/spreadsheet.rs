@@ -4,13 +4,18 @@
 //! Line and field of a text are row and column of the sheet. Times of a day and durations become
 //! `h:mm:ss`.
 
+mod bounds;
+
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::io::{Cursor, Write as _};
 use std::path::{Path, PathBuf};
 
-use calamine::{Data, Ods, Range, Reader as _, Sheets, open_workbook_auto_from_rs};
-
+use self::bounds::{MOST_FIELDS, MOST_TEXT};
 use super::error::FormatError;
+use calamine::{
+    Cell, Data, DataRef, Ods, Range, Reader as _, Sheets, XlsxError, open_workbook_auto_from_rs,
+};
 
 /// First bytes of a ZIP archive, and of the files of Excel before 2007.
 const MAGIC: [&[u8]; 2] = [b"PK\x03\x04", b"\xD0\xCF\x11\xE0\xA1\xB1\x1A\xE1"];
@@ -18,9 +23,11 @@ const MAGIC: [&[u8]; 2] = [b"PK\x03\x04", b"\xD0\xCF\x11\xE0\xA1\xB1\x1A\xE1"];
 const ROOT: usize = 4096;
 /// Kind of an OpenDocument spreadsheet.
 const OPEN_DOCUMENT: &str = "application/vnd.oasis.opendocument.spreadsheet";
-/// Most fields of a sheet: as text some hundred megabytes. Excel's rows and columns are 17 thousand
-/// million, which a file of some kilobytes may claim to fill.
-const MOST_FIELDS: usize = 50_000_000;
+/// Most cells of a sheet that do not stand in the order of rows and columns.
+const MOST_DISORDERED: usize = 5_000_000;
+
+/// A workbook in memory.
+type Book<'a> = Sheets<Cursor<Cow<'a, [u8]>>>;
 
 /// One sheet.
 #[derive(Debug)]
@@ -41,12 +48,19 @@ pub(super) fn sheets(path: &Path, bytes: &[u8]) -> Option<Result<Vec<Sheet>, For
         kind: "a spreadsheet",
         reason: reason.to_string(),
     };
-    let mut book: Sheets<Cursor<Cow<'_, [u8]>>> = if is_flat(bytes) {
-        match Ods::new(Cursor::new(Cow::Owned(packed_flat(bytes)))) {
+    let mut book: Book<'_> = if is_flat(bytes) {
+        let packed = packed_flat(bytes);
+        if let Err(reason) = bounds::check(&packed) {
+            return Some(Err(failed(&reason)));
+        }
+        match Ods::new(Cursor::new(Cow::Owned(packed))) {
             Ok(book) => Sheets::Ods(book),
             Err(error) => return Some(Err(failed(&error))),
         }
     } else if MAGIC.iter().any(|magic| bytes.starts_with(magic)) {
+        if let Err(reason) = bounds::check(bytes) {
+            return Some(Err(failed(&reason)));
+        }
         // Another archive or compound file is told by its kind.
         open_workbook_auto_from_rs(Cursor::new(Cow::Borrowed(bytes))).ok()?
     } else {
@@ -54,10 +68,7 @@ pub(super) fn sheets(path: &Path, bytes: &[u8]) -> Option<Result<Vec<Sheet>, For
     };
     let names = book.sheet_names();
     let read = names.into_iter().map(|name| {
-        let range = book
-            .worksheet_range(&name)
-            .map_err(|error| failed(&error))?;
-        let text = text(&range).map_err(|reason| failed(&reason))?;
+        let text = sheet(&mut book, &name).map_err(|reason| failed(&reason))?;
         let file = path.file_name().unwrap_or_default().to_string_lossy();
         let path = path.with_file_name(format!("{file} [{name}]"));
         Ok(Sheet { name, path, text })
@@ -109,6 +120,102 @@ fn without_indentation(bytes: &[u8]) -> Vec<u8> {
         });
     }
     kept
+}
+
+/// The text of a sheet. Cells of the newer kinds of workbooks are read one after the other, so that
+/// two of them at the ends of a sheet do not make a table of 17 thousand million fields.
+fn sheet(book: &mut Book<'_>, name: &str) -> Result<String, String> {
+    let told = |error: &dyn std::fmt::Display| error.to_string();
+    match book {
+        Sheets::Xlsx(book) => {
+            let mut cells = match book.worksheet_cells_reader(name) {
+                Ok(cells) => cells,
+                // A sheet of nothing but a chart.
+                Err(XlsxError::NotAWorksheet(_)) => return Ok(String::new()),
+                Err(error) => return Err(told(&error)),
+            };
+            of_cells(|| cells.next_cell().map_err(|error| told(&error)))
+        }
+        Sheets::Xlsb(book) => {
+            let cells = book.worksheet_cells_reader(name);
+            let mut cells = cells.map_err(|error| told(&error))?;
+            of_cells(|| cells.next_cell().map_err(|error| told(&error)))
+        }
+        book => {
+            let range = book.worksheet_range(name);
+            text(&range.map_err(|error| told(&error))?)
+        }
+    }
+}
+
+/// The text of cells.
+///
+/// # Errors
+/// A cell that cannot be decoded; more text than can be held.
+fn of_cells<'a>(
+    mut next: impl FnMut() -> Result<Option<Cell<DataRef<'a>>>, String>,
+) -> Result<String, String> {
+    let mut text = String::new();
+    let (mut row, mut column) = (0, 0);
+    // Cells that stand before one that was met.
+    let mut late: BTreeMap<(u32, u32), String> = BTreeMap::new();
+    let mut late_bytes = 0;
+    while let Some(cell) = next()? {
+        let at = cell.get_position();
+        let field = field(&Data::from(cell.get_value().clone()));
+        if field.is_empty() {
+            continue;
+        }
+        if at < (row, column) || at == (row, column) && !text.is_empty() {
+            late_bytes += field.len();
+            late.insert(at, field);
+            if late.len() > MOST_DISORDERED || late_bytes > MOST_TEXT {
+                return Err(format!(
+                    "more than {MOST_DISORDERED} cells that do not stand in the order of rows and \
+                     columns; save it again, or export the table as CSV"
+                ));
+            }
+            continue;
+        }
+        let rows = (at.0 - row) as usize;
+        let columns = if rows > 0 { at.1 } else { at.1 - column } as usize;
+        if text.len() + rows + columns + field.len() > MOST_TEXT {
+            return Err(format!(
+                "a sheet of more than {} GiB of text; export the table as CSV",
+                MOST_TEXT >> 30
+            ));
+        }
+        text.extend(std::iter::repeat_n('\n', rows));
+        text.extend(std::iter::repeat_n('\t', columns));
+        text.push_str(&field);
+        (row, column) = at;
+    }
+    if !text.is_empty() {
+        text.push('\n');
+    }
+    Ok(if late.is_empty() {
+        text
+    } else {
+        with_late(&text, &late)
+    })
+}
+
+/// A text with cells that were met too late for their place in it.
+fn with_late(text: &str, late: &BTreeMap<(u32, u32), String>) -> String {
+    let mut merged = String::with_capacity(text.len());
+    for (row, line) in (0..).zip(text.lines()) {
+        let mut fields: Vec<&str> = line.split('\t').collect();
+        for ((_, column), field) in late.range((row, 0)..=(row, u32::MAX)) {
+            let column = *column as usize;
+            if fields.len() <= column {
+                fields.resize(column + 1, "");
+            }
+            fields[column] = field;
+        }
+        merged.push_str(&fields.join("\t"));
+        merged.push('\n');
+    }
+    merged
 }
 
 fn text(range: &Range<Data>) -> Result<String, String> {
@@ -182,30 +289,4 @@ fn duration_s(text: &str) -> Option<f64> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn times_become_clocks() {
-        assert_eq!(clock(3723.5), "1:02:3.5");
-        assert_eq!(clock(90_000.0), "25:00:0");
-        // One third of a second as a share of a day comes back without a tail.
-        assert_eq!(clock(0.25 / 86_400.0 * 86_400.0), "0:00:0.25");
-        assert_eq!(duration_s("PT01H02M03.5S"), Some(3723.5));
-        assert_eq!(duration_s("PT5S"), Some(5.0));
-        assert_eq!(duration_s("5 s"), None);
-    }
-
-    #[test]
-    fn a_cell_is_one_field_of_one_line() {
-        assert_eq!(field(&Data::String("a\tb\nc".to_owned())), "a b c");
-        assert_eq!(field(&Data::Float(0.1 + 0.2)), "0.30000000000000004");
-        assert_eq!(field(&Data::Float(1e-9)), "0.000000001");
-        let mut range = Range::new((2, 1), (3, 2));
-        range.set_value((2, 1), Data::Int(7));
-        range.set_value((3, 2), Data::Int(8));
-        assert_eq!(text(&range).unwrap(), "\n\n\t7\n\t\t8\n");
-        let huge = Range::new((1_000_000, 16_000), (1_000_000, 16_000));
-        assert!(text(&huge).unwrap_err().contains("export the table as CSV"));
-    }
-}
+mod tests;
