@@ -639,12 +639,28 @@ fn a_file_that_would_take_all_memory_ends_neither_the_server_nor_another_request
     let files = Files::demo();
     config(&files, "");
     let served = Served::start(&files);
-    // Two cells in opposite corners of the largest sheet that there is: 549 GB as a full table.
+    // 19 million fields, of which the decoder has two lists.
+    let row = "<table:table-row><table:table-cell table:number-columns-repeated=\"16384\" \
+               office:value-type=\"float\" office:value=\"1\"/></table:table-row>";
+    let kind = "application/vnd.oasis.opendocument.spreadsheet";
+    let sheet = format!(
+        "<office:document office:mimetype=\"{kind}\"><office:body><office:spreadsheet><table:table \
+         table:name=\"S\">{}</table:table></office:spreadsheet></office:body></office:document>",
+        row.repeat(1180)
+    );
+    let refused = send_file(&served, &bytes_of("wide.fods"), sheet.as_bytes()).expect(422);
+    assert!(
+        refused.text().contains("found one that needs more"),
+        "{}",
+        refused.text()
+    );
+    // Two cells in opposite corners of the largest sheet that there is are two cells.
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/extent.xlsx");
     let bytes = fs::read(data).unwrap();
     let refused = send_file(&served, &bytes_of("extent.xlsx"), &bytes).expect(422);
     assert!(
-        refused.text().contains("found one that needs more"),
+        refused.text().contains("extent.xlsx [")
+            && refused.text().contains("expected three numbers"),
         "{}",
         refused.text()
     );

@@ -181,8 +181,8 @@ fn of_cells<'a>(
         let columns = if rows > 0 { at.1 } else { at.1 - column } as usize;
         if text.len() + rows + columns + field.len() > MOST_TEXT {
             return Err(format!(
-                "a sheet of more than {} GiB of text; export the table as CSV",
-                MOST_TEXT >> 30
+                "a sheet of more than {} MiB of text; export the table as CSV",
+                MOST_TEXT >> 20
             ));
         }
         text.extend(std::iter::repeat_n('\n', rows));

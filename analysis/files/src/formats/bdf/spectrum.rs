@@ -14,6 +14,8 @@ use super::super::text;
 use crate::dataset::{self, ColumnSpec, DatasetError, shared};
 use analysis_signal::spectrum::{FlaggedPoint, ImpedancePoint, SourcedSpectrum, Spectrum};
 
+/// Most fields of a Parquet file of spectra.
+const MOST_FIELDS: usize = 50_000_000;
 /// First bytes of Parquet.
 const PARQUET: &[u8] = b"PAR1";
 
@@ -240,58 +242,91 @@ pub(in crate::formats) fn parquet_text(
     path: &Path,
     bytes: &[u8],
 ) -> Option<Result<String, FormatError>> {
+    parquet_within(path, bytes, MOST_FIELDS)
+}
+
+/// As [`parquet_text`], with the most fields that the file may have.
+pub(super) fn parquet_within(
+    path: &Path,
+    bytes: &[u8],
+    most: usize,
+) -> Option<Result<String, FormatError>> {
     if !bytes.starts_with(PARQUET) {
         return None;
     }
+    let failed = |reason: String| FormatError::Decode {
+        file: path.to_owned(),
+        kind: "Parquet with columns of BDF",
+        reason,
+    };
     // What cannot be decoded is refused by its kind.
-    let reader = ParquetReader::new(std::io::Cursor::new(bytes));
-    let frame = reader.finish().ok()?;
+    let mut reader = ParquetReader::new(std::io::Cursor::new(bytes));
+    let schema = reader.schema().ok()?;
+    let names: Vec<&str> = schema.iter_names().map(|name| name.as_str()).collect();
+    let has = |pair: [Names; 2]| pair.iter().all(|one| find(&names, *one).is_some());
+    let frequency = find(&names, FREQUENCY)?;
+    if !has([REAL, IMAGINARY]) && !has([MODULUS, PHASE]) {
+        return None;
+    }
+    // A file of some kilobytes may repeat a row as often as it likes.
+    let fields = reader.num_rows().ok()?.saturating_mul(names.len());
+    if fields > most {
+        return Some(Err(failed(format!(
+            "it has {fields} fields, and {most} are read; write the rows of the spectrum alone"
+        ))));
+    }
+    let read = reader
+        .finish()
+        .and_then(|frame| frame_text(&frame, frequency));
+    Some(read.map_err(|error| failed(error.to_string())))
+}
+
+/// Cells of a column.
+enum Cells {
+    Numbers(Vec<f64>),
+    Words(Vec<String>),
+}
+
+/// The text of the rows with a frequency.
+fn frame_text(frame: &DataFrame, frequency: usize) -> Result<String, PolarsError> {
+    let columns: Vec<Cells> = frame
+        .columns()
+        .iter()
+        .map(cells)
+        .collect::<Result<_, _>>()?;
     let names: Vec<&str> = frame
         .get_column_names()
         .iter()
         .map(|name| name.as_str())
         .collect();
-    let has = |pair: [Names; 2]| pair.iter().all(|one| find(&names, *one).is_some());
-    if find(&names, FREQUENCY).is_none() || !has([REAL, IMAGINARY]) && !has([MODULUS, PHASE]) {
-        return None;
-    }
-    Some(
-        frame_text(&frame, &names).map_err(|error| FormatError::Decode {
-            file: path.to_owned(),
-            kind: "Parquet with columns of BDF",
-            reason: error.to_string(),
-        }),
-    )
-}
-
-fn frame_text(frame: &DataFrame, names: &[&str]) -> Result<String, PolarsError> {
-    let columns: Vec<Vec<String>> = frame
-        .columns()
-        .iter()
-        .map(cells)
-        .collect::<Result<_, _>>()?;
     let mut text = names.join("\t") + "\n";
     for row in 0..frame.height() {
-        for (place, cells) in columns.iter().enumerate() {
+        let is_there = match columns.get(frequency) {
+            Some(Cells::Numbers(numbers)) => !numbers[row].is_nan(),
+            _ => true,
+        };
+        for (place, cells) in columns.iter().enumerate().filter(|_| is_there) {
             let tab = if place > 0 { "\t" } else { "" };
             // Writing to a string cannot fail.
-            let _ = write!(text, "{tab}{}", cells.get(row).map_or("", String::as_str));
+            let _ = match cells {
+                Cells::Numbers(numbers) => write!(text, "{tab}{}", field(numbers[row])),
+                Cells::Words(words) => write!(text, "{tab}{}", words[row]),
+            };
         }
         text.push('\n');
     }
     Ok(text)
 }
 
-fn cells(column: &Column) -> Result<Vec<String>, PolarsError> {
+fn cells(column: &Column) -> Result<Cells, PolarsError> {
     if column.dtype().is_primitive_numeric() {
         let floats = column.cast(&DataType::Float64)?;
-        let floats = floats.f64()?;
-        return Ok(floats
-            .iter()
-            .map(|value| field(value.unwrap_or(f64::NAN)))
-            .collect());
+        let floats = floats.f64()?.iter();
+        return Ok(Cells::Numbers(
+            floats.map(|value| value.unwrap_or(f64::NAN)).collect(),
+        ));
     }
     let words = column.cast(&DataType::String)?;
     let plain = |word: Option<&str>| word.unwrap_or_default().replace(['\t', '\n', '\r'], " ");
-    Ok(words.str()?.iter().map(plain).collect())
+    Ok(Cells::Words(words.str()?.iter().map(plain).collect()))
 }

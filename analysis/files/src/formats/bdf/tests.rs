@@ -264,6 +264,13 @@ fn parquet_of_others_with_several_spectra_is_read_under_both_names() {
         .unwrap();
         let mut bytes = Vec::new();
         ParquetWriter::new(&mut bytes).finish(&mut frame).unwrap();
+        let within = |most| super::spectrum::parquet_within(Path::new("x"), &bytes, most).unwrap();
+        assert!(within(30).is_ok());
+        let refused = within(29).unwrap_err().to_string();
+        assert!(
+            refused.contains("it has 30 fields, and 29 are read"),
+            "{refused}"
+        );
         let read = parse_file(Path::new("x.bdf.parquet"), &bytes).unwrap();
         let names: Vec<&str> = read
             .spectra

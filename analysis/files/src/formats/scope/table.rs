@@ -1,6 +1,6 @@
-//! Records as tables of numbers: Siglent's, Rigol's and Rohde & Schwarz' (RTB, RTM) CSV, and any other with one row per sample.
-//! The rows go once through a temporary file of numbers, so that the length of a table does not
-//! matter.
+//! Records as tables of numbers: Siglent's, Rigol's and Rohde & Schwarz' (RTB, RTM) CSV, and any other
+//! with one row per sample. The rows go once through a temporary file of numbers, so that the length
+//! of a table does not matter.
 //!
 //! The header is all text before the first row of numbers. The interval comes from it (`Sample
 //! Interval`, `Sample Rate`, `Increment`) or from the first column, where that is called a time. A

@@ -10,8 +10,10 @@ use zip::ZipArchive;
 const MOST_UNPACKED: u64 = 4 << 30;
 /// Most fields of a sheet: as text some hundred megabytes.
 pub(super) const MOST_FIELDS: usize = 50_000_000;
-/// Most bytes of the text of a sheet.
-pub(super) const MOST_TEXT: usize = 1 << 30;
+/// Most fields that cells of OpenDocument are repeated to: the decoder has two lists of them.
+const MOST_REPEATED: usize = 20_000_000;
+/// Most bytes of the text of a sheet: a million rows of 20 columns have some 200 MB.
+pub(super) const MOST_TEXT: usize = 1 << 29;
 /// Most bytes of one tag with the text before it.
 const MOST_TAG: u64 = 1 << 24;
 /// Most columns of a sheet, by which the decoder cuts repetitions.
@@ -191,11 +193,11 @@ fn check_content(reader: &mut impl BufRead) -> Result<(), String> {
             ));
         }
         counts.take(&String::from_utf8_lossy(&piece));
-        if counts.fields > MOST_FIELDS || counts.text > MOST_TEXT || counts.row_text > MOST_TEXT {
+        if counts.fields > MOST_REPEATED || counts.text > MOST_TEXT || counts.row_text > MOST_TEXT {
             return Err(format!(
-                "its cells are repeated to more than {MOST_FIELDS} fields or {} GiB of text; export the \
+                "its cells are repeated to more than {MOST_REPEATED} fields or {} MiB of text; export the \
                  table as CSV",
-                MOST_TEXT >> 30
+                MOST_TEXT >> 20
             ));
         }
     }
