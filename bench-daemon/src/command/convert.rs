@@ -306,10 +306,10 @@ fn bdf(args: &ConvertArgs, file: &Path) -> Result<(), Failure> {
         (Err(_), Err(error)) => Err(usage(&error)),
         (Err(_), Ok(_)) => series(args, file, ""),
         (Ok(read), Ok(_)) => {
-            bdf_spectra(args, file, read)?;
+            bdf_spectra(args, file, &read)?;
             series(args, file, ".series")
         }
-        (Ok(read), Err(_)) => bdf_spectra(args, file, read),
+        (Ok(read), Err(_)) => bdf_spectra(args, file, &read),
     }
 }
 
@@ -321,7 +321,7 @@ fn is_unknown(error: &FormatError) -> bool {
     )
 }
 
-fn bdf_spectra(args: &ConvertArgs, file: &Path, read: FileSpectra) -> Result<(), Failure> {
+fn bdf_spectra(args: &ConvertArgs, file: &Path, read: &FileSpectra) -> Result<(), Failure> {
     read.notes.iter().for_each(|note| remark!("{note}"));
     let source = metadata(file)?;
     for one in &read.spectra {

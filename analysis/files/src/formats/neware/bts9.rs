@@ -38,7 +38,10 @@ pub(super) fn read(bytes: &[u8]) -> Result<Decoded, Fault> {
             });
         }
     };
-    if let Some(block) = blocks.iter().find(|block| block.len() % size != 0) {
+    if let Some(block) = blocks
+        .iter()
+        .find(|block| !block.len().is_multiple_of(size))
+    {
         return Err(Fault::Cut(format!(
             "a block of {} bytes, which is no multiple of {size}, the length of a record",
             block.len()
@@ -84,7 +87,7 @@ fn blocks(bytes: &[u8]) -> Result<Vec<&[u8]>, Fault> {
 fn size_19(blocks: &[&[u8]]) -> Result<usize, Fault> {
     let fits = |size: &usize| {
         blocks.iter().all(|block| {
-            let whole = block.len() % size == 0;
+            let whole = block.len().is_multiple_of(*size);
             whole
                 && block
                     .chunks_exact(*size)

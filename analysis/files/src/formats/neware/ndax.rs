@@ -126,7 +126,7 @@ impl Table {
     /// The blocks behind the head.
     fn blocks(&self, name: &str, size: usize) -> Result<std::slice::ChunksExact<'_, u8>, Fault> {
         let length = self.bytes.len();
-        if length < size || length % size != 0 {
+        if length < size || !length.is_multiple_of(size) {
             return Err(Fault::Cut(format!(
                 "{name}: {length} bytes, which are no blocks of {size}; copy the file again"
             )));

@@ -158,7 +158,7 @@ fn a_workbook_that_claims_more_than_can_be_held_is_refused_or_read_as_what_it_ho
     assert!(bytes.len() < 10_000, "{}", bytes.len());
     let refused = told(&bytes).unwrap_err();
     assert!(
-        refused.contains("content.xml: its cells are repeated to more than 20000000"),
+        refused.contains("content.xml: its sheets have more than 20000000"),
         "{refused}"
     );
     // Excel before 2007: a record of dimensions.
