@@ -3,7 +3,8 @@
 //! [`sine`] fits sinusoids to samples, [`spectrum`] holds complex impedances with their
 //! uncertainty, [`calibration`] corrects the harness from the control impedances, [`budget`]
 //! attributes the uncertainty to its sources, [`history`] holds the errors of a bench,
-//! [`multisine`] measures many frequencies in one record, [`staircase`] finds a stair of milliseconds in its record, [`series`] holds time series.
+//! [`multisine`] measures many frequencies in one record, [`staircase`] finds a stair of
+//! milliseconds in its record, [`series`] holds time series.
 
 pub mod budget;
 pub mod calibration;
