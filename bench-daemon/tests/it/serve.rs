@@ -173,7 +173,7 @@ fn an_experiment_is_checked_before_it_waits_and_names_no_file_outside_the_config
     );
     let message = refused(&text.replace("../benches/demo.toml", "../benches/other.toml"));
     assert!(
-        message.contains("names a bench that is none of this server's (demo)"),
+        message.contains("names a bench that this server does not have (demo)"),
         "{message}"
     );
     let message = refused(
