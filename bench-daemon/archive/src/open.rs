@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use bench_archive::{Store, receipt::Receipts, snapshot::RunSource};
-use jiff::Timestamp;
+use instruments_link::clock::unix_time_s;
 
 use crate::{
     data_folder::run_sources,
@@ -44,9 +44,4 @@ impl Archive {
         status.written_unix_s = unix_time_s();
         write_status(&self.settings.data, &status)
     }
-}
-
-/// Returns the time, s since 1970.
-pub(crate) fn unix_time_s() -> f64 {
-    Timestamp::now().as_duration().as_secs_f64()
 }

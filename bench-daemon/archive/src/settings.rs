@@ -56,7 +56,7 @@ struct Source<'a> {
 }
 
 impl Source<'_> {
-    fn complain(&self, key: &str, reason: String) -> Failure {
+    fn complain(&self, key: &str, reason: impl std::fmt::Display) -> Failure {
         Failure::Usage(format!("{}: {key}: {reason}", self.path.display()))
     }
 

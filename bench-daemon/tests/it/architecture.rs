@@ -123,6 +123,8 @@ fn the_arrows_between_the_crates_are_these_and_no_others() {
         ("analysis", "analysis-signal"),
         ("bench-archive", "analysis-catalog"),
         ("bench-archive", "analysis-files"),
+        // Only its clock.
+        ("bench-archive", "instruments-link"),
         ("bench-core", "analysis-effects"),
         ("bench-core", "analysis-files"),
         ("bench-core", "analysis-fit"),

@@ -1,9 +1,7 @@
 //! `eis-archive follow`: keeps the store up to date, for as long as the process lives. It can be
 //! killed at any time: every operation is repeatable.
 
-use std::time::Duration;
-
-use tokio::time::{Instant, sleep};
+use instruments_link::clock::{Clock, TimeMode, unix_time_s};
 
 use super::{
     arguments::{FollowArgs, PushArgs},
@@ -12,7 +10,7 @@ use super::{
 };
 use crate::{
     failure::Failure,
-    open::{Archive, unix_time_s},
+    open::Archive,
     print::print_remark,
     settings::Settings,
     status::{read_status, write_status},
@@ -20,10 +18,10 @@ use crate::{
 
 /// First and longest pause before a push is repeated, s. Each is twice the one before.
 const PAUSES_S: [f64; 2] = [2.0, 300.0];
-/// Interval between two checks for captures that are due to be moved.
-const THIN_EVERY: Duration = Duration::from_secs(6 * 3600);
-/// Interval between two updates of the status while runs are sent.
-const STATUS_EVERY: Duration = Duration::from_secs(30);
+/// Interval between two checks for captures that are due to be moved, s.
+const THIN_EVERY_S: f64 = 6.0 * 3600.0;
+/// Interval between two updates of the status while runs are sent, s.
+const STATUS_EVERY_S: f64 = 30.0;
 
 /// Sends runs as they end.
 ///
@@ -37,44 +35,45 @@ pub(super) async fn follow(args: &FollowArgs) -> Result<(), Failure> {
         ..PushArgs::default()
     };
     let mut pause_s = PAUSES_S[0];
-    let mut next_thin = Instant::now();
+    let clock = Clock::start(TimeMode::Real);
+    let mut next_thin_s = 0.0;
     loop {
-        if let Err(trouble) = push_once(&settings, &push).await {
-            let pause = with_jitter(pause_s);
-            let words = format!("{trouble}; next attempt in {:.0} s", pause.as_secs_f64());
+        if let Err(trouble) = push_once(&settings, &push, &clock).await {
+            let wait_s = with_jitter(pause_s);
+            let words = format!("{trouble}; next attempt in {:.0} s", wait_s);
             print_remark(format_args!("{words}"));
-            let again_unix_s = unix_time_s() + pause.as_secs_f64();
+            let again_unix_s = unix_time_s() + wait_s;
             publish(&settings, false, Some((trouble.to_string(), again_unix_s)));
-            sleep(pause).await;
+            clock.sleep_s(wait_s).await;
             pause_s = (2.0 * pause_s).min(PAUSES_S[1]);
             continue;
         }
         pause_s = PAUSES_S[0];
         if let Some(after_s) = settings.captures_after_s
-            && Instant::now() >= next_thin
+            && clock.now_s() >= next_thin_s
         {
-            next_thin = Instant::now() + THIN_EVERY;
+            next_thin_s = clock.now_s() + THIN_EVERY_S;
             if let Err(trouble) = move_due_captures(&settings, after_s).await {
                 print_remark(format_args!("captures stay where they are: {trouble}"));
             }
         }
         publish(&settings, false, None);
-        sleep(Duration::from_secs_f64(args.every_s)).await;
+        clock.sleep_s(args.every_s).await;
     }
 }
 
 /// Sends what is due, once.
-async fn push_once(settings: &Settings, push: &PushArgs) -> Result<(), Failure> {
+async fn push_once(settings: &Settings, push: &PushArgs, clock: &Clock) -> Result<(), Failure> {
     let archive = Archive::open(settings.clone())?;
-    let mut published: Option<Instant> = None;
+    let mut published_s: Option<f64> = None;
     let between = || {
-        if published.is_none_or(|at| at.elapsed() >= STATUS_EVERY) {
-            published = Some(Instant::now());
+        if published_s.is_none_or(|at_s| clock.now_s() - at_s >= STATUS_EVERY_S) {
+            published_s = Some(clock.now_s());
             publish(settings, true, None);
         }
         Ok(())
     };
-    let report = push_due(&archive, push, between).await?;
+    let report = push_due(&archive, push, clock, between).await?;
     match report.failed {
         0 => Ok(()),
         failed => Err(Failure::Store(format!(

@@ -1,21 +1,19 @@
 //! `eis-archive push`: sends runs, each with retries.
 
-use std::time::Duration;
-
 use bench_archive::{
     ArchiveError,
     push::{Now, Outcome, Pusher},
     receipt::{Kept, RunState},
     snapshot::RunSource,
 };
+use instruments_link::clock::{Clock, TimeMode, unix_time_s};
 use serde::Serialize;
-use tokio::time::{Instant, sleep};
 
 use super::arguments::PushArgs;
 use crate::{
     data_folder::read_operator,
     failure::Failure,
-    open::{Archive, unix_time_s},
+    open::Archive,
     print::{print_json, print_line, print_remark},
 };
 
@@ -36,7 +34,7 @@ pub(super) struct PushReport {
 
 pub(super) async fn push_runs(args: &PushArgs) -> Result<(), Failure> {
     let archive = Archive::load(&args.config)?;
-    let report = push_due(&archive, args, || Ok(())).await?;
+    let report = push_due(&archive, args, &Clock::start(TimeMode::Real), || Ok(())).await?;
     archive.update_status()?;
     if args.json {
         print_json(&report)?;
@@ -53,9 +51,10 @@ pub(super) async fn push_runs(args: &PushArgs) -> Result<(), Failure> {
 pub(super) async fn push_due(
     archive: &Archive,
     args: &PushArgs,
+    clock: &Clock,
     mut between: impl FnMut() -> Result<(), Failure>,
 ) -> Result<PushReport, Failure> {
-    let begin = Instant::now();
+    let begin_s = clock.now_s();
     let mut pusher = Pusher::of(&archive.store, &archive.receipts, &archive.settings.site);
     let mut report = PushReport::default();
     for source in archive.sources(&args.runs)? {
@@ -64,10 +63,10 @@ pub(super) async fn push_due(
             report.unchanged += 1;
             continue;
         }
-        let outcome = push_with_retries(&mut pusher, archive, args, &source).await;
+        let outcome = push_with_retries(&mut pusher, archive, args, &source, clock).await;
         report.add(&source, outcome, args.json)?;
     }
-    report.took_s = begin.elapsed().as_secs_f64();
+    report.took_s = clock.now_s() - begin_s;
     Ok(report)
 }
 
@@ -89,6 +88,7 @@ async fn push_with_retries(
     archive: &Archive,
     args: &PushArgs,
     source: &RunSource,
+    clock: &Clock,
 ) -> Result<Outcome, ArchiveError> {
     let operator = read_operator(&archive.settings.data, &source.name);
     let now = || Now {
@@ -104,19 +104,19 @@ async fn push_with_retries(
             Err(error) if error.may_pass() => print_remark(format_args!("tried again: {error}")),
             _ => break,
         }
-        sleep(with_jitter(pause_s)).await;
+        clock.sleep_s(with_jitter(pause_s)).await;
         pause_s = (2.0 * pause_s).min(PAUSES_S[1]);
         outcome = pusher.push(source, &now()).await;
     }
     outcome
 }
 
-/// Returns 0.5 to 1.5 times a pause, so that clients of one store do not return at the same time.
-pub(super) fn with_jitter(pause_s: f64) -> Duration {
+/// Returns 0.5 to 1.5 times a pause, s, so that clients of one store do not return at the same time.
+pub(super) fn with_jitter(pause_s: f64) -> f64 {
     let mut byte = [128];
     // Without randomness the pause is the middle one.
     let _ = getrandom::fill(&mut byte);
-    Duration::from_secs_f64(pause_s * (0.5 + f64::from(byte[0]) / 255.0))
+    pause_s * (0.5 + f64::from(byte[0]) / 255.0)
 }
 
 impl PushReport {

@@ -4,13 +4,10 @@ use bench_archive::{
     snapshot::RunSource,
     thin::{ThinPolicy, thin},
 };
+use instruments_link::clock::unix_time_s;
 
 use super::arguments::ThinArgs;
-use crate::{
-    failure::Failure,
-    open::{Archive, unix_time_s},
-    print::print_line,
-};
+use crate::{failure::Failure, open::Archive, print::print_line};
 
 /// Captures that were moved, or would be.
 #[derive(Debug, Default)]

@@ -1,6 +1,13 @@
 //! `eis-archive` on run folders that `eis-bench` wrote, with a folder as the store, and beside a
 //! server.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "helpers of tests may end a test"
+)]
+
 mod support;
 
 use std::{

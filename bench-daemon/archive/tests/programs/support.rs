@@ -8,14 +8,14 @@ use std::{
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     thread,
-    time::{Duration, Instant},
 };
 
+use instruments_link::clock::{Clock, TimeMode};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// Longest time that a test waits for something.
-const PATIENCE: Duration = Duration::from_secs(120);
+/// Longest time that a test waits for something, s.
+const PATIENCE_S: f64 = 120.0;
 
 /// Runs of the demo with few points, in a temporary folder.
 pub(crate) struct Files {
@@ -201,20 +201,18 @@ pub(crate) fn bench(arguments: &[&OsStr]) -> Ended {
     Ended::of(Command::new(bench_program()).args(arguments))
 }
 
-/// Waits until something is there.
+/// Repeats a query until there is an answer.
 #[track_caller]
-pub(crate) fn poll<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
-    let begin = Instant::now();
-    loop {
-        if let Some(found) = look() {
-            return found;
+pub(crate) fn poll<T>(what: &str, mut query: impl FnMut() -> Option<T>) -> T {
+    let runtime = Clock::runtime(TimeMode::Real).unwrap();
+    let clock = Clock::start(TimeMode::Real);
+    while clock.now_s() < PATIENCE_S {
+        if let Some(answer) = query() {
+            return answer;
         }
-        assert!(
-            begin.elapsed() < PATIENCE,
-            "{what}: not within {PATIENCE:?}"
-        );
-        thread::sleep(Duration::from_millis(50));
+        runtime.block_on(clock.sleep_s(0.05));
     }
+    panic!("{what}: not within {PATIENCE_S} s");
 }
 
 /// Paths of all files below a folder, relative to it.

@@ -448,6 +448,7 @@ fn damaged_files_are_refused_or_read_as_numbers() {
             fs::create_dir_all(&own).unwrap();
             let path = own.join(&seed.name);
             fs::write(&path, &bytes).unwrap();
+            #[expect(clippy::disallowed_methods, reason = "the time is printed only")]
             let begin = Instant::now();
             // The seed and the number of an input that fails are printed with it.
             let kinds = std::panic::catch_unwind(|| read_all(&path, &bytes));

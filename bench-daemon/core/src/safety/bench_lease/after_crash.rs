@@ -96,7 +96,7 @@ pub(super) async fn settle(
 }
 
 /// Settles an earlier run after a person has switched everything off and that was verified. Works
-/// as [`settle`], but does not query the instruments again.
+/// as `settle`, but does not query the instruments again.
 ///
 /// # Errors
 /// Fails if a file cannot be written.
