@@ -40,6 +40,7 @@ mod mpr;
 mod native;
 mod nearest;
 mod neware;
+mod parquet;
 mod plain;
 mod profile;
 pub mod scope;

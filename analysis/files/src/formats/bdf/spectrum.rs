@@ -10,6 +10,7 @@ use std::path::Path;
 use polars::prelude::{Column, DataFrame, DataType, ParquetReader, PolarsError, SerReader};
 
 use super::super::error::FormatError;
+use super::super::parquet;
 use super::super::text;
 use crate::dataset::{self, ColumnSpec, DatasetError, shared};
 use analysis_signal::spectrum::{FlaggedPoint, ImpedancePoint, SourcedSpectrum, Spectrum};
@@ -275,10 +276,8 @@ pub(super) fn parquet_within(
             "it has {fields} fields, and {most} are read; write the rows of the spectrum alone"
         ))));
     }
-    let read = reader
-        .finish()
-        .and_then(|frame| frame_text(&frame, frequency));
-    Some(read.map_err(|error| failed(error.to_string())))
+    let read = parquet::decode(|| frame_text(&reader.finish()?, frequency));
+    Some(read.map_err(failed))
 }
 
 /// Cells of a column.

@@ -173,3 +173,26 @@ fn a_workbook_that_claims_more_than_can_be_held_is_refused_or_read_as_what_it_ho
         "{refused}"
     );
 }
+
+#[test]
+fn a_sheet_of_open_document_that_breaks_off_is_refused() {
+    let whole = "<?xml version=\"1.0\"?><office:document xmlns:office=\"o\" office:mimetype=\"application/vnd.oasis.\
+                 opendocument.spreadsheet\"><office:body><office:spreadsheet><table:table table:name=\"S\">\
+                 <table:table-row><table:table-cell office:value-type=\"float\" office:value=\"1\"/>\
+                 </table:table-row></table:table></office:spreadsheet></office:body></office:document>\n";
+    let read = |text: &str| {
+        let sheets = sheets(Path::new("x.fods"), text.as_bytes()).unwrap();
+        sheets
+            .map(|sheets| sheets.len())
+            .map_err(|error| error.to_string())
+    };
+    assert_eq!(read(whole), Ok(1));
+    let end = whole.find("</table:table-row>").unwrap();
+    for length in [end, end + "</table:table-row>".len(), whole.len() - 3] {
+        let refused = read(&whole[..length]).unwrap_err();
+        assert!(
+            refused.contains("it breaks off before the end"),
+            "{refused}"
+        );
+    }
+}

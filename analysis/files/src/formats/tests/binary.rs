@@ -338,3 +338,18 @@ fn a_measurement_of_zahners_im7_is_a_spectrum_for_each_impedance() {
         );
     }
 }
+
+#[test]
+fn parquet_whose_pages_are_damaged_is_refused() {
+    let mut file = bytes("series/landt.bdf.parquet");
+    // Lengths within two pages, at which the decoder panics.
+    (file[1731], file[3312]) = (0, 28);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("damaged.parquet");
+    std::fs::write(&path, file).unwrap();
+    let refused = read_series(&path, &SeriesOptions::default()).unwrap_err();
+    assert!(
+        refused.to_string().contains("its pages are damaged"),
+        "{refused}"
+    );
+}

@@ -1,5 +1,6 @@
 //! A record from Parquet: the bench's own, and tables with the names of cyclers.
 
+use super::super::parquet;
 use super::super::text::{self, shorten};
 use super::agreement::{self, COUNTED, Open};
 use super::columns::{self, Columns, direction_of};
@@ -32,9 +33,8 @@ const NUMBERS: [Quantity; 10] = [
 /// # Errors
 /// Bytes that cannot be decoded; a table without such columns; columns that contradict each other.
 pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Raw, SeriesReadError> {
-    let frame = ParquetReader::new(std::io::Cursor::new(bytes))
-        .finish()
-        .map_err(|error| failed(path, error.to_string()))?;
+    let reader = ParquetReader::new(std::io::Cursor::new(bytes));
+    let frame = parquet::decode(|| reader.finish()).map_err(|reason| failed(path, reason))?;
     let names: Vec<&str> = frame
         .get_column_names()
         .iter()
