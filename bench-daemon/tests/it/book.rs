@@ -579,8 +579,8 @@ const NOT_PLAYED: [NotPlayed; 9] = [
     NotPlayed {
         reason: "it plays the tests, this one among them",
         blocks: &[
-            "README.md: cargo test --workspace",
-            "README.md: cargo test --workspace -- --ignored",
+            "README.md: cargo test",
+            "README.md: cargo test -- --ignored",
             "drivers.md: cargo test -p instruments -p instruments-drivers -p instruments-mock -p fixtures",
             "extend.md: EIS_BENCH_WRITE_REFERENCE=1 cargo test -p bench-daemon --test it reference",
             "extend.md: cargo test -p analysis-effects -p fixtures -p study -p bench-daemon \

@@ -71,10 +71,12 @@ fn a_sound_bench_passes_on_both_controls_and_a_person_has_signed() {
             );
         }
         // The mock follows the manual, which guarantees no limit while the analog input commands.
+        // A warning about the machine depends on where the test runs, for example on its free disk.
         assert_eq!(
             ended(&report, "warn")
                 .into_iter()
                 .map(|(id, _)| id)
+                .filter(|id| !id.starts_with("machine."))
                 .collect::<Vec<_>>(),
             ["limit.bipolar"]
         );

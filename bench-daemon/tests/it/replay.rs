@@ -231,7 +231,7 @@ fn a_run_of_a_relative_path_with_a_trace_of_load_and_supply_beside_controls_is_v
         "{code} {message}"
     );
     assert!(
-        message.contains("series_jump_1.bdf.csv: its rows are what meters said"),
+        message.contains("series_jump_1.bdf.csv: its rows are meter readings"),
         "{message}"
     );
 }
