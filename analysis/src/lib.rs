@@ -11,7 +11,7 @@
 //!   uncertainty; [`calibration`]: harness; [`budget`]: uncertainty by cause; [`multisine`],
 //!   [`staircase`], [`series`]: records.
 //! * `analysis-model` – [`model`]: extended Randles model (ERM) and circuits; [`ocv`]: open-circuit
-//!   voltage; [`pack`].
+//!   voltage; [`map`]: over state of charge and temperature; [`pack`].
 //! * `analysis-effects` – [`contract`]: what an effect is; [`augmented`]: a model with effects;
 //!   [`effects`]: the catalogue.
 //! * `analysis-fit` – [`validity`]: tests of a spectrum; [`fit`]; [`drt`]: time constants;
@@ -83,6 +83,11 @@ pub use analysis_files::{batch, dataset, formats, run_folder, table, thinning};
 pub use analysis_fit::{drt, fit, given, joint, rows, validity};
 pub use analysis_forward::{forward, sop};
 pub use analysis_model::{model, ocv, pack};
+/// Resistances over state of charge and temperature.
+pub mod map {
+    pub use analysis_fit::map::*;
+    pub use analysis_model::map::*;
+}
 pub use analysis_numeric::mixed;
 pub use analysis_numeric::{self as numeric, significant};
 pub use analysis_plot::report;

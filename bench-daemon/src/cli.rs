@@ -181,6 +181,8 @@ enum Command {
     Kk(command::kk::KkArgs),
     /// Open-circuit voltage over state of charge from a slow discharge.
     Ocv(command::ocv::OcvArgs),
+    /// Fit resistances over state of charge and temperature to logs of a cell.
+    Map(command::map::MapArgs),
     /// Run load profiles through a fitted model, as a cell or as a pack.
     Simulate(command::simulate::SimulateArgs),
     /// Fit the model to spectra and pulses together; print the error of the spectra alone on the
@@ -289,6 +291,7 @@ pub fn main() -> ExitCode {
         Command::Pack(args) => command::pack::pack(&args),
         Command::Kk(args) => command::kk::kk(&args),
         Command::Ocv(args) => command::ocv::ocv(&args),
+        Command::Map(args) => command::map::map(&args),
         Command::Simulate(args) => command::simulate::simulate(&args),
         Command::Joint(args) => command::joint::joint(&args),
         Command::Dataset(args) => command::dataset::dataset(&args),

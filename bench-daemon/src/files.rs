@@ -106,12 +106,27 @@ pub(crate) fn read_curve(path: &Path) -> Result<OcvCurve, Failure> {
 }
 
 /// A model as a simulation takes it: with the additions of the cell.
+///
+/// A model with a map follows state of charge and temperature; its cells start at `ambient_degc`.
+/// For a constant OCV, or a model without a map, that temperature means nothing.
 pub(crate) fn sim_model(
     file: &GivenModel,
     ocv: OcvSource,
     pack: Pack,
+    ambient_degc: f64,
 ) -> Result<SimModel, Failure> {
     let usage = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
+    if let Some(map) = &file.map {
+        let OcvSource::Curve(curve) = ocv else {
+            return Err(Failure::Usage(
+                "expected a state of charge for a model with a map, found an open-circuit voltage \
+                that stays"
+                    .to_owned(),
+            ));
+        };
+        return SimModel::mapped(map.clone(), curve, pack, ambient_degc)
+            .map_err(|error| usage(&error));
+    }
     match file.augmented().map_err(|error| usage(&error))? {
         None => SimModel::pack(&file.erm, ocv, pack).map_err(|error| usage(&error)),
         Some(cell) => SimModel::augmented(&cell, ocv, pack).map_err(|error| usage(&error)),

@@ -18,6 +18,9 @@ use crate::error::{apart, caught, json, refused};
 use crate::play::Play;
 use crate::series::Curve;
 
+/// Temperature of the surroundings of a model with a map, °C.
+const AMBIENT_DEGC: f64 = 25.0;
+
 /// A cell's model: a resistance and RC branches, with additions where a file holds some, and the
 /// open-circuit voltage where it is known.
 #[pyclass(frozen, module = "eisbench", from_py_object)]
@@ -69,6 +72,15 @@ impl Model {
     }
 
     fn sim_model(&self, source: OcvSource, pack: Pack) -> Result<SimModel, String> {
+        if let Some(map) = &self.given.map {
+            let OcvSource::Curve(curve) = source else {
+                let expected =
+                    "expected a state of charge for a model with a map, met a constant OCV";
+                return Err(expected.to_owned());
+            };
+            return SimModel::mapped(map.clone(), curve, pack, AMBIENT_DEGC)
+                .map_err(|error| error.to_string());
+        }
         let augmented = self.given.augmented().map_err(|e| e.to_string())?;
         let model = match &augmented {
             Some(augmented) => SimModel::augmented(augmented, source, pack),

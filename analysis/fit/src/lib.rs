@@ -2,7 +2,8 @@
 //!
 //! [`validity`] judges a spectrum, [`fit`] finds the parameters of the extended Randles model and
 //! of circuits, [`drt`] shows time constants, [`joint`] fits spectra and pulses together, [`given`]
-//! reads a model of a cell from whatever it was given as, [`rows`] makes tables of many results,
+//! reads a model of a cell from whatever it was given as, [`map`] fits resistances over state of
+//! charge and temperature, [`rows`] makes tables of many results,
 //! [`figures`] draws fits.
 
 pub mod drt;
@@ -10,6 +11,7 @@ pub mod figures;
 pub mod fit;
 pub mod given;
 pub mod joint;
+pub mod map;
 pub mod rows;
 mod sizes;
 pub mod validity;

@@ -18,6 +18,7 @@ pub mod identify;
 pub mod investigate;
 pub mod joint;
 pub mod kk;
+pub mod map;
 pub mod mock;
 pub mod model_args;
 pub mod ocv;

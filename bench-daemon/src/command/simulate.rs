@@ -70,7 +70,7 @@ fn model(args: &SimulateArgs) -> Result<(GivenModel, SimModel), Failure> {
     let file = args.model.read(args.ocv.as_deref())?;
     let ocv = source_of_ocv(args, &file, &args.model.told())?;
     let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(usage)?;
-    let model = files::sim_model(&file, ocv, pack)?;
+    let model = files::sim_model(&file, ocv, pack, args.ambient_degc)?;
     if let Some(folder) = &args.out {
         files::make_folder(folder)?;
     }

@@ -1,7 +1,7 @@
 //! `eis-bench sop`: the most power that can be held, over duration and state of charge.
 
 use crate::command::units;
-use crate::config::quantity::{Current, Resistance, Voltage};
+use crate::config::quantity::{Current, Resistance, Temperature, Voltage};
 use std::path::{Path, PathBuf};
 
 use analysis::{
@@ -14,7 +14,7 @@ use analysis::{
 use clap::Args;
 use serde::Serialize;
 
-use super::model_args::{self, ModelArgs};
+use super::model_args::{self, AMBIENT_DEGC, ModelArgs};
 use crate::{files, safety::failure::Failure, support::terminal::say};
 
 const HELP: &str = "\
@@ -77,6 +77,15 @@ pub struct SopArgs {
     /// Constant open-circuit voltage of a cell, V, between --v-min and --v-max.
     #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = units::of::<Voltage>)]
     pub ocv_v: Option<f64>,
+    /// Temperature of the surroundings, and of the cells at the start, °C, for a model with a map.
+    #[arg(
+        long,
+        default_value_t = AMBIENT_DEGC,
+        value_name = "DEGC",
+        allow_hyphen_values = true,
+        value_parser = units::of::<Temperature>
+    )]
+    pub ambient_degc: f64,
     /// Lowest voltage of a cell, V.
     #[arg(
         long,
@@ -149,7 +158,7 @@ pub fn sop(args: &SopArgs) -> Result<(), Failure> {
     };
     let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm)
         .map_err(|error| usage(&error))?;
-    let model = files::sim_model(&file, ocv, pack)?;
+    let model = files::sim_model(&file, ocv, pack, args.ambient_degc)?;
     let window = CellWindow {
         low_v: args.v_min,
         high_v: args.v_max,

@@ -119,6 +119,18 @@ pub enum GivenError {
     /// An OCV curve that cannot be.
     #[error("typed model: {0}")]
     Ocv(#[from] analysis_model::ocv::OcvError),
+    /// A map that cannot be.
+    #[error("typed model: {0}")]
+    Map(#[from] analysis_model::map::MapError),
+    /// A map without an OCV curve.
+    #[error("typed model: expected the field ocv beside map, met none: a map needs its OCV curve")]
+    MapWithoutOcv,
+    /// A map with additions of a diagnosis.
+    #[error(
+        "typed model: expected a map without additions, met both: an addition belongs to a model \
+        of one point"
+    )]
+    MapWithAdditions,
     /// The number of fits is not one.
     #[error(
         "fits: expected one fitted circuit, met {met}: take one cell's circuit.json, or fit them \

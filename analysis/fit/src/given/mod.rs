@@ -157,7 +157,7 @@ impl GivenModel {
             .ladder
             .as_ref()
             .map_or_else(Vec::new, |ladder| ladder.notes(&self.erm));
-        if self.fitted.is_none() && self.log_covariance.is_none() {
+        if self.fitted.is_none() && self.log_covariance.is_none() && self.map.is_none() {
             notes.push(match &self.ladder {
                 Some(_) => "the ladder has no uncertainty: that of the circuit's fit is not \
                 carried over"
@@ -188,6 +188,7 @@ impl From<ModelFile> for GivenModel {
             name: file.name.clone(),
             erm: file.fit.erm.clone(),
             ocv: file.ocv.clone(),
+            map: None,
             log_covariance: file.fit.log_covariance.clone(),
             warnings: file.fit.warnings.words(),
             additions: file.additions.clone(),

@@ -1,7 +1,7 @@
 //! Model of a cell as it was given, and all that is known of it.
 
 use analysis_effects::contract::Facts;
-use analysis_model::{model::Erm, ocv::OcvCurve};
+use analysis_model::{map::CellMap, model::Erm, ocv::OcvCurve};
 
 use super::ladder::Ladder;
 use crate::fit::{Addition, ModelFile};
@@ -15,6 +15,9 @@ pub struct GivenModel {
     pub erm: Erm,
     /// Open-circuit voltage over state of charge, if known.
     pub ocv: Option<OcvCurve>,
+    /// Resistances over state of charge and temperature, of which `erm` is one point; none for a
+    /// model of one point.
+    pub map: Option<CellMap>,
     /// Covariance of the logarithmic parameters of `erm`, row by row, if known.
     pub log_covariance: Option<Vec<Vec<f64>>>,
     /// Warnings of the fit.

@@ -6,6 +6,7 @@ use super::ladder::Ladder;
 use crate::fit::{Addition, JsonError};
 use analysis_effects::contract::Facts;
 use analysis_model::{
+    map::CellMap,
     model::{Erm, RcBranch},
     ocv::OcvCurve,
 };
@@ -25,6 +26,10 @@ pub struct PlainModel {
     /// Open-circuit voltage over state of charge.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ocv: Option<OcvCurve>,
+    /// Resistances over state of charge and temperature; `r_ohm` and `branches` are one point of
+    /// them, for tasks that know one point only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub map: Option<CellMap>,
     /// Covariance of ln R, ln R1, ln C1, …, row by row.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub log_covariance: Option<Vec<Vec<f64>>>,
@@ -50,6 +55,7 @@ impl PlainModel {
             r_ohm: erm.r_ohm,
             branches: erm.branches,
             ocv: None,
+            map: None,
             log_covariance: None,
             warnings: Vec::new(),
             ladder: None,
@@ -70,6 +76,15 @@ pub(super) fn read(text: &str, name: &str) -> Result<GivenModel, GivenError> {
     model.erm.validate()?;
     if let Some(ocv) = &model.ocv {
         ocv.validate()?;
+    }
+    if let Some(map) = &model.map {
+        map.validate()?;
+        if model.ocv.is_none() {
+            return Err(GivenError::MapWithoutOcv);
+        }
+        if !model.additions.is_empty() {
+            return Err(GivenError::MapWithAdditions);
+        }
     }
     if let Some(rows) = &model.log_covariance {
         let parameters = model.erm.parameter_count();
@@ -101,6 +116,7 @@ impl From<PlainModel> for GivenModel {
                 branches: plain.branches,
             },
             ocv: plain.ocv,
+            map: plain.map,
             log_covariance: plain.log_covariance,
             warnings: plain.warnings,
             additions: plain.additions,
@@ -117,6 +133,7 @@ impl From<GivenModel> for PlainModel {
             name,
             erm,
             ocv,
+            map,
             log_covariance,
             warnings,
             additions,
@@ -129,6 +146,7 @@ impl From<GivenModel> for PlainModel {
             r_ohm: erm.r_ohm,
             branches: erm.branches,
             ocv,
+            map,
             log_covariance,
             warnings,
             ladder,

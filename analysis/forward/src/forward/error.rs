@@ -92,6 +92,17 @@ pub enum ForwardError {
         /// Names of the additions.
         names: String,
     },
+    /// A map that cannot be.
+    #[error("{0}")]
+    Map(String),
+    /// A map whose integration does not settle.
+    #[error("map: expected halved steps to agree within {tolerance_v:.1e} V, met {met_v:.1e} V")]
+    MapUnresolved {
+        /// Largest difference allowed, V.
+        tolerance_v: f64,
+        /// Difference met with the shortest steps, V.
+        met_v: f64,
+    },
     /// Additions whose integration does not settle.
     #[error(
         "additions {names}: expected halved steps to agree within {tolerance_v:.1e} V, met \

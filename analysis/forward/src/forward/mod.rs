@@ -10,14 +10,17 @@
 //! determines how much of a profile fits into the window. `additions` contains the parts of
 //! [`analysis_effects::effects`] that no linear branch can represent.
 //!
+//! `mapped` simulates a model whose resistances follow state of charge and temperature.
+//!
 //! Sign: current and power are positive when the cell is discharged. The temperature stays as it
-//! was when the model was measured, unless an addition models the heating of the cell.
+//! was when the model was measured, unless a map or an addition models the heating of the cell.
 
 mod additions;
 mod batch;
 mod error;
 mod law;
 mod limits;
+mod mapped;
 mod model;
 mod nonlinear;
 mod options;

@@ -4,7 +4,7 @@
 use super::error::ForwardError;
 use super::nonlinear::Laws;
 use analysis_effects::augmented::Augmented;
-use analysis_model::{model::Erm, ocv::OcvCurve, pack::Pack};
+use analysis_model::{map::CellMap, model::Erm, ocv::OcvCurve, pack::Pack};
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -29,6 +29,16 @@ pub struct SimModel {
     pub pack: Pack,
     /// Additions that no linear branch can represent; `erm` is then the model for small signals.
     pub(crate) laws: Option<Arc<Laws>>,
+    /// Resistances over state of charge and temperature; `erm` is then one point of them.
+    pub(crate) mapped: Option<Mapped>,
+}
+
+/// A map and the temperature around the cells.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Mapped {
+    pub(super) map: Arc<CellMap>,
+    /// Temperature of the surroundings, °C.
+    pub(super) ambient_degc: f64,
 }
 
 /// State of a model.
@@ -39,6 +49,8 @@ pub struct SimState {
     /// Voltages over the RC branches at the terminals, V, in the order of the model's branches,
     /// positive after a discharge.
     pub v_rc_v: Vec<f64>,
+    /// Temperature of the cells, °C; `None` for a model that knows no temperature.
+    pub temperature_degc: Option<f64>,
 }
 
 impl SimModel {
@@ -86,7 +98,48 @@ impl SimModel {
             ocv,
             pack,
             laws: None,
+            mapped: None,
         })
+    }
+
+    /// Creates a pack of equal cells whose resistances follow state of charge and temperature. A
+    /// state without a temperature has that of the surroundings, `ambient_degc` (°C). `erm` is the
+    /// map's model at half charge and that temperature.
+    ///
+    /// # Errors
+    /// As [`SimModel::pack`]; [`ForwardError::Map`] for a map that [`CellMap::validate`] refuses.
+    pub fn mapped(
+        map: CellMap,
+        ocv: OcvCurve,
+        pack: Pack,
+        ambient_degc: f64,
+    ) -> Result<Self, ForwardError> {
+        map.validate()
+            .map_err(|error| ForwardError::Map(error.to_string()))?;
+        if !(-60.0..=120.0).contains(&ambient_degc) {
+            return Err(ForwardError::Value {
+                what: "temperature of the surroundings",
+                expected: "-60 to 120 °C",
+                met: ambient_degc,
+            });
+        }
+        let model = Self::pack(
+            &map.model_at(0.5, ambient_degc),
+            OcvSource::Curve(ocv),
+            pack,
+        )?;
+        Ok(Self {
+            mapped: Some(Mapped {
+                map: Arc::new(map),
+                ambient_degc,
+            }),
+            ..model
+        })
+    }
+
+    /// Returns the map of the cells, if the model has one.
+    pub fn map(&self) -> Option<&CellMap> {
+        self.mapped.as_ref().map(|mapped| &*mapped.map)
     }
 
     /// Creates a pack of equal cells with additions: those of the cell act, those of the bench are
@@ -122,6 +175,13 @@ impl SimModel {
     /// Refuses the task if it supports linear branches only.
     pub(super) fn linear_only(&self, what: &'static str) -> Result<(), ForwardError> {
         let expected = "linear branches only";
+        if self.mapped.is_some() {
+            return Err(ForwardError::Additions {
+                what,
+                expected,
+                names: "resistances over state of charge and temperature".to_owned(),
+            });
+        }
         self.laws().map_or(Ok(()), |names| {
             Err(ForwardError::Additions {
                 what,
@@ -140,6 +200,7 @@ impl SimModel {
                 branches: Vec::new(),
             },
             laws: None,
+            mapped: None,
             ..self.clone()
         }
     }
@@ -179,6 +240,7 @@ impl SimModel {
         Ok(SimState {
             soc,
             v_rc_v: vec![0.0; self.erm.branches.len()],
+            temperature_degc: None,
         })
     }
 

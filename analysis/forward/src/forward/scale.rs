@@ -81,7 +81,8 @@ pub fn largest_scale(
         beyond: Beyond::Stop,
         max_step_s: options.max_step_s,
     };
-    let one_by_one = model.laws.is_some() || model.erm.branches.len() > MAX_BATCH_RC;
+    let one_by_one =
+        model.laws.is_some() || model.mapped.is_some() || model.erm.branches.len() > MAX_BATCH_RC;
     let judge = |factors: &[f64]| -> Result<Vec<Option<ScaleBound>>, ForwardError> {
         if one_by_one {
             return factors
@@ -157,7 +158,11 @@ fn alone(
     let summary = match simulate(model, state, profile, &simulated) {
         Ok(simulation) => simulation.summary,
         // Demands far beyond the model's meaning do not settle; no limit lies there.
-        Err(ForwardError::Collapsed { .. } | ForwardError::Unresolved { .. }) => {
+        Err(
+            ForwardError::Collapsed { .. }
+            | ForwardError::Unresolved { .. }
+            | ForwardError::MapUnresolved { .. },
+        ) => {
             return Ok(Some(ScaleBound::Power));
         }
         Err(error) => return Err(error),

@@ -9,6 +9,7 @@
 use super::additions;
 use super::error::ForwardError;
 use super::law::{Beyond, Demand, Drive};
+use super::mapped;
 use super::model::{SimModel, SimState};
 use super::options::{Method, SimOptions, Simulation};
 use super::profile::{DemandPoint, Piece, Profile};
@@ -98,6 +99,9 @@ pub fn simulate(
 ) -> Result<Simulation, ForwardError> {
     model.check(state)?;
     options.check(profile)?;
+    if let Some(mapped) = &model.mapped {
+        return mapped::simulate(model, mapped, state, profile, options);
+    }
     if let Some(laws) = &model.laws {
         return additions::simulate(model, laws, state, profile, options);
     }

@@ -3,7 +3,7 @@
 use super::law::Beyond;
 use super::limits::CellWindow;
 use super::model::{OcvSource, SimModel, SimState};
-use analysis_model::model::RcBranch;
+use analysis_model::{map::Outside, model::RcBranch};
 use serde::Serialize;
 
 /// A run over time, one entry of each list per row. Where the demand jumps, a time occurs twice:
@@ -106,6 +106,10 @@ pub struct Summary {
     pub simulated_s: f64,
     /// Sub-steps made.
     pub steps: u64,
+    /// Farthest distance of state of charge and temperature from the range in which a map was
+    /// measured; none for a model without a map.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub outside_map: Option<Outside>,
 }
 
 /// An instant.
@@ -159,6 +163,7 @@ impl<'m> TraceRecorder<'m> {
             tangent_end: None,
             simulated_s: 0.0,
             steps: 0,
+            outside_map: None,
         };
         let trace = Trace {
             v_rc_v: vec![Vec::new(); model.erm.branches.len()],

@@ -17,7 +17,9 @@ use analysis::{
 use serde::Serialize;
 
 use super::PackSimulateArgs;
-use crate::{files, safety::failure::Failure, support::terminal::say};
+use crate::{
+    command::model_args::AMBIENT_DEGC, files, safety::failure::Failure, support::terminal::say,
+};
 
 /// Returns the packs cell by cell, if given or requested; writes the table if requested.
 pub(super) fn packs(
@@ -427,7 +429,15 @@ pub(super) fn cell(file: &GivenModel, ocv: &OcvSource) -> Result<Erm, Failure> {
             parallel: 1,
             interconnect_ohm: 0.0,
         },
+        AMBIENT_DEGC,
     )?;
+    if file.map.is_some() {
+        return Err(Failure::Usage(
+            "--model: expected a model of one point, found a map over state of charge and \
+            temperature; `simulate --series --parallel` takes it, with equal cells"
+                .to_owned(),
+        ));
+    }
     match model.laws() {
         None => Ok(model.erm),
         Some(names) => Err(Failure::Usage(format!(

@@ -66,6 +66,7 @@ impl Case {
         let rest = SimState {
             soc: state.soc,
             v_rc_v: Vec::new(),
+            temperature_degc: None,
         };
         let simple = simulate(&bare, &rest, &profile, &options)?;
         let scale = ScaleOptions {
@@ -80,8 +81,9 @@ impl Case {
             ]),
         };
         // At the point where the run stopped, the voltage has no derivative and no minimum. With
-        // additions, the fit's parameters are incomplete.
-        let slopes_v = if full.summary.feasible && file.additions.is_empty() {
+        // additions or a map, the fit's parameters are incomplete.
+        let linear = file.additions.is_empty() && file.map.is_none();
+        let slopes_v = if full.summary.feasible && linear {
             slopes_v(file, model, state, &profile, &full, &options)?
         } else {
             Vec::new()
@@ -156,6 +158,19 @@ impl Case {
             for a model with additions"
                     .to_owned(),
             );
+        }
+        if let Some(outside) = s
+            .outside_map
+            .filter(|o| o.soc > 0.0 || o.temperature_k > 0.0)
+        {
+            notes.push(format!(
+                "{name}: leaves the range in which the map was measured by up to {:.3} of charge \
+                and {:.1} K; there the resistances are extrapolated",
+                outside.soc, outside.temperature_k
+            ));
+        }
+        if let Some(degc) = self.full.end.temperature_degc {
+            notes.push(format!("{name}: the cells end at {degc:.1} °C"));
         }
         let branches = self.full.trace.v_rc_v.len();
         if branches > TRACE_BRANCHES {

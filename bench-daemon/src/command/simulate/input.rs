@@ -1,7 +1,7 @@
 //! Arguments of `eis-bench simulate`, and what follows from them.
 
 use crate::command::units;
-use crate::config::quantity::{Duration, Resistance, Voltage};
+use crate::config::quantity::{Duration, Resistance, Temperature, Voltage};
 use std::path::PathBuf;
 
 use analysis::{
@@ -10,7 +10,10 @@ use analysis::{
 };
 
 use crate::{
-    command::{model_args::ModelArgs, profile_args::ProfileArgs},
+    command::{
+        model_args::{AMBIENT_DEGC, ModelArgs},
+        profile_args::ProfileArgs,
+    },
     safety::failure::Failure,
 };
 
@@ -65,6 +68,15 @@ pub struct SimulateArgs {
     /// Open-circuit voltage of a cell at the start, V; constant if the model has no OCV curve.
     #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = units::of::<Voltage>)]
     pub ocv_v: Option<f64>,
+    /// Temperature of the surroundings, and of the cells at the start, °C, for a model with a map.
+    #[arg(
+        long,
+        default_value_t = AMBIENT_DEGC,
+        value_name = "DEGC",
+        allow_hyphen_values = true,
+        value_parser = units::of::<Temperature>
+    )]
+    pub ambient_degc: f64,
     /// How the files are read.
     #[command(flatten)]
     pub read: ProfileArgs,

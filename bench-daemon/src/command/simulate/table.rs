@@ -142,7 +142,7 @@ pub(super) fn table(args: &SimulateArgs, table: &Path) -> Result<(), Failure> {
         let given = load.model.clone().map_err(Failure::Usage)?;
         let file = given.with_ocv(curve.clone());
         let ocv = source_of_ocv(args, &file, &load.model_id)?;
-        let model = files::sim_model(&file, ocv, pack)?;
+        let model = files::sim_model(&file, ocv, pack, args.ambient_degc)?;
         let state = state(args, &model)?;
         let profile = &profiles[load.profile];
         check_euler(args, &model, profile)?;

@@ -352,6 +352,7 @@ impl<'a> Run<'a> {
         SimState {
             soc: self.soc,
             v_rc_v: self.v.iter().map(|v| v * series).collect(),
+            temperature_degc: None,
         }
     }
 }

@@ -175,6 +175,7 @@ impl<'a, const W: usize, const N: usize> Lanes<'a, W, N> {
             end: SimState {
                 soc: self.now.soc[l],
                 v_rc_v: self.now.v.iter().take(branches).map(|v| v[l]).collect(),
+                temperature_degc: None,
             },
             collapsed: plan.demand == Demand::Power && t.least_e[l] <= 0.0,
         }

@@ -303,6 +303,7 @@ fn refuses_what_cannot_be_simulated() {
     let short = SimState {
         soc: 0.5,
         v_rc_v: vec![0.0],
+        temperature_degc: None,
     };
     let error = simulate(&model, &short, &profile, &default)
         .unwrap_err()

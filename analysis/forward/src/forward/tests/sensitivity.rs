@@ -43,7 +43,7 @@ proptest! {
         kind in 0..3usize,
     ) {
         let model = curved_cell();
-        let state = SimState { soc, v_rc_v: v };
+        let state = SimState { soc, v_rc_v: v, temperature_degc: None };
         let demand_kind = [Demand::Power, Demand::Current, Demand::Resistance][kind];
         let e = model.ocv_v(soc).0 - state.v_rc_v.iter().sum::<f64>();
         let demand = [

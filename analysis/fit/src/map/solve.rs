@@ -1,0 +1,81 @@
+//! Bounded least squares: resistances are zero or more, corrections of the OCV are free.
+
+use super::options::MapFitError;
+use crate::drt::nonnegative;
+use nalgebra::{DMatrix, DVector};
+
+/// Shift of free unknowns, in which a bound at zero never acts, in their own unit.
+const SHIFT: f64 = 10.0;
+
+/// Activation energies, J/mol.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Energies {
+    pub(super) series: f64,
+    pub(super) branches: f64,
+}
+
+/// Normal equations of weighted rows and priors.
+pub(super) struct Normal {
+    pub(super) matrix: DMatrix<f64>,
+    pub(super) right: DVector<f64>,
+    /// Weighted sum of squares of the data.
+    pub(super) square: f64,
+}
+
+/// A minimiser.
+#[derive(Debug, Clone)]
+pub(super) struct Solved {
+    /// Unknowns.
+    pub(super) x: DVector<f64>,
+    /// Sum of squares of data and priors.
+    pub(super) cost: f64,
+    /// Variance of each unknown; zero for one at its bound.
+    pub(super) variance: Vec<f64>,
+}
+
+impl Normal {
+    pub(super) fn new(count: usize) -> Self {
+        Self {
+            matrix: DMatrix::zeros(count, count),
+            right: DVector::zeros(count),
+            square: 0.0,
+        }
+    }
+
+    /// Adds rows, one per row of `a`.
+    pub(super) fn add(&mut self, a: &DMatrix<f64>, y: &DVector<f64>) {
+        let transposed = a.transpose();
+        self.matrix.gemm(1.0, &transposed, a, 1.0);
+        self.right.gemv(1.0, &transposed, y, 1.0);
+        self.square += y.norm_squared();
+    }
+
+    /// Adds the prior that a weighted sum of unknowns is zero.
+    pub(super) fn expect_zero(&mut self, terms: &[(usize, f64)]) {
+        for (i, a) in terms {
+            for (j, b) in terms {
+                self.matrix[(*i, *j)] += a * b;
+            }
+        }
+    }
+
+    /// Minimises; unknowns from `free` on have no bound.
+    pub(super) fn solve(&self, free: usize) -> Result<Solved, MapFitError> {
+        let singular = || MapFitError::Singular("too few different states in the logs");
+        let n = self.right.len();
+        let unit = DVector::from_fn(n, |k, _| self.matrix[(k, k)].max(1e-300).sqrt().recip());
+        let scaled = DMatrix::from_fn(n, n, |i, j| self.matrix[(i, j)] * unit[i] * unit[j]);
+        let shift = DVector::from_fn(n, |k, _| if k < free { 0.0 } else { SHIFT / unit[k] });
+        let right = self.right.component_mul(&unit) + &scaled * &shift;
+        let guess: Vec<usize> = (0..n).collect();
+        let solution = nonnegative::solve(&scaled, &right, &guess).ok_or_else(singular)?;
+        let x = (&solution.x - &shift).component_mul(&unit);
+        let inverse = solution.factor.inverse();
+        let mut variance = vec![0.0; n];
+        for (place, k) in solution.free.iter().enumerate() {
+            variance[*k] = inverse[(place, place)] * unit[*k] * unit[*k];
+        }
+        let cost = self.square - 2.0 * self.right.dot(&x) + x.dot(&(&self.matrix * &x));
+        Ok(Solved { x, cost, variance })
+    }
+}

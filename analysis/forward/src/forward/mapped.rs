@@ -1,0 +1,306 @@
+//! Simulates a model whose resistances follow state of charge and temperature.
+//!
+//! All cells are equal, so that one is integrated, at I/P, and the terminals follow: E = S·(U(z, T)
+//! − Σv), R = S/P·R₀(z, T) + interconnect. The time constants are fixed, and the voltage that
+//! drives a branch, R(z, T)·i, is taken as linear over a step, so that a branch is exact for it.
+//! The state at the end of a step enters its own resistances and is found by iteration. The cell
+//! warms by its own heat, if the map has a heat capacity. The whole run is repeated with halved
+//! steps until no row moves by more than the tolerance.
+
+use super::error::ForwardError;
+use super::law::{Beyond, Demand, Drive};
+use super::model::{Mapped, SimModel, SimState};
+use super::options::{Method, SimOptions, Simulation};
+use super::profile::{DemandPoint, Profile};
+use super::trace::{Point, TraceRecorder};
+use analysis_model::map::{CellMap, Outside};
+
+/// Two runs, one with half the steps of the other, must agree at every row within this, V per cell.
+const AGREE_V: f64 = 5e-6;
+/// Halvings at most.
+const MOST_HALVINGS: u32 = 12;
+/// Longest step of the first run, s.
+const LONGEST_S: f64 = 2.0;
+/// Evaluations of the end of a step at most.
+const MOST_LOOKS: usize = 12;
+
+/// As [`super::simulate`], which has checked state and options.
+pub(super) fn simulate(
+    model: &SimModel,
+    mapped: &Mapped,
+    state: &SimState,
+    profile: &Profile,
+    options: &SimOptions,
+) -> Result<Simulation, ForwardError> {
+    if options.method == Method::Thesis {
+        model.linear_only("explicit Euler")?;
+    }
+    let play = |halvings: u32| {
+        let longest_s = LONGEST_S / f64::from(1_u32 << halvings);
+        Run::play(model, mapped, state, profile, options, longest_s)
+    };
+    let series = f64::from(model.pack.series);
+    let (mut coarse, mut met_v) = (play(0)?, f64::NAN);
+    for halvings in 1..=MOST_HALVINGS {
+        let fine = play(halvings)?;
+        let stopped =
+            options.beyond == Beyond::Stop && !fine.summary.feasible && !coarse.summary.feasible;
+        let rows = fine.trace.ccv_v.iter().zip(&coarse.trace.ccv_v);
+        met_v = rows.fold(0.0, |most: f64, (a, b)| most.max((a - b).abs())) / series;
+        if stopped || (met_v <= AGREE_V && fine.trace.ccv_v.len() == coarse.trace.ccv_v.len()) {
+            return Ok(fine);
+        }
+        coarse = fine;
+    }
+    Err(ForwardError::MapUnresolved {
+        tolerance_v: AGREE_V,
+        met_v,
+    })
+}
+
+/// State of one cell.
+#[derive(Debug, Clone)]
+struct Cell {
+    soc: f64,
+    temperature_degc: f64,
+    /// Voltages of the branches, V.
+    v: Vec<f64>,
+}
+
+/// An instant: the terminals, and what drives the cell.
+#[derive(Debug, Clone)]
+struct Look {
+    point: Point,
+    /// Current of one cell, A.
+    current_a: f64,
+    /// R·i of each branch of one cell, V.
+    driven_v: Vec<f64>,
+    /// Heat of one cell, W.
+    heat_w: f64,
+}
+
+struct Run<'a> {
+    model: &'a SimModel,
+    map: &'a CellMap,
+    ambient_degc: f64,
+    demand: Demand,
+    options: &'a SimOptions,
+    cell: Cell,
+    recorder: TraceRecorder<'a>,
+    outside: Outside,
+}
+
+impl<'a> Run<'a> {
+    fn play(
+        model: &'a SimModel,
+        mapped: &'a Mapped,
+        state: &SimState,
+        profile: &Profile,
+        options: &'a SimOptions,
+        longest_s: f64,
+    ) -> Result<Simulation, ForwardError> {
+        let series = f64::from(model.pack.series);
+        let mut run = Self {
+            model,
+            map: &mapped.map,
+            ambient_degc: mapped.ambient_degc,
+            demand: profile.demand,
+            options,
+            cell: Cell {
+                soc: state.soc,
+                temperature_degc: state.temperature_degc.unwrap_or(mapped.ambient_degc),
+                v: state.v_rc_v.iter().map(|v| v / series).collect(),
+            },
+            recorder: TraceRecorder::new(model, options.window),
+            outside: Outside::default(),
+        };
+        run.through(profile, longest_s)?;
+        let end = run.state();
+        let start_s = profile.time_s.first().copied().unwrap_or(0.0);
+        let (mut summary, trace) = run.recorder.close(&end, start_s);
+        summary.outside_map = Some(run.outside);
+        Ok(Simulation {
+            summary,
+            trace,
+            end,
+        })
+    }
+
+    fn through(&mut self, profile: &Profile, longest_s: f64) -> Result<(), ForwardError> {
+        let mut last = None;
+        for piece in profile.pieces(self.options.max_step_s) {
+            let Some(mut before) = self.seen(piece.start())? else {
+                return Ok(());
+            };
+            if last != Some(piece.from) {
+                self.recorder.row(&before.point, &self.state());
+            }
+            last = Some(piece.to);
+            let parts = (piece.step_s / longest_s).ceil().max(1.0);
+            for part in 1..=parts as u64 {
+                if self.stops(&before) {
+                    return Ok(());
+                }
+                let share = part as f64 / parts;
+                let end = DemandPoint {
+                    time_s: piece.from_s + share * piece.step_s,
+                    demand: piece.from + share * (piece.to - piece.from),
+                };
+                self.step(&before, piece.step_s / parts, end)?;
+                let Some(after) = self.seen(end)? else {
+                    return Ok(());
+                };
+                self.moved(&before, &after);
+                before = after;
+            }
+            if self.stops(&before) {
+                return Ok(());
+            }
+            self.recorder.row(&before.point, &self.state());
+        }
+        Ok(())
+    }
+
+    fn moved(&mut self, before: &Look, after: &Look) {
+        let pack = self.model.pack;
+        let cells = f64::from(pack.series) * f64::from(pack.parallel);
+        let heat_w = |look: &Look| {
+            let current_a = look.point.current_a;
+            cells * look.heat_w + current_a * current_a * pack.interconnect_ohm
+        };
+        let step_s = after.point.time_s - before.point.time_s;
+        let heat_j = 0.5 * step_s * (heat_w(before) + heat_w(after));
+        self.recorder.moved(&before.point, &after.point, heat_j);
+    }
+
+    fn stops(&self, look: &Look) -> bool {
+        look.point.past_tangent || (look.point.infeasible && self.options.beyond == Beyond::Stop)
+    }
+
+    /// Moves the cell over a step that ends at a time with a demand.
+    fn step(&mut self, before: &Look, step_s: f64, end: DemandPoint) -> Result<(), ForwardError> {
+        let from = self.cell.clone();
+        let capacity_c = self.model.capacity_c() / f64::from(self.model.pack.parallel);
+        let mut after = before.clone();
+        for _ in 0..MOST_LOOKS {
+            let mean_a = 0.5 * (before.current_a + after.current_a);
+            self.cell.soc = from.soc - mean_a * step_s / capacity_c;
+            self.cell.temperature_degc =
+                self.warmed(&from, 0.5 * (before.heat_w + after.heat_w), step_s);
+            let driven = before.driven_v.iter().zip(&after.driven_v);
+            let branches = self.map.branches.iter().zip(&mut self.cell.v).zip(&from.v);
+            for (((branch, v), old), (start, end)) in branches.zip(driven) {
+                let x = step_s / branch.tau_s;
+                let decay = (-x).exp();
+                let phi = if x > 1e-9 {
+                    -(-x).exp_m1() / x
+                } else {
+                    1.0 - 0.5 * x
+                };
+                *v = decay * old + (phi - decay) * start + (1.0 - phi) * end;
+            }
+            let seen = self.look(end)?;
+            let change_a = (seen.current_a - after.current_a).abs();
+            let change_v = seen
+                .driven_v
+                .iter()
+                .zip(&after.driven_v)
+                .fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()));
+            after = seen;
+            if change_a <= 1e-11 * after.current_a.abs() && change_v <= 1e-11 {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Temperature of a cell after a step with a mean heat, °C.
+    fn warmed(&self, from: &Cell, heat_w: f64, step_s: f64) -> f64 {
+        let Some(thermal) = self.map.thermal else {
+            return self.ambient_degc;
+        };
+        let tau_s = thermal.capacity_j_per_k * thermal.resistance_k_per_w;
+        let settled = self.ambient_degc + thermal.resistance_k_per_w * heat_w;
+        settled + (from.temperature_degc - settled) * (-step_s / tau_s).exp()
+    }
+
+    /// Records an instant; returns `None` if no voltage is left behind the series resistance after
+    /// power that was not available.
+    fn seen(&mut self, at: DemandPoint) -> Result<Option<Look>, ForwardError> {
+        match self.look(at) {
+            Err(ForwardError::Collapsed { time_s, .. }) if !self.recorder.feasible() => {
+                self.recorder.emptied(time_s, self.options.beyond);
+                Ok(None)
+            }
+            Err(error) => Err(error),
+            Ok(look) => {
+                self.recorder.see(&look.point);
+                let here = self
+                    .map
+                    .place(self.cell.soc, self.cell.temperature_degc)
+                    .outside;
+                self.outside.soc = self.outside.soc.max(here.soc);
+                self.outside.temperature_k = self.outside.temperature_k.max(here.temperature_k);
+                Ok(Some(look))
+            }
+        }
+    }
+
+    /// Answer of the cell to a demand, in its present state.
+    fn look(&self, at: DemandPoint) -> Result<Look, ForwardError> {
+        let DemandPoint { time_s, demand } = at;
+        let (pack, cell) = (&self.model.pack, &self.cell);
+        let (series, parallel) = (f64::from(pack.series), f64::from(pack.parallel));
+        let place = self.map.place(cell.soc, cell.temperature_degc);
+        let correction_v = self.map.ocv_correction_v(&place, cell.temperature_degc);
+        let ocv_v = self.model.ocv_v(cell.soc).0 + series * correction_v;
+        let sum_v: f64 = cell.v.iter().sum();
+        let e_v = ocv_v - series * sum_v;
+        if !e_v.is_finite() || (self.demand == Demand::Power && e_v <= 0.0) {
+            return Err(ForwardError::Collapsed { time_s, e_v });
+        }
+        let r_ohm = self.map.resistance_ohm(&self.map.series, &place);
+        let drive = Drive {
+            demand: self.demand,
+            beyond: self.options.beyond,
+            r_ohm: pack.ratio() * r_ohm + pack.interconnect_ohm,
+        };
+        let (reply, past_tangent) = drive.reply_or_most(e_v, demand);
+        let ccv_v = e_v - drive.r_ohm * reply.current_a;
+        let power = self.demand == Demand::Power;
+        let point = Point {
+            time_s,
+            demand_w: if power {
+                demand
+            } else {
+                ccv_v * reply.current_a
+            },
+            current_a: reply.current_a,
+            ccv_v,
+            ocv_v,
+            available_w: drive.available_w(e_v),
+            infeasible: reply.infeasible,
+            past_tangent,
+        };
+        let current_a = reply.current_a / parallel;
+        let branches = self.map.branches.iter();
+        Ok(Look {
+            point,
+            current_a,
+            driven_v: branches
+                .map(|branch| self.map.resistance_ohm(&branch.resistance, &place) * current_a)
+                .collect(),
+            heat_w: current_a * (r_ohm * current_a + sum_v),
+        })
+    }
+
+    /// Returns the state at the terminals.
+    fn state(&self) -> SimState {
+        let series = f64::from(self.model.pack.series);
+        SimState {
+            soc: self.cell.soc,
+            v_rc_v: self.cell.v.iter().map(|v| v * series).collect(),
+            temperature_degc: Some(self.cell.temperature_degc),
+        }
+    }
+}

@@ -1,0 +1,537 @@
+//! A cell over its operating range: resistances over state of charge (SOC) and temperature.
+//!
+//! Each branch keeps one time constant over the whole range; its resistance is a [`Surface`].
+//! Between two SOC knots a resistance is linear in SOC. Between two temperature nodes it is the
+//! mean of the values that Arrhenius' law gives from either node, weighted by the distance in 1/T:
+//! it meets the nodes exactly and stays positive. Beyond the first or last SOC knot a resistance
+//! keeps the value of that knot; beyond the nodes of temperature it follows Arrhenius' law. Every
+//! query states how far it lies outside ([`Outside`]).
+//!
+//! The voltage of a branch is continuous when its resistance moves, as that of a capacitor is:
+//! τ·dv/dt = R(z, T)·i − v.
+
+use crate::model::{Erm, RcBranch};
+use serde::{Deserialize, Serialize};
+
+/// 0 °C, K.
+pub const ZERO_DEGC_K: f64 = 273.15;
+/// Molar gas constant, J/(mol·K) (CODATA 2018, exact).
+const GAS_J_PER_MOL_K: f64 = 8.314_462_618_153_24;
+/// Temperatures that a map accepts, °C: the range of lithium-ion cells, and a guard against kelvin.
+const TEMPERATURES_DEGC: (f64, f64) = (-60.0, 120.0);
+/// Resistance of a branch that the fit has switched off at a point, Ω, for models that need a
+/// positive one.
+const LEAST_OHM: f64 = 1e-9;
+
+/// A cell over SOC and temperature.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CellMap {
+    /// SOC knots, rising, 0…1, at least two.
+    pub soc: Vec<f64>,
+    /// Temperature nodes, °C, rising, at least one.
+    pub temperature_degc: Vec<f64>,
+    /// Series resistance.
+    pub series: Surface,
+    /// Branches, by rising time constant.
+    pub branches: Vec<MapBranch>,
+    /// Correction of the OCV curve at each SOC knot, V.
+    pub ocv_offset_v: Vec<f64>,
+    /// Change of the OCV with temperature at each SOC knot, V/K, from `ocv_temperature_degc`. It
+    /// also holds whatever else moves the voltage at rest between the temperatures of the fit, so
+    /// that no reversible heat is computed from it.
+    pub ocv_v_per_k: Vec<f64>,
+    /// Temperature of the OCV curve, °C.
+    pub ocv_temperature_degc: f64,
+    /// Heat capacity and path to the surroundings; without them the cell stays at the temperature
+    /// of the surroundings.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub thermal: Option<Thermal>,
+}
+
+/// A resistance over SOC and temperature.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Surface {
+    /// Activation energy of Arrhenius' law between and beyond the nodes, J/mol.
+    pub activation_j_per_mol: f64,
+    /// Resistance at each node, Ω: a row per temperature, a column per SOC.
+    pub r_ohm: Vec<Vec<f64>>,
+    /// Standard deviation of `r_ohm`, Ω, in the same order; empty if it is not known.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub sigma_ohm: Vec<Vec<f64>>,
+}
+
+/// An RC branch of a map.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MapBranch {
+    /// Time constant over the whole range, s.
+    pub tau_s: f64,
+    /// Its resistance.
+    pub resistance: Surface,
+}
+
+/// The cell as one body: C·dT/dt = heat − (T − T_surroundings)/R.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Thermal {
+    /// Heat capacity, J/K.
+    pub capacity_j_per_k: f64,
+    /// Thermal resistance to the surroundings, K/W.
+    pub resistance_k_per_w: f64,
+}
+
+/// Reason why numbers are not a map.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum MapError {
+    /// A list of the wrong length.
+    #[error("map: {field}: expected {expected} values, met {met}")]
+    Length {
+        /// Name of the list.
+        field: String,
+        /// Number of values that belong there.
+        expected: usize,
+        /// Number found.
+        met: usize,
+    },
+    /// A value that cannot be.
+    #[error("map: {field}: expected {expected}, met {met}")]
+    Value {
+        /// Name of the field, with its place.
+        field: String,
+        /// Allowed values.
+        expected: &'static str,
+        /// Value found.
+        met: f64,
+    },
+}
+
+/// Distance of a query from the measured range; zero within it.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct Outside {
+    /// SOC below the first or above the last knot, as a positive distance.
+    pub soc: f64,
+    /// Temperature below the first or above the last node, K, as a positive distance.
+    pub temperature_k: f64,
+}
+
+/// A place on the map: the nodes around it and their weights.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    soc: Neighbours,
+    temperature: Neighbours,
+    /// 1/(k·T_node) − 1/(k·T) of both temperature nodes, with the sign of Arrhenius' exponent,
+    /// mol/J.
+    exponents: [f64; 2],
+    /// Distance from the measured range.
+    pub outside: Outside,
+}
+
+/// A list index, and the weight of the entry after it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Neighbours {
+    low: usize,
+    weight: f64,
+}
+
+impl Neighbours {
+    /// Finds `x` in a rising list; a place beyond an end is that end.
+    fn find(list: &[f64], x: f64) -> Self {
+        let last = list.len().saturating_sub(2);
+        let low = list
+            .partition_point(|knot| *knot <= x)
+            .saturating_sub(1)
+            .min(last);
+        let weight = match list.get(low + 1) {
+            Some(high) => ((x - list[low]) / (high - list[low])).clamp(0.0, 1.0),
+            None => 0.0,
+        };
+        Self { low, weight }
+    }
+
+    /// Indices and weights, of one entry or of two.
+    fn pairs(self, count: usize) -> [(usize, f64); 2] {
+        let high = (self.low + 1).min(count - 1);
+        [(self.low, 1.0 - self.weight), (high, self.weight)]
+    }
+}
+
+fn distance(list: &[f64], x: f64) -> f64 {
+    let (first, last) = (list[0], list[list.len() - 1]);
+    (first - x).max(x - last).max(0.0)
+}
+
+fn inverse_k(temperature_degc: f64) -> f64 {
+    1.0 / (temperature_degc + ZERO_DEGC_K)
+}
+
+impl CellMap {
+    /// Checks lengths and values.
+    ///
+    /// # Errors
+    /// [`MapError`] for the first that is wrong.
+    pub fn validate(&self) -> Result<(), MapError> {
+        rising("soc", &self.soc, 2, (0.0, 1.0), "SOC from 0 to 1 that rise")?;
+        let expected = "temperatures from -60 to 120 °C that rise (not kelvin)";
+        rising(
+            "temperature_degc",
+            &self.temperature_degc,
+            1,
+            TEMPERATURES_DEGC,
+            expected,
+        )?;
+        self.validate_surface("series", &self.series)?;
+        let mut least_s = 0.0;
+        for (k, branch) in self.branches.iter().enumerate() {
+            let field = format!("branches[{k}]");
+            if !(branch.tau_s.is_finite() && branch.tau_s > least_s) {
+                return Err(MapError::Value {
+                    field: format!("{field}.tau_s"),
+                    expected: "time constants above 0 s that rise from branch to branch",
+                    met: branch.tau_s,
+                });
+            }
+            least_s = branch.tau_s;
+            self.validate_surface(&format!("{field}.resistance"), &branch.resistance)?;
+        }
+        for (field, list) in [
+            ("ocv_offset_v", &self.ocv_offset_v),
+            ("ocv_v_per_k", &self.ocv_v_per_k),
+        ] {
+            length(field, self.soc.len(), list.len())?;
+            finite(field, list)?;
+        }
+        finite("ocv_temperature_degc", &[self.ocv_temperature_degc])?;
+        if let Some(thermal) = self.thermal {
+            for (field, met) in [
+                ("thermal.capacity_j_per_k", thermal.capacity_j_per_k),
+                ("thermal.resistance_k_per_w", thermal.resistance_k_per_w),
+            ] {
+                positive(field, met)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn validate_surface(&self, name: &str, surface: &Surface) -> Result<(), MapError> {
+        finite(
+            &format!("{name}.activation_j_per_mol"),
+            &[surface.activation_j_per_mol],
+        )?;
+        let rows = [("r_ohm", &surface.r_ohm), ("sigma_ohm", &surface.sigma_ohm)];
+        for (list, rows) in rows {
+            if list == "sigma_ohm" && rows.is_empty() {
+                continue;
+            }
+            let field = format!("{name}.{list}");
+            length(&field, self.temperature_degc.len(), rows.len())?;
+            for (j, row) in rows.iter().enumerate() {
+                let field = format!("{field}[{j}]");
+                length(&field, self.soc.len(), row.len())?;
+                let wrong = row.iter().find(|r| !(r.is_finite() && **r >= 0.0));
+                if let Some(met) = wrong {
+                    return Err(MapError::Value {
+                        field,
+                        expected: "ohms, zero or more",
+                        met: *met,
+                    });
+                }
+            }
+        }
+        if let Some(met) = (name == "series")
+            .then(|| surface.r_ohm.iter().flatten().find(|r| **r <= 0.0))
+            .flatten()
+        {
+            return Err(MapError::Value {
+                field: format!("{name}.r_ohm"),
+                expected: "ohms above zero",
+                met: *met,
+            });
+        }
+        Ok(())
+    }
+
+    /// Finds a SOC and a temperature, °C, on the map.
+    pub fn place(&self, soc: f64, temperature_degc: f64) -> Place {
+        let nodes = &self.temperature_degc;
+        let low = Neighbours::find(nodes, temperature_degc).low;
+        let high = (low + 1).min(nodes.len() - 1);
+        let (at, ends) = (
+            inverse_k(temperature_degc),
+            [inverse_k(nodes[low]), inverse_k(nodes[high])],
+        );
+        let weight = if high == low {
+            0.0
+        } else {
+            ((at - ends[0]) / (ends[1] - ends[0])).clamp(0.0, 1.0)
+        };
+        Place {
+            soc: Neighbours::find(&self.soc, soc),
+            temperature: Neighbours { low, weight },
+            exponents: ends.map(|end| (at - end) / GAS_J_PER_MOL_K),
+            outside: Outside {
+                soc: distance(&self.soc, soc),
+                temperature_k: distance(nodes, temperature_degc),
+            },
+        }
+    }
+
+    /// Returns the resistance of a surface at a place, Ω.
+    pub fn resistance_ohm(&self, surface: &Surface, at: &Place) -> f64 {
+        let temperatures = at.temperature.pairs(self.temperature_degc.len());
+        let mut sum = 0.0;
+        for ((j, weight), exponent) in temperatures.into_iter().zip(at.exponents) {
+            if weight == 0.0 {
+                continue;
+            }
+            let row = &surface.r_ohm[j];
+            let r_ohm: f64 = at
+                .soc
+                .pairs(self.soc.len())
+                .iter()
+                .map(|(k, share)| share * row[*k])
+                .sum();
+            sum += weight * r_ohm * (surface.activation_j_per_mol * exponent).exp();
+        }
+        sum
+    }
+
+    /// Returns what is added to the OCV curve at a place and a temperature, V.
+    pub fn ocv_correction_v(&self, at: &Place, temperature_degc: f64) -> f64 {
+        let warmer_k = temperature_degc - self.ocv_temperature_degc;
+        at.soc
+            .pairs(self.soc.len())
+            .iter()
+            .map(|(k, share)| share * (self.ocv_offset_v[*k] + warmer_k * self.ocv_v_per_k[*k]))
+            .sum()
+    }
+
+    /// Returns the weights of the nodes at a place in a surface with this activation energy, as
+    /// `(temperature, SOC, weight)`: [`Self::resistance_ohm`] is their sum over the resistances.
+    pub fn weights(&self, at: &Place, activation_j_per_mol: f64) -> [(usize, usize, f64); 4] {
+        let t = at.temperature.pairs(self.temperature_degc.len());
+        let z = at.soc.pairs(self.soc.len());
+        let factor = |side: usize| t[side].1 * (activation_j_per_mol * at.exponents[side]).exp();
+        let (cold, warm) = (factor(0), factor(1));
+        [
+            (t[0].0, z[0].0, cold * z[0].1),
+            (t[0].0, z[1].0, cold * z[1].1),
+            (t[1].0, z[0].0, warm * z[0].1),
+            (t[1].0, z[1].0, warm * z[1].1),
+        ]
+    }
+
+    /// Returns the weights of the SOC knots at a place.
+    pub fn soc_weights(&self, at: &Place) -> [(usize, f64); 2] {
+        at.soc.pairs(self.soc.len())
+    }
+
+    /// Returns the model at one SOC and temperature, for tasks that know one point only. A branch
+    /// without resistance there keeps 1 nΩ.
+    pub fn model_at(&self, soc: f64, temperature_degc: f64) -> Erm {
+        let at = self.place(soc, temperature_degc);
+        let branches = self.branches.iter().map(|branch| {
+            let r_ohm = self.resistance_ohm(&branch.resistance, &at).max(LEAST_OHM);
+            RcBranch {
+                r_ohm,
+                c_f: branch.tau_s / r_ohm,
+            }
+        });
+        Erm {
+            r_ohm: self.resistance_ohm(&self.series, &at),
+            branches: branches.collect(),
+        }
+    }
+}
+
+fn length(field: &str, expected: usize, met: usize) -> Result<(), MapError> {
+    if expected == met {
+        return Ok(());
+    }
+    let field = field.to_owned();
+    Err(MapError::Length {
+        field,
+        expected,
+        met,
+    })
+}
+
+fn finite(field: &str, list: &[f64]) -> Result<(), MapError> {
+    match list.iter().find(|value| !value.is_finite()) {
+        None => Ok(()),
+        Some(met) => Err(MapError::Value {
+            field: field.to_owned(),
+            expected: "finite numbers",
+            met: *met,
+        }),
+    }
+}
+
+fn positive(field: &str, met: f64) -> Result<(), MapError> {
+    if met.is_finite() && met > 0.0 {
+        return Ok(());
+    }
+    Err(MapError::Value {
+        field: field.to_owned(),
+        expected: "a number above zero",
+        met,
+    })
+}
+
+fn rising(
+    field: &str,
+    list: &[f64],
+    least: usize,
+    range: (f64, f64),
+    expected: &'static str,
+) -> Result<(), MapError> {
+    if list.len() < least {
+        return length(field, least, list.len());
+    }
+    let mut before = f64::NEG_INFINITY;
+    for (k, met) in list.iter().enumerate() {
+        if !(range.0..=range.1).contains(met) || *met <= before {
+            return Err(MapError::Value {
+                field: format!("{field}[{k}]"),
+                expected,
+                met: *met,
+            });
+        }
+        before = *met;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn surface(rows: &[[f64; 3]]) -> Surface {
+        Surface {
+            activation_j_per_mol: 30e3,
+            r_ohm: rows.iter().map(|row| row.to_vec()).collect(),
+            sigma_ohm: Vec::new(),
+        }
+    }
+
+    fn map() -> CellMap {
+        CellMap {
+            soc: vec![0.1, 0.5, 0.9],
+            temperature_degc: vec![0.0, 25.0],
+            series: surface(&[[0.04, 0.03, 0.032], [0.02, 0.015, 0.016]]),
+            branches: vec![MapBranch {
+                tau_s: 10.0,
+                resistance: surface(&[[0.02, 0.01, 0.0], [0.01, 0.005, 0.0]]),
+            }],
+            ocv_offset_v: vec![0.01, 0.0, -0.01],
+            ocv_v_per_k: vec![0.0, 1e-4, 2e-4],
+            ocv_temperature_degc: 25.0,
+            thermal: None,
+        }
+    }
+
+    #[test]
+    fn a_map_meets_its_nodes_and_is_linear_in_soc_between_them() {
+        let map = map();
+        map.validate().unwrap();
+        let series = |soc, degc| map.resistance_ohm(&map.series, &map.place(soc, degc));
+        for (j, degc) in [0.0, 25.0].into_iter().enumerate() {
+            for (k, soc) in [0.1, 0.5, 0.9].into_iter().enumerate() {
+                assert!((series(soc, degc) - map.series.r_ohm[j][k]).abs() < 1e-15);
+            }
+        }
+        assert!((series(0.3, 25.0) - 0.0175).abs() < 1e-15);
+    }
+
+    /// Expected values by hand: exp(30000/8.314462618·(1/263.15 − 1/273.15)) = 1.651878.
+    #[test]
+    fn beyond_the_nodes_a_resistance_follows_arrhenius_and_the_distance_is_stated() {
+        let map = map();
+        let at = map.place(0.05, -10.0);
+        assert!((map.resistance_ohm(&map.series, &at) / 0.04 - 1.651_878).abs() < 1e-5);
+        assert!((at.outside.soc - 0.05).abs() < 1e-12);
+        assert!((at.outside.temperature_k - 10.0).abs() < 1e-12);
+        let inside = map.place(0.4, 12.0);
+        assert_eq!(inside.outside, Outside::default());
+    }
+
+    #[test]
+    fn weights_are_the_resistance() {
+        let map = map();
+        for (soc, degc) in [(0.3, 12.0), (0.95, 30.0), (0.0, -20.0), (0.5, 25.0)] {
+            let at = map.place(soc, degc);
+            let sum: f64 = map
+                .weights(&at, 30e3)
+                .iter()
+                .map(|(j, k, w)| w * map.series.r_ohm[*j][*k])
+                .sum();
+            assert!((sum - map.resistance_ohm(&map.series, &at)).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn one_temperature_is_a_map_by_arrhenius_alone() {
+        let mut one = map();
+        one.temperature_degc = vec![25.0];
+        for s in [&mut one.series, &mut one.branches[0].resistance] {
+            s.r_ohm.remove(0);
+        }
+        one.validate().unwrap();
+        let r = |degc| one.resistance_ohm(&one.series, &one.place(0.5, degc));
+        assert!((r(25.0) - 0.015).abs() < 1e-15 && r(0.0) > 0.03 && r(40.0) < 0.01);
+    }
+
+    #[test]
+    fn the_correction_of_the_ocv_follows_soc_and_temperature() {
+        let map = map();
+        let at = map.place(0.7, 15.0);
+        assert!((map.ocv_correction_v(&at, 15.0) - (-0.005 - 10.0 * 1.5e-4)).abs() < 1e-15);
+    }
+
+    #[test]
+    fn what_is_no_map_is_refused_by_field() {
+        type Break = fn(&mut CellMap);
+        let cases: [(Break, &str); 9] = [
+            (|m| m.soc = vec![0.5], "soc: expected 2 values"),
+            (|m| m.soc[1] = 0.1, "soc[1]"),
+            (
+                |m| m.temperature_degc = vec![273.15, 298.15],
+                "temperature_degc[0]: expected temperatures from -60 to 120 °C that rise (not kelvin), met 273.15",
+            ),
+            (
+                |m| m.temperature_degc = vec![25.0, 25.0],
+                "temperature_degc[1]",
+            ),
+            (
+                |m| m.series.r_ohm[0][1] = -0.01,
+                "series.r_ohm[0]: expected ohms, zero or more",
+            ),
+            (
+                |m| m.series.r_ohm[0][1] = 0.0,
+                "series.r_ohm: expected ohms above zero",
+            ),
+            (
+                |m| m.branches[0].resistance.r_ohm[1].truncate(2),
+                "branches[0].resistance.r_ohm[1]: expected 3",
+            ),
+            (|m| m.branches[0].tau_s = 0.0, "branches[0].tau_s"),
+            (
+                |m| {
+                    m.thermal = Some(Thermal {
+                        capacity_j_per_k: 0.0,
+                        resistance_k_per_w: 1.0,
+                    })
+                },
+                "thermal.capacity_j_per_k",
+            ),
+        ];
+        for (damage, text) in cases {
+            let mut broken = map();
+            damage(&mut broken);
+            let message = broken.validate().unwrap_err().to_string();
+            assert!(message.contains(text), "{text}: {message}");
+        }
+    }
+}
