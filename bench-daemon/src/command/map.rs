@@ -70,7 +70,7 @@ pub struct MapArgs {
     /// voltage and the file's columns]
     #[arg(long, value_name = "DIRECTION")]
     pub positive: Option<CurrentSign>,
-    /// Name of the cell [default: that of the first log]
+    /// Name of the cell [default: that of the first log's file]
     #[arg(long, value_name = "NAME")]
     pub name: Option<String>,
     /// Write `map.json` (a model for `simulate` and `sop`), `map_logs.csv` and `map.svg`/`.png` into
@@ -105,10 +105,11 @@ pub fn map(args: &MapArgs) -> Result<(), Failure> {
         ..MapOptions::default()
     };
     let fit = fit_map(&logs, &curve, &options).map_err(|error| usage(&error))?;
+    let stem = args.logs[0].file_stem().unwrap_or_default();
     let name = args
         .name
         .clone()
-        .unwrap_or_else(|| logs[0].series.name.clone());
+        .unwrap_or_else(|| stem.to_string_lossy().into_owned());
     if let Some(folder) = &args.out {
         write(folder, &name, &curve, &fit)?;
     }
@@ -152,15 +153,10 @@ fn model(name: &str, curve: &OcvCurve, fit: &MapFit) -> GivenModel {
         .min_by(nearest)
         .copied()
         .unwrap_or(AMBIENT_DEGC);
-    let mut warnings = vec![format!(
-        "the model has a map; a task that knows one point only takes its values at a state of \
-        charge of 0.5 and {degc:.1} °C"
-    )];
-    warnings.extend(fit.notes.iter().cloned());
     PlainModel {
         ocv: Some(curve.clone()),
         map: Some(map.clone()),
-        warnings,
+        warnings: fit.notes.clone(),
         ..PlainModel::new(name, map.model_at(0.5, degc))
     }
     .into()

@@ -214,7 +214,9 @@ fn dc_resistance(args: &SizeArgs) -> Result<(f64, Vec<String>), Failure> {
     let dcir_ohm = model
         .dc_resistance_ohm()
         .ok_or_else(|| fail("with a DC resistance, met a circuit without one"))?;
-    Ok((dcir_ohm, model_args::notes(&model)))
+    let mut notes = model_args::notes(&model);
+    notes.extend(model.point_note());
+    Ok((dcir_ohm, notes))
 }
 
 fn print_text(input: &SizingInput, report: &SizeReport) {

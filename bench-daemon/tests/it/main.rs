@@ -42,6 +42,7 @@ mod investigate;
 mod kill;
 mod kk;
 mod lies;
+mod map;
 mod mock_process;
 mod multisine;
 mod observe;

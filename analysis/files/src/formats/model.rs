@@ -58,6 +58,15 @@ pub enum ModelExportError {
         /// Their titles.
         additions: String,
     },
+    /// A map.
+    #[error(
+        "model {name}: expected a model of one point, met a map over the state of charge and the \
+        temperature, which this format has no place for here"
+    )]
+    Map {
+        /// The model.
+        name: String,
+    },
     /// No open-circuit voltage.
     #[error(
         "model {name}: expected an open-circuit voltage over the state of charge, met none: give a \
@@ -81,6 +90,9 @@ impl CellModel {
         temperature_c: f64,
     ) -> Result<Self, ModelExportError> {
         let name = file.name.clone();
+        if file.map.is_some() {
+            return Err(ModelExportError::Map { name });
+        }
         if !file.additions.is_empty() {
             let additions = file
                 .additions

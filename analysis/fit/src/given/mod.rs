@@ -140,6 +140,15 @@ impl GivenModel {
         self
     }
 
+    /// Returns a note for tasks that know one point only; `None` for a model without a map.
+    pub fn point_note(&self) -> Option<String> {
+        self.map.as_ref().map(|_| {
+            "the model has a map over state of charge and temperature; this task takes its values \
+            at one point, the r_ohm and branches of the file"
+                .to_owned()
+        })
+    }
+
     /// Returns the resistance at zero frequency, Ω; `None` for a circuit whose resistance grows
     /// without limit.
     pub fn dc_resistance_ohm(&self) -> Option<f64> {

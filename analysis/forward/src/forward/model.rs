@@ -192,11 +192,19 @@ impl SimModel {
     }
 
     /// Returns the same model with the DC resistance alone, without transients (simple-IR model).
+    /// A map gives the resistance at this state of charge and the temperature of the surroundings.
     #[must_use]
-    pub fn simple_ir(&self) -> Self {
+    pub fn simple_ir(&self, soc: f64) -> Self {
+        let r_ohm = match &self.mapped {
+            None => self.erm.dc_resistance_ohm(),
+            Some(mapped) => {
+                let cell = mapped.map.model_at(soc, mapped.ambient_degc);
+                cell.dc_resistance_ohm() * self.pack.ratio() + self.pack.interconnect_ohm
+            }
+        };
         Self {
             erm: Erm {
-                r_ohm: self.erm.dc_resistance_ohm(),
+                r_ohm,
                 branches: Vec::new(),
             },
             laws: None,

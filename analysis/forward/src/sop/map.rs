@@ -104,7 +104,7 @@ fn simple_ir(
     let cell_v = model.ocv_v(soc).0 / f64::from(model.pack.series);
     let ir = SimModel {
         ocv: OcvSource::Constant(cell_v),
-        ..model.simple_ir()
+        ..model.simple_ir(soc)
     };
     most_power(&ir, &ir.rest(soc)?, duration_s, options)
 }

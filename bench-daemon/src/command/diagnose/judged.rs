@@ -111,6 +111,11 @@ impl Judged {
         }
         let curve = curve
             .ok_or_else(|| fail("expected an OCV curve in it, found none; give one with --ocv"))?;
+        if file.map.is_some() {
+            return Err(fail(
+                "expected a model of one point, found a map over state of charge and temperature",
+            ));
+        }
         if !file.additions.is_empty() {
             return Err(fail(
                 "expected a model without additions: the diagnosis starts from the extended \

@@ -49,7 +49,7 @@ impl Case {
         dcir_ohm: Option<f64>,
     ) -> Result<Self, ForwardError> {
         let full = simulate(model, state, &profile, &options)?;
-        let mut bare = model.simple_ir();
+        let mut bare = model.simple_ir(state.soc);
         if let Some(dcir_ohm) = dcir_ohm {
             let cell = Erm {
                 r_ohm: dcir_ohm,
@@ -57,11 +57,9 @@ impl Case {
             };
             bare = SimModel::pack(&cell, model.ocv.clone(), model.pack)?;
         }
-        let dcir_ohm = dcir_ohm.unwrap_or_else(|| match file.additions.is_empty() {
-            true => file.erm.dc_resistance_ohm(),
-            false => {
-                (model.erm.dc_resistance_ohm() - model.pack.interconnect_ohm) / model.pack.ratio()
-            }
+        let dcir_ohm = dcir_ohm.unwrap_or_else(|| match (file.additions.is_empty(), &file.map) {
+            (true, None) => file.erm.dc_resistance_ohm(),
+            _ => (bare.erm.r_ohm - model.pack.interconnect_ohm) / model.pack.ratio(),
         });
         let rest = SimState {
             soc: state.soc,

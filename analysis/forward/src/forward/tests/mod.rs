@@ -5,6 +5,7 @@ mod additions;
 mod batch;
 mod exactness;
 mod law;
+mod mapped;
 mod profile;
 mod sensitivity;
 

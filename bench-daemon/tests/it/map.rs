@@ -1,0 +1,153 @@
+//! `eis-bench map`, and the commands that take its model.
+
+use std::{fs, path::Path};
+
+use serde_json::Value;
+
+use crate::support::{eis_bench, json};
+
+fn cells(name: &str) -> String {
+    format!("{}/../fixtures/data/cells/{name}", env!("CARGO_MANIFEST_DIR"))
+}
+
+fn shared(name: &str) -> String {
+    format!(
+        "{}/../../shared/data/cells/panasonic_18650pf_{name}",
+        env!("CARGO_MANIFEST_DIR")
+    )
+}
+
+/// Runs `map` on the pulses of both temperatures, with more words.
+fn map(out: &Path, more: &[&str]) -> (i32, String, String) {
+    let (warm, cold, ocv) = (
+        cells("panasonic_18650pf_25C/pulses.bdf.csv"),
+        cells("panasonic_18650pf_10C/pulses.bdf.csv"),
+        cells("panasonic_18650pf_25C/ocv.json"),
+    );
+    let out = out.to_str().unwrap();
+    let words = ["map", &warm, &cold, "--ocv", &ocv, "--out", out];
+    eis_bench(&[&words[..], more].concat())
+}
+
+#[test]
+fn pulses_of_two_temperatures_become_a_model_that_sop_and_simulate_follow() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("map");
+    let (code, text, error) = map(&out, &["--name", "NCR18650PF"]);
+    assert_eq!(code, 0, "{error}");
+    assert!(text.starts_with("error on fitted logs (none was held out):"), "{text}");
+    let model = out.join("map.json");
+    let written = json(&model);
+    assert_eq!(written["name"], "NCR18650PF");
+    assert_eq!(written["map"]["temperature_degc"].as_array().unwrap().len(), 2);
+    let table = fs::read_to_string(out.join("map_logs.csv")).unwrap();
+    assert_eq!(table.lines().count(), 3, "{table}");
+    assert!(out.join("map.svg").is_file() && out.join("map.png").is_file());
+    let sop = |degc: &str| -> f64 {
+        let model = model.to_str().unwrap();
+        let words = ["sop", "--model", model, "--soc", "0.5", "--duration-s", "10", "--json"];
+        let (code, text, error) = eis_bench(&[&words[..], &["--ambient-degc", degc]].concat());
+        assert_eq!(code, 0, "{error}");
+        let report: Value = serde_json::from_str(&text).unwrap();
+        report["map"][0]["discharge_w"].as_f64().unwrap()
+    };
+    // The resistances of both nodes differ by 1.4 to 1.5.
+    let (cold, warm) = (sop("11"), sop("25.9"));
+    assert!(warm > 1.3 * cold && warm < 1.7 * cold, "{cold} {warm}");
+    let profile = folder.path().join("load.csv");
+    fs::write(&profile, "time_s,power_w\n0,20\n30,5\n60,5\n").unwrap();
+    let words = ["--soc", "0.5", "--ambient-degc", "-20", "--json", "--out"];
+    let simulated = folder.path().join("simulated");
+    let call = ["simulate", "--model", model.to_str().unwrap(), "--profile"];
+    let end = [profile.to_str().unwrap()];
+    let (code, text, error) =
+        eis_bench(&[&call[..], &end, &words, &[simulated.to_str().unwrap()]].concat());
+    assert_eq!(code, 0, "{error}");
+    let report: Value = serde_json::from_str(&text).unwrap();
+    let outside = report["outside_map"]["temperature_k"].as_f64().unwrap();
+    assert!((outside - 31.0).abs() < 0.5, "{outside}");
+    let notes = report["notes"].to_string();
+    assert!(notes.contains("leaves the range in which the map was measured"), "{notes}");
+}
+
+#[test]
+fn a_task_of_one_point_says_so_or_refuses_a_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("map");
+    assert_eq!(map(&out, &[]).0, 0);
+    let model = out.join("map.json");
+    let model = model.to_str().unwrap();
+    let to = folder.path().join("export");
+    let (code, _, error) =
+        eis_bench(&["convert", model, "--to", "c-header", "--out", to.to_str().unwrap()]);
+    assert!(code != 0 && error.contains("expected a model of one point, met a map"), "{error}");
+    let set = format!("{}/../configs/datasets/panasonic_50soc", env!("CARGO_MANIFEST_DIR"));
+    let (code, _, error) = eis_bench(&["diagnose", &set, "--model", model]);
+    assert!(code != 0 && error.contains("expected a model of one point"), "{error}");
+    let (code, _, error) =
+        eis_bench(&["sop", "--model", model, "--ocv-v", "3.7", "--duration-s", "1"]);
+    assert!(code != 0 && error.contains("state of charge for a model with a map"), "{error}");
+}
+
+#[test]
+fn bad_input_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("map");
+    let (code, _, error) = map(&out, &["--soc-start", "1.2"]);
+    assert!(code != 0 && error.contains("--soc-start: expected a fraction from 0 to 1"), "{error}");
+    let (code, _, error) = map(&out, &["--time-constants-s", "10,5"]);
+    assert!(code != 0 && error.contains("seconds above zero that rise"), "{error}");
+    let log = folder.path().join("log.bdf.csv");
+    fs::write(
+        &log,
+        "Test Time / s,Current / A,Voltage / V\n0,0,3.7\n1,-1,3.6\n2,-1,3.6\n3,0,3.69\n",
+    )
+    .unwrap();
+    let ocv = cells("panasonic_18650pf_25C/ocv.json");
+    let (code, _, error) = eis_bench(&["map", log.to_str().unwrap(), "--ocv", &ocv]);
+    assert!(
+        code != 0 && error.contains("log.bdf.csv: expected a column of temperatures"),
+        "{error}"
+    );
+    assert!(!out.exists());
+}
+
+/// Full drive cycles of a Panasonic 18650PF (Kollmeyer, Mendeley Data 10.17632/wykht8y7tg).
+#[test]
+fn drive_cycles_at_three_temperatures_predict_another_cycle() {
+    if !Path::new(&shared("25C")).is_dir() {
+        eprintln!("skipped: no measured data in {}", shared("25C"));
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let text = |path: std::path::PathBuf| path.to_str().unwrap().to_owned();
+    let curve = text(folder.path().join("ocv"));
+    let slow = shared("25C/c20_ocv.bdf.csv");
+    let (code, _, error) = eis_bench(&["ocv", &slow, "--dcir-ohm", "0.04", "--out", &curve]);
+    assert_eq!(code, 0, "{error}");
+    let cycles = ["25C", "10C", "m10C"].map(|t| shared(&format!("{t}/cycle_1.parquet")));
+    let held_out = ["25C", "10C"].map(|t| shared(&format!("{t}/us06.parquet")));
+    let ocv = format!("{curve}/ocv.json");
+    let mut words = vec!["map"];
+    words.extend(cycles.iter().map(String::as_str));
+    for log in &held_out {
+        words.extend(["--held-out", log]);
+    }
+    words.extend(["--ocv", &ocv, "--soc-start", "1", "--json"]);
+    let (code, text, error) = eis_bench(&words);
+    assert_eq!(code, 0, "{error}");
+    let fit: Value = serde_json::from_str(&text).unwrap();
+    let rms_mv: Vec<f64> = fit["logs"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|log| 1e3 * log["rms_v"].as_f64().unwrap())
+        .collect();
+    // As measured once: 9.0, 7.3, 14.8; 15.7, 15.6 mV. A model of three branches per temperature
+    // without Arrhenius' law has 25 and 23 mV on the last two.
+    assert!(rms_mv[..3].iter().all(|rms| *rms < 16.0), "{rms_mv:?}");
+    assert!(rms_mv[3..].iter().all(|rms| *rms < 17.0), "{rms_mv:?}");
+    let series = &fit["map"]["series"]["r_ohm"];
+    let at_half = |node: usize| series[node][6].as_f64().unwrap();
+    assert!(at_half(0) > 1.8 * at_half(1) && at_half(1) > 1.1 * at_half(2), "{series}");
+}
