@@ -1,13 +1,13 @@
-//! The files of a run: their columns with unit and meaning, in one place, and how they are written
-//! and read.
+//! Reads and writes the files of a run, and defines their columns with unit and meaning in one
+//! place.
 //!
-//! Captures are Parquet: the ADC codes as they came, and the scaling as metadata of the file, so
-//! that nothing is lost. Spectra and time series are CSV, which grows by a row as the run goes, and
-//! Parquet. Whole files appear atomically (written beside, synced, renamed), equal input gives
-//! equal bytes, and numbers come back to the last bit. A row torn off by a crash is not there:
-//! readers leave it out and the next append removes it.
+//! Captures are Parquet: the raw ADC codes, and the scaling as metadata of the file, so that
+//! nothing is lost. Spectra and time series are CSV, which grows by one row at a time during the
+//! run, and Parquet. Whole files appear atomically (written to a temporary file, synced, renamed),
+//! equal input gives equal bytes, and numbers round-trip exactly. Readers ignore a row that a crash
+//! truncated, and the next append removes it.
 //!
-//! Knows no run folder and no file name; foreign formats are in [`crate::formats`].
+//! Does not depend on run folders and file names; [`crate::formats`] reads foreign formats.
 
 mod capture;
 mod columns;
@@ -48,7 +48,7 @@ pub struct LegRow {
     pub current_a: f64,
     /// Voltage at the load's sense terminals, V.
     pub voltage_v: f64,
-    /// Temperature of the cell's surface, °C; not a number if not measured.
+    /// Temperature of the cell's surface, °C; NaN if not measured.
     pub temperature_c: f64,
     /// Charge that has flowed into the cell since the start of the first leg, C.
     pub charge_c: f64,
@@ -63,12 +63,12 @@ pub struct TraceRow {
     pub current_a: f64,
     /// Voltage of the cell, V.
     pub voltage_v: f64,
-    /// Temperature of the cell's surface, °C; not a number if not measured.
+    /// Temperature of the cell's surface, °C; NaN if not measured.
     pub temperature_c: f64,
-    /// Samples that current and voltage are the mean of.
+    /// Number of samples in the mean of current and voltage.
     pub samples: f64,
-    /// Start and end of that mean, s; not numbers if unknown. The last row before a step stands
-    /// nearer to the step than its mean.
+    /// Start and end of that mean, s; NaN if unknown. The last row before a step is closer to the
+    /// step than the centre of its mean.
     pub averaged_s: (f64, f64),
 }
 
@@ -77,11 +77,11 @@ pub struct TraceRow {
 pub struct SeriesRow {
     /// Bench time, s.
     pub time_s: f64,
-    /// Voltage of the cell, V; not a number if not measured.
+    /// Voltage of the cell, V; NaN if not measured.
     pub voltage_v: f64,
-    /// Current into the cell, charge positive, A; not a number if not measured.
+    /// Current into the cell, charge positive, A; NaN if not measured.
     pub current_a: f64,
-    /// Temperature of the cell's surface, °C; not a number if not measured.
+    /// Temperature of the cell's surface, °C; NaN if not measured.
     pub temperature_c: f64,
 }
 
@@ -150,7 +150,7 @@ impl rows::Row for SeriesRow {
 
 impl rows::Row for TraceRow {
     const COLUMNS: &'static [ColumnSpec] = TRACE_COLUMNS;
-    // Earlier runs do not tell the windows.
+    // Earlier runs do not store the windows.
     const NEEDED: usize = 5;
 
     fn values(&self) -> Vec<f64> {
@@ -250,8 +250,8 @@ pub fn read_trace_csv(path: &Path) -> Result<Vec<TraceRow>, DatasetError> {
 
 /// Writes a spectrum as CSV, [`SPECTRUM_COLUMNS`].
 ///
-/// The variances are stored as standard deviations and come back to within their rounding; all else
-/// comes back to the last bit, and a file read and written again is the same.
+/// The variances are stored as standard deviations and round-trip to within rounding; all other
+/// numbers round-trip exactly. Reading a file and writing it again gives the same bytes.
 ///
 /// # Errors
 /// [`DatasetError::Io`].
@@ -261,9 +261,9 @@ pub fn write_spectrum_csv(path: &Path, points: &[ImpedancePoint]) -> Result<(), 
 
 /// Writes a spectrum as CSV with the errors that its points share: behind [`SPECTRUM_COLUMNS`] two
 /// columns per error, `shared_re_ohm[NAME]` and `shared_im_ohm[NAME]`, the deviation of the point
-/// by one standard deviation of the error, Ω. The standard deviations of the points hold them.
-/// `flags` follow as [`write_flagged_spectrum_csv`] has them, where a point was refused; none are
-/// given for a spectrum without a gate.
+/// by one standard deviation of the error, Ω. The standard deviations of the points include them.
+/// If a point was refused, `flags` follow as in [`write_flagged_spectrum_csv`]; a spectrum without
+/// a gate has none.
 ///
 /// # Errors
 /// [`DatasetError::Io`].
@@ -282,7 +282,7 @@ pub fn write_whole_spectrum_csv(
     rows::write_csv_with(path, &spectrum.points, &header, &rows)
 }
 
-/// Whether any point was refused.
+/// Returns whether any point was refused.
 fn is_flagged(flags: &[String]) -> bool {
     flags.iter().any(|flag| !flag.is_empty())
 }
@@ -306,8 +306,8 @@ pub fn write_flagged_spectrum_csv(
     rows::write_csv_with(path, points, FLAGS, &rows)
 }
 
-/// Appends one point to a spectrum in CSV, or starts the file; it is on disk when this returns. A
-/// torn last line is removed first.
+/// Appends one point to a spectrum in CSV, or creates the file; syncs it to disk before returning.
+/// Removes a truncated last line first.
 ///
 /// # Errors
 /// [`DatasetError::Io`]; [`DatasetError::Header`] if the file is something else.
@@ -315,7 +315,7 @@ pub fn append_spectrum_csv(path: &Path, point: &ImpedancePoint) -> Result<(), Da
     rows::append_csv(path, point)
 }
 
-/// Reads a spectrum from CSV. A last line without its end is a torn one and left out.
+/// Reads a spectrum from CSV. Ignores a last line without a line end, which a crash truncated.
 ///
 /// # Errors
 /// [`DatasetError::Io`], [`DatasetError::Header`], [`DatasetError::Field`].
@@ -332,7 +332,7 @@ pub fn write_spectrum_parquet(path: &Path, points: &[ImpedancePoint]) -> Result<
 }
 
 /// Writes a spectrum as Parquet with a column `flags` behind [`SPECTRUM_COLUMNS`], as
-/// [`write_flagged_spectrum_csv`]; without it where no point was refused.
+/// [`write_flagged_spectrum_csv`]; without it if no point was refused.
 ///
 /// # Errors
 /// [`DatasetError::Io`], [`DatasetError::Parquet`].

@@ -1,5 +1,5 @@
-//! The names of the files of a run folder, their columns and the versions of their schemas. No
-//! other module spells them.
+//! Names of the files of a run folder, their columns and the versions of their schemas. All other
+//! modules take them from here.
 //!
 //! The tables of numbers have their columns in [`crate::dataset`], which reads and writes them.
 
@@ -26,11 +26,11 @@ pub use readings::{READING_COLUMNS, ReadingRow};
 pub const JOURNAL: &str = "journal.jsonl";
 /// Where a torn last line of the journal is kept.
 pub const TORN_JOURNAL: &str = "journal.torn";
-/// Version, hashes, seed, and who answered.
+/// Version, hashes, seed, and the instruments that answered.
 pub const MANIFEST: &str = "manifest.json";
 /// Events of the run, [`EVENT_COLUMNS`].
 pub const EVENTS: &str = "events.csv";
-/// Readings of the instruments as they came, [`READING_COLUMNS`].
+/// Raw readings of the instruments, [`READING_COLUMNS`].
 pub const READINGS: &str = "readings.csv";
 /// The same at the end of the run, with all digits.
 pub const READINGS_PARQUET: &str = "readings.parquet";
@@ -40,9 +40,9 @@ pub const BATH: &str = "bath.csv";
 pub const ENVELOPE: &str = "envelope.csv";
 /// The log.
 pub const LOG: &str = "log.txt";
-/// Run control request of a person for a run that is going on.
+/// Run control request of a person for a run in progress.
 pub const RUN_CONTROL: &str = "wishes.json";
-/// Answer of a person to a question of a run that is going on.
+/// Answer of a person to a question of a run in progress.
 pub const ANSWER: &str = "answer.json";
 /// Which sweeps and traces there are ([`crate::dataset::RunIndex`]).
 pub const INDEX: &str = "traces.json";
@@ -56,9 +56,9 @@ pub const REPORT: &str = "report.html";
 pub const DIAGNOSIS: &str = "diagnosis.json";
 /// The correction by the controls.
 pub const CORRECTION: &str = "correction.json";
-/// How the controls came out.
+/// Results of the controls.
 pub const CONTROLS: &str = "controls.json";
-/// The faults that were played on simulated instruments.
+/// The faults that were injected into simulated instruments.
 pub const FAULTS: &str = "faults.json";
 /// The first spectrum of the cell, corrected.
 pub const SPECTRUM: &str = "spectrum.csv";
@@ -78,9 +78,9 @@ pub const OCV: &str = "ocv.csv";
 pub const OCV_CURVE: &str = "ocv.json";
 /// How the open-circuit voltage was found.
 pub const OCV_FOUND: &str = "ocv_found.json";
-/// The readings of the way down.
+/// The readings of the discharge.
 pub const OCV_DISCHARGE: &str = "ocv_discharge.bdf.csv";
-/// The readings of the way up.
+/// The readings of the charge.
 pub const OCV_CHARGE: &str = "ocv_charge.bdf.csv";
 /// The one model of a command that fits one order.
 pub const MODEL: &str = "model.json";
@@ -100,7 +100,7 @@ pub const SHARED: &str = "shared";
 
 /// Frame of the zeros among the captures of a trace.
 pub const ZERO_FRAME: &str = "zero";
-/// How names of files and folders begin that were recorded beside the sweeps.
+/// Prefix of the names of files and folders that were recorded beside the sweeps.
 pub const RECORDED: [&str; 3] = ["series_", "ocv_", CAPTURES];
 
 /// Columns of the lines of a multisine.
@@ -115,12 +115,12 @@ pub const SPREAD_COLUMNS: &str = "freq_hz,spectra,mean_re_ohm,mean_im_ohm,cells_
 /// Name of the schema of [`CAMPAIGN`].
 pub const CAMPAIGN_SCHEMA: &str = "eis-bench/campaign";
 
-/// Unix time at bench time 0, s, as [`MANIFEST`] tells it; none in virtual time.
+/// Unix time at bench time 0, s, from [`MANIFEST`]; absent in virtual time.
 pub fn started_unix_s(folder: &Path) -> Option<f64> {
     manifest(folder)?.get("started_unix_s")?.as_f64()
 }
 
-/// The instruments of a run as [`MANIFEST`] tells them: what each said of itself, by role.
+/// The instruments of a run from [`MANIFEST`]: the identification of each, by role.
 pub fn instruments(folder: &Path) -> Option<serde_json::Value> {
     manifest(folder)?.get("instruments").cloned()
 }
@@ -130,7 +130,7 @@ fn manifest(folder: &Path) -> Option<serde_json::Value> {
     serde_json::from_str(&text).ok()
 }
 
-/// The model with so many RC pairs.
+/// Returns the file name of the model with this number of RC pairs.
 pub fn model(rc: usize) -> String {
     format!("model_{rc}rc.json")
 }
@@ -207,7 +207,7 @@ pub enum Multisine {
     Raw,
     /// Noise and distortion at the lines, [`LINE_COLUMNS`].
     Lines,
-    /// All that is told of it.
+    /// The full result as JSON.
     Whole,
 }
 
@@ -269,7 +269,7 @@ pub fn band_capture(band: usize, attempt: usize) -> String {
     format!("band{band}{}", again(attempt))
 }
 
-/// Ending of a name from the second attempt on.
+/// Suffix of a name from the second attempt on.
 fn again(attempt: usize) -> String {
     match attempt {
         0 => String::new(),

@@ -1,11 +1,11 @@
-//! Tables that a person writes: a header in the first line, and fields as other tables have them
-//! (`formats::text`): between commas, semicolons or tabulators, with or without quotes.
+//! Tables that a person writes: a header in the first line, and fields as in other tables
+//! (`formats::text`), separated by commas, semicolons or tabs, with or without quotes.
 
 use std::path::{Path, PathBuf};
 
 use crate::formats::text;
 
-/// A table as it stands in its file.
+/// A table with the places of its fields in the file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Table {
     /// Number of the header's line in the file, from 1.
@@ -25,12 +25,12 @@ pub struct Row {
     separator: char,
 }
 
-/// What a line that begins with `#` is.
+/// Meaning of a line that begins with `#`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Hash {
-    /// A comment, passed over.
+    /// A comment, which is skipped.
     Comment,
-    /// A row like any other: its first field may be a name such as `#12`.
+    /// A normal row: its first field may be a name such as `#12`.
     Row,
 }
 
@@ -43,10 +43,10 @@ pub struct TableError {
 }
 
 impl Table {
-    /// Reads a file; blank lines are passed over.
+    /// Reads a file; blank lines are skipped.
     ///
     /// # Errors
-    /// A file that cannot be read or is no text.
+    /// Returns an error if the file cannot be read or is not text.
     pub fn read(path: &Path, hash: Hash) -> Result<Self, TableError> {
         let text = std::fs::read_to_string(path).map_err(|source| TableError {
             path: path.to_path_buf(),
@@ -73,26 +73,27 @@ impl Table {
         }
     }
 
-    /// Place of a column, from 0.
+    /// Returns the index of a column, from 0.
     pub fn column(&self, name: &str) -> Option<usize> {
         self.columns.iter().position(|column| column == name)
     }
 }
 
 impl Row {
-    /// Number of its fields.
+    /// Returns the number of its fields.
     pub fn width(&self) -> usize {
         text::fields(&self.text, self.separator).count()
     }
 
-    /// Text of a field; empty where the row ends before it.
+    /// Returns the text of a field; empty if the row ends before it.
     pub fn field(&self, column: usize) -> &str {
         text::fields(&self.text, self.separator)
             .nth(column)
             .unwrap_or("")
     }
 
-    /// Number in a field, with a decimal comma where fields are not separated by commas.
+    /// Parses the number in a field. Accepts a decimal comma if the fields are not separated by
+    /// commas.
     pub fn number(&self, column: usize) -> Option<f64> {
         text::number(self.field(column), self.separator)
     }

@@ -1,10 +1,11 @@
 //! Thins out records of direct currents with a few steps: finds the steps, and averages the four
 //! channels over windows that are short after a step and long later.
 //!
-//! A step is where the cumulative sum of C2 − C1 (the voltage over the current shunt) less its mean
-//! is farthest from zero within a window around the command: the least-squares place of one step in
-//! noise. Two rows enclose it as closely as the samples allow, so that a current that runs straight
-//! between rows steps where it did. No row mixes what was before a step with what came after.
+//! A step is placed where the cumulative sum of C2 − C1 (the voltage over the current shunt) minus
+//! its mean is farthest from zero within a window around the command: the least-squares place of
+//! one step in noise. Two rows enclose it as closely as the samples allow, so that a current
+//! interpolated linearly between rows steps at the right place. No row averages samples from both
+//! sides of a step.
 
 use crate::dataset::Capture;
 
@@ -50,13 +51,13 @@ pub struct Mean {
     pub averaged_s: (f64, f64),
 }
 
-/// Samples before a step that one row is the mean of, at most.
+/// Maximum number of samples before a step that one row averages.
 const BEFORE: usize = 100;
 /// Part of a step by which a sample may lie beyond both of its levels.
 const BEYOND: f64 = 0.5;
 
-/// Thins a frame out; `windows` tell where steps were commanded, in order and apart from each
-/// other.
+/// Thins out a frame; `windows` give the places of the commanded steps, in order and without
+/// overlap.
 ///
 /// # Examples
 /// ```
@@ -141,9 +142,9 @@ struct Frame<'a> {
 /// Two channels whose difference counts.
 #[derive(Clone, Copy)]
 struct Pair {
-    /// Index of the one that is taken off.
+    /// Index of the subtracted channel.
     low: usize,
-    /// Index of the other one.
+    /// Index of the channel that it is subtracted from.
     high: usize,
 }
 
@@ -152,7 +153,7 @@ const SHUNT: Pair = Pair { low: 0, high: 1 };
 /// Across the jig.
 const JIG: Pair = Pair { low: 2, high: 3 };
 
-/// Where steps part a level of the current from its neighbours.
+/// Position of a level of the current relative to steps.
 #[derive(Clone, Copy)]
 struct Steps {
     /// The level comes after a step.
@@ -172,7 +173,8 @@ impl Frame<'_> {
         volts(pair.high) - volts(pair.low)
     }
 
-    /// The first sample after the step in a window; none where the window holds no three samples.
+    /// Returns the first sample after the step in a window; `None` if the window has fewer than
+    /// three samples.
     fn step(&self, (from_s, to_s): &Window, count: usize) -> Option<usize> {
         let index = |time_s: f64| ((time_s / self.interval_s).max(0.0).round() as usize).min(count);
         let range = index(*from_s)..index(*to_s);
@@ -188,8 +190,8 @@ impl Frame<'_> {
         far.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| k)
     }
 
-    /// Where a step at once would move the same charge as the one that is first seen in sample
-    /// `step`, in samples: a current that takes some time to settle comes that much later.
+    /// Returns the position, in samples, of an ideal step that moves the same charge as the step
+    /// first seen in sample `step`: a current that takes time to settle is later by that much.
     fn centre(&self, step: usize, settle: usize) -> f64 {
         let sharp = step as f64 - 0.5;
         let mean = |range: std::ops::Range<usize>| {
@@ -394,7 +396,8 @@ mod tests {
         }
         let times: Vec<f64> = thinned.means.iter().map(|mean| mean.time_s).collect();
         assert!(times.is_sorted_by(|a, b| a < b), "{times:?}");
-        // Two rows enclose a step by three samples, and the last row before it is no single sample.
+        // Two rows enclose a step within three samples, and the last row before it averages several
+        // samples.
         let before = times.partition_point(|time_s| *time_s < 7.0025) - 1;
         assert!(
             times[before + 1] - times[before] < 3.5 * INTERVAL_S,
@@ -414,8 +417,8 @@ mod tests {
         }
     }
 
-    /// Two channels read a microsecond apart: a sample in the very step shows a current that never
-    /// flowed, and the step is not where it is not.
+    /// Two channels are read a microsecond apart: a sample within the step shows a current that
+    /// never flowed, and must not move the step.
     #[test]
     fn a_sample_taken_in_the_step_does_not_move_it() {
         const STEP: usize = 5_000;

@@ -299,7 +299,7 @@ fn several_sweeps_of_a_file_are_told_and_never_made_one() {
     }
     fs::write(&file, text).unwrap();
     let file = file.display().to_string();
-    let told = "three.mpt: 3 spectra, told apart where the frequency starts again (line 33 and 1 \
+    let told = "three.mpt: 3 spectra, separated where the frequency starts again (line 33 and 1 \
     more): \
                 three.mpt#loop1 (29 points), three.mpt#loop2 (29 points), three.mpt#loop3 (29 \
                 points)";

@@ -11,11 +11,11 @@ use crate::dataset::write_atomically;
 /// Values of a column.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Cells {
-    /// Numbers; none where one is not known.
+    /// Numbers; `None` where one is unknown.
     Numbers(Vec<Option<f64>>),
     /// Whole numbers.
     Counts(Vec<u32>),
-    /// Texts; none where one is not known.
+    /// Texts; `None` where one is unknown.
     Texts(Vec<Option<String>>),
 }
 
@@ -60,7 +60,7 @@ impl TableColumn {
     }
 }
 
-/// The text of a CSV of columns, which must have the same length.
+/// Returns the CSV of columns, which must have the same length.
 ///
 /// # Errors
 /// [`BatchError`]: columns of different lengths.
@@ -80,8 +80,8 @@ pub fn write_table(path: &Path, columns: &[TableColumn]) -> Result<(), BatchErro
     Ok(write_atomically(path, &bytes)?)
 }
 
-/// A table for other programs, as bytes of Parquet, with remarks on the whole of it by their keys.
-/// Whole numbers get a sign: not every reader knows those without.
+/// Encodes a table for other programs as Parquet, with metadata of the whole table by key. Integers
+/// become signed, because not every reader supports unsigned ones.
 ///
 /// # Errors
 /// [`BatchError`]: columns of different lengths.

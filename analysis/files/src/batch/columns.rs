@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-/// Column that tells spectra apart.
+/// Column that identifies the spectrum of a row.
 pub(super) const ID: &str = "spectrum_id";
 /// Columns that every table has.
 pub(super) const NEEDED: [&str; 3] = ["freq_hz", "z_re_ohm", "z_im_ohm"];
@@ -27,11 +27,11 @@ pub(super) fn names() -> impl Iterator<Item = &'static str> {
 pub(super) struct Rows {
     /// Line or row of the first, from 1.
     pub(super) first: usize,
-    /// Their spectra; empty where the table has no such column.
+    /// Their spectra; empty if the table has no such column.
     pub(super) ids: Vec<String>,
-    /// One list for each of [`names`], empty where the table has no such column.
+    /// One list for each of [`names`]; empty if the table has no such column.
     pub(super) numbers: [Vec<f64>; NUMBERS],
-    /// Places in the lists whose row cannot be used, and why.
+    /// Indices of the rows that cannot be used, with the reasons.
     pub(super) refused: BTreeMap<usize, String>,
 }
 
@@ -41,13 +41,13 @@ impl Rows {
         self.numbers[0].len()
     }
 
-    /// The number of a column in a row; none where the table has no such column.
+    /// Returns the number of a column in a row; `None` if the table has no such column.
     pub(super) fn number(&self, column: usize, row: usize) -> Option<f64> {
         self.numbers[column].get(row).copied()
     }
 }
 
-/// Place of a row in words.
+/// Formats the place of a row for messages.
 pub(super) fn place(kind: &str, number: usize) -> String {
     format!("{kind} {number}")
 }

@@ -64,17 +64,17 @@ impl CsvRows {
         Ok(rows)
     }
 
-    /// Whether a column tells spectra apart.
+    /// Whether a column identifies the spectrum of a row.
     pub(super) fn has_ids(&self) -> bool {
         self.id.is_some()
     }
 
-    /// Share of the file that is read.
+    /// Returns the share of the file that has been read.
     pub(super) fn share(&self) -> f64 {
         self.bytes.0 as f64 / self.bytes.1.max(1) as f64
     }
 
-    /// The next rows; none at the end.
+    /// Returns the next rows; `None` at the end.
     pub(super) fn next(&mut self) -> Result<Option<Rows>, BatchError> {
         let mut rows = Rows::default();
         while rows.len() < BLOCK {

@@ -1,4 +1,4 @@
-//! Reasons why a table of spectra or of results was refused.
+//! Errors of reading and writing tables of spectra and results.
 
 use std::path::PathBuf;
 
@@ -6,7 +6,7 @@ use polars::prelude::PolarsError;
 
 use crate::dataset::DatasetError;
 
-/// Reason why a table was refused.
+/// Error of reading or writing a table.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BatchError {
@@ -21,7 +21,7 @@ pub enum BatchError {
         #[source]
         source: std::io::Error,
     },
-    /// The Parquet half refused.
+    /// The Parquet file could not be decoded or encoded.
     #[error("{}: expected to {action}: {source}", path.display())]
     Parquet {
         /// The file.
@@ -44,7 +44,7 @@ pub enum BatchError {
         /// Columns or type met.
         met: String,
     },
-    /// A row that cannot be given to a spectrum.
+    /// A row that cannot be assigned to a spectrum.
     #[error("{}, {place}: expected {expected}, met {met}", path.display())]
     Row {
         /// The file.
@@ -56,7 +56,7 @@ pub enum BatchError {
         /// Value found.
         met: String,
     },
-    /// Results of another call stand in the place of these.
+    /// The path holds results of another call.
     #[error("{}: expected nothing or the unfinished results of the same call, met {met}", path.display())]
     Taken {
         /// The file or folder.
@@ -64,7 +64,7 @@ pub enum BatchError {
         /// Content met, in words.
         met: String,
     },
-    /// A part could not be written whole.
+    /// A part could not be written completely.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
 }

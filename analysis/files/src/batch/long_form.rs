@@ -17,7 +17,7 @@ use super::parquet::ParquetRows;
 /// First bytes of a Parquet file.
 const PARQUET: &[u8] = b"PAR1";
 
-/// Whether a file begins as Parquet does.
+/// Returns whether a file begins like a Parquet file.
 pub(super) fn is_parquet(path: &Path) -> bool {
     let mut first = [0; 4];
     File::open(path)
@@ -25,10 +25,10 @@ pub(super) fn is_parquet(path: &Path) -> bool {
         .is_ok_and(|()| first == PARQUET)
 }
 
-/// A spectrum of a table, or the reason why it is none.
+/// A spectrum of a table, or the reason why it cannot be used.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TableSpectrum {
-    /// Value of `spectrum_id`; the name of the file where the table has none.
+    /// Value of `spectrum_id`, or the name of the file if the table has no such column.
     pub spectrum_id: String,
     /// The spectrum.
     pub spectrum: Result<SourcedSpectrum, String>,
@@ -66,8 +66,8 @@ struct Open {
 
 /// Reads a table in long form: columns `freq_hz`, `z_re_ohm`, `z_im_ohm`; `spectrum_id` where there
 /// are several spectra; `sigma_ohm` (of either part) or `sigma_re_ohm`, `sigma_im_ohm` and perhaps
-/// `cov_re_im_ohm2`; `amplitude_a`. Other columns are passed over. The rows of a spectrum stand one
-/// after another. No more than a block of rows is held in memory.
+/// `cov_re_im_ohm2`; `amplitude_a`. Other columns are skipped. The rows of a spectrum must be
+/// contiguous. The reader holds only one block of rows in memory.
 #[derive(Debug)]
 pub struct LongForm {
     path: PathBuf,
@@ -79,7 +79,7 @@ pub struct LongForm {
 }
 
 impl LongForm {
-    /// Whether a file is a table in long form: Parquet, or a CSV whose first line names
+    /// Returns whether a file is a table in long form: Parquet, or a CSV whose first line names
     /// `spectrum_id` and the columns of an impedance.
     pub fn is_one(path: &Path) -> bool {
         is_parquet(path) || CsvRows::open(path).is_ok_and(|rows| rows.has_ids())
@@ -105,7 +105,7 @@ impl LongForm {
         })
     }
 
-    /// Share of the file that is read, 0 to 1.
+    /// Returns the share of the file that has been read, 0 to 1.
     pub fn share(&self) -> f64 {
         match &self.source {
             Source::Csv(rows) => rows.share(),
@@ -113,11 +113,11 @@ impl LongForm {
         }
     }
 
-    /// The next spectrum; none at the end.
+    /// Returns the next spectrum; `None` at the end.
     ///
     /// # Errors
-    /// [`BatchError`] for a file that cannot be read on, and for rows of a spectrum that stand in
-    /// two places. What is wrong with one spectrum alone is told in its place.
+    /// [`BatchError`] if the file cannot be read further or the rows of a spectrum are not
+    /// contiguous. An error of a single spectrum is returned in place of that spectrum.
     pub fn next_spectrum(&mut self) -> Result<Option<TableSpectrum>, BatchError> {
         while self.ready.is_empty() && !self.ended {
             match self.source.next()? {

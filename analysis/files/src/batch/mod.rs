@@ -1,9 +1,9 @@
 //! Tables of many spectra in, tables of many results out, a batch at a time.
 //!
 //! [`LongForm`] reads a Parquet or CSV table in long form: one row for each point, the rows of a
-//! spectrum one after another. [`Parts`] keeps results on disk as they come, so that a call that was
-//! killed goes on where it was, and puts them together into one Parquet or CSV table. [`read_models`]
-//! takes the models out of such a table again.
+//! spectrum contiguous. [`Parts`] stores results on disk as they arrive, so that a killed call can
+//! resume, and merges them into one Parquet or CSV table. [`read_models`] reads the models of such a
+//! table.
 
 mod any_table;
 mod columns;

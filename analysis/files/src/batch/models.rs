@@ -24,14 +24,14 @@ pub struct TableModel {
     pub model: Result<Erm, String>,
 }
 
-/// Whether a file is a table of fits of extended Randles models: Parquet or CSV with the columns
-/// `spectrum_id` and `r_ohm`.
+/// Returns whether a file is a table of fits of extended Randles models: Parquet or CSV with the
+/// columns `spectrum_id` and `r_ohm`.
 pub fn is_table_of_models(path: &Path) -> bool {
     header(path).is_ok_and(|names| [ID, SERIES].iter().all(|n| names.iter().any(|m| m == n)))
 }
 
-/// Reads the models of a table that `fit --table` has written: `r_ohm`, and `r1_ohm`, `c1_f`, … as
-/// far as they go. A row without a fit holds the reason of its column `error`.
+/// Reads the models of a table that `fit --table` has written: `r_ohm`, then `r1_ohm`, `c1_f`, …
+/// for all RC pairs. A row without a fit yields the reason in its column `error`.
 ///
 /// # Errors
 /// [`BatchError`] for a file that cannot be read or lacks a column.

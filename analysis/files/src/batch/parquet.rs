@@ -9,7 +9,7 @@ use polars::prelude::{DataFrame, DataType, ParquetReader, PolarsError, SerReader
 use super::columns::{ID, NEEDED, Rows, names, place};
 use super::error::BatchError;
 
-/// Most rows that are decoded at once: 8 columns of as many numbers are 64 MB.
+/// Maximum number of rows that are decoded at once: 8 columns of this length are 64 MB.
 const MOST_ROWS: usize = 1 << 20;
 
 /// Reader of a Parquet table.
@@ -17,14 +17,14 @@ const MOST_ROWS: usize = 1 << 20;
 pub(super) struct ParquetRows {
     path: PathBuf,
     columns: Vec<String>,
-    /// First row and number of rows of what is still to be read.
+    /// First row and number of rows of the part that is still to be read.
     groups: VecDeque<(usize, usize)>,
     /// Rows of the table.
     total: usize,
 }
 
 impl ParquetRows {
-    /// Opens a file and looks at its columns.
+    /// Opens a file and checks its columns.
     pub(super) fn open(path: &Path) -> Result<Self, BatchError> {
         let failed = |source| failed(path, "read it as Parquet", source);
         let mut reader = reader(path)?;
@@ -64,7 +64,7 @@ impl ParquetRows {
         1.0 - left as f64 / self.total.max(1) as f64
     }
 
-    /// The next rows; none at the end.
+    /// Returns the next rows; `None` at the end.
     pub(super) fn next(&mut self) -> Result<Option<Rows>, BatchError> {
         let Some((from, count)) = self.groups.pop_front() else {
             return Ok(None);

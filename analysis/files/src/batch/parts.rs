@@ -1,8 +1,8 @@
-//! Results on disk as they come, and their end as one table.
+//! Stores results on disk as they arrive, and merges them into one table.
 //!
-//! Beside the table `results.parquet` stands, while it is made, the folder `results.parquet.parts`:
-//! `call.txt`, which says what is being worked on, and one Parquet file for each part that is done.
-//! A part is written beside its place and renamed, so that it is whole or not there.
+//! While the table `results.parquet` is being made, the folder `results.parquet.parts` beside it
+//! holds `call.txt`, which identifies the call, and one Parquet file for each finished part. A part
+//! is written to a temporary file and renamed, so that it is either complete or absent.
 
 use std::fs::{self, File};
 use std::io::BufWriter;
@@ -20,7 +20,7 @@ use super::error::BatchError;
 use super::results::frame;
 use crate::dataset::write_atomically;
 
-/// File that says what is being worked on.
+/// File that identifies the call.
 const CALL: &str = "call.txt";
 
 /// Form of the table.
@@ -30,12 +30,13 @@ enum Form {
     Parquet,
 }
 
-/// Place of a table of results, and the call that makes it.
+/// Path of a table of results, and the call that makes it.
 #[derive(Debug, Clone)]
 pub struct PartsPlan {
     /// The table: `.parquet` or `.csv`.
     pub out: PathBuf,
-    /// Everything that decides the results, as text: another call may not go on with these parts.
+    /// All inputs that determine the results, as text: a call with other inputs must not continue
+    /// these parts.
     pub call: String,
     /// Columns of the table.
     pub columns: Vec<ResultColumn>,
@@ -50,10 +51,10 @@ pub struct Parts {
 }
 
 impl Parts {
-    /// Begins the parts of a table, or goes on with those of the same call.
+    /// Creates the parts of a table, or continues those of the same call.
     ///
     /// # Errors
-    /// [`BatchError`]: a name that is neither `.parquet` nor `.csv`, a table that is there already,
+    /// [`BatchError`]: a name that is neither `.parquet` nor `.csv`, a table that already exists,
     /// parts of another call, a folder that cannot be written.
     pub fn begin(plan: PartsPlan) -> Result<Self, BatchError> {
         let out = &plan.out;
@@ -93,7 +94,7 @@ impl Parts {
         Ok(Self { plan, form, folder })
     }
 
-    /// Whether a part is done.
+    /// Returns whether a part is done.
     pub fn is_done(&self, part: usize) -> bool {
         self.path(part).exists()
     }
@@ -114,11 +115,11 @@ impl Parts {
         Ok(write_atomically(&path, &bytes)?)
     }
 
-    /// Puts the first `count` parts together into the table, and removes them.
+    /// Merges the first `count` parts into the table, and removes them.
     ///
     /// # Errors
-    /// [`BatchError`] for a part that cannot be read or a table that cannot be written; the parts
-    /// are then still there.
+    /// [`BatchError`] if a part cannot be read or the table cannot be written; the parts are then
+    /// kept.
     pub fn finish(self, count: usize) -> Result<(), BatchError> {
         let out = &self.plan.out;
         let hidden = self.folder.join("table");

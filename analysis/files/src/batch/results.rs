@@ -4,7 +4,7 @@ use polars::prelude::{Column, DataFrame, PolarsResult};
 
 use analysis_fit::rows::{Cell, ColumnKind, ResultColumn, ResultRow};
 
-/// Rows as columns; a value of another kind than its column is missing.
+/// Converts rows to columns; a value whose type differs from its column becomes missing.
 pub(super) fn frame(columns: &[ResultColumn], rows: &[ResultRow]) -> PolarsResult<DataFrame> {
     let cell = |row: usize, index: usize| rows[row].cells.get(index);
     let column = |(index, column): (usize, &ResultColumn)| {

@@ -11,10 +11,10 @@ use super::columns::{ID, NEEDED, OPTIONAL};
 use super::error::BatchError;
 use crate::dataset::write_atomically;
 
-/// Writes spectra as a table in long form, one row for each point, with the uncertainties that are
-/// known: Parquet for a file named `.parquet`, else CSV. All numbers but the standard deviations,
-/// which are roots of variances, come back to the last bit. What the points of a spectrum share and
-/// the flags of a quality gate have no place in it.
+/// Writes spectra as a table in long form, one row for each point, with the known uncertainties:
+/// Parquet for a file named `.parquet`, else CSV. All numbers except the standard deviations, which
+/// are roots of variances, round-trip exactly. The table cannot hold errors that points share or
+/// the flags of a quality gate.
 ///
 /// # Errors
 /// [`BatchError`]: two spectra of one name, a name that CSV cannot hold, a file that cannot be

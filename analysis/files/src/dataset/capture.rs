@@ -1,9 +1,9 @@
 //! Raw captures of the oscilloscope: ADC codes in columns, their scaling in the metadata of the
 //! Parquet file.
 //!
-//! The columns are 32 bits wide, which is what Parquet stores 16-bit numbers as anyway. Numbers in
-//! the metadata are text in the shortest form that reads back to the same bits; JSON would not
-//! promise that.
+//! The columns are 32 bits wide because Parquet stores 16-bit numbers that way. Numbers in the
+//! metadata are text in the shortest form that reads back to the same bits, which JSON does not
+//! guarantee.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -50,9 +50,9 @@ pub struct Capture {
 /// Conditions of a capture.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CaptureMeta {
-    /// Label of the measurement in words: the fixture, the point.
+    /// Label of the measurement: the fixture and the point.
     pub label: String,
-    /// Frequency of the excitation, Hz; 0 where direct currents flow.
+    /// Frequency of the excitation, Hz; 0 for direct currents.
     pub freq_hz: f64,
     /// Time between two samples, s.
     pub interval_s: f64,
@@ -68,12 +68,12 @@ pub struct ChannelMeta {
     /// Meaning of the codes.
     #[serde(flatten)]
     pub scale: CodeScale,
-    /// Vertical scale it was taken at, V per division.
+    /// Vertical scale of the capture, V per division.
     pub volts_per_div: f64,
 }
 
 impl Capture {
-    /// The channels, ready to be fitted, with the codes where they are.
+    /// Returns the channels, ready to be fitted, which borrow the codes.
     pub fn channels(&self) -> [Channel<'_>; 4] {
         std::array::from_fn(|index| {
             Channel::codes(&self.codes[index], self.meta.channels[index].scale)
@@ -107,7 +107,7 @@ pub fn write_capture(path: &Path, capture: &Capture) -> Result<(), DatasetError>
     write_frame(path, &mut frame, CAPTURE_COLUMNS, pairs(&capture.meta))
 }
 
-/// Reads a capture; it comes back to the last bit.
+/// Reads a capture exactly as it was written.
 ///
 /// # Errors
 /// [`DatasetError::Io`], [`DatasetError::Checksum`], [`DatasetError::Parquet`],
@@ -207,7 +207,7 @@ impl Metadata<'_> {
             offset_v: self.get(&key("offset_v"), "a number")?,
             code_min: self.get(&key("code_min"), "a whole number of 16 bits")?,
             code_max: self.get(&key("code_max"), "a whole number of 16 bits")?,
-            // Captures of the first version do not say.
+            // Captures of the first version lack it.
             code_step: if self.pairs.contains_key(&key("code_step")) {
                 self.get(&key("code_step"), "a whole number above 0")?
             } else {

@@ -74,8 +74,8 @@ pub const SERIES_COLUMNS: &[ColumnSpec] = &[
     },
 ];
 
-/// Columns of a trace: those of BDF (battery data format), and how many samples a row is the mean
-/// of.
+/// Columns of a trace: those of BDF (battery data format), and the number of samples in the mean of
+/// a row.
 pub const TRACE_COLUMNS: &[ColumnSpec] = &[
     ColumnSpec {
         name: "Test Time / s",
@@ -143,7 +143,7 @@ pub const LEG_COLUMNS: &[ColumnSpec] = &[
     },
 ];
 
-/// The column of what a gate has refused, in a header.
+/// The column of the reasons for which a gate refused a point, in a CSV header.
 pub const FLAGS: &str = ",flags";
 
 /// The same in Parquet.

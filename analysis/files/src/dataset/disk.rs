@@ -1,5 +1,4 @@
-//! Writes bytes to the disk so that a crash at any instant leaves either the old file or the new
-//! one.
+//! Writes bytes to disk so that a crash at any moment leaves either the old file or the new one.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -8,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use super::DatasetError;
 
-/// Writes a whole file: into a hidden file beside it, synced, then renamed over it. Whoever reads
-/// sees the old file or the new one.
+/// Writes a whole file: into a hidden file beside it, synced, then renamed over it. A reader sees
+/// either the old file or the new one.
 ///
 /// # Errors
 /// [`DatasetError::Io`]; the hidden file is then removed.
@@ -18,8 +17,8 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), DatasetError> {
     replace(path, &temporary, File::create(&temporary), bytes)
 }
 
-/// The same, by a file that has at most this mode from the beginning, whatever the process' umask
-/// lets everybody do: it is at no time readable or writable for others than the mode says.
+/// Does the same with a file that has at most this mode from its creation, independent of the umask
+/// of the process: it is never readable or writable for more accounts than the mode allows.
 ///
 /// # Errors
 /// As [`write_atomically`].
@@ -51,15 +50,15 @@ fn replace(
         Err(source) => Err(io_error(temporary, "write the file", source)),
     };
     if result.is_err() {
-        // The first failure matters. A left-over file that cannot be removed either adds nothing.
+        // Report the first failure only. Failing to remove the temporary file adds no information.
         let _ = fs::remove_file(temporary);
     }
     result?;
     sync_folder(path)
 }
 
-/// Appends lines to a text file that begins with `header`, starting it if need be, and syncs it.
-/// Bytes after the last line end are removed first.
+/// Appends lines to a text file that begins with `header`, creates it if needed, and syncs it.
+/// Removes bytes after the last line end first.
 pub(super) fn append_line(path: &Path, header: &str, line: &str) -> Result<(), DatasetError> {
     let failed = |action| move |source| io_error(path, action, source);
     let mut options = OpenOptions::new();
@@ -98,7 +97,7 @@ pub(super) fn io_error(path: &Path, action: &'static str, source: io::Error) -> 
     }
 }
 
-/// Length of the file up to and with its last line end.
+/// Returns the length of the file up to and including its last line end.
 fn whole_lines_end(file: &mut File) -> io::Result<u64> {
     const STEP: u64 = 4096;
     let mut end = file.seek(SeekFrom::End(0))?;
@@ -144,7 +143,7 @@ fn temporary_path(path: &Path) -> Result<PathBuf, DatasetError> {
     Ok(path.with_file_name(hidden))
 }
 
-/// Makes the name of a file as durable as its bytes.
+/// Syncs the directory, so that the name of a file is as durable as its bytes.
 fn sync_folder(path: &Path) -> Result<(), DatasetError> {
     let folder = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,

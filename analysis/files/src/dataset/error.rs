@@ -1,23 +1,23 @@
-//! Reasons why a table cannot be read or written.
+//! Errors of reading and writing tables.
 
 use std::path::PathBuf;
 
-/// Reason why a file of a run could not be written or read.
+/// Error of writing or reading a file of a run.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum DatasetError {
-    /// The file system refused.
+    /// The file system returned an error.
     #[error("{}: could not {action}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
         /// Action that failed, in words.
         action: &'static str,
-        /// The file system's answer.
+        /// Error of the operating system.
         #[source]
         source: std::io::Error,
     },
-    /// The file is no Parquet, or the table cannot become one.
+    /// The file is not Parquet, or the table cannot be encoded as Parquet.
     #[error("{}: could not {action}", path.display())]
     Parquet {
         /// The file.
@@ -28,7 +28,7 @@ pub enum DatasetError {
         #[source]
         source: polars::prelude::PolarsError,
     },
-    /// A column is missing or not what it should be.
+    /// A column is missing or has the wrong type.
     #[error("{}, column {column}: expected {expected}, met {found}", path.display())]
     Column {
         /// The file.
@@ -40,7 +40,7 @@ pub enum DatasetError {
         /// Value found.
         found: String,
     },
-    /// The bytes are not those that were written.
+    /// The bytes differ from those that were written.
     #[error("{}: expected a file of this program with the checksum {expected}, met {found}; it is \
     damaged or comes from elsewhere", path.display())]
     Checksum {
@@ -48,10 +48,10 @@ pub enum DatasetError {
         path: PathBuf,
         /// The checksum in the file.
         expected: String,
-        /// That of its bytes.
+        /// The checksum of its bytes.
         found: String,
     },
-    /// The metadata of a file lacks something or does not parse.
+    /// A key of the metadata is missing or cannot be parsed.
     #[error("{}, metadata {key}: expected {expected}, met {found}", path.display())]
     Metadata {
         /// The file.

@@ -1,8 +1,9 @@
 //! Tables as Parquet, with metadata and a checksum over the whole file.
 //!
-//! The checksum is looked at before the bytes are given to the decoder, which trusts them: of a
-//! damaged file it may ask for more memory than there is. It stands in the metadata and is reckoned
-//! with itself as zeros, by FNV-1a (64 bits): against accidents, not against malice.
+//! The checksum is verified before decoding, because the decoder trusts the bytes and may allocate
+//! more memory than available for a damaged file. It is part of the metadata and is computed over
+//! the file with its own digits set to zero, by FNV-1a (64 bits). It detects accidents, not
+//! manipulation.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -19,8 +20,8 @@ use analysis_fit::fit::PROGRAM;
 use super::disk::{io_error, write_atomically};
 use super::{ColumnSpec, DatasetError};
 
-/// Text before the digits of the checksum. The base64 of the schema never contains it, because of
-/// its colon.
+/// Text before the digits of the checksum. The base64 of the schema cannot contain it, because it
+/// has a colon.
 const MARK: &[u8] = b"fnv1a64:";
 const DIGITS: usize = 16;
 /// Largest distance of the checksum from the end of the file, bytes.
@@ -30,7 +31,7 @@ const PIECE: usize = 1 << 20;
 /// Start value of FNV-1a.
 const SEED: u64 = 0xcbf2_9ce4_8422_2325;
 
-/// Writes a frame with what its columns mean and more metadata.
+/// Writes a frame with the meaning of its columns and further metadata.
 pub(super) fn write_frame(
     path: &Path,
     frame: &mut DataFrame,
@@ -44,7 +45,7 @@ pub(super) fn write_frame(
         )
     };
     let blank = format!("{}{}", String::from_utf8_lossy(MARK), "0".repeat(DIGITS));
-    // Last, so that nothing that follows can look like it.
+    // Last, so that no later bytes can be mistaken for it.
     let pairs = columns
         .iter()
         .map(about)
@@ -94,7 +95,7 @@ pub(super) fn metadata<R: MmapBytesReader>(
         .collect())
 }
 
-/// As [`check`], of a file that is read by pieces.
+/// Like [`check`], for a file that is read in pieces.
 pub(super) fn check_file(path: &Path) -> Result<(), DatasetError> {
     let wrong = |expected: &str, found: &str| DatasetError::Checksum {
         path: path.to_path_buf(),
@@ -153,7 +154,8 @@ pub(super) fn parquet_error(
     }
 }
 
-/// Compares the checksum in the file with that of its bytes; blanks it.
+/// Compares the checksum in the file with the checksum of its bytes, after setting its digits to
+/// zero.
 fn check(path: &Path, bytes: &mut [u8]) -> Result<(), DatasetError> {
     let wrong = |expected: &str, found: &str| DatasetError::Checksum {
         path: path.to_path_buf(),
@@ -173,7 +175,7 @@ fn check(path: &Path, bytes: &mut [u8]) -> Result<(), DatasetError> {
     }
 }
 
-/// Place of the checksum's digits.
+/// Returns the range of the checksum's digits.
 fn digits(bytes: &[u8]) -> Option<std::ops::Range<usize>> {
     let start = bytes
         .windows(MARK.len())

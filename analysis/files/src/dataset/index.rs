@@ -1,12 +1,12 @@
-//! The index of a run folder, `traces.json`: which file holds which sweep of the cell and which
-//! trace, and under which circumstances it was measured, so that the folder can be read as a data
-//! set. Controls are not runs of it.
+//! The index of a run folder, `traces.json`: the file of each sweep and each trace of the cell and
+//! the conditions of its measurement, so that the folder can be read as a data set. Controls are
+//! not runs of it.
 
 use analysis_effects::augmented::Between;
 use analysis_signal::{calibration::CommonError, series::Role, spectrum::FlaggedPoint};
 use serde::{Deserialize, Serialize};
 
-/// Contents of a run folder, in the order of time.
+/// Contents of a run folder, in chronological order.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunIndex {
     /// Name of the cell.
@@ -26,14 +26,14 @@ pub struct SweepEntry {
     pub file: String,
     /// Object in the jig: `cell` or `shunt`.
     pub fixture: String,
-    /// Name of the cell in a campaign of several; without it, that of the index.
+    /// Name of the cell in a campaign of several cells; if absent, the name in the index applies.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cell: Option<String>,
-    /// Known resistance of the fixture, Ω; none for a cell.
+    /// Known resistance of the fixture, Ω; `None` for a cell.
     pub fixture_ohm: Option<f64>,
-    /// The harness is corrected by control impedances.
+    /// Whether control impedances correct the harness.
     pub corrected: bool,
-    /// Amplitude of the current as commanded, A.
+    /// Commanded amplitude of the current, A.
     pub amplitude_a: f64,
     /// Number of the repeat, from 1.
     pub repeat: usize,
@@ -41,30 +41,30 @@ pub struct SweepEntry {
     pub order: usize,
     /// Bench time of the start, s.
     pub start_time_s: f64,
-    /// Voltage at rest before it, V; none where it was not measured.
+    /// Voltage at rest before it, V; `None` if it was not measured.
     pub start_ocv_v: Option<f64>,
-    /// Temperature of the cell's surface at the start, °C; none where it was not measured.
+    /// Temperature of the cell's surface at the start, °C; `None` if it was not measured.
     pub temperature_c: Option<f64>,
     /// Purpose of the run.
     pub role: Role,
     /// Runs of one group repeat each other.
     pub repeat_group: String,
-    /// Points that a quality gate refused to the end; a run without a gate has none.
+    /// Points that a quality gate refused in all attempts; empty for a run without a gate.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub flagged: Vec<FlaggedPoint>,
-    /// Standard deviations of real and imaginary part that each point has of its own records, in
-    /// the order of the file, Ω: the file's are together with what the correction leaves.
+    /// Standard deviations of real and imaginary part from each point's own records, in the order
+    /// of the file, Ω. Those in the file also include the uncertainty of the correction.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub own_sigma_ohm: Vec<[f64; 2]>,
-    /// Common error of the correction in all spectra of the cell; none where nothing was corrected,
-    /// or for a control.
+    /// Common error of the correction in all spectra of the cell; `None` without a correction, and
+    /// for a control.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub common_error: Option<CommonError>,
-    /// Resistance between the lower tap of what was swept and the ground of the channels, Ω: the
-    /// voltage of that tap's channel over the current.
+    /// Resistance between the lower tap of the object under test and the ground of the channels, Ω:
+    /// the voltage of that tap's channel divided by the current.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub below_ohm: Option<f64>,
-    /// Inductance there, H.
+    /// Inductance of the same path, H.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub below_h: Option<f64>,
     /// Time of each point's record since the start of the sweep, in the order of the file, s.
@@ -79,7 +79,7 @@ pub struct TraceEntry {
     pub file: String,
     /// Name of the trace in the experiment.
     pub name: String,
-    /// Name of the cell in a campaign of several; without it, that of the index.
+    /// Name of the cell in a campaign of several cells; if absent, the name in the index applies.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cell: Option<String>,
     /// Number of the repeat, from 1.
@@ -92,13 +92,13 @@ pub struct TraceEntry {
     pub start_ocv_v: f64,
     /// Charge that the traces before it have left in the cell, C; charge positive.
     pub charge_before_c: f64,
-    /// Temperature of the cell's surface at the start, °C; none where it was not measured.
+    /// Temperature of the cell's surface at the start, °C; `None` if it was not measured.
     pub temperature_c: Option<f64>,
     /// Purpose of the run.
     pub role: Role,
     /// Runs of one group repeat each other.
     pub repeat_group: String,
-    /// Direction that is positive.
+    /// Direction of the positive current.
     pub current_positive: CurrentPositive,
     /// Course of the current between two rows.
     pub current_between_samples: Between,
@@ -108,12 +108,13 @@ pub struct TraceEntry {
     pub sample_sigma_a: f64,
     /// Scatter of one sample of the voltage, V rms.
     pub sample_sigma_v: f64,
-    /// Commanded current over time; none where the instruments' own meters recorded.
+    /// Commanded current over time; `None` if the instruments' own meters recorded the trace.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub commanded: Option<Commanded>,
 }
 
-/// Commanded current over time. No capture tells it; steps are searched near the commanded times.
+/// Commanded current over time. Captures do not contain it; steps are searched near the commanded
+/// times.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Commanded {
@@ -121,14 +122,14 @@ pub enum Commanded {
     Steps(Vec<(f64, f64)>),
     /// One wave of many steps.
     Wave {
-        /// Bench time after the message that let it begin, s.
+        /// Bench time after the message that started it, s.
         sent_s: f64,
         /// Length of a step by the generator's clock, s.
         step_s: f64,
     },
 }
 
-/// Direction of the current that a file counts positive.
+/// Direction of the current that is positive in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CurrentPositive {

@@ -1,4 +1,4 @@
-//! Tables of plain numbers, row by row: CSV and Parquet for every kind of row.
+//! Tables of plain numbers, row by row, as CSV and Parquet, for all kinds of rows.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -14,13 +14,14 @@ use super::{ColumnSpec, DatasetError, FLAGS, shared};
 pub(super) trait Row: Sized {
     /// Its columns, in order.
     const COLUMNS: &'static [ColumnSpec];
-    /// Number of columns that every file has; a value that a file lacks is not known.
+    /// Number of columns that every file must have; a value of a further column that a file lacks
+    /// is unknown.
     const NEEDED: usize = Self::COLUMNS.len();
 
     /// One number per column.
     fn values(&self) -> Vec<f64>;
 
-    /// The row, if there is one number per column.
+    /// Creates the row if there is one number per column.
     fn from_values(values: &[f64]) -> Option<Self>;
 }
 
@@ -44,7 +45,7 @@ pub(super) fn read_csv<R: Row>(path: &Path) -> Result<Vec<R>, DatasetError> {
     let text = String::from_utf8_lossy(&bytes[..whole]);
     let mut lines = text.split('\n').map(|line| line.trim_end_matches('\r'));
     let (expected, found) = (header::<R>(), lines.next().unwrap_or(""));
-    // Errors that rows share follow behind the columns that every row has: another reader's.
+    // Errors that rows share follow the columns of every row; another reader parses them.
     let own = [&format!(",{}", shared::RE), FLAGS]
         .into_iter()
         .filter_map(|more| found.find(more))
@@ -76,7 +77,7 @@ pub(super) fn write_parquet<R: Row>(path: &Path, rows: &[R]) -> Result<(), Datas
     write_frame(path, &mut frame(path, rows, None)?, R::COLUMNS, Vec::new())
 }
 
-/// Writes rows with one more column behind them, one text per row.
+/// Writes rows with one more column after them, one text per row.
 pub(super) fn write_parquet_with<R: Row>(
     path: &Path,
     rows: &[R],
@@ -88,7 +89,7 @@ pub(super) fn write_parquet_with<R: Row>(
     write_frame(path, &mut frame, &specs, Vec::new())
 }
 
-/// Rows as columns, and one more where there is one.
+/// Converts rows to columns, with one more column if given.
 fn frame<R: Row>(path: &Path, rows: &[R], more: Option<Column>) -> Result<DataFrame, DatasetError> {
     let values: Vec<Vec<f64>> = rows.iter().map(Row::values).collect();
     let column = |(index, spec): (usize, &ColumnSpec)| {
@@ -164,7 +165,7 @@ fn numbers(path: &Path, frame: &DataFrame, spec: &ColumnSpec) -> Result<Vec<f64>
     let cells = column
         .f64()
         .map_err(|error| wrong("64-bit floats", error.to_string()))?;
-    // An empty cell says what NaN says: not known.
+    // An empty cell and NaN both mean unknown.
     Ok(cells.iter().map(|cell| cell.unwrap_or(f64::NAN)).collect())
 }
 
@@ -175,7 +176,7 @@ fn first_fields(line: &str, count: usize) -> &str {
         .map_or(line, |(at, _)| &line[..at])
 }
 
-/// Writes rows with more columns behind them, one text per row.
+/// Writes rows with more columns after them, one text per row.
 pub(super) fn write_csv_with<R: Row>(
     path: &Path,
     rows: &[R],

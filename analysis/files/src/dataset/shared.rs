@@ -8,7 +8,7 @@ pub(crate) const IM: &str = "shared_im_ohm[";
 /// Header and rows of the columns of a spectrum's shared errors, each with a leading comma; empty
 /// without such errors.
 pub(crate) fn columns(spectrum: &Spectrum) -> (String, Vec<String>) {
-    // The name stands in a header of fields that commas part.
+    // The name is part of a comma-separated header.
     let name = |error: &SharedError| {
         error
             .name

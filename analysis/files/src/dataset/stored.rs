@@ -1,5 +1,5 @@
-//! A capture that stays where it is: its codes are read by pieces, so that a record may be larger
-//! than the memory.
+//! A capture that stays on disk: its codes are read in pieces, so that a record may exceed the
+//! memory.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use super::disk::io_error;
 use super::frame::{check_file, metadata, parquet_error};
 use analysis_signal::sine::{Channel, Samples, Stored};
 
-/// A capture on disk that was found whole.
+/// A capture on disk whose checksum was verified.
 #[derive(Debug, Clone)]
 pub struct CaptureFile {
     path: PathBuf,
@@ -20,7 +20,7 @@ pub struct CaptureFile {
     samples: usize,
 }
 
-/// Opens a capture and compares its checksum, reading it once by pieces.
+/// Opens a capture and verifies its checksum, reading it once in pieces.
 ///
 /// # Errors
 /// As [`super::read_capture`].
@@ -68,7 +68,7 @@ impl CaptureFile {
 
     fn piece(&self, channel: usize, start: usize, count: usize) -> Result<Vec<i16>, DatasetError> {
         let name = CAPTURE_COLUMNS.get(channel).map_or("", |spec| spec.name);
-        // Opened anew each time: what was mapped for the piece before is given back.
+        // Opened again each time, so that the mapping of the previous piece is released.
         let file = File::open(&self.path)
             .map_err(|source| io_error(&self.path, "read the file", source))?;
         let frame = ParquetReader::new(file)

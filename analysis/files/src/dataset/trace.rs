@@ -15,7 +15,7 @@ const BRANCHES: [&str; TRACE_BRANCHES] = [
 /// and the branches as `v1_v`, `v2_v`, … (at most [`TRACE_BRANCHES`]).
 ///
 /// # Errors
-/// [`DatasetError`] where the file cannot be written.
+/// [`DatasetError`] if the file cannot be written.
 pub fn write_trace_parquet(
     path: &Path,
     trace: &Trace,

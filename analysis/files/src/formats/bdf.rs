@@ -40,7 +40,7 @@ const COLUMNS: [ColumnSpec; 4] = [
     },
 ];
 
-/// A series as BDF CSV. Numbers come back to the last bit.
+/// Returns a series as BDF CSV. Numbers round-trip exactly.
 pub fn bdf_text(series: &TimeSeries) -> String {
     let columns = columns(series);
     let names: Vec<&str> = columns.iter().map(|(spec, _)| spec.name).collect();

@@ -1,8 +1,8 @@
-//! Reasons why a file of spectra was refused.
+//! Errors of reading files of spectra.
 
 use std::path::{Path, PathBuf};
 
-/// Reason why a file of spectra was refused.
+/// Error of reading a file of spectra.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FormatError {
@@ -15,14 +15,14 @@ pub enum FormatError {
         #[source]
         source: std::io::Error,
     },
-    /// Bytes that are no text.
+    /// The bytes are not text.
     #[error("{}, line {line}: expected UTF-8 text, met byte 0x{byte:02X}", file.display())]
     NotText {
         /// The file.
         file: PathBuf,
         /// Line, from 1.
         line: usize,
-        /// The first byte that is no text.
+        /// The first byte that is not text.
         byte: u8,
     },
     /// No line with data.
@@ -33,7 +33,7 @@ pub enum FormatError {
         /// Content of the file, in words.
         met: &'static str,
     },
-    /// A first line of no known format.
+    /// The first line matches no known format.
     #[error(
         "{}, line {line}: expected three numbers (frequency, Re, Im) or one of the headers \
          \"freq_hz,z_re_ohm,z_im_ohm[,…]\", \"freq,offset,resistance,theta\", \
@@ -50,10 +50,10 @@ pub enum FormatError {
         /// The line, shortened.
         met: String,
         /// The reader that came nearest, and why it does not read it, with a semicolon before it;
-        /// empty where none came near.
+        /// empty if none is similar.
         nearest: String,
     },
-    /// A header that names a column twice or half of a pair.
+    /// The header names a column twice or only one part of a pair.
     #[error("{}, line {line}: expected {expected}, met {met}", file.display())]
     Header {
         /// The file.
@@ -65,29 +65,29 @@ pub enum FormatError {
         /// Value found.
         met: String,
     },
-    /// A line with too few or too many fields.
+    /// A line has too few or too many fields.
     #[error("{}, line {line}, column {column}: expected {expected} fields, met {met}", file.display())]
     FieldCount {
         /// The file.
         file: PathBuf,
         /// Line, from 1.
         line: usize,
-        /// The first field that is missing or too many, from 1.
+        /// The first missing or surplus field, from 1.
         column: usize,
-        /// Fields expected.
+        /// Expected number of fields.
         expected: usize,
-        /// Fields met.
+        /// Number of fields found.
         met: usize,
     },
-    /// A file of another kind.
+    /// The file has another format.
     #[error("{}: expected text with impedance spectra, met {kind}", file.display())]
     Foreign {
         /// The file.
         file: PathBuf,
-        /// Its kind, and a way to what is read.
+        /// Its format, and how to get a readable file from it.
         kind: &'static str,
     },
-    /// A binary file that is of a known kind and cannot be decoded.
+    /// A binary file of a known format cannot be decoded.
     #[error("{}: expected {kind} that can be decoded: {reason}", file.display())]
     Decode {
         /// The file.
@@ -97,7 +97,7 @@ pub enum FormatError {
         /// Message of the decoder.
         reason: String,
     },
-    /// A column whose unit cannot be or is not told.
+    /// The unit of a column is wrong for its quantity or unknown.
     #[error("{}, line {line}, column {column} ({name}): expected {expected}, met {met}: {reason}", file.display())]
     Unit {
         /// The file.
@@ -112,10 +112,10 @@ pub enum FormatError {
         expected: &'static str,
         /// Value found.
         met: String,
-        /// Reason why it cannot be.
+        /// Reason for the refusal.
         reason: &'static str,
     },
-    /// A field that is not what its column holds.
+    /// The content of a field does not match its column.
     #[error("{}, line {line}, column {column} ({name}): expected {expected}, met \"{met}\"", file.display())]
     Field {
         /// The file.
@@ -133,7 +133,7 @@ pub enum FormatError {
     },
 }
 
-/// Place in a file that an error names.
+/// Place in a file, for error messages.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ErrorPlace<'a> {
     /// The file.
@@ -145,7 +145,7 @@ pub struct ErrorPlace<'a> {
 }
 
 impl FormatError {
-    /// The place that it names.
+    /// Returns the place in words.
     pub fn place(&self) -> ErrorPlace<'_> {
         let (file, line, field) = match self {
             Self::Read { file, .. }

@@ -2,13 +2,13 @@
 
 use analysis_signal::spectrum::SourcedSpectrum;
 
-/// The spectra of a file, and remarks on how they were read, which whoever asked for them ought to
-/// see.
+/// The spectra of a file, and remarks on how they were read, which the caller must show to the
+/// user.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct FileSpectra {
     /// The spectra, in the order of their first row.
     pub spectra: Vec<SourcedSpectrum>,
-    /// Sentences that begin with the file's name: by what spectra were told apart, what was left
-    /// out or taken for granted.
+    /// Sentences that begin with the file's name: how spectra were separated, what was left out,
+    /// and which assumptions were made.
     pub notes: Vec<String>,
 }

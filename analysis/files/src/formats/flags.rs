@@ -1,11 +1,10 @@
 //! Reasons for which a quality gate has refused a point: the column `flags` of the project's own
-//! CSV. Reasons are separated by `; `. The column is empty for a point that the gate has let
-//! through.
+//! CSV. Reasons are separated by `; `. The column is empty for accepted points.
 
 use super::text::{self, Text};
 use analysis_signal::spectrum::{FlaggedPoint, SourcedSpectrum};
 
-/// Reads the column, where a header announces it, into the spectra that hold the points.
+/// Reads the column, if the header names it, into the spectra that contain the points.
 pub(super) fn attach(text: &Text<'_>, spectra: &mut [SourcedSpectrum]) {
     let Some((header, rows)) = text.rows.split_first() else {
         return;
@@ -36,7 +35,7 @@ pub(super) fn attach(text: &Text<'_>, spectra: &mut [SourcedSpectrum]) {
         else {
             continue;
         };
-        // A file may hold several sweeps: the point tells which one it is of.
+        // A file may hold several sweeps: the point identifies its sweep.
         let holds = |one: &&mut SourcedSpectrum| {
             one.spectrum
                 .points

@@ -1,9 +1,9 @@
-//! Recognises files that are no text with spectra, by their first bytes, else by their extension.
+//! Recognises files that are not text with spectra, by their first bytes, else by their extension.
 
 use super::error::FormatError;
 use std::path::Path;
 
-/// First bytes and what begins with them.
+/// First bytes and the format that begins with them.
 const MAGIC: [(&[u8], &str); 21] = [
     (
         b"PAR1",
@@ -51,11 +51,12 @@ const MAGIC: [(&[u8], &str); 21] = [
     (b"II*\0", "a picture"),
 ];
 
-/// Bytes in which a code page is told, and letters with accents in a row that tell it.
+/// Bytes in which a two-byte code page is detected, and the number of consecutive accented letters
+/// that indicate one.
 const CODE_PAGE_HEAD: usize = 4096;
 const CODE_PAGE_RUN: usize = 4;
 
-/// Bytes in which the first member of an OpenDocument file tells its kind.
+/// Bytes in which the first member of an OpenDocument file states its type.
 const FIRST_MEMBER: usize = 200;
 
 /// Arbin's database.
@@ -65,9 +66,12 @@ const RES: &str = "an Arbin .res (an Access database); export its table of rows 
 const NDAX: &str = "a Neware .ndax, which is read for time series; if it has no data.ndc, export it as CSV or \
                     Excel from BTSDA";
 
-/// Extensions of files that are known and not read; of texts too.
+/// Extensions of formats that are known but not supported, including text formats.
 const EXTENSIONS: [(&str, &str); 8] = [
-    ("mpr", "bytes that are no EC-Lab .mpr; export it as .mpt"),
+    (
+        "mpr",
+        "bytes that are not an EC-Lab .mpr; export it as .mpt",
+    ),
     (
         "isw",
         "a Zahner .isw, which is binary; export it as a text list",
@@ -75,7 +79,7 @@ const EXTENSIONS: [(&str, &str); 8] = [
     ("res", RES),
     (
         "nda",
-        "bytes that are no Neware .nda; export it as CSV or Excel from BTSDA",
+        "bytes that are not a Neware .nda; export it as CSV or Excel from BTSDA",
     ),
     ("ndax", NDAX),
     (
@@ -89,7 +93,7 @@ const EXTENSIONS: [(&str, &str); 8] = [
     ),
 ];
 
-/// Files whose first bytes are those of no text; told before anything else is tried.
+/// Detects formats by first bytes that no text has. Runs before all other readers.
 pub(super) fn binary(path: &Path, bytes: &[u8]) -> Option<FormatError> {
     let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
     let known = MAGIC
@@ -101,7 +105,7 @@ pub(super) fn binary(path: &Path, bytes: &[u8]) -> Option<FormatError> {
         None if bytes.starts_with(b"PK\x03\x04") => {
             by_extension(path).unwrap_or_else(|| archive(bytes))
         }
-        // A text has no zero byte.
+        // Text contains no zero byte.
         None if bytes.contains(&0) => {
             by_extension(path).unwrap_or("a binary file of unknown kind; export the data as text")
         }
@@ -110,7 +114,7 @@ pub(super) fn binary(path: &Path, bytes: &[u8]) -> Option<FormatError> {
     Some(error(path, kind))
 }
 
-/// Texts in which nothing was found that is read.
+/// Detects text formats without any supported content.
 pub(super) fn text(path: &Path, bytes: &[u8]) -> Option<FormatError> {
     by_content(bytes)
         .or_else(|| by_extension(path))
@@ -118,8 +122,8 @@ pub(super) fn text(path: &Path, bytes: &[u8]) -> Option<FormatError> {
         .map(|kind| error(path, kind))
 }
 
-/// A text in a code page of two bytes for a character: as one of a single byte it has runs of letters
-/// with accents, which no word has.
+/// Detects text in a code page with two bytes per character: decoded with a single-byte page it has
+/// runs of accented letters that occur in no word.
 fn code_page(bytes: &[u8]) -> Option<&'static str> {
     let head = String::from_utf8_lossy(&bytes[..bytes.len().min(CODE_PAGE_HEAD)]);
     let is_high = |c: char| ('\u{80}'..='\u{ff}').contains(&c);
@@ -129,7 +133,7 @@ fn code_page(bytes: &[u8]) -> Option<&'static str> {
     )
 }
 
-/// Texts that hold no table, whatever their lines seem to name.
+/// Detects texts that contain no table, even if a line looks like names of columns.
 pub(super) fn markup(path: &Path, bytes: &[u8]) -> Option<FormatError> {
     by_content(bytes).map(|kind| error(path, kind))
 }
@@ -174,7 +178,8 @@ fn by_extension(path: &Path) -> Option<&'static str> {
         .map(|(_, kind)| *kind)
 }
 
-/// The kind of a ZIP archive by the names of its members, and by the first one's content.
+/// Returns the format of a ZIP archive from the names of its members and the content of the first
+/// one.
 fn archive(bytes: &[u8]) -> &'static str {
     let names: Vec<&[u8]> = members(bytes).collect();
     let first = &bytes[..bytes.len().min(FIRST_MEMBER)];
@@ -189,7 +194,7 @@ fn archive(bytes: &[u8]) -> &'static str {
     }
 }
 
-/// Names of the members of a ZIP archive, by the headers before them.
+/// Returns the names of the members of a ZIP archive from their local headers.
 fn members(bytes: &[u8]) -> impl Iterator<Item = &[u8]> {
     let starts = bytes.windows(4).enumerate();
     let headers = starts.filter(|(_, window)| *window == b"PK\x03\x04");

@@ -1,7 +1,7 @@
-//! Zahner's binary spectra, `.ism`, as a text with frequency, modulus and phase.
+//! Converts Zahner's binary spectra, `.ism`, to text with frequency, modulus and phase.
 //!
-//! The layout is that of the maker's own reader, zahner_analysis 26.42 (MIT): two whole numbers of
-//! six bytes, a version and the number of points less one; then frequencies in Hz, moduli in Ω and
+//! The layout follows the manufacturer's own reader, zahner_analysis 26.42 (MIT): two six-byte
+//! integers, a version and the number of points minus one; then frequencies in Hz, moduli in Ω and
 //! phases in rad as lists of eight-byte numbers. All are big-endian.
 
 use super::error::FormatError;
@@ -12,20 +12,19 @@ use std::path::Path;
 const HEAD: usize = 12;
 /// Bytes of a point: frequency, modulus, phase and time, and a weight of two bytes.
 const POINT: usize = 4 * 8 + 2;
-/// Frequencies, Hz, and moduli, Ω, that such an instrument measures, ten times wider on each side
-/// than the maker's data sheets: 10 µHz to 12 MHz, 1 µΩ to 1000 TΩ. The file has no mark by which it
-/// is told.
+/// Plausible frequencies, Hz, and moduli, Ω: ten times wider on each side than the manufacturer's
+/// data sheets, which state 10 µHz to 12 MHz and 1 µΩ to 1000 TΩ. The format has no magic number.
 const HERTZ: std::ops::RangeInclusive<f64> = 1.0e-6..=1.2e8;
 const OHM: std::ops::RangeInclusive<f64> = 1.0e-7..=1.0e16;
 
-/// A spectrum as text, and what is to be told of it.
+/// A spectrum as text, and remarks on it.
 #[derive(Debug)]
 pub(super) struct Decoded {
     pub(super) text: String,
     pub(super) note: Option<String>,
 }
 
-/// The text of a file; nothing where its bytes are no such lists.
+/// Returns the text of a file; `None` if its bytes are not such lists.
 ///
 /// # Errors
 /// [`FormatError::Decode`] for a file named `.ism` with other bytes.
@@ -38,7 +37,7 @@ pub(super) fn text(path: &Path, bytes: &[u8]) -> Option<Result<Decoded, FormatEr
         None if named => Some(Err(FormatError::Decode {
             file: path.to_owned(),
             kind: "a Zahner .ism",
-            reason: "its numbers are no frequencies, moduli and phases; it was cut off or is of \
+            reason: "its numbers are not frequencies, moduli and phases; it is truncated or has \
                      another version; export it as a text list"
                 .to_owned(),
         })),
@@ -46,7 +45,7 @@ pub(super) fn text(path: &Path, bytes: &[u8]) -> Option<Result<Decoded, FormatEr
     }
 }
 
-/// Frequency, modulus and phase of each point.
+/// Frequency, modulus and phase of every point.
 fn points(bytes: &[u8]) -> Option<Vec<[f64; 3]>> {
     let count = bytes
         .get(6..HEAD)?
@@ -86,8 +85,9 @@ fn decoded(path: &Path, points: &[[f64; 3]]) -> Decoded {
     }
 }
 
-/// The sweep between the highest and the lowest frequency: the maker's programs show no other
-/// points. The instrument begins in the middle of the band, and measures that part twice.
+/// Returns the sweep between the highest and the lowest frequency. The instrument starts in the
+/// middle of the band and measures that part twice; the manufacturer's programs show only this
+/// sweep.
 pub(super) fn sweep(points: &[[f64; 3]]) -> &[[f64; 3]] {
     let place = |better: fn(f64, f64) -> bool| {
         (1..points.len()).fold(0, |best, k| {
@@ -104,7 +104,7 @@ pub(super) fn sweep(points: &[[f64; 3]]) -> &[[f64; 3]] {
         .unwrap_or_default()
 }
 
-/// The remark on points outside the sweep.
+/// Returns the remark on points outside the sweep.
 pub(super) fn note(path: &Path, left_out: usize) -> Option<String> {
     let file = path.file_name().unwrap_or_default().to_string_lossy();
     (left_out > 0).then(|| {

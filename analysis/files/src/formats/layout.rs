@@ -1,4 +1,4 @@
-//! Reads the project's own tables, the thesis' and lists of three numbers into spectra.
+//! Reads the project's own tables, the thesis' tables and lists of three numbers into spectra.
 
 mod cells;
 mod columns;
@@ -80,7 +80,8 @@ pub(super) fn parse(text: &Text<'_>) -> Result<FileSpectra, FormatError> {
     Ok(read)
 }
 
-/// A remark on a list without names whose points are inductive, which may be −Im Z.
+/// Returns a remark on a list without names whose points are inductive, because the column may hold
+/// −Im Z.
 fn inductive(text: &Text<'_>, spectra: &[SourcedSpectrum]) -> Option<String> {
     let points = || spectra.iter().flat_map(|one| &one.spectrum.points);
     let (all, above) = (
@@ -104,7 +105,7 @@ fn name(origin: &Origin, stem: &str, several: bool) -> String {
     };
     match &origin.fixture {
         Some(fixture) => {
-            // A control is alone of its kind: its number says nothing.
+            // A single control needs no number in its name.
             let number = Some(text(&origin.cell))
                 .filter(|c| fixture == "cell" || c != "0")
                 .unwrap_or_default();

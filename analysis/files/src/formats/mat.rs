@@ -1,9 +1,9 @@
-//! Current and voltage over time in MATLAB's `.mat`, as the text of a cycler: the vectors `Time`,
-//! `Voltage` and `Current`, alone or as fields of a structure, at any depth (`meas` in the data that
-//! Kollmeyer has published, `cycle(k).data` in those of NASA's PCoE).
+//! Converts current and voltage over time in MATLAB's `.mat` to cycler text: the vectors `Time`,
+//! `Voltage` and `Current`, alone or as fields of a structure at any depth (`meas` in the data of
+//! Kollmeyer, `cycle(k).data` in those of NASA's PCoE).
 //!
-//! Several such structures follow each other as steps of one record: by the date vectors beside them, or
-//! by times that go on. If neither tells when they were taken, an hour is put between them, with a word.
+//! Several such structures become steps of one record, ordered by the date vectors beside them or by
+//! times that continue. Without either, the reader puts an hour between them and adds a remark.
 
 mod level5;
 
@@ -12,13 +12,12 @@ use super::error::FormatError;
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// First bytes of a file of Level 5; one of 7.3 says `MATLAB 7.3`.
+/// First bytes of a file of Level 5; a file of version 7.3 begins with `MATLAB 7.3`.
 const MAGIC: &[u8] = b"MATLAB 5.0 MAT-file";
-/// Rest that is put between two records of which nothing tells when they were taken, s: a cut, which no
-/// run spans.
+/// Pause between two records without absolute times, s: it cuts the record, because no run spans it.
 const APART_S: f64 = 3600.0;
 
-/// Names of a quantity in small letters, and the column that it becomes.
+/// Lower-case names of a quantity, and its column in the text.
 const NAMED: [(&[&str], &str); 7] = [
     (&["time", "time_s", "t", "test_time"], "Time (s)"),
     (
@@ -43,23 +42,24 @@ const NAMED: [(&[&str], &str); 7] = [
     (&["soc"], "SOC"),
     (&["step", "step_index"], "Step Index"),
 ];
-/// Of these the first must be there.
+/// Number of quantities at the start of the list that every record must have.
 const NEEDED: usize = 3;
-/// Position of the step in them.
+/// Index of the step among them.
 const STEP: usize = 6;
 
-/// The record of a file as a text.
+/// The record of a file as text.
 #[derive(Debug)]
 pub(super) struct Decoded {
     pub(super) text: String,
-    /// How several records became one.
+    /// Remark on how several records were joined.
     pub(super) note: Option<String>,
 }
 
-/// The record of a file; nothing where it is none of MATLAB's.
+/// Returns the record of a file; `None` if it is not a MATLAB file.
 ///
 /// # Errors
-/// [`FormatError::Decode`] for a file that is cut off, or with no record, or twice the same one.
+/// [`FormatError::Decode`] if the file is truncated, contains no record, or contains the same
+/// record twice.
 pub(super) fn decode(path: &Path, bytes: &[u8]) -> Option<Result<Decoded, FormatError>> {
     bytes.starts_with(MAGIC).then(|| {
         decoded(bytes).map_err(|reason| FormatError::Decode {
@@ -96,7 +96,7 @@ fn decoded(bytes: &[u8]) -> Result<Decoded, String> {
     })
 }
 
-/// Time that is added to each record, s, and a remark where there are several.
+/// Returns the time to add to each record, s, and a remark if there are several records.
 fn starts_s(records: &[Record<'_>]) -> (Vec<f64>, Option<String>) {
     let (count, first) = (records.len(), records.first().map_or("", |one| one.path));
     let several = |how: &str| {
@@ -127,11 +127,12 @@ fn starts_s(records: &[Record<'_>]) -> (Vec<f64>, Option<String>) {
         free_s = end_s + start_s + APART_S;
         start_s
     });
-    let how = "with an hour between them: nothing tells when each was taken";
+    let how = "with an hour between them: the file does not state their times";
     (apart.collect(), several(how))
 }
 
-/// The rows of the records; of several each has the number of its record as its step.
+/// Returns the rows of the records. With several records, the number of the record becomes the
+/// step.
 fn written(records: &[Record<'_>], starts_s: &[f64]) -> String {
     let several = records.len() > 1;
     let used: Vec<usize> = (0..NAMED.len())
@@ -151,7 +152,7 @@ fn written(records: &[Record<'_>], starts_s: &[f64]) -> String {
                     STEP if several => Some((nth + 1) as f64),
                     _ => value,
                 };
-                // Writing to a string cannot fail; what is no number is left empty.
+                // Writing to a string cannot fail. NaN becomes an empty field.
                 let tab = if place > 0 { "\t" } else { "" };
                 let _ = match value.filter(|value| value.is_finite()) {
                     Some(value) => write!(text, "{tab}{value}"),
@@ -164,7 +165,7 @@ fn written(records: &[Record<'_>], starts_s: &[f64]) -> String {
     text
 }
 
-/// The columns of a record in the order of [`NAMED`].
+/// Returns the columns of a record in the order of [`NAMED`].
 struct Record<'a> {
     path: &'a str,
     columns: [Option<&'a [f64]>; NAMED.len()],
@@ -172,7 +173,7 @@ struct Record<'a> {
 }
 
 impl<'a> Record<'a> {
-    /// The record of these vectors, where they are one.
+    /// Returns the record of these vectors, if they form one.
     fn of(group: &'a Group) -> Option<Self> {
         let find = |(names, _): &(&[&str], &'static str)| {
             let met = |name: &&str| {
@@ -201,7 +202,7 @@ impl<'a> Record<'a> {
         self.columns[0].map_or(0, <[f64]>::len)
     }
 
-    /// First and last time, s.
+    /// Returns the first and the last time, s.
     fn ends_s(&self) -> (f64, f64) {
         let times_s = self.columns[0].unwrap_or_default();
         let end = |time_s: Option<&f64>| time_s.copied().unwrap_or(0.0);

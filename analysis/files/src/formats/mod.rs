@@ -9,23 +9,24 @@
 //! * the project's tidy table: `fixture,cell,repeat,bias_a,freq_hz,z_abs_ohm,z_phase_rad`; one
 //!   spectrum per fixture, cell, repeat, bias
 //!
-//! Fields are separated by commas, or by semicolons, between which a comma is a decimal point;
-//! columns may stand in any order where there is a header, columns of other names are passed over.
-//! Blank lines, CRLF, a byte order mark, blanks and double quotes around a field, and comments (`#`
-//! first in a line) are tolerated. Points are sorted by frequency. What cannot be a measurement is
-//! refused: the error names file, line, column, what was expected and what was met.
+//! Fields are separated by commas, or by semicolons with decimal commas. With a header, columns may
+//! have any order, and columns with other names are skipped. Blank lines, CRLF, a byte order mark,
+//! blanks and double quotes around a field, and comments (lines that begin with `#`) are accepted.
+//! Points are sorted by frequency. Values that cannot be measurements are refused: the error names
+//! file, line, column, the expected value and the value found.
 //!
-//! A file may hold several sweeps. They are told apart by a column that names a cycle, a loop or an
-//! id, and by a frequency that starts again (`sweeps`); [`read_file`] says by what.
+//! A file may hold several sweeps. They are separated by a column that names a cycle, a loop or an
+//! id, and where the frequency starts again (`sweeps`); the remarks of [`read_file`] state the
+//! criterion.
 //!
-//! Names: a file that holds one spectrum gives it the file's name without extension. The tidy
-//! table's are `cell0_3` (cell 0, repeat 3), `shunt_0`, `fake_cell_0` (fixture, repeat), with the
-//! bias at the end where it is not zero: `cell0_0_-2A`, `cell0_0_+5A`. Sweeps of one file are
-//! called after the whole file name and what tells them apart: `file.mpt#cycle2`, `file.mpt#loop1`.
+//! Names: the only spectrum of a file has the file's name without extension. The tidy table's are
+//! `cell0_3` (cell 0, repeat 3), `shunt_0`, `fake_cell_0` (fixture, repeat), with the bias at the
+//! end where it is not zero: `cell0_0_-2A`, `cell0_0_+5A`. Several sweeps of a file are named by
+//! the whole file name and the criterion that separates them: `file.mpt#cycle2`, `file.mpt#loop1`.
 //!
-//! Files of potentiostats' programs (Gamry, BioLogic, ZPlot, Autolab, …): the module `vendor`.
-//! Records of oscilloscopes: [`scope`]. Current and voltage over time: [`read_series`]. What is
-//! written for others: [`spectrum_text`].
+//! The module `vendor` reads files of potentiostats' programs (Gamry, BioLogic, ZPlot, Autolab, …),
+//! [`scope`] reads records of oscilloscopes, [`read_series`] reads current and voltage over time,
+//! and [`spectrum_text`] writes files for other programs.
 
 mod bdf;
 mod error;
@@ -73,8 +74,8 @@ use std::path::Path;
 /// Reads all spectra of a file, in the order of their first row.
 ///
 /// # Errors
-/// [`FormatError`] when the file cannot be read, is of no known format, or holds what cannot be a
-/// measurement.
+/// [`FormatError`] if the file cannot be read, has no known format, or contains values that cannot
+/// be measurements.
 pub fn read_spectra(path: &Path) -> Result<Vec<Spectrum>, FormatError> {
     Ok(read_sourced(path)?
         .into_iter()
@@ -82,8 +83,8 @@ pub fn read_spectra(path: &Path) -> Result<Vec<Spectrum>, FormatError> {
         .collect())
 }
 
-/// Reads the spectra of cells measured without bias: all of a file that names no fixture and no
-/// bias, and of a table those rows.
+/// Reads the spectra of cells measured without bias: all spectra of a file without columns for
+/// fixture and bias, or the matching rows of a table.
 ///
 /// # Errors
 /// As [`read_spectra`]. A file without any such spectrum gives an empty list.
@@ -95,7 +96,7 @@ pub fn read_unbiased_cells(path: &Path) -> Result<Vec<Spectrum>, FormatError> {
         .collect())
 }
 
-/// Reads all spectra of a file with what it tells of their origin.
+/// Reads all spectra of a file with their origin as far as the file states it.
 ///
 /// # Errors
 /// As [`read_spectra`].
@@ -103,8 +104,8 @@ pub fn read_sourced(path: &Path) -> Result<Vec<SourcedSpectrum>, FormatError> {
     Ok(read_file(path)?.spectra)
 }
 
-/// Reads all spectra of a file, with remarks on how. Of a file of BDF the metadata beside it count
-/// too.
+/// Reads all spectra of a file, with remarks on how they were read. For a BDF file, the metadata
+/// file beside it is read too.
 ///
 /// # Errors
 /// As [`read_spectra`].
@@ -118,7 +119,7 @@ pub fn read_file(path: &Path) -> Result<FileSpectra, FormatError> {
     Ok(read)
 }
 
-/// As [`read_sourced`], from bytes already read; `path` serves names and messages only.
+/// Like [`read_sourced`], from bytes already read; `path` is used for names and messages only.
 ///
 /// ```
 /// use analysis_files::formats::parse;
@@ -136,15 +137,15 @@ pub fn read_file(path: &Path) -> Result<FileSpectra, FormatError> {
 /// ```
 ///
 /// # Errors
-/// As [`read_spectra`], but for reading.
+/// As [`read_spectra`], except for errors of reading.
 pub fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<SourcedSpectrum>, FormatError> {
     Ok(parse_file(path, bytes)?.spectra)
 }
 
-/// As [`read_file`], from bytes already read; `path` serves names and messages only.
+/// Like [`read_file`], from bytes already read; `path` is used for names and messages only.
 ///
 /// # Errors
-/// As [`read_spectra`], but for reading.
+/// As [`read_spectra`], except for errors of reading.
 pub fn parse_file(path: &Path, bytes: &[u8]) -> Result<FileSpectra, FormatError> {
     if let Some(sheets) = spreadsheet::sheets(path, bytes) {
         return of_sheets(path, &sheets?);
@@ -164,7 +165,7 @@ pub fn parse_file(path: &Path, bytes: &[u8]) -> Result<FileSpectra, FormatError>
     parse_text(path, bytes)
 }
 
-/// Spectra of all sheets that hold some; the error of the last that does not, where none does.
+/// Returns the spectra of all sheets that contain some; if none does, the error of the last sheet.
 fn of_sheets(path: &Path, sheets: &[Sheet]) -> Result<FileSpectra, FormatError> {
     let file = path.file_name().unwrap_or_default().to_string_lossy();
     let mut all = FileSpectra::default();
@@ -177,7 +178,7 @@ fn of_sheets(path: &Path, sheets: &[Sheet]) -> Result<FileSpectra, FormatError> 
                 all.spectra.append(&mut read.spectra);
                 all.notes.append(&mut read.notes);
             }
-            // A sheet of settings or of remarks.
+            // A sheet with settings or remarks.
             Err(error @ (FormatError::UnknownFormat { .. } | FormatError::Empty { .. })) => {
                 refused = Some(error);
             }
@@ -195,7 +196,7 @@ fn of_sheets(path: &Path, sheets: &[Sheet]) -> Result<FileSpectra, FormatError> 
         }
         let count = all.spectra.len();
         all.notes
-            .push(format!("{file}: {count} spectra, told apart by sheets"));
+            .push(format!("{file}: {count} spectra, separated by sheets"));
     }
     match refused {
         Some(error) if holding.is_empty() => Err(error),
@@ -207,12 +208,12 @@ fn of_sheets(path: &Path, sheets: &[Sheet]) -> Result<FileSpectra, FormatError> 
     }
 }
 
-/// Bytes at the start of a file in which the names of its columns are sought: heads have some dozens of
+/// Bytes at the start of a file that are searched for names of columns: heads have some dozens of
 /// lines.
 const HEAD_BYTES: u64 = 1 << 16;
 
-/// Whether a text names the columns of an impedance near its start, as a log does that holds spectra in
-/// some of its rows.
+/// Returns whether a text names the columns of an impedance near its start, as does a log with spectra
+/// in some of its rows.
 pub fn names_a_spectrum(path: &Path) -> bool {
     let mut bytes = Vec::new();
     let read = std::fs::File::open(path).and_then(|file| {
@@ -223,7 +224,7 @@ pub fn names_a_spectrum(path: &Path) -> bool {
 }
 
 fn parse_text(path: &Path, bytes: &[u8]) -> Result<FileSpectra, FormatError> {
-    // Ivium's files hold bytes of marks between their lines.
+    // Ivium's files contain binary marks between their lines.
     let decoded = text::utf_16(bytes);
     if let Some(read) = native::parse(path, decoded.as_deref().map_or(bytes, str::as_bytes)) {
         return read;
@@ -237,12 +238,12 @@ fn parse_text(path: &Path, bytes: &[u8]) -> Result<FileSpectra, FormatError> {
         return Err(error);
     }
     if let Some(renamed) = bdf::with_own_names(&plain) {
-        // Modulus and phase are held against the parts.
+        // Modulus and phase are compared with the real and imaginary parts.
         vendor::parse(path, bytes).transpose()?;
         return layout::parse(&text::Text::new(path, renamed.as_bytes())?);
     }
     let text = text::Text::new(path, bytes)?;
-    // The names of a list may stand in a comment before it.
+    // A comment before a list may contain the names of its columns.
     let own = if vendor::names_in_comment(&plain) {
         Err(layout::unknown(&text))
     } else {

@@ -1,8 +1,9 @@
 //! A cell's model for other programs: a C header, a PyBaMM parameter file, a CasADi function.
 //!
-//! All hold the same: a series resistance, RC branches, and the open-circuit voltage over the state
-//! of charge as knots of a cubic Hermite curve, as [`OcvCurve::at`] has it. Currents are positive
-//! for discharge. What a diagnosis has added to a model has no place in them and is refused.
+//! All contain the same: a series resistance, RC branches, and the open-circuit voltage over the
+//! state of charge as knots of a cubic Hermite curve, as evaluated by [`OcvCurve::at`]. Currents
+//! are positive for discharge. These formats cannot represent effects that a diagnosis has added to
+//! a model; such models are refused.
 
 use std::fmt::Write as _;
 use std::ops::RangeInclusive;
@@ -13,7 +14,7 @@ use analysis_model::{
     ocv::OcvCurve,
 };
 
-/// Points of the curve where a program interpolates straight between them.
+/// Points of the curve for a program that interpolates linearly.
 const DENSE: u32 = 400;
 /// Kelvin at 0 °C.
 const KELVIN: f64 = 273.15;
@@ -30,7 +31,7 @@ pub enum ModelFormat {
     CasAdi,
 }
 
-/// A cell with all that a simulation needs.
+/// A cell with all inputs of a simulation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellModel {
     name: String,
@@ -116,7 +117,7 @@ impl CellModel {
         })
     }
 
-    /// The text of the file.
+    /// Returns the text of the file.
     pub fn text(&self, format: ModelFormat) -> String {
         let (template, comment) = match format {
             ModelFormat::CHeader => (C_HEADER, " *"),
@@ -134,8 +135,8 @@ impl CellModel {
             )
         };
         let erm = &self.erm;
-        // Without branches the array of the C header still has its one element, which no loop
-        // reaches; Python's list is empty.
+        // Without branches, the array of the C header still has one element, which no loop reads;
+        // Python's list is empty.
         let none = if format == ModelFormat::CHeader {
             "    0.0"
         } else {
@@ -213,12 +214,12 @@ impl CellModel {
     }
 }
 
-/// A text without what ends a comment or a string.
+/// Removes characters that would end a comment or a string.
 fn harmless(text: &str) -> String {
     text.replace(['\n', '\r', '"', '\\', '*'], " ")
 }
 
-/// Numbers with commas, some to a line.
+/// Formats numbers with commas, several per line.
 fn rows(values: &mut dyn Iterator<Item = f64>, indent: &str) -> String {
     let values: Vec<String> = values.map(|value| format!("{value:?}")).collect();
     let lines: Vec<String> = values

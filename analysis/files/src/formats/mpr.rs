@@ -1,10 +1,11 @@
-//! BioLogic EC-Lab's binary files, `.mpr`, as the text that EC-Lab would export: the columns of an
-//! impedance, of a record over time, and those that tell sweeps apart.
+//! Converts BioLogic EC-Lab's binary files, `.mpr`, to the text that EC-Lab would export: the
+//! columns of an impedance, of a record over time, and those that separate sweeps.
 //!
-//! The format is not published. What is read was found by others and agrees between galvani 0.5 and
-//! yadg 7.0: modules that begin with `MODULE`; in the module `VMP data` the number of points, that of
-//! the columns, their identifiers, and from a place that the version tells one record for each
-//! point. All values but the identifiers of EC-Lab from 11.50 on are little-endian.
+//! The format is not published. This reader supports the part that was reverse-engineered by others
+//! and agrees between galvani 0.5 and yadg 7.0: modules that begin with `MODULE`; the module `VMP
+//! data` contains the number of points, the number of columns, their identifiers, and, from an offset
+//! that depends on the version, one record for each point. All values are little-endian, except the
+//! identifiers since EC-Lab 11.50.
 
 use super::error::FormatError;
 use std::fmt::Write as _;
@@ -16,18 +17,19 @@ const MAGIC: &[u8] = b"BIO-LOGIC MODULAR FILE";
 const PREFACE: usize = 52;
 /// Beginning of a module.
 const MODULE: &[u8] = b"MODULE";
-/// Bytes of the names of a module, and the place of its length behind them, before EC-Lab 11.50.
+/// Bytes of the names of a module, and the offset of its length after them, before EC-Lab 11.50.
 const NAMES: usize = 35;
-/// Value in the place of the length from EC-Lab 11.50 on: another header follows.
+/// Value of the length field since EC-Lab 11.50: another header follows.
 const LONG_HEADER: u32 = u32::MAX;
 /// Short name of the module that holds the points.
 const DATA: &[u8] = b"VMP data";
-/// Place of the first record by the version of the module: before EC-Lab 11.50, 2 and 3; from then on.
+/// Offset of the first record by the version of the module: 2 and 3 before EC-Lab 11.50, then the
+/// versions since.
 const RECORDS_OF_0: usize = 100;
 const RECORDS_OF_2: usize = 405;
 const RECORDS_OF_3: usize = 406;
 const RECORDS_SINCE_11_50: usize = 1007;
-/// Place of the identifiers of the columns.
+/// Offset of the identifiers of the columns.
 const COLUMNS: usize = 5;
 
 /// Columns whose bits share one byte.
@@ -77,8 +79,8 @@ const SINGLE: [(u16, u16); 33] = [
     (476, 497),
     (505, 505),
 ];
-/// Columns that are passed on, by the names that EC-Lab exports. Of several currents or voltages the
-/// first in a record is taken.
+/// Columns that are read, by the names that EC-Lab exports. If a record has several currents or
+/// voltages, the first is used.
 const NAMED: [(u16, &str); 17] = [
     (4, "time/s"),
     (6, "Ewe/V"),
@@ -98,8 +100,8 @@ const NAMED: [(u16, &str); 17] = [
     (7, DELTA_Q),
     (23, DELTA_Q),
 ];
-/// Charge since the record before, of which techniques without a current (GCPL) are told: its current
-/// is this over the time since.
+/// Charge since the previous record, which techniques without a current column (GCPL) store: the
+/// current is this charge divided by the time since that record.
 const DELTA_Q: &str = "dq/mA.h";
 /// The mode, in the two lowest bits of the flags; 3 is at rest.
 const MODE: &str = "mode";
@@ -113,7 +115,7 @@ enum Kind {
     Whole,
     /// The byte of the flags.
     Flags,
-    /// Bytes that are passed over.
+    /// Bytes that are skipped.
     Other(usize),
 }
 
@@ -135,11 +137,11 @@ struct Column {
     kind: Kind,
 }
 
-/// The text of a file; nothing where it is none of EC-Lab's.
+/// Returns the text of a file; `None` if it is not an EC-Lab file.
 ///
 /// # Errors
-/// [`FormatError::Decode`] for a file that is cut off, of another version, or with columns of unknown
-/// width.
+/// [`FormatError::Decode`] if the file is truncated, has an unknown version, or has columns of
+/// unknown width.
 pub(super) fn text(path: &Path, bytes: &[u8]) -> Option<Result<String, FormatError>> {
     bytes.starts_with(MAGIC).then(|| {
         decoded(bytes).map_err(|reason| FormatError::Decode {
@@ -172,7 +174,7 @@ fn decoded(bytes: &[u8]) -> Result<String, String> {
     if record * count != records.len() {
         let bytes = records.len();
         return Err(format!(
-            "{bytes} bytes are no {count} records of one length"
+            "{bytes} bytes are not {count} records of one length"
         ));
     }
     let columns = placed(&ids, record)?;
@@ -187,7 +189,7 @@ fn decoded(bytes: &[u8]) -> Result<String, String> {
         .filter(|column| (column.name != DELTA_Q || of_charge) && (column.name != MODE || of_mode))
         .collect();
     let time = columns.iter().position(|column| column.name == "time/s");
-    // As the text of EC-Lab's technique OCV, which has no current.
+    // Like the text export of EC-Lab's technique OCV, which has no current.
     let mut text = if of_mode {
         "EC-Lab ASCII FILE\n".to_owned()
     } else {
@@ -214,7 +216,7 @@ fn decoded(bytes: &[u8]) -> Result<String, String> {
             let value = record.get(column.at..).unwrap_or_default();
             // Writing to a string cannot fail.
             if column.name == DELTA_Q {
-                // Of the first record the time since is not known.
+                // The first record has no previous record.
                 let amps = double(column) * 3600.0 / (now_s - before_s);
                 let _ = write!(text, "{}", if amps.is_finite() { amps } else { 0.0 });
                 continue;
@@ -239,7 +241,8 @@ fn decoded(bytes: &[u8]) -> Result<String, String> {
     Ok(text)
 }
 
-/// The content of the data module, whether it is of EC-Lab from 11.50 on, and its version.
+/// Returns the content of the data module, whether it was written by EC-Lab 11.50 or later, and its
+/// version.
 fn module(bytes: &[u8]) -> Result<(&[u8], bool, u32), String> {
     let mut rest = bytes.get(PREFACE..).unwrap_or_default();
     while let Some(module) = rest.strip_prefix(MODULE) {
@@ -279,13 +282,13 @@ fn ids(data: &[u8], count: usize, since_11_50: bool, packed: bool) -> Result<Vec
         .collect())
 }
 
-/// The columns that are passed on, with their places in a record of so many bytes.
+/// Returns the columns that are read, with their offsets in a record of the given size.
 fn placed(ids: &[u16], record: usize) -> Result<Vec<Column>, String> {
     let mut kinds: Vec<Option<Kind>> = Vec::new();
     let mut met_flags = false;
     for id in ids {
         let is_flag = FLAGS.contains(id);
-        // All flags of a record share the byte of the first.
+        // All flags of a record share the byte of the first flag.
         let kind = if is_flag && met_flags {
             Some(Kind::Other(0))
         } else {
@@ -299,7 +302,7 @@ fn placed(ids: &[u16], record: usize) -> Result<Vec<Column>, String> {
         .filter(|(_, kind)| kind.is_none())
         .map(|(id, _)| *id)
         .collect();
-    // One column of unknown width has what the others leave.
+    // A single column of unknown width has the bytes that remain.
     let left = match (unknown.as_slice(), record.checked_sub(known)) {
         ([], Some(0)) => 0,
         ([_], Some(left @ (1 | 2 | 4 | 8))) => left,

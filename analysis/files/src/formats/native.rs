@@ -1,7 +1,7 @@
-//! Files of makers that are no tables with named columns:
+//! Vendor formats that are not tables with named columns:
 //!
-//! * Autolab FRA `.dfr`: `VERSION8.0`, the number of points, then nine numbers for each point, one in
-//!   a line: frequency, Re Z, −Im Z and six more
+//! * Autolab FRA `.dfr`: `VERSION8.0`, the number of points, then nine numbers for each point, one
+//!   per line: frequency, Re Z, −Im Z and six more
 //! * Elchemea Analytical `.i2b`: any head, a line with the number of points, then frequency, Re Z and
 //!   Im Z in each line
 //! * Ivium `.ids` and `.idf`: binary marks between lines of text; a block `Method=Impedance` holds
@@ -30,7 +30,7 @@ const AUTOLAB_NUMBERS: usize = 9;
 
 type Read = Result<FileSpectra, FormatError>;
 
-/// Reads a file of one of these makers; nothing where it is of another.
+/// Reads a file in one of these formats; returns `None` for any other file.
 pub(super) fn parse(path: &Path, bytes: &[u8]) -> Option<Read> {
     if bytes.starts_with(IVIUM) {
         let text: String = bytes.iter().map(|byte| char::from(*byte)).collect();
@@ -66,7 +66,7 @@ fn row(line: usize, key: Vec<String>, freq_hz: f64, z_ohm: Complex64) -> Measure
     }
 }
 
-/// Spectra of rows; `keys` tells them apart.
+/// Groups rows into spectra by `keys`.
 fn sorted(path: &Path, rows: Vec<MeasuredRow>, keys: Vec<Key>) -> Read {
     if rows.is_empty() {
         return Err(FormatError::Empty {
@@ -93,7 +93,7 @@ fn sorted(path: &Path, rows: Vec<MeasuredRow>, keys: Vec<Key>) -> Read {
     sweeps::sort(path, Rows { rows, keys }, |_, _| stem.clone())
 }
 
-/// Lines with their numbers, from which values are taken one after another.
+/// Numbered lines from which values are taken in order.
 struct Lines<'a> {
     path: &'a Path,
     rest: std::iter::Enumerate<std::str::Lines<'a>>,
@@ -115,7 +115,7 @@ impl<'a> Lines<'a> {
         Ok((at + 1, line.trim()))
     }
 
-    /// Numbers of a line, parted by blanks.
+    /// Returns the numbers of a line, separated by blanks.
     fn numbers<const N: usize>(
         &mut self,
         expected: &str,
@@ -171,8 +171,8 @@ fn autolab(path: &Path, text: &str) -> Read {
     sorted(path, rows, Vec::new())
 }
 
-/// An `.i2b` has no mark: a line with the number of points, and as many lines of three numbers, which
-/// end the file.
+/// An `.i2b` file has no magic number: it is recognised by a line with the number of points, followed
+/// by that number of lines with three numbers up to the end of the file.
 fn elchemea(path: &Path, text: &str) -> Option<Read> {
     let filled: Vec<(usize, &str)> = super::text::lines(text).collect();
     let is_row = |line: &str| {
@@ -241,7 +241,7 @@ fn palmsens(path: &Path, text: &str) -> Read {
         expected: expected.to_owned(),
         met,
     };
-    // The end of the file has a byte order mark.
+    // The file ends with a byte order mark.
     let text = text.trim_end_matches(['\u{feff}', '\0']).trim_end();
     let session: Value =
         serde_json::from_str(text).map_err(|error| wrong("JSON", error.to_string()))?;
@@ -250,7 +250,7 @@ fn palmsens(path: &Path, text: &str) -> Read {
     let measurements = session["measurements"].as_array().unwrap_or(&none);
     let mut rows = Vec::new();
     for (nth, measurement) in measurements.iter().enumerate() {
-        // Scans of each channel; the measurement's own arrays repeat the last channel.
+        // Each channel has scans; the arrays of the measurement itself repeat the last channel.
         let mut sets = Vec::new();
         scans(&measurement["eisdatalist"], "", &mut sets);
         if sets.len() < 2 {
@@ -276,7 +276,7 @@ fn palmsens(path: &Path, text: &str) -> Read {
                     format!("{}, {} and {}", freq.len(), re.len(), minus_im.len()),
                 ));
             }
-            // Titles may come again.
+            // Titles may repeat.
             let key = if sets.len() > 1 {
                 format!("{}.{} {title}", nth + 1, count + 1)
             } else {
@@ -291,8 +291,8 @@ fn palmsens(path: &Path, text: &str) -> Read {
     sorted(path, rows, vec![Key::Table])
 }
 
-/// The sets of arrays below a list of channels and their scans, with their titles: of a channel with
-/// scans those of the scans.
+/// Returns the sets of arrays of a list of channels, with their titles: for a channel with scans,
+/// the arrays of the scans.
 fn scans<'a>(list: &'a Value, before: &str, found: &mut Vec<(String, &'a Value)>) {
     for one in list.as_array().into_iter().flatten() {
         let title = one["title"].as_str().unwrap_or_default();
@@ -314,7 +314,7 @@ fn is_named(array: &Value, name: &str) -> bool {
     description.is_some_and(|met| met.eq_ignore_ascii_case(name))
 }
 
-/// JSON whose keys are in small letters, as some versions write them.
+/// Converts the keys of a JSON value to lower case, because versions differ in case.
 fn with_small_keys(value: Value) -> Value {
     match value {
         Value::Object(fields) => {

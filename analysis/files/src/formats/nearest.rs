@@ -1,9 +1,10 @@
-//! Says which reader came nearest to a text that none reads, and what it lacks there.
+//! Names the reader whose format is most similar to an unreadable text, and what the text lacks for
+//! it.
 
 use super::text::{self, shorten};
 use super::{timeseries, vendor};
 
-/// Fields of a row of numbers, at least.
+/// Minimum number of fields of a row of numbers.
 const ROW: usize = 2;
 
 /// A program by the first words of its files.
@@ -14,7 +15,7 @@ struct Program {
     needs: &'static str,
 }
 
-/// Lines in which the mark of a program is sought.
+/// Number of lines that are searched for the mark of a program.
 const HEAD: usize = 20;
 
 const PROGRAMS: [Program; 7] = [
@@ -56,7 +57,7 @@ const PROGRAMS: [Program; 7] = [
 ];
 
 /// The reader that came nearest and why it does not read the text, as the end of a message; empty
-/// where none came near.
+/// if none is similar.
 pub(super) fn nearest(bytes: &[u8]) -> String {
     let decoded = String::from_utf8_lossy(bytes);
     let lines: Vec<&str> = decoded.lines().map(str::trim_end).collect();
@@ -96,7 +97,7 @@ fn of_program(lines: &[&str]) -> Option<String> {
 
 fn of_columns(lines: &[&str]) -> Option<String> {
     let row = first_row(lines)?;
-    // Units may stand between the names and the numbers.
+    // A row of units may separate the names from the numbers.
     let (at, named) = (row.saturating_sub(3)..row)
         .rev()
         .find_map(|at| Some((at, vendor::quantities(lines[at])?)))?;
@@ -129,14 +130,14 @@ fn of_list(lines: &[&str]) -> Option<String> {
     })
 }
 
-/// The first line of nothing but numbers.
+/// Returns the first line that contains only numbers.
 fn first_row(lines: &[&str]) -> Option<usize> {
     lines
         .iter()
         .position(|line| numbers(line).is_some_and(|count| count >= ROW))
 }
 
-/// Count of the numbers of a line with nothing else.
+/// Returns the number of fields of a line that contains only numbers.
 fn numbers(line: &str) -> Option<usize> {
     let separator = match text::separator(line) {
         ',' if !line.contains(',') => ' ',

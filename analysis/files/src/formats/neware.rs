@@ -1,9 +1,9 @@
-//! Records of Neware's cyclers in their binary files, as the text of a cycler: `.nda`, and `.ndax`,
-//! which is a ZIP archive of `.ndc`.
+//! Converts binary records of Neware's cyclers to cycler text: `.nda`, and `.ndax`, which is a ZIP
+//! archive of `.ndc`.
 //!
-//! The maker does not publish the layouts. Those here are the ones that the programs `fastnda` and
-//! `NewareNDA` have found, in the versions that `fastnda` has checked against exports of BTSDA. Any
-//! other version is refused: a wrong layout gives numbers that look right.
+//! The manufacturer does not publish the layouts. The reader uses those found by the programs
+//! `fastnda` and `NewareNDA`, for the versions that `fastnda` has verified against exports of
+//! BTSDA. Any other version is refused, because a wrong layout gives plausible but wrong numbers.
 
 mod bts9;
 mod fields;
@@ -21,10 +21,10 @@ const NDA: &[u8] = b"NEWARE";
 /// First bytes of a ZIP archive.
 const ZIP: &[u8] = b"PK\x03\x04";
 
-/// The text of a record, and remarks on what is not in it; nothing for a file of another kind.
+/// Returns the text of a record, and remarks on data that it omits; `None` for any other file.
 ///
 /// # Errors
-/// [`FormatError::Decode`] for a version that is not read, and for a file that is cut off.
+/// [`FormatError::Decode`] for an unsupported version and for a truncated file.
 pub(super) fn text(path: &Path, bytes: &[u8]) -> Option<Result<Decoded, FormatError>> {
     let (kind, read): (_, Result<Decoded, Fault>) = if bytes.starts_with(NDA) {
         ("a Neware .nda", nda::read(bytes))

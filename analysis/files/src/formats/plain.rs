@@ -1,21 +1,22 @@
-//! The text of a file as the readers take it: UTF-8, signs of a typewriter, and no separator within a
+//! Normalises the text of a file for the readers: UTF-8, ASCII punctuation, and no separator within a
 //! field.
 //!
 //! * UTF-16 with a byte order mark, UTF-8, else a code page of one byte (the first half is ASCII, and
 //!   the second Latin)
-//! * the minus U+2212 is `-`; blanks that do not break, between digits, group thousands and are dropped
-//! * a table by RFC 4180 whose quoted fields hold the separator gets tabulators for it. In a column of
-//!   numbers with points, commas before each three digits group thousands and are dropped
+//! * the minus U+2212 becomes `-`; non-breaking blanks between digits group thousands and are removed
+//! * a table by RFC 4180 whose quoted fields contain the separator gets tabs as separators. In a
+//!   column of numbers with decimal points, commas before groups of three digits group thousands and
+//!   are removed
 
 use super::text;
 use std::borrow::Cow;
 
-/// Fields of a row of a table, at least.
+/// Minimum number of fields of a row of a table.
 const FIELDS: usize = 3;
-/// Blanks that do not break.
+/// Non-breaking blanks.
 const FIXED_BLANKS: [char; 3] = ['\u{a0}', '\u{202f}', '\u{2009}'];
 
-/// The text of bytes. Lines keep their numbers.
+/// Decodes bytes to text. Lines keep their numbers.
 pub(super) fn text(bytes: &[u8]) -> Cow<'_, str> {
     let decoded = match text::utf_16(bytes) {
         Some(decoded) => Cow::Owned(decoded.trim_start_matches('\u{feff}').to_owned()),
@@ -42,7 +43,7 @@ pub(super) fn text(bytes: &[u8]) -> Cow<'_, str> {
     unquoted.map_or(typed, Cow::Owned)
 }
 
-/// A text with the signs of a typewriter.
+/// Replaces typographic characters by ASCII.
 fn typed(text: &str) -> String {
     let mut kept = String::with_capacity(text.len());
     let mut characters = text.chars().peekable();
@@ -61,7 +62,8 @@ fn typed(text: &str) -> String {
     kept
 }
 
-/// The table with tabulators, where quoted fields of its rows hold the separator; else nothing.
+/// Returns the table with tabs as separators if quoted fields of its rows contain the separator;
+/// else `None`.
 fn without_quotes(text: &str, separator: char) -> Option<String> {
     if !may_hold(text, separator) {
         return None;
@@ -76,7 +78,7 @@ fn without_quotes(text: &str, separator: char) -> Option<String> {
     let (mut holds, mut line, mut counted) = (false, 1, 0);
     for record in reader.records() {
         let record = record.ok()?;
-        // A record begins behind the blank lines before it.
+        // A record begins after preceding blank lines.
         let start = record.position().map_or(0, csv::Position::byte);
         let start = usize::try_from(start).ok()?;
         let blank = text
@@ -103,7 +105,7 @@ fn without_quotes(text: &str, separator: char) -> Option<String> {
     let mut lines = String::with_capacity(text.len());
     let mut at = 1;
     for (line, fields) in &records {
-        // A field over several lines leaves them behind as blank ones.
+        // A field over several lines leaves blank lines, so that line numbers stay.
         while at < *line {
             lines.push('\n');
             at += 1;
@@ -115,7 +117,7 @@ fn without_quotes(text: &str, separator: char) -> Option<String> {
     Some(lines)
 }
 
-/// Whether the separator stands behind an opening quote of some line.
+/// Returns whether a quoted field of some line contains the separator.
 fn may_hold(text: &str, separator: char) -> bool {
     text.lines().any(|line| {
         let mut quoted = false;
@@ -126,13 +128,13 @@ fn may_hold(text: &str, separator: char) -> bool {
     })
 }
 
-/// A field on one line and without tabulators.
+/// Joins a field to one line without tabs.
 fn plain(field: &str) -> String {
     field.trim().replace(['\t', '\n', '\r'], " ")
 }
 
-/// Drops the commas of a column that group thousands: some of its numbers have a decimal point, and all
-/// commas stand before three digits.
+/// Removes the thousands commas of a column: some of its numbers have a decimal point, and every comma
+/// precedes three digits.
 fn ungroup(records: &mut [(usize, Vec<String>)], column: usize) {
     let fields = || records.iter().filter_map(|(_, fields)| fields.get(column));
     let number = |field: &&String| {
@@ -172,7 +174,7 @@ mod tests {
             text(b"\"a, b\",c,d\n\n\"1,5\",\"2,5\",3\n\"x\ny\",1,2\nz,3,4\n"),
             "a, b\tc\td\n\n1,5\t2,5\t3\nx y\t1\t2\n\nz\t3\t4\n"
         );
-        // Quotes without a separator within stay.
+        // Quotes without a separator inside stay.
         assert_eq!(
             text(b"\"a\",\"b\",\"c\"\n1,2,3\n"),
             "\"a\",\"b\",\"c\"\n1,2,3\n"

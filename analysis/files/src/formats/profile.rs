@@ -1,20 +1,20 @@
 //! Profiles from text: two columns, time and demand, with or without a header.
 //!
-//! Columns are separated by commas, semicolons, tabs or blanks. A header names what the columns
-//! are, with the unit behind an underscore, in brackets or behind a slash: `time_s,power_w`, `time
-//! [s] power [W]`, `Time / s, Current / A`. Lines that begin with `#` are comments. A column that
-//! is called charge or discharge says its sign by that, and so does one beside a cycler's test time
-//! in seconds (`Test Time / s`, `test_time_second`), for such files count charge as positive;
-//! `load` is a resistance only with a unit of one.
+//! Columns are separated by commas, semicolons, tabs or blanks. A header names the columns, with
+//! the unit after an underscore, in brackets or after a slash: `time_s,power_w`, `time [s] power
+//! [W]`, `Time / s, Current / A`. Lines that begin with `#` are comments. The names charge and
+//! discharge define the sign of a column. A column beside a cycler's test time in seconds (`Test
+//! Time / s`, `test_time_second`) is positive for charge, as in all such files. `load` is a
+//! resistance only with a unit of resistance.
 
 use super::{SeriesOptions, SeriesReadError, read_series};
 use analysis_forward::forward::{Demand, Interpolation, Profile, ProfileError};
 use std::path::{Path, PathBuf};
 
-/// Ending of the names of measured series.
+/// Suffix of the names of measured series.
 const MEASURED: &str = ".bdf.csv";
 
-/// Reason why a file is no profile.
+/// Error of reading a profile.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ProfileReadError {
@@ -23,13 +23,13 @@ pub enum ProfileReadError {
     Io {
         /// The file.
         file: PathBuf,
-        /// The file system's answer.
+        /// Error of the operating system.
         source: std::io::Error,
     },
-    /// A measured series that is none.
+    /// The measured series is invalid.
     #[error(transparent)]
     Series(#[from] SeriesReadError),
-    /// A line that is not as expected.
+    /// A line is malformed.
     #[error("{}, line {line}: expected {expected}, met {met}", file.display())]
     Line {
         /// The file.
@@ -41,19 +41,19 @@ pub enum ProfileReadError {
         /// Value found.
         met: String,
     },
-    /// Rows that make no profile.
+    /// The rows do not form a profile.
     #[error(transparent)]
     Profile(#[from] ProfileError),
 }
 
-/// Options for facts that the file may not state.
+/// Options for facts that a file may not state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReadOptions {
-    /// Kind of the demand; none: as the header says, power without a header.
+    /// Kind of the demand; `None`: from the header, or power without a header.
     pub demand: Option<Demand>,
     /// Interpolation between the rows.
     pub interpolation: Interpolation,
-    /// The file counts charge as positive: power and current change their sign.
+    /// Whether the file counts charge as positive: power and current then change their sign.
     pub charge_positive: bool,
 }
 
@@ -65,15 +65,15 @@ struct Header {
     direction: Option<Direction>,
 }
 
-/// A sign that a header tells.
+/// The sign convention from a header.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Direction {
     Charge,
     Discharge,
 }
 
-/// Reads a profile; its name is that of the file without the extension. A measured series
-/// (`.bdf.csv`) is taken for its current, or for its power where that is asked for.
+/// Reads a profile; its name is that of the file without the extension. For a measured series
+/// (`.bdf.csv`), the profile is its current, or its power if requested.
 ///
 /// # Errors
 /// [`ProfileReadError`] with file and line.
@@ -93,13 +93,13 @@ pub fn read_profile(path: &Path, options: &ReadOptions) -> Result<Profile, Profi
     parse_profile(path, &stem, text.trim_start_matches('\u{feff}'), options)
 }
 
-/// The first row of a text that no header stands above, with its line from 1; `parse` takes it
-/// for the first of the profile.
+/// Returns the first row of a text without a header, with its line from 1; `parse` uses it as the
+/// first row of the profile.
 pub fn first_bare_row(text: &str) -> Option<(usize, &str)> {
     lines(text).next().filter(|(_, line)| is_row(line))
 }
 
-/// Profile of the current or the power of a measured series.
+/// Returns the profile of the current or the power of a measured series.
 fn measured(path: &Path, options: &ReadOptions) -> Result<Profile, ProfileReadError> {
     let series = read_series(path, &SeriesOptions::default())?;
     let demand = match options.demand {
@@ -123,7 +123,7 @@ fn measured(path: &Path, options: &ReadOptions) -> Result<Profile, ProfileReadEr
     )?)
 }
 
-/// Reads a profile from the text of a file; `path` is for complaints.
+/// Parses a profile from the text of a file; `path` is used in error messages.
 ///
 /// ```
 /// use analysis_files::formats::{ReadOptions, parse_profile};
@@ -218,7 +218,7 @@ pub fn parse_profile(
     })
 }
 
-/// Lines that are neither empty nor comments, with their numbers from 1.
+/// Returns the lines that are neither empty nor comments, with their numbers from 1.
 fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     text.lines()
         .enumerate()
@@ -231,7 +231,8 @@ fn is_row(line: &str) -> bool {
     line.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c))
 }
 
-/// Fields of a line without quotes: by the first separator that it has, blanks last.
+/// Splits a line into fields without quotes, by the first separator that it contains; blanks are
+/// tried last.
 fn split(line: &str) -> Vec<&str> {
     let by = [',', ';', '\t'].into_iter().find(|c| line.contains(*c));
     let fields: Vec<&str> = match by {
@@ -296,7 +297,7 @@ impl Header {
     }
 }
 
-/// The names of the columns, each as its words in small letters.
+/// Returns the names of the columns, each as lower-case words.
 fn words(line: &str) -> Vec<Vec<String>> {
     let parts = |field: &str| -> Vec<String> {
         let lower = field.to_lowercase();
@@ -306,7 +307,7 @@ fn words(line: &str) -> Vec<Vec<String>> {
     if line.contains([',', ';', '\t']) {
         return split(line).into_iter().map(parts).collect();
     }
-    // Blanks separate words and columns alike: the second column begins at its quantity.
+    // Blanks separate words and columns: the second column begins at the word of its quantity.
     let all = parts(line);
     match all
         .iter()
@@ -327,7 +328,7 @@ fn quantity(word: &str) -> Option<Demand> {
     }
 }
 
-/// Words that leave open whether power, current or resistance is meant.
+/// Words that do not distinguish power, current and resistance.
 fn vague(word: &str) -> bool {
     matches!(
         word,
@@ -345,8 +346,8 @@ fn direction(words: &[String]) -> Result<Option<Direction>, String> {
     }
 }
 
-/// True for the names that BDF, its machine names and Arbin give the time: in their files charge is
-/// positive.
+/// Returns whether a name is that of the time in BDF (label or machine name) or Arbin: in such
+/// files charge is positive.
 fn of_cycler(time: &[String]) -> bool {
     matches!(
         time.iter().map(String::as_str).collect::<Vec<_>>()[..],
@@ -354,8 +355,8 @@ fn of_cycler(time: &[String]) -> bool {
     )
 }
 
-/// Kind of a column and its unit in W, A or Ω. Where no word says the kind, the unit behind a vague
-/// one does.
+/// Returns the kind of a column and its unit in W, A or Ω. If no word determines the kind, the unit
+/// after an ambiguous word does.
 fn kind(words: &[String]) -> Option<(Demand, f64)> {
     let named = words.iter().find_map(|w| quantity(w));
     let last = words.last()?.as_str();

@@ -9,11 +9,11 @@ use super::text::{self, Row, Text};
 use crate::dataset::shared::{IM, RE};
 use analysis_signal::spectrum::{SharedError, SourcedSpectrum};
 
-/// Reads the columns, where a header announces any, into the one spectrum of a file. `rows` are those
-/// whose points the spectrum holds.
+/// Reads the columns, if the header names any, into the only spectrum of a file. `rows` are the rows
+/// of its points.
 ///
 /// # Errors
-/// A column without its other part, or a field that is no number.
+/// Returns an error for a column without its other part and for a field that is not a number.
 pub(super) fn attach(
     text: &Text<'_>,
     rows: &[&Row<'_>],
@@ -66,7 +66,7 @@ pub(super) fn attach(
             at_ohm: at_ohm.collect::<Result<_, FormatError>>()?,
         });
     }
-    // Points are sorted by now; the columns stand as the file has them.
+    // Points are already sorted; the columns still have the order of the file.
     let freq_column = header
         .fields
         .iter()

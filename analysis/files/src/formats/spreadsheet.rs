@@ -1,7 +1,7 @@
-//! Sheets of a spreadsheet as texts with tabulators, which the other readers take: Excel (`.xlsx`,
-//! `.xlsm`, `.xlsb`, `.xls`) and OpenDocument (`.ods`, and `.fods`, which is one XML).
+//! Converts sheets of a spreadsheet to tab-separated texts for the other readers: Excel (`.xlsx`,
+//! `.xlsm`, `.xlsb`, `.xls`) and OpenDocument (`.ods`, and `.fods`, which is one XML file).
 //!
-//! Line and field of a text are row and column of the sheet. Times of a day and durations become
+//! Lines and fields of a text are rows and columns of the sheet. Times of day and durations become
 //! `h:mm:ss`.
 
 mod bounds;
@@ -19,11 +19,11 @@ use calamine::{
 
 /// First bytes of a ZIP archive, and of the files of Excel before 2007.
 const MAGIC: [&[u8]; 2] = [b"PK\x03\x04", b"\xD0\xCF\x11\xE0\xA1\xB1\x1A\xE1"];
-/// Bytes of an XML in which its root element is sought.
+/// Bytes of an XML file that are searched for its root element.
 const ROOT: usize = 4096;
-/// Kind of an OpenDocument spreadsheet.
+/// Media type of an OpenDocument spreadsheet.
 const OPEN_DOCUMENT: &str = "application/vnd.oasis.opendocument.spreadsheet";
-/// Most cells of a sheet that do not stand in the order of rows and columns.
+/// Maximum number of cells of a sheet that are not in the order of rows and columns.
 const MOST_DISORDERED: usize = 5_000_000;
 
 /// A workbook in memory.
@@ -33,15 +33,15 @@ type Book<'a> = Sheets<Cursor<Cow<'a, [u8]>>>;
 #[derive(Debug)]
 pub(super) struct Sheet {
     pub(super) name: String,
-    /// The file with the name of the sheet, for messages: `data.xlsx [Sheet1]`.
+    /// Returns the file with the name of the sheet, for messages: `data.xlsx [Sheet1]`.
     pub(super) path: PathBuf,
     pub(super) text: String,
 }
 
-/// The sheets of a file that are not empty; nothing where it is no spreadsheet.
+/// Returns the sheets of a file that are not empty; `None` if it is not a spreadsheet.
 ///
 /// # Errors
-/// [`FormatError::Decode`] for one that cannot be decoded.
+/// [`FormatError::Decode`] if it cannot be decoded.
 pub(super) fn sheets(path: &Path, bytes: &[u8]) -> Option<Result<Vec<Sheet>, FormatError>> {
     let failed = |reason: &dyn std::fmt::Display| FormatError::Decode {
         file: path.to_owned(),
@@ -61,7 +61,7 @@ pub(super) fn sheets(path: &Path, bytes: &[u8]) -> Option<Result<Vec<Sheet>, For
         if let Err(reason) = bounds::check(bytes) {
             return Some(Err(failed(&reason)));
         }
-        // Another archive or compound file is told by its kind.
+        // Other archives and compound files are reported by their format.
         open_workbook_auto_from_rs(Cursor::new(Cow::Borrowed(bytes))).ok()?
     } else {
         return None;
@@ -80,7 +80,7 @@ pub(super) fn sheets(path: &Path, bytes: &[u8]) -> Option<Result<Vec<Sheet>, For
     }))
 }
 
-/// Whether bytes are an OpenDocument spreadsheet in one XML.
+/// Returns whether bytes are an OpenDocument spreadsheet in one XML file.
 fn is_flat(bytes: &[u8]) -> bool {
     let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
     let head = String::from_utf8_lossy(&bytes[..bytes.len().min(ROOT)]);
@@ -89,7 +89,7 @@ fn is_flat(bytes: &[u8]) -> bool {
         && head.contains(OPEN_DOCUMENT)
 }
 
-/// The archive that an OpenDocument spreadsheet in one XML would be.
+/// Packs an OpenDocument spreadsheet in one XML file into the equivalent archive.
 fn packed_flat(bytes: &[u8]) -> Vec<u8> {
     let mut archive = zip::ZipWriter::new(Cursor::new(Vec::new()));
     let stored =
@@ -100,7 +100,7 @@ fn packed_flat(bytes: &[u8]) -> Vec<u8> {
         ("META-INF/manifest.xml", manifest.as_bytes()),
         ("content.xml", &without_indentation(bytes)),
     ] {
-        // Writing to memory cannot fail; an archive that is not whole is refused where it is read.
+        // Writing to memory cannot fail; an incomplete archive is refused by its reader.
         let _ = archive
             .start_file(name, stored)
             .and_then(|()| Ok(archive.write_all(content)?));
@@ -108,7 +108,7 @@ fn packed_flat(bytes: &[u8]) -> Vec<u8> {
     archive.finish().map(Cursor::into_inner).unwrap_or_default()
 }
 
-/// An XML without the blanks between its marks, which the decoder does not pass over.
+/// Removes the blanks between the tags of an XML file, which the decoder does not skip.
 fn without_indentation(bytes: &[u8]) -> Vec<u8> {
     let mut kept = Vec::with_capacity(bytes.len());
     for part in bytes.split_inclusive(|byte| *byte == b'>') {
@@ -122,15 +122,15 @@ fn without_indentation(bytes: &[u8]) -> Vec<u8> {
     kept
 }
 
-/// The text of a sheet. Cells of the newer kinds of workbooks are read one after the other, so that
-/// two of them at the ends of a sheet do not make a table of 17 thousand million fields.
+/// Returns the text of a sheet. Cells of the newer formats are read one by one, so that two cells
+/// at opposite corners of a sheet do not allocate a table of 17 thousand million fields.
 fn sheet(book: &mut Book<'_>, name: &str) -> Result<String, String> {
     let told = |error: &dyn std::fmt::Display| error.to_string();
     match book {
         Sheets::Xlsx(book) => {
             let mut cells = match book.worksheet_cells_reader(name) {
                 Ok(cells) => cells,
-                // A sheet of nothing but a chart.
+                // A sheet that contains only a chart.
                 Err(XlsxError::NotAWorksheet(_)) => return Ok(String::new()),
                 Err(error) => return Err(told(&error)),
             };
@@ -148,16 +148,16 @@ fn sheet(book: &mut Book<'_>, name: &str) -> Result<String, String> {
     }
 }
 
-/// The text of cells.
+/// Returns the text of cells.
 ///
 /// # Errors
-/// A cell that cannot be decoded; more text than can be held.
+/// Returns an error if a cell cannot be decoded or the text exceeds the limit.
 fn of_cells<'a>(
     mut next: impl FnMut() -> Result<Option<Cell<DataRef<'a>>>, String>,
 ) -> Result<String, String> {
     let mut text = String::new();
     let (mut row, mut column) = (0, 0);
-    // Cells that stand before one that was met.
+    // Cells that come before one that was already written.
     let mut late: BTreeMap<(u32, u32), String> = BTreeMap::new();
     let mut late_bytes = 0;
     while let Some(cell) = next()? {
@@ -200,7 +200,7 @@ fn of_cells<'a>(
     })
 }
 
-/// A text with cells that were met too late for their place in it.
+/// Inserts cells that came too late for their place in the text.
 fn with_late(text: &str, late: &BTreeMap<(u32, u32), String>) -> String {
     let mut merged = String::with_capacity(text.len());
     for (row, line) in (0..).zip(text.lines()) {
@@ -253,7 +253,7 @@ fn field(cell: &Data) -> String {
         Data::Bool(value) => value.to_string(),
         Data::DateTime(at) => {
             let days = at.as_f64();
-            // A day is a number of whole days since 1900: what is less than one has no date.
+            // A date is a number of days since 1900: a value below one has no date.
             if at.is_duration() || days.abs() < 1.0 {
                 clock(days * 86_400.0)
             } else {
@@ -262,12 +262,12 @@ fn field(cell: &Data) -> String {
         }
         Data::DurationIso(text) => duration_s(text).map_or_else(|| plain(text), clock),
         Data::String(text) | Data::DateTimeIso(text) => plain(text),
-        // `#DIV/0!` and the like: no number, which the reader of the column tells.
+        // `#DIV/0!` and similar: not a number; the reader of the column reports it.
         other => plain(&other.to_string()),
     }
 }
 
-/// Seconds as `h:mm:ss`, to the microsecond: days are stored with 15 digits.
+/// Formats seconds as `h:mm:ss`, to the microsecond, because days are stored with 15 digits.
 fn clock(seconds: f64) -> String {
     let whole = (seconds * 1.0e6).round();
     let (minutes, seconds) = ((whole / 6.0e7).floor(), whole.rem_euclid(6.0e7) / 1.0e6);
@@ -275,7 +275,7 @@ fn clock(seconds: f64) -> String {
     format!("{hours}:{minutes:02}:{seconds}")
 }
 
-/// Seconds of a duration by ISO 8601, `PT1H2M3.5S`.
+/// Parses a duration by ISO 8601, `PT1H2M3.5S`, to seconds.
 fn duration_s(text: &str) -> Option<f64> {
     let mut rest = text.strip_prefix("PT")?;
     let mut seconds = 0.0;

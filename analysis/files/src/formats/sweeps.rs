@@ -1,14 +1,14 @@
 //! Groups the rows of a file into spectra.
 //!
-//! Rows are told apart by the table that they stand in, by the curve where a row holds several, by
-//! a column that names a cycle, a loop or an id, and within these by the frequency: a sweep that
-//! starts again is another sweep.
+//! Rows are separated by their table, by the curve if a row holds several, by a column that names a
+//! cycle, a loop or an id, and within these by the frequency: if the frequency starts again, a new
+//! sweep begins.
 //!
-//! A run is a stretch of rows whose frequency moves one way. A run that goes against the one before
-//! it begins another sweep when it measures the sweep again: it begins or ends with the frequency
-//! with which the sweep began and covers at least a quarter of it, or it holds more than half of
-//! its frequencies, or all of them. A run that only repeats a few points, fills gaps or measures
-//! another part of the band belongs to the same sweep.
+//! A run is a sequence of rows whose frequency moves in one direction. A run in the opposite
+//! direction of the previous one begins a new sweep if it repeats the sweep: it begins or ends at
+//! the first frequency of the sweep and covers at least a quarter of it, or it contains more than
+//! half of its frequencies, or all of them. A run that only repeats a few points, fills gaps or
+//! measures another part of the band belongs to the same sweep.
 
 mod runs;
 
@@ -19,7 +19,7 @@ use analysis_signal::spectrum::{ImpedancePoint, Origin, SourcedSpectrum, Spectru
 use runs::{Cuts, cuts, distinct};
 use std::{collections::BTreeMap, path::Path};
 
-/// Lines that a remark names, at most.
+/// Maximum number of lines that a remark names.
 const SHOWN: usize = 10;
 
 /// A row of a file.
@@ -28,12 +28,12 @@ pub(super) struct MeasuredRow {
     /// From 1.
     pub(super) line: usize,
     pub(super) origin: Origin,
-    /// Values that its spectrum is recognised by, in the order of [`Rows::keys`].
+    /// Values that identify its spectrum, in the order of [`Rows::keys`].
     pub(super) key: Vec<String>,
     pub(super) point: ImpedancePoint,
 }
 
-/// The rows of a file and what tells their spectra apart.
+/// The rows of a file and the keys that separate their spectra.
 #[derive(Debug, Default)]
 pub(super) struct Rows {
     pub(super) rows: Vec<MeasuredRow>,
@@ -46,7 +46,7 @@ pub(super) struct Rows {
 pub(super) enum Key {
     /// Table of a file with several.
     Table,
-    /// Evaluation of one measurement of which a row holds several.
+    /// Evaluation of one measurement, if a row holds several.
     Curve,
     /// Column that counts or names spectra.
     Column(&'static str),
@@ -57,11 +57,11 @@ struct Part {
     origin: Origin,
     key: Vec<String>,
     rows: Vec<(usize, ImpedancePoint)>,
-    /// Number of the loop, where the frequency starts again.
+    /// Number of the loop, if the frequency starts again.
     number: Option<usize>,
 }
 
-/// The kind of a column that tells spectra apart, by its name.
+/// Returns the kind of a column that separates spectra, from its name.
 pub(super) fn label(name: &str) -> Option<&'static str> {
     let plain: String = name
         .chars()
@@ -83,7 +83,7 @@ pub(super) fn label(name: &str) -> Option<&'static str> {
     }
 }
 
-/// The value of a label as it stands in a name: `2` for `2.000E+00`.
+/// Returns the value of a label as part of a name: `2` for `2.000E+00`.
 pub(super) fn label_value(field: &str) -> String {
     let number = field
         .replace(',', ".")
@@ -93,9 +93,9 @@ pub(super) fn label_value(field: &str) -> String {
     number.map_or_else(|| field.to_owned(), |value| value.to_string())
 }
 
-/// Sorts rows into spectra; points that are no measurement are left out. `name` is that of a spectrum
-/// that needs no telling apart; where it is the file's without extension, parts of it are called after
-/// the whole name, as `file.mpt#loop2`.
+/// Sorts rows into spectra; leaves out points that were not measured. `name` is the name of a single
+/// spectrum; if it is the file's name without extension, several spectra are named by the whole file
+/// name, such as `file.mpt#loop2`.
 pub(super) fn sort(
     path: &Path,
     mut all: Rows,
@@ -163,7 +163,7 @@ pub(super) fn sort(
     Ok(FileSpectra { spectra, notes })
 }
 
-/// Sentence on the values that spectra were separated by; none where they were not.
+/// Returns a sentence on the values that separated the spectra; `None` if there is only one.
 fn told(keys: &[Key], restarts: &[usize], spectra: &[SourcedSpectrum]) -> Option<String> {
     let mut by: Vec<String> = keys
         .iter()
@@ -192,22 +192,22 @@ fn told(keys: &[Key], restarts: &[usize], spectra: &[SourcedSpectrum]) -> Option
         .join(", ");
     (!by.is_empty()).then(|| {
         format!(
-            "{} spectra, told apart {}: {names}",
+            "{} spectra, separated {}: {names}",
             spectra.len(),
             by.join(", ")
         )
     })
 }
 
-/// Whether a point was measured: it is no overload, lacks no part, and is not 0 + 0j.
+/// Returns whether a point was measured: it is not an overload, has both parts, and is not 0 + 0j.
 pub(super) fn is_measured(point: &ImpedancePoint) -> bool {
     let z = point.z_ohm;
     text::is_measured(z.re) && text::is_measured(z.im) && z.norm() > 0.0
 }
 
 impl Rows {
-    /// Leaves out points that are no measurement: overloads, what lacks a part, and 0 + 0j, which a
-    /// program writes where it has none. Gives a remark with their lines.
+    /// Removes points that were not measured: overloads, points without one part, and 0 + 0j, which
+    /// programs write for missing values. Returns a remark with their lines.
     fn drop_unmeasured(&mut self) -> Option<String> {
         let good = |row: &MeasuredRow| is_measured(&row.point);
         let lines: Vec<String> = self
@@ -226,14 +226,14 @@ impl Rows {
         let more = if lines.len() > SHOWN { ", …" } else { "" };
         (!lines.is_empty()).then(|| {
             format!(
-                "points that are no measurement (an overload, 0 + 0j, or no number) are left out: \
+                "points without a measurement (an overload, 0 + 0j, or not a number) are left out: \
                  line {shown}{more}"
             )
         })
     }
 
-    /// Leaves out keys that tell no spectra apart: those of one value, and numbers of rows or
-    /// points, whose every value has one frequency of many.
+    /// Removes keys that do not separate spectra: keys with one value, and numbers of rows or
+    /// points, whose values have one frequency each.
     fn drop_row_numbers(&mut self) {
         for place in (0..self.keys.len()).rev() {
             let mut groups: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
@@ -265,7 +265,7 @@ impl Rows {
 }
 
 impl Part {
-    /// Cuts it where the frequency starts again.
+    /// Splits it where the frequency starts again.
     fn split(self, restarts: &mut Vec<usize>, notes: &mut Vec<String>) -> Vec<Self> {
         let freqs: Vec<f64> = self.rows.iter().map(|(_, point)| point.freq_hz).collect();
         let Cuts {

@@ -257,7 +257,7 @@ fn errors_name_the_place_and_what_was_expected() {
             "{text:?}"
         );
     }
-    // A code page is no reason to refuse a text.
+    // A text must not be refused because of its code page.
     let odd = parse(Path::new("a.csv"), b"a\n\xff\xfe").unwrap_err();
     assert!(
         odd.to_string()
@@ -305,7 +305,7 @@ proptest! {
         let spectra = read(&text).unwrap();
         let mut sorted = points;
         sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // Frequencies by chance may look like those of two sweeps.
+        // Random frequencies may look like those of two sweeps.
         let mut met: Vec<_> = spectra
             .iter()
             .flat_map(|s| &s.spectrum.points)

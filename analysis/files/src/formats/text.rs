@@ -1,14 +1,13 @@
-//! Lines and fields of a text file, with their numbers. Knows nothing of columns.
+//! Lines and fields of a text file, with their numbers. Independent of columns.
 //!
-//! Fields are separated by semicolons where the first line that is no comment has one, else by
-//! tabulators where it has one, else by commas. Between semicolons and tabulators a comma is a
-//! decimal point; one file has one decimal mark.
+//! The first line that is not a comment determines the separator: a semicolon, else a tab, else a
+//! comma. With semicolons and tabs, a comma is a decimal point; a file has one decimal mark.
 
 use super::error::FormatError;
 use super::write::WITH_SIGMA;
 use std::path::{Path, PathBuf};
 
-/// Longest excerpt of a file in a message, characters.
+/// Maximum length of an excerpt of a file in a message, characters.
 const EXCERPT: usize = 80;
 
 /// The lines of a file that are neither blank nor comments.
@@ -18,14 +17,14 @@ pub(super) struct Text<'a> {
     pub(super) rows: Vec<Row<'a>>,
     /// Character between two fields.
     pub(super) separator: char,
-    /// True when the file has characters at all.
+    /// Whether the file has any characters.
     pub(super) has_content: bool,
 }
 
 /// One line.
 #[derive(Debug, Clone)]
 pub(super) struct Row<'a> {
-    /// From 1, comments and blank lines counted.
+    /// Its number from 1, including comments and blank lines.
     pub(super) line: usize,
     pub(super) raw: &'a str,
     /// Fields without surrounding blanks and quotes.
@@ -65,8 +64,8 @@ impl<'a> Text<'a> {
         })
     }
 
-    /// Refuses a file in which one number has a decimal comma and another a decimal point: one of
-    /// them would be wrong by a factor.
+    /// Refuses a file in which one number has a decimal comma and another a decimal point, because
+    /// one of them would be wrong by a factor.
     pub(super) fn one_mark(&self) -> Result<(), FormatError> {
         if self.separator == ',' {
             return Ok(());
@@ -98,13 +97,13 @@ impl<'a> Text<'a> {
 }
 
 impl Row<'_> {
-    /// The line in quotes, shortened for a message.
+    /// Returns the line in quotes, shortened for a message.
     pub(super) fn excerpt(&self) -> String {
         shorten(self.raw)
     }
 }
 
-/// Text in quotes, shortened for a message.
+/// Returns text in quotes, shortened for a message.
 pub(super) fn shorten(text: &str) -> String {
     let mut short: String = text.chars().take(EXCERPT).collect();
     if short.len() < text.len() {
@@ -113,8 +112,7 @@ pub(super) fn shorten(text: &str) -> String {
     format!("\"{short}\"")
 }
 
-/// The names of columns that a comment announces, as files of impedance.py with uncertainties have
-/// them.
+/// Returns the names of columns in a comment, as in files of impedance.py with uncertainties.
 pub(super) fn announced(line: &str) -> Option<&str> {
     let names = line.strip_prefix('#')?.trim();
     (names == WITH_SIGMA).then_some(names)
@@ -124,8 +122,8 @@ fn split(line: &str, separator: char) -> Vec<&str> {
     fields(line, separator).collect()
 }
 
-/// A text in UTF-16 with a byte order mark, as UTF-8; nothing for any other bytes. What is no
-/// character becomes a mark that no reader takes for a number.
+/// Decodes UTF-16 with a byte order mark; returns `None` for any other bytes. Invalid characters
+/// become the replacement character, which no reader accepts in a number.
 pub(super) fn utf_16(bytes: &[u8]) -> Option<String> {
     let unit: fn([u8; 2]) -> u16 = match bytes {
         [0xFF, 0xFE, ..] => u16::from_le_bytes,
@@ -142,7 +140,8 @@ pub(super) fn utf_16(bytes: &[u8]) -> Option<String> {
     )
 }
 
-/// Fields of a line without surrounding blanks and quotes. Several blanks in a row part once.
+/// Splits a line into fields without surrounding blanks and quotes. Consecutive blanks count as one
+/// separator.
 pub(crate) fn fields(line: &str, separator: char) -> impl Iterator<Item = &str> {
     let by_blanks = separator == ' ';
     let parts = line.split(move |c| c == separator || by_blanks && c == '\t');
@@ -151,20 +150,20 @@ pub(crate) fn fields(line: &str, separator: char) -> impl Iterator<Item = &str> 
         .filter(move |field| !by_blanks || !field.is_empty())
 }
 
-/// Lines of a text that are not blank, with their numbers from 1.
+/// Returns the lines of a text that are not blank, with their numbers from 1.
 pub(crate) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     (1..)
         .zip(text.lines().map(|line| line.trim_end_matches('\r')))
         .filter(|(_, line)| !line.trim().is_empty())
 }
 
-/// Whether a line is a comment.
+/// Returns whether a line is a comment.
 pub(crate) fn is_comment(line: &str) -> bool {
     line.trim_start().starts_with('#')
 }
 
-/// Character between two fields, as the first line that is no comment tells it: a semicolon, a
-/// tabulator, a comma, or blanks where there is none of these or where each word is a number.
+/// Returns the separator from the first line that is not a comment: a semicolon, a tab, a comma, or
+/// blanks if there is none of these or each word is a number.
 pub(crate) fn separator(first: &str) -> char {
     let found = [';', '\t', ',']
         .into_iter()
@@ -179,9 +178,9 @@ pub(crate) fn separator(first: &str) -> char {
     }
 }
 
-/// The number in a field. Where fields are not separated by commas, a comma is a decimal point. Of a
-/// comma and a point in one number the first groups thousands, as an apostrophe does; an exponent may
-/// be written with `D`, as in Fortran.
+/// Parses the number in a field. If fields are not separated by commas, a comma is a decimal point.
+/// If a number has a comma and a point, the first one groups thousands, as does an apostrophe. An
+/// exponent may be written with `D`, as in Fortran.
 pub(crate) fn number(field: &str, separator: char) -> Option<f64> {
     if !field.starts_with(|c: char| c.is_ascii_digit() || matches!(c, '-' | '+' | '.' | ',')) {
         return field.parse().ok();
@@ -194,7 +193,7 @@ pub(crate) fn number(field: &str, separator: char) -> Option<f64> {
         return number(&field, separator);
     }
     let (commas, points) = (field.matches(',').count(), field.matches('.').count());
-    // A comma without a digit behind it parts fields.
+    // A comma without a digit after it separates fields.
     let decimal = field
         .rsplit_once(',')
         .is_some_and(|(_, digits)| digits.starts_with(|c: char| c.is_ascii_digit()));
@@ -216,7 +215,7 @@ fn plain_number(field: &str) -> Option<f64> {
     field.parse().ok().or_else(fortran)
 }
 
-/// Whether each of these marks in a number stands before three digits of its whole part.
+/// Returns whether each of these marks in a number precedes three digits of its integer part.
 pub(super) fn is_grouped(field: &str, mark: char) -> bool {
     let field = field.trim_start_matches(['-', '+']);
     let ends = |c: char| c != mark && matches!(c, '.' | ',' | 'e' | 'E' | 'D');
@@ -234,10 +233,10 @@ pub(super) fn is_grouped(field: &str, mark: char) -> bool {
         && field.matches(mark).count() == whole.matches(mark).count()
 }
 
-/// Least number that stands for an overload or for no measurement: SCPI writes 9.9E37 and 9.91E37.
+/// Smallest number that means overload or not measured: SCPI writes 9.9E37 and 9.91E37.
 const OVERLOAD: f64 = 9.0e37;
 
-/// Whether a number can have been measured.
+/// Returns whether a number can be a measurement.
 pub(crate) fn is_measured(value: f64) -> bool {
     value.abs() < OVERLOAD
 }
@@ -267,13 +266,13 @@ const MISSING: [&str; 21] = [
     "overflow",
 ];
 
-/// Whether a field says that nothing was measured.
+/// Returns whether a field marks a missing measurement.
 pub(crate) fn is_missing(field: &str) -> bool {
     let short = field.len() <= 9 && !field.starts_with(|c: char| c.is_ascii_digit());
     short && MISSING.iter().any(|word| field.eq_ignore_ascii_case(word))
 }
 
-/// The decimal mark of a field that is a number with one: the last of both.
+/// Returns the decimal mark of a number, if it has one: the last comma or point.
 pub(super) fn mark(field: &str, separator: char) -> Option<char> {
     let at = field.rfind([',', '.'])?;
     let mark = field[at..].chars().next()?;

@@ -6,11 +6,11 @@
 //! * Parquet with these names, the bench's own with its checksum
 //! * EC-Lab's `.mpr`, MATLAB's `.mat`, Neware's `.nda` and `.ndax`
 //!
-//! What is read is positive for discharge: `direction` decides what the file counts positive, for all
-//! readers. Columns that say one thing twice are held against each other (`agreement`). Rows whose
-//! voltage or current is empty, NaN or an overload were not measured and are left out. Of rows at one
-//! time, as cyclers write them where a step ends, the last is kept. Columns may stand in any order;
-//! others are passed over.
+//! The result is positive for discharge: `direction` determines the sign convention of the file, for
+//! all readers. Redundant columns are compared (`agreement`). Rows whose voltage or current is empty,
+//! NaN or an overload were not measured and are left out. Of several rows at the same time, which
+//! cyclers write at the end of a step, the last is kept. Columns may have any order; others are
+//! skipped.
 
 mod agreement;
 mod columns;
@@ -47,38 +47,38 @@ use std::path::Path;
 /// Options of reading a time series.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SeriesOptions {
-    /// Direction that the file counts positive, where what stands in it is not to decide.
+    /// Direction that the file counts positive; overrides the content of the file.
     pub sign: Option<CurrentSign>,
 }
 
-/// Of so many rows one may share its time with the next without a word.
+/// One row in this many may share its time with the next without a remark.
 const REPEATED: usize = 20;
 
-/// A record, and how it was read.
+/// A record, and remarks on how it was read.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReadSeries {
     /// The record, discharge positive.
     pub series: TimeSeries,
     /// Rows that were left out.
     pub left_out: Vec<LeftOut>,
-    /// Numbers of the cycler's steps, one for each row, where the file has them.
+    /// Numbers of the cycler's steps, one for each row, if the file has them.
     pub steps: Option<Vec<f64>>,
-    /// What the file says of the state of the cell.
+    /// State of the cell from the file.
     pub state: State,
-    /// Remarks on what was taken for what, each a sentence with the file's name.
+    /// Remarks on the interpretation of columns, each a sentence with the file's name.
     pub notes: Vec<String>,
 }
 
-/// Reads a time series; its name is the file's without folder.
+/// Reads a time series; its name is the file name without folder.
 ///
 /// # Errors
-/// [`SeriesReadError`] when the file cannot be read, is of no known format, holds what cannot be a
-/// measurement, contradicts itself, or does not tell its direction.
+/// [`SeriesReadError`] if the file cannot be read, has no known format, contains values that cannot
+/// be measurements, contradicts itself, or does not determine its direction.
 pub fn read_series(path: &Path, options: &SeriesOptions) -> Result<TimeSeries, SeriesReadError> {
     read_record(path, options).map(|read| read.series)
 }
 
-/// As [`read_series`], with how it was read.
+/// Like [`read_series`], with remarks on how it was read.
 ///
 /// # Errors
 /// As [`read_series`].
@@ -151,7 +151,7 @@ pub fn read_record(path: &Path, options: &SeriesOptions) -> Result<ReadSeries, S
              line {first}"
         ));
     }
-    // One row more at the end of each step is usual.
+    // One extra row at the end of each step is usual.
     let replaced = read.left_out.iter().filter(|row| row.replaced).count();
     if REPEATED * replaced > read.series.len() {
         read.notes.push(format!(
@@ -167,8 +167,7 @@ pub fn read_record(path: &Path, options: &SeriesOptions) -> Result<ReadSeries, S
     Ok(read)
 }
 
-/// Refuses times that go back: a record that starts again is another one, or the column is none of the
-/// time of the test.
+/// Refuses times that decrease: either a second record begins, or the column is not the test time.
 fn rises(path: &Path, raw: &Raw) -> Result<(), SeriesReadError> {
     let times = raw.get(Quantity::Time);
     let Some(row) = (1..times.len()).find(|row| times[*row] < times[*row - 1]) else {
@@ -186,7 +185,7 @@ fn rises(path: &Path, raw: &Raw) -> Result<(), SeriesReadError> {
     })
 }
 
-/// The record of a text, or of a binary file that is read by way of one.
+/// Reads the record of a text, or of a binary file that is converted to text.
 fn of_text(path: &Path, bytes: &[u8]) -> Result<Raw, SeriesReadError> {
     if let Some(text) = mpr::text(path, bytes) {
         return table::read(path, text?.as_bytes());
@@ -200,11 +199,11 @@ fn of_text(path: &Path, bytes: &[u8]) -> Result<Raw, SeriesReadError> {
     Ok(raw)
 }
 
-/// The direction of a record by the name of its file.
+/// Returns the direction of a record from the name of its file.
 fn named(path: &Path) -> Option<CurrentSign> {
     let name = path.file_name()?.to_string_lossy().to_lowercase();
     let discharge = name.contains("discharge");
-    // A name with both says nothing.
+    // A name with both words is ambiguous.
     match (discharge, name.replace("discharge", "").contains("charge")) {
         (true, true) | (false, false) => None,
         (true, false) => Some(CurrentSign::Discharge),
@@ -212,7 +211,8 @@ fn named(path: &Path) -> Option<CurrentSign> {
     }
 }
 
-/// The record of the sheets that hold one; a record goes on in sheets with the same columns.
+/// Reads the record of the sheets that contain one; a record continues in sheets with the same
+/// columns.
 fn of_sheets(path: &Path, sheets: &[Sheet]) -> Result<Raw, SeriesReadError> {
     let header = |sheet: &Sheet| {
         let lines: Vec<&str> = sheet.text.lines().collect();
@@ -260,7 +260,7 @@ fn of_sheets(path: &Path, sheets: &[Sheet]) -> Result<Raw, SeriesReadError> {
     Ok(all)
 }
 
-/// The line, from 0, that names the columns of a record over time.
+/// Returns the line, from 0, that names the columns of a record over time.
 pub(super) fn names_a_series(lines: &[&str]) -> Option<usize> {
     columns::header(lines).map(|(at, _)| at)
 }

@@ -1,30 +1,31 @@
-//! Reads spectra from the text files of potentiostats: a head of any kind, a row that names the
-//! columns, and rows of numbers. The list gives for each program how it is recognised, and its
-//! columns:
+//! Reads spectra from the text files of potentiostats: any head, a row that names the columns, and
+//! rows of numbers. For each program, the list gives its mark and its columns:
 //!
-//! * Gamry `.DTA`, told by `EXPLAIN`, `ZCURVE`: `Freq`, `Zreal`, `Zimag`; `ZrealDrCor`,
+//! * Gamry `.DTA`, recognised by `EXPLAIN`, `ZCURVE`: `Freq`, `Zreal`, `Zimag`; `ZrealDrCor`,
 //!   `ZimagDrCor`
-//! * BioLogic EC-Lab `.mpt`, told by `EC-Lab ASCII FILE`: `freq/Hz`, `Re(Z)/Ohm`, `-Im(Z)/Ohm`
-//! * ZPlot and ZView `.z`, told by `ZPLOT2 ASCII`: `Freq(Hz)`, `Z'(a)`, `Z''(b)`
-//! * ZView's export of others (Autolab), told by `Z60W Data File`: `Freq (Hz)`, `Z'(a)`, `Z''(b)`
-//! * VersaStudio `.par`, told by `Definition=`: `Frequency(Hz)`, `Z Real`, `Z Imag`
+//! * BioLogic EC-Lab `.mpt`, recognised by `EC-Lab ASCII FILE`: `freq/Hz`, `Re(Z)/Ohm`,
+//!   `-Im(Z)/Ohm`
+//! * ZPlot and ZView `.z`, recognised by `ZPLOT2 ASCII`: `Freq(Hz)`, `Z'(a)`, `Z''(b)`
+//! * ZView's export of other files (Autolab), recognised by `Z60W Data File`: `Freq (Hz)`, `Z'(a)`,
+//!   `Z''(b)`
+//! * VersaStudio `.par`, recognised by `Definition=`: `Frequency(Hz)`, `Z Real`, `Z Imag`
 //! * Arbin, CH Instruments, Parstat, PowerSuite, Zahner's and Autolab's lists, any other table,
-//!   told by such a row: a frequency, and real and imaginary part or modulus and phase
+//!   recognised by its row of names: a frequency, and real and imaginary part or modulus and phase
 //!
-//! The row of names tells the separator: a tabulator, else a semicolon, else a comma, else blanks.
-//! Rows are parted by the same and have as many fields, or are refused. Units stand in the names or
-//! in a row under them; one that is not known, or an impedance per area, is refused. A frequency
-//! and an impedance without unit are in Hz and Ω; a phase without unit is in degrees where it goes
-//! beyond a turn in rad, else it is refused.
+//! The row of names determines the separator: a tab, else a semicolon, else a comma, else blanks.
+//! Rows must have the same separator and the same number of fields. Units are part of the names or
+//! in a row under them; unknown units and impedances per area are refused. A frequency and an
+//! impedance without unit are in Hz and Ω; a phase without unit is in degrees if it exceeds a turn
+//! in rad, else it is refused.
 //!
-//! Where fields are not separated by commas, a comma in a number is a decimal point, and all
-//! numbers that are read have the same mark.
+//! If fields are not separated by commas, a comma in a number is a decimal point, and all numbers
+//! must have the same mark.
 //!
-//! A minus before a name is taken for what it says. Real and imaginary part are preferred to
-//! modulus and phase, which have fewer digits. Blank lines are passed over; the table ends with a
-//! line of text behind which no row follows: one in the midst of the rows is refused. Rows at 0 Hz,
-//! by which EC-Lab marks direct current, are left out. What follows a mark of an aborted
-//! measurement is not read. Every further table of impedances is a spectrum of its own.
+//! A minus before a name inverts the sign. Real and imaginary part are preferred to modulus and
+//! phase, which have fewer digits. Blank lines are skipped. A line of text ends the table if no row
+//! follows it; between rows it is refused. Rows at 0 Hz, which EC-Lab writes for direct current,
+//! are left out. Rows after a mark of an aborted measurement are not read. Every further table of
+//! impedances is a separate spectrum.
 
 mod line;
 mod names;
@@ -38,10 +39,10 @@ use super::sweeps;
 use rows::Reader;
 use std::path::Path;
 
-/// Reads the spectra of a file; nothing where no row names columns of an impedance.
+/// Reads the spectra of a file; returns `None` if no row names columns of an impedance.
 ///
 /// # Errors
-/// [`FormatError`] for a table without rows, or with numbers that cannot be a measurement.
+/// [`FormatError`] for a table without rows, or with numbers that cannot be measurements.
 pub(super) fn parse(path: &Path, bytes: &[u8]) -> Option<Result<FileSpectra, FormatError>> {
     let text = String::from_utf8_lossy(bytes);
     let lines: Vec<&str> = text
@@ -87,12 +88,12 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Option<Result<FileSpectra, For
     Some(Ok(read))
 }
 
-/// The quantities of a spectrum that a line names, in words; none where it names none.
+/// Describes the quantities of a spectrum that a line names; returns `None` if it names none.
 pub(super) fn quantities(line: &str) -> Option<Vec<&'static str>> {
     may_be_names(line).then(|| table::quantities(line))?
 }
 
-/// Whether some line of a text names all columns of an impedance.
+/// Returns whether a line of a text names all columns of an impedance.
 pub(super) fn names_a_spectrum(path: &Path, text: &str) -> bool {
     let lines: Vec<&str> = text.lines().collect();
     let names = |at: usize| {
@@ -101,7 +102,7 @@ pub(super) fn names_a_spectrum(path: &Path, text: &str) -> bool {
     (0..lines.len()).any(names)
 }
 
-/// A row of numbers names nothing; its only letters are those of exponents, `e` or `D`.
+/// Skips rows of numbers; their only letters are those of exponents, `e` or `D`.
 fn may_be_names(line: &str) -> bool {
     line.len() > 2
         && line
@@ -109,7 +110,7 @@ fn may_be_names(line: &str) -> bool {
             .any(|c| c.is_alphabetic() && !matches!(c, 'e' | 'E' | 'd' | 'D'))
 }
 
-/// Whether the last comment before a list of numbers without names holds names of an impedance, as
+/// Returns whether the last comment before a list of numbers contains names of an impedance, as
 /// `numpy.savetxt` writes them.
 pub(super) fn names_in_comment(text: &str) -> bool {
     let mut lines = text.lines().map(str::trim).filter(|line| !line.is_empty());

@@ -1,4 +1,4 @@
-//! Spectra as files that other programs read.
+//! Writes spectra as files for other programs.
 
 use std::fmt::Write as _;
 
@@ -8,8 +8,8 @@ use analysis_signal::spectrum::Spectrum;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SpectrumFormat {
-    /// impedance.py's: frequency, real and imaginary part, without a header. Standard deviations
-    /// and covariances follow where they are known, announced by a comment.
+    /// impedance.py's: frequency, real and imaginary part, without a header. Known standard
+    /// deviations and covariances follow, named in a comment.
     ImpedancePy,
     /// Gamry's `.DTA`.
     Gamry,
@@ -20,7 +20,7 @@ pub enum SpectrumFormat {
 }
 
 impl SpectrumFormat {
-    /// The ending of its files, with the dot.
+    /// Returns the extension of its files, with the dot.
     pub fn extension(self) -> &'static str {
         match self {
             Self::ImpedancePy => ".csv",
@@ -31,9 +31,9 @@ impl SpectrumFormat {
     }
 }
 
-/// The text of a file with one spectrum, by falling frequency as those programs have it. Numbers
-/// come back to the last bit. Uncertainties have a place in impedance.py's only, which takes three
-/// columns and passes over comments and further ones; the others leave them out.
+/// Returns the text of a file with one spectrum, by falling frequency as those programs expect.
+/// Numbers round-trip exactly. Only the format of impedance.py contains uncertainties, because that
+/// program reads three columns and skips comments and further columns.
 pub fn spectrum_text(spectrum: &Spectrum, format: SpectrumFormat) -> String {
     let mut text = head(spectrum, format);
     let mut points: Vec<_> = spectrum.points.iter().collect();
@@ -67,25 +67,25 @@ pub fn spectrum_text(spectrum: &Spectrum, format: SpectrumFormat) -> String {
             SpectrumFormat::ZView => writeln!(text, "{f:?}\t0\t0\t0\t{re:?}\t{im:?}\t0\t0\t0"),
         };
     }
-    // As EC-Lab has it; galvani takes no other.
+    // As written by EC-Lab; galvani requires it.
     if format == SpectrumFormat::BioLogic {
         text = text.replace('\n', "\r\n");
     }
     text
 }
 
-/// Names of the columns of a file of impedance.py with uncertainties, behind the mark of a comment.
+/// Names of the columns of a file of impedance.py with uncertainties, after the comment mark.
 pub(super) const WITH_SIGMA: &str =
     "freq_hz,z_re_ohm,z_im_ohm,sigma_re_ohm,sigma_im_ohm,cov_re_im_ohm2";
 
 impl SpectrumFormat {
-    /// Whether the format has a place for the uncertainties of points.
+    /// Returns whether the format can store the uncertainties of points.
     pub fn keeps_sigma(self) -> bool {
         matches!(self, Self::ImpedancePy)
     }
 }
 
-/// Whether the uncertainties of all points are known.
+/// Returns whether the uncertainties of all points are known.
 fn has_sigma(spectrum: &Spectrum) -> bool {
     spectrum.points.iter().all(|point| {
         let covariance = point.covariance;
@@ -106,8 +106,9 @@ fn head(spectrum: &Spectrum, format: SpectrumFormat) -> String {
              \tPt\tTime\tFreq\tZreal\tZimag\tZsig\tZmod\tZphz\tIdc\tVdc\tIERange\n\
              \t#\ts\tHz\tohm\tohm\tV\tohm\tdeg\tA\tV\t#\n"
         ),
-        // No more lines of a head than these: yadg takes such a file for one without settings. It wants
-        // times, of which a spectrum knows none. Behind the last name stands a tabulator, as EC-Lab has it.
+        // The head has only these lines, so that yadg treats the file as one without settings. yadg
+        // requires times, which a spectrum does not have. A tab follows the last name, as in EC-Lab's
+        // files.
         SpectrumFormat::BioLogic => "EC-Lab ASCII FILE\nNb header lines : 3\n\
             freq/Hz\tRe(Z)/Ohm\t-Im(Z)/Ohm\t|Z|/Ohm\tPhase(Z)/deg\ttime/s\t\n"
             .to_owned(),
@@ -189,7 +190,7 @@ mod tests {
                 SpectrumFormat::BioLogic,
                 SpectrumFormat::ZView,
             ] {
-                // The ending tells nothing: the content does.
+                // The reader uses the content, not the extension.
                 let path = folder.path().join("spectrum.dat");
                 std::fs::write(&path, spectrum_text(&spectrum, format)).unwrap();
                 let back = read_spectra(&path).unwrap().remove(0).points;

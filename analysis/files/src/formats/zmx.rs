@@ -1,15 +1,16 @@
-//! Zahner's measurements of the IM7, `.zmx`, as a text with a table for each impedance.
+//! Converts Zahner's measurements of the IM7, `.zmx`, to text with a table for each impedance.
 //!
-//! An XML holds tables between `<csv type="data"><![CDATA[` and `]]>`, with semicolons: a row of names, one
-//! of units, one of the signals, and rows of numbers. Each column `|impedance|` with the `phase` behind
-//! it is a spectrum; a measurement with parallel channels has several, which the row of signals names.
+//! The XML file contains tables between `<csv type="data"><![CDATA[` and `]]>`, separated by semicolons: a
+//! row of names, one of units, one of signals, and rows of numbers. Each column `|impedance|` with the
+//! following `phase` is a spectrum; a measurement with parallel channels has several, named in the row of
+//! signals.
 
 use super::error::FormatError;
 use super::ism::{self, Decoded};
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Bytes in which the root element is sought.
+/// Bytes that are searched for the root element.
 const ROOT: usize = 1024;
 /// Begin and end of a table.
 const BEGIN: &str = "<csv type=\"data\"><![CDATA[";
@@ -20,14 +21,14 @@ struct Impedance {
     /// Units of frequency, modulus and phase.
     units: [String; 3],
     signals: String,
-    /// Frequency, modulus and phase of each point.
+    /// Frequency, modulus and phase of every point.
     points: Vec<[f64; 3]>,
 }
 
-/// The text of a file; nothing where it is no such XML.
+/// Returns the text of a file; `None` if it is not such an XML file.
 ///
 /// # Errors
-/// [`FormatError::Decode`] for one without an impedance, or with a field that is no number.
+/// [`FormatError::Decode`] if it contains no impedance or a field is not a number.
 pub(super) fn text(path: &Path, bytes: &[u8]) -> Option<Result<Decoded, FormatError>> {
     let head = String::from_utf8_lossy(&bytes[..bytes.len().min(ROOT)]);
     if !head.contains("<zahner-measurement") {
@@ -67,7 +68,7 @@ fn impedances(text: &str) -> Result<Vec<Impedance>, String> {
         for modulus in (0..names.len()).filter(|k| names[*k] == "|impedance|") {
             let columns = [frequency, modulus, modulus + 1];
             if names.get(columns[2]) != Some(&"phase") {
-                return Err("no phase stands behind a modulus".to_owned());
+                return Err("a modulus is not followed by a phase".to_owned());
             }
             let field =
                 |row: &Vec<&str>, k: usize| row.get(k).copied().unwrap_or_default().to_owned();
@@ -107,14 +108,15 @@ fn impedances(text: &str) -> Result<Vec<Impedance>, String> {
     Ok(all)
 }
 
-/// The signals of an impedance, `43045:CH4~43045:ADC4/2557874741:POT:I~…`, without their converters.
+/// Returns the signals of an impedance, `43045:CH4~43045:ADC4/2557874741:POT:I~…`, without their
+/// converters.
 fn name(signals: &str) -> String {
     let short = |signal: &str| signal.split('~').next().unwrap_or_default().to_owned();
     let parts: Vec<String> = signals.split('/').map(short).collect();
     parts.join(" per ")
 }
 
-/// Tables of the impedances, each of the sweep that is measured once.
+/// Returns the tables of the impedances, each reduced to the sweep that is measured once.
 fn decoded(path: &Path, all: &[Impedance]) -> Decoded {
     let (mut text, mut left_out) = (String::new(), 0);
     for Impedance {

@@ -1,7 +1,8 @@
-//! Captures of a run that lie in an archive and not in its folder any more.
+//! Captures of a run that were moved from its folder to an archive.
 //!
-//! A file [`ARCHIVED`] tells of each its hash, its size, the archive and the time. It is written before
-//! the first capture is removed, so that what is missing can always be told from what is lost.
+//! The file [`ARCHIVED`] lists the hash, the size, the archive and the time of each. It is written
+//! before the first capture is removed, so that moved captures can always be distinguished from lost
+//! ones.
 
 use std::{fs, path::Path};
 
@@ -52,7 +53,7 @@ impl Archived {
         }
     }
 
-    /// Reads the list of a run folder; none where nothing was moved.
+    /// Reads the list of a run folder; returns `None` if nothing was moved.
     ///
     /// # Errors
     /// In words: a file that cannot be read or is not such a list.
@@ -88,20 +89,20 @@ impl Archived {
         write_atomically(&folder.join(ARCHIVED), &text)
     }
 
-    /// The files that are not in the folder.
+    /// Returns the files that are not in the folder.
     pub fn absent(&self, folder: &Path) -> Vec<&ArchivedFile> {
         let gone = |file: &&ArchivedFile| !folder.join(&file.path).exists();
         self.files.iter().filter(gone).collect()
     }
 
-    /// The file of a path that is not in the folder.
+    /// Returns the entry of a path that is not in the folder.
     pub fn absent_file(&self, folder: &Path, path: &str) -> Option<&ArchivedFile> {
         self.absent(folder)
             .into_iter()
             .find(|file| file.path == path)
     }
 
-    /// Place of moved files and how they come back, in words.
+    /// Describes where the moved files are and how to fetch them.
     pub fn words(&self) -> String {
         format!(
             "moved to the archive {}, `eis-archive fetch` brings it back",
@@ -110,7 +111,7 @@ impl Archived {
     }
 }
 
-/// Says that captures of a run are in an archive; none where all are in its folder.
+/// Describes the captures of a run that are in an archive; returns `None` if all are in its folder.
 ///
 /// # Errors
 /// As [`Archived::read`].

@@ -10,9 +10,9 @@ pub const BATH_COLUMNS: &str = "time_s,bath_c,setpoint_c";
 pub struct BathRow {
     /// Bench time, s.
     pub time_s: f64,
-    /// Temperature of the bath as the chiller tells it, °C; none where it was not read.
+    /// Temperature of the bath from the chiller, °C; `None` if it was not read.
     pub bath_c: Option<f64>,
-    /// Setpoint of the bath, °C; none where nothing was set.
+    /// Setpoint of the bath, °C; `None` if none was set.
     pub setpoint_c: Option<f64>,
 }
 
@@ -23,7 +23,8 @@ impl BathRow {
         format!("{:.3},{bath},{setpoint}", self.time_s)
     }
 
-    /// Reads a row. What is no finite number was not read; a row without a time is none.
+    /// Parses a row. A field without a finite number counts as not read; a row without a time is
+    /// rejected.
     pub fn parse(row: &str) -> Option<Self> {
         let mut cells = row.split(',').map(number);
         Some(Self {

@@ -6,7 +6,7 @@ use super::readings::{number, told};
 pub const ENVELOPE_COLUMNS: &str =
     "time_s,least_v,greatest_v,least_a,greatest_a,least_c,greatest_c";
 
-/// Bounds of a quantity; none where there is none.
+/// Bounds of a quantity; `None` on a side without a bound.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Between {
     /// Least value.
@@ -16,7 +16,7 @@ pub struct Between {
 }
 
 impl Between {
-    /// Takes bounds of which an infinite one is none.
+    /// Creates bounds; an infinite bound becomes `None`.
     pub fn of(least: f64, greatest: f64) -> Self {
         let [least, greatest] =
             [least, greatest].map(|bound| Some(bound).filter(|bound| bound.is_finite()));
@@ -45,7 +45,8 @@ impl EnvelopeRow {
         format!("{:.3},{}", self.time_s, cells.join(","))
     }
 
-    /// Reads a row. What is no finite number bounds nothing; a row without a time is none.
+    /// Parses a row. A field without a finite number sets no bound; a row without a time is
+    /// rejected.
     pub fn parse(row: &str) -> Option<Self> {
         let mut cells = row.split(',').map(number);
         let time_s = cells.next()??;

@@ -6,26 +6,26 @@ pub const EVENT_COLUMNS: &str = "time_s,kind,event";
 /// The event from which on current may flow, in words.
 pub const OUTPUT_ON: &str = "bipolar supply: output on";
 
-/// Kind of event that a row of `events.csv` tells.
+/// Kind of event in a row of `events.csv`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
     /// A stage begins.
     Stage,
     /// A step begins.
     Step,
-    /// State in which an instrument is found, or its action beside the plan.
+    /// State of an instrument, or an action of it outside the plan.
     Bench,
-    /// The output of the bipolar supply goes on: from here on current may flow.
+    /// The output of the bipolar supply is switched on: current may flow from here on.
     OutputOn,
-    /// A check, and what it says.
+    /// A check and its result.
     Check,
     /// Something is measured or done again.
     Again,
     /// A person's request is handled.
     Request,
-    /// The run goes on.
+    /// The run continues.
     Resumed,
-    /// Something odd, which stands in the report too.
+    /// An anomaly, which the report lists too.
     Note,
 }
 
@@ -43,7 +43,7 @@ impl Event {
         Self::Note,
     ];
 
-    /// Its word in the file.
+    /// Returns its name in the file.
     pub fn label(self) -> &'static str {
         match self {
             Self::Stage => "stage",
@@ -77,15 +77,15 @@ impl Event {
 pub struct EventRow<'a> {
     /// Bench time, s.
     pub time_s: f64,
-    /// Its kind; none where an older file tells none.
+    /// Its kind; `None` in older files without kinds.
     pub kind: Option<Event>,
-    /// In words, as they stand in the file.
+    /// Text of the event, as in the file.
     pub text: &'a str,
 }
 
 impl<'a> EventRow<'a> {
-    /// Reads a row; one without a time is none. Older files have no kind [`Event::OutputOn`], or no
-    /// kinds at all: there the words tell it.
+    /// Parses a row; returns `None` without a time. Older files lack the kind [`Event::OutputOn`]
+    /// or all kinds; the kind then follows from the text.
     pub fn parse(row: &'a str) -> Option<Self> {
         let (time, rest) = row.split_once(',')?;
         let told = rest

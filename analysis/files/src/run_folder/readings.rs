@@ -10,11 +10,11 @@ pub struct ReadingRow<'a> {
     pub time_s: f64,
     /// Phase of the run at that time.
     pub phase: &'a str,
-    /// Voltage of what is in the jig, V; none where it was not read.
+    /// Voltage of the object in the jig, V; `None` if it was not read.
     pub voltage_v: Option<f64>,
-    /// Current, charge positive, A; none where it was not read.
+    /// Current, charge positive, A; `None` if it was not read.
     pub current_a: Option<f64>,
-    /// Temperature of the cell's surface, °C; none where it was not read.
+    /// Temperature of the cell's surface, °C; `None` if it was not read.
     pub temperature_c: Option<f64>,
 }
 
@@ -31,7 +31,8 @@ impl<'a> ReadingRow<'a> {
         )
     }
 
-    /// Reads a row. What is no finite number was not read; a row without a time is none.
+    /// Parses a row. A field without a finite number counts as not read; a row without a time is
+    /// rejected.
     pub fn parse(row: &'a str) -> Option<Self> {
         let mut cells = row.split(',');
         let time_s = cells.next().and_then(number)?;
@@ -46,7 +47,7 @@ impl<'a> ReadingRow<'a> {
         })
     }
 
-    /// Reads a row that has every column, each with a number or nothing.
+    /// Parses a row that has every column, each with a number or empty.
     pub fn parse_whole(row: &'a str) -> Option<Self> {
         let values = row.split(',').skip(2);
         let whole = values.clone().count() == 3
@@ -57,7 +58,7 @@ impl<'a> ReadingRow<'a> {
     }
 }
 
-/// The cell of a value with so many digits behind the point; empty without one.
+/// Formats a value with this number of decimals; returns an empty text for `None`.
 pub(super) fn told(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(String::new, |value| format!("{value:.digits$}"))
 }

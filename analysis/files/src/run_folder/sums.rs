@@ -1,4 +1,4 @@
-//! The lines of [`SUMS`], as `sha256sum --check` reads them, and the files that they are of.
+//! The lines of [`SUMS`], as `sha256sum --check` reads them, and the files that they cover.
 
 use std::{collections::BTreeMap, fs, io, path::Path};
 
@@ -9,7 +9,7 @@ use super::{ARCHIVED, SUMS};
 pub struct Sums<'a> {
     /// SHA-256 by name of the file.
     pub files: BTreeMap<&'a str, &'a str>,
-    /// Lines that are none, in words.
+    /// Descriptions of the lines that are malformed.
     pub wrong: Vec<String>,
 }
 
@@ -40,8 +40,8 @@ fn entry(line: &str) -> Option<(&str, &str)> {
     (sum.len() == 64 && sum.bytes().all(digit) && !name.is_empty()).then_some((sum, name))
 }
 
-/// Names of the files of a run folder in their order. The list of hashes, and that of files that were
-/// moved to an archive, are not among them.
+/// Returns the sorted names of the files of a run folder, without the list of hashes and the list of
+/// files that were moved to an archive.
 ///
 /// # Errors
 /// A folder that cannot be read.
@@ -52,7 +52,8 @@ pub fn files_of(folder: &Path) -> io::Result<Vec<String>> {
     Ok(names)
 }
 
-/// The lists, and what a process that died while it wrote the second one may have left.
+/// The lists, and the temporary file that a process may have left when it died while writing the
+/// second one.
 fn is_own(name: &str) -> bool {
     let partial = || name.strip_prefix('.')?.strip_suffix(".partial");
     name == SUMS || name == ARCHIVED || partial() == Some(ARCHIVED)

@@ -1,8 +1,9 @@
 //! Metadata beside a file of BDF: `x.bdf.metadata.json` beside `x.bdf.csv` and `x.bdf.parquet`;
 //! `x.bdf.csv.metadata.json`, as `batterydf` 0.1.0 writes it, is read too.
 //!
-//! The section `battinfo_dataset` describes the data set and its columns. What else a spectrum has
-//! (its name and its origin) stands in the free section `extras`, under the name of the project.
+//! The section `battinfo_dataset` describes the data set and its columns. Other data of a spectrum
+//! (its name and its origin) are stored in the free section `extras`, under the name of the
+//! project.
 
 use std::path::{Path, PathBuf};
 
@@ -32,7 +33,7 @@ pub struct BdfMetadata {
     pub sections: Map<String, Value>,
 }
 
-/// What the project states of a spectrum.
+/// The project's own metadata of a spectrum.
 #[derive(Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Own {
@@ -48,27 +49,27 @@ struct Own {
     bias_a: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     curve: Option<String>,
-    /// Slope of the open-circuit voltage whose share the points have lost.
+    /// Slope of the open-circuit voltage whose contribution was subtracted from the points.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     less: Option<OcvSlope>,
 }
 
-/// The file of the metadata of a file of BDF.
+/// Returns the path of the metadata file of a BDF file.
 pub fn bdf_metadata_path(path: &Path) -> PathBuf {
     path.with_extension("metadata.json")
 }
 
-/// Whether a file is of BDF by its name: `x.bdf`, `x.bdf.csv`.
+/// Returns whether a file has a BDF name: `x.bdf`, `x.bdf.csv`.
 fn is_named(path: &Path) -> bool {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let name = name.to_lowercase();
     name.ends_with(MARK) || name.contains(&format!("{MARK}."))
 }
 
-/// Reads the metadata beside a file of BDF; nothing where there are none.
+/// Reads the metadata beside a BDF file; returns `None` if there are none.
 ///
 /// # Errors
-/// [`FormatError::Read`]; [`FormatError::Decode`] for a file that is no JSON object of sections.
+/// [`FormatError::Read`]; [`FormatError::Decode`] for a file that is not a JSON object of sections.
 pub fn read_bdf_metadata(path: &Path) -> Result<Option<BdfMetadata>, FormatError> {
     if !is_named(path) {
         return Ok(None);
@@ -115,7 +116,7 @@ fn refused(file: &Path, reason: &str) -> FormatError {
 }
 
 impl BdfMetadata {
-    /// The sections that say more than the project reads.
+    /// Returns the sections with content that the project does not read.
     pub fn unread(&self) -> Vec<&str> {
         let says_more = |(name, section): &(&String, &Value)| match name.as_str() {
             DATASET => {
@@ -138,10 +139,10 @@ impl BdfMetadata {
     }
 }
 
-/// Gives the spectra of a file of BDF what its metadata state of them.
+/// Adds the metadata of a BDF file to its spectra.
 ///
 /// # Errors
-/// As [`read_bdf_metadata`]; a part of the project's that is not as it writes it.
+/// As [`read_bdf_metadata`], and if the project's section is malformed.
 pub(in crate::formats) fn attach(path: &Path, read: &mut FileSpectra) -> Result<(), FormatError> {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     for one in &mut read.spectra {
@@ -182,8 +183,8 @@ pub(in crate::formats) fn attach(path: &Path, read: &mut FileSpectra) -> Result<
     Ok(())
 }
 
-/// Metadata of a spectrum as JSON, added to those that its source had. Descriptions of columns that
-/// are not written are left out: BDF refuses them.
+/// Returns the metadata of a spectrum as JSON, merged with the metadata of its source. Descriptions
+/// of columns that are not written are left out, because BDF refuses them.
 pub fn bdf_metadata_text(sourced: &SourcedSpectrum, source: Option<&BdfMetadata>) -> String {
     let SourcedSpectrum {
         origin, spectrum, ..
@@ -220,11 +221,11 @@ pub fn bdf_metadata_text(sourced: &SourcedSpectrum, source: Option<&BdfMetadata>
     let mut extras = take(&mut sections, EXTRAS);
     extras.insert(OWN.to_owned(), json!(own));
     sections.insert(EXTRAS.to_owned(), Value::Object(extras));
-    // A tree of texts and finite numbers always becomes JSON.
+    // A tree of texts and finite numbers can always be serialised as JSON.
     serde_json::to_string_pretty(&sections).unwrap_or_default() + "\n"
 }
 
-/// Takes an object out of another; an empty one where there is none.
+/// Removes an object from another one and returns it; returns an empty object if there is none.
 fn take(of: &mut Map<String, Value>, name: &str) -> Map<String, Value> {
     match of.remove(name) {
         Some(Value::Object(map)) => map,

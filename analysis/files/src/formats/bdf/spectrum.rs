@@ -1,8 +1,8 @@
 //! Impedance in BDF: the columns that the standard has for spectra, as text and as Parquet.
 //!
-//! BDF names frequency, real and imaginary part, modulus and phase. Uncertainties, the amplitude of
-//! the current and the remarks of a quality gate have no place in it. They stand in further columns
-//! under the project's own names, which the metadata beside the file describe.
+//! BDF defines frequency, real and imaginary part, modulus and phase. It has no columns for
+//! uncertainties, the amplitude of the current and the remarks of a quality gate. These are written
+//! to further columns under the project's own names, which the metadata beside the file describe.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -15,7 +15,7 @@ use super::super::text;
 use crate::dataset::{self, ColumnSpec, DatasetError, shared};
 use analysis_signal::spectrum::{FlaggedPoint, ImpedancePoint, SourcedSpectrum, Spectrum};
 
-/// Most fields of a Parquet file of spectra.
+/// Maximum number of fields of a Parquet file of spectra.
 const MOST_FIELDS: usize = 50_000_000;
 /// First bytes of Parquet.
 const PARQUET: &[u8] = b"PAR1";
@@ -36,7 +36,7 @@ const OWN: [(Names, &str); 3] = [
 
 /// Number of the columns that BDF has.
 const STANDARD: usize = 5;
-/// Columns of a spectrum: those of BDF, and further ones where a point has a value for them.
+/// Columns of a spectrum: those of BDF, and further ones if a point has a value for them.
 pub(super) const COLUMNS: [ColumnSpec; 9] = [
     ColumnSpec {
         name: FREQUENCY[0],
@@ -85,7 +85,7 @@ pub(super) const COLUMNS: [ColumnSpec; 9] = [
     },
 ];
 
-/// A column that BDF has no name for.
+/// A column that BDF does not define.
 pub(super) struct Further {
     pub(super) name: String,
     pub(super) unit: &'static str,
@@ -107,7 +107,7 @@ fn values(point: &ImpedancePoint) -> [f64; COLUMNS.len()] {
     ]
 }
 
-/// The columns of a spectrum that hold a value: those of BDF always.
+/// Returns the columns of a spectrum that contain a value; those of BDF always.
 fn filled(spectrum: &Spectrum) -> Vec<usize> {
     let holds = |column: &usize| {
         let known = |point| values(point)[*column].is_finite();
@@ -116,7 +116,7 @@ fn filled(spectrum: &Spectrum) -> Vec<usize> {
     (0..COLUMNS.len()).filter(holds).collect()
 }
 
-/// The columns of a spectrum that BDF has no name for, in CSV.
+/// Returns the columns of a spectrum that BDF does not define, in CSV.
 pub(super) fn further(sourced: &SourcedSpectrum) -> Vec<Further> {
     let spectrum = &sourced.spectrum;
     let own = filled(spectrum).into_iter().skip(STANDARD).map(|column| {
@@ -139,8 +139,8 @@ pub(super) fn further(sourced: &SourcedSpectrum) -> Vec<Further> {
     own.chain(of_shared).chain(flags).collect()
 }
 
-/// Whether a description is of a column that BDF has for spectra: by its label, or the label's part
-/// before the unit.
+/// Returns whether a description belongs to a column that BDF defines for spectra: by its label, or
+/// the part of the label before the unit.
 pub(super) fn is_standard(name: &str) -> bool {
     let of = |spec: &ColumnSpec| {
         let quantity = spec.name.split(" / ").next();
@@ -149,7 +149,7 @@ pub(super) fn is_standard(name: &str) -> bool {
     COLUMNS.iter().take(STANDARD).any(of)
 }
 
-/// A spectrum as BDF CSV. Numbers come back to the last bit; what is not known is an empty field.
+/// Returns a spectrum as BDF CSV. Numbers round-trip exactly; unknown values are empty fields.
 pub fn bdf_spectrum_text(sourced: &SourcedSpectrum) -> String {
     let spectrum = &sourced.spectrum;
     let columns = filled(spectrum);
@@ -186,8 +186,8 @@ fn reasons(point: &ImpedancePoint, flagged: &[FlaggedPoint]) -> String {
     reasons.join("; ")
 }
 
-/// Writes a spectrum as BDF Parquet. Errors that the points share and the remarks of a quality gate
-/// have no place in it.
+/// Writes a spectrum as BDF Parquet, without the errors that the points share and the remarks of a
+/// quality gate.
 ///
 /// # Errors
 /// [`DatasetError::Io`], [`DatasetError::Parquet`].
@@ -212,7 +212,8 @@ fn find(fields: &[&str], names: Names) -> Option<usize> {
     fields.iter().position(is)
 }
 
-/// A text of BDF under the project's names, where it has columns that only the project knows.
+/// Renames the columns of a BDF text to the project's names, if it has columns that only the
+/// project defines.
 pub(in crate::formats) fn with_own_names(text: &str) -> Option<String> {
     let (at, header) = text::lines(text).find(|(_, line)| !text::is_comment(line))?;
     let separator = text::separator(header);
@@ -235,7 +236,8 @@ pub(in crate::formats) fn with_own_names(text: &str) -> Option<String> {
     Some(renamed.collect::<Vec<_>>().join("\n"))
 }
 
-/// The text of a Parquet file with the columns that BDF has for spectra; nothing for another file.
+/// Returns the text of a Parquet file with the columns that BDF defines for spectra; `None` for any
+/// other file.
 ///
 /// # Errors
 /// [`FormatError::Decode`] for a column that is neither numbers nor text.
@@ -246,7 +248,7 @@ pub(in crate::formats) fn parquet_text(
     parquet_within(path, bytes, MOST_FIELDS)
 }
 
-/// As [`parquet_text`], with the most fields that the file may have.
+/// Like [`parquet_text`], with the maximum number of fields of the file.
 pub(super) fn parquet_within(
     path: &Path,
     bytes: &[u8],
@@ -260,7 +262,7 @@ pub(super) fn parquet_within(
         kind: "Parquet with columns of BDF",
         reason,
     };
-    // What cannot be decoded is refused by its kind.
+    // A file that cannot be decoded is refused by its format.
     let mut reader = ParquetReader::new(std::io::Cursor::new(bytes));
     let schema = reader.schema().ok()?;
     let names: Vec<&str> = schema.iter_names().map(|name| name.as_str()).collect();
@@ -269,7 +271,7 @@ pub(super) fn parquet_within(
     if !has([REAL, IMAGINARY]) && !has([MODULUS, PHASE]) {
         return None;
     }
-    // A file of some kilobytes may repeat a row as often as it likes.
+    // A file of some kilobytes can repeat a row arbitrarily often.
     let fields = reader.num_rows().ok()?.saturating_mul(names.len());
     if fields > most {
         return Some(Err(failed(format!(
@@ -286,7 +288,7 @@ enum Cells {
     Words(Vec<String>),
 }
 
-/// The text of the rows with a frequency.
+/// Returns the text of the rows with a frequency.
 fn frame_text(frame: &DataFrame, frequency: usize) -> Result<String, PolarsError> {
     let columns: Vec<Cells> = frame
         .columns()

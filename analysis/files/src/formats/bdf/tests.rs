@@ -86,7 +86,7 @@ fn only(mut read: FileSpectra) -> SourcedSpectrum {
     read.spectra.remove(0)
 }
 
-/// Holds all numbers and metadata against each other. The square of a root is off by its last bit.
+/// Compares all numbers and metadata. The square of a root may differ in its last bit.
 fn is_same(back: &SourcedSpectrum, put: &SourcedSpectrum) {
     assert_eq!(back.origin, put.origin);
     assert_eq!(back.flagged, put.flagged);
@@ -176,7 +176,7 @@ fn metadata_of_others_are_kept_and_their_column_that_is_not_written_is_not_descr
     let source = read_bdf_metadata(&path).unwrap().unwrap();
     assert_eq!(source.unread(), ["battinfo_dataset", "extras", "raw"]);
     let one = only(read_file(&path).unwrap());
-    // The name of their data set is none of the spectrum.
+    // The name of the data set is not the name of the spectrum.
     assert_eq!(one.spectrum.name, "x");
     let merged: serde_json::Value =
         serde_json::from_str(&bdf_metadata_text(&one, Some(&source))).unwrap();
@@ -281,7 +281,7 @@ fn parquet_of_others_with_several_spectra_is_read_under_both_names() {
             names,
             ["x.bdf.parquet#spectrum1", "x.bdf.parquet#spectrum2"]
         );
-        // A point without a phase is none.
+        // A point without a phase is not a point.
         let counts = read.spectra.iter().map(|one| one.spectrum.points.len());
         assert_eq!(counts.collect::<Vec<_>>(), [2, 3]);
         let z = read.spectra[1].spectrum.points[1].z_ohm;

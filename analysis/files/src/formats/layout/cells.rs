@@ -15,8 +15,8 @@ pub(super) struct Cells<'a> {
 }
 
 impl Cells<'_> {
-    /// The point of the row, with NaN where a part was not measured; nothing for a row without a
-    /// frequency and an impedance.
+    /// Returns the point of the row, with NaN for a part that was not measured; `None` for a row
+    /// without a frequency and an impedance.
     pub(super) fn read(&self) -> Result<Option<(Origin, ImpedancePoint)>, FormatError> {
         self.check_width()?;
         let l = self.layout;
@@ -72,7 +72,7 @@ impl Cells<'_> {
 
     fn origin(&self) -> Result<Origin, FormatError> {
         let bias_a = match self.layout.bias {
-            // −0 and 0 are one bias.
+            // −0 and 0 are the same bias.
             Some(column) => Some(self.number(column, "a finite current in A", |_| true)? + 0.0),
             None => None,
         };
@@ -109,7 +109,7 @@ impl Cells<'_> {
         let (Some(sigma_re), Some(sigma_im)) = (sigma(re)?, sigma(im)?) else {
             return Ok(Covariance2::UNKNOWN);
         };
-        // Rounding in the file may take the correlation a hair beyond one.
+        // Rounding in the file can make the correlation slightly exceed one.
         let most = sigma_re * sigma_im * (1.0 + 1e-9);
         let expected = "a covariance in Ω² no larger than the product of the sigmas, or nothing";
         let re_im = self
@@ -134,7 +134,7 @@ impl Cells<'_> {
         }
     }
 
-    /// A part of an impedance; NaN where the field says that nothing was measured.
+    /// Returns a part of an impedance; NaN if the field marks a missing measurement.
     fn measured(
         &self,
         column: Column,
@@ -152,8 +152,8 @@ impl Cells<'_> {
         })
     }
 
-    /// None for a column the file lacks, an empty field, or NaN, which is how an unknown number is
-    /// written.
+    /// Returns `None` for a column that the file lacks, an empty field, or NaN, which means
+    /// unknown.
     fn optional(
         &self,
         column: Option<Column>,

@@ -22,7 +22,7 @@ const OPTIONAL: [&str; 4] = [
     "amplitude_a",
 ];
 
-/// A column: where it stands and what it is called.
+/// A column: its index and its name.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Column {
     pub(super) index: usize,
@@ -58,11 +58,11 @@ pub(super) struct Layout {
     pub(super) bias: Option<Column>,
     /// Fixture, cell, repeat.
     pub(super) labels: Option<[Column; 3]>,
-    /// Columns of other names that tell spectra apart: their kind and place.
+    /// Columns with other names that separate spectra: their kind and index.
     pub(super) sweeps: Vec<(&'static str, usize)>,
 }
 
-/// The refusal of a text whose first line is of no known format.
+/// Returns the error for a text whose first line matches no known format.
 pub(in super::super) fn unknown(text: &Text<'_>) -> FormatError {
     let first = text.rows.first();
     FormatError::UnknownFormat {
@@ -74,7 +74,7 @@ pub(in super::super) fn unknown(text: &Text<'_>) -> FormatError {
 }
 
 impl Layout {
-    /// The layout that a file's first row announces, and whether that row is a header.
+    /// Returns the layout of a file from its first row, and whether that row is a header.
     pub(super) fn of(text: &Text<'_>, first: &Row<'_>) -> Result<(Self, bool), FormatError> {
         let unknown = || unknown(text);
         let column = |index, name| Column { index, name };
@@ -118,7 +118,7 @@ impl Layout {
         } else {
             return Err(unknown());
         };
-        // Only of its own: the head of another program may say what it likes.
+        // Only in the project's own files: heads of other programs may contain any text.
         header.refuse_doubles()?;
         let sweeps = first
             .fields
@@ -144,7 +144,7 @@ impl Layout {
     }
 }
 
-/// The first row read as names.
+/// The first row as names.
 struct Header<'a> {
     text: &'a Text<'a>,
     row: &'a Row<'a>,

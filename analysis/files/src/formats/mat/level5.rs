@@ -1,8 +1,8 @@
 //! The arrays of a `.mat` of Level 5.
 //!
-//! The layout is that of MathWorks' "MAT-File Format", Level 5: behind a head of 128 bytes elements
-//! of a type, a length and bytes that are filled up to eight; compressed ones hold another. Files of
-//! version 7.3 are HDF5 and are not read.
+//! The layout follows MathWorks' "MAT-File Format", Level 5: after a head of 128 bytes, elements
+//! with a type, a length and bytes that are padded to a multiple of eight; compressed elements
+//! contain another element. Files of version 7.3 are HDF5 and are not supported.
 
 use std::io::Read as _;
 
@@ -15,13 +15,13 @@ const COMPRESSED: u32 = 15;
 const CELLS: u8 = 1;
 const STRUCTURE: u8 = 2;
 const NUMBERS: std::ops::RangeInclusive<u8> = 6..=15;
-/// Most bytes that a compressed element may grow to: a day at 1 kHz of ten columns is 7 GB, which is
-/// no record of a cycler.
+/// Maximum size of a decompressed element: a day of ten columns at 1 kHz has 7 GB, more than any
+/// record of a cycler.
 const MOST_BYTES: u64 = 1 << 30;
-/// Deepest structure within structures that is looked into.
+/// Maximum depth of nested structures.
 const DEEPEST: usize = 8;
 
-/// Names of what a file holds that are kept, at most.
+/// Maximum number of names of variables that are kept.
 const SHOWN: usize = 30;
 
 /// A vector and its name.
@@ -31,28 +31,28 @@ pub(super) struct Vector {
     pub(super) values: Vec<f64>,
 }
 
-/// Vectors that stand together: variables, or fields of one structure.
+/// Vectors that belong together: variables, or fields of one structure.
 #[derive(Debug, Default)]
 pub(super) struct Group {
-    /// Where they stand, such as `cycle(2).data`; empty for variables.
+    /// Their path, such as `cycle(2).data`; empty for variables.
     pub(super) path: String,
     pub(super) vectors: Vec<Vector>,
-    /// When they were taken, s since 1970, by a date vector beside them or above them.
+    /// Time of the measurement, s since 1970, from a date vector beside them or above them.
     pub(super) begun_s: Option<f64>,
 }
 
-/// What a file holds.
+/// Contents of a file.
 #[derive(Debug)]
 pub(super) struct Contents {
     pub(super) groups: Vec<Group>,
-    /// Names of what was met, each once; the first of many.
+    /// Names of all variables, each once, up to a maximum.
     pub(super) names: Vec<String>,
 }
 
 /// Reads the arrays of a file.
 ///
 /// # Errors
-/// A file that is cut off, or holds what the layout does not know.
+/// Returns an error if the file is truncated or does not follow the layout.
 pub(super) fn read(bytes: &[u8]) -> Result<Contents, String> {
     let big = match bytes.get(126..HEAD) {
         Some(b"IM") => false,
@@ -79,7 +79,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Contents, String> {
     Ok(Contents { groups, names })
 }
 
-/// Seconds since 1970 of MATLAB's date vector: year, month, day, hour, minute, second.
+/// Converts MATLAB's date vector (year, month, day, hour, minute, second) to seconds since 1970.
 fn date_s(values: &[f64]) -> Option<f64> {
     let &[year, month, day, hour, minute, second] = values else {
         return None;
@@ -88,7 +88,7 @@ fn date_s(values: &[f64]) -> Option<f64> {
         && (1.0..=12.0).contains(&month)
         && (1.0..=31.0).contains(&day)
         && [year, month, day].iter().all(|value| value.fract() == 0.0);
-    // Days by a calendar whose years begin in March, so that the leap day is the last.
+    // Count days in years that begin in March, so that the leap day is the last day.
     let (year, month) = if month > 2.0 {
         (year, month - 3.0)
     } else {
@@ -102,7 +102,7 @@ fn date_s(values: &[f64]) -> Option<f64> {
 struct Reader {
     big: bool,
     groups: Vec<Group>,
-    /// Names of everything that was met.
+    /// Names of all variables.
     names: Vec<String>,
 }
 
@@ -112,17 +112,17 @@ struct Element<'a> {
     bytes: &'a [u8],
 }
 
-/// Where an array stands: its name, if it has none of its own, and what holds it.
+/// Context of an array: a default name and the path of its parent.
 #[derive(Clone, Copy)]
 struct At<'a> {
     name: Option<&'a str>,
-    /// Path of the structure that holds it, with a point behind it; empty for variables.
+    /// Path of the parent structure, with a trailing point; empty for variables.
     path: &'a str,
     depth: usize,
 }
 
 impl Reader {
-    /// Vectors of the arrays that follow each other.
+    /// Reads the vectors of consecutive arrays.
     fn elements(&mut self, mut rest: &[u8]) -> Result<Vec<Vector>, String> {
         let top = At {
             name: None,
@@ -152,7 +152,7 @@ impl Reader {
         Ok(vectors)
     }
 
-    /// The vector of an array of numbers; the fields of a structure go into groups of their own.
+    /// Reads the vector of an array of numbers; the fields of a structure become separate groups.
     fn array(&mut self, mut rest: &[u8], at: At<'_>) -> Result<Option<Vector>, String> {
         // An empty field.
         if rest.is_empty() {
@@ -180,7 +180,7 @@ impl Reader {
             self.cells(rest, At { path: &path, ..at })?;
             return Ok(None);
         }
-        // A vector has one size that is not one.
+        // A vector has exactly one dimension greater than one.
         if !NUMBERS.contains(&class) || sizes.iter().filter(|size| **size != 1).count() > 1 {
             return Ok(None);
         }
@@ -189,7 +189,7 @@ impl Reader {
         Ok(Some(Vector { name, values }))
     }
 
-    /// Reads the structures of an array of this many; each becomes a group.
+    /// Reads the structures of an array of the given length; each becomes a group.
     fn structure(&mut self, mut rest: &[u8], count: u64, at: At<'_>) -> Result<(), String> {
         let length = self.element(&mut rest)?;
         let length = self.word(length.bytes, 0)? as usize;
@@ -254,11 +254,11 @@ impl Reader {
         Ok(())
     }
 
-    /// The next element; the rest begins behind it.
+    /// Returns the next element and the bytes after it.
     fn element<'a>(&self, rest: &mut &'a [u8]) -> Result<Element<'a>, String> {
         let cut = || "the file ends within an element; it was cut off".to_owned();
         let tag = self.word(rest, 0)?;
-        // Up to four bytes stand within the tag.
+        // Up to four bytes are stored within the tag.
         let (kind, start, length) = if tag >> 16 == 0 {
             (tag, 8, self.word(rest, 4)? as usize)
         } else {
@@ -277,7 +277,7 @@ impl Reader {
         Ok(Element { kind, bytes })
     }
 
-    /// Numbers, which are stored in the smallest type that holds them.
+    /// Reads numbers, which are stored in the smallest type that can represent them.
     fn numbers(&self, element: &Element<'_>) -> Result<Vec<f64>, String> {
         let width = match element.kind {
             1 | 2 => 1,
@@ -316,7 +316,7 @@ impl Reader {
     }
 }
 
-/// A name, which zeros may follow.
+/// Reads a name, which may be padded with zeros.
 fn words(bytes: &[u8]) -> String {
     let name: Vec<u8> = bytes
         .iter()

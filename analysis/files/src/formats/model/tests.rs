@@ -1,4 +1,4 @@
-//! The C header is compiled, where there is a compiler, and held against the project's own
+//! Compiles the C header, if a compiler is available, and compares it with the project's own
 //! simulation.
 
 use std::process::Command;
@@ -89,7 +89,7 @@ fn a_header_that_is_compiled_gives_what_the_simulation_gives() {
     let mut end_s = 0.0;
     for ((_, s), met) in steps.iter().zip(&met) {
         end_s += s;
-        // Where the current jumps a time stands twice: the first is before the jump.
+        // A jump of the current has two rows at the same time: the first is before the jump.
         let row = trace
             .time_s
             .iter()

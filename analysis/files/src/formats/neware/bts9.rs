@@ -1,15 +1,15 @@
-//! `.nda` of BTS 9: blocks of records, whose layout the version of the records tells.
+//! `.nda` of BTS 9: blocks of records, whose layout depends on the version of the records.
 
 use super::fields::{count, f32_at, long_offset_at, u8_at, u16_at, u32_at, u64_at};
 use super::record::{self, Decoded, Fault, Moment, Row};
 
-/// Bytes of a head; a block has one of its own where there are several.
+/// Bytes of a head; each block has its own head if there are several.
 const HEAD: usize = 1024;
 const MARK: &[u8] = b"NEWARE";
-/// Place of the version of the records.
+/// Offset of the version of the records.
 const VERSION_AT: usize = 16;
-/// Place of the pointer to a block: its beginning and its length, and of the last pointer of a head,
-/// whose end is the next head.
+/// Offset of the pointer to a block (its start and length), and of the last pointer of a head, whose
+/// end is the next head.
 const DATA_AT: usize = 82;
 const LAST_AT: usize = 242;
 /// Mark of a record.
@@ -24,7 +24,7 @@ const MILLI: f64 = 1.0e3;
 /// Reads a file.
 ///
 /// # Errors
-/// A version that is not known; a file that is cut off.
+/// Returns an error for an unknown version and for a truncated file.
 pub(super) fn read(bytes: &[u8]) -> Result<Decoded, Fault> {
     let version = u16_at(bytes, VERSION_AT);
     let blocks = blocks(bytes)?;
@@ -43,7 +43,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Decoded, Fault> {
         .find(|block| !block.len().is_multiple_of(size))
     {
         return Err(Fault::Cut(format!(
-            "a block of {} bytes, which is no multiple of {size}, the length of a record",
+            "a block of {} bytes, which is not a multiple of {size}, the length of a record",
             block.len()
         )));
     }
@@ -74,7 +74,7 @@ fn blocks(bytes: &[u8]) -> Result<Vec<&[u8]>, Fault> {
         all.push(block(head)?);
         let last = head.saturating_add(LAST_AT);
         let next = long_offset_at(bytes, last).saturating_add(long_offset_at(bytes, last + 8));
-        // Heads follow each other: one that leads back would be read for ever.
+        // Heads form a chain: a head that points back would cause an endless loop.
         if next <= head {
             break;
         }
@@ -83,7 +83,7 @@ fn blocks(bytes: &[u8]) -> Result<Vec<&[u8]>, Fault> {
     Ok(all)
 }
 
-/// The one length with which all blocks are records throughout.
+/// Returns the only length with which all blocks consist of records.
 fn size_19(blocks: &[&[u8]]) -> Result<usize, Fault> {
     let fits = |size: &usize| {
         blocks.iter().all(|block| {

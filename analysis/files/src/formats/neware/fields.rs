@@ -1,5 +1,5 @@
-//! Numbers in the bytes of a record, the lowest byte first. What lies behind the end is 0: the length
-//! of a record is checked once, where it is cut out.
+//! Little-endian numbers in the bytes of a record. Bytes after the end read as 0, because the length
+//! of a record is checked once, when it is extracted.
 
 fn array<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     let part = bytes.get(at..at.saturating_add(N));
@@ -34,17 +34,17 @@ pub(super) fn f32_at(bytes: &[u8], at: usize) -> f64 {
     f64::from(f32::from_le_bytes(array(bytes, at)))
 }
 
-/// A place in the file.
+/// Reads an offset in the file.
 pub(super) fn offset_at(bytes: &[u8], at: usize) -> usize {
     usize::try_from(u32_at(bytes, at)).unwrap_or(usize::MAX)
 }
 
-/// A place in the file, of eight bytes.
+/// Reads an offset in the file from eight bytes.
 pub(super) fn long_offset_at(bytes: &[u8], at: usize) -> usize {
     usize::try_from(u64_at(bytes, at)).unwrap_or(usize::MAX)
 }
 
-/// A count as a number. Beyond 2⁵³ it loses digits, which no time has.
+/// Converts an integer to a float. It loses digits beyond 2⁵³, which no time reaches.
 #[expect(
     clippy::cast_precision_loss,
     reason = "times and moments lie far below 2^53"

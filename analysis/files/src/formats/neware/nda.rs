@@ -1,16 +1,17 @@
-//! `.nda`: a head, and records of one length. The version in the head tells the layout of a record.
+//! `.nda`: a head, and records of one length. The version in the head determines the layout of a
+//! record.
 
 use super::bts9;
 use super::fields::{count, i16_at, i32_at, offset_at, u8_at, u16_at, u32_at, u64_at};
 use super::record::{self, Decoded, Fault, Moment, Row, amperes_per_count, date_s, scaled};
 use std::collections::HashMap;
 
-/// Place of the version in the head.
+/// Offset of the version in the head.
 const VERSION_AT: usize = 14;
-/// Place of the pointer to the head's second part, and of the range in that.
+/// Offset of the pointer to the second part of the head, and of the range in that part.
 const SECOND_AT: usize = 16;
 const RANGE_AT: usize = 26;
-/// Places of the pointers to the records, and to those of the auxiliary channels.
+/// Offsets of the pointers to the records and to those of the auxiliary channels.
 const DATA_AT: usize = 64;
 const AUXILIARY_AT: usize = 72;
 /// First byte of a record, and of one of an auxiliary channel.
@@ -23,23 +24,23 @@ const VOLT: f64 = 1.0e-4;
 /// Degrees of a count.
 const DEGREE: f64 = 0.1;
 
-/// Layout of a record. Behind the number of the step stands its type; behind the time the voltage and
-/// the current, 4 bytes each.
+/// Layout of a record. The type of the step follows its number; the voltage and the current, 4 bytes
+/// each, follow the time.
 struct Layout {
     size: usize,
     index: usize,
     step: usize,
     /// Bytes of the number of the step.
     step_bytes: usize,
-    /// Place of a counter of jumps between steps.
+    /// Offset of a counter of jumps between steps.
     jumps: Option<usize>,
     time: usize,
     clock: Clock,
-    /// Place of the range of the current; none where the head has one for all.
+    /// Offset of the range of the current; `None` if the head has one range for all records.
     range: Option<usize>,
 }
 
-/// Moment of a record.
+/// Time stamp of a record.
 #[derive(Clone, Copy, PartialEq)]
 enum Clock {
     /// Seconds since 1970, 8 bytes. The time of the step has 4 bytes and counts seconds.
@@ -78,7 +79,7 @@ const DATED: Layout = Layout {
 /// Reads a file.
 ///
 /// # Errors
-/// A version that is not known; a file that is cut off; a range of the current that is not known.
+/// Returns an error for an unknown version, a truncated file and an unknown range of the current.
 pub(super) fn read(bytes: &[u8]) -> Result<Decoded, Fault> {
     let version = u8_at(bytes, VERSION_AT);
     let (layout, records, auxiliary) = match version {
@@ -114,7 +115,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Decoded, Fault> {
     record::text(rows, temperatures.note.into_iter().collect())
 }
 
-/// The part of a file that a pointer of its head leads to: its beginning and its length.
+/// Returns the part of a file that a pointer in its head refers to (start and length).
 fn pointed(bytes: &[u8], at: usize) -> Result<&[u8], Fault> {
     let (begin, length) = (offset_at(bytes, at), offset_at(bytes, at + 4));
     bytes.get(begin..begin.saturating_add(length)).ok_or_else(|| {
@@ -131,7 +132,8 @@ impl Layout {
         let known = match self.clock {
             Clock::Seconds(_) => first == 0 || first == RECORD,
             Clock::SecondsLong(_) => first == RECORD,
-            // Without a pointer the end of the records is not known: what follows has no such marks.
+            // Without a pointer, the end of the records is unknown; the bytes after them have no
+            // such marks.
             Clock::Date(_) => first == RECORD && u8_at(record, 1) == 0 && u32_at(record, 82) == 0,
         };
         known && u32_at(record, self.index) != 0
@@ -182,7 +184,7 @@ impl Layout {
 #[derive(Default)]
 struct Auxiliary {
     of_index: HashMap<u32, f64>,
-    /// What is not read of the others.
+    /// Returns a remark on the channels that are not read.
     note: Option<String>,
 }
 
@@ -203,7 +205,7 @@ impl Auxiliary {
         let mut of_index: HashMap<u32, f64> = of_first
             .map(|record| (u32_at(record, 2), degrees(record)))
             .collect();
-        // A channel without a sensor is 0 throughout.
+        // A channel without a sensor contains only zeros.
         if of_index.values().all(|degrees| *degrees == 0.0) {
             of_index.clear();
         }

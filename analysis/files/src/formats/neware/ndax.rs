@@ -11,19 +11,20 @@ use zip::ZipArchive;
 const DATA: &str = "data.ndc";
 const RUN_INFO: &str = "data_runInfo.ndc";
 const STEPS: &str = "data_step.ndc";
-/// Most bytes that a table may grow to: a year at 10 Hz has 320 million rows of 8 bytes, which is no
-/// record of a cycler.
+/// Maximum size of a decompressed table: a year at 10 Hz has 320 million rows of 8 bytes, more than
+/// any record of a cycler.
 const MOST_BYTES: u64 = 1 << 30;
-/// Bytes of a block; the first one is a head. Behind it a mask tells which places hold a row.
+/// Bytes of a block; the first block is a head. A mask after it marks the places that contain a
+/// row.
 const BLOCK: usize = 4096;
 const MASK_AT: usize = 4;
 const ROWS_AT: usize = 132;
-/// The same before version 5, which has no mask.
+/// The same before version 5, without a mask.
 const OLD_BLOCK: usize = 512;
 const OLD_ROWS_AT: usize = 5;
-/// Bytes at the end of a block that hold no row.
+/// Bytes at the end of a block without rows.
 const END: usize = 1;
-/// Length of a row of `data.ndc` before version 11; in version 2 seven bytes stand before it.
+/// Length of a row of `data.ndc` before version 11; in version 2 seven bytes precede it.
 const OLD_ROW: usize = 87;
 const BEFORE_2: usize = 7;
 /// Length of a row of `data.ndc` from version 11 on.
@@ -47,10 +48,10 @@ struct Info {
     step: u32,
 }
 
-/// Reads an archive; nothing for one of another kind.
+/// Reads an archive; returns `None` for another kind of archive.
 ///
 /// # Errors
-/// A version that is not known; a table that lacks or is cut off.
+/// Returns an error for an unknown version and for a missing or truncated table.
 pub(super) fn read(bytes: &[u8]) -> Option<Result<Decoded, Fault>> {
     let mut archive = ZipArchive::new(Cursor::new(bytes)).ok()?;
     archive.index_for_name(DATA)?;
@@ -83,7 +84,7 @@ fn of_archive(archive: &mut ZipArchive<Cursor<&[u8]>>) -> Result<Decoded, Fault>
     record::text(rows, notes)
 }
 
-/// Whether a table is of an auxiliary channel: `data_AUX_1_2_3.ndc`, `data_1.ndc`.
+/// Returns whether a table belongs to an auxiliary channel: `data_AUX_1_2_3.ndc`, `data_1.ndc`.
 fn is_auxiliary(name: &str) -> bool {
     let number = name
         .strip_suffix(".ndc")
@@ -106,7 +107,7 @@ fn table(archive: &mut ZipArchive<Cursor<&[u8]>>, name: &'static str) -> Result<
 }
 
 impl Table {
-    /// The rows that the mask marks, with their places from 1.
+    /// Returns the rows that the mask marks, with their indices from 1.
     fn rows(&self, name: &str, size: usize) -> Result<Vec<(u32, &[u8])>, Fault> {
         let per_block = (BLOCK - ROWS_AT - END) / size;
         let mut rows = Vec::new();
@@ -123,19 +124,19 @@ impl Table {
         Ok(rows)
     }
 
-    /// The blocks behind the head.
+    /// Returns the blocks after the head.
     fn blocks(&self, name: &str, size: usize) -> Result<std::slice::ChunksExact<'_, u8>, Fault> {
         let length = self.bytes.len();
         if length < size || !length.is_multiple_of(size) {
             return Err(Fault::Cut(format!(
-                "{name}: {length} bytes, which are no blocks of {size}; copy the file again"
+                "{name}: {length} bytes, which are not blocks of {size}; copy the file again"
             )));
         }
         Ok(self.bytes[size..].chunks_exact(size))
     }
 }
 
-/// Rows of a table that holds all.
+/// Returns the rows of a table with all quantities.
 fn whole(data: &Table) -> Result<Vec<Row>, Fault> {
     if data.version == 5 {
         let rows = data.rows(DATA, OLD_ROW)?.into_iter();
@@ -164,7 +165,7 @@ fn old_row(row: &[u8]) -> Result<Row, Fault> {
     })
 }
 
-/// Rows of three tables.
+/// Returns the rows from three tables.
 fn joined(data: &Table, run_info: &Table, steps: &Table) -> Result<Vec<Row>, Fault> {
     let infos = infos(run_info)?;
     let types = step_types(steps)?;
@@ -206,7 +207,7 @@ fn joined(data: &Table, run_info: &Table, steps: &Table) -> Result<Vec<Row>, Fau
     Ok(rows)
 }
 
-/// Times by the index of their row; of several for one row the first counts.
+/// Returns times by the index of their row; the first one counts if a row has several.
 fn infos(table: &Table) -> Result<HashMap<u32, Info>, Fault> {
     let size = match table.version {
         11 => 47,

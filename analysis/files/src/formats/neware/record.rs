@@ -1,4 +1,4 @@
-//! The rows of a record as all layouts give them, and their text.
+//! The rows of a record, common to all layouts, and their text.
 
 use super::fields::{i32_at, u8_at, u16_at};
 use std::fmt::Write as _;
@@ -6,10 +6,10 @@ use std::fmt::Write as _;
 /// Names of the columns. BDF's count charge positive, as Neware does.
 const HEADER: &str = "Test Time / s\tVoltage / V\tCurrent / A\tUnix Time / s\tStep Count / 1\tStep Type\t\
                       Surface Temperature T1 / degC\n";
-/// Greatest range of a current, mA, whose unit the programs agree on.
+/// Largest range of a current, mA, whose unit the programs agree on.
 const GREATEST_RANGE: u32 = 200_000;
 
-/// Reason why a file is not read.
+/// Error of reading a file.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum Fault {
     #[error("version {version} of {part} is not known; export the data as CSV or Excel from BTSDA")]
@@ -22,14 +22,14 @@ pub(super) enum Fault {
     Range(i32),
 }
 
-/// A record as text, and remarks on what is not in it.
+/// A record as text, and remarks on data that it omits.
 #[derive(Debug, PartialEq)]
 pub(in crate::formats) struct Decoded {
     pub(in crate::formats) text: String,
     pub(in crate::formats) notes: Vec<String>,
 }
 
-/// Moment of a row.
+/// Time stamp of a row.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Moment {
     /// Time since its step began, s.
@@ -42,19 +42,19 @@ pub(super) enum Moment {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Row {
     pub(super) index: u32,
-    /// What tells its step from the one before.
+    /// Identifies its step, to separate it from the previous one.
     pub(super) step: u32,
     pub(super) step_type: u8,
     pub(super) at: Moment,
     pub(super) voltage_v: f64,
     pub(super) current_a: f64,
-    /// Seconds since 1970; not a number where it is not written.
+    /// Seconds since 1970; NaN if absent.
     pub(super) unix_s: f64,
-    /// °C; not a number where it is not measured.
+    /// °C; NaN if not measured.
     pub(super) temperature_c: f64,
 }
 
-/// Amperes of one count of a current, by the range.
+/// Returns the amperes of one count of a current, by the range.
 pub(super) fn amperes_per_count(range: i32) -> Result<f64, Fault> {
     let size = range.unsigned_abs();
     if range == 0 || size > GREATEST_RANGE {
@@ -66,19 +66,19 @@ pub(super) fn amperes_per_count(range: i32) -> Result<f64, Fault> {
         100..1000 => -5,
         _ => -4,
     };
-    // Ranges below zero have a tenth of the step.
+    // Negative ranges have a tenth of the step.
     let exponent = if range < 0 { exponent - 1 } else { exponent };
     Ok(10.0_f64.powi(exponent))
 }
 
-/// Seconds since 1970 of a date: year (2 bytes), month, day, hour, minute, second.
+/// Converts a date (year (2 bytes), month, day, hour, minute, second) to seconds since 1970.
 pub(super) fn date_s(bytes: &[u8], at: usize) -> f64 {
     let part = |k: usize| f64::from(u8_at(bytes, at + k));
     let (year, month) = (
         i64::from(u16_at(bytes, at)),
         i64::from(u8_at(bytes, at + 2)),
     );
-    // Years that begin in March have the day that is put in at their end.
+    // Years that begin in March have the leap day at their end.
     let (year, month) = if month > 2 {
         (year, month - 3)
     } else {
@@ -93,13 +93,13 @@ pub(super) fn date_s(bytes: &[u8], at: usize) -> f64 {
     ((days * 24.0 + part(4)) * 60.0 + part(5)) * 60.0 + part(6)
 }
 
-/// A count as a current or, with 0.1 mV, as a voltage.
+/// Converts a count to a current or, with 0.1 mV, to a voltage.
 pub(super) fn scaled(bytes: &[u8], at: usize, unit: f64) -> f64 {
-    // A product with 0.0001 has a tail of digits, a quotient by 10000 has none.
+    // Multiplying by 0.0001 adds rounding digits, dividing by 10000 does not.
     f64::from(i32_at(bytes, at)) / (1.0 / unit).round()
 }
 
-/// The name of a step, which tells the direction of its current; empty for one that tells none.
+/// Returns the name of a step, which gives the direction of its current; empty if it gives none.
 fn step_name(step_type: u8) -> &'static str {
     match step_type {
         1 => "CC_Chg",
@@ -124,10 +124,10 @@ fn step_name(step_type: u8) -> &'static str {
     }
 }
 
-/// The text of rows, by their index; of rows with one index the first counts.
+/// Returns the text of rows, sorted by index; the first row of each index counts.
 ///
 /// # Errors
-/// [`Fault::Cut`] without any row.
+/// [`Fault::Cut`] if there is no row.
 pub(super) fn text(mut rows: Vec<Row>, notes: Vec<String>) -> Result<Decoded, Fault> {
     rows.sort_by_key(|row| row.index);
     rows.dedup_by_key(|row| row.index);
@@ -167,7 +167,7 @@ pub(super) fn text(mut rows: Vec<Row>, notes: Vec<String>) -> Result<Decoded, Fa
     Ok(Decoded { text, notes })
 }
 
-/// A number to the microsecond, beyond which sums of times have a tail of digits.
+/// Formats a number to the microsecond, because sums of times have rounding digits beyond.
 fn plain(value: f64) -> String {
     if value.is_nan() {
         String::new()

@@ -29,7 +29,7 @@ fn bytes(name: &str) -> Vec<u8> {
 }
 
 /// Time, voltage, current (discharge positive) and number of the step: at 10 s a rest, 1.5 A out, a
-/// rest, 0.5 A in. Of the two rows at one time, where a step ends, the later one.
+/// rest, 0.5 A in. Of the two rows at the end of a step, which have the same time, the later one.
 fn rows() -> Vec<[f64; 4]> {
     let steps = [
         (3, 4.0, 0.0, 0.0),
@@ -132,7 +132,7 @@ fn a_version_that_is_not_known_is_refused_by_its_number() {
         &other,
         "whose length is none of [52, 56, 60] bytes",
     );
-    // Both programs know 6000 mA in 0.1 mA; beyond 200 A they differ.
+    // Both programs read the range 6000 mA in 0.1 mA; they differ beyond 200 A.
     let mut range = bytes("neware_22.nda");
     range[1024 + 78..1024 + 82].copy_from_slice(&(-100_000_000_i32).to_le_bytes());
     refused(

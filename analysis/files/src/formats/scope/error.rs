@@ -1,15 +1,15 @@
-//! Reasons why a file is no record of an oscilloscope.
+//! Errors of reading records of oscilloscopes.
 
 use std::{
     fs::File,
     path::{Path, PathBuf},
 };
 
-/// Reason why a file was not taken as a scope's.
+/// Error of reading a record of an oscilloscope.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ScopeError {
-    /// The file system.
+    /// The file system returned an error.
     #[error("{}: could not {action}: {source}", file.display())]
     Io {
         /// The file.
@@ -20,7 +20,7 @@ pub enum ScopeError {
         #[source]
         source: std::io::Error,
     },
-    /// A header that cannot be.
+    /// The header is invalid.
     #[error("{}: {kind}, {field}: expected {expected}, met {met}", file.display())]
     Layout {
         /// The file.
@@ -34,7 +34,7 @@ pub enum ScopeError {
         /// Value found.
         met: String,
     },
-    /// A file of no known kind.
+    /// The file has no known format.
     #[error(
         "{}: expected a scope's record (Siglent .bin of V2 to V4, Rigol .bin, LeCroy .trc, sigrok .sr, or a \
         CSV with rows of numbers), met {met}",
@@ -46,7 +46,7 @@ pub enum ScopeError {
         /// First bytes of the file.
         met: String,
     },
-    /// A table that breaks off or does not hold numbers.
+    /// A table is truncated or contains fields that are not numbers.
     #[error("{}, line {line}: expected {expected}, met {met}", file.display())]
     Row {
         /// The file.
@@ -61,7 +61,7 @@ pub enum ScopeError {
 }
 
 impl ScopeError {
-    /// Makes the complaints about the header of one file: field, what it should be, what it is.
+    /// Creates errors about the header of one file: field, allowed values, value found.
     pub(super) fn about(
         file: &Path,
         kind: &'static str,

@@ -1,5 +1,5 @@
-//! LeCroy's `.trc`: a descriptor `WAVEDESC` after the template LECROY_2_3, then one channel's
-//! codes. V = gain · code − offset.
+//! LeCroy's `.trc`: a descriptor `WAVEDESC` by the template LECROY_2_3, then the codes of one
+//! channel. V = gain · code − offset.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ const MARK: &[u8] = b"WAVEDESC";
 const WITHIN: usize = 64;
 const TEMPLATE: &str = "LECROY_2_3";
 
-/// Offset of the descriptor, if the file has one.
+/// Returns the offset of the descriptor, if the file has one.
 pub(super) fn begins(bytes: &Bytes) -> Option<usize> {
     let head = bytes.head();
     head[..head.len().min(WITHIN)]
@@ -21,7 +21,7 @@ pub(super) fn begins(bytes: &Bytes) -> Option<usize> {
         .position(|window| window == MARK)
 }
 
-/// Opens a file whose descriptor begins at a byte.
+/// Opens a file whose descriptor begins at the given byte.
 pub(super) fn open(path: &Path, bytes: &Bytes, at: usize) -> Result<ScopeRecord, ScopeError> {
     let wrong = ScopeError::about(path, KIND);
     let file = ScopeError::opened(path)?;
@@ -30,7 +30,8 @@ pub(super) fn open(path: &Path, bytes: &Bytes, at: usize) -> Result<ScopeRecord,
     if template != TEMPLATE {
         return Err(wrong("template", TEMPLATE, template));
     }
-    // The order of bytes is a number that reads 0 in either order, or 1 in the little one.
+    // The field of the byte order reads 0 in either order for big-endian, and 1 in little-endian
+    // order.
     header.big = header.u16(34) == 0;
     let big = header.big;
     let words = header.u16(32) == 1;

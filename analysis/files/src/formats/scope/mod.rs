@@ -1,19 +1,19 @@
 //! Reads records of oscilloscopes from their own files. The format is recognised by the content;
 //! the source of each layout is given.
 //!
-//! * Siglent binary, V2.0, V3.0 and V4.0, told by its version and plausible header: Siglent, "How
-//!   to Extract Data from the Binary File"; V4.0 as real files have it
-//! * Rigol binary (`.bin`), told by `RG`: user guides of MSO5000/7000, HDO, DHO: "Binary Data
-//!   Format"; Keysight binary, told by `AG`: InfiniiVision, "Binary Data in .bin Format", the same
-//!   layout
-//! * LeCroy `.trc`, told by `WAVEDESC`: the template LECROY_2_3 that the instruments send
-//! * Siglent, Rigol and Rohde & Schwarz CSV, any table of numbers, told by a row of numbers: the files
-//!   themselves; of an RTO the settings beside it
-//! * sigrok's session `.sr`, told by its `metadata`
+//! * Siglent binary, V2.0, V3.0 and V4.0, recognised by its version and a plausible header:
+//!   Siglent, "How to Extract Data from the Binary File"; V4.0 as found in real files
+//! * Rigol binary (`.bin`), recognised by `RG`: user guides of MSO5000/7000, HDO, DHO: "Binary Data
+//!   Format"; Keysight binary, recognised by `AG`: InfiniiVision, "Binary Data in .bin Format", the
+//!   same layout
+//! * LeCroy `.trc`, recognised by `WAVEDESC`: the template LECROY_2_3 that the instruments send
+//! * Siglent, Rigol and Rohde & Schwarz CSV, any table of numbers, recognised by a row of numbers: the
+//!   files themselves; for an RTO also the settings file beside it
+//! * sigrok's session `.sr`, recognised by its `metadata`
 //!
-//! Nothing is loaded as a whole: binary files are read where they are, a table goes once through a
-//! temporary file of numbers. Rigol's `.wfm` is not documented by its maker and refused. Knows no
-//! shunt and no frequency.
+//! No file is loaded as a whole: binary files are read in place, a table is converted once to a
+//! temporary file of numbers. Rigol's `.wfm` is refused because its manufacturer does not document
+//! it. Independent of shunts and frequencies.
 
 mod error;
 mod lecroy;
@@ -30,7 +30,7 @@ use std::path::Path;
 pub use error::ScopeError;
 pub use record::ScopeRecord;
 
-/// Opens a scope's record. `interval_s`: time between two samples, for a table that does not tell
+/// Opens a scope's record. `interval_s`: time between two samples, for a table that does not state
 /// it.
 ///
 /// # Errors

@@ -8,12 +8,13 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use super::ScopeError;
 use analysis_signal::sine::{CodeScale, Samples};
 
-/// Bytes at the beginning of a file in which headers are looked for.
+/// Bytes at the beginning of a file that are searched for headers.
 const HEAD: usize = 1 << 14;
-/// Samples that are looked at for the step of the codes.
+/// Number of samples from which the step of the codes is determined.
 const LOOKED_AT: usize = 1 << 15;
 
-/// A temporary file without a name: it is gone as soon as it is closed, however the process ends.
+/// A temporary file without a name: the system deletes it when it is closed, however the process
+/// ends.
 pub(super) fn unnamed_file() -> std::io::Result<File> {
     static NEXT: AtomicU32 = AtomicU32::new(0);
     let name = format!(
@@ -89,7 +90,7 @@ impl Form {
     }
 }
 
-/// Place of a channel in the file, and meaning of its samples.
+/// Offset of a channel in the file, and format of its samples.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Layout {
     /// First byte of its first sample.
@@ -98,7 +99,7 @@ pub(super) struct Layout {
     pub(super) stride: usize,
     /// Format of the samples.
     pub(super) form: Form,
-    /// Conversion of codes to volts; none for volts.
+    /// Conversion of codes to volts; `None` if the samples are volts.
     pub(super) scale: Option<CodeScale>,
     /// Step of volts, V.
     pub(super) lsb_v: Option<f64>,
@@ -159,8 +160,8 @@ impl RawFile {
         })
     }
 
-    /// Finds the step of a channel's codes: those of an ADC of twelve bits come in the upper part
-    /// of sixteen. `bits`: those of the codes.
+    /// Finds the step of a channel's codes: a twelve-bit ADC uses the upper bits of sixteen.
+    /// `bits`: size of a code.
     pub(super) fn settle_steps(&mut self, samples: usize, bits: u32) -> Result<(), ScopeError> {
         for channel in 0..self.channels.len() {
             let codes = self
@@ -217,7 +218,7 @@ impl Samples for RawFile {
     }
 }
 
-/// The beginning of a file, in numbers.
+/// The beginning of a file, for reading numbers.
 pub(super) struct Bytes {
     head: Vec<u8>,
     /// The whole file, bytes.
@@ -299,7 +300,7 @@ impl Bytes {
         f64::from_le_bytes(self.take(at))
     }
 
-    /// A text of fixed length, to its first zero.
+    /// Returns a text of fixed length, up to its first zero.
     pub(super) fn text(&self, at: usize, length: usize) -> String {
         let bytes = self.head.get(at..at + length).unwrap_or(&[]);
         let end = bytes

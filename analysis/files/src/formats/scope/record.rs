@@ -13,13 +13,13 @@ pub struct ScopeRecord {
     pub interval_s: f64,
     /// Samples of each channel.
     pub samples: usize,
-    /// Names of the channels as the file has them.
+    /// Names of the channels in the file.
     pub names: Vec<String>,
     pub(super) raw: RawFile,
 }
 
 impl ScopeRecord {
-    /// A channel by its number in the file, from 0, ready to be fitted.
+    /// Returns a channel by its number in the file, from 0, ready to be fitted.
     pub fn channel(&self, index: usize) -> Option<Channel<'_>> {
         let layout = self.raw.channels.get(index)?;
         Some(Channel::Stored(Stored {
@@ -33,10 +33,10 @@ impl ScopeRecord {
         }))
     }
 
-    /// Volts of a channel from its number `start` on, at most `count`.
+    /// Returns at most `count` samples of a channel in volts, from sample `start` on.
     ///
     /// # Errors
-    /// [`ScopeError::Layout`] for a file that cannot be read any more.
+    /// [`ScopeError::Layout`] if the file cannot be read any more.
     pub fn volts(&self, index: usize, start: usize, count: usize) -> Result<Vec<f64>, ScopeError> {
         self.raw
             .volts_of(index, start, count.min(self.samples.saturating_sub(start)))

@@ -8,10 +8,11 @@ use super::{ScopeError, ScopeRecord};
 
 /// First bytes, and the kind of the file.
 const MARKS: [(&[u8], &str); 2] = [(b"RG", "Rigol binary"), (b"AG", "Keysight binary")];
-/// Waveforms of a file, at most: four channels, digital ones, results of mathematics.
+/// Maximum number of waveforms of a file: four analog channels, digital channels, results of
+/// mathematics.
 const MOST: u32 = 64;
 
-/// Kind of a file by its first bytes.
+/// Returns the kind of a file from its first bytes.
 pub(super) fn kind(bytes: &Bytes) -> Option<&'static str> {
     let begins = |(mark, _): &&(&[u8], &str)| bytes.head().starts_with(mark);
     MARKS.iter().find(begins).map(|(_, kind)| *kind)
@@ -24,7 +25,7 @@ pub(super) fn open(
     of: &'static str,
 ) -> Result<ScopeRecord, ScopeError> {
     let wrong = ScopeError::about(path, of);
-    // From version 3 on the sizes of file and buffer have eight bytes.
+    // Since version 3, the sizes of file and buffer have eight bytes.
     let (count, mut at, wide) = match &bytes.head().get(2..4) {
         Some(b"01" | b"02" | b"10") => (bytes.u32(8), 12_u64, false),
         Some(b"03") => (bytes.u32(12), 16_u64, true),
@@ -57,7 +58,7 @@ pub(super) fn open(
                 format!("{size}, {head} and {length} bytes from {at} on"),
             ));
         }
-        // Digital channels and their like are passed over.
+        // Digital channels and other waveforms are skipped.
         if width == 4 && kind <= 5 && (points as u64) * 4 <= length {
             let shape = *shape.get_or_insert((points, interval_s));
             if shape != (points, interval_s)

@@ -1,6 +1,6 @@
 //! Rohde & Schwarz RTO and RTE in CSV: a pair of `X.csv` with settings, `Name:Value:` in each line,
 //! and `X.Wfm.csv` with a row of numbers for each sample. RTB and RTM write one table with names (`in
-//! s,C1 in V`), which is read as any other.
+//! s,C1 in V`), which the table reader reads.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -10,9 +10,9 @@ use super::table;
 use super::{ScopeError, ScopeRecord};
 
 const KIND: &str = "Rohde & Schwarz CSV";
-/// End of the name of the file with the samples.
+/// Suffix of the name of the file with the samples.
 const SAMPLES: &str = ".wfm.csv";
-/// Most bytes of the settings.
+/// Maximum size of the settings file.
 const MOST_SETTINGS: u64 = 1 << 20;
 
 /// Both files of a record.
@@ -22,10 +22,10 @@ pub(super) struct Pair {
     samples: PathBuf,
 }
 
-/// Both files, by the name of either; nothing where only one is there.
+/// Returns both files from the name of either; `None` if only one exists.
 pub(super) fn pair(path: &Path) -> Option<Pair> {
     let name = path.file_name()?.to_str()?;
-    // The names are ASCII where they count, so that the lengths agree.
+    // The compared part of the names is ASCII, so that the lengths agree.
     let lower = name.to_ascii_lowercase();
     let found = match lower.strip_suffix(SAMPLES) {
         Some(stem) => {
@@ -49,7 +49,7 @@ pub(super) fn pair(path: &Path) -> Option<Pair> {
     Some(found)
 }
 
-/// Settings by name, and the values behind it.
+/// Settings by name, with their values.
 struct Settings {
     path: PathBuf,
     lines: Vec<Vec<String>>,
@@ -145,7 +145,7 @@ pub(super) fn open(pair: &Pair) -> Result<ScopeRecord, ScopeError> {
     }
     let mut record = table::open(&pair.samples, Some(interval_s))?;
     let width = record.names.len();
-    // With its times a row has one number more.
+    // With times, a row has one more number.
     if width == sources.len() + 1 {
         record.raw.channels.remove(0);
     } else if width != sources.len() {

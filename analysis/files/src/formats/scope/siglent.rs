@@ -1,8 +1,8 @@
 //! Siglent's binary files V2.0, V3.0 and V4.0: a header of 2 or 4 KiB, then the codes of each
 //! channel that was on, one channel after the other.
 //!
-//! V = ((code − middle) · V/div / codes per division − offset) · probe, as files of known voltages
-//! have it; the maker's description adds the offset.
+//! V = ((code − middle) · V/div / codes per division − offset) · probe, verified with files of
+//! known voltages; the manufacturer's description adds the offset instead.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ const KIND: &str = "Siglent binary";
 const CHANNELS: usize = 4;
 /// Bytes of a value with its unit.
 const VALUE: usize = 40;
-/// Codes per division where the header does not say.
+/// Codes per division if the header does not state them.
 const PER_DIV: f64 = 25.0;
 
 /// Offsets of the fields of a version.
@@ -68,7 +68,7 @@ fn fields(bytes: &Bytes) -> Option<(&'static Fields, u64)> {
     }
 }
 
-/// Whether the beginning of a file is that of a version known here.
+/// Returns whether the beginning of a file matches a supported version.
 pub(super) fn is_one(bytes: &Bytes) -> bool {
     fields(bytes).is_some_and(|(fields, _)| {
         let switches: Vec<u32> = (0..CHANNELS)
@@ -78,7 +78,7 @@ pub(super) fn is_one(bytes: &Bytes) -> bool {
     })
 }
 
-/// A value in SI: the number and the power of thousand that follows it.
+/// Returns a value in SI units from the number and the following power of thousand.
 fn value(bytes: &Bytes, at: usize) -> f64 {
     bytes.f64(at) * 10.0_f64.powf(3.0 * (f64::from(bytes.u32(at + 8)) - 8.0))
 }

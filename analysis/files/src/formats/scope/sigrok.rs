@@ -1,9 +1,9 @@
-//! sigrok's session (`.sr`): a ZIP archive with a text `metadata` and, of each analog channel, pieces
-//! `analog-1-CHANNEL-PIECE` of 32-bit floats, the lowest byte first. Layout: sigrok's wiki, "File
+//! sigrok's session (`.sr`): a ZIP archive with a text `metadata` and, for each analog channel,
+//! pieces `analog-1-CHANNEL-PIECE` of little-endian 32-bit floats. Layout: sigrok's wiki, "File
 //! format:Sigrok/v2".
 //!
-//! The samples of all channels go once through a temporary file. Their unit is not written; volts are
-//! what a scope gives.
+//! The samples of all channels are copied once to a temporary file. The format does not state their
+//! unit; the reader assumes volts, as from a scope.
 
 use std::fs::File;
 use std::io::{BufWriter, Read, Write};
@@ -19,16 +19,16 @@ const KIND: &str = "sigrok session";
 const METADATA: &str = "metadata";
 /// First bytes of a ZIP archive.
 pub(super) const MAGIC: &[u8] = b"PK\x03\x04";
-/// Most bytes of the text.
+/// Maximum size of the text.
 const MOST_TEXT: u64 = 1 << 20;
-/// Most bytes of all samples: an hour of four channels at 250 kHz.
+/// Maximum size of all samples: an hour of four channels at 250 kHz.
 const MOST_BYTES: u64 = 16 << 30;
-/// Samples in which the step of the quantisation is looked for.
+/// Number of samples from which the step of the quantisation is determined.
 const LOOKED_AT: usize = 20_000;
 /// Bytes of a sample.
 const WIDTH: usize = 4;
 
-/// What the text states.
+/// Contents of the text.
 #[derive(Debug, Default, PartialEq)]
 struct Metadata {
     rate: String,
@@ -74,7 +74,7 @@ impl Metadata {
     }
 }
 
-/// Opens a session; nothing for another archive.
+/// Opens a session; returns `None` for another archive.
 pub(super) fn open(path: &Path) -> Result<Option<ScopeRecord>, ScopeError> {
     let wrong = ScopeError::about(path, KIND);
     let Ok(mut archive) = ZipArchive::new(ScopeError::opened(path)?) else {
@@ -155,7 +155,7 @@ pub(super) fn open(path: &Path) -> Result<Option<ScopeRecord>, ScopeError> {
 /// A temporary file of samples, channel after channel.
 struct Spill {
     writer: BufWriter<File>,
-    /// Bytes that may still come.
+    /// Bytes left up to the maximum.
     left: u64,
     written: u64,
     /// First samples of the channel.

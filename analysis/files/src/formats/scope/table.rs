@@ -1,10 +1,10 @@
 //! Records as tables of numbers: Siglent's, Rigol's and Rohde & Schwarz' (RTB, RTM) CSV, and any other
-//! with one row per sample. The rows go once through a temporary file of numbers, so that the length
-//! of a table does not matter.
+//! with one row per sample. The rows are converted once to a temporary file of numbers, so that the
+//! length of a table is not limited by memory.
 //!
 //! The header is all text before the first row of numbers. The interval comes from it (`Sample
-//! Interval`, `Sample Rate`, `Increment`) or from the first column, where that is called a time. A
-//! column of sample numbers is skipped.
+//! Interval`, `Sample Rate`, `Increment`) or from the first column, if its name is a time. A column
+//! of sample numbers is skipped.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, BufWriter, Write};
@@ -15,11 +15,11 @@ use super::{ScopeError, ScopeRecord};
 use crate::formats::text;
 
 const KIND: &str = "table";
-/// Lines of a header, at most.
+/// Maximum number of lines of a header.
 const HEADER: usize = 100;
-/// Rows in which the step of the quantisation is looked for.
+/// Number of rows from which the step of the quantisation is determined.
 const LOOKED_AT: usize = 20_000;
-/// Names of a first column that holds times.
+/// Names of a first column with times.
 const TIMES: [&str; 7] = [
     "second",
     "time",
@@ -29,7 +29,7 @@ const TIMES: [&str; 7] = [
     "in s",
     "time in s",
 ];
-/// Ends of the names of samples in volts and amperes, as Rohde & Schwarz writes them.
+/// Suffixes of the names of samples in volts and amperes in files of Rohde & Schwarz.
 const UNITS: [&str; 2] = [" in V", " in A"];
 const ONE_MARK: &str = "one decimal mark in all numbers, a comma or a point";
 
@@ -38,7 +38,7 @@ const ONE_MARK: &str = "one decimal mark in all numbers, a comma or a point";
 struct Header {
     interval_s: Option<f64>,
     names: Vec<String>,
-    /// Columns of the header that are no samples, as `Start` and `Increment` of Rigol's.
+    /// Columns of the header that are not samples, such as Rigol's `Start` and `Increment`.
     line: usize,
 }
 
@@ -99,7 +99,7 @@ pub(super) fn open(path: &Path, interval_s: Option<f64>) -> Result<ScopeRecord, 
     })
 }
 
-/// The header, the first row of numbers, and how it is written.
+/// Returns the header, the first row of numbers, and its notation.
 fn begin(path: &Path, lines: &mut Lines) -> Result<(Header, Writing, Vec<f64>), ScopeError> {
     let mut header = Header::default();
     for line in lines.take(HEADER) {
@@ -122,7 +122,7 @@ fn begin(path: &Path, lines: &mut Lines) -> Result<(Header, Writing, Vec<f64>), 
     ))
 }
 
-/// All rows of numbers in a temporary file; the first was met in line `number`.
+/// Copies all rows of numbers to a temporary file; the first is in line `number`.
 fn spill(
     path: &Path,
     mut number: usize,
@@ -182,16 +182,16 @@ fn excerpt(line: &str) -> String {
     format!("{:?}", line.chars().take(60).collect::<String>())
 }
 
-/// Notation of the rows of a file, as its first row shows it: one file has one separator and one
-/// decimal mark.
+/// Notation of the rows of a file, from its first row: a file has one separator and one decimal
+/// mark.
 struct Writing {
     separator: char,
-    /// None as long as no number had one.
+    /// `None` until a number has a decimal mark.
     mark: Option<char>,
 }
 
 impl Writing {
-    /// A tabulator next to a comma is padding, as a blank is.
+    /// A tab next to a comma is padding, like a blank.
     fn of(line: &str) -> Self {
         let line = bare(line);
         let parts = |at: usize| {
@@ -210,8 +210,8 @@ impl Writing {
         }
     }
 
-    /// A row of numbers; a comma at its end is no further field. Between semicolons and tabulators
-    /// a comma is a decimal point.
+    /// Parses a row of numbers; a trailing comma adds no field. With semicolons and tabs, a comma
+    /// is a decimal point.
     fn numbers(&self, line: &str) -> Option<Vec<f64>> {
         let separator = self.separator;
         let fields: Option<Vec<f64>> = bare(line)
@@ -225,8 +225,8 @@ impl Writing {
         })
     }
 
-    /// False for a row of numbers with another decimal mark than one before it, or with both: one
-    /// of them would be wrong by a factor.
+    /// Returns false for a row of numbers with another decimal mark than a previous row, or with
+    /// both marks, because one number would be wrong by a factor.
     fn one_mark(&mut self, line: &str) -> bool {
         let mut own = [',', '.']
             .into_iter()
@@ -264,7 +264,7 @@ impl Header {
             .iter()
             .position(|name| name.eq_ignore_ascii_case("increment"))
         {
-            // The units' row of Rigol's: the last two fields are start and increment.
+            // Rigol's row of units: the last two fields are start and increment.
             self.interval_s = fields.get(column).and_then(|field| field.parse().ok());
             self.names.truncate(column.saturating_sub(1));
         } else if fields.len() > 1 && TIMES[5..].contains(&key.as_str()) {
@@ -274,7 +274,8 @@ impl Header {
             };
             self.names = fields.iter().map(plain).collect();
         } else if fields.len() > 1 && !key.contains(' ') {
-            // Siglent's last line names the units; the line before, `Source`, the channels.
+            // Siglent's last line contains the units; the previous line, `Source`, contains the
+            // channels.
             let named =
                 |name: &str| ["volt", "value", "ampere"].contains(&name.to_lowercase().as_str());
             if self.names.len() > 1
@@ -304,7 +305,7 @@ struct Spill {
     rows: usize,
     first: Vec<f64>,
     last: Vec<f64>,
-    /// First values of each column, in which the step of the quantisation is looked for.
+    /// First values of each column, from which the step of the quantisation is determined.
     seen: Vec<Vec<f64>>,
 }
 
@@ -337,7 +338,7 @@ impl Spill {
             .try_for_each(|value| self.writer.write_all(&value.to_le_bytes()))
     }
 
-    /// Time between two rows, by a first column of times.
+    /// Returns the time between two rows from a first column of times.
     fn interval_s(&self) -> Option<f64> {
         let (first, last) = (self.first.first()?, self.last.first()?);
         (self.rows > 1).then(|| (last - first) / (self.rows - 1) as f64)
@@ -366,8 +367,8 @@ impl Spill {
     }
 }
 
-/// The least difference of two values, wherever they stand. That of two neighbours in time would be
-/// the slope of a steep signal, however finely it was quantised.
+/// Returns the smallest difference of any two values. The difference of neighbours in time would be
+/// the slope of a steep signal, not the quantisation.
 pub(super) fn step(seen: &[f64]) -> Option<f64> {
     let mut sorted = seen.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -392,7 +393,7 @@ mod tests {
         assert_eq!(numbers("-1,5E-3;0,25;"), Some(vec![-1.5e-3, 0.25]));
         assert_eq!(numbers("0.001\t0.25"), Some(vec![0.001, 0.25]));
         assert_eq!(numbers("1,0.25,"), Some(vec![1.0, 0.25]));
-        // Blanks and tabulators next to a comma are padding.
+        // Blanks and tabs next to a comma are padding.
         for line in ["1.0,\t2.0", "1.0\t,2.0", "1.0, \t 2.0", "1.0 ,\t2.0,"] {
             assert_eq!(numbers(line), Some(vec![1.0, 2.0]), "{line:?}");
         }
@@ -417,7 +418,7 @@ mod tests {
             ("a;b\n1;2\n1,000;0.25\n", 3, ONE_MARK),
             ("a;b\n1,000;0.25\n", 2, ONE_MARK),
             ("a\tb\n1,5\t2\n1.5\t2\n", 3, ONE_MARK),
-            // A row that breaks off at its decimal comma.
+            // A row that is truncated at its decimal comma.
             ("a;b\n1,5;2,5\n1,5\n", 3, "2 numbers"),
         ] {
             let error = opened(text).unwrap_err();

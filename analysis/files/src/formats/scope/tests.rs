@@ -98,7 +98,7 @@ fn a_rigol_table_takes_its_interval_from_its_header() {
 fn siglents_tables_and_plain_ones_are_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.csv");
-    // The heads as in public examples of files; the numbers are made up.
+    // The heads follow public examples of files; the numbers are synthetic.
     let new = "Record Length,Analog:4,\nSample Interval,Analog:1.000000E-03,\n\
     Vertical Units,CH1:V,CH3:V,\n,,\nSource,CH1,CH3\nSecond,Value,Value\n\
     +0.0E+00,+1.0E-02,+3.0E-02\n\
@@ -163,7 +163,7 @@ fn a_session_of_sigrok_gives_its_analog_channels() {
     };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.sr");
-    // Logic channels are counted before the analog ones; the pieces go on beyond the ninth.
+    // Logic channels are numbered before the analog ones; there are more than nine pieces.
     let metadata = "[global]\nsigrok version=0.5.2\n\n[device 1]\ncapturefile=logic-1\ntotal \
                     probes=1\nsamplerate=200 kHz\ntotal analog=2\nprobe1=TRIG\nanalog2=CH1\n\
                     analog3=CH2\nunitsize=1\n";
@@ -230,7 +230,7 @@ fn a_session_of_sigrok_gives_its_analog_channels() {
         let message = written(metadata, pieces).unwrap_err().to_string();
         assert!(message.contains(words), "{message}");
     }
-    // Another archive is none.
+    // Another archive is not a session.
     session(&path, metadata, &[]);
     let bytes = std::fs::read(&path).unwrap();
     std::fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
@@ -255,7 +255,7 @@ fn tables_of_rohde_und_schwarz_are_read_with_their_settings() {
         near(record.interval_s, 1.0e-3, 1.0e-15);
         assert_eq!(record.volts(0, 0, 3).unwrap(), [0.15, 0.25, 0.15]);
     }
-    // RTO: settings and samples, told by either name.
+    // RTO: settings and samples, opened by either name.
     let one =
         "Resolution:2e-06:\nRecordLength:3:\nSource:Ch2:\nBaseUnit:V:\nNumberOfAcquisitions:1:\n";
     let two = "Resolution:2e-06:\nSignalRecordLength:3:\nMultiChannelExport:On:\n\

@@ -1,36 +1,37 @@
-//! What a workbook may claim before it is decoded. A file of some kilobytes can grow to any size: by
-//! parts that are compressed a thousandfold, by counts that the decoder allocates for, and by cells
-//! that are repeated. An allocation that fails ends the program, so that it must not be tried.
+//! Limits that a workbook must meet before it is decoded. A file of some kilobytes can expand to any
+//! size: by parts that are compressed a thousandfold, by counts that the decoder allocates for, and
+//! by repeated cells. A failed allocation aborts the program, so it must be prevented.
 
 use std::io::{BufRead, BufReader, Cursor, Read};
 
 use zip::ZipArchive;
 
-/// Most bytes of all parts of a workbook: a million rows of 20 columns are 1 GB of XML.
+/// Maximum size of all parts of a workbook: a million rows of 20 columns are 1 GB of XML.
 const MOST_UNPACKED: u64 = 4 << 30;
-/// Most fields of a sheet: as text some hundred megabytes.
+/// Maximum number of fields of a sheet: some hundred megabytes as text.
 pub(super) const MOST_FIELDS: usize = 50_000_000;
-/// Most fields that cells of OpenDocument are repeated to: the decoder has two lists of them.
+/// Maximum number of fields after the repetition of OpenDocument cells: the decoder holds two lists
+/// of them.
 const MOST_REPEATED: usize = 20_000_000;
-/// Most bytes of the text of a sheet: a million rows of 20 columns have some 200 MB.
+/// Maximum size of the text of a sheet: a million rows of 20 columns have some 200 MB.
 pub(super) const MOST_TEXT: usize = 1 << 29;
-/// Most bytes of one tag with the text before it.
+/// Maximum size of one tag with the text before it.
 const MOST_TAG: u64 = 1 << 24;
-/// Most columns of a sheet, by which the decoder cuts repetitions.
+/// Maximum number of columns of a sheet, to which the decoder limits repetitions.
 const MOST_COLUMNS: usize = 16_384;
 const MOST_ROWS: usize = 1 << 20;
-/// Bytes of a part in which a count of strings is sought.
+/// Bytes of a part that are searched for a count of strings.
 const ROOT: usize = 4096;
 
-/// Refuses a workbook that claims more than can be held.
+/// Refuses a workbook that exceeds the limits.
 ///
 /// # Errors
-/// What is claimed, in words.
+/// Describes the exceeded limit.
 pub(super) fn check(bytes: &[u8]) -> Result<(), String> {
     check_within(bytes, MOST_UNPACKED)
 }
 
-/// As [`check`], with the most bytes that all parts may unpack to.
+/// Like [`check`], with the maximum unpacked size of all parts.
 fn check_within(bytes: &[u8], most: u64) -> Result<(), String> {
     let Ok(mut archive) = ZipArchive::new(Cursor::new(bytes)) else {
         return check_old(bytes);
@@ -44,7 +45,7 @@ fn check_within(bytes: &[u8], most: u64) -> Result<(), String> {
     }
     let mut left = most;
     for index in 0..archive.len() {
-        // What cannot be decoded is told by the decoder.
+        // The decoder reports parts that cannot be decoded.
         let Ok(part) = archive.by_index(index) else {
             continue;
         };
@@ -64,7 +65,7 @@ fn check_within(bytes: &[u8], most: u64) -> Result<(), String> {
             Ok(())
         };
         checked.map_err(|reason| format!("{name}: {reason}"))?;
-        // A part that breaks off is told by the decoder.
+        // The decoder reports truncated parts.
         let _ = std::io::copy(&mut reader, &mut std::io::sink());
         if left == 0 {
             return Err(format!(
@@ -80,7 +81,7 @@ const ROOT_ENDS: [&[u8]; 2] = [b"</office:document-content>", b"</office:documen
 /// OpenDocument's part with the sheets.
 const CONTENT: &str = "content.xml";
 
-/// A reader that ends where all parts together have as many bytes as they may.
+/// A reader that fails when all parts together exceed their maximum size.
 struct Counted<'a, R> {
     inner: R,
     left: &'a mut u64,
@@ -96,10 +97,10 @@ impl<R: Read> Read for Counted<'_, R> {
     }
 }
 
-/// Refuses a count of strings that its part cannot hold.
+/// Refuses a count of strings that its part cannot contain.
 fn check_strings(reader: &mut impl Read) -> Result<(), String> {
     let mut root = Vec::new();
-    // A part that breaks off is told by the decoder.
+    // The decoder reports truncated parts.
     let _ = reader.take(ROOT as u64).read_to_end(&mut root);
     let rest = std::io::copy(reader, &mut std::io::sink()).unwrap_or(0);
     let length = root.len() as u64 + rest;
@@ -114,7 +115,7 @@ fn check_strings(reader: &mut impl Read) -> Result<(), String> {
     }
 }
 
-/// The value of an attribute in a text of XML.
+/// Returns the value of an attribute in a text of XML.
 fn attribute<'a>(text: &'a str, name: &str) -> Option<&'a str> {
     let (_, behind) = text.split_once(name)?;
     let behind = behind.trim_start().strip_prefix('=')?.trim_start();
@@ -122,7 +123,7 @@ fn attribute<'a>(text: &'a str, name: &str) -> Option<&'a str> {
     behind[1..].split_once(quote).map(|(value, _)| value)
 }
 
-/// Counts of what the cells of an OpenDocument sheet become.
+/// Counts of the cells and texts that an OpenDocument sheet expands to.
 #[derive(Default)]
 struct Repeated {
     fields: usize,
@@ -131,19 +132,19 @@ struct Repeated {
     pending: usize,
     row_text: usize,
     row_repeats: usize,
-    /// How often the text of the cell that is open is repeated.
+    /// Number of repetitions of the text of the open cell.
     open: usize,
 }
 
 impl Repeated {
-    /// Takes a tag with the text before it.
+    /// Processes a tag with the text before it.
     fn take(&mut self, piece: &str) {
         let repeats = |name: &str, most: usize| {
             let count = attribute(piece, name).and_then(|count| count.parse::<usize>().ok());
             count.unwrap_or(1).min(most)
         };
         let tag = piece.rfind('<').map_or(piece, |at| &piece[at..]);
-        // Numbers become numbers; the text of a cell stands before the tag that ends it.
+        // Numeric cells do not hold text; the text of a cell precedes its closing tag.
         self.row_text += (piece.len() - tag.len()) * self.open;
         if tag.starts_with("<table:table-row") {
             self.row_repeats = repeats("number-rows-repeated", MOST_ROWS);
@@ -180,20 +181,20 @@ impl Repeated {
     }
 }
 
-/// Refuses sheets of OpenDocument that become larger than can be held.
+/// Refuses sheets of OpenDocument that expand beyond the limits.
 fn check_content(reader: &mut impl BufRead) -> Result<(), String> {
     let mut counts = Repeated::default();
     let mut piece = Vec::new();
     let mut is_whole = false;
     loop {
         piece.clear();
-        // A part that breaks off is told by the decoder.
+        // The decoder reports truncated parts.
         let read = reader
             .take(MOST_TAG)
             .read_until(b'>', &mut piece)
             .unwrap_or(0);
         if read == 0 {
-            // The decoder waits forever for the end of a table that breaks off.
+            // The decoder hangs on a table that is truncated.
             return match is_whole {
                 true => Ok(()),
                 false => Err("it breaks off before the end of the document".to_owned()),
@@ -263,11 +264,11 @@ mod tests {
             "table:number-columns-repeated='300' office:value=",
         );
         assert_eq!(counted(&row(&many)).0, 300);
-        // Empty cells count where another one follows, and no more than a sheet has columns.
+        // Empty cells count if another one follows, up to the columns of a sheet.
         let empty = "<table:table-cell table:number-columns-repeated=\"99999\"/>";
         assert_eq!(counted(&row(empty)).0, 0);
         assert_eq!(counted(&row(&format!("{empty}{cell}"))).0, MOST_COLUMNS + 1);
-        // The text of a cell is there as often as its row and its column.
+        // The text of a cell is repeated with its row and its column.
         let word = "<table:table-cell table:number-columns-repeated=\"10\" office:value-type=\"string\">\
                     <text:p>0123456789</text:p></table:table-cell>";
         let text = format!(

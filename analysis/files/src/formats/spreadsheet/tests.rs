@@ -1,4 +1,4 @@
-//! Sheets as texts, and workbooks that claim more than they hold.
+//! Sheets as texts, and workbooks that claim more than they contain.
 
 use super::*;
 
@@ -6,7 +6,7 @@ use super::*;
 fn times_become_clocks() {
     assert_eq!(clock(3723.5), "1:02:3.5");
     assert_eq!(clock(90_000.0), "25:00:0");
-    // One third of a second as a share of a day comes back without a tail.
+    // One third of a second, stored as a fraction of a day, is read without rounding digits.
     assert_eq!(clock(0.25 / 86_400.0 * 86_400.0), "0:00:0.25");
     assert_eq!(duration_s("PT01H02M03.5S"), Some(3723.5));
     assert_eq!(duration_s("PT5S"), Some(5.0));
@@ -39,7 +39,7 @@ fn cells(all: &[((u32, u32), &'static str)]) -> Result<String, String> {
 fn cells_become_the_lines_that_a_range_becomes() {
     let all = [((2, 1), "a"), ((3, 2), "b"), ((3, 3), ""), ((5, 0), "c")];
     assert_eq!(cells(&all).unwrap(), "\n\n\ta\n\t\tb\n\nc\n");
-    // Cells out of their order stand where they belong.
+    // Cells that are out of order are put in their places.
     let all = [
         ((1, 2), "a"),
         ((1, 0), "b"),
@@ -49,7 +49,7 @@ fn cells_become_the_lines_that_a_range_becomes() {
     ];
     assert_eq!(cells(&all).unwrap(), "\td\nb\t\ta\n\tc\t\t\te\n");
     assert_eq!(cells(&[]).unwrap(), "");
-    // Two cells at the ends of a sheet are two cells.
+    // Two cells at opposite corners of a sheet remain two cells.
     let far = cells(&[((0, 0), "a"), ((1_048_575, 16_383), "b")]).unwrap();
     assert_eq!(far.len(), 1 + 1_048_575 + 16_383 + 2);
 }
@@ -140,7 +140,7 @@ fn a_workbook_that_claims_more_than_can_be_held_is_refused_or_read_as_what_it_ho
         ),
         "{refused}"
     );
-    // OpenDocument: a row whose cells are repeated, as often as the XML has it.
+    // OpenDocument: a row with repeated cells.
     let row = "<table:table-row><table:table-cell table:number-columns-repeated=\"16384\" \
                office:value-type=\"float\" office:value=\"1\"/></table:table-row>";
     let content = format!(

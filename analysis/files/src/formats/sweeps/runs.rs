@@ -1,22 +1,22 @@
-//! Where sweeps begin, and where a frequency turns or is measured again.
+//! Finds the starts of sweeps, and rows where the frequency reverses or is measured again.
 
-/// Two frequencies closer than this are one, relative. Half a step of a grid with 100 points per
-/// decade is 1.2 %; generators round far finer.
+/// Relative difference below which two frequencies are the same. Half a step of a grid with 100
+/// points per decade is 1.2 %; generators round much more finely.
 const SAME: f64 = 0.01;
-/// Fewest points of a run that goes back to the start and is a sweep by itself: a line and a
-/// direction that it turns to.
+/// Minimum number of points of a run that returns to the start and counts as a separate sweep: two
+/// points, which define a direction, and one that reverses it.
 const FEWEST: usize = 3;
 
-/// What the order of frequencies tells, by the rows.
+/// Findings from the order of frequencies, by row.
 #[derive(Debug)]
 pub(super) struct Cuts {
     /// Starts of sweeps.
     pub(super) starts: Vec<usize>,
-    /// Rows that measure a frequency of their sweep again after it had moved on.
+    /// Rows that repeat a frequency of their sweep after other frequencies.
     pub(super) again: Vec<usize>,
-    /// Starts of runs that turn within their sweep and measure nothing again.
+    /// Starts of runs that reverse within their sweep without repeating a frequency.
     pub(super) turns: Vec<usize>,
-    /// Rows with exactly the frequency of the row before.
+    /// Rows with exactly the frequency of the previous row.
     pub(super) still: Vec<usize>,
 }
 
@@ -44,13 +44,13 @@ pub(super) fn cuts(freqs: &[f64]) -> Cuts {
             }
         }
     }
-    // Where a sweep begins, the frequency may stand.
+    // At the start of a sweep, the frequency may repeat.
     let stands = |row: &usize| freqs[*row] == freqs[row - 1] && !cuts.starts.contains(row);
     cuts.still = (1..freqs.len()).filter(stands).collect();
     cuts
 }
 
-/// Rows whose frequency moves one way; standing still is no move.
+/// Rows whose frequency moves in one direction; equal frequencies are not a move.
 #[derive(Debug, Clone, Copy)]
 struct Run {
     start: usize,
@@ -61,7 +61,7 @@ struct Run {
 
 fn runs(freqs: &[f64]) -> Vec<Run> {
     let mut runs: Vec<Run> = Vec::new();
-    // The run at hand, and the frequency that its moves are counted from.
+    // The current run, and the frequency from which its moves are counted.
     let (mut run, mut anchor) = (
         Run {
             start: 0,
@@ -94,7 +94,7 @@ fn runs(freqs: &[f64]) -> Vec<Run> {
         end: freqs.len(),
         ..run
     });
-    // A frequency that is measured twice where the sweep turns belongs to both ways.
+    // A frequency that is measured twice at the reversal of a sweep belongs to both directions.
     for k in 1..runs.len() {
         let (before, after) = (runs[k - 1], runs[k]);
         let turn = after.start;
@@ -107,7 +107,7 @@ fn runs(freqs: &[f64]) -> Vec<Run> {
     runs
 }
 
-/// Whether a run measures a sweep again, by the rule of the module.
+/// Returns whether a run repeats a sweep, by the rule of the module.
 fn measures_again(sweep: &[f64], run: &[f64]) -> bool {
     if run.len() < FEWEST && sweep.len() > FEWEST {
         return false;
@@ -134,7 +134,7 @@ fn measures_again(sweep: &[f64], run: &[f64]) -> bool {
         || (from_the_start && covered >= FEWEST && 4 * covered >= longer)
 }
 
-/// Frequencies that differ, by rising value; never empty where the list is not.
+/// Returns the distinct frequencies in rising order; not empty unless the list is.
 pub(super) fn distinct(freqs: &[f64]) -> Vec<f64> {
     let mut sorted = freqs.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -142,7 +142,7 @@ pub(super) fn distinct(freqs: &[f64]) -> Vec<f64> {
     sorted
 }
 
-/// Whether sorted frequencies hold one.
+/// Returns whether sorted frequencies contain one.
 fn holds(sorted: &[f64], freq: f64) -> bool {
     let above = sorted.partition_point(|known| *known < freq);
     sorted

@@ -1,5 +1,5 @@
-//! Binary files of potentiostats and spreadsheets: those that others' programs wrote, cut and
-//! damaged ones.
+//! Binary files of potentiostats and spreadsheets: files of other programs, truncated and damaged
+//! ones.
 
 use super::{FormatError, names, parse_file};
 use crate::formats::{SeriesOptions, read_series};
@@ -52,7 +52,7 @@ fn a_column_of_unknown_width_has_what_the_others_leave() {
         .windows(8)
         .position(|eight| eight == b"VMP data")
         .unwrap();
-    // The twelfth column, `Cp/µF` of four bytes, becomes one that nobody knows.
+    // Replace the twelfth column, `Cp/µF` of four bytes, by an unknown one.
     let columns = data + 35 + 16 + 5;
     let place = (columns..columns + 40)
         .step_by(2)
@@ -61,7 +61,7 @@ fn a_column_of_unknown_width_has_what_the_others_leave() {
     file[place..place + 2].copy_from_slice(&999_u16.to_le_bytes());
     let read = parse_file(Path::new("biologic.mpr"), &file).unwrap();
     assert_eq!(numbers(&read.spectra[0].spectrum), numbers(&expected));
-    // Of two the widths cannot be told.
+    // The widths of two unknown columns cannot be determined.
     file[columns + 4..columns + 6].copy_from_slice(&998_u16.to_le_bytes());
     let met = parse_file(Path::new("b.mpr"), &file)
         .unwrap_err()
@@ -130,7 +130,7 @@ fn a_workbook_of_spectra_names_its_sheets() {
         read.spectra[1].spectrum.points[0].z_ohm,
         Complex64::new(0.02, 0.0)
     );
-    assert_eq!(read.notes, ["sheets.xlsx: 2 spectra, told apart by sheets"]);
+    assert_eq!(read.notes, ["sheets.xlsx: 2 spectra, separated by sheets"]);
 }
 
 #[test]
@@ -143,7 +143,7 @@ fn a_file_that_was_cut_off_is_refused_or_less() {
             .remove(0);
         for length in 0..whole.len() {
             match parse_file(&fixture(name), &whole[..length]) {
-                // Behind its points Zahner's file holds remarks.
+                // Zahner's file contains remarks after its points.
                 Ok(read) => {
                     let read = numbers(&read.spectra[0].spectrum);
                     assert_eq!(read, numbers(&ended.spectrum), "{name} {length}");
@@ -223,7 +223,7 @@ fn mpr(ids: &[u16], records: &[Vec<u8>]) -> Vec<u8> {
 fn battery_techniques_of_ec_lab_have_a_current() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.mpr");
-    // GCPL: 20 rows at rest, then 2 A out; charge since the row before in mAh, every half second.
+    // GCPL: 20 rows at rest, then 2 A out; charge since the previous row in mAh, every half second.
     let amps = |k: i32| if k < 20 { 0.0 } else { -2.0 };
     let gcpl = (0..40).map(|k| {
         let dq: f64 = amps(k) * 1e3 * 0.5 / 3600.0;
@@ -328,7 +328,7 @@ fn a_measurement_of_zahners_im7_is_a_spectrum_for_each_impedance() {
         ),
         (
             zmx(&["a/b"], "Ω").replace("phase", "drift"),
-            "no phase stands behind a modulus",
+            "a modulus is not followed by a phase",
         ),
     ] {
         let met = parsed(&text).unwrap_err().to_string();

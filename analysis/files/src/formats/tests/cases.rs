@@ -1,5 +1,5 @@
-//! Small inputs that were read wrongly or refused for a wrong reason, with their right values. They
-//! stand in `../shared/data/cases` beside the checkout; without it the tests are skipped.
+//! Small inputs that were read wrongly or refused for a wrong reason, with the correct values. They
+//! are in `../shared/data/cases` beside the checkout; without it the tests are skipped.
 
 use crate::formats::{ReadSeries, SeriesOptions, read_file, read_record};
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ fn case(name: &str) -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/cases");
     let path = folder.join(name);
     if !path.exists() {
-        println!("skipped: {} is not at hand", path.display());
+        println!("skipped: {} is not available", path.display());
         return None;
     }
     Some(path)

@@ -1,6 +1,6 @@
-//! Files that pyimpspec, impedance.py and PyEIS are tested on, where they are at hand: read right,
-//! or refused by their kind. Their numbers are compared with the readings of those programs in
-//! `tests/external/formats`.
+//! Test files of pyimpspec, impedance.py and PyEIS, if available: they must be read correctly or
+//! refused by their format. `tests/external/formats` compares their numbers with the readings of
+//! those programs.
 
 use super::parse_file;
 use std::path::Path;
@@ -12,7 +12,7 @@ fn files_of_peers_are_read_whole_or_refused() {
         "/../../../shared/data/formats"
     ));
     if !folder.is_dir() {
-        eprintln!("files of peers: skipped, not at hand");
+        eprintln!("files of peers: skipped, not available");
         return;
     }
     let first = 109.009_182_194_390_28;
@@ -73,7 +73,9 @@ fn files_of_peers_are_read_whole_or_refused() {
         );
         assert_eq!(
             read.spectra.len() > 1,
-            read.notes.iter().any(|note| note.contains("told apart")),
+            read.notes
+                .iter()
+                .any(|note| note.contains("spectra, separated")),
             "{name}: {:?}",
             read.notes
         );

@@ -1,5 +1,5 @@
-//! Kinds of spectra that were read wrongly or refused for a wrong reason, made small with numbers of
-//! their own.
+//! Kinds of spectra that were read wrongly or refused for a wrong reason, reduced and with synthetic
+//! numbers.
 
 use crate::formats::{FileSpectra, parse_file};
 use num_complex::Complex64;
@@ -106,7 +106,7 @@ fn lists_are_read_with_blanks_and_with_the_names_in_a_comment() {
             format!("{} {} {}", comma(f), comma(z.re), comma(z.im))
         }),
     );
-    // The comment says which column is which.
+    // The comment names the columns.
     let turned = |_: usize, f: f64, z: Complex64| format!("{f:.9e} {:.9e} {:.9e}", -z.im, z.re);
     for head in [
         "# f(Hz) -ImZ(Ohm) ReZ(Ohm)\n",
@@ -249,7 +249,7 @@ fn parts_are_held_against_modulus_and_phase() {
         &text(plain, row(1.0, 1.0, 1e3)),
         &["\"|Z|/Ohm\" 1000 times"],
     );
-    // The name that says a sign counts.
+    // The name that states a sign takes precedence.
     let told = "freq / Hz,Z' / Ohm,Z'' / Ohm,Z / Ohm,neg. Phase / °\n";
     let met = is_truth("x.csv", &text(told, row(-1.0, -1.0, 1.0)));
     assert!(
@@ -338,12 +338,12 @@ fn points_that_are_no_measurement_are_left_out_of_the_projects_own_tables_too() 
         assert_eq!(
             read.notes,
             [format!(
-                "x.csv: points that are no measurement (an overload, 0 + 0j, or no number) are left \
+                "x.csv: points without a measurement (an overload, 0 + 0j, or not a number) are left \
                  out: line {lines}"
             )]
         );
     }
-    // Errors that points share stay with their points.
+    // Errors that points share remain assigned to their points.
     let shared = "freq_hz,z_re_ohm,z_im_ohm,shared_re_ohm[a],shared_im_ohm[a]\n\
         100,0.02,-0.001,1e-5,4e-5\n10,NaN,-0.002,2e-5,5e-5\n1,0.03,-0.003,3e-5,6e-5\n";
     let spectrum = &read("x.csv", shared).unwrap().spectra[0].spectrum;

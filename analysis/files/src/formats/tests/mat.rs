@@ -3,7 +3,7 @@
 use crate::formats::{ReadSeries, SeriesOptions, read_record};
 use std::path::Path;
 
-/// An element of a type, filled up to eight bytes.
+/// An element of a type, padded to eight bytes.
 fn element(kind: u32, content: &[u8]) -> Vec<u8> {
     let mut all = kind.to_le_bytes().to_vec();
     all.extend(u32::try_from(content.len()).unwrap().to_le_bytes());
@@ -29,7 +29,7 @@ fn vector(name: &str, values: &[f64]) -> Vec<u8> {
     array(6, [rows, 1], name, &element(9, &content))
 }
 
-/// A structure of fields, which have no names of their own.
+/// A structure of fields without own names.
 fn structure(name: &str, fields: &[(&str, Vec<u8>)]) -> Vec<u8> {
     let mut names = Vec::new();
     for (field, _) in fields {
@@ -44,7 +44,7 @@ fn structure(name: &str, fields: &[(&str, Vec<u8>)]) -> Vec<u8> {
     array(2, [1, 1], name, &content.concat())
 }
 
-/// A record with a pulse of this current, from a time on.
+/// A record with a pulse of this current, from the given time on.
 fn record(name: &str, from_s: f64, current_a: f64) -> Vec<u8> {
     let time_s: Vec<f64> = (0..30).map(|k| from_s + f64::from(k)).collect();
     let on = |k: usize| {

@@ -1,8 +1,8 @@
-//! Damaged files through every reader: none panics, none takes long or much memory, none returns a
-//! number that is no measurement.
+//! Passes damaged files to every reader: no reader may panic, take long, use much memory, or return
+//! a number that cannot be a measurement.
 //!
-//! The inputs are mutations of files that programs of others wrote. Text is mutated by tokens and
-//! lines, binary files by bytes and counts, members of archives and compressed variables inside their
+//! The inputs are mutations of files that other programs wrote. Text is mutated by tokens and lines,
+//! binary files by bytes and counts, members of archives and compressed variables inside their
 //! container, which stays valid.
 
 use std::{
@@ -24,7 +24,7 @@ use crate::formats::{
     ReadOptions, SeriesOptions, SeriesReadError, read_profile, read_record, scope::open_scope,
 };
 
-/// Number of inputs unless [`NUMBER`] says another.
+/// Default number of inputs, if [`NUMBER`] is not set.
 const USUAL_NUMBER: u64 = 20_000;
 /// Environment variable with the number of inputs.
 const NUMBER: &str = "EIS_BENCH_MUTATIONS";
@@ -32,7 +32,7 @@ const NUMBER: &str = "EIS_BENCH_MUTATIONS";
 const SEED: &str = "EIS_BENCH_SEED";
 /// Largest file that is mutated, bytes.
 const MOST_BYTES: u64 = 200_000;
-/// Most memory that this process may have used, MB.
+/// Maximum memory of this process, MB.
 const MOST_MB: u64 = 2_000;
 /// Number of threads.
 const THREADS: u64 = 2;
@@ -64,7 +64,7 @@ struct Seed {
     bytes: Vec<u8>,
 }
 
-/// Files of the repository and, where they are, those beside the checkout.
+/// Files of the repository and, if available, those beside the checkout.
 fn seeds() -> Vec<Seed> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let mut folders: Vec<PathBuf> = ["spectra", "series", "profiles", "captures", "cells"]
@@ -101,7 +101,7 @@ fn is_text(bytes: &[u8]) -> bool {
 /// Mutates a file by its structure.
 fn mutated(seed: &Seed, others: &[Seed], random: &mut Random) -> Vec<u8> {
     let bytes = &seed.bytes;
-    // A container stays valid most of the time, so that its content is reached.
+    // Keep a container valid in most cases, so that its content is reached.
     let is_whole = random.below(5) != 0;
     if is_whole
         && bytes.starts_with(b"PK")
@@ -191,7 +191,7 @@ fn recompressed(bytes: &[u8], random: &mut Random) -> Option<Vec<u8>> {
     Some(made)
 }
 
-/// Values that counts, sizes and numbers in binary files take at their edges.
+/// Edge values of counts, sizes and numbers in binary files.
 const WORDS: [u64; 12] = [
     0,
     1,
@@ -248,7 +248,7 @@ fn mutated_bytes(bytes: &[u8], random: &mut Random) -> Vec<u8> {
     made
 }
 
-/// Fields that measuring programs and people write in the place of a number.
+/// Fields that programs and people write instead of a number.
 const FIELDS: [&str; 24] = [
     "",
     "NaN",
@@ -360,7 +360,7 @@ fn replaced(line: &[u8], column: usize, field: &[u8]) -> Vec<u8> {
     fields.join(&between)
 }
 
-/// Reads an input as everything that it may be; returns what was read.
+/// Reads an input with every reader that may accept it; returns the results.
 fn read_all(path: &Path, bytes: &[u8]) -> Vec<&'static str> {
     let mut read = Vec::new();
     if let Ok(file) = parse_file(path, bytes) {
@@ -405,14 +405,14 @@ fn read_all(path: &Path, bytes: &[u8]) -> Vec<&'static str> {
     read
 }
 
-/// An error names its file, and is no page long.
+/// An error must name its file and must be short.
 fn check_error(path: &Path, error: &SeriesReadError) {
     let text = error.to_string();
     let name = path.file_name().unwrap().to_string_lossy();
     assert!(text.contains(&*name) && text.len() < 4_000, "{text}");
 }
 
-/// Most memory that this process has used, MB.
+/// Returns the peak memory of this process, MB.
 fn peak_mb() -> u64 {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
@@ -450,7 +450,7 @@ fn damaged_files_are_refused_or_read_as_numbers() {
             fs::write(&path, &bytes).unwrap();
             #[expect(clippy::disallowed_methods, reason = "the time is printed only")]
             let begin = Instant::now();
-            // The seed and the number of an input that fails are printed with it.
+            // Print the seed and the number of a failing input.
             let kinds = std::panic::catch_unwind(|| read_all(&path, &bytes));
             let kinds =
                 kinds.unwrap_or_else(|_| panic!("{}: seed {first}, input {index}", seed.name));

@@ -1,5 +1,5 @@
-//! Files of makers that are no tables with named columns; made up here, the real ones are in
-//! `corpus`.
+//! Vendor formats that are not tables with named columns, with synthetic files; `corpus` has the
+//! real ones.
 
 use super::{parse, parse_file};
 use std::path::Path;

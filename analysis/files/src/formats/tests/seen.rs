@@ -1,4 +1,4 @@
-//! Tables that were seen to be read wrong, made small.
+//! Tables that were read wrongly, reduced.
 
 use super::{Complex64, names, parse};
 use analysis_signal::spectrum::SourcedSpectrum;
@@ -58,7 +58,7 @@ fn the_separator_never_changes_between_header_and_data() {
             && unknown.contains("met \"quatloos\""),
         "{unknown}"
     );
-    // Names by blanks, numbers by another separator: the columns cannot be counted.
+    // Names separated by blanks, numbers by another separator: the columns cannot be assigned.
     for text in [
         "f re im\n1,2,3\n",
         "f,re,im\n1;2;3\n",
@@ -165,7 +165,7 @@ fn ragged_rows_are_refused_with_their_line() {
             "{refused}"
         );
     }
-    // Fields that are there and empty are no ragged row.
+    // A row with empty fields is not ragged.
     let trailing = "f\tre\tim\tnote\t\n1\t2\t3\t\t\n4\t5\t6\t\n";
     assert_eq!(points("x.txt", trailing).len(), 2);
 }

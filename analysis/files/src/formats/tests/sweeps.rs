@@ -31,7 +31,7 @@ fn a_sweep_that_starts_again_is_a_spectrum_of_its_own() {
     );
     assert_eq!(loops[1].spectrum.points[8].z_ohm.re, 10.0);
     assert_eq!(counts(&table(&[up.clone(), up.clone()].concat())), [9, 9]);
-    // There and back; the point at which it turns is measured once or twice.
+    // Up and down; the point of reversal is measured once or twice.
     assert_eq!(
         counts(&table(&[DOWN.to_vec(), up.clone()].concat())),
         [9, 9]
@@ -40,14 +40,14 @@ fn a_sweep_that_starts_again_is_a_spectrum_of_its_own() {
         counts(&table(&[DOWN.to_vec(), up[1..].to_vec()].concat())),
         [9, 8]
     );
-    // The first was aborted.
+    // The first sweep was aborted.
     assert_eq!(counts(&table(&[&DOWN[..4], &DOWN].concat())), [4, 9]);
     // On another grid.
     let other: Vec<f64> = (0..12)
         .map(|k| 1.0e4 * 10f64.powf(-f64::from(k) / 2.75))
         .collect();
     assert_eq!(counts(&table(&[DOWN.to_vec(), other].concat())), [9, 12]);
-    // From the next frequency on.
+    // It starts at the second frequency.
     assert_eq!(counts(&table(&[&DOWN, &DOWN[1..]].concat())), [9, 8]);
     assert_eq!(counts(&table(&[5.0, 1.0, 5.0, 1.0])), [2, 2]);
 }
@@ -58,12 +58,12 @@ fn a_sweep_that_repeats_a_few_points_stays_whole() {
     for freqs in [
         DOWN.to_vec(),
         reversed,
-        // Points in the midst again.
+        // Points in the middle are repeated.
         [&DOWN[..5], &DOWN[3..]].concat(),
         [&DOWN[..6], &DOWN[3..]].concat(),
-        // Each point twice.
+        // Each point is measured twice.
         DOWN.iter().flat_map(|f| [*f, *f]).collect(),
-        // The first ones again at the end, to see a drift.
+        // The first points are repeated at the end, to detect drift.
         [&DOWN[..], &DOWN[..2]].concat(),
         // One frequency between all others.
         DOWN.iter().flat_map(|f| [*f, 1.0e3]).collect(),
@@ -74,9 +74,9 @@ fn a_sweep_that_repeats_a_few_points_stays_whole() {
             .chain(DOWN.iter().skip(1).step_by(2))
             .copied()
             .collect(),
-        // In no order.
+        // Random order.
         vec![30.0, 1.0e4, 1.0, 1.0e3, 3.0, 1.0e2, 3.0e3, 10.0, 3.0e2],
-        // One frequency over and over.
+        // One frequency, repeated.
         vec![1.0e3; 20],
         // A grid finer than a percent.
         (0..400).map(|k| 1.0e3 * 0.995f64.powi(k)).collect(),
@@ -120,7 +120,8 @@ fn a_column_tells_the_sweeps() {
             "{column}"
         );
     }
-    // A number of the row or of the point is no number of a spectrum: the restart tells.
+    // A number of the row or of the point does not identify a spectrum: the restart of the
+    // frequency does.
     for label in [
         |sweep: usize, k: usize| (9 * sweep + k).to_string(),
         |_: usize, k: usize| k.to_string(),
@@ -139,7 +140,7 @@ fn a_column_tells_the_sweeps() {
             )
         );
     }
-    // Rows of one label need not stand together.
+    // Rows with the same label need not be contiguous.
     let mut text = "f,re,im,cycle\n".to_owned();
     for f in DOWN {
         writeln!(text, "{f},1,2,1\n{f},3,4,2").unwrap();
@@ -277,11 +278,11 @@ fn an_order_of_frequencies_that_is_none_is_told_by_its_line() {
         "{}",
         told(&twice)
     );
-    // What is measured again after the frequency has moved on has a remark of its own.
+    // Frequencies that are repeated after others get a separate remark.
     let again = [&DOWN[..5], &DOWN[3..]].concat();
     assert!(told(&again).contains("2 frequencies are measured again (from line 7)"));
     assert!(!told(&again).contains("turns"), "{}", told(&again));
-    // There and back are two sweeps.
+    // Up and down are two sweeps.
     let back: Vec<f64> = DOWN.iter().chain(DOWN.iter().rev()).copied().collect();
     assert!(
         !told(&back).contains("turns") && !told(&back).contains("row before"),

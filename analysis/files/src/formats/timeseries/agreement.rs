@@ -1,23 +1,24 @@
-//! Holds columns against each other: the time against a wall clock, and charge that was counted by the
-//! cycler against the integral of the current. A ratio of 60, 1000 or 3600 is a wrong unit: it settles
-//! a unit that is not written, and refuses one that is.
+//! Compares redundant columns: the time with a wall clock, and the charge counted by the cycler with
+//! the integral of the current. A ratio of 60, 1000 or 3600 indicates a wrong unit: it determines a
+//! unit that is not written, and refuses one that is.
 
 use super::error::SeriesReadError;
 use super::raw::{Quantity, Raw};
 use std::path::Path;
 
-/// Ratios of units that are taken for each other: ms, min, h, days.
+/// Ratios of units that are commonly confused: ms, min, h, days.
 const FACTORS: [f64; 4] = [1.0e3, 60.0, 3600.0, 86_400.0];
-/// Deviation from such a ratio that counts as it. Clocks of a second, and sums over coarse rows, are
-/// off by less; the nearest other ratios are 100 times as far away.
+/// Tolerance of such a ratio. Clocks with a resolution of one second and sums over coarse rows
+/// deviate by less; the nearest other ratios are 100 times as far away.
 const NEAR: f64 = 0.03;
-/// Shortest span of a wall clock that is compared, s: clocks of a second are then known to 3 %.
+/// Minimum span of a wall clock for the comparison, s: the error of a clock with a resolution of
+/// one second is then 3 %.
 const SHORTEST_S: f64 = 60.0;
-/// Fewest rows of counted charge that are compared.
+/// Minimum number of rows of counted charge for the comparison.
 const FEWEST: usize = 10;
-/// Part by which the current may change between two rows whose charge is compared.
+/// Maximum relative change of the current between two rows whose charge is compared.
 const STEADY: f64 = 0.1;
-/// Voltage beyond which a number without a unit is no voltage of a pack, V.
+/// Voltage above which a number without a unit cannot be in volts, V.
 const GREATEST_V: f64 = 1000.0;
 
 /// Charge that a cycler counts.
@@ -33,16 +34,17 @@ pub(super) struct Open {
     pub(super) time: Option<String>,
     pub(super) voltage: Option<String>,
     pub(super) current: Option<String>,
-    /// True for Maccor, whose plain times are minutes or seconds by a setting.
+    /// Whether the file is Maccor's, whose plain times are minutes or seconds depending on a
+    /// setting.
     pub(super) maccor: bool,
-    /// True where the unit of a counted charge is written.
+    /// Whether the unit of a counted charge is written.
     pub(super) capacity: bool,
 }
 
-/// Compares the columns, and settles units that are not written.
+/// Compares the columns, and determines units that are not written.
 ///
 /// # Errors
-/// Columns that contradict each other; a unit that nothing tells.
+/// Returns an error if columns contradict each other or a unit cannot be determined.
 pub(super) fn settle(path: &Path, raw: &mut Raw, open: &Open) -> Result<(), SeriesReadError> {
     let refused = |raw: &Raw, met: String| SeriesReadError::Contradiction {
         file: path.to_owned(),
@@ -55,7 +57,7 @@ pub(super) fn settle(path: &Path, raw: &mut Raw, open: &Open) -> Result<(), Seri
             Some(name) if ratio != 1.0 => {
                 raw.scale(Quantity::Time, ratio);
                 raw.notes.push(format!(
-                    "column \"{name}\" has no unit; the wall clock beside it tells that it counts \
+                    "column \"{name}\" has no unit; by the wall clock beside it, it counts \
                      {ratio} s"
                 ));
             }
@@ -79,13 +81,13 @@ pub(super) fn settle(path: &Path, raw: &mut Raw, open: &Open) -> Result<(), Seri
             (Some(name), _) => {
                 raw.scale(Quantity::Time, ratio);
                 raw.notes.push(format!(
-                    "column \"{name}\" has no unit; the charge beside it tells that it counts {ratio} s"
+                    "column \"{name}\" has no unit; by the charge beside it, it counts {ratio} s"
                 ));
             }
             (None, Some(name)) => {
                 raw.scale(Quantity::Current, ratio);
                 raw.notes.push(format!(
-                    "column \"{name}\" has no unit; the charge beside it tells that it counts {ratio} A"
+                    "column \"{name}\" has no unit; by the charge beside it, it counts {ratio} A"
                 ));
             }
             (None, None) => {
@@ -105,7 +107,7 @@ pub(super) fn settle(path: &Path, raw: &mut Raw, open: &Open) -> Result<(), Seri
             raw,
             format!(
                 "\"{name}\" without a unit, which Maccor writes in minutes or in seconds, and no wall \
-                 clock nor counted charge that tells which; write the unit into its name, as \"{name} \
+                 clock nor counted charge determines which; write the unit into its name, as \"{name} \
                  (Min)\" or \"{name} (Sec)\""
             ),
         ));
@@ -137,8 +139,8 @@ pub(super) fn settle(path: &Path, raw: &mut Raw, open: &Open) -> Result<(), Seri
     Ok(())
 }
 
-/// Factor of units by which the wall clock goes faster than the time, and both spans, s; none where
-/// they cannot be compared.
+/// Returns the factor of units by which the wall clock is faster than the time, and both spans, s;
+/// `None` if they cannot be compared.
 fn of_wall(raw: &Raw) -> Option<(f64, [f64; 2])> {
     let pairs = raw.get(Quantity::Time).iter().zip(raw.get(Quantity::Wall));
     let known: Vec<(f64, f64)> = pairs
@@ -152,7 +154,7 @@ fn of_wall(raw: &Raw) -> Option<(f64, [f64; 2])> {
     let last = known.len().checked_sub(1)?;
     let (wall_s, time_s) = span(0, last).filter(|(wall_s, _)| *wall_s >= SHORTEST_S)?;
     let factor = factor(wall_s / time_s)?;
-    // A pause of the test makes the whole slower, and one part only.
+    // A pause of the test affects the total ratio, but only one part.
     let halves = [span(0, last / 2)?, span(last / 2, last)?];
     let alike = |(wall_s, time_s): &(f64, f64)| (wall_s / time_s / factor - 1.0).abs() < 3.0 * NEAR;
     halves
@@ -161,7 +163,8 @@ fn of_wall(raw: &Raw) -> Option<(f64, [f64; 2])> {
         .then_some((factor, [wall_s, time_s]))
 }
 
-/// Factor of units by which counted charge is larger than that of the current, and both, Ah.
+/// Returns the factor of units by which the counted charge exceeds the integral of the current, and
+/// both, Ah.
 fn of_charge(raw: &Raw) -> Option<(f64, [f64; 2])> {
     let (time, current) = (raw.get(Quantity::Time), raw.get(Quantity::Current));
     let (mut counted, mut integral, mut rows) = (0.0, 0.0, 0);
@@ -169,7 +172,7 @@ fn of_charge(raw: &Raw) -> Option<(f64, [f64; 2])> {
         for (k, pair) in raw.get(quantity).windows(2).enumerate() {
             let grown = pair[1] - pair[0];
             let mean = 0.5 * (current[k].abs() + current[k + 1].abs());
-            // Where it starts again or the current steps the row tells nothing.
+            // Skip rows where it restarts or the current steps.
             let steady = (current[k + 1] - current[k]).abs() < STEADY * mean;
             if grown > 0.0 && steady {
                 counted += grown;
@@ -180,13 +183,13 @@ fn of_charge(raw: &Raw) -> Option<(f64, [f64; 2])> {
     }
     let enough = rows >= FEWEST && integral > 0.0;
     let ratio = enough.then(|| factor(counted / integral)).flatten()?;
-    // Days are no unit of it.
+    // Charge has no unit with days.
     (1.0 / 3600.0..=3600.0)
         .contains(&ratio)
         .then_some((ratio, [counted, integral]))
 }
 
-/// The factor of units that a ratio is; none for any other ratio.
+/// Returns the factor of units that matches a ratio; `None` for any other ratio.
 fn factor(ratio: f64) -> Option<f64> {
     let all = FACTORS.iter().flat_map(|factor| [*factor, 1.0 / factor]);
     let mut known = std::iter::once(1.0).chain(all);

@@ -1,9 +1,9 @@
 //! Columns of cyclers' tables by the names that programs write: Arbin, Basytec, BDF, BioLogic (EC-Lab
 //! text), Digatron, Gamry, Maccor, Neware, Novonix, PEC, TRI, in English, German, French and Chinese.
 //!
-//! The row of names may stand behind a head of other lines. Units stand in the names or in a row under
-//! them. The names of one quantity are tried in their order; of times all are kept, for one of them may
-//! start again at each step.
+//! The row of names may follow a head of other lines. Units are part of the names or in a row under
+//! them. The names of one quantity are tried in order; all times are kept, because one of them may
+//! restart at each step.
 
 use super::super::text;
 use super::names::{
@@ -12,7 +12,7 @@ use super::names::{
 };
 use super::raw::{QUANTITIES, Quantity};
 
-/// Lines in which the names of the columns are sought: heads of files have some dozens.
+/// Number of lines that are searched for the names of the columns: heads of files have some dozens.
 pub(super) const HEAD_LINES: usize = 200;
 
 /// Units that stand for other things where they are whole names.
@@ -22,34 +22,35 @@ const AMBIGUOUS: [&str; 2] = ["d", "min"];
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Found {
     pub(super) index: usize,
-    /// Factor that converts a number in it to s, V, A, °C or Ah; none where no unit is written.
+    /// Factor that converts a number in it to s, V, A, °C or Ah; `None` if no unit is written.
     pub(super) unit: Option<f64>,
-    /// The name as it stands in the file.
+    /// The name in the file.
     pub(super) title: String,
 }
 
 /// Columns of a record.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Columns {
-    /// Times, the surest first; never empty.
+    /// Times, the most reliable first; never empty.
     pub(super) times: Vec<Found>,
-    /// The others by [`Quantity`].
+    /// The other columns, by [`Quantity`].
     found: [Option<Found>; QUANTITIES],
-    /// Columns that may hold the word of the step.
+    /// Columns that may contain the name of the step.
     pub(super) states: Vec<usize>,
     /// Number of names.
     pub(super) width: usize,
-    /// True under the names of BDF or of the bench, which count charge positive.
+    /// Whether the names are those of BDF or of the bench, which count charge positive.
     pub(super) charge_positive: bool,
-    /// True for Maccor, whose plain times are minutes or seconds by a setting.
+    /// Whether the file is Maccor's, whose plain times are minutes or seconds depending on a
+    /// setting.
     pub(super) maccor: bool,
-    /// Names without a text before the first: a row with something there is of another level.
+    /// Number of empty names before the first: a row with a value there belongs to another level.
     pub(super) lead: usize,
-    /// What tells that no current flows, in a record without a current.
+    /// Marker of zero current, in a record without a current.
     pub(super) rest: Option<Rest>,
 }
 
-/// What tells that no current flows.
+/// Marker of zero current.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Rest {
     /// The column of EC-Lab's mode.
@@ -59,17 +60,17 @@ pub(super) enum Rest {
 }
 
 impl Columns {
-    /// The column of a quantity.
+    /// Returns the column of a quantity.
     pub(super) fn get(&self, quantity: Quantity) -> Option<&Found> {
         self.found[quantity as usize].as_ref()
     }
 
-    /// A remark on a time that is not from the surest column.
+    /// Returns a remark if the time is not from the most reliable column.
     pub(super) fn not_the_surest(&self, time: &Found) -> Option<String> {
         let surest = self.times.first()?;
         (surest.index != time.index).then(|| {
             format!(
-                "the time is taken from \"{}\", for \"{}\" starts again, stands still or is no time",
+                "the time is taken from \"{}\", for \"{}\" starts again, does not change or is not a time",
                 time.title, surest.title
             )
         })
@@ -93,14 +94,14 @@ static READ: [(Quantity, &Names); 11] = [
 /// A name in parts.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Parted {
-    /// Without blanks and marks, in small letters.
+    /// The name in lower case without blanks and punctuation.
     base: String,
     unit: Option<String>,
     title: String,
 }
 
-/// Columns of a row of names, perhaps with units under them; none where time, voltage or current is
-/// not there.
+/// Returns the columns of a row of names, optionally with units under them; `None` if time, voltage
+/// or current is missing.
 pub(super) fn columns(names: &[&str], units: Option<&[&str]>) -> Option<Columns> {
     let columns = any(names, units);
     let whole =
@@ -108,7 +109,7 @@ pub(super) fn columns(names: &[&str], units: Option<&[&str]>) -> Option<Columns>
     (whole && !columns.times.is_empty()).then_some(columns)
 }
 
-/// The columns that a row names, whether or not they are a record.
+/// Returns the columns that a row names, whether or not they form a record.
 pub(super) fn any(names: &[&str], units: Option<&[&str]>) -> Columns {
     let mut all: Vec<Parted> = names.iter().map(|name| parted(name)).collect();
     for (one, unit) in all.iter_mut().zip(units.unwrap_or_default()) {
@@ -134,7 +135,7 @@ pub(super) fn any(names: &[&str], units: Option<&[&str]>) -> Columns {
         found[Quantity::Temperature as usize] = TEMPERATURE.all(&channels).into_iter().next();
     }
     let mut times = TIME.all(&all);
-    // A wall clock counts too, from its first row on.
+    // A wall clock is accepted too, counted from its first row.
     if let Some(wall) = &found[Quantity::Wall as usize] {
         times.push(wall.clone());
     }
@@ -158,8 +159,8 @@ pub(super) fn any(names: &[&str], units: Option<&[&str]>) -> Columns {
     }
 }
 
-/// The line and the columns of a record at open circuit, which has no current: EC-Lab's technique OCV,
-/// with the mode in a column, and Gamry's `CORPOT`.
+/// Returns the line and the columns of a record at open circuit, which has no current: EC-Lab's
+/// technique OCV, with the mode in a column, and Gamry's `CORPOT`.
 pub(super) fn open_circuit(lines: &[&str]) -> Option<(usize, Columns)> {
     let ec_lab = lines.first()?.contains("-Lab ASCII FILE");
     let is_tag = |line: &&&str| line.split_whitespace().eq(["TAG", "CORPOT"]);
@@ -186,13 +187,14 @@ pub(super) fn open_circuit(lines: &[&str]) -> Option<(usize, Columns)> {
     })
 }
 
-/// Whether rows of numbers follow a line of names, perhaps with units between.
+/// Returns whether rows of numbers follow a line of names, optionally with units between.
 pub(super) fn come_before_rows(lines: &[&str], names: usize) -> bool {
     let mut next = (names + 1..lines.len()).take(3);
     next.any(|row| is_numbers(lines, names, row))
 }
 
-/// Whether a line, parted as the line of names is, holds numbers in at least half of its fields.
+/// Returns whether a line, split like the line of names, contains numbers in at least half of its
+/// fields.
 fn is_numbers(lines: &[&str], names: usize, row: usize) -> bool {
     let separator = text::separator(lines[names]);
     let fields = text::fields(lines[row], separator).filter(|field| !field.is_empty());
@@ -204,14 +206,14 @@ fn is_numbers(lines: &[&str], names: usize, row: usize) -> bool {
     numbers >= 2 && 2 * numbers >= filled
 }
 
-/// The columns of a row whose names are units, such as `Seconds,Volts,Amps` or `s;V;A`, each once. None
-/// under a row of names, whose units these are.
+/// Returns the columns of a row whose names are units, such as `Seconds,Volts,Amps` or `s;V;A`, each
+/// once. Returns `None` under a row of names, whose units these are.
 fn of_units(lines: &[&str], at: usize) -> Option<Columns> {
     let (names, _) = row(lines, at);
     let filled = |fields: &[&str]| fields.iter().filter(|field| !field.is_empty()).count();
     let above = at.checked_sub(1).map_or("", |above| lines[above]);
     let above: Vec<&str> = text::fields(above, text::separator(lines[at])).collect();
-    // In prose `a` is no ampere.
+    // In prose, `a` is not the unit ampere.
     if filled(&above) >= filled(&names) || !come_before_rows(lines, at) {
         return None;
     }
@@ -232,12 +234,12 @@ fn of_units(lines: &[&str], at: usize) -> Option<Columns> {
     Some(columns)
 }
 
-/// Whether a name is that of a wall clock.
+/// Returns whether a name is that of a wall clock.
 pub(super) fn is_wall(name: &str) -> bool {
     WALL.names.contains(&parted(name).base.as_str())
 }
 
-/// Whether names are those of BDF or of the bench.
+/// Returns whether names are those of BDF or of the bench.
 fn is_bdf(names: &[&str]) -> bool {
     const KNOWN: [[&str; 2]; 3] = [
         ["Voltage / V", "Current / A"],
@@ -252,7 +254,7 @@ fn is_bdf(names: &[&str]) -> bool {
     KNOWN.iter().any(|known| known.iter().all(|name| has(name)))
 }
 
-/// The line of names of a text, from 0, and its separator.
+/// Returns the line of names of a text, from 0, and its separator.
 pub(super) fn header(lines: &[&str]) -> Option<(usize, Columns)> {
     let head = 0..lines.len().min(HEAD_LINES);
     let named = |at: usize| {
@@ -265,7 +267,7 @@ pub(super) fn header(lines: &[&str]) -> Option<(usize, Columns)> {
         .or_else(|| head.clone().find_map(by_units))
 }
 
-/// The names of a line, and the units under them where the next line holds some.
+/// Returns the names of a line, and the units under them if the next line has some.
 pub(super) fn row<'a>(lines: &[&'a str], at: usize) -> (Vec<&'a str>, Option<Vec<&'a str>>) {
     let separator = text::separator(lines[at]);
     let names: Vec<&str> = text::fields(lines[at], separator).collect();
@@ -285,7 +287,7 @@ pub(super) fn row<'a>(lines: &[&'a str], at: usize) -> (Vec<&'a str>, Option<Vec
 }
 
 impl Names {
-    /// The columns of the quantity, the surest first.
+    /// Returns the columns of the quantity, the most reliable first.
     fn all(&self, all: &[Parted]) -> Vec<Found> {
         let of = |name: &'static str| {
             let fitting = all
@@ -296,7 +298,7 @@ impl Names {
                 let unit = match &one.unit {
                     None if self.short.contains(&name) => return None,
                     None => None,
-                    // A clock says what it is.
+                    // A clock needs no unit.
                     Some(unit) if self.is_clock(unit) => None,
                     Some(unit) => {
                         let known = self.units.iter().find(|(known, _)| known == unit);
@@ -310,7 +312,7 @@ impl Names {
         self.names.iter().copied().flat_map(of).collect()
     }
 
-    /// Columns whose whole name is a unit of the quantity.
+    /// Returns the columns whose whole name is a unit of the quantity.
     pub(super) fn as_units(&self, all: &[Parted]) -> Vec<Found> {
         let of = |(index, one): (usize, &Parted)| {
             let bare = one.unit.is_none() && !AMBIGUOUS.contains(&one.base.as_str());
@@ -329,7 +331,7 @@ impl Names {
             && unit.contains('s')
     }
 
-    /// A name of the quantity with a unit that is not known.
+    /// Returns a name of the quantity with an unknown unit.
     pub(super) fn unknown_unit(&self, names: &[&str]) -> Option<String> {
         let odd = |one: &Parted| {
             let of_it = self.names.contains(&one.base.as_str());
@@ -348,7 +350,7 @@ impl Names {
     }
 }
 
-/// A text in small letters without blanks and marks.
+/// Returns a text in lower case without blanks and punctuation.
 pub(super) fn plain(text: &str) -> String {
     let kept = text
         .chars()
@@ -363,7 +365,7 @@ fn plain_unit(text: &str) -> String {
     plain(text.trim().trim_matches(['(', ')', '[', ']', '{', '}']))
 }
 
-/// A name without blanks and marks, in small letters, and its unit where it has one.
+/// Returns a name in lower case without blanks and punctuation, and its unit, if it has one.
 pub(super) fn parted(name: &str) -> Parted {
     let title = name.trim().to_owned();
     let written = title
@@ -381,7 +383,7 @@ pub(super) fn parted(name: &str) -> Parted {
             _ => (written.as_str(), None),
         },
     };
-    // Arbin numbers its auxiliary channels behind the unit.
+    // Arbin numbers its auxiliary channels after the unit.
     let (unit, number) = match unit.and_then(|unit| unit.split_once([')', ']', '}'])) {
         Some((unit, number)) => (Some(unit), number),
         None => (unit, ""),
@@ -394,7 +396,7 @@ pub(super) fn parted(name: &str) -> Parted {
     }
 }
 
-/// Units that names for machines end with.
+/// Units at the end of machine-readable names.
 fn is_unit(text: &str) -> bool {
     let text = text.trim().to_lowercase();
     let known = [&TIME, &VOLTAGE, &CURRENT, &TEMPERATURE, &CHARGE];
@@ -404,7 +406,8 @@ fn is_unit(text: &str) -> bool {
             .any(|names| names.units.iter().any(|(unit, _)| *unit == text))
 }
 
-/// Direction that a word says: 1 for discharge, −1 for charge, 0 for rest; NaN for any other word.
+/// Returns the direction of a word: 1 for discharge, −1 for charge, 0 for rest; NaN for any other
+/// word.
 pub(super) fn direction_of(word: &str) -> f64 {
     let word = word.trim().to_lowercase();
     let has = |parts: &[&str]| parts.iter().any(|part| word.contains(part));

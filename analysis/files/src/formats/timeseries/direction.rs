@@ -1,43 +1,43 @@
-//! The direction of the current: the one function by which every reader makes a discharge positive.
+//! Direction of the current: all readers use this function to make discharge positive.
 //!
-//! What counts, in this order: the direction that the user states; words and counted charge beside the
+//! Order of precedence: the direction that the user states; words and counted charge beside the
 //! current (State, Step Type, charge and discharge capacity) and the voltage ([`super::evidence`]),
-//! which must agree; and only where these are silent the name of a file whose currents have one sign,
-//! and the rule of the file's program.
+//! which must agree; and only if these give no direction, the name of a file whose currents have one
+//! sign, and the convention of the file's program.
 
 use super::evidence::{self, Load, REST_PART};
 use super::parts::CurrentSign;
 use super::raw::{Quantity, Raw};
 
-/// Part of the weight that may speak against the rest: single rows are noisy, or late by one.
+/// Fraction of the weight that may contradict the rest: single rows are noisy, or late by one.
 const ODD_PART: f64 = 0.1;
-/// Of so many loads one at least is sure where the currents are more than noise.
+/// Number of loads of which at least one is significant if the currents are more than noise.
 const FEWEST_SURE: usize = 5;
 
-/// What is known beside the columns.
+/// Information besides the columns.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Known {
-    /// The direction that the user says is positive.
+    /// The direction that the user states as positive.
     pub(super) stated: Option<CurrentSign>,
-    /// The direction of the record by the file's name.
+    /// The direction of the record from the file's name.
     pub(super) named: Option<CurrentSign>,
 }
 
-/// Why no direction was found.
+/// Reason why no direction was found.
 #[derive(Debug, PartialEq)]
 pub(super) enum Fault {
-    /// Nothing tells it; the rows that leave it open, or nothing.
+    /// No evidence; the rows that leave it undetermined, or an empty text.
     Unknown(String),
-    /// Two things contradict each other: row from 0, and both.
+    /// Contradicting evidence: row from 0, and both statements.
     Contradiction(usize, String),
 }
 
-/// What speaks for each direction of what the file counts positive.
+/// Weight of the evidence for each direction that the file may count positive.
 #[derive(Debug, Clone, Copy, Default)]
 struct Votes {
     charge: f64,
     discharge: f64,
-    /// First row that speaks for either.
+    /// First row with evidence for either.
     rows: [Option<usize>; 2],
 }
 
@@ -52,7 +52,7 @@ impl Votes {
         self.rows[place].get_or_insert(row);
     }
 
-    /// The direction; an error where both have weight.
+    /// Returns the direction; an error if both have significant weight.
     fn winner(&self) -> Result<Option<CurrentSign>, [usize; 2]> {
         let all = self.charge + self.discharge;
         if let [Some(charge), Some(discharge)] = self.rows
@@ -67,13 +67,13 @@ impl Votes {
         })
     }
 
-    /// First row of a direction.
+    /// Returns the first row of a direction.
     fn row(&self, sign: CurrentSign) -> usize {
         self.rows[usize::from(sign == CurrentSign::Discharge)].unwrap_or(0)
     }
 }
 
-/// The currents of a record, A, discharge positive; remarks go to the record.
+/// Returns the currents of a record, A, discharge positive; adds remarks to the record.
 ///
 /// # Errors
 /// [`Fault`]
@@ -122,7 +122,7 @@ pub(super) fn discharge_positive(raw: &mut Raw, known: Known) -> Result<Vec<f64>
     }
 }
 
-/// The currents where the file counts this direction positive.
+/// Returns the currents if the file counts this direction positive.
 fn signed(raw: &Raw, positive: CurrentSign) -> Vec<f64> {
     let factor = if positive == CurrentSign::Discharge {
         1.0
@@ -135,8 +135,8 @@ fn signed(raw: &Raw, positive: CurrentSign) -> Vec<f64> {
         .collect()
 }
 
-/// Direction of each row by its word, or by which counted charge grows: 1 for discharge, −1 for
-/// charge.
+/// Returns the direction of each row from its word, or from the counted charge that grows: 1 for
+/// discharge, −1 for charge.
 fn words(raw: &Raw) -> Vec<f64> {
     let state = raw.get(Quantity::State);
     if !state.is_empty() {
@@ -155,7 +155,7 @@ fn words(raw: &Raw) -> Vec<f64> {
     (0..raw.len()).map(of).collect()
 }
 
-/// What words say of the positive direction.
+/// Returns the evidence of words for the positive direction.
 fn by_words(raw: &Raw, words: &[f64]) -> Votes {
     let current = raw.get(Quantity::Current);
     let most = current.iter().fold(0.0_f64, |most, a| most.max(a.abs()));
@@ -177,8 +177,8 @@ fn by_words(raw: &Raw, words: &[f64]) -> Votes {
     votes
 }
 
-/// What the voltage says of the positive direction. Where it is sure of few loads and these
-/// contradict each other, as where the current is the noise of a rest, it says nothing.
+/// Returns the evidence of the voltage for the positive direction. If few loads are significant and
+/// these contradict each other, as with the noise of a rest, there is no evidence.
 fn by_volts(loads: &[Load]) -> Votes {
     let votes = volts(loads);
     let sure = loads.iter().filter(|load| load.rise != 0.0).count();
@@ -206,7 +206,7 @@ fn volts(loads: &[Load]) -> Votes {
     votes
 }
 
-/// The positive direction by what stands beside the current, and a remark.
+/// Returns the positive direction from the columns beside the current, and a remark.
 fn by_columns(
     raw: &Raw,
     known: Known,
@@ -276,7 +276,7 @@ fn by_columns(
     }
 }
 
-/// The positive direction of currents of one sign where nothing beside them tells it.
+/// Returns the positive direction of currents of one sign without evidence in other columns.
 fn by_custom(
     raw: &Raw,
     known: Known,
@@ -288,7 +288,7 @@ fn by_custom(
         ))
     };
     match known.named {
-        // A minus sign says that the file has a rule, and cyclers have one.
+        // A minus sign shows that the file has a sign convention; use that of cyclers.
         _ if !positive && raw.charge_positive => Ok((CurrentSign::Charge, None)),
         _ if !positive => Ok((CurrentSign::Charge, note("their minus sign: a discharge"))),
         Some(named) => Ok((named, note("the file's name"))),
@@ -297,7 +297,7 @@ fn by_custom(
     }
 }
 
-/// Magnitudes whose direction each row's word tells.
+/// Returns signed currents from magnitudes and the word of each row.
 fn magnitudes_by_words(
     raw: &mut Raw,
     words: &[f64],
@@ -332,7 +332,7 @@ fn magnitudes_by_words(
         .iter()
         .zip(words)
         .map(|(amps, word)| {
-            // A row between two steps goes with the one before.
+            // A row between two steps belongs to the previous one.
             if word.abs() == 1.0 {
                 last = *word;
             }
@@ -344,19 +344,19 @@ fn magnitudes_by_words(
         });
     let current = current.collect();
     if known.stated.is_some() {
-        let note = "its currents are magnitudes, whose direction a column tells: the direction stated \
+        let note = "its currents are magnitudes, whose direction a column gives: the direction stated \
                     is not used";
         raw.notes.push(note.to_owned());
     }
     Ok(current)
 }
 
-/// Magnitudes whose direction the voltage of each load tells.
+/// Returns signed currents from magnitudes and the voltage of each load.
 fn magnitudes_by_volts(raw: &mut Raw, loads: &[Load], rows: [usize; 2]) -> Result<Vec<f64>, Fault> {
     if let Some(open) = loads.iter().find(|load| load.rise == 0.0 || load.torn) {
         let [a, b] = rows.map(|row| described(raw, row));
         return Err(Fault::Unknown(format!(
-            ": the voltage falls or rises in {a} and goes the other way in {b}, and does not tell in {}",
+            ": the voltage falls or rises in {a} and goes the other way in {b}, and is not clear in {}",
             described(raw, open.rows.start)
         )));
     }
@@ -371,7 +371,7 @@ fn magnitudes_by_volts(raw: &mut Raw, loads: &[Load], rows: [usize; 2]) -> Resul
         }
     }
     raw.notes.push(format!(
-        "its currents are magnitudes; the voltage tells the direction of each of {} loads",
+        "its currents are magnitudes; the voltage determines the direction of each of {} loads",
         loads.len()
     ));
     Ok(currents)
@@ -384,7 +384,7 @@ fn word(sign: CurrentSign) -> &'static str {
     }
 }
 
-/// A row in words.
+/// Describes a row.
 fn described(raw: &Raw, row: usize) -> String {
     let at = |quantity| raw.get(quantity).get(row).copied().unwrap_or(f64::NAN);
     format!(

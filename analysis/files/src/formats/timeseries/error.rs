@@ -1,11 +1,11 @@
-//! Reasons why a time series could not be read.
+//! Errors of reading time series.
 
 use super::super::error::FormatError;
 use crate::dataset::DatasetError;
 use analysis_signal::series::SeriesError;
 use std::path::PathBuf;
 
-/// Reason why a time series could not be read.
+/// Error of reading a time series.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SeriesReadError {
@@ -18,15 +18,15 @@ pub enum SeriesReadError {
         #[source]
         source: std::io::Error,
     },
-    /// A text that is no table.
+    /// The text is not a table.
     #[error(transparent)]
     Text(#[from] FormatError),
-    /// A file of another kind.
+    /// The file has another format.
     #[error("{}: expected a record of time, voltage and current, met {kind}", file.display())]
     Foreign {
         /// The file.
         file: PathBuf,
-        /// Its kind, and a way to what is read.
+        /// Its format, and how to get a readable file from it.
         kind: &'static str,
     },
     /// Columns of no known format.
@@ -38,15 +38,15 @@ pub enum SeriesReadError {
     UnknownFormat {
         /// The file.
         file: PathBuf,
-        /// `, line N`, or nothing for a file without lines.
+        /// `, line N`, or empty for a file without lines.
         place: String,
-        /// The header, shortened, and what it lacks.
+        /// The shortened header, and the missing columns.
         met: String,
     },
     /// Currents without a direction.
     #[error(
         "{}: its currents are all of one sign, and neither the voltage nor a column (State, Step Type, \
-         charge and discharge capacity) nor the file's name tells charge from discharge{detail}; state \
+         charge and discharge capacity) nor the file's name distinguishes charge from discharge{detail}; state \
          which is positive: --positive discharge or --positive charge (Python: sign=, dataset.toml: \
          current_positive)",
         file.display()
@@ -54,30 +54,30 @@ pub enum SeriesReadError {
     Sign {
         /// The file.
         file: PathBuf,
-        /// The rows that leave it open, or nothing.
+        /// The rows that leave it undetermined, or empty.
         detail: String,
     },
-    /// Columns that contradict each other.
+    /// Columns contradict each other.
     #[error("{}, line {line}: expected columns that agree, met {met}", file.display())]
     Contradiction {
         /// The file.
         file: PathBuf,
         /// Line, from 1; in Parquet the row.
         line: usize,
-        /// Both sides, with their values, and the next thing to try.
+        /// Both statements with their values, and the next step for the user.
         met: String,
     },
-    /// Times that go back.
+    /// Times decrease.
     #[error("{}, line {line}: expected times in s that rise, met {met}", file.display())]
     Order {
         /// The file.
         file: PathBuf,
         /// Line, from 1; in Parquet the row.
         line: usize,
-        /// Both times, and the next thing to try.
+        /// Both times, and the next step for the user.
         met: String,
     },
-    /// A field that is not what its column holds.
+    /// The content of a field does not match its column.
     #[error("{}, line {line}, column {column} ({name}): expected a finite number, met {met}", file.display())]
     Field {
         /// The file.
@@ -91,7 +91,7 @@ pub enum SeriesReadError {
         /// Value found.
         met: String,
     },
-    /// Parquet that cannot be decoded.
+    /// The Parquet file cannot be decoded.
     #[error("{}: expected Parquet with columns of numbers: {reason}", file.display())]
     Parquet {
         /// The file.
@@ -102,19 +102,19 @@ pub enum SeriesReadError {
     /// A Parquet file of the bench that is damaged.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
-    /// Numbers that are no series.
+    /// The numbers do not form a series.
     #[error("{}: {source}", file.display())]
     Series {
         /// The file.
         file: PathBuf,
-        /// Fault of the samples.
+        /// Error of the samples.
         #[source]
         source: SeriesError,
     },
 }
 
 impl SeriesReadError {
-    /// The refusal of a file of another kind, as the readers of spectra give it.
+    /// Converts the error for a file of another format from the readers of spectra.
     pub(super) fn foreign(error: FormatError) -> Self {
         match error {
             FormatError::Foreign { file, kind } => Self::Foreign { file, kind },

@@ -1,40 +1,41 @@
-//! What the voltage says of the direction of the current: it falls where a discharge begins and rises
-//! where a charge does, by the resistance of the cell, and goes on that way.
+//! Evidence of the voltage for the direction of the current: by the resistance of the cell, it falls
+//! at the start of a discharge and rises at the start of a charge, and continues in that direction.
 //!
-//! A load is a stretch of rows with a current of one sign. The mean of up to [`AVERAGED`] rows before
-//! it is held against that of as many in it; where that step drowns in the noise, its end does, and
-//! then its course. The noise is that of rows that follow each other under one current.
+//! A load is a sequence of rows with a current of one sign. The mean of up to [`AVERAGED`] rows
+//! before it is compared with the mean of as many rows in it; if that step is below the noise, its
+//! end is used, and then its course. The noise is determined from consecutive rows under the same
+//! current.
 
 use super::raw::{Quantity, Raw};
 use std::ops::Range;
 
-/// Part of the greatest current below which a row is at rest.
+/// Fraction of the largest current below which a row is at rest.
 pub(super) const REST_PART: f64 = 0.05;
-/// Rows on each side of a step that are averaged, at most.
+/// Maximum number of rows that are averaged on each side of a step.
 const AVERAGED: usize = 5;
-/// Steps that count, in standard deviations of their noise. Of 10⁶ steps that are none, none is by
-/// chance as large.
+/// Significance threshold of a step, in standard deviations of its noise. Among 10⁶ steps of pure
+/// noise, none reaches it by chance.
 const SURE: f64 = 6.0;
-/// Fewest rows under one current that tell the noise.
+/// Minimum number of rows under one current to determine the noise.
 const FEWEST: usize = 4;
 
-/// A load and what its voltage says.
+/// A load and the evidence of its voltage.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Load {
     /// Its rows.
     pub(super) rows: Range<usize>,
     /// The sign of its current in the file.
     pub(super) positive: bool,
-    /// Change of the voltage in standard deviations of the noise: above 0 for a charge, below for a
-    /// discharge, 0 where it is not sure.
+    /// Change of the voltage in standard deviations of the noise: positive for a charge, negative
+    /// for a discharge, 0 if not significant.
     pub(super) rise: f64,
-    /// Its begin and its end say opposite things.
+    /// Whether its start and its end contradict each other.
     pub(super) torn: bool,
-    /// Voltages before and in it, V.
+    /// Voltages before it and in it, V.
     pub(super) volts: [f64; 2],
 }
 
-/// Sign of the current of each row: 0 at rest.
+/// Returns the sign of the current of each row: 0 at rest.
 fn signs(current_a: &[f64]) -> Vec<i8> {
     let most = current_a.iter().fold(0.0_f64, |most, a| most.max(a.abs()));
     let sign = |a: &f64| match a {
@@ -45,7 +46,7 @@ fn signs(current_a: &[f64]) -> Vec<i8> {
     current_a.iter().map(sign).collect()
 }
 
-/// The loads of a record, in its order.
+/// Returns the loads of a record, in order.
 pub(super) fn loads(raw: &Raw) -> Vec<Load> {
     let (voltage, current) = (raw.get(Quantity::Voltage), raw.get(Quantity::Current));
     let signs = signs(current);
@@ -59,7 +60,7 @@ pub(super) fn loads(raw: &Raw) -> Vec<Load> {
     }
     let of = |(nth, run): (usize, &Range<usize>)| {
         let before = nth.checked_sub(1).and_then(|before| runs.get(before));
-        // Between two loads the voltage goes the way of the later one.
+        // Between two loads, the voltage moves in the direction of the later one.
         let after = runs.get(nth + 1).filter(|after| signs[after.start] == 0);
         let start = before.map(|before| step(voltage, before, run, noise_v));
         let end = after.map(|after| -step(voltage, run, after, noise_v));
@@ -91,8 +92,8 @@ pub(super) fn loads(raw: &Raw) -> Vec<Load> {
     loads.map(of).collect()
 }
 
-/// Standard deviation of a voltage about its course under one current, V; infinite where no rows tell
-/// it.
+/// Returns the standard deviation of a voltage about its course under one current, V; infinite if
+/// there are too few rows.
 fn noise_v(voltage: &[f64], current: &[f64]) -> f64 {
     let most = current.iter().fold(0.0_f64, |most, a| most.max(a.abs()));
     let pairs = voltage.windows(2).zip(current.windows(2));
@@ -105,21 +106,22 @@ fn noise_v(voltage: &[f64], current: &[f64]) -> f64 {
     }
     steps.sort_by(f64::total_cmp);
     let median = steps[steps.len() / 2];
-    // Of rounded numbers most do not move: the step of the rounding is the noise.
+    // Most rounded numbers do not change: use the rounding step as the noise.
     let all = voltage.windows(2).map(|pair| (pair[1] - pair[0]).abs());
     let least = all.filter(|step| *step > 0.0).fold(f64::INFINITY, f64::min);
     let rounding = if least.is_finite() { 0.3 * least } else { 0.0 };
     (1.4826 * median / std::f64::consts::SQRT_2).max(rounding)
 }
 
-/// The step of the voltage between two runs of rows, in standard deviations.
+/// Returns the step of the voltage between two runs of rows, in standard deviations.
 fn step(voltage: &[f64], before: &Range<usize>, after: &Range<usize>, noise_v: f64) -> f64 {
     let before = &voltage[before.end.saturating_sub(AVERAGED).max(before.start)..before.end];
     let after = &voltage[after.start..(after.start + AVERAGED).min(after.end)];
     significance(before, after, noise_v)
 }
 
-/// The way of the voltage from the first to the last quarter of a run, in standard deviations.
+/// Returns the change of the voltage from the first to the last quarter of a run, in standard
+/// deviations.
 fn course(voltage: &[f64], run: &Range<usize>, noise_v: f64) -> f64 {
     let quarter = run.len() / 4;
     if quarter == 0 {

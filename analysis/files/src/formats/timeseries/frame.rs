@@ -12,7 +12,7 @@ use crate::dataset;
 use polars::prelude::{Column, DataFrame, DataType, ParquetReader, SerReader, TimeUnit};
 use std::path::Path;
 
-/// Columns of the bench's own files, which have a checksum.
+/// Columns of the bench's own files, which contain a checksum.
 const BENCH: [&str; 3] = ["time_s", "voltage_v", "current_a"];
 /// Quantities that are plain numbers.
 const NUMBERS: [Quantity; 10] = [
@@ -31,7 +31,8 @@ const NUMBERS: [Quantity; 10] = [
 /// Reads Parquet.
 ///
 /// # Errors
-/// Bytes that cannot be decoded; a table without such columns; columns that contradict each other.
+/// Returns an error for bytes that cannot be decoded, a table without such columns, and columns
+/// that contradict each other.
 pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Raw, SeriesReadError> {
     let reader = ParquetReader::new(std::io::Cursor::new(bytes));
     let frame = parquet::decode(|| reader.finish()).map_err(|reason| failed(path, reason))?;
@@ -57,7 +58,7 @@ pub(super) fn read(path: &Path, bytes: Vec<u8>) -> Result<Raw, SeriesReadError> 
     of_columns(path, &frame, &columns)
 }
 
-/// A file of the bench has a checksum, which its own reader looks at.
+/// A file of the bench has a checksum, which its own reader verifies.
 fn bench(path: &Path) -> Result<Raw, SeriesReadError> {
     let mut present = [false; QUANTITIES];
     for quantity in [
@@ -156,7 +157,7 @@ fn of_columns(path: &Path, frame: &DataFrame, columns: &Columns) -> Result<Raw, 
     Ok(raw)
 }
 
-/// How often a time moves; nothing where it goes back or is no number.
+/// Returns how often a time increases; `None` if it decreases or contains NaN.
 fn count_moves(stamps: &[f64]) -> Option<usize> {
     let rises = stamps.windows(2).all(|pair| pair[1] >= pair[0]);
     let moves = stamps.windows(2).filter(|pair| pair[1] > pair[0]).count();
@@ -174,7 +175,7 @@ enum Kind {
     Date,
 }
 
-/// The times of a column, in its unit or in s.
+/// Returns the times of a column, in its unit or in s.
 fn times(
     path: &Path,
     frame: &DataFrame,
@@ -226,7 +227,7 @@ fn times(
     Ok((values.into_iter().map(|value| value / unit).collect(), kind))
 }
 
-/// Directions by the words of the first column that tells some.
+/// Returns directions from the words of the first column that contains any.
 fn state(frame: &DataFrame, columns: &Columns) -> Option<Vec<f64>> {
     columns.states.iter().find_map(|index| {
         let column = frame.columns().get(*index)?.cast(&DataType::String).ok()?;
@@ -250,7 +251,7 @@ fn column<'a>(
         .ok_or_else(|| failed(path, format!("column {} is not there", index + 1)))
 }
 
-/// A column as floats; what is null is not a number.
+/// Returns a column as floats; null becomes NaN.
 fn numbers(path: &Path, column: &Column) -> Result<Vec<f64>, SeriesReadError> {
     let fail = |error: polars::prelude::PolarsError| {
         failed(path, format!("column {}: {error}", column.name()))

@@ -1,10 +1,10 @@
-//! What stands in the head of a record, before the names of its columns: the capacity of the cell and
-//! the temperature of the test.
+//! Reads the head of a record, before the names of its columns: the capacity of the cell and the
+//! temperature of the test.
 
 use super::columns::plain;
 use super::parts::{Fact, Head};
 
-/// Names of the capacity of a cell. A capacity that was measured has other names.
+/// Names of the nominal capacity of a cell. Measured capacities have other names.
 const CAPACITY: [&str; 7] = [
     "nominalcapacity",
     "ratedcapacity",
@@ -24,12 +24,12 @@ const TEMPERATURE: [&str; 7] = [
     "prüftemperatur",
     "umgebungstemperatur",
 ];
-/// A capacity without a unit is in Ah below this number: larger ones may be mAh.
+/// A capacity without a unit is in Ah below this number; larger ones may be in mAh.
 const MOST_AH: f64 = 100.0;
 /// Temperatures at which a cell is tested, °C.
 const TEMPERATURES_C: std::ops::RangeInclusive<f64> = -60.0..=120.0;
 
-/// Reads the lines before the names of the columns. The first number of a kind counts.
+/// Reads the lines before the names of the columns. The first number of each kind is used.
 pub(super) fn read(lines: &[&str]) -> Head {
     let mut head = Head::default();
     for (at, line) in lines.iter().enumerate() {
@@ -48,7 +48,7 @@ pub(super) fn read(lines: &[&str]) -> Head {
     head
 }
 
-/// A line of the head: `name: number unit`, `name [unit];number` or `name,number`.
+/// Parses a line of the head: `name: number unit`, `name [unit];number` or `name,number`.
 struct Entry {
     name: String,
     number: f64,
@@ -58,7 +58,7 @@ struct Entry {
 impl Entry {
     fn of(line: &str) -> Option<Self> {
         let (name, rest) = line.split_once([':', ';', '\t', '=', ','])?;
-        // Behind a comma or a semicolon further fields may stand.
+        // Further fields may follow a comma or a semicolon.
         let separator = line[name.len()..].chars().next()?;
         let ends = |c: char| c == separator || c == ';' || c == '\t';
         let value = rest.trim_start().trim_matches('"');
@@ -120,7 +120,8 @@ mod tests {
             ("Nominal Capacity\t2500 mAh", Some(2.5), None),
             ("Ambient Temperature: -10 °C", None, Some(-10.0)),
             ("Temperature;25", None, Some(25.0)),
-            // Neither a unit nor a number that tells it; EC-Lab's empty entry; a measured capacity.
+            // A number that requires a unit, without one; EC-Lab's empty entry; a measured
+            // capacity.
             ("Nominal Capacity,3000", None, None),
             ("Battery capacity : 0,000 A.h", None, None),
             ("Discharge Capacity: 2.9 Ah", None, None),

@@ -1,5 +1,5 @@
-//! Kinds of logs that were read wrongly or refused for a wrong reason, made small with numbers of
-//! their own.
+//! Kinds of logs that were read wrongly or refused for a wrong reason, reduced and with synthetic
+//! numbers.
 
 use super::*;
 use proptest::prelude::*;
@@ -35,7 +35,7 @@ fn read(name: &str, text: &str) -> Result<ReadSeries, String> {
     read_record(&path, &SeriesOptions::default()).map_err(|error| error.to_string())
 }
 
-/// Whether a text is read as the log is.
+/// Asserts that a text is read like the log.
 fn is_read(name: &str, text: &str) -> ReadSeries {
     let read = read(name, text).unwrap_or_else(|error| panic!("{error}\n{}", &text[..300]));
     assert_eq!(read.series.len(), 100, "{name}");
@@ -87,7 +87,7 @@ fn the_voltage_tells_the_direction_and_no_name_does() {
                 );
             }
         }
-        // Magnitudes: each load by its voltage.
+        // Magnitudes: the voltage determines the direction of each load.
         let read = is_read(
             name,
             &text("Time/s;U/V;I/A", |_, [t, v, a]| {
@@ -143,7 +143,7 @@ fn words_and_counted_charge_tell_the_direction_where_the_voltage_is_silent() {
 
 #[test]
 fn contradictions_are_refused_with_their_rows() {
-    // A word that says charge while the voltage falls.
+    // A word for charge while the voltage falls.
     let head = "Time/s,Voltage/V,Current/A,State";
     let wrong = text(head, |_, [t, v, a]| format!("{t},{v},{a},{}", word(-a)));
     refused("x.csv", &wrong, &["line 22", "--positive"]);
@@ -155,7 +155,7 @@ fn contradictions_are_refused_with_their_rows() {
         &magnitudes,
         &["line 22", "while the voltage goes from"],
     );
-    // Both directions of a signed current fall.
+    // The voltage falls in both directions of a signed current.
     let fall =
         |_: usize, [t, v, a]: [f64; 3]| format!("{t},{},{a}", if a > 0.0 { v - 0.1 } else { v });
     refused(
@@ -163,7 +163,7 @@ fn contradictions_are_refused_with_their_rows() {
         &text("Time/s,Voltage/V,Current/A", fall),
         &["charge is positive by line"],
     );
-    // The time against a clock, the charge against the current.
+    // The time contradicts a clock, the charge contradicts the current.
     let clock =
         |k: usize, [t, v, a]: [f64; 3]| format!("{},{},{v},{a}", 1e3 * t, 1_700_000_000 + k);
     let head = "Test Time / s,Unix Time / s,Voltage / V,Current / A";
@@ -173,7 +173,7 @@ fn contradictions_are_refused_with_their_rows() {
     };
     let head = "Test Time / s,Voltage / V,Current / A,Discharge Capacity / Ah";
     refused("x.csv", &text(head, counted), &["a factor of 1000"]);
-    // Milliamperes under A, beside a charge that tells no direction.
+    // Milliamperes under A, beside a charge without direction.
     let counted = |k: usize, [t, v, a]: [f64; 3]| {
         let count = |from: usize, a: f64| a * (k.clamp(from, from + 20) - from) as f64 / 3600.0;
         format!("{t},{v},{},{}", 1e3 * a, count(19, 3.0) + count(59, 1.2))
@@ -392,7 +392,7 @@ fn times_that_stand_still_are_told() {
 
 #[test]
 fn a_time_that_stands_still_beside_one_that_moves_is_passed_over() {
-    // The first stands still throughout; the second moves once in five rows, the clock in each.
+    // The first does not change; the second changes once in five rows, the clock in each.
     let head = "test_time_second,voltage_volt,current_ampere,unix_time_second";
     for coarse in [0.0, 0.2] {
         let rows = |_: usize, [t, v, a]: [f64; 3]| {
@@ -406,7 +406,7 @@ fn a_time_that_stands_still_beside_one_that_moves_is_passed_over() {
             read.notes
         );
     }
-    // Without another one the rows that are kept count.
+    // Without another one, the rows that are kept are read.
     let still = |_: usize, [t, v, a]: [f64; 3]| format!("{},{v},{a},1.7e9", (t * 0.2).floor());
     assert_eq!(
         read("x.bdf.csv", &text(head, still)).unwrap().series.len(),

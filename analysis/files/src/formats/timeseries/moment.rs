@@ -5,7 +5,7 @@ use super::super::text;
 /// Seconds of a day.
 const DAY_S: f64 = 86_400.0;
 
-/// A time as a field writes it.
+/// A time in a field.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Stamp {
     /// A number, in the unit of its column.
@@ -17,7 +17,7 @@ pub(super) enum Stamp {
 }
 
 impl Stamp {
-    /// Reads a field; nothing where it is no time.
+    /// Parses a field; returns `None` if it is not a time.
     pub(super) fn of(field: &str, separator: char) -> Option<Self> {
         let number = text::number(field, separator).filter(|value| value.is_finite());
         number
@@ -26,12 +26,12 @@ impl Stamp {
             .or_else(|| date_s(field, false).map(Self::Date))
     }
 
-    /// Whether two stamps are of one kind.
+    /// Returns whether two time stamps are of the same kind.
     pub(super) fn is_like(self, other: Self) -> bool {
         std::mem::discriminant(&self) == std::mem::discriminant(&other)
     }
 
-    /// Seconds, with the factor of the column's unit for a number.
+    /// Returns seconds; numbers use the factor of the column's unit.
     pub(super) fn seconds(self, factor: f64) -> f64 {
         match self {
             Self::Number(value) => value * factor,
@@ -39,8 +39,8 @@ impl Stamp {
         }
     }
 
-    /// Seconds of a wall clock. The size of a number tells its unit: seconds or milliseconds since
-    /// 1970, days since 1900 (Excel) or since the year 0 (MATLAB).
+    /// Returns the seconds of a wall clock. The magnitude of a number determines its unit: seconds
+    /// or milliseconds since 1970, days since 1900 (Excel) or since the year 0 (MATLAB).
     pub(super) fn wall_s(self) -> f64 {
         match self {
             Self::Number(days) if (2.0e4..1.0e5).contains(&days) => days * DAY_S,
@@ -54,7 +54,8 @@ impl Stamp {
     }
 }
 
-/// Seconds of a clock: `h:mm:ss`, with fractions, days before a blank or `d` allowed.
+/// Parses a clock to seconds: `h:mm:ss`, optionally with fractions and with days before a blank or
+/// `d`.
 fn clock_s(field: &str) -> Option<f64> {
     let (days, rest) = field
         .split_once(['d', ' '])
@@ -74,8 +75,8 @@ fn clock_s(field: &str) -> Option<f64> {
     whole.then_some(((days * 24.0 + hours) * 60.0 + minutes) * 60.0 + seconds)
 }
 
-/// Seconds since 1970 of a date with a time of day. Of `a/b/year` the month is first, as in America,
-/// unless `day_first` says otherwise or it is beyond 12; with points or dashes the day is.
+/// Parses a date with a time of day to seconds since 1970. In `a/b/year` the month is first, as in
+/// the US, unless `day_first` is set or it exceeds 12; with points or dashes the day is first.
 fn date_s(field: &str, day_first: bool) -> Option<f64> {
     let (date, time) = field.trim().split_once(['T', ' '])?;
     let mark = date.chars().find(|c| matches!(c, '-' | '/' | '.'))?;
@@ -105,7 +106,7 @@ fn time_of_day_s(time: &str) -> Option<f64> {
         _ => (lower.as_str(), false),
     };
     let is_12 = clock.len() < lower.len();
-    // A zone is the same in all rows.
+    // The time zone is the same in all rows.
     let end = clock.find(['z', '+', '-']).unwrap_or(clock.len());
     let mut parts = clock[..end].trim().split(':');
     let mut next = || parts.next()?.trim().replace(',', ".").parse::<f64>().ok();
@@ -115,7 +116,8 @@ fn time_of_day_s(time: &str) -> Option<f64> {
     Some((hours * 60.0 + minutes) * 60.0 + seconds)
 }
 
-/// Days of the Gregorian calendar since 1970-01-01, counted in years that begin in March.
+/// Returns the days of the Gregorian calendar since 1970-01-01, counted in years that begin in
+/// March.
 fn days_since_1970(year: i64, month: i64, day: i64) -> i64 {
     let (year, month) = if month > 2 {
         (year, month - 3)

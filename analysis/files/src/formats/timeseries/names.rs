@@ -1,10 +1,10 @@
 //! Names of the columns of a record in the programs that write them, and their units.
 
-/// Names of a quantity without blanks and marks, the surest first, and its units.
+/// Names of a quantity without blanks and punctuation, the most reliable first, and its units.
 pub(super) struct Names {
     pub(super) names: &'static [&'static str],
     pub(super) units: &'static [(&'static str, f64)],
-    /// Names that stand for other things too, and count with a unit only.
+    /// Ambiguous names, which require a unit.
     pub(super) short: &'static [&'static str],
 }
 
@@ -212,7 +212,7 @@ pub(super) static DOD: Names = Names {
 
 const CAPACITY_UNITS: &[(&str, f64)] = &[("ah", 1.0), ("mah", 1.0e-3), ("amperehour", 1.0)];
 
-/// Charge that went in, Ah.
+/// Charge into the cell, Ah.
 pub(super) static CHARGE: Names = Names {
     names: &[
         "chargecapacity",
@@ -229,7 +229,7 @@ pub(super) static CHARGE: Names = Names {
     short: &[],
 };
 
-/// Charge that came out, Ah.
+/// Charge out of the cell, Ah.
 pub(super) static DISCHARGE: Names = Names {
     names: &[
         "dischargecapacity",
@@ -246,7 +246,7 @@ pub(super) static DISCHARGE: Names = Names {
     short: &[],
 };
 
-/// Charge that was counted without a word on its direction, Ah.
+/// Counted charge without direction, Ah.
 pub(super) static CAPACITY: Names = Names {
     names: &[
         "capacity",
@@ -261,7 +261,7 @@ pub(super) static CAPACITY: Names = Names {
     short: &[],
 };
 
-/// A wall clock; the size of a number tells its unit.
+/// A wall clock; the magnitude of a number determines its unit.
 pub(super) static WALL: Names = Names {
     names: &[
         "unixtime",

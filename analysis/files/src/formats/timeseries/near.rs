@@ -1,12 +1,12 @@
-//! Says what the line that comes nearest to the names of a record lacks.
+//! Describes what the line most similar to the names of a record lacks.
 
 use super::super::text;
 use super::columns::{HEAD_LINES, Parted, any, come_before_rows, parted, row};
 use super::names::{CURRENT, Names, TIME, VOLTAGE};
 use super::raw::Quantity;
 
-/// The line that names most of a record and what it lacks, as line from 0 and in words; none where no
-/// line names two quantities of one, or one before rows of numbers.
+/// Returns the line (from 0) that names most quantities of a record and a description of what it
+/// lacks; `None` if no line names two quantities of a record, or one before rows of numbers.
 pub(super) fn near_miss(lines: &[&str]) -> Option<(usize, String)> {
     let of = |at: usize| {
         let (names, units) = row(lines, at);
@@ -30,7 +30,7 @@ pub(super) fn near_miss(lines: &[&str]) -> Option<(usize, String)> {
             .iter()
             .find_map(|names_of| names_of.unknown_unit(&names));
         let near = count == 2 || count == 1 && (before_rows || unknown.is_some());
-        // Prose may name a voltage and a current.
+        // Prose may mention a voltage and a current.
         near.then(|| (before_rows, count, at, words(&has, unknown)))
     };
     let all = (0..lines.len().min(HEAD_LINES)).filter_map(of);

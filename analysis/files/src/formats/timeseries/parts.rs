@@ -1,9 +1,9 @@
-//! What a record comes with: the direction that a file counts positive, the numbers of its head, and rows
-//! that were left out.
+//! Parts of a record: the direction that a file counts positive, the numbers of its head, and rows that
+//! were left out.
 
 use std::str::FromStr;
 
-/// Direction of the current that a file counts positive.
+/// Direction of the current that is positive in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CurrentSign {
     /// Discharging is positive.
@@ -35,7 +35,7 @@ pub struct Fact {
     pub line: usize,
 }
 
-/// Numbers of the head, where it holds them.
+/// Numbers of the head, if it contains them.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Head {
     /// Capacity of the cell, Ah.
@@ -44,7 +44,7 @@ pub struct Head {
     pub temperature_c: Option<Fact>,
 }
 
-/// A row that was left out, because it holds no voltage or no current, or because another one at the
+/// A row that was left out because it has no voltage or no current, or because another row at the
 /// same time follows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LeftOut {
@@ -52,6 +52,6 @@ pub struct LeftOut {
     pub line: usize,
     /// Its time, s.
     pub time_s: f64,
-    /// It was measured, and another row at the same time was kept in its place.
+    /// Whether it was measured, and another row at the same time was kept instead.
     pub replaced: bool,
 }

@@ -1,4 +1,4 @@
-//! The columns of a record as they stand in the file.
+//! The columns of a record as read from the file.
 
 use super::parts::{Head, LeftOut};
 
@@ -13,13 +13,13 @@ pub(super) enum Quantity {
     Current,
     /// Temperature, °C.
     Temperature,
-    /// 1 where a word says discharge, −1 for charge, 0 for rest.
+    /// Direction from a word: 1 for discharge, −1 for charge, 0 for rest.
     State,
-    /// Charge that went in, Ah.
+    /// Charge into the cell, Ah.
     ChargeAh,
-    /// Charge that came out, Ah.
+    /// Charge out of the cell, Ah.
     DischargeAh,
-    /// Charge that was counted without a word on its direction, Ah.
+    /// Counted charge without direction, Ah.
     Capacity,
     /// Time of a wall clock, s.
     Wall,
@@ -36,11 +36,11 @@ pub(super) enum Quantity {
 /// Number of quantities.
 pub(super) const QUANTITIES: usize = 13;
 
-/// A value of each quantity; NaN where it lacks.
+/// A value of each quantity; NaN if missing.
 pub(super) type Values = [f64; QUANTITIES];
 
-/// The first column of times that moves at least half as often as that which moves most, by how often
-/// each does; none where each goes back.
+/// Returns the first column of times that changes at least half as often as the one that changes
+/// most, given how often each changes; `None` if all decrease somewhere.
 pub(super) fn most_moving(moves: &[Option<usize>]) -> Option<usize> {
     let most = moves.iter().flatten().max()?;
     moves
@@ -48,25 +48,25 @@ pub(super) fn most_moving(moves: &[Option<usize>]) -> Option<usize> {
         .position(|moves| moves.is_some_and(|moves| 2 * moves >= *most))
 }
 
-/// Columns of a record, of one length; those that the file lacks are empty.
+/// Columns of a record, of equal length; missing columns are empty.
 #[derive(Debug, Default)]
 pub(super) struct Raw {
     columns: [Vec<f64>; QUANTITIES],
     present: [bool; QUANTITIES],
     /// Lines of the rows.
     lines: Vec<usize>,
-    /// Rows without a voltage or a current, and those that another one replaced.
+    /// Rows without a voltage or a current, and rows that another one replaced.
     pub(super) left_out: Vec<LeftOut>,
     /// Remarks on how it was read.
     pub(super) notes: Vec<String>,
-    /// True where the file's program counts charge positive by its own rule.
+    /// Whether the file's program counts charge positive by convention.
     pub(super) charge_positive: bool,
-    /// What stands before the names of the columns.
+    /// Contents of the lines before the names of the columns.
     pub(super) head: Head,
 }
 
 impl Raw {
-    /// An empty record with these columns.
+    /// Creates an empty record with these columns.
     pub(super) fn with(present: [bool; QUANTITIES]) -> Self {
         Self {
             present,
@@ -74,7 +74,7 @@ impl Raw {
         }
     }
 
-    /// Adds a row of this line.
+    /// Adds a row from this line.
     pub(super) fn push(&mut self, line: usize, values: Values) {
         let time_s = values[Quantity::Time as usize];
         let lacks = values[Quantity::Voltage as usize].is_nan()
@@ -87,7 +87,7 @@ impl Raw {
             });
             return;
         }
-        // Cyclers write one time twice where a step ends.
+        // Cyclers write the same time twice at the end of a step.
         let again = self.get(Quantity::Time).last() == Some(&time_s);
         if again {
             self.left_out.push(LeftOut {
@@ -106,7 +106,7 @@ impl Raw {
         }
     }
 
-    /// Goes on with the rows of another sheet.
+    /// Appends the rows of another sheet.
     pub(super) fn append(&mut self, mut other: Self) {
         if self.lines.is_empty() {
             self.present = other.present;
@@ -125,12 +125,12 @@ impl Raw {
         }
     }
 
-    /// A column; empty where the file lacks it.
+    /// Returns a column; empty if the file lacks it.
     pub(super) fn get(&self, quantity: Quantity) -> &[f64] {
         &self.columns[quantity as usize]
     }
 
-    /// Takes a column out; nothing where the file lacks it.
+    /// Removes and returns a column; `None` if the file lacks it.
     pub(super) fn take(&mut self, quantity: Quantity) -> Option<Vec<f64>> {
         self.present[quantity as usize]
             .then(|| std::mem::take(&mut self.columns[quantity as usize]))

@@ -3,22 +3,22 @@
 use super::parts::Head;
 use super::raw::{Quantity, Raw};
 
-/// Beyond this number a state of charge is in percent.
+/// Above this number a state of charge is in percent.
 const MOST: f64 = 1.5;
-/// States of charge that a column may hold: cyclers count a little beyond empty and full.
+/// Allowed states of charge in a column: cyclers count slightly beyond empty and full.
 const STATES: std::ops::RangeInclusive<f64> = -0.1..=1.1;
 
-/// What a file says of the state of the cell.
+/// State of the cell from a file.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct State {
-    /// State of charge in each row, 0 to 1, by a column of it or of the depth of discharge; NaN where
+    /// State of charge in each row, 0 to 1, from its column or from the depth of discharge; NaN if
     /// the row has none.
     pub soc: Option<Vec<f64>>,
     /// Numbers before the names of the columns.
     pub head: Head,
 }
 
-/// Takes the state and the temperatures of the cell, °C; remarks go to the record.
+/// Extracts the state and the temperatures of the cell, °C; adds remarks to the record.
 pub(super) fn take(raw: &mut Raw) -> (State, Option<Vec<f64>>) {
     let charged = fraction(raw, Quantity::Soc, "state of charge");
     let soc = charged.or_else(|| {
@@ -42,7 +42,8 @@ pub(super) fn take(raw: &mut Raw) -> (State, Option<Vec<f64>>) {
     (state, chamber.or(of_cell))
 }
 
-/// A column of fractions or of percent as fractions; none if the file has none or it cannot be one.
+/// Converts a column of fractions or percent to fractions; returns `None` if the file has none or
+/// its values are out of range.
 fn fraction(raw: &mut Raw, quantity: Quantity, name: &str) -> Option<Vec<f64>> {
     let mut all = raw.take(quantity)?;
     let finite = || all.iter().copied().filter(|value| value.is_finite());

@@ -1,5 +1,5 @@
-//! 400 made logs of a cell of which the truth is known: conventions × programs × names × kinds of
-//! loads × noise × slope of the open-circuit voltage. None may be turned round.
+//! 400 synthetic logs of a cell with known truth: conventions × programs × names × kinds of loads ×
+//! noise × slope of the open-circuit voltage. No log may be read with the wrong sign.
 
 use super::*;
 use std::fmt::Write as _;
@@ -160,7 +160,7 @@ fn of_400_made_logs_none_is_turned_round() {
             Convention::Discharge,
             Convention::Magnitudes,
         ]);
-        // Without a rest between the directions magnitudes tell nothing.
+        // Without a rest between the directions, magnitudes contain no direction.
         let drive =
             matches!(loads, Loads::Drive | Loads::Direct) && convention == Convention::Magnitudes;
         let convention = if drive {

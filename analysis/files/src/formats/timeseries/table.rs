@@ -12,9 +12,9 @@ use super::near;
 use super::raw::{self, QUANTITIES, Quantity, Raw};
 use std::path::Path;
 
-/// EC-Lab's number of the mode in which no current flows.
+/// EC-Lab's number of the mode without current.
 const MODE_OF_REST: f64 = 3.0;
-/// Quantities whose fields may hold anything: one that is no number is unknown.
+/// Quantities whose fields may contain anything: a field that is not a number is unknown.
 const BESIDE: [Quantity; 8] = [
     Quantity::Capacity,
     Quantity::Temperature,
@@ -29,7 +29,8 @@ const BESIDE: [Quantity; 8] = [
 /// Reads a text.
 ///
 /// # Errors
-/// A text that names no such columns; a field that is no number; columns that contradict each other.
+/// Returns an error for a text without such columns, a field that is not a number, and columns that
+/// contradict each other.
 pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, SeriesReadError> {
     let decoded = text::utf_16(bytes);
     if let Some(error) = foreign::binary(path, decoded.as_deref().map_or(bytes, str::as_bytes)) {
@@ -54,7 +55,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, SeriesReadError> {
     let units = Some(below).filter(|below| !below.contains(|c: char| c.is_ascii_digit()));
     text.rows.retain(|row| {
         let lead = row.fields.iter().take(columns.lead);
-        // Names and units come again where a further table goes on with the record.
+        // Names and units repeat if a further table continues the record.
         let again =
             row.raw == names || units.is_some_and(|units| row.line > at + 2 && row.raw == units);
         let title = row.fields.get(1) == Some(&"TABLE");
@@ -71,7 +72,7 @@ pub(super) fn read(path: &Path, bytes: &[u8]) -> Result<Raw, SeriesReadError> {
     Ok(raw)
 }
 
-/// The refusal of a text without a record, with what its nearest line lacks.
+/// Returns the error for a text without a record, with what its most similar line lacks.
 fn unknown(path: &Path, lines: &[&str]) -> SeriesReadError {
     let near = near::near_miss(lines);
     let first = || {
@@ -209,9 +210,9 @@ impl Table<'_> {
         }
     }
 
-    /// The first column of a time that never goes back and does not stand still, and the kind of its
-    /// stamps. One that stands still where another moves more than twice as often is passed over: of
-    /// rows at one time all but the last are left out.
+    /// Returns the first column of a time that never decreases and is not constant, and the kind of
+    /// its stamps. A column is skipped if another one changes more than twice as often, because only
+    /// the last of several rows at the same time is kept.
     fn time(&self, rows: &[Row<'_>]) -> (&Found, Option<Stamp>) {
         let kind = |found: &Found| {
             rows.iter()
@@ -238,7 +239,7 @@ impl Table<'_> {
         (chosen, kind(chosen))
     }
 
-    /// The column whose words tell the direction.
+    /// Returns the column whose words give the direction.
     fn state(&self, rows: &[Row<'_>]) -> Option<usize> {
         let tells = |index: &usize| {
             let mut words = rows.iter().filter_map(|row| row.fields.get(*index));
@@ -247,7 +248,7 @@ impl Table<'_> {
         self.columns.states.iter().copied().find(tells)
     }
 
-    /// Whether a row holds neither a time nor a voltage nor a current.
+    /// Returns whether a row has neither a time nor a voltage nor a current.
     fn is_empty(&self, row: &Row<'_>, time: &Found) -> bool {
         let read = [Quantity::Voltage, Quantity::Current].map(|q| self.columns.get(q));
         read.into_iter().flatten().chain([time]).all(|found| {
@@ -269,7 +270,7 @@ impl Table<'_> {
         alike.ok_or_else(|| self.wrong(row, time))
     }
 
-    /// A voltage or a current; NaN where it was not measured.
+    /// Returns a voltage or a current; NaN if it was not measured.
     fn measured(&self, row: &Row<'_>, quantity: Quantity) -> Result<f64, SeriesReadError> {
         let Some(found) = self.columns.get(quantity) else {
             return Ok(f64::NAN);
@@ -290,7 +291,7 @@ impl Table<'_> {
         })
     }
 
-    /// The current of a row in EC-Lab's technique OCV.
+    /// Returns the current of a row in EC-Lab's technique OCV.
     fn rest(&self, row: &Row<'_>, mode: usize) -> Result<f64, SeriesReadError> {
         if self.number(row, mode) == Some(MODE_OF_REST) {
             return Ok(0.0);
@@ -308,7 +309,7 @@ impl Table<'_> {
         text::number(row.fields.get(index)?, self.text.separator)
     }
 
-    /// A comma for a decimal point between commas moves all that follows.
+    /// Refuses a decimal comma between comma separators, which would shift all following fields.
     fn check_width(&self, row: &Row<'_>) -> Result<(), SeriesReadError> {
         let (expected, met) = (self.columns.width, row.fields.len());
         match (expected..met).find(|k| !row.fields[*k].is_empty()) {
@@ -336,7 +337,7 @@ impl Table<'_> {
     }
 }
 
-/// Whether a column of a wall clock stands for the time.
+/// Returns whether a wall clock is used as the time.
 fn is_wall(found: &Found) -> bool {
     columns::is_wall(&found.title)
 }

@@ -1,4 +1,4 @@
-//! Tables of cyclers, made up by the columns that their programs write.
+//! Synthetic tables of cyclers with the columns that their programs write.
 
 use super::*;
 
@@ -176,7 +176,7 @@ fn names_that_are_units_are_read_where_each_stands_once() {
         holds(text);
     }
     for (text, told) in [
-        // Which of two is not told.
+        // Two columns are ambiguous.
         (
             "V,µA,V,µA\n1,2,3,4\n1,2,3,4\n",
             "it names a voltage and a current, and not a time",
@@ -185,7 +185,7 @@ fn names_that_are_units_are_read_where_each_stands_once() {
             "s,V,V,A\n0,1,2,3\n1,1,2,3\n",
             "line 1: expected columns of a time",
         ),
-        // Units of names above, one of which is not known.
+        // Units of the names above, one of which is unknown.
         (
             "Time;Voltage;Level\ns;V;A\n0;4.1;-2\n36;4.0;0.5\n",
             "not a current",
@@ -206,7 +206,7 @@ fn names_that_are_units_are_read_where_each_stands_once() {
 fn a_refusal_names_the_line_before_the_rows() {
     for (text, told) in [
         (
-            // CH Instruments: the current stands in the head.
+            // CH Instruments: the current is in the head.
             "Chronopotentiometry\nCurrent Polarity = Potential\nSegment = 2\n\nTime/sec, Potential/V\n\n\
              0.5, 0.7\n1.0, 0.8\n",
             "line 5: expected columns of a time, a voltage and a current, such as \"Test Time / s,Voltage / \
@@ -261,7 +261,7 @@ fn a_code_page_of_two_bytes_is_told() {
         met.contains("such as GBK or Shift-JIS; save it as UTF-8"),
         "{met}"
     );
-    // One of a single byte is read.
+    // A single-byte code page is read.
     let latin = b"Zeit (s),Spannung (V),Strom (A),W\xE4rme\n0,4.1,-2,1\n36,4.0,0.5,1\n";
     assert_eq!(read("x.csv", latin).unwrap().current_a, [2.0, -0.5]);
 }

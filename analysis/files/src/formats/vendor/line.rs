@@ -16,14 +16,14 @@ pub(super) struct Line<'a> {
 }
 
 impl Line<'_> {
-    /// The number of a column by its place.
+    /// Returns the number of a column by its index.
     pub(super) fn number(&self, column: usize) -> Option<f64> {
         self.fields
             .get(column)
             .and_then(|field| text::number(field, self.separator))
     }
 
-    /// Fields up to the last that is not empty.
+    /// Returns the fields up to the last one that is not empty.
     pub(super) fn filled(&self) -> usize {
         self.fields
             .iter()
@@ -31,8 +31,8 @@ impl Line<'_> {
             .map_or(0, |last| last + 1)
     }
 
-    /// Refuses a row with more or fewer fields than names. EC-Lab's rows may all lack the same at
-    /// their end, none of which is read.
+    /// Refuses a row with more or fewer fields than names. EC-Lab's rows may all lack the same last
+    /// fields, if none of these is read.
     pub(super) fn check_width(
         &self,
         table: &Table,
@@ -49,14 +49,14 @@ impl Line<'_> {
         }
     }
 
-    /// Whether a column has no value in the row.
+    /// Returns whether a column has no value in the row.
     pub(super) fn lacks(&self, column: &Column) -> bool {
         self.fields
             .get(column.index)
             .is_none_or(|field| text::is_missing(field))
     }
 
-    /// The refusal of a row with too few or too many fields.
+    /// Returns the error for a row with too few or too many fields.
     pub(super) fn ragged(&self, expected: usize) -> FormatError {
         let met = if self.filled() > expected {
             self.filled()
@@ -72,7 +72,7 @@ impl Line<'_> {
         }
     }
 
-    /// An impedance; of one whose phase has no unit, modulus and phase as they stand.
+    /// Returns an impedance; if its phase has no unit, modulus and phase without conversion.
     pub(super) fn impedance(&self, curve: &Curve) -> Result<Complex64, FormatError> {
         let [a, b] = &curve.columns;
         if b.quantity == Quantity::Imaginary {
@@ -90,7 +90,7 @@ impl Line<'_> {
         })
     }
 
-    /// The number of a column in its unit; NaN where nothing was measured.
+    /// Returns the number of a column in its unit; NaN if it was not measured.
     pub(super) fn measured(
         &self,
         column: &Column,
@@ -108,7 +108,7 @@ impl Line<'_> {
         })
     }
 
-    /// The number of a column that fits.
+    /// Returns the number of a column if it is in range.
     pub(super) fn finite(
         &self,
         column: &Column,
@@ -120,7 +120,7 @@ impl Line<'_> {
             .ok_or_else(|| self.wrong(column, expected))
     }
 
-    /// The refusal of a field of a column.
+    /// Returns the error for a field of a column.
     pub(super) fn wrong(&self, column: &Column, expected: &'static str) -> FormatError {
         let name = match column.quantity {
             Quantity::Frequency => "frequency",
@@ -132,7 +132,7 @@ impl Line<'_> {
         self.wrong_named(column.index, name, expected)
     }
 
-    /// The refusal of a field by the name of its column.
+    /// Returns the error for a field by the name of its column.
     pub(super) fn wrong_named(
         &self,
         index: usize,

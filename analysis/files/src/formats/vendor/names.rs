@@ -39,26 +39,26 @@ pub(super) enum Unit {
     Unstated,
     /// Factor that converts a number to Hz, Ω or rad.
     Factor(f64),
-    /// One that the quantity cannot have or that cannot be told: as written, and why.
+    /// A unit that is wrong for the quantity or ambiguous: as written, and the reason.
     Refused(String, &'static str),
 }
 
-/// A column as its name tells.
+/// Interpretation of the name of a column.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Named {
     pub(super) quantity: Quantity,
     /// −1 for a minus before the name.
     pub(super) sign: f64,
     pub(super) unit: Unit,
-    /// True for the numbers that the potentiostat's program has corrected for a drift.
+    /// Whether the potentiostat's program has corrected the numbers for drift.
     pub(super) drift_corrected: bool,
 }
 
-const AREA: &str = "it is normalised to an area, without which it is no impedance of a cell";
-const CASE: &str = "its case does not tell milli or mega";
+const AREA: &str = "it is normalised to an area of unknown size";
+const CASE: &str = "its case does not show whether it is milli or mega";
 const UNKNOWN: &str = "it is not known";
 
-/// Reads the name of a column; none where it names nothing of a spectrum.
+/// Parses the name of a column; returns `None` if it does not belong to a spectrum.
 pub(super) fn named(name: &str) -> Option<Named> {
     let written = plain(name);
     split(&written)
@@ -69,9 +69,9 @@ pub(super) fn named(name: &str) -> Option<Named> {
                 None => Unit::Unstated,
                 Some(text) => unit_of(quantity, &text)?,
             };
-            // Behind a blank or a low line may stand anything.
+            // Any text may follow a blank or an underscore.
             let taken = sure && !short(&base) || !matches!(unit, Unit::Refused(_, UNKNOWN));
-            // A bare Z is a modulus only where its unit says so.
+            // A bare Z is a modulus only with a unit of impedance.
             let bare = matches!(base.trim_start_matches('-'), "z" | "impedance")
                 && quantity == Quantity::Modulus
                 && !matches!(unit, Unit::Factor(_) | Unit::Refused(_, AREA));
@@ -84,20 +84,20 @@ pub(super) fn named(name: &str) -> Option<Named> {
         })
 }
 
-/// Whether a name is that of an impedance in Digatron's exports, which count it in mΩ where they write
-/// no unit.
+/// Returns whether a name is that of an impedance in Digatron's exports, which are in mΩ without a
+/// unit.
 pub(super) fn is_of_digatron(name: &str) -> bool {
     let name = name.trim().to_lowercase();
     ["zreal1", "zimg1", "zimag1"].contains(&name.as_str())
 }
 
-/// Reads a field under a name as a unit; none where it is empty.
+/// Parses a field under a name as a unit; returns `None` if it is empty.
 pub(super) fn unit_under(quantity: Quantity, field: &str) -> Option<Unit> {
     let text = plain(field);
     unit_of(quantity, text.trim_matches(['(', ')', '[', ']']))
 }
 
-/// A name in which typographic signs are replaced by those of a typewriter.
+/// Replaces typographic characters in a name by ASCII.
 fn plain(name: &str) -> String {
     let mut text = String::new();
     for c in name.trim().chars() {
@@ -117,11 +117,11 @@ fn plain(name: &str) -> String {
     text.replace("''", "\"")
 }
 
-/// A way to part a name from its unit.
+/// A notation that separates a name from its unit.
 struct Split {
     base: String,
     unit: Option<String>,
-    /// True where what parts them stands for nothing else.
+    /// Whether the separator is unambiguous.
     sure: bool,
 }
 
@@ -174,7 +174,7 @@ fn split(written: &str) -> Vec<Split> {
     ways
 }
 
-/// Names that stand for other things too.
+/// Ambiguous names.
 fn short(base: &str) -> bool {
     matches!(
         base.trim_start_matches('-'),
@@ -197,7 +197,7 @@ fn short(base: &str) -> bool {
     )
 }
 
-/// Ends of the names of curves that were corrected, the longer first; `DrCor` is Gamry's.
+/// Suffixes of the names of corrected curves, the longer first; `DrCor` is Gamry's.
 const CORRECTED: [&str; 7] = [
     "(driftcorrected)",
     "driftcorrected",
@@ -208,7 +208,7 @@ const CORRECTED: [&str; 7] = [
     "drcor",
 ];
 
-/// The quantity of a name without unit, its sign, and whether it is corrected for a drift.
+/// Returns the quantity of a name without unit, its sign, and whether it is corrected for drift.
 fn base_of(base: &str) -> Option<(Quantity, f64, bool)> {
     let negated = ["-", "neg.", "neg", "minus"]
         .iter()
@@ -217,7 +217,7 @@ fn base_of(base: &str) -> Option<(Quantity, f64, bool)> {
         Some(rest) => (-1.0, rest),
         None => (1.0, base),
     };
-    // Columns of one technique among others.
+    // Columns of one technique in a file with others.
     let base = base.strip_prefix("eis").unwrap_or(base);
     let corrected = CORRECTED
         .iter()
@@ -226,7 +226,7 @@ fn base_of(base: &str) -> Option<(Quantity, f64, bool)> {
     let quantity = match base {
         "f" | "freq" | "freqs" | "frequency" | "hz" | "frequenz" | "fréquence" | "frequence"
         | "频率" | "测试频率" | "actfreq" => Quantity::Frequency,
-        // ZPlot's (a) and (b) are no units.
+        // ZPlot's (a) and (b) are not units.
         "z'" | "z'(a)" | "re" | "real" | "zre" | "zreal" | "rez" | "realz" | "re(z)"
         | "real(z)" | "realpart" | "impedancereal" | "realimpedance" | "rs" | "r" | "zrealpart"
         | "zreal1" | "realteil" | "partieréelle" | "partiereelle" | "实部" | "阻抗实部"
@@ -249,7 +249,7 @@ fn base_of(base: &str) -> Option<(Quantity, f64, bool)> {
         | "相位" | "相位角" | "相角" => Quantity::Phase,
         _ => return None,
     };
-    // A frequency or a modulus below zero there is none.
+    // A frequency and a modulus cannot be negative.
     let negative = sign < 0.0 && matches!(quantity, Quantity::Frequency | Quantity::Modulus);
     (!negative).then_some((quantity, sign, drift_corrected))
 }
@@ -288,7 +288,7 @@ fn angle(text: &str) -> Option<f64> {
     }
 }
 
-/// The factor of a unit with a prefix of the SI; else why there is none.
+/// Returns the factor of a unit with an SI prefix; else the reason why there is none.
 fn prefixed(text: &str, units: &[&str]) -> Result<Unit, &'static str> {
     let lower = text.to_lowercase();
     let unit = units
@@ -303,7 +303,8 @@ fn prefixed(text: &str, units: &[&str]) -> Result<Unit, &'static str> {
     let factor = match prefix {
         "" => 1.0,
         "k" | "K" => 1.0e3,
-        // Milliohms are written so everywhere; in MHZ and mhz the case is that of the whole word.
+        // All programs write milliohms in this way; in MHZ and mhz the case applies to the whole
+        // word.
         "m" if *unit != "hz" || !all_lower => 1.0e-3,
         "M" if !all_upper => 1.0e6,
         "m" | "M" => return Err(CASE),

@@ -1,32 +1,33 @@
-//! Holds real and imaginary part against modulus and phase where a table has both.
+//! Compares real and imaginary part with modulus and phase, if a table has both.
 
 use super::table::{Column, Table};
 use crate::formats::error::FormatError;
 use crate::formats::sweeps::MeasuredRow;
 use std::path::Path;
 
-/// Ratios of units that are taken for each other.
+/// Ratios of units that are commonly confused.
 const FACTORS: [f64; 4] = [1.0e3, 1.0e-3, 1.0e6, 1.0e-6];
-/// Deviation from such a ratio that counts as it; programs write at least three digits.
+/// Tolerance of such a ratio; programs write at least three digits.
 const NEAR: f64 = 0.03;
 /// Smallest angle whose sign is compared, rad: one degree.
 const SMALL_RAD: f64 = 0.0175;
-/// Part of the rows that must say the same. Single points are rounded or overloaded.
+/// Fraction of the rows that must agree. Single points are rounded or overloaded.
 const MOST: f64 = 0.9;
-/// Fewest rows that are compared.
+/// Minimum number of rows for the comparison.
 const FEWEST: usize = 3;
 
-/// Modulus and phase of a row in Ω and rad, as they stand; NaN where they lack.
+/// Modulus and phase of a row in Ω and rad, as in the file; NaN if missing.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Beside {
     pub(super) modulus: f64,
     pub(super) phase: f64,
 }
 
-/// Compares the rows of a table with what stands beside them; gives a remark where it turned a sign.
+/// Compares the rows of a table with modulus and phase beside them; returns a remark if it inverted
+/// a sign.
 ///
 /// # Errors
-/// A modulus or a phase that contradicts the parts by a factor or by a sign.
+/// Returns an error if a modulus or a phase contradicts the parts by a factor or by a sign.
 pub(super) fn compare(
     path: &Path,
     table: &Table,
@@ -72,7 +73,7 @@ pub(super) fn compare(
     let (titles, line) = ((&imaginary.title, &phase.title), rows[row].line);
     let opposed = format!("\"{}\" and \"{}\" of opposite sign", titles.0, titles.1);
     match (imaginary.sign < 0.0, phase.sign < 0.0) {
-        // The sign that is written counts.
+        // The written sign takes precedence.
         (false, true) => {
             for row in rows {
                 row.point.z_ohm = row.point.z_ohm.conj();
@@ -99,9 +100,9 @@ pub(super) fn compare(
     }
 }
 
-/// A row whose phase is that of the conjugate, where most rows are so.
+/// Returns a row whose phase is that of the conjugate, if most rows are so.
 fn opposite(rows: &[MeasuredRow], beside: &[Beside], phase: &Column) -> Option<usize> {
-    // Without a unit the size tells degrees from radians.
+    // Without a unit, the magnitude distinguishes degrees from radians.
     let factors: &[f64] = if phase.unit.is_some() {
         &[1.0]
     } else {
@@ -119,7 +120,7 @@ fn opposite(rows: &[MeasuredRow], beside: &[Beside], phase: &Column) -> Option<u
     })
 }
 
-/// Whether most of enough values are so.
+/// Returns whether most of a sufficient number of values meet a condition.
 fn mostly<T>(all: &[T], is: impl Fn(&T) -> bool) -> bool {
     let count = all.iter().filter(|one| is(one)).count();
     #[expect(clippy::cast_precision_loss, reason = "numbers of rows")]

@@ -14,25 +14,25 @@ use analysis_signal::spectrum::{ImpedancePoint, Origin};
 use num_complex::Complex64;
 use std::path::Path;
 
-/// Lines between names and numbers, at most.
+/// Maximum number of lines between names and numbers.
 const UNITS: usize = 3;
-/// Mark of Gamry for a measurement that was aborted.
+/// Gamry's mark of an aborted measurement.
 const ABORTED: &str = "EXPERIMENTABORTED";
 /// Names of the curves of a row with two.
 const CORRECTED: &str = "drift-corrected";
 const UNCORRECTED: &str = "uncorrected";
 
-/// The tables of a file as they are read.
+/// State of reading the tables of a file.
 pub(super) struct Reader<'a> {
     path: &'a Path,
     lines: &'a [&'a str],
     pub(super) rows: Rows,
     pub(super) notes: Vec<String>,
-    /// True when some row named the columns of an impedance.
+    /// Whether a row named the columns of an impedance.
     pub(super) met_table: bool,
     tables: Vec<String>,
     mark: Option<char>,
-    /// What stands beside the rows of the table that is read.
+    /// Modulus and phase beside the rows of the current table.
     beside: Vec<Beside>,
 }
 
@@ -43,7 +43,7 @@ enum LineKind {
     Units,
     /// One of numbers, with its frequency.
     Row(f64),
-    /// The first behind the table.
+    /// The first line after the table.
     End,
 }
 
@@ -64,12 +64,12 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Whether a line names the columns of an impedance, rightly or not.
+    /// Returns whether a line names the columns of an impedance, with or without errors.
     pub(super) fn takes(&self, at: usize) -> bool {
         table::table(self.path, self.lines, at).is_some()
     }
 
-    /// Reads the table under a row of names; gives the line behind it.
+    /// Reads the table under a row of names; returns the line after it.
     pub(super) fn read_table(&mut self, header: usize) -> Result<usize, FormatError> {
         let Some(table) = table::table(self.path, self.lines, header) else {
             return Ok(header + 1);
@@ -109,7 +109,7 @@ impl<'a> Reader<'a> {
                         self.is_ec_lab(),
                     )?;
                     seen += 1;
-                    // So EC-Lab marks direct current.
+                    // EC-Lab marks direct current in this way.
                     if freq != 0.0 {
                         settling += usize::from(self.drop_settling(&table, freq, before));
                         self.take_row(&line, &table, &name)?;
@@ -126,8 +126,8 @@ impl<'a> Reader<'a> {
         Ok(end)
     }
 
-    /// Drops the last row where an export of Digatron goes on at its frequency: the program logs a point
-    /// while it settles, and the last row of it counts. Returns whether a row was dropped.
+    /// Removes the last row if an export of Digatron continues at its frequency: the program logs a
+    /// point while it settles, and its last row counts. Returns whether a row was removed.
     fn drop_settling(&mut self, table: &Table, freq: f64, before: usize) -> bool {
         let freq_hz = freq * table.freq.factor();
         let again = self.rows.rows[before..]
@@ -140,7 +140,7 @@ impl<'a> Reader<'a> {
         again
     }
 
-    /// Remarks on how an export of Digatron is read.
+    /// Returns remarks on how an export of Digatron is read.
     fn tell_of_digatron(&mut self, table: &Table, settling: usize) {
         let file = self.file();
         let open = table
@@ -159,11 +159,11 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Kind of a line below the names, after so many rows.
+    /// Returns the kind of a line below the names, after `seen` rows.
     ///
     /// # Errors
-    /// A row with a frequency that is none, or with too few or too many fields; text before further
-    /// rows.
+    /// Returns an error for a row with an invalid frequency or with too few or too many fields, and
+    /// for text before further rows.
     fn told(&self, line: &Line<'_>, table: &Table, seen: usize) -> Result<LineKind, FormatError> {
         if line.filled() == 0 || seen == 0 && self.counts_rows(line, table) {
             return Ok(LineKind::Nothing);
@@ -192,7 +192,7 @@ impl<'a> Reader<'a> {
         }
         let below = line.at - table.line;
         if seen == 0 && below <= UNITS && !self.ends(line.at) {
-            // RelaxIS tells the circumstances there.
+            // RelaxIS writes the measurement conditions there.
             let told = line.fields.iter().any(|field| field.contains(['=', ':']));
             let as_wide = [line.filled(), line.fields.len()].contains(&table.width);
             return Ok(if as_wide && !told {
@@ -210,14 +210,15 @@ impl<'a> Reader<'a> {
         Ok(LineKind::End)
     }
 
-    /// Whether the file is EC-Lab's, whose rows may end before its names do.
+    /// Returns whether the file is EC-Lab's, whose rows may have fewer fields than names.
     fn is_ec_lab(&self) -> bool {
         self.lines
             .first()
             .is_some_and(|line| line.contains("-Lab ASCII FILE"))
     }
 
-    /// Tells what was not read, settles phases without unit, and holds parts against modulus and phase.
+    /// Adds remarks on what was not read, determines the unit of phases without one, and compares parts
+    /// with modulus and phase.
     fn tell(&mut self, table: &Table, before: usize) -> Result<(), FormatError> {
         let rows = &mut self.rows.rows[before..];
         if let Some(note) = polar::compare(self.path, table, rows, &self.beside)? {
@@ -252,8 +253,8 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// Degrees, where angles go beyond a turn in rad; points hold them as if they were radians
-    /// until then, in the imaginary part.
+    /// Converts angles to degrees if they exceed a turn in rad; until then, points store them
+    /// unconverted in the imaginary part.
     fn settle_phase(&mut self, phase: &Column, before: usize) -> Result<(), FormatError> {
         let rows = &mut self.rows.rows[before..];
         let widest = rows
@@ -342,7 +343,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// One decimal mark in all numbers that are read.
+    /// Requires one decimal mark in all numbers that are read.
     fn check_mark(&mut self, line: &Line<'_>, table: &Table) -> Result<(), FormatError> {
         for column in table.read() {
             let Some(found) = line
@@ -363,7 +364,7 @@ impl<'a> Reader<'a> {
         Ok(())
     }
 
-    /// The name of a table: as the line before says, where it is Gamry's.
+    /// Returns the name of a table: from the previous line, if it is Gamry's.
     fn name_table(&mut self, header: usize) -> String {
         let before = self.lines[..header]
             .last()
@@ -385,12 +386,13 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// Whether a line begins another table.
+    /// Returns whether a line begins another table.
     fn ends(&self, at: usize) -> bool {
         is_title(self.lines[at]).is_some() || self.takes(at)
     }
 
-    /// Whether rows of the table follow, up to a mark of an aborted measurement or another table.
+    /// Returns whether rows of the table follow before a mark of an aborted measurement or another
+    /// table.
     fn goes_on(&self, from: usize, table: &Table) -> bool {
         let ahead = (from..self.lines.len())
             .take_while(|at| !self.lines[*at].trim_start().starts_with(ABORTED) && !self.ends(*at));
@@ -401,7 +403,7 @@ impl<'a> Reader<'a> {
         })
     }
 
-    /// Whether a line under the names states the number of rows.
+    /// Returns whether a line under the names states the number of rows.
     fn counts_rows(&self, line: &Line<'_>, table: &Table) -> bool {
         let alone = line.filled() == 1 && table.width > 1;
         let rows = || {
@@ -424,7 +426,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// The name of a table of Gamry's, whose title this line is.
+/// Returns the name of a table of Gamry's from its title line.
 fn is_title(line: &str) -> Option<&str> {
     let mut fields = line.split('\t');
     let name = fields.next().filter(|name| !name.is_empty())?;

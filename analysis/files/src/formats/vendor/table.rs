@@ -5,7 +5,7 @@ use crate::formats::error::FormatError;
 use crate::formats::sweeps;
 use std::path::Path;
 
-/// Lines below the names in which a row of numbers is looked for, to count its fields.
+/// Number of lines below the names that are searched for a row of numbers, to count its fields.
 const LOOKED_AT: usize = 10;
 
 /// A column that is read.
@@ -15,13 +15,13 @@ pub(super) struct Column {
     pub(super) title: String,
     pub(super) quantity: Quantity,
     pub(super) sign: f64,
-    /// Factor that converts its numbers to Hz, Ω or rad; none where no unit is written.
+    /// Factor that converts its numbers to Hz, Ω or rad; `None` if no unit is written.
     pub(super) unit: Option<f64>,
 }
 
 impl Column {
-    /// Factor that converts a number of the column to SI. A frequency and an impedance without unit
-    /// are in Hz and Ω, but for Digatron's impedances in mΩ.
+    /// Returns the factor that converts a number of the column to SI. A frequency and an impedance
+    /// without unit are in Hz and Ω, except Digatron's impedances in mΩ.
     pub(super) fn factor(&self) -> f64 {
         let usual = if self.is_of_digatron() { 1.0e-3 } else { 1.0 };
         self.sign * self.unit.unwrap_or(usual)
@@ -41,7 +41,7 @@ pub(super) struct Curve {
     pub(super) columns: [Column; 2],
 }
 
-/// Modulus and phase beside the real and the imaginary part, which are held against them.
+/// Modulus and phase beside the real and the imaginary part, for comparison.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Polar {
     pub(super) modulus: Option<Column>,
@@ -58,7 +58,7 @@ pub(super) struct Table {
     pub(super) width: usize,
     pub(super) freq: Column,
     pub(super) curves: Vec<Curve>,
-    /// Columns that tell spectra apart: their kind and place.
+    /// Columns that separate spectra: their kind and index.
     pub(super) labels: Vec<(&'static str, usize)>,
     /// Impedances of other electrodes, which are not read.
     pub(super) others: Vec<Other>,
@@ -70,7 +70,7 @@ pub(super) struct Table {
 pub(super) struct Other {
     pub(super) index: usize,
     pub(super) title: String,
-    /// True once a number other than zero was met in it.
+    /// Whether it contained a number other than zero.
     pub(super) used: bool,
 }
 
@@ -82,13 +82,13 @@ struct Header<'a> {
     named: Vec<Option<Named>>,
 }
 
-/// The columns that a line names, if it names those of an impedance.
+/// Returns the columns that a line names, if it names those of an impedance.
 ///
 /// # Errors
-/// A column named twice; a unit that its quantity cannot have.
+/// Returns an error for a column named twice and for a unit that is wrong for its quantity.
 pub(super) fn table(path: &Path, lines: &[&str], at: usize) -> Option<Result<Table, FormatError>> {
     let mut ways = candidates(lines[at]);
-    // Names in a comment say nothing of what parts the rows.
+    // Names in a comment do not determine the separator of the rows.
     if lines[at].trim_start().starts_with(['#', '%']) {
         let others = |(_, titles): &(char, Vec<_>)| {
             let of = |separator: &char| numbers_below(lines, at, *separator) == Some(titles.len());
@@ -116,8 +116,8 @@ pub(super) fn table(path: &Path, lines: &[&str], at: usize) -> Option<Result<Tab
     })
 }
 
-/// Error that names the missing column of a header of impedances; none where the line names no such
-/// columns.
+/// Returns an error that names the missing column of a header of impedances; `None` if the line
+/// names no such columns.
 pub(super) fn near_miss(path: &Path, lines: &[&str], at: usize) -> Option<FormatError> {
     candidates(lines[at]).into_iter().find_map(|(_, titles)| {
         let header = Header::new(path, at, titles);
@@ -147,7 +147,7 @@ pub(super) fn near_miss(path: &Path, lines: &[&str], at: usize) -> Option<Format
     })
 }
 
-/// The quantities that a line names, in words; none where it names none.
+/// Describes the quantities that a line names; returns `None` if it names none.
 pub(super) fn quantities(line: &str) -> Option<Vec<&'static str>> {
     let of = |titles: Vec<&str>| -> Vec<&'static str> {
         let mut named: Vec<&str> = titles
@@ -162,12 +162,13 @@ pub(super) fn quantities(line: &str) -> Option<Vec<&'static str>> {
     ways.max_by_key(Vec::len).filter(|named| !named.is_empty())
 }
 
-/// A line parted by what can separate names: one way, but for blanks, which may stand within names.
+/// Splits a line by each possible separator of names; blanks give several results, because names
+/// may contain them.
 fn candidates(line: &str) -> Vec<(char, Vec<&str>)> {
     let line = line
         .trim_start_matches('\u{feff}')
         .trim_start_matches(['#', '%']);
-    // VersaStudio: the list ends with a nought that is no column.
+    // VersaStudio: the list ends with a zero that is not a column.
     if let Some(definition) = line.strip_prefix("Definition=") {
         let mut titles = fields(definition, ',');
         titles.pop_if(|last| *last == "0");
@@ -230,7 +231,7 @@ fn with_units(text: &str) -> Vec<&str> {
         .collect()
 }
 
-/// Fields of a line, without blanks and quotes around them.
+/// Returns the fields of a line, without blanks and quotes around them.
 pub(super) fn fields(line: &str, separator: char) -> Vec<&str> {
     if separator == ' ' {
         return line.split_whitespace().collect();
@@ -240,7 +241,7 @@ pub(super) fn fields(line: &str, separator: char) -> Vec<&str> {
         .collect()
 }
 
-/// Fields of the first row of numbers under a line.
+/// Returns the number of fields of the first row of numbers under a line.
 fn numbers_below(lines: &[&str], at: usize, separator: char) -> Option<usize> {
     let rows = lines
         .iter()
@@ -279,7 +280,7 @@ impl<'a> Header<'a> {
             .any(|n| n.quantity == quantity && !n.drift_corrected)
     }
 
-    /// Whether it names all columns of an impedance.
+    /// Returns whether it names all columns of an impedance.
     fn is_whole(&self) -> bool {
         let cartesian = self.has(Quantity::Real) && self.has(Quantity::Imaginary);
         self.has(Quantity::Frequency)
@@ -333,7 +334,7 @@ impl<'a> Header<'a> {
             })
             .collect();
         let beside = |quantity| {
-            // Digatron's modulus stands beside it without a unit.
+            // Digatron's modulus is beside it without a unit.
             let digatron = self.titles.iter().any(|title| names::is_of_digatron(title));
             let there = cartesian && !digatron && self.has(quantity);
             there.then(|| self.column(quantity, false).ok()).flatten()
@@ -354,7 +355,8 @@ impl<'a> Header<'a> {
         })
     }
 
-    /// The one column of a quantity; of two with a minus and without it, that without.
+    /// Returns the only column of a quantity; if there are two, with and without a minus, the one
+    /// without.
     fn column(&self, quantity: Quantity, drift_corrected: bool) -> Result<Column, FormatError> {
         let all = self
             .named
@@ -396,7 +398,7 @@ impl<'a> Header<'a> {
     }
 }
 
-/// Whether a column is the impedance of another electrode or of another channel.
+/// Returns whether a column is the impedance of another electrode or of another channel.
 fn of_another(title: &str) -> bool {
     let plain: String = title
         .chars()
@@ -409,7 +411,7 @@ fn of_another(title: &str) -> bool {
 }
 
 impl Column {
-    /// Takes over a unit.
+    /// Sets a unit.
     fn take_unit(&mut self, unit: Unit, path: &Path, line: usize) -> Result<(), FormatError> {
         let refused = |met: String, reason: &'static str| FormatError::Unit {
             file: path.to_owned(),
@@ -436,17 +438,17 @@ impl Column {
 }
 
 impl Table {
-    /// Whether it is an export of Digatron.
+    /// Returns whether it is an export of Digatron.
     pub(super) fn is_of_digatron(&self) -> bool {
         self.read().any(Column::is_of_digatron)
     }
 
-    /// The columns that are read.
+    /// Returns the columns that are read.
     pub(super) fn read(&self) -> impl Iterator<Item = &Column> {
         std::iter::once(&self.freq).chain(self.curves.iter().flat_map(|curve| &curve.columns))
     }
 
-    /// Takes over a row of units under the names.
+    /// Sets the units from a row under the names.
     pub(super) fn take_units(
         &mut self,
         row: &[&str],
@@ -463,7 +465,7 @@ impl Table {
                 column.take_unit(unit, path, line)?;
             }
         }
-        // What only serves a comparison is passed over where its unit is odd.
+        // A column that only serves a comparison is skipped if its unit is unknown.
         for place in [&mut self.polar.modulus, &mut self.polar.phase] {
             let unit = |column: &Column| names::unit_under(column.quantity, row.get(column.index)?);
             if let Some(unit) = place.as_ref().and_then(unit)

@@ -1,4 +1,4 @@
-//! Files of others, and lists that are made up.
+//! Files of other programs, and synthetic lists.
 
 use crate::formats::{read_sourced, read_spectra};
 use analysis_signal::spectrum::ImpedancePoint;
@@ -168,7 +168,7 @@ fn wrong_numbers_are_named() {
     assert_eq!(message("Freq(Hz)\tZ'(a)\tZ''(b)\n"), empty);
 }
 
-/// An export of Digatron's impedance meter, by the columns that public readers of it name.
+/// An export of Digatron's impedance meter, with the columns that public readers of it use.
 const DIGATRON: &str = "\
 Measurement ID;3541
 Battery Name;cell 7
