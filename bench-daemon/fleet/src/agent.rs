@@ -42,9 +42,9 @@ use follow::Follower;
 use listener::Listener;
 use server::{BenchServer, Call, CallError};
 
-/// Time between two attempts to reach a server that is not there, s.
+/// Interval between two attempts to reach the server, s.
 const RETRY_S: f64 = 2.0;
-/// Time that an agent waits for the broker when it ends.
+/// Time that an agent waits for the broker before it exits.
 const LEAVE: Duration = Duration::from_secs(2);
 /// Scopes that the token of an agent must have.
 const SCOPES: [&str; 4] = ["read", "operate", "energise", "fleet"];
@@ -52,7 +52,7 @@ const SCOPES: [&str; 4] = ["read", "operate", "energise", "fleet"];
 /// Runs an agent until a signal requests a stop. Runs of the benches continue.
 ///
 /// # Errors
-/// A mistake in the file; an address, a certificate, a token or a data folder that cannot be used.
+/// The file is invalid, or an address, a certificate, a token or a data folder cannot be used.
 pub fn run(path: &Path) -> Result<(), Failure> {
     let file = AgentFile::load(path)?;
     std::fs::create_dir_all(&file.data)?;
@@ -66,7 +66,7 @@ pub fn run(path: &Path) -> Result<(), Failure> {
             "{data}: expected a data folder of its own, found one that another agent uses"
         )));
     }
-    // A stop does not wait for a request that computes.
+    // A shutdown does not wait for a request that computes.
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)
         .enable_all()
@@ -99,10 +99,10 @@ async fn until_stopped(file: &AgentFile) -> Result<(), Failure> {
     outcome
 }
 
-/// Joins the fleet once the server answers, and follows the server for ever.
+/// Joins the fleet once the server answers, and then follows the server until the agent ends.
 ///
 /// # Errors
-/// A server that refuses the token; benches whose names cannot be used in a fleet.
+/// The server refuses the token, or the names of its benches cannot be used in a fleet.
 async fn work(app: &App, file: &AgentFile) -> Result<(), Failure> {
     let known = reach(app).await?;
     for bench in &known.benches {
@@ -125,10 +125,10 @@ async fn work(app: &App, file: &AgentFile) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Waits until the server answers, and returns what the token of the agent opens.
+/// Waits until the server answers, and returns the benches that the token of the agent may access.
 ///
 /// # Errors
-/// A server that refuses the token, or one with too few scopes.
+/// The server refuses the token, or the token lacks scopes.
 async fn reach(app: &App) -> Result<Whoami, Failure> {
     let mut reported = String::new();
     loop {

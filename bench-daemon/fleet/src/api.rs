@@ -296,7 +296,7 @@ impl From<Outcome> for FleetOutcome {
 /// Returns the name of an experiment by its text.
 ///
 /// # Errors
-/// A text that is not TOML, or names no experiment.
+/// The text is not TOML, or names no experiment.
 pub fn name_of(text: &str) -> Result<String, String> {
     #[derive(Deserialize)]
     struct Named {

@@ -103,7 +103,7 @@ pub fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            // A closed reader of standard error changes nothing of the result.
+            // A closed standard error does not change the result.
             let _ = io::Write::write_fmt(&mut io::stderr(), format_args!("eis-fleet: {failure}\n"));
             ExitCode::from(failure.exit_code())
         }

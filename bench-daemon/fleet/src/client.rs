@@ -23,9 +23,9 @@ use crate::{
 
 pub use forget::{Ages, Forgotten};
 
-/// Longest text of an experiment, bytes: half of what a broker takes in one message.
+/// Maximum size of the text of an experiment, bytes: half of a broker's message limit.
 const LONGEST_TEXT: usize = 512 * 1024;
-/// Most jobs of one submission.
+/// Maximum number of jobs of one submission.
 pub const MOST_COUNT: usize = 10_000;
 /// Number of jobs that are queued concurrently; their replies are awaited together.
 const AT_ONCE: usize = 64;
@@ -37,7 +37,7 @@ const PATIENT_LOOK: Duration = Duration::from_secs(10);
 /// Timeout of a stop, which reads every output back: `eis-bench safe` takes at most 90 s, after
 /// the run had 10 s to end on its own.
 const STOP: Duration = Duration::from_secs(120);
-/// All jobs and benches are waited for so long, s.
+/// Timeout of the list of all jobs and benches, s.
 const WHOLE_S: f64 = 10.0;
 /// Maximum number of attempts to write a record that others write, too.
 const ATTEMPTS: usize = 20;
@@ -53,8 +53,7 @@ pub struct Submission {
     pub needs: Needs,
     /// Number of jobs of this experiment.
     pub count: usize,
-    /// Seed of the first job, where another one than the experiment's is wanted; the next job has the
-    /// next one.
+    /// Seed of the first job, instead of that of the experiment; each further job has the next one.
     pub seed: Option<u64>,
     /// Label of a campaign.
     pub campaign: Option<String>,
@@ -82,13 +81,14 @@ pub struct Outcome {
     pub site: String,
     /// The bench.
     pub bench: String,
-    /// The broker keeps the order: a bench that is cut off follows it when it hears.
+    /// Whether the broker stores the order: a disconnected bench follows it once it is connected
+    /// again.
     pub kept: bool,
     /// The bench has answered.
     pub heard: bool,
     /// Why no run may begin on it now.
     pub held: Option<String>,
-    /// Every output is known to be off; `None` if the bench was not heard, or runs.
+    /// Whether every output is known to be off; `None` if the bench did not reply or runs.
     pub verified: Option<bool>,
     /// Remarks on it, in words.
     pub words: String,
@@ -103,20 +103,20 @@ pub struct Client {
 }
 
 impl Client {
-    /// Through a connection that is there.
+    /// Creates a client with an existing connection.
     pub(crate) fn through(link: Arc<Link>) -> Self {
         Self { link }
     }
 
-    /// Over a connection of its own.
+    /// Creates a client with its own connection.
     ///
     /// # Errors
-    /// A broker that is not there, or refuses.
+    /// The broker is unreachable or refuses the connection.
     pub async fn connect(settings: &FleetSettings) -> Result<Self, FleetError> {
         Link::open(settings).await.map(Self::through)
     }
 
-    /// Whether the broker is there, as far as is known.
+    /// Returns whether the broker was reachable at the last contact.
     pub fn is_connected(&self) -> bool {
         self.link.is_connected()
     }
@@ -124,7 +124,7 @@ impl Client {
     /// Puts jobs into the queue. Each is queued exactly once, even if replies are lost.
     ///
     /// # Errors
-    /// A submission that is not as expected; a broker that does not answer.
+    /// The submission is invalid, or the broker does not answer.
     pub async fn submit(&self, submission: &Submission) -> Result<Vec<String>, FleetError> {
         self.submit_all(std::slice::from_ref(submission)).await
     }
@@ -132,7 +132,7 @@ impl Client {
     /// Puts several experiments into the queue, in their order; returns the names of the jobs.
     ///
     /// # Errors
-    /// As [`Client::submit`]; some of the jobs may be in the queue then.
+    /// As [`Client::submit`]; some of the jobs may already be in the queue.
     pub async fn submit_all(&self, all: &[Submission]) -> Result<Vec<String>, FleetError> {
         all.iter().try_for_each(check)?;
         let batch = batch()?;
@@ -151,7 +151,7 @@ impl Client {
         Ok(jobs.into_iter().map(|job| job.job).collect())
     }
 
-    /// Keeps the text of an experiment under its own hash.
+    /// Stores the text of an experiment under its hash.
     async fn keep_text(&self, text: &str) -> Result<String, FleetError> {
         let key = hex(&Sha256::digest(text.as_bytes()));
         let texts = &self.link.texts;
@@ -193,10 +193,10 @@ impl Client {
         }
     }
 
-    /// Takes a job that waits out of the queue.
+    /// Removes a waiting job from the queue.
     ///
     /// # Errors
-    /// A job that a bench has, or that is over; a broker that does not answer.
+    /// A bench has the job, the job has ended, or the broker does not answer.
     pub async fn cancel(&self, job: &str, by: &str) -> Result<(), FleetError> {
         let found = self.job(job).await?;
         if found.value.state != JobState::Queued {
@@ -208,10 +208,10 @@ impl Client {
         self.change(&found, &cancelled(&found.value, by)).await
     }
 
-    /// Takes every job of a campaign that waits out of the queue; returns how many.
+    /// Removes every waiting job of a campaign from the queue; returns their number.
     ///
     /// # Errors
-    /// A broker that does not answer: some of them may be out then.
+    /// The broker does not answer; some of the jobs may already be removed.
     pub async fn cancel_campaign(&self, campaign: &str, by: &str) -> Result<usize, FleetError> {
         let jobs = self.whole::<Job>(&self.link.jobs).await?;
         let waits =
@@ -223,7 +223,7 @@ impl Client {
         let mut count = 0;
         for seen in &waiting {
             let (key, next) = (&seen.value.job, cancelled(&seen.value, by));
-            // One that a bench has claimed meanwhile does not wait any more.
+            // A job that a bench has claimed meanwhile is no longer waiting.
             let swap = self.link.jobs.swap(key, &next, seen.revision).await?;
             count += usize::from(swap != Swap::Lost);
         }
@@ -234,7 +234,7 @@ impl Client {
     /// that it may run again.
     ///
     /// # Errors
-    /// A job that is not started; a bench that has it and answers; a broker that does not answer.
+    /// The job is not started, a bench that answers has it, or the broker does not answer.
     pub async fn release_job(&self, job: &str, by: &str, why: &str) -> Result<(), FleetError> {
         let found = self.job(job).await?;
         let holder = found.value.holder.as_ref();
@@ -278,11 +278,12 @@ impl Client {
         }
     }
 
-    /// Gives an order to a bench. The broker stores it, and the bench is asked to follow it now.
+    /// Gives an order to a bench. The broker stores it, and the bench receives a request to follow
+    /// it now.
     ///
     /// # Errors
-    /// No such bench. A broker that does not answer is reported in the outcome: a stop may reach
-    /// the bench nevertheless.
+    /// There is no such bench. An unreachable broker is reported in the outcome instead, because a
+    /// stop may still reach the bench.
     pub async fn order(&self, place: &Place, command: &Command) -> Result<Outcome, FleetError> {
         let is_known = is_plain(&place.site)
             && is_plain(&place.bench)
@@ -293,7 +294,7 @@ impl Client {
         self.say(place, command).await
     }
 
-    /// Whether a bench ever signed on. A stop goes out without that answer too.
+    /// Returns whether a bench has ever registered. A stop is sent even without that answer.
     async fn knows(&self, place: &Place, kind: OrderKind) -> Result<bool, FleetError> {
         let found = self.link.benches.get::<BenchRecord>(&place.key()).await;
         match (found, kind) {
@@ -305,7 +306,7 @@ impl Client {
     /// Stops every bench of the fleet at once.
     ///
     /// # Errors
-    /// A broker that does not answer: then the list of benches is unknown.
+    /// The broker does not answer: the list of benches is then unknown.
     pub async fn stop_all(&self, by: &str, why: &str) -> Result<Vec<Outcome>, FleetError> {
         // Reads the benches only: a stop does not wait for the records of the jobs. Uses their
         // keys, so that a bench with an invalid record is stopped too.
@@ -318,7 +319,7 @@ impl Client {
     /// Stops these benches at once, whether the broker can store the order or not.
     ///
     /// # Errors
-    /// The system's random numbers are unavailable.
+    /// The random numbers of the operating system are unavailable.
     pub async fn stop_these(
         &self,
         places: &[Place],
@@ -348,7 +349,7 @@ impl Client {
         };
         let ask = self.link.ask::<BenchAnswer>(place, &question, patience);
         let keep = self.keep_order(place, command.kind, &said);
-        // A stop waits for nothing; another order is kept first, so that the bench finds it.
+        // A stop is sent at once; any other order is stored first, so that the bench finds it.
         let (kept, answer) = if is_stop {
             let (answer, kept) = tokio::join!(ask, keep);
             (kept, answer)
@@ -402,7 +403,7 @@ impl Client {
         }
     }
 
-    /// Returns every record of a bucket in its present state.
+    /// Returns the present state of every record of a bucket.
     async fn whole<T>(&self, bucket: &Bucket) -> Result<Arc<Watched<T>>, FleetError>
     where
         T: DeserializeOwned + Clone + Send + 'static,
@@ -431,7 +432,7 @@ impl Client {
     /// Watches the fleet as long as the returned value lives.
     ///
     /// # Errors
-    /// A broker whose records do not come.
+    /// The records of the broker do not arrive.
     pub async fn seer(&self, fleet: &str) -> Result<Looking, FleetError> {
         let looking = Looking::begin(&self.link, fleet, &Watched::keeping_all());
         self.until(|| looking.seer.is_whole()).await?;
@@ -459,7 +460,7 @@ pub struct Looking {
 }
 
 impl Looking {
-    /// Begins to follow all benches and these jobs. Must be called inside a runtime.
+    /// Starts to follow all benches and these jobs. Must be called inside a runtime.
     pub(crate) fn begin(link: &Arc<Link>, fleet: &str, jobs: &Arc<Watched<Job>>) -> Self {
         let seer = Seer::of(link, fleet, jobs);
         let mut tasks = tokio::task::JoinSet::new();
@@ -484,7 +485,7 @@ fn outcome(place: &Place, kept: &Result<(), FleetError>, answer: Option<&BenchAn
     };
     let record = answer.map(|answer| &answer.record);
     let report = answer.and_then(|answer| answer.report.clone());
-    // A bench that is simulated within its run has no output that could be read back.
+    // A simulated bench has no output that could be read back.
     let proven =
         |report: &serde_json::Value| report["verified"] == true || report["simulated"] == true;
     let read_back = report.as_ref().map(proven);

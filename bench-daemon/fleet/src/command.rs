@@ -1,5 +1,5 @@
-//! Commands to a fleet: it is shown, given work, held and stopped. They are clients of the NATS
-//! server; no agent is needed for them.
+//! Commands that show a fleet, submit jobs, and hold and stop benches. They are clients of the NATS
+//! server and need no agent.
 
 mod args;
 mod campaign;
@@ -23,7 +23,7 @@ use campaign::PlannedCampaign;
 
 pub use args::{Act, ConnectArgs};
 
-/// A text that no job has is kept for so long, s: a submission writes it before its jobs.
+/// Time that a text without jobs is kept, s: a submission writes it before its jobs.
 const YOUNG_TEXT_S: f64 = 86_400.0;
 
 /// A snapshot of a fleet from one query. A short query cannot observe that a bench is silent.
@@ -35,8 +35,7 @@ struct Asked {
 /// Shows a fleet, or sends it a command.
 ///
 /// # Errors
-/// An argument that is not as expected; a NATS server that does not answer; a stop that is not
-/// verified.
+/// An argument is invalid, the NATS server does not answer, or a stop is not verified.
 pub fn run(connect: &ConnectArgs, act: &Act, json: bool) -> Result<(), Failure> {
     let runtime = Clock::runtime(TimeMode::Real)?;
     runtime.block_on(run_act(connect, act, json))
@@ -84,7 +83,7 @@ async fn run_act(connect: &ConnectArgs, act: &Act, json: bool) -> Result<(), Fai
     Ok(())
 }
 
-/// Returns the fleet that is meant.
+/// Returns the fleet from the arguments.
 fn settings(connect: &ConnectArgs) -> Result<FleetSettings, Failure> {
     if let Some(config) = &connect.config {
         return Ok(AgentFile::load(config)?.settings);
@@ -120,7 +119,7 @@ fn say_done(json: bool, what: &str, how: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns the present state of the fleet: its records, and which benches reply now.
+/// Returns the present state of the fleet: its records, and the benches that reply.
 async fn ask(client: &Client, fleet: &str, filter: JobFilter) -> Result<Asked, Failure> {
     let looking = client.seer(fleet).await?;
     looking

@@ -16,7 +16,7 @@ use crate::{
     settings::{Credentials, FleetSettings},
 };
 
-/// File of an agent as it is typed.
+/// File of an agent.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawAgent {
@@ -64,7 +64,7 @@ struct RawTls {
     key: String,
 }
 
-/// An agent as it is to be.
+/// Checked settings of an agent.
 #[derive(Debug, Clone)]
 pub struct AgentFile {
     /// The fleet.
@@ -79,14 +79,14 @@ pub struct AgentFile {
     pub tls: Option<CertificateFiles>,
 }
 
-/// How the server of the benches is reached.
+/// Connection to the server of the benches.
 #[derive(Debug, Clone)]
 pub struct BenchServerAddress {
     /// `http://HOST:PORT` or `https://HOST:PORT`.
     pub url: String,
     /// File with a token.
     pub token_file: Option<PathBuf>,
-    /// Certificates that its own is checked against.
+    /// Certificates that verify its certificate.
     pub ca: Option<PathBuf>,
 }
 
@@ -107,7 +107,7 @@ const DEFAULT_BENCH_SERVER: &str = "http://127.0.0.1:7420";
 /// not move work, and short compared with the minutes of a run.
 const LEASE_S: f64 = 30.0;
 
-/// A file that is being read, for its complaints.
+/// A file that is being read, for error messages.
 struct Typed<'a> {
     path: &'a Path,
     text: String,
@@ -134,7 +134,7 @@ impl Typed<'_> {
         })
     }
 
-    /// Returns a path that is typed from the folder of the file.
+    /// Resolves a path relative to the folder of the file.
     fn relative(&self, text: &str) -> PathBuf {
         let path = self.path.parent().unwrap_or(self.path).join(text);
         std::path::absolute(&path).unwrap_or(path)
@@ -145,7 +145,7 @@ impl AgentFile {
     /// Reads the file of an agent.
     ///
     /// # Errors
-    /// The first mistake, with file, line and field.
+    /// The first error, with file, line and field.
     pub fn load(path: &Path) -> Result<Self, Failure> {
         let text = read(path)?;
         let typed = Typed { path, text };
@@ -210,10 +210,10 @@ fn settings(typed: &Typed<'_>, raw: &RawAgent) -> Result<FleetSettings, Failure>
     })
 }
 
-/// Returns the settings of a client that has no file.
+/// Returns the settings of a client without a file.
 ///
 /// # Errors
-/// A name, an address or a file with credentials that is not as expected.
+/// A name, an address or a file with credentials is invalid.
 pub fn of_client(
     name: &str,
     server: &str,
@@ -234,7 +234,7 @@ pub fn of_client(
 /// Reads a text file.
 ///
 /// # Errors
-/// The system's, with the path.
+/// The error of the operating system, with the path.
 pub fn read(path: &Path) -> Result<String, Failure> {
     let wrong = |error: std::io::Error| Failure::Usage(format!("{}: {error}", path.display()));
     std::fs::read_to_string(path).map_err(wrong)
@@ -243,7 +243,7 @@ pub fn read(path: &Path) -> Result<String, Failure> {
 /// Reads a secret.
 ///
 /// # Errors
-/// A file that others may read.
+/// Other accounts may read the file.
 pub fn read_private(path: &Path) -> Result<String, Failure> {
     let wrong = |reason: String| Failure::Usage(format!("{}: {reason}", path.display()));
     let found = std::fs::metadata(path).map_err(|error| wrong(error.to_string()))?;
@@ -261,7 +261,7 @@ fn credentials_of(path: &Path) -> Result<Credentials, Failure> {
     Credentials::read(&read_private(path)?).map_err(wrong)
 }
 
-/// Checks a name that is a part of a key at the NATS server.
+/// Checks a name that is part of a key of the NATS server.
 ///
 /// # Errors
 /// Expected and found text.
@@ -290,7 +290,7 @@ fn check_bench_server(url: &str) -> Result<(), String> {
     check_address(url.trim_end_matches('/'), ["http", "https"]).ok_or_else(expected)
 }
 
-/// Checks an address; the clear scheme reaches this machine only.
+/// Checks an address; the clear-text scheme is allowed for this machine only.
 fn check_address(address: &str, [clear, encrypted]: [&str; 2]) -> Option<()> {
     let (scheme, rest) = address.split_once("://")?;
     let (host, port) = rest.rsplit_once(':')?;

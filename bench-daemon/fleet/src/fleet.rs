@@ -23,14 +23,14 @@ use crate::{
     watched::Watched,
 };
 
-/// Time between two attempts to reach a broker that is not there, s.
+/// Interval between two attempts to reach the broker, s.
 const RETRY_S: f64 = 2.0;
 
-/// A daemon to be put into a fleet.
+/// A daemon that joins a fleet.
 pub struct Joining {
     /// Its settings.
     pub settings: FleetSettings,
-    /// A folder of its own that survives it.
+    /// Its persistent folder.
     pub folder: PathBuf,
     /// Its benches.
     pub benches: Vec<Arc<dyn LocalBench>>,
@@ -51,15 +51,15 @@ struct Joined {
 }
 
 impl Fleet {
-    /// Begins to join, and does not wait for the broker: the benches work without it. Must be called
-    /// inside a runtime.
+    /// Starts to join without waiting for the broker, because the benches work without it. Must be
+    /// called inside a runtime.
     pub fn join(joining: Joining) -> Arc<Self> {
         let fleet = Arc::new(Self {
             settings: joining.settings.clone(),
             joined: Mutex::default(),
             tasks: Mutex::default(),
         });
-        // The task must not keep alive what ends it.
+        // The task must not keep the value alive whose drop ends it.
         let weak = Arc::downgrade(&fleet);
         let work = async move {
             let joined = reach(&joining).await;
@@ -75,16 +75,16 @@ impl Fleet {
         &self.settings
     }
 
-    /// Whether the broker is there, as far as is known.
+    /// Returns whether the broker was reachable at the last contact.
     pub fn is_connected(&self) -> bool {
         let joined = self.joined();
         joined.is_some_and(|joined| joined.shared.link.is_connected())
     }
 
-    /// Requests of people through this daemon.
+    /// Returns a client for requests of users through this daemon.
     ///
     /// # Errors
-    /// A broker that was never there since the start.
+    /// The broker has not been reachable since the start.
     pub fn client(&self) -> Result<Client, FleetError> {
         let joined = self.joined().ok_or_else(|| self.not_reached())?;
         Ok(Client::through(joined.shared.link.clone()))
@@ -94,18 +94,18 @@ impl Fleet {
     /// has been no request for a minute; the first reply waits for the records.
     ///
     /// # Errors
-    /// A broker that is unreachable; records that do not arrive within seconds.
+    /// The broker is unreachable, or its records do not arrive within seconds.
     pub async fn seer(&self) -> Result<Arc<Seer>, FleetError> {
         let joined = self.joined().ok_or_else(|| self.not_reached())?;
         joined.sight.seer().await
     }
 
-    /// Numbers of the fleet as they were counted last; none while the broker is away.
+    /// Returns the last counted numbers of the fleet; `None` while the broker is unreachable.
     pub fn tally(&self) -> Option<Tally> {
         self.joined()?.sight.tally()
     }
 
-    /// Signs off, so that others need not wait for the lease, and ends.
+    /// Signs off, so that other processes need not wait for the lease, and ends.
     pub async fn end(&self) {
         self.tasks().abort_all();
         let Some(joined) = self.joined() else { return };
@@ -162,7 +162,7 @@ impl Fleet {
     }
 }
 
-/// Connects, again until the broker is there.
+/// Connects, and retries until the broker is reachable.
 async fn reach(joining: &Joining) -> Arc<Shared> {
     let clock = Clock::start(TimeMode::Real);
     let mut told = String::new();
@@ -184,7 +184,7 @@ async fn reach(joining: &Joining) -> Arc<Shared> {
 
 async fn shared(joining: &Joining) -> Result<Arc<Shared>, FleetError> {
     let link = Link::open(&joining.settings).await?;
-    // For a job that is over, only its state is needed here.
+    // For an ended job, only its state is needed here.
     let over = |job: &Job| job.state.is_over().then(|| job.state.index());
     Ok(Arc::new(Shared {
         link,
@@ -198,7 +198,7 @@ async fn shared(joining: &Joining) -> Result<Arc<Shared>, FleetError> {
     }))
 }
 
-/// Number of a data folder, which stays with it.
+/// Returns the persistent number of a data folder.
 fn home(folder: &std::path::Path) -> Result<String, FleetError> {
     let path = folder.join("home.json");
     if path.exists() {

@@ -25,14 +25,14 @@ pub struct Intent {
     pub run: String,
     /// Name of the experiment.
     pub name: String,
-    /// Another seed than the experiment's.
+    /// Seed that replaces the seed of the experiment.
     pub seed: Option<u64>,
     /// Name of the caller.
     pub by: String,
     /// Text of the experiment. Intents of versions before 0.2 have none.
     #[serde(default)]
     pub text: String,
-    /// The bench has received the request to begin it.
+    /// Whether the bench has received the request to begin it.
     pub begun: bool,
 }
 
@@ -50,7 +50,7 @@ impl Intent {
     }
 }
 
-/// Which standing orders a bench has followed.
+/// The standing orders that a bench has followed.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Followed {
@@ -64,21 +64,21 @@ pub struct Followed {
     pub release: Option<String>,
 }
 
-/// The folder of the intents of one bench. Only this process writes it: it is read once.
+/// The folder of the intents of one bench. Only this process writes to it, so it is read only once.
 #[derive(Debug, Clone)]
 pub(crate) struct Desk {
     folder: PathBuf,
-    /// The intents as they are on disk, by their jobs; none before they were read.
+    /// The intents on disk, by job; `None` before they were read.
     read: Arc<Mutex<Option<BTreeMap<String, Intent>>>>,
 }
 
 const FOLLOWED: &str = "followed.json";
 
 impl Desk {
-    /// That of a bench in the fleet's folder of the daemon.
+    /// Opens the folder of a bench in the fleet's folder of the daemon.
     ///
     /// # Errors
-    /// A folder that cannot be made.
+    /// The folder cannot be created.
     pub(crate) fn of(folder: &Path, bench: &str) -> Result<Self, FleetError> {
         let folder = folder.join(bench);
         fs::create_dir_all(folder.join("intents")).map_err(|error| failed(&folder, &error))?;
@@ -95,7 +95,7 @@ impl Desk {
     /// Returns all intents.
     ///
     /// # Errors
-    /// A folder or a file that cannot be read: then no run begins.
+    /// A folder or a file cannot be read; no run begins then.
     pub(crate) fn all(&self) -> Result<Vec<Intent>, FleetError> {
         let mut read = self.intents();
         let intents = match &*read {
@@ -123,10 +123,10 @@ impl Desk {
         Ok(found)
     }
 
-    /// Keeps an intent; it is on disk when this returns.
+    /// Writes an intent, and syncs it to disk before returning.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// The file cannot be written.
     pub(crate) fn keep(&self, intent: &Intent) -> Result<(), FleetError> {
         let mut read = self.intents();
         write(&self.path(&intent.job), intent)?;
@@ -136,7 +136,7 @@ impl Desk {
         Ok(())
     }
 
-    /// An intent that is done with.
+    /// Removes a finished intent.
     pub(crate) fn drop(&self, job: &str) {
         let path = self.path(job);
         let mut read = self.intents();
@@ -149,10 +149,10 @@ impl Desk {
         }
     }
 
-    /// Orders that were followed.
+    /// Reads the orders that were followed.
     ///
     /// # Errors
-    /// A file that cannot be read.
+    /// The file cannot be read.
     pub(crate) fn followed(&self) -> Result<Followed, FleetError> {
         let path = self.folder.join(FOLLOWED);
         if path.exists() {
@@ -162,10 +162,10 @@ impl Desk {
         }
     }
 
-    /// Keeps which orders were followed.
+    /// Writes the orders that were followed.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// The file cannot be written.
     pub(crate) fn keep_followed(&self, followed: &Followed) -> Result<(), FleetError> {
         write(&self.folder.join(FOLLOWED), followed)
     }
@@ -180,7 +180,7 @@ pub(crate) fn read<T: serde::de::DeserializeOwned>(path: &Path) -> Result<T, Fle
     serde_json::from_str(&text).map_err(|error| failed(path, &error))
 }
 
-/// Written beside, synced and renamed: whole or not at all.
+/// Writes a file atomically: to a temporary file, synced and renamed.
 pub(crate) fn write(path: &Path, value: &impl Serialize) -> Result<(), FleetError> {
     let beside = path.with_extension("new");
     let text = serde_json::to_string_pretty(value).map_err(|error| failed(path, &error))?;

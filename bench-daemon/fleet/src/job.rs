@@ -1,4 +1,4 @@
-//! Jobs: work that waits for a bench, and the states that it goes through.
+//! Jobs: work that waits for a bench, and its states.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::local::{Capabilities, End};
 
-/// State of a job, as the broker holds it.
+/// State of a job in the records of the broker.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum JobState {
@@ -17,11 +17,11 @@ pub enum JobState {
     Claimed,
     /// Its run may have begun. Only its bench continues it, or a person puts it back.
     Started,
-    /// Its run has come to its end.
+    /// Its run is complete.
     Done,
-    /// Its run has not come to its end, or did not begin.
+    /// Its run was aborted or did not begin.
     Failed,
-    /// It was taken out before a bench took it.
+    /// It was cancelled before a bench took it.
     Cancelled,
 }
 
@@ -36,7 +36,7 @@ impl JobState {
         Self::Cancelled,
     ];
 
-    /// Its place in [`Self::ALL`].
+    /// Returns its index in [`Self::ALL`].
     pub(crate) fn index(self) -> usize {
         self as usize
     }
@@ -53,7 +53,7 @@ impl JobState {
         }
     }
 
-    /// Nothing is left to do.
+    /// Returns whether it has ended.
     pub fn is_over(self) -> bool {
         matches!(self, Self::Done | Self::Failed | Self::Cancelled)
     }
@@ -172,7 +172,7 @@ impl std::fmt::Display for Place {
     }
 }
 
-/// Longest name of a job, an experiment, a site or a bench, letters.
+/// Maximum length of the name of a job, an experiment, a site or a bench, characters.
 pub const LONGEST_NAME: usize = 60;
 
 /// Checks whether a text consists of letters, digits, `-` and `_`, so that it cannot leave a
@@ -204,9 +204,9 @@ pub struct Job {
     /// Its requirements.
     #[serde(default)]
     pub needs: Needs,
-    /// SHA-256 of the text of the experiment, which is kept beside.
+    /// SHA-256 of the text of the experiment, which is stored separately.
     pub text_sha256: String,
-    /// Another seed than the experiment's.
+    /// Seed that replaces the seed of the experiment.
     #[serde(default)]
     pub seed: Option<u64>,
     /// Who submitted it, where, and when.
@@ -217,8 +217,7 @@ pub struct Job {
     /// Label of the cell that it is for.
     #[serde(default)]
     pub cell: Option<String>,
-    /// Number of times that it was put into the queue, from 1. A run of an earlier turn does not
-    /// count for this one.
+    /// Number of times that it was put into the queue, from 1. Runs of earlier turns do not count.
     pub turn: u32,
     /// The bench that has it, or had it last.
     #[serde(default)]
@@ -229,7 +228,7 @@ pub struct Job {
     /// Latest remark on it, in words.
     #[serde(default)]
     pub words: String,
-    /// Benches whose check has refused it, and why.
+    /// Benches whose check has refused it, with the reasons.
     #[serde(default)]
     pub refused: BTreeMap<String, String>,
 }
@@ -244,7 +243,7 @@ pub struct Asked {
 }
 
 impl Job {
-    /// Name of its run, which follows from the job and its turn.
+    /// Returns the name of its run, which is derived from the job and its turn.
     pub fn run_name(&self) -> String {
         match self.turn {
             1 => format!("{}-{}", self.name, self.job),
@@ -261,7 +260,7 @@ impl Job {
         (begun && self.holder.is_some()).then(|| self.run_name())
     }
 
-    /// Whether a bench has it.
+    /// Returns whether a bench has it.
     pub fn is_at(&self, place: &Place) -> bool {
         let has = matches!(self.state, JobState::Claimed | JobState::Started);
         has && self
@@ -273,7 +272,7 @@ impl Job {
     /// Describes why a bench does not take it, or returns `None` if the bench may.
     pub fn unfit(&self, place: &Place, can: &Capabilities) -> Option<String> {
         let refused = self.refused.get(&place.to_string());
-        // Both become names of files at the bench.
+        // Both become file names at the bench.
         let is_plain = is_plain(&self.job) && is_plain(&self.name);
         let odd = (!is_plain).then(|| "its name is not one that a client gives".to_owned());
         odd.or_else(|| self.needs.unmet(place, can))

@@ -20,13 +20,14 @@ use crate::{
     standing::Standing,
 };
 
-/// An answer of the broker is waited for so long. On one machine it comes within milliseconds.
+/// Timeout of an answer of the broker. On one machine it arrives within milliseconds.
 const ANSWER: Duration = Duration::from_secs(3);
 /// Interval of pings on an idle connection; after two pings without a reply it counts as cut.
 const PING: Duration = Duration::from_secs(4);
-/// Longest time between two attempts to connect.
+/// Maximum interval between two attempts to connect.
 const RETRY: Duration = Duration::from_secs(2);
-/// Events and telemetry are kept so long and so large at most, so that a broker never fills up.
+/// Maximum age and size of stored events and telemetry, so that they never fill the disk of a
+/// broker.
 const EVENTS_AGE: Duration = Duration::from_secs(30 * 86_400);
 const TELEMETRY_AGE: Duration = Duration::from_secs(86_400);
 const STREAM_BYTES: i64 = 64 << 20;
@@ -37,7 +38,7 @@ pub(crate) struct Link {
     pub(crate) jobs: Bucket,
     /// Texts of experiments by SHA-256.
     pub(crate) texts: Bucket,
-    /// Benches as they report themselves.
+    /// Reports of the benches.
     pub(crate) benches: Bucket,
     /// Standing orders to benches.
     pub(crate) orders: Bucket,
@@ -56,20 +57,20 @@ pub(crate) struct Bucket(kv::Store);
 /// A record with its revision.
 #[derive(Debug, Clone)]
 pub(crate) struct Stored<T> {
-    /// Its revision; each change makes a greater one.
+    /// Its revision, which increases with each change.
     pub(crate) revision: u64,
     /// The record.
     pub(crate) value: T,
-    /// When the broker took it by the broker's calendar, s since 1970. For showing only.
+    /// When the broker stored it by the broker's calendar, s since 1970. For display only.
     pub(crate) broker_unix_s: f64,
 }
 
 /// Definite outcome of a compare-and-swap. If the broker does not answer, there is none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Swap {
-    /// It is written, with this revision.
+    /// The record was written with this revision.
     Written(u64),
-    /// Another revision than expected is there: nothing was written.
+    /// The revision differs from the expected one: nothing was written.
     Lost,
 }
 
@@ -79,10 +80,10 @@ fn bucket(fleet: &str, what: &str) -> String {
 }
 
 impl Link {
-    /// Connects; waits until the broker is there.
+    /// Connects; waits until the broker is reachable.
     ///
     /// # Errors
-    /// Credentials or certificates that cannot be used; a broker that refuses.
+    /// The credentials or certificates cannot be used, or the broker refuses them.
     pub(crate) async fn open(settings: &FleetSettings) -> Result<Arc<Self>, FleetError> {
         let (told, connected) = watch::channel(0);
         let client = options(settings, told)?
@@ -126,18 +127,18 @@ impl Link {
             .map_err(|error| FleetError::unreachable(&error))
     }
 
-    /// Whether the broker is there, as far as is known.
+    /// Returns whether the broker was reachable at the last contact.
     pub(crate) fn is_connected(&self) -> bool {
         self.client.connection_state() == State::Connected
     }
 
-    /// Counts the connections.
+    /// Returns a counter of the connections.
     pub(crate) fn connections(&self) -> watch::Receiver<u64> {
         self.connected.clone()
     }
 
-    /// Publishes an event, or telemetry of a bench. It may be lost while the broker is away: what
-    /// must not be lost stands in the records.
+    /// Publishes an event, or telemetry of a bench. It may be lost while the broker is unreachable;
+    /// data that must not be lost are stored in the records.
     pub(crate) async fn publish(&self, what: &str, place: &Place, value: &impl Serialize) {
         let Ok(text) = serde_json::to_vec(value) else {
             return;
@@ -146,16 +147,16 @@ impl Link {
             return;
         }
         let subject = format!("{}.{what}.{}", self.prefix, place.key());
-        // The answer of the stream is not waited for.
+        // Do not wait for the answer of the stream.
         if let Err(error) = self.context.publish(subject, text.into()).await {
             tracing::debug!("an event is lost: {error}");
         }
     }
 
-    /// Questions and stops to a bench, as they come.
+    /// Subscribes to queries and stops for a bench.
     ///
     /// # Errors
-    /// A connection that was closed.
+    /// The connection was closed.
     pub(crate) async fn listen(&self, place: &Place) -> Result<Subscriber, FleetError> {
         let subject = self.order_subject(place);
         let heard = self.client.subscribe(subject).await;
@@ -182,7 +183,7 @@ impl Link {
         serde_json::from_slice(&answer.payload).ok()
     }
 
-    /// Answers a question.
+    /// Answers a query.
     pub(crate) async fn answer(&self, question: &async_nats::Message, value: &impl Serialize) {
         let Some(reply) = question.reply.clone() else {
             return;
@@ -202,10 +203,10 @@ impl Link {
         format!("{}.order.{}", self.prefix, place.key())
     }
 
-    /// A job by its name.
+    /// Returns a job by its name.
     ///
     /// # Errors
-    /// A broker that does not answer; a record that cannot be understood.
+    /// The broker does not answer, or a record cannot be parsed.
     pub(crate) async fn job(&self, job: &str) -> Result<Option<Stored<Job>>, FleetError> {
         self.jobs.get(job).await
     }
@@ -257,7 +258,7 @@ impl Link {
 
 /// A compare-and-swap.
 pub(crate) struct Write<'a, T> {
-    /// Where.
+    /// The bucket.
     pub(crate) bucket: &'a Bucket,
     /// Key of the record.
     pub(crate) key: &'a str,
@@ -336,7 +337,7 @@ impl Bucket {
     /// Returns a record if there is one.
     ///
     /// # Errors
-    /// A broker that does not answer; a record that cannot be parsed.
+    /// The broker does not answer, or a record cannot be parsed.
     pub(crate) async fn get<T: DeserializeOwned>(
         &self,
         key: &str,
@@ -350,7 +351,7 @@ impl Bucket {
     /// Writes a record if its revision is still the expected one; 0 means that there is none.
     ///
     /// # Errors
-    /// A broker that does not answer: then it is unknown whether the record was written.
+    /// The broker does not answer: it is then unknown whether the record was written.
     pub(crate) async fn swap<T: Serialize>(
         &self,
         key: &str,
@@ -362,7 +363,7 @@ impl Bucket {
             reason: error.to_string(),
         })?;
         if revision == 0 {
-            // A record that was deleted has left a mark with a revision.
+            // A deleted record leaves a marker with a revision.
             return match self.0.create(key, Bytes::from(text)).await {
                 Ok(revision) => Ok(Swap::Written(revision)),
                 Err(error) if error.kind() == kv::CreateErrorKind::AlreadyExists => Ok(Swap::Lost),
@@ -375,7 +376,7 @@ impl Bucket {
         }
     }
 
-    /// Takes a record of this revision out.
+    /// Removes a record with this revision.
     ///
     /// # Errors
     /// As [`Self::swap`].
@@ -418,10 +419,10 @@ fn lost(error: &kv::UpdateError) -> Result<Swap, FleetError> {
     }
 }
 
-/// A record of an entry.
+/// Parses the record of an entry.
 ///
 /// # Errors
-/// One that cannot be understood.
+/// The record cannot be parsed.
 pub(crate) fn stored<T: DeserializeOwned>(entry: &kv::Entry) -> Result<Stored<T>, FleetError> {
     let value = serde_json::from_slice(&entry.value).map_err(|error| FleetError::Record {
         key: entry.key.clone(),
@@ -434,17 +435,17 @@ pub(crate) fn stored<T: DeserializeOwned>(entry: &kv::Entry) -> Result<Stored<T>
     })
 }
 
-/// Random number in hexadecimal, for what must differ from everything else.
+/// Returns a random number in hexadecimal, for unique names.
 ///
 /// # Errors
-/// A machine without chance.
+/// The operating system has no random numbers.
 pub(crate) fn random() -> Result<String, FleetError> {
     let mut bytes = [0_u8; 8];
     getrandom::fill(&mut bytes).map_err(|error| FleetError::File(error.to_string()))?;
     Ok(hex(&bytes))
 }
 
-/// Bytes in hexadecimal.
+/// Formats bytes in hexadecimal.
 pub(crate) fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

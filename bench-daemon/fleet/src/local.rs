@@ -5,10 +5,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::FleetError;
 
-/// Properties of a bench that requirements of jobs are held against.
+/// Properties of a bench, for comparison with the requirements of jobs.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Capabilities {
-    /// Greatest current that its instruments can drive through a cell, A.
+    /// Maximum current that its instruments can drive through a cell, A.
     pub current_a: f64,
     /// Minimum and maximum temperature that its bath can hold, °C; `None` without a bath.
     pub temperature_c: Option<[f64; 2]>,
@@ -22,11 +22,11 @@ pub struct Capabilities {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum BenchState {
-    /// Nothing runs.
+    /// No run is active.
     Idle,
     /// A run is in work.
     Running,
-    /// Nothing is begun on it.
+    /// No run begins on it.
     #[default]
     Held,
     /// A person must inspect it and clear it, at its own server.
@@ -51,7 +51,7 @@ pub struct Reading {
 pub struct Condition {
     /// Its state.
     pub state: BenchState,
-    /// Nothing runs or waits on it, and nothing keeps a run from beginning.
+    /// Whether no run is active or waiting, and no reason prevents a run.
     pub free: bool,
     /// Why no run may begin on it.
     pub held: Option<String>,
@@ -59,7 +59,7 @@ pub struct Condition {
     pub run: Option<String>,
     /// Time left of it, s.
     pub left_s: Option<f64>,
-    /// Every output is known to be off; none while a run is in work.
+    /// Whether every output is known to be off; `None` while a run is active.
     pub verified: Option<bool>,
     /// The last reading of the run in work.
     pub reading: Option<Reading>,
@@ -68,7 +68,7 @@ pub struct Condition {
 }
 
 impl Condition {
-    /// Returns the state of a bench whose server does not answer: nothing is known of it.
+    /// Returns the unknown state of a bench whose server does not answer.
     pub fn away(away: &Away) -> Self {
         Self {
             held: Some(away.to_string()),
@@ -77,8 +77,8 @@ impl Condition {
     }
 }
 
-/// The server of a bench does not answer, or not as expected. Whether a request has taken effect is
-/// unknown.
+/// The server of a bench does not answer, or its answer is invalid. It is unknown whether a request
+/// has taken effect.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct Away(pub String);
@@ -89,29 +89,29 @@ impl From<Away> for FleetError {
     }
 }
 
-/// A run that the fleet wants of a bench.
+/// A run that the fleet requests from a bench.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Order {
     /// The job.
     pub job: String,
-    /// Name that the run must get. It follows from the job: a second begin finds the first.
+    /// Name of the run. It is derived from the job, so that a repeated begin finds the first run.
     pub run: String,
     /// Name of the experiment.
     pub name: String,
     /// Text of the experiment.
     pub text: String,
-    /// Another seed than the experiment's.
+    /// Seed that replaces the seed of the experiment.
     pub seed: Option<u64>,
     /// Name of the caller.
     pub by: String,
 }
 
-/// How a run has ended.
+/// Result of a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct End {
-    /// Nothing of it is left to do.
+    /// Whether it is complete.
     pub finished: bool,
-    /// How, in words.
+    /// Description of the end.
     pub words: String,
     /// SHA-256 of its `SHA256SUMS`, if it has one.
     pub content_sha256: Option<String>,
@@ -120,15 +120,15 @@ pub struct End {
 /// Fate of a run of the fleet on this bench.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Fate {
-    /// The bench knows nothing of it.
+    /// The bench does not know it.
     Unknown,
-    /// It waits, or is in work.
+    /// It is waiting or active.
     Going,
     /// It has ended.
     Ended(End),
 }
 
-/// Why a bench does not take a job, in words.
+/// Reason why a bench does not take a job.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum NotTaken {
     /// The job does not fit this bench; another one may take it.
@@ -137,17 +137,17 @@ pub enum NotTaken {
     NotNow(String),
 }
 
-/// Why a bench does not do something.
+/// Reason why a bench does not execute a request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum NotDone {
-    /// Its server has refused, and nothing was done.
+    /// Its server has refused the request without any effect.
     Refused(String),
-    /// Whether it was done is unknown.
+    /// It is unknown whether it was executed.
     Away(Away),
 }
 
-/// A bench of this daemon. All functions but the stop may wait for a disk or a server: they are
-/// called on a thread for work that waits.
+/// A bench of this daemon. All functions except the stop may wait for a disk or a server, so they
+/// are called on a blocking thread.
 pub trait LocalBench: Send + Sync + 'static {
     /// Its name.
     fn name(&self) -> String;
@@ -158,55 +158,55 @@ pub trait LocalBench: Send + Sync + 'static {
     /// Returns the present state of the bench. Must not block.
     ///
     /// # Errors
-    /// A server that does not answer.
+    /// The server does not answer.
     fn condition(&self) -> Result<Condition, Away>;
 
     /// Checks an experiment like any submission to the bench. Does not begin a run.
     ///
     /// # Errors
-    /// Why this bench does not take it.
+    /// The reason why this bench does not take it.
     fn check(&self, order: &Order) -> Result<(), NotTaken>;
 
     /// Begins a checked run as soon as the bench is free. Does nothing if the bench knows a run of
     /// this name.
     ///
     /// # Errors
-    /// Why it does not begin, or that this is unknown.
+    /// The reason why it does not begin, or that the outcome is unknown.
     fn begin(&self, order: &Order) -> Result<(), NotDone>;
 
     /// Removes a waiting run from the queue of the bench. Returns `false` if it does not wait.
     ///
     /// # Errors
-    /// A server that does not answer.
+    /// The server does not answer.
     fn withdraw(&self, run: &str, by: &str) -> Result<bool, Away>;
 
     /// Returns the fate of a run.
     ///
     /// # Errors
-    /// A server that does not answer.
+    /// The server does not answer.
     fn fate(&self, run: &str) -> Result<Fate, Away>;
 
     /// Holds the bench: no run begins from now on, and an active run continues.
     ///
     /// # Errors
-    /// Why it is not held.
+    /// The reason why it is not held.
     fn hold(&self, by: &str, why: &str) -> Result<(), NotDone>;
 
     /// Releases a hold of the fleet. A hold by its own server stays, as does a latch.
     ///
     /// # Errors
-    /// Why it stays held.
+    /// The reason why it stays held.
     fn release(&self, by: &str, why: &str) -> Result<(), NotDone>;
 
     /// Stops the bench and reads its outputs back; the report in JSON has at least `verified`.
     ///
     /// # Errors
-    /// A server that does not answer.
+    /// The server does not answer.
     fn stop<'a>(&'a self, by: &'a str) -> BoxFuture<'a, Result<serde_json::Value, Away>>;
 
     /// Records an action on this bench through the fleet in the audit trail.
     ///
     /// # Errors
-    /// A server that does not answer.
+    /// The server does not answer.
     fn audit(&self, by: &str, what: &str, outcome: &str) -> Result<(), Away>;
 }

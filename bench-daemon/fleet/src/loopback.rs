@@ -3,12 +3,13 @@
 
 use std::net::IpAddr;
 
-/// A number of the loopback interface, also an IPv4 number in the form of IPv6.
+/// Returns whether an address belongs to the loopback interface, including IPv4 addresses mapped to
+/// IPv6.
 pub(crate) fn is_loopback(ip: IpAddr) -> bool {
     ip.to_canonical().is_loopback()
 }
 
-/// Checks a host as typed in an address or a URL; an IPv6 number may have brackets.
+/// Checks a host in an address or a URL; an IPv6 address may have brackets.
 pub(crate) fn names_loopback(host: &str) -> bool {
     let host = host
         .strip_prefix('[')

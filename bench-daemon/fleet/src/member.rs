@@ -28,13 +28,13 @@ pub(crate) use shared::Shared;
 /// Interval between two polls of a bench, s. It delays the start of a job by at most this time,
 /// which is short compared with the minutes of a run.
 const LOOK_S: f64 = 0.25;
-/// Time until an order that a bench could not be given is tried again, s: the server of a bench that
-/// refuses is not asked at every poll.
+/// Time until a failed order is repeated, s, so that a server that refuses is not queried at every
+/// poll.
 const AGAIN_S: f64 = 1.0;
-/// Time between two samples of telemetry of a bench that runs, s.
+/// Interval of telemetry of an active bench, s.
 const TELEMETRY_S: f64 = 10.0;
 
-/// Something that happened on a bench, for the stream of events.
+/// An event on a bench, for the stream of events.
 #[derive(Debug, Serialize)]
 struct Happened<'a> {
     unix_s: f64,
@@ -46,7 +46,7 @@ struct Happened<'a> {
     words: &'a str,
 }
 
-/// A bench that runs, for the stream of telemetry.
+/// An active bench, for the stream of telemetry.
 #[derive(Debug, Serialize)]
 struct Sample<'a> {
     unix_s: f64,
@@ -57,7 +57,7 @@ struct Sample<'a> {
     reading: &'a Reading,
 }
 
-/// One bench at work.
+/// One bench in the fleet.
 pub(crate) struct Member {
     shared: Arc<Shared>,
     bench: Arc<dyn LocalBench>,
@@ -68,14 +68,14 @@ pub(crate) struct Member {
     rhythm: Rhythm,
 }
 
-/// Tasks that come seldom.
+/// Rare periodic tasks.
 #[derive(Debug, Default)]
 struct Rhythm {
-    /// When telemetry was sent last, s.
+    /// Time of the last telemetry, s.
     telemetry_s: f64,
-    /// When claims of others were looked at last, s.
+    /// Time of the last check of foreign claims, s.
     claims_s: f64,
-    /// Number of the oldest jobs among which one is chosen. It grows after each job that another
+    /// Number of the oldest jobs from which one is chosen. It increases after each job that another
     /// bench claimed first.
     window: usize,
     /// Time before which no standing order is followed, s, because the server of the bench did not
@@ -87,10 +87,10 @@ struct Rhythm {
 }
 
 impl Member {
-    /// A bench that has not yet signed on.
+    /// Creates a bench that has not registered yet.
     ///
     /// # Errors
-    /// A folder that cannot be made.
+    /// The folder cannot be created.
     pub(crate) fn new(
         shared: &Arc<Shared>,
         bench: &Arc<dyn LocalBench>,
@@ -112,18 +112,18 @@ impl Member {
         })
     }
 
-    /// Answers questions and stops, beside the work.
+    /// Answers queries and stops, concurrently with the work.
     pub(crate) fn obedience(&self) -> Arc<Obedience> {
         self.obedience.clone()
     }
 
-    /// Works for ever.
+    /// Works until the task is aborted.
     pub(crate) async fn work(mut self) {
         let mut told = None;
         loop {
             let trouble = self.look().await.err();
-            // The connections report an unreachable broker or server; trouble with a disk or a
-            // record is reported here, once.
+            // The connections report an unreachable broker or server; errors of a disk or a record
+            // are reported here, once.
             let is_known = |error: &FleetError| {
                 matches!(error, FleetError::Unreachable(_) | FleetError::Bench(_))
             };
@@ -143,7 +143,7 @@ impl Member {
         let followed = self.follow_seen().await;
         let condition = match self.bench.condition() {
             Ok(condition) => condition,
-            // Which run is in work is unknown, and so is the end of each job.
+            // The active run and the ends of jobs are unknown.
             Err(away) => {
                 let told = self.tell(&Condition::away(&away)).await.map(drop);
                 return followed.and(told);
@@ -151,7 +151,7 @@ impl Member {
         };
         let heard = self.hear(&condition.run).await;
         let told = self.tell(&condition).await;
-        // Trouble with one job does not block the others, but no new job is taken.
+        // An error of one job does not block the others, but no new job is taken.
         self.go_on().await?;
         followed.and(heard)?;
         if !told? || !self.shared.jobs.is_whole() {
@@ -164,7 +164,7 @@ impl Member {
         Ok(())
     }
 
-    /// Follows the standing orders as they were seen last.
+    /// Follows the last known standing orders.
     async fn follow_seen(&mut self) -> Result<(), FleetError> {
         let now_s = self.shared.link.clock.now_s();
         if now_s < self.rhythm.follow_s {
@@ -257,7 +257,7 @@ impl Member {
     }
 }
 
-/// Returns the record of a bench as it reports itself, with its standing orders.
+/// Returns the record that a bench reports, with its standing orders.
 fn record(
     shared: &Shared,
     obedience: &Obedience,
@@ -283,14 +283,14 @@ fn record(
     }
 }
 
-/// Answers questions to a bench for ever.
+/// Answers queries to a bench until the task is aborted.
 pub(crate) async fn listen(shared: Arc<Shared>, obedience: Arc<Obedience>) {
     let place = Place::new(&shared.site, &obedience.bench().name());
     loop {
         if let Ok(mut questions) = shared.link.listen(&place).await {
             while let Some(message) = questions.next().await {
                 let (shared, obedience) = (shared.clone(), obedience.clone());
-                // A stop must not wait for the answer to another question.
+                // A stop must not wait for the answer to another query.
                 tokio::spawn(async move { answer(&shared, &obedience, &message).await });
             }
         }

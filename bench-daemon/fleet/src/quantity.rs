@@ -1,4 +1,4 @@
-//! Quantities as people type them: a number with its unit, by the same units as in the files of
+//! Quantities from user input: a number with its unit, with the same units as in the files of
 //! `eis-bench`.
 
 /// A physical dimension with its units.
@@ -58,7 +58,7 @@ impl Dimension {
 /// Parses a duration of the command line; returns seconds.
 ///
 /// # Errors
-/// The texts that are accepted.
+/// Describes the accepted texts.
 pub fn duration_s(text: &str) -> Result<f64, String> {
     DURATION.of_flag(text)
 }
@@ -66,7 +66,7 @@ pub fn duration_s(text: &str) -> Result<f64, String> {
 /// Parses a current of the command line; returns amperes.
 ///
 /// # Errors
-/// The texts that are accepted.
+/// Describes the accepted texts.
 pub fn current_a(text: &str) -> Result<f64, String> {
     CURRENT.of_flag(text)
 }
@@ -74,7 +74,7 @@ pub fn current_a(text: &str) -> Result<f64, String> {
 /// Parses a temperature of the command line; returns degrees Celsius.
 ///
 /// # Errors
-/// The texts that are accepted.
+/// Describes the accepted texts.
 pub fn temperature_c(text: &str) -> Result<f64, String> {
     TEMPERATURE.of_flag(text)
 }

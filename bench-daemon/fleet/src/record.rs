@@ -8,7 +8,7 @@ use crate::{
     standing::Said,
 };
 
-/// Record that a bench keeps of itself.
+/// Record that a bench reports of itself.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct BenchRecord {
     /// The bench.
@@ -32,9 +32,9 @@ pub(crate) struct BenchRecord {
     pub(crate) job: Option<String>,
     /// Time left of the run, s.
     pub(crate) left_s: Option<f64>,
-    /// Every output is known to be off; none while a run is in work.
+    /// Whether every output is known to be off; `None` while a run is active.
     pub(crate) verified: Option<bool>,
-    /// Heartbeats come three times in so long, s.
+    /// Lease time, s; heartbeats are sent three times per lease.
     pub(crate) lease_s: f64,
     /// Its process has signed off.
     pub(crate) left: bool,
@@ -58,13 +58,13 @@ impl BenchRecord {
     }
 }
 
-/// A question to a bench.
+/// A query to a bench.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum Question {
     /// Query of its state; the bench reads its standing orders first.
     Look,
-    /// To stop now.
+    /// Stop now.
     Stop(Said),
 }
 

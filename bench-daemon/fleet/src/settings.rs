@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-/// How this daemon belongs to a fleet.
+/// Membership of this daemon in a fleet.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FleetSettings {
     /// Name of the fleet.
@@ -50,7 +50,7 @@ impl Credentials {
     /// or a token.
     ///
     /// # Errors
-    /// An empty text.
+    /// The text is empty.
     pub fn read(text: &str) -> Result<Self, String> {
         let line = text.trim();
         if line.contains("-----BEGIN NATS USER JWT-----") {

@@ -1,4 +1,4 @@
-//! The whole fleet as a daemon sees it. A daemon receives heartbeats of all benches, and jobs
+//! The whole fleet from the view of a daemon. A daemon receives heartbeats of all benches, and jobs
 //! that are over, only while a user watches the fleet. Otherwise heartbeat traffic would grow
 //! quadratically, because there are as many daemons as benches.
 
@@ -21,14 +21,14 @@ use crate::{
 const IDLE_S: f64 = 60.0;
 /// Maximum time that the first request waits for the records, s.
 const PATIENCE_S: f64 = 5.0;
-/// Interval between two counts, s: that of Prometheus in the example.
+/// Interval between two counts, s: the scrape interval of Prometheus in the example.
 const COUNT_S: f64 = 15.0;
-/// In a large fleet the time is longer, by so much for each bench, s: two records a second go to each
-/// daemon, however many benches there are.
+/// Additional interval for each bench, s, so that each daemon receives two records per second
+/// independent of the size of the fleet.
 const COUNT_EACH_S: f64 = 0.5;
-/// Time until a count that has failed is tried again, s.
+/// Time until a failed count is repeated, s.
 const RETRY_S: f64 = 2.0;
-/// A count waits for the records at most so long.
+/// Maximum time that a count waits for the records.
 const READ: Duration = Duration::from_secs(10);
 
 /// The shared view of the whole fleet through a daemon.
@@ -62,7 +62,7 @@ impl Sight {
     /// The whole fleet.
     ///
     /// # Errors
-    /// A broker that is not there; records that do not come in time.
+    /// The broker is unreachable, or the records do not arrive in time.
     pub(crate) async fn seer(&self) -> Result<Arc<Seer>, FleetError> {
         let seer = self.asked();
         let until_s = self.link.clock.now_s() + PATIENCE_S;
@@ -90,7 +90,7 @@ impl Sight {
         self.open.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Closes subscriptions without recent requests, forever.
+    /// Closes subscriptions without recent requests, until the task is aborted.
     pub(crate) async fn close(self: Arc<Self>) {
         loop {
             self.link.clock.sleep_s(IDLE_S / 4.0).await;
@@ -99,7 +99,7 @@ impl Sight {
         }
     }
 
-    /// Counts benches and jobs from time to time, for ever.
+    /// Counts benches and jobs periodically, until the task is aborted.
     pub(crate) async fn count(self: Arc<Self>) {
         let seer = Seer::of(&self.link, &self.fleet, &self.jobs);
         let clock = &self.link.clock;
@@ -122,7 +122,7 @@ impl Sight {
         self.counted.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Numbers as they were counted last; none while the broker is away.
+    /// Returns the last counted numbers; `None` while the broker is unreachable.
     pub(crate) fn tally(&self) -> Option<Tally> {
         let is_there = self.link.is_connected();
         self.counted().clone().filter(|_| is_there)

@@ -1,10 +1,10 @@
-//! Standing orders to a bench: hold, drain and stop. They are kept by the broker, so that a bench
-//! that is cut off follows them as soon as it hears. Nothing here can clear a latch, raise a limit or
-//! change a file.
+//! Standing orders to a bench: hold, drain and stop. The broker stores them, so that a disconnected
+//! bench follows them as soon as it is connected again. Nothing here can clear a latch, raise a limit
+//! or change a file.
 
 use serde::{Deserialize, Serialize};
 
-/// Something that a person said to a bench.
+/// An order of a person to a bench.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Said {
     /// Its number.
@@ -13,7 +13,7 @@ pub struct Said {
     pub by: String,
     /// Why.
     pub why: String,
-    /// Time by their machine's calendar, s since 1970. Shown only, never compared.
+    /// Time by their machine's calendar, s since 1970. For display only, never compared.
     pub unix_s: f64,
 }
 
@@ -48,7 +48,7 @@ pub fn through_the_fleet(by: &str) -> String {
     format!("fleet: {by}")
 }
 
-/// All that stands for a bench.
+/// All standing orders of a bench.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Standing {
@@ -81,7 +81,7 @@ impl Standing {
         next
     }
 
-    /// Whether the bench may take a job.
+    /// Returns whether the bench may take a job.
     pub fn lets_work(&self) -> bool {
         self.hold.is_none() && self.drain.is_none() && self.stop.is_none()
     }

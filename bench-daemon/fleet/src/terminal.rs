@@ -13,7 +13,7 @@ pub(crate) fn line(text: fmt::Arguments<'_>) {
     let _ = writeln!(to, "{text}").and_then(|()| to.flush());
 }
 
-/// A line of a result, on standard output.
+/// Writes a line of a result to standard output.
 macro_rules! say {
     ($($text:tt)*) => { $crate::terminal::line(format_args!($($text)*)) };
 }
@@ -23,7 +23,7 @@ pub(crate) use say;
 /// Prints a value as JSON, for `--json`.
 ///
 /// # Errors
-/// A value that JSON cannot represent.
+/// JSON cannot represent the value.
 pub(crate) fn say_json(value: &impl Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(std::io::Error::from)?;
     say!("{text}");

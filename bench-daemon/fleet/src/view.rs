@@ -14,7 +14,7 @@ use crate::{
     watched::{Seen, Watched},
 };
 
-/// Most jobs of one page.
+/// Maximum number of jobs of one page.
 pub const MOST_JOBS: usize = 1000;
 
 /// A bench as it is shown.
@@ -26,7 +26,7 @@ pub struct BenchView {
     pub state: Option<BenchState>,
     /// It takes no further job.
     pub draining: bool,
-    /// Since when it was not heard, s.
+    /// Time since its last message, s.
     pub silent_s: f64,
     /// The run in work.
     pub run: Option<String>,
@@ -43,12 +43,12 @@ pub struct BenchView {
 }
 
 impl BenchView {
-    /// Words for the states.
+    /// Names of the states.
     pub const STATES: [&'static str; 7] = [
         "idle", "running", "held", "draining", "latched", "asking", "silent",
     ];
 
-    /// State in one word, as the API names it.
+    /// Returns its state in one word, as in the API.
     pub fn state_name(&self) -> &'static str {
         match self.state {
             None => "silent",
@@ -100,7 +100,7 @@ pub struct FleetView {
     pub fleet: String,
     /// The broker is there.
     pub connected: bool,
-    /// When the broker took the latest change of a bench, s since 1970 by its calendar.
+    /// When the broker stored the latest change of a bench, s since 1970 by its calendar.
     pub changed_unix_s: f64,
     /// Its benches.
     pub benches: Vec<BenchView>,
@@ -144,12 +144,12 @@ pub struct JobFilter {
 pub struct JobView {
     /// The job.
     pub job: Job,
-    /// Its bench is silent, or knows nothing of it.
+    /// Whether its bench is silent or does not know it.
     pub is_lost: bool,
 }
 
 impl JobView {
-    /// Words for the states.
+    /// Names of the states.
     pub const STATES: [&'static str; 7] = [
         "queued",
         "claimed",
@@ -160,7 +160,7 @@ impl JobView {
         "cancelled",
     ];
 
-    /// Its state in one word, as the API names it.
+    /// Returns its state in one word, as in the API.
     pub fn state_name(&self) -> &'static str {
         if self.is_lost {
             "lost"
@@ -213,24 +213,24 @@ impl Seer {
         })
     }
 
-    /// Follows the benches for ever.
+    /// Follows the benches until the task is aborted.
     pub(crate) async fn follow(self: Arc<Self>) {
         let (link, bucket) = (self.link.clone(), self.link.benches.clone());
         self.benches.clone().follow(link, bucket).await;
     }
 
-    /// Whether every job and bench was seen.
+    /// Returns whether every job and bench has been received.
     pub fn is_whole(&self) -> bool {
         self.jobs.is_whole() && self.benches.is_whole()
     }
 
-    /// Takes the replies of benches: they are newer than the last reports, and benches that did
+    /// Applies the replies of benches: they are newer than the last reports, and benches that did
     /// not reply count as silent.
     pub fn asked(&self, looks: Looks) {
         *self.asked.lock().unwrap_or_else(PoisonError::into_inner) = looks;
     }
 
-    /// All benches that ever signed on.
+    /// Returns all benches that have ever registered.
     pub fn places(&self) -> Vec<Place> {
         self.benches
             .with(|all| all.values().map(|seen| seen.value.place.clone()).collect())
@@ -253,10 +253,10 @@ impl Seer {
         }
     }
 
-    /// Reads the last report of every bench, once, and counts.
+    /// Reads the last report of every bench once, and counts them.
     ///
     /// # Errors
-    /// A broker that does not answer.
+    /// The broker does not answer.
     pub(crate) async fn tally(&self) -> Result<Tally, FleetError> {
         self.benches.read(&self.link, &self.link.benches).await?;
         let views = self.bench_views();
@@ -325,7 +325,7 @@ impl Seer {
         bench.state.is_none() || (is_old && bench.job.as_ref() != Some(&job.job))
     }
 
-    /// Jobs that meet every condition, a page at a time.
+    /// Returns the jobs that meet every condition, one page at a time.
     pub fn jobs(&self, filter: &JobFilter) -> JobPage {
         let benches = self.bench_views();
         let most = filter.most.clamp(1, MOST_JOBS);
@@ -392,7 +392,7 @@ fn stranded_by(job: &Job, benches: &[BenchView]) -> Option<String> {
     Some(first_of(&reasons))
 }
 
-/// The first reasons, and how many more there are.
+/// Joins the first reasons, and the number of further ones.
 fn first_of(reasons: &[String]) -> String {
     const TOLD: usize = 3;
     let told = reasons.iter().take(TOLD).cloned().collect::<Vec<_>>();

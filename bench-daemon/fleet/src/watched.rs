@@ -15,25 +15,25 @@ use crate::{
     link::{Bucket, Link, stored},
 };
 
-/// Time between two attempts to follow, s.
+/// Interval between two attempts to follow, s.
 const RETRY_S: f64 = 0.5;
 
-/// A record and when it was seen.
+/// A record and the time when it was received.
 #[derive(Debug, Clone)]
 pub(crate) struct Seen<T> {
     /// Its revision.
     pub(crate) revision: u64,
     /// The record.
     pub(crate) value: T,
-    /// Since when this revision was seen, s by the clock of the link.
+    /// Time when this revision was first received, s by the clock of the link.
     pub(crate) since_s: f64,
-    /// When the broker took it by its calendar, s since 1970. For showing only.
+    /// When the broker stored it by its calendar, s since 1970. For display only.
     pub(crate) broker_unix_s: f64,
 }
 
 type Records<T> = BTreeMap<String, Seen<T>>;
 
-/// Records of a bucket as they were seen.
+/// Received records of a bucket.
 #[derive(Debug)]
 pub(crate) struct Watched<T> {
     open: Mutex<Copy<T>>,
@@ -47,7 +47,7 @@ pub(crate) struct Watched<T> {
 #[derive(Debug)]
 struct Copy<T> {
     kept: Kept<T>,
-    /// Every record has been seen once.
+    /// Whether every record has been received once.
     whole: bool,
 }
 
@@ -93,12 +93,12 @@ impl<T: DeserializeOwned + Clone + Send + 'static> Watched<T> {
         })
     }
 
-    /// Keeps no more than the class of a record that has one.
+    /// Keeps only the class of a record that has one.
     pub(crate) fn sorting(class: fn(&T) -> Option<usize>) -> Arc<Self> {
         Arc::new(Self::of(class))
     }
 
-    /// Keeps every record; what another copy has was seen since then.
+    /// Keeps every record; records of another copy keep the time of their first sight.
     pub(crate) fn after(other: &Self) -> Arc<Self> {
         let watched = Self::of(|_| None);
         watched.open().kept.records = other.open().kept.records.clone();
@@ -109,7 +109,7 @@ impl<T: DeserializeOwned + Clone + Send + 'static> Watched<T> {
         self.open.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Whether every record was seen.
+    /// Returns whether every record was received.
     pub(crate) fn is_whole(&self) -> bool {
         self.open().whole
     }
@@ -119,17 +119,18 @@ impl<T: DeserializeOwned + Clone + Send + 'static> Watched<T> {
         self.with_all(|kept| look(&kept.records))
     }
 
-    /// Calls a function with everything that is known; it must be short.
+    /// Calls a function with the whole content; it must be short.
     pub(crate) fn with_all<A>(&self, look: impl FnOnce(&Kept<T>) -> A) -> A {
         look(&self.open().kept)
     }
 
-    /// One record.
+    /// Returns one record.
     pub(crate) fn get(&self, key: &str) -> Option<Seen<T>> {
         self.open().kept.records.get(key).cloned()
     }
 
-    /// Follows a bucket for ever; after each new connection from the beginning.
+    /// Follows a bucket until the task is aborted; starts from the beginning after each new
+    /// connection.
     pub(crate) async fn follow(self: Arc<Self>, link: Arc<Link>, bucket: Bucket) {
         loop {
             if let Err(error) = self.follow_once(&link, &bucket, false).await {
@@ -142,7 +143,7 @@ impl<T: DeserializeOwned + Clone + Send + 'static> Watched<T> {
     /// Reads every record once.
     ///
     /// # Errors
-    /// A broker that does not answer.
+    /// The broker does not answer.
     pub(crate) async fn read(&self, link: &Link, bucket: &Bucket) -> Result<(), FleetError> {
         self.follow_once(link, bucket, true).await
     }
@@ -156,7 +157,7 @@ impl<T: DeserializeOwned + Clone + Send + 'static> Watched<T> {
         let mut connections = link.connections();
         connections.mark_unchanged();
         let mut entries = bucket.watch().await?;
-        // Until every record has come they are gathered beside, so that one that is gone goes.
+        // Collect the records separately until all have arrived, so that deleted ones disappear.
         let mut beside = Some(Kept::default());
         // Records arrive in the order of their revisions. The broker's own count of remaining
         // records is inexact if a record changes meanwhile.

@@ -8,7 +8,7 @@ use instruments_link::clock::Clock;
 use super::{rate::Rate, refusal::Refusal, server::BenchServer};
 use crate::{client::Client, fleet::Fleet, settings::FleetSettings};
 
-/// Requests of one peer per second in the long run, and at once.
+/// Sustained rate of requests of one peer per second, and size of a burst.
 const REQUESTS: (f64, f64) = (50.0, 200.0);
 
 /// State that all requests to the agent share.
@@ -35,7 +35,7 @@ pub(crate) struct Joined {
     pub(crate) benches: Vec<String>,
 }
 
-/// State that every handler gets.
+/// State that is passed to every handler.
 pub(crate) type App = Arc<AppState>;
 
 impl AppState {
@@ -60,7 +60,7 @@ impl AppState {
     /// Returns the membership.
     ///
     /// # Errors
-    /// A server that has not answered since the agent was started.
+    /// The server has not answered since the agent was started.
     pub(crate) fn joined(&self) -> Result<&Joined, Refusal> {
         self.joined.get().ok_or_else(|| {
             let message = format!("the server {} has not answered yet", self.server.url());
@@ -79,12 +79,12 @@ impl AppState {
     /// Returns a client of the fleet.
     ///
     /// # Errors
-    /// A broker that was never there since the start; as [`Self::joined`].
+    /// The broker has not been reachable since the start; as [`Self::joined`].
     pub(crate) fn client(&self) -> Result<Client, Refusal> {
         Ok(self.fleet()?.client()?)
     }
 
-    /// Returns a user's name as other sites show it.
+    /// Returns a user's name in the form that other sites show.
     pub(crate) fn by(&self, name: &str) -> String {
         format!("{name}@{}", self.settings.site)
     }

@@ -29,17 +29,17 @@ pub(crate) struct ServedBench {
     name: String,
     server: Arc<BenchServer>,
     follower: Arc<Follower>,
-    /// Properties as they were seen last, also while the server does not answer.
+    /// Last known properties, also while the server does not answer.
     capabilities: Mutex<Capabilities>,
 }
 
-/// Effect of a draft, as the server reports it.
+/// Effect of a draft, from the server.
 #[derive(Debug, Deserialize)]
 struct Draft {
     mistakes: Vec<Mistake>,
 }
 
-/// A field of a draft that is not as expected.
+/// An invalid field of a draft.
 #[derive(Debug, Deserialize)]
 struct Mistake {
     field: String,
@@ -79,7 +79,7 @@ struct RunEnd {
     how: String,
 }
 
-/// A run as its journal has it.
+/// A run according to its journal.
 #[derive(Debug, Deserialize)]
 struct RunState {
     ended: Option<String>,
@@ -127,7 +127,7 @@ impl ServedBench {
     /// Decides what a refused submission means: the run may have been submitted before.
     fn not_submitted(&self, order: &Order, refusal: ServerRefusal) -> Result<(), NotDone> {
         match refusal.status {
-            // Such a refusal says nothing of the run.
+            // Such a refusal gives no information about the run.
             StatusCode::UNAUTHORIZED | StatusCode::FORBIDDEN | StatusCode::TOO_MANY_REQUESTS => {
                 Err(NotDone::Away(CallError::Refused(refusal).into_away()))
             }
@@ -187,7 +187,7 @@ impl LocalBench for ServedBench {
             }
             Err(error) => Err(NotTaken::NotNow(error.into_away().to_string())),
         };
-        // The state of the bench is asked for next, and must not be older than the check.
+        // The state of the bench is queried next, and must not be older than the check.
         self.follower.refresh();
         outcome
     }
@@ -280,11 +280,11 @@ impl LocalBench for ServedBench {
     }
 }
 
-/// Stops a bench, and returns the report of its server. It has a thread of its own, and so waits for
-/// no other call.
+/// Stops a bench, and returns the report of its server. Runs on a separate thread, so that it waits
+/// for no other call.
 ///
 /// # Errors
-/// A server that does not answer.
+/// The server does not answer.
 pub(crate) async fn stop(server: &Arc<BenchServer>, bench: &str, by: &str) -> Result<Value, Away> {
     let (server, by) = (server.clone(), by.to_owned());
     let path = format!("/benches/{bench}/stop");
@@ -294,7 +294,7 @@ pub(crate) async fn stop(server: &Arc<BenchServer>, bench: &str, by: &str) -> Re
             patience: STOP,
             ..Call::post(&path, &by, json!({}))
         };
-        // If the asker is gone, the stop is done nevertheless.
+        // The stop continues even if the caller is gone.
         let _ = send.send(server.call::<Value>(call));
     };
     let begun = std::thread::Builder::new()
@@ -321,7 +321,7 @@ fn condition(now: Now) -> Condition {
             _ if state.verified => Some(true),
             _ if is_unknown => Some(false),
             "on" | "unreachable" => Some(false),
-            // A state that was not read, or not recently, is unknown.
+            // A state that was not read recently counts as unknown.
             _ => None,
         },
         reading: fresh.map(|reading| Reading {
@@ -334,8 +334,8 @@ fn condition(now: Now) -> Condition {
     }
 }
 
-/// Returns the state of a bench as the fleet names it. A state of a later version of the server
-/// counts as held.
+/// Converts the state of a bench to that of the fleet. An unknown state, from a later version of
+/// the server, counts as held.
 fn kind(state: &ServedState, held: Option<&String>) -> BenchState {
     match state.state.as_str() {
         "latched" => BenchState::Latched,

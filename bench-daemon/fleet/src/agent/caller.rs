@@ -1,5 +1,5 @@
-//! The user of a request. The agent has no users of its own: it shows what the request carries to
-//! the server of the benches, and uses the name and the scopes that the server returns.
+//! The user of a request. The agent has no users of its own: it passes the credentials of the
+//! request to the server of the benches, and uses the name and the scopes that the server returns.
 
 use std::net::IpAddr;
 
@@ -37,7 +37,7 @@ const SCOPES: [&str; 2] = ["read", "energise"];
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Peer(pub(crate) IpAddr);
 
-/// A user as the server knows them.
+/// A user of the server.
 #[derive(Debug, Clone, Serialize, Deserialize, ToSchema)]
 pub(crate) struct Whoami {
     /// Their name.
@@ -54,7 +54,7 @@ pub(crate) struct Whoami {
 pub(crate) struct With<const SCOPE: usize> {
     /// Their name.
     pub(crate) name: String,
-    /// What the server knows of them.
+    /// The user from the server.
     pub(crate) known: Whoami,
 }
 
@@ -85,7 +85,7 @@ impl<const SCOPE: usize> FromRequestParts<App> for With<SCOPE> {
     }
 }
 
-/// Returns the user of a request, as the server knows them.
+/// Returns the user of a request, as authenticated by the server.
 async fn who(parts: &Parts, app: &App) -> Result<Whoami, Refusal> {
     let headers = &parts.headers;
     let is_by_session = !headers.contains_key(header::AUTHORIZATION);
@@ -97,7 +97,8 @@ async fn who(parts: &Parts, app: &App) -> Result<Whoami, Refusal> {
     }
     let caller = ask(headers, app).await?;
     let is_passed_on = PASSED_ON.iter().any(|name| headers.contains_key(*name));
-    // A server without tokens trusts its own machine, for which this agent would answer.
+    // A server without tokens trusts all requests from its own machine, and requests of this agent
+    // come from there.
     if caller.name == LOCAL && (!app.is_local || is_passed_on) {
         let message = "expected a server with tokens behind an agent that is reached from other \
             machines, found none: `eis-bench token add` makes one";

@@ -1,5 +1,5 @@
 //! Follows the benches and the queue of the server: a copy that is never older than a few seconds,
-//! so that the state of a bench is at hand without a wait.
+//! so that the state of a bench is available without waiting.
 
 use std::{
     collections::BTreeMap,
@@ -14,21 +14,21 @@ use crate::local::{Away, Capabilities};
 
 /// Interval of the polls, s.
 const POLL_S: f64 = 0.5;
-/// The server shows a change of its queue in the state of a bench after 0.2 s. Pause between two looks,
+/// The server shows a change of its queue in the state of a bench after 0.2 s. Pause between two polls,
 /// s, and their number.
 const SETTLE_S: f64 = 0.2;
 const SETTLE_LOOKS: usize = 5;
 /// Age at which a copy counts as old, s: a server that hangs is not shown as idle.
 const OLD_S: f64 = 5.0;
 
-/// A bench as the server shows it; other fields are not used here.
+/// A bench in the response of the server; other fields are not used.
 #[derive(Debug, Clone, Deserialize)]
 pub(crate) struct ServedState {
     /// Its name.
     pub(crate) bench: String,
     /// State of the bench.
     pub(crate) state: String,
-    /// Why nothing is begun on it.
+    /// Why no run begins on it.
     pub(crate) held: Option<String>,
     /// The run in work, or the last one.
     pub(crate) run: Option<ServedRun>,
@@ -44,7 +44,7 @@ pub(crate) struct ServedState {
     pub(crate) capabilities: Capabilities,
 }
 
-/// A run as the server shows it.
+/// A run in the response of the server.
 #[derive(Debug, Clone, Deserialize)]
 pub(crate) struct ServedRun {
     pub(crate) run: Option<String>,
@@ -52,7 +52,7 @@ pub(crate) struct ServedRun {
     pub(crate) left_s: Option<f64>,
 }
 
-/// A reading as the server shows it.
+/// A reading in the response of the server.
 #[derive(Debug, Clone, Deserialize)]
 pub(crate) struct ServedReading {
     pub(crate) voltage_v: Option<f64>,
@@ -61,25 +61,25 @@ pub(crate) struct ServedReading {
     pub(crate) fresh: bool,
 }
 
-/// A trip as the server shows it.
+/// A trip in the response of the server.
 #[derive(Debug, Clone, Deserialize)]
 pub(crate) struct ServedTrip {
     pub(crate) cause: String,
 }
 
-/// Outputs as the server shows them.
+/// Outputs in the response of the server.
 #[derive(Debug, Clone, Deserialize)]
 pub(crate) struct ServedOutputs {
     pub(crate) state: String,
     pub(crate) words: String,
 }
 
-/// The queue as the server shows it.
+/// The queue in the response of the server.
 #[derive(Debug, Clone, Default, Deserialize)]
 pub(crate) struct ServedQueue {
     /// Runs in work and waiting.
     pub(crate) items: Vec<ServedItem>,
-    /// Benches on which nothing is begun, and why.
+    /// Benches on which no run begins, and why.
     pub(crate) held: BTreeMap<String, String>,
 }
 
@@ -91,7 +91,7 @@ pub(crate) struct ServedItem {
     pub(crate) bench: String,
 }
 
-/// What the server has shown last.
+/// The last responses of the server.
 #[derive(Debug, Clone)]
 struct Shown {
     at_s: f64,
@@ -118,22 +118,22 @@ impl Follower {
         })
     }
 
-    /// Follows the server for ever.
+    /// Follows the server until the task is aborted.
     pub(crate) async fn follow(self: Arc<Self>) {
         loop {
             let this = self.clone();
-            // A refresh that panicked leaves the copy to grow old.
+            // After a panic of a refresh, the copy becomes old.
             let _ = tokio::task::spawn_blocking(move || this.refresh()).await;
             self.clock.sleep_s(POLL_S).await;
         }
     }
 
-    /// Makes a new copy now.
+    /// Refreshes the copy now.
     pub(crate) fn refresh(&self) {
         let fresh = self.ask();
         let mut shown = self.shown();
         match (&*shown, &fresh) {
-            // Another refresh has begun later, and is here already.
+            // Another refresh began later and has already finished.
             (Ok(shown), Ok(fresh)) if shown.at_s > fresh.at_s => return,
             (Ok(_), Err(away)) => tracing::warn!("{away}; it is tried again"),
             (Err(_), Ok(_)) => tracing::info!("the server {} answers", self.server.url()),
@@ -142,8 +142,8 @@ impl Follower {
         *shown = fresh;
     }
 
-    /// Makes new copies until a bench is no longer shown as held. Must be called on a thread of a
-    /// runtime that may block.
+    /// Refreshes the copy until a bench is no longer held. Must be called on a thread of a runtime
+    /// that may block.
     pub(crate) fn refresh_released(&self, bench: &str) {
         for _ in 0..SETTLE_LOOKS {
             self.refresh();
@@ -156,7 +156,8 @@ impl Follower {
 
     fn ask(&self) -> Result<Shown, Away> {
         let at_s = self.clock.now_s();
-        // The benches first: a run that ends in between is then in work, and never forgotten.
+        // Query the benches first: a run that ends in between then counts as active and is not
+        // lost.
         let benches: Vec<ServedState> = self.get("/benches")?;
         let queue = self.get("/queue")?;
         let named = benches.into_iter().map(|one| (one.bench.clone(), one));
@@ -179,7 +180,7 @@ impl Follower {
     /// Returns a bench and the queue as they are now.
     ///
     /// # Errors
-    /// A server that does not answer, or no longer has the bench.
+    /// The server does not answer, or no longer has the bench.
     pub(crate) fn now(&self, bench: &str) -> Result<Now, Away> {
         let shown = self.shown();
         let shown = shown.as_ref().map_err(Clone::clone)?;
@@ -196,14 +197,14 @@ impl Follower {
         Ok(Now { state, waits, held })
     }
 
-    /// Returns the properties of a bench as they were seen last.
+    /// Returns the last known properties of a bench.
     pub(crate) fn capabilities(&self, bench: &str) -> Option<Capabilities> {
         let shown = self.shown();
         let benches = &shown.as_ref().ok()?.benches;
         Some(benches.get(bench)?.capabilities.clone())
     }
 
-    /// Returns whether a run was in the queue when it was seen last.
+    /// Returns whether a run was in the queue at the last poll.
     pub(crate) fn was_queued(&self, run: &str) -> bool {
         let shown = self.shown();
         let queue = shown.as_ref().map(|shown| &shown.queue.items);

@@ -34,7 +34,7 @@ pub(crate) async fn session(
 ) -> Result<Response, Refusal> {
     let passed = Passed {
         method,
-        // The prefix is taken off for the routes below it.
+        // The router removes the prefix for nested routes.
         path: &format!("/api/v1{}", uri.path()),
         headers: &headers,
         body: body.to_vec(),
@@ -55,7 +55,7 @@ pub(crate) async fn experiments(
 ) -> Result<Response, Refusal> {
     let passed = Passed {
         method,
-        // The prefix is taken off for the routes below it.
+        // The router removes the prefix for nested routes.
         path: &format!("/api/v1{}", uri.path()),
         headers: &headers,
         body: body.to_vec(),
@@ -79,7 +79,7 @@ async fn forward(app: &App, passed: Passed<'_>) -> Result<Response, Refusal> {
 /// Returns the text of an experiment of the server, as the caller may read it.
 ///
 /// # Errors
-/// No such experiment; a server that does not answer.
+/// There is no such experiment, or the server does not answer.
 pub(crate) async fn experiment_text(
     app: &App,
     headers: &HeaderMap,

@@ -1,5 +1,5 @@
-//! Guards every request: its rate, the host that it names, the page that sent it. Every answer gets
-//! headers that restrict browsers. The rules are those of the server.
+//! Checks every request: its rate, its host, and the page that sent it. Every answer gets headers
+//! that restrict browsers. The rules are those of the server.
 
 use std::net::IpAddr;
 
@@ -18,7 +18,7 @@ const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; \
     connect-src 'self'; img-src 'self' data:; form-action 'none'; base-uri 'none'; \
     frame-ancestors 'none'";
 
-/// Around every request.
+/// Middleware of every request.
 pub(crate) async fn guard(State(app): State<App>, request: Request, next: Next) -> Response {
     let mut response = match admit(&app, &request) {
         Ok(()) => next.run(request).await,
@@ -51,8 +51,8 @@ fn admit(app: &App, request: &Request) -> Result<(), Refusal> {
     same_host(request.headers(), request.uri(), app.is_local)
 }
 
-/// Refuses pages of elsewhere, which must not speak with this agent through a browser: neither
-/// under a name of their own (DNS rebinding) nor from their own origin.
+/// Refuses requests from foreign pages in a browser, both under another host name (DNS rebinding)
+/// and from another origin.
 fn same_host(headers: &HeaderMap, uri: &Uri, is_local: bool) -> Result<(), Refusal> {
     let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
     let host = text(header::HOST)

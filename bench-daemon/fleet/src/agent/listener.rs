@@ -1,5 +1,5 @@
-//! Accepts connections for the routes, encrypted if a certificate is configured. A peer that is slow
-//! to send the head of a request is dropped.
+//! Accepts connections for the routes, encrypted if a certificate is configured. It closes the
+//! connection of a peer that sends the head of a request too slowly.
 
 use std::{net::SocketAddr, path::Path, sync::Arc, time::Duration};
 
@@ -24,13 +24,13 @@ use crate::{
     failure::Failure,
 };
 
-/// Most connections at once.
+/// Maximum number of concurrent connections.
 const CONNECTIONS: usize = 512;
-/// Longest head of a request, bytes.
+/// Maximum size of the head of a request, bytes.
 const HEAD_BYTES: usize = 16 * 1024;
-/// Longest time for a handshake, and for the head of a request.
+/// Timeout of a handshake, and of the head of a request.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// Pause after a socket that could not be accepted, s: out of files, most likely.
+/// Pause after a failed accept, s: most likely the process is out of file descriptors.
 const PAUSE_S: f64 = 0.1;
 
 /// The socket of the agent.
@@ -44,7 +44,7 @@ impl Listener {
     /// Starts to listen.
     ///
     /// # Errors
-    /// An address that is in use; a certificate or key that cannot be used.
+    /// The address is in use, or the certificate or key cannot be used.
     pub(crate) async fn bind(file: &AgentFile) -> Result<Self, Failure> {
         let tls = file.tls.as_ref().map(acceptor).transpose()?;
         let socket = TcpListener::bind(file.listen).await.map_err(|error| {
@@ -65,7 +65,7 @@ impl Listener {
         format!("{scheme}://{}", self.address)
     }
 
-    /// Accepts and serves connections for ever.
+    /// Accepts and serves connections until the task is aborted.
     pub(crate) async fn accept(&self, router: &Router, clock: &Clock) {
         let places = Arc::new(Semaphore::new(CONNECTIONS));
         loop {
@@ -112,7 +112,7 @@ where
         request.extensions_mut().insert(peer);
         hyper::service::Service::call(&service, request)
     });
-    // However a connection ends is its peer's business.
+    // Errors of a single connection are ignored.
     let _ = http1::Builder::new()
         .timer(TokioTimer::new())
         .header_read_timeout(PATIENCE)

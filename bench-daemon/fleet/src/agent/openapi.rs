@@ -31,7 +31,7 @@ use super::{metrics, refusal, routes, stops};
 )]
 struct Document;
 
-/// How a token is shown.
+/// Security scheme of tokens.
 struct Token;
 
 impl Modify for Token {
@@ -45,7 +45,7 @@ impl Modify for Token {
     }
 }
 
-/// This document.
+/// Returns the document.
 pub(crate) async fn document() -> Json<utoipa::openapi::OpenApi> {
     Json(Document::openapi())
 }

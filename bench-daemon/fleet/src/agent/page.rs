@@ -100,7 +100,7 @@ impl PageFile {
     }
 }
 
-/// Where they are found.
+/// The routes of the files.
 pub(crate) fn routes() -> Router<App> {
     FILES.iter().fold(Router::<Arc<_>>::new(), |router, file| {
         let answer = move || async move { file.answer() };

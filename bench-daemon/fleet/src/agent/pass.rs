@@ -1,5 +1,5 @@
-//! Sends a caller's request to the server of the benches, with what the caller has shown and never
-//! with the token of the agent.
+//! Sends a caller's request to the server of the benches with the caller's credentials, never with
+//! the token of the agent.
 
 use std::time::Duration;
 
@@ -29,10 +29,10 @@ pub(crate) struct Passed<'a> {
     pub(crate) patience: Duration,
 }
 
-/// Sends a request of a caller, and returns the answer of the server, whatever it is.
+/// Sends a request of a caller, and returns the response of the server, whatever its status.
 ///
 /// # Errors
-/// A server that does not answer.
+/// The server does not answer.
 pub(crate) async fn pass(app: &App, passed: Passed<'_>) -> Result<Response<Vec<u8>>, Refusal> {
     let uri = format!("{}{}", app.server.url(), passed.path);
     let mut request = Request::builder().method(passed.method).uri(uri);

@@ -1,4 +1,4 @@
-//! Limits how often each peer may ask, because each request to the agent leads to one to the
+//! Limits the request rate of each peer, because each request to the agent causes one to the
 //! server.
 
 use std::{
@@ -10,7 +10,7 @@ use std::{
 /// Maximum number of peers that are remembered.
 const PEERS: usize = 10_000;
 
-/// A bucket for each peer, which refills.
+/// A token bucket for each peer.
 pub(crate) struct Rate {
     per_s: f64,
     burst: f64,
@@ -23,7 +23,7 @@ struct Bucket {
 }
 
 impl Rate {
-    /// Allows `per_s` requests a second in the long run, and `burst` at once.
+    /// Allows `per_s` requests per second on average, and bursts of `burst`.
     pub(crate) fn new(per_s: f64, burst: f64) -> Self {
         Self {
             per_s,
@@ -32,7 +32,7 @@ impl Rate {
         }
     }
 
-    /// Takes one from the bucket of a peer. Returns whether there was one.
+    /// Takes a token from the bucket of a peer. Returns whether one was available.
     pub(crate) fn take(&self, peer: IpAddr, now_s: f64) -> bool {
         let mut buckets = self.buckets.lock().unwrap_or_else(PoisonError::into_inner);
         let refilled =

@@ -28,7 +28,7 @@ pub(crate) struct Refusal {
 }
 
 impl Refusal {
-    /// With a code of its own.
+    /// Creates a refusal with its own code.
     pub(crate) fn new(status: StatusCode, code: &str, message: impl Into<String>) -> Self {
         let problem = Problem {
             code: code.to_owned(),
@@ -37,7 +37,7 @@ impl Refusal {
         Self { status, problem }
     }
 
-    /// With the code of the status.
+    /// Creates a refusal with the code of the status.
     pub(crate) fn of(status: StatusCode, message: impl Into<String>) -> Self {
         Self::new(status, code_of(status), message)
     }
@@ -47,10 +47,10 @@ impl Refusal {
         Self::of(StatusCode::UNPROCESSABLE_ENTITY, message)
     }
 
-    /// A fault of the machine.
+    /// Creates a refusal for an internal error.
     pub(crate) fn machine(error: &dyn std::fmt::Display) -> Self {
         tracing::error!("{error}");
-        let message = "the agent cannot do that now; its log tells why";
+        let message = "the agent cannot do that now; its log states the reason";
         Self::of(StatusCode::SERVICE_UNAVAILABLE, message)
     }
 

@@ -261,7 +261,7 @@ pub(crate) async fn release_job(
     Ok(StatusCode::NO_CONTENT)
 }
 
-/// Returns the reason that a request gives.
+/// Returns the reason in a request.
 pub(crate) fn reason(why: Option<Json<FleetWhy>>) -> String {
     let why = why.and_then(|why| why.0.why).unwrap_or_default();
     let plain: String = why.chars().filter(|c| !c.is_control()).take(200).collect();

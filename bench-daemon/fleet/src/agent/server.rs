@@ -1,4 +1,4 @@
-//! The server of the benches, over its HTTP API. Calls wait: they are made on threads for that.
+//! The server of the benches, over its HTTP API. Calls block and are made on blocking threads.
 
 use std::time::Duration;
 
@@ -19,7 +19,7 @@ const PERSON_HEADER: &str = "x-eis-bench-person";
 pub(crate) const PATIENCE: Duration = Duration::from_secs(10);
 /// Timeout of a call that only reads memory.
 pub(crate) const SHORT_PATIENCE: Duration = Duration::from_secs(3);
-/// Longest answer, bytes.
+/// Maximum size of an answer, bytes.
 const MOST_BYTES: u64 = 16 << 20;
 /// The server closes a connection that is idle for 10 s.
 const IDLE: Duration = Duration::from_secs(5);
@@ -46,7 +46,7 @@ pub(crate) struct Call<'a> {
 }
 
 impl<'a> Call<'a> {
-    /// Reads something.
+    /// Creates a call that reads.
     pub(crate) fn get(path: &'a str) -> Self {
         Self {
             method: Method::GET,
@@ -57,7 +57,7 @@ impl<'a> Call<'a> {
         }
     }
 
-    /// Does something for a person.
+    /// Creates a call that acts for a person.
     pub(crate) fn post(path: &'a str, person: &'a str, body: Value) -> Self {
         Self {
             method: Method::POST,
@@ -88,7 +88,7 @@ pub(crate) struct ServerRefusal {
 }
 
 impl CallError {
-    /// Treats a refusal as a server that cannot be used.
+    /// Converts a refusal to an error of an unusable server.
     pub(crate) fn into_away(self) -> Away {
         match self {
             Self::Away(away) => away,
@@ -103,10 +103,10 @@ impl CallError {
 }
 
 impl BenchServer {
-    /// Prepares calls, and makes none.
+    /// Prepares the client without making a call.
     ///
     /// # Errors
-    /// A file with a token or certificates that is not as expected.
+    /// The file with the token or the certificates is invalid.
     pub(crate) fn open(address: &BenchServerAddress) -> Result<Self, Failure> {
         let token = address.token_file.as_deref().map(|path| {
             let text = read_private(path)?;
@@ -140,7 +140,7 @@ impl BenchServer {
     /// Makes a call.
     ///
     /// # Errors
-    /// A server that does not answer, or refuses.
+    /// The server does not answer or refuses the call.
     pub(crate) fn call<T: DeserializeOwned>(&self, call: Call<'_>) -> Result<T, CallError> {
         let (path, patience) = (call.path, call.patience);
         let odd = |error: &dyn std::fmt::Display| {
@@ -183,10 +183,10 @@ impl BenchServer {
             .body(body.to_string().into_bytes())
     }
 
-    /// Sends a request whose address is of this server.
+    /// Sends a request to an address of this server.
     ///
     /// # Errors
-    /// A server that does not answer.
+    /// The server does not answer.
     pub(crate) fn send(
         &self,
         request: Request<Vec<u8>>,

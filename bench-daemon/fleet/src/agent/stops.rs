@@ -1,5 +1,5 @@
-//! Routes of the stops. A bench of this site is stopped by its server at once, without the NATS
-//! server; every other bench through it.
+//! Routes of the stops. The server stops a bench of its own site at once, without the NATS server;
+//! benches of other sites are stopped through the NATS server.
 
 use axum::{
     Json,
@@ -128,7 +128,7 @@ pub(crate) async fn stop(
 ) -> Result<Json<FleetOutcome>, Refusal> {
     app.fleet()?;
     let who = caller.name;
-    // A peer that goes away does not end it.
+    // It continues if the peer disconnects.
     let work = tokio::spawn(async move {
         let command = command(&app, OrderKind::Stop, &who, why);
         let own = OwnStop::run(&app, &place, &who);

@@ -13,12 +13,13 @@ use crate::{
     watched::{Seen, Watched},
 };
 
-/// Minimum ages of records that are removed.
+/// Minimum ages of removed records.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ages {
-    /// A job has been over for so long, s.
+    /// Minimum time since the end of a job, s.
     pub jobs_s: f64,
-    /// A text that no job has was submitted so long ago, s. A text is there before its jobs are.
+    /// Minimum time since the submission of a text without jobs, s. A text is stored before its
+    /// jobs.
     pub texts_s: f64,
 }
 
@@ -32,16 +33,17 @@ pub struct Forgotten {
 }
 
 impl Client {
-    /// Takes jobs that are over out of the records, and texts that no job has.
+    /// Removes the records of ended jobs, and texts without jobs.
     ///
     /// # Errors
-    /// A broker that does not answer.
+    /// The broker does not answer.
     pub async fn forget(&self, ages: Ages) -> Result<Forgotten, FleetError> {
-        // The texts first: one that a job gets meanwhile is written again, and has another revision.
+        // List the texts first: a text that a job references meanwhile is written again and has
+        // another revision.
         let texts = self.whole::<IgnoredAny>(&self.link.texts).await?;
         let jobs = self.whole::<Job>(&self.link.jobs).await?;
         let benches = self.whole::<BenchRecord>(&self.link.benches).await?;
-        // Heartbeats show the broker's calendar time; ages are compared with no other clock.
+        // Heartbeats show the broker's calendar time; ages use no other clock.
         let newest = [newest(&texts), newest(&jobs), newest(&benches)];
         let now_s = newest.into_iter().fold(f64::NEG_INFINITY, f64::max);
         let is_old =
@@ -84,11 +86,11 @@ impl Client {
         Ok(count)
     }
 
-    /// Takes a bench that is gone out of the fleet. What stands for it stays: should it come back, it
-    /// follows a stop that it has not heard.
+    /// Removes a bench that is gone from the fleet. Its standing orders are kept: if it returns, it
+    /// follows a stop that it has not received.
     ///
     /// # Errors
-    /// No such bench; one that answers; a broker that does not answer.
+    /// There is no such bench, it still answers, or the broker does not answer.
     pub async fn forget_bench(&self, place: &Place) -> Result<(), FleetError> {
         let is_named = is_plain(&place.site) && is_plain(&place.bench);
         let found = match is_named {
@@ -116,7 +118,8 @@ impl Client {
     }
 }
 
-/// When the broker took the latest of these records, s since 1970 by its calendar.
+/// Returns the time at which the broker stored the latest of these records, s since 1970 by its
+/// calendar.
 fn newest<T: DeserializeOwned + Clone + Send + 'static>(records: &Watched<T>) -> f64 {
     records.with(|records| {
         let dates = records.values().map(|seen| seen.broker_unix_s);

@@ -41,7 +41,7 @@ impl PlannedCampaign {
     /// Plans the campaign of a file.
     ///
     /// # Errors
-    /// A file that is not as expected; no program `eis-bench`.
+    /// The file is invalid, or the program `eis-bench` is missing.
     pub(super) fn plan(file: &Path) -> Result<Self, Failure> {
         let program = planner();
         let planned = Command::new(&program)
@@ -97,7 +97,7 @@ fn planner() -> PathBuf {
 /// Returns the seeds of the jobs of a campaign that are on record and were not cancelled.
 ///
 /// # Errors
-/// A broker that does not answer.
+/// The broker does not answer.
 pub(super) async fn seeds(
     client: &Client,
     fleet: &str,

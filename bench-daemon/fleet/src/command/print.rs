@@ -59,7 +59,7 @@ fn job_line(view: &JobView) -> String {
     line.trim_end().to_owned()
 }
 
-/// The state of the fleet as JSON: `GET /api/v1/fleet`, together with the jobs of `GET
+/// Returns the state of the fleet as JSON: `GET /api/v1/fleet`, together with the jobs of `GET
 /// /api/v1/fleet/jobs`.
 #[derive(Debug, Serialize)]
 pub(super) struct Status {
@@ -70,7 +70,7 @@ pub(super) struct Status {
 }
 
 impl Status {
-    /// Of a fleet on this NATS server.
+    /// Returns the header of a fleet on this NATS server.
     pub(super) fn of(view: FleetView, page: JobPage, server: String) -> Self {
         let FleetJobs { jobs, after } = page.into();
         Self {

@@ -1,4 +1,4 @@
-//! Follows each standing order once, whether it arrived at once or after a cut.
+//! Follows each standing order once, whether it arrives at once or after a disconnection.
 
 use std::sync::{Arc, Mutex as Short, MutexGuard, PoisonError};
 
@@ -16,16 +16,16 @@ use crate::{
 pub(crate) struct Obedience {
     bench: Arc<dyn LocalBench>,
     desk: Desk,
-    /// Orders that were followed; none before the file was read.
+    /// Orders that were followed; `None` before the file was read.
     followed: Mutex<Option<Followed>>,
-    /// Number of the stop that is under way.
+    /// Number of the stop in progress.
     stopping: Short<Option<String>>,
-    /// The run that was in work when the fleet was heard last.
+    /// The run that was active at the last contact with the fleet.
     heard: Short<Option<String>>,
 }
 
 impl Obedience {
-    /// Of a bench.
+    /// Creates the follower of a bench.
     pub(super) fn new(bench: &Arc<dyn LocalBench>, desk: &Desk) -> Self {
         Self {
             bench: bench.clone(),
@@ -41,11 +41,11 @@ impl Obedience {
         &self.bench
     }
 
-    /// Returns the jobs that the bench has, by its intents: known from the first moment after a
+    /// Returns the jobs that the bench has, from its intents, which are known immediately after a
     /// restart.
     ///
     /// # Errors
-    /// A folder or a file that cannot be read: then the jobs are unknown.
+    /// A folder or a file cannot be read: the jobs are then unknown.
     pub(super) fn jobs(&self) -> Result<Vec<String>, FleetError> {
         let intents = self.desk.all()?;
         Ok(intents.into_iter().map(|intent| intent.job).collect())
@@ -56,7 +56,8 @@ impl Obedience {
         *self.stopping() = Some(said.id.clone());
         let report = match self.bench.stop(&said.by).await {
             Ok(report) => report,
-            // It is not followed: if the broker keeps it, it is followed once the server answers.
+            // The order stays open: if the broker stores it, it is followed once the server
+            // answers.
             Err(away) => {
                 self.stopping().take_if(|id| *id == said.id);
                 tracing::error!("fleet: {}: NOT STOPPED: {away}", self.bench.name());
@@ -82,12 +83,12 @@ impl Obedience {
         self.stopping.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Whether this is the run that was in work when the fleet was heard last.
+    /// Returns whether this is the run that was active at the last contact with the fleet.
     pub(super) fn has_heard(&self, run: &Option<String>) -> bool {
         *self.heard_run() == *run
     }
 
-    /// Remembers the run in work: the fleet was heard since it began.
+    /// Records the active run: there was contact with the fleet since it began.
     pub(super) fn heard(&self, run: Option<String>) {
         *self.heard_run() = run;
     }
@@ -100,7 +101,7 @@ impl Obedience {
     /// record it does not delay it.
     ///
     /// # Errors
-    /// A file that cannot be read or written: the order is followed again at the next poll.
+    /// A file cannot be read or written: the order is followed again at the next poll.
     pub(super) async fn follow(self: &Arc<Self>, standing: &Standing) -> Result<(), FleetError> {
         let mut followed = self.followed.lock().await;
         let known = match &*followed {
@@ -141,7 +142,7 @@ impl Obedience {
         standing: &Standing,
         followed: &mut Option<Followed>,
     ) -> Result<(), FleetError> {
-        // A release takes all back that was said before: what stands beside it was said after it.
+        // A release revokes all earlier orders: the other standing orders were given after it.
         let outcome = match standing.stop.is_some() || standing.hold.is_some() {
             true => "held again since".to_owned(),
             false => {
@@ -194,7 +195,7 @@ impl Obedience {
         let intents = self.desk.all();
         let heard = self.heard_run().clone();
         let look = aside(&self.bench, move |bench| {
-            // A job whose fate is unknown counts as going, and so does an unknown job.
+            // A job whose fate is unknown counts as active, and so does an unknown job.
             let is_going =
                 |intent: &Intent| matches!(bench.fate(&intent.run), Ok(Fate::Going) | Err(_));
             let is_heard = match bench.condition() {
@@ -209,7 +210,7 @@ impl Obedience {
     /// Carries out an order, and returns its outcome in words.
     ///
     /// # Errors
-    /// A server that does not answer: the order is carried out later.
+    /// The server does not answer: the order is carried out later.
     async fn act(
         &self,
         said: &Said,

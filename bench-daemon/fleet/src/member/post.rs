@@ -1,4 +1,4 @@
-//! The sign of life of a bench. One process at a time is signed on under the name of a bench.
+//! The heartbeat of a bench. Only one process at a time is registered under the name of a bench.
 
 use std::sync::Arc;
 
@@ -23,7 +23,8 @@ pub(super) struct Post {
     told: Option<BenchRecord>,
     told_s: f64,
     rival: Option<Rival>,
-    /// Another process has taken the name: the data folder is not exclusive to this process.
+    /// Whether another process has taken the name: the data folder is then not exclusive to this
+    /// process.
     is_displaced: bool,
 }
 
@@ -34,7 +35,7 @@ struct Rival {
 }
 
 impl Post {
-    /// Not yet signed on.
+    /// Creates a heartbeat that is not registered yet.
     pub(super) fn new(shared: &Arc<Shared>) -> Self {
         Self {
             shared: shared.clone(),
@@ -55,7 +56,7 @@ impl Post {
     /// registered.
     ///
     /// # Errors
-    /// A broker that does not answer.
+    /// The broker does not answer.
     pub(super) async fn tell(&mut self, record: &BenchRecord) -> Result<bool, FleetError> {
         let now_s = self.shared.link.clock.now_s();
         let age_s = now_s - self.told_s;
@@ -68,7 +69,7 @@ impl Post {
         }
     }
 
-    /// Shows that this process is still the one of the bench.
+    /// Writes a heartbeat, which shows that this process still owns the bench.
     ///
     /// # Errors
     /// As [`Self::tell`].
@@ -131,8 +132,8 @@ impl Post {
         }
     }
 
-    /// Whether the process that is signed on has ended: it has signed off, it had this data folder,
-    /// or its heartbeat has not moved for the lease time.
+    /// Returns whether the registered process has ended: it has signed off, it had this data
+    /// folder, or its heartbeat has not changed for the lease time.
     fn may_follow(&mut self, found: &Stored<BenchRecord>) -> bool {
         let (shared, other) = (&self.shared, &found.value);
         let had_this_folder = other.home == shared.home && !self.is_displaced;

@@ -73,7 +73,8 @@ impl Member {
         }
     }
 
-    /// Begins a run that is started by the broker's word. What stands now counts: the word may be old.
+    /// Begins a run that the broker lists as started. Queries the present record, because the known
+    /// one may be old.
     pub(super) async fn begin(&mut self, intent: &Intent) -> Result<(), FleetError> {
         let standing = self.follow_now().await?;
         if standing.hold.is_some() || standing.stop.is_some() {
@@ -90,7 +91,7 @@ impl Member {
                     .await;
                 Ok(())
             }
-            // Its fate is asked for before it is begun again.
+            // Query its fate before beginning it again.
             Err(NotDone::Away(away)) => Err(away.into()),
             Err(NotDone::Refused(words)) => {
                 self.note_begin(intent, &words).await?;
@@ -107,7 +108,7 @@ impl Member {
         let (entry, outcome) = (format!("{by}: {what}: {outcome}"), outcome.to_owned());
         let noted = aside(&self.bench, move |bench| bench.audit(&by, &what, &outcome)).await?;
         if let Err(away) = noted {
-            // The run is not done a second time for the sake of its entry.
+            // The run is not repeated only because its record is missing.
             tracing::error!("the audit trail lacks an entry ({away}): {entry}");
         }
         Ok(())
@@ -126,7 +127,7 @@ impl Member {
         }
     }
 
-    /// Puts a job back that has not begun.
+    /// Puts a job that has not begun back into the queue.
     async fn give_back(
         &self,
         intent: &Intent,
@@ -138,7 +139,7 @@ impl Member {
         Ok(())
     }
 
-    /// Whether a person has put a job back while it waits at this bench.
+    /// Returns whether a person has put a job back while it waits at this bench.
     async fn is_put_back(&self, intent: &Intent) -> Result<bool, FleetError> {
         let seen = self.shared.jobs.get(&intent.job);
         if seen.is_none_or(|seen| seen.value.turn == intent.turn) {
@@ -165,7 +166,7 @@ impl Member {
         job.turn == intent.turn && holder.is_some_and(|holder| holder.place == self.me.place)
     }
 
-    /// Writes down how a run has ended; the intent stays until that is done.
+    /// Records the end of a run; the intent stays until the record is written.
     async fn report(&self, intent: &Intent, end: &End) -> Result<(), FleetError> {
         let found = self.shared.link.job(&intent.job).await?;
         let Some(found) = found else {

@@ -11,9 +11,9 @@ use crate::{
 pub(crate) struct Shared {
     /// The broker.
     pub(crate) link: Arc<Link>,
-    /// Jobs as they were seen.
+    /// Known jobs.
     pub(crate) jobs: Arc<Watched<Job>>,
-    /// Standing orders as they were seen.
+    /// Known standing orders.
     pub(crate) orders: Arc<Watched<Standing>>,
     /// Time after which an unchanged claim is revoked, s.
     pub(crate) lease_s: f64,
@@ -21,13 +21,13 @@ pub(crate) struct Shared {
     pub(crate) site: String,
     /// Number of this process.
     pub(crate) nonce: String,
-    /// Number of this data folder: a process that owns it follows one that has ended.
+    /// Number of this data folder: a process that owns it succeeds one that has ended.
     pub(crate) home: String,
     /// The fleet's part of the data folder.
     pub(crate) folder: PathBuf,
 }
 
-/// Work that waits for a disk, on a thread for that.
+/// Runs work that waits for a disk on a blocking thread.
 pub(super) async fn aside<T: Send + 'static>(
     bench: &Arc<dyn LocalBench>,
     work: impl FnOnce(&dyn LocalBench) -> T + Send + 'static,

@@ -12,7 +12,7 @@ use crate::{
     watched::Seen,
 };
 
-/// Most jobs among which one is chosen: as many as a large fleet has benches.
+/// Maximum number of jobs from which one is chosen: the number of benches of a large fleet.
 const MOST_WINDOW: usize = 256;
 
 impl Member {
@@ -28,7 +28,7 @@ impl Member {
         let jobs = &self.shared.link.jobs;
         let Swap::Written(revision) = jobs.swap(&claimed.job, &claimed, seen.revision).await?
         else {
-            // Another bench was faster: next time one of more.
+            // Another bench was faster: choose from more jobs next time.
             self.rhythm.window = (2 * self.rhythm.window).clamp(2, MOST_WINDOW);
             return Ok(());
         };
@@ -41,7 +41,7 @@ impl Member {
         self.prepare(claimed).await
     }
 
-    /// One of the oldest jobs that fit; none while any job stands at this bench.
+    /// Returns one of the oldest jobs that fit; `None` while this bench has a job.
     fn choose(&self) -> Option<Seen<Job>> {
         let can = self.bench.capabilities();
         let place = &self.me.place;
@@ -86,8 +86,7 @@ impl Member {
                 return Err(FleetError::File(words));
             }
         }
-        // Orders that were given in the meantime count, and so does another process with this
-        // name.
+        // Check for orders that were given in the meantime, and for another process with this name.
         let standing = self.shared.link.standing(&self.me.place).await?;
         let is_free = self.bench.condition().is_ok_and(|now| now.free);
         let is_free = is_free && standing.value.lets_work();
@@ -182,10 +181,10 @@ impl Member {
     }
 }
 
-/// A number below another.
+/// Returns a random number below another one.
 fn chance(below: usize) -> usize {
     let mut bytes = [0_u8; 8];
-    // Without chance the first one is as good as any.
+    // Without random numbers, use the first one.
     let _ = getrandom::fill(&mut bytes);
     (u64::from_le_bytes(bytes) % below.max(1) as u64) as usize
 }
