@@ -14,8 +14,7 @@ pub(crate) use arguments::Action;
 /// Runs a command.
 ///
 /// # Errors
-/// A file that is not as expected; a store that refuses or fails an operation; runs that are not as
-/// they should be.
+/// A file is invalid, the store refuses or fails an operation, or runs fail their verification.
 pub(crate) fn run(action: &Action) -> Result<(), Failure> {
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(2)

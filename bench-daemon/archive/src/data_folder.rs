@@ -19,7 +19,7 @@ const JOBS: &str = "jobs";
 /// its diagnoses.
 ///
 /// # Errors
-/// A name without a run folder, a data folder that cannot be read.
+/// A name has no run folder, or the data folder cannot be read.
 pub(crate) fn run_sources(data: &Path, named: &[String]) -> Result<Vec<RunSource>, Failure> {
     let mut diagnoses = diagnoses_below(&data.join(ANALYSES));
     let runs = data.join(RUNS);
@@ -66,8 +66,8 @@ fn is_plain_name(name: &str) -> bool {
     !name.is_empty() && !name.starts_with('.') && !name.contains(['/', '\0'])
 }
 
-/// Returns the user who requested a run, by the record of the server; `None` for a run that no
-/// server began.
+/// Returns the user who requested a run from the record of the server; `None` for a run that no
+/// server started.
 pub(crate) fn read_operator(data: &Path, run: &str) -> Option<String> {
     let text = fs::read(data.join(JOBS).join(format!("{run}.json"))).ok()?;
     let job: serde_json::Value = serde_json::from_slice(&text).ok()?;

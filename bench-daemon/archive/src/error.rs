@@ -1,14 +1,14 @@
-//! Reasons why a run is not in the archive.
+//! Errors of the archive.
 
 use std::{io, path::PathBuf};
 
 use analysis_files::{batch::BatchError, dataset::DatasetError};
 
-/// Reason why a run is not in the archive, or does not come back from it.
+/// Error of archiving or fetching a run.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ArchiveError {
-    /// A file of the run or of the data folder.
+    /// A file of the run or of the data folder could not be read or written.
     #[error("{}: could not {action}: {source}", path.display())]
     Io {
         /// The file or folder.
@@ -18,7 +18,7 @@ pub enum ArchiveError {
         /// Error of the operating system.
         source: io::Error,
     },
-    /// A run that the archive does not accept in its present state.
+    /// The archive does not accept the run in its present state.
     #[error("{run}: not archived: {why}")]
     Refused {
         /// Name of the run.
@@ -26,23 +26,23 @@ pub enum ArchiveError {
         /// The reason.
         why: String,
     },
-    /// A run that is in progress, or whose end is not recorded yet.
+    /// The run is in progress, or its end is not recorded yet.
     #[error("{run}: not archived yet: {why}")]
     Waiting {
         /// Name of the run.
         run: String,
-        /// A process works in its folder.
+        /// Whether a process works in its folder.
         in_use: bool,
         /// The reason.
         why: String,
     },
-    /// A run folder that changes while it is read.
+    /// The run folder changed while it was read.
     #[error("{}: changed while the run was archived", file.display())]
     Changed {
         /// The file.
         file: PathBuf,
     },
-    /// The store refuses or fails an operation.
+    /// The store refused or failed an operation.
     #[error("{store}, {path}: could not {action}: {source}")]
     Store {
         /// The store.
@@ -51,10 +51,10 @@ pub enum ArchiveError {
         path: String,
         /// Action that failed, in words.
         action: &'static str,
-        /// Its answer.
+        /// Error of the store.
         source: Box<object_store::Error>,
     },
-    /// The store gives other bytes back than it was given.
+    /// The store returned other bytes than were sent.
     #[error("{store}, {path}: expected {expected}, found {found}")]
     Bytes {
         /// The store.
@@ -63,34 +63,34 @@ pub enum ArchiveError {
         path: String,
         /// SHA-256 and size that were sent.
         expected: String,
-        /// SHA-256 and size that came back.
+        /// SHA-256 and size that were read back.
         found: String,
     },
-    /// A file in the store that this program did not write.
+    /// The store contains a file that this program did not write.
     #[error("{store}, {path}: {why}")]
     Content {
         /// The store.
         store: String,
         /// The object.
         path: String,
-        /// Expectation and finding.
+        /// Expected and found text.
         why: String,
     },
-    /// A setting of the store.
+    /// A setting of the store is invalid.
     #[error("{field}: {why}")]
     Setting {
         /// The setting.
         field: &'static str,
-        /// Expectation and finding.
+        /// Expected and found text.
         why: String,
     },
-    /// A receipt or a list of moved files that cannot be read.
+    /// A receipt or a list of moved files cannot be read.
     #[error("{0}")]
     Record(String),
-    /// A file that cannot be written.
+    /// The file cannot be written.
     #[error(transparent)]
     Write(#[from] DatasetError),
-    /// A table that cannot be made.
+    /// The table cannot be created.
     #[error(transparent)]
     Table(#[from] BatchError),
 }

@@ -2,16 +2,16 @@
 
 use bench_archive::ArchiveError;
 
-/// Why a command has failed.
+/// Reason why a command has failed.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum Failure {
-    /// An argument or a file is not as expected.
+    /// An argument or a file is invalid.
     #[error("{0}")]
     Usage(String),
     /// The store, or a file, failed an operation.
     #[error("{0}")]
     Store(String),
-    /// A run or an object is not as it should be.
+    /// A run or an object failed its verification.
     #[error("{0}")]
     Differs(String),
 }

@@ -1,5 +1,5 @@
-//! Brings files back from the store: moved captures into their run folder, or a whole run into a new
-//! one.
+//! Fetches files from the store: moved captures into their run folder, or a whole run into a new
+//! folder.
 
 use std::{
     fs,
@@ -19,9 +19,9 @@ use crate::{
 /// Result of a fetch.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Fetched {
-    /// Number of files that were brought back.
+    /// Number of fetched files.
     pub files: usize,
-    /// Size of those.
+    /// Their size.
     pub bytes: u64,
 }
 
@@ -29,7 +29,7 @@ pub struct Fetched {
 /// verified.
 ///
 /// # Errors
-/// [`ArchiveError`]; captures that have been restored by then stay.
+/// [`ArchiveError`]; captures that were restored before the error stay.
 pub async fn fetch_moved(
     store: &Store,
     receipts: &Receipts,
@@ -99,7 +99,7 @@ pub(crate) fn settle(receipts: &Receipts, source: &RunSource) -> Result<(), Arch
 /// second folder, whose name ends in `.analyses`.
 ///
 /// # Errors
-/// A folder that is there already, a run that is not in the store; [`ArchiveError`].
+/// The folder already exists, or the run is not in the store; [`ArchiveError`].
 pub async fn fetch_run(
     store: &Store,
     run_sha256: &str,
@@ -155,7 +155,7 @@ fn folder_of(target: &Path) -> Result<(), ArchiveError> {
     fs::create_dir_all(folder).map_err(ArchiveError::io(folder, "make the folder"))
 }
 
-/// Puts a file that is whole in its place.
+/// Moves a complete file to its place.
 fn put(file: &Path, target: &Path) -> Result<(), ArchiveError> {
     folder_of(target)?;
     fs::rename(file, target).map_err(ArchiveError::io(target, "put the file in place"))

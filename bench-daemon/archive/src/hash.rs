@@ -1,4 +1,4 @@
-//! SHA-256 in 64 digits, of bytes as they come.
+//! Incremental SHA-256 in 64 digits.
 
 use std::{fs::File, io::Read, path::Path};
 
@@ -9,7 +9,7 @@ use crate::ArchiveError;
 /// Number of bytes in one read.
 const PIECE: usize = 1 << 18;
 
-/// A hash and the number of bytes that it is of.
+/// State of a hash, with the number of bytes.
 #[derive(Debug, Default)]
 pub(crate) struct Hasher {
     hash: Sha256,
@@ -26,13 +26,13 @@ pub(crate) struct Hashed {
 }
 
 impl Hasher {
-    /// Takes the next bytes.
+    /// Adds the next bytes.
     pub(crate) fn take(&mut self, bytes: &[u8]) {
         self.hash.update(bytes);
         self.bytes += bytes.len() as u64;
     }
 
-    /// The hash of all that was taken.
+    /// Returns the hash of all bytes.
     pub(crate) fn end(self) -> Hashed {
         let digest = self.hash.finalize();
         Hashed {
@@ -43,17 +43,17 @@ impl Hasher {
 }
 
 impl Hashed {
-    /// Of bytes in memory.
+    /// Returns the digest of bytes in memory.
     pub(crate) fn of(bytes: &[u8]) -> Self {
         let mut hasher = Hasher::default();
         hasher.take(bytes);
         hasher.end()
     }
 
-    /// Of a file, read by pieces.
+    /// Returns the digest of a file, read in pieces.
     ///
     /// # Errors
-    /// A file that cannot be read.
+    /// The file cannot be read.
     pub(crate) fn of_file(path: &Path) -> Result<Self, ArchiveError> {
         let failed = || ArchiveError::io(path, "read the file");
         let mut file = File::open(path).map_err(failed())?;
@@ -66,7 +66,7 @@ impl Hashed {
         }
     }
 
-    /// In words.
+    /// Size and hash in words.
     pub(crate) fn words(&self) -> String {
         format!("{} bytes of SHA-256 {}", self.bytes, self.sha256)
     }

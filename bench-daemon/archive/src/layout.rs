@@ -1,4 +1,4 @@
-//! Where things lie in a store, and what its lists hold.
+//! Layout of a store, and contents of its lists.
 //!
 //! ```text
 //! store.json                                    format and version
@@ -23,7 +23,7 @@ pub const TABLES_VERSION: u32 = 1;
 pub(crate) const STORE_FILE: &str = "store.json";
 /// Folder of the lists of files.
 pub(crate) const RUNS: &str = "runs";
-/// Name that Hive gives the partition of a value that is not known.
+/// Name that Hive gives to the partition of an unknown value.
 const UNKNOWN: &str = "__HIVE_DEFAULT_PARTITION__";
 
 /// Head of a store.
@@ -46,7 +46,7 @@ impl StoreHead {
 /// A file of a run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FileEntry {
-    /// Its path in the run folder; `analyses/…` for a diagnosis that lies beside it.
+    /// Its path in the run folder; `analyses/…` for a diagnosis beside the folder.
     pub path: String,
     /// SHA-256 of its bytes.
     pub sha256: String,
@@ -70,12 +70,12 @@ pub struct Partition {
     pub site: String,
     /// The bench.
     pub bench: String,
-    /// UTC date of the beginning of the run.
+    /// UTC date of the start of the run.
     pub date: String,
 }
 
 impl Partition {
-    /// That of a run.
+    /// Returns the partition of a run.
     pub(crate) fn of(site: &str, run: &CatalogRun) -> Self {
         let began = Timestamp::from_millisecond((run.started_unix_s * 1.0e3) as i64);
         let date = began
@@ -95,13 +95,13 @@ impl Partition {
 pub struct Placed {
     /// The run.
     pub run_sha256: String,
-    /// Where its rows are.
+    /// Location of its rows.
     #[serde(flatten)]
     pub partition: Partition,
 }
 
 impl Placed {
-    /// Path of its rows in a table.
+    /// Returns the path of its rows in a table.
     pub(crate) fn table(&self, name: &str) -> String {
         let Partition { site, bench, date } = &self.partition;
         let [site, bench] = [site, bench].map(|value| encoded(value));
@@ -117,30 +117,30 @@ pub struct RunList {
     pub format: String,
     /// [`STORE_VERSION`].
     pub version: u32,
-    /// The run, and where its rows are.
+    /// The run, and the location of its rows.
     #[serde(flatten)]
     pub placed: Placed,
     /// Name of its folder.
     pub name: String,
-    /// Identity of the run before it changed.
+    /// Previous identity of the run, if it has changed.
     pub supersedes: Option<String>,
     /// Its files, by path.
     pub files: Vec<FileEntry>,
 }
 
 impl RunList {
-    /// Path of the list of a run.
+    /// Returns the path of the list of a run.
     pub(crate) fn path(run_sha256: &str) -> String {
         format!("{RUNS}/{run_sha256}.json")
     }
 
-    /// Size of all files.
+    /// Returns the size of all files.
     pub fn bytes(&self) -> u64 {
         self.files.iter().map(|file| file.bytes).sum()
     }
 }
 
-/// Path of the bytes of a file.
+/// Returns the path of the bytes of a file.
 pub(crate) fn object(sha256: &str) -> String {
     let first = sha256.get(..2).unwrap_or_default();
     format!("objects/sha256/{first}/{sha256}")
@@ -155,7 +155,7 @@ pub fn run_sha256(files: &[FileEntry]) -> String {
     Hashed::of(lines.concat().as_bytes()).sha256
 }
 
-/// Whether a text is a SHA-256 as this program writes it.
+/// Returns whether a text is a SHA-256 in the form that this program writes.
 pub fn is_sha256(text: &str) -> bool {
     text.len() == 64
         && text
@@ -163,7 +163,7 @@ pub fn is_sha256(text: &str) -> bool {
             .all(|byte| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte))
 }
 
-/// A value as Hive writes it in the name of a folder.
+/// Encodes a value as Hive does in the name of a folder.
 fn encoded(value: &str) -> String {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte);
     let one = |byte: u8| match plain(byte) {

@@ -1,5 +1,5 @@
-//! `eis-archive`: sends the ended runs of a data folder to a store, and brings them back. Works on
-//! run folders only: no bench and no server waits for it.
+//! `eis-archive`: sends the ended runs of a data folder to a store, and fetches them. Works on run
+//! folders only: no bench and no server waits for it.
 
 mod command;
 mod data_folder;

@@ -1,4 +1,4 @@
-//! Bytes into the store and back, each verified by its hash.
+//! Writes objects to the store and reads them back, verified by their hashes.
 
 use std::{
     fs::File,
@@ -16,9 +16,9 @@ use crate::{
     hash::{Hashed, Hasher},
 };
 
-/// Size of a part of a large file: the least that S3 allows, so that little is in memory.
+/// Size of a part of a large file: the minimum of S3, to limit the memory.
 const PART: usize = 5 * 1024 * 1024;
-/// How often bytes are sent that come back as others.
+/// Maximum number of attempts to send bytes that read back differently.
 const SENDINGS: usize = 3;
 /// Number of reads of an object before its bytes count as wrong.
 const READINGS: usize = 2;
@@ -69,7 +69,7 @@ impl Store {
         Ok(Some(bytes.map_err(self.failed(path, "read it"))?.to_vec()))
     }
 
-    /// Makes a small object that must not be there yet; the bytes of the one that is there.
+    /// Creates a small object if it does not exist; returns the bytes of the object in the store.
     pub(crate) async fn create(
         &self,
         path: &str,
@@ -94,7 +94,7 @@ impl Store {
         }
     }
 
-    /// Removes an object; one that is not there is removed.
+    /// Removes an object; succeeds if it does not exist.
     pub(crate) async fn remove(&self, path: &str) -> Result<(), ArchiveError> {
         match self.objects.delete(&self.at(path)?).await {
             Ok(()) | Err(Error::NotFound { .. }) => Ok(()),
@@ -118,7 +118,7 @@ impl Store {
         Ok(first.filter(|first| Some(first) == second.as_ref()))
     }
 
-    /// Reads an object into a writer, of which `target` is the place.
+    /// Reads an object into a writer; `target` is its path for messages.
     async fn read(
         &self,
         path: &str,
@@ -202,7 +202,7 @@ impl Store {
         }
     }
 
-    /// Reads an object into a new file, which is left only where its bytes are the wanted ones.
+    /// Reads an object into a new file, which is kept only if its bytes match.
     pub(crate) async fn fetch(
         &self,
         path: &str,
@@ -246,7 +246,7 @@ impl Store {
         put.map(drop).map_err(self.failed(path, "write it"))
     }
 
-    /// Sends a large file part by part, one of which is in memory.
+    /// Sends a large file in parts, with one part in memory.
     async fn send_parts(
         &self,
         path: &str,
@@ -261,7 +261,8 @@ impl Store {
         let sent = self.parts(path, upload.as_mut(), file).await;
         let sent = sent.and_then(|sent| same(&sent, wanted, file));
         if let Err(error) = sent {
-            // Parts that stay are no object; the rules of the bucket end them.
+            // Parts that remain do not form an object; the lifecycle rules of the bucket remove
+            // them.
             let _ = upload.abort().await;
             return Err(error);
         }

@@ -1,4 +1,4 @@
-//! An archive that is open: its settings, its store and its receipts.
+//! An open archive: its settings, its store and its receipts.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use crate::{
     status::{read_status, write_status},
 };
 
-/// An archive that is open.
+/// An open archive.
 pub(crate) struct Archive {
     pub(crate) settings: Settings,
     pub(crate) store: Store,

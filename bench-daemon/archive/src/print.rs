@@ -1,4 +1,4 @@
-//! Prints results and remarks. A reader that has gone away must not end the work.
+//! Prints results and remarks. A closed output must not end the work.
 
 use std::{fmt, io::Write};
 
@@ -19,7 +19,7 @@ pub(crate) fn print_remark(text: fmt::Arguments<'_>) {
 /// Prints a result as JSON.
 ///
 /// # Errors
-/// A value that JSON cannot represent.
+/// JSON cannot represent the value.
 pub(crate) fn print_json(value: &impl Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value);
     let text = text.map_err(|error| Failure::Store(error.to_string()))?;

@@ -1,14 +1,14 @@
-//! Puts a run into the store.
+//! Pushes a run to the store.
 //!
-//! 1. The receipt says what is going to be there, and what was there before.
-//! 2. Every file is sent where it is absent, and read back.
+//! 1. The receipt lists the new state of the run and its previous state.
+//! 2. Every absent file is sent, and every file is read back.
 //! 3. The rows are written, and read back.
 //! 4. The folder is read again: it must not have changed.
-//! 5. The list of the run is made, unless it is there.
-//! 6. The rows of what the run was before are removed.
-//! 7. The receipt says that it is there.
+//! 5. The list of the run is created, unless it exists.
+//! 6. The rows of the previous state of the run are removed.
+//! 7. The receipt marks the run as archived.
 //!
-//! Whatever point this ends at, it can be begun again.
+//! The procedure can be repeated after an interruption at any point.
 
 use std::collections::BTreeSet;
 
@@ -33,7 +33,7 @@ use crate::{
 const AT_ONCE: usize = 4;
 /// Files up to this size are small, bytes: `AT_ONCE` of them are in memory at once.
 const SMALL: u64 = 1 << 20;
-/// Number of attempts for a run that changes in the meantime.
+/// Number of attempts for a run that changes during the push.
 const BEGINNINGS: usize = 3;
 
 /// Result of a push.
@@ -41,11 +41,11 @@ const BEGINNINGS: usize = 3;
 pub enum Outcome {
     /// The store already contained it in its present state.
     Unchanged(Kept),
-    /// It is there now.
+    /// The store contains it now.
     Archived(Kept),
 }
 
-/// Circumstances of a push.
+/// Conditions of a push.
 #[derive(Debug, Clone, Default)]
 pub struct Now {
     /// Time, s since 1970.
@@ -58,7 +58,7 @@ pub struct Now {
     pub again: bool,
 }
 
-/// Puts runs into a store.
+/// Pushes runs to a store.
 #[derive(Debug)]
 pub struct Pusher<'a> {
     store: &'a Store,
@@ -66,7 +66,7 @@ pub struct Pusher<'a> {
     site: &'a str,
     /// Hashes of the objects that were read back since the beginning.
     verified: BTreeSet<String>,
-    /// The store is known to be one of this program.
+    /// Whether the store was verified to be one of this program.
     begun: bool,
 }
 
@@ -92,7 +92,7 @@ impl Going<'_> {
 fn waiting(source: &RunSource, in_use: bool) -> ArchiveError {
     let why = match in_use {
         true => "a process works in its folder",
-        false => "its journal tells no end; `--unfinished` archives it as it is",
+        false => "its journal has no end; `--unfinished` archives it as it is",
     };
     ArchiveError::Waiting {
         run: source.name.clone(),
@@ -109,7 +109,7 @@ fn rows(source: &RunSource, now: &Now) -> RunRows {
 }
 
 impl<'a> Pusher<'a> {
-    /// Of a store.
+    /// Creates the value for a store.
     pub fn of(store: &'a Store, receipts: &'a Receipts, site: &'a str) -> Self {
         Self {
             store,
@@ -148,7 +148,7 @@ impl<'a> Pusher<'a> {
         let kind = match error {
             ArchiveError::Refused { .. } => TroubleKind::Refused,
             ArchiveError::Waiting { .. } => TroubleKind::Waiting,
-            // A receipt that cannot be read is not written over.
+            // Do not overwrite a receipt that cannot be read.
             ArchiveError::Record(_) => return Ok(()),
             _ => TroubleKind::Failed,
         };
@@ -216,7 +216,7 @@ impl<'a> Pusher<'a> {
         Ok(Outcome::Archived(kept))
     }
 
-    /// Record of the receipt, where nothing has changed since.
+    /// Returns the record of the receipt if nothing has changed since.
     fn unchanged(&self, receipt: &Receipt, stamp: &str, now: &Now) -> Option<Kept> {
         let is_there = receipt.store == self.store.name()
             && receipt.stale.is_empty()
@@ -296,7 +296,7 @@ impl<'a> Pusher<'a> {
         }
     }
 
-    /// Sends the files that are absent, small ones some at a time; the bytes that were sent.
+    /// Sends the absent files, several small ones at a time; returns the number of bytes sent.
     async fn objects(&mut self, going: &Going<'_>) -> Result<u64, ArchiveError> {
         let mut wanted = BTreeSet::new();
         let files: Vec<&FileEntry> = going
@@ -452,7 +452,7 @@ impl<'a> Pusher<'a> {
     }
 }
 
-/// Location of rows, and whether existing rows stay: they have equal content, and the run may
+/// Location of rows, and whether existing rows are kept: they have equal content, and the run may
 /// also exist in another folder.
 struct RowsAt {
     placed: Placed,
@@ -470,7 +470,7 @@ impl Store {
     /// Returns the list of a run, or `None` if there is none.
     ///
     /// # Errors
-    /// [`ArchiveError::Content`]: a list that does not match this hash.
+    /// [`ArchiveError::Content`] if the list does not match this hash.
     pub async fn run_list(&self, run_sha256: &str) -> Result<Option<RunList>, ArchiveError> {
         let path = RunList::path(run_sha256);
         let Some(bytes) = self.bytes(&path).await? else {

@@ -21,7 +21,7 @@ const PARTIAL: &str = "partial";
 /// Lock file in it, held by the process that works on the archive.
 const LOCK: &str = "lock";
 
-/// Fate of a run.
+/// State of a run in the archive.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Receipt {
@@ -39,7 +39,7 @@ pub struct Receipt {
     pub trouble: Option<Trouble>,
 }
 
-/// A run in the store, every byte of it read back.
+/// A run in the store; every byte was read back.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Kept {
     /// Its location.
@@ -51,7 +51,7 @@ pub struct Kept {
     pub files: usize,
     /// Size of its files.
     pub bytes: u64,
-    /// Bytes that were sent: files that were there already were not.
+    /// Bytes that were sent, without the files that already existed.
     pub sent_bytes: u64,
     /// When it was verified, s since 1970.
     pub verified_unix_s: f64,
@@ -59,20 +59,20 @@ pub struct Kept {
     pub supersedes: Option<String>,
     /// Its rows.
     pub tables: Vec<FileEntry>,
-    /// It has come to its end; its captures may be moved away by policy.
+    /// Whether it has ended; its captures may then be moved by policy.
     pub finished: bool,
-    /// Number of its files that are in the store only.
+    /// Number of its files that are only in the store.
     pub moved_files: usize,
-    /// Size of those.
+    /// Their size.
     pub moved_bytes: u64,
 }
 
-/// A push that has failed.
+/// A failed push.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Trouble {
-    /// In words.
+    /// Size and hash in words.
     pub why: String,
-    /// When, s since 1970.
+    /// Its time, s since 1970.
     pub unix_s: f64,
     /// Its kind.
     pub kind: TroubleKind,
@@ -80,7 +80,7 @@ pub struct Trouble {
     pub stamp: String,
 }
 
-/// Kind of a push that has failed.
+/// Kind of a failed push.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TroubleKind {
@@ -109,7 +109,7 @@ pub enum RunState {
 }
 
 impl Receipt {
-    /// State of the run, by the state of its folder now.
+    /// Returns the state of the run from the present state of its folder.
     pub fn state(&self, store: &str, stamp: &str) -> RunState {
         let here = self.store == store;
         let kept = self.kept.as_ref().filter(|_| here);
@@ -161,7 +161,7 @@ impl Receipts {
     /// Opens the receipts of a data folder, and creates the folder if it does not exist.
     ///
     /// # Errors
-    /// A folder that cannot be created.
+    /// The folder cannot be created.
     pub fn of(data: &Path) -> Result<Self, ArchiveError> {
         let folder = data.join(FOLDER);
         let made = fs::create_dir_all(&folder);
@@ -176,7 +176,7 @@ impl Receipts {
     /// Reads the receipt of a run, or returns an empty one if none exists.
     ///
     /// # Errors
-    /// A file that cannot be read or is not a receipt: it never counts as missing.
+    /// The file cannot be read or is not a receipt; it never counts as missing.
     pub fn read(&self, run: &str) -> Result<Receipt, ArchiveError> {
         let path = self.path(run);
         let text = match fs::read(&path) {
@@ -195,19 +195,19 @@ impl Receipts {
         })
     }
 
-    /// Writes a receipt, whole or not at all.
+    /// Writes a receipt atomically.
     ///
     /// # Errors
-    /// A file that cannot be written.
+    /// The file cannot be written.
     pub fn write(&self, receipt: &Receipt) -> Result<(), ArchiveError> {
         let text = serde_json::to_vec_pretty(receipt).unwrap_or_default();
         Ok(write_atomically(&self.path(&receipt.run), &text)?)
     }
 
-    /// All receipts, by name of the run.
+    /// Returns all receipts, by name of the run.
     ///
     /// # Errors
-    /// One that cannot be read.
+    /// A receipt cannot be read.
     pub fn all(&self) -> Result<Vec<Receipt>, ArchiveError> {
         let failed = || ArchiveError::io(&self.folder, "read the folder");
         let mut names = Vec::new();
@@ -222,7 +222,7 @@ impl Receipts {
     }
 
     /// Returns whether another run shares the location of its rows: two runs with equal content
-    /// are one.
+    /// have the same identity.
     pub(crate) fn is_shared(&self, run: &str, placed: &Placed) -> Result<bool, ArchiveError> {
         let is_there = |receipt: &Receipt| {
             let kept = receipt.kept.as_ref().map(|kept| &kept.placed);
@@ -231,7 +231,7 @@ impl Receipts {
         Ok(self.all()?.iter().any(is_there))
     }
 
-    /// An empty folder for files that are being fetched.
+    /// Creates an empty folder for files that are being fetched.
     pub(crate) fn partial(&self) -> Result<PathBuf, ArchiveError> {
         let folder = self.folder.join(PARTIAL);
         let _ = fs::remove_dir_all(&folder);
@@ -242,7 +242,7 @@ impl Receipts {
     /// Waits for the exclusive lock on the archive of this data folder, and takes it.
     ///
     /// # Errors
-    /// A file that cannot be created.
+    /// The file cannot be created.
     pub fn lock(&self) -> Result<File, ArchiveError> {
         let path = self.folder.join(LOCK);
         let made = File::options().create(true).append(true).open(&path);

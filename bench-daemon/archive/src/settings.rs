@@ -72,7 +72,7 @@ impl Settings {
     /// Reads the file of an archive.
     ///
     /// # Errors
-    /// The first mistake, with the file and the key.
+    /// The first error, with the file and the key.
     pub(crate) fn load(path: &Path) -> Result<Self, Failure> {
         let complain = |reason: &dyn std::fmt::Display| {
             Failure::Usage(format!("{}: {reason}", path.display()))

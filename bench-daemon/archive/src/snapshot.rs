@@ -1,4 +1,4 @@
-//! A run folder at one moment: its files with their hashes, held against its own list of hashes.
+//! A snapshot of a run folder: its files with their hashes, compared with its own list of hashes.
 
 use std::{
     collections::BTreeMap,
@@ -20,7 +20,7 @@ use crate::{
     layout::{FileEntry, run_sha256},
 };
 
-/// Folder of the diagnoses that lie beside a run folder, in the paths of its files.
+/// Folder of the diagnoses beside a run folder, in the paths of its files.
 pub(crate) const ANALYSES: &str = "analyses";
 
 /// A run to be archived.
@@ -34,17 +34,17 @@ pub struct RunSource {
     pub diagnoses: Vec<DiagnosisFolder>,
 }
 
-/// Files of a run at one moment.
+/// Snapshot of the files of a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Snapshot {
-    /// The run by its content.
+    /// Identity of the run, from its content.
     pub run_sha256: String,
     /// Its files by path, including those that were moved to an archive.
     pub files: Vec<FileEntry>,
 }
 
 impl RunSource {
-    /// A run without diagnoses beside it.
+    /// Creates a run without diagnoses beside it.
     pub fn of(folder: &Path) -> Self {
         let name = folder.file_name().unwrap_or_default();
         Self {
@@ -92,7 +92,7 @@ impl RunSource {
         Hashed::of(state.as_bytes()).sha256
     }
 
-    /// Whether a process works in the folder: it holds the journal.
+    /// Returns whether a process works in the folder: it holds the lock of the journal.
     pub(crate) fn is_in_use(&self) -> bool {
         File::open(self.folder.join(JOURNAL))
             .is_ok_and(|journal| matches!(journal.try_lock_shared(), Err(TryLockError::WouldBlock)))
@@ -138,7 +138,7 @@ impl RunSource {
         Ok(files)
     }
 
-    /// Only plain files go into an archive, and names that a list of lines can hold.
+    /// Accepts only plain files, with names that a list of lines can represent.
     fn plain(&self, name: &str, path: &Path) -> Result<(), ArchiveError> {
         let meta = fs::symlink_metadata(path).map_err(|error| vanished(error, path))?;
         match meta.is_file() && !name.contains(['\n', '\r', '\\']) {
@@ -186,7 +186,7 @@ impl RunSource {
         }
     }
 
-    /// A diagnosis may be made into the run folder after the run.
+    /// A diagnosis may be written into the run folder after the run.
     fn is_of_diagnosis(&self, name: &str) -> bool {
         let mut above = Path::new(name).ancestors().skip(1);
         above.any(|folder| {
@@ -211,7 +211,7 @@ fn entry(path: String, file: &Path) -> Result<FileEntry, ArchiveError> {
     })
 }
 
-/// A file that was listed a moment ago and is not there is one that has changed.
+/// A listed file that has disappeared counts as changed.
 fn vanished(error: io::Error, path: &Path) -> ArchiveError {
     match error.kind() {
         io::ErrorKind::NotFound => ArchiveError::Changed {

@@ -1,4 +1,4 @@
-//! Which runs of a data folder are in the store, by their receipts.
+//! State of the runs of a data folder in the store, from their receipts.
 
 use std::path::Path;
 
@@ -13,13 +13,13 @@ use bench_archive::{
 
 use crate::{data_folder::run_sources, failure::Failure, settings::Settings};
 
-/// Maximum number of runs with trouble in the list.
+/// Maximum number of failed or refused runs in the list.
 const MOST_TROUBLES: usize = 20;
 
 /// Reads the state of all runs from their receipts.
 ///
 /// # Errors
-/// A receipt or a folder that cannot be read.
+/// A receipt or a folder cannot be read.
 pub(crate) fn read_status(settings: &Settings) -> Result<ArchiveStatus, Failure> {
     let receipts = Receipts::of(&settings.data)?;
     let mut status = ArchiveStatus {
@@ -75,7 +75,7 @@ fn add_run(status: &mut ArchiveStatus, receipt: &Receipt, source: &RunSource) {
 /// Writes the status into the data folder, where the server reads it for its API and metrics.
 ///
 /// # Errors
-/// A file that cannot be written.
+/// The file cannot be written.
 pub(crate) fn write_status(data: &Path, status: &ArchiveStatus) -> Result<(), Failure> {
     let path = ArchiveStatus::path(data);
     let text = serde_json::to_vec_pretty(status).unwrap_or_default();

@@ -14,9 +14,9 @@ use crate::{
     layout::{STORE_FILE, STORE_FORMAT, STORE_VERSION, StoreHead},
 };
 
-/// Longest time of one request. A part of a file takes it with 350 kbit/s.
+/// Timeout of one request. A part of a file needs it at 350 kbit/s.
 const REQUEST: Duration = Duration::from_secs(120);
-/// Longest time until a connection stands.
+/// Timeout of connecting.
 const CONNECT: Duration = Duration::from_secs(10);
 /// Maximum time in which a request is retried automatically; after it, the whole run is tried
 /// again.
@@ -51,7 +51,7 @@ pub struct Bucket {
 }
 
 impl StorePlace {
-    /// Its name in receipts and messages.
+    /// Name in receipts and messages.
     pub fn name(&self) -> String {
         match self {
             Self::Folder(folder) => folder.display().to_string(),
@@ -67,7 +67,7 @@ impl StorePlace {
     }
 }
 
-/// A store that is open.
+/// An open store.
 #[derive(Debug, Clone)]
 pub struct Store {
     pub(crate) objects: Arc<dyn ObjectStore>,
@@ -78,7 +78,7 @@ impl Store {
     /// Opens a store without a request to a server.
     ///
     /// # Errors
-    /// A folder that cannot be created; keys that are missing or that others may read.
+    /// The folder cannot be created, or the keys are missing or readable for other accounts.
     pub fn open(place: &StorePlace) -> Result<Self, ArchiveError> {
         let objects: Arc<dyn ObjectStore> = match place {
             StorePlace::Folder(folder) => Arc::new(local(folder)?),
@@ -87,21 +87,21 @@ impl Store {
         Ok(Self::of(objects, place.name()))
     }
 
-    /// A store by its parts.
+    /// Creates a store from its parts.
     pub fn of(objects: Arc<dyn ObjectStore>, name: String) -> Self {
         Self { objects, name }
     }
 
-    /// Its name in receipts and messages.
+    /// Name in receipts and messages.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Makes sure that the store is one of this program and of a version that it knows; an empty one
-    /// becomes one.
+    /// Ensures that the store was written by this program in a known version; initialises an empty
+    /// store.
     ///
     /// # Errors
-    /// A store of a newer version, or something else.
+    /// The store has a newer version or is not a store.
     pub async fn begin(&self) -> Result<(), ArchiveError> {
         let own = serde_json::to_vec(&StoreHead::own()).unwrap_or_default();
         let found = match self.bytes(STORE_FILE).await? {
@@ -227,7 +227,7 @@ impl Keys {
     }
 }
 
-/// Lines `name = value` of a file that only its owner may read.
+/// Reads lines `name = value` of a file that only its owner may read.
 fn entries(path: &std::path::Path) -> Result<BTreeMap<String, String>, ArchiveError> {
     let failed = || ArchiveError::io(path, "read the keys of the archive");
     let mode = fs::metadata(path).map_err(failed())?.mode() & 0o777;

@@ -18,10 +18,10 @@ pub(crate) struct TableFile {
     pub(crate) bytes: Vec<u8>,
 }
 
-/// The tables of a run in their partitions. A table without rows has no file.
+/// Returns the tables of a run in their partitions. A table without rows has no file.
 ///
 /// # Errors
-/// A table that cannot be made.
+/// The table cannot be created.
 pub(crate) fn tables(rows: RunRows, placed: &Placed) -> Result<Vec<TableFile>, ArchiveError> {
     let tables = rows.tables(&placed.run_sha256);
     tables

@@ -1,8 +1,8 @@
-//! Moves captures of archived runs away: they stay in the store only.
+//! Removes captures of archived runs from their folders; they remain only in the store.
 //!
-//! Never before the run was verified, and never a file that the store has not given back a moment ago
-//! with the right hash. The list of moved files is written first, so that a capture that is missing is
-//! never one that is lost.
+//! A capture is removed only after the run was verified and the store has just returned the file with
+//! the right hash. The list of moved files is written first, so that a moved capture is never mistaken
+//! for a lost one.
 
 use std::{collections::BTreeSet, fs};
 
@@ -16,17 +16,17 @@ use crate::{
     snapshot::RunSource,
 };
 
-/// Captures that are checked before they are removed together.
+/// Number of captures that are checked before they are removed together.
 const AT_ONCE: usize = 32;
 
-/// Rule for captures that are moved, and when.
+/// Policy for moving captures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ThinPolicy {
     /// Time since the verified upload after which captures are moved, s.
     pub captures_after_s: f64,
     /// Time now, s since 1970.
     pub unix_s: f64,
-    /// Nothing is removed; what would be is counted.
+    /// Only count the captures that would be removed.
     pub dry: bool,
 }
 
@@ -39,7 +39,7 @@ pub struct Thinned {
     pub bytes: u64,
 }
 
-/// Moves the captures of a run away if the policy requires it.
+/// Moves the captures of a run if the policy requires it.
 ///
 /// # Errors
 /// [`ArchiveError`]; a capture is removed only after all its checks.
@@ -97,7 +97,7 @@ fn counted(captures: &[FileEntry]) -> Thinned {
     }
 }
 
-/// Returns the captures in the folder. The folder must match the archived run to the last byte.
+/// Returns the captures in the folder. The folder must match the archived run exactly.
 fn here(source: &RunSource, kept: &Kept) -> Result<Vec<FileEntry>, ArchiveError> {
     let within = format!("{CAPTURES}/");
     if !source.folder.join(CAPTURES).is_dir() || source.is_in_use() {
@@ -113,7 +113,7 @@ fn here(source: &RunSource, kept: &Kept) -> Result<Vec<FileEntry>, ArchiveError>
     Ok(captures)
 }
 
-/// Writes down that captures are moved, then removes them.
+/// Records that captures are moved, then removes them.
 fn remove(
     store: &Store,
     source: &RunSource,

@@ -1,4 +1,4 @@
-//! Reads runs back from the store, every byte of them.
+//! Reads every byte of runs back from the store.
 
 use std::collections::BTreeSet;
 
@@ -14,11 +14,11 @@ use crate::{
 /// Result of reading a run back.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct VerifiedRun {
-    /// Number of its files that came back as they were sent.
+    /// Number of its files that match what was sent.
     pub files: usize,
-    /// Size of those.
+    /// Their size.
     pub bytes: u64,
-    /// Files and tables that did not, in words.
+    /// Descriptions of the files and tables that do not match.
     pub wrong: Vec<String>,
 }
 
@@ -30,7 +30,7 @@ pub struct Verifier<'a> {
 }
 
 impl<'a> Verifier<'a> {
-    /// Of a store.
+    /// Creates the value for a store.
     pub fn of(store: &'a Store) -> Self {
         Self {
             store,
@@ -41,7 +41,7 @@ impl<'a> Verifier<'a> {
     /// Reads back a run that a receipt lists, with its rows.
     ///
     /// # Errors
-    /// A store that does not answer.
+    /// The store does not answer.
     pub async fn kept(&mut self, kept: &Kept) -> Result<VerifiedRun, ArchiveError> {
         let mut verified = self.run(&kept.placed.run_sha256).await?;
         for table in &kept.tables {
@@ -53,7 +53,7 @@ impl<'a> Verifier<'a> {
     /// Reads the files of a run back.
     ///
     /// # Errors
-    /// A store that does not answer.
+    /// The store does not answer.
     pub async fn run(&mut self, run_sha256: &str) -> Result<VerifiedRun, ArchiveError> {
         let mut verified = VerifiedRun::default();
         let list = match self.store.run_list(run_sha256).await {
@@ -108,7 +108,7 @@ impl Store {
     /// superseded ones.
     ///
     /// # Errors
-    /// A store that does not answer.
+    /// The store does not answer.
     pub async fn runs(&self) -> Result<Vec<String>, ArchiveError> {
         let prefix = Path::from(RUNS);
         let mut listed = self.objects.list(Some(&prefix));

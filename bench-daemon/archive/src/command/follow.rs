@@ -16,7 +16,7 @@ use crate::{
     status::{read_status, write_status},
 };
 
-/// First and longest pause before a push is repeated, s. Each is twice the one before.
+/// First and longest pause before a push is repeated, s. The pause doubles each time.
 const PAUSES_S: [f64; 2] = [2.0, 300.0];
 /// Interval between two checks for captures that are due to be moved, s.
 const THIN_EVERY_S: f64 = 6.0 * 3600.0;
@@ -26,7 +26,7 @@ const STATUS_EVERY_S: f64 = 30.0;
 /// Sends runs as they end.
 ///
 /// # Errors
-/// A file of the archive that is not as expected, at the start. A store that does not answer is
+/// The file of the archive is invalid at the start. If the store does not answer, the operation is
 /// retried instead.
 pub(super) async fn follow(args: &FollowArgs) -> Result<(), Failure> {
     let settings = Settings::load(&args.config)?;
@@ -62,7 +62,7 @@ pub(super) async fn follow(args: &FollowArgs) -> Result<(), Failure> {
     }
 }
 
-/// Sends what is due, once.
+/// Performs the due work once.
 async fn push_once(settings: &Settings, push: &PushArgs, clock: &Clock) -> Result<(), Failure> {
     let archive = Archive::open(settings.clone())?;
     let mut published_s: Option<f64> = None;
@@ -89,7 +89,8 @@ async fn move_due_captures(settings: &Settings, after_s: f64) -> Result<(), Fail
     Ok(())
 }
 
-/// Writes the status for the server. A failure of this is only a remark: the runs matter more.
+/// Writes the status for the server. A failure is only a remark, because the runs are more
+/// important.
 fn publish(settings: &Settings, in_work: bool, trouble: Option<(String, f64)>) {
     let written = read_status(settings).and_then(|mut status| {
         status.in_work = in_work;

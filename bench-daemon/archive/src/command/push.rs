@@ -17,7 +17,7 @@ use crate::{
     print::{print_json, print_line, print_remark},
 };
 
-/// First and longest pause between two attempts, s. Each is twice the one before.
+/// First and longest pause between two attempts, s. The pause doubles each time.
 const PAUSES_S: [f64; 2] = [1.0, 30.0];
 
 /// Result of a push.
@@ -47,7 +47,7 @@ pub(super) async fn push_runs(args: &PushArgs) -> Result<(), Failure> {
 /// Sends the runs that are due. Calls `between` before each run.
 ///
 /// # Errors
-/// A store that fails or refuses an operation. A single run that fails is counted instead.
+/// The store fails or refuses an operation. Failures of single runs are counted instead.
 pub(super) async fn push_due(
     archive: &Archive,
     args: &PushArgs,
@@ -114,7 +114,7 @@ async fn push_with_retries(
 /// Returns 0.5 to 1.5 times a pause, s, so that clients of one store do not return at the same time.
 pub(super) fn with_jitter(pause_s: f64) -> f64 {
     let mut byte = [128];
-    // Without randomness the pause is the middle one.
+    // Without random numbers, use the unchanged pause.
     let _ = getrandom::fill(&mut byte);
     pause_s * (0.5 + f64::from(byte[0]) / 255.0)
 }

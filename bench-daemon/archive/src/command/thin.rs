@@ -1,4 +1,4 @@
-//! `eis-archive thin`: removes captures that the store has given back.
+//! `eis-archive thin`: removes captures after reading them back from the store.
 
 use bench_archive::{
     snapshot::RunSource,
@@ -9,7 +9,7 @@ use instruments_link::clock::unix_time_s;
 use super::arguments::ThinArgs;
 use crate::{failure::Failure, open::Archive, print::print_line};
 
-/// Captures that were moved, or would be.
+/// Captures that were moved, or would be moved in a dry run.
 #[derive(Debug, Default)]
 pub(super) struct Moved {
     files: usize,

@@ -393,7 +393,7 @@ fn a_run_without_an_end_waits_and_one_that_failed_does_not() {
     .write(&place);
     let error = place.push(&run).unwrap_err();
     assert!(
-        error.to_string().contains("its journal tells no end"),
+        error.to_string().contains("its journal has no end"),
         "{error}"
     );
     assert!(place.held().is_empty());
