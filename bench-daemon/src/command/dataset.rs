@@ -31,8 +31,8 @@ pub use args::DatasetArgs;
 /// Makes or checks a data set.
 ///
 /// # Errors
-/// An argument that is not as expected; a `dataset.toml` that is there already; a data set that lacks
-/// a key or a usable run.
+/// An argument is invalid, a `dataset.toml` already exists, or the data set lacks a key or a usable
+/// run.
 pub fn dataset(args: &DatasetArgs) -> Result<(), Failure> {
     match &args.act {
         Act::Init(args) => init(args),
@@ -117,7 +117,7 @@ const OWN_CURVE: &str = "ocv_rests.json";
 /// Name of the model to start from.
 const OWN_MODEL: &str = "model_start.json";
 
-/// Writes the curve and the model that the logs give, beside the data set.
+/// Writes the curve and the model from the logs beside the data set.
 fn write_own(args: &InitArgs, findings: &Findings, replaces: bool) -> Result<(), Failure> {
     let curve = findings.curve.as_ref();
     let curve = curve.and_then(|curve| serde_json::to_string(curve).ok());
@@ -138,7 +138,7 @@ fn write_own(args: &InitArgs, findings: &Findings, replaces: bool) -> Result<(),
     Ok(())
 }
 
-/// The commands that lead from the data set to a verdict.
+/// Returns the commands that lead from the data set to a verdict.
 fn next(args: &InitArgs, findings: &Findings) -> String {
     let out = args.out.display();
     let mut used = findings.spectra.iter().filter(|one| one.refusal.is_none());
@@ -156,8 +156,8 @@ fn next(args: &InitArgs, findings: &Findings) -> String {
     }
 }
 
-/// What a data set lacks before `diagnose` accepts it, with the options that state it; none if it lacks
-/// nothing.
+/// Returns what a data set lacks before `diagnose` accepts it, with the options that provide it; `None`
+/// if it is complete.
 fn lacks(findings: &Findings) -> Option<String> {
     let spectra = findings.spectra.iter();
     let used = spectra
@@ -184,7 +184,7 @@ fn lacks(findings: &Findings) -> Option<String> {
     Some(words.collect::<Vec<_>>().join(" and ")).filter(|words| !words.is_empty())
 }
 
-/// Refuses numbers that cannot be.
+/// Refuses numbers out of range.
 fn check(args: &InitArgs) -> Result<(), Failure> {
     let fail = |option: &str, expected: &str, met: f64| {
         Err(Failure::Usage(format!(
@@ -237,7 +237,7 @@ fn named(args: &InitArgs, findings: &Findings) -> Result<Named, Failure> {
     })
 }
 
-/// The reason for which most loads are left out, as the end of a message.
+/// Returns the most frequent reason for leaving out loads, as the end of a message.
 fn commonest(findings: &Findings) -> String {
     let mut counts: BTreeMap<&str, usize> = BTreeMap::new();
     for reason in findings

@@ -38,7 +38,7 @@ pub(super) struct CheckArgs {
 /// Arguments of `dataset init`.
 #[derive(Debug, Args)]
 pub(super) struct InitArgs {
-    /// Spectra and logs of a cycler, the format told by the content. They stay where they are.
+    /// Spectra and logs of a cycler. The content determines the format. The files are not moved.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Folder of the new `dataset.toml`. A file that is there is never written over, unless it lacks
@@ -83,8 +83,8 @@ pub(super) struct InitArgs {
     /// Slowest sampling of a pulse or a drive cycle.
     #[arg(long, value_name = "TIME", default_value = "1 s", value_parser = duration)]
     pub sampling: f64,
-    /// Direction that the logs count positive, `discharge` or `charge` [default: as the voltage and
-    /// the file's columns tell]
+    /// Direction that the logs count positive, `discharge` or `charge` [default: from the voltage and
+    /// the file's columns]
     #[arg(long, value_name = "DIRECTION")]
     pub positive: Option<CurrentSign>,
     /// Print what would be written, and write nothing.
@@ -99,12 +99,12 @@ fn duration(text: &str) -> Result<f64, String> {
     Quantity::<Duration>::parse(text).map(|duration| duration.si)
 }
 
-/// Circumstances of a file or spectrum, as typed.
+/// Conditions of a file or spectrum from the command line.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Stated {
     /// Name of the log or spectrum.
     pub(super) name: String,
-    /// Its place.
+    /// Its conditions.
     pub(super) place: Place,
 }
 

@@ -1,4 +1,4 @@
-//! `eis-bench dataset check`: whether `diagnose` accepts a data set.
+//! `eis-bench dataset check`: checks whether `diagnose` accepts a data set.
 
 use std::path::Path;
 
@@ -10,11 +10,11 @@ use crate::{
     support::terminal::say,
 };
 
-/// Reads a data set as `diagnose` does, and prints what it holds.
+/// Reads a data set as `diagnose` does, and prints its contents.
 ///
 /// # Errors
-/// The first key that is missing or not as expected, with file and line; [`Failure::Invalid`] for a run
-/// whose file is damaged.
+/// The first key that is missing or invalid, with file and line; [`Failure::Invalid`] for a run with a
+/// damaged file.
 pub(super) fn check(path: &Path) -> Result<(), Failure> {
     let read = read_dataset(path)?;
     let named = named_files(path)?;

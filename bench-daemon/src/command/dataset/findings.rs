@@ -11,7 +11,7 @@ use crate::investigate::proposal::{
 /// Everything that was found, for `--json`.
 #[derive(Debug, Serialize)]
 pub(super) struct Findings {
-    /// Every file, with its kind or why it cannot be read.
+    /// Every file, with its kind or the reason why it cannot be read.
     pub(super) files: Vec<FileFinding>,
     /// Logs with their loads.
     pub(super) logs: Vec<FoundLog>,
@@ -21,7 +21,7 @@ pub(super) struct Findings {
     pub(super) runs: Vec<ProposedRun>,
     /// Noise and codes.
     pub(super) bench: Estimate,
-    /// Keys that a person must fill in.
+    /// Keys that the user must fill in.
     pub(super) missing: Vec<Missing>,
     /// Curve through the rest voltages, if no curve was given.
     pub(super) curve: Option<OcvCurve>,
@@ -36,7 +36,7 @@ pub(super) struct FileFinding {
     pub(super) file: String,
     /// Kind; `None` if the file cannot be read.
     pub(super) kind: Option<FileKind>,
-    /// Content in a few words, or the nearest reader and the reason.
+    /// Short description of the content, or the most similar reader and the reason.
     pub(super) text: String,
 }
 

@@ -20,7 +20,7 @@ use crate::{
 /// Derives loads, runs, split and noise from the contents.
 ///
 /// # Errors
-/// A file of the OCV curve that cannot be read.
+/// The file of the OCV curve cannot be read.
 pub(super) fn found(args: &InitArgs, contents: Vec<Content>) -> Result<Findings, Failure> {
     let curve = args.ocv.as_deref().map(files::read_curve).transpose()?;
     let mut capacity_ah = args.capacity_ah;
@@ -37,7 +37,7 @@ pub(super) fn found(args: &InitArgs, contents: Vec<Content>) -> Result<Findings,
             let found = found_log(args, &log, curve.as_ref());
             capacity_ah = capacity_ah.or(log.state.head.capacity_ah.map(|fact| fact.value));
             let usable = found.loads.iter().any(|load| load.refusal.is_none());
-            // A log of spectra only.
+            // A log that contains only spectra.
             if usable || !has_spectra {
                 logs.push(found);
                 series.push(log.series);
@@ -66,7 +66,7 @@ pub(super) fn found(args: &InitArgs, contents: Vec<Content>) -> Result<Findings,
     })
 }
 
-/// Loads of a log with their states and temperatures.
+/// Returns the loads of a log with their states and temperatures.
 fn found_log(args: &InitArgs, log: &Log, curve: Option<&OcvCurve>) -> FoundLog {
     let search = LogSearch {
         rest_s: args.rest,
@@ -128,8 +128,8 @@ fn found_log(args: &InitArgs, log: &Log, curve: Option<&OcvCurve>) -> FoundLog {
     }
 }
 
-/// The temperature that is used in the place of the log's own: as stated, else that of the head where
-/// the log holds none.
+/// Returns the temperature that replaces the log's own: the stated one, else that of the head if the
+/// log has none.
 fn temperature(log: &Log, stated_c: Option<f64>, loads: &[Load]) -> Option<TestTemperature> {
     let logged = loads.iter().any(|load| load.temperature_c.is_some());
     if let Some(celsius) = stated_c {
@@ -150,7 +150,7 @@ fn temperature(log: &Log, stated_c: Option<f64>, loads: &[Load]) -> Option<TestT
     })
 }
 
-/// A spectrum, left out if it is not at `--soc`.
+/// Adds a spectrum; leaves it out if it is not at `--soc`.
 fn picked(args: &InitArgs, mut spectrum: FoundSpectrum) -> FoundSpectrum {
     let Place { soc, .. } = spectrum.place;
     if let (Some(wanted), Some(_), None) = (args.soc, soc, &spectrum.refusal) {
@@ -159,7 +159,7 @@ fn picked(args: &InitArgs, mut spectrum: FoundSpectrum) -> FoundSpectrum {
     spectrum
 }
 
-/// Why a load or a spectrum is not one at a state of charge.
+/// Returns the reason why a load or a spectrum is not at the requested state of charge.
 fn elsewhere(met: Option<f64>, wanted: f64, near: f64) -> Option<String> {
     match met {
         Some(met) if (met - wanted).abs() <= near => None,

@@ -1,4 +1,4 @@
-//! Table of what `dataset init` found and left out.
+//! Prints what `dataset init` found and left out.
 
 use analysis::diagnosis::Role;
 
@@ -155,7 +155,7 @@ fn noise(found: &Findings) {
     let bench = &found.bench;
     let value = |value: Option<f64>, unit: &str| {
         value.map_or_else(
-            || "not told by the data".to_owned(),
+            || "not determined by the data".to_owned(),
             |value| format!("{:.2} m{unit}", 1e3 * value),
         )
     };

@@ -30,12 +30,12 @@ pub(super) struct Log {
     pub(super) series: TimeSeries,
     /// Numbers of the cycler's steps.
     pub(super) steps: Option<Vec<f64>>,
-    /// What the file says of the state of the cell.
+    /// State of the cell from the file.
     pub(super) state: State,
 }
 
 impl Log {
-    /// What is taken from the file beside current and voltage, as remarks.
+    /// Returns remarks on data other than current and voltage that are used from the file.
     pub(super) fn remarks(&self) -> Vec<String> {
         let head = self.state.head;
         let capacity = head.capacity_ah.map(|fact| {
@@ -64,7 +64,7 @@ pub(super) struct Content {
     pub(super) spectra: Vec<FoundSpectrum>,
 }
 
-/// Circumstances that were stated for a name.
+/// Returns the stated conditions of a name.
 pub(super) fn stated(all: &[Stated], name: &str) -> Place {
     all.iter()
         .find(|one| one.name == name)
@@ -94,7 +94,7 @@ pub(super) fn read_all(args: &InitArgs) -> Result<Vec<Content>, Failure> {
     }
 }
 
-/// Names that are given to logs and spectra.
+/// Names of logs and spectra that are in use.
 #[derive(Default)]
 struct Names(Vec<String>);
 
@@ -141,7 +141,7 @@ fn one(args: &InitArgs, path: &Path, names: &mut Names) -> Result<Content, Failu
     }
 }
 
-/// A log, with the spectra that stand in some of its rows.
+/// Reads a log, with the spectra in some of its rows.
 fn of_log(
     args: &InitArgs,
     path: &Path,
@@ -180,11 +180,11 @@ fn of_log(
     })
 }
 
-/// Greatest current at which the voltage of a log is that at rest, as a part of the greatest: as for
-/// the rests of a log. A log without any current is at rest.
+/// Current below which a log is at rest, as a fraction of its maximum current, as for the rests of a
+/// log. A log without any current is at rest.
 const REST_PART: f64 = 2e-3;
 
-/// State and temperature in the rows of a log that holds spectra.
+/// Returns state and temperature in the rows of a log with spectra.
 fn place_of(read: &ReadSeries) -> Place {
     let middle = |all: &[f64]| {
         let mut all: Vec<f64> = all.iter().copied().filter(|v| v.is_finite()).collect();
@@ -212,7 +212,7 @@ fn place_of(read: &ReadSeries) -> Place {
     }
 }
 
-/// Spectra of a file in words, with the remarks of the reader.
+/// Describes the spectra of a file, with the remarks of the reader.
 fn described(read: &FileSpectra) -> String {
     let mut text = match read.spectra.len() {
         1 => "1 spectrum".to_owned(),
@@ -222,7 +222,7 @@ fn described(read: &FileSpectra) -> String {
     text
 }
 
-/// The spectra of a file, whose own state and temperature count where none are stated.
+/// Returns the spectra of a file. Its own state and temperature apply if none are stated.
 fn of_spectra(
     args: &InitArgs,
     path: &Path,
@@ -239,7 +239,7 @@ fn of_spectra(
     Ok(each.collect())
 }
 
-/// The reader that came furthest, and its reason.
+/// Returns the most similar reader, and its reason.
 fn nearest(path: &Path, series: &SeriesReadError, spectra: &FormatError) -> String {
     let knows_columns = !matches!(
         series,
@@ -281,7 +281,7 @@ fn spectrum(
         (place.soc, place.ocv_v) = (own.soc, own.ocv_v);
     }
     let points = &sourced.spectrum.points;
-    // The points are by rising frequency.
+    // The points are in order of rising frequency.
     let inductive = points.iter().position(|point| point.z_ohm.im > 0.0);
     let of_cell = sourced
         .origin
@@ -330,7 +330,7 @@ pub(super) fn from_folder(path: &Path, folder: &Path) -> Result<String, Failure>
     Ok(relative.to_string_lossy().into_owned())
 }
 
-/// A folder without links and ways up; the end of it need not be there yet.
+/// Returns a folder without links and `..`; its last components need not exist yet.
 fn whole(folder: &Path) -> std::io::Result<PathBuf> {
     let mut found = std::env::current_dir().and_then(std::fs::canonicalize)?;
     for component in folder.components() {
@@ -345,7 +345,7 @@ fn whole(folder: &Path) -> std::io::Result<PathBuf> {
     Ok(found)
 }
 
-/// Name of a file without its endings.
+/// Returns the name of a file without its extensions.
 fn stem(path: &Path) -> String {
     let stem = path.file_stem().map_or_else(
         || "file".to_owned(),

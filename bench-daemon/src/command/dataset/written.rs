@@ -1,20 +1,20 @@
-//! A `dataset.toml` that lacks something, and whether it may be written over.
+//! An incomplete `dataset.toml`, and whether it may be overwritten.
 
 use std::path::Path;
 
 use crate::support::hash::sha256;
 
-/// Beginning of the last line of a file that lacks something.
+/// Beginning of the last line of an incomplete file.
 const MARK: &str =
     "# It lacks what FILL IN says. `dataset init` writes over it as long as it is unchanged: ";
 
-/// Appends the mark of a file that lacks something, with the hash of the text before it.
+/// Appends the mark of an incomplete file, with the hash of the text before it.
 pub(super) fn mark_incomplete(text: &mut String) {
     let hash = sha256(text.as_bytes());
     *text += &format!("{MARK}{hash}\n");
 }
 
-/// Whether a file is one that lacks something and that nobody has changed since it was written.
+/// Returns whether a file is incomplete and unchanged since it was written.
 pub(super) fn may_be_replaced(path: &Path) -> bool {
     let Ok(text) = std::fs::read_to_string(path) else {
         return false;

@@ -228,7 +228,7 @@ fn run_text(named: &Named, logs: &[FoundLog], run: &ProposedRun, order: usize) -
         let compare_from_s = milliseconds(base.compare_from_s, false);
         lines.push(format!("compare_from_s = {compare_from_s:?}"));
         lines.push(format!(
-            "level_sigma_v = {BASE_LEVEL_V:?}  # no rest tells the level"
+            "level_sigma_v = {BASE_LEVEL_V:?}  # no rest determines the level"
         ));
     }
     lines.extend([
