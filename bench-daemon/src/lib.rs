@@ -1,5 +1,5 @@
-//! The program `eis-bench`: command line, server, whole runs and their results. What moves current
-//! stands in [`bench_core`].
+//! The program `eis-bench`: command line, server, whole runs and their results. [`bench_core`]
+//! contains everything that moves current.
 //!
 //! In reading order, each module using earlier ones only: [`support`] (helpers), [`doctor`] (proof of
 //! a bench), [`run`] (a whole run), [`investigate`] (runs → diagnosis → the recommended run),

@@ -134,7 +134,7 @@ pub struct CatalogRun {
     pub bench: String,
     /// The cells.
     pub cells: Vec<CatalogCell>,
-    /// Who submitted it or answered its questions; null if nobody was named.
+    /// Person who submitted it or answered its questions; null if unnamed.
     pub operator: Option<String>,
     /// Seed of simulation and searches.
     pub seed: u64,
@@ -331,7 +331,7 @@ pub struct CatalogEvent {
     pub kind: CatalogEventKind,
     /// Text of the event.
     pub text: String,
-    /// Who acted; null if nobody was named.
+    /// Person who acted; null if unnamed.
     pub by: Option<String>,
 }
 

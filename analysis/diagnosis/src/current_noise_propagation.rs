@@ -24,7 +24,7 @@ pub(super) fn covariance(time: &TimeBlock, soc: f64, base: &Base, variance_a2: f
     let (n, count) = (time.bins.len(), branches.len() + 1);
     let mut covariance = vec![0.0; n * n];
     let mut state = vec![0.0; count * count];
-    // Of each row that was met with all components.
+    // For each earlier row, with all components.
     let mut with: Vec<Vec<f64>> = Vec::with_capacity(n);
     let mut volts = vec![1.0; count];
     let mut row = 0;

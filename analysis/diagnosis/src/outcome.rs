@@ -285,7 +285,7 @@ pub struct NextExperiment {
     pub separates: Vec<&'static str>,
     /// Expected separation √λ of the closest pair, in standard deviations.
     pub separation_sigma: f64,
-    /// The same with the data at hand.
+    /// The same with the present data.
     pub separation_now_sigma: f64,
     /// True if it is expected to decide all open questions; false if it decides some of them.
     pub settles: bool,

@@ -351,7 +351,7 @@ impl Attack {
     /// Returns why a fault of one instrument is skipped.
     fn no_exchange(&self, role: &str, fault: Fault) -> Option<&'static str> {
         if !self.window.has_exchanges() {
-            return Some("faults of one exchange are played in four windows");
+            return Some("faults of one exchange are injected in four windows");
         }
         let asked = match role {
             "scope" => self.window.reads_scope(),

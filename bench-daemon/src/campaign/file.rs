@@ -92,7 +92,7 @@ pub struct CellOfCampaign {
 pub struct BenchOfCampaign {
     /// Its name.
     pub name: String,
-    /// Its file, where it is at hand.
+    /// Its file, if available.
     pub file: Option<PathBuf>,
 }
 

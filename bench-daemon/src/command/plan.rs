@@ -171,7 +171,7 @@ fn persons(experiment: &Experiment, plan: &Plan) -> Option<String> {
     })
 }
 
-/// A trace that goes through load and charger.
+/// Returns whether a trace uses the load and the charger.
 fn metered(step: &Step) -> bool {
     matches!(step, Step::Trace(trace) if trace.through == Through::LoadAndSupply)
 }

@@ -2,7 +2,7 @@
 //! minutes and have their own command.
 #![allow(
     dead_code,
-    reason = "the matrix is played by the benchmark; its parts are tested here"
+    reason = "the benchmark executes the matrix; its parts are tested here"
 )]
 
 #[path = "../../benches/attacks/deed.rs"]

@@ -17,7 +17,7 @@ use crate::{
 /// Changes that a proxy makes to the answers of an instrument.
 #[derive(Default)]
 struct Answers {
-    /// Text that stands in the place of another one.
+    /// Text that replaces another one.
     replaced: Option<(String, String)>,
     /// Connections at present.
     open: Vec<TcpStream>,

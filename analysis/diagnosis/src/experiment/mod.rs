@@ -265,7 +265,7 @@ pub(super) fn recommend(
 struct Separation {
     /// With the run measured too.
     then: f64,
-    /// In the data at hand.
+    /// In the present data.
     now: f64,
 }
 

@@ -18,7 +18,7 @@ use analysis_effects::effects::find;
 pub(super) struct Open<'a> {
     fits: Vec<(&'static str, &'a Fit)>,
     pub(super) pairs: Vec<Pair>,
-    /// λ of each pair in the data at hand.
+    /// λ of each pair in the present data.
     pub(super) now: Vec<f64>,
     /// Pairs that some run can settle; all where none can.
     within_reach: Vec<usize>,

@@ -47,7 +47,7 @@ pub(super) fn next_experiment(d: &Diagnosis) -> Section {
             times(next.separation_sigma),
         );
         points.push(format!(
-            "Expected separation of the closest pair: {then} σ; with the data at hand {now} σ."
+            "Expected separation of the closest pair: {then} σ; with the present data {now} σ."
         ));
     }
     points.push(format!(

@@ -113,7 +113,7 @@ pub enum ForwardError {
         names: String,
         /// Largest difference allowed, V.
         tolerance_v: f64,
-        /// Difference met with the shortest steps, V.
+        /// Difference found with the shortest steps, V.
         met_v: f64,
     },
 }

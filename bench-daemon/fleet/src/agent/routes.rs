@@ -123,7 +123,7 @@ pub(crate) async fn now(
     let view = match fleet.seer().await {
         Ok(seer) => seer.view(),
         Err(error) if fleet.is_connected() => return Err(error.into()),
-        // Without the NATS server no state is known, and the reply says so.
+        // Without the NATS server, the state is unknown, and the reply states this.
         Err(_) => FleetView::unseen(&settings.fleet),
     };
     Ok(Json(FleetNow::of(view, settings.server.clone())))

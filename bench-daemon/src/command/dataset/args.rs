@@ -38,7 +38,7 @@ pub(super) struct CheckArgs {
 /// Arguments of `dataset init`.
 #[derive(Debug, Args)]
 pub(super) struct InitArgs {
-    /// Spectra and logs of a cycler. The content determines the format. The files are not moved.
+    /// Spectra and logs of a cycler, recognised by their content. The files stay in place.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Folder of the new `dataset.toml`. A file that is there is never written over, unless it lacks

@@ -163,7 +163,7 @@ pub(super) struct Run {
     pub(super) from_s: Option<f64>,
     /// End of the used part of a record, s in its own time. Left out: its last sample.
     pub(super) to_s: Option<f64>,
-    /// Time in the file before which samples are played but not compared, s, for a record that
+    /// Time in the file before which samples are simulated but not compared, s, for a record that
     /// begins under current. Left out: all are compared.
     pub(super) compare_from_s: Option<f64>,
     /// Standard deviation of the open-circuit voltage at the start, V, above 0; gaps are then taken

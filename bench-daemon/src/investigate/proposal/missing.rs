@@ -1,4 +1,4 @@
-//! Keys that a proposal lacks, because neither the files nor the user tell them.
+//! Keys that a proposal lacks, because neither the files nor the user state them.
 
 use serde::Serialize;
 

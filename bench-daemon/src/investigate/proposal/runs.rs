@@ -22,7 +22,7 @@ pub struct FoundLog {
     pub lasting_s: f64,
     /// Temperature that is used in the place of its own.
     pub temperature: Option<TestTemperature>,
-    /// Remarks: what stands in the file, and what contradicts it.
+    /// Remarks on the content of the file and on contradictions to it.
     pub notes: Vec<String>,
     /// Its loads.
     pub loads: Vec<Load>,

@@ -1,5 +1,5 @@
-//! What `diagnose` needs beside the runs, as far as the logs tell it: a model to start from, and a curve of
-//! the open-circuit voltage.
+//! Inputs of `diagnose` besides the runs, as far as the logs determine them: a model to start from, and a
+//! curve of the open-circuit voltage.
 
 use analysis::{diagnosis::Role, ocv::OcvCurve, series::TimeSeries};
 use serde::Serialize;
@@ -53,7 +53,7 @@ pub fn start_model(
     let of = |run: &ProposedRun| &logs[run.log].loads[run.load];
     let trains = runs.iter().filter(|run| run.role == Role::Train);
     let constant = trains.filter(|run| of(run).kind != Kind::DriveCycle);
-    // A pulse that was cut short tells no course.
+    // A pulse that was cut short does not determine a course.
     let run = constant.max_by(|a, b| {
         let long = |run: &ProposedRun| of(run).duration_s >= SHORTEST_PULSE_S;
         let size = |run: &ProposedRun| of(run).current_a.abs();

@@ -8,14 +8,14 @@ pub(super) const REST_PART: f64 = 2e-3;
 pub(super) const SHORTEST_REST_S: f64 = 5.0;
 /// Longest pause inside a drive cycle, s. Stops of UDDS, US06 and WLTP last less.
 pub(super) const LONGEST_PAUSE_S: f64 = 120.0;
-/// Longest part of the base current that is played before a pulse on it, s. The voltage then settles
-/// under the base: slow branches of models have time constants of minutes.
+/// Maximum time of the base current that is simulated before a pulse on it, s. The voltage then
+/// settles under the base: slow branches of models have time constants of minutes.
 pub(super) const BASE_BEFORE_S: f64 = 600.0;
 /// Part of the base before a pulse that is compared, s. Convention: it shows the level.
 pub(super) const COMPARED_BEFORE_S: f64 = 30.0;
 /// Longest part of the base after a pulse that belongs to its run, s. Convention.
 pub(super) const BASE_AFTER_S: f64 = 120.0;
-/// Standard deviation of the level of a run on a base, V: no rest tells it.
+/// Standard deviation of the level of a run on a base, V: no rest determines it.
 pub(super) const BASE_LEVEL_V: f64 = 0.02;
 /// Fewest steps of a cycler's program that follow each other under current and are a drive cycle. In
 /// an HPPC two do: a pulse, and the discharge to the next state.
@@ -26,7 +26,7 @@ pub(super) const LONGEST_BEFORE_STEP_S: f64 = 60.0;
 /// Part of a load that a model to start from is read off, s. Convention: the open-circuit voltage moves
 /// little in it.
 pub(super) const START_S: f64 = 60.0;
-/// Fewest samples that tell a time constant. Convention.
+/// Minimum number of samples that determine a time constant. Convention.
 pub(super) const START_SAMPLES: usize = 5;
 /// Time after the start of a pulse at which its resistance is stated, s. Convention.
 pub(super) const RESISTANCE_S: f64 = 1.0;

@@ -304,7 +304,7 @@ pub enum Response {
     Data {
         /// Status of the call.
         status: Status,
-        /// [`REASON_END`] and the others; nothing when only a part was at hand.
+        /// [`REASON_END`] and the others; 0 if only a part was available.
         reason: u32,
         /// The bytes.
         data: Vec<u8>,

@@ -1,10 +1,10 @@
 //! Rigol DHO824 oscilloscope: unsigned 16-bit codes that are not left-justified, a preamble of ten
 //! numbers in text, points counted from one, no error queue.
 //!
-//! The panel is here, the command tree in `tree`, the download in `waveform`; when a frame comes to
-//! be is shared with the other models. Assumed, for want of a source: an unknown query is met with
-//! silence; a memory read while the acquisition runs is empty; the trigger is in the middle of the
-//! memory; out-of-range values are clamped.
+//! The panel is here, the command tree in `tree`, the download in `waveform`; the timing of a frame
+//! is shared with the other models. Assumed without a source: an unknown query gets no reply; a
+//! memory read while the acquisition runs is empty; the trigger is in the middle of the memory;
+//! out-of-range values are clamped.
 
 mod tree;
 mod waveform;

@@ -15,7 +15,7 @@ use super::raw::{QUANTITIES, Quantity};
 /// Number of lines that are searched for the names of the columns: heads of files have some dozens.
 pub(super) const HEAD_LINES: usize = 200;
 
-/// Units that stand for other things where they are whole names.
+/// Units that are ambiguous if they are the whole name.
 const AMBIGUOUS: [&str; 2] = ["d", "min"];
 
 /// A column.

@@ -244,7 +244,7 @@ fn a_slow_loop_is_said_with_a_circuit_that_follows_it() {
             .any(|w| w.contains("'L0-R0-p(R1,C1)-p(R2,L2)'")),
         "{words:?}"
     );
-    // A circuit without an inductance says so too.
+    // A circuit without an inductance has this remark too.
     let plain = "R0-p(R1,C1)-p(R2,C2)".parse().unwrap();
     let met = crate::fit::fit_circuit(&[spectrum], &plain, &options).unwrap();
     assert!(
