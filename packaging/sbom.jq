@@ -1,4 +1,4 @@
-# Makes of what cargo-cyclonedx writes the list of what is in the program:
+# Creates the list of components of the program from the output of cargo-cyclonedx:
 #   jq -f sbom.jq --arg sha SHA256 --arg from FOLDER --arg program NAME --rawfile linked TREE --slurpfile page LIBRARIES BOM
 # cargo-cyclonedx lists optional crates too that no feature asks for; TREE is what cargo links, as
 # lines "NAME vVERSION". LIBRARIES are those of the page.
@@ -9,5 +9,5 @@
 | .metadata.component |= (.name = $program | .hashes = [{alg: "SHA-256", content: $sha}] | del(.components))
 | .components += $page
 | (.dependencies[] | select(.ref | contains("/bench-daemon#")) | .dependsOn) += ($page | map(."bom-ref"))
-# Nothing tells where the source lay when it was built.
+# Remove the paths of the source at build time.
 | walk(if type == "string" then gsub($from; "") else . end)
