@@ -64,7 +64,7 @@ api() { curl -sf --max-time 60 -H "$auth" -H 'Content-Type: application/json' "$
 api -d '{"experiment":"demo"}' "$url/api/v1/queue" > /dev/null
 done_=""
 for _ in $(seq 600); do api "$url/api/v1/runs" | grep -q '"finished":true' && { done_=yes; break; }; sleep 1; done
-[ -n "$done_" ] || { echo "the demo did not come to its end"; cat "$work/errors"; exit 1; }
+[ -n "$done_" ] || { echo "the demo did not complete"; cat "$work/errors"; exit 1; }
 api -d '{"why":"tested"}' "$url/api/v1/benches/demo/hold" > /dev/null
 
 # With names that are there, then with any. The event stream has no end and is left to our own
