@@ -445,12 +445,12 @@ mod tests {
         assert!((series(0.3, 25.0) - 0.0175).abs() < 1e-15);
     }
 
-    /// Expected values by hand: exp(30000/8.314462618·(1/263.15 − 1/273.15)) = 1.651878.
+    /// Expected values by hand: exp(30000/8.314462618·(1/263.15 − 1/273.15)) = 1.651980.
     #[test]
     fn beyond_the_nodes_a_resistance_follows_arrhenius_and_the_distance_is_stated() {
         let map = map();
         let at = map.place(0.05, -10.0);
-        assert!((map.resistance_ohm(&map.series, &at) / 0.04 - 1.651_878).abs() < 1e-5);
+        assert!((map.resistance_ohm(&map.series, &at) / 0.04 - 1.651_980).abs() < 1e-5);
         assert!((at.outside.soc - 0.05).abs() < 1e-12);
         assert!((at.outside.temperature_k - 10.0).abs() < 1e-12);
         let inside = map.place(0.4, 12.0);
@@ -522,7 +522,7 @@ mod tests {
                     m.thermal = Some(Thermal {
                         capacity_j_per_k: 0.0,
                         resistance_k_per_w: 1.0,
-                    })
+                    });
                 },
                 "thermal.capacity_j_per_k",
             ),

@@ -1,13 +1,27 @@
 //! `eis-bench map`, and the commands that take its model.
 
-use std::{fs, path::Path};
+use std::{fs, path::Path, process::Command};
 
 use serde_json::Value;
 
-use crate::support::{eis_bench, json};
+use crate::support::json;
+
+/// Runs the program. Returns its exit code, its output and its messages.
+fn eis_bench(words: &[&str]) -> (i32, String, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_eis-bench"))
+        .args(words)
+        .output()
+        .unwrap();
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+    let code = output.status.code().unwrap();
+    (code, text(output.stdout), text(output.stderr))
+}
 
 fn cells(name: &str) -> String {
-    format!("{}/../fixtures/data/cells/{name}", env!("CARGO_MANIFEST_DIR"))
+    format!(
+        "{}/../fixtures/data/cells/{name}",
+        env!("CARGO_MANIFEST_DIR")
+    )
 }
 
 fn shared(name: &str) -> String {
@@ -35,17 +49,32 @@ fn pulses_of_two_temperatures_become_a_model_that_sop_and_simulate_follow() {
     let out = folder.path().join("map");
     let (code, text, error) = map(&out, &["--name", "NCR18650PF"]);
     assert_eq!(code, 0, "{error}");
-    assert!(text.starts_with("error on fitted logs (none was held out):"), "{text}");
+    assert!(
+        text.starts_with("error on fitted logs (none was held out):"),
+        "{text}"
+    );
     let model = out.join("map.json");
     let written = json(&model);
     assert_eq!(written["name"], "NCR18650PF");
-    assert_eq!(written["map"]["temperature_degc"].as_array().unwrap().len(), 2);
+    assert_eq!(
+        written["map"]["temperature_degc"].as_array().unwrap().len(),
+        2
+    );
     let table = fs::read_to_string(out.join("map_logs.csv")).unwrap();
     assert_eq!(table.lines().count(), 3, "{table}");
     assert!(out.join("map.svg").is_file() && out.join("map.png").is_file());
     let sop = |degc: &str| -> f64 {
         let model = model.to_str().unwrap();
-        let words = ["sop", "--model", model, "--soc", "0.5", "--duration-s", "10", "--json"];
+        let words = [
+            "sop",
+            "--model",
+            model,
+            "--soc",
+            "0.5",
+            "--duration-s",
+            "10",
+            "--json",
+        ];
         let (code, text, error) = eis_bench(&[&words[..], &["--ambient-degc", degc]].concat());
         assert_eq!(code, 0, "{error}");
         let report: Value = serde_json::from_str(&text).unwrap();
@@ -67,7 +96,10 @@ fn pulses_of_two_temperatures_become_a_model_that_sop_and_simulate_follow() {
     let outside = report["outside_map"]["temperature_k"].as_f64().unwrap();
     assert!((outside - 31.0).abs() < 0.5, "{outside}");
     let notes = report["notes"].to_string();
-    assert!(notes.contains("leaves the range in which the map was measured"), "{notes}");
+    assert!(
+        notes.contains("leaves the range in which the map was measured"),
+        "{notes}"
+    );
 }
 
 #[test]
@@ -79,14 +111,33 @@ fn a_task_of_one_point_says_so_or_refuses_a_map() {
     let model = model.to_str().unwrap();
     let to = folder.path().join("export");
     let (code, _, error) =
-        eis_bench(&["convert", model, "--to", "c-header", "--out", to.to_str().unwrap()]);
-    assert!(code != 0 && error.contains("expected a model of one point, met a map"), "{error}");
-    let set = format!("{}/../configs/datasets/panasonic_50soc", env!("CARGO_MANIFEST_DIR"));
+        eis_bench(&["convert", model, "--to", "c", "--out", to.to_str().unwrap()]);
+    assert!(
+        code != 0 && error.contains("expected a model of one point, met a map"),
+        "{error}"
+    );
+    let set = format!(
+        "{}/../configs/datasets/panasonic_50soc",
+        env!("CARGO_MANIFEST_DIR")
+    );
     let (code, _, error) = eis_bench(&["diagnose", &set, "--model", model]);
-    assert!(code != 0 && error.contains("expected a model of one point"), "{error}");
-    let (code, _, error) =
-        eis_bench(&["sop", "--model", model, "--ocv-v", "3.7", "--duration-s", "1"]);
-    assert!(code != 0 && error.contains("state of charge for a model with a map"), "{error}");
+    assert!(
+        code != 0 && error.contains("expected a model of one point"),
+        "{error}"
+    );
+    let (code, _, error) = eis_bench(&[
+        "sop",
+        "--model",
+        model,
+        "--ocv-v",
+        "3.7",
+        "--duration-s",
+        "1",
+    ]);
+    assert!(
+        code != 0 && error.contains("state of charge for a model with a map"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -94,9 +145,15 @@ fn bad_input_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("map");
     let (code, _, error) = map(&out, &["--soc-start", "1.2"]);
-    assert!(code != 0 && error.contains("--soc-start: expected a fraction from 0 to 1"), "{error}");
+    assert!(
+        code != 0 && error.contains("--soc-start: expected a fraction from 0 to 1"),
+        "{error}"
+    );
     let (code, _, error) = map(&out, &["--time-constants-s", "10,5"]);
-    assert!(code != 0 && error.contains("seconds above zero that rise"), "{error}");
+    assert!(
+        code != 0 && error.contains("seconds above zero that rise"),
+        "{error}"
+    );
     let log = folder.path().join("log.bdf.csv");
     fs::write(
         &log,
@@ -149,5 +206,8 @@ fn drive_cycles_at_three_temperatures_predict_another_cycle() {
     assert!(rms_mv[3..].iter().all(|rms| *rms < 17.0), "{rms_mv:?}");
     let series = &fit["map"]["series"]["r_ohm"];
     let at_half = |node: usize| series[node][6].as_f64().unwrap();
-    assert!(at_half(0) > 1.8 * at_half(1) && at_half(1) > 1.1 * at_half(2), "{series}");
+    assert!(
+        at_half(0) > 1.8 * at_half(1) && at_half(1) > 1.1 * at_half(2),
+        "{series}"
+    );
 }

@@ -11,16 +11,20 @@ use super::error::ForwardError;
 use super::law::{Beyond, Demand, Drive};
 use super::model::{Mapped, SimModel, SimState};
 use super::options::{Method, SimOptions, Simulation};
-use super::profile::{DemandPoint, Profile};
+use super::profile::{DemandPoint, Piece, Profile};
 use super::trace::{Point, TraceRecorder};
 use analysis_model::map::{CellMap, Outside};
 
 /// Two runs, one with half the steps of the other, must agree at every row within this, V per cell.
 const AGREE_V: f64 = 5e-6;
 /// Halvings at most.
-const MOST_HALVINGS: u32 = 12;
+const MOST_HALVINGS: u32 = 8;
 /// Longest step of the first run, s.
 const LONGEST_S: f64 = 2.0;
+/// First step after a change of the demand, as a part of the shortest time constant.
+const FIRST: f64 = 0.25;
+/// Ratio of the length of each step to the one before.
+const GROWTH: f64 = 1.3;
 /// Evaluations of the end of a step at most.
 const MOST_LOOKS: usize = 12;
 
@@ -35,10 +39,7 @@ pub(super) fn simulate(
     if options.method == Method::Thesis {
         model.linear_only("explicit Euler")?;
     }
-    let play = |halvings: u32| {
-        let longest_s = LONGEST_S / f64::from(1_u32 << halvings);
-        Run::play(model, mapped, state, profile, options, longest_s)
-    };
+    let play = |halvings: u32| Run::play(model, mapped, state, profile, options, 1 << halvings);
     let series = f64::from(model.pack.series);
     let (mut coarse, mut met_v) = (play(0)?, f64::NAN);
     for halvings in 1..=MOST_HALVINGS {
@@ -88,6 +89,8 @@ struct Run<'a> {
     cell: Cell,
     recorder: TraceRecorder<'a>,
     outside: Outside,
+    /// Equal parts in which each step is made.
+    parts: u32,
 }
 
 impl<'a> Run<'a> {
@@ -97,7 +100,7 @@ impl<'a> Run<'a> {
         state: &SimState,
         profile: &Profile,
         options: &'a SimOptions,
-        longest_s: f64,
+        parts: u32,
     ) -> Result<Simulation, ForwardError> {
         let series = f64::from(model.pack.series);
         let mut run = Self {
@@ -113,8 +116,9 @@ impl<'a> Run<'a> {
             },
             recorder: TraceRecorder::new(model, options.window),
             outside: Outside::default(),
+            parts,
         };
-        run.through(profile, longest_s)?;
+        run.through(profile)?;
         let end = run.state();
         let start_s = profile.time_s.first().copied().unwrap_or(0.0);
         let (mut summary, trace) = run.recorder.close(&end, start_s);
@@ -126,39 +130,67 @@ impl<'a> Run<'a> {
         })
     }
 
-    fn through(&mut self, profile: &Profile, longest_s: f64) -> Result<(), ForwardError> {
-        let mut last = None;
+    fn through(&mut self, profile: &Profile) -> Result<(), ForwardError> {
+        let shortest_s = self.map.branches.first().map_or(LONGEST_S, |b| b.tau_s);
+        let first_s = (FIRST * shortest_s).min(LONGEST_S);
+        let (mut last, mut step_s) = (None, first_s);
         for piece in profile.pieces(self.options.max_step_s) {
-            let Some(mut before) = self.seen(piece.start())? else {
+            let Some(start) = self.seen(piece.start())? else {
                 return Ok(());
             };
             if last != Some(piece.from) {
-                self.recorder.row(&before.point, &self.state());
+                self.recorder.row(&start.point, &self.state());
+                step_s = first_s;
             }
             last = Some(piece.to);
-            let parts = (piece.step_s / longest_s).ceil().max(1.0);
-            for part in 1..=parts as u64 {
+            let Some(end) = self.piece(&piece, start, &mut step_s)? else {
+                return Ok(());
+            };
+            self.recorder.row(&end.point, &self.state());
+        }
+        Ok(())
+    }
+
+    /// Runs one piece by steps that grow; returns `None` if the run ends in it.
+    fn piece(
+        &mut self,
+        piece: &Piece,
+        start: Look,
+        step_s: &mut f64,
+    ) -> Result<Option<Look>, ForwardError> {
+        let (mut done_s, mut before) = (0.0, start);
+        while done_s < piece.step_s {
+            let left_s = piece.step_s - done_s;
+            let length_s = if left_s < 1.5 * *step_s {
+                left_s
+            } else {
+                *step_s
+            };
+            let part_s = length_s / f64::from(self.parts);
+            for part in 1..=self.parts {
                 if self.stops(&before) {
-                    return Ok(());
+                    return Ok(None);
                 }
-                let share = part as f64 / parts;
+                let at_s = done_s + part_s * f64::from(part);
                 let end = DemandPoint {
-                    time_s: piece.from_s + share * piece.step_s,
-                    demand: piece.from + share * (piece.to - piece.from),
+                    time_s: piece.from_s + at_s,
+                    demand: piece.from + (piece.to - piece.from) * at_s / piece.step_s,
                 };
-                self.step(&before, piece.step_s / parts, end)?;
+                self.step(&before, part_s, end)?;
                 let Some(after) = self.seen(end)? else {
-                    return Ok(());
+                    return Ok(None);
                 };
                 self.moved(&before, &after);
                 before = after;
             }
-            if self.stops(&before) {
-                return Ok(());
-            }
-            self.recorder.row(&before.point, &self.state());
+            done_s = if length_s < left_s {
+                done_s + length_s
+            } else {
+                piece.step_s
+            };
+            *step_s = (*step_s * GROWTH).min(LONGEST_S);
         }
-        Ok(())
+        Ok(Some(before).filter(|look| !self.stops(look)))
     }
 
     fn moved(&mut self, before: &Look, after: &Look) {
