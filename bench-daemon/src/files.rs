@@ -105,6 +105,9 @@ pub(crate) fn read_curve(path: &Path) -> Result<OcvCurve, Failure> {
     Ok(curve)
 }
 
+/// Temperature of the surroundings of a model with a map, °C, if none is given.
+pub(crate) const AMBIENT_DEGC: f64 = 25.0;
+
 /// A model as a simulation takes it: with the additions of the cell.
 ///
 /// A model with a map follows state of charge and temperature; its cells start at `ambient_degc`.

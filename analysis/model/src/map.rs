@@ -12,13 +12,14 @@
 
 use crate::model::{Erm, RcBranch};
 use serde::{Deserialize, Serialize};
+use std::ops::RangeInclusive;
 
 /// 0 °C, K.
 pub const ZERO_DEGC_K: f64 = 273.15;
 /// Molar gas constant, J/(mol·K) (CODATA 2018, exact).
 const GAS_J_PER_MOL_K: f64 = 8.314_462_618_153_24;
 /// Temperatures that a map accepts, °C: the range of lithium-ion cells, and a guard against kelvin.
-const TEMPERATURES_DEGC: (f64, f64) = (-60.0, 120.0);
+const TEMPERATURES_DEGC: RangeInclusive<f64> = -60.0..=120.0;
 /// Resistance of a branch that the fit has switched off at a point, Ω, for models that need a
 /// positive one.
 const LEAST_OHM: f64 = 1e-9;
@@ -173,7 +174,7 @@ impl CellMap {
     /// # Errors
     /// [`MapError`] for the first that is wrong.
     pub fn validate(&self) -> Result<(), MapError> {
-        rising("soc", &self.soc, 2, (0.0, 1.0), "SOC from 0 to 1 that rise")?;
+        rising("soc", &self.soc, 2, 0.0..=1.0, "SOC from 0 to 1 that rise")?;
         let expected = "temperatures from -60 to 120 °C that rise (not kelvin)";
         rising(
             "temperature_degc",
@@ -384,7 +385,7 @@ fn rising(
     field: &str,
     list: &[f64],
     least: usize,
-    range: (f64, f64),
+    range: RangeInclusive<f64>,
     expected: &'static str,
 ) -> Result<(), MapError> {
     if list.len() < least {
@@ -392,7 +393,7 @@ fn rising(
     }
     let mut before = f64::NEG_INFINITY;
     for (k, met) in list.iter().enumerate() {
-        if !(range.0..=range.1).contains(met) || *met <= before {
+        if !range.contains(met) || *met <= before {
             return Err(MapError::Value {
                 field: format!("{field}[{k}]"),
                 expected,

@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use crate::{
-    command::{model_args::AMBIENT_DEGC, printed::say_json, units},
+    command::{printed::say_json, units},
     config::quantity::Temperature,
-    files,
+    files::{self, AMBIENT_DEGC},
     safety::failure::Failure,
     support::terminal::{remark, say},
 };
@@ -26,7 +26,7 @@ cover the range of charge, at two or more temperatures; hold one out to see the 
 the fit has not seen. The error of a log is stated above a state of charge of 0.1.
 
 Example:
-  eis-bench map drive_25C.parquet drive_10C.parquet --held-out us06_25C.parquet --ocv ocv.json \
+  eis-bench map drive_25C.parquet drive_10C.parquet --held-out us06_25C.parquet --ocv curve.json \
 --soc-start 1 --out map";
 
 /// Arguments of `map`.

@@ -10,9 +10,6 @@ use crate::{
     support::quoted::quoted,
 };
 
-/// Temperature of the surroundings of a model with a map, °C, if none is given.
-pub(crate) const AMBIENT_DEGC: f64 = 25.0;
-
 /// Name of a model that was typed.
 pub(super) const TYPED: &str = "typed";
 

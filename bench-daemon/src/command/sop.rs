@@ -14,8 +14,12 @@ use analysis::{
 use clap::Args;
 use serde::Serialize;
 
-use super::model_args::{self, AMBIENT_DEGC, ModelArgs};
-use crate::{files, safety::failure::Failure, support::terminal::say};
+use super::model_args::{self, ModelArgs};
+use crate::{
+    files::{self, AMBIENT_DEGC},
+    safety::failure::Failure,
+    support::terminal::say,
+};
 
 const HELP: &str = "\
 State of power: the most constant power that the pack bears for a time, from rest, such that every \

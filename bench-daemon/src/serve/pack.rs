@@ -27,7 +27,6 @@ use super::{
     submission,
 };
 use crate::{
-    command::model_args::AMBIENT_DEGC,
     config::{Source, erm_text, resolve_cell},
     files::{self, read_model},
     support::confined_path,
@@ -314,8 +313,8 @@ pub fn under_load(settings: &Settings, last: &LastModel, load: &Load) -> Result<
         }
     };
     let pack = Pack::new(load.series, load.parallel, 0.0).map_err(|error| error.to_string())?;
-    let model =
-        files::sim_model(&given, ocv, pack, AMBIENT_DEGC).map_err(|error| error.to_string())?;
+    let model = files::sim_model(&given, ocv, pack, files::AMBIENT_DEGC)
+        .map_err(|error| error.to_string())?;
     let state = match (load.soc, load.ocv_v) {
         (Some(soc), None) => model.rest(soc).map_err(|error| format!("soc: {error}"))?,
         (None, Some(ocv_v)) => model

@@ -25,6 +25,8 @@ const LONGEST_S: f64 = 2.0;
 const FIRST: f64 = 0.25;
 /// Ratio of the length of each step to the one before.
 const GROWTH: f64 = 1.3;
+/// Smallest resistance of a branch in its heat, Ω: below it, the voltage belongs to another state.
+const LEAST_OHM: f64 = 1e-5;
 /// Evaluations of the end of a step at most.
 const MOST_LOOKS: usize = 12;
 
@@ -315,14 +317,19 @@ impl<'a> Run<'a> {
             past_tangent,
         };
         let current_a = reply.current_a / parallel;
-        let branches = self.map.branches.iter();
+        let mut heat_w = r_ohm * current_a * current_a;
+        let mut driven_v = Vec::with_capacity(cell.v.len());
+        for (branch, v) in self.map.branches.iter().zip(&cell.v) {
+            let r_ohm = self.map.resistance_ohm(&branch.resistance, &place);
+            driven_v.push(r_ohm * current_a);
+            // A branch that the fit has switched off here still loses the voltage that it has.
+            heat_w += v * v / r_ohm.max(LEAST_OHM);
+        }
         Ok(Look {
             point,
             current_a,
-            driven_v: branches
-                .map(|branch| self.map.resistance_ohm(&branch.resistance, &place) * current_a)
-                .collect(),
-            heat_w: current_a * (r_ohm * current_a + sum_v),
+            driven_v,
+            heat_w,
         })
     }
 

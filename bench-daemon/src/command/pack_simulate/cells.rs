@@ -17,9 +17,7 @@ use analysis::{
 use serde::Serialize;
 
 use super::PackSimulateArgs;
-use crate::{
-    command::model_args::AMBIENT_DEGC, files, safety::failure::Failure, support::terminal::say,
-};
+use crate::{files, safety::failure::Failure, support::terminal::say};
 
 /// Returns the packs cell by cell, if given or requested; writes the table if requested.
 pub(super) fn packs(
@@ -429,7 +427,7 @@ pub(super) fn cell(file: &GivenModel, ocv: &OcvSource) -> Result<Erm, Failure> {
             parallel: 1,
             interconnect_ohm: 0.0,
         },
-        AMBIENT_DEGC,
+        files::AMBIENT_DEGC,
     )?;
     if file.map.is_some() {
         return Err(Failure::Usage(

@@ -10,10 +10,8 @@ use analysis::{
 };
 
 use crate::{
-    command::{
-        model_args::{AMBIENT_DEGC, ModelArgs},
-        profile_args::ProfileArgs,
-    },
+    command::{model_args::ModelArgs, profile_args::ProfileArgs},
+    files::AMBIENT_DEGC,
     safety::failure::Failure,
 };
 

@@ -126,12 +126,13 @@ fn resistances_follow_charge_and_heat_as_the_equations_say() {
         let r0 = map.resistance_ohm(&map.series, &at);
         let sum: f64 = v.iter().sum();
         last_v = curve().voltage_v(soc) - r0 * i - sum;
+        let mut heat_w = r0 * i * i;
         for (v, branch) in v.iter_mut().zip(&map.branches) {
             let r = map.resistance_ohm(&branch.resistance, &at);
-            // The fastest branch is slower than its step.
+            heat_w += *v * *v / r;
             *v += (1.0 - (-h / branch.tau_s).exp()) * (r * i - *v);
         }
-        degc += h * (i * (r0 * i + sum) - (degc - 5.0) / 5.0) / 30.0;
+        degc += h * (heat_w - (degc - 5.0) / 5.0) / 30.0;
         soc -= h * i / (3600.0 * curve().capacity_ah);
     }
     let met = run.trace.ccv_v.last().unwrap();
