@@ -204,7 +204,8 @@ impl Model {
         };
         caught(|| {
             let model = CellModel::new(&self.given, low_v..=high_v, temperature_c);
-            Ok(model.map_err(|error| refused(&error))?.text(format))
+            let text = model.map_err(|error| refused(&error))?.text(format);
+            text.map_err(|error| refused(&error))
         })
     }
 

@@ -383,7 +383,8 @@ fn model(args: &ConvertArgs, given: Given, goal: Goal) -> Result<(), Failure> {
     let text = match goal.format {
         Some(format) => CellModel::new(&read, args.low_v..=args.high_v, args.temperature_c)
             .map_err(|error| usage(&error))?
-            .text(format),
+            .text(format)
+            .map_err(|error| usage(&error))?,
         None => read.to_json().map_err(|error| usage(&error))?,
     };
     let path = free(args, &stem, goal.ending)?;

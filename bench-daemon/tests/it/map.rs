@@ -110,10 +110,23 @@ fn a_task_of_one_point_says_so_or_refuses_a_map() {
     let model = out.join("map.json");
     let model = model.to_str().unwrap();
     let to = folder.path().join("export");
+    let (code, _, error) = eis_bench(&[
+        "convert",
+        model,
+        "--to",
+        "pybamm",
+        "--out",
+        to.to_str().unwrap(),
+    ]);
+    assert!(
+        code != 0 && error.contains("the C header takes it"),
+        "{error}"
+    );
     let (code, _, error) =
         eis_bench(&["convert", model, "--to", "c", "--out", to.to_str().unwrap()]);
+    let header = fs::read_to_string(to.join("map.h")).unwrap();
     assert!(
-        code != 0 && error.contains("expected a model of one point, met a map"),
+        code == 0 && header.contains("#define EIS_MAP_DEGC 2"),
         "{error}"
     );
     let set = format!(

@@ -2,14 +2,17 @@
 //!
 //! All contain the same: a series resistance, RC branches, and the open-circuit voltage over the
 //! state of charge as knots of a cubic Hermite curve, as evaluated by [`OcvCurve::at`]. Currents
-//! are positive for discharge. These formats cannot represent effects that a diagnosis has added to
+//! are positive for discharge. The C header also takes a map over state of charge and temperature. These formats cannot represent effects that a diagnosis has added to
 //! a model; such models are refused.
+
+mod map;
 
 use std::fmt::Write as _;
 use std::ops::RangeInclusive;
 
 use analysis_fit::given::GivenModel;
 use analysis_model::{
+    map::CellMap,
     model::{Erm, RcBranch},
     ocv::OcvCurve,
 };
@@ -36,6 +39,8 @@ pub enum ModelFormat {
 pub struct CellModel {
     name: String,
     erm: Erm,
+    /// Resistances over state of charge and temperature, of which `erm` is one point.
+    map: Option<CellMap>,
     curve: OcvCurve,
     /// Least and greatest voltage, V.
     window_v: RangeInclusive<f64>,
@@ -61,8 +66,8 @@ pub enum ModelExportError {
     },
     /// A map.
     #[error(
-        "model {name}: expected a model of one point, met a map over the state of charge and the \
-        temperature, which this format has no place for here"
+        "model {name}: expected a model of one point for this format, met a map over the state of \
+        charge and the temperature; the C header takes it"
     )]
     Map {
         /// The model.
@@ -91,9 +96,6 @@ impl CellModel {
         temperature_c: f64,
     ) -> Result<Self, ModelExportError> {
         let name = file.name.clone();
-        if file.map.is_some() {
-            return Err(ModelExportError::Map { name });
-        }
         if !file.additions.is_empty() {
             let additions = file
                 .additions
@@ -110,6 +112,7 @@ impl CellModel {
         Ok(Self {
             name,
             erm: file.erm.clone(),
+            map: file.map.clone(),
             curve,
             window_v,
             temperature_c,
@@ -118,11 +121,19 @@ impl CellModel {
     }
 
     /// Returns the text of the file.
-    pub fn text(&self, format: ModelFormat) -> String {
-        let (template, comment) = match format {
-            ModelFormat::CHeader => (C_HEADER, " *"),
-            ModelFormat::PyBamm => (PYBAMM, "#"),
-            ModelFormat::CasAdi => (CASADI, "#"),
+    ///
+    /// # Errors
+    /// [`ModelExportError::Map`] for a map in a format other than C.
+    pub fn text(&self, format: ModelFormat) -> Result<String, ModelExportError> {
+        let (template, comment) = match (format, &self.map) {
+            (ModelFormat::CHeader, None) => (C_HEADER.replace("@OCV@", C_OCV), " *"),
+            (ModelFormat::CHeader, Some(map)) => (map::template(map, C_OCV), " *"),
+            (_, Some(_)) => {
+                let name = self.name.clone();
+                return Err(ModelExportError::Map { name });
+            }
+            (ModelFormat::PyBamm, None) => (PYBAMM.to_owned(), "#"),
+            (ModelFormat::CasAdi, None) => (CASADI.to_owned(), "#"),
         };
         let list = |values: &mut dyn Iterator<Item = f64>| {
             rows(
@@ -189,11 +200,10 @@ impl CellModel {
             ),
             ("@ELEMENTS@", self.pybamm_elements()),
         ];
-        pairs
+        let text = pairs
             .iter()
-            .fold(template.to_owned(), |text, (mark, value)| {
-                text.replace(mark, value)
-            })
+            .fold(template, |text, (mark, value)| text.replace(mark, value));
+        Ok(text)
     }
 
     fn pybamm_elements(&self) -> String {
@@ -229,6 +239,42 @@ fn rows(values: &mut dyn Iterator<Item = f64>, indent: &str) -> String {
     lines.join(",\n")
 }
 
+/// The open-circuit voltage of both C headers.
+const C_OCV: &str = r"/* Knots of a cubic Hermite curve: state of charge, voltage, slope over the state of charge. */
+static const double eis_knot_soc[EIS_KNOTS] = {
+@SOC@
+};
+static const double eis_knot_ocv_v[EIS_KNOTS] = {
+@OCV_V@
+};
+static const double eis_knot_slope_v[EIS_KNOTS] = {
+@SLOPE_V@
+};
+
+/* Open-circuit voltage, V. */
+static inline double eis_ocv_v(double soc)
+{
+    const int last = EIS_KNOTS - 1;
+    if (soc <= eis_knot_soc[0])
+        return eis_knot_ocv_v[0] + eis_knot_slope_v[0] * (soc - eis_knot_soc[0]);
+    if (soc >= eis_knot_soc[last])
+        return eis_knot_ocv_v[last] + eis_knot_slope_v[last] * (soc - eis_knot_soc[last]);
+    int low = 0, high = last;
+    while (high - low > 1) {
+        const int middle = (low + high) / 2;
+        if (eis_knot_soc[middle] <= soc)
+            low = middle;
+        else
+            high = middle;
+    }
+    const double width = eis_knot_soc[high] - eis_knot_soc[low];
+    const double t = (soc - eis_knot_soc[low]) / width;
+    const double m0 = width * eis_knot_slope_v[low], m1 = width * eis_knot_slope_v[high];
+    const double rise = eis_knot_ocv_v[high] - eis_knot_ocv_v[low];
+    return eis_knot_ocv_v[low] + t * (m0 + t * (3.0 * rise - 2.0 * m0 - m1 + t * (m0 + m1 - 2.0 * rise)));
+}
+";
+
 const C_HEADER: &str = concat!(
     "/* Model of a lithium-ion cell: @NAME@\n",
     " *\n",
@@ -257,17 +303,7 @@ static const double eis_branch_c_f[EIS_RC_SIZE] = {
 static const double eis_capacity_c = @CAPACITY_C@;
 static const double eis_least_v = @LOW_V@;
 static const double eis_greatest_v = @HIGH_V@;
-/* Knots of a cubic Hermite curve: state of charge, voltage, slope over the state of charge. */
-static const double eis_knot_soc[EIS_KNOTS] = {
-@SOC@
-};
-static const double eis_knot_ocv_v[EIS_KNOTS] = {
-@OCV_V@
-};
-static const double eis_knot_slope_v[EIS_KNOTS] = {
-@SLOPE_V@
-};
-
+@OCV@
 typedef struct {
     double soc;
     double branch_v[EIS_RC_SIZE];
@@ -279,29 +315,6 @@ static inline void eis_rest(eis_state *state, double soc)
     state->soc = soc;
     for (int k = 0; k < EIS_RC; ++k)
         state->branch_v[k] = 0.0;
-}
-
-/* Open-circuit voltage, V. */
-static inline double eis_ocv_v(double soc)
-{
-    const int last = EIS_KNOTS - 1;
-    if (soc <= eis_knot_soc[0])
-        return eis_knot_ocv_v[0] + eis_knot_slope_v[0] * (soc - eis_knot_soc[0]);
-    if (soc >= eis_knot_soc[last])
-        return eis_knot_ocv_v[last] + eis_knot_slope_v[last] * (soc - eis_knot_soc[last]);
-    int low = 0, high = last;
-    while (high - low > 1) {
-        const int middle = (low + high) / 2;
-        if (eis_knot_soc[middle] <= soc)
-            low = middle;
-        else
-            high = middle;
-    }
-    const double width = eis_knot_soc[high] - eis_knot_soc[low];
-    const double t = (soc - eis_knot_soc[low]) / width;
-    const double m0 = width * eis_knot_slope_v[low], m1 = width * eis_knot_slope_v[high];
-    const double rise = eis_knot_ocv_v[high] - eis_knot_ocv_v[low];
-    return eis_knot_ocv_v[low] + t * (m0 + t * (3.0 * rise - 2.0 * m0 - m1 + t * (m0 + m1 - 2.0 * rise)));
 }
 
 /* Voltage at the terminals under a current, V. */

@@ -7,7 +7,11 @@ use super::*;
 use analysis_forward::forward::{
     Demand, Interpolation, OcvSource, Profile, SimModel, SimOptions, simulate,
 };
-use analysis_model::model::RcBranch;
+use analysis_model::{
+    map::{MapBranch, Surface, Thermal},
+    model::RcBranch,
+    pack::Pack,
+};
 
 fn cell() -> CellModel {
     let branches = [(1.7e-3, 1.2), (3.2e-3, 760.0), (2.0e-3, 20_000.0)]
@@ -23,6 +27,7 @@ fn cell() -> CellModel {
             r_ohm: 6.9e-3,
             branches: branches.to_vec(),
         },
+        map: None,
         curve: OcvCurve::monotone(4.5, soc, ocv_v).unwrap(),
         window_v: 2.5..=4.2,
         temperature_c: 25.0,
@@ -35,7 +40,7 @@ fn a_header_that_is_compiled_gives_what_the_simulation_gives() {
     let cell = cell();
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    std::fs::write(path("model.h"), cell.text(ModelFormat::CHeader)).unwrap();
+    std::fs::write(path("model.h"), cell.text(ModelFormat::CHeader).unwrap()).unwrap();
     let steps = [(5.0, 10.0), (-3.0, 60.0), (0.0, 300.0), (20.0, 600.0)];
     let calls: String = steps
         .iter()
@@ -125,10 +130,123 @@ fn the_python_modules_hold_every_number() {
             ],
         ),
     ] {
-        let text = cell.text(format);
+        let text = cell.text(format).unwrap();
         wanted
             .iter()
             .for_each(|wanted| assert!(text.contains(wanted), "{wanted}\n{text}"));
         assert!(!text.contains('@'), "{text}");
+    }
+}
+
+/// A map whose resistances change by a factor of four, with heat.
+fn mapped() -> CellModel {
+    let surface = |r_ohm: f64| Surface {
+        activation_j_per_mol: 25e3,
+        r_ohm: [2.0, 1.0]
+            .map(|cold| [2.0, 1.0, 1.2].map(|z| r_ohm * cold * z).to_vec())
+            .to_vec(),
+        sigma_ohm: Vec::new(),
+    };
+    let branch = |r_ohm, tau_s| MapBranch {
+        tau_s,
+        resistance: surface(r_ohm),
+    };
+    CellModel {
+        map: Some(CellMap {
+            soc: vec![0.1, 0.5, 1.0],
+            temperature_degc: vec![0.0, 25.0],
+            series: surface(7e-3),
+            branches: vec![branch(3e-3, 2.0), branch(6e-3, 60.0)],
+            ocv_offset_v: vec![0.002, 0.0, -0.003],
+            ocv_v_per_k: vec![1e-4, 0.0, -1e-4],
+            ocv_temperature_degc: 25.0,
+            thermal: Some(Thermal {
+                capacity_j_per_k: 60.0,
+                resistance_k_per_w: 6.0,
+            }),
+        }),
+        ..cell()
+    }
+}
+
+#[test]
+fn a_header_of_a_map_gives_what_the_simulation_gives_over_a_whole_discharge() {
+    let cell = mapped();
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    std::fs::write(path("model.h"), cell.text(ModelFormat::CHeader).unwrap()).unwrap();
+    let program = "#include <stdio.h>\n#include \"model.h\"\n\
+        int main(void) { eis_state s; eis_rest(&s, 0.98, 2.0);\n\
+        for (int k = 0; k < 16000; ++k) { double i = k / 400 % 2 ? 1.0 : 9.0;\n\
+        double v = eis_step(&s, i, 2.0, 0.1);\n\
+        if (k % 400 == 399) printf(\"%.17g %.17g\\n\", v, s.temperature_degc); }\n\
+        double low, high; eis_margins_v(&s, 1.0, &low, &high);\n\
+        double i = eis_current_a(&s, 20.0, 0.95);\n\
+        printf(\"%.17g %.17g\\n\", low + high, eis_terminal_v(&s, i) * i);\n\
+        i = eis_current_a(&s, 2000.0, 0.95); printf(\"%d 0\\n\", i > 0.0);\n\
+        return 0; }\n";
+    std::fs::write(path("main.c"), program).unwrap();
+    let flags = [
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-fsanitize=undefined",
+    ];
+    let compiled = Command::new("cc")
+        .current_dir(folder.path())
+        .args(flags)
+        .args(["-o", "model", "main.c", "-lm"])
+        .output();
+    let Ok(compiled) = compiled else {
+        eprintln!("no C compiler: the header was not compiled");
+        return;
+    };
+    let message = String::from_utf8_lossy(&compiled.stderr);
+    assert!(compiled.status.success(), "{message}");
+    let output = Command::new(path("model")).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    let met: Vec<Vec<f64>> = text
+        .lines()
+        .map(|line| line.split(' ').map(|word| word.parse().unwrap()).collect())
+        .collect();
+    let one = Pack::new(1, 1, 0.0).unwrap();
+    let map = cell.map.clone().unwrap();
+    let model = SimModel::mapped(map, cell.curve.clone(), one, 2.0).unwrap();
+    let demand = |k: u32| (f64::from(k) * 40.0, if k % 2 == 0 { 9.0 } else { 1.0 });
+    let rows: Vec<(f64, f64)> = (0..=40).map(demand).collect();
+    let profile = Profile::new("steps", Demand::Current, Interpolation::Hold, &rows).unwrap();
+    let options = SimOptions::default();
+    let run = simulate(&model, &model.rest(0.98).unwrap(), &profile, &options).unwrap();
+    let trace = &run.trace;
+    for (k, row) in met.iter().take(40).enumerate() {
+        let end_s = 40.0 * (k + 1) as f64;
+        let place = trace
+            .time_s
+            .iter()
+            .position(|t| (t - end_s).abs() < 1e-9)
+            .unwrap();
+        let apart_v = (trace.ccv_v[place] - row[0]).abs();
+        assert!(
+            apart_v < 1e-5,
+            "{end_s} s: {row:?}, simulated {}",
+            trace.ccv_v[place]
+        );
+    }
+    assert!(
+        (run.end.temperature_degc.unwrap() - met[39][1]).abs() < 1e-3,
+        "{:?}",
+        met[39]
+    );
+    assert!(met[39][1] > 5.0 && trace.soc.last().unwrap() < &0.55);
+    assert!((met[40][0] - 1.7).abs() < 1e-12 && (met[40][1] - 20.0).abs() < 1e-9);
+    assert_eq!(met[41][0], 1.0);
+}
+
+#[test]
+fn a_map_is_refused_by_formats_of_one_point() {
+    for format in [ModelFormat::PyBamm, ModelFormat::CasAdi] {
+        let error = mapped().text(format).unwrap_err().to_string();
+        assert!(error.contains("the C header takes it"), "{error}");
     }
 }

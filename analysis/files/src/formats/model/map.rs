@@ -1,0 +1,47 @@
+//! The C header of a map.
+
+use super::rows;
+use analysis_model::map::{CellMap, Surface};
+
+const HEADER: &str = include_str!("map.h.in");
+/// Molar gas constant, J/(mol·K).
+const GAS_J_PER_MOL_K: f64 = 8.314_462_618_153_24;
+
+/// Returns the header with the numbers of the map; marks of other numbers stay.
+pub(super) fn template(map: &CellMap, ocv: &str) -> String {
+    let surfaces: Vec<&Surface> = std::iter::once(&map.series)
+        .chain(map.branches.iter().map(|branch| &branch.resistance))
+        .collect();
+    let list = |values: Vec<f64>| match values.is_empty() {
+        true => "    0.0".to_owned(),
+        false => rows(&mut values.into_iter(), "    "),
+    };
+    let activation = surfaces
+        .iter()
+        .map(|s| s.activation_j_per_mol / GAS_J_PER_MOL_K);
+    let r_ohm = surfaces
+        .iter()
+        .flat_map(|s| s.r_ohm.iter().flatten().copied());
+    let tau_s = map.branches.iter().map(|branch| branch.tau_s);
+    let thermal = map
+        .thermal
+        .map_or((0.0, 0.0), |t| (t.capacity_j_per_k, t.resistance_k_per_w));
+    let pairs = [
+        ("@OCV@", ocv.to_owned()),
+        ("@MAP_SOC@", map.soc.len().to_string()),
+        ("@MAP_DEGC@", map.temperature_degc.len().to_string()),
+        ("@LIST_MAP_SOC@", list(map.soc.clone())),
+        ("@LIST_MAP_DEGC@", list(map.temperature_degc.clone())),
+        ("@LIST_ACTIVATION@", list(activation.collect())),
+        ("@LIST_R_OHM@", list(r_ohm.collect())),
+        ("@LIST_TAU@", list(tau_s.collect())),
+        ("@LIST_OFFSET@", list(map.ocv_offset_v.clone())),
+        ("@LIST_PER_K@", list(map.ocv_v_per_k.clone())),
+        ("@OCV_DEGC@", format!("{:?}", map.ocv_temperature_degc)),
+        ("@HEAT@", format!("{:?}", thermal.0)),
+        ("@THERMAL@", format!("{:?}", thermal.1)),
+        ("@RC@", map.branches.len().to_string()),
+    ];
+    let fill = |text: String, (mark, value): &(&str, String)| text.replace(mark, value);
+    pairs.iter().fold(HEADER.to_owned(), fill)
+}
