@@ -15,7 +15,8 @@
 //! * `analysis-effects` – [`contract`]: what an effect is; [`augmented`]: a model with effects;
 //!   [`effects`]: the catalogue.
 //! * `analysis-fit` – [`validity`]: tests of a spectrum; [`fit`]; [`drt`]: time constants;
-//!   [`joint`]: spectra and pulses; [`given`]: a model from a file or from text; [`rows`]: tables of
+//!   [`joint`]: spectra and pulses; [`loads`]: rests and loads of a log; [`hppc`]: pulse resistances;
+//!   [`given`]: a model from a file or from text; [`rows`]: tables of
 //!   many results.
 //! * `analysis-forward` – [`forward`]: simulation under a load; [`sop`]: state of power.
 //! * `analysis-files` – [`run_folder`] and [`dataset`]: files of a run; [`formats`]: files of
@@ -80,7 +81,7 @@ pub use analysis_diagnosis as diagnosis;
 pub use analysis_effects::{augmented, contract, effects};
 #[cfg(feature = "files")]
 pub use analysis_files::{batch, dataset, formats, run_folder, table, thinning};
-pub use analysis_fit::{drt, fit, given, joint, rows, validity};
+pub use analysis_fit::{drt, fit, given, hppc, joint, loads, rows, validity};
 pub use analysis_forward::{forward, sop};
 pub use analysis_model::{model, ocv, pack};
 /// Resistances over state of charge and temperature.

@@ -243,6 +243,11 @@ pub fn series(trace: &str, repeat: usize) -> String {
     format!("series_{trace}_{repeat}.bdf.csv")
 }
 
+/// Whether a file of this name holds the rows of a trace.
+pub fn is_series(name: &str) -> bool {
+    name.starts_with(RECORDED[0]) && name.ends_with(".bdf.csv")
+}
+
 /// A file of [`CAPTURES`], by its folder there and its name.
 pub fn capture(folder: &str, name: &str) -> String {
     format!("{CAPTURES}/{folder}/{name}.parquet")

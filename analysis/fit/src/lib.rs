@@ -1,16 +1,18 @@
 //! Parameters of a model from measurements.
 //!
 //! [`validity`] judges a spectrum, [`fit`] finds the parameters of the extended Randles model and
-//! of circuits, [`drt`] shows time constants, [`joint`] fits spectra and pulses together, [`given`]
-//! reads a model of a cell from whatever it was given as, [`map`] fits resistances over state of
-//! charge and temperature, [`rows`] makes tables of many results,
-//! [`figures`] draws fits.
+//! of circuits, [`drt`] shows time constants, [`joint`] fits spectra and pulses together, [`map`]
+//! fits resistances over state of charge and temperature, [`loads`] finds rests and loads in a log,
+//! [`hppc`] makes a table of pulse resistances, [`given`] reads a model of a cell from whatever it
+//! was given as, [`rows`] makes tables of many results, [`figures`] draws fits.
 
 pub mod drt;
 pub mod figures;
 pub mod fit;
 pub mod given;
+pub mod hppc;
 pub mod joint;
+pub mod loads;
 pub mod map;
 pub mod rows;
 mod sizes;

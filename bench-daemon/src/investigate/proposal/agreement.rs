@@ -1,13 +1,13 @@
 //! Holds what is known of a log against each other: the options of the user, the columns and the head of
 //! the file, and what the current and the voltage show.
 
-use analysis::{ocv::OcvCurve, series::TimeSeries};
-
-use super::{
-    load::{Load, SocFrom},
-    state::{Counted, at_voltage},
-    thresholds::{SAME_CAPACITY_PART, STATE_SOC, STATE_TEMPERATURE_C},
+use analysis::{
+    loads::{Counted, Load, SocFrom, at_voltage},
+    ocv::OcvCurve,
+    series::TimeSeries,
 };
+
+use super::thresholds::{SAME_CAPACITY_PART, STATE_SOC, STATE_TEMPERATURE_C};
 
 /// What the user states of a log, and what the log holds.
 #[derive(Debug, Clone, Copy, Default)]

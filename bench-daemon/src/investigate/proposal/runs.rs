@@ -1,14 +1,14 @@
 //! Runs of a data set from the loads of logs and from spectra: names, repeats, split.
 
-use analysis::diagnosis::Role;
+use analysis::{
+    diagnosis::Role,
+    loads::{Kind, Load},
+};
 use serde::Serialize;
 
-use super::{
-    load::{Kind, Load},
-    thresholds::{
-        FEWEST_STATES, REPEAT_SOC, REPEAT_TEMPERATURE_C, REPEAT_V, SAME_CURRENT_PART,
-        SAME_DURATION_PART, STATE_SOC, STATE_TEMPERATURE_C, STATE_V,
-    },
+use super::thresholds::{
+    FEWEST_STATES, REPEAT_SOC, REPEAT_TEMPERATURE_C, REPEAT_V, SAME_CURRENT_PART,
+    SAME_DURATION_PART, STATE_SOC, STATE_TEMPERATURE_C, STATE_V,
 };
 
 /// A log and its loads.

@@ -1,11 +1,15 @@
 //! Inputs of `diagnose` besides the runs, as far as the logs determine them: a model to start from, and a
 //! curve of the open-circuit voltage.
 
-use analysis::{diagnosis::Role, ocv::OcvCurve, series::TimeSeries};
+use analysis::{
+    diagnosis::Role,
+    loads::{Kind, Load, SocFrom},
+    ocv::OcvCurve,
+    series::TimeSeries,
+};
 use serde::Serialize;
 
 use super::{
-    load::{Kind, Load, SocFrom},
     runs::{FoundLog, ProposedRun},
     thresholds::{REPEAT_SOC, SHORTEST_PULSE_S, START_S, START_SAMPLES, STATE_SOC},
 };
@@ -98,7 +102,7 @@ fn rise(series: &TimeSeries, load: &Load, curve: Option<&OcvCurve>) -> Vec<Sampl
         (None, base) => base.map(|base| (base.voltage_v, base.current_a)),
     };
     let Some(((voltage_v, current_a), begun_s)) =
-        before.zip(load.first.checked_sub(1).map(|k| series.time_s[k]))
+        before.zip(load.samples.start.checked_sub(1).map(|k| series.time_s[k]))
     else {
         return Vec::new();
     };
@@ -112,7 +116,7 @@ fn rise(series: &TimeSeries, load: &Load, curve: Option<&OcvCurve>) -> Vec<Sampl
         })
     };
     let end_s = load.start_s + load.duration_s.min(START_S);
-    (load.first..series.len())
+    (load.samples.start..series.len())
         .take_while(|k| series.time_s[*k] < end_s)
         .map(|k| Sample {
             time_s: series.time_s[k] - begun_s,

@@ -1,12 +1,13 @@
 //! `dataset.toml` of a proposal, with a comment on every choice.
 
-use analysis::diagnosis::Role;
+use analysis::{
+    diagnosis::Role,
+    loads::{Estimate, Load, SocFrom},
+};
 use serde_json::json;
 
 use super::{
-    load::{Load, SocFrom},
     missing,
-    noise::Estimate,
     runs::{FoundLog, FoundSpectrum, Place, ProposedRun},
     thresholds::BASE_LEVEL_V,
 };

@@ -1,6 +1,6 @@
 //! Noise and code steps of the channels, from rests and constant currents of logs.
 
-use analysis::series::TimeSeries;
+use analysis_signal::series::TimeSeries;
 use serde::Serialize;
 
 use super::{

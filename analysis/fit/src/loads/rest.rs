@@ -1,6 +1,6 @@
 //! The rest before a load: its voltage, and whether that stands still.
 
-use analysis::series::TimeSeries;
+use analysis_signal::series::TimeSeries;
 use serde::Serialize;
 
 use super::{
@@ -29,7 +29,7 @@ impl Rest {
 }
 
 /// Why a rest does not serve as the start of a run.
-pub(super) fn unfit(rest: &Rest, shortest_s: f64) -> Option<String> {
+pub(crate) fn unfit(rest: &Rest, shortest_s: f64) -> Option<String> {
     if rest.duration_s < shortest_s {
         return Some(format!(
             "the rest before it is logged for {:.1} s, less than {:.1} s",
@@ -47,7 +47,7 @@ pub(super) fn unfit(rest: &Rest, shortest_s: f64) -> Option<String> {
 }
 
 /// A rest that a load ends at this time.
-pub(super) fn rest_of(series: &TimeSeries, rest: &Segment, load_s: f64) -> Rest {
+pub(crate) fn rest_of(series: &TimeSeries, rest: &Segment, load_s: f64) -> Rest {
     let time_s = &series.time_s[rest.samples.clone()];
     let voltage_v = &series.voltage_v[rest.samples.clone()];
     let duration_s = load_s - time_s[0];
@@ -87,7 +87,7 @@ fn slope(time_s: &[f64], voltage_v: &[f64]) -> (f64, f64) {
 }
 
 /// Mean of the finite values; 0 if there are none.
-pub(super) fn mean(values: &[f64]) -> f64 {
+pub(crate) fn mean(values: &[f64]) -> f64 {
     let finite: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
     #[expect(clippy::cast_precision_loss, reason = "numbers of samples")]
     let count = finite.len().max(1) as f64;

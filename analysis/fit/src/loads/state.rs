@@ -1,7 +1,8 @@
 //! State of charge at the start of every load: by counting charge, by a column of the log, or by the
 //! voltage of a rest.
 
-use analysis::{ocv::OcvCurve, series::TimeSeries};
+use analysis_model::ocv::OcvCurve;
+use analysis_signal::series::TimeSeries;
 
 use super::{
     load::{KnownSoc, Load, SocFrom},
@@ -102,7 +103,7 @@ fn set_states(series: &TimeSeries, loads: &mut [Load], known: ChargeKnown<'_>) {
                 from: SocFrom::RestVoltage,
             });
             anchor = Some(Anchor {
-                sample: load.first,
+                sample: load.samples.start,
                 soc,
                 part: Some(load.part),
             });
@@ -111,20 +112,22 @@ fn set_states(series: &TimeSeries, loads: &mut [Load], known: ChargeKnown<'_>) {
 }
 
 /// The state of charge at which a curve has a voltage; its end for a voltage beyond it.
-pub(super) fn at_voltage(curve: &OcvCurve, rest_v: f64) -> f64 {
+pub fn at_voltage(curve: &OcvCurve, rest_v: f64) -> f64 {
     let end = f64::from(u8::from(rest_v > curve.voltage_v(0.5)));
     curve.soc_at(rest_v).unwrap_or(end)
 }
 
 /// Charge drawn since the start of a log.
-pub(super) struct Counted {
-    pub(super) charge_ah: Vec<f64>,
+pub struct Counted {
+    /// Charge in each row, Ah.
+    pub charge_ah: Vec<f64>,
     /// Number of cuts with unknown current before each sample.
     cuts: Vec<usize>,
 }
 
 impl Counted {
-    pub(super) fn of(series: &TimeSeries) -> Self {
+    /// Counts the current by trapezia; a row without a current has that of the row before it.
+    pub fn of(series: &TimeSeries) -> Self {
         let below_a = rest_current_a(series);
         let (mut charge, mut cuts) = (0.0, 0);
         let mut counted = Self {

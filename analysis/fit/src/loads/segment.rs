@@ -3,7 +3,7 @@
 
 use std::ops::Range;
 
-use analysis::series::TimeSeries;
+use analysis_signal::series::TimeSeries;
 
 use super::thresholds::{
     CONSTANT_PART, CUT_S, FEWEST_AT_LIMIT, FEWEST_OF_CHAIN, LIMIT_BAND_V, LIMIT_CURRENT_PART,
@@ -13,22 +13,22 @@ use super::thresholds::{
 
 /// A segment of a log, at rest or under load.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Segment {
+pub(crate) struct Segment {
     /// Its samples.
-    pub(super) samples: Range<usize>,
+    pub(crate) samples: Range<usize>,
     /// Whether no current flows.
-    pub(super) rest: bool,
+    pub(crate) rest: bool,
     /// Number of the part of the log between two cuts.
-    pub(super) part: usize,
+    pub(crate) part: usize,
     /// Position of its step in the program, from 0; 0 for all if the log has no steps.
-    pub(super) step: usize,
+    pub(crate) step: usize,
     /// Whether it is the current that pulses stand on.
-    pub(super) base: bool,
+    pub(crate) base: bool,
 }
 
 /// Course of the current of a load.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Course {
+pub enum Course {
     /// One current.
     Constant,
     /// A current that falls while the voltage stays at a limit.
@@ -39,20 +39,20 @@ pub(super) enum Course {
 
 impl Segment {
     /// Time between its first and its last sample, s.
-    pub(super) fn lasting_s(&self, series: &TimeSeries) -> f64 {
+    pub(crate) fn lasting_s(&self, series: &TimeSeries) -> f64 {
         series.time_s[self.samples.end - 1] - series.time_s[self.samples.start]
     }
 }
 
 /// Current below which the cell is at rest, A.
-pub(super) fn rest_current_a(series: &TimeSeries) -> f64 {
+pub(crate) fn rest_current_a(series: &TimeSeries) -> f64 {
     let finite = series.current_a.iter().filter(|a| a.is_finite());
     REST_PART * finite.fold(0.0_f64, |most, a| most.max(a.abs()))
 }
 
 /// The rests and loads of a log, in its order. `steps` holds the number of the cycler's step in each
 /// row.
-pub(super) fn segments(series: &TimeSeries, steps: Option<&[f64]>) -> Vec<Segment> {
+pub(crate) fn segments(series: &TimeSeries, steps: Option<&[f64]>) -> Vec<Segment> {
     let all = chained(series, &absorbed(series, by_rows(series, steps)));
     let all = joined(all, |before, pause, after| {
         before.step == after.step && pause.lasting_s(series) < SHORTEST_REST_S
@@ -266,7 +266,7 @@ fn joined(
 }
 
 /// Samples of a load without its first and its last, in which the current may still move.
-pub(super) fn inner(load: &Segment) -> Range<usize> {
+pub(crate) fn inner(load: &Segment) -> Range<usize> {
     match load.samples.len() {
         0..=3 => load.samples.clone(),
         _ => load.samples.start + 1..load.samples.end - 1,
@@ -274,19 +274,19 @@ pub(super) fn inner(load: &Segment) -> Range<usize> {
 }
 
 /// Median of the finite currents of these samples, A.
-pub(super) fn median_a(series: &TimeSeries, samples: Range<usize>) -> f64 {
+pub(crate) fn median_a(series: &TimeSeries, samples: Range<usize>) -> f64 {
     median(series.current_a[samples].to_vec())
 }
 
 /// Returns the median of the finite values, or 0 if there are none.
-pub(super) fn median(mut values: Vec<f64>) -> f64 {
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     values.retain(|value| value.is_finite());
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Course of the current of a load.
-pub(super) fn course(series: &TimeSeries, load: &Segment) -> Course {
+pub(crate) fn course(series: &TimeSeries, load: &Segment) -> Course {
     let middle_a = median_a(series, inner(load));
     let tolerance_a = (CONSTANT_PART * middle_a.abs()).max(rest_current_a(series));
     let steady = |a: &f64| !a.is_finite() || (a - middle_a).abs() <= tolerance_a;

@@ -1,6 +1,6 @@
 //! Loads of a log with the rests around them, and why one cannot be a run.
 
-use analysis::series::TimeSeries;
+use analysis_signal::series::TimeSeries;
 use serde::Serialize;
 
 use super::{
@@ -110,20 +110,27 @@ pub struct Load {
     pub soc: Option<KnownSoc>,
     /// Reason why the load cannot be a run.
     pub refusal: Option<String>,
-    /// First sample of the load.
+    /// Samples of the load.
     #[serde(skip)]
-    pub(super) first: usize,
+    pub samples: std::ops::Range<usize>,
+    /// Samples of the rest before the load, or of the current that a pulse stands on; empty if there
+    /// is neither.
+    #[serde(skip)]
+    pub before: std::ops::Range<usize>,
+    /// Course of its current.
+    #[serde(skip)]
+    pub course: Course,
     /// Sample at which its state of charge counts: the first, or the first of the run on a base.
     #[serde(skip)]
-    pub(super) begin: usize,
+    pub(crate) begin: usize,
     /// Part of the log between two cuts.
     #[serde(skip)]
-    pub(super) part: usize,
+    pub part: usize,
 }
 
 impl Load {
     /// Rest voltage before the load, V.
-    pub(super) fn rest_v(&self) -> Option<f64> {
+    pub fn rest_v(&self) -> Option<f64> {
         self.rest.map(|rest| rest.voltage_v)
     }
 }
@@ -278,7 +285,12 @@ fn one(
         temperature_c,
         soc: None,
         refusal: None,
-        first,
+        samples: load.samples.clone(),
+        before: before
+            .rest
+            .or(on_base)
+            .map_or(first..first, |before| before.samples.clone()),
+        course,
         begin: first,
         part: load.part,
     };
