@@ -23,7 +23,10 @@ const GROUPS: [(&str, &[&str]); 7] = [
             "doctor", "outputs", "safe", "clear", "mock",
         ],
     ),
-    ("Spectra and records", &["fit", "kk", "ocv", "joint"]),
+    (
+        "Spectra and records",
+        &["fit", "kk", "ocv", "hppc", "joint"],
+    ),
     (
         "What a model lacks",
         &["dataset", "diagnose", "investigate", "effects"],
@@ -80,6 +83,8 @@ Examples:
     eis-bench simulate --model FOLDER/circuit.json --profile POWER.csv --ocv-v 3.72
   Compute the open-circuit voltage from a slow discharge:
     eis-bench ocv DISCHARGE.csv --out FOLDER
+  Compute pulse resistances and power over the state of charge:
+    eis-bench hppc PULSES.csv --v-min 2.5 --v-max 4.2 --plot hppc.svg
   Fit the model to spectra and pulses together:
     eis-bench joint --spectra CELL*.csv --series PULSES.csv --ocv-from DISCHARGE.csv --out FOLDER
   Find what the model of a campaign lacks:
@@ -183,6 +188,8 @@ enum Command {
     Ocv(command::ocv::OcvArgs),
     /// Fit resistances over state of charge and temperature to logs of a cell.
     Map(command::map::MapArgs),
+    /// Pulse resistances and power over state of charge from logs of a cycler.
+    Hppc(command::hppc::HppcArgs),
     /// Run load profiles through a fitted model, as a cell or as a pack.
     Simulate(command::simulate::SimulateArgs),
     /// Fit the model to spectra and pulses together; print the error of the spectra alone on the
@@ -292,6 +299,7 @@ pub fn main() -> ExitCode {
         Command::Kk(args) => command::kk::kk(&args),
         Command::Ocv(args) => command::ocv::ocv(&args),
         Command::Map(args) => command::map::map(&args),
+        Command::Hppc(args) => command::hppc::hppc(&args),
         Command::Simulate(args) => command::simulate::simulate(&args),
         Command::Joint(args) => command::joint::joint(&args),
         Command::Dataset(args) => command::dataset::dataset(&args),
@@ -357,6 +365,7 @@ mod tests {
             "fit",
             "kk",
             "ocv",
+            "hppc",
             "joint",
             "dataset",
             "diagnose",

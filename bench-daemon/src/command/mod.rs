@@ -14,6 +14,7 @@ pub mod doctor;
 pub mod effects;
 pub mod fit;
 pub mod guardian;
+pub mod hppc;
 pub mod identify;
 pub mod investigate;
 pub mod joint;

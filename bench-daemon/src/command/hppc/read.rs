@@ -1,0 +1,157 @@
+//! Reads the logs of `hppc`, and what is known of the charge of their cells.
+
+use std::path::{Path, PathBuf};
+
+use analysis::{
+    formats::{ReadSeries, SeriesOptions, read_record},
+    loads::ChargeKnown,
+    ocv::OcvCurve,
+    run_folder,
+};
+
+use super::args::HppcArgs;
+use crate::{
+    config::{Cell, Source, resolve_cell},
+    investigate::proposal::fits_current,
+    safety::failure::Failure,
+    support::terminal::remark,
+};
+
+/// A log that was read.
+pub(super) struct Read {
+    pub(super) name: String,
+    pub(super) record: ReadSeries,
+    /// The cell of its run folder.
+    pub(super) cell: Option<Cell>,
+}
+
+/// What is known of the cells of all logs.
+#[derive(Clone, Copy)]
+pub(super) struct Known<'a> {
+    pub(super) curve: Option<&'a OcvCurve>,
+    pub(super) cell: Option<&'a Cell>,
+}
+
+/// Reads all files, and the logs in run folders.
+pub(super) fn read_all(args: &HppcArgs) -> Result<Vec<Read>, Failure> {
+    let mut all = Vec::new();
+    for path in &args.files {
+        if path.is_dir() {
+            let cell = cell_of_run(path);
+            for file in logs_of_run(path)? {
+                all.push(one(args, &file, cell.clone())?);
+            }
+        } else {
+            all.push(one(args, path, None)?);
+        }
+    }
+    Ok(all)
+}
+
+fn one(args: &HppcArgs, path: &Path, cell: Option<Cell>) -> Result<Read, Failure> {
+    let options = SeriesOptions {
+        sign: args.positive,
+    };
+    let record = read_record(path, &options).map_err(|error| Failure::Usage(error.to_string()))?;
+    for note in &record.notes {
+        remark!("{note}");
+    }
+    Ok(Read {
+        name: record.series.name.clone(),
+        record,
+        cell,
+    })
+}
+
+/// The logs of a run folder, by name.
+fn logs_of_run(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let fail = |reason: String| Failure::Usage(format!("{}: {reason}", folder.display()));
+    let mut found: Vec<PathBuf> = names(folder).map_err(|error| fail(error.to_string()))?;
+    found.retain(|path| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        run_folder::is_series(&name)
+    });
+    if found.is_empty() {
+        return Err(fail(
+            "expected a run folder with the log of a current and voltage over time, found none; a sweep \
+             has no pulses"
+                .to_owned(),
+        ));
+    }
+    Ok(found)
+}
+
+fn names(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder)? {
+        found.push(entry?.path());
+    }
+    found.sort();
+    Ok(found)
+}
+
+/// The cell of a run, from the copies of its configuration.
+fn cell_of_run(folder: &Path) -> Option<Cell> {
+    let copies = names(&folder.join(run_folder::CONFIG)).ok()?;
+    copies
+        .iter()
+        .find_map(|path| resolve_cell(&Source::read(path).ok()?).ok())
+}
+
+/// The charge of a log's cell, and where it comes from.
+pub(super) struct Charge<'a> {
+    pub(super) known: ChargeKnown<'a>,
+    pub(super) words: String,
+}
+
+/// What is known of the charge of a log's cell, the options first.
+pub(super) fn charge<'a>(args: &HppcArgs, log: &'a Read, known: Known<'a>) -> Charge<'a> {
+    let of_cell = known.cell.or(log.cell.as_ref());
+    let head = log.record.state.head.capacity_ah.map(|fact| fact.value);
+    let sources = [
+        (args.capacity_ah, "--capacity-ah"),
+        (known.curve.map(|curve| curve.capacity_ah), "the OCV curve"),
+        (
+            of_cell.map(|cell| cell.capacity_c / 3600.0),
+            "the file of the cell",
+        ),
+        (head, "the head of the log"),
+    ];
+    let capacity = sources
+        .into_iter()
+        .find_map(|(ah, source)| Some((ah?, source)));
+    let column = log.record.state.soc.as_deref();
+    let series = &log.record.series;
+    let fits = column.map(|column| fits_current(series, column));
+    if let Some(Err(reason)) = &fits {
+        remark!("{}: {reason}", log.name);
+    }
+    let column = column.filter(|_| matches!(fits, Some(Ok(()))));
+    let words = match (args.soc_start, capacity, column, known.curve) {
+        (Some(soc), Some((ah, source)), ..) => format!(
+            "state of charge: counted from {:.1} % at the first row, {ah} Ah as {source} says",
+            100.0 * soc
+        ),
+        (Some(_), None, ..) => {
+            "no state of charge: --soc-start needs a capacity, which --capacity-ah \
+                                states; the charge drawn since the first row instead"
+                .to_owned()
+        }
+        (None, _, Some(_), _) => "state of charge: from the column of the log".to_owned(),
+        (None, _, None, Some(_)) => {
+            "state of charge: the OCV curve at the first rest, counted from there".to_owned()
+        }
+        _ => "no state of charge: the charge drawn since the first row, counted from the current; \
+              --soc-start with --capacity-ah states it"
+            .to_owned(),
+    };
+    Charge {
+        known: ChargeKnown {
+            capacity_ah: capacity.map(|(ah, _)| ah),
+            soc_start: args.soc_start,
+            curve: known.curve,
+            column,
+        },
+        words,
+    }
+}
