@@ -76,6 +76,7 @@ fn table(args: &HppcArgs, log: &Read, known: Known<'_>) -> Result<Table, Failure
         series: &log.record.series,
         steps: log.record.steps.as_deref(),
         charge: charge.known,
+        counter_ah: charge.counter_ah.as_deref(),
     };
     let mut found =
         hppc::hppc(source, &options).map_err(|error| Failure::Usage(error.to_string()))?;

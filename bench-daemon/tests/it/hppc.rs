@@ -254,3 +254,17 @@ fn the_logs_of_cyclers_are_read_without_hand_work() {
         }
     }
 }
+
+#[test]
+fn the_net_capacity_of_a_log_counts_where_the_log_has_cuts() {
+    let Some(log) = measured("cells/panasonic_18650pf_m10C/five_pulse_hppc.parquet") else {
+        return;
+    };
+    let known = ["--soc-start", "1", "--capacity-ah", "2.9", "--no-power"];
+    let found = table(&[&[log.as_str()], &known[..]].concat());
+    assert_eq!(found["axis"], "soc");
+    let pulses = found["pulses"].as_array().unwrap();
+    let drawn = |k: usize| pulses[k]["state"]["drawn_ah"].as_f64().unwrap();
+    // The sixth pulse is at 5 % of 2.9 Ah, which were drawn in a cut of the log.
+    assert!((drawn(5) - 0.145).abs() < 0.01, "{}", drawn(5));
+}

@@ -365,6 +365,23 @@ mod tests {
     }
 
     #[test]
+    fn a_net_capacity_with_its_unit_is_a_counter_of_the_charge() {
+        let rows = "\n0,0,4.1,0.5\n1,-2,4.0,0.4997\n2,-2,3.99,\n";
+        let net_ah = |unit: &str| {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("x.bdf.csv");
+            let text = format!("Test Time / s,Current / A,Voltage / V,Net Capacity{unit}{rows}");
+            std::fs::write(&path, text).unwrap();
+            let read = read_record(&path, &SeriesOptions::default()).unwrap();
+            read.state.net_ah
+        };
+        let met = net_ah(" / Ah").unwrap();
+        assert!(met[..2] == [0.5, 0.4997] && met[2].is_nan(), "{met:?}");
+        assert!((net_ah(" / mAh").unwrap()[1] - 0.4997e-3).abs() < 1e-12);
+        assert_eq!(net_ah(""), None);
+    }
+
+    #[test]
     fn a_time_of_parquet_that_stands_still_beside_a_clock_is_passed_over() {
         let mut frame = DataFrame::new_infer_height(vec![
             Series::new("test_time_second".into(), [0.0, 0.0, 0.0]).into(),

@@ -8,8 +8,8 @@ use super::options::{HppcError, HppcOptions};
 use super::pulse;
 use super::result::{Hppc, LeftOutLoad, Pulse, StateAxis};
 use crate::loads::{
-    CUT_S, ChargeKnown, Counted, Course, LONGEST_PULSE_S, Load, LogSearch, count_charge, estimate,
-    loads,
+    CUT_S, ChargeKnown, Counted, Course, KnownSoc, LONGEST_PULSE_S, Load, LogSearch, SOC_BEYOND,
+    SocFrom, count_charge, estimate, loads,
 };
 
 /// A log, and what is known of the charge of its cell.
@@ -21,6 +21,10 @@ pub struct Log<'a> {
     pub steps: Option<&'a [f64]>,
     /// Capacity, state of charge at the first row, columns and curve.
     pub charge: ChargeKnown<'a>,
+    /// Charge drawn since the first row by a counter of the cycler, Ah, as
+    /// [`drawn_by_counter`](crate::loads::drawn_by_counter) gives it. It takes the place of the integral
+    /// of the current.
+    pub counter_ah: Option<&'a [f64]>,
 }
 
 /// Makes the table of the pulses of a log.
@@ -39,7 +43,10 @@ pub fn hppc(log: Log<'_>, options: &HppcOptions) -> Result<Hppc, HppcError> {
             None => {
                 let last_row = load.samples.start.saturating_sub(1);
                 let mut found = pulse::pulse(log.series, &load, &noise, options);
-                found.state.drawn_ah = (load.part == 0).then(|| drawn.charge_ah[last_row]);
+                found.state.drawn_ah = match log.counter_ah {
+                    Some(counter) => counter.get(last_row).copied(),
+                    None => (load.part == 0).then(|| drawn.charge_ah[last_row]),
+                };
                 found.notes.extend(note);
                 pulses.push(found);
             }
@@ -111,6 +118,17 @@ fn with_states(log: Log<'_>, options: &HppcOptions) -> Vec<Placed> {
         if note.is_some() {
             load.soc = None;
         }
+        if let Some(soc) = by_counter(log, &load) {
+            let fits = (-SOC_BEYOND..=1.0 + SOC_BEYOND).contains(&soc);
+            load.soc = fits.then_some(KnownSoc {
+                value: soc.clamp(0.0, 1.0),
+                from: SocFrom::Counted,
+            });
+            let note = (!fits).then(|| {
+                format!("the counted state of charge is {soc:.3}: capacity or start are wrong")
+            });
+            return Placed { load, note };
+        }
         if load.part > 0 && counts {
             load.soc = by_curve.soc;
             note = None;
@@ -124,6 +142,12 @@ fn with_states(log: Log<'_>, options: &HppcOptions) -> Vec<Placed> {
         Placed { load, note }
     })
     .collect()
+}
+
+/// The state of charge at the last row before a load by the counter of the cycler.
+fn by_counter(log: Log<'_>, load: &Load) -> Option<f64> {
+    let drawn_ah = log.counter_ah?.get(load.samples.start.saturating_sub(1))?;
+    Some(log.charge.soc_start? - drawn_ah / log.charge.capacity_ah?)
 }
 
 /// Why a load is no pulse of the table.

@@ -3,7 +3,7 @@
 use analysis_signal::series::TimeSeries;
 
 use super::*;
-use crate::loads::ChargeKnown;
+use crate::loads::{ChargeKnown, Counted, drawn_by_counter};
 
 /// A resistance, pairs of resistance and time constant, and an open-circuit voltage with a slope.
 #[derive(Debug, Clone)]
@@ -60,6 +60,7 @@ pub(super) fn table_of(series: &TimeSeries, options: &HppcOptions) -> Result<Hpp
             series,
             steps: None,
             charge: ChargeKnown::default(),
+            counter_ah: None,
         },
         options,
     )
@@ -296,6 +297,7 @@ fn states_are_counted_where_capacity_and_start_are_known() {
             series: &series,
             steps: None,
             charge,
+            counter_ah: None,
         };
         hppc(log, &HppcOptions::default()).unwrap()
     };
@@ -416,6 +418,7 @@ fn charge_is_not_counted_over_a_cut_of_the_log() {
         series: &series,
         steps: None,
         charge,
+        counter_ah: None,
     };
     let found = hppc(log, &HppcOptions::default()).unwrap();
     assert_eq!(found.axis, StateAxis::RestVoltage);
@@ -427,4 +430,43 @@ fn charge_is_not_counted_over_a_cut_of_the_log() {
         note.contains("more than 900 s after the last one"),
         "{note}"
     );
+}
+
+#[test]
+fn a_counter_of_the_cycler_goes_on_over_a_cut() {
+    let mut series = log(&cell(), &MANUAL);
+    let rest = series.time_s.iter().position(|t| *t > 620.05).unwrap();
+    series.time_s[rest..].iter_mut().for_each(|t| *t += 2000.0);
+    // 0.5 Ah are drawn in the cut.
+    let mut net_ah: Vec<f64> = Counted::of(&series)
+        .charge_ah
+        .iter()
+        .map(|ah| 0.1 - ah)
+        .collect();
+    net_ah[rest..].iter_mut().for_each(|ah| *ah -= 0.5);
+    let counter = drawn_by_counter(&series, &net_ah).unwrap();
+    let charge = ChargeKnown {
+        capacity_ah: Some(2.0),
+        soc_start: Some(0.9),
+        ..ChargeKnown::default()
+    };
+    let log = Log {
+        series: &series,
+        steps: None,
+        charge,
+        counter_ah: Some(&counter),
+    };
+    let found = hppc(log, &HppcOptions::default()).unwrap();
+    assert_eq!(found.axis, StateAxis::Soc);
+    let soc = found.pulses[1].state.soc.unwrap().value;
+    let drawn_ah = 0.5 + 40.0 / 3600.0;
+    assert!((soc - (0.9 - drawn_ah / 2.0)).abs() < 1e-3, "{soc}");
+    assert!((found.pulses[1].state.drawn_ah.unwrap() - drawn_ah).abs() < 1e-3);
+    // One that counts the other way round, or lacks a row, is named.
+    let turned: Vec<f64> = net_ah.iter().map(|ah| -ah).collect();
+    let told = drawn_by_counter(&series, &turned).unwrap_err();
+    assert!(told.contains("it moves by -1.000 of the charge"), "{told}");
+    net_ah[5] = f64::NAN;
+    let told = drawn_by_counter(&series, &net_ah).unwrap_err();
+    assert!(told.contains("no count in some rows"), "{told}");
 }

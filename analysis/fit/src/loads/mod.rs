@@ -13,6 +13,6 @@ pub use noise::{Estimate, estimate};
 pub use rest::Rest;
 pub use segment::Course;
 pub(crate) use segment::median;
-pub use state::{ChargeKnown, Counted, at_voltage, count_charge};
+pub use state::{ChargeKnown, Counted, at_voltage, count_charge, drawn_by_counter};
 pub use thresholds::{CONSTANT_PART, LONGEST_PULSE_S, SHORTEST_PULSE_S};
-pub(crate) use thresholds::{CUT_S, FEWEST_OF_SLOPE, LEAD_S};
+pub(crate) use thresholds::{CUT_S, FEWEST_OF_SLOPE, LEAD_S, SOC_BEYOND};

@@ -157,3 +157,34 @@ impl Counted {
         self.cuts.get(from) == self.cuts.get(to)
     }
 }
+
+/// Part by which a counter of charge may differ from the integral of the current.
+const SAME_COUNT_PART: f64 = 0.1;
+
+/// Charge drawn since the first row by a counter of the cycler, Ah, from the charge that went in less
+/// that which came out. It goes on where the log has a cut.
+///
+/// # Errors
+/// The reason why it is not used: a row without a count, or a count that does not follow the current.
+pub fn drawn_by_counter(series: &TimeSeries, net_ah: &[f64]) -> Result<Vec<f64>, String> {
+    let refuse = |why: String| Err(format!("the counter of the charge is not used: {why}"));
+    if net_ah.len() != series.len() || net_ah.iter().any(|ah| !ah.is_finite()) {
+        return refuse("it has no count in some rows".to_owned());
+    }
+    let counted = Counted::of(series).charge_ah;
+    let (mut both, mut own) = (0.0, 0.0);
+    for k in 1..series.len() {
+        if series.time_s[k] - series.time_s[k - 1] <= CUT_S {
+            let moved_ah = counted[k] - counted[k - 1];
+            both += moved_ah * (net_ah[k - 1] - net_ah[k]);
+            own += moved_ah * moved_ah;
+        }
+    }
+    let part = both / own;
+    if own > 0.0 && (part - 1.0).abs() > SAME_COUNT_PART {
+        return refuse(format!(
+            "it moves by {part:.3} of the charge that the current moves"
+        ));
+    }
+    Ok(net_ah.iter().map(|ah| net_ah[0] - ah).collect())
+}

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use analysis::hppc::{Direction, Hppc, Pulse, StateAxis};
+use analysis::hppc::{Direction, Hppc, Pulse};
 
 use crate::support::{present::significant, terminal::say};
 
@@ -39,10 +39,7 @@ pub(super) fn table(found: &Hppc, states: &str) {
 }
 
 fn block(found: &Hppc, direction: Direction, pulses: &[&Pulse]) {
-    let state = match found.axis {
-        StateAxis::Soc => "SOC / %",
-        StateAxis::ChargeDrawn | StateAxis::RestVoltage => "Q / Ah",
-    };
+    let state = if has_soc(found) { "SOC / %" } else { "Q / Ah" };
     let times: String = found
         .at_s
         .iter()
@@ -66,17 +63,19 @@ fn block(found: &Hppc, direction: Direction, pulses: &[&Pulse]) {
     }
 }
 
+/// Whether the state of charge of a pulse is known.
+fn has_soc(found: &Hppc) -> bool {
+    found.pulses.iter().any(|pulse| pulse.state.soc.is_some())
+}
+
 fn row(found: &Hppc, pulse: &Pulse) {
     let or_dash = |text: Option<String>| text.unwrap_or_else(|| "–".to_owned());
-    let state = match found.axis {
-        StateAxis::Soc => pulse
-            .state
-            .soc
-            .map(|soc| format!("{:.1}", 100.0 * soc.value)),
-        StateAxis::ChargeDrawn | StateAxis::RestVoltage => pulse
-            .state
-            .drawn_ah
-            .map(|drawn_ah| format!("{drawn_ah:.4}")),
+    let state = if has_soc(found) {
+        let soc = pulse.state.soc;
+        soc.map(|soc| format!("{:.1}", 100.0 * soc.value))
+    } else {
+        let drawn_ah = pulse.state.drawn_ah;
+        drawn_ah.map(|drawn_ah| format!("{drawn_ah:.4}"))
     };
     let cells: String = pulse
         .resistances

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use analysis::{
     formats::{ReadSeries, SeriesOptions, read_record},
-    loads::ChargeKnown,
+    loads::{ChargeKnown, drawn_by_counter},
     ocv::OcvCurve,
     run_folder,
 };
@@ -101,6 +101,8 @@ fn cell_of_run(folder: &Path) -> Option<Cell> {
 /// The charge of a log's cell, and where it comes from.
 pub(super) struct Charge<'a> {
     pub(super) known: ChargeKnown<'a>,
+    /// Charge drawn by the counter of the cycler, Ah.
+    pub(super) counter_ah: Option<Vec<f64>>,
     pub(super) words: String,
 }
 
@@ -127,9 +129,22 @@ pub(super) fn charge<'a>(args: &HppcArgs, log: &'a Read, known: Known<'a>) -> Ch
         remark!("{}: {reason}", log.name);
     }
     let column = column.filter(|_| matches!(fits, Some(Ok(()))));
+    let net_ah = log.record.state.net_ah.as_deref();
+    let counter_ah = match net_ah.map(|net_ah| drawn_by_counter(series, net_ah)) {
+        Some(Ok(counter_ah)) => Some(counter_ah),
+        Some(Err(reason)) => {
+            remark!("{}: {reason}", log.name);
+            None
+        }
+        None => None,
+    };
+    let by = match counter_ah {
+        Some(_) => " by the net capacity of the log",
+        None => "",
+    };
     let words = match (args.soc_start, capacity, column, known.curve) {
         (Some(soc), Some((ah, source)), ..) => format!(
-            "state of charge: counted from {:.1} % at the first row, {ah} Ah as {source} says",
+            "state of charge: counted{by} from {:.1} % at the first row, {ah} Ah as {source} says",
             100.0 * soc
         ),
         (Some(_), None, ..) => {
@@ -139,11 +154,15 @@ pub(super) fn charge<'a>(args: &HppcArgs, log: &'a Read, known: Known<'a>) -> Ch
         }
         (None, _, Some(_), _) => "state of charge: from the column of the log".to_owned(),
         (None, _, None, Some(_)) => {
-            "state of charge: the OCV curve at the first rest, counted from there".to_owned()
+            "state of charge: by the OCV curve at the first rest of each stretch, counted from there".to_owned()
         }
-        _ => "no state of charge: the charge drawn since the first row, counted from the current; \
-              --soc-start with --capacity-ah states it"
-            .to_owned(),
+        _ => {
+            let counter = if by.is_empty() { " by the current" } else { by };
+            format!(
+                "no state of charge: the charge drawn since the first row, counted{counter}; \
+                 --soc-start with --capacity-ah states it"
+            )
+        }
     };
     Charge {
         known: ChargeKnown {
@@ -152,6 +171,7 @@ pub(super) fn charge<'a>(args: &HppcArgs, log: &'a Read, known: Known<'a>) -> Ch
             curve: known.curve,
             column,
         },
+        counter_ah,
         words,
     }
 }

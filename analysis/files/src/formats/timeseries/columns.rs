@@ -7,7 +7,7 @@
 
 use super::super::text;
 use super::names::{
-    AMBIENT, CAPACITY, CHARGE, CURRENT, DISCHARGE, DOD, Names, SOC, STATES, STEP, TEMPERATURE,
+    AMBIENT, CAPACITY, CHARGE, CURRENT, DISCHARGE, DOD, NET, Names, SOC, STATES, STEP, TEMPERATURE,
     TIME, VOLTAGE, WALL,
 };
 use super::raw::{QUANTITIES, Quantity};
@@ -77,7 +77,7 @@ impl Columns {
     }
 }
 
-static READ: [(Quantity, &Names); 11] = [
+static READ: [(Quantity, &Names); 12] = [
     (Quantity::Voltage, &VOLTAGE),
     (Quantity::Current, &CURRENT),
     (Quantity::Temperature, &TEMPERATURE),
@@ -89,6 +89,7 @@ static READ: [(Quantity, &Names); 11] = [
     (Quantity::Soc, &SOC),
     (Quantity::Dod, &DOD),
     (Quantity::Ambient, &AMBIENT),
+    (Quantity::NetAh, &NET),
 ];
 
 /// A name in parts.

@@ -15,7 +15,7 @@ use std::path::Path;
 /// Columns of the bench's own files, which contain a checksum.
 const BENCH: [&str; 3] = ["time_s", "voltage_v", "current_a"];
 /// Quantities that are plain numbers.
-const NUMBERS: [Quantity; 10] = [
+const NUMBERS: [Quantity; 11] = [
     Quantity::Capacity,
     Quantity::Voltage,
     Quantity::Current,
@@ -26,6 +26,7 @@ const NUMBERS: [Quantity; 10] = [
     Quantity::Soc,
     Quantity::Dod,
     Quantity::Ambient,
+    Quantity::NetAh,
 ];
 
 /// Reads Parquet.

@@ -212,6 +212,13 @@ pub(super) static DOD: Names = Names {
 
 const CAPACITY_UNITS: &[(&str, f64)] = &[("ah", 1.0), ("mah", 1.0e-3), ("amperehour", 1.0)];
 
+/// Charge into the cell less charge out of it, Ah.
+pub(super) static NET: Names = Names {
+    names: &["netcapacity"],
+    units: CAPACITY_UNITS,
+    short: &["netcapacity"],
+};
+
 /// Charge into the cell, Ah.
 pub(super) static CHARGE: Names = Names {
     names: &[

@@ -31,10 +31,12 @@ pub(super) enum Quantity {
     Dod,
     /// Temperature of the chamber, °C.
     Ambient,
+    /// Charge that went in less charge that came out, Ah.
+    NetAh,
 }
 
 /// Number of quantities.
-pub(super) const QUANTITIES: usize = 13;
+pub(super) const QUANTITIES: usize = 14;
 
 /// A value of each quantity; NaN if missing.
 pub(super) type Values = [f64; QUANTITIES];

@@ -14,6 +14,9 @@ pub struct State {
     /// State of charge in each row, 0 to 1, from its column or from the depth of discharge; NaN if
     /// the row has none.
     pub soc: Option<Vec<f64>>,
+    /// Charge that went into the cell less charge that came out in each row, Ah, by a counter of the
+    /// cycler; NaN where the row has none.
+    pub net_ah: Option<Vec<f64>>,
     /// Numbers before the names of the columns.
     pub head: Head,
 }
@@ -27,6 +30,7 @@ pub(super) fn take(raw: &mut Raw) -> (State, Option<Vec<f64>>) {
     });
     let state = State {
         soc,
+        net_ah: raw.take(Quantity::NetAh),
         head: raw.head,
     };
     let measured = |all: &Vec<f64>| all.iter().any(|celsius| celsius.is_finite());

@@ -15,7 +15,7 @@ use std::path::Path;
 /// EC-Lab's number of the mode without current.
 const MODE_OF_REST: f64 = 3.0;
 /// Quantities whose fields may contain anything: a field that is not a number is unknown.
-const BESIDE: [Quantity; 8] = [
+const BESIDE: [Quantity; 9] = [
     Quantity::Capacity,
     Quantity::Temperature,
     Quantity::ChargeAh,
@@ -24,6 +24,7 @@ const BESIDE: [Quantity; 8] = [
     Quantity::Soc,
     Quantity::Dod,
     Quantity::Ambient,
+    Quantity::NetAh,
 ];
 
 /// Reads a text.
