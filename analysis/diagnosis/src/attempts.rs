@@ -265,9 +265,10 @@ impl Search<'_> {
             .into_iter()
             .filter_map(|free| self.attempt_law(fit, name, free, origins))
             .collect();
-        attempts
+        let best = attempts
             .into_iter()
-            .max_by(|a, b| a.score.total_cmp(&b.score))
+            .max_by(|a, b| a.score.total_cmp(&b.score))?;
+        Some(self.widened(fit, best))
     }
 
     /// Returns the best fit of a candidate's law with `free` free parameters: from its most
@@ -314,16 +315,18 @@ impl Search<'_> {
             .flatten()
             .map(|(held, member)| self.set_free(fit, held, member))
             .collect();
+        let (is_guarded, branches) = (self.guards.bound, self.problem.branches());
         let at_bound = |a: &Attempt| {
-            self.guards.bound
+            is_guarded
                 && a.fit
-                    .member_at_bound(a.fit.structure.members.len() - 1, self.problem.branches())
+                    .member_at_bound(a.fit.structure.members.len() - 1, branches)
         };
         let worth = |a: &Attempt| a.score - if at_bound(a) { SHAPE_DRIFT } else { 0.0 };
         let freed = freed.into_iter().filter(|a| a.score.is_finite());
         let Some(free) = freed.max_by(|a, b| worth(a).total_cmp(&worth(b))) else {
             return Some(self.polished(held));
         };
+        let free = self.exchanged(fit.chi2, free);
         let bound = at_bound(&free);
         // Shapes that the data do not fix drift to a bound, and then carry no information.
         let drifted = bound && free.lambda < held.lambda + SHAPE_DRIFT;
@@ -338,15 +341,20 @@ impl Search<'_> {
     /// Returns the fit with the shapes held. The linear test far overestimates an effect that grows
     /// faster than in proportion to its strength, as the depletion of an electrolyte does near its
     /// end, and the iteration can then return to zero: if a strong effect's fit does not reach the
-    /// gain of the linear test, weaker starts are tried.
+    /// gain of the linear test, the test's own step and weaker starts are tried.
     fn hold(&mut self, fit: &Fit, from: &Fit, proposal: &Proposal) -> Attempt {
         let member = proposal.member.frozen();
         let mut best = self.try_member(fit.chi2, from, &member, true);
+        if self.has_lost(from, &best, proposal)
+            && let Some(found) = self.fit_from_step(from, &member)
+        {
+            let other = self.as_attempt(fit.chi2, &member, found);
+            if other.score > best.score || best.score.is_nan() {
+                best = other;
+            }
+        }
         for weaker in WEAKER_STARTS {
-            // The test made its promise for the fit that the attempt started from.
-            if proposal.lagrange <= STRONG_LAGRANGE
-                || from.chi2 - best.fit.chi2 >= KEPT_PART * proposal.lagrange
-            {
+            if !self.has_lost(from, &best, proposal) {
                 break;
             }
             let mut start = member.start.clone();
@@ -357,6 +365,13 @@ impl Search<'_> {
             }
         }
         best
+    }
+
+    /// Returns whether the fit of a strong effect lacks the gain that its linear test promised for
+    /// the fit that the attempt started from.
+    fn has_lost(&self, from: &Fit, attempt: &Attempt, proposal: &Proposal) -> bool {
+        let keeps = from.chi2 - attempt.fit.chi2 >= KEPT_PART * proposal.lagrange;
+        proposal.lagrange > STRONG_LAGRANGE && !keeps
     }
 
     /// Completes the fit of an attempt that was ended early.
@@ -400,6 +415,10 @@ impl Search<'_> {
         let found = self
             .problem
             .fit_added(from, member, is_rough, &mut self.workspace);
+        self.as_attempt(before_chi2, member, found)
+    }
+
+    fn as_attempt(&self, before_chi2: f64, member: &Member, found: Fit) -> Attempt {
         let lambda = before_chi2 - found.chi2;
         let score = lambda - self.problem.penalty(member);
         Attempt {

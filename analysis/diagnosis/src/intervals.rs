@@ -6,7 +6,6 @@ use super::block::Workspace;
 use super::outcome::{FittedParameter, NamedEffect};
 use super::problem::{Fit, Problem};
 use super::select::Selection;
-use super::structure::searched;
 use crate::thresholds::TWO_SIDED_95;
 use analysis_effects::contract::Scale;
 
@@ -88,11 +87,7 @@ pub(super) fn named(
 /// Returns the fit with all shapes of a member searched, or unchanged if they already are.
 fn with_free_shapes(problem: &Problem, fit: &Fit, member: usize, workspace: &mut Workspace) -> Fit {
     let (erm, values) = fit.decode(problem.branches());
-    let own = searched(
-        fit.structure.members[member].effect,
-        &problem.base,
-        &values[member],
-    );
+    let own = fit.structure.members[member].searched(&problem.base, &values[member]);
     if fit.structure.members[member].parameters == own {
         return fit.clone();
     }

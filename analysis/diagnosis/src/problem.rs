@@ -242,7 +242,7 @@ impl Problem {
     }
 
     /// Whitened measured training rows.
-    fn target(&self) -> Vec<f64> {
+    pub(super) fn target(&self) -> Vec<f64> {
         self.target_of(Role::Train)
     }
 

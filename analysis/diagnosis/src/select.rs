@@ -7,7 +7,6 @@ use super::guards::outside_lead;
 use super::outcome::{Candidate, Evidence};
 use super::problem::Fit;
 use super::search::Search;
-use super::structure::searched;
 use crate::thresholds::{
     DEEPER_CHI2, FREED_SHAPE_CHI2, MOST_EFFECTS, MOST_REFUSED, MOST_RESTARTS, NAMING_LEAD,
     OUTSIDE_ALONE,
@@ -331,7 +330,7 @@ impl Search<'_> {
             for (member, value) in structure.members.iter_mut().zip(&values) {
                 member.start.clone_from(value);
             }
-            let own = searched(structure.members[k].effect, &self.problem.base, &values[k]);
+            let own = structure.members[k].searched(&self.problem.base, &values[k]);
             if structure.members[k].parameters == own {
                 continue;
             }

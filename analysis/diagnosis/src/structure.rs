@@ -83,6 +83,17 @@ impl Member {
             .product()
     }
 
+    /// Returns its parameters with all shapes searched. Bounds that were moved stay there.
+    pub(super) fn searched(&self, base: &Base, values: &[f64]) -> Vec<Parameter> {
+        let mut own = searched(self.effect, base, values);
+        for (p, moved) in own.iter_mut().zip(&self.parameters) {
+            p.range.lower = p.range.lower.min(moved.range.lower);
+            p.range.upper = p.range.upper.max(moved.range.upper);
+            p.usual = p.usual.or(moved.usual);
+        }
+        own
+    }
+
     /// Parameters that are searched.
     pub(super) fn free(&self) -> usize {
         self.parameters
@@ -179,18 +190,18 @@ impl Structure {
             step: 1e-4,
             longest: LONGEST_LOG,
         };
+        let whole_ohm = start.dc_resistance_ohm();
         let mut axes: Vec<Axis> = encode_erm(start)
             .iter()
             .enumerate()
             .map(|(k, x)| {
-                around(
-                    *x,
-                    if k > 0 && k % 2 == 0 {
-                        TIME_REACH
-                    } else {
-                        RESISTANCE_REACH
-                    },
-                )
+                if k > 0 && k % 2 == 0 {
+                    return around(*x, TIME_REACH);
+                }
+                // A resistance that the spectra have lost may still be all of the cell's.
+                let axis = around(*x, RESISTANCE_REACH);
+                let upper = axis.upper.max(whole_ohm.ln());
+                Axis { upper, ..axis }
             })
             .collect();
         for p in self.members.iter().flat_map(|m| &m.parameters) {
@@ -349,7 +360,7 @@ fn meant(p: &Parameter, values: &[f64]) -> bool {
 
 /// Returns the parameters of an effect with these choices: what has no meaning then is not
 /// searched.
-pub(super) fn searched(effect: &'static dyn Effect, base: &Base, values: &[f64]) -> Vec<Parameter> {
+fn searched(effect: &'static dyn Effect, base: &Base, values: &[f64]) -> Vec<Parameter> {
     let mut parameters = effect.parameters(base);
     parameters
         .iter_mut()

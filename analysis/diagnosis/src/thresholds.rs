@@ -451,6 +451,13 @@ thresholds! {
     SCALE_SIGMAS: f64 = 5.0, "σ",
         "Distance of the factor from one in standard deviations.",
         Quantile "Normal distribution, two-sided probability 6·10⁻⁷.";
+    SCALE_SAME_CURRENT: f64 = 1.1, "1",
+        "Ratio of two neighbouring currents below which their edges give one factor.",
+        Convention "Programmed currents of one step agree far better; steps differ by more.";
+    SCALE_VARIES: f64 = 1.1, "1",
+        "Ratio of the factors at the smallest and the largest current, or its inverse, from which on \
+        the factor depends on the current.",
+        Convention "A gain is one number; temperature and charge between steps make some per cent.";
     SCALE_SPECTRUM_NEAR: f64 = 0.1, "1",
         "Logarithm of the factor of spectra to the model below which they belong together.",
         Convention "Repeats of spectra agree to some per cent. No study of the value is on record.";
@@ -763,6 +770,20 @@ thresholds! {
         "χ² that a shape at its bound must gain over a held one to be accepted.",
         Convention "Noise gains as much in 5·10⁻⁴ of cases (χ² of one degree of freedom), or \
         2.5·10⁻³ (two).";
+    WIDENED_SHARE: f64 = 0.9, "1",
+        "Part of the excess of χ² that an effect must remove for its bound to move.",
+        Convention "As much as `MOSTLY_LEFT` leaves: almost everything is explained, so that the \
+        bound is wrong and not the effect.";
+    WIDENED_BY: f64 = 3.0, "1",
+        "Factor by which a bound moves in one step.",
+        Convention "Half a decade. No study of the value is on record.";
+    MOST_WIDENED: usize = 3, "1",
+        "Most steps by which a bound moves.",
+        Convention "Together a factor of 27; beyond it the name would not fit the cell.";
+    LEFT_OF_BRANCH: f64 = 0.1, "1",
+        "Part of its resistance that a branch keeps where an effect starts in its place.",
+        Convention "Small enough to leave the place, large enough for its derivative to lead \
+        back.";
     DEEPER_CHI2: f64 = 1.0, "1",
         "χ² by which another minimum of a fit must be deeper to be taken for it.",
         Convention "One standard deviation of one parameter. No study of the value is on record.";

@@ -37,6 +37,7 @@ mod exchanged;
 mod fit;
 mod fit_circuit;
 mod guardian;
+mod hidden_effects;
 mod hppc;
 mod identify;
 mod investigate;
