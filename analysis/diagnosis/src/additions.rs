@@ -41,7 +41,7 @@ impl Diagnosis {
         );
         let addition = |term: &PredictiveTerm| Addition {
             name: term.name.to_owned(),
-            title: term.title.to_owned(),
+            title: format!("predictive term of the form of {}", term.title),
             group: term.group,
             parameters: parameters(&term.parameters),
             evidence: AdditionEvidence {

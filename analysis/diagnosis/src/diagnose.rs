@@ -5,14 +5,14 @@ use super::consistency::inconsistencies;
 use super::data::{DataSet, Role};
 use super::experiment::{Advice, BenchLimits, PlannedRun, Playable, recommend};
 use super::findings::FindingKind;
-use super::gap::{Fits, gaps, sample_floor, samples, spectrum_gaps};
+use super::gap::{Fits, gaps, rms_mv, sample_floor, samples, spectrum_gaps};
 use super::guards::Guards;
 use super::intervals::named;
 use super::judge::{Doubts, judge};
 use super::localise::localise;
 use super::noise::TERMS;
 use super::outcome::{
-    Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, NoiseReport, NoiseTerm,
+    Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Gap, NoiseReport, NoiseTerm,
     Predictive, Quality, Rival, RunCurves, Verdict,
 };
 use super::predictive::described;
@@ -268,7 +268,11 @@ fn predictive(
         base: &selection.base,
         augmented: &fit,
     };
-    described(prepared, &model.erm, fits, &mut Workspace::default())
+    let found = described(prepared, &model.erm, fits, &mut Workspace::default())?;
+    // A model that is no better over all records than the refit is not worth its terms.
+    let [before, after] =
+        [|gap: &Gap| gap.base_mv, |gap: &Gap| gap.augmented_mv].map(|of| rms_mv(&found.gap, of));
+    (after < before).then_some(found)
 }
 
 /// Refits the base to spectra and training records: from the model, and from other time constants

@@ -35,8 +35,7 @@ impl Search<'_> {
             }
             change += new - old;
         }
-        // Measured noise makes the whitened tests strict enough.
-        if self.guards.held_out && !self.measured {
+        if self.guards.held_out {
             self.no_record_worse(before, after)?;
         }
         let z = self.contradiction(before, after);
@@ -55,6 +54,25 @@ impl Search<'_> {
     /// A whitened χ² can fall while the root mean square grows: it weights most the parts with the
     /// least noise.
     pub(super) fn no_record_worse(&mut self, before: &Fit, after: &Fit) -> Result<(), String> {
+        self.compare_records(before, after, |worse| worse.z > HELD_OUT_RMS_Z)
+    }
+
+    /// Returns the same error for a model that is to predict: an assumed noise excuses no more than
+    /// a formula's error.
+    pub(super) fn no_prediction_worse(&mut self, before: &Fit, after: &Fit) -> Result<(), String> {
+        let is_assumed = !self.measured;
+        self.compare_records(before, after, |worse| {
+            let is_larger = worse.after_mv > (1.0 + FORMULA_SHARE) * worse.before_mv;
+            worse.z > HELD_OUT_RMS_Z || (is_assumed && is_larger)
+        })
+    }
+
+    fn compare_records(
+        &mut self,
+        before: &Fit,
+        after: &Fit,
+        counts: impl Fn(&Worse) -> bool,
+    ) -> Result<(), String> {
         for k in self.problem.of_role(Role::HeldOut) {
             let chi2 = self.problem.block_chi2(after.at(), k, &mut self.workspace);
             if chi2.is_nan() {
@@ -67,7 +85,7 @@ impl Search<'_> {
                 before_mv,
                 after_mv,
                 z,
-            }) = self.worse(before, after, k)
+            }) = self.worse(before, after, k).filter(&counts)
             {
                 return Err(format!(
                     "held-out run {} becomes worse: {before_mv:.2} mV to {after_mv:.2} mV, {z:.1} \
@@ -79,8 +97,7 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Returns how the prediction of a record is worse, or `None` if it is not, or if noise can
-    /// explain the difference.
+    /// Returns how the prediction of a record is worse, or `None` if it is not.
     ///
     /// With Δ the residual and d the change of the prediction, the sum of squares grows by −2·dᵀΔ −
     /// dᵀd. Were the new prediction true, dᵀΔ would be noise of variance dᵀC·d.
@@ -133,7 +150,7 @@ impl Search<'_> {
         let along = dot(&left[1], &change);
         let sigma = self.problem.whiteners[block].variance(&change).sqrt();
         let z = along.abs() / sigma.max(f64::MIN_POSITIVE);
-        (z > HELD_OUT_RMS_Z).then(|| Worse {
+        Some(Worse {
             before_mv: 1e3 * before_v2.sqrt(),
             after_mv: 1e3 * after_v2.sqrt(),
             z,

@@ -27,9 +27,16 @@ impl Search<'_> {
     /// A term may make a held-out record worse because its partner is missing: it stays for the
     /// next one, and counts only if the record is then as good as before.
     pub(super) fn predictive(&mut self, selection: &Selection) -> Option<Fit> {
-        let mut proven = self
-            .pair_that_predicts(selection)
-            .unwrap_or_else(|| selection.fit.clone());
+        let mut proven = match self.pair_that_predicts(selection) {
+            Some(pair) => pair,
+            None if self
+                .no_prediction_worse(&selection.base, &selection.fit)
+                .is_ok() =>
+            {
+                selection.fit.clone()
+            }
+            None => selection.base.clone(),
+        };
         let mut last = Term {
             fit: proven.clone(),
             is_proven: true,
@@ -63,7 +70,7 @@ impl Search<'_> {
             if members.all(|member| may_predict(member.name()))
                 && self.has_usual_values(&fit)
                 && fit.has_converged(pair.score)
-                && self.no_record_worse(&selection.base, &fit).is_ok()
+                && self.no_prediction_worse(&selection.base, &fit).is_ok()
             {
                 return Some(fit);
             }
@@ -97,8 +104,8 @@ impl Search<'_> {
             if attempt.score < LEAST_SCORE || !converged || !is_usual {
                 continue;
             }
-            let is_proven = self.no_record_worse(base, &attempt.fit).is_ok()
-                && self.no_record_worse(fit, &attempt.fit).is_ok();
+            let is_proven = self.no_prediction_worse(base, &attempt.fit).is_ok()
+                && self.no_prediction_worse(fit, &attempt.fit).is_ok();
             let term = Term {
                 fit: attempt.fit,
                 is_proven,

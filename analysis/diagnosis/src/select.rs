@@ -115,6 +115,7 @@ impl Search<'_> {
         }
         self.find_rivals(&mut selection);
         self.free_shapes(&mut selection);
+        self.withdraw_what_predicts_worse(&mut selection);
         self.look_outside(&mut selection, alone);
         selection
     }
@@ -259,6 +260,22 @@ impl Search<'_> {
                 selection.selected.remove(k);
                 k = 0;
             }
+        }
+    }
+
+    /// Takes back names, the last first, until no held-out record is predicted worse than by the
+    /// base. Each name was judged against the fit before it; together they may still mislead. What is
+    /// taken back stays as a lead, with the reason.
+    pub(super) fn withdraw_what_predicts_worse(&mut self, selection: &mut Selection) {
+        while let Some(last) = selection.selected.last()
+            && self.guards.held_out
+            && let Err(reason) = self.no_record_worse(&selection.base, &selection.fit)
+        {
+            let (name, score) = (last.name, last.evidence.score);
+            selection.refused = Some((name, score, reason));
+            let at = selection.selected.len() - 1;
+            selection.fit = self.refit_without(&selection.base, &selection.fit, at);
+            selection.selected.pop();
         }
     }
 

@@ -12,9 +12,9 @@ pub(super) fn sentences(d: &Diagnosis) -> Vec<String> {
     };
     let titles: Vec<&str> = predictive.terms.iter().map(|t| t.title).collect();
     let mut sentences = vec![format!(
-        "Use the model with {} for predictions only: the form fits, and nothing is claimed about \
-        the cause.",
-        titles.join(" and ")
+        "Use the model with predictive terms, for predictions only. They have the form of {}: the \
+        form fits, and nothing is claimed about the cause.",
+        titles.join(" and of ")
     )];
     let [before, after, floor] = [
         |gap: &Gap| gap.base_mv,
@@ -57,7 +57,7 @@ pub(super) fn section(d: &Diagnosis) -> Section {
         .iter()
         .map(|term| {
             vec![
-                with_values(term.title, &term.parameters),
+                with_values(&format!("as {}", term.title), &term.parameters),
                 term.stands_for.to_owned(),
             ]
         })
@@ -83,7 +83,7 @@ pub(super) fn section(d: &Diagnosis) -> Section {
         "For predictions only",
         vec![
             Item::Text(lead.to_owned()),
-            Item::Table(vec!["Term", "Form that it stands for"], terms),
+            Item::Table(vec!["Predictive term", "Form that it stands for"], terms),
             Item::Table(
                 vec!["Run", "Spectra alone", "Refit", "With these terms", "Floor"],
                 gaps,

@@ -6,9 +6,12 @@ use crate::{
     block::Workspace,
     diagnose::{base_fit, diagnose_with},
     guards::Guards,
+    outcome::Evidence,
     prepare::prepare,
+    problem::Fit,
     progress::Progress,
     search::{Search, excess_z},
+    select::{SelectedEffect, Selection},
 };
 
 fn with(set: &DataSet, guards: Guards) -> Diagnosis {
@@ -117,9 +120,14 @@ fn held_out_runs_that_contradict_are_heard() {
     assert_eq!(names(&off), ["soc_resistance"]);
 }
 
-/// Fits a base and the base with the effect that was hidden in the training runs. Returns an error
-/// that states whether the second fit misses the held-out records by more millivolts.
-fn worse_in_millivolts(seed: u64, train: &Hidden, held_out: &Hidden) -> Result<(), String> {
+/// Fits a base and the base with the effect that was hidden in the training runs, and returns what
+/// a search makes of the two fits.
+fn judged_by_records<T>(
+    seed: u64,
+    train: &Hidden,
+    held_out: &Hidden,
+    judge: impl Fn(&mut Search<'_>, [&Fit; 2]) -> T,
+) -> T {
     let set = campaign(seed, train, held_out);
     let prepared = prepare(&set, &model(), Guards::default()).unwrap();
     let problem = &prepared.problem;
@@ -140,7 +148,51 @@ fn worse_in_millivolts(seed: u64, train: &Hidden, held_out: &Hidden) -> Result<(
         progress: &Progress::default(),
         workspace,
     };
-    search.no_record_worse(&base, &fit)
+    judge(&mut search, [&base, &fit])
+}
+
+/// Returns an error that states whether the second fit misses the held-out records by more
+/// millivolts.
+fn worse_in_millivolts(seed: u64, train: &Hidden, held_out: &Hidden) -> Result<(), String> {
+    judged_by_records(seed, train, held_out, |search, [base, fit]| {
+        search.no_record_worse(base, fit)
+    })
+}
+
+#[test]
+fn a_name_that_predicts_worse_than_the_refit_is_only_a_lead() {
+    let hidden = Hidden {
+        per_soc: -0.6,
+        ..Hidden::default()
+    };
+    let withdrawn = |held_out: &Hidden| {
+        judged_by_records(42, &hidden, held_out, |search, [base, fit]| {
+            let evidence = Evidence {
+                lambda: base.chi2 - fit.chi2,
+                score: base.chi2 - fit.chi2,
+                share_of_excess: 1.0,
+                held_out_change: 0.0,
+                integration_error: 0.0,
+            };
+            let mut selection = Selection {
+                fit: fit.clone(),
+                selected: vec![SelectedEffect::new("soc_resistance", evidence)],
+                ..Selection::nothing(base)
+            };
+            search.withdraw_what_predicts_worse(&mut selection);
+            assert_eq!(
+                selection.selected.len(),
+                selection.fit.structure.members.len()
+            );
+            selection.refused.map(|(name, _, reason)| (name, reason))
+        })
+    };
+    assert_eq!(withdrawn(&hidden), None);
+    let (name, reason) = withdrawn(&Hidden::default()).unwrap();
+    assert!(
+        name == "soc_resistance" && reason.contains(" mV to "),
+        "{name} {reason}"
+    );
 }
 
 #[test]
