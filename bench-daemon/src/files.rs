@@ -6,7 +6,7 @@ use analysis::{
     contract::Group,
     dataset,
     diagnosis::{Outcome, report::Picture},
-    fit::RefusedPoint,
+    fit::{Addition, RefusedPoint},
     formats::read_file,
     forward::{OcvSource, SimModel},
     given::GivenModel,
@@ -194,6 +194,22 @@ pub(crate) fn write_pictures(folder: &Path, pictures: &[Picture]) -> Result<(), 
     })
 }
 
+/// Returns the additions, those of the diagnosed base with the title and the evidence that they had:
+/// the diagnosis has fitted them again and has not judged them.
+fn carried(additions: Vec<Addition>, base: &GivenModel) -> Vec<Addition> {
+    let of_base = |addition: Addition| {
+        let own = base.additions.iter().find(|own| own.name == addition.name);
+        match own {
+            Some(own) => Addition {
+                parameters: addition.parameters,
+                ..own.clone()
+            },
+            None => addition,
+        }
+    };
+    additions.into_iter().map(of_base).collect()
+}
+
 /// Writes the diagnosed model with the additions, if any, and the best predicting addition if no
 /// effect is certain; `refused` are the points that the gate of the data has refused.
 pub(crate) fn write_augmented(
@@ -209,7 +225,7 @@ pub(crate) fn write_augmented(
         (
             "model_augmented.json",
             d.augmented.as_ref(),
-            d.additions(BY),
+            carried(d.additions(BY), base),
         ),
         (
             "model_predictive.json",

@@ -8,12 +8,11 @@ use analysis_fit::fit::{Addition, AdditionEvidence, AdditionParameter};
 
 impl Diagnosis {
     /// Returns the named effects as additions to the model that was refitted together with them
-    /// ([`Diagnosis::augmented`]); empty where none was named.
+    /// ([`Diagnosis::augmented`]), those of the base first; empty without any.
     pub fn additions(&self, added_by: &str) -> Vec<Addition> {
-        self.effects
-            .iter()
-            .map(|e| self.addition(e, added_by))
-            .collect()
+        let given = self.given.iter().map(|term| self.given(term, added_by));
+        let named = self.effects.iter().map(|e| self.addition(e, added_by));
+        given.chain(named).collect()
     }
 
     /// Which corrected data the evidence hangs on.
@@ -55,6 +54,24 @@ impl Diagnosis {
             added_by: added_by.to_owned(),
         };
         predictive.terms.iter().map(addition).collect()
+    }
+
+    fn given(&self, term: &PredictiveTerm, added_by: &str) -> Addition {
+        Addition {
+            name: term.name.to_owned(),
+            title: term.title.to_owned(),
+            group: term.group,
+            parameters: parameters(&term.parameters),
+            evidence: AdditionEvidence {
+                text: format!("put into the base by hand{}", self.of_corrected()),
+                lambda: 0.0,
+                score: 0.0,
+                held_out_gap_before_v: rms_v(&self.gap, |g| g.eis_only_mv),
+                held_out_gap_after_v: rms_v(&self.gap, |g| g.base_mv),
+            },
+            data_set: self.data_set.clone(),
+            added_by: added_by.to_owned(),
+        }
     }
 
     fn addition(&self, effect: &NamedEffect, added_by: &str) -> Addition {

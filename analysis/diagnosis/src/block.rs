@@ -85,6 +85,14 @@ pub enum DataSetError {
         /// Value found.
         met: String,
     },
+    /// An effect that cannot be a part of the base.
+    #[error("effect {name:?}: expected {expected}")]
+    Addition {
+        /// Its name.
+        name: String,
+        /// What was expected, as text.
+        expected: &'static str,
+    },
     /// A data set that cannot be diagnosed.
     #[error("data set {name:?}: expected {expected}")]
     Set {

@@ -6,16 +6,17 @@ use super::data::{DataSet, Role};
 use super::experiment::{Advice, BenchLimits, PlannedRun, Playable, recommend};
 use super::findings::FindingKind;
 use super::gap::{Fits, gaps, rms_mv, sample_floor, samples, spectrum_gaps};
+use super::given::{self, ByHand};
 use super::guards::Guards;
 use super::intervals::named;
 use super::judge::{Doubts, judge};
 use super::localise::localise;
 use super::noise::TERMS;
 use super::outcome::{
-    Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Gap, NoiseReport, NoiseTerm,
-    Predictive, Quality, Rival, RunCurves, Verdict,
+    ByHandGap, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Gap, NoiseReport,
+    NoiseTerm, Predictive, Quality, Rival, RunCurves, Verdict,
 };
-use super::predictive::described;
+use super::predictive::{described, terms};
 use super::prepare::{BaseModel, Prepared, prepare};
 use super::problem::{Fit, Problem};
 use super::progress::Progress;
@@ -28,7 +29,7 @@ use analysis_effects::{
     contract::{Effect, Facts},
     effects::catalogue,
 };
-use analysis_fit::fit::PROGRAM;
+use analysis_fit::fit::{Addition, PROGRAM};
 use analysis_model::model::Erm;
 use analysis_numeric::linalg::{cholesky, cholesky_substitute};
 use num_complex::Complex64;
@@ -48,6 +49,21 @@ pub struct DiagnosisOptions {
     pub progress: Progress,
     /// Findings whose correction replaces the raw data; by default none.
     pub accept: Vec<FindingKind>,
+    /// Additions of the judged model, which belong to its base; by default none.
+    pub given: Vec<Addition>,
+    /// Effects put in or left out by hand; by default none.
+    pub by_hand: ByHand,
+}
+
+impl DiagnosisOptions {
+    /// Returns the options whose candidates lack what is left out by hand.
+    fn without_left_out(&self) -> Self {
+        let mut options = self.clone();
+        let without = &self.by_hand.without;
+        let candidates = &mut options.candidates;
+        candidates.retain(|effect| !without.contains(&effect.card().name));
+        options
+    }
 }
 
 impl Default for DiagnosisOptions {
@@ -59,6 +75,8 @@ impl Default for DiagnosisOptions {
             next_run_first: false,
             progress: Progress::default(),
             accept: Vec::new(),
+            given: Vec::new(),
+            by_hand: ByHand::default(),
         }
     }
 }
@@ -88,8 +106,10 @@ pub(crate) fn diagnose_with(
 ) -> Result<Outcome, DataSetError> {
     options.progress.tell("fitting the model again");
     let mut prepared = prepare(set, model, guards)?;
+    prepared.problem.given = given::structure(&prepared.problem.base, &options.given)?;
+    let options = &options.without_left_out();
     let mut workspace = Workspace::default();
-    let mut base = base_fit(&prepared.problem, &model.erm, &mut workspace);
+    let mut base = ground(&prepared, model, options, guards)?;
     if prepared.problem.degrees_of_freedom(&base) < 1.0 {
         return Err(DataSetError::Set {
             name: set.name.clone(),
@@ -111,7 +131,7 @@ pub(crate) fn diagnose_with(
             // The missing effect may have been counted as noise from the start. It is therefore
             // searched under the noise that the bench had before.
             prepared = prepared.of_history(guards)?;
-            let base = base_fit(&prepared.problem, &model.erm, &mut workspace);
+            let base = ground(&prepared, model, options, guards)?;
             let fit = search(&prepared, options, guards).run(&base).fit;
             prepared = prepared.again(&fit, guards)?;
             moved = moved_floor(&prepared);
@@ -122,7 +142,7 @@ pub(crate) fn diagnose_with(
                 (prepared, moved) = (other, None);
             }
         }
-        base = base_fit(&prepared.problem, &model.erm, &mut workspace);
+        base = ground(&prepared, model, options, guards)?;
         let mut search = search(&prepared, options, guards);
         selection = if moved.is_some() {
             // No effect is named, but held-out records may still show which addition predicts them.
@@ -185,8 +205,14 @@ pub(crate) fn diagnose_with(
         base: Some(base.decode(problem.branches()).0),
         augmented: Some(fit.decode(problem.branches()).0),
         predictive: None,
+        given: terms(problem, base),
+        by_hand: by_hand(judged, base, model, options),
     };
     d.notes.extend(overruled(judged));
+    if !options.given.is_empty() {
+        d.notes
+            .push("findings on the data compare with the model without its additions".to_owned());
+    }
     let held_out_z = held_out_z(problem, fit, &mut workspace);
     let asked = guards.consistency && measured(judged);
     let differs = if asked {
@@ -275,17 +301,59 @@ fn predictive(
     (after < before).then_some(found)
 }
 
+/// Returns the base that the search starts from: the model's, less what is left out by hand, with
+/// what is put in.
+fn ground(
+    prepared: &Prepared,
+    model: &BaseModel,
+    options: &DiagnosisOptions,
+    guards: Guards,
+) -> Result<Fit, DataSetError> {
+    let problem = &prepared.problem;
+    let kept = problem.given.leaving_out(&options.by_hand.without);
+    let fit = base_fit_of(problem, &kept, &model.erm, &mut Workspace::default());
+    search(prepared, options, guards).put_in(fit, &options.by_hand.add)
+}
+
+/// Returns the change that the request by hand makes to the held-out records.
+fn by_hand(
+    judged: &Prepared,
+    base: &Fit,
+    model: &BaseModel,
+    options: &DiagnosisOptions,
+) -> Option<ByHandGap> {
+    if options.by_hand.is_empty() {
+        return None;
+    }
+    let mut workspace = Workspace::default();
+    let before = base_fit(&judged.problem, &model.erm, &mut workspace);
+    let fits = Fits {
+        base: &before,
+        augmented: base,
+    };
+    let gap = gaps(judged, &model.erm, fits, &mut workspace);
+    Some(options.by_hand.gap([&before, base], gap))
+}
+
 /// Refits the base to spectra and training records: from the model, and from other time constants
 /// if that does not reach the floor.
 pub(super) fn base_fit(problem: &Problem, erm: &Erm, workspace: &mut Workspace) -> Fit {
-    let structure = Structure::default();
-    let mut best = problem.fit(&structure, erm, workspace);
+    base_fit_of(problem, &problem.given, erm, workspace)
+}
+
+fn base_fit_of(
+    problem: &Problem,
+    structure: &Structure,
+    erm: &Erm,
+    workspace: &mut Workspace,
+) -> Fit {
+    let mut best = problem.fit(structure, erm, workspace);
     let dof = problem.training_rows() as f64 - best.x.len() as f64;
     if excess_z(best.chi2, dof) > MISFIT_Z {
         for factor in OTHER_STARTS {
             let mut start = erm.clone();
             start.branches.iter_mut().for_each(|b| b.c_f *= factor);
-            let other = problem.fit(&structure, &start, workspace);
+            let other = problem.fit(structure, &start, workspace);
             if other.chi2 < best.chi2 {
                 best = other;
             }
@@ -450,9 +518,9 @@ fn curves(
     workspace: &mut Workspace,
 ) -> Vec<RunCurves> {
     let problem = &prepared.problem;
-    let empty = Structure::default();
-    let start = empty.encode(erm);
-    let all = [empty.at(&start), fits.base.at(), fits.augmented.at()];
+    let given = &problem.given;
+    let start = given.encode(erm);
+    let all = [given.at(&start), fits.base.at(), fits.augmented.at()];
     let complex = |rows: &[f64]| {
         rows.chunks_exact(2)
             .map(|z| Complex64::new(z[0], z[1]))

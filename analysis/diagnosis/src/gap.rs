@@ -10,7 +10,7 @@ use super::noise::Term;
 use super::outcome::{Gap, SpectrumGap};
 use super::prepare::Prepared;
 use super::problem::{Fit, Problem};
-use super::structure::{At, Structure};
+use super::structure::At;
 use super::time_block::TimeBlock;
 use analysis_model::model::Erm;
 
@@ -91,9 +91,9 @@ pub(super) fn gaps(
     workspace: &mut Workspace,
 ) -> Vec<Gap> {
     let problem = &prepared.problem;
-    let empty = Structure::default();
-    let start = empty.encode(erm);
-    let all = [empty.at(&start), fits.base.at(), fits.augmented.at()];
+    let given = &problem.given;
+    let start = given.encode(erm);
+    let all = [given.at(&start), fits.base.at(), fits.augmented.at()];
     let mut gaps = Vec::new();
     for k in problem.of_role(Role::HeldOut) {
         let block = &problem.blocks[k];
@@ -159,8 +159,8 @@ pub(super) fn spectrum_gaps(
     fits: Fits<'_>,
     workspace: &mut Workspace,
 ) -> Vec<SpectrumGap> {
-    let empty = Structure::default();
-    let start = empty.encode(erm);
+    let given = &problem.given;
+    let start = given.encode(erm);
     let mut gaps = Vec::new();
     for k in problem.of_role(Role::HeldOut) {
         let block = &problem.blocks[k];
@@ -180,7 +180,7 @@ pub(super) fn spectrum_gaps(
         };
         gaps.push(SpectrumGap {
             run: block.name.clone(),
-            eis_only_percent: gap(empty.at(&start)),
+            eis_only_percent: gap(given.at(&start)),
             base_percent: gap(fits.base.at()),
             augmented_percent: gap(fits.augmented.at()),
             floor_percent: 100.0

@@ -23,12 +23,13 @@ pub(super) fn named(
     let fit = &selection.fit;
     let (_, values) = fit.decode(problem.branches());
     let mut all = Vec::new();
-    for (k, (member, selected)) in fit
+    for ((k, member), selected) in fit
         .structure
         .members
         .iter()
-        .zip(&selection.selected)
         .enumerate()
+        .skip(selection.member(0))
+        .zip(&selection.selected)
     {
         let open = with_free_shapes(problem, fit, k, workspace);
         let covariance = open.covariance();

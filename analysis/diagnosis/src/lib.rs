@@ -20,6 +20,7 @@ mod experiment;
 pub mod findings;
 mod gap;
 pub mod gate;
+mod given;
 mod guards;
 mod held_out;
 mod identity;
@@ -65,10 +66,11 @@ pub use experiment::{BenchLimits, Planned, PlannedRun, Playable};
 pub use findings::{Finding, FindingKind};
 pub use gap::rms_mv;
 pub use gate::diagnose;
+pub use given::ByHand;
 pub use outcome::{
-    Block, Candidate, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Evidence,
-    FittedParameter, Gap, NamedEffect, NextExperiment, NoiseReport, NoiseTerm, PREDICTION_ONLY,
-    Predictive, PredictiveTerm, Quality, Rival, RunCurves, SpectrumGap, Verdict,
+    Block, ByHandGap, Candidate, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis,
+    Evidence, FittedParameter, Gap, NamedEffect, NextExperiment, NoiseReport, NoiseTerm,
+    PREDICTION_ONLY, Predictive, PredictiveTerm, Quality, Rival, RunCurves, SpectrumGap, Verdict,
 };
 pub use prepare::BaseModel;
 pub use progress::Progress;

@@ -110,6 +110,31 @@ pub struct Diagnosis {
     pub augmented: Option<Erm>,
     /// The best prediction if no name is certain.
     pub predictive: Option<Predictive>,
+    /// Effects that the base had from the start, fitted again; the named ones come on top.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub given: Vec<PredictiveTerm>,
+    /// What was put in or left out by hand; `None` if nothing was requested.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub by_hand: Option<ByHandGap>,
+}
+
+/// Effects put into the base or left out of it by hand, and the change that this makes.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ByHandGap {
+    /// Names of the effects put in.
+    pub added: Vec<&'static str>,
+    /// Names of the effects left out.
+    pub left_out: Vec<&'static str>,
+    /// χ² of the training runs before.
+    pub before_chi2: f64,
+    /// The same after, with everything else fitted again.
+    pub after_chi2: f64,
+    /// Root mean square over the held-out records before, mV; `None` without any.
+    pub before_mv: Option<f64>,
+    /// The same after, mV.
+    pub after_mv: Option<f64>,
+    /// Gap per held-out record: `base_mv` is before, `augmented_mv` after.
+    pub gap: Vec<Gap>,
 }
 
 /// An augmentation for predictions, which claims nothing about the cause.
@@ -131,7 +156,7 @@ pub struct Predictive {
     pub model: Erm,
 }
 
-/// One term of a [`Predictive`].
+/// One term of a [`Predictive`], or of a base.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct PredictiveTerm {
     /// Name in the catalogue of the form that it has.

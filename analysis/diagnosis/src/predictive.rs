@@ -10,7 +10,7 @@ use super::block::Workspace;
 use super::gap::{Fits, gaps};
 use super::outcome::{FittedParameter, PREDICTION_ONLY, Predictive, PredictiveTerm};
 use super::prepare::Prepared;
-use super::problem::Fit;
+use super::problem::{Fit, Problem};
 use super::search::{Search, excess_z};
 use super::select::Selection;
 use crate::thresholds::{GOOD_FIT_Z, LEAST_SCORE, PREDICTIVE_TERMS, PREDICTIVE_TRIED};
@@ -41,12 +41,13 @@ impl Search<'_> {
             fit: proven.clone(),
             is_proven: true,
         };
-        while last.fit.structure.members.len() < PREDICTIVE_TERMS {
+        let own = selection.member(0);
+        while last.fit.structure.members.len() < own + PREDICTIVE_TERMS {
             let dof = self.problem.degrees_of_freedom(&last.fit);
             if last.is_proven && excess_z(last.fit.chi2, dof) < GOOD_FIT_Z {
                 break;
             }
-            let attempts = if last.fit.structure.members.is_empty() {
+            let attempts = if last.fit.structure.members.len() == own {
                 selection.first_attempts.clone()
             } else {
                 self.attempts_of(&last.fit, PREDICTIVE_TRIED, may_predict)
@@ -59,16 +60,16 @@ impl Search<'_> {
             }
             last = next;
         }
-        (!proven.structure.members.is_empty()).then_some(proven)
+        (proven.structure.members.len() > own).then_some(proven)
     }
 
     /// Returns the best pair of effects of the cell that no held-out record speaks against.
     fn pair_that_predicts(&mut self, selection: &Selection) -> Option<Fit> {
         for pair in self.pairs(selection) {
             let fit = self.with_fine_steps(pair.fit);
-            let mut members = fit.structure.members.iter();
+            let mut members = fit.structure.members.iter().skip(selection.member(0));
             if members.all(|member| may_predict(member.name()))
-                && self.has_usual_values(&fit)
+                && self.has_usual_values(&selection.base, &fit)
                 && fit.has_converged(pair.score)
                 && self.no_prediction_worse(&selection.base, &fit).is_ok()
             {
@@ -80,15 +81,17 @@ impl Search<'_> {
 
     /// Returns whether no parameter lies at a bound or outside the range of sound cells: such a
     /// value is not written into a model whose cause is not known.
-    fn has_usual_values(&self, fit: &Fit) -> bool {
+    fn has_usual_values(&self, base: &Fit, fit: &Fit) -> bool {
         let branches = self.problem.branches();
         let (_, values) = fit.decode(branches);
-        let mut members = fit.structure.members.iter().zip(&values).enumerate();
-        members.all(|(k, (member, values))| {
-            let mut own = member.parameters.iter().zip(values);
-            !fit.member_at_bound(k, branches)
-                && own.all(|(p, value)| p.unusual(*value, *value).is_none())
-        })
+        let members = fit.structure.members.iter().zip(&values).enumerate();
+        members
+            .skip(base.structure.members.len())
+            .all(|(k, (member, values))| {
+                let mut own = member.parameters.iter().zip(values);
+                !fit.member_at_bound(k, branches)
+                    && own.all(|(p, value)| p.unusual(*value, *value).is_none())
+            })
     }
 
     /// Returns the best further effect of the cell: one that no held-out record contradicts,
@@ -100,7 +103,7 @@ impl Search<'_> {
         for attempt in attempts {
             let attempt = self.integrated(fit, attempt);
             let converged = attempt.fit.has_converged(attempt.lambda);
-            let is_usual = self.has_usual_values(&attempt.fit);
+            let is_usual = self.has_usual_values(base, &attempt.fit);
             if attempt.score < LEAST_SCORE || !converged || !is_usual {
                 continue;
             }
@@ -146,7 +149,20 @@ pub(super) fn described(
         return None;
     }
     let lambda = fits.base.chi2 - fit.chi2;
-    let (model, values) = fit.decode(problem.branches());
+    Some(Predictive {
+        claim: PREDICTION_ONLY,
+        lambda,
+        score: lambda - problem.spent(fits.base, fit),
+        terms: terms(problem, fit),
+        gap,
+        range: problem.base.facts,
+        model: fit.decode(problem.branches()).0,
+    })
+}
+
+/// Returns all effects of a fit with their values.
+pub(super) fn terms(problem: &Problem, fit: &Fit) -> Vec<PredictiveTerm> {
+    let (_, values) = fit.decode(problem.branches());
     let covariance = fit.covariance();
     let n = fit.x.len();
     let mut terms = Vec::new();
@@ -182,13 +198,5 @@ pub(super) fn described(
             parameters,
         });
     }
-    Some(Predictive {
-        claim: PREDICTION_ONLY,
-        lambda,
-        score: lambda - problem.spent(fit),
-        terms,
-        gap,
-        range: problem.base.facts,
-        model,
-    })
+    terms
 }

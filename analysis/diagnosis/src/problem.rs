@@ -32,6 +32,8 @@ const UNMOVED: f64 = 1e-8;
 /// Everything that stays while structures change.
 #[derive(Debug, Clone)]
 pub(super) struct Problem {
+    /// The effects of the judged model, at its values.
+    pub(super) given: Structure,
     pub(super) base: Base,
     pub(super) blocks: Vec<Block>,
     /// Of a run's own errors for training runs, of all errors for others.
@@ -84,6 +86,7 @@ impl Problem {
     /// Without any noise yet.
     pub(super) fn unweighed(base: Base, blocks: Vec<Block>) -> Self {
         Self {
+            given: Structure::default(),
             base,
             blocks,
             whiteners: Vec::new(),
@@ -127,10 +130,11 @@ impl Problem {
             + 2.0 * (member.choices() as f64).ln()
     }
 
-    /// Price of the parameters of all effects of a fit.
-    pub(super) fn spent(&self, fit: &Fit) -> f64 {
-        let members = &fit.structure.members;
-        members.iter().map(|m| self.penalty(m)).sum()
+    /// Price of the parameters of all effects that a fit has more than its base.
+    pub(super) fn spent(&self, base: &Fit, fit: &Fit) -> f64 {
+        let members = fit.structure.members.iter();
+        let own = members.skip(base.structure.members.len());
+        own.map(|m| self.penalty(m)).sum()
     }
 
     /// Training rows less parameters.

@@ -14,9 +14,10 @@ impl Search<'_> {
     pub(super) fn find_rivals(&mut self, selection: &mut Selection) {
         let names: Vec<&'static str> = selection.selected.iter().map(|t| t.name).collect();
         for (k, name) in names.iter().enumerate() {
-            let without = self.refit_without(&selection.base, &selection.fit, k);
+            let at = selection.member(k);
+            let without = self.refit_without(&selection.base, &selection.fit, at);
             let lambda = without.chi2 - selection.fit.chi2;
-            let own = lambda - self.problem.penalty(&selection.fit.structure.members[k]);
+            let own = lambda - self.problem.penalty(&selection.fit.structure.members[at]);
             // An effect that was added later may have taken a share of it.
             selection.selected[k].evidence.lambda = lambda;
             selection.selected[k].evidence.score = own;

@@ -92,6 +92,12 @@ impl Selection {
         }
     }
 
+    /// Returns the place of a named effect among the members of its fit: those of the base come
+    /// first.
+    pub(super) fn member(&self, selected: usize) -> usize {
+        self.base.structure.members.len() + selected
+    }
+
     /// Takes all names back: something outside the catalogue does better.
     fn withdraw(&mut self, title: &'static str) {
         self.fit = self.base.clone();
@@ -241,9 +247,10 @@ impl Search<'_> {
     fn gate_again(&mut self, selection: &mut Selection) {
         let mut k = 0;
         while selection.selected.len() > 1 && k < selection.selected.len() {
-            let without = self.refit_without(&selection.base, &selection.fit, k);
+            let at = selection.member(k);
+            let without = self.refit_without(&selection.base, &selection.fit, at);
             let lambda = without.chi2 - selection.fit.chi2;
-            let score = lambda - self.problem.penalty(&selection.fit.structure.members[k]);
+            let score = lambda - self.problem.penalty(&selection.fit.structure.members[at]);
             let attempt = Attempt {
                 name: selection.selected[k].name,
                 lambda,
@@ -252,7 +259,7 @@ impl Search<'_> {
                 fit: selection.fit.clone(),
             };
             let gained = selection.base.chi2 - without.chi2;
-            if let Ok(evidence) = self.accept(&without, gained, &attempt, k) {
+            if let Ok(evidence) = self.accept(&without, gained, &attempt, at) {
                 selection.selected[k].evidence = evidence;
                 k += 1;
             } else {
@@ -273,7 +280,7 @@ impl Search<'_> {
         {
             let (name, score) = (last.name, last.evidence.score);
             selection.refused = Some((name, score, reason));
-            let at = selection.selected.len() - 1;
+            let at = selection.member(selection.selected.len() - 1);
             selection.fit = self.refit_without(&selection.base, &selection.fit, at);
             selection.selected.pop();
         }
@@ -281,7 +288,9 @@ impl Search<'_> {
 
     /// Gain of all names together over the base, after the price of their parameters.
     pub(super) fn gained(&self, selection: &Selection) -> f64 {
-        selection.base.chi2 - selection.fit.chi2 - self.problem.spent(&selection.fit)
+        selection.base.chi2
+            - selection.fit.chi2
+            - self.problem.spent(&selection.base, &selection.fit)
     }
 
     /// Checks whether one effect outside the catalogue does as well as all names together, and
@@ -341,7 +350,8 @@ impl Search<'_> {
     /// their uncertainty. They stay held where freeing drives one to a bound.
     fn free_shapes(&mut self, selection: &mut Selection) {
         let branches = self.problem.branches();
-        for k in 0..selection.selected.len() {
+        let first = selection.member(0);
+        for k in first..first + selection.selected.len() {
             let (erm, values) = selection.fit.decode(branches);
             let mut structure = selection.fit.structure.clone();
             for (member, value) in structure.members.iter_mut().zip(&values) {

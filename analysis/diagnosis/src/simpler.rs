@@ -26,7 +26,7 @@ impl Search<'_> {
             .collect();
         for attempt in enough {
             let attempt = self.integrated(&base, attempt);
-            if let Ok(evidence) = self.accept(&base, 0.0, &attempt, 0) {
+            if let Ok(evidence) = self.accept(&base, 0.0, &attempt, selection.member(0)) {
                 selection.selected = vec![SelectedEffect::new(attempt.name, evidence)];
                 selection.fit = attempt.fit;
                 return true;

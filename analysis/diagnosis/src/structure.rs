@@ -60,6 +60,21 @@ impl Member {
         }
     }
 
+    /// Returns an effect at these values. Its bounds reach at least to them.
+    pub(super) fn given(effect: &'static dyn Effect, base: &Base, values: Vec<f64>) -> Self {
+        let mut parameters = searched(effect, base, &values);
+        for (p, value) in parameters.iter_mut().zip(&values) {
+            p.range.lower = p.range.lower.min(*value);
+            p.range.upper = p.range.upper.max(*value);
+        }
+        Self {
+            effect,
+            parameters,
+            choice: values.clone(),
+            start: values,
+        }
+    }
+
     /// Coordinates of its starts.
     pub(super) fn encode(&self) -> Vec<f64> {
         let coordinate = |p: &Parameter, v: f64| match p.scale {

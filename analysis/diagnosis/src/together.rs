@@ -34,7 +34,9 @@ impl Search<'_> {
             };
             let joined = self.attempts_of(&first.fit, 1, |name| name == second);
             pairs.extend(joined.into_iter().map(|attempt| Joint {
-                score: selection.base.chi2 - attempt.fit.chi2 - self.problem.spent(&attempt.fit),
+                score: selection.base.chi2
+                    - attempt.fit.chi2
+                    - self.problem.spent(&selection.base, &attempt.fit),
                 fit: attempt.fit,
             }));
         }

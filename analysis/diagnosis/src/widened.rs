@@ -38,8 +38,7 @@ impl Search<'_> {
                 .problem
                 .fit_from(&structure, x, axes, &mut self.workspace);
             let gained = moved.fit.chi2 - fit.chi2;
-            // NaN ends it, too.
-            if !(gained > DEEPER_CHI2) {
+            if gained.is_nan() || gained <= DEEPER_CHI2 {
                 break;
             }
             moved.lambda += gained;

@@ -9,7 +9,7 @@ use crate::command::printed::say_json;
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    diagnosis::{Outcome, Verdict, report},
+    diagnosis::{ByHand, Outcome, Verdict, report},
     run_folder::{self, DIAGNOSIS, SUMS},
 };
 
@@ -53,6 +53,10 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
         args.refused_points,
     )?;
     accept(&mut judged.loaded, &args.accept);
+    let judged = judged.asking(ByHand {
+        add: args.add.clone(),
+        without: args.without.clone(),
+    })?;
     let cells = judged.cells(args.specimen.as_deref())?;
     if args.bench.is_some() && cells.len() > 1 {
         let reason = format!(

@@ -258,3 +258,33 @@ fn the_curve_of_a_run_folder_is_that_of_its_cell() {
         assert!(page.contains(text), "{text}");
     }
 }
+
+#[test]
+fn what_is_asked_by_hand_must_fit_the_model() {
+    let folder = tempfile::tempdir().unwrap();
+    campaign(folder.path(), &Spec::null(5));
+    let [data, model] = ["data", "model.json"].map(|name| folder.path().join(name));
+    for (word, name, text) in [
+        (
+            "--without",
+            "diffusion",
+            "expected one of the model's additions: none",
+        ),
+        (
+            "--add",
+            "nonsense",
+            "expected the name of an effect of the catalogue",
+        ),
+    ] {
+        let output = eis_bench(&[
+            Path::new("diagnose"),
+            &data,
+            Path::new("--model"),
+            &model,
+            Path::new(word),
+            Path::new(name),
+        ]);
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(!output.status.success() && error.contains(text), "{error}");
+    }
+}

@@ -1,7 +1,10 @@
 //! Diagnoses of data sets in which a program outside the project has hidden one effect. The sets
 //! stand in a folder `shared` beside the project; without it these tests are skipped.
 
-use std::{path::Path, process::Command};
+use std::{
+    path::{Path, PathBuf},
+    process::Command,
+};
 
 use serde_json::Value;
 
@@ -18,27 +21,38 @@ fn run(words: &[&Path]) -> Vec<u8> {
     output.stdout
 }
 
-/// Returns the diagnosis of a set against a model of `rc` branches that is fitted to its spectra,
-/// or `None` without the set.
-fn diagnosed(set: &str, rc: &str) -> Option<Value> {
+/// Returns the folder of a set, or `None` without it.
+fn hidden(set: &str) -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/hidden");
     let data = folder.join(set);
     if !data.is_dir() {
         eprintln!("skipped: no data set {}", data.display());
         return None;
     }
+    Some(data)
+}
+
+/// Returns the diagnosis of a set against a model of `rc` branches that is fitted to its spectra,
+/// or `None` without the set.
+fn diagnosed(set: &str, rc: &str) -> Option<Value> {
+    let data = hidden(set)?;
     let out = tempfile::tempdir().unwrap();
-    let spectra = [0, 1, 2, 3].map(|n| data.join(format!("eis{n}.csv")));
-    let mut words: Vec<&Path> = vec![Path::new("fit")];
-    words.extend(spectra.iter().map(std::path::PathBuf::as_path));
-    words.extend(["--pool", "--rc", rc, "--out"].map(Path::new));
-    words.push(out.path());
-    run(&words);
-    let model = out.path().join(format!("model_{rc}rc.json"));
+    let model = fitted(&data, rc, out.path());
     let ocv = data.join("ocv.json");
     let mut words = vec![Path::new("diagnose"), &data, Path::new("--model"), &model];
     words.extend([Path::new("--ocv"), &ocv, Path::new("--json")]);
     Some(serde_json::from_slice(&run(&words)).unwrap())
+}
+
+/// Fits a model of `rc` branches to the spectra of a set, and returns its file in `out`.
+fn fitted(data: &Path, rc: &str, out: &Path) -> PathBuf {
+    let spectra = [0, 1, 2, 3].map(|n| data.join(format!("eis{n}.csv")));
+    let mut words: Vec<&Path> = vec![Path::new("fit")];
+    words.extend(spectra.iter().map(PathBuf::as_path));
+    words.extend(["--pool", "--rc", rc, "--out"].map(Path::new));
+    words.push(out);
+    run(&words);
+    out.join(format!("model_{rc}rc.json"))
 }
 
 fn names(diagnosis: &Value) -> Vec<&str> {
@@ -124,4 +138,41 @@ fn a_scale_is_asked_for_each_current() {
         "{text}"
     );
     assert!(!text.contains("another gain"), "{text}");
+}
+
+/// The model that the first diagnosis writes is the base of the second.
+#[test]
+fn a_diagnosis_goes_on_from_the_model_that_one_has_written() {
+    let Some(data) = hidden("diffusion_75003") else {
+        return;
+    };
+    let out = tempfile::tempdir().unwrap();
+    let model = fitted(&data, "4", out.path());
+    let [ocv, first] = [data.join("ocv.json"), out.path().join("first")];
+    let mut words = vec![Path::new("diagnose"), &data, Path::new("--model"), &model];
+    words.extend([Path::new("--ocv"), &ocv, Path::new("--out"), &first]);
+    run(&words);
+    let augmented = first.join("model_augmented.json");
+    let words = [
+        Path::new("diagnose"),
+        &data,
+        Path::new("--model"),
+        &augmented,
+    ];
+    let again = |more: &[&str]| {
+        let words: Vec<&Path> = words
+            .iter()
+            .copied()
+            .chain(more.iter().map(Path::new))
+            .collect();
+        let json: Value = serde_json::from_slice(&run(&words)).unwrap();
+        json
+    };
+    let second = again(&["--json"]);
+    assert_eq!(second["verdict"], "at_noise_floor", "{}", second["summary"]);
+    assert_eq!(second["given"][0]["name"], "diffusion");
+    let without = again(&["--without", "diffusion", "--json"]);
+    let by_hand = &without["by_hand"];
+    let mv = |name: &str| by_hand[name].as_f64().unwrap();
+    assert!(mv("after_mv") > 3.0 * mv("before_mv"), "{by_hand}");
 }

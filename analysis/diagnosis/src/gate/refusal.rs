@@ -132,5 +132,7 @@ fn refused(set: &DataSet, model: &BaseModel, reasons: &[Reason], notes: Vec<Stri
         base: None,
         augmented: None,
         predictive: None,
+        given: Vec::new(),
+        by_hand: None,
     }
 }

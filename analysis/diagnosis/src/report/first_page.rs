@@ -5,7 +5,7 @@
 use super::numbers::{plain, times, with_values};
 use super::page::{Item, Section};
 use super::pictures::Kind;
-use super::{counted, findings, is_significant, misfit, named_title, predictive};
+use super::{by_hand, counted, findings, is_significant, misfit, named_title, predictive};
 use crate::outcome::{Block, Diagnosis, Gap, SpectrumGap, Verdict};
 use analysis_effects::contract::Group;
 
@@ -32,6 +32,7 @@ pub(super) fn sections(d: &Diagnosis) -> Vec<Section> {
         Section::new("Verdict", vec![Item::Text(d.summary.clone())]),
         Section::new("In short", vec![Item::Fields(String::new(), points)]),
         held_out(d),
+        by_hand::section(d),
     ]
 }
 

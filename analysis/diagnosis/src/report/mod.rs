@@ -5,6 +5,7 @@
 //! here is a string or a described picture; the caller writes the files. Not here:
 //! `diagnosis.json`, which is [`Diagnosis`] itself, and any judgement.
 
+mod by_hand;
 mod catalogue;
 mod findings;
 mod first_page;

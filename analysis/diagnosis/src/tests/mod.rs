@@ -2,6 +2,7 @@
 
 mod bench;
 mod current_noise;
+mod given;
 mod guards;
 mod repeats;
 mod scatter;

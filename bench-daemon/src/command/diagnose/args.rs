@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use analysis::effects;
+
 use crate::{command::model_args::DatasetModelArgs, investigate::dataset::Accept};
 
 /// Arguments of `diagnose`.
@@ -41,6 +43,14 @@ pub struct DiagnoseArgs {
     /// this.
     #[arg(long, value_name = "FINDING", value_enum)]
     pub accept: Vec<Accept>,
+    /// Put this effect of the catalogue into the base by hand, whatever it gains, and show the gap of
+    /// each held-out run before and after [repeatable].
+    #[arg(long, value_name = "EFFECT", value_parser = effect)]
+    pub add: Vec<&'static str>,
+    /// Leave this addition of the model out of the base, do not look for it, and show the same gaps
+    /// [repeatable].
+    #[arg(long, value_name = "EFFECT", value_parser = effect)]
+    pub without: Vec<&'static str>,
     /// Check the data only: print findings and reasons that make them unusable, within a second and
     /// without a diagnosis.
     #[arg(long, conflicts_with_all = ["out", "accept"])]
@@ -56,4 +66,14 @@ pub struct DiagnoseArgs {
     /// Print JSON; of several cells, a list.
     #[arg(long)]
     pub json: bool,
+}
+
+/// Returns the catalogue's own name of an effect.
+fn effect(name: &str) -> Result<&'static str, String> {
+    effects::find(name)
+        .map(|effect| effect.card().name)
+        .ok_or_else(|| {
+            "expected the name of an effect of the catalogue (`eis-bench effects` lists them)"
+                .to_owned()
+        })
 }

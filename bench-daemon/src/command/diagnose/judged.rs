@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use analysis::{
     diagnosis::{
-        self, BaseModel, DiagnosisOptions, Finding, FindingKind, Fixture, Outcome, Progress,
-        findings::inspect, gate,
+        self, BaseModel, ByHand, DiagnosisOptions, Finding, FindingKind, Fixture, Outcome,
+        Progress, findings::inspect, gate,
     },
     given::GivenModel,
     ocv::OcvCurve,
@@ -64,6 +64,8 @@ pub(crate) struct Judged {
     pub(super) base_only: bool,
     /// Suppresses progress messages.
     pub(super) quiet: bool,
+    /// Effects put in or left out by hand.
+    pub(super) by_hand: ByHand,
 }
 
 impl Judged {
@@ -116,12 +118,6 @@ impl Judged {
                 "expected a model of one point, found a map over state of charge and temperature",
             ));
         }
-        if !file.additions.is_empty() {
-            return Err(fail(
-                "expected a model without additions: the diagnosis starts from the extended \
-                Randles model alone",
-            ));
-        }
         let model = BaseModel {
             name: file.name.clone(),
             erm: file.erm.clone(),
@@ -147,7 +143,37 @@ impl Judged {
             refused_points,
             base_only: false,
             quiet: false,
+            by_hand: ByHand::default(),
         })
+    }
+
+    /// Returns the same with what is put in or left out by hand.
+    ///
+    /// # Errors
+    /// An effect to put in that the model has, or one to leave out that it does not have.
+    pub(super) fn asking(self, by_hand: ByHand) -> Result<Self, Failure> {
+        let own: Vec<&str> = self
+            .file
+            .additions
+            .iter()
+            .map(|a| a.name.as_str())
+            .collect();
+        let listed = if own.is_empty() {
+            "none".to_owned()
+        } else {
+            own.join(", ")
+        };
+        if let Some(name) = by_hand.add.iter().find(|name| own.contains(*name)) {
+            let reason =
+                format!("--add {name}: expected an effect that the model lacks; it has {listed}");
+            return Err(Failure::Usage(reason));
+        }
+        if let Some(name) = by_hand.without.iter().find(|name| !own.contains(*name)) {
+            let reason =
+                format!("--without {name}: expected one of the model's additions: {listed}");
+            return Err(Failure::Usage(reason));
+        }
+        Ok(Self { by_hand, ..self })
     }
 
     /// Returns the names of the cells to diagnose separately, because a model describes one cell.
@@ -228,6 +254,7 @@ impl Judged {
             refused_points,
             base_only: self.base_only,
             quiet: self.quiet,
+            by_hand: self.by_hand.clone(),
         }
     }
 
@@ -272,6 +299,14 @@ impl Judged {
         }
         if self.loaded.accept.contains(&FindingKind::CurrentFilter) {
             text.push_str(" --accept current_filter");
+        }
+        for (word, names) in [
+            ("add", &self.by_hand.add),
+            ("without", &self.by_hand.without),
+        ] {
+            names
+                .iter()
+                .for_each(|name| text.push_str(&format!(" --{word} {name}")));
         }
         if let Some(specimen) = &self.specimen {
             text.push_str(&format!(" --specimen {}", quoted(Path::new(specimen))));
@@ -320,6 +355,8 @@ impl Judged {
         let waiting = (!self.quiet).then(Waiting::shown);
         let mut options = DiagnosisOptions {
             accept: self.loaded.accept.clone(),
+            given: self.file.additions.clone(),
+            by_hand: self.by_hand.clone(),
             progress: waiting
                 .as_ref()
                 .map(|waiting| Progress::new(waiting.listener()))

@@ -264,6 +264,8 @@ pub(super) fn explained() -> Diagnosis {
         ],
         base: None,
         augmented: None,
+        given: Vec::new(),
+        by_hand: None,
         predictive: None,
     }
 }
