@@ -25,7 +25,7 @@ const GROUPS: [(&str, &[&str]); 7] = [
     ),
     (
         "Spectra and records",
-        &["fit", "kk", "ocv", "hppc", "joint"],
+        &["fit", "kk", "ocv", "hppc", "map", "joint"],
     ),
     (
         "What a model lacks",

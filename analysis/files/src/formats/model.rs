@@ -2,13 +2,17 @@
 //!
 //! All contain the same: a series resistance, RC branches, and the open-circuit voltage over the
 //! state of charge as knots of a cubic Hermite curve, as evaluated by [`OcvCurve::at`]. Currents
-//! are positive for discharge. The C header also takes a map over state of charge and temperature. These formats cannot represent effects that a diagnosis has added to
-//! a model; such models are refused.
+//! are positive for discharge. The C header also takes a map over state of charge and temperature.
+//! These formats cannot represent effects that a diagnosis has added to a model; such models are
+//! refused.
 
 mod map;
+mod text;
 
 use std::fmt::Write as _;
 use std::ops::RangeInclusive;
+
+use text::{harmless, rows};
 
 use analysis_fit::given::GivenModel;
 use analysis_model::{
@@ -222,21 +226,6 @@ impl CellModel {
         }
         text
     }
-}
-
-/// Removes characters that would end a comment or a string.
-fn harmless(text: &str) -> String {
-    text.replace(['\n', '\r', '"', '\\', '*'], " ")
-}
-
-/// Formats numbers with commas, several per line.
-fn rows(values: &mut dyn Iterator<Item = f64>, indent: &str) -> String {
-    let values: Vec<String> = values.map(|value| format!("{value:?}")).collect();
-    let lines: Vec<String> = values
-        .chunks(6)
-        .map(|chunk| format!("{indent}{}", chunk.join(", ")))
-        .collect();
-    lines.join(",\n")
 }
 
 /// The open-circuit voltage of both C headers.

@@ -1,6 +1,6 @@
 //! The C header of a map.
 
-use super::rows;
+use super::text::rows;
 use analysis_model::map::{CellMap, Surface};
 
 const HEADER: &str = include_str!("map.h.in");
