@@ -213,7 +213,12 @@ fn a_header_of_a_map_gives_what_the_simulation_gives_over_a_whole_discharge() {
     let one = Pack::new(1, 1, 0.0).unwrap();
     let map = cell.map.clone().unwrap();
     let model = SimModel::mapped(map, cell.curve, one, 2.0).unwrap();
-    let demand = |k: u32| (f64::from(k) * 40.0, if k.is_multiple_of(2) { 9.0 } else { 1.0 });
+    let demand = |k: u32| {
+        (
+            f64::from(k) * 40.0,
+            if k.is_multiple_of(2) { 9.0 } else { 1.0 },
+        )
+    };
     let rows: Vec<(f64, f64)> = (0..=40).map(demand).collect();
     let profile = Profile::new("steps", Demand::Current, Interpolation::Hold, &rows).unwrap();
     let options = SimOptions::default();
