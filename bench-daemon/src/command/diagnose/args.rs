@@ -44,11 +44,11 @@ pub struct DiagnoseArgs {
     #[arg(long, value_name = "FINDING", value_enum)]
     pub accept: Vec<Accept>,
     /// Put this effect of the catalogue into the base by hand, whatever it gains, and show the gap of
-    /// each held-out run before and after [repeatable].
+    /// each held-out run before and after; may be given several times.
     #[arg(long, value_name = "EFFECT", value_parser = effect)]
     pub add: Vec<&'static str>,
-    /// Leave this addition of the model out of the base, do not look for it, and show the same gaps
-    /// [repeatable].
+    /// Leave this addition of the model out of the base, do not look for it, and show the same gaps;
+    /// may be given several times.
     #[arg(long, value_name = "EFFECT", value_parser = effect)]
     pub without: Vec<&'static str>,
     /// Check the data only: print findings and reasons that make them unusable, within a second and
