@@ -102,6 +102,12 @@ impl DataSet {
 
     /// Returns the diagnosis as JSON, and as text.
     fn diagnose(&self, py: Python<'_>, model: &Model) -> PyResult<(String, String)> {
+        if model.has_map() {
+            return Err(refused(
+                &"diagnose: expected a model of one point, met a map over state of charge and \
+                temperature",
+            ));
+        }
         let (name, erm, curve) = model.parts();
         let curve = curve.ok_or_else(|| {
             refused(&"diagnose: expected a model with an OCV curve (with_ocv), met none")

@@ -71,6 +71,11 @@ impl Model {
         }
     }
 
+    /// Returns whether the model has a map over state of charge and temperature.
+    pub(crate) fn has_map(&self) -> bool {
+        self.given.map.is_some()
+    }
+
     fn sim_model(&self, source: OcvSource, pack: Pack) -> Result<SimModel, String> {
         if let Some(map) = &self.given.map {
             let OcvSource::Curve(curve) = source else {
@@ -161,7 +166,9 @@ impl Model {
     /// circuit.
     #[getter]
     fn notes(&self) -> Vec<String> {
-        self.given.warnings.clone()
+        let mut notes = self.given.warnings.clone();
+        notes.extend(self.given.point_note());
+        notes
     }
 
     #[getter]

@@ -118,6 +118,13 @@ pub struct Outside {
     pub temperature_k: f64,
 }
 
+impl Outside {
+    /// Returns whether the query lies outside the range.
+    pub fn is_outside(&self) -> bool {
+        self.soc > 0.0 || self.temperature_k > 0.0
+    }
+}
+
 /// A place on the map: the nodes around it and their weights.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {

@@ -20,14 +20,18 @@ use analysis::{
 
 const HELP: &str = "\
 Fits V = U(z) + correction − R(z, T)·i − Σ vₖ with branches of fixed time constants whose \
-resistances follow state of charge and temperature: one bounded least-squares problem without \
-starting values. Between and beyond temperatures, resistances follow Arrhenius' law. Fit logs that \
-cover the range of charge, at two or more temperatures; hold one out to see the error on data that \
-the fit has not seen. The error of a log is stated above a state of charge of 0.1.
+resistances follow state of charge and temperature: for given activation energies one bounded \
+least-squares problem without starting values. Between and beyond temperatures, resistances follow \
+Arrhenius' law. Fit logs that cover the range of charge, at two or more temperatures; hold one out \
+to see the error on data that the fit has not seen. The error of a log is stated above a state of \
+charge of 0.1.
 
 Example:
   eis-bench map drive_25C.parquet drive_10C.parquet --held-out us06_25C.parquet --ocv curve.json \
 --soc-start 1 --out map";
+
+/// States of charge whose resistances are printed, if the map has them as knots.
+const SHOWN_SOC: [f64; 5] = [0.1, 0.2, 0.5, 0.8, 1.0];
 
 /// Arguments of `map`.
 #[derive(Debug, clap::Args)]
@@ -169,15 +173,21 @@ fn write(folder: &Path, name: &str, curve: &OcvCurve, fit: &MapFit) -> Result<()
     files::write_text(folder, "map.json", &json)?;
     let mut table = "log,role,temperature_degc,rms_mv,bias_mv,worst_soc,worst_mv\n".to_owned();
     for score in &fit.logs {
-        let (soc, worst_v) = score.worst.unwrap_or((f64::NAN, f64::NAN));
+        // A log below the states of charge that count has no error.
+        let number = |value: Option<f64>, factor: f64| {
+            let known = value.filter(|value| value.is_finite());
+            known.map_or_else(String::new, |value| format!("{:.3}", factor * value))
+        };
+        let (soc, worst_v) = (score.worst.map(|w| w.0), score.worst.map(|w| w.1));
         table.push_str(&format!(
-            "{},{},{:.2},{:.3},{:.3},{soc:.2},{:.3}\n",
+            "{},{},{:.2},{},{},{},{}\n",
             score.name.replace(',', ";"),
             role(score),
             score.temperature_degc,
-            1e3 * score.rms_v,
-            1e3 * score.bias_v,
-            1e3 * worst_v
+            number(Some(score.rms_v), 1e3),
+            number(Some(score.bias_v), 1e3),
+            number(soc, 1.0),
+            number(worst_v, 1e3)
         ));
     }
     files::write_text(folder, "map_logs.csv", &table)?;
@@ -191,8 +201,7 @@ fn role(score: &LogScore) -> &'static str {
     }
 }
 
-/// The series resistance and the whole resistance over state of charge, with the standard
-/// deviation of the series resistance as a band.
+/// The series resistance and the whole resistance over state of charge, a line per temperature.
 fn picture(name: &str, fit: &MapFit) -> Chart {
     let map = &fit.map;
     let (mut series, mut whole) = (Vec::new(), Vec::new());
@@ -251,12 +260,11 @@ fn print_text(fit: &MapFit) {
     }
     say!("");
     say!("  series resistance / mΩ (± standard deviation), and with all branches");
+    let shown = |soc: f64| SHOWN_SOC.iter().any(|z| (z - soc).abs() < 1e-9);
+    let all = !map.soc.iter().any(|soc| shown(*soc));
     for (j, degc) in map.temperature_degc.iter().enumerate() {
         for (k, soc) in map.soc.iter().enumerate() {
-            if ![0.1, 0.2, 0.5, 0.8, 1.0]
-                .iter()
-                .any(|z| (z - soc).abs() < 1e-9)
-            {
+            if !all && !shown(*soc) {
                 continue;
             }
             let sigma = map.series.sigma_ohm.get(j).map_or(f64::NAN, |row| row[k]);
@@ -268,14 +276,13 @@ fn print_text(fit: &MapFit) {
             );
         }
     }
-    let branches = map
-        .branches
-        .first()
-        .map_or(f64::NAN, |b| b.resistance.activation_j_per_mol);
+    let of_branches = map.branches.first().map_or_else(String::new, |branch| {
+        let energy = 1e-3 * branch.resistance.activation_j_per_mol;
+        format!(", {energy:.1} of the branches")
+    });
     say!(
-        "  activation energy: {:.1} kJ/mol of the series resistance, {:.1} of the branches",
-        1e-3 * map.series.activation_j_per_mol,
-        1e-3 * branches
+        "  activation energy: {:.1} kJ/mol of the series resistance{of_branches}",
+        1e-3 * map.series.activation_j_per_mol
     );
     if let Some(thermal) = map.thermal {
         say!(
@@ -298,8 +305,16 @@ fn headline(logs: &[LogScore]) -> String {
     } else {
         (held_out, "held-out logs")
     };
-    let least = chosen.iter().map(|l| l.rms_v).fold(f64::INFINITY, f64::min);
-    let most = chosen.iter().map(|l| l.rms_v).fold(0.0, f64::max);
+    let rms_v = || {
+        chosen
+            .iter()
+            .map(|l| l.rms_v)
+            .filter(|rms_v| rms_v.is_finite())
+    };
+    let Some(most) = rms_v().max_by(f64::total_cmp) else {
+        return format!("error on {what}: none reaches a state of charge above 0.1");
+    };
+    let least = rms_v().fold(most, f64::min);
     let worst = chosen
         .iter()
         .filter_map(|l| l.worst.map(|(soc, v)| (soc, v, l.temperature_degc)))

@@ -90,6 +90,11 @@ impl ModelArgs {
                 ));
             }
         };
+        if model.map.is_some() && curve.is_some() {
+            let reason = "--ocv: expected none for a model with a map, which has the curve that its \
+                          corrections belong to";
+            return Err(Failure::Usage(reason.to_owned()));
+        }
         Ok(model.with_ocv(curve))
     }
 

@@ -237,6 +237,19 @@ fn check_ocv(ocv_v: f64, window: &CellWindow, file: &GivenModel) -> Result<(), F
 /// Notes without which the result would mislead.
 fn notes(args: &SopArgs, file: &GivenModel, map: &[SopEntry]) -> Vec<String> {
     let mut notes = model_args::notes(file);
+    if let Some(cell) = &file.map {
+        let places = map.iter().filter_map(|entry| entry.soc);
+        let outside = places.map(|soc| cell.place(soc, args.ambient_degc).outside);
+        let (soc, kelvin) = outside.fold((0.0_f64, 0.0_f64), |(soc, kelvin), at| {
+            (soc.max(at.soc), kelvin.max(at.temperature_k))
+        });
+        if soc > 0.0 || kelvin > 0.0 {
+            notes.push(format!(
+                "leaves the range in which the map was measured by up to {soc:.3} of charge and \
+                {kelvin:.1} K; there the resistances are extrapolated"
+            ));
+        }
+    }
     let most = |of: fn(&SopEntry) -> f64| map.iter().map(of).fold(0.0, f64::max);
     if args.max_discharge_a.is_none() || args.max_charge_a.is_none() {
         notes.push(format!(

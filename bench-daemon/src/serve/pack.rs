@@ -313,8 +313,9 @@ pub fn under_load(settings: &Settings, last: &LastModel, load: &Load) -> Result<
         }
     };
     let pack = Pack::new(load.series, load.parallel, 0.0).map_err(|error| error.to_string())?;
-    let model = files::sim_model(&given, ocv, pack, files::AMBIENT_DEGC)
-        .map_err(|error| error.to_string())?;
+    let ambient_degc = load.temperature_c.unwrap_or(files::AMBIENT_DEGC);
+    let model =
+        files::sim_model(&given, ocv, pack, ambient_degc).map_err(|error| error.to_string())?;
     let state = match (load.soc, load.ocv_v) {
         (Some(soc), None) => model.rest(soc).map_err(|error| format!("soc: {error}"))?,
         (None, Some(ocv_v)) => model

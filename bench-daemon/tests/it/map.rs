@@ -224,3 +224,79 @@ fn drive_cycles_at_three_temperatures_predict_another_cycle() {
         "{series}"
     );
 }
+
+/// The correction of the curve belongs to every voltage at rest: of `sop`, of the simple-IR model,
+/// and of a start by voltage.
+#[test]
+fn the_correction_of_the_curve_is_in_every_voltage_at_rest() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("map");
+    assert_eq!(map(&out, &[]).0, 0);
+    let path = out.join("map.json");
+    let mut model = json(&path);
+    let knots = model["map"]["soc"].as_array().unwrap().len();
+    model["map"]["ocv_offset_v"] = vec![0.1; knots].into();
+    model["map"]["ocv_v_per_k"] = vec![0.0; knots].into();
+    let shifted = folder.path().join("shifted.json");
+    fs::write(&shifted, model.to_string()).unwrap();
+    let ocv_v = |model: &Path| -> f64 {
+        let model = model.to_str().unwrap();
+        let words = [
+            "sop",
+            "--model",
+            model,
+            "--soc",
+            "0.45",
+            "--duration-s",
+            "1",
+            "--json",
+        ];
+        let report: Value = serde_json::from_str(&eis_bench(&words).1).unwrap();
+        report["map"][0]["ocv_v"].as_f64().unwrap()
+    };
+    let curve = json(Path::new(&cells("panasonic_18650pf_25C/ocv.json")));
+    let near = |k: usize| curve["ocv_v"][k].as_f64().unwrap();
+    let ends = (near(0), near(curve["ocv_v"].as_array().unwrap().len() - 1));
+    let corrected = ocv_v(&shifted);
+    assert!(corrected > ends.0 && corrected < ends.1 + 0.1);
+    model["map"]["ocv_offset_v"] = vec![0.0; knots].into();
+    fs::write(&path, model.to_string()).unwrap();
+    assert!((corrected - ocv_v(&path) - 0.1).abs() < 1e-9);
+    let profile = folder.path().join("rest.csv");
+    fs::write(&profile, "time_s,power_w\n0,0\n10,0\n").unwrap();
+    let simulated = folder.path().join("simulated");
+    let words = [
+        "simulate",
+        "--model",
+        shifted.to_str().unwrap(),
+        "--profile",
+        profile.to_str().unwrap(),
+        "--ocv-v",
+        "3.75",
+        "--json",
+        "--out",
+        simulated.to_str().unwrap(),
+    ];
+    let (code, text, error) = eis_bench(&words);
+    assert_eq!(code, 0, "{error}");
+    let report: Value = serde_json::from_str(&text).unwrap();
+    assert!(
+        (report["max_ccv_v"].as_f64().unwrap() - 3.75).abs() < 1e-6,
+        "{text}"
+    );
+    let curve = cells("panasonic_18650pf_25C/ocv.json");
+    let other = [
+        "sop",
+        "--model",
+        shifted.to_str().unwrap(),
+        "--ocv",
+        &curve,
+        "--soc",
+        "0.5",
+    ];
+    let (code, _, error) = eis_bench(&other);
+    assert!(
+        code != 0 && error.contains("--ocv: expected none for a model with a map"),
+        "{error}"
+    );
+}

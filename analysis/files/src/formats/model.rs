@@ -109,6 +109,18 @@ impl CellModel {
                 .join("; ");
             return Err(ModelExportError::Additions { name, additions });
         }
+        // Beyond its nodes a map is extrapolated, and the header does not say so at run time.
+        let warnings = file.map.iter().flat_map(|map| {
+            let (soc, degc) = (&map.soc, &map.temperature_degc);
+            let range = format!(
+                "measured from {:.2} to {:.2} of charge and {:.1} to {:.1} degrees Celsius",
+                soc[0],
+                soc[soc.len() - 1],
+                degc[0],
+                degc[degc.len() - 1]
+            );
+            std::iter::once(range).chain(file.warnings.iter().cloned())
+        });
         let curve = file
             .ocv
             .clone()
@@ -120,7 +132,7 @@ impl CellModel {
             curve,
             window_v,
             temperature_c,
-            notes: file.notes(),
+            notes: file.notes().into_iter().chain(warnings).collect(),
         })
     }
 

@@ -52,8 +52,9 @@ impl Log {
         if !series.current_a.iter().any(|i| i.abs() > 1e-3) {
             return Err(MapFitError::NoCurrent { log: name });
         }
-        let measured = series.temperature_c.as_deref().map(filled);
-        let temperature_degc = match (measured.flatten(), log.temperature_degc) {
+        let measured = series.temperature_c.as_deref().and_then(filled);
+        let temperature_measured = measured.is_some();
+        let temperature_degc = match (measured, log.temperature_degc) {
             (Some(column), _) => column,
             (None, Some(degc)) => vec![degc; series.len()],
             (None, None) => return Err(MapFitError::Temperature { log: name }),
@@ -81,7 +82,7 @@ impl Log {
             time_s: series.time_s.clone(),
             current_a: series.current_a.clone(),
             voltage_v: series.voltage_v.clone(),
-            temperature_measured: series.temperature_c.is_some(),
+            temperature_measured,
             temperature_degc,
             soc,
             name,
@@ -183,7 +184,9 @@ impl Design {
         let first = knots.partition_point(|z| *z <= lowest).saturating_sub(1);
         let last = knots.partition_point(|z| *z < highest).min(knots.len() - 1);
         if last <= first {
-            return Err(MapFitError::Singular("their SOC stays between two knots"));
+            return Err(MapFitError::Singular(
+                "their SOC stays at or beyond one knot",
+            ));
         }
         let longest_s = train
             .iter()
@@ -197,7 +200,7 @@ impl Design {
             .time_constants_s
             .iter()
             .partition(|tau| **tau >= shortest_s && **tau <= 0.5 * longest_s);
-        let (nodes_degc, unit_ohm) = nodes(train, options.node_distance_k);
+        let (nodes_degc, unit_ohm) = nodes(train, options.node_distance_k)?;
         Ok(Self {
             soc: knots[first..=last].to_vec(),
             nodes_degc,
@@ -273,9 +276,7 @@ impl Design {
         let per_surface = self.nodes() * self.soc.len();
         let mut filtered = vec![0.0; per_surface * self.taus_s.len()];
         let every = log.len().div_ceil(MOST_ROWS);
-        let span_s = log.time_s[log.len() - 1] - log.time_s[0];
-        let row_s = span_s / (log.len() as f64 / every as f64);
-        let weight = (row_s / CORRELATION_S).min(1.0).sqrt();
+        let mut last_s = log.time_s[0];
         let mut rows = DMatrix::<f64>::zeros(CHUNK, count);
         let mut right = DVector::<f64>::zeros(CHUNK);
         let mut filled = 0;
@@ -297,8 +298,11 @@ impl Design {
             if k % every != 0 {
                 continue;
             }
+            // A row stands for the time since the one before it, up to the correlation time.
+            let stands_s = (log.time_s[k] - last_s).min(CORRELATION_S);
+            last_s = log.time_s[k];
             let slope_v = ocv.slope_v(soc);
-            let w = weight / ERROR_V.hypot(SOC_ERROR * slope_v);
+            let w = (stands_s / CORRELATION_S).sqrt() / ERROR_V.hypot(SOC_ERROR * slope_v);
             let mut row = rows.row_mut(filled);
             row.fill(0.0);
             for (node, knot, share) in map.weights(&at, energies.series) {
@@ -404,7 +408,7 @@ impl Design {
     }
 
     /// Remarks on what the logs do not show.
-    pub(super) fn notes(&self, map: &CellMap, train: &[&Log]) -> Vec<String> {
+    pub(super) fn notes(&self, map: &CellMap, train: &[&Log], capacity_ah: f64) -> Vec<String> {
         let mut notes = Vec::new();
         if !self.left_out_s.is_empty() {
             let list: Vec<String> = self.left_out_s.iter().map(|t| format!("{t} s")).collect();
@@ -412,6 +416,15 @@ impl Design {
                 "no branch of {}: the logs are too short or too coarse for it",
                 list.join(", ")
             ));
+        }
+        for log in train {
+            let current_a = log.current_a[0];
+            if current_a.abs() > REST_C_RATE * capacity_ah {
+                notes.push(format!(
+                    "{} begins under {current_a:.2} A: its branches are taken as at rest there",
+                    log.name
+                ));
+            }
         }
         if self.nodes() == 1 {
             notes.push(format!(
@@ -470,23 +483,28 @@ fn median_step_s(log: &Log) -> f64 {
 }
 
 /// Temperature nodes, °C, and a third of the DC resistance at each, Ω.
-fn nodes(train: &[&Log], distance_k: f64) -> (Vec<f64>, Vec<f64>) {
-    let mut logs: Vec<(f64, f64)> = train
-        .iter()
-        .map(|log| {
-            let samples = 0..log.len();
-            let (dropped, square) = samples.fold((0.0, 0.0), |(d, s), k| {
-                (d + log.heat_w(k), s + log.current_a[k] * log.current_a[k])
-            });
-            (log.mean_degc(), (dropped / square).max(1e-6) / 3.0)
-        })
-        .collect();
-    logs.sort_by(|a, b| a.0.total_cmp(&b.0));
+fn nodes(train: &[&Log], distance_k: f64) -> Result<(Vec<f64>, Vec<f64>), MapFitError> {
+    let mut logs = train.to_vec();
+    logs.sort_by(|a, b| a.mean_degc().total_cmp(&b.mean_degc()));
     let (mut means, mut units) = (Vec::new(), Vec::new());
-    for group in logs.chunk_by(|a, b| b.0 - a.0 < distance_k) {
-        let n = group.len() as f64;
-        means.push(group.iter().map(|(t, _)| t).sum::<f64>() / n);
-        units.push(group.iter().map(|(_, r)| r).sum::<f64>() / n);
+    let mut rest = &logs[..];
+    while let Some(first) = rest.first() {
+        let near = |log: &&&Log| log.mean_degc() - first.mean_degc() < distance_k;
+        let (group, after) = rest.split_at(rest.iter().take_while(near).count());
+        let samples = group
+            .iter()
+            .flat_map(|log| (0..log.len()).map(move |k| (log, k)));
+        let (lost, square) = samples.fold((0.0, 0.0), |(lost, square), (log, k)| {
+            let current_a = log.current_a[k];
+            (lost + log.heat_w(k), square + current_a * current_a)
+        });
+        if lost <= 0.0 {
+            let log = first.name.clone();
+            return Err(MapFitError::NoLoss { log });
+        }
+        means.push(group.iter().map(|log| log.mean_degc()).sum::<f64>() / group.len() as f64);
+        units.push(lost / square / 3.0);
+        rest = after;
     }
-    (means, units)
+    Ok((means, units))
 }

@@ -33,7 +33,7 @@ const ENERGIES: Energies = Energies {
 };
 /// Standard deviation of both about their prior, J/mol.
 const ENERGY_SIGMA: f64 = 12e3;
-/// Step of the search of the energies, and its largest move, J/mol.
+/// Step of the search of the energies, J/mol; one move is at most twice as long.
 const ENERGY_STEP: f64 = 5e3;
 /// Rounds of the search over both energies.
 const ENERGY_ROUNDS: usize = 2;
@@ -86,7 +86,7 @@ pub fn fit_map(
         .map(|(log, r)| LogScore::new(&map, log, r));
     Ok(MapFit {
         logs: scores.collect(),
-        notes: design.notes(&map, &train),
+        notes: design.notes(&map, &train, ocv.capacity_ah),
         map,
         correlation_s,
     })

@@ -153,6 +153,16 @@ pub enum MapFitError {
         /// Name of the log.
         log: String,
     },
+    /// A voltage that does not fall under a discharge.
+    #[error(
+        "{log}: expected a voltage below the OCV curve under discharge and above it under charge, \
+        found the opposite on average; check the state of charge at its start, the curve and the \
+        direction of the current"
+    )]
+    NoLoss {
+        /// Name of the first log of its temperature.
+        log: String,
+    },
     /// The equations have no unique solution.
     #[error("the logs do not determine the map: {0}")]
     Singular(&'static str),

@@ -29,7 +29,7 @@ pub(super) struct Solved {
     pub(super) x: DVector<f64>,
     /// Sum of squares of data and priors.
     pub(super) cost: f64,
-    /// Variance of each unknown; zero for one at its bound.
+    /// Variance of each unknown.
     pub(super) variance: Vec<f64>,
 }
 
@@ -71,7 +71,8 @@ impl Normal {
         let solution = nonnegative::solve(&scaled, &right, &guess).ok_or_else(singular)?;
         let x = (&solution.x - &shift).component_mul(&unit);
         let inverse = solution.factor.inverse();
-        let mut variance = vec![0.0; n];
+        // At its bound an unknown is as uncertain as with all others held.
+        let mut variance: Vec<f64> = unit.iter().map(|u| u * u).collect();
         for (place, k) in solution.free.iter().enumerate() {
             variance[*k] = inverse[(place, place)] * unit[*k] * unit[*k];
         }

@@ -119,6 +119,10 @@ fn what_cannot_be_fitted_is_refused_with_the_reason() {
     let mut charge = good();
     charge.soc_start = Some(0.3);
     assert!(fails(charge).contains("its charge does not close"));
+    let mut reversed = good();
+    reversed.series.current_a.iter_mut().for_each(|i| *i = -*i);
+    reversed.soc_start = Some(0.1);
+    assert!(fails(reversed).contains("found the opposite on average"));
     let mut flat = good();
     flat.series.current_a.iter_mut().for_each(|i| *i = 0.0);
     assert!(fails(flat).contains("expected a current"));
@@ -127,11 +131,11 @@ fn what_cannot_be_fitted_is_refused_with_the_reason() {
         ..good()
     };
     assert!(fails(held_out).contains("at least one log to fit"));
-    let reversed = MapOptions {
+    let falling = MapOptions {
         time_constants_s: vec![10.0, 5.0],
         ..options()
     };
-    let error = fit_map(&[good()], &curve(), &reversed)
+    let error = fit_map(&[good()], &curve(), &falling)
         .unwrap_err()
         .to_string();
     assert!(error.contains("time constants: expected seconds above zero that rise"));

@@ -30,7 +30,9 @@ pub(super) fn fit(logs: &[&Log]) -> Option<Thermal> {
         Some((left, tau_s, resistance))
     });
     let (left, tau_s, resistance_k_per_w) = tried.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let fits = left < MOST_REMAINING && resistance_k_per_w > 0.0;
+    // A time constant at an end of the range is one that the logs do not show.
+    let shown = tau_s > 1.01 * first && tau_s < 0.99 * last;
+    let fits = left < MOST_REMAINING && resistance_k_per_w > 0.0 && shown;
     fits.then(|| Thermal {
         capacity_j_per_k: tau_s / resistance_k_per_w,
         resistance_k_per_w,

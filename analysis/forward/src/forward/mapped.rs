@@ -287,7 +287,7 @@ impl<'a> Run<'a> {
         let (series, parallel) = (f64::from(pack.series), f64::from(pack.parallel));
         let place = self.map.place(cell.soc, cell.temperature_degc);
         let correction_v = self.map.ocv_correction_v(&place, cell.temperature_degc);
-        let ocv_v = self.model.ocv_v(cell.soc).0 + series * correction_v;
+        let ocv_v = self.model.curve_v(cell.soc).0 + series * correction_v;
         let sum_v: f64 = cell.v.iter().sum();
         let e_v = ocv_v - series * sum_v;
         if !e_v.is_finite() || (self.demand == Demand::Power && e_v <= 0.0) {

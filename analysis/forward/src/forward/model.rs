@@ -203,6 +203,7 @@ impl SimModel {
             }
         };
         Self {
+            ocv: self.corrected_ocv(),
             erm: Erm {
                 r_ohm,
                 branches: Vec::new(),
@@ -213,8 +214,31 @@ impl SimModel {
         }
     }
 
-    /// Returns the open-circuit voltage at the terminals, V, and its slope with SOC, V.
+    /// Returns the curve with the correction of the map at the temperature of the surroundings; the
+    /// curve itself if the corrected knots do not rise.
+    fn corrected_ocv(&self) -> OcvSource {
+        let (Some(_), OcvSource::Curve(curve)) = (&self.mapped, &self.ocv) else {
+            return self.ocv.clone();
+        };
+        let series = f64::from(self.pack.series);
+        let knots = curve.soc.iter().map(|z| self.ocv_v(*z).0 / series);
+        let corrected = OcvCurve::monotone(curve.capacity_ah, curve.soc.clone(), knots.collect());
+        OcvSource::Curve(corrected.unwrap_or_else(|_| curve.clone()))
+    }
+
+    /// Returns the open-circuit voltage at the terminals, V, and its slope with SOC, V. A map adds
+    /// its correction at the temperature of the surroundings to the voltage.
     pub fn ocv_v(&self, soc: f64) -> (f64, f64) {
+        let (v, slope_v) = self.curve_v(soc);
+        let correction_v = self.mapped.as_ref().map_or(0.0, |mapped| {
+            let at = mapped.map.place(soc, mapped.ambient_degc);
+            mapped.map.ocv_correction_v(&at, mapped.ambient_degc)
+        });
+        (v + f64::from(self.pack.series) * correction_v, slope_v)
+    }
+
+    /// Returns the voltage of the curve at the terminals, V, and its slope with SOC, V.
+    pub(super) fn curve_v(&self, soc: f64) -> (f64, f64) {
         let series = f64::from(self.pack.series);
         match &self.ocv {
             OcvSource::Constant(v) => (series * v, 0.0),
@@ -261,11 +285,17 @@ impl SimModel {
         match &self.ocv {
             OcvSource::Constant(_) => self.rest(0.5),
             OcvSource::Curve(curve) => {
-                let ends = (
-                    curve.voltage_v(curve.soc[0]),
-                    curve.voltage_v(curve.soc[curve.soc.len() - 1]),
-                );
-                let soc = curve.soc_at(ocv_cell_v);
+                let series = f64::from(self.pack.series);
+                let cell_v = |soc: f64| self.ocv_v(soc).0 / series;
+                let (first, last) = (curve.soc[0], curve.soc[curve.soc.len() - 1]);
+                let ends = (cell_v(first), cell_v(last));
+                let soc = if self.mapped.is_none() {
+                    curve.soc_at(ocv_cell_v)
+                } else if (ends.0..=ends.1).contains(&ocv_cell_v) {
+                    Some(bisected(first, last, |soc| cell_v(soc) < ocv_cell_v))
+                } else {
+                    None
+                };
                 self.rest(soc.ok_or(ForwardError::OcvRange {
                     low_v: ends.0,
                     high_v: ends.1,
@@ -299,4 +329,17 @@ impl SimModel {
             None => Ok(()),
         }
     }
+}
+
+/// Returns the place between two at which a statement that holds at the first ends to hold.
+fn bisected(mut low: f64, mut high: f64, holds: impl Fn(f64) -> bool) -> f64 {
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if holds(middle) {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    0.5 * (low + high)
 }

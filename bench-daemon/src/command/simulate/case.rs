@@ -10,6 +10,7 @@ use analysis::{
         simulate,
     },
     given::GivenModel,
+    map::Outside,
     model::Erm,
     ocv::OcvCurve,
 };
@@ -157,10 +158,7 @@ impl Case {
                     .to_owned(),
             );
         }
-        if let Some(outside) = s
-            .outside_map
-            .filter(|o| o.soc > 0.0 || o.temperature_k > 0.0)
-        {
+        if let Some(outside) = s.outside_map.filter(Outside::is_outside) {
             notes.push(format!(
                 "{name}: leaves the range in which the map was measured by up to {:.3} of charge \
                 and {:.1} K; there the resistances are extrapolated",

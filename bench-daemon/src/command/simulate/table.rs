@@ -10,6 +10,7 @@ use analysis::{
         simulate,
     },
     given::GivenModel,
+    map::Outside,
     pack::Pack,
     rows::{Cell, ResultColumn, ResultRow},
 };
@@ -267,6 +268,15 @@ fn warnings(summary: &Summary) -> Vec<(&'static str, String)> {
         let above_v = -summary.margin_high_v;
         let words = format!("a cell rises {above_v:.3} V above its upper limit");
         found.push(("above_window", words));
+    }
+    if let Some(outside) = summary.outside_map.filter(Outside::is_outside) {
+        found.push((
+            "outside_map",
+            format!(
+                "leaves the range in which the map was measured by up to {:.3} of charge and {:.1} K",
+                outside.soc, outside.temperature_k
+            ),
+        ));
     }
     if let Some(soc) = summary.soc_min.filter(|soc| *soc < 0.0) {
         found.push((
