@@ -17,9 +17,9 @@ use std::ops::RangeInclusive;
 /// 0 °C, K.
 pub const ZERO_DEGC_K: f64 = 273.15;
 /// Molar gas constant, J/(mol·K) (CODATA 2018, exact).
-const GAS_J_PER_MOL_K: f64 = 8.314_462_618_153_24;
+pub const GAS_J_PER_MOL_K: f64 = 8.314_462_618_153_24;
 /// Temperatures that a map accepts, °C: the range of lithium-ion cells, and a guard against kelvin.
-const TEMPERATURES_DEGC: RangeInclusive<f64> = -60.0..=120.0;
+pub const TEMPERATURES_DEGC: RangeInclusive<f64> = -60.0..=120.0;
 /// Resistance of a branch that the fit has switched off at a point, Ω, for models that need a
 /// positive one.
 const LEAST_OHM: f64 = 1e-9;
@@ -118,10 +118,64 @@ pub struct Outside {
     pub temperature_k: f64,
 }
 
+/// Voltage that a branch keeps over a step, and what it takes of the voltage that drives it, R·i, if
+/// that is linear over the step: exact for the step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BranchStep {
+    /// Factor on the voltage of the branch at the start.
+    pub decay: f64,
+    /// Factor on the driving voltage at the start.
+    pub start: f64,
+    /// Factor on the driving voltage at the end.
+    pub end: f64,
+}
+
+impl BranchStep {
+    /// Returns the factors of a step of a branch with a time constant, s.
+    pub fn new(step_s: f64, tau_s: f64) -> Self {
+        let x = step_s / tau_s;
+        let decay = (-x).exp();
+        let phi = if x > 1e-9 {
+            -(-x).exp_m1() / x
+        } else {
+            1.0 - 0.5 * x
+        };
+        Self {
+            decay,
+            start: phi - decay,
+            end: 1.0 - phi,
+        }
+    }
+
+    /// Returns the voltage of the branch at the end of the step, V.
+    pub fn end_v(self, v: f64, driven_start_v: f64, driven_end_v: f64) -> f64 {
+        self.decay * v + self.start * driven_start_v + self.end * driven_end_v
+    }
+}
+
 impl Outside {
+    /// Returns the farther distance of two queries, in each direction.
+    #[must_use]
+    pub fn farther(self, other: Self) -> Self {
+        Self {
+            soc: self.soc.max(other.soc),
+            temperature_k: self.temperature_k.max(other.temperature_k),
+        }
+    }
+
     /// Returns whether the query lies outside the range.
     pub fn is_outside(&self) -> bool {
         self.soc > 0.0 || self.temperature_k > 0.0
+    }
+}
+
+impl std::fmt::Display for Outside {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "leaves the range in which the map was measured by up to {:.3} of charge and {:.1} K",
+            self.soc, self.temperature_k
+        )
     }
 }
 
@@ -173,6 +227,13 @@ fn distance(list: &[f64], x: f64) -> f64 {
 
 fn inverse_k(temperature_degc: f64) -> f64 {
     1.0 / (temperature_degc + ZERO_DEGC_K)
+}
+
+/// Returns the factor on a resistance by Arrhenius' law between two temperatures, °C: at the first
+/// over that at the second.
+pub fn arrhenius(activation_j_per_mol: f64, at_degc: f64, over_degc: f64) -> f64 {
+    let exponent = inverse_k(at_degc) - inverse_k(over_degc);
+    (activation_j_per_mol / GAS_J_PER_MOL_K * exponent).exp()
 }
 
 impl CellMap {

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use analysis::{
     forward::{CellWindow, OcvSource},
     given::GivenModel,
+    map::Outside,
     pack::Pack,
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
     sop::{CurrentLimits, LimitedBy, SopEntry, SopGrid, SopOptions, sop_map},
@@ -239,15 +240,11 @@ fn notes(args: &SopArgs, file: &GivenModel, map: &[SopEntry]) -> Vec<String> {
     let mut notes = model_args::notes(file);
     if let Some(cell) = &file.map {
         let places = map.iter().filter_map(|entry| entry.soc);
-        let outside = places.map(|soc| cell.place(soc, args.ambient_degc).outside);
-        let (soc, kelvin) = outside.fold((0.0_f64, 0.0_f64), |(soc, kelvin), at| {
-            (soc.max(at.soc), kelvin.max(at.temperature_k))
-        });
-        if soc > 0.0 || kelvin > 0.0 {
-            notes.push(format!(
-                "leaves the range in which the map was measured by up to {soc:.3} of charge and \
-                {kelvin:.1} K; there the resistances are extrapolated"
-            ));
+        let outside = places
+            .map(|soc| cell.place(soc, args.ambient_degc).outside)
+            .fold(Outside::default(), Outside::farther);
+        if outside.is_outside() {
+            notes.push(format!("{outside}; there the resistances are extrapolated"));
         }
     }
     let most = |of: fn(&SopEntry) -> f64| map.iter().map(of).fold(0.0, f64::max);

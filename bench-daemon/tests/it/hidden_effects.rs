@@ -2,34 +2,22 @@
 //! stand in a folder `shared` beside the project; without it these tests are skipped.
 
 use std::{
+    ffi::OsStr,
     path::{Path, PathBuf},
-    process::Command,
 };
 
 use serde_json::Value;
 
-fn run(words: &[&Path]) -> Vec<u8> {
-    let output = Command::new(env!("CARGO_BIN_EXE_eis-bench"))
-        .args(words)
-        .output()
-        .unwrap();
-    assert!(
-        output.status.success(),
-        "{words:?}: {}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    output.stdout
+use crate::support::{program, shared_data};
+
+fn run(words: &[&Path]) -> String {
+    let words: Vec<&OsStr> = words.iter().map(|word| word.as_os_str()).collect();
+    program(&words).expect_code(0).stdout.clone()
 }
 
 /// Returns the folder of a set, or `None` without it.
 fn hidden(set: &str) -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/hidden");
-    let data = folder.join(set);
-    if !data.is_dir() {
-        eprintln!("skipped: no data set {}", data.display());
-        return None;
-    }
-    Some(data)
+    shared_data(&format!("hidden/{set}"))
 }
 
 /// Returns the diagnosis of a set against a model of `rc` branches that is fitted to its spectra,
@@ -41,7 +29,7 @@ fn diagnosed(set: &str, rc: &str) -> Option<Value> {
     let ocv = data.join("ocv.json");
     let mut words = vec![Path::new("diagnose"), &data, Path::new("--model"), &model];
     words.extend([Path::new("--ocv"), &ocv, Path::new("--json")]);
-    Some(serde_json::from_slice(&run(&words)).unwrap())
+    Some(serde_json::from_str(&run(&words)).unwrap())
 }
 
 /// Fits a model of `rc` branches to the spectra of a set, and returns its file in `out`.
@@ -165,7 +153,7 @@ fn a_diagnosis_goes_on_from_the_model_that_one_has_written() {
             .copied()
             .chain(more.iter().map(Path::new))
             .collect();
-        let json: Value = serde_json::from_slice(&run(&words)).unwrap();
+        let json: Value = serde_json::from_str(&run(&words)).unwrap();
         json
     };
     let second = again(&["--json"]);

@@ -7,6 +7,8 @@ use std::{
 
 use serde_json::Value;
 
+use crate::support::shared_data;
+
 fn project(path: &str) -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(path);
     path.to_str().unwrap().to_owned()
@@ -14,12 +16,8 @@ fn project(path: &str) -> String {
 
 /// A file of the measured data; `None` if it is not there.
 fn measured(name: &str) -> Option<String> {
-    let path = project(&format!("../shared/data/{name}"));
-    if Path::new(&path).exists() {
-        return Some(path);
-    }
-    println!("skipped: {path} is not there");
-    None
+    let path = shared_data(name)?;
+    Some(path.to_str().unwrap().to_owned())
 }
 
 fn hppc(words: &[&str]) -> Output {
@@ -157,23 +155,23 @@ fn the_limits_come_from_the_file_of_the_cell_or_are_asked_for() {
         assert_eq!(made.status.code(), Some(2));
         error(&made)
     };
-    let told = refused(&[&log]);
+    let met = refused(&[&log]);
     let expected = "expected the voltage limits of the cell for its power, by --v-min and --v-max or by \
                     --cell FILE; found neither; --no-power leaves the power out";
-    assert!(told.contains(expected), "{told}");
-    let told = refused(&[&log, "--v-min", "2.5"]);
-    assert!(told.contains("found no --v-max"), "{told}");
-    let told = refused(&[&log, "--v-min", "4.2", "--v-max", "2.5"]);
-    assert!(told.contains("found 4.2 V and 2.5 V"), "{told}");
-    let told = refused(&[&log, "--no-power", "--at", "5,1"]);
+    assert!(met.contains(expected), "{met}");
+    let met = refused(&[&log, "--v-min", "2.5"]);
+    assert!(met.contains("found no --v-max"), "{met}");
+    let met = refused(&[&log, "--v-min", "4.2", "--v-max", "2.5"]);
+    assert!(met.contains("found 4.2 V and 2.5 V"), "{met}");
+    let met = refused(&[&log, "--no-power", "--at", "5,1"]);
     assert!(
-        told.contains("expected rising times above 0 s, found [5.0, 1.0]"),
-        "{told}"
+        met.contains("expected rising times above 0 s, found [5.0, 1.0]"),
+        "{met}"
     );
-    let told = refused(&[&log, "--no-power", "--soc-start", "50"]);
+    let met = refused(&[&log, "--no-power", "--soc-start", "50"]);
     assert!(
-        told.contains("expected a state of charge from 0 to 1, found 50"),
-        "{told}"
+        met.contains("expected a state of charge from 0 to 1, found 50"),
+        "{met}"
     );
     assert!(table(&[&log, "--no-power"])["limits"].is_null());
 }
@@ -182,22 +180,22 @@ fn the_limits_come_from_the_file_of_the_cell_or_are_asked_for() {
 fn a_log_without_pulses_and_a_folder_without_logs_are_refused_with_what_they_hold() {
     let slow = project("fixtures/data/cells/panasonic_18650pf_25C/c20_ocv.bdf.csv");
     let made = hppc(&[&slow, "--no-power"]);
-    let told = error(&made);
+    let met = error(&made);
     assert_eq!(made.status.code(), Some(2));
     assert!(
-        told.contains("c20_ocv.bdf.csv: expected at least one pulse"),
-        "{told}"
+        met.contains("c20_ocv.bdf.csv: expected at least one pulse"),
+        "{met}"
     );
     assert!(
-        told.contains("found 1 load (") || told.contains("found 2 loads ("),
-        "{told}"
+        met.contains("found 1 load (") || met.contains("found 2 loads ("),
+        "{met}"
     );
     let folder = tempfile::tempdir().unwrap();
     let made = hppc(&[folder.path().to_str().unwrap(), "--no-power"]);
-    let told = error(&made);
+    let met = error(&made);
     assert!(
-        made.status.code() == Some(2) && told.contains("expected a run folder"),
-        "{told}"
+        made.status.code() == Some(2) && met.contains("expected a run folder"),
+        "{met}"
     );
     let (_kept, path) = written("x.csv", "a,b\n1,2\n");
     let made = hppc(&[&path, "--no-power"]);
@@ -208,14 +206,14 @@ fn a_log_without_pulses_and_a_folder_without_logs_are_refused_with_what_they_hol
 fn the_text_names_why_cells_are_empty() {
     let log = project(PULSES);
     let made = hppc(&[&log, "--no-power", "--at", "0.1,1,20"]);
-    let told = String::from_utf8(made.stdout).unwrap();
+    let met = String::from_utf8(made.stdout).unwrap();
     for text in [
         "pulses.bdf.csv: 5 pulses; R in mΩ ± one standard uncertainty",
         "no state of charge: the charge drawn since the first row",
         "– at 0.1 s: its current is not constant: 1.384 A at 0.10 s",
         "– at 20 s: the pulse lasts 10.1 s (pulse at 45421.7 s) (and the like for 4 more)",
     ] {
-        assert!(told.contains(text), "{told}");
+        assert!(met.contains(text), "{met}");
     }
 }
 

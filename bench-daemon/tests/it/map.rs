@@ -1,32 +1,25 @@
 //! `eis-bench map`, and the commands that take its model.
 
-use std::{fs, path::Path, process::Command};
+use std::{ffi::OsStr, fs, path::Path};
 
 use serde_json::Value;
 
-use crate::support::json;
+use crate::support::{Ended, json, program, shared_data};
 
 /// Runs the program. Returns its exit code, its output and its messages.
 fn eis_bench(words: &[&str]) -> (i32, String, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_eis-bench"))
-        .args(words)
-        .output()
-        .unwrap();
-    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
-    let code = output.status.code().unwrap();
-    (code, text(output.stdout), text(output.stderr))
+    let words: Vec<&OsStr> = words.iter().map(OsStr::new).collect();
+    let Ended {
+        code,
+        stdout,
+        stderr,
+    } = program(&words);
+    (code.unwrap(), stdout, stderr)
 }
 
 fn cells(name: &str) -> String {
     format!(
         "{}/../fixtures/data/cells/{name}",
-        env!("CARGO_MANIFEST_DIR")
-    )
-}
-
-fn shared(name: &str) -> String {
-    format!(
-        "{}/../../shared/data/cells/panasonic_18650pf_{name}",
         env!("CARGO_MANIFEST_DIR")
     )
 }
@@ -185,10 +178,13 @@ fn bad_input_is_named() {
 /// Full drive cycles of a Panasonic 18650PF (Kollmeyer, Mendeley Data 10.17632/wykht8y7tg).
 #[test]
 fn drive_cycles_at_three_temperatures_predict_another_cycle() {
-    if !Path::new(&shared("25C")).is_dir() {
-        eprintln!("skipped: no measured data in {}", shared("25C"));
+    let Some(measured) = shared_data("cells") else {
         return;
-    }
+    };
+    let shared = |name: &str| {
+        let path = measured.join(format!("panasonic_18650pf_{name}"));
+        path.to_str().unwrap().to_owned()
+    };
     let folder = tempfile::tempdir().unwrap();
     let text = |path: std::path::PathBuf| path.to_str().unwrap().to_owned();
     let curve = text(folder.path().join("ocv"));

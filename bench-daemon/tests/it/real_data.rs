@@ -2,22 +2,11 @@
 //! files are part of the project (`fixtures/data/cells`). The full files are not. If they are in a
 //! folder `shared` beside the project, one test compares both.
 
-use std::{
-    path::{Path, PathBuf},
-    process::Command,
-};
+use std::{path::Path, process::Command};
 
 use serde_json::Value;
 
-/// Returns the folder of the full files, if it exists.
-fn full_files() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
-    if !folder.is_dir() {
-        eprintln!("skipped: no measured data in {}", folder.display());
-        return None;
-    }
-    Some(folder)
-}
+use crate::support::shared_data;
 
 fn project(path: &str) -> String {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -386,7 +375,7 @@ fn with_full_files(set: &str, full: &Path, folder: &Path) {
 #[test]
 #[ignore = "long drill"]
 fn trimmed_tables_tell_the_same_as_the_full_files() {
-    let Some(full) = full_files() else { return };
+    let Some(full) = shared_data("") else { return };
     for (set, held_out) in [
         ("panasonic_50soc", ["2C", "6C"].as_slice()),
         ("panasonic_10c", &["2C", "6C"]),

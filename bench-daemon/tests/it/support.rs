@@ -175,6 +175,18 @@ pub(crate) fn program(arguments: &[&std::ffi::OsStr]) -> Ended {
     Ended::of(command(arguments).output().unwrap())
 }
 
+/// Returns a file or folder of measured data, which stand in a folder `shared` beside the project,
+/// or `None` with a message if it is not there.
+pub(crate) fn shared_data(name: &str) -> Option<PathBuf> {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
+    let path = data.join(name);
+    if path.exists() {
+        return Some(path);
+    }
+    eprintln!("skipped: no measured data in {}", path.display());
+    None
+}
+
 impl Ended {
     pub(crate) fn of(output: Output) -> Self {
         Self {

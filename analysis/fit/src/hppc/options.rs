@@ -68,7 +68,7 @@ impl HppcOptions {
     }
 }
 
-/// Why there is no table.
+/// Reason why a table cannot be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum HppcError {

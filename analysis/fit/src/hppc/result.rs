@@ -84,7 +84,7 @@ pub struct Pulse {
     pub resistances: Vec<Resistance>,
     /// Least power of all times.
     pub least_power: Option<LeastPower>,
-    /// Remarks, among them why there is no power.
+    /// Remarks, for example the reason why a pulse has no power.
     pub notes: Vec<String>,
 }
 

@@ -105,7 +105,7 @@ fn with_states(log: Log<'_>, options: &HppcOptions) -> Vec<Placed> {
     count_charge(log.series, &mut by_curve, unstated);
     let counts = log.charge.soc_start.is_some() && log.charge.capacity_ah.is_some();
     if counts {
-        // What refuses a load as a run of a data set is no reason against its state.
+        // A load that is refused as a run of a data set still has a state.
         all.iter_mut().for_each(|load| load.refusal = None);
     }
     let before: Vec<Option<String>> = all.iter().map(|load| load.refusal.clone()).collect();
@@ -150,7 +150,7 @@ fn by_counter(log: Log<'_>, load: &Load) -> Option<f64> {
     Some(log.charge.soc_start? - drawn_ah / log.charge.capacity_ah?)
 }
 
-/// Why a load is no pulse of the table.
+/// Returns the reason why a load is not a pulse of the table.
 fn reason_against(load: &Load, options: &HppcOptions) -> Option<String> {
     if load.course == Course::Varying {
         return Some("its current varies".to_owned());

@@ -227,7 +227,7 @@ fn a_current_that_is_not_constant_is_named_with_its_time() {
         series.current_a[first + k] = 3.6;
     }
     let found = table_of(&series, &HppcOptions::default()).unwrap();
-    // It then varies for longer than a ramp, and is no constant current at all.
+    // It then varies for longer than a ramp, and is not a constant current.
     assert_eq!(found.pulses.len(), 1);
     assert_eq!(found.left_out[0].reason, "its current varies");
 }
@@ -330,22 +330,22 @@ fn a_limit_that_the_rest_is_beyond_gives_no_power() {
 
 #[test]
 fn a_log_without_pulses_says_what_it_holds() {
-    let told = |program: &[Part]| {
+    let message = |program: &[Part]| {
         let error = table_of(&log(&cell(), program), &HppcOptions::default());
         error.unwrap_err().to_string()
     };
     let looked = "log.csv: expected at least one pulse: a constant current of up to 300 s after a \
                   rest of at least 10 s, or on a steady current; found ";
     assert_eq!(
-        told(&[(60.0, 0.0, 1.0), (900.0, 1.0, 1.0), (60.0, 0.0, 1.0)]),
+        message(&[(60.0, 0.0, 1.0), (900.0, 1.0, 1.0), (60.0, 0.0, 1.0)]),
         format!("{looked}1 load (its constant current lasts longer than 300 s)")
     );
     assert_eq!(
-        told(&[(6.0, 0.0, 1.0), (10.0, 1.0, 1.0), (60.0, 0.0, 1.0)]),
+        message(&[(6.0, 0.0, 1.0), (10.0, 1.0, 1.0), (60.0, 0.0, 1.0)]),
         format!("{looked}1 load (the rest before it is logged for less than 10 s)")
     );
     assert_eq!(
-        told(&[(60.0, 0.0, 1.0)]),
+        message(&[(60.0, 0.0, 1.0)]),
         format!("{looked}no current above the rest")
     );
 }
@@ -358,22 +358,22 @@ fn options_that_cannot_be_are_refused() {
         change(&mut options);
         table_of(&series, &options).unwrap_err().to_string()
     };
-    let told = refused(&|options| options.at_s = vec![1.0, 0.1]);
+    let message = refused(&|options| options.at_s = vec![1.0, 0.1]);
     assert!(
-        told.contains("rising times above 0 s, found [1.0, 0.1]"),
-        "{told}"
+        message.contains("rising times above 0 s, found [1.0, 0.1]"),
+        "{message}"
     );
-    let told = refused(&|options| {
+    let message = refused(&|options| {
         options.limits = Some(Limits {
             min_v: 4.2,
             max_v: 2.5,
         });
     });
-    assert!(told.contains("found 4.2 V and 2.5 V"), "{told}");
-    let told = refused(&|options| options.current_gain = f64::NAN);
-    assert!(told.contains("found NaN"), "{told}");
-    let told = refused(&|options| options.rest_s = -1.0);
-    assert!(told.contains("found -1 s"), "{told}");
+    assert!(message.contains("found 4.2 V and 2.5 V"), "{message}");
+    let message = refused(&|options| options.current_gain = f64::NAN);
+    assert!(message.contains("found NaN"), "{message}");
+    let message = refused(&|options| options.rest_s = -1.0);
+    assert!(message.contains("found -1 s"), "{message}");
 }
 
 #[test]
@@ -464,9 +464,12 @@ fn a_counter_of_the_cycler_goes_on_over_a_cut() {
     assert!((found.pulses[1].state.drawn_ah.unwrap() - drawn_ah).abs() < 1e-3);
     // One that counts the other way round, or lacks a row, is named.
     let turned: Vec<f64> = net_ah.iter().map(|ah| -ah).collect();
-    let told = drawn_by_counter(&series, &turned).unwrap_err();
-    assert!(told.contains("it moves by -1.000 of the charge"), "{told}");
+    let message = drawn_by_counter(&series, &turned).unwrap_err();
+    assert!(
+        message.contains("it moves by -1.000 of the charge"),
+        "{message}"
+    );
     net_ah[5] = f64::NAN;
-    let told = drawn_by_counter(&series, &net_ah).unwrap_err();
-    assert!(told.contains("no count in some rows"), "{told}");
+    let message = drawn_by_counter(&series, &net_ah).unwrap_err();
+    assert!(message.contains("no count in some rows"), "{message}");
 }

@@ -3,7 +3,7 @@
 use super::options::{MapFitError, MapLog, MapOptions};
 use super::solve::{Energies, Normal, Solved};
 use analysis_model::{
-    map::{CellMap, MapBranch, Surface, ZERO_DEGC_K},
+    map::{BranchStep, CellMap, MapBranch, Surface, TEMPERATURES_DEGC, arrhenius},
     ocv::OcvCurve,
 };
 use analysis_signal::series::Role;
@@ -61,7 +61,7 @@ impl Log {
         };
         if let Some(met) = temperature_degc
             .iter()
-            .find(|t| !(-60.0..=120.0).contains(*t))
+            .find(|t| !TEMPERATURES_DEGC.contains(*t))
         {
             let kelvin = (200.0..400.0).contains(met);
             let hint = if kelvin {
@@ -291,7 +291,8 @@ impl Design {
                 let step_s = log.time_s[k] - log.time_s[k - 1];
                 let parts = filtered.chunks_exact_mut(per_surface).zip(&self.taus_s);
                 for (states, tau_s) in parts {
-                    advance(states, self.soc.len(), step_s / tau_s, [before, driven]);
+                    let step = BranchStep::new(step_s, *tau_s);
+                    advance(states, self.soc.len(), step, [before, driven]);
                 }
             }
             before = driven;
@@ -451,12 +452,15 @@ impl Design {
     }
 }
 
-/// Moves the filtered columns of one branch over a step of x time constants.
-fn advance(states: &mut [f64], knots: usize, x: f64, driven: [[(usize, usize, f64); 4]; 2]) {
-    let decay = (-x).exp();
-    let phi = -(-x).exp_m1() / x;
-    states.iter_mut().for_each(|state| *state *= decay);
-    for (list, gain) in driven.into_iter().zip([phi - decay, 1.0 - phi]) {
+/// Moves the filtered columns of one branch over a step.
+fn advance(
+    states: &mut [f64],
+    knots: usize,
+    step: BranchStep,
+    driven: [[(usize, usize, f64); 4]; 2],
+) {
+    states.iter_mut().for_each(|state| *state *= step.decay);
+    for (list, gain) in driven.into_iter().zip([step.start, step.end]) {
         for (node, knot, value) in list {
             states[node * knots + knot] += gain * value;
         }
@@ -468,12 +472,6 @@ fn bend(soc: &[f64], k: usize) -> [(usize, f64); 3] {
     let (left, right) = (soc[k] - soc[k - 1], soc[k + 1] - soc[k]);
     let (a, b) = (0.1 / left, 0.1 / right);
     [(k - 1, a), (k, -a - b), (k + 1, b)]
-}
-
-/// R(T₁)/R(T₂) by Arrhenius' law.
-fn arrhenius(energy: f64, t1_degc: f64, t2_degc: f64) -> f64 {
-    let inverse = |degc: f64| 1.0 / (degc + ZERO_DEGC_K);
-    (energy / 8.314_462_618_153_24 * (inverse(t1_degc) - inverse(t2_degc))).exp()
 }
 
 fn median_step_s(log: &Log) -> f64 {

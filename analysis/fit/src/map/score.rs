@@ -1,7 +1,7 @@
 //! Error of a map on a log.
 
 use super::design::Log;
-use analysis_model::map::{CellMap, Outside};
+use analysis_model::map::{BranchStep, CellMap, Outside};
 use analysis_signal::series::Role;
 use serde::Serialize;
 
@@ -51,12 +51,10 @@ impl LogScore {
             .filter(|(_, rows)| rows.len() >= LEAST_ROWS)
             .map(|(low, rows)| (low, rms(&rows)))
             .max_by(|a, b| a.1.total_cmp(&b.1));
-        let mut outside = Outside::default();
-        for (soc, degc) in log.soc.iter().zip(&log.temperature_degc) {
-            let at = map.place(*soc, *degc).outside;
-            outside.soc = outside.soc.max(at.soc);
-            outside.temperature_k = outside.temperature_k.max(at.temperature_k);
-        }
+        let places = log.soc.iter().zip(&log.temperature_degc);
+        let outside = places
+            .map(|(soc, degc)| map.place(*soc, *degc).outside)
+            .fold(Outside::default(), Outside::farther);
         Self {
             name: log.name.clone(),
             role: log.role,
@@ -77,18 +75,11 @@ pub(super) fn residuals(map: &CellMap, log: &Log) -> Vec<f64> {
     for k in 0..log.len() {
         let (soc, degc, i) = (log.soc[k], log.temperature_degc[k], log.current_a[k]);
         let at = map.place(soc, degc);
-        let step_s = if k > 0 {
-            log.time_s[k] - log.time_s[k - 1]
-        } else {
-            0.0
-        };
         for ((v, before), branch) in v.iter_mut().zip(&mut before).zip(&map.branches) {
             let driven = map.resistance_ohm(&branch.resistance, &at) * i;
             if k > 0 {
-                let x = step_s / branch.tau_s;
-                let decay = (-x).exp();
-                let phi = -(-x).exp_m1() / x;
-                *v = decay * *v + (phi - decay) * *before + (1.0 - phi) * driven;
+                let step = BranchStep::new(log.time_s[k] - log.time_s[k - 1], branch.tau_s);
+                *v = step.end_v(*v, *before, driven);
             }
             *before = driven;
         }

@@ -12,7 +12,7 @@
 mod run;
 
 use super::error::ForwardError;
-use super::law::Beyond;
+use super::halving::{Apart, halved};
 use super::model::{SimModel, SimState};
 use super::nonlinear::Laws;
 use super::options::{Method, SimOptions, Simulation};
@@ -22,8 +22,6 @@ use run::Run;
 /// Two runs, one with half the steps of the other, must agree at every row within this, V per cell
 /// and volt of overpotential above one.
 const AGREE_V: f64 = 2e-6;
-/// Halvings at most.
-const MOST_HALVINGS: u32 = 8;
 
 /// As [`super::simulate`], which has checked state and options.
 pub(super) fn simulate(
@@ -38,27 +36,19 @@ pub(super) fn simulate(
     }
     let play = |halvings: u32| Run::play(model, laws, state, profile, options, halvings);
     let series = f64::from(model.pack.series);
-    let (mut coarse, mut met_v, mut tolerance_v) = (play(0)?, f64::NAN, AGREE_V);
-    for halvings in 1..=MOST_HALVINGS {
-        let fine = play(halvings)?;
-        // A run that stops where power ends is as good as the instant at which it stops.
-        let stopped =
-            options.beyond == Beyond::Stop && !fine.summary.feasible && !coarse.summary.feasible;
-        let rows = fine.trace.ccv_v.iter().zip(&coarse.trace.ccv_v);
-        met_v = rows.fold(0.0, |most: f64, (a, b)| most.max((a - b).abs())) / series;
-        let moved = fine.trace.ccv_v.iter().zip(&fine.trace.ocv_v);
-        tolerance_v = AGREE_V
+    let tolerance_v = |run: &Simulation| {
+        let moved = run.trace.ccv_v.iter().zip(&run.trace.ocv_v);
+        AGREE_V
             * moved.fold(1.0, |most: f64, (v, ocv)| {
                 most.max((ocv - v).abs() / series)
-            });
-        if stopped || (met_v <= tolerance_v && fine.trace.ccv_v.len() == coarse.trace.ccv_v.len()) {
-            return Ok(fine);
-        }
-        coarse = fine;
-    }
-    Err(ForwardError::Unresolved {
-        names: laws.names(),
-        tolerance_v,
-        met_v,
+            })
+    };
+    halved(model, options, play, tolerance_v).map_err(|apart| match apart {
+        Apart::Failed(error) => error,
+        Apart::Unresolved { tolerance_v, met_v } => ForwardError::Unresolved {
+            names: laws.names(),
+            tolerance_v,
+            met_v,
+        },
     })
 }

@@ -8,23 +8,16 @@
 //! steps until no row moves by more than the tolerance.
 
 use super::error::ForwardError;
+use super::halving::{Apart, FIRST, GROWTH, LONGEST_S, halved};
 use super::law::{Beyond, Demand, Drive};
 use super::model::{Mapped, SimModel, SimState};
 use super::options::{Method, SimOptions, Simulation};
 use super::profile::{DemandPoint, Piece, Profile};
 use super::trace::{Point, TraceRecorder};
-use analysis_model::map::{CellMap, Outside};
+use analysis_model::map::{BranchStep, CellMap, Outside};
 
 /// Two runs, one with half the steps of the other, must agree at every row within this, V per cell.
 const AGREE_V: f64 = 5e-6;
-/// Halvings at most.
-const MOST_HALVINGS: u32 = 8;
-/// Longest step of the first run, s.
-const LONGEST_S: f64 = 2.0;
-/// First step after a change of the demand, as a part of the shortest time constant.
-const FIRST: f64 = 0.25;
-/// Ratio of the length of each step to the one before.
-const GROWTH: f64 = 1.3;
 /// Smallest resistance of a branch in its heat, Ω: below it, the voltage belongs to another state.
 const LEAST_OHM: f64 = 1e-5;
 /// Evaluations of the end of a step at most.
@@ -42,22 +35,11 @@ pub(super) fn simulate(
         model.linear_only("explicit Euler")?;
     }
     let play = |halvings: u32| Run::play(model, mapped, state, profile, options, 1 << halvings);
-    let series = f64::from(model.pack.series);
-    let (mut coarse, mut met_v) = (play(0)?, f64::NAN);
-    for halvings in 1..=MOST_HALVINGS {
-        let fine = play(halvings)?;
-        let stopped =
-            options.beyond == Beyond::Stop && !fine.summary.feasible && !coarse.summary.feasible;
-        let rows = fine.trace.ccv_v.iter().zip(&coarse.trace.ccv_v);
-        met_v = rows.fold(0.0, |most: f64, (a, b)| most.max((a - b).abs())) / series;
-        if stopped || (met_v <= AGREE_V && fine.trace.ccv_v.len() == coarse.trace.ccv_v.len()) {
-            return Ok(fine);
+    halved(model, options, play, |_| AGREE_V).map_err(|apart| match apart {
+        Apart::Failed(error) => error,
+        Apart::Unresolved { tolerance_v, met_v } => {
+            ForwardError::MapUnresolved { tolerance_v, met_v }
         }
-        coarse = fine;
-    }
-    Err(ForwardError::MapUnresolved {
-        tolerance_v: AGREE_V,
-        met_v,
     })
 }
 
@@ -224,14 +206,7 @@ impl<'a> Run<'a> {
             let driven = before.driven_v.iter().zip(&after.driven_v);
             let branches = self.map.branches.iter().zip(&mut self.cell.v).zip(&from.v);
             for (((branch, v), old), (start, end)) in branches.zip(driven) {
-                let x = step_s / branch.tau_s;
-                let decay = (-x).exp();
-                let phi = if x > 1e-9 {
-                    -(-x).exp_m1() / x
-                } else {
-                    1.0 - 0.5 * x
-                };
-                *v = decay * old + (phi - decay) * start + (1.0 - phi) * end;
+                *v = BranchStep::new(step_s, branch.tau_s).end_v(*old, *start, *end);
             }
             let seen = self.look(end)?;
             let change_a = (seen.current_a - after.current_a).abs();
@@ -273,8 +248,7 @@ impl<'a> Run<'a> {
                     .map
                     .place(self.cell.soc, self.cell.temperature_degc)
                     .outside;
-                self.outside.soc = self.outside.soc.max(here.soc);
-                self.outside.temperature_k = self.outside.temperature_k.max(here.temperature_k);
+                self.outside = self.outside.farther(here);
                 Ok(Some(look))
             }
         }

@@ -18,6 +18,7 @@
 mod additions;
 mod batch;
 mod error;
+mod halving;
 mod law;
 mod limits;
 mod mapped;

@@ -4,7 +4,12 @@
 use super::error::ForwardError;
 use super::nonlinear::Laws;
 use analysis_effects::augmented::Augmented;
-use analysis_model::{map::CellMap, model::Erm, ocv::OcvCurve, pack::Pack};
+use analysis_model::{
+    map::{CellMap, TEMPERATURES_DEGC},
+    model::Erm,
+    ocv::OcvCurve,
+    pack::Pack,
+};
 use serde::Serialize;
 use std::sync::Arc;
 
@@ -116,7 +121,7 @@ impl SimModel {
     ) -> Result<Self, ForwardError> {
         map.validate()
             .map_err(|error| ForwardError::Map(error.to_string()))?;
-        if !(-60.0..=120.0).contains(&ambient_degc) {
+        if !TEMPERATURES_DEGC.contains(&ambient_degc) {
             return Err(ForwardError::Value {
                 what: "temperature of the surroundings",
                 expected: "-60 to 120 °C",

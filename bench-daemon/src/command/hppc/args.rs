@@ -18,7 +18,7 @@ use crate::{
 /// Arguments of `hppc`.
 #[derive(Debug, Args)]
 pub struct HppcArgs {
-    /// Logs of a cycler with pulses, or run folders. The format is told by the content.
+    /// Logs of a cycler with pulses, or run folders. The format is detected from the content.
     #[arg(required = true, value_name = "FILE|FOLDER")]
     pub files: Vec<PathBuf>,
     /// Times after the start of a pulse, such as "0.1,1,10" or "100 ms,2 s".

@@ -160,9 +160,7 @@ impl Case {
         }
         if let Some(outside) = s.outside_map.filter(Outside::is_outside) {
             notes.push(format!(
-                "{name}: leaves the range in which the map was measured by up to {:.3} of charge \
-                and {:.1} K; there the resistances are extrapolated",
-                outside.soc, outside.temperature_k
+                "{name}: {outside}; there the resistances are extrapolated"
             ));
         }
         if let Some(degc) = self.full.end.temperature_degc {

@@ -270,13 +270,7 @@ fn warnings(summary: &Summary) -> Vec<(&'static str, String)> {
         found.push(("above_window", words));
     }
     if let Some(outside) = summary.outside_map.filter(Outside::is_outside) {
-        found.push((
-            "outside_map",
-            format!(
-                "leaves the range in which the map was measured by up to {:.3} of charge and {:.1} K",
-                outside.soc, outside.temperature_k
-            ),
-        ));
+        found.push(("outside_map", outside.to_string()));
     }
     if let Some(soc) = summary.soc_min.filter(|soc| *soc < 0.0) {
         found.push((

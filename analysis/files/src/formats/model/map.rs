@@ -1,11 +1,9 @@
 //! The C header of a map.
 
 use super::text::rows;
-use analysis_model::map::{CellMap, Surface};
+use analysis_model::map::{CellMap, GAS_J_PER_MOL_K, Surface};
 
 const HEADER: &str = include_str!("map.h.in");
-/// Molar gas constant, J/(mol·K).
-const GAS_J_PER_MOL_K: f64 = 8.314_462_618_153_24;
 
 /// Returns the header with the numbers of the map; marks of other numbers stay.
 pub(super) fn template(map: &CellMap, ocv: &str) -> String {

@@ -2,6 +2,7 @@
 
 use crate::forward::{
     error::ForwardError,
+    halving::{FIRST, GROWTH, LONGEST_S},
     law::{Beyond, Demand, Drive},
     model::{SimModel, SimState},
     nonlinear::Laws,
@@ -12,12 +13,6 @@ use crate::forward::{
 use analysis_effects::contract::{Dynamics, Instant, Modulation, Ramp};
 use std::ops::Range;
 
-/// First step after a change of the demand, as a part of the shortest time constant.
-const FIRST: f64 = 0.25;
-/// Ratio of the length of each step to the one before.
-const GROWTH: f64 = 1.3;
-/// Longest step, s.
-const LONGEST_S: f64 = 2.0;
 /// Evaluates the law until current and additions agree.
 const MOST_LOOKS: usize = 12;
 
