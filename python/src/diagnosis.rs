@@ -22,7 +22,8 @@ pub(crate) struct About {
     held_out: bool,
     repeat_group: String,
     start_s: f64,
-    temperature_c: f64,
+    #[pyo3(attribute("temperature_c"))]
+    temperature_degc: f64,
     soc: Option<f64>,
     ocv_v: Option<f64>,
 }
@@ -166,7 +167,7 @@ impl DataSet {
             repeat_group: about.repeat_group,
             order,
             start_s: about.start_s,
-            temperature_c: about.temperature_c,
+            temperature_degc: about.temperature_degc,
             start,
             data,
         });

@@ -198,7 +198,7 @@ impl Model {
     }
 
     /// Returns the text of the model for another program: `c`, `pybamm` or `casadi`.
-    fn code(&self, to: &str, low_v: f64, high_v: f64, temperature_c: f64) -> PyResult<String> {
+    fn code(&self, to: &str, low_v: f64, high_v: f64, temperature_degc: f64) -> PyResult<String> {
         let format = match to {
             "c" => ModelFormat::CHeader,
             "pybamm" => ModelFormat::PyBamm,
@@ -210,7 +210,7 @@ impl Model {
             }
         };
         caught(|| {
-            let model = CellModel::new(&self.given, low_v..=high_v, temperature_c);
+            let model = CellModel::new(&self.given, low_v..=high_v, temperature_degc);
             let text = model.map_err(|error| refused(&error))?.text(format);
             text.map_err(|error| refused(&error))
         })

@@ -30,8 +30,8 @@ pub(crate) fn read_series<'py>(
     columns.set_item("time_s", series.time_s.into_pyarray(py))?;
     columns.set_item("current_a", series.current_a.into_pyarray(py))?;
     columns.set_item("voltage_v", series.voltage_v.into_pyarray(py))?;
-    if let Some(temperature_c) = series.temperature_c {
-        columns.set_item("temperature_c", temperature_c.into_pyarray(py))?;
+    if let Some(temperature_degc) = series.temperature_degc {
+        columns.set_item("temperature_c", temperature_degc.into_pyarray(py))?;
     }
     Ok((columns, notes))
 }
@@ -69,7 +69,7 @@ impl Columns<'_> {
             time_s: self.time_s.as_array().to_vec(),
             current_a: self.current_a.as_array().to_vec(),
             voltage_v: self.voltage_v.as_array().to_vec(),
-            temperature_c: None,
+            temperature_degc: None,
         };
         series.validate().map_err(|error| refused(&error))?;
         Ok(series)

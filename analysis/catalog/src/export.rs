@@ -256,7 +256,7 @@ pub fn fit_columns(fits: &[CatalogFit]) -> Vec<TableColumn> {
         texts("time_source", fits, |fit| {
             Some(fit.time_source.label().to_owned())
         }),
-        numbers("temperature_c", fits, |fit| fit.temperature_c),
+        numbers("temperature_c", fits, |fit| fit.temperature_degc),
         numbers("ocv_v", fits, |fit| fit.ocv_v),
         counts("rc", fits, |fit| fit.rc),
         numbers("r_ohm", fits, |fit| Some(fit.r_ohm)),
@@ -352,6 +352,6 @@ pub(crate) fn point_columns(rows: &[Points]) -> Vec<TableColumn> {
             Some(one.time_source.label().to_owned())
         }),
         circumstance("ocv_v", &|one| one.ocv_v),
-        circumstance("temperature_c", &|one| one.temperature_c),
+        circumstance("temperature_c", &|one| one.temperature_degc),
     ]
 }

@@ -206,7 +206,8 @@ pub struct CatalogSpectrum {
     /// Voltage at rest before it, V.
     pub ocv_v: Option<f64>,
     /// Temperature of the cell's surface, °C.
-    pub temperature_c: Option<f64>,
+    #[serde(rename = "temperature_c")]
+    pub temperature_degc: Option<f64>,
     /// Number of its points.
     pub points: u32,
     /// Number of points that the quality gate refused.
@@ -253,7 +254,8 @@ pub struct CatalogFit {
     /// Source of that time.
     pub time_source: TimeSource,
     /// Temperature of the cell's surface before its first spectrum, °C.
-    pub temperature_c: Option<f64>,
+    #[serde(rename = "temperature_c")]
+    pub temperature_degc: Option<f64>,
     /// Voltage at rest before its first spectrum, V.
     pub ocv_v: Option<f64>,
     /// Series resistance, Ω.

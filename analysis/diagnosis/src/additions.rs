@@ -36,7 +36,7 @@ impl Diagnosis {
         let text = format!(
             "{PREDICTION_ONLY}: stands for \"{{form}}\", claims no cause; holds up to {} A, for {} \
             s, about a state of charge of {:.2}, at {} °C",
-            range.greatest_a, range.longest_s, range.soc, range.temperature_c
+            range.greatest_a, range.longest_s, range.soc, range.temperature_degc
         );
         let addition = |term: &PredictiveTerm| Addition {
             name: term.name.to_owned(),

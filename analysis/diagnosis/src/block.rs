@@ -128,7 +128,7 @@ impl Block {
             amplitude_a: None,
             bias_a: 0.0,
             soc,
-            temperature_c: run.temperature_c,
+            temperature_degc: run.temperature_degc,
             order: f64::from(run.order),
             start_s: run.start_s,
             is_cell,
@@ -287,7 +287,7 @@ impl Block {
             time_s: &[],
             current_a: &[],
             soc: self.at.soc,
-            temperature_c: self.at.temperature_c,
+            temperature_degc: self.at.temperature_degc,
             order: self.at.order,
             start_s: self.at.start_s,
             is_cell: self.at.is_cell,
@@ -358,7 +358,7 @@ impl Block {
                 && same(a.current_a, b.current_a, ALIKE_PART * greatest_a)
         };
         let at_alike = same(self.at.soc, other.at.soc, ALIKE_SOC)
-            && same(self.at.temperature_c, other.at.temperature_c, ALIKE_K);
+            && same(self.at.temperature_degc, other.at.temperature_degc, ALIKE_K);
         let kind = self.group == other.group
             && self.role == other.role
             && a.linear == b.linear
@@ -480,7 +480,7 @@ mod tests {
             time_s: rows.iter().map(|row| row.0).collect(),
             current_a: rows.iter().map(|row| row.1).collect(),
             voltage_v: record,
-            temperature_c: None,
+            temperature_degc: None,
         };
         let facts = Facts {
             lowest_hz: None,
@@ -490,7 +490,7 @@ mod tests {
             greatest_a: 9.0,
             widest_soc: 0.1,
             soc: 0.5,
-            temperature_c: 25.0,
+            temperature_degc: 25.0,
             orders: 0.0,
             span_s: 0.0,
         };
@@ -523,7 +523,7 @@ mod tests {
                 repeat_group: "s".to_owned(),
                 order: 0,
                 start_s: 0.0,
-                temperature_c: 25.0,
+                temperature_degc: 25.0,
                 start: Start::Soc(0.5),
                 data,
             };

@@ -11,22 +11,22 @@ impl Block {
         let time = match &self.kind {
             Kind::Time(time) => time,
             Kind::Eis { points, .. } => {
-                all.swing(swung_c(self.at.start_s, points));
+                all.swing(swung_coulomb(self.at.start_s, points));
                 return 0.0;
             }
         };
-        let mut sum_c = 0.0;
+        let mut sum_coulomb = 0.0;
         for k in 1..time.time_s.len() {
             let amps = if time.linear {
                 0.5 * (time.current_a[k] + time.current_a[k - 1])
             } else {
                 time.current_a[k - 1]
             };
-            let charge_c = -amps * (time.time_s[k] - time.time_s[k - 1]);
-            all.add(charge_c);
-            sum_c += charge_c;
+            let charge_coulomb = -amps * (time.time_s[k] - time.time_s[k - 1]);
+            all.add(charge_coulomb);
+            sum_coulomb += charge_coulomb;
         }
-        sum_c
+        sum_coulomb
     }
 
     /// Returns the charge before a run that follows this one and begins at a state of charge, see
@@ -60,7 +60,7 @@ impl Block {
 /// Returns the charge that a sweep's current puts in and takes out, C. The mean size of a sine is
 /// 2/π of its amplitude, and the times of the points determine how long each lasted. Returns zero
 /// if amplitude or times are not known, or if there is a direct current.
-fn swung_c(start_s: f64, points: &[Point]) -> f64 {
+fn swung_coulomb(start_s: f64, points: &[Point]) -> f64 {
     let mut visited: Vec<&Point> = points.iter().collect();
     visited.sort_by(|a, b| a.start_s.total_cmp(&b.start_s));
     let [first, .., last] = visited[..] else {
@@ -122,38 +122,39 @@ fn median(of: impl Iterator<Item = f64>) -> f64 {
 struct Stretches {
     all: Vec<Moved>,
     /// Put back since the last stretch's end, too little to be a reversal.
-    back_c: f64,
-    least_c: f64,
+    back_coulomb: f64,
+    least_coulomb: f64,
 }
 
 impl Stretches {
     fn new(capacity_ah: f64) -> Self {
         Self {
             all: vec![Moved::default()],
-            back_c: 0.0,
-            least_c: LEAST_REVERSAL * 3600.0 * capacity_ah,
+            back_coulomb: 0.0,
+            least_coulomb: LEAST_REVERSAL * 3600.0 * capacity_ah,
         }
     }
 
-    fn add(&mut self, charge_c: f64) {
-        self.back_c += charge_c;
+    fn add(&mut self, charge_coulomb: f64) {
+        self.back_coulomb += charge_coulomb;
         match self.all.last_mut() {
-            Some(last) if last.charge_c * self.back_c >= 0.0 => {
-                *last = Moved::one_way(last.charge_c + std::mem::take(&mut self.back_c));
+            Some(last) if last.charge_coulomb * self.back_coulomb >= 0.0 => {
+                *last =
+                    Moved::one_way(last.charge_coulomb + std::mem::take(&mut self.back_coulomb));
             }
-            _ if self.back_c.abs() > self.least_c => self
+            _ if self.back_coulomb.abs() > self.least_coulomb => self
                 .all
-                .push(Moved::one_way(std::mem::take(&mut self.back_c))),
+                .push(Moved::one_way(std::mem::take(&mut self.back_coulomb))),
             _ => {}
         }
     }
 
-    fn swing(&mut self, through_c: f64) {
-        if through_c > 0.0 {
+    fn swing(&mut self, through_coulomb: f64) {
+        if through_coulomb > 0.0 {
             self.all.extend([
                 Moved {
-                    charge_c: 0.0,
-                    through_c,
+                    charge_coulomb: 0.0,
+                    through_coulomb,
                 },
                 Moved::default(),
             ]);

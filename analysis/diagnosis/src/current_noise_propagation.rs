@@ -17,8 +17,12 @@ use analysis_effects::contract::Base;
 /// row-major, without the direct drop of each sample over the series resistance. The record starts
 /// at `soc`.
 pub(super) fn covariance(time: &TimeBlock, soc: f64, base: &Base, variance_a2: f64) -> Vec<f64> {
-    let capacity_c = 3600.0 * base.ocv.capacity_ah;
-    let per_c = |bin: &Bin| base.ocv.slope_v(soc - bin.charge_c / capacity_c) / capacity_c;
+    let capacity_coulomb = 3600.0 * base.ocv.capacity_ah;
+    let per_coulomb = |bin: &Bin| {
+        base.ocv
+            .slope_v(soc - bin.charge_coulomb / capacity_coulomb)
+            / capacity_coulomb
+    };
     // The charge is the last component.
     let branches = &base.erm.branches;
     let (n, count) = (time.bins.len(), branches.len() + 1);
@@ -36,7 +40,7 @@ pub(super) fn covariance(time: &TimeBlock, soc: f64, base: &Base, variance_a2: f
             if bin.from == k {
                 with.push(vec![0.0; count]);
             }
-            volts[count - 1] = per_c(bin);
+            volts[count - 1] = per_coulomb(bin);
             let sample: Vec<f64> = (0..count)
                 .map(|p| dot(&state[p * count..(p + 1) * count], &volts))
                 .collect();

@@ -42,7 +42,7 @@ pub struct Run {
     /// Start since the start of the first run, s.
     pub start_s: f64,
     /// Temperature of the cell at the start, °C.
-    pub temperature_c: f64,
+    pub temperature_degc: f64,
     /// State of charge at the start.
     pub start: Start,
     /// Measured data.

@@ -136,12 +136,12 @@ fn charge(time: &TimeBlock, edge: usize, soc: f64, base: &Base) -> Vec<f64> {
         time.time_s[edge] - time.time_s[edge - 1],
         time.current_a[edge] - time.current_a[edge - 1],
     );
-    let capacity_c = 3600.0 * base.ocv.capacity_ah;
+    let capacity_coulomb = 3600.0 * base.ocv.capacity_ah;
     time.bins
         .iter()
         .map(|b| {
-            let slope_v = base.ocv.slope_v(soc - b.charge_c / capacity_c);
-            later(time, b, edge).part * step_a * step_s / capacity_c * slope_v
+            let slope_v = base.ocv.slope_v(soc - b.charge_coulomb / capacity_coulomb);
+            later(time, b, edge).part * step_a * step_s / capacity_coulomb * slope_v
         })
         .collect()
 }
@@ -229,7 +229,7 @@ mod tests {
         greatest_a: 2.0,
         widest_soc: 0.1,
         soc: 0.5,
-        temperature_c: 25.0,
+        temperature_degc: 25.0,
         orders: 0.0,
         span_s: 0.0,
     };
@@ -243,7 +243,7 @@ mod tests {
             voltage_v: vec![3.7; 40],
             current_a,
             time_s,
-            temperature_c: None,
+            temperature_degc: None,
         };
         let record = TimeRecord {
             series,
@@ -312,7 +312,7 @@ mod tests {
             voltage_v: vec![3.7; 30],
             current_a: current_a.collect(),
             time_s,
-            temperature_c: None,
+            temperature_degc: None,
         };
         let record = TimeRecord {
             series,

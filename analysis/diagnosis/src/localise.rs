@@ -159,9 +159,9 @@ pub(super) struct Ranges {
     highest_hz: f64,
     greatest_a: f64,
     socs: (f64, f64),
-    temperatures_c: (f64, f64),
+    temperatures_degc: (f64, f64),
     orders: (f64, f64),
-    greatest_c: f64,
+    greatest_coulomb: f64,
 }
 
 impl Ranges {
@@ -180,9 +180,9 @@ impl Ranges {
             highest_hz: f.highest_hz.unwrap_or(1.0),
             greatest_a: f.greatest_a,
             socs: span(&|b| b.at.soc),
-            temperatures_c: span(&|b| b.at.temperature_c),
+            temperatures_degc: span(&|b| b.at.temperature_degc),
             orders: span(&|b| b.at.order),
-            greatest_c: 3600.0 * problem.base.ocv.capacity_ah * f.widest_soc,
+            greatest_coulomb: 3600.0 * problem.base.ocv.capacity_ah * f.widest_soc,
         }
     }
 }
@@ -206,8 +206,8 @@ pub(super) fn places(run: &Run, n: usize, ranges: &Ranges) -> Vec<Place> {
     thirds("state of charge at the start", run.at.soc, ranges.socs, "");
     thirds(
         "temperature",
-        run.at.temperature_c,
-        ranges.temperatures_c,
+        run.at.temperature_degc,
+        ranges.temperatures_degc,
         " °C",
     );
     thirds("run order", run.at.order, ranges.orders, "");
@@ -278,8 +278,11 @@ pub(super) fn places(run: &Run, n: usize, ranges: &Ranges) -> Vec<Place> {
                 };
                 places.push(("sign", order, format!("{sign} or the rest after it")));
             }
-            let t = third(b.charge_c.abs(), (0.0, ranges.greatest_c.max(1e-9)));
-            let edge = |k: u32| ranges.greatest_c * f64::from(k) / 3.0;
+            let t = third(
+                b.charge_coulomb.abs(),
+                (0.0, ranges.greatest_coulomb.max(1e-9)),
+            );
+            let edge = |k: u32| ranges.greatest_coulomb * f64::from(k) / 3.0;
             places.push((
                 "charge passed",
                 t,

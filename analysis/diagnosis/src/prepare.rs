@@ -354,7 +354,7 @@ fn facts(set: &DataSet, ocv: &OcvCurve) -> Facts {
                     .fold(f.shortest_s, |m, w| m.min(w[1] - w[0]));
                 f.greatest_a = s.current_a.iter().fold(f.greatest_a, |m, i| m.max(i.abs()));
                 let (low, high) = s
-                    .charge_c()
+                    .charge_coulomb()
                     .iter()
                     .fold((0.0f64, 0.0f64), |(a, b), q| (a.min(*q), b.max(*q)));
                 f.widest_soc = f.widest_soc.max((high - low) / (3600.0 * ocv.capacity_ah));
@@ -363,7 +363,7 @@ fn facts(set: &DataSet, ocv: &OcvCurve) -> Facts {
         };
         if is_cell {
             by_kind.extend(soc);
-            warm.push(run.temperature_c);
+            warm.push(run.temperature_degc);
         }
     }
     let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
@@ -375,7 +375,7 @@ fn facts(set: &DataSet, ocv: &OcvCurve) -> Facts {
         (true, false) => mean(records),
         (true, true) => otherwise,
     };
-    (f.soc, f.temperature_c) = (choose(&socs, 0.5), choose(&temperatures, 25.0));
+    (f.soc, f.temperature_degc) = (choose(&socs, 0.5), choose(&temperatures, 25.0));
     (f.orders, f.span_s) = (orders.1 - orders.0, starts.1 - starts.0);
     f
 }

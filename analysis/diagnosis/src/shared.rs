@@ -48,15 +48,15 @@ pub(super) fn of_record(
     history: &BenchHistory,
 ) -> Errors {
     let (predicted, gain) = (rows.predicted_v, rows.gain_v);
-    let capacity_c = 3600.0 * base.ocv.capacity_ah;
-    let slope_v = |charge_c: f64| base.ocv.slope_v(soc - charge_c / capacity_c);
+    let capacity_coulomb = 3600.0 * base.ocv.capacity_ah;
+    let slope_v = |charge_coulomb: f64| base.ocv.slope_v(soc - charge_coulomb / capacity_coulomb);
     let start_v = slope_v(0.0).max(1e-6);
     // The level is read by the same meter. The remaining error is that the curve's slope is read at
     // the wrong position.
     let started = time
         .bins
         .iter()
-        .map(|b| history.start_voltage_v * (1.0 - slope_v(b.charge_c) / start_v))
+        .map(|b| history.start_voltage_v * (1.0 - slope_v(b.charge_coulomb) / start_v))
         .collect();
     // The voltage counts from rest: both channels too large by a part show that part more of every
     // change.

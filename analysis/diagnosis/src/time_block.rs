@@ -42,7 +42,7 @@ pub(super) struct Bin {
     /// Mean current without the logger's noise, A.
     pub(super) current_a: f64,
     /// Charge drawn since the start of the record, C.
-    pub(super) charge_c: f64,
+    pub(super) charge_coulomb: f64,
     /// Current that flowed last, A: the sign of a rest is that of the pulse before it.
     pub(super) last_current_a: f64,
     /// Variance of the mean by the samples' stated noise, V²; 0 where none is stated.
@@ -123,9 +123,9 @@ impl TimeBlock {
                 .chain([last])
                 .collect();
         }
-        let mut charge_c = vec![0.0; time_s.len()];
+        let mut charge_coulomb = vec![0.0; time_s.len()];
         for k in 1..time_s.len() {
-            charge_c[k] = charge_c[k - 1]
+            charge_coulomb[k] = charge_coulomb[k - 1]
                 + 0.5 * (current_a[k] + current_a[k - 1]) * (time_s[k] - time_s[k - 1]);
         }
         let greatest = current_a.iter().fold(0.0f64, |m, i| m.max(i.abs()));
@@ -146,7 +146,7 @@ impl TimeBlock {
                     time_s: time,
                     since_edge_s: time - time_s[edge],
                     current_a: current,
-                    charge_c: mean(&charge_c),
+                    charge_coulomb: mean(&charge_coulomb),
                     last_current_a,
                     stated_v2: 0.0,
                 }

@@ -49,9 +49,9 @@ pub struct LegRow {
     /// Voltage at the load's sense terminals, V.
     pub voltage_v: f64,
     /// Temperature of the cell's surface, °C; NaN if not measured.
-    pub temperature_c: f64,
+    pub temperature_degc: f64,
     /// Charge that has flowed into the cell since the start of the first leg, C.
-    pub charge_c: f64,
+    pub charge_coulomb: f64,
 }
 
 /// One row of a trace.
@@ -64,7 +64,7 @@ pub struct TraceRow {
     /// Voltage of the cell, V.
     pub voltage_v: f64,
     /// Temperature of the cell's surface, °C; NaN if not measured.
-    pub temperature_c: f64,
+    pub temperature_degc: f64,
     /// Number of samples in the mean of current and voltage.
     pub samples: f64,
     /// Start and end of that mean, s; NaN if unknown. The last row before a step is closer to the
@@ -82,7 +82,8 @@ pub struct SeriesRow {
     /// Current into the cell, charge positive, A; NaN if not measured.
     pub current_a: f64,
     /// Temperature of the cell's surface, °C; NaN if not measured.
-    pub temperature_c: f64,
+    #[serde(rename = "temperature_c")]
+    pub temperature_degc: f64,
 }
 
 impl rows::Row for ImpedancePoint {
@@ -131,19 +132,19 @@ impl rows::Row for SeriesRow {
             self.time_s,
             self.voltage_v,
             self.current_a,
-            self.temperature_c,
+            self.temperature_degc,
         ]
     }
 
     fn from_values(values: &[f64]) -> Option<Self> {
-        let [time_s, voltage_v, current_a, temperature_c] = *values else {
+        let [time_s, voltage_v, current_a, temperature_degc] = *values else {
             return None;
         };
         Some(Self {
             time_s,
             voltage_v,
             current_a,
-            temperature_c,
+            temperature_degc,
         })
     }
 }
@@ -158,7 +159,7 @@ impl rows::Row for TraceRow {
             self.time_s,
             self.current_a,
             self.voltage_v,
-            self.temperature_c,
+            self.temperature_degc,
             self.samples,
             self.averaged_s.0,
             self.averaged_s.1,
@@ -170,7 +171,7 @@ impl rows::Row for TraceRow {
             time_s,
             current_a,
             voltage_v,
-            temperature_c,
+            temperature_degc,
             samples,
             from_s,
             to_s,
@@ -182,7 +183,7 @@ impl rows::Row for TraceRow {
             time_s,
             current_a,
             voltage_v,
-            temperature_c,
+            temperature_degc,
             samples,
             averaged_s: (from_s, to_s),
         })
@@ -197,21 +198,28 @@ impl rows::Row for LegRow {
             self.time_s,
             self.current_a,
             self.voltage_v,
-            self.temperature_c,
-            self.charge_c,
+            self.temperature_degc,
+            self.charge_coulomb,
         ]
     }
 
     fn from_values(values: &[f64]) -> Option<Self> {
-        let [time_s, current_a, voltage_v, temperature_c, charge_c] = *values else {
+        let [
+            time_s,
+            current_a,
+            voltage_v,
+            temperature_degc,
+            charge_coulomb,
+        ] = *values
+        else {
             return None;
         };
         Some(Self {
             time_s,
             current_a,
             voltage_v,
-            temperature_c,
-            charge_c,
+            temperature_degc,
+            charge_coulomb,
         })
     }
 }

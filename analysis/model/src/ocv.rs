@@ -160,7 +160,7 @@ impl OcvCurve {
     /// None outside the curve.
     pub fn charge_slope(&self, rest_v: f64, sigma_v: f64, share: f64) -> Option<OcvSlope> {
         let soc = self.soc_at(rest_v)?;
-        let capacity_c = 3600.0 * self.capacity_ah;
+        let capacity_coulomb = 3600.0 * self.capacity_ah;
         let slope_v = self.slope_v(soc);
         let beside = |v: f64| {
             self.soc_at(v)
@@ -168,8 +168,8 @@ impl OcvCurve {
         };
         let by_place = 0.5 * (beside(rest_v - sigma_v) + beside(rest_v + sigma_v));
         Some(OcvSlope {
-            v_per_c: slope_v / capacity_c,
-            sigma_v_per_c: by_place.hypot(share * slope_v) / capacity_c,
+            v_per_coulomb: slope_v / capacity_coulomb,
+            sigma_v_per_coulomb: by_place.hypot(share * slope_v) / capacity_coulomb,
         })
     }
 

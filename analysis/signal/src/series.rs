@@ -31,7 +31,7 @@ pub struct TimeSeries {
     pub voltage_v: Vec<f64>,
     /// Temperature of the cell, °C; NaN where it was not measured. `None` if the file has no
     /// temperatures.
-    pub temperature_c: Option<Vec<f64>>,
+    pub temperature_degc: Option<Vec<f64>>,
 }
 
 /// Reason why numbers are not a valid time series.
@@ -80,7 +80,7 @@ impl TimeSeries {
             self.current_a.len(),
             self.voltage_v.len(),
         );
-        let temperatures = self.temperature_c.as_ref().map_or(time, Vec::len);
+        let temperatures = self.temperature_degc.as_ref().map_or(time, Vec::len);
         if time < 2 || current != time || voltage != time || temperatures != time {
             return Err(SeriesError::Lengths {
                 name: self.name.clone(),
@@ -123,7 +123,7 @@ impl TimeSeries {
     }
 
     /// Returns the charge drawn since the first sample, C, by trapezia.
-    pub fn charge_c(&self) -> Vec<f64> {
+    pub fn charge_coulomb(&self) -> Vec<f64> {
         let mut sum = 0.0;
         let step = |k: usize| {
             if k > 0 {
@@ -147,7 +147,7 @@ impl TimeSeries {
             time_s: part(&self.time_s),
             current_a: part(&self.current_a),
             voltage_v: part(&self.voltage_v),
-            temperature_c: self.temperature_c.as_deref().map(part),
+            temperature_degc: self.temperature_degc.as_deref().map(part),
         }
     }
 
@@ -159,7 +159,7 @@ impl TimeSeries {
             .current_a
             .iter()
             .fold(0.0f64, |m, i| m.max(direction * i));
-        let charge = self.charge_c();
+        let charge = self.charge_coulomb();
         let (mut best, mut start) = (0..0, None);
         for k in 0..=self.len() {
             let flows = self
@@ -200,7 +200,7 @@ mod tests {
             time_s,
             current_a,
             voltage_v: vec![3.7; n],
-            temperature_c: None,
+            temperature_degc: None,
         }
     }
 
@@ -216,7 +216,7 @@ mod tests {
     fn charge_of_a_ramp_is_its_triangle() {
         // 0, 1, 2, 3 A over 6 s: ½·3 A·6 s.
         assert_eq!(
-            series(vec![0.0, 1.0, 2.0, 3.0]).charge_c(),
+            series(vec![0.0, 1.0, 2.0, 3.0]).charge_coulomb(),
             [0.0, 1.0, 4.0, 9.0]
         );
     }

@@ -404,13 +404,13 @@ fn a_series_comes_back_to_the_bit() {
         time_s: 0.1 * f64::from(n),
         voltage_v: awkward(&mut noise),
         current_a: noise.gauss(),
-        temperature_c: 25.1,
+        temperature_degc: 25.1,
     };
     let mut series: Vec<_> = (0..50).map(&mut row).collect();
-    series[7].temperature_c = f64::NAN;
+    series[7].temperature_degc = f64::NAN;
     let bits = |rows: &[SeriesRow]| -> Vec<[u64; 4]> {
         rows.iter()
-            .map(|r| [r.time_s, r.voltage_v, r.current_a, r.temperature_c].map(f64::to_bits))
+            .map(|r| [r.time_s, r.voltage_v, r.current_a, r.temperature_degc].map(f64::to_bits))
             .collect()
     };
     write_series_parquet(&file("a.parquet"), &series).unwrap();

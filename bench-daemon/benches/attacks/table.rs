@@ -99,9 +99,9 @@ impl Row {
         let bound = self
             .bound_s
             .map_or(String::new(), |bound_s| format!(" (printed: {bound_s:.1})"));
-        let (least_v, most_v, most_c) = self.worst;
+        let (least_v, most_v, most_degc) = self.worst;
         format!(
-            "| {}{happened} | {:.2} ({:.1}) | {:.1}{bound} | {least_v:.3}…{most_v:.3}, {most_c:.1} \
+            "| {}{happened} | {:.2} ({:.1}) | {:.1}{bound} | {least_v:.3}…{most_v:.3}, {most_degc:.1} \
             | {zero} | {code} | {:.0} ({:.1}) | {} | {} | {} |",
             self.attack.name(),
             self.beyond_as,

@@ -598,7 +598,7 @@ impl Trial<'_> {
             beyond_s,
             bound_s,
             deadline_s: deadline_s(&attack, bound_s),
-            worst: (witness.least_v, witness.greatest_v, witness.greatest_c),
+            worst: (witness.least_v, witness.greatest_v, witness.greatest_degc),
             zero_s,
             still,
             happened: self.happened(),

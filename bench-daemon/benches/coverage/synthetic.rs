@@ -164,13 +164,13 @@ fn sweep(erm: &Erm, own: &OcvCurve, repeat: usize, normal: &mut Normal) -> Sourc
 /// pulse.
 fn pulses(erm: &Erm, own: &OcvCurve, gain: f64, normal: &mut Normal) -> TimeSeries {
     let mut state: Vec<f64> = erm.branches.iter().map(|b| b.r_ohm * LOAD_A).collect();
-    let (mut drawn_c, start) = (0.0, own.soc_at(AT_V + 0.08).unwrap_or(0.6));
+    let (mut drawn_coulomb, start) = (0.0, own.soc_at(AT_V + 0.08).unwrap_or(0.6));
     let mut series = TimeSeries {
         name: "pulses".to_owned(),
         time_s: vec![],
         current_a: vec![],
         voltage_v: vec![],
-        temperature_c: None,
+        temperature_degc: None,
     };
     // Steps of 0.1 s over which the current is constant: edges lie on them.
     for k in 0..30_000_u32 {
@@ -187,7 +187,7 @@ fn pulses(erm: &Erm, own: &OcvCurve, gain: f64, normal: &mut Normal) -> TimeSeri
             phase % 5 == 4
         };
         if due {
-            let ocv = own.voltage_v(start - drawn_c / (3600.0 * own.capacity_ah));
+            let ocv = own.voltage_v(start - drawn_coulomb / (3600.0 * own.capacity_ah));
             let lost = gain * (current_a * erm.r_ohm + state.iter().sum::<f64>());
             series.time_s.push(time_s);
             series.current_a.push(current_a);
@@ -199,7 +199,7 @@ fn pulses(erm: &Erm, own: &OcvCurve, gain: f64, normal: &mut Normal) -> TimeSeri
             let left = (-0.1 / b.time_constant_s()).exp();
             *v = *v * left + b.r_ohm * current_a * (1.0 - left);
         }
-        drawn_c += 0.1 * current_a;
+        drawn_coulomb += 0.1 * current_a;
     }
     series
 }

@@ -126,7 +126,7 @@ impl<'a> Executor<'a> {
         self.sweep.spent = Spent::of(resume_point.points.iter().map(|known| &known.point));
         if matches!(stage.purpose, Purpose::SocReset | Purpose::OcvSoc) {
             // Such a stage sets the charge anew: the charge of earlier traces no longer counts.
-            self.direct.charge_c = 0.0;
+            self.direct.charge_coulomb = 0.0;
         }
         self.direct.reset = Reset::default();
         self.sweep.fall_back();
@@ -216,8 +216,8 @@ impl<'a> Executor<'a> {
 
     /// Restores the state of an earlier process: the cell that was in use, and the charge that
     /// traces have left in it, C.
-    pub fn take_over(&mut self, specimen: Option<Arc<Specimen>>, charge_c: f64) {
-        (self.position.specimen, self.direct.charge_c) = (specimen, charge_c);
+    pub fn take_over(&mut self, specimen: Option<Arc<Specimen>>, charge_coulomb: f64) {
+        (self.position.specimen, self.direct.charge_coulomb) = (specimen, charge_coulomb);
     }
 
     /// Executes one step; a sine step returns a point.
@@ -264,7 +264,7 @@ impl<'a> Executor<'a> {
         if self.position.specimen.replace(specimen.clone()).as_ref() != Some(specimen) {
             // The charge that traces have left belongs to the other cell, and so does the last
             // temperature.
-            self.direct.charge_c = 0.0;
+            self.direct.charge_coulomb = 0.0;
             self.rig.interlock.forget();
         }
         Ok(())

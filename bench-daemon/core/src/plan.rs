@@ -77,7 +77,7 @@ pub enum Step {
     /// Holds a temperature with the chiller, and waits for the cell.
     HoldTemperature {
         /// Set-point, °C.
-        setpoint_c: f64,
+        setpoint_degc: f64,
         /// Accepted deviation, K.
         within_k: f64,
         /// Upper bound, s.

@@ -206,11 +206,11 @@ impl Recorder {
 
     /// Records the reading of the chiller and its set-point. A gap in this table does not justify
     /// ending a run: if the folder cannot be written, the next reading ends it.
-    pub fn bath(&mut self, bath_c: Option<f64>, setpoint_c: Option<f64>) {
+    pub fn bath(&mut self, bath_degc: Option<f64>, setpoint_degc: Option<f64>) {
         let row = BathRow {
             time_s: self.clock.now_s(),
-            bath_c: bath_c.filter(|celsius| celsius.is_finite()),
-            setpoint_c,
+            bath_degc: bath_degc.filter(|celsius| celsius.is_finite()),
+            setpoint_degc,
         };
         if let Err(error) = self.tables.bath(&self.folder, &row) {
             tracing::error!("{error}");

@@ -59,7 +59,8 @@ pub struct FleetCapabilities {
     /// Greatest current that its instruments can drive, A.
     current_a: f64,
     /// Least and greatest temperature that its bath can hold, °C; null without a bath.
-    temperature_c: Option<[f64; 2]>,
+    #[serde(rename = "temperature_c")]
+    temperature_degc: Option<[f64; 2]>,
     /// Fixtures that its jig can take.
     fixtures: Vec<String>,
     /// Every instrument is simulated.
@@ -94,7 +95,8 @@ pub struct FleetNeeds {
     /// Greatest current that the bench must be able to drive, A.
     current_a: Option<f64>,
     /// Temperature that the bench must be able to hold, °C.
-    temperature_c: Option<f64>,
+    #[serde(rename = "temperature_c")]
+    temperature_degc: Option<f64>,
     /// Fixture that the jig must be able to take: `cell`, `shunt`, `fake_cell` or `short`.
     fixture: Option<String>,
     /// This bench and no other.
@@ -173,7 +175,7 @@ impl From<BenchView> for FleetBench {
             state: view.state_name(),
             capabilities: FleetCapabilities {
                 current_a: can.current_a,
-                temperature_c: can.temperature_c,
+                temperature_degc: can.temperature_degc,
                 fixtures: can.fixtures.clone(),
                 simulated: can.simulated,
             },
@@ -256,7 +258,7 @@ impl From<Needs> for FleetNeeds {
     fn from(needs: Needs) -> Self {
         Self {
             current_a: needs.current_a,
-            temperature_c: needs.temperature_c,
+            temperature_degc: needs.temperature_degc,
             fixture: needs.fixture,
             bench: needs.bench,
             site: needs.site,
@@ -269,7 +271,7 @@ impl From<FleetNeeds> for Needs {
     fn from(needs: FleetNeeds) -> Self {
         Self {
             current_a: needs.current_a,
-            temperature_c: needs.temperature_c,
+            temperature_degc: needs.temperature_degc,
             fixture: needs.fixture,
             bench: needs.bench,
             site: needs.site,

@@ -68,7 +68,8 @@ pub struct Needs {
     pub current_a: Option<f64>,
     /// Temperature that the bench must be able to hold, °C.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub temperature_c: Option<f64>,
+    #[serde(rename = "temperature_c")]
+    pub temperature_degc: Option<f64>,
     /// Fixture that the jig must be able to take, such as `cell` or `short`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fixture: Option<String>,
@@ -107,8 +108,8 @@ impl Needs {
     }
 
     fn unmet_temperature(&self, can: &Capabilities) -> Option<String> {
-        let wanted = self.temperature_c?;
-        match can.temperature_c {
+        let wanted = self.temperature_degc?;
+        match can.temperature_degc {
             Some([least, greatest]) if (least..=greatest).contains(&wanted) => None,
             Some([least, greatest]) => Some(format!(
                 "temperature: expected {wanted} °C, found {least} to {greatest} °C"
@@ -342,7 +343,7 @@ mod tests {
     fn can() -> Capabilities {
         Capabilities {
             current_a: 20.0,
-            temperature_c: Some([-10.0, 60.0]),
+            temperature_degc: Some([-10.0, 60.0]),
             fixtures: vec!["cell".to_owned(), "shunt".to_owned()],
             simulated: true,
         }
@@ -392,7 +393,7 @@ mod tests {
             "site: expected south, found north"
         );
         let bathless = Capabilities {
-            temperature_c: None,
+            temperature_degc: None,
             ..can()
         };
         let needs: Needs = serde_json::from_str(r#"{"temperature_c": 25}"#).unwrap();

@@ -11,7 +11,8 @@ pub struct Capabilities {
     /// Maximum current that its instruments can drive through a cell, A.
     pub current_a: f64,
     /// Minimum and maximum temperature that its bath can hold, °C; `None` without a bath.
-    pub temperature_c: Option<[f64; 2]>,
+    #[serde(rename = "temperature_c")]
+    pub temperature_degc: Option<[f64; 2]>,
     /// Fixtures that its jig can take.
     pub fixtures: Vec<String>,
     /// Every instrument is simulated.
@@ -43,7 +44,8 @@ pub struct Reading {
     /// Current, A; positive for charge.
     pub current_a: Option<f64>,
     /// Temperature of the cell, °C.
-    pub temperature_c: Option<f64>,
+    #[serde(rename = "temperature_c")]
+    pub temperature_degc: Option<f64>,
 }
 
 /// Present state of a bench.

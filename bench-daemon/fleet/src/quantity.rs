@@ -75,7 +75,7 @@ pub fn current_a(text: &str) -> Result<f64, String> {
 ///
 /// # Errors
 /// Describes the accepted texts.
-pub fn temperature_c(text: &str) -> Result<f64, String> {
+pub fn temperature_degc(text: &str) -> Result<f64, String> {
     TEMPERATURE.of_flag(text)
 }
 
@@ -102,7 +102,7 @@ mod tests {
         assert_eq!(duration_s("30"), Ok(30.0));
         assert_eq!(current_a("500 mA"), Ok(0.5));
         assert_eq!(current_a("5"), Ok(5.0));
-        assert_eq!(temperature_c("-10 °C"), Ok(-10.0));
+        assert_eq!(temperature_degc("-10 °C"), Ok(-10.0));
         for wrong in ["3 V", "inf", "A", "1 A A"] {
             assert_eq!(
                 current_a(wrong).unwrap_err(),

@@ -76,8 +76,8 @@ pub struct ConvertArgs {
     #[arg(long, value_name = "V", default_value_t = 4.2, value_parser = units::of::<Voltage>)]
     pub high_v: f64,
     /// For a model: temperature at which it was measured, °C.
-    #[arg(long, value_name = "C", default_value_t = 25.0, value_parser = units::of::<Temperature>)]
-    pub temperature_c: f64,
+    #[arg(long = "temperature-c", value_name = "C", default_value_t = 25.0, value_parser = units::of::<Temperature>)]
+    pub temperature_degc: f64,
 }
 
 /// Kind of file that can be written.
@@ -381,7 +381,7 @@ fn model(args: &ConvertArgs, given: Given, goal: Goal) -> Result<(), Failure> {
     };
     let read = model.with_ocv(curve);
     let text = match goal.format {
-        Some(format) => CellModel::new(&read, args.low_v..=args.high_v, args.temperature_c)
+        Some(format) => CellModel::new(&read, args.low_v..=args.high_v, args.temperature_degc)
             .map_err(|error| usage(&error))?
             .text(format)
             .map_err(|error| usage(&error))?,

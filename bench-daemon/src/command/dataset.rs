@@ -209,7 +209,7 @@ fn check(args: &InitArgs) -> Result<(), Failure> {
             return fail(option, "a frequency above 0 Hz", hz);
         }
     }
-    match args.temperature_c.filter(|celsius| !celsius.is_finite()) {
+    match args.temperature_degc.filter(|celsius| !celsius.is_finite()) {
         Some(celsius) => fail("temperature-c", "a finite temperature", celsius),
         None => Ok(()),
     }

@@ -403,7 +403,7 @@ impl Visit<'_> {
             bench: self.config,
             run: self.folder,
             window_v: COPPER_WINDOW_V,
-            cell_c: None,
+            cell_degc: None,
             sha256: hash::sha256(self.text),
         };
         let mut stop = StopSignals::install()?;

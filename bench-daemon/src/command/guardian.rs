@@ -29,11 +29,11 @@ pub struct GuardianArgs {
     #[arg(long)]
     pub greatest_v: f64,
     /// Least temperature of the cell, °C.
-    #[arg(long, requires = "greatest_c", allow_hyphen_values = true)]
-    pub least_c: Option<f64>,
+    #[arg(long = "least-c", value_name = "LEAST_C", requires = "greatest_degc", allow_hyphen_values = true)]
+    pub least_degc: Option<f64>,
     /// Greatest temperature of the cell, °C.
-    #[arg(long, requires = "least_c", allow_hyphen_values = true)]
-    pub greatest_c: Option<f64>,
+    #[arg(long = "greatest-c", value_name = "GREATEST_C", requires = "least_degc", allow_hyphen_values = true)]
+    pub greatest_degc: Option<f64>,
     /// SHA-256 of the bench file as the daemon has read it.
     #[arg(long)]
     pub sha256: String,
@@ -58,12 +58,12 @@ pub fn guardian(args: &GuardianArgs) -> Result<(), Failure> {
         // The end of the terminal and a request to stop are for the daemon; the guardian ends after
         // it.
         let _deaf = StopSignals::install().map_err(guardian::GuardianError::Start)?;
-        let cell_c = args.least_c.zip(args.greatest_c);
+        let cell_degc = args.least_degc.zip(args.greatest_degc);
         let charge = Charge {
             bench: &bench,
             run: &args.run,
             window_v: (args.least_v, args.greatest_v),
-            cell_c,
+            cell_degc,
             sha256: found,
         };
         guardian::watch(&charge, &Clock::start(bench.time()))

@@ -80,9 +80,14 @@ fn table(args: &HppcArgs, log: &Read, known: Known<'_>) -> Result<Table, Failure
     };
     let mut found =
         hppc::hppc(source, &options).map_err(|error| Failure::Usage(error.to_string()))?;
-    let head_c = log.record.state.head.temperature_c.map(|fact| fact.value);
+    let head_degc = log
+        .record
+        .state
+        .head
+        .temperature_degc
+        .map(|fact| fact.value);
     for pulse in &mut found.pulses {
-        pulse.state.temperature_c = pulse.state.temperature_c.or(head_c);
+        pulse.state.temperature_degc = pulse.state.temperature_degc.or(head_degc);
     }
     Ok(Table {
         found,

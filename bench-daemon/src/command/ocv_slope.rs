@@ -73,14 +73,14 @@ pub fn for_circuit(args: &SlopeArgs, objective: Objective) -> Result<Slope, Fail
 pub fn in_words(storage: &ChargeStorage) -> String {
     let micro = |v: f64| significant(1.0e6 * v, 3);
     let sigma = storage
-        .sigma_v_per_c
+        .sigma_v_per_coulomb
         .map_or_else(String::new, |sigma| format!(" ± {}", micro(sigma)));
     format!(
         "without charge storage: slope of the open-circuit voltage {}{sigma} µV/C (given {} ± {}); \
         apparent DC resistance with it left in {} mΩ",
-        micro(storage.v_per_c),
-        micro(storage.given.v_per_c),
-        micro(storage.given.sigma_v_per_c),
+        micro(storage.v_per_coulomb),
+        micro(storage.given.v_per_coulomb),
+        micro(storage.given.sigma_v_per_coulomb),
         significant(1.0e3 * storage.apparent_dc_resistance_ohm, 5)
     )
 }

@@ -21,7 +21,7 @@ use crate::{
     config::{self, load_any_bench},
     safety::bench_lease::settle_verified,
     safety::failure::Failure,
-    safety::guardian::last_cell_c,
+    safety::guardian::last_cell_degc,
     safety::state::{Holder, Latched, State},
     support::terminal::{remark, say},
 };
@@ -285,7 +285,7 @@ async fn switch_off(
     let mut beside = Bench::unconnected(config, &connections)?;
     let (report, bath) = tokio::join!(
         bench.safe_state(),
-        beside.bath(states.told.and_then(last_cell_c))
+        beside.bath(states.told.and_then(last_cell_degc))
     );
     let report = report.with_bath(bath);
     tell(&report, args.json);

@@ -188,7 +188,7 @@ pub async fn hold(
         bench: config,
         run: folder,
         window_v: super::COPPER_WINDOW_V,
-        cell_c: None,
+        cell_degc: None,
         sha256,
     };
     let lease = BenchLease::take_for(&charge, [clock, clock], progress.doing()).await?;

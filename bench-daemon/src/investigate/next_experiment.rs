@@ -86,7 +86,7 @@ fn circumstances(run: &PlannedRun, setting: &Setting<'_>) -> String {
          charge_current = \"{} A\"\ncharge_voltage = \"{greatest_v:.2} V\"\n\
          charge_until = \"{charged_v:.3} V\"\nrest_min = \"5 min\"\n\
          rest_max = \"60 min\"\nrest_slope = \"0.1 mV/min\"\nmax_duration = \"2 h\"\n",
-        run.temperature_c,
+        run.temperature_degc,
         100.0 * run.soc,
         RESET_A.0,
         RESET_A.1,
@@ -187,7 +187,7 @@ mod tests {
             name: "planned".to_owned(),
             fixture,
             soc: 0.5,
-            temperature_c: 25.0,
+            temperature_degc: 25.0,
             repeat: 3,
             repeat_group: "group".to_owned(),
             order: 20,
@@ -244,7 +244,9 @@ mod tests {
         let experiment = read_back(&[run(cell(), Planned::Trace(segments))]);
         assert!(
             experiment.eis.is_none()
-                && experiment.temperature.is_some_and(|t| t.setpoint_c == 25.0)
+                && experiment
+                    .temperature
+                    .is_some_and(|t| t.setpoint_degc == 25.0)
         );
         let [trace] = experiment.traces.as_slice() else {
             panic!("one trace")
@@ -274,14 +276,14 @@ mod tests {
             amplitude_a: 5.0,
         };
         let mut elsewhere = run(cell(), what.clone());
-        (elsewhere.soc, elsewhere.temperature_c) = (0.7, 35.0);
+        (elsewhere.soc, elsewhere.temperature_degc) = (0.7, 35.0);
         let on_cell = read_back(&[elsewhere]);
         let eis = on_cell.eis.unwrap();
         assert_eq!(
             (eis.repeat, eis.amplitude_a, eis.rest_s, eis.freqs_hz.len()),
             (3, 5.0, 600.0, 6)
         );
-        assert!(on_cell.temperature.is_some_and(|t| t.setpoint_c == 35.0));
+        assert!(on_cell.temperature.is_some_and(|t| t.setpoint_degc == 35.0));
         let reset = on_cell.soc_reset.unwrap();
         let rest_v = ocv().voltage_v(0.7);
         assert!(

@@ -60,7 +60,7 @@ pub(super) async fn drive(
     recorder.journal(Entry::Safe)?;
     let PriorResults { inherited, context } = before;
     let accumulator = RunAccumulator::new(experiment, inherited.clone());
-    recorder.about(&experiment.cell.name, experiment.cell.capacity_c);
+    recorder.about(&experiment.cell.name, experiment.cell.capacity_coulomb);
     let mut executor = Executor::new(
         Rig::new(
             bench,
@@ -110,8 +110,8 @@ impl<'a, 'b> Drive<'a, 'b> {
             .and_then(|number| self.plan.stages.get(number))
             .and_then(Stage::specimen)
             .cloned();
-        let left_c = context.charge_left_c(self.executor.rig.recorder, self.plan)?;
-        self.executor.take_over(latest, left_c);
+        let left_coulomb = context.charge_left_coulomb(self.executor.rig.recorder, self.plan)?;
+        self.executor.take_over(latest, left_coulomb);
         self.recall_records(context);
         for (number, stage) in self
             .plan

@@ -226,7 +226,7 @@ fn entry(
         order: executor.rig.recorder.measured(),
         start_time_s,
         start_ocv_v: executor.known.idle.voltage_v,
-        temperature_c: executor.known.idle.temperature_c,
+        temperature_degc: executor.known.idle.temperature_degc,
         role: Role::Train,
         repeat_group: "multisine".to_owned(),
         flagged: Vec::new(),

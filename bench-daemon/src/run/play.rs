@@ -225,7 +225,7 @@ impl Run<'_> {
         let limits = &self.experiment.cell.limits;
         let must_stop = hot.is_some();
         let order = BathOrder {
-            cell_c: Some((limits.min_c, limits.max_c)),
+            cell_degc: Some((limits.min_degc, limits.max_degc)),
             stop: hot,
         };
         let settled = caught(async { Ok(bench.stop_stray_bath(&order).await) }).await;

@@ -181,7 +181,11 @@ impl ResumeContext {
 
     /// Returns the charge that traces have left in the cell in the jig since it was brought to a
     /// state of charge or taken into use, C.
-    pub(super) fn charge_left_c(&self, recorder: &Recorder, plan: &Plan) -> Result<f64, Failure> {
+    pub(super) fn charge_left_coulomb(
+        &self,
+        recorder: &Recorder,
+        plan: &Plan,
+    ) -> Result<f64, Failure> {
         let Some(last) = recorder.index().traces.last() else {
             return Ok(0.0);
         };
@@ -205,7 +209,7 @@ impl ResumeContext {
         }
         let rows = analysis::dataset::read_trace_csv(&recorder.path(&last.file))
             .map_err(crate::record::RecordError::from)?;
-        Ok(last.charge_before_c + charge_of(&rows))
+        Ok(last.charge_before_coulomb + charge_of(&rows))
     }
 
     /// Records in the run folder that the run continues, and where.
@@ -331,7 +335,7 @@ mod tests {
         kramers_kronig: 0.01,
         again: 0,
         time_s: 0.0,
-        charge_c: 0.0,
+        charge_coulomb: 0.0,
     };
 
     #[test]

@@ -280,7 +280,7 @@ impl<'a> SweepWriter<'a> {
             order: executor.rig.recorder.measured(),
             start_time_s,
             start_ocv_v: executor.known.idle.voltage_v.filter(|_| cell),
-            temperature_c: executor.known.idle.temperature_c.filter(|_| cell),
+            temperature_degc: executor.known.idle.temperature_degc.filter(|_| cell),
             role: Role::Train,
             repeat_group: self
                 .run

@@ -13,7 +13,8 @@ pub struct Capabilities {
     /// Greatest current that its instruments can drive through a cell, A.
     current_a: f64,
     /// Least and greatest temperature that its bath can hold, °C; null without a bath.
-    temperature_c: Option<[f64; 2]>,
+    #[serde(rename = "temperature_c")]
+    temperature_degc: Option<[f64; 2]>,
     /// Fixtures that its jig can take: `cell`, `shunt`, `fake_cell`, `short`.
     fixtures: Vec<String>,
     /// Every instrument is simulated.
@@ -25,7 +26,7 @@ impl Capabilities {
     pub fn of(bench: &Bench) -> Self {
         Self {
             current_a: current_a(bench),
-            temperature_c: temperature_c(bench),
+            temperature_degc: temperature_degc(bench),
             fixtures: fixtures(bench).into_iter().map(name).collect(),
             simulated: bench.in_process() || bench.is_mocked(),
         }
@@ -57,7 +58,7 @@ fn current_a(bench: &Bench) -> f64 {
 }
 
 /// Range of the bath, by its model.
-fn temperature_c(bench: &Bench) -> Option<[f64; 2]> {
+fn temperature_degc(bench: &Bench) -> Option<[f64; 2]> {
     let chiller = bench.instruments.chiller.as_ref()?;
     let dialect = by_key(chiller::DIALECTS, &chiller.model)?;
     let (least, greatest) = dialect.range();

@@ -251,8 +251,8 @@ pub fn margins(submission: &Submission) -> Vec<Margin> {
             &limits,
         ));
     }
-    if let Some((least, greatest)) = extent.temperature_c {
-        let limits = limits.min_c..=limits.max_c;
+    if let Some((least, greatest)) = extent.temperature_degc {
+        let limits = limits.min_degc..=limits.max_degc;
         margins.push(Margin::of(
             "Cell temperature",
             "°C",

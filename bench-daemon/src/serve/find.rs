@@ -371,12 +371,12 @@ fn made(data: &Path, job: &Job) -> Card {
 }
 
 /// Temperature of the cell before its first sweep, °C.
-pub fn temperature_c(folder: &Path) -> Option<f64> {
+pub fn temperature_degc(folder: &Path) -> Option<f64> {
     index(folder)?
         .sweeps
         .iter()
         .find(|sweep| sweep.fixture == "cell")?
-        .temperature_c
+        .temperature_degc
 }
 
 /// The cells of a run that was begun here.

@@ -269,15 +269,15 @@ fn play(server: &Server, one: &mut Investigation, recommended: &Recommended) -> 
 fn price(submission: &Submission) -> Budget {
     let plan = procedure::plan(&submission.experiment);
     let extent = plan.extent();
-    let charge_c = extent.into_c + extent.out_c + alternating_c(&plan);
+    let charge_coulomb = extent.into_coulomb + extent.out_coulomb + alternating_coulomb(&plan);
     Budget {
         minutes: submission.expected_s / 60.0,
-        charge_ah: charge_c / 3600.0,
+        charge_ah: charge_coulomb / 3600.0,
     }
 }
 
 /// Charge that the sweeps of the cell move in either direction, C: the mean of |sin| is 2/π.
-fn alternating_c(plan: &Plan) -> f64 {
+fn alternating_coulomb(plan: &Plan) -> f64 {
     let is_of_cell = |purpose: Purpose| {
         matches!(
             purpose,
@@ -285,12 +285,15 @@ fn alternating_c(plan: &Plan) -> f64 {
         )
     };
     let stages = plan.stages.iter().filter(|stage| is_of_cell(stage.purpose));
-    let moved_c = |step: &Step| match step {
+    let moved_coulomb = |step: &Step| match step {
         Step::Sine { amplitude_a, .. } => FRAC_2_PI * amplitude_a * step.expected_s(),
         Step::Multisine(band) => FRAC_2_PI * band.peak_a * step.expected_s(),
         _ => 0.0,
     };
-    stages.flat_map(|stage| &stage.steps).map(moved_c).sum()
+    stages
+        .flat_map(|stage| &stage.steps)
+        .map(moved_coulomb)
+        .sum()
 }
 
 /// The user that began an investigation may have lost the permission to let current flow.

@@ -195,7 +195,8 @@ pub struct ReadingNow {
     /// Current, A; positive for charge.
     pub current_a: Option<f64>,
     /// Last reading of the surface temperature of the cell, °C.
-    pub temperature_c: Option<f64>,
+    #[serde(rename = "temperature_c")]
+    pub temperature_degc: Option<f64>,
     /// True if the process that took the reading still runs; otherwise the reading is out of date.
     pub fresh: bool,
 }
@@ -207,7 +208,8 @@ pub struct Soc {
     pub share: f64,
     /// Charge counted since the state of charge was determined from the voltage at rest, C;
     /// positive for charge.
-    pub counted_c: f64,
+    #[serde(rename = "counted_c")]
+    pub counted_coulomb: f64,
 }
 
 /// One limit of the cell.
@@ -409,9 +411,9 @@ pub fn limits(limits: &Limits, cell: bool, reading: &ReadingNow) -> Vec<Limit> {
         row(
             "cell temperature",
             "°C",
-            reading.temperature_c,
-            limits.min_c,
-            limits.max_c,
+            reading.temperature_degc,
+            limits.min_degc,
+            limits.max_degc,
         ),
     ]
 }

@@ -83,7 +83,8 @@ pub struct Load {
     /// Temperature of the cells, °C. It is shown beside that of the measurement; the model does not
     /// depend on it.
     #[serde(default)]
-    temperature_c: Option<f64>,
+    #[serde(rename = "temperature_c")]
+    temperature_degc: Option<f64>,
     /// `walking`, `lateral_jump`, `spin_jump`, `gap_2m` or `constant`.
     profile: String,
     /// Constant power, W, discharge positive.
@@ -166,7 +167,8 @@ pub struct RunModel {
     /// Number of its RC pairs.
     order: usize,
     /// Temperature of the cell during the measurement, °C.
-    temperature_c: Option<f64>,
+    #[serde(rename = "temperature_c")]
+    temperature_degc: Option<f64>,
     /// State of charge during the measurement, if known.
     soc: Option<f64>,
     /// True if it includes the open-circuit voltage over the state of charge.
@@ -182,7 +184,7 @@ pub fn models(settings: &Settings, jobs: &Jobs) -> Vec<RunModel> {
     let of_run = |job: Job| {
         let run = job.item.run;
         let folder = settings.runs().join(&run);
-        let temperature_c = find::temperature_c(&folder);
+        let temperature_degc = find::temperature_degc(&folder);
         let curve = ocv(settings, &run).is_some();
         (1..=9_usize).rev().filter_map(move |order| {
             let file = run_folder::model(order);
@@ -191,7 +193,7 @@ pub fn models(settings: &Settings, jobs: &Jobs) -> Vec<RunModel> {
                 run: run.clone(),
                 name: file.trim_end_matches(".json").to_owned(),
                 order,
-                temperature_c,
+                temperature_degc,
                 soc: None,
                 ocv: curve || model.ocv.is_some(),
             })
@@ -254,19 +256,19 @@ fn model(
         CellModel::OfRun { run, name } => {
             let folder = confined_path::folder(&settings.runs(), run)
                 .ok_or_else(|| format!("model.run: expected a run, found {run:?}"))?;
-            let temperature_c = find::temperature_c(&folder);
+            let temperature_degc = find::temperature_degc(&folder);
             let mut known = last.0.lock().unwrap_or_else(PoisonError::into_inner);
             if let Some((_, _, model)) = known
                 .as_ref()
                 .filter(|last| (&last.0, &last.1) == (run, name))
             {
-                return Ok((model.clone(), temperature_c));
+                return Ok((model.clone(), temperature_degc));
             }
             let model = of_file(&folder, name)?;
             let curve = model.ocv.clone().or_else(|| ocv(settings, run));
             let model = model.with_ocv(curve);
             *known = Some((run.clone(), name.clone(), model.clone()));
-            Ok((model, temperature_c))
+            Ok((model, temperature_degc))
         }
     }
 }
@@ -301,7 +303,7 @@ pub fn under_load(settings: &Settings, last: &LastModel, load: &Load) -> Result<
         }
     }
     let profile = profile(load)?;
-    let (given, measured_c) = model(settings, last, &load.model)?;
+    let (given, measured_degc) = model(settings, last, &load.model)?;
     let ocv = match (&given.ocv, load.ocv_v) {
         (Some(curve), _) => OcvSource::Curve(curve.clone()),
         (None, Some(ocv_v)) => OcvSource::Constant(ocv_v),
@@ -313,7 +315,7 @@ pub fn under_load(settings: &Settings, last: &LastModel, load: &Load) -> Result<
         }
     };
     let pack = Pack::new(load.series, load.parallel, 0.0).map_err(|error| error.to_string())?;
-    let ambient_degc = load.temperature_c.unwrap_or(files::AMBIENT_DEGC);
+    let ambient_degc = load.temperature_degc.unwrap_or(files::AMBIENT_DEGC);
     let model =
         files::sim_model(&given, ocv, pack, ambient_degc).map_err(|error| error.to_string())?;
     let state = match (load.soc, load.ocv_v) {
@@ -349,23 +351,23 @@ pub fn under_load(settings: &Settings, last: &LastModel, load: &Load) -> Result<
     };
     let run = simulate(&model, &state, &profile, &options).map_err(|error| error.to_string())?;
     let mut cautions = given.warnings;
-    if let Some(wanted_c) = load.temperature_c {
-        cautions.extend(temperature(wanted_c, measured_c));
+    if let Some(wanted_degc) = load.temperature_degc {
+        cautions.extend(temperature(wanted_degc, measured_degc));
     }
     Ok(told(run, window, load.current_max_a, cautions))
 }
 
 /// Returns a remark if the requested temperature of the cells differs from that of the
 /// measurement.
-fn temperature(wanted_c: f64, measured_c: Option<f64>) -> Option<String> {
-    match measured_c {
-        Some(measured_c) if (wanted_c - measured_c).abs() <= NEAR_K => None,
-        Some(measured_c) => Some(format!(
-            "the model was measured at {measured_c:.1} °C and is used as it is: at {wanted_c:.1} °C \
+fn temperature(wanted_degc: f64, measured_degc: Option<f64>) -> Option<String> {
+    match measured_degc {
+        Some(measured_degc) if (wanted_degc - measured_degc).abs() <= NEAR_K => None,
+        Some(measured_degc) => Some(format!(
+            "the model was measured at {measured_degc:.1} °C and is used as it is: at {wanted_degc:.1} °C \
              the resistance is another one; choose a run at that temperature"
         )),
         None => Some(format!(
-            "the temperature of the model is not known: nothing is changed for {wanted_c:.1} °C"
+            "the temperature of the model is not known: nothing is changed for {wanted_degc:.1} °C"
         )),
     }
 }
@@ -445,7 +447,7 @@ mod tests {
             parallel: 3,
             soc: None,
             ocv_v: Some(3.7),
-            temperature_c: None,
+            temperature_degc: None,
             profile: name.to_owned(),
             power_w: None,
             scale: Some(0.5),

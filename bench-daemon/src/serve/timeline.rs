@@ -63,12 +63,12 @@ type Quantity<R> = fn(&R) -> f64;
 const OF_READINGS: [Quantity<Row>; 3] = [
     |row| row.voltage_v,
     |row| row.current_a,
-    |row| row.temperature_c,
+    |row| row.temperature_degc,
 ];
 /// Quantities of the bath whose peaks are kept.
 const OF_BATH: [Quantity<BathRow>; 2] = [
-    |row| row.bath_c.unwrap_or(f64::NAN),
-    |row| row.setpoint_c.unwrap_or(f64::NAN),
+    |row| row.bath_degc.unwrap_or(f64::NAN),
+    |row| row.setpoint_degc.unwrap_or(f64::NAN),
 ];
 
 /// A row of readings; a quantity that was not read is NaN.
@@ -77,9 +77,9 @@ struct Row {
     time_s: f64,
     voltage_v: f64,
     current_a: f64,
-    temperature_c: f64,
+    temperature_degc: f64,
     /// Charge into the cell since the first row, C.
-    charge_c: f64,
+    charge_coulomb: f64,
 }
 
 /// Maximum distance of two current readings between which charge is integrated, s.
@@ -91,8 +91,8 @@ impl From<ReadingRow<'_>> for Row {
             time_s: row.time_s,
             voltage_v: row.voltage_v.unwrap_or(f64::NAN),
             current_a: row.current_a.unwrap_or(f64::NAN),
-            temperature_c: row.temperature_c.unwrap_or(f64::NAN),
-            charge_c: 0.0,
+            temperature_degc: row.temperature_degc.unwrap_or(f64::NAN),
+            charge_coulomb: 0.0,
         }
     }
 }
@@ -191,12 +191,12 @@ impl Known {
 
     /// Adds a row, with the charge up to it.
     fn push(&mut self, mut row: Row) {
-        row.charge_c = self.rows.last().map_or(0.0, |last| last.charge_c);
+        row.charge_coulomb = self.rows.last().map_or(0.0, |last| last.charge_coulomb);
         if !row.current_a.is_nan() {
             if let Some((time_s, current_a)) = self.current
                 && (0.0..=CHARGE_GAP_S).contains(&(row.time_s - time_s))
             {
-                row.charge_c += 0.5 * (current_a + row.current_a) * (row.time_s - time_s);
+                row.charge_coulomb += 0.5 * (current_a + row.current_a) * (row.time_s - time_s);
             }
             self.current = Some((row.time_s, row.current_a));
         }
@@ -311,10 +311,12 @@ pub struct Readings {
     /// Current, A; positive for charge.
     current_a: Vec<Option<f64>>,
     /// Surface temperature of the cell, °C.
-    temperature_c: Vec<Option<f64>>,
+    #[serde(rename = "temperature_c")]
+    temperature_degc: Vec<Option<f64>>,
     /// Charge through the meter since the first reading, C, positive into the cell: the integral of
     /// readings that are at most 30 s apart, interpolated linearly.
-    charge_c: Vec<f64>,
+    #[serde(rename = "charge_c")]
+    charge_coulomb: Vec<f64>,
     /// Number of rows of this part in the file.
     rows: usize,
     /// True if all rows are returned.
@@ -338,9 +340,11 @@ pub struct Bath {
     /// Bench time, s. The first may precede this part, because its setpoint is still in effect.
     time_s: Vec<f64>,
     /// Temperature of the bath as reported by the chiller, °C.
-    bath_c: Vec<Option<f64>>,
+    #[serde(rename = "bath_c")]
+    bath_degc: Vec<Option<f64>>,
     /// Setpoint, °C.
-    setpoint_c: Vec<Option<f64>>,
+    #[serde(rename = "setpoint_c")]
+    setpoint_degc: Vec<Option<f64>>,
     /// Number of rows of this part in the file.
     rows: usize,
     /// True if all rows are returned.
@@ -368,7 +372,8 @@ pub struct Envelope {
     /// Current, A; positive for charge.
     current_a: Between,
     /// Surface temperature of the cell, °C.
-    temperature_c: Between,
+    #[serde(rename = "temperature_c")]
+    temperature_degc: Between,
 }
 
 /// A period in which a run is paused on request.
@@ -470,8 +475,8 @@ impl Readings {
             readings.time_s.push(row.time_s);
             readings.voltage_v.push(read(row.voltage_v));
             readings.current_a.push(read(row.current_a));
-            readings.temperature_c.push(read(row.temperature_c));
-            readings.charge_c.push(row.charge_c);
+            readings.temperature_degc.push(read(row.temperature_degc));
+            readings.charge_coulomb.push(row.charge_coulomb);
         }
         readings
     }
@@ -497,8 +502,8 @@ impl Bath {
 
     fn push(&mut self, row: &BathRow) {
         self.time_s.push(row.time_s);
-        self.bath_c.push(row.bath_c);
-        self.setpoint_c.push(row.setpoint_c);
+        self.bath_degc.push(row.bath_degc);
+        self.setpoint_degc.push(row.setpoint_degc);
     }
 }
 
@@ -533,7 +538,7 @@ fn bounds(text: &str, end_s: f64, part: &Part) -> Vec<Envelope> {
             to_s: to_s.max(row.time_s),
             voltage_v: row.voltage_v.into(),
             current_a: row.current_a.into(),
-            temperature_c: row.temperature_c.into(),
+            temperature_degc: row.temperature_degc.into(),
         })
         .filter(|envelope| part.meets(envelope.from_s, envelope.to_s))
         .collect()
@@ -651,12 +656,12 @@ mod tests {
             time_s: k as f64,
             voltage_v: if k == 777 { 9.0 } else { 3.7 },
             current_a: if k == 1234 { -5.0 } else { 0.0 },
-            temperature_c: if k.is_multiple_of(100) {
+            temperature_degc: if k.is_multiple_of(100) {
                 25.0
             } else {
                 f64::NAN
             },
-            charge_c: 0.0,
+            charge_coulomb: 0.0,
         }
     }
 
@@ -750,8 +755,8 @@ mod tests {
         assert_eq!(read(&folder, 0.0, 100.0).bath.rows, 0);
         let rows: Vec<String> = (0..50)
             .map(|k| {
-                let bath_c = if k == 33 { 31.0 } else { 25.0 };
-                format!("{k}.500,{bath_c},20.0")
+                let bath_degc = if k == 33 { 31.0 } else { 25.0 };
+                format!("{k}.500,{bath_degc},20.0")
             })
             .collect();
         write(&folder, BATH, BATH_COLUMNS, &rows.join("\n"));
@@ -759,14 +764,14 @@ mod tests {
         let whole = timelines.read(folder.path(), &Part::default(), 16).unwrap();
         let bath = &whole.bath;
         assert!(bath.rows == 50 && !bath.whole && bath.time_s.len() <= 16);
-        assert!(bath.time_s.contains(&33.5) && bath.bath_c.contains(&Some(31.0)));
+        assert!(bath.time_s.contains(&33.5) && bath.bath_degc.contains(&Some(31.0)));
         // Exact in a part, with the row before it.
         let bath = read(&folder, 40.0, 42.0).bath;
         assert_eq!(bath.time_s, [39.5, 40.5, 41.5]);
         assert!(bath.whole && bath.rows == 2);
         let bath = read(&folder, 90.0, 91.0).bath;
         assert_eq!((bath.time_s, bath.rows), (vec![49.5], 0));
-        assert_eq!(bath.setpoint_c, [Some(20.0)]);
+        assert_eq!(bath.setpoint_degc, [Some(20.0)]);
     }
 
     #[test]
@@ -787,7 +792,7 @@ mod tests {
         let last = read(&folder, 50.0, 60.0).envelopes[0];
         let between = |least, greatest| Between { least, greatest };
         assert_eq!(last.current_a, between(Some(-5.6), Some(5.6)));
-        assert_eq!(last.temperature_c, between(None, Some(60.0)));
+        assert_eq!(last.temperature_degc, between(None, Some(60.0)));
     }
 
     #[test]
@@ -910,7 +915,7 @@ mod tests {
         let read = timelines.read(folder.path(), &whole, 100).unwrap();
         assert_eq!(read.current_a, [Some(0.0), None, Some(1.0)]);
         // A line from 0 A at 1 s to 1 A at 3 s; a reading without a current is passed over.
-        assert_eq!(read.charge_c, [0.0, 0.0, 1.0]);
+        assert_eq!(read.charge_coulomb, [0.0, 0.0, 1.0]);
         assert!(read.whole && read.rows == 3 && read.end_s == 3.0);
         let part = Part {
             from_s: Some(1.5),

@@ -248,7 +248,7 @@ mod tests {
                 reading.fixture,
                 reading.voltage_v,
                 reading.current_a,
-                reading.temperature_c,
+                reading.temperature_degc,
             )
         };
         let fake = || "fake_cell".to_owned();

@@ -40,11 +40,11 @@ fn the_daemon_holds_a_plain_bath_within_a_tenth_of_a_kelvin_through_the_run() {
     let finished = run_experiment(&files.load(), &files.path("run")).unwrap();
     assert_eq!(finished.measured.spectrum.points.len(), 4);
     let shown = shown(&files);
-    let (first_s, first_c) = shown[0];
+    let (first_s, first_degc) = shown[0];
     let (last_s, _) = shown[shown.len() - 1];
     assert!(
-        (first_c - 22.0).abs() < 0.1,
-        "it begins at the room's temperature: {first_c}"
+        (first_degc - 22.0).abs() < 0.1,
+        "it begins at the room's temperature: {first_degc}"
     );
     let held: Vec<&(f64, f64)> = shown
         .iter()

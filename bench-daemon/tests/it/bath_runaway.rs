@@ -41,7 +41,7 @@ fn converse(ports: &Ports, commands: &str, question: &str) -> String {
     String::from_utf8(answer).unwrap().trim().to_owned()
 }
 
-fn sensor_c(ports: &Ports) -> f64 {
+fn sensor_degc(ports: &Ports) -> f64 {
     converse(ports, "", "IN_PV_00").parse().unwrap()
 }
 
@@ -101,8 +101,8 @@ fn the_daemon_ends_the_run_and_stops_a_bath_that_runs_away_or_whose_cell_gets_ho
         let control = last_control(&files, "run");
         assert!(control.ends_with("< 0"), "{text}: {control}");
         let world = session.simulation().unwrap().world();
-        let hottest_c = world.lock().unwrap().witness().greatest_c;
-        assert!(hottest_c < 60.0, "{text}: {hottest_c} °C");
+        let hottest_degc = world.lock().unwrap().witness().greatest_degc;
+        assert!(hottest_degc < 60.0, "{text}: {hottest_degc} °C");
     }
 }
 
@@ -146,7 +146,7 @@ fn the_guardian_stops_a_bath_that_runs_away_when_the_daemon_is_killed() {
 
 #[test]
 fn safe_stops_a_bath_that_runs_away_and_leaves_one_that_approaches_its_set_point() {
-    for (fault, setpoint, cell_c, at_least_c, words) in [
+    for (fault, setpoint, cell_degc, at_least_degc, words) in [
         (
             true,
             "25.00",
@@ -191,13 +191,13 @@ fn safe_stops_a_bath_that_runs_away_and_leaves_one_that_approaches_its_set_point
         let begin = format!("OUT_SP_00 {setpoint}\rOUT_MODE_05 1\r");
         converse(&ports, &begin, "IN_SP_00");
         poll("a warm bath", || {
-            (sensor_c(&ports) >= at_least_c).then_some(())
+            (sensor_degc(&ports) >= at_least_degc).then_some(())
         });
-        if !cell_c.is_empty() {
+        if !cell_degc.is_empty() {
             fs::create_dir_all(state(&files, "")).unwrap();
             fs::write(
                 state(&files, "guardian.json"),
-                format!("{{\"cell_c\": {cell_c}}}"),
+                format!("{{\"cell_c\": {cell_degc}}}"),
             )
             .unwrap();
         }

@@ -538,7 +538,7 @@ fn a_reset_leaves_nothing_of_what_traces_have_moved() {
         index
             .traces
             .iter()
-            .map(|trace| trace.charge_before_c)
+            .map(|trace| trace.charge_before_coulomb)
             .collect()
     };
     assert_eq!(charges(Files::brief(2)), [0.0, 0.0]);

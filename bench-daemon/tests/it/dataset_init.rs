@@ -84,7 +84,7 @@ fn assert_as_by_hand(made: &DataSet, by_hand: &str) {
             (run, other) => assert!(run == other),
         }
         assert!((ocv_v(made, k) - ocv_v(&hand, moved(k))).abs() < 1e-4);
-        assert!((run.temperature_c - other.temperature_c).abs() < 0.5);
+        assert!((run.temperature_degc - other.temperature_degc).abs() < 0.5);
     }
 }
 
@@ -347,7 +347,7 @@ fn the_head_gives_capacity_and_temperature_and_an_option_overrides_them() {
     let ohm = loads[1]["resistance_1s_ohm"].as_f64().unwrap();
     assert!((ohm - 2e-3).abs() < 1e-9, "{ohm}");
     let set = read_dataset(&out).unwrap().set;
-    assert!(set.runs.iter().all(|run| run.temperature_c == 10.0));
+    assert!(set.runs.iter().all(|run| run.temperature_degc == 10.0));
     let other = folder.path().join("other");
     let words = [
         "dataset",
@@ -371,7 +371,7 @@ fn the_head_gives_capacity_and_temperature_and_an_option_overrides_them() {
         "{told}"
     );
     let set = read_dataset(&other).unwrap().set;
-    assert!(set.runs.iter().all(|run| run.temperature_c == 25.0));
+    assert!(set.runs.iter().all(|run| run.temperature_degc == 25.0));
 }
 
 #[test]

@@ -565,28 +565,31 @@ fn assert_treated_well(run: &Path, world: &SimulatedBench) {
         "{witness:?}"
     );
     assert!(
-        witness.greatest_c > 22.0 && witness.greatest_c < 27.0,
+        witness.greatest_degc > 22.0 && witness.greatest_degc < 27.0,
         "{witness:?}"
     );
     // The run has recorded what the cell experienced: one reading a second while charge flows.
     let readings = fs::read_to_string(run.join("readings.csv")).unwrap();
-    let direct_c: f64 = readings
+    let direct_coulomb: f64 = readings
         .lines()
         .filter_map(|line| line.split(',').collect::<Vec<_>>().try_into().ok())
         .filter(|[_, phase, ..]: &[&str; 5]| ["discharge", "charge"].contains(phase))
         .map(|[_, _, _, amps, _]| amps.parse::<f64>().unwrap_or(0.0).abs())
         .sum();
-    let sine_c = witness.throughput_c - direct_c;
-    assert!(direct_c > 1000.0, "a reset moves charge: {direct_c} C");
+    let sine_coulomb = witness.throughput_coulomb - direct_coulomb;
     assert!(
-        (100.0..1000.0).contains(&sine_c),
-        "{direct_c} C while resetting, {sine_c} C in the sweep of the cell"
+        direct_coulomb > 1000.0,
+        "a reset moves charge: {direct_coulomb} C"
     );
-    let gained_c = (world.truth_soc() - 0.6) * 4.5 * 3600.0;
     assert!(
-        (witness.net_charge_c - gained_c).abs() < 1.0,
-        "{} C, {gained_c} C",
-        witness.net_charge_c
+        (100.0..1000.0).contains(&sine_coulomb),
+        "{direct_coulomb} C while resetting, {sine_coulomb} C in the sweep of the cell"
+    );
+    let gained_coulomb = (world.truth_soc() - 0.6) * 4.5 * 3600.0;
+    assert!(
+        (witness.net_charge_coulomb - gained_coulomb).abs() < 1.0,
+        "{} C, {gained_coulomb} C",
+        witness.net_charge_coulomb
     );
     // Thesis 3.3.1: about 3.72 V.
     assert!(

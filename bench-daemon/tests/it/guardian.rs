@@ -249,7 +249,7 @@ fn a_bench_is_run_by_one_daemon_and_switched_off_beside_one_that_hangs() {
     assert!(!files.path("second").exists());
 
     signal(pid(&child), Signal::SIGSTOP);
-    assert!(ports.world.lock().unwrap().witness().throughput_c > 0.0);
+    assert!(ports.world.lock().unwrap().witness().throughput_coulomb > 0.0);
     let safe = on_bench(&files, &["safe", "--kill"]);
     safe.expect_code(0);
     assert!(

@@ -69,8 +69,11 @@ fn the_curve_is_the_truth_within_two_millivolts_and_the_interruptions_tell_the_r
     let half_v = found["extraction"]["charge"]["median_v"].as_f64().unwrap();
     assert!(half_v.abs() < 2.0e-3, "{half_v}");
     let down = read_legs_csv(&run.join("ocv_discharge.bdf.csv")).unwrap();
-    let drawn_c = -down.last().unwrap().charge_c;
-    assert!((drawn_c / 16_200.0 - 1.0).abs() < 5.0e-3, "{drawn_c} C");
+    let drawn_coulomb = -down.last().unwrap().charge_coulomb;
+    assert!(
+        (drawn_coulomb / 16_200.0 - 1.0).abs() < 5.0e-3,
+        "{drawn_coulomb} C"
+    );
     let witness = finished
         .simulation
         .as_ref()

@@ -543,7 +543,7 @@ fn a_wave_of_long_pulses_has_its_charge_every_step_and_the_rest_behind_it() {
     let (_, rows, index) = run(&files);
     let trace = &index.traces[0];
     let zero_a = rows[0].current_a;
-    let charge_c = |from_s: f64, to_s: f64| -> f64 {
+    let charge_coulomb = |from_s: f64, to_s: f64| -> f64 {
         let pairs = rows
             .windows(2)
             .filter(|pair| (from_s..to_s).contains(&pair[0].time_s));
@@ -554,11 +554,11 @@ fn a_wave_of_long_pulses_has_its_charge_every_step_and_the_rest_behind_it() {
             .sum()
     };
     // The supply's gain is 2 % low.
-    for (from_s, to_s, expected_c) in [(1.0, 6.0, -32.0), (7.0, 10.5, 12.0)] {
-        let met_c = charge_c(from_s, to_s);
+    for (from_s, to_s, expected_coulomb) in [(1.0, 6.0, -32.0), (7.0, 10.5, 12.0)] {
+        let met_coulomb = charge_coulomb(from_s, to_s);
         assert!(
-            (met_c / (0.98 * expected_c) - 1.0).abs() < 5.0e-3,
-            "{met_c} C, expected {expected_c} C"
+            (met_coulomb / (0.98 * expected_coulomb) - 1.0).abs() < 5.0e-3,
+            "{met_coulomb} C, expected {expected_coulomb} C"
         );
     }
     let expected_s = [0.5, 0.52, 1.5, 5.5, 7.5, 9.5];

@@ -581,9 +581,9 @@ fn the_charge_that_traces_have_left_is_known_after_a_resume() {
     );
     resume(&run, &[]).expect_code(0);
     let index = json(&run.join("traces.json"));
-    let before_c = index["traces"][1]["charge_before_c"].as_f64().unwrap();
+    let before_coulomb = index["traces"][1]["charge_before_c"].as_f64().unwrap();
     // 3 A for 4 s out of the cell, the gain of the supply, its zero error, and the time that a
     // message takes.
-    assert!((-13.5..-10.5).contains(&before_c), "{before_c}");
+    assert!((-13.5..-10.5).contains(&before_coulomb), "{before_coulomb}");
     ports.assert_outputs_off();
 }

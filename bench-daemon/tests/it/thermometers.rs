@@ -11,10 +11,10 @@ fn ended(files: &Files) -> (String, u8, f64) {
     let mut session = Session::new(&experiment.bench).unwrap();
     let outcome = session.run(&experiment, &files.path("run"));
     let world = session.simulation().unwrap().world();
-    let greatest_c = world.lock().unwrap().witness().greatest_c;
+    let greatest_degc = world.lock().unwrap().witness().greatest_degc;
     match outcome {
-        Ok(_) => (String::new(), 0, greatest_c),
-        Err(failure) => (failure.to_string(), failure.exit_code(), greatest_c),
+        Ok(_) => (String::new(), 0, greatest_degc),
+        Err(failure) => (failure.to_string(), failure.exit_code(), greatest_degc),
     }
 }
 
@@ -55,10 +55,10 @@ fn frozen_and_swapped_thermometers_end_the_run_with_their_cause() {
         ),
     ] {
         let files = files.append(SCENARIO, &format!("[faults]\n{fault}\n{heater}"));
-        let (text, code, greatest_c) = ended(&files);
+        let (text, code, greatest_degc) = ended(&files);
         assert!(text.contains(words), "{fault}: {text}");
         assert_eq!(code, 5, "{text}");
-        assert!(greatest_c < 60.0, "{text}: {greatest_c} °C");
+        assert!(greatest_degc < 60.0, "{text}: {greatest_degc} °C");
     }
 }
 

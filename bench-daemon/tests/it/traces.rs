@@ -67,7 +67,7 @@ const SLOPE_V_PER_C: f64 = 0.85 / 16_200.0;
 /// Response of the true cell to a current that runs straight between rows, V, less its voltage at
 /// rest.
 pub(crate) fn answer(rows: &[TraceRow]) -> Vec<f64> {
-    let (mut branches_v, mut moved_c) = ([0.0; 4], 0.0);
+    let (mut branches_v, mut moved_coulomb) = ([0.0; 4], 0.0);
     let mut answers = vec![SERIES_OHM * rows[0].current_a];
     for pair in rows.windows(2) {
         let (span_s, from_a) = (pair[1].time_s - pair[0].time_s, pair[0].current_a);
@@ -77,11 +77,11 @@ pub(crate) fn answer(rows: &[TraceRow]) -> Vec<f64> {
             *volts = *volts * left
                 + r * (from_a * (1.0 - left) + slope * (span_s - r * c * (1.0 - left)));
         }
-        moved_c += 0.5 * (pair[0].current_a + pair[1].current_a) * span_s;
+        moved_coulomb += 0.5 * (pair[0].current_a + pair[1].current_a) * span_s;
         answers.push(
             SERIES_OHM * pair[1].current_a
                 + branches_v.iter().sum::<f64>()
-                + SLOPE_V_PER_C * moved_c,
+                + SLOPE_V_PER_C * moved_coulomb,
         );
     }
     answers
@@ -168,7 +168,7 @@ fn a_trace_is_the_truth_within_its_noise_and_the_index_tells_what_is_what() {
                 trace.file
             );
         }
-        assert!(rows.last().unwrap().time_s > 23.0 && rows[0].temperature_c > 20.0);
+        assert!(rows.last().unwrap().time_s > 23.0 && rows[0].temperature_degc > 20.0);
         // Any reader of BDF can read it, with discharge positive.
         let series = read_series(
             &files.path("run").join(&trace.file),
@@ -183,9 +183,9 @@ fn a_trace_is_the_truth_within_its_noise_and_the_index_tells_what_is_what() {
     assert!((index.traces[1].start_ocv_v - world.truth_ocv_v()).abs() < 3.0e-3);
     // 5 A for 3 s out, 3 A for 3 s in, and the zero error of the supply.
     assert!(
-        (index.traces[1].charge_before_c + 6.0).abs() < 1.5,
+        (index.traces[1].charge_before_coulomb + 6.0).abs() < 1.5,
         "{}",
-        index.traces[1].charge_before_c
+        index.traces[1].charge_before_coulomb
     );
     let witness = world.witness();
     assert!(

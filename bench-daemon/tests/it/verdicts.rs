@@ -159,7 +159,7 @@ fn assert_cell_left_alone(run: &Path, ports: &Ports) {
     let witness = world.witness();
     assert_eq!(
         (
-            witness.throughput_c,
+            witness.throughput_coulomb,
             witness.greatest_charge_a,
             witness.greatest_discharge_a
         ),
@@ -250,7 +250,7 @@ fn a_cell_that_is_out_of_its_limits_is_not_driven() {
         let witness = ports.world.lock().unwrap().witness();
         assert_eq!(
             (
-                witness.throughput_c,
+                witness.throughput_coulomb,
                 witness.greatest_charge_a,
                 witness.greatest_discharge_a
             ),

@@ -56,7 +56,7 @@ fn a_current_is_seen_while_the_procedure_reads_the_thermometer_alone() {
         ports.assert_outputs_off();
         let witness = ports.world.lock().unwrap().witness();
         // 2 A for less than the three seconds that the watch may take, and for a machine under load.
-        assert!(witness.throughput_c < 20.0, "{role}: {witness:?}");
+        assert!(witness.throughput_coulomb < 20.0, "{role}: {witness:?}");
     }
 }
 

@@ -44,10 +44,10 @@ impl Huber {
     }
 
     fn act(&self) {
-        let setpoint_c = f64::from(self.setpoint) / 100.0;
+        let setpoint_degc = f64::from(self.setpoint) / 100.0;
         self.world.act(Action::Chiller(ChillerState {
             running: self.controlling,
-            setpoint_c,
+            setpoint_degc,
         }));
     }
 

@@ -46,7 +46,7 @@ impl Julabo {
             strict_pacing: options.quirks.is("strict_pacing"),
             state: ChillerState {
                 running: false,
-                setpoint_c: 25.0,
+                setpoint_degc: 25.0,
             },
             external: false,
             message: None,
@@ -79,7 +79,7 @@ impl Julabo {
             "IN_PV_00" | "IN_PV_03" => bath(),
             "IN_PV_01" => (if self.state.running { "15" } else { "0" }).to_owned(),
             "IN_PV_02" => "---.--".to_owned(),
-            "IN_SP_00" => format!("{:.2}", self.state.setpoint_c),
+            "IN_SP_00" => format!("{:.2}", self.state.setpoint_degc),
             "IN_SP_03" => format!("{:.2}", SETPOINT_RANGE_C.1),
             "IN_SP_04" => format!("{:.2}", SETPOINT_RANGE_C.0),
             "IN_MODE_04" => u8::from(self.external).to_string(),
@@ -102,7 +102,7 @@ impl Julabo {
                 Ok(celsius) if celsius < SETPOINT_RANGE_C.0 => self.message = Some(TOO_SMALL),
                 Ok(celsius) if celsius > SETPOINT_RANGE_C.1 => self.message = Some(TOO_LARGE),
                 Ok(celsius) if celsius.is_finite() => {
-                    self.state.setpoint_c = (celsius * 100.0).round() / 100.0;
+                    self.state.setpoint_degc = (celsius * 100.0).round() / 100.0;
                 }
                 _ => self.message = Some(INVALID_COMMAND),
             },

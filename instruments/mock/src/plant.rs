@@ -167,7 +167,7 @@ pub struct ChillerState {
     /// Circulating and controlling.
     pub running: bool,
     /// Set-point, °C.
-    pub setpoint_c: f64,
+    pub setpoint_degc: f64,
 }
 
 /// Heater and cooler of a bath without a set-point.

@@ -304,7 +304,7 @@ fn a_circulator_that_confirms_every_write_is_believed_only_by_its_confirmation()
                 rig.last_action(),
                 Action::Chiller(ChillerState {
                     running: true,
-                    setpoint_c: celsius
+                    setpoint_degc: celsius
                 })
             );
         }

@@ -65,7 +65,7 @@ fn the_chiller_starts_and_stops_at_the_pace_it_needs() {
                     bath(&rig),
                     ChillerState {
                         running: true,
-                        setpoint_c: celsius
+                        setpoint_degc: celsius
                     }
                 );
             }
@@ -124,7 +124,7 @@ fn the_sensor_and_the_set_point_of_somebody_else_are_put_back() {
             bath(&rig),
             ChillerState {
                 running: true,
-                setpoint_c: 20.0
+                setpoint_degc: 20.0
             }
         );
         let sent = rig.sent();
@@ -166,7 +166,7 @@ fn in_manual_mode_nothing_is_ignored_silently() {
             bath(&rig),
             ChillerState {
                 running: false,
-                setpoint_c: 25.0
+                setpoint_degc: 25.0
             }
         );
     });
@@ -288,7 +288,7 @@ fn the_chiller_is_driven_over_a_pseudo_terminal() {
             last,
             Action::Chiller(ChillerState {
                 running: true,
-                setpoint_c: 15.25
+                setpoint_degc: 15.25
             })
         );
         chiller.stop().await.unwrap();

@@ -497,7 +497,7 @@ fn the_chiller_writes_in_silence_and_obeys_only_in_remote_mode() {
         bench.last_action(),
         Action::Chiller(ChillerState {
             running: true,
-            setpoint_c: 12.5
+            setpoint_degc: 12.5
         })
     );
     let mut bench = Bench::with("julabo", &MockOptions::quirk("local", true));

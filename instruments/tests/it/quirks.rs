@@ -200,7 +200,7 @@ async fn exercise(rig: &Rig, model: &str, role: &str, judge: &Judge) -> Result<(
                 let Action::Chiller(state) = rig.last_action() else {
                     panic!("{:?}", rig.last_action())
                 };
-                assert!(state.running && state.setpoint_c == 25.0, "{state:?}");
+                assert!(state.running && state.setpoint_degc == 25.0, "{state:?}");
                 let status = chiller.status().await?;
                 assert!(status.running && status.alarm.is_none(), "{status:?}");
             }

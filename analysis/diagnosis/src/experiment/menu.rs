@@ -45,7 +45,7 @@ impl MenuItem {
             .collect();
         let alike = cells
             .windows(2)
-            .all(|w| w[0].soc == w[1].soc && w[0].temperature_c == w[1].temperature_c);
+            .all(|w| w[0].soc == w[1].soc && w[0].temperature_degc == w[1].temperature_degc);
         self.name != other.name
             && alike
             && all()
@@ -82,7 +82,7 @@ pub(super) struct Campaign<'a> {
     problem: &'a Problem,
     limits: BenchLimits,
     soc: f64,
-    temperature_c: f64,
+    temperature_degc: f64,
     order: u32,
     start_s: f64,
     sweep: Planned,
@@ -123,7 +123,7 @@ impl<'a> Campaign<'a> {
             problem,
             limits,
             soc: facts.soc,
-            temperature_c: facts.temperature_c,
+            temperature_degc: facts.temperature_degc,
             order: last(|b| b.at.order) as u32 + 1,
             start_s: last(|b| b.at.start_s) + facts.longest_s,
             sweep: swept.unwrap_or_else(|| Planned::Eis {
@@ -139,7 +139,7 @@ impl<'a> Campaign<'a> {
             name: name.to_owned(),
             fixture: Fixture::Cell("cell".to_owned()),
             soc: self.soc,
-            temperature_c: self.temperature_c,
+            temperature_degc: self.temperature_degc,
             repeat: MENU_REPEATS,
             repeat_group: name.to_owned(),
             order: self.order,
@@ -157,10 +157,10 @@ impl<'a> Campaign<'a> {
         description: String,
         segments: Vec<(f64, f64)>,
     ) -> Option<MenuItem> {
-        let capacity_c = 3600.0 * self.problem.base.ocv.capacity_ah;
+        let capacity_coulomb = 3600.0 * self.problem.base.ocv.capacity_ah;
         let mut soc = self.soc;
         for (span_s, amps) in &segments {
-            soc -= span_s * amps / capacity_c;
+            soc -= span_s * amps / capacity_coulomb;
             let allowed = span_s.is_finite()
                 && *amps <= self.limits.discharge_a + 1e-9
                 && -amps <= self.limits.charge_a + 1e-9;
@@ -301,16 +301,16 @@ fn sweeps(campaign: &Campaign<'_>) -> Vec<MenuItem> {
             ));
         }
     }
-    let warm_c = if campaign.temperature_c < 30.0 {
+    let warm_degc = if campaign.temperature_degc < 30.0 {
         35.0
     } else {
-        campaign.temperature_c - 10.0
+        campaign.temperature_degc - 10.0
     };
     items.push(campaign.swept(
         "eis_other_temperature",
-        format!("the same sweep at {warm_c:.0} °C"),
+        format!("the same sweep at {warm_degc:.0} °C"),
         |run| {
-            run.temperature_c = warm_c;
+            run.temperature_degc = warm_degc;
             run.settle_s = SETTLE_ELSEWHERE_S;
         },
     ));
@@ -390,8 +390,8 @@ fn bursts(campaign: &Campaign<'_>) -> Option<MenuItem> {
         charge_a,
         ..
     } = campaign.limits;
-    let charge_c = BURST_S * discharge_a.max(charge_a);
-    let (out_s, in_s) = (charge_c / discharge_a, charge_c / charge_a);
+    let charge_coulomb = BURST_S * discharge_a.max(charge_a);
+    let (out_s, in_s) = (charge_coulomb / discharge_a, charge_coulomb / charge_a);
     let pairs = (60.0 / (out_s + in_s)).round().max(1.0);
     if !pairs.is_finite() || pairs > 60.0 || in_s > 30.0 || out_s > 30.0 {
         return None;
@@ -513,21 +513,21 @@ fn range_walk(campaign: &Campaign<'_>, soc: RangeInclusive<f64>) -> Option<MenuI
 /// allowed.
 fn equal_charge(campaign: &Campaign<'_>) -> Option<MenuItem> {
     let ways = [campaign.limits.discharge_a, -campaign.limits.charge_a];
-    let charge_c = 2.0 * campaign.limits.discharge_a;
+    let charge_coulomb = 2.0 * campaign.limits.discharge_a;
     let pulses = ways.into_iter().filter(|a| *a != 0.0).flat_map(|greatest| {
         [0.25, 0.5, 1.0].into_iter().flat_map(move |part| {
             [
-                (charge_c / (part * greatest).abs(), part * greatest),
+                (charge_coulomb / (part * greatest).abs(), part * greatest),
                 (40.0, 0.0),
             ]
         })
     });
     let segments = std::iter::once((2.0, 0.0)).chain(pulses).collect();
     let words = format!(
-        "pulses of a quarter, half and all of the greatest current with {charge_c:.0} C each, both \
+        "pulses of a quarter, half and all of the greatest current with {charge_coulomb:.0} C each, both \
         ways"
     );
-    (charge_c > 0.0)
+    (charge_coulomb > 0.0)
         .then(|| campaign.trace("equal_charge_pulses", words, segments))
         .flatten()
 }
@@ -546,8 +546,8 @@ pub(super) fn sentinel_repeat(campaign: &Campaign<'_>) -> Option<MenuItem> {
         Kind::Eis { .. } => campaign.sweep.clone(),
     };
     let mut run = campaign.run("sentinel_repeat", what);
-    (run.soc, run.temperature_c, run.repeat_group) =
-        (first.at.soc, first.at.temperature_c, first.group.clone());
+    (run.soc, run.temperature_degc, run.repeat_group) =
+        (first.at.soc, first.at.temperature_degc, first.group.clone());
     let description = format!(
         "run {} once more at the end: what has changed since",
         first.name

@@ -36,7 +36,7 @@ pub struct PlannedRun {
     /// State of charge at the start, 0…1.
     pub soc: f64,
     /// Temperature of the cell, °C.
-    pub temperature_c: f64,
+    pub temperature_degc: f64,
     /// Number of times that it is measured.
     pub repeat: usize,
     /// Runs of one group repeat each other.
@@ -78,7 +78,7 @@ impl Planned {
     }
 
     /// Returns the charge moved once, in either direction together, C.
-    pub fn charge_c(&self) -> f64 {
+    pub fn charge_coulomb(&self) -> f64 {
         match self {
             Self::Trace(segments) => segments
                 .iter()
@@ -106,7 +106,7 @@ impl PlannedRun {
     pub fn charge_ah(&self) -> f64 {
         let cell = matches!(self.fixture, Fixture::Cell(_));
         if cell {
-            self.repeat as f64 * self.what.charge_c() / 3600.0
+            self.repeat as f64 * self.what.charge_coulomb() / 3600.0
         } else {
             0.0
         }
@@ -129,7 +129,7 @@ impl PlannedRun {
                     time_s,
                     current_a,
                     voltage_v,
-                    temperature_c: None,
+                    temperature_degc: None,
                 };
                 let sigma_v = sigma_v.map(|sigma_v| vec![sigma_v; series.len()]);
                 RunData::Time(TimeRecord {
@@ -167,7 +167,7 @@ impl PlannedRun {
             repeat_group: self.repeat_group.clone(),
             order: self.order,
             start_s: self.start_s,
-            temperature_c: self.temperature_c,
+            temperature_degc: self.temperature_degc,
             start: Start::Soc(self.soc),
             data,
         }

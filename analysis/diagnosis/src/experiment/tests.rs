@@ -377,7 +377,7 @@ fn a_planned_run_counts_its_repeats_and_samples_densely_after_edges() {
         name: "r".to_owned(),
         fixture: Fixture::Cell("cell".to_owned()),
         soc: 0.5,
-        temperature_c: 25.0,
+        temperature_degc: 25.0,
         repeat: 3,
         repeat_group: "r".to_owned(),
         order: 7,
@@ -389,7 +389,7 @@ fn a_planned_run_counts_its_repeats_and_samples_densely_after_edges() {
     assert!(
         (run.duration_s() - 2376.0).abs() < 1e-9 && (run.repeat_start_s(2) - 2384.0).abs() < 1e-9
     );
-    assert!((run.what.charge_c() - 600.0).abs() < 1e-9);
+    assert!((run.what.charge_coulomb() - 600.0).abs() < 1e-9);
     let RunData::Time(record) = run
         .unmeasured(analysis_effects::augmented::Between::Hold, None)
         .data

@@ -243,7 +243,7 @@ mod tests {
             time_s: (0..current_a.len()).map(|k| k as f64).collect(),
             current_a: current_a.to_vec(),
             voltage_v: vec![3.7; current_a.len()],
-            temperature_c: None,
+            temperature_degc: None,
         };
         let record = TimeRecord {
             series,
@@ -261,7 +261,7 @@ mod tests {
             repeat_group: "log".to_owned(),
             order: 0,
             start_s: 0.0,
-            temperature_c: 25.0,
+            temperature_degc: 25.0,
             start: Start::Soc(0.5),
             data: RunData::Time(record.clone()),
         };

@@ -100,7 +100,7 @@ fn prediction(run: &Run, base: &Base, player: &mut Player) -> Prediction {
                 time_s: &series.time_s,
                 current_a: &series.current_a,
                 soc,
-                temperature_c: run.temperature_c,
+                temperature_degc: run.temperature_degc,
                 order: f64::from(run.order),
                 start_s: run.start_s,
                 is_cell: true,

@@ -21,13 +21,13 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
 }
 
 fn of_circumstances(run: &Run) -> Option<(Check, String)> {
-    let known = run.temperature_c.is_finite() && run.start_s.is_finite();
+    let known = run.temperature_degc.is_finite() && run.start_s.is_finite();
     (!known).then(|| {
         (
             Check::NotFinite,
             format!(
                 "expected a finite temperature and start, met {} °C and {} s",
-                run.temperature_c, run.start_s
+                run.temperature_degc, run.start_s
             ),
         )
     })

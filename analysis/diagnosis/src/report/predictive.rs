@@ -43,7 +43,7 @@ fn range(predictive: &Predictive) -> String {
         plain(range.longest_s),
         plain(100.0 * range.widest_soc),
         plain(range.soc),
-        plain(range.temperature_c)
+        plain(range.temperature_degc)
     )
 }
 

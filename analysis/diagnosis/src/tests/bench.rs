@@ -150,31 +150,32 @@ pub(super) fn record(
         time_s: Vec::new(),
         current_a: Vec::new(),
         voltage_v: Vec::new(),
-        temperature_c: None,
+        temperature_degc: None,
     };
-    let (mut t, mut moved_c, mut heat_j, mut v, mut contact) = (0.0, 0.0, 0.0, [0.0; 2], 0.0);
+    let (mut t, mut moved_coulomb, mut heat_j, mut v, mut contact) = (0.0, 0.0, 0.0, [0.0; 2], 0.0);
     let mut slow_v = 0.0;
     for (duration_s, amps) in segments {
         let end = t + duration_s;
         let mut since: f64 = 0.0;
         while t < end - 1e-9 {
-            let soc =
-                |moved_c: f64| START - (1.0 + hidden.slope) * moved_c / (3600.0 * CAPACITY_AH);
-            let factor = |moved_c: f64, heat_j: f64| {
+            let soc = |moved_coulomb: f64| {
+                START - (1.0 + hidden.slope) * moved_coulomb / (3600.0 * CAPACITY_AH)
+            };
+            let factor = |moved_coulomb: f64, heat_j: f64| {
                 spread
-                    * (1.0 + hidden.per_soc * (soc(moved_c) - START))
+                    * (1.0 + hidden.per_soc * (soc(moved_coulomb) - START))
                     * (-hidden.heat_per_j * heat_j).exp()
             };
             if chance.uniform() < 0.05 {
                 contact = hidden.telegraph_ohm - contact;
             }
             let loss_v =
-                factor(moved_c, heat_j) * R0 * amps + contact * amps + v[0] + v[1] + slow_v;
-            let ripple_v = hidden.ripple_v * (std::f64::consts::TAU * moved_c / 25.0).sin();
+                factor(moved_coulomb, heat_j) * R0 * amps + contact * amps + v[0] + v[1] + slow_v;
+            let ripple_v = hidden.ripple_v * (std::f64::consts::TAU * moved_coulomb / 25.0).sin();
             s.time_s.push(t);
             s.current_a.push(gain * amps + zero);
             s.voltage_v.push(
-                ocv_v(soc(moved_c)) - loss_v
+                ocv_v(soc(moved_coulomb)) - loss_v
                     + ripple_v
                     + level
                     + HISTORY.voltage_noise_v * chance.normal(),
@@ -185,7 +186,7 @@ pub(super) fn record(
             // The truth in four hundred small steps.
             for _ in 0..400 {
                 let h = step / 400.0;
-                let now = factor(moved_c + 0.5 * amps * h, heat_j);
+                let now = factor(moved_coulomb + 0.5 * amps * h, heat_j);
                 for (v, (r, tau)) in v.iter_mut().zip(BRANCHES) {
                     let target = now * r * amps;
                     *v = target + (*v - target) * (-h / (tau * now)).exp();
@@ -193,7 +194,7 @@ pub(super) fn record(
                 let settled_v = spread * hidden.slow.0 * amps;
                 slow_v = settled_v + (slow_v - settled_v) * (-h / hidden.slow.1.max(1e-9)).exp();
                 heat_j += (amps * (now * R0 * amps + v[0] + v[1]) - heat_j / COOLING_S) * h;
-                moved_c += amps * h;
+                moved_coulomb += amps * h;
             }
             t += step;
             since += step;
@@ -248,7 +249,7 @@ pub(super) fn campaign(seed: u64, train: &Hidden, held_out: &Hidden) -> DataSet 
             repeat_group: name.to_owned(),
             order,
             start_s: 7200.0 * f64::from(order),
-            temperature_c: 25.0,
+            temperature_degc: 25.0,
             start: Start::Soc(START),
             data,
         });

@@ -45,12 +45,12 @@ fn what_follows_noise_of_the_current_has_the_covariance_of_many_draws() {
         let met =
             current_noise_propagation::covariance(time, block.at.soc, &base, sigma_a * sigma_a);
         let n = time.bins.len();
-        let per_c: Vec<f64> = time
+        let per_coulomb: Vec<f64> = time
             .bins
             .iter()
             .map(|b| {
                 base.ocv
-                    .slope_v(block.at.soc - b.charge_c / (3600.0 * CAPACITY_AH))
+                    .slope_v(block.at.soc - b.charge_coulomb / (3600.0 * CAPACITY_AH))
                     / (3600.0 * CAPACITY_AH)
             })
             .collect();
@@ -62,7 +62,7 @@ fn what_follows_noise_of_the_current_has_the_covariance_of_many_draws() {
                 .iter()
                 .map(|_| sigma_a * chance.normal())
                 .collect();
-            let (mut v, mut charge_c, mut at) = ([0.0; 2], 0.0, vec![[0.0; 2]; noise.len()]);
+            let (mut v, mut charge_coulomb, mut at) = ([0.0; 2], 0.0, vec![[0.0; 2]; noise.len()]);
             for k in 0..noise.len() {
                 if k > 0 {
                     let step_s = time.time_s[k] - time.time_s[k - 1];
@@ -72,9 +72,9 @@ fn what_follows_noise_of_the_current_has_the_covariance_of_many_draws() {
                         let settled_v = branch.r_ohm * noise[k - 1];
                         *v = settled_v + (*v - settled_v) * (-step_s / tau_s).exp();
                     }
-                    charge_c += noise[k - 1] * step_s;
+                    charge_coulomb += noise[k - 1] * step_s;
                 }
-                at[k] = [R0 * noise[k] + v[0] + v[1], charge_c];
+                at[k] = [R0 * noise[k] + v[0] + v[1], charge_coulomb];
             }
             let mean = |b: &crate::time_block::Bin, part: usize| {
                 at[b.from..b.to].iter().map(|v| v[part]).sum::<f64>() / (b.to - b.from) as f64
@@ -82,7 +82,7 @@ fn what_follows_noise_of_the_current_has_the_covariance_of_many_draws() {
             let rows: Vec<f64> = time
                 .bins
                 .iter()
-                .zip(&per_c)
+                .zip(&per_coulomb)
                 .map(|(b, u)| mean(b, 0) + u * mean(b, 1))
                 .collect();
             (0..n * n).for_each(|ij| sums[ij] += rows[ij / n] * rows[ij % n] / DRAWS as f64);
@@ -173,7 +173,7 @@ fn stays(
         time_s: (0..400).map(f64::from).collect(),
         voltage_v: vec![3.7; 400],
         current_a: (0..400).map(|k| logged(k, chance)).collect(),
-        temperature_c: None,
+        temperature_degc: None,
     };
     set.history = Some(history);
     let p = prepare(&set, &model(), Guards::default()).unwrap();

@@ -101,7 +101,7 @@ fn run(current_a: Vec<f64>, order: u32, soc: f64) -> Run {
         voltage_v: vec![3.7; time_s.len()],
         time_s,
         current_a,
-        temperature_c: None,
+        temperature_degc: None,
     };
     let (between, compared_from_s, level_sigma_v) = (Between::Hold, 0.0, 0.0);
     Run {
@@ -111,7 +111,7 @@ fn run(current_a: Vec<f64>, order: u32, soc: f64) -> Run {
         repeat_group: "s".to_owned(),
         order,
         start_s: 1e4 * f64::from(order),
-        temperature_c: 25.0,
+        temperature_degc: 25.0,
         start: Start::Soc(soc),
         data: RunData::Time(TimeRecord {
             series,
@@ -156,10 +156,9 @@ fn charge_is_told_in_stretches_without_a_reversal() {
     let of = |k: usize| p.problem.blocks[k].before.clone();
     let near = |met: &[Moved], expected: &[f64]| {
         met.len() == expected.len()
-            && met
-                .iter()
-                .zip(expected)
-                .all(|(m, e)| (m.charge_c - e).abs() < 3.0 && m.through_c == m.charge_c.abs())
+            && met.iter().zip(expected).all(|(m, e)| {
+                (m.charge_coulomb - e).abs() < 3.0 && m.through_coulomb == m.charge_coulomb.abs()
+            })
     };
     assert!(near(&of(0), &[0.0]), "{:?}", of(0));
     assert!(near(&of(1), &[-100.0, 60.0 + 1620.0]), "{:?}", of(1));
@@ -211,20 +210,20 @@ fn a_sweep_moves_charge_to_and_fro() {
     let met = swung(&[(0.1, 3840.0), (1.0, 160.0), (10.0, 80.0), (100.0, 0.0)]);
     // 80 s from point to point and as long for the first; an interval that is an hour longer, and
     // its half after the last point, count as no more than that.
-    let through_c = 2.0 * std::f64::consts::FRAC_2_PI * (80.0 + 80.0 + 80.0 + 80.0 + 40.0);
+    let through_coulomb = 2.0 * std::f64::consts::FRAC_2_PI * (80.0 + 80.0 + 80.0 + 80.0 + 40.0);
     let expected = [
         Moved::one_way(-100.0),
         Moved {
-            charge_c: 0.0,
-            through_c,
+            charge_coulomb: 0.0,
+            through_coulomb,
         },
         Moved::one_way(-95.0),
     ];
     assert_eq!(met.len(), 3, "{met:?}");
     for (met, expected) in met.iter().zip(expected) {
         assert!(
-            (met.charge_c - expected.charge_c).abs() < 3.0
-                && (met.through_c - expected.through_c).abs() < 3.0,
+            (met.charge_coulomb - expected.charge_coulomb).abs() < 3.0
+                && (met.through_coulomb - expected.through_coulomb).abs() < 3.0,
             "{met:?} {expected:?}"
         );
     }
@@ -240,7 +239,7 @@ fn slow_points_of_a_sweep_are_no_break() {
         visited.push((freq_hz, at_s + 0.5 * lasts_s(freq_hz)));
         at_s += lasts_s(freq_hz);
     }
-    let met = swung(&visited)[1].through_c / (2.0 * std::f64::consts::FRAC_2_PI);
+    let met = swung(&visited)[1].through_coulomb / (2.0 * std::f64::consts::FRAC_2_PI);
     // How long the slowest one lasted after its middle is taken from the point before it.
     assert!((met / at_s - 1.0).abs() < 0.05, "{met} s of {at_s} s");
 }

@@ -18,7 +18,7 @@ fn scatter(run: &Run, effects: &[(&str, &[f64])]) -> Vec<f64> {
         erm: model.erm,
         ocv: model.ocv,
         facts: Facts {
-            temperature_c: 25.0,
+            temperature_degc: 25.0,
             ..Facts::NONE
         },
     };

@@ -236,7 +236,7 @@ impl Player {
 
     fn linear(&mut self, run: &Run<'_>, voltage_v: &mut Vec<f64>) {
         let n = run.network.branches.len();
-        let capacity_c = 3600.0 * run.base.ocv.capacity_ah;
+        let capacity_coulomb = 3600.0 * run.base.ocv.capacity_ah;
         let mut ocv = Cursor::new(&run.base.ocv);
         let mut soc = run.record.soc;
         for k in 0..run.current_a.len() {
@@ -253,7 +253,7 @@ impl Player {
                 sum_v += *v;
             }
             self.sum_v = sum_v;
-            soc -= 0.5 * (i0 + i1) * step_s / capacity_c;
+            soc -= 0.5 * (i0 + i1) * step_s / capacity_coulomb;
         }
     }
 
@@ -263,7 +263,7 @@ impl Player {
         dynamics: &mut [Box<dyn Dynamics>],
         voltage_v: &mut Vec<f64>,
     ) {
-        let capacity_c = 3600.0 * run.base.ocv.capacity_ah;
+        let capacity_coulomb = 3600.0 * run.base.ocv.capacity_ah;
         let mut ocv = Cursor::new(&run.base.ocv);
         let (mut soc, mut time_s) = (
             run.record.soc,
@@ -302,7 +302,7 @@ impl Player {
                     .iter_mut()
                     .for_each(|d| d.advance(&at, 0.5 * part_s));
                 let mean_a = 0.5 * (from + to);
-                let moved = mean_a * part_s / capacity_c;
+                let moved = mean_a * part_s / capacity_coulomb;
                 let middle = Instant {
                     time_s: time_s + 0.5 * part_s,
                     current_a: mean_a,

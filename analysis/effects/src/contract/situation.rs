@@ -37,7 +37,8 @@ pub struct Facts {
     /// SOC to which resistances refer: the spectra's mean, otherwise the records'.
     pub soc: f64,
     /// Temperature that resistances refer to, °C.
-    pub temperature_c: f64,
+    #[serde(rename = "temperature_c")]
+    pub temperature_degc: f64,
     /// Span of run orders; zero where all are equal.
     pub orders: f64,
     /// Span of the runs' start times, s.
@@ -54,7 +55,7 @@ impl Facts {
         greatest_a: 0.0,
         widest_soc: 0.0,
         soc: 0.5,
-        temperature_c: 25.0,
+        temperature_degc: 25.0,
         orders: 0.0,
         span_s: 0.0,
     };
@@ -88,7 +89,7 @@ pub struct Point {
     /// SOC of the run.
     pub soc: f64,
     /// Temperature of the run, °C.
-    pub temperature_c: f64,
+    pub temperature_degc: f64,
     /// Order of the run in time, 0 for the first.
     pub order: f64,
     /// Start of the run since the start of the campaign, s. For a point whose time within the sweep
@@ -127,7 +128,7 @@ pub struct Record<'a> {
     /// SOC at the start.
     pub soc: f64,
     /// Temperature of the run, °C.
-    pub temperature_c: f64,
+    pub temperature_degc: f64,
     /// Order of the run in time, 0 for the first.
     pub order: f64,
     /// Start of the run since the start of the campaign, s.
@@ -143,18 +144,18 @@ pub struct Record<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Moved {
     /// Net charge put into the cell, C.
-    pub charge_c: f64,
+    pub charge_coulomb: f64,
     /// Total charge moved in both directions, C. It is the size of the net charge if there was no
     /// reversal, and more for the swings of a sweep.
-    pub through_c: f64,
+    pub through_coulomb: f64,
 }
 
 impl Moved {
     /// Returns a charge without a reversal, C.
-    pub fn one_way(charge_c: f64) -> Self {
+    pub fn one_way(charge_coulomb: f64) -> Self {
         Self {
-            charge_c,
-            through_c: charge_c.abs(),
+            charge_coulomb,
+            through_coulomb: charge_coulomb.abs(),
         }
     }
 }

@@ -17,8 +17,8 @@ const ROUNDS: usize = 12;
 const NEWTON: usize = 40;
 
 /// Thermal voltage kT/e, V.
-pub(super) fn thermal_v(temperature_c: f64) -> f64 {
-    8.617_333_262e-5 * (temperature_c + 273.15)
+pub(super) fn thermal_v(temperature_degc: f64) -> f64 {
+    8.617_333_262e-5 * (temperature_degc + 273.15)
 }
 
 /// Highest β of any branch that still counts as kinetics: three times R/(2kT/e), 1/A.
@@ -29,7 +29,7 @@ pub(super) fn greatest_beta(base: &Base) -> f64 {
         .iter()
         .map(|b| b.r_ohm)
         .fold(0.0, f64::max);
-    1.5 * most_ohm / thermal_v(base.facts.temperature_c)
+    1.5 * most_ohm / thermal_v(base.facts.temperature_degc)
 }
 
 /// The law of a branch.

@@ -59,7 +59,7 @@ impl Effect for ElectrolyteDepletion {
             return z_ohm;
         }
         let left = (1.0 - p[0] * at.bias_a).max(LEAST);
-        let r_ohm = scale_v(base.facts.temperature_c) * p[0] / left;
+        let r_ohm = scale_v(base.facts.temperature_degc) * p[0] / left;
         z_ohm + r_ohm / Complex64::new(1.0, std::f64::consts::TAU * at.freq_hz * p[1])
     }
 
@@ -67,15 +67,15 @@ impl Effect for ElectrolyteDepletion {
         Some(Box::new(Salt {
             g_per_a: p[0],
             tau_s: p[1],
-            scale_v: scale_v(base.facts.temperature_c),
+            scale_v: scale_v(base.facts.temperature_degc),
             missing: 0.0,
         }))
     }
 }
 
 /// (2kT/e)(1 − t₊), V.
-fn scale_v(temperature_c: f64) -> f64 {
-    2.0 * thermal_v(temperature_c) * (1.0 - TRANSFERENCE)
+fn scale_v(temperature_degc: f64) -> f64 {
+    2.0 * thermal_v(temperature_degc) * (1.0 - TRANSFERENCE)
 }
 
 struct Salt {

@@ -81,7 +81,7 @@ impl Effect for EntropicHeat {
     fn dynamics(&self, p: &[f64], _base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
         Some(Box::new(Warmth {
             du_dt_v_per_k: p[0],
-            start_k: record.temperature_c + 273.15,
+            start_k: record.temperature_degc + 273.15,
             heat_capacity_j_per_k: p[1],
             cooling_s: p[2],
             rise_k: 0.0,

@@ -89,18 +89,18 @@ impl Effect for Hysteresis {
         if !at.is_cell {
             return z_ohm;
         }
-        let per_c = p[0] * p[1] / (3600.0 * base.ocv.capacity_ah);
-        z_ohm - Complex64::new(0.0, per_c / (std::f64::consts::TAU * at.freq_hz))
+        let per_coulomb = p[0] * p[1] / (3600.0 * base.ocv.capacity_ah);
+        z_ohm - Complex64::new(0.0, per_coulomb / (std::f64::consts::TAU * at.freq_hz))
     }
 
     fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
-        let gamma_per_c = p[1] / (3600.0 * base.ocv.capacity_ah);
+        let gamma_per_coulomb = p[1] / (3600.0 * base.ocv.capacity_ah);
         let carried = || {
             record
                 .before
                 .iter()
                 .fold(p[3].clamp(-1.0, 1.0), |h, moved| {
-                    after(h, gamma_per_c, *moved)
+                    after(h, gamma_per_coulomb, *moved)
                 })
         };
         let start = if p[2] > 0.5 { carried() } else { 0.0 };
@@ -108,7 +108,7 @@ impl Effect for Hysteresis {
         let soc_off = (p[0] * start / slope_v.max(1e-9)).clamp(-MOST_OFF, MOST_OFF);
         Some(Box::new(Path {
             m_v: p[0],
-            gamma_per_c,
+            gamma_per_coulomb,
             start,
             h: start,
             soc_off,
@@ -119,17 +119,18 @@ impl Effect for Hysteresis {
 
 /// Returns the state after a charge. Swings that are small against 1/γ wear off the previous state,
 /// regardless of their direction.
-fn after(h: f64, gamma_per_c: f64, moved: Moved) -> f64 {
-    if moved.through_c <= 0.0 {
+fn after(h: f64, gamma_per_coulomb: f64, moved: Moved) -> f64 {
+    if moved.through_coulomb <= 0.0 {
         return h;
     }
-    h - (-gamma_per_c * moved.through_c).exp_m1() * (moved.charge_c / moved.through_c - h)
+    h - (-gamma_per_coulomb * moved.through_coulomb).exp_m1()
+        * (moved.charge_coulomb / moved.through_coulomb - h)
 }
 
 struct Path {
     m_v: f64,
     /// γ over the capacity, 1/C.
-    gamma_per_c: f64,
+    gamma_per_coulomb: f64,
     start: f64,
     h: f64,
     /// Error of the state of charge at the start, positive if the reading was too high. It was read
@@ -147,7 +148,7 @@ impl Dynamics for Path {
     fn advance(&mut self, at: &Instant, step_s: f64) {
         self.h = after(
             self.h,
-            self.gamma_per_c,
+            self.gamma_per_coulomb,
             Moved::one_way(-at.current_a * step_s),
         );
     }

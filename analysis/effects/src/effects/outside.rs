@@ -197,16 +197,20 @@ impl Effect for Friction {
         if !at.is_cell {
             return z_ohm;
         }
-        let halves = halves_c(p, base);
-        let per_c =
-            p[0] * halves.iter().map(|half_c| 1.0 / half_c).sum::<f64>() / halves.len() as f64;
-        z_ohm - Complex64::new(0.0, per_c / (TAU * at.freq_hz))
+        let halves = halves_coulomb(p, base);
+        let per_coulomb = p[0]
+            * halves
+                .iter()
+                .map(|half_coulomb| 1.0 / half_coulomb)
+                .sum::<f64>()
+            / halves.len() as f64;
+        z_ohm - Complex64::new(0.0, per_coulomb / (TAU * at.freq_hz))
     }
 
     fn dynamics(&self, p: &[f64], base: &Base, _record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
-        let elements = halves_c(p, base)
+        let elements = halves_coulomb(p, base)
             .into_iter()
-            .map(|half_c| (half_c, 0.0))
+            .map(|half_coulomb| (half_coulomb, 0.0))
             .collect();
         Some(Box::new(Dragged {
             m_v: p[0],
@@ -216,12 +220,12 @@ impl Effect for Friction {
 }
 
 /// Half widths of the elements, C.
-fn halves_c(p: &[f64], base: &Base) -> Vec<f64> {
-    let widest_c = p[1] * 3600.0 * base.ocv.capacity_ah;
+fn halves_coulomb(p: &[f64], base: &Base) -> Vec<f64> {
+    let widest_coulomb = p[1] * 3600.0 * base.ocv.capacity_ah;
     let power = POWERS[(p[2].round() as usize).min(POWERS.len() - 1)];
     let count = if power > 0.0 { ELEMENTS } else { 1 };
     (1..=count)
-        .map(|k| widest_c * (k as f64 / count as f64).powf(power))
+        .map(|k| widest_coulomb * (k as f64 / count as f64).powf(power))
         .collect()
 }
 
@@ -238,14 +242,15 @@ impl Dynamics for Dragged {
             * self
                 .elements
                 .iter()
-                .map(|(half_c, stretched_c)| stretched_c / half_c)
+                .map(|(half_coulomb, stretched_coulomb)| stretched_coulomb / half_coulomb)
                 .sum::<f64>()
             / self.elements.len() as f64
     }
 
     fn advance(&mut self, at: &Instant, step_s: f64) {
-        for (half_c, stretched_c) in &mut self.elements {
-            *stretched_c = (*stretched_c - at.current_a * step_s).clamp(-*half_c, *half_c);
+        for (half_coulomb, stretched_coulomb) in &mut self.elements {
+            *stretched_coulomb =
+                (*stretched_coulomb - at.current_a * step_s).clamp(-*half_coulomb, *half_coulomb);
         }
     }
 }

@@ -67,7 +67,7 @@ impl Effect for SelfHeating {
 
     fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
         let bend_per_j =
-            1.0 / (HEAT_PER_AH * base.ocv.capacity_ah * (record.temperature_c + ZERO_C_K));
+            1.0 / (HEAT_PER_AH * base.ocv.capacity_ah * (record.temperature_degc + ZERO_C_K));
         Some(Box::new(Heat {
             g_per_j: p[0],
             tau_s: p[1],

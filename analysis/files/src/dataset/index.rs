@@ -12,7 +12,8 @@ pub struct RunIndex {
     /// Name of the cell.
     pub cell: String,
     /// Capacity of the cell as stated, C.
-    pub capacity_c: f64,
+    #[serde(rename = "capacity_c")]
+    pub capacity_coulomb: f64,
     /// Spectra.
     pub sweeps: Vec<SweepEntry>,
     /// Time series.
@@ -44,7 +45,8 @@ pub struct SweepEntry {
     /// Voltage at rest before it, V; `None` if it was not measured.
     pub start_ocv_v: Option<f64>,
     /// Temperature of the cell's surface at the start, °C; `None` if it was not measured.
-    pub temperature_c: Option<f64>,
+    #[serde(rename = "temperature_c")]
+    pub temperature_degc: Option<f64>,
     /// Purpose of the run.
     pub role: Role,
     /// Runs of one group repeat each other.
@@ -91,9 +93,11 @@ pub struct TraceEntry {
     /// Voltage at rest before it, V.
     pub start_ocv_v: f64,
     /// Charge that the traces before it have left in the cell, C; charge positive.
-    pub charge_before_c: f64,
+    #[serde(rename = "charge_before_c")]
+    pub charge_before_coulomb: f64,
     /// Temperature of the cell's surface at the start, °C; `None` if it was not measured.
-    pub temperature_c: Option<f64>,
+    #[serde(rename = "temperature_c")]
+    pub temperature_degc: Option<f64>,
     /// Purpose of the run.
     pub role: Role,
     /// Runs of one group repeat each other.

@@ -79,7 +79,7 @@ fn columns(series: &TimeSeries) -> Vec<(ColumnSpec, Vec<f64>)> {
         Some(series.time_s.clone()),
         Some(series.voltage_v.clone()),
         Some(current_a),
-        series.temperature_c.clone(),
+        series.temperature_degc.clone(),
     ];
     COLUMNS
         .into_iter()
@@ -100,7 +100,7 @@ mod tests {
             time_s: vec![0.0, 0.1, 1.0 / 3.0],
             current_a: vec![0.0, 1.0 / 7.0, -2.5],
             voltage_v: vec![3.7, 3.65, 3.8],
-            temperature_c: Some(vec![25.0, 25.1, 25.2]),
+            temperature_degc: Some(vec![25.0, 25.1, 25.2]),
         };
         let folder = tempfile::tempdir().unwrap();
         let (csv, parquet) = (
@@ -117,11 +117,11 @@ mod tests {
             let back = read_series(&path, &SeriesOptions::default()).unwrap();
             assert_eq!(back.time_s, series.time_s);
             assert_eq!(
-                (back.current_a, back.voltage_v, back.temperature_c),
+                (back.current_a, back.voltage_v, back.temperature_degc),
                 (
                     series.current_a.clone(),
                     series.voltage_v.clone(),
-                    series.temperature_c.clone()
+                    series.temperature_degc.clone()
                 )
             );
         }

@@ -48,7 +48,7 @@ pub struct CellModel {
     curve: OcvCurve,
     /// Least and greatest voltage, V.
     window_v: RangeInclusive<f64>,
-    temperature_c: f64,
+    temperature_degc: f64,
     /// Limits of the model that the file states, in sentences.
     notes: Vec<String>,
 }
@@ -89,7 +89,7 @@ pub enum ModelExportError {
 }
 
 impl CellModel {
-    /// A model with its open-circuit voltage. `window_v`: the cell's limits; `temperature_c`: where
+    /// A model with its open-circuit voltage. `window_v`: the cell's limits; `temperature_degc`: where
     /// it was measured.
     ///
     /// # Errors
@@ -97,7 +97,7 @@ impl CellModel {
     pub fn new(
         file: &GivenModel,
         window_v: RangeInclusive<f64>,
-        temperature_c: f64,
+        temperature_degc: f64,
     ) -> Result<Self, ModelExportError> {
         let name = file.name.clone();
         if !file.additions.is_empty() {
@@ -131,7 +131,7 @@ impl CellModel {
             map: file.map.clone(),
             curve,
             window_v,
-            temperature_c,
+            temperature_degc,
             notes: file.notes().into_iter().chain(warnings).collect(),
         })
     }
@@ -212,7 +212,7 @@ impl CellModel {
             ("@HIGH_V@", format!("{:?}", self.window_v.end())),
             (
                 "@TEMPERATURE_K@",
-                format!("{:?}", self.temperature_c + KELVIN),
+                format!("{:?}", self.temperature_degc + KELVIN),
             ),
             ("@ELEMENTS@", self.pybamm_elements()),
         ];

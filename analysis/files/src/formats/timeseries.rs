@@ -120,7 +120,7 @@ pub fn read_record(path: &Path, options: &SeriesOptions) -> Result<ReadSeries, S
     let file = path
         .file_name()
         .map_or_else(|| "series".to_owned(), |n| n.to_string_lossy().into_owned());
-    let (state, temperature_c) = state::take(&mut raw);
+    let (state, temperature_degc) = state::take(&mut raw);
     let mut read = ReadSeries {
         state,
         left_out: std::mem::take(&mut raw.left_out),
@@ -135,7 +135,7 @@ pub fn read_record(path: &Path, options: &SeriesOptions) -> Result<ReadSeries, S
             time_s: raw.take(Quantity::Time).unwrap_or_default(),
             voltage_v: raw.take(Quantity::Voltage).unwrap_or_default(),
             current_a,
-            temperature_c,
+            temperature_degc,
         },
     };
     let unmeasured: Vec<usize> = read
@@ -300,7 +300,7 @@ mod tests {
                 (series.current_a.as_slice(), series.voltage_v.as_slice()),
                 (expected.as_slice(), [4.1, 4.0].as_slice())
             );
-            let temperature = series.temperature_c.unwrap();
+            let temperature = series.temperature_degc.unwrap();
             assert!(temperature[0] == 25.0 && temperature[1].is_nan());
         }
         let (path, result) = read("x.csv", CYCLER.as_bytes(), SeriesOptions::default());
@@ -322,7 +322,7 @@ mod tests {
             (series.current_a.as_slice(), series.time_s.as_slice()),
             ([2.0, -0.5].as_slice(), [0.0, 1.0].as_slice())
         );
-        assert_eq!(series.temperature_c, None);
+        assert_eq!(series.temperature_degc, None);
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("x.bdf.csv");
         std::fs::write(&path, text).unwrap();
@@ -361,7 +361,7 @@ mod tests {
             (&parquet.current_a, &parquet.voltage_v),
             (&series.current_a, &series.voltage_v)
         );
-        assert_eq!(parquet.temperature_c, Some(vec![25.0, 26.0]));
+        assert_eq!(parquet.temperature_degc, Some(vec![25.0, 26.0]));
     }
 
     #[test]
@@ -418,7 +418,7 @@ mod tests {
                 (10, 15.02, 2.921, 0.0),
                 "{name}"
             );
-            assert_eq!(series.temperature_c.unwrap()[3], 0.0, "{name}");
+            assert_eq!(series.temperature_degc.unwrap()[3], 0.0, "{name}");
         }
     }
 
@@ -453,7 +453,7 @@ mod tests {
             time_s,
             voltage_v: 3.7,
             current_a,
-            temperature_c: f64::NAN,
+            temperature_degc: f64::NAN,
         };
         dataset::write_series_parquet(&path, &[row(0.0, -1.0), row(1.0, f64::NAN), row(2.0, 0.25)])
             .unwrap();

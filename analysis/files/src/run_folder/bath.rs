@@ -11,15 +11,15 @@ pub struct BathRow {
     /// Bench time, s.
     pub time_s: f64,
     /// Temperature of the bath from the chiller, °C; `None` if it was not read.
-    pub bath_c: Option<f64>,
+    pub bath_degc: Option<f64>,
     /// Setpoint of the bath, °C; `None` if none was set.
-    pub setpoint_c: Option<f64>,
+    pub setpoint_degc: Option<f64>,
 }
 
 impl BathRow {
     /// The row, without the end of its line.
     pub fn row(&self) -> String {
-        let [bath, setpoint] = [self.bath_c, self.setpoint_c].map(|value| told(value, 4));
+        let [bath, setpoint] = [self.bath_degc, self.setpoint_degc].map(|value| told(value, 4));
         format!("{:.3},{bath},{setpoint}", self.time_s)
     }
 
@@ -29,8 +29,8 @@ impl BathRow {
         let mut cells = row.split(',').map(number);
         Some(Self {
             time_s: cells.next()??,
-            bath_c: cells.next()?,
-            setpoint_c: cells.next()?,
+            bath_degc: cells.next()?,
+            setpoint_degc: cells.next()?,
         })
     }
 }
@@ -43,8 +43,8 @@ mod tests {
     fn a_row_comes_back_and_the_head_is_none() {
         let row = BathRow {
             time_s: 1.5,
-            bath_c: None,
-            setpoint_c: Some(25.0),
+            bath_degc: None,
+            setpoint_degc: Some(25.0),
         };
         assert_eq!(row.row(), "1.500,,25.0000");
         assert_eq!(BathRow::parse(&row.row()), Some(row));

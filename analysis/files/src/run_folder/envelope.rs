@@ -34,13 +34,13 @@ pub struct EnvelopeRow {
     /// Bounds of the current, charge positive, A.
     pub current_a: Between,
     /// Bounds of the temperature of the cell's surface, °C.
-    pub temperature_c: Between,
+    pub temperature_degc: Between,
 }
 
 impl EnvelopeRow {
     /// The row, without the end of its line.
     pub fn row(&self) -> String {
-        let cells = [self.voltage_v, self.current_a, self.temperature_c]
+        let cells = [self.voltage_v, self.current_a, self.temperature_degc]
             .map(|between| format!("{},{}", told(between.least, 6), told(between.greatest, 6)));
         format!("{:.3},{}", self.time_s, cells.join(","))
     }
@@ -60,7 +60,7 @@ impl EnvelopeRow {
             time_s,
             voltage_v: between()?,
             current_a: between()?,
-            temperature_c: between()?,
+            temperature_degc: between()?,
         })
     }
 }
@@ -75,7 +75,7 @@ mod tests {
             time_s: 2.0,
             voltage_v: Between::of(-1.0, 1.0),
             current_a: Between::of(-5.6, 0.1),
-            temperature_c: Between::of(f64::NEG_INFINITY, 60.0),
+            temperature_degc: Between::of(f64::NEG_INFINITY, 60.0),
         };
         let text = "2.000,-1.000000,1.000000,-5.600000,0.100000,,60.000000";
         assert_eq!(row.row(), text);

@@ -15,7 +15,7 @@ pub struct ReadingRow<'a> {
     /// Current, charge positive, A; `None` if it was not read.
     pub current_a: Option<f64>,
     /// Temperature of the cell's surface, °C; `None` if it was not read.
-    pub temperature_c: Option<f64>,
+    pub temperature_degc: Option<f64>,
 }
 
 impl<'a> ReadingRow<'a> {
@@ -27,7 +27,7 @@ impl<'a> ReadingRow<'a> {
             self.phase,
             told(self.voltage_v, 6),
             told(self.current_a, 6),
-            told(self.temperature_c, 4)
+            told(self.temperature_degc, 4)
         )
     }
 
@@ -43,7 +43,7 @@ impl<'a> ReadingRow<'a> {
             phase,
             voltage_v: value(),
             current_a: value(),
-            temperature_c: value(),
+            temperature_degc: value(),
         })
     }
 
@@ -79,7 +79,7 @@ mod tests {
             phase: "rest",
             voltage_v: Some(3.7),
             current_a: None,
-            temperature_c: Some(24.5),
+            temperature_degc: Some(24.5),
         };
         assert_eq!(row.row(), "1.500,rest,3.700000,,24.5000");
         assert_eq!(ReadingRow::parse(&row.row()), Some(row));

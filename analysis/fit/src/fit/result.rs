@@ -86,8 +86,8 @@ impl ErmFit {
     pub fn impedance(&self, freq_hz: f64) -> Complex64 {
         let storage = |s: ChargeStorage| {
             OcvSlope {
-                v_per_c: s.v_per_c,
-                sigma_v_per_c: 0.0,
+                v_per_coulomb: s.v_per_coulomb,
+                sigma_v_per_coulomb: 0.0,
             }
             .impedance(freq_hz)
         };

@@ -47,13 +47,13 @@ impl Slope {
             Some("fit") => Err(SlopeError::Objective { objective }),
             Some(text) => {
                 let number = text.trim().trim_end_matches("V/C").trim().parse::<f64>();
-                let v_per_c = number.ok().filter(|v| v.is_finite() && *v >= 0.0);
-                let v_per_c = v_per_c.ok_or_else(|| SlopeError::Text {
+                let v_per_coulomb = number.ok().filter(|v| v.is_finite() && *v >= 0.0);
+                let v_per_coulomb = v_per_coulomb.ok_or_else(|| SlopeError::Text {
                     met: text.to_owned(),
                 })?;
                 Ok(Self::Known(OcvSlope {
-                    v_per_c,
-                    sigma_v_per_c: SLOPE_SHARE * v_per_c,
+                    v_per_coulomb,
+                    sigma_v_per_coulomb: SLOPE_SHARE * v_per_coulomb,
                 }))
             }
         }

@@ -20,9 +20,11 @@ const NOISE_ROUNDS: usize = 3;
 #[serde(deny_unknown_fields)]
 pub struct ChargeStorage {
     /// Slope dU/dQ, V/C: the given value, moved within its uncertainty towards the data.
-    pub v_per_c: f64,
+    #[serde(rename = "v_per_c")]
+    pub v_per_coulomb: f64,
     /// Its standard deviation, V/C; `None` if the data do not determine it.
-    pub sigma_v_per_c: Option<f64>,
+    #[serde(rename = "sigma_v_per_c")]
+    pub sigma_v_per_coulomb: Option<f64>,
     /// Slope that was given.
     pub given: OcvSlope,
     /// Resistance at zero frequency of the same model with the share of the slope left in the
@@ -84,7 +86,7 @@ fn misfit(problem: &Problem, minimum: &analysis_numeric::Minimum) -> f64 {
 impl ChargeStorage {
     /// Returns a sentence if the data contradict the given slope.
     pub(super) fn contradiction(&self) -> Option<String> {
-        let off = (self.v_per_c - self.given.v_per_c) / self.given.sigma_v_per_c;
+        let off = (self.v_per_coulomb - self.given.v_per_coulomb) / self.given.sigma_v_per_coulomb;
         (off.abs() > CONTRADICTED && off.is_finite()).then(|| {
             let micro = |v: f64| format_significant(1.0e6 * v, 3);
             format!(
@@ -92,10 +94,10 @@ impl ChargeStorage {
                 uncertainty from the {} ± {} µV/C given: \
                  the curve, the state of charge or the prior is another, and the slow branches and \
                  the misfit depend on it; give the slope that holds here",
-                micro(self.v_per_c),
+                micro(self.v_per_coulomb),
                 format_significant(off.abs(), 3),
-                micro(self.given.v_per_c),
-                micro(self.given.sigma_v_per_c)
+                micro(self.given.v_per_coulomb),
+                micro(self.given.sigma_v_per_coulomb)
             )
         })
     }
@@ -115,8 +117,8 @@ pub(super) fn charge_storage(
     let count = given.len() as f64;
     let mean = |of: fn(&OcvSlope) -> f64| given.iter().map(of).sum::<f64>() / count;
     let given = OcvSlope {
-        v_per_c: mean(|slope| slope.v_per_c),
-        sigma_v_per_c: mean(|slope| slope.sigma_v_per_c),
+        v_per_coulomb: mean(|slope| slope.v_per_coulomb),
+        sigma_v_per_coulomb: mean(|slope| slope.sigma_v_per_coulomb),
     };
     let told = problem
         .common
@@ -130,8 +132,8 @@ pub(super) fn charge_storage(
     );
     let (moved, sigma) = told.unwrap_or((0.0, Some(1.0)));
     Some(ChargeStorage {
-        v_per_c: given.v_per_c + moved * given.sigma_v_per_c,
-        sigma_v_per_c: sigma.map(|sigma| sigma * given.sigma_v_per_c),
+        v_per_coulomb: given.v_per_coulomb + moved * given.sigma_v_per_coulomb,
+        sigma_v_per_coulomb: sigma.map(|sigma| sigma * given.sigma_v_per_coulomb),
         given,
         apparent_dc_resistance_ohm: to_erm(&apparent.x).dc_resistance_ohm(),
     })
@@ -174,7 +176,7 @@ pub(super) fn carry(
     if options.objective == Objective::Complex
         || spectra
             .iter()
-            .all(|spectrum| spectrum.less.is_none_or(|s| s.sigma_v_per_c <= 0.0))
+            .all(|spectrum| spectrum.less.is_none_or(|s| s.sigma_v_per_coulomb <= 0.0))
     {
         return;
     }
@@ -206,7 +208,7 @@ fn with_slope_one_sigma_up(spectrum: &Spectrum) -> Spectrum {
     let mut moved = spectrum.clone();
     if let Some(slope) = spectrum.less {
         let up = OcvSlope {
-            v_per_c: slope.sigma_v_per_c,
+            v_per_coulomb: slope.sigma_v_per_coulomb,
             ..slope
         };
         moved

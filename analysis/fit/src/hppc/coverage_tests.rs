@@ -34,7 +34,7 @@ fn random_cell(rng: &mut Rng) -> Cell {
         branches,
         ocv_v: 3.3 + 0.7 * rng.uniform(),
         // 0.2 V to 1 V over 2 Ah to 5 Ah.
-        v_per_c: between(rng, 0.2, 1.0) / between(rng, 7200.0, 18_000.0),
+        v_per_coulomb: between(rng, 0.2, 1.0) / between(rng, 7200.0, 18_000.0),
     }
 }
 
@@ -49,7 +49,7 @@ fn thinned(series: &mut TimeSeries, from: usize) {
     thin(&mut series.time_s);
     thin(&mut series.current_a);
     thin(&mut series.voltage_v);
-    series.temperature_c = None;
+    series.temperature_degc = None;
 }
 
 /// Distances from the truth in stated standard uncertainties, of all times of both pulses of a cell.

@@ -76,7 +76,7 @@ pub(super) fn pulse(
         state: PulseState {
             soc: load.soc,
             drawn_ah: None,
-            temperature_c: load.temperature_c,
+            temperature_degc: load.temperature_degc,
             open_circuit,
             base: load.base,
         },

@@ -97,7 +97,8 @@ pub struct PulseState {
     /// may have moved.
     pub drawn_ah: Option<f64>,
     /// Temperature of the cell, °C, if logged.
-    pub temperature_c: Option<f64>,
+    #[serde(rename = "temperature_c")]
+    pub temperature_degc: Option<f64>,
     /// Voltage of the rest before the pulse; `None` if it stands on a current.
     pub open_circuit: Option<OpenCircuit>,
     /// The current that it stands on.

@@ -11,14 +11,14 @@ pub(super) struct Cell {
     pub(super) r_ohm: f64,
     pub(super) branches: Vec<(f64, f64)>,
     pub(super) ocv_v: f64,
-    pub(super) v_per_c: f64,
+    pub(super) v_per_coulomb: f64,
 }
 
 impl Cell {
     /// The resistance of a pulse after a time.
     pub(super) fn pulse_ohm(&self, at_s: f64) -> f64 {
         let branch = |(ohm, tau_s): &(f64, f64)| ohm * (1.0 - (-at_s / tau_s).exp());
-        self.r_ohm + self.branches.iter().map(branch).sum::<f64>() + self.v_per_c * at_s
+        self.r_ohm + self.branches.iter().map(branch).sum::<f64>() + self.v_per_coulomb * at_s
     }
 }
 
@@ -28,12 +28,12 @@ pub(super) type Part = (f64, f64, f64);
 /// The log of a cell under a program. A row stands at the end of each step of the log.
 pub(super) fn log(cell: &Cell, program: &[Part]) -> TimeSeries {
     let mut held_v = vec![0.0; cell.branches.len()];
-    let (mut begun_s, mut drawn_c) = (0.0, 0.0);
+    let (mut begun_s, mut drawn_coulomb) = (0.0, 0.0);
     let (mut time_s, mut current_a, mut voltage_v) = (vec![0.0], vec![0.0], vec![cell.ocv_v]);
     for (lasting_s, amperes, every_s) in program {
         let rows = (lasting_s / every_s).round() as usize;
         for k in 1..=rows {
-            drawn_c += amperes * every_s;
+            drawn_coulomb += amperes * every_s;
             for (v, (ohm, tau_s)) in held_v.iter_mut().zip(&cell.branches) {
                 let kept = (-every_s / tau_s).exp();
                 *v = *v * kept + ohm * amperes * (1.0 - kept);
@@ -41,13 +41,13 @@ pub(super) fn log(cell: &Cell, program: &[Part]) -> TimeSeries {
             time_s.push(begun_s + k as f64 * every_s);
             current_a.push(*amperes);
             let lost_v = cell.r_ohm * amperes + held_v.iter().sum::<f64>();
-            voltage_v.push(cell.ocv_v - cell.v_per_c * drawn_c - lost_v);
+            voltage_v.push(cell.ocv_v - cell.v_per_coulomb * drawn_coulomb - lost_v);
         }
         begun_s += lasting_s;
     }
     TimeSeries {
         name: "log.csv".to_owned(),
-        temperature_c: Some(vec![25.0; time_s.len()]),
+        temperature_degc: Some(vec![25.0; time_s.len()]),
         time_s,
         current_a,
         voltage_v,
@@ -71,7 +71,7 @@ fn cell() -> Cell {
         r_ohm: 0.01,
         branches: vec![(0.005, 0.5), (0.01, 20.0)],
         ocv_v: 3.7,
-        v_per_c: 4e-5,
+        v_per_coulomb: 4e-5,
     }
 }
 

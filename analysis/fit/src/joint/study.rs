@@ -294,14 +294,14 @@ pub fn study(
     study.warnings = warnings(&study);
     study.warnings.push(match slope {
         Some(OcvSlope {
-            v_per_c,
-            sigma_v_per_c,
+            v_per_coulomb,
+            sigma_v_per_coulomb,
         }) => format!(
             "the slope of the OCV curve at {:.3} V, {:.2} ± {:.2} µV/C, was taken out of the \
             spectra: the resistances are without charge storage",
             options.ocv_window_v.0,
-            1e6 * v_per_c,
-            1e6 * sigma_v_per_c
+            1e6 * v_per_coulomb,
+            1e6 * sigma_v_per_coulomb
         ),
         None => format!(
             "{:.3} V lies outside the OCV curve: charge storage is left in the spectra, and the DC \

@@ -63,7 +63,7 @@ fn pulsed(gain: f64, noise_v: f64, seed: u64) -> TimeSeries {
         time_s: vec![],
         current_a: vec![],
         voltage_v: vec![],
-        temperature_c: None,
+        temperature_degc: None,
     };
     for k in 0..3_000_000u32 {
         let t = f64::from(k) * h;
@@ -421,7 +421,7 @@ fn pulses_without_steady_current_around_them_are_left_out() {
         voltage_v: vec![3.7; 400],
         time_s,
         current_a,
-        temperature_c: None,
+        temperature_degc: None,
     };
     let found = find_pulses(&series, &PulseOptions::default());
     assert_eq!(found.len(), 1);
@@ -465,7 +465,7 @@ fn a_pulse_is_seen_where_its_record_has_a_sample_a_second() {
             voltage_v: vec![3.7; count],
             time_s,
             current_a,
-            temperature_c: None,
+            temperature_degc: None,
         };
         let found = find_pulses(&series, &PulseOptions::default());
         assert_eq!(found.len(), 1, "{sampling_s} s");

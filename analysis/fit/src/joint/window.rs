@@ -83,7 +83,7 @@ impl PulseWindow {
         let mean = base.clone().map(|k| series.voltage_v[k]).sum::<f64>() / base.len() as f64;
         let ocv_v = mean + pulse.current_a[0] * dcir_ohm;
         let soc = curve.soc_at(ocv_v)?;
-        let charge = series.charge_c();
+        let charge = series.charge_coulomb();
         let course = |k: usize| {
             curve.voltage_v(soc - (charge[k] - charge[edge]) / (3600.0 * curve.capacity_ah)) - ocv_v
         };

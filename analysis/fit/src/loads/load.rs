@@ -105,7 +105,8 @@ pub struct Load {
     /// Resistance of a pulse after 1 s, Ω: the change of the voltage over that of the current.
     pub resistance_1s_ohm: Option<f64>,
     /// Temperature of the cell at the start, °C, if logged.
-    pub temperature_c: Option<f64>,
+    #[serde(rename = "temperature_c")]
+    pub temperature_degc: Option<f64>,
     /// State of charge at the start, if known.
     pub soc: Option<KnownSoc>,
     /// Reason why the load cannot be a run.
@@ -251,8 +252,8 @@ fn one(
     let from = before.rest.map_or(first, |rest| {
         time_s[rest.samples.clone()].partition_point(|t| *t < from_s) + rest.samples.start
     });
-    let temperature_c = series
-        .temperature_c
+    let temperature_degc = series
+        .temperature_degc
         .as_ref()
         .and_then(|all| all[from..=off].iter().copied().find(|t| t.is_finite()));
     let step_s = longest_step_s(
@@ -282,7 +283,7 @@ fn one(
             };
             resistance_ohm(series, load, before)
         }),
-        temperature_c,
+        temperature_degc,
         soc: None,
         refusal: None,
         samples: load.samples.clone(),

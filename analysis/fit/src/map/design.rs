@@ -52,7 +52,7 @@ impl Log {
         if !series.current_a.iter().any(|i| i.abs() > 1e-3) {
             return Err(MapFitError::NoCurrent { log: name });
         }
-        let measured = series.temperature_c.as_deref().and_then(filled);
+        let measured = series.temperature_degc.as_deref().and_then(filled);
         let temperature_measured = measured.is_some();
         let temperature_degc = match (measured, log.temperature_degc) {
             (Some(column), _) => column,
@@ -135,11 +135,11 @@ fn counted(log: &MapLog, ocv: &OcvCurve) -> Result<Vec<f64>, MapFitError> {
             high_v: ocv.ocv_v[ocv.ocv_v.len() - 1],
         })?,
     };
-    let capacity_c = 3600.0 * ocv.capacity_ah;
+    let capacity_coulomb = 3600.0 * ocv.capacity_ah;
     let mut soc = vec![start];
     for k in 1..series.len() {
         let h = series.time_s[k] - series.time_s[k - 1];
-        let moved = 0.5 * h * (series.current_a[k - 1] + series.current_a[k]) / capacity_c;
+        let moved = 0.5 * h * (series.current_a[k - 1] + series.current_a[k]) / capacity_coulomb;
         let met = soc[k - 1] - moved;
         if !(SOC_BEYOND.0..=SOC_BEYOND.1).contains(&met) {
             let capacity_ah = ocv.capacity_ah;

@@ -53,7 +53,7 @@ fn log(name: &str, degc: f64, seed: u64, role: Role) -> MapLog {
             time_s,
             current_a: current,
             voltage_v: voltage,
-            temperature_c: Some(temperature),
+            temperature_degc: Some(temperature),
         },
         soc_start: Some(1.0),
         temperature_degc: None,
@@ -108,10 +108,10 @@ fn what_cannot_be_fitted_is_refused_with_the_reason() {
             .to_string()
     };
     let mut unknown = good();
-    unknown.series.temperature_c = None;
+    unknown.series.temperature_degc = None;
     assert!(fails(unknown).contains("log: expected a column of temperatures"));
     let mut kelvin = good();
-    kelvin.series.temperature_c = Some(vec![298.15; kelvin.series.len()]);
+    kelvin.series.temperature_degc = Some(vec![298.15; kelvin.series.len()]);
     assert!(fails(kelvin).contains("is the column in kelvin?"));
     let mut start = good();
     start.soc_start = None;
@@ -152,7 +152,7 @@ fn a_log_at_rest_gives_its_own_start_and_short_logs_lose_slow_branches() {
         &mut rests.series.time_s,
         &mut rests.series.current_a,
         &mut rests.series.voltage_v,
-        rests.series.temperature_c.as_mut().unwrap(),
+        rests.series.temperature_degc.as_mut().unwrap(),
     ] {
         list.truncate(cut);
     }

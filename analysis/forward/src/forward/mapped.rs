@@ -196,11 +196,11 @@ impl<'a> Run<'a> {
     /// Moves the cell over a step that ends at a time with a demand.
     fn step(&mut self, before: &Look, step_s: f64, end: DemandPoint) -> Result<(), ForwardError> {
         let from = self.cell.clone();
-        let capacity_c = self.model.capacity_c() / f64::from(self.model.pack.parallel);
+        let capacity_coulomb = self.model.capacity_coulomb() / f64::from(self.model.pack.parallel);
         let mut after = before.clone();
         for _ in 0..MOST_LOOKS {
             let mean_a = 0.5 * (before.current_a + after.current_a);
-            self.cell.soc = from.soc - mean_a * step_s / capacity_c;
+            self.cell.soc = from.soc - mean_a * step_s / capacity_coulomb;
             self.cell.temperature_degc =
                 self.warmed(&from, 0.5 * (before.heat_w + after.heat_w), step_s);
             let driven = before.driven_v.iter().zip(&after.driven_v);

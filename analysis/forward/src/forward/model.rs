@@ -255,7 +255,7 @@ impl SimModel {
     }
 
     /// Returns the charge of the terminals between SOC 0 and 1, C; infinite for a constant OCV.
-    pub fn capacity_c(&self) -> f64 {
+    pub fn capacity_coulomb(&self) -> f64 {
         match &self.ocv {
             OcvSource::Constant(_) => f64::INFINITY,
             OcvSource::Curve(curve) => curve.capacity_ah * 3600.0 * f64::from(self.pack.parallel),

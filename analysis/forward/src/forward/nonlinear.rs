@@ -69,7 +69,7 @@ fn now(base: &Base, soc: f64) -> Record<'static> {
         time_s: &[],
         current_a: &[],
         soc,
-        temperature_c: f.temperature_c,
+        temperature_degc: f.temperature_degc,
         order: f.orders,
         start_s: f.span_s,
         is_cell: true,

@@ -417,10 +417,13 @@ fn follow(
     d: &mut Direction,
     d_demand: Ramp,
 ) {
-    let (h, capacity_c) = (c.step_s, integrator.capacity_c);
+    let (h, capacity_coulomb) = (c.step_s, integrator.capacity_coulomb);
     let (i0, i1) = (ends.start.current_a, ends.end.current_a);
     let slope0_v = integrator.model.ocv_v(from.soc).1;
-    let slope1_v = integrator.model.ocv_v(from.soc - h * i0 / capacity_c).1;
+    let slope1_v = integrator
+        .model
+        .ocv_v(from.soc - h * i0 / capacity_coulomb)
+        .1;
     let d_e0 = slope0_v * d.soc - d.v.iter().sum::<f64>() + d.what.ocv();
     let d_i0 = ends.start.along(d.what, d_e0, d_demand.start);
     let slopes: Vec<(f64, f64, f64)> = (0..d.v.len())
@@ -431,7 +434,7 @@ fn follow(
         g.decay * d.v[k] + (g.start + g.end) * d_i0 + s.0 * from.v_rc_v[k] + (s.1 + s.2) * i0
     };
     let d_held: f64 = (0..d.v.len()).map(held).sum();
-    let d_e1 = slope1_v * (d.soc - h * d_i0 / capacity_c) - d_held + d.what.ocv();
+    let d_e1 = slope1_v * (d.soc - h * d_i0 / capacity_coulomb) - d_held + d.what.ocv();
     let d_i1 = ends.end.along(d.what, d_e1, d_demand.end);
     for (k, v) in d.v.iter_mut().enumerate() {
         let (g, s) = (&c.branches[k], &slopes[k]);
@@ -442,5 +445,5 @@ fn follow(
             + s.1 * i0
             + s.2 * i1;
     }
-    d.soc -= 0.5 * h * (d_i0 + d_i1) / capacity_c;
+    d.soc -= 0.5 * h * (d_i0 + d_i1) / capacity_coulomb;
 }

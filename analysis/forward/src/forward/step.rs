@@ -75,7 +75,7 @@ pub(super) struct Ends {
 pub(super) struct Integrator<'m> {
     pub(super) model: &'m SimModel,
     pub(super) drive: Drive,
-    pub(super) capacity_c: f64,
+    pub(super) capacity_coulomb: f64,
 }
 
 impl<'m> Integrator<'m> {
@@ -83,7 +83,7 @@ impl<'m> Integrator<'m> {
         Self {
             model,
             drive,
-            capacity_c: model.capacity_c(),
+            capacity_coulomb: model.capacity_coulomb(),
         }
     }
 
@@ -111,7 +111,7 @@ impl<'m> Integrator<'m> {
             .sum();
         let e1 = self
             .model
-            .ocv_v(from.soc - c.step_s * i0 / self.capacity_c)
+            .ocv_v(from.soc - c.step_s * i0 / self.capacity_coulomb)
             .0
             - held;
         let end = self.drive.reply(e1, demand.end);
@@ -119,7 +119,7 @@ impl<'m> Integrator<'m> {
         for ((new, old), g) in to.v_rc_v.iter_mut().zip(&from.v_rc_v).zip(&c.branches) {
             *new = g.decay * old + g.start * i0 + g.end * i1;
         }
-        to.soc = from.soc - 0.5 * c.step_s * (i0 + i1) / self.capacity_c;
+        to.soc = from.soc - 0.5 * c.step_s * (i0 + i1) / self.capacity_coulomb;
         let ccv_v = |e_v: f64, reply: &Reply| e_v - self.drive.r_ohm * reply.current_a;
         Ends {
             start,
@@ -148,7 +148,7 @@ impl<'m> Integrator<'m> {
             let into_capacitor_a = reply.current_a - old / b.r_ohm;
             *new = old + into_capacitor_a * step_s / b.c_f;
         }
-        to.soc = from.soc - step_s * reply.current_a / self.capacity_c;
+        to.soc = from.soc - step_s * reply.current_a / self.capacity_coulomb;
         reply
     }
 }

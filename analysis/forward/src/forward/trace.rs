@@ -74,7 +74,8 @@ pub struct Summary {
     /// Energy delivered at the terminals, J.
     pub energy_j: f64,
     /// Charge taken, C.
-    pub charge_c: f64,
+    #[serde(rename = "charge_c")]
+    pub charge_coulomb: f64,
     /// Heat in the resistances, J: ∫i²R + Σ∫vₖ²/Rₖ, interconnect included; with additions also
     /// their voltage drop times the current.
     pub heat_j: f64,
@@ -148,7 +149,7 @@ impl<'m> TraceRecorder<'m> {
             margin_low_v: 0.0,
             margin_high_v: 0.0,
             energy_j: 0.0,
-            charge_c: 0.0,
+            charge_coulomb: 0.0,
             heat_j: 0.0,
             chemical_j: 0.0,
             stored_j: 0.0,
@@ -293,7 +294,7 @@ impl<'m> TraceRecorder<'m> {
         };
         let s = &mut self.summary;
         s.energy_j += simpson(&|p| p.ccv_v * p.current_a);
-        s.charge_c += simpson(&|p| p.current_a);
+        s.charge_coulomb += simpson(&|p| p.current_a);
         s.chemical_j += simpson(&|p| p.ocv_v * p.current_a);
         s.heat_j += simpson(&|p| p.current_a * p.current_a) * self.model.erm.r_ohm;
         for (k, branch) in self.model.erm.branches.iter().enumerate() {
@@ -313,7 +314,7 @@ impl<'m> TraceRecorder<'m> {
         let h = 0.5 * (to.time_s - from.time_s);
         let s = &mut self.summary;
         s.energy_j += h * (from.ccv_v * from.current_a + to.ccv_v * to.current_a);
-        s.charge_c += h * (from.current_a + to.current_a);
+        s.charge_coulomb += h * (from.current_a + to.current_a);
         s.chemical_j += h * (from.ocv_v * from.current_a + to.ocv_v * to.current_a);
         s.heat_j += heat_j;
         s.steps += 1;
@@ -323,7 +324,7 @@ impl<'m> TraceRecorder<'m> {
     pub(super) fn held(&mut self, p: &Point, h: f64, from: &SimState) {
         let s = &mut self.summary;
         s.energy_j += h * p.ccv_v * p.current_a;
-        s.charge_c += h * p.current_a;
+        s.charge_coulomb += h * p.current_a;
         s.chemical_j += h * p.ocv_v * p.current_a;
         let branches = self.model.erm.branches.iter().zip(&from.v_rc_v);
         s.heat_j += h

@@ -288,7 +288,7 @@ fn augmented(kept: Vec<Kept>) -> SimModel {
         greatest_a: 40.0,
         widest_soc: 0.1,
         soc: 0.5,
-        temperature_c: 25.0,
+        temperature_degc: 25.0,
         orders: 0.0,
         span_s: 0.0,
     };

@@ -269,7 +269,7 @@ fn branch(
             met: range.len(),
         });
     }
-    let charge = series.charge_c();
+    let charge = series.charge_coulomb();
     let total = (charge[range.end - 1] - charge[range.start]).abs();
     // Every sample counts by the charge since the one before: a tail of small current has many
     // samples and little charge.
@@ -453,7 +453,7 @@ mod tests {
             current_a: vec![current_a; time_s.len()],
             time_s,
             voltage_v,
-            temperature_c: None,
+            temperature_degc: None,
         }
     }
 

@@ -22,7 +22,8 @@ const LARGE: f64 = 0.5;
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Interruption {
     /// Charge drawn until then, C; negative for a charge.
-    pub charge_c: f64,
+    #[serde(rename = "charge_c")]
+    pub charge_coulomb: f64,
     /// Current that was interrupted, discharge positive, A.
     pub current_a: f64,
     /// Resistance, Ω.
@@ -66,14 +67,14 @@ impl Interrupted {
 }
 
 /// Takes the pauses out of a series, and the first `settle_s` after each change of the current.
-/// `drawn_c` is the charge drawn at each sample, C.
-pub fn interrupted(series: &TimeSeries, drawn_c: &[f64], settle_s: f64) -> Interrupted {
+/// `drawn_coulomb` is the charge drawn at each sample, C.
+pub fn interrupted(series: &TimeSeries, drawn_coulomb: &[f64], settle_s: f64) -> Interrupted {
     let most = series
         .current_a
         .iter()
         .fold(0.0_f64, |most, amps| most.max(amps.abs()));
     let flows = |k: usize| series.current_a[k].abs() > NONE * most;
-    let count = series.len().min(drawn_c.len());
+    let count = series.len().min(drawn_coulomb.len());
     let (mut kept, mut pauses, mut changed_s): (Vec<usize>, Vec<Interruption>, f64) =
         (Vec::new(), Vec::new(), f64::NEG_INFINITY);
     let mut leg = 0;
@@ -89,14 +90,14 @@ pub fn interrupted(series: &TimeSeries, drawn_c: &[f64], settle_s: f64) -> Inter
         }
         let ends = k + 1 == count || flows(k + 1) != flows(k);
         if !flows(k) && ends {
-            pauses.extend(pause(series, drawn_c, leg..k + 1));
+            pauses.extend(pause(series, drawn_coulomb, leg..k + 1));
         }
         if flows(k) && series.time_s[k] - changed_s >= settle_s {
             kept.push(k);
         }
     }
     Interrupted {
-        steady: squeezed(series, drawn_c, &kept),
+        steady: squeezed(series, drawn_coulomb, &kept),
         interruptions: pauses,
     }
 }
@@ -105,7 +106,7 @@ pub fn interrupted(series: &TimeSeries, drawn_c: &[f64], settle_s: f64) -> Inter
 /// short.
 fn pause(
     series: &TimeSeries,
-    drawn_c: &[f64],
+    drawn_coulomb: &[f64],
     range: std::ops::Range<usize>,
 ) -> Option<Interruption> {
     let before = range.start.checked_sub(BEFORE)?..range.start;
@@ -125,7 +126,7 @@ fn pause(
         / (AFTER * (AFTER - 1)) as f64)
         .sqrt();
     Some(Interruption {
-        charge_c: drawn_c[last],
+        charge_coulomb: drawn_coulomb[last],
         current_a,
         resistance_ohm: (rest_v - under_v) / current_a,
         sigma_ohm: under_sigma.hypot(rest_sigma) / current_a.abs(),
@@ -167,12 +168,13 @@ fn line_end(time_s: &[f64], volts: &[f64]) -> (f64, f64) {
 
 /// Returns the samples of these numbers, with times in which the trapezia of their current are the
 /// charge.
-fn squeezed(series: &TimeSeries, drawn_c: &[f64], kept: &[usize]) -> TimeSeries {
+fn squeezed(series: &TimeSeries, drawn_coulomb: &[f64], kept: &[usize]) -> TimeSeries {
     let mut time_s = Vec::with_capacity(kept.len());
     for (place, &k) in kept.iter().enumerate() {
         let step = place.checked_sub(1).map_or(0.0, |before| {
             let last = kept[before];
-            2.0 * (drawn_c[k] - drawn_c[last]) / (series.current_a[k] + series.current_a[last])
+            2.0 * (drawn_coulomb[k] - drawn_coulomb[last])
+                / (series.current_a[k] + series.current_a[last])
         });
         time_s.push(time_s.last().copied().unwrap_or(0.0) + step);
     }
@@ -182,7 +184,7 @@ fn squeezed(series: &TimeSeries, drawn_c: &[f64], kept: &[usize]) -> TimeSeries 
         time_s,
         current_a: of(&series.current_a),
         voltage_v: of(&series.voltage_v),
-        temperature_c: series.temperature_c.as_deref().map(of),
+        temperature_degc: series.temperature_degc.as_deref().map(of),
     }
 }
 
@@ -193,7 +195,7 @@ mod tests {
     /// 1 A out of a cell of 4 V − 1 mV/C and 20 mΩ that settle with 3 s, for 200 s, four times,
     /// with pauses of 40 s; then 0.2 A.
     fn measured() -> (TimeSeries, Vec<f64>) {
-        let (mut time_s, mut current_a, mut voltage_v, mut drawn_c) =
+        let (mut time_s, mut current_a, mut voltage_v, mut drawn_coulomb) =
             (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let (mut q, mut relaxed_v) = (0.0, 0.0);
         let mut legs: Vec<(f64, usize)> = std::iter::repeat_n([(1.0, 200), (0.0, 40)], 4)
@@ -207,7 +209,7 @@ mod tests {
                 time_s.push(time_s.last().map_or(1.0, |t| t + 1.0));
                 current_a.push(amps);
                 voltage_v.push(4.0 - 1.0e-3 * q - relaxed_v);
-                drawn_c.push(q);
+                drawn_coulomb.push(q);
             }
         }
         (
@@ -216,22 +218,22 @@ mod tests {
                 time_s,
                 current_a,
                 voltage_v,
-                temperature_c: None,
+                temperature_degc: None,
             },
-            drawn_c,
+            drawn_coulomb,
         )
     }
 
     #[test]
     fn pauses_tell_the_resistance_and_leave_a_steady_current_with_its_charge() {
-        let (series, drawn_c) = measured();
-        let found = interrupted(&series, &drawn_c, 25.0);
+        let (series, drawn_coulomb) = measured();
+        let found = interrupted(&series, &drawn_coulomb, 25.0);
         assert_eq!(found.interruptions.len(), 4);
         assert!(
             found
                 .interruptions
                 .iter()
-                .all(|pause| pause.rest_s == 40.0 && (pause.charge_c % 200.0).abs() < 1e-9)
+                .all(|pause| pause.rest_s == 40.0 && (pause.charge_coulomb % 200.0).abs() < 1e-9)
         );
         let (ohm, spread_ohm) = found.resistance_ohm().unwrap();
         assert!(
@@ -243,12 +245,12 @@ mod tests {
         steady.validate().unwrap();
         // From the 26th coulomb to the last; across the pauses and the change to the tail nothing
         // is lost.
-        assert!((steady.charge_c().last().unwrap() - (820.0 - 26.0)).abs() < 1e-9);
+        assert!((steady.charge_coulomb().last().unwrap() - (820.0 - 26.0)).abs() < 1e-9);
         for ((amps, volts), drawn) in steady
             .current_a
             .iter()
             .zip(&steady.voltage_v)
-            .zip(steady.charge_c())
+            .zip(steady.charge_coulomb())
         {
             assert!(
                 (volts + amps * 0.02 - (4.0 - 1e-3 * (drawn + 26.0))).abs() < 1e-5,
@@ -259,14 +261,14 @@ mod tests {
 
     #[test]
     fn what_is_too_short_says_nothing() {
-        let (series, drawn_c) = measured();
+        let (series, drawn_coulomb) = measured();
         let start = TimeSeries {
             time_s: series.time_s[..205].to_vec(),
             current_a: series.current_a[..205].to_vec(),
             voltage_v: series.voltage_v[..205].to_vec(),
             ..series
         };
-        let found = interrupted(&start, &drawn_c[..205], 25.0);
+        let found = interrupted(&start, &drawn_coulomb[..205], 25.0);
         assert_eq!(
             (found.interruptions.len(), found.resistance_ohm()),
             (0, None)

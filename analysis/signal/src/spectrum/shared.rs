@@ -31,16 +31,16 @@ impl OcvSlope {
             .points
             .iter()
             .min_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz))?;
-        let v_per_c = Self::PRIOR_PER_S * lowest.z_ohm.re.abs();
+        let v_per_coulomb = Self::PRIOR_PER_S * lowest.z_ohm.re.abs();
         Some(Self {
-            v_per_c,
-            sigma_v_per_c: v_per_c,
+            v_per_coulomb,
+            sigma_v_per_coulomb: v_per_coulomb,
         })
     }
 
     /// Returns the share of the slope in an impedance, −j·(dU/dQ)/ω, Ω.
     pub fn impedance(&self, freq_hz: f64) -> Complex64 {
-        Complex64::new(0.0, -self.v_per_c / (std::f64::consts::TAU * freq_hz))
+        Complex64::new(0.0, -self.v_per_coulomb / (std::f64::consts::TAU * freq_hz))
     }
 }
 
@@ -85,7 +85,7 @@ impl Spectrum {
             return left;
         }
         let sigma = OcvSlope {
-            v_per_c: slope.sigma_v_per_c,
+            v_per_coulomb: slope.sigma_v_per_coulomb,
             ..slope
         };
         let at_ohm: Vec<Complex64> = self
@@ -97,7 +97,7 @@ impl Spectrum {
             point.z_ohm -= slope.impedance(point.freq_hz);
             point.covariance = point.covariance + Covariance2::along(*error);
         }
-        if slope.sigma_v_per_c > 0.0 {
+        if slope.sigma_v_per_coulomb > 0.0 {
             left.shared.push(SharedError {
                 name: OCV_SLOPE.to_owned(),
                 at_ohm,
@@ -189,8 +189,8 @@ mod tests {
     #[test]
     fn charge_storage_goes_and_its_uncertainty_is_shared() {
         let slope = OcvSlope {
-            v_per_c: 5e-5,
-            sigma_v_per_c: 1e-6,
+            v_per_coulomb: 5e-5,
+            sigma_v_per_coulomb: 1e-6,
         };
         let left = spectrum().less_charge_storage(slope);
         let omega = std::f64::consts::TAU * 0.1;
@@ -218,8 +218,8 @@ mod tests {
     #[test]
     fn sorting_takes_the_shared_errors_along() {
         let mut left = spectrum().less_charge_storage(OcvSlope {
-            v_per_c: 5e-5,
-            sigma_v_per_c: 1e-6,
+            v_per_coulomb: 5e-5,
+            sigma_v_per_coulomb: 1e-6,
         });
         let at_low = left.shared[0].at_ohm[1];
         left.sort();

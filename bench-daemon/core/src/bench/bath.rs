@@ -28,7 +28,7 @@ const AGAIN_S: f64 = 1.0;
 #[derive(Debug, Clone, Default)]
 pub struct BathOrder {
     /// Least and greatest temperature of the cell, °C, where they are known.
-    pub cell_c: Option<(f64, f64)>,
+    pub cell_degc: Option<(f64, f64)>,
     /// Why the bath must be stopped in any case, as text.
     pub stop: Option<String>,
 }
@@ -78,7 +78,7 @@ impl Bench {
             Ok((Some(met), _)) => Some(stopped(bath, &met).await),
             Ok((None, None)) => None,
             Ok((None, Some(setpoint))) => {
-                match read_sensor(bath, &clock, setpoint.value(), order.cell_c).await {
+                match read_sensor(bath, &clock, setpoint.value(), order.cell_degc).await {
                     SensorReading::Sound(_) => None,
                     SensorReading::Wrong(fault) => Some(stopped(bath, &fault.to_string()).await),
                     SensorReading::Unread(why) => Some(unread(setpoint.value(), &why)),
@@ -97,13 +97,13 @@ impl Bench {
     /// it died.
     pub async fn stop_stray_bath_of(
         &mut self,
-        setpoint_c: f64,
+        setpoint_degc: f64,
         order: &BathOrder,
     ) -> Option<BathLeft> {
         self.instruments
             .chiller
             .as_ref()?
-            .was_left_at(Celsius(setpoint_c))
+            .was_left_at(Celsius(setpoint_degc))
             .await;
         self.stop_stray_bath(order).await
     }
@@ -111,7 +111,7 @@ impl Bench {
     /// Returns the state of a bath that closes its own loop, for a person. Stops the bath if its
     /// set-point or its sensor lies outside the limits of the cell, °C, if these are known, or if
     /// the bath moves away from its set-point. Returns `None` on a bench without such a bath.
-    pub async fn bath(&mut self, cell_c: Option<(f64, f64)>) -> Option<BathLeft> {
+    pub async fn bath(&mut self, cell_degc: Option<(f64, f64)>) -> Option<BathLeft> {
         let model = self.model("chiller").to_owned();
         let clock = self.clock.clone();
         let bath = self
@@ -123,7 +123,7 @@ impl Bench {
             fresh(bath).await;
             Ok::<_, LinkError>((bath.setpoint().await?, bath.status().await?.running))
         };
-        let (setpoint_c, running) = match within(&clock, asked).await {
+        let (setpoint_degc, running) = match within(&clock, asked).await {
             Ok((Some(setpoint), running)) => (setpoint.value(), running),
             Ok((None, _)) => return None,
             Err(why) => {
@@ -133,14 +133,14 @@ impl Bench {
                 )));
             }
         };
-        let text = plain(setpoint_c);
+        let text = plain(setpoint_degc);
         if !running {
             return Some(BathLeft::told(format!(
                 "the bath ({model}) stands still; its set-point is {text} °C"
             )));
         }
         if let Some((least, greatest)) =
-            cell_c.filter(|(least, greatest)| !(*least..=*greatest).contains(&setpoint_c))
+            cell_degc.filter(|(least, greatest)| !(*least..=*greatest).contains(&setpoint_degc))
         {
             let met = format!(
                 "its set-point is {text} °C, and the cell bears {} °C to {} °C",
@@ -149,14 +149,16 @@ impl Bench {
             );
             return Some(stopped(bath, &met).await);
         }
-        Some(match read_sensor(bath, &clock, setpoint_c, cell_c).await {
-            SensorReading::Sound(sensor_c) => BathLeft::told(format!(
-                "the bath ({model}) goes on: set to {setpoint_c:.1} °C, its sensor reads \
-                {sensor_c:.1} °C"
-            )),
-            SensorReading::Wrong(fault) => stopped(bath, &fault.to_string()).await,
-            SensorReading::Unread(why) => unread(setpoint_c, &why),
-        })
+        Some(
+            match read_sensor(bath, &clock, setpoint_degc, cell_degc).await {
+                SensorReading::Sound(sensor_degc) => BathLeft::told(format!(
+                    "the bath ({model}) goes on: set to {setpoint_degc:.1} °C, its sensor reads \
+                {sensor_degc:.1} °C"
+                )),
+                SensorReading::Wrong(fault) => stopped(bath, &fault.to_string()).await,
+                SensorReading::Unread(why) => unread(setpoint_degc, &why),
+            },
+        )
     }
 }
 
@@ -172,10 +174,10 @@ async fn within<T>(
 }
 
 /// Describes a running bath whose temperature is unknown.
-fn unread(setpoint_c: f64, why: &str) -> BathLeft {
+fn unread(setpoint_degc: f64, why: &str) -> BathLeft {
     tracing::warn!("bath: {why}");
     BathLeft::astray(&format!(
-        "set to {setpoint_c:.1} °C; its temperature was not read"
+        "set to {setpoint_degc:.1} °C; its temperature was not read"
     ))
 }
 
@@ -184,25 +186,25 @@ fn unread(setpoint_c: f64, why: &str) -> BathLeft {
 async fn read_sensor(
     bath: &mut Chiller,
     clock: &Clock,
-    setpoint_c: f64,
-    cell_c: Option<(f64, f64)>,
+    setpoint_degc: f64,
+    cell_degc: Option<(f64, f64)>,
 ) -> SensorReading {
-    let mut judge = BathJudge::leaving(cell_c);
+    let mut judge = BathJudge::leaving(cell_degc);
     let end_s = clock.now_s() + WATCHED_S;
     loop {
-        let sensor_c = match within(clock, bath.temperature()).await {
+        let sensor_degc = match within(clock, bath.temperature()).await {
             Ok(celsius) => celsius.value(),
             Err(why) => return SensorReading::Unread(why),
         };
         let reading = BathReading {
-            sensor_c: Some(sensor_c),
-            setpoint_c,
+            sensor_degc: Some(sensor_degc),
+            setpoint_degc,
         };
         if let Some(fault) = judge.judge(reading, clock.now_s()) {
             return SensorReading::Wrong(fault);
         }
         if BathJudge::is_held(reading) || clock.now_s() >= end_s {
-            return SensorReading::Sound(sensor_c);
+            return SensorReading::Sound(sensor_degc);
         }
         clock.sleep_s(AGAIN_S).await;
     }

@@ -127,14 +127,19 @@ impl Check<'_> {
         )?;
         let limits = &self.cell.limits;
         let range = by_key(chiller::DIALECTS, &chiller.model).map(|dialect| dialect.range());
-        let (low, high) = range.map_or((limits.min_c, limits.max_c), |(low, high)| {
+        let (low, high) = range.map_or((limits.min_degc, limits.max_degc), |(low, high)| {
             (
-                low.value().max(limits.min_c),
-                high.value().min(limits.max_c),
+                low.value().max(limits.min_degc),
+                high.value().min(limits.max_degc),
             )
         });
         Ok(Temperature {
-            setpoint_c: self.within("temperature.setpoint", raw.setpoint.si, low..=high, "°C")?,
+            setpoint_degc: self.within(
+                "temperature.setpoint",
+                raw.setpoint.si,
+                low..=high,
+                "°C",
+            )?,
             within_k: self.within("temperature.within", raw.within.si, 0.01..=5.0, "K")?,
             timeout_s: self.within("temperature.timeout", raw.timeout.si, 1.0..=86_400.0, "s")?,
         })
@@ -448,16 +453,16 @@ impl Check<'_> {
         amplitude_a: f64,
     ) -> Result<(), ConfigError> {
         let freq_hz = freqs_hz.first().copied().unwrap_or(1.0);
-        let (moved_c, most_c) = (
+        let (moved_coulomb, most_coulomb) = (
             amplitude_a / (std::f64::consts::PI * freq_hz),
-            MOST_SWING * self.cell.capacity_c,
+            MOST_SWING * self.cell.capacity_coulomb,
         );
-        if moved_c <= most_c {
+        if moved_coulomb <= most_coulomb {
             return Ok(());
         }
         let reason = format!(
-            "expected half a period to move at most {most_c:.0} C ({} % of the capacity), found \
-            {moved_c:.0} C",
+            "expected half a period to move at most {most_coulomb:.0} C ({} % of the capacity), found \
+            {moved_coulomb:.0} C",
             100.0 * MOST_SWING
         );
         Err(self.complain(field, reason))

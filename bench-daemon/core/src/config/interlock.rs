@@ -39,14 +39,14 @@ pub(super) struct Section {
 type Field<'a> = (&'a str, Option<f64>, f64, (f64, f64), &'a str);
 
 impl Section {
-    /// Checks the section for a cell of `capacity_c`.
+    /// Checks the section for a cell of `capacity_coulomb`.
     ///
     /// # Errors
     /// The first field outside its range.
     pub(super) fn resolve(
         &self,
         source: &Source,
-        capacity_c: f64,
+        capacity_coulomb: f64,
     ) -> Result<Settings, ConfigError> {
         let within = |(field, typed, default, (least, greatest), unit): Field<'_>| {
             let value = typed.unwrap_or(default);
@@ -81,8 +81,8 @@ impl Section {
                 (20.0, 600.0),
                 "s",
             ))?,
-            charge_c: 0.01
-                * capacity_c
+            charge_coulomb: 0.01
+                * capacity_coulomb
                 * within((
                     "charge_max",
                     share(self.charge_max),
@@ -90,8 +90,8 @@ impl Section {
                     (1.0, 1000.0),
                     "%",
                 ))?,
-            drift_c: 0.01
-                * capacity_c
+            drift_coulomb: 0.01
+                * capacity_coulomb
                 * within((
                     "charge_drift_max",
                     share(self.charge_drift_max),
@@ -99,9 +99,9 @@ impl Section {
                     (0.01, 1000.0),
                     "%",
                 ))?,
-            capacity_c,
-            frozen_c: 0.01
-                * capacity_c
+            capacity_coulomb,
+            frozen_coulomb: 0.01
+                * capacity_coulomb
                 * within((
                     "frozen_charge",
                     share(self.frozen_charge),

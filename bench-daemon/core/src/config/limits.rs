@@ -42,7 +42,12 @@ impl Section {
         let celsius = |field: &Option<Quantity<Temperature>>| field.map(|field| field.si);
         let capacity = self.capacity.map(|field| field.si / 3600.0);
         for (field, unit, value, (least, greatest)) in [
-            ("capacity", "Ah", cell.capacity_c / 3600.0, (None, capacity)),
+            (
+                "capacity",
+                "Ah",
+                cell.capacity_coulomb / 3600.0,
+                (None, capacity),
+            ),
             (
                 "voltage_min",
                 "V",
@@ -70,13 +75,13 @@ impl Section {
             (
                 "temperature_min",
                 "°C",
-                limits.min_c,
+                limits.min_degc,
                 (celsius(&self.temperature_min), None),
             ),
             (
                 "temperature_max",
                 "°C",
-                limits.max_c,
+                limits.max_degc,
                 (None, celsius(&self.temperature_max)),
             ),
         ] {
@@ -125,7 +130,10 @@ pub(super) fn wide(cell: &Cell) -> Vec<String> {
                 "of this cell in [ocv]",
             )
         });
-    let (ampere_hours, share) = (cell.capacity_c / 3600.0, 100.0 / cell.capacity_c);
+    let (ampere_hours, share) = (
+        cell.capacity_coulomb / 3600.0,
+        100.0 / cell.capacity_coulomb,
+    );
     let field =
         |field: &str, (value, unit): (f64, &str), (least, greatest): (f64, f64), why: &str| {
             let (word, bound) = if value < least {
@@ -174,13 +182,13 @@ pub(super) fn wide(cell: &Cell) -> Vec<String> {
         ),
         field(
             "temperature_min",
-            (limits.min_c, "°C"),
+            (limits.min_degc, "°C"),
             (USUAL_C.0, f64::INFINITY),
             "where lithium plates",
         ),
         field(
             "temperature_max",
-            (limits.max_c, "°C"),
+            (limits.max_degc, "°C"),
             most(USUAL_C.1),
             "where lithium cells age fast",
         ),
@@ -198,19 +206,19 @@ pub(super) fn wide(cell: &Cell) -> Vec<String> {
         ),
         field(
             "interlock.charge_max",
-            (share * settings.charge_c, "%"),
+            (share * settings.charge_coulomb, "%"),
             most(125.0),
             "more than any cell holds",
         ),
         field(
             "interlock.charge_drift_max",
-            (share * settings.drift_c, "%"),
+            (share * settings.drift_coulomb, "%"),
             most(10.0),
             never,
         ),
         field(
             "interlock.frozen_charge",
-            (share * settings.frozen_c, "%"),
+            (share * settings.frozen_coulomb, "%"),
             most(10.0),
             blind,
         ),

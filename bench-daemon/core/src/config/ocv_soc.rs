@@ -54,9 +54,11 @@ impl Check<'_> {
         // A discharge faster than 1C does not measure an open-circuit voltage. The bounds in time
         // follow from the current.
         let greatest_a = |instrument_a: f64, limit_a: f64| {
-            instrument_a.min(limit_a).min(self.cell.capacity_c / 3600.0)
+            instrument_a
+                .min(limit_a)
+                .min(self.cell.capacity_coulomb / 3600.0)
         };
-        let least_a = 0.01 * self.cell.capacity_c / 3600.0;
+        let least_a = 0.01 * self.cell.capacity_coulomb / 3600.0;
         let window = limits.min_v..=limits.max_v;
         let charge_a = self.within(
             "ocv_soc.charge_current",

@@ -35,10 +35,10 @@ impl Check<'_> {
                 0.0..=86_400.0,
                 "s",
             )?,
-            charge_c: self.within(
+            charge_coulomb: self.within(
                 &format!("{section}.quality.charge"),
                 raw.charge.si,
-                0.0..=10.0 * self.cell.capacity_c,
+                0.0..=10.0 * self.cell.capacity_coulomb,
                 "C",
             )?,
         })

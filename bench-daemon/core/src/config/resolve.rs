@@ -303,14 +303,14 @@ pub fn resolve_cell(source: &Source) -> Result<Cell, ConfigError> {
     let cell = Cell {
         name: raw.name,
         identity: raw.identity,
-        capacity_c: raw.capacity.si,
+        capacity_coulomb: raw.capacity.si,
         limits: Limits {
             min_v: raw.voltage_min.si,
             max_v: raw.voltage_max.si,
             charge_a: raw.charge_current_max.si,
             discharge_a: raw.discharge_current_max.si,
-            min_c: raw.temperature_min.si,
-            max_c: raw.temperature_max.si,
+            min_degc: raw.temperature_min.si,
+            max_degc: raw.temperature_max.si,
         },
         interlock: raw.interlock.resolve(source, raw.capacity.si)?,
         series: raw.pack.series,

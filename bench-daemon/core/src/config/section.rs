@@ -16,7 +16,8 @@ pub struct Cell {
     #[serde(skip_serializing_if = "super::Identity::is_empty")]
     pub identity: super::Identity,
     /// Capacity, C.
-    pub capacity_c: f64,
+    #[serde(rename = "capacity_c")]
+    pub capacity_coulomb: f64,
     /// Limits of the cell.
     pub limits: crate::interlock::Limits,
     /// Settings of the interlock beside the limits.
@@ -37,7 +38,7 @@ pub struct Cell {
 #[derive(Debug, Clone, Copy)]
 pub struct Temperature {
     /// Set-point, °C.
-    pub setpoint_c: f64,
+    pub setpoint_degc: f64,
     /// Accepted deviation of the cell, K.
     pub within_k: f64,
     /// Longest wait, s.

@@ -28,27 +28,28 @@ impl Rig<'_> {
         else {
             return Ok(None);
         };
-        let sensor_c = match chiller.temperature().await {
+        let sensor_degc = match chiller.temperature().await {
             Ok(celsius) => Some(celsius.value()),
             Err(LinkError::Unexpected { .. }) => None,
             Err(failed) => return Err(error(failed).into()),
         };
-        self.recorder.bath(sensor_c, self.temperatures.setpoint_c);
+        self.recorder
+            .bath(sensor_degc, self.temperatures.setpoint_degc);
         // If the daemon closes the loop, the bath is judged there.
         if self.temperatures.thermostat.is_none() {
-            self.judge_bath(sensor_c)?;
+            self.judge_bath(sensor_degc)?;
         }
-        Ok(sensor_c)
+        Ok(sensor_degc)
     }
 
     /// Judges a reading of the bath's own sensor, °C.
-    pub(super) fn judge_bath(&mut self, sensor_c: Option<f64>) -> Result<(), ExecuteError> {
-        let Some(setpoint_c) = self.temperatures.setpoint_c else {
+    pub(super) fn judge_bath(&mut self, sensor_degc: Option<f64>) -> Result<(), ExecuteError> {
+        let Some(setpoint_degc) = self.temperatures.setpoint_degc else {
             return Ok(());
         };
         let reading = BathReading {
-            sensor_c,
-            setpoint_c,
+            sensor_degc,
+            setpoint_degc,
         };
         match self.interlock.judge_bath(reading, self.clock.now_s()) {
             Some(trip) => Err(trip.into()),
@@ -62,18 +63,18 @@ impl Rig<'_> {
     /// [`Self::regulate`]. Returns the reading of the bath's sensor, °C.
     pub(super) async fn cross_check_bath(&mut self) -> Result<Option<f64>, ExecuteError> {
         let judged = self.interlock.is_live() && !self.interlock.tempering();
-        let cell_c = self
+        let cell_degc = self
             .temperatures
-            .last_c
+            .last_degc
             .filter(|celsius| celsius.is_finite() && judged);
-        if cell_c.is_none() && self.temperatures.thermostat.is_some() {
+        if cell_degc.is_none() && self.temperatures.thermostat.is_some() {
             return Ok(None);
         }
-        let bath_c = self.watch_bath().await?;
-        if let Some((cell_c, bath_c)) = cell_c.zip(bath_c) {
-            self.compare_with_bath(cell_c, bath_c)?;
+        let bath_degc = self.watch_bath().await?;
+        if let Some((cell_degc, bath_degc)) = cell_degc.zip(bath_degc) {
+            self.compare_with_bath(cell_degc, bath_degc)?;
         }
-        Ok(bath_c)
+        Ok(bath_degc)
     }
 
     /// Judges one reading of all thermometers.
@@ -88,21 +89,23 @@ impl Rig<'_> {
         }
     }
 
-    fn compare_with_bath(&self, cell_c: f64, bath_c: f64) -> Result<(), ExecuteError> {
+    fn compare_with_bath(&self, cell_degc: f64, bath_degc: f64) -> Result<(), ExecuteError> {
         let warmer_k = if self.interlock.allowed_mean().is_some() {
             WARMER_K
         } else {
             f64::INFINITY
         };
-        if (-COLDER_K..=warmer_k).contains(&(cell_c - bath_c)) {
+        if (-COLDER_K..=warmer_k).contains(&(cell_degc - bath_degc)) {
             return Ok(());
         }
         Err(ExecuteError::Disagree {
             what: "temperature",
-            one: format!("thermocouple on the cell {cell_c:.2} °C"),
-            other: match self.temperatures.setpoint_c {
-                Some(setpoint_c) => format!("bath {bath_c:.2} °C (set to {setpoint_c:.1} °C)"),
-                None => format!("bath {bath_c:.2} °C"),
+            one: format!("thermocouple on the cell {cell_degc:.2} °C"),
+            other: match self.temperatures.setpoint_degc {
+                Some(setpoint_degc) => {
+                    format!("bath {bath_degc:.2} °C (set to {setpoint_degc:.1} °C)")
+                }
+                None => format!("bath {bath_degc:.2} °C"),
             },
             allowed: match warmer_k.is_finite() {
                 true => format!(

@@ -36,8 +36,8 @@ impl Rig<'_> {
         };
         let (what, meter, value, other) = match quantity {
             Quantity::Temperature => {
-                let bath_c = self.watch_bath().await.ok().flatten();
-                let bath = bath_c.map(|celsius| format!("; the bath is at {celsius:.2} °C"));
+                let bath_degc = self.watch_bath().await.ok().flatten();
+                let bath = bath_degc.map(|celsius| format!("; the bath is at {celsius:.2} °C"));
                 (
                     "cell temperature",
                     "the logger",

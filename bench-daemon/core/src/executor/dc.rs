@@ -71,7 +71,7 @@ impl Rig<'_> {
         for poll in 1.. {
             self.clock.sleep_s(POLL_S).await;
             let (volts, amps) = self.load_volts().await?;
-            let temperature_c = self.temperature_now_and_then().await?;
+            let temperature_degc = self.temperature_now_and_then().await?;
             let now_s = self.clock.now_s();
             self.judge(
                 "discharge",
@@ -79,7 +79,7 @@ impl Rig<'_> {
                     time_s: now_s,
                     voltage_v: Some(volts),
                     current_a: Some(-amps),
-                    temperature_c,
+                    temperature_degc,
                 },
             )?;
             self.look_back().await?;
@@ -105,11 +105,11 @@ impl Rig<'_> {
     pub(super) async fn idle_volts(&mut self, phase: &str) -> Result<f64, ExecuteError> {
         let (volts, drawn_a) = self.load_volts().await?;
         self.no_current(LOAD_CURRENT, drawn_a)?;
-        let temperature_c = self.cell_temperature().await?;
+        let temperature_degc = self.cell_temperature().await?;
         let reading = Reading {
             time_s: self.clock.now_s(),
             voltage_v: Some(volts),
-            temperature_c,
+            temperature_degc,
             ..Reading::default()
         };
         self.judge(phase, reading)?;
@@ -198,7 +198,7 @@ impl Executor<'_> {
     /// not contain it.
     pub async fn hold_again(&mut self, stage: &Stage, waits: bool) -> Result<(), ExecuteError> {
         for step in &stage.steps {
-            let Step::HoldTemperature { setpoint_c, .. } = *step else {
+            let Step::HoldTemperature { setpoint_degc, .. } = *step else {
                 continue;
             };
             self.person.progress.begin(&stage.title(), step);
@@ -207,7 +207,7 @@ impl Executor<'_> {
             if waits {
                 self.hold_temperature(step).await?;
             } else {
-                self.start_bath(setpoint_c).await?;
+                self.start_bath(setpoint_degc).await?;
             }
             self.person.progress.end(step);
         }
@@ -215,59 +215,62 @@ impl Executor<'_> {
     }
 
     /// Starts the bath at a set-point, and watches it from here on.
-    async fn start_bath(&mut self, setpoint_c: f64) -> Result<(), ExecuteError> {
+    async fn start_bath(&mut self, setpoint_degc: f64) -> Result<(), ExecuteError> {
         let error = self.rig.bench.error("chiller");
         let chiller = require(&mut self.rig.bench.instruments.chiller, "chiller")?;
         match self.rig.temperatures.thermostat.as_mut() {
-            Some(thermostat) => thermostat.set(setpoint_c),
+            Some(thermostat) => thermostat.set(setpoint_degc),
             None => {
-                chiller.start(Celsius(setpoint_c)).await.map_err(error)?;
+                chiller.start(Celsius(setpoint_degc)).await.map_err(error)?;
                 let settings = self.rig.setup.thermostat;
                 self.rig.temperatures.thermostat = chiller
                     .is_regulated()
-                    .then(|| Thermostat::new(settings, setpoint_c, self.rig.clock.now_s()));
+                    .then(|| Thermostat::new(settings, setpoint_degc, self.rig.clock.now_s()));
             }
         }
         self.rig.temperatures.chiller_runs = true;
-        self.rig.temperatures.setpoint_c = Some(setpoint_c);
-        self.rig.recorder.bath(None, Some(setpoint_c));
+        self.rig.temperatures.setpoint_degc = Some(setpoint_degc);
+        self.rig.recorder.bath(None, Some(setpoint_degc));
         if self.rig.temperatures.thermostat.is_none() {
-            self.person.progress.bath(setpoint_c);
+            self.person.progress.bath(setpoint_degc);
         }
         Ok(())
     }
 
     pub(super) async fn hold_temperature(&mut self, step: &Step) -> Result<(), ExecuteError> {
         let Step::HoldTemperature {
-            setpoint_c,
+            setpoint_degc,
             within_k,
             max_s,
         } = *step
         else {
             return Ok(());
         };
-        self.start_bath(setpoint_c).await?;
+        self.start_bath(setpoint_degc).await?;
         let start_s = self.rig.clock.now_s();
         let mut steady_since_s = None;
         loop {
             let now_s = self.rig.clock.now_s();
-            let temperature_c = self.rig.cell_temperature().await?;
+            let temperature_degc = self.rig.cell_temperature().await?;
             self.rig.judge(
                 "temperature",
                 Reading {
                     time_s: now_s,
-                    temperature_c,
+                    temperature_degc,
                     ..Reading::default()
                 },
             )?;
-            if temperature_c.is_some_and(|met_c| (met_c - setpoint_c).abs() <= within_k) {
+            if temperature_degc.is_some_and(|met_degc| (met_degc - setpoint_degc).abs() <= within_k)
+            {
                 if now_s - *steady_since_s.get_or_insert(now_s) >= STEADY_S {
                     return Ok(());
                 }
             } else {
                 steady_since_s = None;
             }
-            bound(step, now_s - start_s, max_s, || at_in_words(temperature_c))?;
+            bound(step, now_s - start_s, max_s, || {
+                at_in_words(temperature_degc)
+            })?;
             self.rig.clock.sleep_s(REST_POLL_S).await;
         }
     }
@@ -308,13 +311,13 @@ impl Executor<'_> {
             // cell itself.
             let (volts, drawn_a) = self.rig.load_volts().await?;
             let (terminal_v, amps) = self.rig.read_drive(Drive::Supply).await?;
-            let temperature_c = self.rig.temperature_now_and_then().await?;
+            let temperature_degc = self.rig.temperature_now_and_then().await?;
             let now_s = self.rig.clock.now_s();
             let reading = Reading {
                 time_s: now_s,
                 voltage_v: Some(volts),
                 current_a: Some(amps),
-                temperature_c,
+                temperature_degc,
             };
             self.rig.judge("charge", reading)?;
             self.rig.no_current(LOAD_CURRENT, drawn_a)?;
@@ -357,7 +360,7 @@ impl Executor<'_> {
             let (volts, drawn_a) = self.rig.load_volts().await?;
             let (_, fed_a) = self.rig.read_drive(Drive::Supply).await?;
             let current_a = Some(fed_a - drawn_a);
-            let temperature_c = self.rig.temperature_now_and_then().await?;
+            let temperature_degc = self.rig.temperature_now_and_then().await?;
             let now_s = self.rig.clock.now_s();
             self.rig.judge(
                 "rest",
@@ -365,7 +368,7 @@ impl Executor<'_> {
                     time_s: now_s,
                     voltage_v: Some(volts),
                     current_a,
-                    temperature_c,
+                    temperature_degc,
                 },
             )?;
             self.rig.idle_meters(drawn_a, fed_a).await?;
@@ -425,10 +428,10 @@ pub(super) fn bound(
 }
 
 /// Formats the temperature of the cell by its thermometer.
-fn at_in_words(temperature_c: Option<f64>) -> String {
-    temperature_c.map_or_else(
+fn at_in_words(temperature_degc: Option<f64>) -> String {
+    temperature_degc.map_or_else(
         || "no temperature was read".to_owned(),
-        |met_c| format!("the cell is at {met_c:.2} °C"),
+        |met_degc| format!("the cell is at {met_degc:.2} °C"),
     )
 }
 

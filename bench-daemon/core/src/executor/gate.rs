@@ -28,7 +28,7 @@ impl SweepState {
         let time_s = step.expected_s();
         let more = Spent {
             time_s,
-            charge_c: moved_c(step, time_s),
+            charge_coulomb: moved_coulomb(step, time_s),
         };
         self.spent.allows(quality, more)
     }
@@ -122,7 +122,7 @@ impl Executor<'_> {
         let took_s = self.rig.clock.now_s() - start_s;
         let spent = Spent {
             time_s: took_s,
-            charge_c: moved_c(step, took_s),
+            charge_coulomb: moved_coulomb(step, took_s),
         };
         self.sweep.spent = self.sweep.spent + spent;
         let spent = before.spent + spent;
@@ -235,7 +235,7 @@ fn ways(points: &[SweepPoint]) -> Vec<Vec<usize>> {
 
 /// Returns the charge that a sinusoid moves back and forth, C: its mean magnitude is 2/π of its
 /// amplitude.
-fn moved_c(step: &Step, time_s: f64) -> f64 {
+fn moved_coulomb(step: &Step, time_s: f64) -> f64 {
     if let Step::Sine { amplitude_a, .. } = step {
         std::f64::consts::FRAC_2_PI * amplitude_a * time_s
     } else {
@@ -268,7 +268,7 @@ mod tests {
             rechecked: 0,
             spent: Spent {
                 time_s,
-                charge_c: 0.5 * time_s,
+                charge_coulomb: 0.5 * time_s,
             },
             measures: crate::measure::quality::Measures::default(),
             failing: Vec::new(),
@@ -297,7 +297,7 @@ mod tests {
             kramers_kronig: 0.0,
             again: 2,
             time_s: 100.0,
-            charge_c: 60.0,
+            charge_coulomb: 60.0,
         };
         let points = [point(0, 1.0, 30.0), point(1, 2.0, 50.0)];
         let spent = Spent::of(points.iter());
@@ -305,10 +305,18 @@ mod tests {
             spent,
             Spent {
                 time_s: 80.0,
-                charge_c: 40.0
+                charge_coulomb: 40.0
             }
         );
-        let allows = |time_s, charge_c| spent.allows(&quality, Spent { time_s, charge_c });
+        let allows = |time_s, charge_coulomb| {
+            spent.allows(
+                &quality,
+                Spent {
+                    time_s,
+                    charge_coulomb,
+                },
+            )
+        };
         assert!(allows(20.0, 20.0) && !allows(20.1, 0.0) && !allows(1.0, 20.1));
     }
 }

@@ -20,7 +20,7 @@ impl SweepState {
         let time_s = band.settle_s + band.span_s;
         let more = Spent {
             time_s,
-            charge_c: band.mean_a() * time_s,
+            charge_coulomb: band.mean_a() * time_s,
         };
         self.spent.allows(quality, more)
     }
@@ -138,7 +138,7 @@ impl Executor<'_> {
         self.sweep.spent = self.sweep.spent
             + Spent {
                 time_s: took_s,
-                charge_c: band.mean_a() * took_s,
+                charge_coulomb: band.mean_a() * took_s,
             };
         for (slot, (mut point, line)) in range.zip(again) {
             point.failing = quality.judge(&point.measures);

@@ -33,7 +33,7 @@ impl Executor<'_> {
                 start_s: self.rig.clock.now_s(),
                 ..Legs::default()
             };
-            self.rig.temperatures.last_c = self.rig.cell_temperature().await?;
+            self.rig.temperatures.last_degc = self.rig.cell_temperature().await?;
         }
         match leg.flow {
             Flow::Discharge { .. } => self.discharge_leg(leg).await?,
@@ -51,7 +51,7 @@ impl Executor<'_> {
         let Flow::Discharge {
             current_a,
             until_v,
-            charge_c,
+            charge_coulomb,
         } = leg.flow
         else {
             return Ok(());
@@ -72,14 +72,16 @@ impl Executor<'_> {
         .await
         .map_err(&error)?;
         load.energise().await.map_err(&error)?;
-        let (start_s, from_c) = (self.rig.clock.now_s(), self.direct.legs.charge_c);
+        let (start_s, from_coulomb) = (self.rig.clock.now_s(), self.direct.legs.charge_coulomb);
         let mut last_s = start_s;
         for poll in 1.. {
             self.rig.clock.sleep_s(POLL_S).await;
             let (volts, drawn_a) = self.rig.load_volts().await?;
             self.keep("discharge", &mut last_s, volts, -drawn_a).await?;
             if volts <= until_v
-                || charge_c.is_some_and(|charge_c| from_c - self.direct.legs.charge_c >= charge_c)
+                || charge_coulomb.is_some_and(|charge_coulomb| {
+                    from_coulomb - self.direct.legs.charge_coulomb >= charge_coulomb
+                })
             {
                 break;
             }
@@ -104,7 +106,7 @@ impl Executor<'_> {
             current_a,
             limit_v,
             cut_off_a,
-            charge_c,
+            charge_coulomb,
         } = leg.flow
         else {
             return Ok(());
@@ -123,7 +125,7 @@ impl Executor<'_> {
             .await
             .map_err(&error)?;
         supply.energise().await.map_err(&error)?;
-        let (start_s, from_c) = (self.rig.clock.now_s(), self.direct.legs.charge_c);
+        let (start_s, from_coulomb) = (self.rig.clock.now_s(), self.direct.legs.charge_coulomb);
         let mut last_s = start_s;
         for poll in 1.. {
             self.rig.clock.sleep_s(POLL_S).await;
@@ -134,7 +136,9 @@ impl Executor<'_> {
             self.rig.cross_check_charger(terminal_v, volts, fed_a)?;
             let full = poll >= RISEN_POLLS && volts > limit_v - NEAR_LIMIT_V && fed_a <= cut_off_a;
             if full
-                || charge_c.is_some_and(|charge_c| self.direct.legs.charge_c - from_c >= charge_c)
+                || charge_coulomb.is_some_and(|charge_coulomb| {
+                    self.direct.legs.charge_coulomb - from_coulomb >= charge_coulomb
+                })
             {
                 break;
             }
@@ -161,19 +165,19 @@ impl Executor<'_> {
             let (volts, drawn_a) = self.rig.load_volts().await?;
             let (_, fed_a) = self.rig.read_drive(Drive::Supply).await?;
             let time_s = self.rig.clock.now_s();
-            let temperature_c = self.rig.temperature_now_and_then().await?;
+            let temperature_degc = self.rig.temperature_now_and_then().await?;
             let reading = Reading {
                 time_s,
                 voltage_v: Some(volts),
                 current_a: Some(fed_a - drawn_a),
-                temperature_c,
+                temperature_degc,
             };
             self.rig.judge("rest", reading)?;
             self.rig.idle_meters(drawn_a, fed_a).await?;
             last_s = time_s;
             // Nothing flows: the meters show their zero error.
-            let last_c = self.rig.temperatures.last_c;
-            self.direct.legs.push(time_s, volts, 0.0, last_c);
+            let last_degc = self.rig.temperatures.last_degc;
+            self.direct.legs.push(time_s, volts, 0.0, last_degc);
         }
         Ok(())
     }
@@ -188,14 +192,14 @@ impl Executor<'_> {
         amps: f64,
     ) -> Result<(), ExecuteError> {
         let time_s = self.rig.clock.now_s();
-        let temperature_c = self.rig.temperature_now_and_then().await?;
+        let temperature_degc = self.rig.temperature_now_and_then().await?;
         self.rig.judge(
             phase,
             Reading {
                 time_s,
                 voltage_v: Some(volts),
                 current_a: Some(amps),
-                temperature_c,
+                temperature_degc,
             },
         )?;
         self.rig.look_back().await?;
@@ -207,10 +211,10 @@ impl Executor<'_> {
                 &["load", "supply"]
             })
             .await?;
-        self.direct.legs.charge_c += amps * (time_s - *last_s);
+        self.direct.legs.charge_coulomb += amps * (time_s - *last_s);
         *last_s = time_s;
-        let last_c = self.rig.temperatures.last_c;
-        self.direct.legs.push(time_s, volts, amps, last_c);
+        let last_degc = self.rig.temperatures.last_degc;
+        self.direct.legs.push(time_s, volts, amps, last_degc);
         Ok(())
     }
 }

@@ -197,7 +197,7 @@ impl Rig<'_> {
     /// Takes one reading, judges it, compares it with the command, and stores it. The supply has
     /// no sense leads; those of the load measure the cell itself.
     async fn metered_row(&mut self, work: &mut Work<'_>) -> Result<(), ExecuteError> {
-        let temperature_c = self.temperature_now_and_then().await?;
+        let temperature_degc = self.temperature_now_and_then().await?;
         let began_s = self.clock.now_s();
         let (volts, drawn_a) = self.load_volts().await?;
         let mut terminal_v = None;
@@ -223,7 +223,7 @@ impl Rig<'_> {
                 time_s: now_s,
                 voltage_v: Some(volts),
                 current_a: Some(shown_a),
-                temperature_c,
+                temperature_degc,
             },
         )?;
         work.polls += 1;
@@ -256,15 +256,15 @@ impl Rig<'_> {
         }
         // The voltage drop of the leads is not part of the cell's voltage.
         let voltage_v = volts - work.trace.lead_ohm * current_a;
-        let (time_s, temperature_c) = (
+        let (time_s, temperature_degc) = (
             0.5 * (began_s + now_s) - work.origin_s,
-            self.temperatures.last_c.unwrap_or(f64::NAN),
+            self.temperatures.last_degc.unwrap_or(f64::NAN),
         );
         work.recorded.rows.push(TraceRow {
             time_s,
             current_a,
             voltage_v,
-            temperature_c,
+            temperature_degc,
             samples: ONE,
             averaged_s: (time_s, time_s),
         });

@@ -139,7 +139,7 @@ impl Executor<'_> {
             // A cell that is missing, reversed, damaged or too hot must not be driven: read it
             // while the output is still off.
             let mut reading = self.rig.read_supply4q().await?;
-            reading.temperature_c = self.rig.cell_temperature().await?;
+            reading.temperature_degc = self.rig.cell_temperature().await?;
             self.known.idle = reading;
             self.rig.judge("idle", reading)?;
             let zero_a = self

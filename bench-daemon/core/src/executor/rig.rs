@@ -109,13 +109,13 @@ pub(super) struct Requests {
 #[derive(Default)]
 pub(super) struct Temperatures {
     /// Last temperature of the cell, °C.
-    pub(super) last_c: Option<f64>,
+    pub(super) last_degc: Option<f64>,
     /// Whether the logger's scan list was set; it scans nothing before.
     pub(super) logger_ready: bool,
     /// Whether the chiller was started here and must keep running.
     pub(super) chiller_runs: bool,
     /// Set-point of the bath, °C.
-    pub(super) setpoint_c: Option<f64>,
+    pub(super) setpoint_degc: Option<f64>,
     /// The control loop of a bath that has none of its own.
     pub(super) thermostat: Option<Thermostat>,
 }

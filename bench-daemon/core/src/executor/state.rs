@@ -41,7 +41,7 @@ pub(super) struct Direct {
     /// Readings of the channels without a current.
     pub(super) zero: Option<Zero>,
     /// Charge that traces have left in the cell, C.
-    pub(super) charge_c: f64,
+    pub(super) charge_coulomb: f64,
     /// The readings of the legs so far.
     pub(super) legs: Legs,
     /// Progress of the reset of the state of charge.
@@ -76,7 +76,7 @@ pub(super) struct Reset {
 pub(super) struct Legs {
     pub(super) log: Option<Log>,
     pub(super) start_s: f64,
-    pub(super) charge_c: f64,
+    pub(super) charge_coulomb: f64,
     pub(super) rows: Vec<LegRow>,
 }
 
@@ -87,14 +87,14 @@ impl Legs {
         time_s: f64,
         voltage_v: f64,
         current_a: f64,
-        last_c: Option<f64>,
+        last_degc: Option<f64>,
     ) {
         self.rows.push(LegRow {
             time_s: time_s - self.start_s,
             current_a,
             voltage_v,
-            temperature_c: last_c.unwrap_or(f64::NAN),
-            charge_c: self.charge_c,
+            temperature_degc: last_degc.unwrap_or(f64::NAN),
+            charge_coulomb: self.charge_coulomb,
         });
     }
 }
@@ -109,5 +109,5 @@ pub(super) struct Zero {
     /// Scatter of a reading of voltage and current, V and A.
     pub(super) scatter: (f64, f64),
     /// Temperature of the cell, °C.
-    pub(super) temperature_c: Option<f64>,
+    pub(super) temperature_degc: Option<f64>,
 }

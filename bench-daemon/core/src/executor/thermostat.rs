@@ -49,7 +49,7 @@ pub enum Fault {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Thermostat {
     settings: Settings,
-    setpoint_c: f64,
+    setpoint_degc: f64,
     /// Share of full power that is needed permanently.
     integral: f64,
     /// Accumulated time of pulses that were too short, s.
@@ -65,10 +65,10 @@ pub struct Thermostat {
 
 impl Thermostat {
     /// Creates a control loop that begins at bench time `now_s`.
-    pub fn new(settings: Settings, setpoint_c: f64, now_s: f64) -> Self {
+    pub fn new(settings: Settings, setpoint_degc: f64, now_s: f64) -> Self {
         Self {
             settings,
-            setpoint_c,
+            setpoint_degc,
             integral: 0.0,
             saved_s: 0.0,
             due_s: now_s,
@@ -79,8 +79,8 @@ impl Thermostat {
     }
 
     /// Changes the set-point of the loop.
-    pub fn set(&mut self, setpoint_c: f64) {
-        self.setpoint_c = setpoint_c;
+    pub fn set(&mut self, setpoint_degc: f64) {
+        self.setpoint_degc = setpoint_degc;
     }
 
     /// Checks whether a window has passed, so that the bath must be read.
@@ -90,10 +90,10 @@ impl Thermostat {
 
     /// Returns the action for a reading of the sensor at `now_s`. `None` stands for an implausible
     /// reading.
-    pub fn step(&mut self, reading_c: Option<f64>, now_s: f64) -> Action {
+    pub fn step(&mut self, reading_degc: Option<f64>, now_s: f64) -> Action {
         let window_s = self.settings.window_s;
         self.due_s = now_s + window_s;
-        let Some(celsius) = reading_c.filter(|celsius| celsius.is_finite()) else {
+        let Some(celsius) = reading_degc.filter(|celsius| celsius.is_finite()) else {
             let age_s = now_s - self.good_s;
             self.saved_s = 0.0;
             return if age_s > self.settings.stale_s {
@@ -105,7 +105,7 @@ impl Thermostat {
         // The error did not persist during a gap between readings.
         let passed_s = (now_s - self.good_s).clamp(0.0, window_s);
         self.good_s = now_s;
-        let error_k = self.setpoint_c - (celsius - self.settings.sensor_offset_k);
+        let error_k = self.setpoint_degc - (celsius - self.settings.sensor_offset_k);
         let share = self.share(error_k, passed_s);
         let pulse_s = self.pulse(share, now_s);
         match self.follows(celsius, pulse_s) {
@@ -150,10 +150,13 @@ impl Thermostat {
     }
 
     fn follows(&mut self, celsius: f64, pulse_s: f64) -> Option<Fault> {
-        let (shown_c, spent_s) = self.unmoved;
+        let (shown_degc, spent_s) = self.unmoved;
         // Less than full power may just balance the losses of the bath: then a constant reading is
         // correct.
-        if celsius != shown_c || spent_s * pulse_s < 0.0 || pulse_s.abs() < self.settings.window_s {
+        if celsius != shown_degc
+            || spent_s * pulse_s < 0.0
+            || pulse_s.abs() < self.settings.window_s
+        {
             self.unmoved = (celsius, 0.0);
             return None;
         }
@@ -177,14 +180,14 @@ mod tests {
 
     /// Simulates a bath that loses heat to the room, in steps of a second, read in sixteenths of a
     /// degree. Returns its greatest error after the first half hour, K.
-    fn held(band_k: f64, ambient_c: f64, (heater, cooler): (f64, f64)) -> f64 {
+    fn held(band_k: f64, ambient_degc: f64, (heater, cooler): (f64, f64)) -> f64 {
         let mut thermostat = Thermostat::new(Settings { band_k, ..SETTINGS }, 25.0, 0.0);
-        let (mut bath_c, mut pulse, mut worst_k) = (ambient_c, (0.0, 0.0), 0.0_f64);
+        let (mut bath_degc, mut pulse, mut worst_k) = (ambient_degc, (0.0, 0.0), 0.0_f64);
         for second in 0..7200 {
             let now_s = f64::from(second);
             if thermostat.is_due(now_s) {
                 let Action::Pulse(pulse_s) =
-                    thermostat.step(Some((bath_c * 16.0).round() / 16.0), now_s)
+                    thermostat.step(Some((bath_degc * 16.0).round() / 16.0), now_s)
                 else {
                     panic!("at {now_s} s")
                 };
@@ -195,9 +198,10 @@ mod tests {
             } else {
                 0.0
             };
-            bath_c += (ambient_c - bath_c) / 1800.0 + if on > 0.0 { heater } else { on * cooler };
+            bath_degc +=
+                (ambient_degc - bath_degc) / 1800.0 + if on > 0.0 { heater } else { on * cooler };
             if now_s > 1800.0 {
-                worst_k = worst_k.max((bath_c - 25.0).abs());
+                worst_k = worst_k.max((bath_degc - 25.0).abs());
             }
         }
         worst_k
@@ -207,14 +211,14 @@ mod tests {
     fn it_holds_a_bath_in_a_cold_and_in_a_warm_room() {
         // A bath that reacts twice as strongly needs twice the band, and the shortest pulse of its
         // heater alone changes it by 0.06 K.
-        for (band_k, ambient_c, powers, most_k) in [
+        for (band_k, ambient_degc, powers, most_k) in [
             (0.5, 22.0, (0.015, 0.01), 0.08),
             (0.5, 25.0, (0.015, 0.01), 0.08),
             (0.5, 30.0, (0.015, 0.01), 0.08),
             (1.0, 20.0, (0.03, 0.02), 0.12),
         ] {
-            let worst_k = held(band_k, ambient_c, powers);
-            assert!(worst_k < most_k, "{ambient_c} °C: {worst_k} K");
+            let worst_k = held(band_k, ambient_degc, powers);
+            assert!(worst_k < most_k, "{ambient_degc} °C: {worst_k} K");
         }
     }
 

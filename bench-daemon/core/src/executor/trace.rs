@@ -81,12 +81,12 @@ impl Rig<'_> {
             return self.watch(phase, Fixture::Cell).await;
         }
         let (volts, drawn_a) = self.load_volts().await?;
-        let temperature_c = self.temperature_now_and_then().await?;
+        let temperature_degc = self.temperature_now_and_then().await?;
         let reading = Reading {
             time_s: self.clock.now_s(),
             voltage_v: Some(volts),
             current_a: Some(-drawn_a),
-            temperature_c,
+            temperature_degc,
         };
         self.judge(phase, reading)?;
         Ok(reading)
@@ -158,13 +158,13 @@ impl Rig<'_> {
                 time_s: row.time_s,
                 voltage_v: Some(row.voltage_v),
                 current_a: Some(row.current_a),
-                temperature_c: None,
+                temperature_degc: None,
             };
             if let Some(trip) = interlock::judge(self.interlock.limits(), &reading) {
                 return Err(trip.into());
             }
             obeys(&trace.name, *level_a, row)?;
-            row.temperature_c = self.temperatures.last_c.unwrap_or(f64::NAN);
+            row.temperature_degc = self.temperatures.last_degc.unwrap_or(f64::NAN);
         }
         // The existing rows were judged first: an exceeded limit outweighs an incomplete record.
         match &found.missing {
@@ -187,13 +187,13 @@ impl Executor<'_> {
             ));
         }
         let ocv_v = resting.iter().map(|reading| reading.0).sum::<f64>() / REST_READINGS as f64;
-        let temperature_c = self.rig.cell_temperature().await?;
+        let temperature_degc = self.rig.cell_temperature().await?;
         self.rig.judge(
             "rest",
             Reading {
                 time_s: self.rig.clock.now_s(),
                 voltage_v: Some(ocv_v),
-                temperature_c,
+                temperature_degc,
                 ..Reading::default()
             },
         )?;
@@ -214,7 +214,7 @@ impl Executor<'_> {
                 volts: [0.0; 4],
                 ocv_v,
                 scatter,
-                temperature_c,
+                temperature_degc,
             });
             return Ok(());
         }
@@ -235,7 +235,7 @@ impl Executor<'_> {
             volts,
             ocv_v,
             scatter,
-            temperature_c,
+            temperature_degc,
         });
         Ok(())
     }
@@ -446,7 +446,7 @@ impl Executor<'_> {
         recorded: Recorded,
         commanded: Option<Commanded>,
     ) -> Result<(), ExecuteError> {
-        let charge_c = charge_of(&recorded.rows);
+        let charge_coulomb = charge_of(&recorded.rows);
         let scatter = recorded.scatter();
         let entry = TraceEntry {
             file: run_folder::series(&trace.name, trace.repeat),
@@ -460,8 +460,8 @@ impl Executor<'_> {
             order: self.rig.recorder.measured(),
             start_time_s: origin_s,
             start_ocv_v: zero.ocv_v,
-            charge_before_c: self.direct.charge_c,
-            temperature_c: zero.temperature_c,
+            charge_before_coulomb: self.direct.charge_coulomb,
+            temperature_degc: zero.temperature_degc,
             role: trace.role,
             repeat_group: self.position.specimen.as_ref().map_or_else(
                 || trace.repeat_group.clone(),
@@ -474,7 +474,7 @@ impl Executor<'_> {
             sample_sigma_v: scatter[1],
             commanded,
         };
-        self.direct.charge_c += charge_c;
+        self.direct.charge_coulomb += charge_coulomb;
         self.rig.recorder.trace(entry, &recorded.rows)?;
         Ok(())
     }

@@ -159,7 +159,7 @@ impl Frames<'_> {
             time_s: changed.time_s,
             current_a,
             voltage_v: self.ocv_v + change_v,
-            temperature_c: f64::NAN,
+            temperature_degc: f64::NAN,
             samples: changed.samples as f64,
             averaged_s: changed.averaged_s,
         }

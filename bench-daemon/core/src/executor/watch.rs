@@ -56,7 +56,7 @@ impl Rig<'_> {
         } else {
             cell.of_control()
         };
-        let drift_c = settings.drift_c;
+        let drift_coulomb = settings.drift_coulomb;
         // The limit of the power-up applies until the power-down; each step in between may be
         // stricter.
         let powered = self
@@ -67,24 +67,27 @@ impl Rig<'_> {
             cell: fixture == Fixture::Cell,
             ..Allowance::idle(cell.bounded(NO_CURRENT_A, NO_CURRENT_A))
         };
-        let live = |limits, charge_c| Allowance {
+        let live = |limits, charge_coulomb| Allowance {
             limits,
             live: true,
-            charge_c,
+            charge_coulomb,
             ..idle
         };
         // The charge in a piece of copper is not judged.
-        let sweep_c = |swing_c: f64| {
+        let sweep_coulomb = |swing_coulomb: f64| {
             if idle.cell {
-                (-drift_c - swing_c, drift_c + swing_c)
+                (
+                    -drift_coulomb - swing_coulomb,
+                    drift_coulomb + swing_coulomb,
+                )
             } else {
-                idle.charge_c
+                idle.charge_coulomb
             }
         };
         let allowance = match *step {
             Step::Discharge { current_a, .. } => live(
                 cell.bounded(NO_CURRENT_A, drawn(current_a)),
-                (-settings.charge_c, drift_c),
+                (-settings.charge_coulomb, drift_coulomb),
             ),
             Step::Charge {
                 current_a, limit_v, ..
@@ -92,7 +95,7 @@ impl Rig<'_> {
                 let limits = cell.bounded(drawn(current_a), NO_CURRENT_A);
                 Allowance {
                     held_v: limit_v - HELD_V,
-                    ..live(limits, (-drift_c, settings.charge_c))
+                    ..live(limits, (-drift_coulomb, settings.charge_coulomb))
                 }
             }
             Step::Leg(leg) => {
@@ -100,26 +103,28 @@ impl Rig<'_> {
                 match leg.flow {
                     Flow::Discharge { .. } => live(
                         cell.bounded(NO_CURRENT_A, drawn(discharge_a)),
-                        (-settings.charge_c, drift_c),
+                        (-settings.charge_coulomb, drift_coulomb),
                     ),
                     Flow::Charge { limit_v, .. } => Allowance {
                         held_v: limit_v - HELD_V,
                         ..live(
                             cell.bounded(drawn(charge_a), NO_CURRENT_A),
-                            (-drift_c, settings.charge_c),
+                            (-drift_coulomb, settings.charge_coulomb),
                         )
                     },
                     Flow::Rest => idle,
                 }
             }
-            Step::PowerUp { limit_a, .. } => live(cell.bounded(limit_a, limit_a), sweep_c(0.0)),
+            Step::PowerUp { limit_a, .. } => {
+                live(cell.bounded(limit_a, limit_a), sweep_coulomb(0.0))
+            }
             // Between power-up and power-down the charge accumulates. Half a period moves A/(πf).
             Step::Sine {
                 freq_hz,
                 amplitude_a,
                 ..
             } => {
-                let swing_c = amplitude_a / (std::f64::consts::PI * freq_hz);
+                let swing_coulomb = amplitude_a / (std::f64::consts::PI * freq_hz);
                 let (limits, mean) = (
                     powered.bounded(drawn(amplitude_a), drawn(amplitude_a)),
                     mean(1.0 / freq_hz, amplitude_a),
@@ -128,11 +133,11 @@ impl Rig<'_> {
                     continues: true,
                     swing_s: swing_s(freq_hz, amplitude_a),
                     mean,
-                    ..live(limits, sweep_c(swing_c))
+                    ..live(limits, sweep_coulomb(swing_coulomb))
                 }
             }
             Step::Multisine(ref band) => {
-                let swing_c = band.peak_a / (std::f64::consts::PI * band.base_hz);
+                let swing_coulomb = band.peak_a / (std::f64::consts::PI * band.base_hz);
                 let slowest_hz = band.base_hz
                     * band
                         .design
@@ -148,23 +153,23 @@ impl Rig<'_> {
                     continues: true,
                     swing_s,
                     mean,
-                    ..live(limits, sweep_c(swing_c))
+                    ..live(limits, sweep_coulomb(swing_coulomb))
                 }
             }
             Step::PowerDown | Step::Recheck(_) => Allowance {
                 continues: true,
-                ..live(powered, idle.charge_c)
+                ..live(powered, idle.charge_coulomb)
             },
             Step::Trace(ref trace) => {
                 let (least_a, greatest_a) = trace.extremes_a();
-                let (least_c, greatest_c) = trace.swing_c();
+                let (least_coulomb, greatest_coulomb) = trace.swing_coulomb();
                 let within = if trace.bipolar() { powered } else { cell };
                 let limits = within.bounded(drawn(greatest_a), drawn(-least_a));
                 let traced = live(
                     limits,
                     (
-                        METER_GAIN * least_c - drift_c,
-                        METER_GAIN * greatest_c + drift_c,
+                        METER_GAIN * least_coulomb - drift_coulomb,
+                        METER_GAIN * greatest_coulomb + drift_coulomb,
                     ),
                 );
                 let held_v = if trace.bipolar() {
@@ -249,7 +254,9 @@ impl Rig<'_> {
         self.recorder.reading(phase, &reading)?;
         if fixture != Fixture::Cell {
             // The cell lies beside the jig, possibly without its thermocouple.
-            reading.temperature_c = reading.temperature_c.filter(|celsius| celsius.is_finite());
+            reading.temperature_degc = reading
+                .temperature_degc
+                .filter(|celsius| celsius.is_finite());
         }
         self.interlock
             .silent(self.clock.now_s() >= self.driving.burst.ends_s);
@@ -442,12 +449,12 @@ impl Rig<'_> {
             // As a voltmeter it draws no current.
             self.no_current(LOAD_CURRENT, drawn_a)?;
         }
-        let temperature_c = self.temperature_now_and_then().await?;
+        let temperature_degc = self.temperature_now_and_then().await?;
         Ok(Reading {
             time_s,
             voltage_v: Some(volts),
             current_a: Some(amps),
-            temperature_c,
+            temperature_degc,
         })
     }
 
@@ -480,13 +487,13 @@ impl Rig<'_> {
         } else if self.bench.instruments.load.is_some() {
             let (volts, drawn_a) = self.load_volts().await?;
             self.no_current(LOAD_CURRENT, drawn_a)?;
-            let temperature_c = self.temperature_now_and_then().await?;
+            let temperature_degc = self.temperature_now_and_then().await?;
             self.judge(
                 phase,
                 Reading {
                     time_s: self.clock.now_s(),
                     voltage_v: Some(volts),
-                    temperature_c,
+                    temperature_degc,
                     ..Reading::default()
                 },
             )?;
@@ -575,16 +582,16 @@ impl Rig<'_> {
             self.temperatures.logger_ready = true;
         }
         let readings = logger.scan().await.map_err(error)?;
-        let [cell_c, air_c] =
+        let [cell_degc, air_degc] =
             [0, 1].map(|channel| Some(readings.get(channel).copied().flatten()?.value()));
-        self.temperatures.last_c = Some(cell_c.unwrap_or(f64::NAN));
-        let bath_c = self.cross_check_bath().await?;
+        self.temperatures.last_degc = Some(cell_degc.unwrap_or(f64::NAN));
+        let bath_degc = self.cross_check_bath().await?;
         self.judge_thermometers(ThermometerReadings {
-            cell_c,
-            air_c,
-            bath_c,
+            cell_degc,
+            air_degc,
+            bath_degc,
         })?;
-        Ok(self.temperatures.last_c)
+        Ok(self.temperatures.last_degc)
     }
 
     pub(super) async fn watch_chiller(&mut self) -> Result<(), ExecuteError> {
@@ -619,13 +626,14 @@ impl Rig<'_> {
             return Ok(());
         };
         let chiller = require(&mut self.bench.instruments.chiller, "chiller")?;
-        let reading_c = match chiller.temperature().await {
+        let reading_degc = match chiller.temperature().await {
             Ok(celsius) => Some(celsius.value()),
             Err(LinkError::Unexpected { .. }) => None,
             Err(failed) => return Err(error(failed).into()),
         };
-        self.recorder.bath(reading_c, self.temperatures.setpoint_c);
-        match thermostat.step(reading_c, self.clock.now_s()) {
+        self.recorder
+            .bath(reading_degc, self.temperatures.setpoint_degc);
+        match thermostat.step(reading_degc, self.clock.now_s()) {
             Action::Pulse(seconds) => chiller.pulse(seconds).await.map_err(error)?,
             Action::Fault(fault) => {
                 chiller.pulse(0.0).await.map_err(error)?;
@@ -637,7 +645,7 @@ impl Rig<'_> {
             }
         }
         // The control loop itself judges the age of its last reading.
-        match reading_c {
+        match reading_degc {
             Some(celsius) => self.judge_bath(Some(celsius - self.setup.thermostat.sensor_offset_k)),
             None => Ok(()),
         }

@@ -57,7 +57,7 @@ impl Ages {
         } else {
             0.0
         };
-        if reading.temperature_c.is_some() {
+        if reading.temperature_degc.is_some() {
             self.temperature_s = machine_s;
         }
         let limit = |what, value, greatest| {

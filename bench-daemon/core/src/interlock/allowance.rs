@@ -13,22 +13,25 @@ pub struct Settings {
     /// Time over which the rate is taken, s.
     pub window_s: f64,
     /// Greatest charge that one discharge or charge may move, C.
-    pub charge_c: f64,
+    #[serde(rename = "charge_c")]
+    pub charge_coulomb: f64,
     /// Greatest difference between the charge and what a step without a net charge, or with a
     /// known one, should have moved, C.
-    pub drift_c: f64,
+    #[serde(rename = "drift_c")]
+    pub drift_coulomb: f64,
     /// Greatest time between two readings while current may flow, seconds of the machine.
     pub reading_age_s: f64,
     /// Greatest time between two temperatures, seconds of the machine, on a bench with a logger.
     pub temperature_age_s: f64,
     /// Charge after which a value that has not changed in any digit counts as frozen, C.
-    pub frozen_c: f64,
+    #[serde(rename = "frozen_c")]
+    pub frozen_coulomb: f64,
     /// Time after which a voltage and a current count as frozen under a slow sinusoid, s; at least
     /// two of its periods.
     pub frozen_s: f64,
     /// Capacity of the cell, C.
     #[serde(skip)]
-    pub capacity_c: f64,
+    pub capacity_coulomb: f64,
 }
 
 /// The mean of a periodic current.
@@ -110,7 +113,7 @@ pub struct Allowance {
     /// Whether the step continues the previous one: its charge is added.
     pub continues: bool,
     /// Least and greatest net charge, C, charge positive.
-    pub charge_c: (f64, f64),
+    pub charge_coulomb: (f64, f64),
     /// Voltage from which a supply holds the voltage, V: a constant voltage is then no fault.
     pub held_v: f64,
     /// The period of a sinusoid that is slow enough to be followed reading by reading, s. The
@@ -127,14 +130,14 @@ pub struct Allowance {
 impl Allowance {
     /// Returns an allowance in which nothing may flow.
     pub fn idle(limits: Limits) -> Self {
-        let charge_c = (f64::NEG_INFINITY, f64::INFINITY);
+        let charge_coulomb = (f64::NEG_INFINITY, f64::INFINITY);
         let held_v = f64::INFINITY;
         Self {
             limits,
             live: false,
             drives: Drives::default(),
             continues: false,
-            charge_c,
+            charge_coulomb,
             held_v,
             swing_s: None,
             mean: None,

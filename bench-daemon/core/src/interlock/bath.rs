@@ -20,9 +20,9 @@ const TURNED_K: f64 = 0.5;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BathReading {
     /// Temperature by its own sensor, °C; `None` if the answer was not a temperature.
-    pub sensor_c: Option<f64>,
+    pub sensor_degc: Option<f64>,
     /// Its set-point, °C.
-    pub setpoint_c: f64,
+    pub setpoint_degc: f64,
 }
 
 /// Fault of a bath.
@@ -31,29 +31,35 @@ pub struct BathReading {
 pub enum BathFault {
     /// Its sensor reads a temperature that the cell does not tolerate.
     #[error(
-        "its sensor reads {sensor_c:.1} °C, and the cell bears {least_c} °C to {greatest_c} °C; \
-        its set-point is {setpoint_c:.1} °C"
+        "its sensor reads {sensor_degc:.1} °C, and the cell bears {least_degc} °C to {greatest_degc} °C; \
+        its set-point is {setpoint_degc:.1} °C"
     )]
     OutsideLimits {
         /// Reading of its sensor, °C.
-        sensor_c: f64,
+        #[serde(rename = "sensor_c")]
+        sensor_degc: f64,
         /// Its set-point, °C.
-        setpoint_c: f64,
+        #[serde(rename = "setpoint_c")]
+        setpoint_degc: f64,
         /// Least temperature of the cell, °C.
-        least_c: f64,
+        #[serde(rename = "least_c")]
+        least_degc: f64,
         /// Greatest temperature of the cell, °C.
-        greatest_c: f64,
+        #[serde(rename = "greatest_c")]
+        greatest_degc: f64,
     },
     /// It moves away from its set-point and does not return.
     #[error(
-        "its sensor reads {sensor_c:.1} °C and moves away from the set-point of {setpoint_c:.1} \
+        "its sensor reads {sensor_degc:.1} °C and moves away from the set-point of {setpoint_degc:.1} \
         °C: the distance was {nearest_k:.1} K before"
     )]
     MovesAway {
         /// Reading of its sensor, °C.
-        sensor_c: f64,
+        #[serde(rename = "sensor_c")]
+        sensor_degc: f64,
         /// Its set-point, °C.
-        setpoint_c: f64,
+        #[serde(rename = "setpoint_c")]
+        setpoint_degc: f64,
         /// Least distance between the two since it had this set-point, K.
         nearest_k: f64,
     },
@@ -93,7 +99,7 @@ const LEFT_ALONE: Patience = Patience {
 /// Distance between sensor and set-point over time, since the bath has this set-point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Course {
-    setpoint_c: f64,
+    setpoint_degc: f64,
     /// Least distance, K.
     nearest_k: f64,
     /// Distance at the last step towards the set-point, K, and its time, s; `None` before the first.
@@ -106,9 +112,9 @@ struct Course {
 }
 
 impl Course {
-    fn begin(setpoint_c: f64, distance_k: f64, now_s: f64) -> Self {
+    fn begin(setpoint_degc: f64, distance_k: f64, now_s: f64) -> Self {
         Self {
-            setpoint_c,
+            setpoint_degc,
             nearest_k: distance_k,
             step: (distance_k, None),
             began_s: now_s,
@@ -132,7 +138,7 @@ impl Course {
             // The bath returns: from here on it approaches again.
             *self = Self {
                 outside: self.outside,
-                ..Self::begin(self.setpoint_c, distance_k, now_s)
+                ..Self::begin(self.setpoint_degc, distance_k, now_s)
             };
             return false;
         }
@@ -151,7 +157,7 @@ impl Course {
 #[derive(Debug, Clone, PartialEq)]
 pub struct BathJudge {
     /// Least and greatest temperature of the cell, °C, if they are known.
-    cell_c: Option<(f64, f64)>,
+    cell_degc: Option<(f64, f64)>,
     patience: Patience,
     course: Option<Course>,
     /// Time of the last temperature, or of the first query, s.
@@ -160,21 +166,21 @@ pub struct BathJudge {
 
 impl BathJudge {
     /// Creates a judge for a bath that is read at each check. It stops a bath that is more than 3
-    /// K farther from its set-point than before for 60 s without returning. `cell_c` is the least
+    /// K farther from its set-point than before for 60 s without returning. `cell_degc` is the least
     /// and the greatest temperature of the cell, °C.
-    pub fn watching(cell_c: Option<(f64, f64)>) -> Self {
-        Self::new(cell_c, WATCHED)
+    pub fn watching(cell_degc: Option<(f64, f64)>) -> Self {
+        Self::new(cell_degc, WATCHED)
     }
 
     /// Creates a judge for a bath that is not watched after a few readings: it tolerates no
     /// deviation over time.
-    pub fn leaving(cell_c: Option<(f64, f64)>) -> Self {
-        Self::new(cell_c, LEFT_ALONE)
+    pub fn leaving(cell_degc: Option<(f64, f64)>) -> Self {
+        Self::new(cell_degc, LEFT_ALONE)
     }
 
-    fn new(cell_c: Option<(f64, f64)>, patience: Patience) -> Self {
+    fn new(cell_degc: Option<(f64, f64)>, patience: Patience) -> Self {
         Self {
-            cell_c,
+            cell_degc,
             patience,
             course: None,
             read_s: None,
@@ -184,35 +190,35 @@ impl BathJudge {
     /// Judges a reading that was taken at `now_s`. A new set-point resets the history: a bath that
     /// approaches it, from any distance, is sound.
     pub fn judge(&mut self, reading: BathReading, now_s: f64) -> Option<BathFault> {
-        let Some(sensor_c) = reading.sensor_c.filter(|celsius| celsius.is_finite()) else {
+        let Some(sensor_degc) = reading.sensor_degc.filter(|celsius| celsius.is_finite()) else {
             let age_s = now_s - *self.read_s.get_or_insert(now_s);
             return (age_s >= self.patience.unread_s).then_some(BathFault::Unread { age_s });
         };
         self.read_s = Some(now_s);
-        let setpoint_c = reading.setpoint_c;
-        let distance_k = (sensor_c - setpoint_c).abs();
+        let setpoint_degc = reading.setpoint_degc;
+        let distance_k = (sensor_degc - setpoint_degc).abs();
         let course = self
             .course
-            .get_or_insert_with(|| Course::begin(setpoint_c, distance_k, now_s));
-        if course.setpoint_c != setpoint_c {
-            *course = Course::begin(setpoint_c, distance_k, now_s);
+            .get_or_insert_with(|| Course::begin(setpoint_degc, distance_k, now_s));
+        if course.setpoint_degc != setpoint_degc {
+            *course = Course::begin(setpoint_degc, distance_k, now_s);
         }
         let away = course.moves_away(distance_k, now_s, self.patience);
-        let outside = self.cell_c.filter(|(least_c, greatest_c)| {
-            !(least_c - BEYOND_LIMITS_K..=greatest_c + BEYOND_LIMITS_K).contains(&sensor_c)
+        let outside = self.cell_degc.filter(|(least_degc, greatest_degc)| {
+            !(least_degc - BEYOND_LIMITS_K..=greatest_degc + BEYOND_LIMITS_K).contains(&sensor_degc)
         });
         course.outside &= outside.is_some();
         let comes_back = course.outside && course.approaches(now_s, self.patience.away_s);
         match outside.filter(|_| !comes_back) {
-            Some((least_c, greatest_c)) => Some(BathFault::OutsideLimits {
-                sensor_c,
-                setpoint_c,
-                least_c,
-                greatest_c,
+            Some((least_degc, greatest_degc)) => Some(BathFault::OutsideLimits {
+                sensor_degc,
+                setpoint_degc,
+                least_degc,
+                greatest_degc,
             }),
             None => away.then_some(BathFault::MovesAway {
-                sensor_c,
-                setpoint_c,
+                sensor_degc,
+                setpoint_degc,
                 nearest_k: course.nearest_k,
             }),
         }
@@ -221,8 +227,8 @@ impl BathJudge {
     /// Checks whether a single reading is sufficient: a bath near its set-point is under control.
     pub fn is_held(reading: BathReading) -> bool {
         reading
-            .sensor_c
-            .is_some_and(|sensor_c| (sensor_c - reading.setpoint_c).abs() <= HELD_K)
+            .sensor_degc
+            .is_some_and(|sensor_degc| (sensor_degc - reading.setpoint_degc).abs() <= HELD_K)
     }
 }
 
@@ -235,22 +241,22 @@ mod tests {
     /// Returns the first fault, and its time, of readings every ten seconds for two hours.
     fn first_fault(
         mut judge: BathJudge,
-        setpoint_c: f64,
-        sensor_c: impl Fn(f64) -> f64,
+        setpoint_degc: f64,
+        sensor_degc: impl Fn(f64) -> f64,
     ) -> Option<(f64, BathFault)> {
         (0..720).find_map(|k| {
             let now_s = 10.0 * f64::from(k);
             let reading = BathReading {
-                sensor_c: Some(sensor_c(now_s)).filter(|celsius| celsius.is_finite()),
-                setpoint_c,
+                sensor_degc: Some(sensor_degc(now_s)).filter(|celsius| celsius.is_finite()),
+                setpoint_degc,
             };
             Some((now_s, judge.judge(reading, now_s)?))
         })
     }
 
     /// Returns a first-order approach from one temperature to another.
-    fn approach(from_c: f64, to_c: f64, tau_s: f64) -> impl Fn(f64) -> f64 {
-        move |now_s| to_c + (from_c - to_c) * (-now_s / tau_s).exp()
+    fn approach(from_degc: f64, to_degc: f64, tau_s: f64) -> impl Fn(f64) -> f64 {
+        move |now_s| to_degc + (from_degc - to_degc) * (-now_s / tau_s).exp()
     }
 
     #[test]
@@ -259,7 +265,7 @@ mod tests {
         let noisy = |now_s: f64| 25.0 + 0.1 * (now_s * 7.0).sin();
         let late = |now_s: f64| if now_s < 900.0 { 22.0 } else { 40.0 };
         let dips = |now_s: f64| 22.0 - 2.5 * (-now_s / 50.0).exp() + now_s / 400.0;
-        for (case, setpoint_c, sensor_c) in [
+        for (case, setpoint_degc, sensor_degc) in [
             (
                 "heats",
                 40.0,
@@ -280,14 +286,14 @@ mod tests {
                 &approach(70.0, 25.0, 400.0),
             ),
         ] {
-            let fault = first_fault(BathJudge::watching(CELL_C), setpoint_c, sensor_c);
+            let fault = first_fault(BathJudge::watching(CELL_C), setpoint_degc, sensor_degc);
             assert_eq!(fault, None, "{case}");
         }
     }
 
     #[test]
     fn a_bath_that_runs_away_is_at_fault_within_two_minutes_of_leaving_its_band() {
-        for (case, sensor_c, at_most_s, away) in [
+        for (case, sensor_degc, at_most_s, away) in [
             (
                 "heats",
                 &(|now_s| 25.0 + 0.1 * now_s) as &dyn Fn(f64) -> f64,
@@ -323,7 +329,7 @@ mod tests {
                 false,
             ),
         ] {
-            let Some((at_s, fault)) = first_fault(BathJudge::watching(CELL_C), 25.0, sensor_c)
+            let Some((at_s, fault)) = first_fault(BathJudge::watching(CELL_C), 25.0, sensor_degc)
             else {
                 panic!("{case}: no fault")
             };
@@ -351,17 +357,20 @@ mod tests {
 
     #[test]
     fn a_bath_that_nobody_watches_afterwards_is_judged_within_seconds() {
-        let fault = |cell_c, sensors_c: &[f64]| {
-            let mut judge = BathJudge::leaving(cell_c);
-            sensors_c.iter().enumerate().find_map(|(k, sensor_c)| {
-                let reading = BathReading {
-                    sensor_c: Some(*sensor_c),
-                    setpoint_c: 25.0,
-                };
-                judge.judge(reading, k as f64)
-            })
+        let fault = |cell_degc, sensors_degc: &[f64]| {
+            let mut judge = BathJudge::leaving(cell_degc);
+            sensors_degc
+                .iter()
+                .enumerate()
+                .find_map(|(k, sensor_degc)| {
+                    let reading = BathReading {
+                        sensor_degc: Some(*sensor_degc),
+                        setpoint_degc: 25.0,
+                    };
+                    judge.judge(reading, k as f64)
+                })
         };
-        for (sensors_c, cell_c, words) in [
+        for (sensors_degc, cell_degc, words) in [
             (&[24.9, 25.0, 25.1][..], CELL_C, None),
             (
                 &[75.0],
@@ -391,8 +400,8 @@ mod tests {
             (&[30.0, 30.0, 30.0], CELL_C, None),
             (&[10.0, 10.4, 11.0], CELL_C, None),
         ] {
-            let met = fault(cell_c, sensors_c).map(|fault| fault.to_string());
-            assert_eq!(met.as_deref(), words, "{sensors_c:?}");
+            let met = fault(cell_degc, sensors_degc).map(|fault| fault.to_string());
+            assert_eq!(met.as_deref(), words, "{sensors_degc:?}");
         }
     }
 
@@ -401,16 +410,16 @@ mod tests {
         let mut judge = BathJudge::watching(CELL_C);
         for k in 0..400 {
             let now_s = 10.0 * f64::from(k);
-            let setpoint_c = if k < 200 { 25.0 } else { 5.0 };
-            let sensor_c = if k < 200 {
+            let setpoint_degc = if k < 200 { 25.0 } else { 5.0 };
+            let sensor_degc = if k < 200 {
                 25.0
             } else {
                 // The compressor starts late.
                 approach(25.0, 5.0, 300.0)((now_s - 2120.0).max(0.0))
             };
             let reading = BathReading {
-                sensor_c: Some(sensor_c),
-                setpoint_c,
+                sensor_degc: Some(sensor_degc),
+                setpoint_degc,
             };
             assert_eq!(judge.judge(reading, now_s), None, "{now_s}");
         }

@@ -8,7 +8,7 @@ use super::{
 /// Charge that is integrated reading by reading.
 #[derive(Debug, Default)]
 pub(super) struct ChargeCount {
-    moved_c: f64,
+    moved_coulomb: f64,
     /// Reading of the ammeter while no current flows, A.
     zero_a: f64,
     /// Last current, A, with its bench time, s.
@@ -17,8 +17,8 @@ pub(super) struct ChargeCount {
 
 impl ChargeCount {
     /// Returns the charge so far, C, charge positive.
-    pub(super) fn moved_c(&self) -> f64 {
-        self.moved_c
+    pub(super) fn moved_coulomb(&self) -> f64 {
+        self.moved_coulomb
     }
 
     /// Sets the reading of the ammeter with the output off, A, which counts as no charge. A
@@ -37,14 +37,14 @@ impl ChargeCount {
             return;
         };
         if let Some((before_s, before_a)) = self.current.replace((reading.time_s, current_a)) {
-            self.moved_c +=
+            self.moved_coulomb +=
                 (0.5 * (before_a + current_a) - self.zero_a) * (reading.time_s - before_s);
         }
     }
 
     /// Judges the charge so far.
     pub(super) fn judge(&self, allowance: &Allowance, time_s: f64) -> Option<Trip> {
-        let (value, (least, greatest)) = (self.moved_c, allowance.charge_c);
+        let (value, (least, greatest)) = (self.moved_coulomb, allowance.charge_coulomb);
         let outside = allowance.live && !(least..=greatest).contains(&value);
         outside.then_some(Trip::Limit {
             what: NET_CHARGE,

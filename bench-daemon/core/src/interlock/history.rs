@@ -195,9 +195,9 @@ impl Interlock {
             swing_s: self.allowance.swing_s.filter(|_| !self.silent),
             ..self.allowance
         };
-        let moved_c = self.charge.moved_c();
+        let moved_coulomb = self.charge.moved_coulomb();
         self.meters
-            .judge(reading, moved_c, &allowance, &self.settings)
+            .judge(reading, moved_coulomb, &allowance, &self.settings)
     }
 }
 

@@ -14,9 +14,11 @@ pub struct Limits {
     /// Greatest discharge current, A, positive.
     pub discharge_a: f64,
     /// Least surface temperature, °C.
-    pub min_c: f64,
+    #[serde(rename = "min_c")]
+    pub min_degc: f64,
     /// Greatest surface temperature, °C.
-    pub max_c: f64,
+    #[serde(rename = "max_c")]
+    pub max_degc: f64,
 }
 
 impl Limits {
@@ -38,7 +40,7 @@ impl Limits {
         Self {
             min_v: -CONTROL_V,
             max_v: CONTROL_V,
-            min_c: f64::NEG_INFINITY,
+            min_degc: f64::NEG_INFINITY,
             ..self
         }
     }
@@ -54,7 +56,8 @@ pub struct Reading {
     /// Cell current, A, charge positive.
     pub current_a: Option<f64>,
     /// Surface temperature of the cell, °C.
-    pub temperature_c: Option<f64>,
+    #[serde(rename = "temperature_c")]
+    pub temperature_degc: Option<f64>,
 }
 
 /// Why the interlock ends a run.
@@ -223,10 +226,10 @@ pub fn judge(limits: &Limits, reading: &Reading) -> Option<Trip> {
         ),
         (
             "cell temperature",
-            reading.temperature_c,
+            reading.temperature_degc,
             "°C",
-            limits.min_c,
-            limits.max_c,
+            limits.min_degc,
+            limits.max_degc,
         ),
     ];
     checks
@@ -253,8 +256,8 @@ mod tests {
         max_v: 4.2,
         charge_a: 13.5,
         discharge_a: 45.0,
-        min_c: 0.0,
-        max_c: 60.0,
+        min_degc: 0.0,
+        max_degc: 60.0,
     };
 
     #[test]
@@ -263,7 +266,7 @@ mod tests {
             time_s: 1.0,
             voltage_v: Some(3.7),
             current_a: Some(-5.0),
-            temperature_c: Some(25.0),
+            temperature_degc: Some(25.0),
         };
         assert_eq!(judge(&LIMITS, &inside), None);
         assert_eq!(judge(&LIMITS, &Reading::default()), None);
@@ -305,7 +308,7 @@ mod tests {
             ),
             (
                 Reading {
-                    temperature_c: Some(60.5),
+                    temperature_degc: Some(60.5),
                     ..inside
                 },
                 "cell temperature 60.5000 °C",
@@ -353,7 +356,7 @@ mod tests {
             judge(
                 &control,
                 &Reading {
-                    temperature_c: Some(celsius),
+                    temperature_degc: Some(celsius),
                     ..Reading::default()
                 },
             )

@@ -35,7 +35,7 @@ pub enum Quantity {
 /// Charge and time: at a moment, or passed since then.
 #[derive(Debug, Clone, Copy)]
 struct Passed {
-    charge_c: f64,
+    charge_coulomb: f64,
     time_s: f64,
 }
 
@@ -43,7 +43,7 @@ struct Passed {
 #[derive(Debug, Clone, Copy, Default)]
 struct Last {
     value: Option<f64>,
-    charge_c: f64,
+    charge_coulomb: f64,
     /// `None`: counted from the next reading on.
     time_s: Option<f64>,
 }
@@ -54,12 +54,12 @@ impl Last {
         if self.value != Some(value) {
             *self = Self {
                 value: Some(value),
-                charge_c: now.charge_c,
+                charge_coulomb: now.charge_coulomb,
                 time_s: None,
             };
         }
         Passed {
-            charge_c: (now.charge_c - self.charge_c).abs(),
+            charge_coulomb: (now.charge_coulomb - self.charge_coulomb).abs(),
             time_s: now.time_s - *self.time_s.get_or_insert(now.time_s),
         }
     }
@@ -120,7 +120,7 @@ impl Meters {
     /// Estimates the noise of each meter. Under a sinusoid readings reverse their direction
     /// without any noise.
     pub(super) fn listen(&mut self, reading: &Reading, allowance: &Allowance) {
-        if let Some(celsius) = reading.temperature_c {
+        if let Some(celsius) = reading.temperature_degc {
             self.temperature.noise.take(celsius);
         }
         if allowance.mean.is_some() || allowance.swing_s.is_some() {
@@ -140,12 +140,12 @@ impl Meters {
     pub(super) fn judge(
         &mut self,
         reading: &Reading,
-        charge_c: f64,
+        charge_coulomb: f64,
         allowance: &Allowance,
         settings: &Settings,
     ) -> Option<Trip> {
         let now = Passed {
-            charge_c,
+            charge_coulomb,
             time_s: reading.time_s,
         };
         let volts = reading
@@ -155,7 +155,7 @@ impl Meters {
             .current_a
             .map(|amps| self.current.last.since(amps, now));
         let celsius = reading
-            .temperature_c
+            .temperature_degc
             .map(|celsius| self.temperature.last.since(celsius, now));
         if !allowance.live {
             return None;
@@ -164,7 +164,9 @@ impl Meters {
             .voltage_v
             .is_some_and(|volts| volts >= allowance.held_v);
         let cell = |since: Option<Passed>| since.filter(|_| allowance.cell);
-        let charge = |since: Option<Passed>| Some((cell(since)?.charge_c, settings.frozen_c, "C"));
+        let charge = |since: Option<Passed>| {
+            Some((cell(since)?.charge_coulomb, settings.frozen_coulomb, "C"))
+        };
         let time = |since: Option<Passed>| {
             let least_s = SWINGS * allowance.swing_s?;
             Some((since?.time_s, settings.frozen_s.max(least_s), "s"))

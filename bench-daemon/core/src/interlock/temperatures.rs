@@ -26,8 +26,8 @@ impl Temperatures {
     pub(super) fn new(settings: &Settings, limits: &Limits) -> Self {
         Self {
             window: VecDeque::new(),
-            bath: BathJudge::watching(Some((limits.min_c, limits.max_c))),
-            thermometers: ThermometerJudge::new(settings.capacity_c),
+            bath: BathJudge::watching(Some((limits.min_degc, limits.max_degc))),
+            thermometers: ThermometerJudge::new(settings.capacity_coulomb),
         }
     }
 
@@ -76,7 +76,7 @@ impl Temperatures {
         settings: &Settings,
     ) -> Option<Trip> {
         let (window_s, greatest) = (settings.window_s, 60.0 * settings.rate_k_per_s);
-        let new = (reading.time_s, reading.temperature_c?);
+        let new = (reading.time_s, reading.temperature_degc?);
         self.window.push_back(new);
         while self
             .window

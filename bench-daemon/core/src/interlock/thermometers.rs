@@ -48,11 +48,11 @@ const OHM: (f64, f64) = (1.0e-4, 1.0);
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ThermometerReadings {
     /// The cell, °C.
-    pub cell_c: Option<f64>,
+    pub cell_degc: Option<f64>,
     /// The air of the room, the second channel of the logger, °C.
-    pub air_c: Option<f64>,
+    pub air_degc: Option<f64>,
     /// The bath by its own sensor, °C.
-    pub bath_c: Option<f64>,
+    pub bath_degc: Option<f64>,
 }
 
 /// Fault of the thermometers.
@@ -60,23 +60,23 @@ pub struct ThermometerReadings {
 pub enum ThermometerFault {
     /// The air has a temperature that no room has.
     #[error(
-        "that of the air reads {air_c:.1} °C, expected {} °C to {} °C: is it swapped with that of \
+        "that of the air reads {air_degc:.1} °C, expected {} °C to {} °C: is it swapped with that of \
         the cell?",
         ROOM_C.0,
         ROOM_C.1
     )]
     NoRoom {
         /// Reading, °C.
-        air_c: f64,
+        air_degc: f64,
     },
     /// The air warms, and the cell does not.
     #[error(
-        "that of the air has risen by {rise_k:.1} K to {air_c:.1} °C, and that of the cell by \
+        "that of the air has risen by {rise_k:.1} K to {air_degc:.1} °C, and that of the cell by \
         {cell_rise_k:.1} K: are the two swapped?"
     )]
     AirWarms {
         /// Reading of the air, °C.
-        air_c: f64,
+        air_degc: f64,
         /// Rise of the air temperature, K.
         rise_k: f64,
         /// Rise of the cell temperature in the same time, K.
@@ -84,41 +84,41 @@ pub enum ThermometerFault {
     },
     /// The air is as warm as the bath, and the cell is not.
     #[error(
-        "that of the cell reads {cell_c:.1} °C, that of the air {air_c:.1} °C, and the bath \
-        {bath_c:.1} °C: are the two swapped?"
+        "that of the cell reads {cell_degc:.1} °C, that of the air {air_degc:.1} °C, and the bath \
+        {bath_degc:.1} °C: are the two swapped?"
     )]
     AirInBath {
         /// Reading of the cell, °C.
-        cell_c: f64,
+        cell_degc: f64,
         /// Reading of the air, °C.
-        air_c: f64,
+        air_degc: f64,
         /// Reading of the bath, °C.
-        bath_c: f64,
+        bath_degc: f64,
     },
     /// The bath temperature has changed, but the cell's thermometer has not.
     #[error(
-        "that of the cell reads {cell_c} °C all the while, although the bath went from \
-        {bath_from_c:.1} °C to {bath_c:.1} °C, which must have moved it by {must_k:.1} K: it is \
+        "that of the cell reads {cell_degc} °C all the while, although the bath went from \
+        {bath_from_degc:.1} °C to {bath_degc:.1} °C, which must have moved it by {must_k:.1} K: it is \
         frozen"
     )]
     StillBesideBath {
         /// Reading of the cell, °C.
-        cell_c: f64,
+        cell_degc: f64,
         /// Temperature of the bath at the last change of the reading, °C.
-        bath_from_c: f64,
+        bath_from_degc: f64,
         /// The bath now, °C.
-        bath_c: f64,
+        bath_degc: f64,
         /// Least change of the cell's temperature that must have occurred, K.
         must_k: f64,
     },
     /// The cell was heated, but its thermometer has not changed.
     #[error(
-        "that of the cell reads {cell_c} °C all the while, although {heat_j:.0} J of heat in the \
+        "that of the cell reads {cell_degc} °C all the while, although {heat_j:.0} J of heat in the \
         cell must have warmed it by {must_k:.1} K: it is frozen"
     )]
     StillWhileHeated {
         /// Reading of the cell, °C.
-        cell_c: f64,
+        cell_degc: f64,
         /// Heat since the reading changed last, J.
         heat_j: f64,
         /// Least warming of the cell that must have occurred, K.
@@ -126,12 +126,12 @@ pub enum ThermometerFault {
     },
     /// The other thermometer of the same logger shows noise, and that of the cell does not.
     #[error(
-        "that of the cell has read {cell_c} °C {times} times in a row, while that of the air \
+        "that of the cell has read {cell_degc} °C {times} times in a row, while that of the air \
         changed each time by its noise: it is frozen"
     )]
     StillBesideAir {
         /// Reading of the cell, °C.
-        cell_c: f64,
+        cell_degc: f64,
         /// Number of equal readings.
         times: u32,
     },
@@ -176,9 +176,9 @@ impl Heat {
 /// What must have happened to the cell since its reading last changed.
 #[derive(Debug, Clone, Copy)]
 struct Still {
-    cell_c: f64,
+    cell_degc: f64,
     /// Temperature of the bath at that time, °C.
-    bath_from_c: Option<f64>,
+    bath_from_degc: Option<f64>,
     /// Least movement by the bath, and least warming by heat, K.
     by_bath_k: f64,
     by_heat_k: f64,
@@ -189,10 +189,10 @@ struct Still {
 }
 
 impl Still {
-    fn begin(cell_c: f64, bath_c: Option<f64>) -> Self {
+    fn begin(cell_degc: f64, bath_degc: Option<f64>) -> Self {
         Self {
-            cell_c,
-            bath_from_c: bath_c,
+            cell_degc,
+            bath_from_degc: bath_degc,
             by_bath_k: 0.0,
             by_heat_k: 0.0,
             heat_j: 0.0,
@@ -201,47 +201,49 @@ impl Still {
     }
 
     /// Advances by `passed_s` with heat in the cell, J.
-    fn pass(&mut self, passed_s: f64, heat_j: f64, bath_c: Option<f64>, capacity_j_per_k: f64) {
-        let cools_s = if bath_c.is_some() {
+    fn pass(&mut self, passed_s: f64, heat_j: f64, bath_degc: Option<f64>, capacity_j_per_k: f64) {
+        let cools_s = if bath_degc.is_some() {
             COOLS_S.0
         } else {
             COOLS_S.1
         };
         self.heat_j += heat_j;
         self.by_heat_k = self.by_heat_k * (-passed_s / cools_s).exp() + heat_j / capacity_j_per_k;
-        if let Some((from_c, now_c)) = self.bath_from_c.zip(bath_c) {
+        if let Some((from_degc, now_degc)) = self.bath_from_degc.zip(bath_degc) {
             let left = (-passed_s / FOLLOWS_S).exp();
-            let goal_k = now_c - from_c;
+            let goal_k = now_degc - from_degc;
             self.by_bath_k = goal_k + (self.by_bath_k - goal_k) * left;
         }
-        if self.bath_from_c.is_none() {
-            self.bath_from_c = bath_c;
+        if self.bath_from_degc.is_none() {
+            self.bath_from_degc = bath_degc;
         }
     }
 
-    fn fault(&self, bath_c: Option<f64>) -> Option<ThermometerFault> {
-        let cell_c = self.cell_c;
-        if let Some((bath_from_c, bath_c)) = self.bath_from_c.zip(bath_c)
+    fn fault(&self, bath_degc: Option<f64>) -> Option<ThermometerFault> {
+        let cell_degc = self.cell_degc;
+        if let Some((bath_from_degc, bath_degc)) = self.bath_from_degc.zip(bath_degc)
             && self.by_bath_k.abs() > MUST_MOVE_K
         {
             return Some(ThermometerFault::StillBesideBath {
-                cell_c,
-                bath_from_c,
-                bath_c,
+                cell_degc,
+                bath_from_degc,
+                bath_degc,
                 must_k: self.by_bath_k,
             });
         }
         if self.by_heat_k > MUST_MOVE_K {
             return Some(ThermometerFault::StillWhileHeated {
-                cell_c,
+                cell_degc,
                 heat_j: self.heat_j,
                 must_k: self.by_heat_k,
             });
         }
-        (self.repeats >= REPEATS && is_fine(cell_c)).then_some(ThermometerFault::StillBesideAir {
-            cell_c,
-            times: self.repeats + 1,
-        })
+        (self.repeats >= REPEATS && is_fine(cell_degc)).then_some(
+            ThermometerFault::StillBesideAir {
+                cell_degc,
+                times: self.repeats + 1,
+            },
+        )
     }
 }
 
@@ -270,9 +272,9 @@ pub struct ThermometerJudge {
 
 impl ThermometerJudge {
     /// Creates a judge for a cell of this capacity, C.
-    pub fn new(capacity_c: f64) -> Self {
+    pub fn new(capacity_coulomb: f64) -> Self {
         Self {
-            capacity_j_per_k: HEAT_CAPACITY_J_PER_K_AH * capacity_c / 3600.0,
+            capacity_j_per_k: HEAT_CAPACITY_J_PER_K_AH * capacity_coulomb / 3600.0,
             heat: Heat::default(),
             last: None,
             still: None,
@@ -305,15 +307,15 @@ impl ThermometerJudge {
     ) -> Option<ThermometerFault> {
         let finite = |value: Option<f64>| value.filter(|celsius| celsius.is_finite());
         let readings = ThermometerReadings {
-            cell_c: finite(readings.cell_c),
-            air_c: finite(readings.air_c),
-            bath_c: finite(readings.bath_c),
+            cell_degc: finite(readings.cell_degc),
+            air_degc: finite(readings.air_degc),
+            bath_degc: finite(readings.bath_degc),
         };
         let no_room = readings
-            .air_c
-            .filter(|air_c| !(ROOM_C.0..=ROOM_C.1).contains(air_c));
-        if let Some(air_c) = no_room {
-            return Some(ThermometerFault::NoRoom { air_c });
+            .air_degc
+            .filter(|air_degc| !(ROOM_C.0..=ROOM_C.1).contains(air_degc));
+        if let Some(air_degc) = no_room {
+            return Some(ThermometerFault::NoRoom { air_degc });
         }
         let heat_j = std::mem::take(&mut self.heat.joules);
         if !cell {
@@ -335,35 +337,36 @@ impl ThermometerJudge {
         heat_j: f64,
         now_s: f64,
     ) -> Option<ThermometerFault> {
-        let cell_c = readings.cell_c?;
+        let cell_degc = readings.cell_degc?;
         let Some((still, (before_s, before))) = self
             .still
             .as_mut()
             .zip(before)
-            .filter(|(still, _)| still.cell_c == cell_c)
+            .filter(|(still, _)| still.cell_degc == cell_degc)
         else {
-            self.still = Some(Still::begin(cell_c, readings.bath_c));
+            self.still = Some(Still::begin(cell_degc, readings.bath_degc));
             return None;
         };
         still.pass(
             now_s - before_s,
             heat_j,
-            readings.bath_c,
+            readings.bath_degc,
             self.capacity_j_per_k,
         );
-        let noise = readings
-            .air_c
-            .zip(before.air_c)
-            .is_some_and(|(now_c, before_c)| {
-                now_c != before_c && (now_c - before_c).abs() < NOISE_K
-            });
+        let noise =
+            readings
+                .air_degc
+                .zip(before.air_degc)
+                .is_some_and(|(now_degc, before_degc)| {
+                    now_degc != before_degc && (now_degc - before_degc).abs() < NOISE_K
+                });
         still.repeats = if noise { still.repeats + 1 } else { 0 };
-        still.fault(readings.bath_c)
+        still.fault(readings.bath_degc)
     }
 
     fn judge_air(&mut self, readings: ThermometerReadings, now_s: f64) -> Option<ThermometerFault> {
-        let (cell_c, air_c) = readings.cell_c.zip(readings.air_c)?;
-        self.air.push_back((now_s, air_c, cell_c));
+        let (cell_degc, air_degc) = readings.cell_degc.zip(readings.air_degc)?;
+        self.air.push_back((now_s, air_degc, cell_degc));
         while self
             .air
             .front()
@@ -372,26 +375,26 @@ impl ThermometerJudge {
             self.air.pop_front();
         }
         let coldest = self.air.iter().min_by(|a, b| a.1.total_cmp(&b.1))?;
-        let (rise_k, cell_rise_k) = (air_c - coldest.1, cell_c - coldest.2);
+        let (rise_k, cell_rise_k) = (air_degc - coldest.1, cell_degc - coldest.2);
         if rise_k > AIR_RISES_K && cell_rise_k < AIR_SHARE * rise_k {
             return Some(ThermometerFault::AirWarms {
-                air_c,
+                air_degc,
                 rise_k,
                 cell_rise_k,
             });
         }
-        let bath_c = readings
-            .bath_c
-            .filter(|bath_c| air_c - cell_c > DIFFERENT_K && (air_c - bath_c).abs() < ALIKE_K);
-        let Some(bath_c) = bath_c else {
+        let bath_degc = readings.bath_degc.filter(|bath_degc| {
+            air_degc - cell_degc > DIFFERENT_K && (air_degc - bath_degc).abs() < ALIKE_K
+        });
+        let Some(bath_degc) = bath_degc else {
             self.alike_s = None;
             return None;
         };
         let since_s = *self.alike_s.get_or_insert(now_s);
         (now_s - since_s >= ALIKE_S).then_some(ThermometerFault::AirInBath {
-            cell_c,
-            air_c,
-            bath_c,
+            cell_degc,
+            air_degc,
+            bath_degc,
         })
     }
 }

@@ -50,7 +50,8 @@ pub struct Spent {
     /// Time, s.
     pub time_s: f64,
     /// Charge moved back and forth, C.
-    pub charge_c: f64,
+    #[serde(rename = "charge_c")]
+    pub charge_coulomb: f64,
 }
 
 impl std::ops::Add for Spent {
@@ -59,7 +60,7 @@ impl std::ops::Add for Spent {
     fn add(self, other: Self) -> Self {
         Self {
             time_s: self.time_s + other.time_s,
-            charge_c: self.charge_c + other.charge_c,
+            charge_coulomb: self.charge_coulomb + other.charge_coulomb,
         }
     }
 }
@@ -74,6 +75,6 @@ impl Spent {
     /// Checks whether an additional effort is within the budget.
     pub fn allows(&self, quality: &Quality, more: Self) -> bool {
         let spent = *self + more;
-        spent.time_s <= quality.time_s && spent.charge_c <= quality.charge_c
+        spent.time_s <= quality.time_s && spent.charge_coulomb <= quality.charge_coulomb
     }
 }

@@ -37,7 +37,8 @@ pub struct Quality {
     /// Time for repetitions in one sweep, s.
     pub time_s: f64,
     /// Charge for repetitions in one sweep, C, moved back and forth.
-    pub charge_c: f64,
+    #[serde(rename = "charge_c")]
+    pub charge_coulomb: f64,
 }
 
 /// Quality of a record.
@@ -377,7 +378,7 @@ mod tests {
         kramers_kronig: 0.01,
         again: 2,
         time_s: 600.0,
-        charge_c: 600.0,
+        charge_coulomb: 600.0,
     };
 
     #[test]

@@ -142,7 +142,7 @@ pub struct Now {
     /// Fixture in the jig, if known.
     pub fixture: Option<Fixture>,
     /// Set-point at which this run has started a bath that closes its own loop, °C.
-    pub bath_c: Option<f64>,
+    pub bath_degc: Option<f64>,
 }
 
 impl Doing {
@@ -212,8 +212,8 @@ impl Progress {
     }
 
     /// Records that the bath was started at a set-point, °C, which it holds on its own.
-    pub fn bath(&self, setpoint_c: f64) {
-        self.doing.set(|now| now.bath_c = Some(setpoint_c));
+    pub fn bath(&self, setpoint_degc: f64) {
+        self.doing.set(|now| now.bath_degc = Some(setpoint_degc));
     }
 
     /// Shows a text until the next step begins.

@@ -209,8 +209,8 @@ mod tests {
         max_v: 4.2,
         charge_a: 13.5,
         discharge_a: 45.0,
-        min_c: 0.0,
-        max_c: 60.0,
+        min_degc: 0.0,
+        max_degc: 60.0,
     };
     const UP: Step = Step::PowerUp {
         compliance_v: 5.0,

@@ -34,13 +34,13 @@ impl fmt::Display for Step {
             Self::Specimen(ref run) => write!(f, "run {}: take {}", run.number, run.cell),
             Self::Mount(fixture) => write!(f, "mount {}", fixture_name(fixture)),
             Self::HoldTemperature {
-                setpoint_c,
+                setpoint_degc,
                 within_k,
                 max_s,
             } => {
                 write!(
                     f,
-                    "hold {setpoint_c} °C, wait until the cell is within {within_k} K, at \
+                    "hold {setpoint_degc} °C, wait until the cell is within {within_k} K, at \
                 most {}",
                     minutes(max_s)
                 )
@@ -136,12 +136,14 @@ impl fmt::Display for Step {
             }
             Self::Multisine(ref band) => band.fmt(f),
             Self::Recheck(Quality {
-                time_s, charge_c, ..
+                time_s,
+                charge_coulomb,
+                ..
             }) => {
                 write!(
                     f,
                     "measure again what the quality gate refuses: at most {} and \
-                {charge_c:.0} C in all",
+                {charge_coulomb:.0} C in all",
                     minutes(time_s)
                 )
             }

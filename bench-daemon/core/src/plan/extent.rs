@@ -13,11 +13,11 @@ pub struct Extent {
     /// Lowest and highest voltage that a step ends at or holds, V; `None` if no step has one.
     pub voltage_v: Option<(f64, f64)>,
     /// Lowest and highest temperature that is held, °C; `None` if none is held.
-    pub temperature_c: Option<(f64, f64)>,
+    pub temperature_degc: Option<(f64, f64)>,
     /// Charge into the cell by direct currents over the expected times, C.
-    pub into_c: f64,
+    pub into_coulomb: f64,
     /// Charge out of the cell by direct currents over the expected times, C.
-    pub out_c: f64,
+    pub out_coulomb: f64,
 }
 
 impl Extent {
@@ -34,14 +34,14 @@ impl Extent {
             } => {
                 self.current(0.0, *current_a);
                 widen(&mut self.voltage_v, *until_v);
-                self.out_c += current_a * span_s;
+                self.out_coulomb += current_a * span_s;
             }
             Step::Charge {
                 current_a, until_v, ..
             } => {
                 self.current(*current_a, 0.0);
                 widen(&mut self.voltage_v, *until_v);
-                self.into_c += current_a * span_s;
+                self.into_coulomb += current_a * span_s;
             }
             Step::Leg(leg) => self.leg(leg, span_s),
             Step::Sine { amplitude_a, .. } => self.current(*amplitude_a, *amplitude_a),
@@ -49,12 +49,12 @@ impl Extent {
             Step::Trace(trace) => {
                 let (least_a, greatest_a) = trace.extremes_a();
                 self.current(greatest_a, -least_a);
-                let (least_c, greatest_c) = trace.swing_c();
-                self.out_c -= least_c;
-                self.into_c += greatest_c;
+                let (least_coulomb, greatest_coulomb) = trace.swing_coulomb();
+                self.out_coulomb -= least_coulomb;
+                self.into_coulomb += greatest_coulomb;
             }
-            Step::HoldTemperature { setpoint_c, .. } => {
-                widen(&mut self.temperature_c, *setpoint_c);
+            Step::HoldTemperature { setpoint_degc, .. } => {
+                widen(&mut self.temperature_degc, *setpoint_degc);
             }
             _ => {}
         }
@@ -65,16 +65,20 @@ impl Extent {
         self.current(into_a, out_a);
         match leg.flow {
             Flow::Discharge {
-                until_v, charge_c, ..
+                until_v,
+                charge_coulomb,
+                ..
             } => {
                 widen(&mut self.voltage_v, until_v);
-                self.out_c += charge_c.unwrap_or(out_a * span_s);
+                self.out_coulomb += charge_coulomb.unwrap_or(out_a * span_s);
             }
             Flow::Charge {
-                limit_v, charge_c, ..
+                limit_v,
+                charge_coulomb,
+                ..
             } => {
                 widen(&mut self.voltage_v, limit_v);
-                self.into_c += charge_c.unwrap_or(into_a * span_s);
+                self.into_coulomb += charge_coulomb.unwrap_or(into_a * span_s);
             }
             Flow::Rest => {}
         }
@@ -105,7 +109,7 @@ mod tests {
     fn the_extremes_of_all_steps_count() {
         let steps = vec![
             Step::HoldTemperature {
-                setpoint_c: 25.0,
+                setpoint_degc: 25.0,
                 within_k: 0.1,
                 max_s: 60.0,
             },
@@ -135,7 +139,7 @@ mod tests {
         let extent = Plan { stages }.extent();
         assert_eq!((extent.charge_a, extent.discharge_a), (4.0, 5.0));
         assert_eq!(extent.voltage_v, Some((3.5, 3.8)));
-        assert_eq!(extent.temperature_c, Some((25.0, 25.0)));
-        assert!(extent.out_c > 0.0 && extent.into_c > 0.0);
+        assert_eq!(extent.temperature_degc, Some((25.0, 25.0)));
+        assert!(extent.out_coulomb > 0.0 && extent.into_coulomb > 0.0);
     }
 }

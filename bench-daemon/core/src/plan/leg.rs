@@ -29,7 +29,7 @@ pub enum Flow {
         /// End, V under load.
         until_v: f64,
         /// Charge after which it ends earlier, C.
-        charge_c: Option<f64>,
+        charge_coulomb: Option<f64>,
     },
     /// Into the cell, by the supply: constant current, then constant voltage.
     Charge {
@@ -40,7 +40,7 @@ pub enum Flow {
         /// Current at which it ends, A.
         cut_off_a: f64,
         /// Charge after which it ends earlier, C.
-        charge_c: Option<f64>,
+        charge_coulomb: Option<f64>,
     },
     /// No current.
     Rest,
@@ -80,14 +80,14 @@ impl Leg {
         match self.flow {
             Flow::Discharge {
                 current_a,
-                charge_c: Some(charge_c),
+                charge_coulomb: Some(charge_coulomb),
                 ..
             }
             | Flow::Charge {
                 current_a,
-                charge_c: Some(charge_c),
+                charge_coulomb: Some(charge_coulomb),
                 ..
-            } => (charge_c / current_a).min(self.max_s),
+            } => (charge_coulomb / current_a).min(self.max_s),
             Flow::Discharge { .. } | Flow::Charge { .. } => 0.2 * self.max_s,
             Flow::Rest => self.max_s,
         }
@@ -141,33 +141,35 @@ impl Leg {
 
 impl fmt::Display for Leg {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let part = |charge_c: Option<f64>| {
-            charge_c.map_or_else(String::new, |charge_c| format!(" or by {charge_c:.0} C"))
+        let part = |charge_coulomb: Option<f64>| {
+            charge_coulomb.map_or_else(String::new, |charge_coulomb| {
+                format!(" or by {charge_coulomb:.0} C")
+            })
         };
         let (bound, file) = (minutes(self.max_s), self.log.file());
         match self.flow {
             Flow::Discharge {
                 current_a,
                 until_v,
-                charge_c,
+                charge_coulomb,
             } => {
                 write!(
                     f,
                     "discharge at {current_a} A to {until_v} V{}, at most {bound}, into {file}",
-                    part(charge_c)
+                    part(charge_coulomb)
                 )
             }
             Flow::Charge {
                 current_a,
                 limit_v,
                 cut_off_a,
-                charge_c,
+                charge_coulomb,
             } => {
                 write!(
                     f,
                     "charge at {current_a} A, hold {limit_v} V until {cut_off_a} A{}, at most \
                     {bound}, into {file}",
-                    part(charge_c)
+                    part(charge_coulomb)
                 )
             }
             Flow::Rest => write!(f, "nothing flows for {bound}, into {file}"),
@@ -184,8 +186,8 @@ mod tests {
         max_v: 4.2,
         charge_a: 13.5,
         discharge_a: 45.0,
-        min_c: 0.0,
-        max_c: 60.0,
+        min_degc: 0.0,
+        max_degc: 60.0,
     };
 
     #[test]
@@ -193,13 +195,13 @@ mod tests {
         let down = |current_a, until_v| Flow::Discharge {
             current_a,
             until_v,
-            charge_c: Some(1.0),
+            charge_coulomb: Some(1.0),
         };
         let up = |current_a, limit_v, cut_off_a| Flow::Charge {
             current_a,
             limit_v,
             cut_off_a,
-            charge_c: None,
+            charge_coulomb: None,
         };
         let cases = [
             (down(1.0, 2.505), ""),

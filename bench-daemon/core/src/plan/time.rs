@@ -198,7 +198,7 @@ mod tests {
         );
         assert_eq!(plan.longest_s(), 2.0 * (7200.0 + 7200.0 + 3600.0));
         let hold = Step::HoldTemperature {
-            setpoint_c: 25.0,
+            setpoint_degc: 25.0,
             within_k: 0.2,
             max_s: 60.0,
         };

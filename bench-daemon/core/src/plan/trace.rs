@@ -90,7 +90,7 @@ pub struct TracePlan {
     /// Greatest resistance between current and voltmeter, Ω.
     pub resistance_max_ohm: f64,
     /// Capacity of the cell, C.
-    pub capacity_c: f64,
+    pub capacity_coulomb: f64,
     /// Averaging of the frames: first mean after a step, s; growth; longest, s.
     pub thinning: (f64, f64, f64),
 }
@@ -177,22 +177,26 @@ impl TracePlan {
     }
 
     /// Returns the greatest charge below and above the start, C.
-    pub fn swing_c(&self) -> (f64, f64) {
-        let (mut charge_c, mut least_c, mut greatest_c) = (0.0_f64, 0.0_f64, 0.0_f64);
+    pub fn swing_coulomb(&self) -> (f64, f64) {
+        let (mut charge_coulomb, mut least_coulomb, mut greatest_coulomb) =
+            (0.0_f64, 0.0_f64, 0.0_f64);
         for pair in self.levels.windows(2) {
-            charge_c += pair[0].current_a * (pair[1].at_s - pair[0].at_s);
-            (least_c, greatest_c) = (least_c.min(charge_c), greatest_c.max(charge_c));
+            charge_coulomb += pair[0].current_a * (pair[1].at_s - pair[0].at_s);
+            (least_coulomb, greatest_coulomb) = (
+                least_coulomb.min(charge_coulomb),
+                greatest_coulomb.max(charge_coulomb),
+            );
         }
-        (least_c, greatest_c)
+        (least_coulomb, greatest_coulomb)
     }
 
     /// Returns how far the open-circuit voltage may fall and rise, V: the charge as a share of the
     /// cell's capacity, times the cell's voltage window, doubled because the curve is steeper in
     /// places.
     pub fn drift_v(&self, limits: &Limits) -> (f64, f64) {
-        let (least_c, greatest_c) = self.swing_c();
-        let per_coulomb = 2.0 * (limits.max_v - limits.min_v) / self.capacity_c;
-        (least_c * per_coulomb, greatest_c * per_coulomb)
+        let (least_coulomb, greatest_coulomb) = self.swing_coulomb();
+        let per_coulomb = 2.0 * (limits.max_v - limits.min_v) / self.capacity_coulomb;
+        (least_coulomb * per_coulomb, greatest_coulomb * per_coulomb)
     }
 
     /// Returns an error if the trace could exceed the limits of the cell in the worst case, or
@@ -209,11 +213,14 @@ impl TracePlan {
                 ));
             }
         }
-        let (least_c, greatest_c) = self.swing_c();
-        let most_c = GREATEST_SWING * self.capacity_c;
-        if !(-least_c <= most_c && greatest_c <= most_c) {
-            let (least_ah, greatest_ah, most_ah) =
-                (least_c / 3600.0, greatest_c / 3600.0, most_c / 3600.0);
+        let (least_coulomb, greatest_coulomb) = self.swing_coulomb();
+        let most_coulomb = GREATEST_SWING * self.capacity_coulomb;
+        if !(-least_coulomb <= most_coulomb && greatest_coulomb <= most_coulomb) {
+            let (least_ah, greatest_ah, most_ah) = (
+                least_coulomb / 3600.0,
+                greatest_coulomb / 3600.0,
+                most_coulomb / 3600.0,
+            );
             return Err(format!(
                 "expected charge within ±{most_ah:.3} Ah of the start, found {least_ah:.3} Ah to \
                 {greatest_ah:.3} Ah"
@@ -304,7 +311,7 @@ pub fn test_trace() -> TracePlan {
         frames: Vec::new(),
         start_v: (3.6, 3.8),
         resistance_max_ohm: 0.03,
-        capacity_c: 16_200.0,
+        capacity_coulomb: 16_200.0,
         thinning: (0.002, 0.25, 10.0),
     }
 }

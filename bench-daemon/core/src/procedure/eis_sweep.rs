@@ -191,8 +191,8 @@ mod tests {
             max_v: 4.2,
             charge_a: 13.5,
             discharge_a: 45.0,
-            min_c: 0.0,
-            max_c: 60.0,
+            min_degc: 0.0,
+            max_degc: 60.0,
         };
         let stage = stage(&sweep(&test_settings()), &eis, &limits, |span_s| {
             2.5 * span_s

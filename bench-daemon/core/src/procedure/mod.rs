@@ -130,8 +130,8 @@ pub fn plan(experiment: &Experiment) -> Plan {
 }
 
 fn temperature(temperature: &Temperature) -> Stage {
-    let (setpoint_c, within_k, max_s) = (
-        temperature.setpoint_c,
+    let (setpoint_degc, within_k, max_s) = (
+        temperature.setpoint_degc,
         temperature.within_k,
         temperature.timeout_s,
     );
@@ -140,7 +140,7 @@ fn temperature(temperature: &Temperature) -> Stage {
         steps: vec![
             Step::Mount(Fixture::Cell),
             Step::HoldTemperature {
-                setpoint_c,
+                setpoint_degc,
                 within_k,
                 max_s,
             },

@@ -27,8 +27,8 @@ pub(super) fn stage(ocv: &OcvSoc, cell: &Cell) -> Stage {
         slope_v_per_s: ocv.rest_slope_v_per_s,
     };
     let parts = ocv.interruptions + 1;
-    let part_c = cell.capacity_c / parts as f64;
-    let whole_s = |amps: f64| LONGER * cell.capacity_c / amps;
+    let part_coulomb = cell.capacity_coulomb / parts as f64;
+    let whole_s = |amps: f64| LONGER * cell.capacity_coulomb / amps;
     let pause = |log| {
         Step::Leg(Leg {
             flow: Flow::Rest,
@@ -38,12 +38,12 @@ pub(super) fn stage(ocv: &OcvSoc, cell: &Cell) -> Stage {
     };
     // The first charge ends where the measured one begins; its readings go into the file of the
     // charge direction, which the measured one restarts.
-    let up = |charge_c| {
+    let up = |charge_coulomb| {
         let flow = Flow::Charge {
             current_a: ocv.charge_a,
             limit_v,
             cut_off_a: ocv.cut_off_a,
-            charge_c,
+            charge_coulomb,
         };
         Step::Leg(Leg {
             flow,
@@ -51,11 +51,11 @@ pub(super) fn stage(ocv: &OcvSoc, cell: &Cell) -> Stage {
             log: Log::Charge,
         })
     };
-    let down = |current_a, charge_c| {
+    let down = |current_a, charge_coulomb| {
         let flow = Flow::Discharge {
             current_a,
             until_v,
-            charge_c,
+            charge_coulomb,
         };
         Step::Leg(Leg {
             flow,
@@ -65,7 +65,10 @@ pub(super) fn stage(ocv: &OcvSoc, cell: &Cell) -> Stage {
     };
     let mut steps = vec![Step::Mount(Fixture::Cell), up(None), rest.clone()];
     for _ in 1..parts {
-        steps.extend([down(ocv.discharge_a, Some(part_c)), pause(Log::Discharge)]);
+        steps.extend([
+            down(ocv.discharge_a, Some(part_coulomb)),
+            pause(Log::Discharge),
+        ]);
     }
     steps.push(down(ocv.discharge_a, None));
     if ocv.tail_a < ocv.discharge_a {
@@ -75,7 +78,7 @@ pub(super) fn stage(ocv: &OcvSoc, cell: &Cell) -> Stage {
     if ocv.both_directions {
         steps.push(rest);
         for _ in 1..parts {
-            steps.extend([up(Some(part_c)), pause(Log::Charge)]);
+            steps.extend([up(Some(part_coulomb)), pause(Log::Charge)]);
         }
         steps.extend([up(None), pause(Log::Charge)]);
     }
@@ -97,24 +100,24 @@ mod tests {
             max_v: 4.2,
             charge_a: 13.5,
             discharge_a: 45.0,
-            min_c: 0.0,
-            max_c: 60.0,
+            min_degc: 0.0,
+            max_degc: 60.0,
         };
         let interlock = Settings {
             rate_k_per_s: 0.1,
             window_s: 60.0,
-            charge_c: 20_000.0,
-            drift_c: 100.0,
+            charge_coulomb: 20_000.0,
+            drift_coulomb: 100.0,
             reading_age_s: 10.0,
             temperature_age_s: 60.0,
             frozen_s: 30.0,
-            capacity_c: 1.0,
-            frozen_c: 10.0,
+            capacity_coulomb: 1.0,
+            frozen_coulomb: 10.0,
         };
         let cell = Cell {
             name: "c".to_owned(),
             identity: crate::config::Identity::default(),
-            capacity_c: 16_200.0,
+            capacity_coulomb: 16_200.0,
             limits,
             interlock,
             series: 1,

@@ -65,7 +65,7 @@ pub(super) fn stage(
         frames,
         start_v: trace.start_v,
         resistance_max_ohm: trace.resistance_max_ohm,
-        capacity_c: cell.capacity_c,
+        capacity_coulomb: cell.capacity_coulomb,
         thinning: (trace.first_sample_s, trace.growth, trace.longest_s),
     });
     let (least_a, greatest_a) = plan.extremes_a();

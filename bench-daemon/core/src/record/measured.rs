@@ -118,8 +118,8 @@ impl Recorder {
     }
 
     /// Sets the cell that the index describes.
-    pub fn about(&mut self, cell: &str, capacity_c: f64) {
-        (self.index.cell, self.index.capacity_c) = (cell.to_owned(), capacity_c);
+    pub fn about(&mut self, cell: &str, capacity_coulomb: f64) {
+        (self.index.cell, self.index.capacity_coulomb) = (cell.to_owned(), capacity_coulomb);
     }
 
     /// Returns the number of sweeps and traces in the index.

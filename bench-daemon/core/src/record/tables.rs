@@ -78,7 +78,7 @@ impl Tables {
             phase,
             voltage_v: reading.voltage_v,
             current_a: reading.current_a,
-            temperature_c: reading.temperature_c,
+            temperature_degc: reading.temperature_degc,
         };
         self.series.push(in_numbers(&row));
         folder.room(READINGS)?;
@@ -104,7 +104,7 @@ impl Tables {
             time_s,
             voltage_v: Between::of(limits.min_v, limits.max_v),
             current_a: Between::of(-limits.discharge_a, limits.charge_a),
-            temperature_c: Between::of(limits.min_c, limits.max_c),
+            temperature_degc: Between::of(limits.min_degc, limits.max_degc),
         };
         self.envelope.row(folder, &row.row())?;
         self.bounded = Some(*limits);
@@ -209,7 +209,7 @@ fn in_numbers(row: &ReadingRow<'_>) -> SeriesRow {
         time_s: row.time_s,
         voltage_v: row.voltage_v.unwrap_or(f64::NAN),
         current_a: row.current_a.unwrap_or(f64::NAN),
-        temperature_c: row.temperature_c.unwrap_or(f64::NAN),
+        temperature_degc: row.temperature_degc.unwrap_or(f64::NAN),
     }
 }
 
@@ -225,8 +225,8 @@ mod tests {
         max_v: 4.2,
         charge_a: 0.1,
         discharge_a: 5.0,
-        min_c: f64::NEG_INFINITY,
-        max_c: 60.0,
+        min_degc: f64::NEG_INFINITY,
+        max_degc: 60.0,
     };
 
     /// Returns the rows of a table without their times.

@@ -96,7 +96,7 @@ impl BenchLease {
                 bench: &experiment.bench,
                 run,
                 window_v: (limits.min_v, limits.max_v),
-                cell_c: Some((limits.min_c, limits.max_c)),
+                cell_degc: Some((limits.min_degc, limits.max_degc)),
                 sha256,
             },
             clocks,
@@ -130,7 +130,7 @@ impl BenchLease {
             bench: charge.bench,
             run: &run,
             window_v: charge.window_v,
-            cell_c: charge.cell_c,
+            cell_degc: charge.cell_degc,
             sha256: charge.sha256.clone(),
         };
         let keeper = Keeper::start(&charge, clocks, doing).await?;

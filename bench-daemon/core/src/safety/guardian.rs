@@ -76,7 +76,7 @@ pub struct Charge<'a> {
     /// Least and greatest voltage of the cell, V.
     pub window_v: (f64, f64),
     /// Least and greatest temperature of the cell, °C, if a cell is to be in the jig.
-    pub cell_c: Option<(f64, f64)>,
+    pub cell_degc: Option<(f64, f64)>,
     /// SHA-256 of the bench file as the daemon read it: both processes must use the same
     /// instruments.
     pub sha256: String,
@@ -123,10 +123,12 @@ pub struct Report {
     pub safe: Option<SafeReport>,
     /// Least and greatest temperature of the cell, °C.
     #[serde(default)]
-    pub cell_c: Option<(f64, f64)>,
+    #[serde(rename = "cell_c")]
+    pub cell_degc: Option<(f64, f64)>,
     /// Set-point at which the run started a bath that closes its own loop, °C.
     #[serde(default)]
-    pub bath_c: Option<f64>,
+    #[serde(rename = "bath_c")]
+    pub bath_degc: Option<f64>,
     /// End state of the bath, if it was changed.
     #[serde(default)]
     pub bath_ended: Option<String>,
@@ -153,7 +155,7 @@ impl Report {
 
 /// Returns the least and greatest temperature, °C, that the cell of the last run on a bench
 /// tolerates, or `None` if they are unknown.
-pub fn last_cell_c(state: &State) -> Option<(f64, f64)> {
+pub fn last_cell_degc(state: &State) -> Option<(f64, f64)> {
     let text = std::fs::read_to_string(state.path(REPORT)).ok()?;
     let report: serde_json::Value = serde_json::from_str(&text).ok()?;
     Some((report["cell_c"][0].as_f64()?, report["cell_c"][1].as_f64()?))
@@ -258,8 +260,8 @@ impl<'a> Watch<'a> {
             step: String::new(),
             attempts: 0,
             safe: None,
-            cell_c: charge.cell_c,
-            bath_c: None,
+            cell_degc: charge.cell_degc,
+            bath_degc: None,
             bath_ended: None,
             took_s: None,
             unix_s: clock::unix_time_s(),
@@ -321,9 +323,9 @@ impl<'a> Watch<'a> {
             return;
         };
         (self.cell, self.report.step) = (fixture == "cell", step.to_owned());
-        let bath_c = bath.parse().ok();
-        if self.report.bath_c != bath_c {
-            self.report.bath_c = bath_c;
+        let bath_degc = bath.parse().ok();
+        if self.report.bath_degc != bath_degc {
+            self.report.bath_degc = bath_degc;
             // Recorded for the process that switches off if this process dies, too.
             self.note(Status::Watching);
         }
@@ -392,14 +394,14 @@ impl<'a> Watch<'a> {
     /// those that the run made, or its own sensor shows that it is not under control. It is
     /// checked once, after everything that moves charge is off.
     async fn bath(&mut self, bench: &mut Bench) {
-        let Some(setpoint_c) = self.report.bath_c else {
+        let Some(setpoint_degc) = self.report.bath_degc else {
             return;
         };
         let order = BathOrder {
-            cell_c: self.charge.cell_c,
+            cell_degc: self.charge.cell_degc,
             stop: None,
         };
-        let Some(bath) = bench.stop_stray_bath_of(setpoint_c, &order).await else {
+        let Some(bath) = bench.stop_stray_bath_of(setpoint_degc, &order).await else {
             return;
         };
         tracing::warn!("{bath}");

@@ -47,7 +47,7 @@ impl Envelope {
                 Drives::default()
             },
             volts: (allowance.live && allowance.cell).then_some((limits.min_v, limits.max_v)),
-            degc: (limits.min_c, limits.max_c),
+            degc: (limits.min_degc, limits.max_degc),
         }
     }
 
@@ -173,8 +173,8 @@ mod tests {
         max_v: 4.2,
         charge_a: 13.5,
         discharge_a: 45.0,
-        min_c: 0.0,
-        max_c: 60.0,
+        min_degc: 0.0,
+        max_degc: 60.0,
     };
 
     fn allowing(drives: Drives, charge_a: f64, discharge_a: f64) -> Envelope {

@@ -113,8 +113,8 @@ mod tests {
             max_v: 4.2,
             charge_a: 1.2,
             discharge_a: 1.2,
-            min_c: 0.0,
-            max_c: 60.0,
+            min_degc: 0.0,
+            max_degc: 60.0,
         };
         let envelope = Envelope::of(&Allowance {
             live: true,

@@ -327,7 +327,7 @@ fn condition(now: Now) -> Condition {
         reading: fresh.map(|reading| Reading {
             voltage_v: reading.voltage_v,
             current_a: reading.current_a,
-            temperature_c: reading.temperature_c,
+            temperature_degc: reading.temperature_degc,
         }),
         trip: state.trip.map(|trip| trip.cause),
         state: kind,

@@ -57,7 +57,8 @@ pub(crate) struct ServedRun {
 pub(crate) struct ServedReading {
     pub(crate) voltage_v: Option<f64>,
     pub(crate) current_a: Option<f64>,
-    pub(crate) temperature_c: Option<f64>,
+    #[serde(rename = "temperature_c")]
+    pub(crate) temperature_degc: Option<f64>,
     pub(crate) fresh: bool,
 }
 

@@ -136,9 +136,9 @@ pub struct SubmitArgs {
         long = "temperature",
         value_name = "TEMPERATURE",
         allow_negative_numbers = true,
-        value_parser = quantity::temperature_c
+        value_parser = quantity::temperature_degc
     )]
-    temperature_c: Option<f64>,
+    temperature_degc: Option<f64>,
     /// Fixture that the jig must be able to take: cell, shunt, fake_cell or short.
     #[arg(long, value_name = "FIXTURE")]
     fixture: Option<String>,
@@ -157,7 +157,7 @@ impl SubmitArgs {
     pub(super) fn needs(&self) -> Needs {
         Needs {
             current_a: self.current_a,
-            temperature_c: self.temperature_c,
+            temperature_degc: self.temperature_degc,
             fixture: self.fixture.clone(),
             bench: self.bench.clone(),
             site: self.site.clone(),

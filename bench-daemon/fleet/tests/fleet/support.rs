@@ -276,7 +276,7 @@ impl Machine {
         }
         let capabilities = Capabilities {
             current_a: 20.0,
-            temperature_c: Some([-10.0, 60.0]),
+            temperature_degc: Some([-10.0, 60.0]),
             fixtures: vec!["cell".to_owned(), "shunt".to_owned()],
             simulated: true,
         };
@@ -410,7 +410,7 @@ impl LocalBench for Machine {
             reading: going.first().map(|_| Reading {
                 voltage_v: Some(3.7),
                 current_a: Some(1.0),
-                temperature_c: None,
+                temperature_degc: None,
             }),
             run: going.into_iter().next(),
             held,

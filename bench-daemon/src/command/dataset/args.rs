@@ -65,8 +65,8 @@ pub(super) struct InitArgs {
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Temperature of all logs and spectra, °C [default: as logged, else as the log's head says]
-    #[arg(long, value_name = "C", allow_hyphen_values = true, value_parser = units::of::<Temperature>)]
-    pub temperature_c: Option<f64>,
+    #[arg(long = "temperature-c", value_name = "C", allow_hyphen_values = true, value_parser = units::of::<Temperature>)]
+    pub temperature_degc: Option<f64>,
     /// Circumstances of one spectrum or log, such as "eis_07:ocv_v=3.66,temperature_c=26.8" or
     /// "log_2:soc=1". Keys: `soc`, `ocv_v` (spectra only), `temperature_c`.
     #[arg(long, value_name = "NAME:KEY=VALUE")]
@@ -122,7 +122,7 @@ impl FromStr for Stated {
             let (target, fits) = match key.trim() {
                 "soc" => (&mut place.soc, (0.0..=1.0).contains(&value)),
                 "ocv_v" => (&mut place.ocv_v, value > 0.0 && value.is_finite()),
-                "temperature_c" => (&mut place.temperature_c, value.is_finite()),
+                "temperature_c" => (&mut place.temperature_degc, value.is_finite()),
                 _ => return Err(expected()),
             };
             if !fits {
@@ -155,7 +155,7 @@ mod tests {
             Place {
                 soc: None,
                 ocv_v: Some(3.66),
-                temperature_c: Some(-5.0)
+                temperature_degc: Some(-5.0)
             }
         );
         for text in [

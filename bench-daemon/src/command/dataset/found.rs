@@ -104,7 +104,7 @@ fn found_log(args: &InitArgs, log: &Log, curve: Option<&OcvCurve>) -> FoundLog {
                 .and_then(|soc| elsewhere(load.soc.map(|soc: KnownSoc| soc.value), soc, args.near));
         }
     }
-    let stated_c = stated.temperature_c.or(args.temperature_c);
+    let stated_degc = stated.temperature_degc.or(args.temperature_degc);
     notes.extend(contradictions(
         &log.series,
         &found,
@@ -112,8 +112,8 @@ fn found_log(args: &InitArgs, log: &Log, curve: Option<&OcvCurve>) -> FoundLog {
             capacity_ah: known.capacity_ah,
             head_capacity_ah: head.capacity_ah.map(|fact| fact.value),
             soc_start: known.soc_start.filter(|_| known.capacity_ah.is_some()),
-            temperature_c: stated_c,
-            head_temperature_c: head.temperature_c.map(|fact| fact.value),
+            temperature_degc: stated_degc,
+            head_temperature_degc: head.temperature_degc.map(|fact| fact.value),
             column,
             curve,
         },
@@ -122,7 +122,7 @@ fn found_log(args: &InitArgs, log: &Log, curve: Option<&OcvCurve>) -> FoundLog {
         file: log.file.clone(),
         name: log.name.clone(),
         lasting_s: lasting_s(&log.series),
-        temperature: temperature(log, stated_c, &found),
+        temperature: temperature(log, stated_degc, &found),
         notes,
         loads: found,
     }
@@ -130,9 +130,9 @@ fn found_log(args: &InitArgs, log: &Log, curve: Option<&OcvCurve>) -> FoundLog {
 
 /// Returns the temperature that replaces the log's own: the stated one, else that of the head if the
 /// log has none.
-fn temperature(log: &Log, stated_c: Option<f64>, loads: &[Load]) -> Option<TestTemperature> {
-    let logged = loads.iter().any(|load| load.temperature_c.is_some());
-    if let Some(celsius) = stated_c {
+fn temperature(log: &Log, stated_degc: Option<f64>, loads: &[Load]) -> Option<TestTemperature> {
+    let logged = loads.iter().any(|load| load.temperature_degc.is_some());
+    if let Some(celsius) = stated_degc {
         let source = if logged {
             "as stated, in the place of the logged one"
         } else {
@@ -143,7 +143,7 @@ fn temperature(log: &Log, stated_c: Option<f64>, loads: &[Load]) -> Option<TestT
             source: source.to_owned(),
         });
     }
-    let fact = log.state.head.temperature_c.filter(|_| !logged)?;
+    let fact = log.state.head.temperature_degc.filter(|_| !logged)?;
     Some(TestTemperature {
         celsius: fact.value,
         source: format!("as the head of the file states in line {}", fact.line),

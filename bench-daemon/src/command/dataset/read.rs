@@ -42,7 +42,7 @@ impl Log {
             let (value, line) = (fact.value, fact.line);
             format!("its head has a capacity of {value} Ah in line {line}")
         });
-        let celsius = head.temperature_c.map(|fact| {
+        let celsius = head.temperature_degc.map(|fact| {
             let (value, line) = (fact.value, fact.line);
             format!("its head has a temperature of {value} °C in line {line}")
         });
@@ -204,10 +204,10 @@ fn place_of(read: &ReadSeries) -> Place {
     Place {
         soc,
         ocv_v: middle(&at_rest).filter(|_| soc.is_none()),
-        temperature_c: series.temperature_c.as_deref().and_then(middle).or(read
+        temperature_degc: series.temperature_degc.as_deref().and_then(middle).or(read
             .state
             .head
-            .temperature_c
+            .temperature_degc
             .map(|fact| fact.value)),
     }
 }
@@ -275,8 +275,8 @@ fn spectrum(
 ) -> FoundSpectrum {
     let name = names.unique(&sourced.spectrum.name);
     let mut place = stated(&args.at, &name);
-    let temperature_c = place.temperature_c.or(args.temperature_c);
-    place.temperature_c = temperature_c.or(own.temperature_c);
+    let temperature_degc = place.temperature_degc.or(args.temperature_degc);
+    place.temperature_degc = temperature_degc.or(own.temperature_degc);
     if place.soc.is_none() && place.ocv_v.is_none() {
         (place.soc, place.ocv_v) = (own.soc, own.ocv_v);
     }

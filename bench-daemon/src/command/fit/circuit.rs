@@ -76,8 +76,8 @@ pub fn fit_circuit(args: &FitArgs, text: &str) -> Result<(), Failure> {
             fit.warnings.push(WarningCode::ChargeStorage.says(format!(
                 "without charge storage: −j·(dU/dQ)/ω was taken out of the spectra, dU/dQ {} ± {} \
                 µV/C",
-                micro(slope.v_per_c),
-                micro(slope.sigma_v_per_c)
+                micro(slope.v_per_coulomb),
+                micro(slope.sigma_v_per_coulomb)
             )));
         }
         let spectra = sweeps.into_iter().map(|sourced| sourced.spectrum).collect();

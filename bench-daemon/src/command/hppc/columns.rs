@@ -47,7 +47,7 @@ pub(super) fn columns(tables: &[&Hppc]) -> Vec<TableColumn> {
         numbers("duration_s", &|row| Some(row.pulse.duration_s)),
         numbers("soc", &|row| row.pulse.state.soc.map(|soc| soc.value)),
         numbers("drawn_ah", &|row| row.pulse.state.drawn_ah),
-        numbers("temperature_c", &|row| row.pulse.state.temperature_c),
+        numbers("temperature_c", &|row| row.pulse.state.temperature_degc),
         numbers("ocv_v", &|row| {
             row.pulse.state.open_circuit.map(|ocv| ocv.v)
         }),

@@ -102,7 +102,7 @@ fn row(found: &Hppc, pulse: &Pulse) {
         or_dash(
             pulse
                 .state
-                .temperature_c
+                .temperature_degc
                 .map(|celsius| format!("{celsius:.1}"))
         ),
         or_dash(pulse.state.open_circuit.map(|ocv| format!("{:.4}", ocv.v)))

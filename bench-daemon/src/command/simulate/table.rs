@@ -196,7 +196,7 @@ const NUMBERS: [Figure; 15] = [
     ("margin_low_v", |s| s.margin_low_v),
     ("margin_high_v", |s| s.margin_high_v),
     ("energy_j", |s| s.energy_j),
-    ("charge_c", |s| s.charge_c),
+    ("charge_c", |s| s.charge_coulomb),
     ("heat_j", |s| s.heat_j),
     ("peak_power_w", |s| s.peak_power_w),
     ("lowest_power_w", |s| s.lowest_power_w),

@@ -62,16 +62,16 @@ impl Site {
         ) else {
             return Err("the cell was never measured".to_owned());
         };
-        let drawn_c = if let RunData::Time(record) = &last.data {
-            record.series.charge_c().last().copied()
+        let drawn_coulomb = if let RunData::Time(record) = &last.data {
+            record.series.charge_coulomb().last().copied()
         } else {
             None
         };
-        let now_soc = soc(last) - drawn_c.unwrap_or(0.0) / (3600.0 * ocv.capacity_ah);
+        let now_soc = soc(last) - drawn_coulomb.unwrap_or(0.0) / (3600.0 * ocv.capacity_ah);
         Ok(Self {
             first: first.clone(),
             ocv: ocv.clone(),
-            begin: (begin.temperature_c, soc(begin)),
+            begin: (begin.temperature_degc, soc(begin)),
             now_soc,
         })
     }
@@ -131,8 +131,8 @@ impl Site {
         {
             return Err("an experiment has place for one sweep".to_owned());
         }
-        let capacity_c = 3600.0 * self.ocv.capacity_ah;
-        let stays = |run: &PlannedRun| moved_c(run).abs() < 0.01 * capacity_c;
+        let capacity_coulomb = 3600.0 * self.ocv.capacity_ah;
+        let stays = |run: &PlannedRun| moved_coulomb(run).abs() < 0.01 * capacity_coulomb;
         if runs.len() > 1 && !runs.iter().all(stays) {
             return Err(
                 "one of its runs leaves the cell at another charge than the others begin at"
@@ -144,13 +144,13 @@ impl Site {
 
     /// Brings the cell to another temperature or state of charge, if planned.
     fn bring(&self, experiment: &mut Experiment, run: &PlannedRun) -> Result<(), String> {
-        let (begin_c, begin_soc) = self.begin;
-        if (run.temperature_c - begin_c).abs() > NEAR_K {
+        let (begin_coulomb, begin_soc) = self.begin;
+        if (run.temperature_degc - begin_coulomb).abs() > NEAR_K {
             let held = experiment
                 .temperature
                 .as_mut()
                 .ok_or("the campaign holds no temperature")?;
-            held.setpoint_c = run.temperature_c;
+            held.setpoint_degc = run.temperature_degc;
         }
         if (run.soc - self.now_soc).abs() > SOC_NEAR {
             // The reset ends at the campaign's state of charge: its voltages are moved by as much
@@ -169,7 +169,7 @@ impl Site {
 }
 
 /// Charge that all repeats of a run take out of the cell, C.
-fn moved_c(run: &PlannedRun) -> f64 {
+fn moved_coulomb(run: &PlannedRun) -> f64 {
     let Planned::Trace(segments) = &run.what else {
         return 0.0;
     };
@@ -210,14 +210,14 @@ fn trace(
         .ok_or("the campaign has no trace to take its sampling from")?;
     let limits = &first.cell.limits;
     // Every repeat begins at the end of the previous one.
-    let moved_c: f64 = segments
+    let moved_coulomb: f64 = segments
         .iter()
         .map(|(span_s, amps)| span_s * amps)
         .sum::<f64>()
         * run.repeat.saturating_sub(1) as f64;
     let (begin_v, end_v) = (
         ocv.voltage_v(run.soc),
-        ocv.voltage_v(run.soc - moved_c / (3600.0 * ocv.capacity_ah)),
+        ocv.voltage_v(run.soc - moved_coulomb / (3600.0 * ocv.capacity_ah)),
     );
     let segment = |(span_s, amps): &(f64, f64)| Segment {
         current_a: 0.0 - amps,
@@ -280,7 +280,7 @@ mod tests {
             name: "larger".to_owned(),
             fixture: Fixture::Cell("cell".to_owned()),
             soc: 0.5,
-            temperature_c: 25.0,
+            temperature_degc: 25.0,
             repeat: 2,
             repeat_group: "larger".to_owned(),
             order: 20,

@@ -173,7 +173,7 @@ pub(super) fn part(series: &TimeSeries, window: Range<usize>) -> TimeSeries {
             .collect(),
         current_a: part(&series.current_a),
         voltage_v: part(&series.voltage_v),
-        temperature_c: series.temperature_c.as_deref().map(part),
+        temperature_degc: series.temperature_degc.as_deref().map(part),
     }
 }
 

@@ -139,7 +139,8 @@ pub(super) struct Run {
     pub(super) fixture_ohm: Option<f64>,
     /// Temperature at the start, −60 °C to 120 °C. Left out: the first of the file, which must hold
     /// one.
-    pub(super) temperature_c: Option<f64>,
+    #[serde(rename = "temperature_c")]
+    pub(super) temperature_degc: Option<f64>,
     /// State of charge at the start, 0 to 1. Left out: `ocv_v` must be given, unless the run is of
     /// a control.
     pub(super) soc: Option<f64>,

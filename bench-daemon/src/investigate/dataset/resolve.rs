@@ -238,7 +238,7 @@ impl Resolver<'_> {
                 .order
                 .unwrap_or(u32::try_from(number - 1).unwrap_or(u32::MAX)),
             start_s: at.finite("start_s", entry.start_s)?.unwrap_or(0.0),
-            temperature_c: at.temperature(entry, &data)?,
+            temperature_degc: at.temperature(entry, &data)?,
             start,
             data,
             name,
@@ -588,26 +588,26 @@ impl At<'_> {
         let measured = match data {
             RunData::Time(record) => record
                 .series
-                .temperature_c
+                .temperature_degc
                 .iter()
                 .flatten()
                 .copied()
                 .find(|t| t.is_finite()),
             RunData::Eis(_) => None,
         };
-        let temperature_c = entry.temperature_c.or(measured).ok_or_else(|| {
+        let temperature_degc = entry.temperature_degc.or(measured).ok_or_else(|| {
             self.complain(
                 "temperature_c",
                 "expected the temperature at the start in °C: the file holds none",
             )
         })?;
-        if TEMPERATURES_C.contains(&temperature_c) {
-            return Ok(temperature_c);
+        if TEMPERATURES_C.contains(&temperature_degc) {
+            return Ok(temperature_degc);
         }
         let (low, high) = (TEMPERATURES_C.start(), TEMPERATURES_C.end());
         Err(self.complain(
             "temperature_c",
-            format!("expected {low} °C to {high} °C, found {temperature_c}"),
+            format!("expected {low} °C to {high} °C, found {temperature_degc}"),
         ))
     }
 }

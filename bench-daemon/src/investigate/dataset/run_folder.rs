@@ -234,7 +234,7 @@ impl Reader<'_> {
                     .for_each(|(point, own)| point.sigma_ohm = stated(own).or(point.sigma_ohm));
             }
         }
-        let temperature_c = self.temperature(&name, entry.temperature_c);
+        let temperature_degc = self.temperature(&name, entry.temperature_degc);
         self.loaded.set.runs.push(Run {
             name,
             fixture,
@@ -242,7 +242,7 @@ impl Reader<'_> {
             repeat_group: entry.repeat_group.clone(),
             order: order(entry.order),
             start_s: entry.start_time_s - first_s,
-            temperature_c,
+            temperature_degc,
             start,
             data,
         });
@@ -269,7 +269,7 @@ impl Reader<'_> {
         if let Some(sigma_v) = &mut sigma_v {
             self.rest_before(entry, row_s, &mut series, sigma_v, averaged_s.as_mut())?;
         }
-        let temperature_c = self.temperature(&name, entry.temperature_c);
+        let temperature_degc = self.temperature(&name, entry.temperature_degc);
         self.loaded.set.runs.push(Run {
             name,
             fixture: Fixture::Cell(cell.to_owned()),
@@ -277,7 +277,7 @@ impl Reader<'_> {
             repeat_group: entry.repeat_group.clone(),
             order: order(entry.order),
             start_s: entry.start_time_s - first_s,
-            temperature_c,
+            temperature_degc,
             start: Start::Ocv(entry.start_ocv_v),
             data: RunData::Time(TimeRecord {
                 series,
@@ -321,7 +321,7 @@ impl Reader<'_> {
         series.time_s.insert(0, 0.0);
         series.current_a.insert(0, series.current_a[0]);
         series.voltage_v.insert(0, entry.start_ocv_v);
-        if let Some(all) = &mut series.temperature_c {
+        if let Some(all) = &mut series.temperature_degc {
             all.insert(0, all[0]);
         }
         sigma_v.insert(0, UNSEEN_V);
@@ -349,8 +349,8 @@ impl Reader<'_> {
                 wanted: self.refused_points,
             });
         }
-        let (ocv_v, temperature_c) = self.readings()?;
-        let temperature_c = self.temperature("spectrum", temperature_c);
+        let (ocv_v, temperature_degc) = self.readings()?;
+        let temperature_degc = self.temperature("spectrum", temperature_degc);
         self.loaded.set.runs.push(Run {
             name: "spectrum".to_owned(),
             fixture: Fixture::Cell(cell.to_owned()),
@@ -358,7 +358,7 @@ impl Reader<'_> {
             repeat_group: "spectrum".to_owned(),
             order: 0,
             start_s: 0.0,
-            temperature_c,
+            temperature_degc,
             start: Start::Ocv(ocv_v),
             data,
         });
@@ -391,7 +391,10 @@ impl Reader<'_> {
                 "expected a voltage at rest or under the sweep, found none",
             )
         })?;
-        Ok((ocv_v, rows.iter().rev().find_map(|row| row.temperature_c)))
+        Ok((
+            ocv_v,
+            rows.iter().rev().find_map(|row| row.temperature_degc),
+        ))
     }
 
     /// Returns a sweep, and the points that the quality gate has refused according to its file.
@@ -436,8 +439,8 @@ impl Reader<'_> {
         }
     }
 
-    fn temperature(&mut self, name: &str, measured_c: Option<f64>) -> f64 {
-        measured_c.unwrap_or_else(|| {
+    fn temperature(&mut self, name: &str, measured_degc: Option<f64>) -> f64 {
+        measured_degc.unwrap_or_else(|| {
             self.note(format!(
                 "{name}: its temperature was not measured, {ROOM_C} °C is taken"
             ));

@@ -378,7 +378,7 @@ fn a_data_set_comes_back_from_its_folder_bit_for_bit() {
         time_s: vec![0.0, 0.1, 1.0 / 3.0],
         current_a: vec![0.0, 20.0, -1.0 / 3.0],
         voltage_v: vec![3.7, 3.5, 3.600_000_1],
-        temperature_c: Some(vec![25.0, 25.1, 25.2]),
+        temperature_degc: Some(vec![25.0, 25.1, 25.2]),
     };
     let point = |freq_hz: f64, sigma_ohm, amplitude_a| SweepPoint {
         freq_hz,
@@ -393,7 +393,7 @@ fn a_data_set_comes_back_from_its_folder_bit_for_bit() {
         repeat_group: "g".to_owned(),
         order: 7,
         start_s: 12.5,
-        temperature_c: 24.9,
+        temperature_degc: 24.9,
         start: Start::Ocv(3.7),
         data,
     };
@@ -482,7 +482,7 @@ fn a_run_folder_without_an_index_is_its_sweep() {
         ("demo", &Fixture::Cell("P45B".to_owned()))
     );
     assert_eq!(
-        (run.start, run.temperature_c, points(run).points.len()),
+        (run.start, run.temperature_degc, points(run).points.len()),
         (Start::Ocv(3.72), 24.0, 2)
     );
     let folder = run_folder(&[(

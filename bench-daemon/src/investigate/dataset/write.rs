@@ -107,7 +107,7 @@ fn entry(run: &Run, file: &str) -> String {
         ("kind", json!(kind)),
         ("fixture", json!(fixture)),
         resistance,
-        ("temperature_c", json!(run.temperature_c)),
+        ("temperature_c", json!(run.temperature_degc)),
         start,
         ("repeat_group", json!(run.repeat_group)),
         ("order", json!(run.order)),
@@ -164,7 +164,7 @@ fn file_name(index: usize, run: &Run) -> String {
 fn series_csv(record: &TimeRecord) -> String {
     let series = &record.series;
     let mut text = "Test Time / s,Current / A,Voltage / V".to_owned();
-    if series.temperature_c.is_some() {
+    if series.temperature_degc.is_some() {
         text += ",Surface Temperature T1 / degC";
     }
     if record.sigma_v.is_some() {
@@ -183,7 +183,7 @@ fn series_csv(record: &TimeRecord) -> String {
             0.0 - series.current_a[k],
             series.voltage_v[k]
         );
-        if let Some(all) = &series.temperature_c {
+        if let Some(all) = &series.temperature_degc {
             let _ = write!(text, ",{}", all[k]);
         }
         if let Some(all) = &record.sigma_v {

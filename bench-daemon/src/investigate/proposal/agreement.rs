@@ -19,9 +19,9 @@ pub struct LogFacts<'a> {
     /// State of charge at the first row as stated by the user.
     pub soc_start: Option<f64>,
     /// Temperature as stated by the user, °C.
-    pub temperature_c: Option<f64>,
+    pub temperature_degc: Option<f64>,
     /// Temperature in the head of the file, °C.
-    pub head_temperature_c: Option<f64>,
+    pub head_temperature_degc: Option<f64>,
     /// State of charge in each row by a column.
     pub column: Option<&'a [f64]>,
     /// OCV curve.
@@ -79,14 +79,14 @@ pub fn contradictions(series: &TimeSeries, loads: &[Load], facts: &LogFacts<'_>)
         ));
     }
     let away = |(a, b): &(f64, f64)| (a - b).abs() > STATE_TEMPERATURE_C;
-    let logged = loads.iter().find_map(|load| load.temperature_c);
-    if let Some((stated, met)) = both(facts.temperature_c, logged).filter(away) {
+    let logged = loads.iter().find_map(|load| load.temperature_degc);
+    if let Some((stated, met)) = both(facts.temperature_degc, logged).filter(away) {
         found.push(format!(
             "the stated temperature {stated} °C is used, and the log has {met:.1} °C at its first load"
         ));
     }
-    let used = facts.temperature_c.or(logged);
-    if let Some((used, head)) = both(used, facts.head_temperature_c).filter(away) {
+    let used = facts.temperature_degc.or(logged);
+    if let Some((used, head)) = both(used, facts.head_temperature_degc).filter(away) {
         found.push(format!(
             "the temperature {used:.1} °C is used, and the head of the file has {head} °C"
         ));

@@ -30,7 +30,7 @@ pub fn missing(runs: &[ProposedRun], spectra: &[FoundSpectrum]) -> Vec<Missing> 
 /// The keys that the run of this name lacks.
 pub(super) fn of_place(run: &str, place: &Place) -> Vec<Missing> {
     let mut all = Vec::new();
-    if place.temperature_c.is_none() {
+    if place.temperature_degc.is_none() {
         all.push(Missing {
             run: run.to_owned(),
             key: "temperature_c",

@@ -45,7 +45,8 @@ pub struct Place {
     /// Rest voltage, V.
     pub ocv_v: Option<f64>,
     /// Temperature, °C.
-    pub temperature_c: Option<f64>,
+    #[serde(rename = "temperature_c")]
+    pub temperature_degc: Option<f64>,
 }
 
 impl Place {
@@ -57,9 +58,9 @@ impl Place {
             _ => true,
         };
         near(
-            self.temperature_c,
-            other.temperature_c,
-            within.temperature_c,
+            self.temperature_degc,
+            other.temperature_degc,
+            within.temperature_degc,
         ) && match (self.soc, other.soc) {
             (Some(_), Some(_)) => near(self.soc, other.soc, within.soc),
             _ => near(self.ocv_v, other.ocv_v, within.ocv_v),
@@ -69,7 +70,7 @@ impl Place {
     /// The temperature alone.
     fn without_state(self) -> Self {
         Self {
-            temperature_c: self.temperature_c,
+            temperature_degc: self.temperature_degc,
             ..Self::default()
         }
     }
@@ -77,7 +78,7 @@ impl Place {
     /// The state alone.
     fn without_temperature(self) -> Self {
         Self {
-            temperature_c: None,
+            temperature_degc: None,
             ..self
         }
     }
@@ -96,19 +97,19 @@ impl Place {
 struct Tolerance {
     soc: f64,
     ocv_v: f64,
-    temperature_c: f64,
+    temperature_degc: f64,
 }
 
 const REPEAT: Tolerance = Tolerance {
     soc: REPEAT_SOC,
     ocv_v: REPEAT_V,
-    temperature_c: REPEAT_TEMPERATURE_C,
+    temperature_degc: REPEAT_TEMPERATURE_C,
 };
 
 const STATE: Tolerance = Tolerance {
     soc: STATE_SOC,
     ocv_v: STATE_V,
-    temperature_c: STATE_TEMPERATURE_C,
+    temperature_degc: STATE_TEMPERATURE_C,
 };
 
 /// A run that is proposed.
@@ -189,9 +190,9 @@ pub fn propose(logs: &[FoundLog]) -> Vec<ProposedRun> {
                 place: Place {
                     soc: load.soc.map(|soc| soc.value),
                     ocv_v: load.rest_v(),
-                    temperature_c: (found.temperature.as_ref())
+                    temperature_degc: (found.temperature.as_ref())
                         .map(|temperature| temperature.celsius)
-                        .or(load.temperature_c),
+                        .or(load.temperature_degc),
                 },
                 start_s,
                 role: Role::Train,
@@ -355,7 +356,7 @@ pub fn check_spectra(spectra: &mut [FoundSpectrum], runs: &[ProposedRun]) {
         let lacks_state = place.soc.or(place.ocv_v).is_none();
         let several = [
             (
-                place.temperature_c.is_none(),
+                place.temperature_degc.is_none(),
                 Place::without_state as fn(Place) -> Place,
                 "temperature",
             ),
@@ -377,8 +378,8 @@ pub fn check_spectra(spectra: &mut [FoundSpectrum], runs: &[ProposedRun]) {
             ));
             continue;
         }
-        if place.temperature_c.is_none() && first.temperature_c.is_some() {
-            place.temperature_c = first.temperature_c;
+        if place.temperature_degc.is_none() && first.temperature_degc.is_some() {
+            place.temperature_degc = first.temperature_degc;
             spectrum.assumed.push("temperature_c".to_owned());
         }
         if lacks_state {
@@ -392,7 +393,7 @@ pub fn check_spectra(spectra: &mut [FoundSpectrum], runs: &[ProposedRun]) {
             spectrum.assumed.push(key.to_owned());
         }
         if !runs.iter().any(|run| run.place.is_near(place, &STATE)) {
-            let at = |place: &Place| match place.temperature_c {
+            let at = |place: &Place| match place.temperature_degc {
                 Some(celsius) => format!("{} and {celsius:.1} °C", place.state()),
                 None => place.state(),
             };

@@ -40,7 +40,7 @@ fn log(steps: &[Step]) -> (TimeSeries, Vec<f64>) {
     let voltage_v = current_a.iter().map(|a| 3.6 - 4e-3 * a).collect();
     let series = TimeSeries {
         name: "log".to_owned(),
-        temperature_c: Some(vec![20.0; time_s.len()]),
+        temperature_degc: Some(vec![20.0; time_s.len()]),
         time_s,
         voltage_v,
         current_a,
@@ -201,8 +201,8 @@ fn what_contradicts_itself_is_named() {
         capacity_ah: Some(3.0),
         head_capacity_ah: Some(2.5),
         soc_start: Some(0.5),
-        temperature_c: Some(25.0),
-        head_temperature_c: Some(10.0),
+        temperature_degc: Some(25.0),
+        head_temperature_degc: Some(10.0),
         column: Some(&falls),
         curve: None,
     };

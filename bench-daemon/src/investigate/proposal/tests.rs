@@ -40,7 +40,7 @@ fn log(parts: &[Part], step_s: f64) -> TimeSeries {
         name: "log".to_owned(),
         time_s,
         voltage_v: current_a.iter().map(|a| 3.7 - 0.02 * a).collect(),
-        temperature_c: Some(vec![25.0; current_a.len()]),
+        temperature_degc: Some(vec![25.0; current_a.len()]),
         current_a,
     }
 }
@@ -93,7 +93,7 @@ fn a_pulse_is_found_with_its_rests() {
     }
     let rest = pulse.rest.unwrap();
     assert!((rest.duration_s - 60.0).abs() < 1e-9 && rest.voltage_v == 3.7);
-    assert!(rest.slope_v_per_s.abs() < 1e-9 && pulse.temperature_c == Some(25.0));
+    assert!(rest.slope_v_per_s.abs() < 1e-9 && pulse.temperature_degc == Some(25.0));
 }
 
 #[test]
@@ -168,7 +168,7 @@ fn rows_without_a_number_refuse_their_pulse_only() {
     ] {
         column.drain(65..67);
     }
-    series.temperature_c = None;
+    series.temperature_degc = None;
     let all = found(&series);
     assert!(refusal(&all[0]).starts_with("rows are 3.00 s apart") && all[1].refusal.is_none());
 }
@@ -349,11 +349,11 @@ fn a_spectrum_elsewhere_is_refused_and_one_without_a_state_is_taken_at_the_pulse
         assumed: Vec::new(),
         refusal: None,
     };
-    let at = |ocv_v, temperature_c| {
+    let at = |ocv_v, temperature_degc| {
         spectrum(Place {
             soc: None,
             ocv_v,
-            temperature_c,
+            temperature_degc,
         })
     };
     let mut all = [
@@ -401,7 +401,7 @@ fn a_spectrum_beside_several_states_needs_its_own_and_takes_the_one_temperature(
     let mut all = [spectrum(Some(0.52)), spectrum(None)];
     check_spectra(&mut all, &runs);
     assert_eq!(
-        (all[0].refusal.as_deref(), all[0].place.temperature_c),
+        (all[0].refusal.as_deref(), all[0].place.temperature_degc),
         (None, Some(25.0))
     );
     assert_eq!(all[0].assumed, ["temperature_c"]);

@@ -295,7 +295,7 @@ fn rest_words(load: &Load) -> String {
 }
 
 fn state_words(load: &Load) -> String {
-    let celsius = match load.temperature_c {
+    let celsius = match load.temperature_degc {
         Some(celsius) => format!("{celsius:.1} °C logged"),
         None => "no temperature logged".to_owned(),
     };
@@ -324,7 +324,7 @@ fn spectrum_text(named: &Named, spectrum: &FoundSpectrum, order: usize) -> Strin
     }
     lines.extend(
         place
-            .temperature_c
+            .temperature_degc
             .map(|celsius| format!("temperature_c = {celsius:?}")),
     );
     lines.extend(match (place.soc, place.ocv_v) {

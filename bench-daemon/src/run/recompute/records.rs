@@ -175,7 +175,7 @@ impl Recorded {
         let path = self.folder.join(&entry.file);
         let was: Vec<TraceRow> = dataset::read_trace_csv(&path).map_err(RecordError::from)?;
         for (row, was) in found.rows.iter_mut().zip(&was) {
-            row.temperature_c = was.temperature_c;
+            row.temperature_degc = was.temperature_degc;
         }
         others.rows += found.rows.len();
         let [sample_sigma_a, sample_sigma_v] = found.scatter();

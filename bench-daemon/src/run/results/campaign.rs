@@ -59,7 +59,8 @@ struct RunRow {
     file: String,
     start_time_s: f64,
     start_ocv_v: Option<f64>,
-    temperature_c: Option<f64>,
+    #[serde(rename = "temperature_c")]
+    temperature_degc: Option<f64>,
     /// Kramers–Kronig, Z-HIT, harmonics and drift.
     validity: String,
     /// Whether the state of charge differs from the requested one.
@@ -182,7 +183,7 @@ fn runs(recorder: &Recorder, campaign: &Campaign, judged: &[Judged]) -> Vec<RunR
             file,
             start_time_s: entry.start_time_s,
             start_ocv_v: entry.start_ocv_v,
-            temperature_c: entry.temperature_c,
+            temperature_degc: entry.temperature_degc,
             validity: judged
                 .iter()
                 .find(|one| one.name == run.name())

@@ -48,9 +48,13 @@ pub(super) fn rows(
     }
     let held = experiment.temperature.as_ref().map_or_else(
         || "not held".to_owned(),
-        |held| format!("held at {} °C", held.setpoint_c),
+        |held| format!("held at {} °C", held.setpoint_degc),
     );
-    let measured = range(idle.iter().filter_map(|idle| idle.temperature_c), 2, "°C");
+    let measured = range(
+        idle.iter().filter_map(|idle| idle.temperature_degc),
+        2,
+        "°C",
+    );
     rows.push((
         "temperature of the cell".to_owned(),
         measured.map_or_else(|| held.clone(), |text| format!("{text} ({held})")),

@@ -260,7 +260,7 @@ fn traces_table(traces: &[TraceEntry]) -> Option<Table> {
             trace.repeat.to_string(),
             format!("{:.4}", trace.start_ocv_v),
             trace
-                .temperature_c
+                .temperature_degc
                 .map_or_else(|| "–".to_owned(), |celsius| format!("{celsius:.2}")),
             trace.steps_s.len().to_string(),
             significant(1.0e3 * trace.sample_sigma_a, 3),

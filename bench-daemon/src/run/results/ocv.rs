@@ -120,9 +120,13 @@ fn read(recorder: &Recorder, log: Log) -> Result<Interrupted, Failure> {
         time_s: of(|row| row.time_s),
         current_a: of(|row| -row.current_a),
         voltage_v: of(|row| row.voltage_v),
-        temperature_c: None,
+        temperature_degc: None,
     };
-    Ok(interrupted(&series, &of(|row| -row.charge_c), SETTLE_S))
+    Ok(interrupted(
+        &series,
+        &of(|row| -row.charge_coulomb),
+        SETTLE_S,
+    ))
 }
 
 fn options(
@@ -164,7 +168,7 @@ fn tables(found: &OcvExtraction, interruptions: &[Interruption]) -> [Table; 2] {
     };
     let pause = |pause: &Interruption| {
         vec![
-            significant(pause.charge_c / 3600.0, 4),
+            significant(pause.charge_coulomb / 3600.0, 4),
             significant(pause.current_a, 4),
             format!(
                 "{:.3} ± {:.3}",
@@ -290,7 +294,7 @@ mod tests {
     #[test]
     fn a_given_resistance_is_held_against_the_interruptions() {
         let pause = |(resistance_ohm, current_a): (f64, f64)| Interruption {
-            charge_c: 0.0,
+            charge_coulomb: 0.0,
             current_a,
             resistance_ohm,
             sigma_ohm: 1.0e-4,
@@ -301,7 +305,7 @@ mod tests {
             time_s: Vec::new(),
             current_a: Vec::new(),
             voltage_v: Vec::new(),
-            temperature_c: None,
+            temperature_degc: None,
         };
         let down = |pauses: &[(f64, f64)]| Interrupted {
             steady: steady.clone(),

@@ -84,9 +84,11 @@ pub struct Planned {
     /// Longest possible duration, bench s.
     longest_s: f64,
     /// Charge into the cell by direct currents over the expected times, C.
-    charge_c: f64,
+    #[serde(rename = "charge_c")]
+    charge_coulomb: f64,
     /// Charge out of the cell by direct currents over the expected times, C.
-    discharge_c: f64,
+    #[serde(rename = "discharge_c")]
+    discharge_coulomb: f64,
     /// Its stages.
     stages: Vec<PlannedStage>,
 }
@@ -117,8 +119,8 @@ impl Planned {
             bench: submission.experiment.bench.name.clone(),
             expected_s: submission.expected_s,
             longest_s: submission.longest_s,
-            charge_c: extent.into_c,
-            discharge_c: extent.out_c,
+            charge_coulomb: extent.into_coulomb,
+            discharge_coulomb: extent.out_coulomb,
             stages: stages.collect(),
         }
     }

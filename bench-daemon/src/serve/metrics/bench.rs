@@ -201,7 +201,7 @@ pub(super) const METRICS: &[Metric] = &[
         "cell_temperature_celsius",
         "Cel",
         "Last reading of the run in work.",
-        |now| now.benches(|live| of_cell(live)?.temperature_c),
+        |now| now.benches(|live| of_cell(live)?.temperature_degc),
     ),
     gauge(
         "cell_soc_ratio",

@@ -33,14 +33,14 @@ impl Measured {
             fixture: fixture.map_or("cell", fixture_name).to_owned(),
             voltage_v: row.voltage_v,
             current_a: row.current_a,
-            temperature_c: row.temperature_c,
+            temperature_degc: row.temperature_degc,
             fresh: true,
         };
         let is_cell = fixture.is_none_or(|fixture| fixture == Fixture::Cell);
         if let Some(cell) = cell.filter(|_| is_cell) {
             self.count(&now, before.as_ref(), cell);
         }
-        let kept_c = before.as_ref().and_then(|before| before.temperature_c);
+        let kept_degc = before.as_ref().and_then(|before| before.temperature_degc);
         let (voltage_v, current_a) = match (now.voltage_v, now.current_a, &before) {
             // Some readings contain the temperature only. Values of another fixture do not apply
             // to this one.
@@ -52,7 +52,7 @@ impl Measured {
         self.reading = Some(ReadingNow {
             voltage_v,
             current_a,
-            temperature_c: now.temperature_c.or(kept_c),
+            temperature_degc: now.temperature_degc.or(kept_degc),
             ..now
         });
     }
@@ -69,16 +69,16 @@ impl Measured {
         if let Some(share) = curve.and_then(|curve| curve.soc_at(volts)) {
             self.soc = Some(Soc {
                 share,
-                counted_c: 0.0,
+                counted_coulomb: 0.0,
             });
         } else if let (Some(soc), Some(before)) = (&mut self.soc, before)
             && phase != "sine"
             && before.phase == phase
         {
             let mean_a = 0.5 * (amps + before.current_a.unwrap_or(amps));
-            let moved_c = mean_a * (now.time_s - before.time_s);
-            soc.share += moved_c / cell.capacity_c;
-            soc.counted_c += moved_c;
+            let moved_coulomb = mean_a * (now.time_s - before.time_s);
+            soc.share += moved_coulomb / cell.capacity_coulomb;
+            soc.counted_coulomb += moved_coulomb;
         }
     }
 

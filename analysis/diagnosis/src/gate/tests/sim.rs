@@ -196,7 +196,7 @@ fn record(segments: Segments, hidden: &Hidden, order: f64, chance: &mut Chance) 
         time_s,
         current_a: shown_a,
         voltage_v,
-        temperature_c: None,
+        temperature_degc: None,
     };
     TimeRecord {
         series,
@@ -265,7 +265,7 @@ pub(crate) fn campaign(hidden: &Hidden, seed: u64) -> DataSet {
                 repeat_group: group.to_owned(),
                 order,
                 start_s: 7200.0 * f64::from(order),
-                temperature_c: 25.0,
+                temperature_degc: 25.0,
                 start: Start::Soc(0.5),
                 data,
             });

@@ -513,22 +513,23 @@ fn the_cell_warms_and_cools_by_its_balance() {
 #[test]
 fn a_hysteresis_is_carried_from_record_to_record() {
     let (m_v, gamma, first) = (0.02, 10.0, 0.6);
-    let (capacity_c, soc) = (3600.0 * 4.5, 0.5);
+    let (capacity_coulomb, soc) = (3600.0 * 4.5, 0.5);
     let before = [
         Moved::one_way(800.0),
         Moved {
-            charge_c: 0.0,
-            through_c: 500.0,
+            charge_coulomb: 0.0,
+            through_coulomb: 500.0,
         },
         Moved::one_way(-300.0),
     ];
     // Up by 800 C towards 1, worn by 500 C of swings, down by 300 C towards −1, and the record's
     // own charge, all out.
-    let towards =
-        |h: f64, end: f64, charge_c: f64| end + (h - end) * (-gamma * charge_c / capacity_c).exp();
+    let towards = |h: f64, end: f64, charge_coulomb: f64| {
+        end + (h - end) * (-gamma * charge_coulomb / capacity_coulomb).exp()
+    };
     let start = towards(towards(towards(first, 1.0, 800.0), 0.0, 500.0), -1.0, 300.0);
-    let moved_c = PULSE_A * 60.0;
-    let end = towards(start, -1.0, moved_c);
+    let moved_coulomb = PULSE_A * 60.0;
+    let end = towards(start, -1.0, moved_coulomb);
     let (trace, ocv) = (long(), base().ocv);
     let record = Record {
         before: &before,
@@ -544,8 +545,8 @@ fn a_hysteresis_is_carried_from_record_to_record() {
         play(&[], &record, Between::Hold, 1),
     );
     let off = m_v * start / ocv.slope_v(soc);
-    let expected =
-        m_v * (end - start) + (ocv.slope_v(soc) - ocv.slope_v(soc - moved_c / capacity_c)) * off;
+    let expected = m_v * (end - start)
+        + (ocv.slope_v(soc) - ocv.slope_v(soc - moved_coulomb / capacity_coulomb)) * off;
     let last = with.len() - 1;
     near(with[last] - without[last], expected, 1e-9, "carried");
     assert!(
@@ -561,7 +562,7 @@ fn a_hysteresis_is_carried_from_record_to_record() {
     let by_itself = play(&added, &record, Between::Hold, 1);
     near(
         by_itself[last] - without[last],
-        m_v * towards(0.0, -1.0, moved_c),
+        m_v * towards(0.0, -1.0, moved_coulomb),
         1e-9,
         "by itself",
     );

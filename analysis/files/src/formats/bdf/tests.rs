@@ -57,8 +57,8 @@ fn whole() -> SourcedSpectrum {
         at_ohm,
     }];
     one.spectrum.less = Some(OcvSlope {
-        v_per_c: 1e-5,
-        sigma_v_per_c: 1e-6,
+        v_per_coulomb: 1e-5,
+        sigma_v_per_coulomb: 1e-6,
     });
     one.flagged = vec![FlaggedPoint {
         freq_hz: 100.0,

@@ -30,7 +30,7 @@ fn cell() -> CellModel {
         map: None,
         curve: OcvCurve::monotone(4.5, soc, ocv_v).unwrap(),
         window_v: 2.5..=4.2,
-        temperature_c: 25.0,
+        temperature_degc: 25.0,
         notes: vec!["off by */ 1 %".to_owned()],
     }
 }

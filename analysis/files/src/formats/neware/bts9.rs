@@ -113,7 +113,7 @@ fn row_2(record: &[u8]) -> Row {
         voltage_v: f32_at(record, 36),
         current_a: f32_at(record, 40) / MILLI,
         unix_s: count(u64_at(record, 68)) / 1.0e6,
-        temperature_c: f64::NAN,
+        temperature_degc: f64::NAN,
     }
 }
 
@@ -133,6 +133,6 @@ fn row_19(record: &[u8]) -> Row {
         voltage_v: f32_at(record, 24),
         current_a: f32_at(record, 20) / MILLI,
         unix_s: seconds(clock),
-        temperature_c: temperature.map_or(f64::NAN, |at| f32_at(record, at)),
+        temperature_degc: temperature.map_or(f64::NAN, |at| f32_at(record, at)),
     }
 }

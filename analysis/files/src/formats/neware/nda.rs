@@ -171,7 +171,7 @@ impl Layout {
             voltage_v: scaled(record, electric, VOLT),
             current_a: scaled(record, electric + 4, unit_a),
             unix_s,
-            temperature_c: temperatures
+            temperature_degc: temperatures
                 .of_index
                 .get(&index)
                 .copied()

@@ -161,7 +161,7 @@ fn old_row(row: &[u8]) -> Result<Row, Fault> {
         voltage_v: scaled(row, 24, VOLT),
         current_a: scaled(row, 28, amperes_per_count(i32_at(row, 75))?),
         unix_s: date_s(row, 68),
-        temperature_c: f64::NAN,
+        temperature_degc: f64::NAN,
     })
 }
 
@@ -201,7 +201,7 @@ fn joined(data: &Table, run_info: &Table, steps: &Table) -> Result<Vec<Row>, Fau
             voltage_v: f32_at(row, 0) * volt,
             current_a: f32_at(row, 4) * ampere,
             unix_s: info.unix_s + behind * info.interval_s,
-            temperature_c: f64::NAN,
+            temperature_degc: f64::NAN,
         });
     }
     Ok(rows)

@@ -51,7 +51,7 @@ pub(super) struct Row {
     /// Seconds since 1970; NaN if absent.
     pub(super) unix_s: f64,
     /// °C; NaN if not measured.
-    pub(super) temperature_c: f64,
+    pub(super) temperature_degc: f64,
 }
 
 /// Returns the amperes of one count of a current, by the range.
@@ -161,7 +161,7 @@ pub(super) fn text(mut rows: Vec<Row>, notes: Vec<String>) -> Result<Decoded, Fa
             row.current_a,
             plain(row.unix_s),
             step_name(row.step_type),
-            plain(row.temperature_c)
+            plain(row.temperature_degc)
         );
     }
     Ok(Decoded { text, notes })

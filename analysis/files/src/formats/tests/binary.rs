@@ -188,7 +188,7 @@ fn a_structure_of_matlab_is_a_record() {
         (read.time_s[3], read.current_a[3], read.voltage_v[3]),
         (1.5, 1.5, 3.6985)
     );
-    assert_eq!(read.temperature_c.unwrap()[2], 25.01);
+    assert_eq!(read.temperature_degc.unwrap()[2], 25.01);
     let whole = bytes("series/meas.mat");
     let folder = tempfile::tempdir().unwrap();
     let cut = folder.path().join("cut.mat");

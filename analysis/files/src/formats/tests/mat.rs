@@ -119,6 +119,6 @@ fn cycles_with_dates_are_steps_of_one_record() {
         series.time_s[100]
     );
     assert_eq!((series.current_a[40], series.current_a[140]), (-1.5, 2.0));
-    assert_eq!(series.temperature_c.as_ref().unwrap()[3], 24.0);
+    assert_eq!(series.temperature_degc.as_ref().unwrap()[3], 24.0);
     assert_eq!(read.steps.unwrap()[99..101], [1.0, 2.0]);
 }

@@ -77,7 +77,7 @@ fn bench(path: &Path) -> Result<Raw, SeriesReadError> {
         values[Quantity::Time as usize] = row.time_s;
         values[Quantity::Voltage as usize] = row.voltage_v;
         values[Quantity::Current as usize] = row.current_a;
-        values[Quantity::Temperature as usize] = row.temperature_c;
+        values[Quantity::Temperature as usize] = row.temperature_degc;
         raw.push(k + 1, values);
     }
     Ok(raw)

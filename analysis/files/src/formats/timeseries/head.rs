@@ -41,9 +41,9 @@ pub(super) fn read(lines: &[&str]) -> Head {
             line: at + 1,
         };
         head.capacity_ah = head.capacity_ah.or_else(|| entry.capacity_ah().map(fact));
-        head.temperature_c = head
-            .temperature_c
-            .or_else(|| entry.temperature_c().map(fact));
+        head.temperature_degc = head
+            .temperature_degc
+            .or_else(|| entry.temperature_degc().map(fact));
     }
     head
 }
@@ -95,7 +95,7 @@ impl Entry {
         named.then_some(self.number * factor)
     }
 
-    fn temperature_c(&self) -> Option<f64> {
+    fn temperature_degc(&self) -> Option<f64> {
         let named = TEMPERATURE.contains(&self.name.as_str());
         let celsius = matches!(
             self.unit.as_str(),
@@ -112,7 +112,7 @@ mod tests {
 
     #[test]
     fn capacity_and_temperature_are_found_in_the_heads_of_programs() {
-        for (line, capacity_ah, temperature_c) in [
+        for (line, capacity_ah, temperature_degc) in [
             ("Nominal Capacity, 3,,,", Some(3.0), None),
             ("Battery capacity : 3,500 A.h", Some(3.5), None),
             ("~Nominal capacity[Ah]: 4.7", Some(4.7), None),
@@ -135,11 +135,11 @@ mod tests {
                 "{line}"
             );
             assert_eq!(
-                head.temperature_c.map(|fact| fact.value),
-                temperature_c,
+                head.temperature_degc.map(|fact| fact.value),
+                temperature_degc,
                 "{line}"
             );
-            let lines = [head.capacity_ah, head.temperature_c];
+            let lines = [head.capacity_ah, head.temperature_degc];
             assert!(lines.iter().flatten().all(|fact| fact.line == 2));
         }
     }

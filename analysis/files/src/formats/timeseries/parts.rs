@@ -41,7 +41,7 @@ pub struct Head {
     /// Capacity of the cell, Ah.
     pub capacity_ah: Option<Fact>,
     /// Temperature of the test, °C.
-    pub temperature_c: Option<Fact>,
+    pub temperature_degc: Option<Fact>,
 }
 
 /// A row that was left out because it has no voltage or no current, or because another row at the

@@ -306,17 +306,17 @@ fn the_temperature_of_the_chamber_stands_in_for_that_of_the_cell() {
         ))
     };
     let both = of("Aux_Temperature(℃)_1,Chamber_Temp_degC", ["26,25", "27,25"]);
-    assert_eq!(both.series.temperature_c, Some(vec![26.0, 27.0]));
+    assert_eq!(both.series.temperature_degc, Some(vec![26.0, 27.0]));
     let channels = of("Temp45 [°C],Temp46 [°C]", ["26,30", "27,31"]);
-    assert_eq!(channels.series.temperature_c, Some(vec![26.0, 27.0]));
+    assert_eq!(channels.series.temperature_degc, Some(vec![26.0, 27.0]));
     let chamber = of("Ambient Temperature / degC", ["25", "25"]);
-    assert_eq!(chamber.series.temperature_c, Some(vec![25.0, 25.0]));
+    assert_eq!(chamber.series.temperature_degc, Some(vec![25.0, 25.0]));
     assert!(chamber.notes.iter().any(|note| note.contains("chamber")));
     let nothing = of(
         "Battery_Temp_degC,Chamber Temperature (C)",
         [",-10", ",-10"],
     );
-    assert_eq!(nothing.series.temperature_c, Some(vec![-10.0, -10.0]));
+    assert_eq!(nothing.series.temperature_degc, Some(vec![-10.0, -10.0]));
 }
 
 #[test]
@@ -335,7 +335,7 @@ Time Stamp,Step,Status,Prog Time,Step Time,Voltage,Current,Capacity,Cnt,
     let head = read.state.head;
     let of = |fact: Option<Fact>| fact.map(|fact| (fact.value, fact.line));
     assert_eq!(of(head.capacity_ah), Some((3.0, 3)));
-    assert_eq!(of(head.temperature_c), Some((25.0, 4)));
+    assert_eq!(of(head.temperature_degc), Some((25.0, 4)));
     assert_eq!(read.steps, Some(vec![21.0, 22.0]));
     assert_eq!(read.series.current_a[1], 1.5);
 }

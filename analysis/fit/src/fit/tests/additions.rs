@@ -17,7 +17,7 @@ const FACTS: Facts = Facts {
     greatest_a: 40.0,
     widest_soc: 0.02,
     soc: 0.5,
-    temperature_c: 25.0,
+    temperature_degc: 25.0,
     orders: 5.0,
     span_s: 3600.0,
 };

@@ -13,7 +13,7 @@ use analysis_signal::spectrum::OcvSlope;
 #[test]
 fn a_slope_beyond_its_prior_is_found_and_told() {
     let mut rng = Rng::new(21);
-    for (points, v_per_c) in [
+    for (points, v_per_coulomb) in [
         (25, 200e-6),
         (25, 500e-6),
         (25, 1000e-6),
@@ -27,7 +27,7 @@ fn a_slope_beyond_its_prior_is_found_and_told() {
             &mut rng,
         );
         for point in &mut spectrum.points {
-            point.z_ohm += Complex64::new(0.0, -v_per_c / (TAU * point.freq_hz));
+            point.z_ohm += Complex64::new(0.0, -v_per_coulomb / (TAU * point.freq_hz));
             point.covariance = Covariance2::UNKNOWN;
         }
         let prior = OcvSlope::prior(&spectrum).unwrap();
@@ -42,11 +42,11 @@ fn a_slope_beyond_its_prior_is_found_and_told() {
             fit.charge_storage.unwrap(),
             fit.sigma.dc_resistance_ohm.unwrap(),
         );
-        let off = (storage.v_per_c - v_per_c) / storage.sigma_v_per_c.unwrap();
+        let off = (storage.v_per_coulomb - v_per_coulomb) / storage.sigma_v_per_coulomb.unwrap();
         let dc = (fit.erm.dc_resistance_ohm() - 0.012) / sigma;
         assert!(
             off.abs() < 3.5 && dc.abs() < 3.5 && sigma < 1e-4,
-            "{points} points, {v_per_c}: {storage:?}, {off}; DC {dc} of {sigma}"
+            "{points} points, {v_per_coulomb}: {storage:?}, {off}; DC {dc} of {sigma}"
         );
         let told = fit
             .warnings
@@ -54,7 +54,7 @@ fn a_slope_beyond_its_prior_is_found_and_told() {
             .iter()
             .filter(|w| w.starts_with("these data want"))
             .count();
-        let beyond = (v_per_c - prior.v_per_c) / prior.sigma_v_per_c;
+        let beyond = (v_per_coulomb - prior.v_per_coulomb) / prior.sigma_v_per_coulomb;
         assert_eq!(
             told,
             usize::from(beyond > 3.0),

@@ -181,7 +181,7 @@ impl<'a> Run<'a> {
 
     /// Moves the cell over a step that ends at a time with a demand.
     fn step(&mut self, before: &Look, step_s: f64, end: DemandPoint) -> Result<(), ForwardError> {
-        let capacity_c = self.model.capacity_c() / f64::from(self.model.pack.parallel);
+        let capacity_coulomb = self.model.capacity_coulomb() / f64::from(self.model.pack.parallel);
         self.dynamics
             .iter_mut()
             .for_each(|d| d.advance(&before.cell, 0.5 * step_s));
@@ -200,7 +200,7 @@ impl<'a> Run<'a> {
         // The current at the end and the branches there wait for each other: a step may be long
         // beside the fastest of them.
         for _ in 0..MOST_LOOKS {
-            (self.soc, self.v) = (soc - 0.5 * (i0 + i1) * step_s / capacity_c, v.clone());
+            (self.soc, self.v) = (soc - 0.5 * (i0 + i1) * step_s / capacity_coulomb, v.clone());
             self.laws
                 .network
                 .advance(&mut self.v, ramp(f0, f1), ramp(i0, i1), step_s);

@@ -51,7 +51,8 @@ pub struct BatchOutcome {
     /// Energy delivered at the terminals, J (trapezoids).
     pub energy_j: f64,
     /// Charge taken, C.
-    pub charge_c: f64,
+    #[serde(rename = "charge_c")]
+    pub charge_coulomb: f64,
     /// Start of the first step in which the requested power exceeded the available power, s.
     pub infeasible_s: Option<f64>,
     /// The state at the end.

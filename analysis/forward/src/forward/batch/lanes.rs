@@ -170,7 +170,7 @@ impl<'a, const W: usize, const N: usize> Lanes<'a, W, N> {
             min_cell_v: t.min_inner[l] / series,
             max_cell_v: t.max_inner[l] / series,
             energy_j: t.energy[l],
-            charge_c: t.charge[l],
+            charge_coulomb: t.charge[l],
             infeasible_s: infeasible_s.filter(|_| plan.demand == Demand::Power),
             end: SimState {
                 soc: self.now.soc[l],
@@ -270,7 +270,7 @@ fn gains<'a, const W: usize, const N: usize>(
         ends_share: share(&ends),
         held,
         ends,
-        soc: std::array::from_fn(|l| step_s / cell(l).model.capacity_c()),
+        soc: std::array::from_fn(|l| step_s / cell(l).model.capacity_coulomb()),
         step_s,
     }
 }

@@ -60,7 +60,7 @@ pub(super) struct Network<'a> {
     rc: usize,
     r_ohm: Vec<f64>,
     branches: Vec<(f64, f64)>,
-    capacity_c: Vec<f64>,
+    capacity_coulomb: Vec<f64>,
     gains: Vec<Gain>,
     gains_step_s: f64,
     pub(super) soc: Vec<f64>,
@@ -76,7 +76,7 @@ impl<'a> Network<'a> {
     pub(super) fn new(cells: &[Cell], ocv: &'a OcvSource, wiring: Wiring) -> Self {
         let n = cells.len();
         let rc = cells.first().map_or(0, |c| c.erm.branches.len());
-        let capacity_c = match ocv {
+        let capacity_coulomb = match ocv {
             OcvSource::Constant(_) => f64::INFINITY,
             OcvSource::Curve(curve) => 3600.0 * curve.capacity_ah,
         };
@@ -89,9 +89,9 @@ impl<'a> Network<'a> {
                 .iter()
                 .flat_map(|c| c.erm.branches.iter().map(|b| (b.r_ohm, b.c_f)))
                 .collect(),
-            capacity_c: cells
+            capacity_coulomb: cells
                 .iter()
-                .map(|c| capacity_c * c.capacity_ratio)
+                .map(|c| capacity_coulomb * c.capacity_ratio)
                 .collect(),
             gains: Vec::new(),
             gains_step_s: f64::NAN,
@@ -154,7 +154,7 @@ impl<'a> Network<'a> {
                 .zip(&self.v_rc[range])
                 .map(|(g, v)| g.decay * v + g.start * i0)
                 .sum();
-            let per_ampere = step_s / self.capacity_c[k];
+            let per_ampere = step_s / self.capacity_coulomb[k];
             // The curve is linearised about the point to which the current of the start alone would
             // lead.
             let (ocv, slope) = self.ocv_at(self.soc[k] - per_ampere * i0);
@@ -172,7 +172,7 @@ impl<'a> Network<'a> {
                 let g = self.gains[j];
                 self.v_rc[j] = g.decay * self.v_rc[j] + g.start * i0 + g.end * i1;
             }
-            self.soc[k] -= 0.5 * step_s * (i0 + i1) / self.capacity_c[k];
+            self.soc[k] -= 0.5 * step_s * (i0 + i1) / self.capacity_coulomb[k];
         }
         sound && self.look(demand, value)
     }

@@ -18,7 +18,7 @@ fn base(erm: Erm) -> Base {
         greatest_a: 40.0,
         widest_soc: 0.1,
         soc: 0.5,
-        temperature_c: 25.0,
+        temperature_degc: 25.0,
         orders: 3.0,
         span_s: 1e4,
     };
@@ -343,7 +343,7 @@ fn a_current_profile_agrees_with_the_player() {
         time_s: &time_s,
         current_a: &current_a,
         soc: 0.6,
-        temperature_c: 25.0,
+        temperature_degc: 25.0,
         order: 0.0,
         start_s: 0.0,
         is_cell: true,

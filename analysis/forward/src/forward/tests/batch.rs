@@ -101,10 +101,10 @@ proptest! {
                     && (4.2 - s.margin_high_v - met.max_cell_v).abs() < 3e-5
             );
             prop_assert!(
-                (met.charge_c - s.charge_c).abs() < 1e-5 * (1.0 + s.charge_c.abs()),
+                (met.charge_coulomb - s.charge_coulomb).abs() < 1e-5 * (1.0 + s.charge_coulomb.abs()),
                 "{} against {}",
-                met.charge_c,
-                s.charge_c
+                met.charge_coulomb,
+                s.charge_coulomb
             );
             prop_assert!(
                 (met.energy_j - s.energy_j).abs() < 1e-4 * (1.0 + s.energy_j.abs()),

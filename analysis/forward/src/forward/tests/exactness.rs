@@ -23,7 +23,8 @@ fn within_a_microvolt_of_runge_kutta_at_steps_of_a_millisecond() {
         .collect();
     let reference_curve = curve();
     let soc0 = 0.3;
-    let ocv = |charge_c: f64| reference_curve.voltage_v(soc0 - charge_c / (4.2 * 3600.0));
+    let ocv =
+        |charge_coulomb: f64| reference_curve.voltage_v(soc0 - charge_coulomb / (4.2 * 3600.0));
     let plain = plain(&ocv);
     let model = curved_cell();
     let run = simulate(
@@ -54,9 +55,9 @@ fn within_a_microvolt_of_runge_kutta_at_steps_of_a_millisecond() {
     }
     assert!(worst < 1e-6, "{worst} V");
     assert!(
-        (run.summary.charge_c - x[0]).abs() < 1e-7,
+        (run.summary.charge_coulomb - x[0]).abs() < 1e-7,
         "{} C against {} C",
-        run.summary.charge_c,
+        run.summary.charge_coulomb,
         x[0]
     );
 }

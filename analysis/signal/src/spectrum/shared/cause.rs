@@ -22,7 +22,9 @@ pub struct SharedError {
 #[serde(deny_unknown_fields)]
 pub struct OcvSlope {
     /// Slope, V/C.
-    pub v_per_c: f64,
+    #[serde(rename = "v_per_c")]
+    pub v_per_coulomb: f64,
     /// Its standard deviation, V/C.
-    pub sigma_v_per_c: f64,
+    #[serde(rename = "sigma_v_per_c")]
+    pub sigma_v_per_coulomb: f64,
 }

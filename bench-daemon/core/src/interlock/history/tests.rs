@@ -5,27 +5,27 @@ const LIMITS: Limits = Limits {
     max_v: 4.2,
     charge_a: 13.5,
     discharge_a: 45.0,
-    min_c: 0.0,
-    max_c: 60.0,
+    min_degc: 0.0,
+    max_degc: 60.0,
 };
 const SETTINGS: Settings = Settings {
     rate_k_per_s: 5.0 / 60.0,
     window_s: 60.0,
-    charge_c: 1000.0,
-    drift_c: 100.0,
+    charge_coulomb: 1000.0,
+    drift_coulomb: 100.0,
     reading_age_s: 15.0,
     temperature_age_s: 60.0,
-    frozen_c: 50.0,
+    frozen_coulomb: 50.0,
     frozen_s: 30.0,
-    capacity_c: 5000.0,
+    capacity_coulomb: 5000.0,
 };
 
-fn live(charge_c: (f64, f64)) -> Interlock {
+fn live(charge_coulomb: (f64, f64)) -> Interlock {
     let mut interlock = Interlock::new(SETTINGS, LIMITS, true);
     interlock.begin(
         Allowance {
             live: true,
-            charge_c,
+            charge_coulomb,
             ..Allowance::idle(LIMITS)
         },
         0.0,
@@ -50,12 +50,12 @@ fn course(
     of: impl Fn(f64) -> (f64, f64, Option<f64>),
 ) -> impl Iterator<Item = Reading> {
     (1..=seconds).map(f64::from).map(move |time_s| {
-        let (volts, amps, temperature_c) = of(time_s);
+        let (volts, amps, temperature_degc) = of(time_s);
         Reading {
             time_s,
             voltage_v: Some(volts),
             current_a: Some(amps),
-            temperature_c,
+            temperature_degc,
         }
     })
 }
@@ -122,7 +122,7 @@ fn a_reading_that_comes_late_trips_only_while_current_may_flow() {
     let reading = |time_s| Reading {
         time_s,
         voltage_v: Some(3.7),
-        temperature_c: Some(25.0),
+        temperature_degc: Some(25.0),
         ..Reading::default()
     };
     let mut interlock = live(FREE);
@@ -163,7 +163,7 @@ fn a_bench_without_a_logger_is_not_asked_for_a_temperature() {
     interlock.begin(
         Allowance {
             live: true,
-            charge_c: FREE,
+            charge_coulomb: FREE,
             ..Allowance::idle(LIMITS)
         },
         0.0,
@@ -193,7 +193,7 @@ fn a_supply_that_holds_the_voltage_may_hold_it_and_a_step_that_goes_on_counts_on
     interlock.begin(
         Allowance {
             continues: true,
-            charge_c: (-10.0, 590.0),
+            charge_coulomb: (-10.0, 590.0),
             held_v: 0.0,
             ..holding
         },
@@ -219,7 +219,7 @@ fn a_meter_that_stands_still_under_a_slow_sinusoid_trips_and_a_coarse_one_at_res
         interlock.begin(
             Allowance {
                 live: true,
-                charge_c: FREE,
+                charge_coulomb: FREE,
                 swing_s: period_s,
                 ..Allowance::idle(LIMITS)
             },
@@ -322,10 +322,10 @@ fn a_meter_that_stands_still_under_a_slow_sinusoid_trips_and_a_coarse_one_at_res
 #[test]
 fn a_gap_in_the_temperatures_trips_even_when_it_ends() {
     let mut interlock = live(FREE);
-    let reading = |time_s: f64, temperature_c| Reading {
+    let reading = |time_s: f64, temperature_degc| Reading {
         time_s,
         voltage_v: Some(3.8 - 1.0e-4 * time_s),
-        temperature_c,
+        temperature_degc,
         ..Reading::default()
     };
     for time_s in 1..=6 {

@@ -8,25 +8,25 @@ const CAPACITY_C: f64 = 4.5 * 3600.0;
 
 /// Conditions on the bench at a time.
 struct World {
-    cell_c: f64,
-    air_c: f64,
-    bath_c: Option<f64>,
+    cell_degc: f64,
+    air_degc: f64,
+    bath_degc: Option<f64>,
     amps: f64,
 }
 
 impl World {
     fn room() -> Self {
         Self {
-            cell_c: 25.0,
-            air_c: 22.0,
-            bath_c: None,
+            cell_degc: 25.0,
+            air_degc: 22.0,
+            bath_degc: None,
             amps: 0.0,
         }
     }
 
-    fn bath(bath_c: f64) -> Self {
+    fn bath(bath_degc: f64) -> Self {
         Self {
-            bath_c: Some(bath_c),
+            bath_degc: Some(bath_degc),
             ..Self::room()
         }
     }
@@ -54,9 +54,9 @@ fn first_fault(of: impl Fn(f64) -> World) -> Option<(f64, ThermometerFault)> {
             return None;
         }
         let readings = ThermometerReadings {
-            cell_c: Some(world.cell_c),
-            air_c: Some(world.air_c),
-            bath_c: world.bath_c,
+            cell_degc: Some(world.cell_degc),
+            air_degc: Some(world.air_degc),
+            bath_degc: world.bath_degc,
         };
         Some((now_s, judge.judge(readings, true, now_s)?))
     })
@@ -70,21 +70,21 @@ fn sound_thermometers_are_left_alone_coarse_and_noiseless_ones_too() {
     let cases: [(&str, &dyn Fn(f64) -> World); 9] = [
         ("constant, one decimal", &|_| World::bath(25.0)),
         ("constant, whole degrees", &|now_s| World {
-            cell_c: stepped(25.3 + noise(now_s, 1.0), 1.0),
-            air_c: 22.0 + noise(now_s, 2.0),
+            cell_degc: stepped(25.3 + noise(now_s, 1.0), 1.0),
+            air_degc: 22.0 + noise(now_s, 2.0),
             ..World::bath(25.0)
         }),
         ("noise", &|now_s| World {
-            cell_c: 25.0 + noise(now_s, 1.0),
-            air_c: 22.0 + noise(now_s, 2.0),
+            cell_degc: 25.0 + noise(now_s, 1.0),
+            air_degc: 22.0 + noise(now_s, 2.0),
             ..World::bath(25.0 + noise(now_s, 3.0))
         }),
         ("follows its bath in tenths", &|now_s| World {
-            cell_c: stepped(follows(now_s), 0.1),
+            cell_degc: stepped(follows(now_s), 0.1),
             ..World::bath(ramp(now_s))
         }),
         ("warmed by 5 A in tenths", &|now_s| World {
-            cell_c: stepped(warmed(now_s), 0.1),
+            cell_degc: stepped(warmed(now_s), 0.1),
             amps: if now_s > 60.0 { -5.0 } else { 0.0 },
             ..World::bath(25.0)
         }),
@@ -93,18 +93,18 @@ fn sound_thermometers_are_left_alone_coarse_and_noiseless_ones_too() {
             ..World::bath(25.0)
         }),
         ("the sun shines, a door opens", &|now_s| World {
-            air_c: 22.0 + 6.0 * (now_s / 900.0).sin() - 8.0 * (now_s / 3000.0),
-            cell_c: 25.0 + noise(now_s, 1.0),
+            air_degc: 22.0 + 6.0 * (now_s / 900.0).sin() - 8.0 * (now_s / 3000.0),
+            cell_degc: 25.0 + noise(now_s, 1.0),
             ..World::bath(25.0)
         }),
         ("a cold bath in a warm room", &|now_s| World {
-            cell_c: 6.0 + noise(now_s, 1.0),
-            air_c: 25.0 + noise(now_s, 2.0),
+            cell_degc: 6.0 + noise(now_s, 1.0),
+            air_degc: 25.0 + noise(now_s, 2.0),
             ..World::bath(5.0)
         }),
         ("a hot cell in a bath as warm as the room", &|now_s| World {
-            cell_c: 25.0 + (now_s / 100.0).min(18.0) + noise(now_s, 1.0),
-            air_c: 25.0,
+            cell_degc: 25.0 + (now_s / 100.0).min(18.0) + noise(now_s, 1.0),
+            air_degc: 25.0,
             ..World::bath(25.0)
         }),
     ];
@@ -144,8 +144,8 @@ fn thermometers_that_are_frozen_or_swapped_are_named_before_the_cell_is_hot() {
         (
             "still from the start beside an air with noise",
             &|now_s| World {
-                cell_c: 25.037,
-                air_c: 22.0 + noise(now_s, 2.0),
+                cell_degc: 25.037,
+                air_degc: 22.0 + noise(now_s, 2.0),
                 ..World::bath(25.0)
             },
             "25.037 °C 21 times in a row",
@@ -154,8 +154,8 @@ fn thermometers_that_are_frozen_or_swapped_are_named_before_the_cell_is_hot() {
         (
             "swapped, the cell heats",
             &|now_s| World {
-                cell_c: 22.0 + noise(now_s, 1.0),
-                air_c: 22.0 + (now_s - 600.0).max(0.0) * 0.02,
+                cell_degc: 22.0 + noise(now_s, 1.0),
+                air_degc: 22.0 + (now_s - 600.0).max(0.0) * 0.02,
                 ..World::room()
             },
             "are the two swapped?",
@@ -164,8 +164,8 @@ fn thermometers_that_are_frozen_or_swapped_are_named_before_the_cell_is_hot() {
         (
             "swapped, a hot bath",
             &|now_s| World {
-                cell_c: 22.0 + noise(now_s, 1.0),
-                air_c: 44.0 + noise(now_s, 2.0),
+                cell_degc: 22.0 + noise(now_s, 1.0),
+                air_degc: 44.0 + noise(now_s, 2.0),
                 ..World::bath(45.0)
             },
             "and the bath 45.0 °C: are the two swapped?",
@@ -174,7 +174,7 @@ fn thermometers_that_are_frozen_or_swapped_are_named_before_the_cell_is_hot() {
         (
             "an air that no room has",
             &|now_s| World {
-                air_c: 74.0 + noise(now_s, 2.0),
+                air_degc: 74.0 + noise(now_s, 2.0),
                 ..World::room()
             },
             "expected -30 °C to 55 °C: is it swapped with that of the cell?",
@@ -195,14 +195,14 @@ fn a_cell_beside_the_jig_is_not_judged_and_the_air_is() {
     let mut judge = ThermometerJudge::new(CAPACITY_C);
     for k in 0..200 {
         let readings = ThermometerReadings {
-            cell_c: Some(25.037),
-            air_c: Some(22.0 + noise(f64::from(k), 2.0)),
-            bath_c: Some(25.0 + f64::from(k)),
+            cell_degc: Some(25.037),
+            air_degc: Some(22.0 + noise(f64::from(k), 2.0)),
+            bath_degc: Some(25.0 + f64::from(k)),
         };
         assert_eq!(judge.judge(readings, false, 10.0 * f64::from(k)), None);
     }
     let hot = ThermometerReadings {
-        air_c: Some(80.0),
+        air_degc: Some(80.0),
         ..ThermometerReadings::default()
     };
     assert!(judge.judge(hot, false, 2000.0).is_some());

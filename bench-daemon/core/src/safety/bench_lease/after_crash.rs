@@ -17,7 +17,7 @@ use crate::{
     config,
     journal::{self, Entry, Line},
     safety::failure::Failure,
-    safety::guardian::{Report, last_cell_c},
+    safety::guardian::{Report, last_cell_degc},
     safety::state::{Latched, OpenRun, State, StateError},
     support::terminal::remark,
 };
@@ -66,7 +66,7 @@ pub(super) async fn settle(
         return Ok(state.settle(&open)?);
     }
     let switched = bench.safe_state().await;
-    let bath = bench.bath(last_cell_c(state)).await;
+    let bath = bench.bath(last_cell_degc(state)).await;
     let switched = switched.with_bath(bath);
     keep(state, &switched.readings(NEXT_RUN));
     let outcome = if switched.verified {

@@ -216,10 +216,10 @@ pub async fn wait_for_earlier(state: &State, clock: &Clock) -> Result<(), Guardi
 
 fn spawn(charge: &Charge<'_>) -> std::io::Result<Child> {
     let (least_v, greatest_v) = charge.window_v;
-    let temperatures = charge.cell_c.map(|(least_c, greatest_c)| {
+    let temperatures = charge.cell_degc.map(|(least_degc, greatest_degc)| {
         [
-            format!("--least-c={least_c}"),
-            format!("--greatest-c={greatest_c}"),
+            format!("--least-c={least_degc}"),
+            format!("--greatest-c={greatest_degc}"),
         ]
     });
     // Starts the running program, even if its file has been replaced since. The guardian gets its
@@ -291,9 +291,10 @@ impl Renewal {
         if known.as_ref() == Some(&now) {
             return Some(ALIVE.to_owned());
         }
-        let bath = now
-            .bath_c
-            .map_or_else(|| NO_BATH.to_owned(), |setpoint_c| setpoint_c.to_string());
+        let bath = now.bath_degc.map_or_else(
+            || NO_BATH.to_owned(),
+            |setpoint_degc| setpoint_degc.to_string(),
+        );
         let message = format!(
             "{DOING}{} {bath} {}",
             now.fixture.map_or("unknown", fixture_name),
