@@ -10,7 +10,7 @@ use crate::{
     safety::failure::Failure,
     support::logging::{self, Verbosity},
     support::telemetry::Telemetry,
-    support::terminal::remark,
+    support::terminal::{remark, say},
 };
 
 /// Commands by what they are for, in the order of the help.
@@ -44,6 +44,19 @@ const GROUPS: [(&str, &[&str]); 7] = [
 /// Width of the names of commands, and of a line, in the help.
 const NAMES: usize = 13;
 const LINE: usize = 100;
+
+/// Printed for a call without a command.
+const DOORS: &str = "\
+Runs a battery test bench and turns its measurements into a cell model with uncertainties.
+
+  Try it, without hardware      eis-bench demo
+  You have a bench              eis-bench config new DIR, then `identify`, `doctor` and `plan`
+  You have a spectrum           eis-bench kk FILE, then `fit FILE --out DIR`
+  You have data of a cycler     eis-bench dataset init FILE --out DIR, `map`, `hppc`, `ocv`
+  You have a model of a cell    eis-bench simulate, `sop`, `pack`, `convert --to c`
+
+  All commands                  eis-bench --help
+  One command                   eis-bench COMMAND --help";
 
 const EXAMPLES: &str = "\
 Examples:
@@ -129,7 +142,7 @@ was brought into safe state";
 #[command(name = "eis-bench", version, after_help = EXAMPLES, max_term_width = 120)]
 struct Cli {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
     /// Show every step (-v) or everything (-vv) on standard error.
     #[arg(short, long, action = clap::ArgAction::Count, global = true)]
     verbose: u8,
@@ -264,20 +277,24 @@ fn grouped() -> clap::Command {
 pub fn main() -> ExitCode {
     let matches = grouped().get_matches();
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    let Some(command) = cli.command else {
+        say!("{DOORS}");
+        return ExitCode::SUCCESS;
+    };
     let verbosity = match cli.verbose {
         0 => Verbosity::Normal,
         1 => Verbosity::Verbose,
         _ => Verbosity::Debug,
     };
     // What a server sends is said in its file.
-    let telemetry = match cli.command {
+    let telemetry = match command {
         Command::Run(_) | Command::Resume(_) => {
             Telemetry::from_environment(&std::process::id().to_string())
         }
         _ => Telemetry::default(),
     };
     logging::start(verbosity, telemetry.layer());
-    let result = match cli.command {
+    let result = match command {
         Command::Run(args) => command::run::run(&args),
         Command::Resume(args) => command::resume::resume(&args),
         Command::Pause(args) => command::run_control::send_action(&args, RunAction::Pause),

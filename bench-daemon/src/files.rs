@@ -17,7 +17,10 @@ use analysis::{
 };
 
 use crate::{
-    safety::failure::Failure, support::present::refused_in_words, support::terminal::remark,
+    config::{Source, resolve_cell},
+    safety::failure::Failure,
+    support::present::refused_in_words,
+    support::terminal::remark,
 };
 
 /// Reads the spectra of a file, and reports how they were separated and what was left out.
@@ -95,12 +98,23 @@ pub(crate) fn refuse_curves(spectra: &[SourcedSpectrum]) -> Result<(), Failure> 
     )))
 }
 
-/// Reads an OCV curve as `ocv --out` writes it.
+/// Reads an OCV curve: a file as `ocv --out` writes it, or the `[ocv]` of a cell file (`.toml`).
 pub(crate) fn read_curve(path: &Path) -> Result<OcvCurve, Failure> {
     let fail = |reason: String| Failure::Usage(format!("{}: {reason}", path.display()));
+    if path
+        .extension()
+        .is_some_and(|extension| extension == "toml")
+    {
+        return resolve_cell(&Source::read(path)?)?.ocv.ok_or_else(|| {
+            fail("expected a section [ocv] in the cell file, found none".to_owned())
+        });
+    }
     let text = std::fs::read_to_string(path).map_err(|error| fail(error.to_string()))?;
-    let curve: OcvCurve = serde_json::from_str(&text)
-        .map_err(|error| fail(format!("expected an OCV curve as JSON: {error}")))?;
+    let curve: OcvCurve = serde_json::from_str(&text).map_err(|error| {
+        fail(format!(
+            "expected an OCV curve as `ocv --out` writes it, or a cell file (.toml): {error}"
+        ))
+    })?;
     curve.validate().map_err(|error| fail(error.to_string()))?;
     Ok(curve)
 }

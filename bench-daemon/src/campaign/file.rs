@@ -9,7 +9,7 @@ use analysis::table::{Hash, Row, Table};
 use serde::Deserialize;
 
 use crate::{
-    config::{ConfigError, Source},
+    config::{ConfigError, Source, schema::Kind},
     plan::Specimen,
     support::confined_path::plain,
 };
@@ -135,7 +135,7 @@ impl CampaignFile {
     /// The first mistake, with file, line and field.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
         let source = Source::read(path)?;
-        let raw: Raw = source.parse()?;
+        let raw: Raw = source.parse_as(Kind::Campaign)?;
         let is_word = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         if raw.name.is_empty() || !raw.name.chars().all(is_word) {
             let reason = format!(

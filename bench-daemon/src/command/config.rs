@@ -156,27 +156,22 @@ fn check(files: &[PathBuf], json: bool) -> Result<(), Failure> {
     }
 }
 
-/// Keys that identify the kind of a file.
-#[derive(serde::Deserialize)]
-struct Telling {
-    cell: Option<toml::Value>,
-    instruments: Option<toml::Value>,
-    benches: Option<toml::Value>,
-    listen: Option<toml::Value>,
-}
-
 fn of_file(file: &Path) -> Checked {
-    let (kind, outcome) = match Source::read(file).and_then(|source| source.parse::<Telling>()) {
+    let kind = Source::read(file).and_then(|source| {
+        source.parse::<toml::Table>()?;
+        Ok(Kind::of(source.text()))
+    });
+    let (kind, outcome) = match kind {
         Err(error) => ("file", Err(Failure::from(error))),
-        Ok(telling) if telling.instruments.is_some() => (
+        Ok(Some(Kind::Bench)) => (
             "bench",
             load_any_bench(file).map(|_| ()).map_err(Failure::from),
         ),
-        Ok(telling) if telling.benches.is_some() || telling.listen.is_some() => (
+        Ok(Some(Kind::Server)) => (
             "server",
             Settings::load(file).map(|_| ()).map_err(Failure::from),
         ),
-        Ok(telling) if telling.cell.is_some() => ("experiment", of_experiment(file)),
+        Ok(Some(Kind::Experiment)) => ("experiment", of_experiment(file)),
         Ok(_) => {
             let expected = "expected an experiment (key `cell`), a bench (`[instruments]`) or a \
                             server (`listen`, `benches`); a cell and a scenario are checked with \

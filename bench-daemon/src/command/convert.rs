@@ -36,6 +36,15 @@ use crate::{
 /// Half the slope of a curve that stands for a constant voltage, V: knots must rise.
 const FLAT_V: f64 = 1.0e-9;
 
+/// The note of a model that is written with a constant open-circuit voltage, V.
+fn note_constant_ocv(ocv_v: f64) -> String {
+    format!(
+        "the open-circuit voltage is {ocv_v:.3} V at every state of charge (--ocv-v): the voltage \
+        does not fall as the cell empties, and energy and limits hold near this charge only; --ocv \
+        takes a curve"
+    )
+}
+
 /// Arguments of `convert`.
 #[derive(Debug, Args)]
 pub struct ConvertArgs {
@@ -60,7 +69,7 @@ pub struct ConvertArgs {
     /// the voltage and the file's columns]
     #[arg(long, value_name = "DIRECTION")]
     pub positive: Option<CurrentSign>,
-    /// For a model: its open-circuit voltage, as `ocv --out` writes it.
+    /// For a model: its open-circuit voltage from `ocv --out` or a cell file.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["ocv_v", "capacity_ah"])]
     pub ocv: Option<PathBuf>,
     /// For a model: a constant open-circuit voltage, V.
@@ -380,17 +389,24 @@ fn model(args: &ConvertArgs, given: Given, goal: Goal) -> Result<(), Failure> {
         _ => None,
     };
     let read = model.with_ocv(curve);
-    let text = match goal.format {
-        Some(format) => CellModel::new(&read, args.low_v..=args.high_v, args.temperature_degc)
+    let constant = args.ocv_v.map(note_constant_ocv);
+    let text = match (goal.format, &constant) {
+        (Some(format), _) => CellModel::new(&read, args.low_v..=args.high_v, args.temperature_degc)
             .map_err(|error| usage(&error))?
+            .with_notes(constant.clone())
             .text(format)
             .map_err(|error| usage(&error))?,
-        None => read.to_json().map_err(|error| usage(&error))?,
+        (None, None) => read.to_json().map_err(|error| usage(&error))?,
+        (None, Some(_)) => {
+            let expected = "--ocv-v: expected a curve (--ocv) for --to model, which holds one";
+            return Err(Failure::Usage(expected.to_owned()));
+        }
     };
     let path = free(args, &stem, goal.ending)?;
     write(&path, &text)?;
     say!("{}: {} RC", path.display(), read.erm.branches.len());
-    read.notes().iter().for_each(|note| say!("  note: {note}"));
+    let notes = read.notes().into_iter().chain(constant);
+    notes.for_each(|note| say!("  note: {note}"));
     Ok(())
 }
 

@@ -30,7 +30,7 @@ pub struct EffectsArgs {
     /// The model as text: "6.43 mΩ; 1.51 mΩ, 0.553 F; 0.66 mΩ, 4.6 ms".
     #[arg(long, value_name = "TEXT", requires = "data", conflicts_with = "model")]
     pub erm: Option<String>,
-    /// The OCV curve, as `ocv --out` writes it, if the model file has none or to replace it.
+    /// The OCV curve from `ocv --out` or a cell file, if the model file has none or to replace it.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Write `effects.md` and the pictures of the matrix into this folder.

@@ -29,10 +29,20 @@ pub struct GuardianArgs {
     #[arg(long)]
     pub greatest_v: f64,
     /// Least temperature of the cell, °C.
-    #[arg(long = "least-c", value_name = "LEAST_C", requires = "greatest_degc", allow_hyphen_values = true)]
+    #[arg(
+        long = "least-c",
+        value_name = "LEAST_C",
+        requires = "greatest_degc",
+        allow_hyphen_values = true
+    )]
     pub least_degc: Option<f64>,
     /// Greatest temperature of the cell, °C.
-    #[arg(long = "greatest-c", value_name = "GREATEST_C", requires = "least_degc", allow_hyphen_values = true)]
+    #[arg(
+        long = "greatest-c",
+        value_name = "GREATEST_C",
+        requires = "least_degc",
+        allow_hyphen_values = true
+    )]
     pub greatest_degc: Option<f64>,
     /// SHA-256 of the bench file as the daemon has read it.
     #[arg(long)]

@@ -8,7 +8,10 @@ mod read;
 use crate::command::printed::say_json;
 use analysis::{batch, hppc, plot};
 
-use crate::{config::Cell, files, safety::failure::Failure, support::terminal::say};
+use crate::{
+    config::Cell, files, operator::progress::Waiting, safety::failure::Failure,
+    support::terminal::say,
+};
 use read::{Known, Read};
 
 pub use args::HppcArgs;
@@ -26,6 +29,7 @@ struct Table {
 pub fn hppc(args: &HppcArgs) -> Result<(), Failure> {
     let cell = args.read_cell()?;
     let curve = args.ocv.as_deref().map(files::read_curve).transpose()?;
+    let waiting = Waiting::on(format!("reading {} logs", args.files.len()));
     let logs = read::read_all(args)?;
     if args.plot.is_some() && logs.len() > 1 {
         return Err(Failure::Usage(format!(
@@ -37,10 +41,12 @@ pub fn hppc(args: &HppcArgs) -> Result<(), Failure> {
         curve: curve.as_ref(),
         cell: cell.as_ref(),
     };
+    waiting.say("evaluating pulses");
     let tables: Vec<Table> = logs
         .iter()
         .map(|log| table(args, log, known))
         .collect::<Result<_, _>>()?;
+    waiting.end();
     if let Some(path) = &args.out {
         let all: Vec<&hppc::Hppc> = tables.iter().map(|table| &table.found).collect();
         batch::write_table(path, &columns::columns(&all))

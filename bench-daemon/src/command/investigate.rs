@@ -42,7 +42,8 @@ pub struct InvestigateArgs {
     /// Confirm the budget without being asked.
     #[arg(long)]
     pub yes: bool,
-    /// The OCV curve, as `ocv --out` writes it (`ocv.json`) [default: that of the cell's file]
+    /// The OCV curve, from `ocv --out` (`ocv.json`) or a cell file (.toml) [default: that of the
+    /// cell's file]
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Print JSON.

@@ -6,6 +6,7 @@ use crate::config::quantity::{Resistance, Voltage};
 use crate::{
     command::ocv,
     files,
+    operator::progress::Waiting,
     safety::failure::Failure,
     support::present::significant,
     support::terminal::{remark, say},
@@ -83,6 +84,7 @@ pub struct JointArgs {
 /// A file or an argument that is not as expected; a folder that cannot be written.
 pub fn joint(args: &JointArgs) -> Result<(), Failure> {
     let rc = order(&args.rc)?;
+    let waiting = Waiting::on(format!("reading {} files", args.spectra.len() + 1));
     let spectra = spectra(&args.spectra, args.refused_points)?;
     let series = ocv::read(&args.series, args.positive)?;
     let (curve, ocv_from) = curve(args)?;
@@ -99,8 +101,13 @@ pub fn joint(args: &JointArgs) -> Result<(), Failure> {
         series: &series,
         curve: &curve,
     };
+    waiting.say(format!(
+        "fitting {} spectra and the pulses together",
+        spectra.len()
+    ));
     let (study, pooled) =
         study(&input, &options).map_err(|error| Failure::Usage(error.to_string()))?;
+    waiting.end();
     let job = Job {
         args,
         study: &study,

@@ -7,6 +7,7 @@ use crate::{
     command::batch::{Batch, Choice, Plots, TableArgs, work_on_spectra},
     figures::validity::plots,
     files,
+    operator::progress::Waiting,
     safety::failure::Failure,
     support::present::{refused_in_words, significant},
     support::terminal::{remark, say},
@@ -91,6 +92,7 @@ pub fn kk(args: &KkArgs) -> Result<(), Failure> {
         .records
         .as_deref()
         .map_or(Ok(Vec::new()), records::read)?;
+    let waiting = Waiting::on(format!("reading {} files", args.files.len()));
     let cells = read(args)?;
     if let Some(path) = &args.records {
         records::belong(
@@ -105,8 +107,12 @@ pub fn kk(args: &KkArgs) -> Result<(), Failure> {
     let records: Vec<Record> = records.into_iter().map(|(_, record)| record).collect();
     let groups: Vec<Group> = cells
         .into_iter()
-        .map(|(cell, spectra)| group(cell, spectra, &records, args.drt))
+        .map(|(cell, spectra)| {
+            waiting.say(format!("testing {} spectra of {cell}", spectra.len()));
+            group(cell, spectra, &records, args.drt)
+        })
         .collect::<Result<_, _>>()?;
+    waiting.end();
     if let Some(folder) = &args.out {
         write(folder, &groups, args.many.plots)?;
     }

@@ -6,6 +6,7 @@ use crate::{
     command::{printed::say_json, units},
     config::quantity::Temperature,
     files::{self, AMBIENT_DEGC},
+    operator::progress::Waiting,
     safety::failure::Failure,
     support::terminal::{remark, say},
 };
@@ -43,7 +44,7 @@ pub struct MapArgs {
     /// Logs to predict only; may be given several times.
     #[arg(long, value_name = "LOG")]
     pub held_out: Vec<PathBuf>,
-    /// The cell's OCV curve, as `ocv --out` writes it.
+    /// The cell's OCV curve from `ocv --out` or a cell file.
     #[arg(long, value_name = "JSON")]
     pub ocv: PathBuf,
     /// Temperature at which the OCV curve was measured, °C.
@@ -99,6 +100,8 @@ pub fn map(args: &MapArgs) -> Result<(), Failure> {
     }
     let fitted = args.logs.iter().map(|path| (path, Role::Train));
     let predicted = args.held_out.iter().map(|path| (path, Role::HeldOut));
+    let count = args.logs.len() + args.held_out.len();
+    let waiting = Waiting::on(format!("reading {count} logs"));
     let logs = fitted
         .chain(predicted)
         .map(|(path, role)| read(path, role, args))
@@ -108,7 +111,9 @@ pub fn map(args: &MapArgs) -> Result<(), Failure> {
         ocv_temperature_degc: args.ocv_temperature_degc,
         ..MapOptions::default()
     };
+    waiting.say(format!("fitting a map to {count} logs"));
     let fit = fit_map(&logs, &curve, &options).map_err(|error| usage(&error))?;
+    waiting.end();
     let stem = args.logs[0].file_stem().unwrap_or_default();
     let name = args
         .name

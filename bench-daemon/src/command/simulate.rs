@@ -50,9 +50,14 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
                     other => usage(other),
                 }
             })?;
-        let trace = trace_path(args, &case.profile.name, &outputs);
-        write_trace_parquet(&trace, &case.full.trace, window)
-            .map_err(|error| Failure::Analysis(error.to_string()))?;
+        let trace = args
+            .out
+            .as_ref()
+            .map(|folder| trace_path(folder, args.profiles.len(), &case.profile.name, &outputs));
+        if let Some(trace) = &trace {
+            write_trace_parquet(trace, &case.full.trace, window)
+                .map_err(|error| Failure::Analysis(error.to_string()))?;
+        }
         outputs.push(case.output(&file, &model, trace));
         cases.push(case);
     }
@@ -78,16 +83,19 @@ fn model(args: &SimulateArgs) -> Result<(GivenModel, SimModel), Failure> {
 }
 
 /// Two profiles of one name from different folders must not share a trace.
-fn trace_path(args: &SimulateArgs, name: &str, earlier: &[Output]) -> PathBuf {
-    let folder = args.out.clone().unwrap_or_default();
-    let path = |number: usize| match (args.profiles.len(), args.out.is_some(), number) {
-        (1, true, _) => folder.join("trace.parquet"),
-        (_, _, 0) => folder.join(format!("{name}.trace.parquet")),
+fn trace_path(folder: &Path, profiles: usize, name: &str, earlier: &[Output]) -> PathBuf {
+    let path = |number: usize| match (profiles, number) {
+        (1, _) => folder.join("trace.parquet"),
+        (_, 0) => folder.join(format!("{name}.trace.parquet")),
         _ => folder.join(format!("{name}-{}.trace.parquet", number + 1)),
     };
     (0..)
         .map(path)
-        .find(|path| earlier.iter().all(|other| other.trace != *path))
+        .find(|path| {
+            earlier
+                .iter()
+                .all(|other| other.trace.as_ref() != Some(path))
+        })
         .unwrap_or_else(|| Path::new("trace.parquet").to_owned())
 }
 
@@ -166,10 +174,13 @@ fn print_text(
     }
     say!("");
     for output in outputs {
-        say!("trace of {}: {}", output.profile, output.trace.display());
+        if let Some(trace) = &output.trace {
+            say!("trace of {}: {}", output.profile, trace.display());
+        }
     }
-    if let Some(folder) = &args.out {
-        say!("plots in {}", folder.display());
+    match &args.out {
+        Some(folder) => say!("plots in {}", folder.display()),
+        None => say!("no trace and no plots were written; --out DIR writes them"),
     }
     Ok(())
 }

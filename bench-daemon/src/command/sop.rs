@@ -49,7 +49,7 @@ pub struct SopArgs {
     /// Which model.
     #[command(flatten)]
     pub model: ModelArgs,
-    /// The cell's OCV curve, as `ocv --out` writes it, if the model has none or to replace it.
+    /// The cell's OCV curve from `ocv --out` or a cell file, if the model has none or to replace it.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Cells in series.

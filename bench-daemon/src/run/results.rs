@@ -99,6 +99,7 @@ fn evaluate(
             Some(mapped),
         );
         model.refused = named.clone();
+        model.ocv.clone_from(&experiment.cell.ocv);
         let text = model
             .to_json()
             .map_err(|error| Failure::Analysis(error.to_string()))?;

@@ -63,7 +63,10 @@ pub mod traced;
 pub mod transcript_monitor;
 pub mod watch;
 
-use std::sync::{Arc, atomic::Ordering};
+use std::{
+    io::Write as _,
+    sync::{Arc, atomic::Ordering},
+};
 
 use instruments::clock::Clock;
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
@@ -71,6 +74,9 @@ use nix::sys::resource::{Resource, getrlimit, setrlimit};
 use crate::{run::StopSignals, safety::failure::Failure, support::terminal::say};
 pub use server::{Counts, Server};
 use settings::Settings;
+
+/// Locked file of the data folder.
+const LOCK: &str = "lock";
 
 /// Serves until a signal requests a stop. Active runs continue; the next server finds them.
 ///
@@ -83,13 +89,21 @@ pub fn serve(settings: Settings) -> Result<(), Failure> {
     let folder = std::fs::File::options()
         .create(true)
         .append(true)
-        .open(settings.data.join("lock"))?;
+        .open(settings.data.join(LOCK))?;
     if folder.try_lock().is_err() {
+        let other = std::fs::read_to_string(settings.data.join(LOCK)).unwrap_or_default();
         return Err(Failure::Usage(format!(
-            "{}: expected a data folder of its own, found one that another server uses",
-            settings.data.display()
+            "{}: expected a data folder of its own, found one that another server uses{}; a second \
+            server needs another `data` and another `listen`",
+            settings.data.display(),
+            if other.is_empty() {
+                String::new()
+            } else {
+                format!(" ({})", other.trim())
+            }
         )));
     }
+    folder.set_len(0)?;
     // Each connection needs a file descriptor. The limit is raised to the maximum that the system
     // grants; if it grants no more, the longest silent connections are closed.
     if let Err(error) = getrlimit(Resource::RLIMIT_NOFILE)
@@ -103,7 +117,7 @@ pub fn serve(settings: Settings) -> Result<(), Failure> {
         .thread_stack_size(Clock::STACK_BYTES)
         .enable_all()
         .build()?;
-    let outcome = runtime.block_on(until_stopped(settings));
+    let outcome = runtime.block_on(until_stopped(settings, folder));
     runtime.shutdown_background();
     outcome
 }
@@ -126,7 +140,8 @@ fn beside(
     Ok(())
 }
 
-async fn until_stopped(settings: Settings) -> Result<(), Failure> {
+/// Serves. `lock` is the locked file of the data folder; it states who serves it.
+async fn until_stopped(settings: Settings, mut lock: std::fs::File) -> Result<(), Failure> {
     let mut stop = StopSignals::install()?;
     let telemetry = otlp::start(&settings);
     let server = Arc::new(Server::open(settings, &telemetry)?);
@@ -143,6 +158,7 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     beside("investigator", &server, investigator::work)?;
     beside("notices", &server, notify::work)?;
     beside("idle benches", &server, outputs::read_idle_benches)?;
+    writeln!(lock, "process {} at {}", std::process::id(), listener.url())?;
     say!("listening on {}", listener.url());
     notify.say("READY=1");
     let refresh = async {

@@ -15,6 +15,7 @@ use crate::{
     config::{
         self, ConfigError, Source, load_bench,
         quantity::{Duration, Quantity},
+        schema::Kind,
     },
     support::{
         confined_path::plain,
@@ -229,7 +230,7 @@ impl Settings {
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         let source = Source::read(path)?;
         check_moved_sections(&source)?;
-        let raw: Raw = source.parse()?;
+        let raw: Raw = source.parse_as(Kind::Server)?;
         let listen: SocketAddr = raw.listen.parse().map_err(|_| {
             source.complain(
                 "listen",

@@ -58,6 +58,64 @@ fn the_files_to_begin_with_are_right_and_are_not_written_over() {
 }
 
 #[test]
+fn a_call_without_a_command_names_the_ways_in() {
+    let (code, out, _) = eis_bench(&[]);
+    assert!(code == 0 && out.lines().count() <= 14, "{out}");
+    let help = eis_bench(&["--help"]).1;
+    for command in [
+        "demo", "config", "identify", "doctor", "plan", "kk", "fit", "dataset", "map", "hppc",
+        "ocv", "simulate", "sop", "pack", "convert",
+    ] {
+        assert!(out.contains(command), "{command}: {out}");
+        assert!(help.contains(&format!("\n  {command} ")), "{command}");
+    }
+}
+
+#[test]
+fn a_file_of_another_kind_is_named_as_what_it_is() {
+    let files = Files::demo();
+    let path = |name: &str| text(&files.path(name));
+    let (bench, experiment, cell) = (path(BENCH), path(EXPERIMENT), path("cells/p45b.toml"));
+    let log = path("log.csv");
+    fs::write(&log, "time_s,voltage_v,current_a\n0,3.7,0\n1,3.6,-1\n").unwrap();
+    for (call, found, hint) in [
+        (
+            ["run", &bench],
+            "expected an experiment, found a bench",
+            "--bench",
+        ),
+        (
+            ["plan", &cell],
+            "expected an experiment, found a cell",
+            "config new",
+        ),
+        (
+            ["serve", &experiment],
+            "expected a server, found an experiment",
+            "",
+        ),
+        (["outputs", &cell], "expected a bench, found a cell", ""),
+        (
+            ["diagnose", &log],
+            "expected a data set, found another file",
+            "dataset init",
+        ),
+    ] {
+        let mut call = call.to_vec();
+        if call[0] == "diagnose" {
+            call.extend(["--erm", "10 mΩ; 2 mΩ, 1 s"]);
+        }
+        let (code, _, err) = eis_bench(&call);
+        let file = Path::new(call[1]).file_name().unwrap().to_str().unwrap();
+        let found = format!("{file}: {found}");
+        assert!(
+            code == 2 && err.contains(&found) && err.contains(hint),
+            "{call:?}: {err}"
+        );
+    }
+}
+
+#[test]
 fn a_mistake_is_told_with_its_file_and_field() {
     let files = Files::demo().edit(EXPERIMENT, "\"5 A\"", "\"5 V\"");
     let (file, bench) = (text(&files.path(EXPERIMENT)), text(&files.path(BENCH)));

@@ -187,15 +187,33 @@ fn a_model_is_written_for_others_only_with_its_voltage() {
             "--capacity-ah",
             "4.5",
         ]);
+        let text = fs::read_to_string(format!("{}/{ending}", out(to))).unwrap();
         assert!(
-            code == 0
-                && fs::read_to_string(format!("{}/{ending}", out(to)))
-                    .unwrap()
-                    .contains("16200")
-                    | (to == "pybamm"),
+            code == 0 && text.contains("16200") | (to == "pybamm"),
             "{message}"
         );
+        // Both the file and the terminal say that the voltage is constant.
+        let note = "note: the open-circuit voltage is 3.700 V at every state of charge (--ocv-v)";
+        assert!(
+            text.contains(note) && message.contains(note),
+            "{to}: {message}"
+        );
     }
+    let flat = [
+        "--to",
+        "model",
+        "--out",
+        &out("flat"),
+        "--ocv-v",
+        "3.7",
+        "--capacity-ah",
+        "4.5",
+    ];
+    let (code, message) = eis_bench(&[&["convert", &model], &flat[..]].concat());
+    assert!(
+        code == 2 && message.contains("--ocv-v: expected a curve (--ocv) for --to model"),
+        "{message}"
+    );
 }
 
 #[test]

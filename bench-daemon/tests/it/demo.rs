@@ -203,6 +203,9 @@ fn assert_models(run: &Path) {
         // 16 cells in series, 3 in parallel, and all cells equal.
         let ratio = pack.dc_resistance_ohm / model.dc_resistance_ohm;
         assert!((ratio - 16.0 / 3.0).abs() < 1.0e-9, "{rc} RC: {ratio}");
+        // The curve of the cell file goes with the model into every later command.
+        let ocv = model.ocv.unwrap();
+        assert!(ocv.capacity_ah == 4.5 && ocv.ocv_v.len() > 2, "{ocv:?}");
     }
 }
 

@@ -167,7 +167,7 @@ fn a_data_set_may_name_its_model_and_its_curve() {
     std::fs::write(data.join("dataset.toml"), &toml).unwrap();
     let keys = "model = \"../bare.json\"\nocv = \"../bare.json\"\n";
     name_in_data_set(folder.path(), keys);
-    refused("dataset.toml:3: ocv: expected an OCV curve as `ocv --out` writes it; ");
+    refused("dataset.toml:3: ocv: expected an OCV curve; ");
 
     // The curve of the arguments takes the place of the data set's.
     let model = folder.path().join("model.json");

@@ -262,12 +262,13 @@ fn a_queue_survives_a_server_that_is_killed() {
     let config = files.path("serve.toml");
     let second = program(&["serve".as_ref(), config.as_os_str()]);
     second.expect_code(2);
+    let message = second.message();
+    let url = served.url();
     assert!(
-        second
-            .message()
-            .ends_with("expected a data folder of its own, found one that another server uses"),
-        "{}",
-        second.message()
+        message.contains("expected a data folder of its own, found one that another server uses")
+            && message.contains(&format!("(process {} at {url})", served.process.0.id()))
+            && message.ends_with("a second server needs another `data` and another `listen`"),
+        "{message}"
     );
 }
 

@@ -136,6 +136,13 @@ impl CellModel {
         })
     }
 
+    /// Adds sentences to the notes at the head of the file.
+    #[must_use]
+    pub fn with_notes(mut self, notes: impl IntoIterator<Item = String>) -> Self {
+        self.notes.extend(notes);
+        self
+    }
+
     /// Returns the text of the file.
     ///
     /// # Errors

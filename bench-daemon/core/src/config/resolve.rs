@@ -9,7 +9,7 @@ use instruments::transport::Address;
 
 use super::{
     AutoResume, Cell, ConfigError, Experiment, Instruments, Source, check::Check, limits, raw,
-    resolve_bench::resolve_bench, source::in_field,
+    resolve_bench::resolve_bench, schema::Kind, source::in_field,
 };
 use crate::interlock::Limits;
 
@@ -29,7 +29,7 @@ pub fn resolve_experiment(
     source: Source,
     other_bench: Option<&Path>,
 ) -> Result<Experiment, ConfigError> {
-    let raw: raw::Experiment = source.parse()?;
+    let raw: raw::Experiment = source.parse_as(Kind::Experiment)?;
     if raw.name.is_empty()
         || !raw
             .name
@@ -220,7 +220,7 @@ fn read_scenario(bench: &Source, path: &Path) -> Result<(Source, Scenario), Conf
     let source = bench
         .open(path)
         .map_err(|error| in_field(bench, "simulation.scenario", &error))?;
-    let scenario: Scenario = source.parse()?;
+    let scenario: Scenario = source.parse_as(Kind::Scenario)?;
     scenario
         .validate()
         .map_err(|error| source.complain(&error.field, error.to_string()))?;
@@ -252,7 +252,7 @@ fn check_one_world(source: &Source, instruments: &Instruments) -> Result<(), Con
 /// # Errors
 /// The first mistake, with file, line and field.
 pub fn resolve_cell(source: &Source) -> Result<Cell, ConfigError> {
-    let raw: raw::Cell = source.parse()?;
+    let raw: raw::Cell = source.parse_as(Kind::Cell)?;
     let above = |field: &str, value: f64, bound: f64, what: &str| {
         (value > bound).then_some(()).ok_or_else(|| {
             source.complain(field, format!("expected more than {what}, found {value}"))

@@ -16,7 +16,7 @@ use super::{
     Bench, ConfigError, Doctor, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring,
     bench::{ANSWER_S, is_local},
     quantity::{Duration, Quantity},
-    raw_bench, simulation,
+    raw_bench, schema::Kind, simulation,
     source::in_field,
 };
 use crate::support::{addresses::meet, hash};
@@ -50,7 +50,7 @@ pub fn load_any_bench(path: &Path) -> Result<Bench, ConfigError> {
 
 /// A bench, checked.
 pub fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
-    let raw: raw_bench::Bench = source.parse()?;
+    let raw: raw_bench::Bench = source.parse_as(Kind::Bench)?;
     let instruments = resolve_instruments(source, &raw.instruments)?;
     check_addresses(source, &instruments)?;
     let wiring = &raw.wiring;

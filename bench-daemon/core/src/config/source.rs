@@ -11,6 +11,7 @@ use std::{
 use serde::de::DeserializeOwned;
 use toml::de::{DeTable, DeValue};
 
+use super::schema::Kind;
 use crate::support::confined_path;
 
 /// A complaint about a configuration file.
@@ -36,6 +37,18 @@ pub enum ConfigError {
         field: String,
         /// Expected and found value.
         reason: String,
+    },
+    /// A file of another kind.
+    #[error("{path}: expected {expected}, found {found}{hint}", path = path.display())]
+    Kind {
+        /// The file.
+        path: PathBuf,
+        /// Expected kind, with its article.
+        expected: &'static str,
+        /// Kind that was found, with its article.
+        found: &'static str,
+        /// What to do, after a semicolon; empty if nothing is known.
+        hint: &'static str,
     },
 }
 
@@ -210,6 +223,33 @@ impl Source {
                 reason: error.message().replace('\n', " "),
             }
         })
+    }
+
+    /// Reads the text as [`parse`](Self::parse) does. If this fails because the file is of another
+    /// kind, the error names both kinds instead of a field.
+    ///
+    /// # Errors
+    /// [`ConfigError::Kind`] for a file of another kind; otherwise those of `parse`.
+    pub fn parse_as<T: DeserializeOwned>(&self, kind: Kind) -> Result<T, ConfigError> {
+        self.parse().map_err(|error| {
+            let found = match Kind::of(&self.text) {
+                Some(found) if found != kind => found.phrase(),
+                None if !self.is_toml() => "another file",
+                _ => return error,
+            };
+            ConfigError::Kind {
+                path: self.path.clone(),
+                expected: kind.phrase(),
+                found,
+                hint: kind.hint(found),
+            }
+        })
+    }
+
+    /// Checks whether the file is TOML, by its name or its text.
+    fn is_toml(&self) -> bool {
+        self.path.extension().is_some_and(|end| end == "toml")
+            || self.text.parse::<toml::Table>().is_ok()
     }
 
     /// A complaint about a field that could be read but must not be so. Points at the nearest

@@ -7,6 +7,7 @@ use std::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicU64, Ordering},
     },
+    time::Duration,
 };
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -23,6 +24,9 @@ use crate::{
 pub const PROGRESS_VARIABLE: &str = "EIS_BENCH_PROGRESS";
 /// Prefix of such a line.
 pub const PROGRESS_LINE: &str = "progress: ";
+
+/// Time between two drawings of the line, which shows the elapsed time.
+const TICK: Duration = Duration::from_millis(200);
 
 /// A line on a terminal's standard error that shows what a computation is doing, and since when.
 pub struct Waiting {
@@ -45,10 +49,23 @@ impl Waiting {
         if let Ok(style) = ProgressStyle::with_template("{elapsed:>4}  {msg}") {
             bar.set_style(style);
         }
+        bar.enable_steady_tick(TICK);
         Self {
             bar,
             lines: std::env::var_os(PROGRESS_VARIABLE).is_some(),
         }
+    }
+
+    /// Shows the line with a first text.
+    pub fn on(step: impl Into<String>) -> Self {
+        let waiting = Self::shown();
+        waiting.say(step);
+        waiting
+    }
+
+    /// Shows a text on the line.
+    pub fn say(&self, step: impl Into<String>) {
+        put(&self.bar, self.lines, step.into());
     }
 
     /// Returns a function that shows a text on the line.
@@ -67,8 +84,12 @@ impl Waiting {
         }
     }
 
-    /// Clears the line.
-    pub fn end(self) {
+    /// Clears the line, as its drop does.
+    pub fn end(self) {}
+}
+
+impl Drop for Waiting {
+    fn drop(&mut self) {
         self.bar.finish_and_clear();
     }
 }

@@ -61,11 +61,16 @@ pub(super) struct InitArgs {
     /// Distance from --soc up to which a load or a spectrum is used.
     #[arg(long, value_name = "SOC", default_value_t = 0.05, requires = "soc")]
     pub near: f64,
-    /// OCV curve, as `ocv --out` writes it: it gives states of charge, and the data set names it.
+    /// OCV curve from `ocv --out` or a cell file: it gives states of charge, and the data set names it.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Temperature of all logs and spectra, °C [default: as logged, else as the log's head says]
-    #[arg(long = "temperature-c", value_name = "C", allow_hyphen_values = true, value_parser = units::of::<Temperature>)]
+    #[arg(
+        long = "temperature-c",
+        value_name = "C",
+        allow_hyphen_values = true,
+        value_parser = units::of::<Temperature>
+    )]
     pub temperature_degc: Option<f64>,
     /// Circumstances of one spectrum or log, such as "eis_07:ocv_v=3.66,temperature_c=26.8" or
     /// "log_2:soc=1". Keys: `soc`, `ocv_v` (spectra only), `temperature_c`.

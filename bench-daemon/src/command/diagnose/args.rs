@@ -17,7 +17,7 @@ pub struct DiagnoseArgs {
     /// The model to be judged.
     #[command(flatten)]
     pub model: DatasetModelArgs,
-    /// The OCV curve, as `ocv --out` writes it (`ocv.json`), if the model file has none or to
+    /// The OCV curve, from `ocv --out` (`ocv.json`) or a cell file (.toml), if the model file has none or to
     /// replace it [default: `ocv` of dataset.toml]
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,

@@ -382,9 +382,7 @@ impl Judged {
 /// The curve that a data set names. A complaint names the place that names it.
 fn read_named_curve(file: &NamedFile) -> Result<OcvCurve, Failure> {
     files::read_curve(&file.path).map_err(|error| {
-        file.complain(format!(
-            "expected an OCV curve as `ocv --out` writes it; {error}"
-        ))
-        .into()
+        file.complain(format!("expected an OCV curve; {error}"))
+            .into()
     })
 }

@@ -43,7 +43,7 @@ pub struct HppcArgs {
     /// State of charge at the first row of each log, 0 to 1 [default: as the log's column says]
     #[arg(long, value_name = "SOC")]
     pub soc_start: Option<f64>,
-    /// OCV curve, as `ocv --out` writes it: it gives the state of charge at the first rest.
+    /// OCV curve from `ocv --out` or a cell file: it gives the state of charge at the first rest.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Shortest logged rest before a pulse.

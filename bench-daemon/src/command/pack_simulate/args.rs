@@ -43,7 +43,7 @@ pub struct PackSimulateArgs {
     /// The nominal cell; the factors of all cells apply to it.
     #[command(flatten)]
     pub model: ModelArgs,
-    /// The cell's OCV curve, as `ocv --out` writes it, if the model has none or to replace it.
+    /// The cell's OCV curve from `ocv --out` or a cell file, if the model has none or to replace it.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Two columns, time in s and power in W or current in A, with or without header.

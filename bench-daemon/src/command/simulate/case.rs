@@ -97,7 +97,12 @@ impl Case {
         })
     }
 
-    pub(super) fn output(&self, file: &GivenModel, model: &SimModel, trace: PathBuf) -> Output {
+    pub(super) fn output(
+        &self,
+        file: &GivenModel,
+        model: &SimModel,
+        trace: Option<PathBuf>,
+    ) -> Output {
         let (full, simple) = (&self.full.summary, &self.simple.summary);
         let factor = |k: usize| self.limits.map(|l| l[k].factor);
         // For a power profile this is the peak of the profile itself; for other profiles the peak
@@ -381,7 +386,8 @@ pub(super) struct Output {
     freed_peak_power_w: Option<f64>,
     /// Notes on how to read the numbers.
     pub(super) notes: Vec<String>,
-    pub(super) trace: PathBuf,
+    /// Location of the trace; null without `--out`.
+    pub(super) trace: Option<PathBuf>,
 }
 
 /// Results with the DC resistance alone.

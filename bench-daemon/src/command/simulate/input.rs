@@ -32,7 +32,7 @@ pub struct SimulateArgs {
     /// Which model.
     #[command(flatten)]
     pub model: ModelArgs,
-    /// The cell's OCV curve, as `ocv --out` writes it, if the model has none or to replace it.
+    /// The cell's OCV curve from `ocv --out` or a cell file, if the model has none or to replace it.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Two columns, time and power, current or load resistance, with or without header; several for
@@ -111,8 +111,7 @@ pub struct SimulateArgs {
         value_parser = units::of::<Voltage>
     )]
     pub high_v: f64,
-    /// Folder for traces (Parquet) and plots [default: the traces into the current directory, no
-    /// plots]
+    /// Folder for traces (Parquet) and plots. Without it nothing is written.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Write one table of results, .parquet or .csv: a row for each model and profile. --model may

@@ -19,7 +19,7 @@ use super::{
     files::{self, FileError, Files},
     raw,
 };
-use crate::config::{ConfigError, Source};
+use crate::config::{ConfigError, Source, schema::Kind};
 
 /// A control in the jig has no state of charge; a run must hold some.
 pub(super) const CONTROL_SOC: f64 = 0.5;
@@ -33,7 +33,7 @@ const TEMPERATURES_C: RangeInclusive<f64> = -60.0..=120.0;
 /// The first mistake, with file, line and field.
 pub(super) fn read(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
     let source = Source::read(path)?;
-    let raw: raw::File = source.parse()?;
+    let raw: raw::File = source.parse_as(Kind::Dataset)?;
     // Assumed errors are as they should be for any current.
     let stated = raw.bench.as_ref().map(|bench| bench.completed(0.0));
     check_history(&source, stated.as_ref())?;
@@ -122,7 +122,7 @@ fn greatest_a(runs: &[Run]) -> f64 {
 /// A file that cannot be read, or that contains something that it must not.
 pub(super) fn named_files(path: &Path) -> Result<NamedFiles, ConfigError> {
     let source = Source::read(path)?;
-    let raw: raw::File = source.parse()?;
+    let raw: raw::File = source.parse_as(Kind::Dataset)?;
     let file = |key, path: Option<String>| path.map(|path| NamedFile::new(&source, key, &path));
     Ok(NamedFiles {
         model: file("model", raw.model),

@@ -89,9 +89,14 @@ impl Listener {
             .as_ref()
             .map(|(certificate, key)| acceptor(certificate, key))
             .transpose()?;
-        let socket = TcpListener::bind(listen)
-            .await
-            .map_err(|error| Failure::Usage(format!("cannot listen on {listen}: {error}")))?;
+        let socket = TcpListener::bind(listen).await.map_err(|error| {
+            let hint = if error.kind() == std::io::ErrorKind::AddrInUse {
+                "; another program listens there: give another `listen` in the server's file"
+            } else {
+                ""
+            };
+            Failure::Usage(format!("cannot listen on {listen}: {error}{hint}"))
+        })?;
         let address = socket.local_addr()?;
         Ok(Self {
             socket,
