@@ -6,10 +6,8 @@
 
 use std::path::PathBuf;
 
-use bench_daemon::{
-    command::{replay::rates, run::run_experiment},
-    config::load_experiment,
-};
+use bench_daemon::command::{replay::rates, run::run_experiment};
+use bench_plan::config::load_experiment;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let named = std::env::args()

@@ -4,13 +4,12 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
-use crate::{
-    command,
-    operator::run_control::RunAction,
-    safety::failure::Failure,
-    support::logging::{self, Verbosity},
-    support::telemetry::Telemetry,
-    support::terminal::{remark, say},
+use crate::command;
+use bench_core::{operator::run_control::RunAction, safety::failure::Failure};
+use bench_evaluate::support::telemetry::Telemetry;
+use bench_plan::support::{
+    logging::{self, Verbosity},
+    terminal::{remark, say},
 };
 
 /// Commands by what they are for, in the order of the help.
@@ -186,7 +185,7 @@ enum Command {
     Clear(command::clear::ClearArgs),
     /// Read the spectra of a file on standard input, with bounds of memory and time.
     #[command(hide = true)]
-    ReadSpectra(crate::serve::imported::ReadSpectraArgs),
+    ReadSpectra(bench_serve::imported::ReadSpectraArgs),
     /// Watch the process that started it. A run starts its own guardian.
     #[command(hide = true)]
     Guardian(command::guardian::GuardianArgs),
@@ -302,7 +301,7 @@ pub fn main() -> ExitCode {
         Command::Abort(args) => command::run_control::send_action(&args, RunAction::Abort),
         Command::Reorder(args) => command::run_control::reorder(&args),
         Command::Answer(args) => command::answer::answer(&args),
-        Command::ReadSpectra(args) => crate::serve::imported::command(&args),
+        Command::ReadSpectra(args) => bench_serve::imported::command(&args),
         Command::Plan(args) => command::plan::plan(&args),
         Command::Mock(args) => command::mock::mock(&args),
         Command::Identify(args) => command::identify::identify(&args),

@@ -7,7 +7,8 @@ use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc},
 };
 
-use bench_daemon::{config::load_bench, sim::Simulation};
+use bench_core::sim::Simulation;
+use bench_plan::config::load_bench;
 use fixtures::SimulatedBench;
 use instruments::{
     clock::{Clock, TimeMode},

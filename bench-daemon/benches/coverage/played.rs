@@ -8,7 +8,9 @@ use analysis::{
     model::Erm,
     spectrum::{ImpedancePoint, Spectrum},
 };
-use bench_daemon::{command::run::run_experiment, config::load_experiment, run::Finished};
+use bench_daemon::command::run::run_experiment;
+use bench_evaluate::run::Finished;
+use bench_plan::config::load_experiment;
 use fixtures::Scenario;
 use instruments::fixture::Fixture;
 use num_complex::Complex64;

@@ -29,7 +29,7 @@ use instruments::{
 
 use error::wrap;
 
-use crate::config;
+use bench_plan::config;
 
 /// A bench: its instruments and their configuration.
 pub struct Bench {

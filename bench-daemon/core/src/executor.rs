@@ -51,11 +51,13 @@ pub use traced::{Timed, within};
 
 use crate::{
     bench::BenchError,
-    interlock::Reading,
     journal::Entry,
+    record::{Event, Recorder},
+};
+use bench_plan::{
+    interlock::Reading,
     measure::{Spent, SweepPoint},
     plan::{Purpose, Specimen, Stage, Step},
-    record::{Event, Recorder},
 };
 use rig::{POLL_S, require};
 

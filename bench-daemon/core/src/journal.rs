@@ -28,11 +28,9 @@ use sha2::{Digest, Sha256};
 
 use crate::{
     bench::{Identified, state_readback::InstrumentReadback},
-    interlock::Reading,
-    measure::SweepPoint,
     operator::question::{Answer, Question},
-    support::crash_point::Drill,
 };
+use bench_plan::{interlock::Reading, measure::SweepPoint, support::crash_point::Drill};
 
 /// Beginning of a note in an older journal that means that the state of charge was missed.
 const SOC_MISSED: &str = "SOC reset: expected ";

@@ -10,7 +10,7 @@ use std::{
     path::Path,
 };
 
-use crate::support::{account::who, terminal::remark};
+use bench_plan::support::{account::who, terminal::remark};
 use question::{Answer, Question};
 
 /// Environment variable; if it is set to [`BY_FOLDER`], questions are answered through the run

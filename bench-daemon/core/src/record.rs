@@ -46,9 +46,9 @@ pub use error::with_causes;
 pub use names::{CaptureFile, sweep_name};
 pub use names::{capture_of, code_scale};
 
-use crate::{
+use crate::journal::{Entry, Journal, PointDone};
+use bench_plan::{
     interlock::{Limits, Reading},
-    journal::{Entry, Journal, PointDone},
     measure::SweepPoint,
     support::crash_point::Drill,
 };

@@ -17,7 +17,7 @@ use instruments::{
 
 pub use ports::{Over, Transport};
 
-use crate::{
+use bench_plan::{
     config::{Bench, ConfigError, Source},
     mocks::{self, FaultLog, Happened, MockOptions, Quirks, Remote, Schedule, SharedPlant},
 };

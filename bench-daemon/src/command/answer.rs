@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use instruments::clock::{Clock, TimeMode};
 
-use crate::{
+use bench_core::{
     journal::{self, Entry, pending_question},
     operator::question::Answer,
     safety::failure::Failure,
-    support::{account::who, terminal::say},
 };
+use bench_plan::support::{account::who, terminal::say};
 
 /// Number of checks for the entry of an answer, and the interval between two of them, s. Together
 /// they last twice as long as a slow bench needs to be read back as off.

@@ -12,14 +12,13 @@ use analysis::{
 use serde::Serialize;
 
 use super::printed::say_json;
-use crate::{
-    campaign::{CampaignFile, CampaignReport, Design, Quantity, Visit, report},
-    config::ConfigError,
-    files,
-    safety::failure::Failure,
-    support::terminal::say,
-};
 use args::{Act, PlanArgs, ReportArgs};
+use bench_core::safety::failure::Failure;
+use bench_evaluate::{
+    campaign::{CampaignFile, CampaignReport, Design, Quantity, Visit, report},
+    files,
+};
+use bench_plan::{config::ConfigError, support::terminal::say};
 
 pub use args::CampaignArgs;
 

@@ -15,12 +15,10 @@ use analysis::{
 };
 
 use super::printed::say_json;
-use crate::{
-    files,
-    safety::failure::Failure,
-    support::terminal::{remark, say},
-};
 use args::{Act, AgeingArgs, CellsArgs, ExportArgs, FindArgs, ScanArgs, ShowArgs, Table};
+use bench_core::safety::failure::Failure;
+use bench_evaluate::files;
+use bench_plan::support::terminal::{remark, say};
 
 pub use args::CatalogArgs;
 

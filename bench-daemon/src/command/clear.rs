@@ -7,10 +7,9 @@ use std::{
 
 use clap::Args;
 
-use crate::{
+use bench_core::{safety::failure::Failure, safety::state::State};
+use bench_plan::{
     config::load_any_bench,
-    safety::failure::Failure,
-    safety::state::State,
     support::terminal::{remark, say},
 };
 

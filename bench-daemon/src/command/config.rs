@@ -10,13 +10,14 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
-use crate::{
+use bench_core::safety::failure::Failure;
+use bench_evaluate::files;
+use bench_plan::{
     config::{Source, load_any_bench, load_experiment, schema::Kind},
-    files, procedure,
-    safety::failure::Failure,
-    serve::settings::Settings,
+    procedure,
     support::terminal::say,
 };
+use bench_serve::settings::Settings;
 
 /// Text of a file of the repository's `configs`.
 macro_rules! configs {

@@ -2,7 +2,7 @@
 //! as the project's.
 
 use crate::command::units;
-use crate::config::quantity::{Charge, Temperature, Voltage};
+use bench_plan::config::quantity::{Charge, Temperature, Voltage};
 use std::path::{Path, PathBuf};
 
 use analysis::{
@@ -25,13 +25,9 @@ use super::{
     model_args::{self, ModelArgs, TYPED},
     ocv,
 };
-use crate::{
-    files,
-    record::RecordError,
-    safety::failure::Failure,
-    support::present::refused_in_words,
-    support::terminal::{remark, say},
-};
+use bench_core::{record::RecordError, safety::failure::Failure};
+use bench_evaluate::{files, support::present::refused_in_words};
+use bench_plan::support::terminal::{remark, say};
 
 /// Half the slope of a curve that stands for a constant voltage, V: knots must rise.
 const FLAT_V: f64 = 1.0e-9;

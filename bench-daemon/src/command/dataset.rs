@@ -13,17 +13,16 @@ use std::collections::BTreeMap;
 
 use analysis::{dataset, formats::CurrentSign};
 
-use crate::{
+use args::{Act, InitArgs};
+use bench_core::{record::RecordError, safety::failure::Failure};
+use bench_evaluate::{
     files,
     investigate::{
         dataset::{DATASET_FILE, read_dataset},
         proposal::{Named, OwnFiles, Proposal, StartModel, dataset_text},
     },
-    record::RecordError,
-    safety::failure::Failure,
-    support::terminal::say,
 };
-use args::{Act, InitArgs};
+use bench_plan::support::terminal::say;
 use findings::Findings;
 
 pub use args::DatasetArgs;

@@ -9,7 +9,8 @@ use super::{
     config::{DEMO, write},
     run::run_experiment,
 };
-use crate::{config::load_experiment, safety::failure::Failure, support::terminal::say};
+use bench_core::safety::failure::Failure;
+use bench_plan::{config::load_experiment, support::terminal::say};
 
 /// Arguments of `demo`.
 #[derive(Debug, clap::Args)]

@@ -18,17 +18,17 @@ pub(crate) use judged::Judged;
 use judged::{Looked, accept};
 
 use super::model_args::ModelArgs;
-use crate::{
-    config::Experiment,
+use bench_core::safety::failure::Failure;
+use bench_evaluate::{
     figures::story::{Chapter, STORY, Story},
     files,
     investigate::next_experiment::{Setting, experiment_file},
     run::Finished,
-    safety::failure::Failure,
-    support::hash,
     support::present::one_or_list,
-    support::sums,
-    support::terminal::say,
+};
+use bench_plan::{
+    config::Experiment,
+    support::{hash, sums, terminal::say},
 };
 
 /// Diagnoses, prints, and writes into a folder if requested.

@@ -13,26 +13,32 @@ use instruments::{
     transport::MemoryHub,
 };
 
-use crate::{
+use bench_core::{
     bench::survey::AnyInstrument,
     bench::{Bench, Connections},
-    config::{self, Source, load_any_bench},
-    doctor::{
-        self, COPPER_WINDOW_V, Check, Examination, Findings, Instrument, Outcome, REPORT, Report,
-        Texts, Verdict,
-    },
     operator::progress::Progress,
     operator::{Operator, on_terminal, question::Question},
-    plan::{Plan, fixture_name},
-    run::{StopSignals, caught, nobody_drives},
     safety::bench_lease::BenchLease,
     safety::failure::Failure,
     safety::guardian::{Charge, GuardianError},
     safety::state::{Lock, State},
     sim::Simulation,
-    support::terminal::{remark, say},
-    support::{account, hash},
     watch::unwatched,
+};
+use bench_evaluate::{
+    doctor::{
+        self, COPPER_WINDOW_V, Check, Examination, Findings, Instrument, Outcome, REPORT, Report,
+        Texts, Verdict,
+    },
+    run::{StopSignals, caught, nobody_drives},
+};
+use bench_plan::{
+    config::{self, Source, load_any_bench},
+    plan::{Plan, fixture_name},
+    support::{
+        account, hash,
+        terminal::{remark, say},
+    },
 };
 
 /// Arguments of `doctor`.
@@ -133,7 +139,7 @@ pub fn doctor(args: &DoctorArgs) -> Result<(), Failure> {
         bench: config.name.clone(),
         config_sha256: hash::sha256(source.text()),
         operator: args.operator.clone().unwrap_or_else(account::who),
-        date: crate::support::present::utc(unix_s),
+        date: bench_evaluate::support::present::utc(unix_s),
         unix_s,
         fixture: fixture.map(|fixture| fixture_name(fixture).to_owned()),
         instruments,
@@ -173,7 +179,7 @@ fn confirmed(config: &config::Bench, args: &DoctorArgs) -> Result<(), Failure> {
 }
 
 fn folder(bench: &str, unix_s: f64) -> PathBuf {
-    let plain: String = crate::support::present::utc(unix_s)
+    let plain: String = bench_evaluate::support::present::utc(unix_s)
         .chars()
         .filter(|c| c.is_ascii_digit() || *c == 'T')
         .collect();
@@ -527,6 +533,6 @@ impl Visit<'_> {
         let _person = self.clock.wait(None);
         Ok(on_terminal(&Question::new(fixture, None, ""))
             .await
-            .map_err(crate::executor::ExecuteError::from)?)
+            .map_err(bench_core::executor::ExecuteError::from)?)
     }
 }

@@ -14,7 +14,9 @@ use analysis::{
 use serde::Serialize;
 
 use super::{diagnose::Judged, model_args::ModelArgs};
-use crate::{files, safety::failure::Failure, support::terminal::say};
+use bench_core::safety::failure::Failure;
+use bench_evaluate::files;
+use bench_plan::support::terminal::say;
 
 /// Arguments of `effects`.
 #[derive(Debug, clap::Args)]

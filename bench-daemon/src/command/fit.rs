@@ -6,16 +6,14 @@ pub mod more;
 mod table;
 
 use self::more::{More, other_minima_note, print_selection};
-use crate::{
-    command::batch::Plots,
+use crate::command::batch::Plots;
+use bench_core::safety::failure::Failure;
+use bench_evaluate::{
     figures::impedance::bode_plot,
     files,
-    safety::failure::Failure,
-    support::{
-        present::{self, branches_table, fit_warnings, models_table},
-        terminal::{remark, say},
-    },
+    support::present::{self, branches_table, fit_warnings, models_table},
 };
+use bench_plan::support::terminal::{remark, say};
 use std::path::Path;
 
 use analysis::{

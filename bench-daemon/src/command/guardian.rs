@@ -1,17 +1,18 @@
-//! `eis-bench guardian`: the process that a run starts beside itself; see [`crate::safety::guardian`].
+//! `eis-bench guardian`: the process that a run starts beside itself; see [`bench_core::safety::guardian`].
 
 use std::path::PathBuf;
 
 use clap::Args;
 use instruments::clock::Clock;
 
-use crate::{
-    config::load_bench,
-    run::StopSignals,
+use bench_core::{
     safety::failure::Failure,
     safety::guardian::{self, Charge, Keeper},
-    support::hash,
-    support::terminal::say,
+};
+use bench_evaluate::run::StopSignals;
+use bench_plan::{
+    config::load_bench,
+    support::{hash, terminal::say},
 };
 
 /// Arguments of `guardian`.

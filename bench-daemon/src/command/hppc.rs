@@ -8,10 +8,9 @@ mod read;
 use crate::command::printed::say_json;
 use analysis::{batch, hppc, plot};
 
-use crate::{
-    config::Cell, files, operator::progress::Waiting, safety::failure::Failure,
-    support::terminal::say,
-};
+use bench_core::{operator::progress::Waiting, safety::failure::Failure};
+use bench_evaluate::files;
+use bench_plan::{config::Cell, support::terminal::say};
 use read::{Known, Read};
 
 pub use args::HppcArgs;

@@ -14,13 +14,15 @@ use instruments::{
 };
 use serde::Serialize;
 
-use crate::{
+use bench_core::{
     bench::survey::{AnyInstrument, InstrumentReport, KnownDialect},
     bench::{Bench, BenchError, Connections},
-    config::{self, load_any_bench},
-    doctor,
     safety::failure::Failure,
     sim::Simulation,
+};
+use bench_evaluate::doctor;
+use bench_plan::{
+    config::{self, load_any_bench},
     support::terminal::say,
 };
 

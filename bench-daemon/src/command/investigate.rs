@@ -3,19 +3,20 @@
 
 use crate::command::printed::say_json;
 use crate::command::units;
-use crate::config::quantity::Charge;
+use bench_plan::config::quantity::Charge;
 use std::{io::BufRead, path::PathBuf};
 
 use analysis::diagnosis::report;
 
-use crate::{
-    config::load_experiment,
+use bench_core::{operator::Operator, safety::failure::Failure};
+use bench_evaluate::{
     files,
     investigate::closed_loop::{
         Budget, End, Investigation, Means, investigate as play, not_played_text,
     },
-    operator::Operator,
-    safety::failure::Failure,
+};
+use bench_plan::{
+    config::load_experiment,
     support::terminal::{remark, say},
 };
 

@@ -1,16 +1,12 @@
 //! `eis-bench joint`: the extended Randles model from spectra and pulses together.
 
+use crate::command::ocv;
 use crate::command::printed::say_json;
 use crate::command::units;
-use crate::config::quantity::{Resistance, Voltage};
-use crate::{
-    command::ocv,
-    files,
-    operator::progress::Waiting,
-    safety::failure::Failure,
-    support::present::significant,
-    support::terminal::{remark, say},
-};
+use bench_core::{operator::progress::Waiting, safety::failure::Failure};
+use bench_evaluate::{files, support::present::significant};
+use bench_plan::config::quantity::{Resistance, Voltage};
+use bench_plan::support::terminal::{remark, say};
 use std::path::{Path, PathBuf};
 
 use analysis::{

@@ -3,15 +3,14 @@
 
 mod records;
 
-use crate::{
-    command::batch::{Batch, Choice, Plots, TableArgs, work_on_spectra},
+use crate::command::batch::{Batch, Choice, Plots, TableArgs, work_on_spectra};
+use bench_core::{operator::progress::Waiting, safety::failure::Failure};
+use bench_evaluate::{
     figures::validity::plots,
     files,
-    operator::progress::Waiting,
-    safety::failure::Failure,
     support::present::{refused_in_words, significant},
-    support::terminal::{remark, say},
 };
+use bench_plan::support::terminal::{remark, say};
 use std::path::{Path, PathBuf};
 
 use analysis::{

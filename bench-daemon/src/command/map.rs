@@ -2,14 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::{
-    command::{printed::say_json, units},
-    config::quantity::Temperature,
-    files::{self, AMBIENT_DEGC},
-    operator::progress::Waiting,
-    safety::failure::Failure,
-    support::terminal::{remark, say},
-};
+use crate::command::{printed::say_json, units};
 use analysis::{
     formats::{CurrentSign, SeriesOptions, read_record},
     given::{GivenModel, PlainModel},
@@ -17,6 +10,12 @@ use analysis::{
     ocv::OcvCurve,
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
     series::Role,
+};
+use bench_core::{operator::progress::Waiting, safety::failure::Failure};
+use bench_evaluate::files::{self, AMBIENT_DEGC};
+use bench_plan::{
+    config::quantity::Temperature,
+    support::terminal::{remark, say},
 };
 
 const HELP: &str = "\

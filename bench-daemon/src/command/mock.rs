@@ -8,14 +8,16 @@ use std::path::Path;
 use instruments::clock::{Clock, TimeMode};
 
 use self::record::serve_record;
-use crate::{
-    config::{Source, load_bench},
-    run::StopSignals,
+pub use args::MockArgs;
+use bench_core::{
     safety::failure::Failure,
     sim::{Served, SimError, Simulation},
+};
+use bench_evaluate::run::StopSignals;
+use bench_plan::{
+    config::{Source, load_bench},
     support::terminal::say,
 };
-pub use args::MockArgs;
 
 /// Serves the simulated instruments of a bench until it is stopped.
 ///

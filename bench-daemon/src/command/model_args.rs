@@ -5,10 +5,9 @@ use std::path::{Path, PathBuf};
 
 use analysis::given::GivenModel;
 
-use crate::{
-    config::erm_text, files, investigate::dataset::NamedFile, safety::failure::Failure,
-    support::quoted::quoted,
-};
+use bench_core::safety::failure::Failure;
+use bench_evaluate::{files, investigate::dataset::NamedFile};
+use bench_plan::{config::erm_text, support::quoted::quoted};
 
 /// Name of a model that was typed.
 pub(super) const TYPED: &str = "typed";

@@ -2,12 +2,14 @@
 
 use crate::command::printed::say_json;
 use crate::command::units;
-use crate::config::quantity::{Resistance, Voltage};
-use crate::{
-    config::quantity::{Duration, Quantity},
+use bench_core::safety::failure::Failure;
+use bench_evaluate::{
     figures::ocv::{picture, write},
     files,
-    safety::failure::Failure,
+};
+use bench_plan::config::quantity::{Resistance, Voltage};
+use bench_plan::{
+    config::quantity::{Duration, Quantity},
     support::terminal::{remark, say},
 };
 use std::path::{Path, PathBuf};

@@ -2,7 +2,7 @@
 //! commands that fit.
 
 use crate::command::units;
-use crate::config::quantity::Voltage;
+use bench_plan::config::quantity::Voltage;
 use std::path::PathBuf;
 
 use analysis::{
@@ -10,7 +10,8 @@ use analysis::{
     ocv::{REST_SIGMA_V, SLOPE_SHARE},
 };
 
-use crate::{files, safety::failure::Failure, support::present::significant};
+use bench_core::safety::failure::Failure;
+use bench_evaluate::{files, support::present::significant};
 
 /// Arguments that define the slope.
 #[derive(Debug, clap::Args)]

@@ -5,13 +5,15 @@ use std::{collections::BTreeMap, path::PathBuf, time::Duration};
 use clap::Args;
 use instruments::{chiller::Chiller, clock::Clock, transport::MemoryHub};
 
-use crate::{
+use crate::command::printed::say_json;
+use bench_core::{
     bench::outputs::{OutputReading, OutputsState},
     bench::{Bench, Connections, state_readback},
-    command::printed::say_json,
-    config::{self, load_any_bench},
     safety::failure::Failure,
     safety::state::State,
+};
+use bench_plan::{
+    config::{self, load_any_bench},
     support::terminal::say,
 };
 

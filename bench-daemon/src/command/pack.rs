@@ -3,7 +3,7 @@
 use clap::{Args, Subcommand};
 
 use super::{pack_simulate, pack_size};
-use crate::safety::failure::Failure;
+use bench_core::safety::failure::Failure;
 
 /// Arguments of `pack`.
 #[derive(Debug, Args)]

@@ -22,8 +22,10 @@ use analysis::{
 use serde::Serialize;
 
 use super::profile_args::taken;
-use crate::{files, safety::failure::Failure, support::terminal::say};
 pub use args::PackSimulateArgs;
+use bench_core::safety::failure::Failure;
+use bench_evaluate::files;
+use bench_plan::support::terminal::say;
 use cells::cell;
 
 /// Report that `--json` prints.

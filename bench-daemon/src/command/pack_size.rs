@@ -2,8 +2,10 @@
 
 use super::model_args::{self, ModelArgs};
 use crate::command::units;
-use crate::config::quantity::{Duration, Power, Resistance, Voltage};
-use crate::{files, safety::failure::Failure, support::terminal::say};
+use bench_core::safety::failure::Failure;
+use bench_evaluate::files;
+use bench_plan::config::quantity::{Duration, Power, Resistance, Voltage};
+use bench_plan::support::terminal::say;
 use std::path::{Path, PathBuf};
 
 use analysis::{

@@ -9,14 +9,16 @@ use instruments::{
     load, supply, supply4q,
 };
 
-use crate::{
+use bench_core::{
+    safety::failure::Failure,
+    watch::{Pace, unwatched},
+};
+use bench_plan::{
     config::{Experiment, Instrument, Instruments, Jig, load_experiment},
     interlock::Limits,
     plan::{Flow, Leg, Plan, Step, Through},
     procedure,
-    safety::failure::Failure,
     support::terminal::{remark, say},
-    watch::{Pace, unwatched},
 };
 
 /// Arguments of `plan`.
@@ -216,7 +218,7 @@ fn one_way(instruments: &Instruments) -> Option<String> {
 
 /// Describes a plan.
 fn told(experiment: &Experiment, plan: &Plan) -> Told {
-    let stage = |stage: &crate::plan::Stage| ToldStage {
+    let stage = |stage: &bench_plan::plan::Stage| ToldStage {
         purpose: stage.purpose.to_string(),
         steps: stage
             .steps

@@ -2,7 +2,8 @@
 
 use serde::Serialize;
 
-use crate::{safety::failure::Failure, support::terminal::say};
+use bench_core::safety::failure::Failure;
+use bench_plan::support::terminal::say;
 
 /// Prints a value as JSON, for `--json`.
 ///

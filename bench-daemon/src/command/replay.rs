@@ -23,14 +23,15 @@ use analysis::{
 use clap::Args;
 use instruments::clock::{Clock, TimeMode};
 
-use crate::{
-    record::RecordError,
+use bench_core::{record::RecordError, safety::failure::Failure};
+use bench_evaluate::{
     run::Recorded,
-    safety::failure::Failure,
-    support::compare::{Difference, compare},
-    support::present::significant,
-    support::terminal::say,
+    support::{
+        compare::{Difference, compare},
+        present::significant,
+    },
 };
+use bench_plan::support::terminal::say;
 
 /// Changed points that are listed for each spectrum.
 const TOLD: usize = 12;
@@ -192,14 +193,14 @@ pub fn rates(folder: &Path) -> Result<Vec<String>, Failure> {
         Ok(())
     };
     let on_all = |work: &(dyn Fn(&PathBuf) -> Result<(), Failure> + Sync)| {
-        crate::run::on_all_cores(&files, work).map(drop)
+        bench_evaluate::run::on_all_cores(&files, work).map(drop)
     };
     timed("reading the files (from the cache)", &|| {
         on_all(&|file| fs::read(file).map(drop).map_err(Failure::from))
     })?;
     timed("SHA-256 of the files", &|| {
         on_all(&|file| {
-            crate::support::hash::sha256_of(file)
+            bench_plan::support::hash::sha256_of(file)
                 .map(drop)
                 .map_err(Failure::from)
         })

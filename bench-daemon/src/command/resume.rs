@@ -17,17 +17,16 @@ use analysis::{
 };
 use instruments::{clock::TimeMode, transport::Address};
 
-use crate::{
-    command::{diagnose, run::run_experiment},
-    config::Experiment,
+use crate::command::{diagnose, run::run_experiment};
+use bench_core::{
     journal::{self, Entry, Line},
     operator::run_control::RunControl,
     record::RecordError,
-    run::{Accepted, ResumeContext, Session},
     safety::bench_lease,
     safety::failure::Failure,
-    support::terminal::say,
 };
+use bench_evaluate::run::{Accepted, ResumeContext, Session};
+use bench_plan::{config::Experiment, support::terminal::say};
 
 /// Arguments of `resume`.
 #[derive(Debug, clap::Args)]

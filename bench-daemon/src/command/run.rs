@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 
 use analysis::run_folder::{INDEX, MODEL, REPORT};
 
-use crate::{
-    command::diagnose,
+use crate::command::diagnose;
+use bench_core::safety::failure::Failure;
+use bench_evaluate::run::{Finished, Session};
+use bench_plan::{
     config::{Experiment, load_experiment},
-    run::{Finished, Session},
-    safety::failure::Failure,
     support::terminal::say,
 };
 

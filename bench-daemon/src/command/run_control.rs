@@ -5,17 +5,15 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::{
-    config,
+use bench_core::{
     journal::replay::JournalReplay,
     journal::{self, Entry, Line},
     operator::run_control::{self, RunAction, RunControl, RunStatus},
-    procedure,
-    run::begun_experiment,
     safety::failure::{Failure, pasted},
     safety::state::{Holder, State, is_stopped},
-    support::terminal::say,
 };
+use bench_evaluate::run::begun_experiment;
+use bench_plan::{config, procedure, support::terminal::say};
 
 /// Arguments of `pause`, `go-on` and `abort`.
 #[derive(Debug, Args)]

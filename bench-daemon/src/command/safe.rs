@@ -16,13 +16,15 @@ use nix::{
     unistd::Pid,
 };
 
-use crate::{
+use bench_core::{
     bench::{Bench, Connections, SafeReport},
-    config::{self, load_any_bench},
     safety::bench_lease::settle_verified,
     safety::failure::Failure,
     safety::guardian::last_cell_degc,
     safety::state::{Holder, Latched, State},
+};
+use bench_plan::{
+    config::{self, load_any_bench},
     support::terminal::{remark, say},
 };
 

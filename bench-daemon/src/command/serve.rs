@@ -4,10 +4,8 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::{
-    safety::failure::Failure,
-    serve::{self, settings::Settings},
-};
+use bench_core::safety::failure::Failure;
+use bench_serve::settings::Settings;
 
 /// Arguments of `serve`.
 #[derive(Debug, Args)]
@@ -21,5 +19,5 @@ pub struct ServeArgs {
 /// # Errors
 /// A mistake in the file; an address, a certificate or a data folder that cannot be used.
 pub fn serve(args: &ServeArgs) -> Result<(), Failure> {
-    serve::serve(Settings::load(&args.config)?)
+    bench_serve::serve(Settings::load(&args.config)?)
 }

@@ -6,7 +6,9 @@ use std::{io, path::PathBuf};
 use clap::{Args, Command};
 use clap_complete::{Shell, generate};
 
-use crate::{files, safety::failure::Failure, support::terminal::say};
+use bench_core::safety::failure::Failure;
+use bench_evaluate::files;
+use bench_plan::support::terminal::say;
 
 /// Arguments of `completions`.
 #[derive(Debug, Args)]

@@ -5,13 +5,10 @@ mod figure;
 mod input;
 mod table;
 
-use crate::{
-    command::profile_args::taken,
-    files,
-    safety::failure::Failure,
-    support::present::one_or_list,
-    support::terminal::{remark, say},
-};
+use crate::command::profile_args::taken;
+use bench_core::safety::failure::Failure;
+use bench_evaluate::{files, support::present::one_or_list};
+use bench_plan::support::terminal::{remark, say};
 use std::path::{Path, PathBuf};
 
 use analysis::{

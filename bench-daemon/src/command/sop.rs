@@ -1,7 +1,7 @@
 //! `eis-bench sop`: the most power that can be held, over duration and state of charge.
 
 use crate::command::units;
-use crate::config::quantity::{Current, Resistance, Temperature, Voltage};
+use bench_plan::config::quantity::{Current, Resistance, Temperature, Voltage};
 use std::path::{Path, PathBuf};
 
 use analysis::{
@@ -16,11 +16,9 @@ use clap::Args;
 use serde::Serialize;
 
 use super::model_args::{self, ModelArgs};
-use crate::{
-    files::{self, AMBIENT_DEGC},
-    safety::failure::Failure,
-    support::terminal::say,
-};
+use bench_core::safety::failure::Failure;
+use bench_evaluate::files::{self, AMBIENT_DEGC};
+use bench_plan::support::terminal::say;
 
 const HELP: &str = "\
 State of power: the most constant power that the pack bears for a time, from rest, such that every \

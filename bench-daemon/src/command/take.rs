@@ -15,22 +15,22 @@ use std::{
 use analysis::dataset::write_private;
 use clap::Args;
 
-use crate::{
+use bench_core::safety::{
+    failure::Failure,
+    guardian::GuardianError,
+    state::{Lock, State},
+};
+use bench_plan::{
     config,
-    safety::{
-        failure::Failure,
-        guardian::GuardianError,
-        state::{Lock, State},
-    },
-    serve::{
-        draft::{self, KeyChange},
-        settings::Settings,
-        shelf::{self, FileKind, ShelfError, Taking, Version},
-    },
     support::{
         account::who,
         terminal::{remark, say},
     },
+};
+use bench_serve::{
+    draft::{self, KeyChange},
+    settings::Settings,
+    shelf::{self, FileKind, Taking, Version},
 };
 
 /// Arguments of `config take`.
@@ -54,12 +54,6 @@ struct Proposal {
     version: Version,
     text: String,
     in_force: String,
-}
-
-impl From<ShelfError> for Failure {
-    fn from(error: ShelfError) -> Self {
-        Self::Usage(error.to_string())
-    }
 }
 
 /// Shows which keys change, and writes the file of the bench after a confirmation.

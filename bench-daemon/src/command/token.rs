@@ -1,20 +1,18 @@
 //! `eis-bench token`: makes, lists and revokes the tokens of a server.
 
-use crate::config::quantity::Duration;
+use bench_plan::config::quantity::Duration;
 use std::{net::SocketAddr, path::PathBuf};
 
 use clap::{Args, Subcommand};
 use instruments::clock;
 use serde_json::json;
 
-use crate::{
-    command::units,
-    safety::failure::Failure,
-    serve::{
-        settings::Settings,
-        token::{Scope, Token, TokenError, Tokens},
-    },
-    support::terminal::{remark, say},
+use crate::command::units;
+use bench_core::safety::failure::Failure;
+use bench_plan::support::terminal::{remark, say};
+use bench_serve::{
+    settings::Settings,
+    token::{Scope, Token, Tokens},
 };
 
 /// Seconds of a day.
@@ -70,12 +68,6 @@ fn validity(text: &str) -> Result<Validity, String> {
     match units::of::<Duration>(text) {
         Ok(valid_s) if valid_s > 0.0 => Ok(Validity(Some(valid_s))),
         _ => Err("expected a duration above 0 s, such as \"90 d\", or `never`".to_owned()),
-    }
-}
-
-impl From<TokenError> for Failure {
-    fn from(error: TokenError) -> Self {
-        Self::Usage(error.to_string())
     }
 }
 

@@ -1,7 +1,7 @@
 //! Quantities on the command line: a number in the unit that the flag names, or a number with its
 //! unit, as in files.
 
-use crate::config::quantity::{Dimension, Quantity};
+use bench_plan::config::quantity::{Dimension, Quantity};
 
 /// Parses a number in the first unit of its dimension, or with any of its units. Returns it in
 /// that first unit, after which flags are named.
@@ -22,7 +22,7 @@ pub fn of<D: Dimension>(text: &str) -> Result<f64, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::quantity::{
+    use bench_plan::config::quantity::{
         Charge, Current, Duration, Power, Resistance, Temperature, Voltage,
     };
 

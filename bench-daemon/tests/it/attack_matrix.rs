@@ -59,8 +59,8 @@ fn the_experiments_of_the_matrix_are_plans() {
     for window in Window::ALL {
         let folder = window.job().files();
         let path = folder.path().join("experiments/attack.toml");
-        let experiment = bench_daemon::config::load_experiment(&path, None).unwrap();
-        let plan = bench_daemon::procedure::plan(&experiment);
+        let experiment = bench_plan::config::load_experiment(&path, None).unwrap();
+        let plan = bench_plan::procedure::plan(&experiment);
         assert_eq!(plan.stages.len(), window.job().stages(), "{window:?}");
         plan.check(&experiment.cell.limits).unwrap();
     }

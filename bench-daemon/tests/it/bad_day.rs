@@ -7,7 +7,8 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use bench_daemon::{config::Experiment, run::Session};
+use bench_evaluate::run::Session;
+use bench_plan::config::Experiment;
 use fixtures::witness::AbuseKind;
 use instruments::mock::{Fault, Happened, Schedule};
 

@@ -9,7 +9,7 @@ use std::{
     time::Duration,
 };
 
-use bench_daemon::run::Session;
+use bench_evaluate::run::Session;
 
 use crate::{
     guardian::{on_bench, report, state},

@@ -1,7 +1,8 @@
 //! Instruments of other manufacturers in the same roles: the same experiment gives the same
 //! impedances.
 
-use bench_daemon::{command::run::run_experiment, config::load_experiment};
+use bench_daemon::command::run::run_experiment;
+use bench_plan::config::load_experiment;
 
 use crate::{
     configuration::configs,

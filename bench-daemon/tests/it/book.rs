@@ -739,7 +739,7 @@ fn no_example_names_the_address_of_somebody() {
         "docs",
         "configs",
         "packaging",
-        "bench-daemon/src/serve/page",
+        "bench-daemon/serve/src/page",
         "bench-daemon/tests",
         "python/README.md",
         "python/lib",

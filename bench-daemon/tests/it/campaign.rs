@@ -4,7 +4,8 @@
 use std::fs;
 
 use analysis::{dataset::RunIndex, ocv::OcvCurve, spectrum::Spectrum};
-use bench_daemon::{command::run::run_experiment, plan::Purpose, procedure};
+use bench_daemon::command::run::run_experiment;
+use bench_plan::{plan::Purpose, procedure};
 
 use crate::{
     resume::resume,

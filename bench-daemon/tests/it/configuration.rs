@@ -3,7 +3,7 @@
 
 use std::path::{Path, PathBuf};
 
-use bench_daemon::{config::load_experiment, procedure};
+use bench_plan::{config::load_experiment, procedure};
 
 pub(crate) fn configs() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs")
@@ -483,7 +483,7 @@ fn quirks_are_checked_against_what_the_model_has_and_a_logger_against_its_inputs
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("bench.toml");
         std::fs::write(&path, format!("{second}\n{more}\n")).unwrap();
-        let met = bench_daemon::config::load_bench(&path)
+        let met = bench_plan::config::load_bench(&path)
             .unwrap_err()
             .to_string();
         assert!(met.contains(message), "{met}");
@@ -495,7 +495,7 @@ fn quirks_are_checked_against_what_the_model_has_and_a_logger_against_its_inputs
         second.replace("cell_channel = 1", "cell_channel = 1\nambient_channel = 2"),
     )
     .unwrap();
-    let met = bench_daemon::config::load_bench(&path)
+    let met = bench_plan::config::load_bench(&path)
         .unwrap_err()
         .to_string();
     assert!(

@@ -14,7 +14,7 @@ use std::{
 };
 
 use analysis::{dataset::read_spectrum_csv, spectrum::ImpedancePoint};
-use bench_daemon::journal::Entry;
+use bench_core::journal::Entry;
 
 use crate::{
     guardian::{amps, state},
@@ -265,7 +265,7 @@ fn assert_charge_is_known(run: &Path, drill: &str) {
     );
     assert!(traces.iter().all(|file| run.join(file).exists()), "{drill}");
     let (mut moved, mut played) = (false, BTreeMap::new());
-    for line in bench_daemon::journal::read(run).unwrap().lines {
+    for line in bench_core::journal::read(run).unwrap().lines {
         match line.entry {
             Entry::Intent { text, .. } if text.starts_with("trace pulse") => {
                 assert!(

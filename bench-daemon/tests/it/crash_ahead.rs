@@ -8,7 +8,7 @@
 use std::{fs, path::Path};
 
 use analysis::spectrum::ImpedancePoint;
-use bench_daemon::journal::{self, Entry, Line};
+use bench_core::journal::{self, Entry, Line};
 use instruments::transcript::{Direction, Payload, Record};
 
 use crate::{

@@ -7,7 +7,7 @@ use std::{
 };
 
 use analysis::diagnosis::{DataSet, Role, RunData, Start};
-use bench_daemon::investigate::dataset::read_dataset;
+use bench_evaluate::investigate::dataset::read_dataset;
 use serde_json::Value;
 
 fn project(path: &str) -> PathBuf {

@@ -13,7 +13,9 @@ use analysis::{
     fit::ModelFile,
     spectrum::ImpedancePoint,
 };
-use bench_daemon::{command::run::run_experiment, config::load_experiment, run::Finished};
+use bench_daemon::command::run::run_experiment;
+use bench_evaluate::run::Finished;
+use bench_plan::config::load_experiment;
 use fixtures::SimulatedBench;
 use instruments::transcript::Direction;
 

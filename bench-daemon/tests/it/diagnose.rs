@@ -10,7 +10,7 @@ use analysis::{
     formats::read_spectra,
     ocv::OcvCurve,
 };
-use bench_daemon::investigate::dataset::read_dataset;
+use bench_evaluate::investigate::dataset::read_dataset;
 use study::hidden::{Case, Corruption, Spec};
 
 fn eis_bench(args: &[&Path]) -> Output {

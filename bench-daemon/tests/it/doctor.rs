@@ -3,7 +3,7 @@
 
 use std::{fs, path::Path};
 
-use bench_daemon::safety::state::{Latched, State};
+use bench_core::safety::state::{Latched, State};
 
 use crate::support::{BENCH, Ended, Files, Ports, SCENARIO, json, program};
 
@@ -406,7 +406,7 @@ fn the_lease_is_proven_on_ports_and_a_run_asks_for_the_report() {
 fn a_latched_bench_is_not_connected_to_and_the_report_before_stands() {
     let files = Files::demo();
     let ports = Ports::serve(&files, 4.0, 1);
-    let (config, _) = bench_daemon::config::load_bench(&files.path(BENCH)).unwrap();
+    let (config, _) = bench_plan::config::load_bench(&files.path(BENCH)).unwrap();
     let state = State::of(&config).unwrap().unwrap();
     let kept = crate::guardian::state(&files, "doctor.json");
     fs::write(&kept, "the report before").unwrap();

@@ -90,7 +90,7 @@ fn nothing_but_questions_goes_to_any_instrument() {
 fn an_address_alone_is_enough_and_one_that_is_silent_does_not_hide_the_others() {
     let files = Files::demo();
     let _ports = Ports::serve(&files, 1.0, 1);
-    let (bench, _) = bench_daemon::config::load_bench(&files.path(BENCH)).unwrap();
+    let (bench, _) = bench_plan::config::load_bench(&files.path(BENCH)).unwrap();
     let address = |role: &str| {
         bench
             .instruments
@@ -222,8 +222,8 @@ fn nobody_is_asked_on_a_bench_that_somebody_runs() {
     let files = Files::demo();
     let _ports = Ports::serve(&files, 1.0, 1);
     let recorder = Recorder::before(&files, "scope");
-    let (config, _) = bench_daemon::config::load_bench(&files.path(BENCH)).unwrap();
-    let state = bench_daemon::safety::state::State::of(&config)
+    let (config, _) = bench_plan::config::load_bench(&files.path(BENCH)).unwrap();
+    let state = bench_core::safety::state::State::of(&config)
         .unwrap()
         .unwrap();
     let run = files.path("run");

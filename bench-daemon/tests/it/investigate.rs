@@ -12,10 +12,8 @@ use analysis::{
     diagnosis::{Diagnosis, Verdict},
     effects,
 };
-use bench_daemon::{
-    config::load_experiment,
-    investigate::closed_loop::{Budget, End, Investigation, Means, investigate},
-};
+use bench_evaluate::investigate::closed_loop::{Budget, End, Investigation, Means, investigate};
+use bench_plan::config::load_experiment;
 
 /// Hidden effect: a seed, the lines for the scenario, and the names of the effect; no names if
 /// nothing is hidden.

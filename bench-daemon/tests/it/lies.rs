@@ -1,7 +1,7 @@
 //! Instruments that report wrong values: in every case no more current flows than the step
 //! requests, the run ends soon, and the last message is correct.
 
-use bench_daemon::run::Session;
+use bench_evaluate::run::Session;
 use fixtures::Witness;
 use num_complex::Complex64;
 

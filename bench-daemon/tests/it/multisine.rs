@@ -4,7 +4,8 @@
 use std::fs;
 
 use analysis::{multisine::odd_grid, spectrum::Spectrum};
-use bench_daemon::{command::run::run_experiment, run::Finished};
+use bench_daemon::command::run::run_experiment;
+use bench_evaluate::run::Finished;
 use instruments::fixture::Fixture;
 
 use crate::support::{BENCH, EXPERIMENT, Files, SCENARIO};
@@ -205,7 +206,7 @@ fn it_reports_the_distortion_of_butler_and_volmer_and_none_of_a_linear_cell() {
 fn what_the_bench_cannot_play_or_hold_is_refused_in_words() {
     let refused = |from: &str, to: &str| {
         let files = one_branch("").edit(EXPERIMENT, from, to);
-        bench_daemon::config::load_experiment(&files.experiment(), None)
+        bench_plan::config::load_experiment(&files.experiment(), None)
             .unwrap_err()
             .to_string()
     };
@@ -410,7 +411,7 @@ fn errors_are_as_large_as_they_are_stated_where_images_fell_onto_lines() {
     let path = crate::configuration::configs().join("experiments/multisine.toml");
     let mut squares = Vec::new();
     for seed in COVERED {
-        let mut experiment = bench_daemon::config::load_experiment(&path, None).unwrap();
+        let mut experiment = bench_plan::config::load_experiment(&path, None).unwrap();
         experiment.seed = seed;
         (experiment.temperature, experiment.soc_reset) = (None, None);
         experiment.multisine.as_mut().unwrap().bands.remove(0);

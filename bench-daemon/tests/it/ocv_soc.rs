@@ -1,11 +1,9 @@
 //! The open-circuit voltage over the state of charge on the simulated bench, against its truth.
 
 use analysis::{dataset::read_legs_csv, ocv::OcvCurve};
-use bench_daemon::{
-    command::run::run_experiment,
-    config::{Experiment, load_experiment},
-    run::Finished,
-};
+use bench_daemon::command::run::run_experiment;
+use bench_evaluate::run::Finished;
+use bench_plan::config::{Experiment, load_experiment};
 
 use crate::support::{EXPERIMENT, Files, Ports, json, poll, program};
 

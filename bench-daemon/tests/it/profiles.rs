@@ -8,7 +8,9 @@ use analysis::{
     formats::{ReadOptions, read_profile},
     forward::{Demand, Interpolation},
 };
-use bench_daemon::{command::run::run_experiment, config::load_experiment, run::Finished};
+use bench_daemon::command::run::run_experiment;
+use bench_evaluate::run::Finished;
+use bench_plan::config::load_experiment;
 
 use instruments::mock::plant::{Action, LoadState, Plant, SupplyState};
 

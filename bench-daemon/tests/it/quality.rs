@@ -4,7 +4,8 @@
 use std::fs;
 
 use analysis::dataset::RunIndex;
-use bench_daemon::{command::run::run_experiment, run::Finished};
+use bench_daemon::command::run::run_experiment;
+use bench_evaluate::run::Finished;
 
 use crate::support::{BENCH, EXPERIMENT, Files, SCENARIO, program};
 
@@ -439,7 +440,7 @@ fn refused_points_of_repeats_of_one_name_are_told_apart_and_a_replay_ends_with_t
         files.text("again/spectrum.csv"),
         files.text("run/spectrum.csv")
     );
-    let loaded = bench_daemon::investigate::dataset::read_dataset(&files.path("run")).unwrap();
+    let loaded = bench_evaluate::investigate::dataset::read_dataset(&files.path("run")).unwrap();
     assert_eq!(loaded.refused.len(), count, "{:?}", loaded.notes);
     assert!(
         loaded.refused.iter().all(|point| !point.fitted)
@@ -448,7 +449,7 @@ fn refused_points_of_repeats_of_one_name_are_told_apart_and_a_replay_ends_with_t
                 .iter()
                 .any(|note| note.contains("the quality gate refused them"))
     );
-    let points = |loaded: &bench_daemon::investigate::dataset::Loaded| -> Vec<usize> {
+    let points = |loaded: &bench_evaluate::investigate::dataset::Loaded| -> Vec<usize> {
         let of = |run: &analysis::diagnosis::Run| {
             if let analysis::diagnosis::RunData::Eis(sweep) = &run.data {
                 sweep.points.len()
@@ -464,11 +465,12 @@ fn refused_points_of_repeats_of_one_name_are_told_apart_and_a_replay_ends_with_t
         left.len() == 3 && left[0] < 6 && left.iter().all(|points| *points == left[0]),
         "{left:?}"
     );
-    let reading = bench_daemon::investigate::dataset::Reading {
+    let reading = bench_evaluate::investigate::dataset::Reading {
         refused_points: true,
         ..Default::default()
     };
-    let wanted = bench_daemon::investigate::dataset::read_as(&files.path("run"), reading).unwrap();
+    let wanted =
+        bench_evaluate::investigate::dataset::read_as(&files.path("run"), reading).unwrap();
     assert_eq!(points(&wanted), [6, 6, 6]);
 }
 

@@ -6,7 +6,7 @@ use std::{
 };
 
 use analysis::dataset;
-use bench_daemon::support::sums;
+use bench_plan::support::sums;
 
 use crate::support::{Files, files_below, program};
 

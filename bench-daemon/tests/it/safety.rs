@@ -2,7 +2,7 @@
 //! detects ends in a trip, and the cell's stress log shows no harm. With that one interlock
 //! widened or disabled, the same fault harms the cell.
 
-use bench_daemon::run::Session;
+use bench_evaluate::run::Session;
 use fixtures::{Witness, witness::AbuseKind};
 
 use crate::support::{CELL, EXPERIMENT, Files, SCENARIO};

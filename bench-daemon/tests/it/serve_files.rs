@@ -7,10 +7,8 @@ use std::{
     path::Path,
 };
 
-use bench_daemon::{
-    config::load_bench,
-    safety::state::{Latched, State},
-};
+use bench_core::safety::state::{Latched, State};
+use bench_plan::config::load_bench;
 use serde_json::{Value, json};
 
 use crate::{

@@ -10,7 +10,7 @@ use std::{
     time::Duration,
 };
 
-use bench_daemon::journal::{Entry, read};
+use bench_core::journal::{Entry, read};
 use instruments::clock::unix_time_s;
 
 use crate::{

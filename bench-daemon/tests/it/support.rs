@@ -13,10 +13,8 @@ use std::{
 };
 
 use analysis::spectrum::ImpedancePoint;
-use bench_daemon::{
-    config::{Experiment, load_bench, load_experiment},
-    sim::Simulation,
-};
+use bench_core::sim::Simulation;
+use bench_plan::config::{Experiment, load_bench, load_experiment};
 use fixtures::SimulatedBench;
 use instruments::{
     clock::{Clock, TimeMode},

@@ -4,7 +4,8 @@
 use std::fs;
 
 use analysis::dataset::RunIndex;
-use bench_daemon::{command::run::run_experiment, run::Finished};
+use bench_daemon::command::run::run_experiment;
+use bench_evaluate::run::Finished;
 use instruments::transcript::{Direction, Payload, Record};
 
 use crate::support::{EXPERIMENT, Files, SCENARIO, json, transcript};
@@ -190,7 +191,7 @@ fn the_bench_is_not_looked_at_beyond_what_its_supply_follows() {
         "corrected_tolerance = \"1 %\"",
         "corrected_tolerance = \"1 %\"\nbeyond = [\"1 kHz\", \"5 kHz\"]",
     );
-    let refused = bench_daemon::config::load_experiment(&files.experiment(), None)
+    let refused = bench_plan::config::load_experiment(&files.experiment(), None)
         .unwrap_err()
         .to_string();
     let text = "fixture_check.beyond: expected at most 3000 Hz, up to which the bipolar supply \

@@ -1,7 +1,7 @@
 //! Thermometers that are frozen from the start, or swapped with that of the air: the run ends with
 //! the cause before the cell is hot. Sound thermometers do not end a run.
 
-use bench_daemon::run::Session;
+use bench_evaluate::run::Session;
 
 use crate::support::{BENCH, EXPERIMENT, Files, SCENARIO};
 

@@ -8,9 +8,9 @@ use analysis::{
     formats::{SeriesOptions, read_series},
     series::Role,
 };
-use bench_daemon::{
-    command::run::run_experiment, config::load_experiment, procedure, safety::failure::Failure,
-};
+use bench_core::safety::failure::Failure;
+use bench_daemon::command::run::run_experiment;
+use bench_plan::{config::load_experiment, procedure};
 
 use crate::support::{BENCH, CELL, EXPERIMENT, Files, SCENARIO, sent};
 

@@ -1,7 +1,8 @@
 //! Benches that measure wrong numbers: no run ends with exit code 0 and a number without a flag,
 //! and the message names the cause. Sound benches are not refused.
 
-use bench_daemon::{command::run::run_experiment, safety::failure::Failure};
+use bench_core::safety::failure::Failure;
+use bench_daemon::command::run::run_experiment;
 
 use crate::support::{BENCH, EXPERIMENT, Files, SCENARIO, program};
 

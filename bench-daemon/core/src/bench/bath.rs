@@ -15,7 +15,7 @@ use super::{
     output::BathLeft,
     roles::fresh,
 };
-use crate::interlock::{BathFault, BathJudge, BathReading};
+use bench_plan::interlock::{BathFault, BathJudge, BathReading};
 
 /// Longest wait for the answers of the bath.
 const ASKED: Duration = Duration::from_secs(5);

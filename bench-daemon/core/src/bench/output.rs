@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::outputs::{OutputReading, OutputState, OutputsState};
-use crate::interlock::NO_CURRENT_A;
+use bench_plan::interlock::NO_CURRENT_A;
 
 /// State of one instrument after switching off.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]

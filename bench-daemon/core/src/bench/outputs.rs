@@ -5,7 +5,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::support::calendar::local_time;
+use bench_plan::support::calendar::local_time;
 
 /// How long a reading counts as current, s. An older reading describes the past: another client or
 /// a person at the panel may have switched an output on since.

@@ -19,7 +19,7 @@ use instruments::{
 };
 
 use super::error::{BenchError, wrap};
-use crate::config;
+use bench_plan::config;
 
 /// Least timeout of a link, as a multiple of its usual answer time.
 const ANSWERS_PER_TIMEOUT: f64 = 3.0;

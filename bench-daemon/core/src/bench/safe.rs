@@ -15,7 +15,7 @@ use super::{
     output::{LEAST_SINE, Output, SafeReport, Unsafe},
     roles::{Instruments, fresh},
 };
-use crate::interlock::{Drive, NO_CURRENT_A};
+use bench_plan::interlock::{Drive, NO_CURRENT_A};
 
 /// Number of retries of the safe state, and the pause before each, s.
 const SAFE_RETRIES: usize = 5;

@@ -8,10 +8,8 @@ use instruments::{clock, exchange::Answer};
 use serde::{Deserialize, Serialize};
 
 use super::outputs::{OutputReading, OutputState};
-use crate::{
-    bench::{Bench, BenchError},
-    interlock::NO_CURRENT_A,
-};
+use crate::bench::{Bench, BenchError};
+use bench_plan::interlock::NO_CURRENT_A;
 
 /// State in which one instrument was found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

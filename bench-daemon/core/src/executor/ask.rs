@@ -7,7 +7,6 @@ use tokio::task::JoinHandle;
 
 use super::{ExecuteError, Executor, Rig, handle_request::PAUSE_POLL_S, require};
 use crate::{
-    interlock::Reading,
     journal::Entry,
     operator::{
         Operator, OperatorError,
@@ -15,6 +14,7 @@ use crate::{
     },
     record::Event,
 };
+use bench_plan::interlock::Reading;
 
 /// Seconds between two checks for the answer and for a stop request.
 const PERSON_POLL_S: f64 = 1.0;

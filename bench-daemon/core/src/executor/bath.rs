@@ -4,7 +4,7 @@
 use instruments::link::LinkError;
 
 use super::{ExecuteError, Rig};
-use crate::interlock::{BathReading, ThermometerReadings};
+use bench_plan::interlock::{BathReading, ThermometerReadings};
 
 /// Greatest difference by which a cell that carries no current for long may be colder than the
 /// bath, because of heat that its mounting conducts, K.

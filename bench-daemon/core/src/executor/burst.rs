@@ -104,7 +104,7 @@ impl Rig<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::interlock::Reading;
+    use bench_plan::interlock::Reading;
 
     #[test]
     fn a_current_behind_the_end_of_a_burst_is_an_error_and_before_it_is_none() {

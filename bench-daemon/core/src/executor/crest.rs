@@ -4,7 +4,7 @@
 use instruments::{fixture::Fixture, scope::Waveform};
 
 use super::{ExecuteError, Executor, Rig, rig::FirstMean, watch::drawn};
-use crate::{
+use bench_plan::{
     interlock::{NO_CURRENT_A, Trip},
     measure::zero::{SINCE_ZERO, allowed_since_zero_a},
 };

@@ -8,7 +8,7 @@ use super::{
     ExecuteError, Rig,
     crest::{difference, mean},
 };
-use crate::interlock::{NO_CURRENT_A, Quantity, Stuck};
+use bench_plan::interlock::{NO_CURRENT_A, Quantity, Stuck};
 
 /// Offset and noise of a DC voltmeter at a cell, V, and its gain error (bench loads and
 /// supplies: 0.05 % and 0.02 % of the range of 36 V, and more for their leads).

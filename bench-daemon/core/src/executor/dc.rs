@@ -14,12 +14,14 @@ use super::{
     watch::{CHARGER_CURRENT, LOAD_CURRENT},
 };
 use crate::{
-    config::LOAD_CUT_OFF_V,
     executor::thermostat::Thermostat,
-    interlock::{Drive, Reading},
     journal::{Note, NoteKind},
-    plan::{CampaignRun, Missed, Stage, Step},
     record::Event,
+};
+use bench_plan::{
+    config::LOAD_CUT_OFF_V,
+    interlock::{Drive, Reading},
+    plan::{CampaignRun, Missed, Stage, Step},
 };
 
 /// Seconds between two readings while nothing flows.

@@ -1,9 +1,8 @@
 //! Errors that end a stage early: from an instrument, the interlock, a file, a person, a bound, or
 //! a bench that does not execute a command.
 
-use crate::{
-    bench::BenchError, interlock::Trip, operator::OperatorError, record::RecordError, watch::Alarm,
-};
+use crate::{bench::BenchError, operator::OperatorError, record::RecordError, watch::Alarm};
+use bench_plan::interlock::Trip;
 
 /// Error that ends a stage early.
 #[derive(Debug, thiserror::Error)]

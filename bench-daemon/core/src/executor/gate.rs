@@ -7,13 +7,13 @@ use analysis_signal::spectrum::{ImpedancePoint, Spectrum};
 use instruments::fixture::Fixture;
 
 use super::{ExecuteError, Executor, Known, SweepState};
-use crate::{
+use crate::record::Event;
+use bench_plan::{
     measure::{
         Spent, SweepPoint,
         quality::{Failing, Quality, severity},
     },
     plan::{Stage, Step, SweepSettings},
-    record::Event,
 };
 
 /// A residual below this number of standard deviations counts as noise.
@@ -261,7 +261,7 @@ mod tests {
             volts_per_div: [1.0; 4],
             free_freq_hz: freq_hz,
             residual_lag1: 0.0,
-            harmonics_and_drift: crate::measure::HarmonicsAndDrift::default(),
+            harmonics_and_drift: bench_plan::measure::HarmonicsAndDrift::default(),
             warnings: Vec::new(),
             time_s: 0.0,
             captures: 1,
@@ -270,7 +270,7 @@ mod tests {
                 time_s,
                 charge_coulomb: 0.5 * time_s,
             },
-            measures: crate::measure::quality::Measures::default(),
+            measures: bench_plan::measure::quality::Measures::default(),
             failing: Vec::new(),
         }
     }

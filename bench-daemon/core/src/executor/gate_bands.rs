@@ -5,13 +5,13 @@
 use instruments::fixture::Fixture;
 
 use super::{ExecuteError, Executor, SweepState};
-use crate::{
+use crate::record::Event;
+use bench_plan::{
     measure::{
         Spent, SweepPoint,
         quality::{Failing, Quality, severity},
     },
     plan::{Band, Stage, Step},
-    record::Event,
 };
 
 impl SweepState {

@@ -7,9 +7,9 @@ use super::{ExecuteError, Executor, Rig};
 use crate::{
     journal::Entry,
     operator::run_control::{RunAction, RunControl},
-    plan::{Purpose, Stage, Step},
     record::Event,
 };
+use bench_plan::plan::{Purpose, Stage, Step};
 
 /// Seconds between two checks while the run waits, on request or for a person.
 pub(super) const PAUSE_POLL_S: f64 = 5.0;

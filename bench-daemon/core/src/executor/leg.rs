@@ -14,7 +14,7 @@ use super::{
     state::Legs,
     watch::LOAD_CURRENT,
 };
-use crate::{
+use bench_plan::{
     config::LOAD_CUT_OFF_V,
     interlock::{Drive, Reading},
     plan::{Flow, Leg},

@@ -18,7 +18,7 @@ use super::{
     trace_rows::Recorded,
     watch::{BELOW_GREATEST_V, LOAD_CURRENT},
 };
-use crate::{
+use bench_plan::{
     interlock::{Drive, Reading},
     plan::{Level, TracePlan},
 };

@@ -17,14 +17,14 @@ use instruments::{
 };
 
 use super::{ExecuteError, Executor, Rig, burst::MOST_LONGER, crest::Drawn, require};
-use crate::{
+use crate::record::{capture_of, code_scale};
+use bench_plan::{
     measure::{
         HarmonicsAndDrift, SweepPoint,
         channels::{ChannelFault, LoopRequest, find_channel_fault},
         quality::Measures,
     },
     plan::{Band, MAX_RANGING},
-    record::{capture_of, code_scale},
 };
 
 /// Time for the scope to fill its screen, s.
@@ -169,7 +169,7 @@ impl Rig<'_> {
             time_s,
             captures,
             rechecked: 0,
-            spent: crate::measure::Spent::default(),
+            spent: bench_plan::measure::Spent::default(),
             measures: measures(k),
             failing: Vec::new(),
         };

@@ -10,7 +10,7 @@ mod sweep_state;
 use instruments::{clock::TimeMode, fixture::Fixture};
 
 use super::{ExecuteError, Executor, POLL_S, Rig};
-use crate::{interlock::Reading, plan::SweepSettings};
+use bench_plan::{interlock::Reading, plan::SweepSettings};
 pub(super) use sweep_state::{NextPoint, StartedPoint, SweepState, Tone};
 
 /// A command that was executed within this time counts from when it was sent, s.

@@ -9,10 +9,8 @@ use instruments::{
 };
 
 use super::{ExecuteError, Executor, Rig, require};
-use crate::{
-    plan::{Depth, Step, fixture_name},
-    record::Event,
-};
+use crate::record::Event;
+use bench_plan::plan::{Depth, Step, fixture_name};
 
 /// Number of readings whose mean is the zero of an ammeter: their noise counts as charge
 /// throughout the sweep.

@@ -8,14 +8,12 @@ use analysis_signal::{
 use instruments::{fixture::Fixture, scope::Waveform};
 
 use super::ExecuteError;
-use crate::{
-    measure::{
-        HARMONICS, HarmonicsAndDrift, SweepPoint,
-        channels::{ChannelFault, ControlPotentials, LoopRequest, find_channel_fault},
-        harmonics_and_drift::fit_harmonics_and_drift,
-        quality::{Failing, measure},
-    },
-    record::code_scale,
+use crate::record::code_scale;
+use bench_plan::measure::{
+    HARMONICS, HarmonicsAndDrift, SweepPoint,
+    channels::{ChannelFault, ControlPotentials, LoopRequest, find_channel_fault},
+    harmonics_and_drift::fit_harmonics_and_drift,
+    quality::{Failing, measure},
 };
 
 /// Least number of periods in a record.
@@ -159,7 +157,7 @@ pub fn analyse(
         time_s: 0.0,
         captures: 1,
         rechecked: 0,
-        spent: crate::measure::Spent::default(),
+        spent: bench_plan::measure::Spent::default(),
         measures,
         failing: Vec::<Failing>::new(),
     })

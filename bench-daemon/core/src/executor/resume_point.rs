@@ -1,9 +1,7 @@
 //! Determines at which step an interrupted stage is resumed.
 
-use crate::{
-    journal::PointDone,
-    plan::{Stage, Step},
-};
+use crate::journal::PointDone;
+use bench_plan::plan::{Stage, Step};
 
 /// Resume point of an interrupted stage; by default its beginning.
 #[derive(Debug, Clone, Default)]
@@ -40,12 +38,9 @@ impl<'a> ResumePoint<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        interlock::Reading,
-        measure::SweepPoint,
-        plan::{Purpose, test_settings},
-    };
+    use crate::test_plan::test_settings;
     use analysis_signal::spectrum::{ChannelPhasors, PhasorVariance};
+    use bench_plan::{interlock::Reading, measure::SweepPoint, plan::Purpose};
     use instruments::{fixture::Fixture, supply4q::Holds};
 
     fn done(step: usize) -> PointDone {
@@ -61,13 +56,13 @@ mod tests {
             volts_per_div: [1.0; 4],
             free_freq_hz: 1.0,
             residual_lag1: 0.0,
-            harmonics_and_drift: crate::measure::HarmonicsAndDrift::default(),
+            harmonics_and_drift: bench_plan::measure::HarmonicsAndDrift::default(),
             warnings: Vec::new(),
             time_s: 0.0,
             captures: 1,
             rechecked: 0,
-            spent: crate::measure::Spent::default(),
-            measures: crate::measure::quality::Measures::default(),
+            spent: bench_plan::measure::Spent::default(),
+            measures: bench_plan::measure::quality::Measures::default(),
             failing: Vec::new(),
         };
         PointDone {

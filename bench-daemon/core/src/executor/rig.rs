@@ -5,12 +5,14 @@ use instruments::clock::Clock;
 use super::{burst::Burst, setup::Setup};
 use crate::{
     bench::{Bench, BenchError},
-    config::Experiment,
     executor::thermostat::Thermostat,
-    interlock::Interlock,
-    measure::{repeated::SeenRecords, zero::Zeros},
     record::Recorder,
     watch::WatchLink,
+};
+use bench_plan::{
+    config::Experiment,
+    interlock::Interlock,
+    measure::{repeated::SeenRecords, zero::Zeros},
 };
 
 /// The instruments of a run, with the state for reading and judging them.

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use crate::{
+use crate::watch::WatchLink;
+use bench_plan::{
     config::{self, Experiment, Jig, Wiring},
     interlock::{Limits, Settings},
     plan::Specimen,
-    watch::WatchLink,
 };
 
 /// Properties of bench and cell. They do not depend on the procedure and are the same for every

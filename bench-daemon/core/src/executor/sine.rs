@@ -17,10 +17,10 @@ use super::{
     require,
     watch::drawn,
 };
-use crate::{
+use crate::record::CaptureFile;
+use bench_plan::{
     measure::SweepPoint,
     plan::{MAX_RANGING, Step, SweepSettings, fixture_name},
-    record::CaptureFile,
 };
 
 /// Greatest relative shortfall of the current amplitude against its command: at the end of its

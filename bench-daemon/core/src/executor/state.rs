@@ -6,11 +6,10 @@ use analysis_files::dataset::LegRow;
 use analysis_signal::{calibration::Correction, multisine::Line};
 use instruments::fixture::Fixture;
 
-use crate::{
+use crate::{operator::Operator, operator::progress::Progress};
+use bench_plan::{
     interlock::Reading,
     measure::channels::ControlPotentials,
-    operator::Operator,
-    operator::progress::Progress,
     plan::{CampaignRun, Log, Specimen},
 };
 

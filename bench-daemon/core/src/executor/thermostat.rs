@@ -5,7 +5,7 @@
 //! too short for a relay accumulate until they are long enough. A pause separates heating from
 //! cooling. An invalid reading switches both off, and a reading that is too old is a fault.
 
-use crate::config::Thermostat as Settings;
+use bench_plan::config::Thermostat as Settings;
 
 /// Least time between two switchings of a relay, s.
 const LEAST_S: f64 = 2.0;

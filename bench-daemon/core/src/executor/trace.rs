@@ -21,10 +21,10 @@ use super::{
     state::Zero,
     trace_rows::{Frames, Recorded, zeros},
 };
-use crate::{
+use crate::record::capture_of;
+use bench_plan::{
     interlock::{self, Reading},
     plan::{Frame, Level, Through, TracePlan},
-    record::capture_of,
 };
 
 /// Number of voltmeter readings whose mean is the voltage at rest.

@@ -7,7 +7,7 @@ use analysis_files::{
 };
 use analysis_signal::calibration::Correction;
 
-use crate::plan::TracePlan;
+use bench_plan::plan::TracePlan;
 
 /// The slowest supply settles within this time, s: eight time constants at 5 kHz.
 pub(super) const SETTLE_S: f64 = 2.5e-4;

@@ -5,7 +5,7 @@ use std::{fmt::Display, future::Future};
 use instruments::clock::Clock;
 use tracing::{Instrument, Span, field::Empty, info_span};
 
-use crate::plan::Step;
+use bench_plan::plan::Step;
 
 /// A span of bench time.
 pub struct Timed {

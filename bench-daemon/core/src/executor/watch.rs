@@ -6,11 +6,10 @@ use std::time::Duration;
 use instruments::{fixture::Fixture, link::LinkError};
 
 use super::{ExecuteError, POLL_S, Rig, require};
-use crate::{
-    executor::thermostat::Action,
+use crate::{executor::thermostat::Action, watch::Envelope};
+use bench_plan::{
     interlock::{Allowance, Drive, Mean, NO_CURRENT_A, Reading, ThermometerReadings, Trip},
     plan::{Flow, Step},
-    watch::Envelope,
 };
 
 /// Standard deviations that random noise does not exceed in a night of readings.

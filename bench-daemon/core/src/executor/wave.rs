@@ -24,7 +24,7 @@ use super::{
     trace::disobeyed,
     trace_rows::{Frames, Recorded, SETTLE_S},
 };
-use crate::{config::AFTER_WAVE_S, plan::TracePlan};
+use bench_plan::{config::AFTER_WAVE_S, plan::TracePlan};
 
 /// Time for the scope to fill its screen, s.
 const FILL_S: f64 = 0.05;

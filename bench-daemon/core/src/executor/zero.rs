@@ -11,7 +11,7 @@ use super::{
     require,
     rig::FirstMean,
 };
-use crate::{
+use bench_plan::{
     measure::{
         repeated::digest_record,
         zero::{ChannelMeans, allowed_since_zero_a},

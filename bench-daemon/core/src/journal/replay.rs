@@ -7,10 +7,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::{
-    journal::{Entry, InstrumentIdentity, Line, Note, PointDone, Started},
-    plan::{AfterCrash, Plan, Purpose, Stage, Step},
-};
+use crate::journal::{Entry, InstrumentIdentity, Line, Note, PointDone, Started};
+use bench_plan::plan::{AfterCrash, Plan, Purpose, Stage, Step};
 
 /// Journal replay of a stage: how far it came.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -246,7 +244,7 @@ pub fn test_started() -> Entry {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::{test_settings, test_trace};
+    use crate::test_plan::{test_settings, test_trace};
     use instruments::{fixture::Fixture, supply4q::Holds};
 
     const DISCHARGE: Step = Step::Discharge {

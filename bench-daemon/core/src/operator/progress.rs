@@ -14,7 +14,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use instruments::fixture::Fixture;
 
-use crate::{
+use bench_plan::{
     plan::{Plan, Step},
     support::terminal::remark,
 };

@@ -19,7 +19,7 @@ use instruments::{
 };
 use serde::{Deserialize, Serialize};
 
-use crate::plan::Specimen;
+use bench_plan::plan::Specimen;
 
 /// Time between two checks for the answer, s of real time: short enough for a person.
 const LOOK_S: f64 = 0.5;

@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use analysis_files::dataset::DatasetError;
 
-use crate::{journal::JournalError, support::quoted::quoted};
+use crate::journal::JournalError;
+use bench_plan::support::quoted::quoted;
 
 /// Error while writing a run folder.
 #[derive(Debug, thiserror::Error)]

@@ -9,7 +9,7 @@ use analysis_files::dataset;
 use serde::Serialize;
 
 use super::error::{RecordError, io};
-use crate::support::crash_point::Drill;
+use bench_plan::support::crash_point::Drill;
 
 /// A run folder, and the crash drill whose points are its files.
 pub(super) struct Folder {

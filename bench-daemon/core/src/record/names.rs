@@ -4,7 +4,7 @@ use analysis_files::dataset::{Capture, CaptureMeta, ChannelMeta};
 use analysis_signal::sine::CodeScale;
 use instruments::{fixture::Fixture, scope::Waveform};
 
-use crate::plan::fixture_name;
+use bench_plan::plan::fixture_name;
 
 /// Greatest number of sweeps that are named individually.
 const MOST_SWEEPS: usize = 3;

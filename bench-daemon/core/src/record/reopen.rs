@@ -25,8 +25,8 @@ use super::{
 use crate::{
     journal::replay::JournalReplay,
     journal::{Journal, PointDone, Read},
-    support::hash,
 };
+use bench_plan::support::hash;
 
 impl Recorder {
     /// Opens the folder of a run that is resumed. Cuts off what follows the last complete row of a

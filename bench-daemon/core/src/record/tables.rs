@@ -18,7 +18,7 @@ use super::{
     error::{RecordError, io},
     folder::Folder,
 };
-use crate::interlock::{Limits, Reading};
+use bench_plan::interlock::{Limits, Reading};
 
 /// The tables, and the readings with all their digits.
 pub(super) struct Tables {
@@ -218,7 +218,8 @@ mod tests {
     use instruments::clock::{Clock, TimeMode};
 
     use super::*;
-    use crate::{interlock::Limits, record::Recorder};
+    use crate::record::Recorder;
+    use bench_plan::interlock::Limits;
 
     const LIMITS: Limits = Limits {
         min_v: 2.5,

@@ -11,14 +11,15 @@ use instruments::clock::Clock;
 
 use crate::{
     bench::SafeReport,
-    config::{self, Experiment},
     executor::ExecuteError,
     operator::progress::Doing,
     safety::failure::Failure,
     safety::guardian::{Charge, GuardianError, Keeper, wait_for_earlier},
     safety::state::{Latched, Lock, OpenFiles, State, StateError},
-    support::hash,
-    support::terminal::remark,
+};
+use bench_plan::{
+    config::{self, Experiment},
+    support::{hash, terminal::remark},
 };
 
 /// Returns an error if the bench is latched or another process runs it. Call this before creating

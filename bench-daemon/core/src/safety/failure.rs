@@ -4,15 +4,16 @@ use std::path::Path;
 
 use crate::{
     bench::{BenchError, Unsafe},
-    config::ConfigError,
     executor::ExecuteError,
-    plan::PlanError,
     record::RecordError,
     safety::guardian::GuardianError,
     safety::state::StateError,
     sim::SimError,
-    support::quoted::quoted,
-    support::sums::SumsError,
+};
+use bench_plan::{
+    config::ConfigError,
+    plan::PlanError,
+    support::{quoted::quoted, sums::SumsError},
 };
 
 /// Returns a path that a person can paste into a shell: without redundant `..` components, and

@@ -35,11 +35,12 @@ pub use keeper::{GuardianError, Keeper, wait_for_earlier};
 
 use crate::{
     bench::{BathOrder, Bench, Connections, Identified, SafeReport},
+    safety::state::{Latched, Lock, State, StateError, pid},
+};
+use bench_plan::{
     config,
     interlock::Trip,
-    safety::state::{Latched, Lock, State, StateError, pid},
-    support::logging,
-    support::terminal::say,
+    support::{logging, terminal::say},
 };
 
 /// Messages that go over the pipes, one per line. To the guardian:

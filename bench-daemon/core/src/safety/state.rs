@@ -32,7 +32,7 @@ use output_place::OutputPlace;
 pub use process::{began, is_stopped, pid};
 pub use registry::{KnownBench, known_benches};
 
-use crate::{config, support::account};
+use bench_plan::{config, support::account};
 use error::io;
 pub use error::{StateError, VARIABLE};
 

@@ -7,7 +7,7 @@ use instruments::{
     transport::{Adapter, Address, SerialSettings, Socket, Vxi11Port},
 };
 
-use crate::mocks::{self, Device};
+use bench_plan::mocks::{self, Device};
 
 /// Transport behind which a mock can be put on a free port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

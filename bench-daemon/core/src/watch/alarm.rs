@@ -1,6 +1,6 @@
 //! Alarms of the watch.
 
-use crate::interlock::Trip;
+use bench_plan::interlock::Trip;
 
 /// An alarm of the watch.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

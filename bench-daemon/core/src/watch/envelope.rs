@@ -1,6 +1,6 @@
 //! The limits that apply at the moment, against which the watch checks every reading.
 
-use crate::interlock::{Allowance, CURRENT_MARGIN, Drive, Drives, NO_CURRENT_A};
+use bench_plan::interlock::{Allowance, CURRENT_MARGIN, Drive, Drives, NO_CURRENT_A};
 
 /// Limits of currents, voltage and temperature.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -166,7 +166,7 @@ pub(super) struct Envelopes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::interlock::Limits;
+    use bench_plan::interlock::Limits;
 
     const CELL: Limits = Limits {
         min_v: 2.5,

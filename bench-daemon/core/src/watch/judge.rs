@@ -4,7 +4,7 @@
 use instruments::instrument::Measured;
 
 use super::envelope::Envelopes;
-use crate::interlock::{Drive, Trip};
+use bench_plan::interlock::{Drive, Trip};
 
 /// Two readings beyond the envelope within this time end the run, s: a slow sinusoid with too
 /// large an amplitude is beyond it only near its crests.
@@ -102,10 +102,8 @@ mod tests {
     use instruments::units::{Amps, Volts};
 
     use super::*;
-    use crate::{
-        interlock::{Allowance, Drives, Limits},
-        watch::Envelope,
-    };
+    use crate::watch::Envelope;
+    use bench_plan::interlock::{Allowance, Drives, Limits};
 
     fn judged(readings: &[(f64, f64, f64)]) -> Vec<&'static str> {
         let limits = Limits {

@@ -1,6 +1,6 @@
 //! Statistics of the watch, for the run folder.
 
-use crate::interlock::Drive;
+use bench_plan::interlock::Drive;
 
 /// Statistics of the readings of one drive.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

@@ -1,7 +1,7 @@
 //! How fast the watch reads, and the bound on the time from a cause to zero current that follows
 //! from the speed of the meters.
 
-use crate::{
+use bench_plan::{
     config::{self, ANSWER_S, Experiment},
     interlock::Drive,
 };

@@ -22,10 +22,8 @@ use super::{
     pace::Pace,
     shared::{Shared, locked},
 };
-use crate::{
-    bench::{Bench, Driven, Instruments, SafeReport},
-    interlock::{Drive, Trip},
-};
+use crate::bench::{Bench, Driven, Instruments, SafeReport};
+use bench_plan::interlock::{Drive, Trip};
 
 /// Number of ticks in a period: the time resolution with which readings of the procedure are
 /// detected.

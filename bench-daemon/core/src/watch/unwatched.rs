@@ -1,6 +1,6 @@
 //! Reports what the watch cannot detect on a bench, so that a person knows it before the run.
 
-use crate::config::{Bench, Jig};
+use bench_plan::config::{Bench, Jig};
 
 /// Returns the quantities that no second instrument on this bench measures, as lines that begin
 /// with "not watched".

@@ -36,7 +36,7 @@ macro_rules! shared {
     ($name:literal) => {
         include_str!(concat!(
             env!("CARGO_MANIFEST_DIR"),
-            "/../src/serve/page/",
+            "/../serve/src/page/",
             $name
         ))
     };

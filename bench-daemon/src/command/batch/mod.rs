@@ -13,7 +13,7 @@ pub use work::{Items, Job, work};
 
 use std::path::{Path, PathBuf};
 
-use crate::safety::failure::Failure;
+use bench_core::safety::failure::Failure;
 
 /// Arguments of commands that make a table of many spectra.
 #[derive(Debug, Clone, clap::Args)]

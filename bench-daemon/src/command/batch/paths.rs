@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use crate::safety::failure::Failure;
+use bench_core::safety::failure::Failure;
 
 /// Returns the named files and the files of named folders, sorted by name within a folder; hidden
 /// files and subfolders are skipped. `of` names what the files contain, for errors.

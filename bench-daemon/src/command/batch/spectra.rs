@@ -9,9 +9,9 @@ use analysis::rows::{ResultRow, ResultRows};
 use super::plots::Plots;
 use super::source::{Choice, Source};
 use super::work::{Job, work};
-use crate::figures::impedance::compared;
-use crate::files;
-use crate::safety::failure::Failure;
+use bench_core::safety::failure::Failure;
+use bench_evaluate::figures::impedance::compared;
+use bench_evaluate::files;
 
 /// Spectra of one part.
 const PART: usize = 1024;

@@ -6,9 +6,9 @@ use analysis::batch::{BatchError, Parts, PartsPlan};
 use analysis::rows::{ResultColumn, ResultRow};
 use rayon::prelude::*;
 
-use crate::operator::progress::Share;
-use crate::safety::failure::Failure;
-use crate::support::terminal::{remark, say};
+use bench_core::operator::progress::Share;
+use bench_core::safety::failure::Failure;
+use bench_plan::support::terminal::{remark, say};
 
 /// Things to be worked on, one after another.
 pub trait Items {

@@ -2,10 +2,10 @@
 
 use analysis::batch::{Cells, TableColumn};
 
-use crate::{
-    campaign::{CampaignFile, CampaignReport, CorrectedCell, Design, LeftOut, Quantity},
-    support::terminal::say,
+use bench_evaluate::campaign::{
+    CampaignFile, CampaignReport, CorrectedCell, Design, LeftOut, Quantity,
 };
+use bench_plan::support::terminal::say;
 
 /// Cells that are listed by name, at most.
 const LISTED: usize = 10;

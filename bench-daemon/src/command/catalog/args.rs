@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use analysis::catalog::{query::Filter, record::CatalogVerdict};
 use clap::{Args, Subcommand, ValueEnum};
 
-use crate::support::calendar::unix_s;
+use bench_plan::support::calendar::unix_s;
 
 /// Arguments of `catalog`.
 #[derive(Debug, Args)]

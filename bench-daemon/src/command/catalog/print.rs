@@ -9,10 +9,8 @@ use analysis::catalog::{
 use analysis::run_folder::SUMS;
 use serde_json::Value;
 
-use crate::support::{
-    present::{significant, utc},
-    terminal::say,
-};
+use bench_evaluate::support::present::{significant, utc};
+use bench_plan::support::terminal::say;
 
 /// Digits of a resistance in a table.
 const DIGITS: i32 = 4;

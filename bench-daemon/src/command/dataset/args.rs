@@ -1,16 +1,14 @@
 //! Arguments of `dataset`.
 
 use crate::command::units;
-use crate::config::quantity::{Charge, Frequency, Temperature};
+use bench_plan::config::quantity::{Charge, Frequency, Temperature};
 use std::{path::PathBuf, str::FromStr};
 
 use analysis::formats::CurrentSign;
 use clap::{Args, Subcommand};
 
-use crate::{
-    config::quantity::{Duration, Quantity},
-    investigate::proposal::Place,
-};
+use bench_evaluate::investigate::proposal::Place;
+use bench_plan::config::quantity::{Duration, Quantity};
 
 /// Arguments of `dataset`.
 #[derive(Debug, Args)]

@@ -4,11 +4,9 @@ use std::path::Path;
 
 use analysis::diagnosis::{Role, RunData};
 
-use crate::{
-    investigate::dataset::{named_files, read_dataset},
-    safety::failure::Failure,
-    support::terminal::say,
-};
+use bench_core::safety::failure::Failure;
+use bench_evaluate::investigate::dataset::{named_files, read_dataset};
+use bench_plan::support::terminal::say;
 
 /// Reads a data set as `diagnose` does, and prints its contents.
 ///

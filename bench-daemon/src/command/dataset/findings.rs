@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use analysis::ocv::OcvCurve;
 
-use crate::investigate::proposal::{
+use bench_evaluate::investigate::proposal::{
     Estimate, FoundLog, FoundSpectrum, Missing, ProposedRun, StartModel,
 };
 

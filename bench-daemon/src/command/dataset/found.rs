@@ -7,14 +7,14 @@ use super::{
     findings::Findings,
     read::{self, Content, Log},
 };
-use crate::{
+use bench_core::safety::failure::Failure;
+use bench_evaluate::{
     files,
     investigate::proposal::{
         ChargeKnown, FoundLog, FoundSpectrum, KnownSoc, Load, LogFacts, LogSearch, Place,
         TestTemperature, check_spectra, contradictions, count_charge, estimate, fits_current,
         loads, missing, propose, rest_curve, start_model,
     },
-    safety::failure::Failure,
 };
 
 /// Derives loads, runs, split and noise from the contents.

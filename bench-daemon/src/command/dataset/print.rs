@@ -3,10 +3,8 @@
 use analysis::diagnosis::Role;
 
 use super::findings::{FileFinding, FileKind, Findings};
-use crate::{
-    investigate::proposal::{FoundLog, Load},
-    support::terminal::say,
-};
+use bench_evaluate::investigate::proposal::{FoundLog, Load};
+use bench_plan::support::terminal::say;
 
 /// Prints files, loads, spectra and noise.
 pub(super) fn findings(found: &Findings) {

@@ -17,10 +17,8 @@ use super::{
     args::{InitArgs, Stated},
     findings::{FileFinding, FileKind},
 };
-use crate::{
-    investigate::proposal::{FoundSpectrum, Place},
-    safety::failure::Failure,
-};
+use bench_core::safety::failure::Failure;
+use bench_evaluate::investigate::proposal::{FoundSpectrum, Place};
 
 /// A log that was read.
 pub(super) struct Log {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::support::hash::sha256;
+use bench_plan::support::hash::sha256;
 
 /// Beginning of the last line of an incomplete file.
 const MARK: &str =

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use analysis::effects;
 
-use crate::{command::model_args::DatasetModelArgs, investigate::dataset::Accept};
+use crate::command::model_args::DatasetModelArgs;
+use bench_evaluate::investigate::dataset::Accept;
 
 /// Arguments of `diagnose`.
 #[derive(Debug, clap::Args)]

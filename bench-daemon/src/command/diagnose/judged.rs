@@ -13,15 +13,14 @@ use analysis::{
 };
 use serde::Serialize;
 
-use crate::{
-    command::model_args::ModelArgs,
+use crate::command::model_args::ModelArgs;
+use bench_core::{operator::progress::Waiting, safety::failure::Failure};
+use bench_evaluate::{
     files,
     investigate::dataset::{Accept, Loaded, NamedFile, NamedFiles, Reading, named_files, read_as},
-    operator::progress::Waiting,
     run::Recorded,
-    safety::failure::Failure,
-    support::quoted::quoted,
 };
+use bench_plan::support::quoted::quoted;
 
 /// Findings on the data of a cell.
 #[derive(Debug, Serialize)]

@@ -15,9 +15,9 @@ use super::judged::{Judged, accept};
 use crate::{
     command::batch::{Items, Job, paths, work},
     command::model_args::ModelArgs,
-    investigate::dataset::DATASET_FILE,
-    safety::failure::Failure,
 };
+use bench_core::safety::failure::Failure;
+use bench_evaluate::investigate::dataset::DATASET_FILE;
 
 /// Data sets of one part: a diagnosis takes seconds to minutes, and one that is done is kept.
 const PART: usize = 1;

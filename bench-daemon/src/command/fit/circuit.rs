@@ -2,17 +2,14 @@
 
 mod args;
 
-use crate::{
-    command::{
-        batch::Plots,
-        fit::{FitArgs, read, table},
-        ocv_slope,
-    },
-    files,
-    safety::failure::Failure,
-    support::present,
-    support::terminal::say,
+use crate::command::{
+    batch::Plots,
+    fit::{FitArgs, read, table},
+    ocv_slope,
 };
+use bench_core::safety::failure::Failure;
+use bench_evaluate::{files, support::present};
+use bench_plan::support::terminal::say;
 use std::path::Path;
 
 use analysis::{

@@ -1,13 +1,16 @@
 //! Arguments of `fit`, and the spectra that they name.
 
 use crate::command::units;
-use crate::config::quantity::Frequency;
+use bench_plan::config::quantity::Frequency;
 use std::path::PathBuf;
 
 use analysis::spectrum::{SourcedSpectrum, Spectrum};
 
 use super::{circuit, more};
-use crate::{command, files, safety::failure::Failure, support::terminal::remark};
+use crate::command;
+use bench_core::safety::failure::Failure;
+use bench_evaluate::files;
+use bench_plan::support::terminal::remark;
 
 /// Arguments of `fit`.
 #[derive(Debug, clap::Args)]

@@ -1,10 +1,9 @@
 //! Results of `eis-bench fit` beyond the fits: choice of the order, spread of cells, profiles,
 //! other minima, search over many seeds.
 
-use crate::{
-    files, operator::progress::Waiting, safety::failure::Failure, support::present::significant,
-    support::terminal::say,
-};
+use bench_core::{operator::progress::Waiting, safety::failure::Failure};
+use bench_evaluate::{files, support::present::significant};
+use bench_plan::support::terminal::say;
 use std::path::Path;
 
 use analysis::{

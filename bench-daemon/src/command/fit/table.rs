@@ -9,10 +9,8 @@ use analysis::{
 };
 
 use super::FitArgs;
-use crate::{
-    command::batch::{Batch, Choice, work_on_spectra},
-    safety::failure::Failure,
-};
+use crate::command::batch::{Batch, Choice, work_on_spectra};
+use bench_core::safety::failure::Failure;
 
 /// Fits the extended Randles model to each spectrum.
 pub(super) fn erm(

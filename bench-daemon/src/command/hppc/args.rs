@@ -5,14 +5,12 @@ use std::path::PathBuf;
 use analysis::formats::CurrentSign;
 use clap::Args;
 
-use crate::{
-    command::units,
-    config::{
-        Cell, Source,
-        quantity::{Charge, Duration, Voltage},
-        resolve_cell,
-    },
-    safety::failure::Failure,
+use crate::command::units;
+use bench_core::safety::failure::Failure;
+use bench_plan::config::{
+    Cell, Source,
+    quantity::{Charge, Duration, Voltage},
+    resolve_cell,
 };
 
 /// Arguments of `hppc`.

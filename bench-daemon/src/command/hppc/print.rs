@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use analysis::hppc::{Direction, Hppc, Pulse};
 
-use crate::support::{present::significant, terminal::say};
+use bench_evaluate::support::present::significant;
+use bench_plan::support::terminal::say;
 
 /// Width of a resistance.
 const WIDTH: usize = 16;

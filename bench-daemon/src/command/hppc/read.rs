@@ -10,10 +10,10 @@ use analysis::{
 };
 
 use super::args::HppcArgs;
-use crate::{
+use bench_core::safety::failure::Failure;
+use bench_evaluate::investigate::proposal::fits_current;
+use bench_plan::{
     config::{Cell, Source, resolve_cell},
-    investigate::proposal::fits_current,
-    safety::failure::Failure,
     support::terminal::remark,
 };
 

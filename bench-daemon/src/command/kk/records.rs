@@ -8,7 +8,7 @@ use analysis::{
     validity::{Drift, DriftShape, Harmonic, Record},
 };
 
-use crate::safety::failure::Failure;
+use bench_core::safety::failure::Failure;
 
 /// Highest harmonic that is looked for.
 const MOST: u32 = 20;

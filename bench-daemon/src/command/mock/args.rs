@@ -35,7 +35,7 @@ pub struct MockArgs {
     /// TRANSPORT for all instruments, ROLE=TRANSPORT for one; tcp, vxi11, vxi11-mapped, hislip,
     /// gpib or serial. `memory:` addresses are served over tcp without it.
     #[arg(long, value_name = "[ROLE=]TRANSPORT")]
-    pub over: Vec<crate::sim::Over>,
+    pub over: Vec<bench_core::sim::Over>,
     /// Seed of the simulated world.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,

@@ -26,11 +26,11 @@ use instruments::{
     transcript::{BlockRecord, Payload, Record, Transcript},
 };
 
-use crate::{
-    command::mock::MockArgs,
+use crate::command::mock::MockArgs;
+use bench_core::safety::failure::Failure;
+use bench_evaluate::run::StopSignals;
+use bench_plan::{
     mocks::{self, Outcome, Replay},
-    run::StopSignals,
-    safety::failure::Failure,
     support::terminal::say,
 };
 

@@ -1,7 +1,7 @@
 //! Arguments of `pack simulate`.
 
 use crate::command::units;
-use crate::config::quantity::{Duration, Resistance, Voltage};
+use bench_plan::config::quantity::{Duration, Resistance, Voltage};
 use std::path::PathBuf;
 
 use analysis::forward::CellWindow;

@@ -17,7 +17,9 @@ use analysis::{
 use serde::Serialize;
 
 use super::PackSimulateArgs;
-use crate::{files, safety::failure::Failure, support::terminal::say};
+use bench_core::safety::failure::Failure;
+use bench_evaluate::files;
+use bench_plan::support::terminal::say;
 
 /// Returns the packs cell by cell, if given or requested; writes the table if requested.
 pub(super) fn packs(

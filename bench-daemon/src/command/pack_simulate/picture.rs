@@ -1,6 +1,7 @@
 //! Plots of packs with different cells: bands over time, and the distribution of the worst cells.
 
-use crate::{files, safety::failure::Failure, support::present::titled};
+use bench_core::safety::failure::Failure;
+use bench_evaluate::{files, support::present::titled};
 use std::path::Path;
 
 use analysis::{

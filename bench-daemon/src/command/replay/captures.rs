@@ -15,15 +15,14 @@ use analysis::{
 use num_complex::Complex64;
 use serde::Deserialize;
 
-use crate::{
+use bench_core::{record::RecordError, safety::failure::Failure};
+use bench_evaluate::support::present::significant;
+use bench_plan::{
     config::{
         Source,
         quantity::{Duration, Frequency, Quantity, Resistance},
     },
     measure::HARMONICS,
-    record::RecordError,
-    safety::failure::Failure,
-    support::present::significant,
     support::terminal::say,
 };
 

@@ -7,13 +7,11 @@ use std::{
     thread,
 };
 
-use crate::{
-    safety::{
-        failure::Failure,
-        state::{KnownBench, known_benches},
-    },
-    support::terminal::{remark, say},
+use bench_core::safety::{
+    failure::Failure,
+    state::{KnownBench, known_benches},
 };
+use bench_plan::support::terminal::{remark, say};
 
 /// How each bench is switched off; see the arguments of `safe`.
 pub(super) struct SafeOptions<'a> {

@@ -16,7 +16,8 @@ use analysis::{
 };
 use serde::Serialize;
 
-use crate::{command::model_args, support::terminal::say};
+use crate::command::model_args;
+use bench_plan::support::terminal::say;
 
 /// A profile and its results.
 #[derive(Debug)]

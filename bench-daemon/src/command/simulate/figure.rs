@@ -1,7 +1,8 @@
 //! The picture of one or several profiles: power, voltage with the window, and state of charge if
 //! known.
 
-use crate::{files, safety::failure::Failure};
+use bench_core::safety::failure::Failure;
+use bench_evaluate::files;
 use std::path::Path;
 
 use analysis::{

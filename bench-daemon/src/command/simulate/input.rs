@@ -1,7 +1,7 @@
 //! Arguments of `eis-bench simulate`, and what follows from them.
 
 use crate::command::units;
-use crate::config::quantity::{Duration, Resistance, Temperature, Voltage};
+use bench_plan::config::quantity::{Duration, Resistance, Temperature, Voltage};
 use std::path::PathBuf;
 
 use analysis::{
@@ -9,11 +9,9 @@ use analysis::{
     given::GivenModel,
 };
 
-use crate::{
-    command::{model_args::ModelArgs, profile_args::ProfileArgs},
-    files::AMBIENT_DEGC,
-    safety::failure::Failure,
-};
+use crate::command::{model_args::ModelArgs, profile_args::ProfileArgs};
+use bench_core::safety::failure::Failure;
+use bench_evaluate::files::AMBIENT_DEGC;
 
 /// Most steps of explicit Euler: six hours of the thesis' 4-RC model, whose shortest time constant
 /// of 0.83 ms makes steps of 0.21 ms.

@@ -16,11 +16,9 @@ use analysis::{
 };
 
 use super::input::{SimulateArgs, check_euler, options, source_of_ocv, state, usage, window};
-use crate::{
-    command::batch::{Items, Job, paths, work},
-    files,
-    safety::failure::Failure,
-};
+use crate::command::batch::{Items, Job, paths, work};
+use bench_core::safety::failure::Failure;
+use bench_evaluate::files;
 
 /// Simulations of one part: some seconds of work.
 const PART: usize = 1024;

@@ -103,7 +103,7 @@ impl Library {
             file: syn::parse_file(&read(path)).unwrap(),
         };
         let quantities =
-            syn::parse_file(&read("bench-daemon/core/src/config/quantity.rs")).unwrap();
+            syn::parse_file(&read("bench-daemon/plan/src/config/quantity.rs")).unwrap();
         let quantity = |item: &Item| match item {
             Item::Macro(item) if item.mac.path.is_ident("dimension") => {
                 Some(item.mac.parse_body::<Quantity>().unwrap())

@@ -1,7 +1,7 @@
 //! How long the generator's signal continues on its own.
 
 use super::super::ExecuteError;
-use crate::{
+use bench_plan::{
     interlock::{NO_CURRENT_A, Reading},
     plan::{IDLE_CURRENT_A, LEEWAY_S},
 };

@@ -3,9 +3,11 @@
 use super::super::ExecuteError;
 use crate::{
     journal::Entry,
+    record::{Event, Recorder},
+};
+use bench_plan::{
     measure::Spent,
     plan::{Stage, Step},
-    record::{Event, Recorder},
 };
 
 /// A sinusoid as it is driven.

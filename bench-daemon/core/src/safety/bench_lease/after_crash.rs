@@ -14,13 +14,12 @@ use crate::{
     bench::outputs::{OutputReading, OutputsState},
     bench::state_readback::{self, InstrumentReadback},
     bench::{Bench, Connections},
-    config,
     journal::{self, Entry, Line},
     safety::failure::Failure,
     safety::guardian::{Report, last_cell_degc},
     safety::state::{Latched, OpenRun, State, StateError},
-    support::terminal::remark,
 };
+use bench_plan::{config, support::terminal::remark};
 
 /// Settles an earlier run. The bench must be locked and no guardian may be working on it.
 ///

@@ -20,10 +20,9 @@ use super::{ALIVE, Charge, DOING, GOODBYE, NO_BATH, READY, REFUSED, TAKE_OVER};
 use crate::{
     bench::BenchError,
     operator::progress::{Doing, Now},
-    plan::fixture_name,
     safety::state::{State, StateError},
-    support::terminal::remark,
 };
+use bench_plan::{plan::fixture_name, support::terminal::remark};
 
 /// Time between two heartbeats to the guardian.
 const RENEWAL: Duration = Duration::from_millis(200);
@@ -337,10 +336,8 @@ mod tests {
     use instruments::{clock::TimeMode, fixture::Fixture};
 
     use super::*;
-    use crate::{
-        operator::progress::Progress,
-        plan::{Plan, Step},
-    };
+    use crate::operator::progress::Progress;
+    use bench_plan::plan::{Plan, Step};
 
     #[test]
     fn the_lease_is_renewed_while_the_executor_waits_and_not_while_it_hangs() {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use instruments::clock;
 use serde::{Deserialize, Serialize};
 
-use crate::interlock::Trip;
+use bench_plan::interlock::Trip;
 
 /// Why a bench must not run until a person has cleared the latch.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -10,10 +10,8 @@ use super::{
     files::{json, read, remove},
     place::InstrumentPlace,
 };
-use crate::{
-    bench::outputs::{DRIVES, KnownReading, OutputReading},
-    support::{hash, moment::Moment},
-};
+use crate::bench::outputs::{DRIVES, KnownReading, OutputReading};
+use bench_plan::support::{hash, moment::Moment};
 
 const OUTPUT: &str = "output.json";
 

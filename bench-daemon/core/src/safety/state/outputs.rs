@@ -13,10 +13,8 @@ use nix::{
 };
 
 use super::{Lock, State, StateError, files::open, io, output_place::OutputPlace};
-use crate::{
-    bench::outputs::{KnownReading, OutputReading, OutputsState},
-    support::{locks, moment::Moment},
-};
+use crate::bench::outputs::{KnownReading, OutputReading, OutputsState};
+use bench_plan::support::{locks, moment::Moment};
 
 const READER_LOCK: &str = "reader.lock";
 

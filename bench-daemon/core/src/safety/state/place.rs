@@ -7,7 +7,10 @@ use std::path::PathBuf;
 use instruments::transport::Address;
 
 use super::{StateError, VARIABLE};
-use crate::{config, support::addresses::keys, support::hash};
+use bench_plan::{
+    config,
+    support::{addresses::keys, hash},
+};
 
 /// The folders of one instrument, one for each name that its address has.
 pub(super) struct InstrumentPlace {

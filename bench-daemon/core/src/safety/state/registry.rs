@@ -18,7 +18,7 @@ use super::{
     io,
     place::root,
 };
-use crate::support::hash;
+use bench_plan::support::hash;
 
 const FOLDER: &str = "benches";
 

@@ -1,5 +1,5 @@
 use super::*;
-use crate::interlock::Trip;
+use bench_plan::interlock::Trip;
 
 fn state(folder: &Path) -> State {
     State {

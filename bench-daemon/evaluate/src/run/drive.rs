@@ -1,0 +1,380 @@
+//! Executes a plan stage by stage, adds sweeps and traces to the index, and collects their
+//! results.
+
+use analysis::{
+    calibration::Correction,
+    dataset::{self, SweepEntry},
+    run_folder::CORRECTION,
+};
+use instruments::{
+    clock::{Clock, TimeMode},
+    fixture::Fixture,
+};
+
+use super::{
+    Measured, ResumeContext, multisine,
+    run_accumulator::RunAccumulator,
+    sweep_writer::{self, Settled},
+    traced,
+};
+use bench_core::{
+    bench::Bench,
+    executor::{ExecuteError, Executor, Person, ResumePoint, Rig, within},
+    journal::{Entry, PointDone},
+    operator::Operator,
+    operator::progress::Progress,
+    operator::run_control::{self, RunControl},
+    record::Recorder,
+    safety::failure::Failure,
+    watch::WatchLink,
+};
+use bench_plan::{
+    config::Experiment,
+    measure::{SweepPoint, channels::ControlPotentials},
+    plan::{Checked, Plan, Purpose, Stage},
+};
+
+/// Earlier results: the correction of another run on the same bench, or the part of this run that
+/// was finished before its process died.
+pub(super) struct PriorResults<'a> {
+    pub(super) inherited: Option<Correction>,
+    pub(super) context: Option<&'a ResumeContext>,
+}
+
+/// Environment of a run beside its bench: its clock, the operator, and its progress.
+pub(super) struct RunEnvironment<'a> {
+    pub(super) clock: &'a Clock,
+    pub(super) operator: &'a Operator,
+    pub(super) progress: &'a Progress,
+    pub(super) watch: Option<WatchLink>,
+}
+
+/// Executes the plan, stage by stage, and judges the controls as soon as they are measured.
+pub(super) async fn drive(
+    bench: &mut Bench,
+    recorder: &mut Recorder,
+    experiment: &Experiment,
+    plan: &Checked,
+    environment: RunEnvironment<'_>,
+    before: PriorResults<'_>,
+) -> Result<Measured, Failure> {
+    bench.made_safe().await?;
+    recorder.journal(Entry::Safe)?;
+    let PriorResults { inherited, context } = before;
+    let accumulator = RunAccumulator::new(experiment, inherited.clone());
+    recorder.about(&experiment.cell.name, experiment.cell.capacity_coulomb);
+    let mut executor = Executor::new(
+        Rig::new(
+            bench,
+            experiment,
+            environment.clock.clone(),
+            recorder,
+            environment.watch,
+        ),
+        Person {
+            operator: environment.operator,
+            progress: environment.progress,
+        },
+    );
+    if let Some(correction) = inherited {
+        executor.rig.recorder.json(CORRECTION, &correction)?;
+        executor.known.correction = correction;
+    }
+    let mut drive = Drive {
+        executor,
+        experiment,
+        plan: plan.plan(),
+        context,
+        accumulator,
+    };
+    drive.restore()?;
+    drive.play().await?;
+    drive.accumulator.whole(drive.executor.rig.recorder)
+}
+
+struct Drive<'a, 'b> {
+    executor: Executor<'a>,
+    experiment: &'a Experiment,
+    plan: &'b Plan,
+    context: Option<&'b ResumeContext>,
+    accumulator: RunAccumulator<'a>,
+}
+
+impl<'a, 'b> Drive<'a, 'b> {
+    /// Restores the results of finished stages from the run folder.
+    fn restore(&mut self) -> Result<(), Failure> {
+        let Some(context) = self.context else {
+            return Ok(());
+        };
+        let latest = context
+            .replay
+            .latest
+            .and_then(|number| self.plan.stages.get(number))
+            .and_then(Stage::specimen)
+            .cloned();
+        let left_coulomb = context.charge_left_coulomb(self.executor.rig.recorder, self.plan)?;
+        self.executor.take_over(latest, left_coulomb);
+        self.recall_records(context);
+        for (number, stage) in self
+            .plan
+            .stages
+            .iter()
+            .enumerate()
+            .filter(|(number, _)| context.replay.finished(*number))
+        {
+            if let Purpose::Multisine(repeat) = stage.purpose {
+                self.accumulator
+                    .measured
+                    .multisines
+                    .push(multisine::restore(
+                        self.executor.rig.recorder.folder(),
+                        repeat,
+                    )?);
+            }
+            let Purpose::Sweep(fixture, repeat) = stage.purpose else {
+                continue;
+            };
+            let points: Vec<&PointDone> = context
+                .replay
+                .stages
+                .get(&number)
+                .map_or_else(Vec::new, |replay| replay.points.values().collect());
+            let sweep_writer = self.accumulator.sweep_writer(fixture, repeat);
+            sweep_writer.restore(self.executor.rig.recorder, &points)?;
+            let settled = sweep_writer.settle(
+                self.executor.rig.recorder,
+                points
+                    .into_iter()
+                    .map(|point| point.point.clone())
+                    .collect(),
+            )?;
+            sweep_writer::flags(&settled.points, &mut |freq_hz, text| {
+                self.executor
+                    .rig
+                    .recorder
+                    .known_point_warning(&sweep_writer.name, freq_hz, text);
+            });
+            self.finish(fixture, repeat, settled, true)?;
+        }
+        Ok(())
+    }
+
+    /// Loads the records of finished points, which are needed only to recognise repeated records.
+    /// A record that can no longer be read, or was moved to an archive, is omitted.
+    fn recall_records(&mut self, context: &ResumeContext) {
+        let rig = &mut self.executor.rig;
+        let stages = context.replay.stages.values();
+        for done in stages.flat_map(|stage| stage.points.values()) {
+            for (file, _) in &done.files {
+                if let Ok(capture) = dataset::read_capture(&rig.recorder.path(file)) {
+                    rig.recall(done.point.fixture, &capture);
+                }
+            }
+        }
+    }
+
+    /// Executes everything that remains.
+    async fn play(&mut self) -> Result<(), Failure> {
+        let finished = |number: &usize| {
+            self.context
+                .is_some_and(|context| context.replay.finished(*number))
+        };
+        let mut left: Vec<usize> = (0..self.plan.stages.len())
+            .filter(|number| !finished(number))
+            .collect();
+        let mut run = None;
+        if let Some(ResumeContext { next, replay, .. }) = self.context {
+            run = replay.latest.and_then(|latest| self.run_of(latest));
+            self.hold_again().await?;
+            if let Some(repeated_reset) = next.repeated_reset {
+                self.stage(repeated_reset, ResumePoint::default()).await?;
+            }
+            if let Some((open, from)) = next.open {
+                left.retain(|number| *number != open);
+                self.stage(
+                    open,
+                    ResumePoint {
+                        from,
+                        points: self.known(open),
+                    },
+                )
+                .await?;
+            }
+        }
+        while !left.is_empty() {
+            self.reorder(&mut left, run);
+            let number = left.remove(0);
+            run = self.run_of(number);
+            self.stage(number, ResumePoint::default()).await?;
+        }
+        Ok(())
+    }
+
+    /// Brings the bath back to the temperature of the last finished stage that set one. Waits for
+    /// the cell unless a control is in the jig.
+    async fn hold_again(&mut self) -> Result<(), Failure> {
+        let Some(context) = self.context else {
+            return Ok(());
+        };
+        let held = |(number, stage): &(usize, &'b Stage)| {
+            stage.purpose == Purpose::Temperature && context.replay.finished(*number)
+        };
+        let Some((_, stage)) = self.plan.stages.iter().enumerate().rfind(held) else {
+            return Ok(());
+        };
+        let open = (context.next.open).and_then(|(number, _)| self.plan.stages.get(number));
+        let waits = !matches!(
+            open.map(|stage| &stage.purpose),
+            Some(Purpose::Sweep(fixture, _)) if *fixture != Fixture::Cell
+        );
+        Ok(self.executor.hold_again(stage, waits).await?)
+    }
+
+    /// Returns the points of an interrupted stage.
+    fn known(&self, number: usize) -> Vec<&'b PointDone> {
+        self.context
+            .and_then(|context| context.replay.stages.get(&number))
+            .map_or_else(Vec::new, |replay| replay.points.values().collect())
+    }
+
+    fn run_of(&self, number: usize) -> Option<usize> {
+        self.plan.stages.get(number).and_then(Stage::run)
+    }
+
+    /// Applies the requested order after the present run is done.
+    fn reorder(&self, left: &mut [usize], run: Option<usize>) {
+        if self.experiment.campaign.is_none() || self.executor.rig.clock.mode() == TimeMode::Virtual
+        {
+            return;
+        }
+        let mut order = RunControl::read(self.executor.rig.recorder.folder()).order;
+        order.splice(0..0, run);
+        // Runs that are not named keep their planned order, regardless of earlier requests.
+        left.sort_unstable();
+        // The controls precede every run.
+        let controls = left
+            .iter()
+            .take_while(|number| self.run_of(**number).is_none())
+            .count();
+        run_control::reorder(&mut left[controls..], &order, |number| {
+            self.plan.stages.get(*number).and_then(Stage::run)
+        });
+    }
+
+    /// Executes one stage and evaluates it.
+    async fn stage(&mut self, number: usize, resume_point: ResumePoint<'_>) -> Result<(), Failure> {
+        let Some(stage) = self.plan.stages.get(number) else {
+            return Ok(());
+        };
+        let timed = traced::stage(number, stage, &self.executor.rig.clock);
+        within(timed, self.play_stage(number, stage, resume_point)).await
+    }
+
+    async fn play_stage(
+        &mut self,
+        number: usize,
+        stage: &Stage,
+        resume_point: ResumePoint<'_>,
+    ) -> Result<(), Failure> {
+        match stage.purpose {
+            Purpose::Sweep(fixture, repeat) => {
+                self.sweep(number, stage, fixture, repeat, &resume_point)
+                    .await?;
+            }
+            Purpose::Multisine(repeat) => {
+                let run = multisine::measure(
+                    &mut self.executor,
+                    self.experiment,
+                    number,
+                    stage,
+                    repeat,
+                    &self.accumulator.measured,
+                )
+                .await?;
+                self.accumulator.measured.multisines.push(run);
+            }
+            Purpose::Temperature | Purpose::SocReset | Purpose::OcvSoc | Purpose::Trace => {
+                self.executor
+                    .stage(number, stage, &resume_point, &mut |_, _| Ok(()))
+                    .await?;
+            }
+        }
+        Ok(self
+            .executor
+            .rig
+            .recorder
+            .journal(Entry::StageDone { stage: number })?)
+    }
+
+    /// Executes one sweep: every point is in the files as soon as it is measured, and the whole
+    /// sweep in the index.
+    async fn sweep(
+        &mut self,
+        number: usize,
+        stage: &Stage,
+        fixture: Fixture,
+        repeat: usize,
+        resume_point: &ResumePoint<'_>,
+    ) -> Result<(), Failure> {
+        let sweep_writer = self.accumulator.sweep_writer(fixture, repeat);
+        let start_time_s = self
+            .context
+            .filter(|_| !resume_point.points.is_empty())
+            .and_then(|context| context.replay.stages.get(&number));
+        let start_time_s =
+            start_time_s.map_or_else(|| self.executor.rig.clock.now_s(), |replay| replay.began_s);
+        let recorder = &mut *self.executor.rig.recorder;
+        recorder.forget_sweep(sweep_writer.indexed());
+        recorder.drop_captures(&sweep_writer.name, &resume_point.points)?;
+        sweep_writer.restore(recorder, &resume_point.points)?;
+        let mut on_point =
+            |recorder: &mut Recorder, point: &SweepPoint| -> Result<(), ExecuteError> {
+                sweep_writer.record(recorder, point)?;
+                point.warnings.iter().for_each(|warning| {
+                    recorder.point_warning(&sweep_writer.name, point.phasors.freq_hz, warning);
+                });
+                Ok(())
+            };
+        let points = self
+            .executor
+            .stage(number, stage, resume_point, &mut on_point)
+            .await?;
+        let settled = sweep_writer.settle(self.executor.rig.recorder, points)?;
+        let recorder = &mut *self.executor.rig.recorder;
+        let flagged = sweep_writer::flags(&settled.points, &mut |freq_hz, text| {
+            recorder.point_warning(&sweep_writer.name, freq_hz, text);
+        });
+        if repeat > 0 {
+            let entry = SweepEntry {
+                flagged,
+                ..sweep_writer.entry(&self.executor, stage, start_time_s, &settled)
+            };
+            self.executor.rig.recorder.sweep(entry)?;
+        }
+        self.finish(fixture, repeat, settled, false)
+    }
+
+    /// Evaluates a complete sweep.
+    fn finish(
+        &mut self,
+        fixture: Fixture,
+        repeat: usize,
+        settled: Settled,
+        restored: bool,
+    ) -> Result<(), Failure> {
+        self.accumulator.finish(
+            self.executor.rig.recorder,
+            fixture,
+            repeat,
+            settled,
+            restored,
+        )?;
+        self.executor.known.correction = self.accumulator.measured.correction.clone();
+        let shunt_ohm = self.experiment.bench.wiring.shunt.r_ohm;
+        let controls = self.accumulator.measured.sweeps.values().flatten();
+        self.executor.known.controls = controls
+            .filter_map(|point| ControlPotentials::of(point, shunt_ohm))
+            .collect();
+        Ok(())
+    }
+}

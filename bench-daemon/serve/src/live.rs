@@ -1,0 +1,458 @@
+//! Present state of a bench, as the API shows it.
+
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::queue::HeldBy;
+use bench_core::{
+    bench::{Output, outputs::OutputsState},
+    safety::state::Latched,
+};
+use bench_plan::interlock::Limits;
+
+/// Current state of a bench.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
+pub struct Live {
+    /// Its name.
+    pub bench: String,
+    /// State of the bench.
+    pub state: BenchState,
+    /// Reason why no run starts on it; null if it is not held.
+    pub held: Option<String>,
+    /// The run in progress, or the last one.
+    pub run: Option<RunNow>,
+    /// The last reading of that run.
+    pub reading: Option<ReadingNow>,
+    /// State of charge, if the cell's open-circuit voltage is known.
+    pub soc: Option<Soc>,
+    /// Limits of the cell for the reading, with the remaining margin. The present step has tighter
+    /// limits, above all of the current: it may trip although a margin is left here.
+    pub limits: Vec<Limit>,
+    /// The instruments.
+    pub instruments: Vec<InstrumentNow>,
+    /// Why it is latched; null if it is not.
+    pub trip: Option<TripNow>,
+    /// Requested change of the fixture, for whose answer the run waits.
+    pub question: Option<QuestionNow>,
+    /// Report of the last stop.
+    pub stop: Option<StopReport>,
+    /// State of the outputs with the time of the read-back.
+    pub outputs: OutputsState,
+    /// True if nothing runs and current readings show every output off, or if the bench is
+    /// simulated within a run's process and no run is in progress.
+    pub verified: bool,
+    /// The command that switches the bench off on the server's machine.
+    pub safe_command: String,
+    /// Interval at which the server reads the outputs of the idle bench, s; null if it does not.
+    pub read_idle_s: Option<f64>,
+}
+
+impl Live {
+    /// Returns whether a person must inspect the outputs: nothing runs, and the last run left
+    /// them without a known reading, or an output was not read as off.
+    pub fn needs_look(&self) -> bool {
+        match self.state {
+            BenchState::Unknown => true,
+            BenchState::Idle | BenchState::Latched => self.outputs.is_alarming(),
+            BenchState::Running
+            | BenchState::Paused
+            | BenchState::Asking
+            | BenchState::Stopping => false,
+        }
+    }
+}
+
+/// State of a bench.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum BenchState {
+    /// The server has not read the bench yet, or a run ended whose outputs were not read back as
+    /// off.
+    #[default]
+    Unknown,
+    /// No run is in progress; `outputs` has the state of its outputs.
+    Idle,
+    /// A run is in progress.
+    Running,
+    /// A run is paused on request; all outputs are off.
+    Paused,
+    /// A run waits for a person to change the fixture; all outputs are off.
+    Asking,
+    /// The bench is being switched off.
+    Stopping,
+    /// A person must inspect and clear the bench.
+    Latched,
+}
+
+impl BenchState {
+    /// All states.
+    pub const ALL: [Self; 7] = [
+        Self::Unknown,
+        Self::Idle,
+        Self::Running,
+        Self::Paused,
+        Self::Asking,
+        Self::Stopping,
+        Self::Latched,
+    ];
+
+    /// Its name, as the API has it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Unknown => "unknown",
+            Self::Idle => "idle",
+            Self::Running => "running",
+            Self::Paused => "paused",
+            Self::Asking => "asking",
+            Self::Stopping => "stopping",
+            Self::Latched => "latched",
+        }
+    }
+}
+
+/// Progress of a run.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct RunNow {
+    /// Its name; null if this server did not start it.
+    pub run: Option<String>,
+    /// Name of the experiment.
+    pub experiment: String,
+    /// True while it is in progress.
+    pub going: bool,
+    /// How it ended, if it ended by itself.
+    pub ended: Option<String>,
+    /// The current stage, as text.
+    pub stage: String,
+    /// Number of the current stage, from 1; 0 before the first.
+    pub stage_number: usize,
+    /// Number of stages.
+    pub stages: usize,
+    /// The current step, as text.
+    pub step: String,
+    /// Number of the current step, from 1.
+    pub step_number: usize,
+    /// Number of steps of the stage.
+    pub steps: usize,
+    /// The current point of the sweep.
+    pub point: Option<PointNow>,
+    /// Number of finished points of all sweeps.
+    pub points_done: usize,
+    /// Number of points of all sweeps.
+    pub points: usize,
+    /// Completed share of the expected bench time.
+    pub done: f64,
+    /// Remaining wall time, s; null if it is unknown.
+    pub left_s: Option<f64>,
+    /// Bench time of the last entry or reading, s.
+    pub bench_time_s: f64,
+    /// Course of bench time: `real`, `virtual` or `scaled:FACTOR`.
+    pub time: String,
+    /// True if all outputs were read back as off at the last entry of the journal.
+    pub safe: bool,
+}
+
+/// A change of the fixture that a person is asked to make.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct QuestionNow {
+    /// Number of the question in the run; the answer names it.
+    pub number: u64,
+    /// Text of the question.
+    pub text: String,
+    /// Name of the cell, if the run has several.
+    pub cell: Option<String>,
+    /// Serial number of the cell, if it has one; an answer with another one is refused.
+    pub serial: Option<String>,
+    /// Barcode on the cell, if known; an answer may state it instead of the serial number.
+    pub barcode: Option<String>,
+    /// True if it is asked on the terminal of the run and can be answered only there.
+    pub on_terminal: bool,
+    /// Bench time at which it was asked, s.
+    pub asked_s: f64,
+}
+
+/// A point in progress.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct PointNow {
+    /// Number of the point in the sweep, from 1.
+    pub number: usize,
+    /// Number of points of the sweep.
+    pub of: usize,
+    /// Its frequency, Hz.
+    pub freq_hz: f64,
+}
+
+/// A reading.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct ReadingNow {
+    /// Bench time, s.
+    pub time_s: f64,
+    /// Step at that time.
+    pub phase: String,
+    /// Fixture in the jig: `cell` or a control.
+    pub fixture: String,
+    /// Voltage, V.
+    pub voltage_v: Option<f64>,
+    /// Current, A; positive for charge.
+    pub current_a: Option<f64>,
+    /// Last reading of the surface temperature of the cell, °C.
+    #[serde(rename = "temperature_c")]
+    pub temperature_degc: Option<f64>,
+    /// True if the process that took the reading still runs; otherwise the reading is out of date.
+    pub fresh: bool,
+}
+
+/// A state of charge.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+pub struct Soc {
+    /// Share of the capacity.
+    pub share: f64,
+    /// Charge counted since the state of charge was determined from the voltage at rest, C;
+    /// positive for charge.
+    #[serde(rename = "counted_c")]
+    pub counted_coulomb: f64,
+}
+
+/// One limit of the cell.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Limit {
+    /// The quantity.
+    pub quantity: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+    /// Last reading.
+    pub value: Option<f64>,
+    /// Lower limit; null if there is none.
+    pub least: Option<f64>,
+    /// Upper limit.
+    pub greatest: f64,
+    /// Distance to the nearer limit; negative beyond it, null without a fresh reading. The present
+    /// step has tighter limits.
+    pub margin: Option<f64>,
+}
+
+/// An instrument.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
+pub struct InstrumentNow {
+    /// Its role.
+    pub role: String,
+    /// Its model in the bench file.
+    pub model: String,
+    /// Its address.
+    pub address: String,
+    /// Identity in its last answer.
+    pub identity: Option<String>,
+    /// Whether that is the configured model.
+    pub recognised: Option<bool>,
+    /// Whether its output is on or carries a current; null for an instrument without an output,
+    /// before it was asked, or if it was not reached.
+    pub output: Option<bool>,
+    /// Bench time of its last report in a run, s; null if it was read since.
+    pub output_s: Option<f64>,
+    /// Time of its reading outside a run, or at the end of a run, s since 1970.
+    pub output_unix_s: Option<f64>,
+    /// Source of that reading: `run`, `guardian`, `stop`, `safe`, `read` or `next run`.
+    pub output_by: Option<String>,
+    /// Bench time of its last answer, s.
+    pub answered_s: Option<f64>,
+    /// Known fault of the instrument.
+    pub trouble: Option<String>,
+}
+
+/// Why a bench is latched.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct TripNow {
+    /// The cause as text, with the step and the run.
+    pub cause: String,
+    /// Quantity that exceeded its limits, if it was a reading.
+    pub quantity: Option<String>,
+    /// Its value.
+    pub value: Option<f64>,
+    /// Its unit.
+    pub unit: Option<String>,
+    /// The step during which it tripped.
+    pub step: Option<String>,
+    /// Process that detected it.
+    pub by: String,
+    /// Time, s since 1970.
+    pub unix_s: f64,
+}
+
+impl From<Latched> for TripNow {
+    fn from(latched: Latched) -> Self {
+        // The run's folder is not disclosed beyond this machine.
+        let Latched {
+            cause,
+            quantity,
+            value,
+            unit,
+            step,
+            by,
+            unix_s,
+            ..
+        } = latched;
+        Self {
+            cause,
+            quantity,
+            value,
+            unit,
+            step,
+            by,
+            unix_s,
+        }
+    }
+}
+
+/// Report of a stop.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
+pub struct StopReport {
+    /// The bench.
+    pub bench: String,
+    /// Name of the caller.
+    pub by: String,
+    /// The side that holds the bench behind it.
+    #[serde(skip)]
+    pub held_by: HeldBy,
+    /// Time, s since 1970.
+    pub unix_s: f64,
+    /// True after the stop has completed.
+    pub over: bool,
+    /// True if every output that can move charge was read back as off.
+    pub verified: bool,
+    /// The bench was simulated within the run's process, which has ended. It has no outputs, and
+    /// none was read back.
+    pub simulated: bool,
+    /// Steps of the stop, as text, in order.
+    pub steps: Vec<String>,
+    /// State of the bench after the read-back, in one sentence.
+    pub message: String,
+    /// State of the outputs in words, with the time of the reading.
+    pub read: String,
+    /// Time of the read-back, s since 1970.
+    pub read_unix_s: Option<f64>,
+    /// States that were read back, one for each instrument.
+    pub outputs: Vec<OutputRead>,
+}
+
+impl StopReport {
+    /// Returns whether the stop is over and its outputs are verified off, or simulated.
+    pub fn proven(&self) -> bool {
+        self.over && (self.verified || self.simulated)
+    }
+
+    /// Returns why the bench is held after the stop.
+    pub fn held(&self) -> String {
+        format!("stopped by {}", self.by)
+    }
+}
+
+/// State of an instrument that was read back: as `eis-bench safe --json` and the guardian's report
+/// have it, with the conclusion.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct OutputRead {
+    /// State of the output.
+    #[serde(flatten)]
+    pub output: Output,
+    /// True if the instrument reports the output off and its meter, if any, shows no current.
+    pub verified: bool,
+    /// The complete line for people.
+    pub text: String,
+}
+
+impl From<&Output> for OutputRead {
+    fn from(output: &Output) -> Self {
+        let text = output
+            .line()
+            .split_whitespace()
+            .collect::<Vec<_>>()
+            .join(" ");
+        Self {
+            output: output.clone(),
+            verified: output.verified(),
+            text,
+        }
+    }
+}
+
+/// The limits of a cell, or of a control in its place, with the margin that a reading leaves.
+pub fn limits(limits: &Limits, cell: bool, reading: &ReadingNow) -> Vec<Limit> {
+    let limits = if cell { *limits } else { limits.of_control() };
+    // An old reading gives no margin, because the present state is unknown.
+    let margin = |value: Option<f64>, least: Option<f64>, greatest: f64| {
+        let value = value.filter(|_| reading.fresh)?;
+        Some(least.map_or(greatest - value, |least| {
+            (value - least).min(greatest - value)
+        }))
+    };
+    let row = |quantity, unit, value: Option<f64>, least: f64, greatest: f64| {
+        let least = Some(least).filter(|least| least.is_finite());
+        Limit {
+            quantity,
+            unit,
+            value,
+            least,
+            greatest,
+            margin: margin(value, least, greatest),
+        }
+    };
+    let voltage = if cell {
+        "cell voltage"
+    } else {
+        "voltage across the control"
+    };
+    vec![
+        row(voltage, "V", reading.voltage_v, limits.min_v, limits.max_v),
+        row(
+            "current",
+            "A",
+            reading.current_a,
+            -limits.discharge_a,
+            limits.charge_a,
+        ),
+        row(
+            "cell temperature",
+            "°C",
+            reading.temperature_degc,
+            limits.min_degc,
+            limits.max_degc,
+        ),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bench_core::bench::SafeReport;
+
+    #[test]
+    fn the_report_of_a_stop_is_that_of_safe_and_more() {
+        let load = Output {
+            role: "load".to_owned(),
+            model: "rigol-dl3000".to_owned(),
+            volts: Some(3.6),
+            amps: Some(3.0),
+            by: Some("a set-point of 0".to_owned()),
+            bound: Some("it stops below 2.5 V".to_owned()),
+            trouble: Some("no answer".to_owned()),
+            ..Output::default()
+        };
+        let message = "3.00 A still flow through the load".to_owned();
+        let safe = SafeReport {
+            bench: "demo".to_owned(),
+            verified: false,
+            message,
+            outputs: vec![load],
+            ..SafeReport::default()
+        };
+        let stop = StopReport {
+            bench: "demo".to_owned(),
+            by: "ann".to_owned(),
+            message: safe.message.clone(),
+            read: safe.read.clone(),
+            outputs: safe.outputs.iter().map(OutputRead::from).collect(),
+            ..StopReport::default()
+        };
+        let json = serde_json::to_value(&stop).unwrap();
+        assert_eq!(json["outputs"][0]["verified"], false);
+        assert_eq!(serde_json::from_value::<SafeReport>(json).unwrap(), safe);
+    }
+}

@@ -1,0 +1,36 @@
+//! Fitted models of a run over one of its spectra.
+
+use std::path::Path;
+
+use super::spectra;
+use analysis::{fit::ModelFile, run_folder};
+pub use bench_evaluate::figures::curves::ModelOver;
+use bench_plan::support::confined_path;
+
+/// Returns all models of a run over the spectrum of this name, the highest order first, or `None`
+/// if the run has no such spectrum.
+pub fn over(folder: &Path, spectrum: &str) -> Option<Vec<ModelOver>> {
+    let file = format!("{spectrum}.csv");
+    if !spectra::stamps(folder).contains_key(&file) {
+        return None;
+    }
+    let spectrum = spectra::read(folder, &file)?;
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let names = entries.filter_map(|entry| entry.file_name().into_string().ok());
+    let mut models: Vec<ModelOver> = names
+        .filter(|name| run_folder::is_model(name))
+        .filter_map(|name| {
+            let file = confined_path::open(folder, &name)?;
+            let model: ModelFile = serde_json::from_reader(file).ok()?;
+            let name = name.trim_end_matches(".json");
+            Some(ModelOver::new(
+                &model.fit,
+                name,
+                &spectrum.name,
+                &spectrum.points,
+            ))
+        })
+        .collect();
+    models.sort_by(|a, b| b.order.cmp(&a.order).then(a.file.cmp(&b.file)));
+    Some(models)
+}
