@@ -545,6 +545,7 @@ const NOT_PLAYED: [NotPlayed; 10] = [
         reason: "it needs measured data that are not part of the project",
         blocks: &[
             "map.md: eis-bench map 25C/cycle_1.parquet 10C/cycle_1.parquet m10C/cycle_1.parquet \\",
+            "thesis.md: D=../shared/data",
         ],
     },
     NotPlayed {
