@@ -26,6 +26,7 @@ pub mod ocv;
 pub mod ocv_slope;
 pub mod outputs;
 pub mod pack;
+pub mod pack_rank;
 pub mod pack_simulate;
 pub mod pack_size;
 pub mod plan;

@@ -2,7 +2,7 @@
 
 use clap::{Args, Subcommand};
 
-use super::{pack_simulate, pack_size};
+use super::{pack_rank, pack_simulate, pack_size};
 use bench_core::safety::failure::Failure;
 
 /// Arguments of `pack`.
@@ -17,6 +17,8 @@ enum PackCommand {
     /// Compute peak, crossing and regeneration power by the simple-IR model, and the heating of
     /// cells.
     Size(pack_size::SizeArgs),
+    /// Rank cells of a table in packs of several sizes by power, energy, mass and margins.
+    Rank(pack_rank::RankArgs),
     /// Run a profile through many packs of cells that differ: current shares, worst cell,
     /// violations of the voltage window.
     Simulate(pack_simulate::PackSimulateArgs),
@@ -29,6 +31,7 @@ enum PackCommand {
 pub fn pack(args: &PackArgs) -> Result<(), Failure> {
     match &args.command {
         PackCommand::Size(args) => pack_size::size(args),
+        PackCommand::Rank(args) => pack_rank::rank(args),
         PackCommand::Simulate(args) => pack_simulate::simulate(args),
     }
 }

@@ -116,6 +116,67 @@ fn a_file_of_another_kind_is_named_as_what_it_is() {
 }
 
 #[test]
+fn packs_are_ranked_from_a_table_of_cells() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = text(&folder.path().join("cells.csv"));
+    let header = "cell,capacity_ah,ocv_v,dcir_ohm,mass_kg,v_min,v_max,discharge_max_a\n";
+    fs::write(
+        &table,
+        format!("{header}P45B,4.5,3.6,0.015,0.07,2.5,4.2,45\n"),
+    )
+    .unwrap();
+    let base = [
+        "pack",
+        "rank",
+        &table,
+        "--series",
+        "14..18",
+        "--parallel",
+        "3",
+    ];
+    let needs = [
+        "--interconnect-ohm",
+        "0.03",
+        "--power-w",
+        "5000",
+        "--bus-v",
+        "40,68",
+    ];
+    let found = json_of(&[&base[..], &needs, &["--json"]].concat());
+    let packs = found.as_array().unwrap();
+    assert_eq!(packs.len(), 5);
+    // 14S3P delivers 45·3 A at 35.5 V per 14 cells only; 15S3P is the lightest within 40 to 68 V.
+    assert_eq!(
+        (&packs[0]["series"], &packs[0]["limited_by"]),
+        (&15.into(), &"current".into())
+    );
+    assert_eq!(packs[4]["unmet"][0], "full at 75.6 V");
+    let (_, out, _) = eis_bench(&[&base[..], &needs, &["--rows", "2"]].concat());
+    assert!(
+        out.contains("15S3P") && out.contains("2 of 5 packs"),
+        "{out}"
+    );
+
+    for (text, message) in [
+        (
+            "cell,ocv_v\n",
+            "expected a column capacity_ah, found cell, ocv_v",
+        ),
+        (header, "expected at least one cell, found a header only"),
+        (
+            &format!("{header}x,4.5,3.6,?,0.07,2.5,4.2,\n"),
+            "line 2, column dcir_ohm: expected a number",
+        ),
+    ] {
+        fs::write(&table, text).unwrap();
+        let (code, _, err) = eis_bench(&base);
+        assert!(code == 2 && err.contains(message), "{err}");
+    }
+    let (code, _, err) = eis_bench(&["pack", "rank", &table, "--series", "0", "--parallel", "1"]);
+    assert!(code == 2 && err.contains("a range such as 14..18"), "{err}");
+}
+
+#[test]
 fn a_mistake_is_told_with_its_file_and_field() {
     let files = Files::demo().edit(EXPERIMENT, "\"5 A\"", "\"5 V\"");
     let (file, bench) = (text(&files.path(EXPERIMENT)), text(&files.path(BENCH)));

@@ -81,7 +81,7 @@ fn parts(piece_s: f64, step_s: f64) -> u64 {
 /// let model = SimModel::cell(&erm, OcvSource::Constant(3.7))?;
 /// let profile = Profile::constant(Demand::Current, 10.0, 60.0)?;
 /// let run = simulate(&model, &model.rest(0.5)?, &profile, &SimOptions::default())?;
-/// assert!((run.summary.charge_c - 600.0).abs() < 1e-6);
+/// assert!((run.summary.charge_coulomb - 600.0).abs() < 1e-6);
 /// assert!((run.summary.min_ccv_v - 3.45).abs() < 1e-4);
 /// assert!(run.summary.feasible && run.summary.margin_low_v > 0.9);
 /// # Ok::<(), Box<dyn std::error::Error>>(())

@@ -7,9 +7,11 @@
 //! capacity of a pack are in `forward::SimModel`.
 
 mod heat;
+mod ranking;
 mod sizing;
 
 pub use heat::{HeldPower, Hold, ThermalMass};
+pub use ranking::{CellKind, PowerLimit, RankedPack, Requirements, rank_packs};
 pub use sizing::{OperatingPoint, PeakLimit, SimpleIr, Sizing, SizingInput, check_window};
 
 use crate::model::{Erm, ModelError, RcBranch};
