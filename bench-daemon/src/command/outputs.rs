@@ -98,16 +98,8 @@ fn tell(state: &OutputsState, json: bool) -> Result<(), Failure> {
     }
     say!("{}", state.words);
     for reading in &state.outputs {
-        let meter = match (reading.volts, reading.amps) {
-            (Some(volts), Some(amps)) => format!("; {volts:.4} V, {amps:.4} A"),
-            _ => String::new(),
-        };
-        say!(
-            "{:<10} {:<20} {}{meter}",
-            reading.role,
-            reading.model,
-            reading.state.name()
-        );
+        let words = reading.in_words();
+        say!("{:<10} {:<20} {words}", reading.role, reading.model);
     }
     Ok(())
 }

@@ -4,10 +4,23 @@
 use std::{
     io::{BufRead, BufReader, Read, Write},
     net::{TcpListener, TcpStream},
-    sync::{Arc, Mutex},
+    process::Child,
+    sync::{Arc, Barrier, Mutex},
 };
 
-use crate::support::{BENCH, Files, Ports, program};
+use crate::support::{BENCH, Files, Ports, command, program};
+
+/// The roles of the demo's instruments.
+const ROLES: [&str; 8] = [
+    "supply4q",
+    "generator",
+    "scope",
+    "load",
+    "supply",
+    "chiller",
+    "logger",
+    "jig",
+];
 
 /// A proxy between a client and an instrument that records every byte that goes to the
 /// instrument.
@@ -252,4 +265,102 @@ fn nobody_is_asked_on_a_bench_that_somebody_runs() {
     drop(lock);
     program(words[0]).expect_code(0);
     assert!(!recorder.messages().is_empty());
+}
+
+/// Passes bytes between a client and an instrument.
+fn pass(mut client: TcpStream, instrument: &str) {
+    let mut far = TcpStream::connect(instrument).unwrap();
+    let (mut back, mut answers) = (client.try_clone().unwrap(), far.try_clone().unwrap());
+    std::thread::spawn(move || std::io::copy(&mut answers, &mut back));
+    let _ = std::io::copy(&mut client, &mut far);
+    let _ = far.shutdown(std::net::Shutdown::Both);
+}
+
+#[test]
+fn instruments_on_separate_connections_are_asked_in_parallel() {
+    let files = Files::demo();
+    let _ports = Ports::serve(&files, 1.0, 1);
+    // No instrument answers before all of them are asked.
+    let all_asked = Arc::new(Barrier::new(ROLES.len()));
+    for role in ROLES {
+        let (instrument, listener) = files.stand_before(role);
+        let all_asked = all_asked.clone();
+        std::thread::spawn(move || {
+            let (client, _) = listener.accept().unwrap();
+            all_asked.wait();
+            pass(client, &instrument);
+        });
+    }
+    let bench = files.path(BENCH);
+    let asked = program(&["identify".as_ref(), bench.as_os_str(), "--json".as_ref()]);
+    let found: serde_json::Value = serde_json::from_str(&asked.expect_code(0).stdout).unwrap();
+    let roles: Vec<&str> = (found.as_array().unwrap().iter())
+        .map(|one| one["role"].as_str().unwrap())
+        .collect();
+    assert_eq!(roles, ROLES);
+}
+
+#[test]
+fn a_silent_instrument_is_named_once_and_the_others_show_identity_and_output() {
+    let files = Files::demo();
+    let _ports = Ports::serve(&files, 1.0, 1);
+    drop(files.stand_before("scope"));
+    let bench = files.path(BENCH);
+    let asked = program(&["identify".as_ref(), bench.as_os_str()]);
+    asked.expect_code(3);
+    let lines: Vec<&str> = (asked.stdout.lines())
+        .filter(|line| !line.starts_with(' '))
+        .collect();
+    assert_eq!(lines.len(), ROLES.len(), "{}", asked.stdout);
+    for (line, role) in lines.iter().zip(ROLES) {
+        assert!(line.starts_with(role), "{line}");
+        assert_eq!(line.ends_with("[ok]"), role != "scope", "{line}");
+    }
+    assert_eq!(
+        asked.stdout.matches("refused").count(),
+        1,
+        "{}",
+        asked.stdout
+    );
+    assert_eq!(
+        lines[2].matches("siglent-sds800x-hd").count(),
+        1,
+        "{}",
+        lines[2]
+    );
+    assert_eq!(
+        asked.message(),
+        "1 of 8 instruments did not answer, or are not the model that was expected: scope"
+    );
+    assert!(!asked.stderr.contains("refused"), "{}", asked.stderr);
+    assert_eq!(
+        asked.stdout.matches("\n    output    off").count(),
+        4,
+        "{}",
+        asked.stdout
+    );
+    let known = program(&["outputs".as_ref(), bench.as_os_str(), "--known".as_ref()]);
+    assert!(
+        known.stdout.starts_with("outputs read off at "),
+        "{}",
+        known.stdout
+    );
+}
+
+#[test]
+fn safe_ends_an_identify_that_hangs() {
+    let files = Files::demo();
+    let ports = Ports::serve(&files, 1.0, 1);
+    let (_, listener) = files.stand_before("scope");
+    let bench = files.path(BENCH);
+    let mut asked: Child = command(&["identify".as_ref(), bench.as_os_str()])
+        .spawn()
+        .unwrap();
+    // It accepts, and never answers.
+    let _client = listener.accept().unwrap();
+    let refused = program(&["outputs".as_ref(), bench.as_os_str()]);
+    refused.expect_code(8);
+    program(&["safe".as_ref(), bench.as_os_str()]).expect_code(0);
+    assert_eq!(asked.wait().unwrap().code(), None, "it ended by itself");
+    ports.assert_outputs_off();
 }

@@ -65,6 +65,15 @@ impl OutputReading {
     pub fn is_off(&self) -> bool {
         self.state == OutputState::Off
     }
+
+    /// Returns the state and the readings of its meter, as text.
+    pub fn in_words(&self) -> String {
+        let meter = match (self.volts, self.amps) {
+            (Some(volts), Some(amps)) => format!("; {volts:.4} V, {amps:.4} A"),
+            _ => String::new(),
+        };
+        format!("{}{meter}", self.state.name())
+    }
 }
 
 /// A reading with its age.

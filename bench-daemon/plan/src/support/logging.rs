@@ -25,6 +25,8 @@ static RUN_LOG: Mutex<Option<Box<dyn Write + Send>>> = Mutex::new(None);
 /// How much the terminal shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verbosity {
+    /// Errors only: the command itself prints what a warning would say.
+    Quiet,
     /// Warnings and errors.
     Normal,
     /// Every step.
@@ -41,6 +43,7 @@ pub const TELEMETRY: &str = "telemetry";
 /// spans. Once per process.
 pub fn start(verbosity: Verbosity, spans: Option<impl Layer<Registry> + Send + Sync + 'static>) {
     let level = match verbosity {
+        Verbosity::Quiet => LevelFilter::ERROR,
         Verbosity::Normal => LevelFilter::WARN,
         Verbosity::Verbose => LevelFilter::INFO,
         Verbosity::Debug => LevelFilter::DEBUG,
