@@ -4,21 +4,23 @@
 
 use std::{process::Stdio, sync::Arc, time::Duration};
 
+use serde::de::DeserializeOwned;
+
 use super::Server;
 use bench_core::{bench::outputs::OutputsState, safety::failure::BUSY_CODE};
 use bench_plan::{config, support::quoted::quoted};
 
-/// Time limit for `eis-bench outputs`.
-const READ: Duration = Duration::from_secs(60);
+/// Time limit for the answers of all instruments of a bench.
+const ANSWERS: Duration = Duration::from_secs(60);
 
-/// Why the outputs were not read.
+/// Why the instruments were not queried.
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
     /// The request conflicts with the current state.
     #[error("{0}")]
     Busy(String),
     /// The machine.
-    #[error("the outputs were not read: {0}")]
+    #[error("the instruments were not queried: {0}")]
     Machine(String),
 }
 
@@ -34,19 +36,33 @@ pub fn safe_command(bench: &config::Bench) -> String {
 /// # Errors
 /// [`ReadError::Busy`] while a run or a stop is at work on the bench.
 pub async fn read(server: &Server, bench: &config::Bench) -> Result<OutputsState, ReadError> {
-    let busy = |text: &str| Err(ReadError::Busy(text.to_owned()));
     if bench.in_process() {
-        return busy("expected a bench with instruments, found one that is simulated within a run");
+        let why = "expected a bench with instruments, found one that is simulated within a run";
+        return Err(ReadError::Busy(why.to_owned()));
     }
+    ask(server, bench, "outputs").await
+}
+
+/// Runs a command of the program that queries the instruments of a bench, and returns its JSON.
+///
+/// # Errors
+/// [`ReadError::Busy`] while a run or a stop is at work on the bench, or if one of them has ended
+/// the command; a command that prints no result.
+pub async fn ask<T: DeserializeOwned>(
+    server: &Server,
+    bench: &config::Bench,
+    what: &str,
+) -> Result<T, ReadError> {
     if is_at_work(server, &bench.name) {
-        return busy(
+        return Err(ReadError::Busy(
             "expected a bench on which nothing runs, found a run or a stop in work: its own \
-            readings show the outputs",
-        );
+            readings show the outputs"
+                .to_owned(),
+        ));
     }
     let mut command = tokio::process::Command::new(&server.program);
     command
-        .args(["outputs", "--json"])
+        .args([what, "--json"])
         .arg(&bench.path)
         .stdin(Stdio::null())
         .kill_on_drop(true)
@@ -54,7 +70,7 @@ pub async fn read(server: &Server, bench: &config::Bench) -> Result<OutputsState
     let machine = |error: &dyn std::fmt::Display| ReadError::Machine(error.to_string());
     let output = server
         .clock
-        .deadline(READ, command.output())
+        .deadline(ANSWERS, command.output())
         .await
         .map_err(|error| machine(&error))?
         .map_err(|error| machine(&error))?;
@@ -67,7 +83,7 @@ pub async fn read(server: &Server, bench: &config::Bench) -> Result<OutputsState
             .unwrap_or("a run or a stop has ended the reading")
             .to_owned();
         match output.status.code() {
-            // The read was ended because the instruments were needed elsewhere.
+            // The command was ended because the instruments were needed elsewhere.
             None => ReadError::Busy(why),
             Some(code) if code == i32::from(BUSY_CODE) => ReadError::Busy(why),
             Some(_) => ReadError::Machine(why),

@@ -77,7 +77,7 @@ pub struct Server {
     shelf: Mutex<()>,
     live: Mutex<BTreeMap<String, Live>>,
     stops: Mutex<BTreeMap<String, StopReport>>,
-    identities: Mutex<BTreeMap<String, Vec<supervisor::Identity>>>,
+    identities: Mutex<BTreeMap<String, Vec<supervisor::Asked>>>,
 }
 
 /// Counters since the start.
@@ -206,8 +206,8 @@ impl Server {
         self.stops.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Identities of the instruments by their own last answers, by bench.
-    pub fn identities(&self) -> MutexGuard<'_, BTreeMap<String, Vec<supervisor::Identity>>> {
+    /// Returns what the instruments answered when they were last asked outside a run, by bench.
+    pub fn identities(&self) -> MutexGuard<'_, BTreeMap<String, Vec<supervisor::Asked>>> {
         self.identities
             .lock()
             .unwrap_or_else(PoisonError::into_inner)

@@ -42,9 +42,7 @@ use bench_core::{
     safety::failure::{Failure, GATE_REFUSED, REFUSED_CODE},
     safety::state::{Holder, State},
 };
-use bench_evaluate::support::telemetry::CONTEXT_VARIABLE;
-use bench_plan::{config, support::locks};
-pub use identity::{Answer, Identity};
+pub use identity::{Answer, Asked, Identity};
 
 /// Interval between two polls, s.
 const LOOK_S: f64 = 0.2;
@@ -343,6 +341,10 @@ impl SupervisedBench {
             Some((holder.run, name))
         };
         let found = ours.or_else(other);
+        if found.is_some() {
+            // A run asks the instruments itself.
+            server.identities().remove(&self.bench.name);
+        }
         if let Some((folder, name)) = &found
             && self
                 .watch
@@ -496,19 +498,25 @@ impl SupervisedBench {
             .cloned()
             .unwrap_or_default();
         let one = |(role, instrument): (&'static str, &config::Instrument)| {
-            let identity = asked
-                .iter()
-                .chain(&self.manifest)
-                .find(|identity| identity.role == role);
+            let asked = asked.iter().find(|asked| asked.role == role);
+            let answer =
+                asked.and_then(|asked| Some((asked.identity.as_ref()?, asked.recognised?)));
+            let in_run = self.manifest.iter().find(|identity| identity.role == role);
+            let in_run = in_run.map(|identity| (&identity.identity, identity.recognised));
+            let identity = answer.or(in_run);
             let now = InstrumentNow {
                 role: role.to_owned(),
                 model: instrument.model.clone(),
                 address: instrument.address.to_string(),
-                identity: identity.map(|identity| identity.identity.raw.clone()),
-                recognised: identity.map(|identity| identity.recognised),
+                identity: identity.map(|(identity, _)| identity.raw.clone()),
+                recognised: identity.map(|(_, recognised)| recognised),
                 ..self.by_transcript(role)
             };
-            self.by_reading(now, outputs)
+            let mut now = self.by_reading(now, outputs);
+            if let Some(why) = asked.and_then(|asked| asked.failure.as_ref()) {
+                now.trouble = Some(format!("no answer: {why}"));
+            }
+            now
         };
         self.bench
             .instruments

@@ -570,6 +570,47 @@ fn a_run_waits_and_goes_on_as_it_is_told() {
         identified["answers"].as_array().unwrap().len() == 8 && identified["trouble"].is_null(),
         "{identified}"
     );
+    assert_eq!(identified["silent"], serde_json::json!([]));
+    assert_eq!(identified["answers"][0]["output"]["state"], "off");
+}
+
+#[test]
+fn a_silent_instrument_does_not_hide_the_answers_of_the_others() {
+    let files = Files::short(2);
+    let _ports = Ports::serve(&files, 10.0, 1);
+    drop(files.stand_before("scope"));
+    config(&files, "");
+    let served = Served::start(&files);
+    let identified = served.post("/benches/demo/identify", "").expect(200).json();
+    assert_eq!(identified["answers"].as_array().unwrap().len(), 7);
+    assert_eq!(identified["trouble"], "no answer: scope");
+    let silent = identified["silent"].as_array().unwrap();
+    assert_eq!((silent.len(), &silent[0]["role"]), (1, &"scope".into()));
+    let of = |role: &str| {
+        poll("the answers", || {
+            let live = served.get("/benches/demo");
+            let all = live["instruments"].as_array().unwrap();
+            let one = all.iter().find(|one| one["role"] == role).unwrap().clone();
+            (live["outputs"]["state"] == "off" && live["instruments"][0]["identity"].is_string())
+                .then_some(one)
+        })
+    };
+    assert!(
+        of("load")["identity"]
+            .as_str()
+            .unwrap()
+            .contains("SDL1020X-E")
+    );
+    let scope = of("scope");
+    let trouble = scope["trouble"].as_str().unwrap();
+    assert!(
+        trouble.starts_with("no answer: ") && scope["identity"].is_null(),
+        "{scope}"
+    );
+    assert!(
+        trouble.ends_with(silent[0]["why"].as_str().unwrap()),
+        "{trouble}"
+    );
 }
 
 #[test]

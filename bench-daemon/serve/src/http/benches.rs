@@ -1,7 +1,5 @@
 //! Routes of benches: present state, instruments, trips, and the stop.
 
-use std::{process::Stdio, time::Duration};
-
 use axum::{
     Json,
     extract::{Path, Query, State},
@@ -16,19 +14,18 @@ use super::{
     problem::Refusal,
 };
 use crate::{
-    audit::{By, Deed},
-    capabilities::Capabilities,
-    live::{InstrumentNow, Live, StopReport, TripNow},
-    outputs::{self, ReadError},
-    stop::{self, Stopper},
-    supervisor::Identity,
-    token::Scope,
+    config,
+    safety::state,
+    serve::{
+        audit::{By, Deed},
+        capabilities::Capabilities,
+        live::{Live, StopReport, TripNow},
+        stop::{self, Stopper},
+        token::Scope,
+    },
 };
 use bench_core::{bench::outputs::OutputsState, safety::state};
 use bench_plan::config;
-
-/// Time limit for `eis-bench identify`.
-const IDENTIFY: Duration = Duration::from_secs(60);
 
 /// Identity of the caller.
 #[derive(Debug, Serialize, ToSchema)]
@@ -45,7 +42,7 @@ pub struct Caller {
 #[derive(Debug, Serialize, ToSchema)]
 pub struct BenchNow {
     #[serde(flatten)]
-    live: Live,
+    pub(super) live: Live,
     /// Properties that follow from its file.
     capabilities: Capabilities,
 }
@@ -179,129 +176,6 @@ pub async fn detail(
     let now = BenchNow::of(&app, known(&app, &bench)?);
     now.map(Json)
         .ok_or_else(|| Refusal::not_found("a bench", &bench))
-}
-
-/// Returns the instruments of a bench and their health.
-#[utoipa::path(
-    get,
-    path = "/api/v1/benches/{bench}/instruments",
-    tag = "benches",
-    params(("bench" = String, Path)),
-    responses((status = 200, body = [InstrumentNow])),
-    security(("token" = ["read"]))
-)]
-pub async fn instruments(
-    caller: Reader,
-    app: State<App>,
-    bench: Path<String>,
-) -> Result<Json<Vec<InstrumentNow>>, Refusal> {
-    Ok(Json(detail(caller, app, bench).await?.0.live.instruments))
-}
-
-/// Queries the identity of every instrument; changes nothing on any of them. Refused while a run is
-/// in progress, because instruments accept one client.
-#[utoipa::path(
-    post,
-    path = "/api/v1/benches/{bench}/identify",
-    tag = "benches",
-    params(("bench" = String, Path)),
-    responses((status = 200, body = Identified)),
-    security(("token" = ["operate"]))
-)]
-pub async fn identify(
-    _caller: Operator,
-    State(app): State<App>,
-    Path(bench): Path<String>,
-) -> Result<Json<Identified>, Refusal> {
-    let config = known(&app, &bench)?;
-    if app
-        .server
-        .live()
-        .get(&bench)
-        .is_some_and(|live| live.run.as_ref().is_some_and(|run| run.going))
-    {
-        return Err(Refusal::conflict(
-            "expected a bench on which nothing runs, found a run in work",
-        ));
-    }
-    let mut command = tokio::process::Command::new(&app.server.program);
-    command
-        .arg("identify")
-        .arg(&config.path)
-        .arg("--json")
-        .stdin(Stdio::null())
-        .kill_on_drop(true)
-        .env_remove("NOTIFY_SOCKET");
-    let unavailable = |error: &dyn std::fmt::Display| Refusal::machine(&error);
-    let output = app
-        .server
-        .clock
-        .deadline(IDENTIFY, command.output())
-        .await
-        .map_err(|error| unavailable(&error))?
-        .map_err(|error| unavailable(&error))?;
-    let found: Vec<Identity> = serde_json::from_slice(&output.stdout).unwrap_or_default();
-    app.server.identities().insert(bench, found.clone());
-    let message = String::from_utf8_lossy(&output.stderr);
-    let trouble = message
-        .lines()
-        .rev()
-        .find_map(|line| line.strip_prefix("eis-bench: "))
-        .map(str::to_owned);
-    let answers = found.into_iter().map(|one| IdentifiedOne {
-        role: one.role,
-        answer: one.identity.raw,
-        recognised: one.recognised,
-    });
-    Ok(Json(Identified {
-        answers: answers.collect(),
-        trouble: trouble.filter(|_| !output.status.success()),
-    }))
-}
-
-/// Reads the output state of every instrument that can move charge, and disconnects again; changes
-/// nothing on any of them. Refused during a run or a stop, whose own readings show the outputs.
-#[utoipa::path(
-    post,
-    path = "/api/v1/benches/{bench}/outputs/read",
-    tag = "benches",
-    params(("bench" = String, Path)),
-    responses((status = 200, body = OutputsState)),
-    security(("token" = ["operate"]))
-)]
-pub async fn read_outputs(
-    _caller: Operator,
-    State(app): State<App>,
-    Path(bench): Path<String>,
-) -> Result<Json<OutputsState>, Refusal> {
-    let config = known(&app, &bench)?;
-    outputs::read(&app.server, config)
-        .await
-        .map(Json)
-        .map_err(|error| match &error {
-            ReadError::Busy(why) => Refusal::conflict(why.clone()),
-            ReadError::Machine(_) => Refusal::machine(&error),
-        })
-}
-
-/// Identities of the instruments.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct Identified {
-    /// Instruments that answered.
-    answers: Vec<IdentifiedOne>,
-    /// Error, if any.
-    trouble: Option<String>,
-}
-
-/// Identity of one instrument.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct IdentifiedOne {
-    /// Its role.
-    role: String,
-    /// Its answer.
-    answer: String,
-    /// Whether it is the configured model.
-    recognised: bool,
 }
 
 /// Stops whatever runs on a bench and reads all outputs back. Answers when that is done; events

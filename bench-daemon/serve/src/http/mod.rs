@@ -13,6 +13,7 @@ pub mod events;
 pub mod find;
 pub mod guard;
 pub mod imported;
+pub mod instruments;
 pub mod investigations;
 pub mod metrics;
 pub mod notices;
@@ -44,9 +45,15 @@ pub fn router(app: &App) -> Router {
         .route("/whoami", get(benches::whoami))
         .route("/benches", get(benches::list))
         .route("/benches/{bench}", get(benches::detail))
-        .route("/benches/{bench}/instruments", get(benches::instruments))
-        .route("/benches/{bench}/identify", post(benches::identify))
-        .route("/benches/{bench}/outputs/read", post(benches::read_outputs))
+        .route(
+            "/benches/{bench}/instruments",
+            get(instruments::instruments),
+        )
+        .route("/benches/{bench}/identify", post(instruments::identify))
+        .route(
+            "/benches/{bench}/outputs/read",
+            post(instruments::read_outputs),
+        )
         .route("/benches/{bench}/stop", post(benches::stop))
         .route("/benches/{bench}/trips", get(benches::trips))
         .route("/benches/{bench}/trips/clear", post(benches::clear))

@@ -11,8 +11,8 @@ use utoipa::{
 };
 
 use super::{
-    analyses, archive, benches, catalog, events, find, imported, investigations, metrics, notices,
-    pack, problem, queue, runs, session, shelf,
+    analyses, archive, benches, catalog, events, find, imported, instruments, investigations,
+    metrics, notices, pack, problem, queue, runs, session, shelf,
 };
 
 #[derive(OpenApi)]
@@ -24,9 +24,9 @@ use super::{
         benches::whoami,
         benches::list,
         benches::detail,
-        benches::instruments,
-        benches::identify,
-        benches::read_outputs,
+        instruments::instruments,
+        instruments::identify,
+        instruments::read_outputs,
         benches::stop,
         benches::stop_all,
         benches::trips,

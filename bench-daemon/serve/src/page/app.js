@@ -95,7 +95,10 @@ const WORDS = {
   waitsToGoOn: (run) => `${run} waits to go on.`,
   pause: "Pause after this step",
   cleared: (bench) => `${bench} is cleared.`,
-  answered: (count) => `${count} instruments answered.`,
+  identify: "Ask who they are",
+  asking: "Asking …",
+  answered: ({ answers, silent, trouble }) =>
+    `${answers.length} of ${answers.length + silent.length} instruments answered${trouble ? `; ${trouble}` : ""}.`,
   queued: (run) => `${run} is in the queue.`,
   answerTaken: "Answer taken.",
   runEnded: (run, how) => `${run}: ${how}`,
@@ -122,6 +125,7 @@ const known = {
   missed: [],
   // The run whose question was answered here.
   answered: "",
+  isAsking: false,
 };
 
 const may = (scope) => known.scopes.includes(scope);
@@ -602,11 +606,13 @@ function sayEnd({ item, ended }) {
 
 // Shows actions that are not permitted, with the reason.
 function drawRights() {
-  $("identify").disabled = !may("operate");
-  $("identify").title = may("operate") ? "" : lacks("operate");
   const atWork = live() && !["idle", "latched", "unknown"].includes(live().state);
-  $("readoutputs").disabled = !may("operate") || atWork || live().outputs.state === "simulated";
-  $("readoutputs").title = !may("operate") ? lacks("operate") : atWork ? live().outputs.words : "";
+  for (const id of ["identify", "readoutputs"]) {
+    const isSimulated = id === "readoutputs" && live().outputs.state === "simulated";
+    $(id).disabled = !may("operate") || atWork || isSimulated || known.isAsking;
+    $(id).title = !may("operate") ? lacks("operate") : atWork ? live().outputs.words : "";
+  }
+  text($("identify"), known.isAsking ? WORDS.asking : WORDS.identify);
   for (const control of $("submit").querySelectorAll("button[type=submit]")) control.disabled = !may("energise");
   $("maynot").hidden = may("energise");
   text($("maynot"), may("energise") ? "" : WORDS.maySubmit(lacks("energise")));
@@ -913,12 +919,13 @@ $("login").addEventListener("submit", async (event) => {
 $("readoutputs").addEventListener("click", () =>
   attempt(() => post(`/benches/${known.bench}/outputs/read`), WORDS.outputsRead),
 );
-$("identify").addEventListener("click", () =>
-  attempt(
-    () => post(`/benches/${known.bench}/identify`),
-    (found) => found.trouble || WORDS.answered(found.answers.length),
-  ),
-);
+$("identify").addEventListener("click", async () => {
+  known.isAsking = true;
+  drawRights();
+  await attempt(() => post(`/benches/${known.bench}/identify`), WORDS.answered);
+  known.isAsking = false;
+  drawRights();
+});
 $("submit").addEventListener("submit", (event) => {
   event.preventDefault();
   const body = { experiment: $("experiment").value, bench: known.bench };

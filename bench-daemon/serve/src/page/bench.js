@@ -70,7 +70,7 @@ const WORDS = {
   lastRun: "in the last run",
   notAsked: "not asked",
   otherModel: (model) => `${model} ✕ another model answers`,
-  modelNotAsked: (model) => `${model} (not asked yet)`,
+  identityNotAsked: "not asked yet",
   readBackBy: (who, time) => `read ${time} by ${who}`,
   readers: {
     run: "the run",
@@ -377,11 +377,7 @@ export function drawInstruments(live) {
           : one.output === false
             ? el("span", { class: "off" }, WORDS.outputOff)
             : WORDS.unknown;
-      const who = !one.identity
-        ? WORDS.modelNotAsked(one.model)
-        : one.recognised === false
-          ? WORDS.otherModel(one.model)
-          : one.model;
+      const who = one.recognised === false ? WORDS.otherModel(one.model) : one.model;
       const answer = one.output_by
         ? WORDS.readBackBy(WORDS.readers[one.output_by] || one.output_by, when(one.output_unix_s))
         : one.trouble
@@ -397,7 +393,7 @@ export function drawInstruments(live) {
         { class: one.trouble ? "trouble" : "" },
         el("th", { scope: "row", title: one.role }, WORDS.roles[one.role] || one.role),
         el("td", {}, output, el("small", {}, said)),
-        el("td", { title: one.identity || "" }, who, el("small", {}, one.address)),
+        el("td", {}, who, el("small", {}, one.identity || WORDS.identityNotAsked), el("small", {}, one.address)),
       );
     }),
   );

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::bench::outputs::OutputReading;
+
 /// Identity of an instrument.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Identity {
@@ -18,4 +20,21 @@ pub struct Identity {
 pub struct Answer {
     /// As it came.
     pub raw: String,
+}
+
+/// What `eis-bench identify` found of one instrument.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct Asked {
+    /// Its role.
+    pub role: String,
+    /// Its address.
+    pub address: String,
+    /// Its answer, if it answered.
+    pub identity: Option<Answer>,
+    /// Whether that is the configured model.
+    pub recognised: Option<bool>,
+    /// State of its output, if it can move charge.
+    pub output: Option<OutputReading>,
+    /// Reason why it did not answer.
+    pub failure: Option<String>,
 }
