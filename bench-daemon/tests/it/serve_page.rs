@@ -261,6 +261,17 @@ impl Browser {
         self.size(size);
     }
 
+    /// Submits the chosen experiment and confirms that a current will flow.
+    fn submit_in_panel(&self) {
+        self.click("#submit button[type=submit]");
+        self.confirm();
+    }
+
+    fn confirm(&self) {
+        self.wait("#ask", "a current will flow");
+        self.click("#ask .go");
+    }
+
     fn pictures(&self, name: &str) {
         self.picture(name, PHONE);
         self.picture(name, DESKTOP);
@@ -323,6 +334,10 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     browser.click("#showplan");
     browser.wait("#plan", "EIS sweep of the cell");
     browser.click("#submit button[type=submit]");
+    browser.wait("#ask", "On the bench demo a current will flow.");
+    browser.pictures("asking-current");
+    browser.assert_accessible("asking-current");
+    browser.click("#ask .go");
     browser.wait("#said", "demo-1 is in the queue");
     browser.wait("#state", "Running");
     browser.wait_points(".cv-legend", "shunt (", 3);
@@ -360,7 +375,7 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     );
     browser.pictures("finished");
     browser.assert_accessible("finished");
-    browser.click("#submit button[type=submit]");
+    browser.submit_in_panel();
     browser.wait_points(".cv-legend", "fake cell (", 2);
     browser.click("#stop");
     browser.wait("#stopped", "outputs read off at");
@@ -394,7 +409,7 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     // With the keyboard alone.
     browser.keys("#why", "looked at");
     browser.click("#held button");
-    browser.click("#submit button[type=submit]");
+    browser.submit_in_panel();
     browser.wait("#state", "Running");
     browser.wait_points("#runbody", "point ", 2);
     browser.keys("body", "\u{e00c}");
@@ -402,6 +417,82 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     browser.keys("body", "\u{e00c}");
     browser.wait("#stopped", "outputs read off at");
     ports.assert_outputs_off();
+}
+
+#[test]
+#[ignore = "drill"]
+fn nothing_that_starts_a_current_starts_at_one_click() {
+    let Some(browser) = Browser::start(false) else {
+        return;
+    };
+    let files = Files::short(4);
+    let text = files.text(crate::support::EXPERIMENT);
+    let beyond = "amplitude = \"1 A\"";
+    assert!(text.contains(beyond), "{text}");
+    files.write(
+        "experiments/beyond.toml",
+        &text.replace(beyond, "amplitude = \"60 A\""),
+    );
+    let _ports = Ports::serve(&files, 10.0, 1);
+    config(&files, "");
+    let served = Served::start(&files);
+    let queue = || served.get("/queue")["items"].as_array().unwrap().len();
+    let is_off = |css: &str| {
+        let script = format!("return document.querySelector({css:?}).disabled");
+        browser.script(&script) == true
+    };
+    browser.go(&served.url(), DESKTOP);
+    browser.wait("#state", "Idle");
+    // Of two experiments, none is chosen.
+    browser.wait("#experiment", "choose …");
+    assert!(is_off("#submit [type=submit]") && is_off("#showplan"));
+    let choose = |name: &str| {
+        browser.script(&format!(
+            "const e = document.querySelector('#experiment'); e.value = {name:?}; \
+            e.dispatchEvent(new Event('change'))"
+        ));
+    };
+    // A plan that the bench refuses cannot be started.
+    choose("beyond");
+    browser.click("#submit [type=submit]");
+    browser.wait_until("#ask", "the reason", |text| text.contains('▲'));
+    let starts = browser.script("return document.querySelectorAll('#ask .go').length");
+    assert_eq!(starts, 0, "{}", browser.text("#ask"));
+    choose("demo");
+    browser.click("#submit [type=submit]");
+    browser.wait("#ask", "On the bench demo a current will flow.");
+    let words = browser.text("#ask");
+    for part in [
+        "For about ",
+        "Charge moved: ",
+        "A left",
+        "Not now",
+    ] {
+        assert!(words.contains(part), "{part}: {words}");
+    }
+    let held = browser.script("return document.activeElement.textContent");
+    assert_eq!(held, "Not now", "a held key starts nothing");
+    assert_eq!(queue(), 0);
+    browser.click("#ask .go ~ button");
+    assert_eq!((browser.text("#ask").as_str(), queue()), ("", 0));
+    browser.submit_in_panel();
+    browser.wait("#state", "Running");
+    browser.wait_points("#runbody", "point ", 2);
+    browser.click("#stop");
+    browser.wait("#stopped", "outputs read off at");
+    browser.wait("#held", "stopped by local");
+    // A stopped run waits to go on; the release starts it.
+    browser.click("#runs button");
+    browser.wait("#ask", "demo-1 goes on at the first unfinished point.");
+    assert_eq!(queue(), 0);
+    browser.confirm();
+    browser.wait("#items", "demo-1 on demo, to go on");
+    browser.keys("#why", "looked at");
+    browser.click("#held button");
+    browser.wait("#ask", "It starts: demo-1.");
+    browser.wait("#held", "No run starts on demo");
+    browser.confirm();
+    browser.wait("#state", "Running");
 }
 
 /// Draws with the mouse over a stretch of the first strip, 100 to 160 pixels from its left.
@@ -428,7 +519,7 @@ fn a_run_is_seen_over_time_and_a_stretch_of_it_exactly() {
     let served = Served::start(&files);
     browser.go(&served.url(), DESKTOP);
     browser.wait("#state", "Idle");
-    browser.click("#submit button[type=submit]");
+    browser.submit_in_panel();
     browser.wait("#runs", "✓ finished");
     browser.click("#whole");
     browser.wait("#timesaid", "every peak is kept");
@@ -703,7 +794,7 @@ fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     browser.keys("#why", "looked at");
     browser.click("#held button");
     browser.wait("#said", "The queue goes on");
-    browser.click("#submit button[type=submit]");
+    browser.submit_in_panel();
     browser.wait("#trip", "temperature");
     browser.wait("#runs", "✕");
     browser.pictures("tripped");
@@ -801,7 +892,7 @@ fn a_newcomers_way(dark: bool, size: (u32, u32), by_keyboard: bool) {
     browser.wait(".fm-side", "No mistake found");
     look("form");
     take("Submit …");
-    browser.wait(".fm-confirm", "current will flow");
+    browser.wait("#view .confirm", "current will flow");
     look("confirm");
     take("Yes, submit to demo");
     browser.wait(".fm-side", "demo-1");
@@ -814,6 +905,8 @@ fn a_newcomers_way(dark: bool, size: (u32, u32), by_keyboard: bool) {
     browser.wait("#state", "Paused");
     look("paused");
     take("Go on");
+    browser.wait("#ask", "demo-1 goes on where it paused.");
+    take("Yes, go on with demo-1");
     browser.wait("#state", "Running");
     take("■ STOP");
     browser.wait("#stopped", "outputs read off at");

@@ -42,6 +42,7 @@ const OWN: &[(&str, &str)] = own![
     "analysis.css",
     "app.js",
     "bench.js",
+    "energise.js",
     "server.js",
     "question.js",
     "time.js",

@@ -347,7 +347,8 @@ pub async fn draft(
     .await
 }
 
-/// Returns the experiment of a run that this server started, as it was submitted.
+/// Returns the experiment of a run that this server started or that waits in its queue, as it was
+/// submitted.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{run}/experiment",
@@ -363,10 +364,10 @@ pub async fn of_run(
 ) -> Result<Json<OfRun>, Refusal> {
     aside(move || {
         let data = &app.server.settings.data;
-        let job = Some(&run)
+        let item = Some(&run)
             .filter(|run| plain(run))
-            .and_then(|run| jobs::read(data, run));
-        let item = job.ok_or_else(|| Refusal::not_found("a run", &run))?.item;
+            .and_then(|run| jobs::submitted(data, &app.server.queue(), run));
+        let item = item.ok_or_else(|| Refusal::not_found("a run", &run))?;
         let text = submission::of_run(data, &run).map(|(_, text)| text);
         let text = text.ok_or_else(|| Refusal::not_found("the experiment of the run", &run))?;
         Ok(Json(OfRun {

@@ -23,6 +23,7 @@ import {
   text,
   when,
 } from "./bench.js";
+import { ask as askFirst, close } from "./energise.js";
 import { tellHere } from "./notices.js";
 import { drawQuestion } from "./question.js";
 import { drawTime, fitTime } from "./time.js";
@@ -84,6 +85,8 @@ const WORDS = {
   heldWhy: "What was found, and why it may go on ",
   release: "Let the queue go on",
   released: "The queue goes on.",
+  releases: (runs) => `${runs.length === 1 ? "It starts" : "They start one after the other"}: ${runs.join(", ")}.`,
+  yesRelease: "Yes, let the queue go on",
   inWork: "▶ in work",
   compare: "Compare",
   compareRun: (run) => `Compare ${run}`,
@@ -93,6 +96,12 @@ const WORDS = {
   report: "Report",
   goOn: "Go on",
   waitsToGoOn: (run) => `${run} waits to go on.`,
+  resumes: (run) => `${run} goes on at the first unfinished point. The whole plan:`,
+  unpauses: (run) => `${run} goes on where it paused. The whole plan:`,
+  yesGoOn: (run) => `Yes, go on with ${run}`,
+  choose: "choose …",
+  submits: (experiment) => `Experiment: ${experiment}.`,
+  yesSubmit: (bench) => `Yes, submit to ${bench}`,
   pause: "Pause after this step",
   cleared: (bench) => `${bench} is cleared.`,
   identify: "Ask who they are",
@@ -421,10 +430,7 @@ function drawQueue() {
         class: "acts",
         onsubmit: (event) => {
           event.preventDefault();
-          attempt(
-            () => post(`/benches/${known.bench}/release`, { why: $("why").value.trim() }),
-            () => WORDS.released,
-          );
+          releaseQueue(known.bench, $("why").value.trim());
         },
       },
       el("label", {}, WORDS.heldWhy, reason),
@@ -436,6 +442,58 @@ function drawQueue() {
     if ($("held").dataset.words !== words) $("held").replaceChildren(words, release);
     $("held").dataset.words = words;
   }
+}
+
+// ---- what starts a current ----------------------------------------------------------------------
+
+// Asks beside a part of the page before a current flows. `path` has the text of the experiment. A run that goes on has
+// its own frozen files, so its plan is only shown.
+async function energise(beside, path, question) {
+  const back = document.activeElement;
+  const plan = async () => {
+    const { text } = await get(path);
+    return post("/drafts", { text, bench: question.bench });
+  };
+  const draft = question.goesOn ? await plan().catch(() => null) : await attempt(plan);
+  if (!draft && !question.goesOn) return;
+  beside.after($("ask"));
+  askFirst($("ask"), { ...question, draft, back });
+}
+
+const experimentOf = (run) => `/runs/${run}/experiment`;
+
+function resume({ item: { run, bench } }) {
+  const send = () => post(`/runs/${run}/resume`);
+  const done = () => say(WORDS.waitsToGoOn(run));
+  const [title, go] = [WORDS.resumes(run), WORDS.yesGoOn(run)];
+  energise($("runs").closest(".scroll"), experimentOf(run), { bench, title, go, send, done, goesOn: true });
+}
+
+function unpause(bench, run) {
+  const send = () => post(`/runs/${run}/go-on`);
+  const done = ({ said }) => say(said);
+  const [title, go] = [WORDS.unpauses(run), WORDS.yesGoOn(run)];
+  energise($("runacts"), experimentOf(run), { bench, title, go, send, done, goesOn: true });
+}
+
+// Releases the queue of a bench. It asks if a run waits, because that run starts.
+function releaseQueue(bench, why) {
+  const send = () => post(`/benches/${bench}/release`, { why });
+  const waiting = known.queue.items.filter((item) => item.bench === bench && !item.process);
+  if (!waiting.length) return attempt(send, () => WORDS.released);
+  const runs = waiting.map((item) => item.run);
+  const [title, go, done] = [WORDS.releases(runs), WORDS.yesRelease, () => say(WORDS.released)];
+  return energise($("held"), experimentOf(runs[0]), { bench, title, go, send, done, goesOn: true });
+}
+
+function submit() {
+  const body = { experiment: $("experiment").value, bench: known.bench };
+  if ($("seed").value !== "") body.seed = Number($("seed").value);
+  const send = () => post("/queue", body);
+  const done = (item) => say(WORDS.queued(item.run));
+  const path = `/files/experiments/${encodeURIComponent(body.experiment)}`;
+  const [title, go] = [WORDS.submits(body.experiment), WORDS.yesSubmit(body.bench)];
+  return energise($("plan"), path, { bench: body.bench, title, go, send, done });
 }
 
 function drawHistory() {
@@ -452,20 +510,7 @@ function drawHistory() {
     if (job.ended && job.ended.finished)
       acts.push(el("button", { type: "button", onclick: () => keep(run, "report.html") }, WORDS.report));
     if (job.ended && !job.ended.finished && may("energise"))
-      acts.push(
-        el(
-          "button",
-          {
-            type: "button",
-            onclick: () =>
-              attempt(
-                () => post(`/runs/${run}/resume`),
-                () => WORDS.waitsToGoOn(run),
-              ),
-          },
-          WORDS.goOn,
-        ),
-      );
+      acts.push(el("button", { type: "button", onclick: () => resume(job) }, WORDS.goOn));
     return el(
       "tr",
       {},
@@ -501,20 +546,7 @@ function drawActs() {
   const acts = [];
   if (run && run.going && run.run && run.time !== "virtual") {
     if (live().state === "paused" && may("energise"))
-      acts.push(
-        el(
-          "button",
-          {
-            type: "button",
-            onclick: () =>
-              attempt(
-                () => post(`/runs/${run.run}/go-on`),
-                (r) => r.said,
-              ),
-          },
-          WORDS.goOn,
-        ),
-      );
+      acts.push(el("button", { type: "button", onclick: () => unpause(live().bench, run.run) }, WORDS.goOn));
     else if (live().state === "running" && may("operate"))
       acts.push(
         el(
@@ -613,7 +645,9 @@ function drawRights() {
     $(id).title = !may("operate") ? lacks("operate") : atWork ? live().outputs.words : "";
   }
   text($("identify"), known.isAsking ? WORDS.asking : WORDS.identify);
-  for (const control of $("submit").querySelectorAll("button[type=submit]")) control.disabled = !may("energise");
+  const isChosen = Boolean($("experiment").value);
+  for (const control of $("submit").querySelectorAll("button"))
+    control.disabled = !isChosen || (control.type === "submit" && !may("energise"));
   $("maynot").hidden = may("energise");
   text($("maynot"), may("energise") ? "" : WORDS.maySubmit(lacks("energise")));
 }
@@ -710,6 +744,7 @@ async function show() {
     else if (known.asked && location.hash.length > 1 && location.hash !== "#/")
       say(WORDS.noAddress(location.hash, known.bench), true, "address");
     $("stopped").hidden = true;
+    close($("ask"));
     // The stop means this bench from now on, and says so.
     draw();
     // Navigation from another part starts at the top of this one.
@@ -761,10 +796,11 @@ async function ask() {
   $("stopall").hidden = benches.length < 2;
   const before = $("experiment").value;
   const names = offered.map((one) => one.experiment);
-  if (names.join() !== [...$("experiment").options].map((one) => one.value).join()) {
-    $("experiment").replaceChildren(...names.map((name) => el("option", {}, name)));
-    // The selection stays; nothing else changes it.
-    $("experiment").value = names.includes(before) ? before : names[0] || "";
+  // Of several experiments none is chosen until a user chooses it. The selection stays.
+  const choices = names.length === 1 ? names : ["", ...names];
+  if (choices.join() !== [...$("experiment").options].map((one) => one.value).join()) {
+    $("experiment").replaceChildren(...choices.map((name) => el("option", { value: name }, name || WORDS.choose)));
+    $("experiment").value = names.includes(before) ? before : choices[0];
   }
   known.spectra.clear();
   const wanted = new Set(known.chosen);
@@ -904,7 +940,11 @@ $("leave").addEventListener("click", async () => {
 window.addEventListener("hashchange", route);
 onSession(recognise);
 // A plan belongs to its experiment.
-$("experiment").addEventListener("change", () => ($("plan").hidden = true));
+$("experiment").addEventListener("change", () => {
+  $("plan").hidden = true;
+  close($("ask"));
+  drawRights();
+});
 $("login").addEventListener("submit", async (event) => {
   event.preventDefault();
   const token = $("token").value.trim();
@@ -928,12 +968,7 @@ $("identify").addEventListener("click", async () => {
 });
 $("submit").addEventListener("submit", (event) => {
   event.preventDefault();
-  const body = { experiment: $("experiment").value, bench: known.bench };
-  if ($("seed").value !== "") body.seed = Number($("seed").value);
-  attempt(
-    () => post("/queue", body),
-    (item) => WORDS.queued(item.run),
-  );
+  submit();
 });
 $("showplan").addEventListener("click", async () => {
   const plan = await attempt(() => get(`/experiments/${$("experiment").value}/plan?bench=${known.bench}`));

@@ -3,6 +3,7 @@
 "use strict";
 
 import { duration, el, fill, person, saveBlob, text, when } from "./bench.js";
+import { ask as askFirst, chargeWords, close as closeAsk, figure, known, marginWords, placeOf } from "./energise.js";
 import * as schema from "./schema.js";
 
 const WORDS = {
@@ -120,7 +121,6 @@ const WORDS = {
     expected: "Duration",
     longest: "At most",
     charge: "Charge moved",
-    chargeWords: (in_, out) => `${in_} in, ${out} out`,
     margins: "Margins to the limits",
     noMargins: "No limits are stated.",
     plan: (stages, steps) => `The plan: ${stages} ${stages === 1 ? "stage" : "stages"}, ${steps} steps`,
@@ -129,10 +129,6 @@ const WORDS = {
   margin: {
     range: (low, high, unit) => `planned ${low} to ${high} ${unit}`,
     limits: (low, high, unit) => `limits ${low} to ${high} ${unit}`,
-    left: (by, unit) => `${by} ${unit} left`,
-    only: (by, unit) => `▲ only ${by} ${unit} left`,
-    beyond: (by, unit) => `▲ beyond by ${by} ${unit}`,
-    unknown: "margin not known",
   },
   file: {
     title: "The file",
@@ -159,19 +155,10 @@ const WORDS = {
     reasonPlan: "The server made no plan of it.",
     reasonScope: (scopes) => `It needs the scope energise; your token has ${scopes}.`,
     noScope: "none",
-    head: (bench) => `On the bench ${bench} a current will flow.`,
-    long: (expected, longest) => `For about ${expected}, ${longest} at most.`,
-    charge: (words) => `Charge moved: ${words}.`,
     go: (bench) => `Yes, submit to ${bench}`,
-    not: "Not now",
-    sending: "Being submitted …",
     done: (run, bench) => `✓ ${run} waits on ${bench}. `,
     seeBench: (bench) => `See the bench ${bench}`,
     seeRun: (run) => `See the run ${run}`,
-    refused: (why) => `✕ Not submitted: ${why}`,
-    lost: (why) =>
-      `▲ No answer (${why}): it is NOT known whether it was submitted. Look at the queue of the bench before it is ` +
-      "submitted again.",
   },
   save: {
     title: "Save",
@@ -220,7 +207,6 @@ const WORDS = {
 const SCHEMAS = { experiments: "experiment", cells: "cell", benches: "bench" };
 const SCOPES = ["read", "operate", "energise", "clear-trip"];
 const WAIT_MS = 300;
-const SMALL_MARGIN = 0.1;
 
 // The open form. After each await, check that it is still the current one.
 let view = null;
@@ -888,21 +874,15 @@ function drawText() {
   comments.hidden = !(view.source === "form" && view.bare);
 }
 
-const ampHours = (coulombs) => `${(coulombs / 3600).toPrecision(3)} Ah`;
-const known = (value) => value !== null && value !== undefined;
-
-function chargeWords({ charge_c, discharge_c }) {
-  return WORDS.check.chargeWords(ampHours(charge_c), ampHours(discharge_c));
-}
-
 function drawPlan() {
   const { plan, margins } = view.answer;
   if (!plan) return view.parts.plan.replaceChildren();
   const open = Boolean(view.parts.plan.querySelector("details[open]"));
+  const charge = chargeWords(plan);
   const rows = [
     [WORDS.check.expected, duration(plan.expected_s)],
     [WORDS.check.longest, duration(plan.longest_s)],
-    ...(known(plan.charge_c) && known(plan.discharge_c) ? [[WORDS.check.charge, chargeWords(plan)]] : []),
+    ...(charge ? [[WORDS.check.charge, charge]] : []),
   ];
   const facts = rows.flatMap(([name, value]) => [el("dt", {}, name), el("dd", {}, value)]);
   return fill(
@@ -925,20 +905,6 @@ function stagesOf(plan, open) {
     );
   const list = el("ol", { class: "fm-stages" }, ...plan.stages.map(stage));
   return el("details", { open }, el("summary", {}, WORDS.check.plan(plan.stages.length, steps)), list);
-}
-
-const DIGITS = { V: 3, A: 2, "°C": 1 };
-const figure = (value, unit) => (known(value) ? value.toFixed(DIGITS[unit] ?? 2).replace("-", "−") : "…");
-
-function marginWords({ unit, margin, least, greatest }) {
-  if (!known(margin)) return ["near", WORDS.margin.unknown];
-  const by = unit === "°C" ? "K" : unit;
-  if (margin < 0) return ["bad", WORDS.margin.beyond(figure(-margin, unit), by)];
-  const range = known(greatest) ? greatest - (known(least) ? least : Math.min(0, greatest)) : 0;
-  const small = range > 0 && margin < (SMALL_MARGIN * range) / 2;
-  return small
-    ? ["near", WORDS.margin.only(figure(margin, unit), by)]
-    : ["good", WORDS.margin.left(figure(margin, unit), by)];
 }
 
 // Shows where the plan lies between the limits, with the margin as text.
@@ -1067,7 +1033,7 @@ function submitPanel() {
   const parts = view.parts;
   parts.reason = el("p", { id: id("reason"), class: "quiet" });
   parts.go = button(WORDS.submit.button, confirm, { "aria-describedby": parts.reason.id });
-  parts.confirm = el("div", { class: "fm-confirm", role: "group", hidden: true });
+  parts.confirm = placeOf(id("confirm"));
   parts.said = el("div", { role: "status" });
   const seed = el("input", {
     type: "text",
@@ -1087,40 +1053,27 @@ function submitPanel() {
 }
 
 function closeConfirm() {
-  const { confirm: box } = view.parts;
-  if (!box || box.hidden) return;
-  box.hidden = true;
-  box.replaceChildren();
+  if (view.parts.confirm) closeAsk(view.parts.confirm);
 }
 
-// Shows which current will flow on which bench, and asks for a confirmation.
+// Asks for a confirmation. The text that was checked is the one that is sent.
 function confirm() {
-  const { plan, margins, text: words } = view.answer;
-  const sent = { text: view.source === "text" ? view.text : words, bench: view.bench };
+  const mine = view;
+  const sent = { text: view.source === "text" ? view.text : view.answer.text, bench: view.bench };
   if (view.seed.trim()) sent.seed = seedValue();
-  const own = id("confirm");
-  const head = el("p", { id: own, tabindex: "-1" }, el("strong", {}, WORDS.submit.head(view.bench)));
-  const margin = (one) => el("li", {}, `${one.quantity}: ${marginWords(one)[1]}`);
-  const not = () => {
-    closeConfirm();
-    view.parts.go.focus();
+  const done = (item) => {
+    forget(mine.path);
+    if (view === mine) submitted(item, sent.bench);
   };
-  const acts = [button(WORDS.submit.go(view.bench), () => submit(sent)), button(WORDS.submit.not, not)];
-  const box = view.parts.confirm;
-  box.setAttribute("aria-labelledby", own);
-  box.replaceChildren(
-    head,
-    el("p", {}, WORDS.submit.long(duration(plan.expected_s), duration(plan.longest_s))),
-    ...(known(plan.charge_c) && known(plan.discharge_c) ? [el("p", {}, WORDS.submit.charge(chargeWords(plan)))] : []),
-    ...(margins && margins.length
-      ? [el("p", {}, `${WORDS.check.margins}:`), el("ul", {}, ...margins.map(margin))]
-      : [el("p", {}, WORDS.check.noMargins)]),
-    el("div", { class: "acts" }, ...acts),
-  );
   view.parts.said.replaceChildren();
-  box.hidden = false;
-  head.focus();
-  box.scrollIntoView({ block: "nearest" });
+  askFirst(view.parts.confirm, {
+    bench: view.bench,
+    draft: view.answer,
+    go: WORDS.submit.go(view.bench),
+    send: () => mine.ctx.post("/queue", sent),
+    done,
+    back: view.parts.go,
+  });
 }
 
 // Shows a running action, which cannot start twice.
@@ -1128,22 +1081,6 @@ function busy(words) {
   view.busy = Boolean(words);
   if (words) text(view.parts.said, words);
   drawReasons();
-}
-
-async function submit(sent) {
-  const mine = view;
-  closeConfirm();
-  busy(WORDS.submit.sending);
-  try {
-    const item = await mine.ctx.post("/queue", sent);
-    forget(mine.path);
-    if (view === mine) submitted(item, sent.bench);
-  } catch (error) {
-    if (view !== mine) return;
-    const words = isRefusal(error) ? WORDS.submit.refused : WORDS.submit.lost;
-    said("bad", words(reasonOf(error)));
-  }
-  if (view === mine) busy("");
 }
 
 function said(level, ...children) {

@@ -3,6 +3,7 @@
 "use strict";
 
 import { duration, el, fill, person, saveBlob, text, when } from "./bench.js";
+import { ask as askFirst, close, marginWords, placeOf } from "./energise.js";
 
 const WORDS = {
   verdicts: {
@@ -39,18 +40,7 @@ const WORDS = {
   stage: (one) => `${one.purpose}, about ${duration(one.expected_s)}`,
   margins: "Margins to the limits",
   marginHead: ["Quantity", "Planned", "Allowed", "Margin"],
-  beyond: (words) => `▲ beyond by ${words}`,
-  left: (words) => `${words} left`,
-  noMargin: "no limit",
-  beyondLimit: "▲ This plan goes beyond a limit. It is not queued from here.",
-  confirm: (name, bench) => `Queue ${name} on the bench ${bench}?`,
-  takes: (plan) =>
-    `It takes about ${duration(plan.expected_s)} of bench time, at most ${duration(plan.longest_s)}. ` +
-    "Current will flow.",
   yes: (bench) => `Yes, queue it on ${bench}`,
-  no: "No, do not queue it",
-  sending: "It is being queued …",
-  unknown: "✕ It is not known whether it was queued: look at the queue first.",
   queued: (run, bench) => `✓ Queued on ${bench} as `,
   pictures: "Pictures",
   pictureWait: "is loaded …",
@@ -489,11 +479,11 @@ function experiment(ctx, one) {
   const bench = el("select", {}, ...names.map((name) => el("option", { selected: name === ctx.bench() }, name)));
   const said = el("p", { role: "status" });
   const body = el("div", {});
-  const ask = el("div", {});
+  const ask = placeOf(`${id}-ask`);
   const why = el("p", { class: "quiet", id });
   const plan = el("button", { type: "button" }, WORDS.showPlan);
   const queue = el("button", { type: "button", "aria-describedby": id }, WORDS.queue);
-  const card = { ctx, one, bench, said, body, ask, plan, queue, draft: null, asked: 0, sent: false };
+  const card = { ctx, one, bench, said, body, ask, plan, queue, draft: null, asked: 0 };
   refuse(card, why, names);
   plan.addEventListener("click", () => showPlan(card));
   queue.addEventListener("click", () => confirm(card));
@@ -527,7 +517,7 @@ function changed(card) {
   card.asked += 1;
   const before = card.draft;
   card.draft = null;
-  card.ask.replaceChildren();
+  close(card.ask);
   card.body.replaceChildren();
   text(card.said, "");
   if (before) showPlan(card);
@@ -563,27 +553,18 @@ function planned(draft) {
 
 const digits = (value) => (value === null || value === undefined ? "…" : minus(String(Number(value.toFixed(3)))));
 const range = (least, greatest, unit) => `${digits(least)} to ${digits(greatest)} ${unit}`;
-const isBeyond = (one) => one.margin !== null && one.margin < 0;
-
-function marginWords(one) {
-  if (one.margin === null) return WORDS.noMargin;
-  const unit = one.unit === "°C" ? "K" : one.unit;
-  return one.margin < 0
-    ? WORDS.beyond(`${digits(-one.margin)} ${unit}`)
-    : WORDS.left(`${digits(one.margin)} ${unit}`);
-}
-
 function margins(all) {
-  const rows = all.map((one) =>
-    el(
+  const rows = all.map((one) => {
+    const [level, words] = marginWords(one);
+    return el(
       "tr",
       {},
       el("th", { scope: "row" }, one.quantity),
       el("td", {}, range(one.planned_least, one.planned_greatest, one.unit)),
       el("td", {}, range(one.least, one.greatest, one.unit)),
-      el("td", { class: isBeyond(one) ? "bad" : "" }, marginWords(one)),
-    ),
-  );
+      el("td", { class: level === "good" ? "" : level }, words),
+    );
+  });
   const table = el(
     "table",
     {},
@@ -594,61 +575,20 @@ function margins(all) {
   return framed(WORDS.margins, table);
 }
 
-// An experiment is queued only after its plan was shown. The question states the bench, the duration and the margins.
+// An experiment is queued only after its plan was shown, and a confirmation.
 async function confirm(card) {
-  if (card.sent) return;
-  const shownDraft = card.draft || (await showPlan(card));
-  if (!shownDraft || !shownDraft.plan || shownDraft.mistakes.length) return;
-  if (shownDraft.margins.some(isBeyond)) {
-    card.ask.replaceChildren(el("p", { class: "bad", role: "alert" }, WORDS.beyondLimit));
-    return;
-  }
-  const { bench, plan } = shownDraft;
-  const title = WORDS.confirm(card.one.name || plan.experiment, bench);
-  const close = () => {
-    card.ask.replaceChildren();
-    card.queue.focus();
+  const draft = card.draft || (await showPlan(card));
+  if (!draft || !draft.plan) return;
+  const { bench } = draft;
+  const body = { text: card.one.experiment, bench };
+  const done = (item) => {
+    const link = el("a", { href: `#/run/${encodeURIComponent(item.run)}` }, item.run);
+    card.said.replaceChildren(WORDS.queued(item.run, bench), link);
+    card.queue.disabled = true;
+    link.focus();
   };
-  const no = el("button", { type: "button", onclick: close }, WORDS.no);
-  const yes = el("button", { type: "button" }, WORDS.yes(bench));
-  yes.addEventListener("click", () => send(card, shownDraft, [yes, no]));
-  card.ask.replaceChildren(
-    el(
-      "div",
-      { class: "an-confirm", role: "group", "aria-label": title },
-      el("p", {}, el("b", {}, title)),
-      el("p", {}, WORDS.takes(plan)),
-      el("ul", {}, ...shownDraft.margins.map((one) => el("li", {}, `${one.quantity}: ${marginWords(one)}`))),
-      el("div", { class: "acts" }, yes, no),
-    ),
-  );
-  // The focus starts at the button that cancels, so that a held key queues nothing.
-  no.focus();
-}
-
-async function send(card, draft, buttons) {
-  if (card.sent || card.draft !== draft) return;
-  card.sent = true;
-  buttons.forEach((one) => (one.disabled = true));
-  text(card.said, WORDS.sending);
-  const body = { text: card.one.experiment, bench: draft.bench };
-  let unknown = false;
-  const item = await card.ctx.attempt(() =>
-    card.ctx.post("/queue", body).catch((error) => {
-      unknown = !(error instanceof card.ctx.Refused);
-      throw error;
-    }),
-  );
-  card.sent = Boolean(item);
-  card.ask.replaceChildren();
-  if (!item) {
-    text(card.said, unknown ? WORDS.unknown : "");
-    return card.queue.focus();
-  }
-  const link = el("a", { href: `#/run/${encodeURIComponent(item.run)}` }, item.run);
-  card.said.replaceChildren(WORDS.queued(item.run, draft.bench), link);
-  card.queue.disabled = true;
-  return link.focus();
+  const send = () => card.ctx.post("/queue", body);
+  askFirst(card.ask, { bench, draft, go: WORDS.yes(bench), send, done, back: card.queue });
 }
 
 // ---- an investigation ---------------------------------------------------------------------------
@@ -770,7 +710,7 @@ export function investigationForm(ctx, run, isOpen) {
   );
   const form = el(
     "form",
-    { class: "an-form an-confirm", novalidate: true, hidden: true, "aria-label": TOLD.title(run) },
+    { class: "an-form confirm", novalidate: true, hidden: true, "aria-label": TOLD.title(run) },
     el("p", {}, el("b", {}, TOLD.title(run))),
     el("div", {}, el("h4", {}, TOLD.may), list(TOLD.mays(run)), el("h4", {}, TOLD.ends), list(TOLD.endings)),
     budget,
