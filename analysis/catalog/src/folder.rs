@@ -401,6 +401,7 @@ impl<'a> Reading<'a> {
         match &self.told.how {
             _ if !self.damage.is_empty() => CatalogVerdict::Damaged,
             None => CatalogVerdict::Unfinished,
+            Some(how) if run_folder::is_stopped(how) => CatalogVerdict::Stopped,
             Some(_) if !self.told.is_finished() => CatalogVerdict::Failed,
             Some(_) if refused > 0 || self.told.soc_missed => CatalogVerdict::Doubtful,
             Some(_) => CatalogVerdict::Good,

@@ -11,7 +11,9 @@ pub enum CatalogVerdict {
     Good,
     /// Finished, with refused points or a missed state of charge.
     Doubtful,
-    /// Ended early.
+    /// A person stopped it before it finished.
+    Stopped,
+    /// Ended early for another reason.
     Failed,
     /// Its journal has no end entry: the run is in progress, or its process has died.
     Unfinished,
@@ -21,9 +23,10 @@ pub enum CatalogVerdict {
 
 impl CatalogVerdict {
     /// Every verdict.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 6] = [
         Self::Good,
         Self::Doubtful,
+        Self::Stopped,
         Self::Failed,
         Self::Unfinished,
         Self::Damaged,
@@ -34,6 +37,7 @@ impl CatalogVerdict {
         match self {
             Self::Good => "good",
             Self::Doubtful => "doubtful",
+            Self::Stopped => "stopped",
             Self::Failed => "failed",
             Self::Unfinished => "unfinished",
             Self::Damaged => "damaged",

@@ -95,11 +95,11 @@ impl RunRows {
 
     /// Returns whether the run has ended without further work.
     pub fn is_finished(&self) -> bool {
-        use CatalogVerdict::{Damaged, Doubtful, Failed, Good, Unfinished};
+        use CatalogVerdict::{Damaged, Doubtful, Failed, Good, Stopped, Unfinished};
         match self.folder.run.verdict {
             Good | Doubtful => true,
             Damaged => self.folder.run.how.as_deref() == Some(crate::journal::FINISHED),
-            Failed | Unfinished => false,
+            Stopped | Failed | Unfinished => false,
         }
     }
 

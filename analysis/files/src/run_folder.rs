@@ -82,8 +82,28 @@ pub const OCV_FOUND: &str = "ocv_found.json";
 pub const OCV_DISCHARGE: &str = "ocv_discharge.bdf.csv";
 /// The readings of the charge.
 pub const OCV_CHARGE: &str = "ocv_charge.bdf.csv";
+/// The choice of the order of the models.
+pub const ORDER: &str = "order.json";
 /// The one model of a command that fits one order.
 pub const MODEL: &str = "model.json";
+
+/// Prefix of the end in the journal of a run that did not finish.
+pub const ENDED_EARLY: &str = "ended early: ";
+
+/// Returns whether a person stopped a run that ended in this way, by its journal or the message of
+/// its process.
+///
+/// ```
+/// use analysis_files::run_folder::is_stopped;
+/// assert!(is_stopped("ended early: ended on request; `eis-bench resume` goes on"));
+/// assert!(!is_stopped("ended early: interlock: cell voltage 4.3 V"));
+/// ```
+pub fn is_stopped(how: &str) -> bool {
+    let cause = how.strip_prefix(ENDED_EARLY).unwrap_or(how);
+    ["stopped on request", "ended on request"]
+        .iter()
+        .any(|words| cause.starts_with(words))
+}
 
 /// Folder of the copies of the files that were read.
 pub const CONFIG: &str = "config";

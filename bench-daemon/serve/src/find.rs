@@ -42,6 +42,8 @@ pub enum RunVerdict {
     Good,
     /// Finished, with refused points or another remark.
     Doubtful,
+    /// A person stopped it before it finished.
+    Stopped,
     /// Not finished.
     Failed,
     /// In progress.
@@ -338,6 +340,7 @@ fn made(data: &Path, job: &Job) -> Card {
     let refused = Some(i32::from(REFUSED_CODE));
     let (how, verdict) = match &job.ended {
         None => ("in work".to_owned(), RunVerdict::InWork),
+        Some(ended) if ended.stopped => (ended.how.clone(), RunVerdict::Stopped),
         Some(ended) if !ended.finished => (ended.how.clone(), RunVerdict::Failed),
         Some(ended) if ended.how == "finished" && ended.code != refused => {
             (ended.how.clone(), RunVerdict::Good)

@@ -61,7 +61,9 @@ pub struct BenchHealth {
     pub trips: u64,
     /// Runs since then that came to their end.
     pub finished: u64,
-    /// Runs since then that did not.
+    /// Runs since then that a person stopped.
+    pub stopped: u64,
+    /// Runs since then that ended early for another reason.
     pub failed: u64,
     /// When the last run ended, however, s since 1970.
     pub ended_unix_s: Option<f64>,
@@ -106,6 +108,8 @@ impl Health {
             health.unread = Some(run.to_owned());
             if ended.finished {
                 health.finished += 1;
+            } else if ended.stopped {
+                health.stopped += 1;
             } else {
                 health.failed += 1;
             }

@@ -7,11 +7,15 @@ use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
-use analysis::dataset::write_atomically;
+use analysis::{dataset::write_atomically, run_folder};
+use instruments::clock;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::queue::{Item, Queue};
+
+/// Exit code of a run that was ended on request.
+const STOPPED: i32 = 130;
 
 /// A run that this server started.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -29,10 +33,43 @@ pub struct Ended {
     pub code: Option<i32>,
     /// True if nothing of it is left to do.
     pub finished: bool,
+    /// True if a person stopped it.
+    #[serde(default)]
+    pub stopped: bool,
+    /// Who stopped it, if it was stopped with its bench.
+    #[serde(default)]
+    pub stopped_by: Option<String>,
     /// Description of the end.
     pub how: String,
     /// Time at which the end was noticed, s since 1970.
     pub unix_s: f64,
+}
+
+impl Ended {
+    /// Creates an end at the present time of a run that has no exit code and did not finish.
+    pub fn now(how: String) -> Self {
+        Self {
+            code: None,
+            finished: false,
+            stopped: false,
+            stopped_by: None,
+            how,
+            unix_s: clock::unix_time_s(),
+        }
+    }
+
+    /// Determines whether a person stopped the run: by a stop of its bench, or by another request.
+    /// A trip or outputs that were not verified off during a stop are a failure.
+    #[must_use]
+    pub fn stopped(self, stopper: Option<String>) -> Self {
+        let is_by_stop = stopper.is_some() && self.code.is_none_or(|code| code == STOPPED);
+        let stopped = !self.finished && (is_by_stop || run_folder::is_stopped(&self.how));
+        Self {
+            stopped,
+            stopped_by: stopper.filter(|_| stopped),
+            ..self
+        }
+    }
 }
 
 fn path(data: &Path, run: &str) -> PathBuf {
@@ -151,8 +188,8 @@ mod tests {
         let ended = |unix_s| Ended {
             code: Some(0),
             finished: true,
-            how: "finished".to_owned(),
             unix_s,
+            ..Ended::now("finished".to_owned())
         };
         Job {
             item: Item {
@@ -170,6 +207,54 @@ mod tests {
             },
             ended: ended_unix_s.map(ended),
         }
+    }
+
+    #[test]
+    fn a_run_that_a_person_stopped_is_stopped_and_any_other_is_not() {
+        use crate::{executor::ExecuteError, safety::failure::Failure};
+        let early = |failure: Failure| format!("{}{failure}", run_folder::ENDED_EARLY);
+        let interrupted = || Failure::Interrupted("runs/a".to_owned());
+        let ann = || Some("ann".to_owned());
+        for (code, how, stopper, stopped) in [
+            (Some(130), early(interrupted()), None, true),
+            (Some(130), early(ExecuteError::Aborted.into()), None, true),
+            (Some(130), interrupted().to_string(), ann(), true),
+            (
+                None,
+                "its process was killed or died".to_owned(),
+                ann(),
+                true,
+            ),
+            (
+                None,
+                "its process was killed or died".to_owned(),
+                None,
+                false,
+            ),
+            (
+                Some(5),
+                "interlock: cell voltage 4.3 V".to_owned(),
+                ann(),
+                false,
+            ),
+            (Some(6), "LOOK AT THE BENCH: load".to_owned(), ann(), false),
+        ] {
+            let ended = Ended {
+                code,
+                ..Ended::now(how.clone())
+            };
+            let ended = ended.stopped(stopper.clone());
+            assert_eq!(ended.stopped, stopped, "{code:?} {how}");
+            assert_eq!(ended.stopped_by, stopper.filter(|_| stopped));
+        }
+        let finished = Ended {
+            finished: true,
+            ..Ended::now("finished".to_owned())
+        };
+        assert!(!finished.stopped(ann()).stopped);
+        // A record of an earlier version.
+        let old = r#"{"code":1,"finished":false,"how":"x","unix_s":1.0}"#;
+        assert!(!serde_json::from_str::<Ended>(old).unwrap().stopped);
     }
 
     #[test]

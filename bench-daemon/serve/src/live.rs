@@ -1,11 +1,15 @@
 //! Present state of a bench, as the API shows it.
 
+use std::ops::RangeInclusive;
+
+use analysis::run_folder::{Between, EnvelopeRow};
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::queue::HeldBy;
 use bench_core::{
     bench::{Output, outputs::OutputsState},
+    interlock::{CURRENT_MARGIN, Limits},
     safety::state::Latched,
 };
 use bench_plan::interlock::Limits;
@@ -25,8 +29,8 @@ pub struct Live {
     pub reading: Option<ReadingNow>,
     /// State of charge, if the cell's open-circuit voltage is known.
     pub soc: Option<Soc>,
-    /// Limits of the cell for the reading, with the remaining margin. The present step has tighter
-    /// limits, above all of the current: it may trip although a margin is left here.
+    /// Limits for the reading, with the margin to those that end the run first: of the present
+    /// step, of the cell, or of the control in its place.
     pub limits: Vec<Limit>,
     /// The instruments.
     pub instruments: Vec<InstrumentNow>,
@@ -48,6 +52,11 @@ pub struct Live {
 }
 
 impl Live {
+    /// Returns whether the run pauses at the end of its step.
+    pub fn is_pausing(&self) -> bool {
+        self.run.as_ref().is_some_and(|run| run.pausing)
+    }
+
     /// Returns whether a person must inspect the outputs: nothing runs, and the last run left
     /// them without a known reading, or an output was not read as off.
     pub fn needs_look(&self) -> bool {
@@ -121,6 +130,12 @@ pub struct RunNow {
     pub going: bool,
     /// How it ended, if it ended by itself.
     pub ended: Option<String>,
+    /// True if a person ended it.
+    pub stopped: bool,
+    /// True if it pauses at the end of the step, because a person requested it.
+    pub pausing: bool,
+    /// Expected wall time until the end of the step, s; null if it is unknown.
+    pub step_left_s: Option<f64>,
     /// The current stage, as text.
     pub stage: String,
     /// Number of the current stage, from 1; 0 before the first.
@@ -212,7 +227,7 @@ pub struct Soc {
     pub counted_coulomb: f64,
 }
 
-/// One limit of the cell.
+/// A reading between its limits.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Limit {
     /// The quantity.
@@ -221,13 +236,38 @@ pub struct Limit {
     pub unit: &'static str,
     /// Last reading.
     pub value: Option<f64>,
+    /// Lower limit of the cell, or of the control in its place; null if there is none.
+    pub least: Option<f64>,
+    /// Upper limit of the cell, or of the control in its place.
+    pub greatest: f64,
+    /// The limits that end the run: the tighter ones of those of the present step and those of
+    /// the cell or the control. Those of the current include the error of the meter.
+    pub in_force: InForce,
+    /// Source of the limit in force that is nearer to the reading.
+    pub of: LimitOf,
+    /// Distance to the nearer limit in force; negative beyond it, null without a fresh reading.
+    pub margin: Option<f64>,
+}
+
+/// Limits that end the run.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+pub struct InForce {
     /// Lower limit; null if there is none.
     pub least: Option<f64>,
     /// Upper limit.
     pub greatest: f64,
-    /// Distance to the nearer limit; negative beyond it, null without a fresh reading. The present
-    /// step has tighter limits.
-    pub margin: Option<f64>,
+}
+
+/// Source of a limit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum LimitOf {
+    /// The present step of the run.
+    Step,
+    /// The cell.
+    Cell,
+    /// The control in the jig instead of the cell.
+    Control,
 }
 
 /// An instrument.
@@ -373,55 +413,148 @@ impl From<&Output> for OutputRead {
     }
 }
 
-/// The limits of a cell, or of a control in its place, with the margin that a reading leaves.
-pub fn limits(limits: &Limits, cell: bool, reading: &ReadingNow) -> Vec<Limit> {
-    let limits = if cell { *limits } else { limits.of_control() };
-    // An old reading gives no margin, because the present state is unknown.
-    let margin = |value: Option<f64>, least: Option<f64>, greatest: f64| {
-        let value = value.filter(|_| reading.fresh)?;
-        Some(least.map_or(greatest - value, |least| {
-            (value - least).min(greatest - value)
-        }))
-    };
-    let row = |quantity, unit, value: Option<f64>, least: f64, greatest: f64| {
-        let least = Some(least).filter(|least| least.is_finite());
-        Limit {
+impl Limit {
+    /// Creates the limit of a cell or of a control, without a margin.
+    fn new(
+        quantity: &'static str,
+        unit: &'static str,
+        value: Option<f64>,
+        range: RangeInclusive<f64>,
+    ) -> Self {
+        let least = Some(*range.start()).filter(|least| least.is_finite());
+        let greatest = *range.end();
+        Self {
             quantity,
             unit,
             value,
             least,
             greatest,
-            margin: margin(value, least, greatest),
+            in_force: InForce { least, greatest },
+            of: LimitOf::Cell,
+            margin: None,
         }
-    };
-    let voltage = if cell {
-        "cell voltage"
+    }
+
+    /// Determines the limits in force and the margin: the interlock judges against the bounds of
+    /// the present step and of `of`, both times `share`.
+    fn judged(self, of: LimitOf, step: Between, share: f64) -> Self {
+        let least = self.least.map(|least| share * least);
+        let greatest = share * self.greatest;
+        let step_least = (step.least.map(|bound| share * bound))
+            .filter(|bound| least.is_none_or(|least| *bound > least));
+        let step_greatest =
+            (step.greatest.map(|bound| share * bound)).filter(|bound| *bound < greatest);
+        let in_force = InForce {
+            least: step_least.or(least),
+            greatest: step_greatest.unwrap_or(greatest),
+        };
+        let below = |value: f64| in_force.least.map_or(f64::INFINITY, |least| value - least);
+        let above = |value: f64| in_force.greatest - value;
+        let is_lower_nearer = self.value.is_some_and(|value| below(value) < above(value));
+        let is_of_step = if is_lower_nearer {
+            step_least.is_some()
+        } else {
+            step_greatest.is_some()
+        };
+        Self {
+            in_force,
+            of: if is_of_step { LimitOf::Step } else { of },
+            margin: self.value.map(|value| below(value).min(above(value))),
+            ..self
+        }
+    }
+}
+
+/// Returns the limits for a reading, with the margin that is left. `step` has the bounds of the
+/// present step.
+pub fn limits(limits: &Limits, reading: &ReadingNow, step: Option<&EnvelopeRow>) -> Vec<Limit> {
+    let (limits, of, voltage) = if reading.fixture == "cell" {
+        (*limits, LimitOf::Cell, "cell voltage")
     } else {
-        "voltage across the control"
+        (
+            limits.of_control(),
+            LimitOf::Control,
+            "voltage across the control",
+        )
     };
-    vec![
-        row(voltage, "V", reading.voltage_v, limits.min_v, limits.max_v),
-        row(
-            "current",
-            "A",
-            reading.current_a,
-            -limits.discharge_a,
-            limits.charge_a,
-        ),
-        row(
-            "cell temperature",
-            "°C",
-            reading.temperature_degc,
-            limits.min_degc,
-            limits.max_degc,
-        ),
-    ]
+    let volts = Limit::new(voltage, "V", reading.voltage_v, limits.min_v..=limits.max_v);
+    let range = -limits.discharge_a..=limits.charge_a;
+    let amps = Limit::new("current", "A", reading.current_a, range);
+    let range = limits.min_degc..=limits.max_degc;
+    let degrees = Limit::new("cell temperature", "°C", reading.temperature_degc, range);
+    let bounds = |of: fn(&EnvelopeRow) -> Between| step.map_or(Between::of(f64::NAN, f64::NAN), of);
+    let mut all = vec![
+        volts.judged(of, bounds(|row| row.voltage_v), 1.0),
+        amps.judged(of, bounds(|row| row.current_a), CURRENT_MARGIN),
+        degrees.judged(of, bounds(|row| row.temperature_degc), 1.0),
+    ];
+    for limit in &mut all {
+        // An old reading gives no margin, because the present state is unknown.
+        limit.margin = limit.margin.filter(|_| reading.fresh);
+    }
+    all
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use bench_core::bench::SafeReport;
+
+    fn reading(fixture: &str, amps: f64) -> ReadingNow {
+        ReadingNow {
+            time_s: 10.0,
+            phase: "sine".to_owned(),
+            fixture: fixture.to_owned(),
+            voltage_v: Some(3.7),
+            current_a: Some(amps),
+            temperature_degc: Some(25.0),
+            fresh: true,
+        }
+    }
+
+    fn cell() -> Limits {
+        Limits {
+            min_v: 2.5,
+            max_v: 4.2,
+            charge_a: 13.5,
+            discharge_a: 45.0,
+            min_degc: 0.0,
+            max_degc: 60.0,
+        }
+    }
+
+    #[test]
+    fn the_limit_that_ends_the_run_is_the_one_that_is_shown() {
+        let step = EnvelopeRow {
+            time_s: 9.0,
+            voltage_v: Between::of(2.5, 4.2),
+            current_a: Between::of(-1.2, 1.2),
+            temperature_degc: Between::of(f64::NEG_INFINITY, 60.0),
+        };
+        let near = |met: f64, expected: f64| (met - expected).abs() < 1e-9;
+        let of = |limits: &[Limit]| limits.iter().map(|limit| limit.of).collect::<Vec<_>>();
+        let all = limits(&cell(), &reading("cell", 1.0), Some(&step));
+        assert_eq!(of(&all), [LimitOf::Cell, LimitOf::Step, LimitOf::Cell]);
+        let current = &all[1];
+        assert_eq!((current.least, current.greatest), (Some(-45.0), 13.5));
+        assert!(near(current.in_force.greatest, 1.224), "{current:?}");
+        assert!(near(current.margin.unwrap(), 0.224), "{current:?}");
+        assert!(near(all[0].margin.unwrap(), 0.5), "{all:?}");
+        // Without a step, those of the cell, within the error of the meter.
+        let all = limits(&cell(), &reading("cell", 13.6), None);
+        assert_eq!(of(&all), [LimitOf::Cell; 3]);
+        assert!(near(all[1].margin.unwrap(), 0.17), "{all:?}");
+        let all = limits(&cell(), &reading("shunt", 1.0), Some(&step));
+        assert_eq!((all[0].of, all[1].of), (LimitOf::Control, LimitOf::Step));
+        assert_eq!(all[0].quantity, "voltage across the control");
+        let old = ReadingNow {
+            fresh: false,
+            ..reading("cell", 1.0)
+        };
+        let all = limits(&cell(), &old, Some(&step));
+        assert!(all.iter().all(|limit| limit.margin.is_none()), "{all:?}");
+        assert_eq!(all[1].of, LimitOf::Step);
+    }
 
     #[test]
     fn the_report_of_a_stop_is_that_of_safe_and_more() {

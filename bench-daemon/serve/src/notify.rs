@@ -326,7 +326,11 @@ impl Seen {
 fn ended(server: &Server, data: &str) -> Option<Notice> {
     let job: Job = serde_json::from_str(data).ok()?;
     let ended = job.ended?;
-    let title = format!("{} on {}: {}", job.item.run, job.item.bench, ended.how);
+    let how = match &ended.stopped_by {
+        Some(who) => format!("stopped by {who}"),
+        None => ended.how,
+    };
+    let title = format!("{} on {}: {how}", job.item.run, job.item.bench);
     let text = format!("Submitted by {}.", job.item.by);
     Some(
         server

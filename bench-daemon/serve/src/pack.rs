@@ -8,6 +8,7 @@ use std::{
 };
 
 use analysis::{
+    fit::MAX_RC,
     forward::{
         Beyond, CellWindow, Demand, Interpolation, OcvSource, Profile, SimOptions, Simulation,
         simulate,
@@ -186,7 +187,7 @@ pub fn models(settings: &Settings, jobs: &Jobs) -> Vec<RunModel> {
         let folder = settings.runs().join(&run);
         let temperature_degc = find::temperature_degc(&folder);
         let curve = ocv(settings, &run).is_some();
-        (1..=9_usize).rev().filter_map(move |order| {
+        (1..=MAX_RC).rev().filter_map(move |order| {
             let file = run_folder::model(order);
             let model = read_model(&folder.join(&file), None).ok()?;
             Some(RunModel {

@@ -174,16 +174,12 @@ impl SupervisedBench {
         // A run with points that its quality gate has refused counts as finished.
         let as_finished = |code: i32| code == 0 || code == i32::from(REFUSED_CODE);
         let finished = watch.ended() == Some("finished") && code.is_none_or(as_finished);
-        self.over(
-            server,
-            &item,
-            &Ended {
-                code,
-                finished,
-                how,
-                unix_s: clock::unix_time_s(),
-            },
-        );
+        let ended = Ended {
+            code,
+            finished,
+            ..Ended::now(how)
+        };
+        self.over(server, &item, &ended.stopped(stopper(server, &item)));
     }
 
     fn over(&self, server: &Server, item: &Item, ended: &Ended) {
@@ -253,16 +249,7 @@ impl SupervisedBench {
                 self.child = Some((item.id, child));
                 self.begun(server, &item, pid, last_stop);
             }
-            Err(how) => self.over(
-                server,
-                &item,
-                &Ended {
-                    code: None,
-                    finished: false,
-                    how,
-                    unix_s: clock::unix_time_s(),
-                },
-            ),
+            Err(how) => self.over(server, &item, &Ended::now(how)),
         }
     }
 
@@ -388,7 +375,8 @@ impl SupervisedBench {
         let urgent = live.state != self.told.0.state
             || live.stop != self.told.0.stop
             || live.trip != self.told.0.trip
-            || live.question != self.told.0.question;
+            || live.question != self.told.0.question
+            || live.is_pausing() != self.told.0.is_pausing();
         // The trip that the first poll finds existed before this server.
         if self.told.1.is_finite() && live.trip.is_some() && live.trip != self.told.0.trip {
             server.health.tripped(&self.bench.name);
@@ -459,9 +447,10 @@ impl SupervisedBench {
             .watch
             .as_ref()
             .and_then(|(_, watch)| watch.experiment());
+        let step = (self.watch.as_ref().filter(|_| going)).and_then(|(_, watch)| watch.envelope());
         let limits = match (experiment, &reading) {
             (Some(experiment), Some(reading)) => {
-                live::limits(&experiment.cell.limits, reading.fixture == "cell", reading)
+                live::limits(&experiment.cell.limits, reading, step)
             }
             _ => Vec::new(),
         };
@@ -615,6 +604,15 @@ fn held_behind(server: &Server, item: &Item, ended: &Ended) -> (HeldBy, String) 
             (HeldBy::Here, why)
         }
     }
+}
+
+/// Returns who stopped a run by a stop of its bench.
+fn stopper(server: &Server, item: &Item) -> Option<String> {
+    let begun_s = item.process.as_ref()?.started_unix_s;
+    let stops = server.stops();
+    let stop = stops.get(&item.bench);
+    stop.filter(|stop| stop.unix_s >= begun_s)
+        .map(|stop| stop.by.clone())
 }
 
 /// Returns whether the process of a run lives that is not a child of this server.

@@ -15,8 +15,8 @@ use std::{
 };
 
 use analysis::run_folder::{
-    self, BATH, BathRow, ENVELOPE, EVENTS, EnvelopeRow, Event, EventRow, JOURNAL, READINGS,
-    ReadingRow,
+    self, BATH, BathRow, ENDED_EARLY, ENVELOPE, EVENTS, EnvelopeRow, Event, EventRow, JOURNAL,
+    READINGS, ReadingRow,
 };
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
@@ -35,8 +35,6 @@ const KEPT_RUNS: usize = 4;
 const FREQ_DIGITS: i32 = 4;
 /// Maximum time between the journal entry of a pause and its event, s: both describe one pause.
 const SAME_S: f64 = 1.0;
-/// Prefix of the journal entry of a run that did not finish.
-const ENDED_EARLY: &str = "ended early: ";
 /// Journal texts of the failures that latch a bench.
 const TRIPS: [&str; 3] = [
     "interlock: ",

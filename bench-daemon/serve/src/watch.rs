@@ -9,7 +9,7 @@ mod run_plan;
 
 use std::{collections::BTreeMap, path::Path};
 
-use analysis::run_folder::ReadingRow;
+use analysis::run_folder::{self, EnvelopeRow, ReadingRow};
 
 use condition::Condition;
 use measured::Measured;
@@ -21,8 +21,12 @@ use super::{
     live::{PointNow, QuestionNow, ReadingNow, RunNow, Soc},
     transcript_monitor::TranscriptMonitor,
 };
-use bench_core::journal::{Entry, Line};
-use bench_plan::{config::Experiment, plan::Step};
+use crate::{
+    config::Experiment,
+    journal::{Entry, Line},
+    operator::run_control::RunAction,
+    plan::Step,
+};
 
 /// A run folder that is watched.
 #[derive(Debug)]
@@ -85,6 +89,10 @@ impl Watch {
         while let Some(rows) = self.files.readings() {
             rows.iter().for_each(|row| self.read(row));
         }
+        if let Some(bounds) = self.files.envelope() {
+            self.measured.bounds = Some(bounds);
+        }
+        self.files.read_request();
         self.monitors.values_mut().for_each(TranscriptMonitor::look);
     }
 
@@ -144,6 +152,12 @@ impl Watch {
             .reading(going.then_some(self.condition.process_s))
     }
 
+    /// Returns the bounds of the readings in the present step of the process that lives.
+    pub fn envelope(&self) -> Option<&EnvelopeRow> {
+        let is_present = |row: &&EnvelopeRow| row.time_s >= self.condition.process_s;
+        self.measured.bounds.as_ref().filter(is_present)
+    }
+
     /// The state of charge, while the cell is in the jig.
     pub fn soc(&self) -> Option<Soc> {
         self.measured.soc()
@@ -182,11 +196,20 @@ impl Watch {
         let expected = self.position.expected(&self.run.plan, self.latest_s);
         // A person may take as long as that takes.
         let is_known = going && expected.total_s > 0.0 && self.condition.question.is_none();
+        let is_waiting = self.condition.paused || self.condition.question.is_some();
+        let pausing = going && !is_waiting && self.files.request() == RunAction::Pause;
+        let step_left_s = self.position.step_left_s(&self.run.plan, self.latest_s);
+        let ended = self.condition.ended.clone();
         RunNow {
             run,
             experiment: self.run.name.clone(),
             going,
-            ended: self.condition.ended.clone(),
+            stopped: ended.as_deref().is_some_and(run_folder::is_stopped),
+            ended,
+            pausing,
+            step_left_s: step_left_s
+                .and_then(|left_s| self.run.on_the_wall_s(left_s))
+                .filter(|_| going),
             stage: stage.map_or_else(String::new, |stage| stage.purpose.to_string()),
             stage_number,
             stages: stages.len(),

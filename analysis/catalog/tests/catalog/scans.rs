@@ -28,8 +28,16 @@ fn what_has_not_changed_is_not_read_again() {
         ..Made::of(3)
     }
     .write(&place.runs);
+    Made {
+        how: Some("ended early: stopped on request; the bench is in safe state".to_owned()),
+        ..Made::of(4)
+    }
+    .write(&place.runs);
     Made::of(12).write(&place.runs);
-    assert_eq!(place.scan().read, 2);
+    assert_eq!(place.scan().read, 3);
+    let stopped = place.open().show("run000004").unwrap();
+    assert_eq!(stopped.run.verdict, CatalogVerdict::Stopped);
+    assert!(!stopped.run.verdict.eq(&CatalogVerdict::Failed));
     let shown = place.open().show("run000003").unwrap();
     assert_eq!(shown.run.verdict, CatalogVerdict::Failed);
     assert_eq!(shown.run.trip.as_deref(), Some("voltage 4.3 V"));

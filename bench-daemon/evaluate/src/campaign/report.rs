@@ -194,7 +194,7 @@ impl Chosen {
         let is_known = |content: &String| self.contents.contains(content);
         match run.verdict {
             CatalogVerdict::Damaged => Some(DAMAGED),
-            CatalogVerdict::Failed => Some(FAILED),
+            CatalogVerdict::Stopped | CatalogVerdict::Failed => Some(FAILED),
             CatalogVerdict::Unfinished => Some(UNFINISHED),
             _ if run.missing => Some(MISSING),
             _ if run.content_sha256.as_ref().is_some_and(is_known) => Some(TWICE),

@@ -6,7 +6,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use analysis::run_folder::{self, INDEX};
+use analysis::{
+    fit::MAX_RC,
+    run_folder::{self, INDEX},
+};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -144,14 +147,14 @@ fn fit(options: &Options, arguments: &mut Vec<String>) -> Result<(), AnalysisErr
     if let Some(rc) = &options.rc {
         let digit = |order: &str| {
             order
-                .parse::<u8>()
+                .parse::<usize>()
                 .ok()
-                .filter(|order| (1..=8).contains(order))
+                .filter(|order| (1..=MAX_RC).contains(order))
         };
-        let parsed: Option<Vec<u8>> = rc.split(',').map(digit).collect();
+        let parsed: Option<Vec<usize>> = rc.split(',').map(digit).collect();
         let plain = rc.chars().all(|c| c.is_ascii_digit() || c == ',');
         let different =
-            |orders: Vec<u8>| orders.iter().collect::<BTreeSet<_>>().len() == orders.len();
+            |orders: Vec<usize>| orders.iter().collect::<BTreeSet<_>>().len() == orders.len();
         let orders = plain && parsed.is_some_and(different);
         if !orders && rc != "all" && rc != "auto" {
             return unfit(format!(
@@ -234,11 +237,11 @@ fn diagnose(
 
 /// The run's model of an order, or of the highest.
 fn model_of(folder: &Path, order: Option<u8>) -> Result<PathBuf, AnalysisError> {
-    let all = (1..=9_u8)
+    let all = (1..=MAX_RC)
         .rev()
-        .filter(|rc| order.is_none_or(|order| order == *rc));
+        .filter(|rc| order.is_none_or(|order| usize::from(order) == *rc));
     let path = all
-        .map(|rc| folder.join(run_folder::model(usize::from(rc))))
+        .map(|rc| folder.join(run_folder::model(rc)))
         .find(|path| path.is_file());
     let wanted = order.map_or_else(String::new, |order| format!(" with {order} RC pairs"));
     path.ok_or_else(|| {
@@ -378,6 +381,11 @@ mod tests {
             in_words(&arguments),
             "eis-bench '--circuit=R0-p(R1,C1) --seed 3'"
         );
+        let highest = Options {
+            rc: Some("8".to_owned()),
+            ..Options::default()
+        };
+        assert!(fit(&highest, &mut Vec::new()).is_ok());
         for rc in ["", "0", "9", "1,,2", "1,1", "+1", "all;rm", "12"] {
             let options = Options {
                 rc: Some(rc.to_owned()),

@@ -120,9 +120,15 @@ pub(super) const METRICS: &[Metric] = &[
         |now| now.noted(|health| Some(health.finished as f64)),
     ),
     counter(
+        "runs_stopped_total",
+        "{run}",
+        "Runs of the queue that a person stopped.",
+        |now| now.noted(|health| Some(health.stopped as f64)),
+    ),
+    counter(
         "runs_failed_total",
         "{run}",
-        "Runs of the queue that did not come to their end.",
+        "Runs of the queue that did not come to their end and that no person stopped.",
         |now| now.noted(|health| Some(health.failed as f64)),
     ),
     gauge(

@@ -26,8 +26,8 @@ const WORDS = {
   options: "Options",
   noOptions: "This kind has no options. It queues experiments by itself: current will flow.",
   rc: "RC branches",
-  rcHelp: "Numbers from 1 to 9, parted by commas, such as 1,2,3; “all” for all orders; “auto” to choose one.",
-  rcWrong: "RC branches: write numbers from 1 to 9 parted by commas, “all” or “auto”.",
+  rcHelp: "Numbers from 1 to 8, parted by commas, such as 1,2,3; “all” for all orders; “auto” to choose one.",
+  rcWrong: "RC branches: write numbers from 1 to 8 parted by commas, “all” or “auto”.",
   circuit: "Circuit (may be empty)",
   circuitHelp: "As impedance.py writes it: R0-p(R1,C1)-p(R2-Wo1,CPE1). It replaces the RC branches.",
   objective: "Objective",
@@ -41,8 +41,8 @@ const WORDS = {
   drt: "Distribution of relaxation times (DRT)",
   drtHelp: "Adds the DRT with the band of its noise, and start values for a fit.",
   order: "Order of the model (may be empty)",
-  orderHelp: "Number of RC branches of the model that is judged, 1 to 9. Empty: as the program chooses.",
-  orderWrong: "Order: write a whole number from 1 to 9, or nothing.",
+  orderHelp: "Number of RC branches of the model that is judged, 1 to 8. Empty: as the program chooses.",
+  orderWrong: "Order: write a whole number from 1 to 8, or nothing.",
   runs: "Runs",
   search: "Search the runs",
   searchHelp: "By name, cell, bench, experiment or note. Tick one or several.",
@@ -56,7 +56,7 @@ const WORDS = {
     `${c.experiment} on ${c.bench}, ${when(c.submitted_unix_s)}; ` +
     `${c.cells.map((one) => one.name).join(", ") || "no cell"}; ` +
     `${c.spectra} ${c.spectra === 1 ? "spectrum" : "spectra"}`,
-  verdicts: { good: "✓ good", doubtful: "▲ doubtful", failed: "✕ failed", "in work": "▶ in work" },
+  verdicts: { good: "✓ good", doubtful: "▲ doubtful", stopped: "■ stopped", failed: "✕ failed", "in work": "▶ in work" },
   spectra: "Only some of the spectra",
   spectraHelp: "None ticked: all spectra of the chosen runs.",
   spectraNone: "The chosen runs have no spectra.",
@@ -529,8 +529,8 @@ function optionFields(query) {
   const node = el("fieldset", {}, el("legend", {}, WORDS.options), ...groups.map(([, group]) => group));
   const spare = (input) => input.value.replaceAll(" ", "");
   const rules = {
-    fit: [rc, /^(all|auto|[1-9](,[1-9])*)$/, WORDS.rcWrong],
-    diagnose: [order, /^[1-9]?$/, WORDS.orderWrong],
+    fit: [rc, /^(all|auto|[1-8](,[1-8])*)$/, WORDS.rcWrong],
+    diagnose: [order, /^[1-8]?$/, WORDS.orderWrong],
   };
   const values = {
     fit: () => ({

@@ -103,6 +103,8 @@ const WORDS = {
   submits: (experiment) => `Experiment: ${experiment}.`,
   yesSubmit: (bench) => `Yes, submit to ${bench}`,
   pause: "Pause after this step",
+  takeBack: "Pauses after this step: take it back",
+  keepsOn: (run) => `${run} does not pause after this step. The whole plan:`,
   cleared: (bench) => `${bench} is cleared.`,
   identify: "Ask who they are",
   asking: "Asking …",
@@ -469,10 +471,10 @@ function resume({ item: { run, bench } }) {
   energise($("runs").closest(".scroll"), experimentOf(run), { bench, title, go, send, done, goesOn: true });
 }
 
-function unpause(bench, run) {
+function unpause(bench, run, title = WORDS.unpauses(run)) {
   const send = () => post(`/runs/${run}/go-on`);
   const done = ({ said }) => say(said);
-  const [title, go] = [WORDS.unpauses(run), WORDS.yesGoOn(run)];
+  const go = WORDS.yesGoOn(run);
   energise($("runacts"), experimentOf(run), { bench, title, go, send, done, goesOn: true });
 }
 
@@ -547,21 +549,12 @@ function drawActs() {
   if (run && run.going && run.run && run.time !== "virtual") {
     if (live().state === "paused" && may("energise"))
       acts.push(el("button", { type: "button", onclick: () => unpause(live().bench, run.run) }, WORDS.goOn));
-    else if (live().state === "running" && may("operate"))
-      acts.push(
-        el(
-          "button",
-          {
-            type: "button",
-            onclick: () =>
-              attempt(
-                () => post(`/runs/${run.run}/pause`),
-                (r) => r.said,
-              ),
-          },
-          WORDS.pause,
-        ),
-      );
+    else if (live().state === "running" && may(run.pausing ? "energise" : "operate")) {
+      const pause = () => attempt(() => post(`/runs/${run.run}/pause`), ({ said }) => said);
+      const onclick = () => (run.pausing ? unpause(live().bench, run.run, WORDS.keepsOn(run.run)) : pause());
+      const label = run.pausing ? WORDS.takeBack : WORDS.pause;
+      acts.push(el("button", { type: "button", "aria-pressed": String(run.pausing), onclick }, label));
+    }
   }
   const key = acts.map((act) => act.textContent).join();
   if ($("runacts").dataset.key !== key) $("runacts").replaceChildren(...acts);

@@ -39,12 +39,17 @@ const WORDS = {
   range: (least, greatest, unit) => `${least} to ${greatest} ${unit}`,
   noLeast: "…",
   beyond: (margin, unit) => `▲ beyond by ${margin} ${unit}`,
-  left: (margin, unit, end, isNear) => `${isNear ? "▲ only " : ""}${margin} ${unit} left to the cell's ${end} limit`,
+  left: (margin, unit, end, whose, isNear) =>
+    `${isNear ? "▲ only " : ""}${margin} ${unit} left to the ${end} limit of ${whose}`,
+  whose: { step: "the present step", cell: "the cell" },
+  control: (fixture) => `the ${fixture} in the jig`,
+  wider: (whose, range) => `limits of ${whose}: ${range}`,
   upper: "upper",
   lower: "lower",
   meter: (quantity, words, range) => `${quantity}: ${words} of ${range}`,
-  tighter: (range) => `${range}; the present step has tighter limits`,
   failed: (how) => `✕ ${how}`,
+  stopped: (who) => `■ stopped${who ? ` by ${who}` : ""}; it can go on`,
+  pausing: (plain, left) => `${plain}; pauses after this step${left ? `, in about ${left}` : ""}`,
   finished: "✓ finished",
   finishedBut: (how) => `✓ finished, but ${how}`,
   gateRefused: "✓ finished, but the quality gate refused points",
@@ -226,7 +231,10 @@ export const isLoud = (live) =>
 
 export function drawNow(live) {
   const [sign, plain] = live.state === "running" ? running(live) : stateOf(live.state);
-  const words = rests(live) ? WORDS.withOutputs(plain, live.outputs.words) : plain;
+  const { run } = live;
+  const left = run && run.step_left_s !== null ? duration(run.step_left_s) : "";
+  const doing = run && run.pausing ? WORDS.pausing(plain, left) : plain;
+  const words = rests(live) ? WORDS.withOutputs(plain, live.outputs.words) : doing;
   $("state").className = `state ${rests(live) && isLoud(live) ? "latched" : live.state}`;
   text($("state"), WORDS.state(sign, words));
   const reading = live.reading;
@@ -255,7 +263,8 @@ export function drawNow(live) {
     reading && !fresh ? WORDS.oldReading : "",
   );
   for (const part of ["reading", "limits"]) $(part).classList.toggle("old", Boolean(reading) && !fresh);
-  $("limits").replaceChildren(...live.limits.map((limit) => bar(limit, live.trip)));
+  const fixture = reading ? reading.fixture.replaceAll("_", " ") : "";
+  $("limits").replaceChildren(...live.limits.map((limit) => bar(limit, live.trip, fixture)));
 }
 
 function figures(list, rows, remark) {
@@ -279,9 +288,9 @@ function figures(list, rows, remark) {
 
 // Shows a value between its limits, with the margin as text. The quantity that tripped the bench is marked, with the
 // value that was read then.
-function bar(limit, trip) {
-  if (!trip || trip.quantity !== limit.quantity || trip.value === null) return meter(limit);
-  const node = meter({ ...limit, value: trip.value });
+function bar(limit, trip, fixture) {
+  if (!trip || trip.quantity !== limit.quantity || trip.value === null) return meter(limit, fixture);
+  const node = meter({ ...limit, value: trip.value }, fixture);
   const words = node.querySelector("span:last-of-type");
   words.className = "bad";
   words.textContent = WORDS.tripped(fixed(trip.value, 3), trip.unit || limit.unit);
@@ -289,11 +298,16 @@ function bar(limit, trip) {
   return node;
 }
 
-function meter(limit) {
-  const { quantity, unit, value, least, greatest, margin } = limit;
+function meter(limit, fixture) {
+  const { quantity, unit, value, of, margin } = limit;
+  const { least, greatest } = limit.in_force;
   const low = least === null ? Math.min(0, value ?? 0) : least;
-  const digits = unit === "V" ? 3 : 1;
-  const range = WORDS.range(least === null ? WORDS.noLeast : fixed(least, digits), fixed(greatest, digits), unit);
+  const digits = unit === "V" ? 3 : unit === "A" ? 2 : 1;
+  const bound = (from) => (from === null ? WORDS.noLeast : fixed(from, digits));
+  const between = (from, to) => WORDS.range(bound(from), fixed(to, digits), unit);
+  const range = between(least, greatest);
+  const whole = fixture === "cell" ? WORDS.whose.cell : WORDS.control(fixture);
+  const whose = of === "step" ? WORDS.whose.step : whole;
   const share = margin === null ? 1 : margin / ((greatest - low) / 2);
   const level = margin !== null && margin < 0 ? "bad" : share < 0.1 ? "near" : "fine";
   const by = unit === "°C" ? "K" : unit;
@@ -305,7 +319,7 @@ function meter(limit) {
         : WORDS.oldReading
       : margin < 0
         ? WORDS.beyond(fixed(-margin, digits), by)
-        : WORDS.left(fixed(margin, digits), by, end, level === "near");
+        : WORDS.left(fixed(margin, digits), by, end, whose, level === "near");
   const at = value === null ? null : Math.max(0, Math.min(100, (100 * (value - low)) / (greatest - low)));
   const told = WORDS.meter(quantity, words, range);
   const scale = el("div", { class: `meter ${level}`, role: "img", "aria-label": told });
@@ -320,12 +334,13 @@ function meter(limit) {
     el("span", {}, quantity),
     scale,
     el("span", { class: level }, words),
-    el("small", {}, unit === "A" ? WORDS.tighter(range) : range),
+    el("small", {}, of === "step" ? WORDS.wider(whole, between(limit.least, limit.greatest)) : range),
   );
 }
 
 // How a run ended that this server began.
 export function outcome(ended) {
+  if (ended.stopped) return WORDS.stopped(ended.stopped_by && person(ended.stopped_by));
   if (!ended.finished) return WORDS.failed(ended.how);
   if (ended.how !== "finished") return WORDS.finishedBut(ended.how);
   // So older servers wrote it down.
@@ -339,8 +354,10 @@ export function drawRun(live, job, body) {
     return;
   }
   const point = run.point ? WORDS.point(run.point.number, run.point.of, Number(run.point.freq_hz.toPrecision(4))) : "";
-  const known = job && job.ended && run.ended === "finished" ? outcome(job.ended) : WORDS.finished;
-  const ended = run.going ? null : run.ended === "finished" ? known : WORDS.failed(run.ended || WORDS.noEnd);
+  const isFinished = run.ended === "finished";
+  const plain = isFinished ? WORDS.finished : run.stopped ? WORDS.stopped("") : WORDS.failed(run.ended || WORDS.noEnd);
+  const ended = run.going ? null : job && job.ended ? outcome(job.ended) : plain;
+  const level = ended === WORDS.finished ? "good" : isFinished || run.stopped ? "" : "bad";
   const percent = Math.round(100 * run.done);
   const progress = el("progress", { max: 100, value: percent, "aria-label": WORDS.progress });
   const timeLeft = run.left_s === null ? WORDS.noTimeLeft : WORDS.about(duration(run.left_s));
@@ -360,9 +377,7 @@ export function drawRun(live, job, body) {
   body.replaceChildren(
     el("div", { class: "progress" }, progress, el("b", {}, WORDS.share(percent))),
     el("dl", { class: "facts" }, ...rows.flatMap(([name, value]) => [el("dt", {}, name), el("dd", {}, value)])),
-    ...(ended
-      ? [el("p", { class: run.ended !== "finished" ? "bad" : known === WORDS.finished ? "good" : "" }, ended)]
-      : []),
+    ...(ended ? [el("p", { class: level }, ended)] : []),
   );
 }
 

@@ -91,8 +91,8 @@ const WORDS = {
 const FIELDS = Object.keys(WORDS.fields);
 const CATALOGUED = FIELDS.filter((field) => field !== "tag");
 const COUNTS = { runs: FIELDS, spectra: CATALOGUED, cells: CATALOGUED };
-const ENDED = ["good", "doubtful", "failed", "unfinished", "damaged"];
-const VERDICTS = { runs: ["good", "doubtful", "failed", "in work"], spectra: ENDED, cells: ENDED };
+const ENDED = ["good", "doubtful", "stopped", "failed", "unfinished", "damaged"];
+const VERDICTS = { runs: ["good", "doubtful", "stopped", "failed", "in work"], spectra: ENDED, cells: ENDED };
 const MOST_TICKED = { runs: 12, spectra: 24 };
 // Maximum number of curves that can be distinguished.
 const MOST_CURVES = 24;

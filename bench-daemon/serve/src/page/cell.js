@@ -37,7 +37,7 @@ const WORDS = {
   lowHint: "R low: the real part at the lowest frequency.",
   lowDiffers: (values) => `The lowest frequency is not the same in all: ${values}. Compare like with like.`,
   highDiffers: "The table shows where R high was read.",
-  bars: "Bars: ±2σ. ● good, △ doubtful, ✕ failed. The table has the same figures.",
+  bars: "Bars: ±2σ. ● good, △ doubtful, ✕ failed or stopped. The table has the same figures.",
   axis: (name) => `${name} / mΩ`,
   unit: "mΩ",
   noHistory: "No spectrum yet.",

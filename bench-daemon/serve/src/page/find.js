@@ -25,6 +25,7 @@ const WORDS = {
   verdicts: {
     good: ["✓", "good", "good"],
     doubtful: ["▲", "doubtful", "note"],
+    stopped: ["■", "stopped", "note"],
     failed: ["✕", "failed", "bad"],
     "in work": ["▶", "in work", "on"],
     unfinished: ["…", "unfinished", "note"],

@@ -1,6 +1,6 @@
 //! The last reading of a run, and the state of charge by its readings.
 
-use analysis::run_folder::ReadingRow;
+use analysis::run_folder::{EnvelopeRow, ReadingRow};
 use instruments::fixture::Fixture;
 
 use crate::live::{ReadingNow, Soc};
@@ -11,6 +11,8 @@ use bench_plan::{config::Cell, interlock::NO_CURRENT_A, plan::fixture_name};
 pub(super) struct Measured {
     reading: Option<ReadingNow>,
     soc: Option<Soc>,
+    /// Bounds of the readings in the present step.
+    pub(super) bounds: Option<EnvelopeRow>,
 }
 
 impl Measured {

@@ -96,6 +96,13 @@ impl Position {
         steps.filter(|point| **point).count()
     }
 
+    /// Returns the expected bench time until the end of the active step at a bench time, s.
+    pub(super) fn step_left_s(&self, plan: &Plan, now_s: f64) -> Option<f64> {
+        let at = self.at?;
+        let step = plan.stages.get(at.stage)?.steps.get(at.step)?;
+        Some((step.expected_s() - (now_s - at.begun_s)).max(0.0))
+    }
+
     /// Returns the expected bench time of a plan, and of its remaining part at a bench time, s.
     pub(super) fn expected(&self, plan: &Plan, now_s: f64) -> ExpectedTime {
         let (mut total_s, mut left_s) = (0.0, 0.0);

@@ -3,11 +3,15 @@
 use std::{
     os::unix::fs::MetadataExt,
     path::{Path, PathBuf},
+    time::SystemTime,
 };
 
-use analysis::run_folder::{JOURNAL, READINGS};
+use analysis::run_folder::{ENVELOPE, EnvelopeRow, JOURNAL, READINGS, RUN_CONTROL};
 
-use crate::follow::Follow;
+use crate::{
+    operator::run_control::{RunAction, RunControl},
+    serve::follow::Follow,
+};
 
 /// A run folder, and how far its journal and readings were read.
 #[derive(Debug)]
@@ -17,6 +21,9 @@ pub(super) struct RunFiles {
     inode: u64,
     journal: Follow,
     readings: Follow,
+    envelope: Follow,
+    /// The run control request, and the time of its file when it was read.
+    request: (Option<SystemTime>, RunAction),
 }
 
 impl RunFiles {
@@ -27,6 +34,8 @@ impl RunFiles {
             inode: 0,
             journal: Follow::new(folder.join(JOURNAL)),
             readings: Follow::new(folder.join(READINGS)),
+            envelope: Follow::new(folder.join(ENVELOPE)),
+            request: (None, RunAction::GoOn),
         }
     }
 
@@ -48,6 +57,28 @@ impl RunFiles {
     /// Returns new lines of the journal, if there are any.
     pub(super) fn journal(&mut self) -> Option<Vec<String>> {
         grown(&mut self.journal)
+    }
+
+    /// Returns the latest new bounds of the readings, if there are any.
+    pub(super) fn envelope(&mut self) -> Option<EnvelopeRow> {
+        let rows = std::iter::from_fn(|| grown(&mut self.envelope));
+        rows.flatten()
+            .filter_map(|row| EnvelopeRow::parse(&row))
+            .last()
+    }
+
+    /// Returns the action that a person has requested last.
+    pub(super) fn request(&self) -> RunAction {
+        self.request.1
+    }
+
+    /// Reads the action that a person has requested, if its file has changed.
+    pub(super) fn read_request(&mut self) {
+        let file = std::fs::metadata(self.folder.join(RUN_CONTROL));
+        let time = file.and_then(|meta| meta.modified()).ok();
+        if time != self.request.0 {
+            self.request = (time, RunControl::read(&self.folder).action);
+        }
     }
 
     /// Returns new rows of the readings, if there are any.

@@ -88,7 +88,9 @@ enum Verdict {
     Good,
     /// Finished, with refused points or a missed state of charge.
     Doubtful,
-    /// Ended early.
+    /// A person stopped it before it finished.
+    Stopped,
+    /// Ended early for another reason.
     Failed,
     /// The journal has no end entry.
     Unfinished,
@@ -101,6 +103,7 @@ impl Verdict {
         match self {
             Self::Good => CatalogVerdict::Good,
             Self::Doubtful => CatalogVerdict::Doubtful,
+            Self::Stopped => CatalogVerdict::Stopped,
             Self::Failed => CatalogVerdict::Failed,
             Self::Unfinished => CatalogVerdict::Unfinished,
             Self::Damaged => CatalogVerdict::Damaged,
