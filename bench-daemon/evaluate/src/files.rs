@@ -6,13 +6,14 @@ use analysis::{
     contract::Group,
     dataset,
     diagnosis::{Outcome, report::Picture},
-    fit::{Addition, RefusedPoint},
+    fit::{Addition, MAX_RC, OrderSelection, RefusedPoint},
     formats::read_file,
     forward::{OcvSource, SimModel},
     given::GivenModel,
     ocv::OcvCurve,
     pack::Pack,
     plot::{self, Chart, PlotError},
+    run_folder,
     spectrum::{FlaggedPoint, SourcedSpectrum},
 };
 
@@ -22,6 +23,18 @@ use bench_plan::{
     config::{Source, resolve_cell},
     support::terminal::remark,
 };
+
+/// Returns the order of the recommended model of a folder: the one that was chosen, or that of the
+/// only model. `None` if the folder does not state it.
+pub(crate) fn recommended_order(folder: &Path) -> Option<usize> {
+    if let Ok(text) = std::fs::read_to_string(folder.join(run_folder::ORDER)) {
+        let selection: OrderSelection = serde_json::from_str(&text).ok()?;
+        return Some(selection.recommended);
+    }
+    let mut orders = (1..=MAX_RC).filter(|rc| folder.join(run_folder::model(*rc)).is_file());
+    let first = orders.next()?;
+    orders.next().is_none().then_some(first)
+}
 
 /// Reads the spectra of a file, and reports how they were separated and what was left out.
 pub fn read_spectra(path: &Path) -> Result<Vec<SourcedSpectrum>, Failure> {

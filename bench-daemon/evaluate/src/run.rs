@@ -14,6 +14,7 @@ pub(crate) mod results;
 mod resume_context;
 mod run_accumulator;
 mod session;
+mod slope;
 mod stop;
 mod sweep_writer;
 mod traced;
@@ -23,6 +24,7 @@ use std::path::Path;
 pub use play::nobody_drives;
 pub use recompute::{RecomputedPoint, Recorded, RecordedPoint, on_all_cores};
 pub use resume_context::{Accepted, ResumeContext, begun_experiment};
+pub use slope::{SlopeAtRest, slope_of_spectrum};
 pub use stop::{StopSignals, caught};
 
 use bench_core::{safety::failure::Failure, sim::Simulation};

@@ -1,14 +1,18 @@
 //! `eis-bench fit`: the extended Randles model for spectra from anywhere.
 
 pub mod circuit;
+mod group;
 mod input;
+mod many;
 pub mod more;
 mod table;
 
-use self::more::{More, other_minima_note, print_selection};
-use crate::command::batch::Plots;
-use bench_core::safety::failure::Failure;
-use bench_evaluate::{
+use self::{
+    group::Group,
+    more::{More, other_minima_note, print_selection},
+};
+use crate::{
+    command::batch::Plots,
     figures::impedance::bode_plot,
     files,
     support::present::{self, branches_table, fit_warnings, models_table},
@@ -19,7 +23,7 @@ use std::path::Path;
 use analysis::{
     fit::{
         ErmFit, ErmRequest, FitEntry, FitReport, MAX_RC, ModelFile, Objective, PackModel, Prepared,
-        RefusedPoint, Slope,
+        Slope,
     },
     pack::Pack,
     plot::{self, FigureInput},
@@ -30,14 +34,8 @@ use analysis::{
 pub use input::FitArgs;
 pub(super) use input::read;
 
-/// The spectra that one set of models belongs to.
-struct Group {
-    name: String,
-    spectra: Vec<Spectrum>,
-    fits: Vec<ErmFit>,
-    more: More,
-    refused: Vec<RefusedPoint>,
-}
+/// Most groups of spectra whose models are printed in full; of more, a table is printed.
+const MOST_IN_FULL: usize = 3;
 
 /// Fits models to spectra, prints them, and writes them into a folder if requested.
 ///
@@ -94,6 +92,9 @@ pub fn fit(args: &FitArgs) -> Result<(), Failure> {
     }
     if args.json {
         print_json(&fitted)
+    } else if fitted.len() > MOST_IN_FULL {
+        many::print(&fitted, args);
+        Ok(())
     } else {
         print_text(&fitted, args)
     }
@@ -263,12 +264,12 @@ fn print_text(fitted: &[Group], args: &FitArgs) -> Result<(), Failure> {
             print_selection(selection);
         }
         for fit in &group.fits {
-            let (rc, dc) = (fit.erm.branches.len(), 1.0e3 * fit.erm.dc_resistance_ohm());
             say!(
-                "  {rc} RC: objective {}, R {} mΩ, DC resistance {} mΩ",
+                "  {} RC: objective {}, R {} mΩ, DC resistance {} mΩ",
+                fit.erm.branches.len(),
                 present::objective(fit),
-                present::significant(1.0e3 * fit.erm.r_ohm, 5),
-                present::significant(dc, 5)
+                present::r_mohm(fit),
+                present::dc_resistance_mohm(fit)
             );
             if let Some(storage) = &fit.charge_storage {
                 say!("        {}", super::ocv_slope::in_words(storage));
@@ -322,6 +323,11 @@ fn write(
             .map_err(|error| Failure::Analysis(error.to_string()))?;
         text(&run_folder::model(model.rc), &json)?;
     }
+    if let Some(selection) = &group.more.order_selection {
+        let json = serde_json::to_string_pretty(selection)
+            .map_err(|error| Failure::Analysis(error.to_string()))?;
+        text(run_folder::ORDER, &json)?;
+    }
     let has_warnings = group.fits.iter().any(|fit| !fit.warnings.is_empty());
     let figures = if plots.draws(has_warnings) {
         draw(folder, group, controls)?
@@ -332,7 +338,7 @@ fn write(
         title: present::titled("Extended Randles model", &group.name),
         verdicts: fit_warnings(&group.fits),
         figures,
-        tables: vec![models_table(&group.fits), branches_table(&group.fits)],
+        tables: vec![models_table(&group.fits, None), branches_table(&group.fits)],
         provenance: vec![
             (
                 "program".to_owned(),

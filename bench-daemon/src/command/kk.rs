@@ -144,6 +144,7 @@ fn rows(args: &KkArgs, table: &Path) -> Result<(), Failure> {
         to_hz: f64::INFINITY,
         refused_points: true,
         cells_only: false,
+        run_slopes: false,
     };
     let kind = ValidityRows { drt: args.drt };
     let batch = Batch {

@@ -2,16 +2,25 @@
 //! commands that fit.
 
 use crate::command::units;
-use bench_plan::config::quantity::Voltage;
-use std::path::PathBuf;
+use crate::config::quantity::Voltage;
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
 
 use analysis::{
     fit::{ChargeStorage, Objective, Slope},
     ocv::{REST_SIGMA_V, SLOPE_SHARE},
+    spectrum::OcvSlope,
 };
 
-use bench_core::safety::failure::Failure;
-use bench_evaluate::{files, support::present::significant};
+use crate::{
+    files,
+    run::{SlopeAtRest, slope_of_spectrum},
+    safety::failure::Failure,
+    support::present::significant,
+    support::terminal::remark,
+};
 
 /// Arguments that define the slope.
 #[derive(Debug, clap::Args)]
@@ -23,10 +32,69 @@ pub struct SlopeArgs {
     #[arg(long, value_name = "V", requires = "ocv", value_parser = units::of::<Voltage>)]
     pub at_v: Option<f64>,
     /// Slope dU/dQ of the open-circuit voltage if no curve is known: `fit` estimates it with a weak
-    /// prior, `none` leaves it in the impedances, a number is V/C [default: fit with --objective
-    /// complex, otherwise none]
+    /// prior, `none` leaves it in the impedances, a number is V/C [default: of a spectrum in a run
+    /// folder the slope of its cell at the voltage at rest before the sweep; of another one fit
+    /// with --objective complex, otherwise none]
     #[arg(long, value_name = "fit|none|V/C", conflicts_with = "ocv")]
     pub ocv_slope: Option<String>,
+    /// The slope of one file, V/C, and its standard deviation, as the server knows it for the copy
+    /// of a spectrum.
+    #[arg(long, value_name = "FILE=V/C,SIGMA", hide = true, value_parser = slope_of_file)]
+    pub slope_of: Vec<SlopeOfFile>,
+}
+
+/// Slope of the spectra of one file.
+#[derive(Debug, Clone)]
+pub struct SlopeOfFile {
+    file: PathBuf,
+    slope: OcvSlope,
+}
+
+fn slope_of_file(text: &str) -> Result<SlopeOfFile, String> {
+    let parsed = || {
+        let (file, slope) = text.rsplit_once('=')?;
+        let (v_per_coulomb, sigma) = slope.split_once(',')?;
+        let number = |text: &str| text.parse::<f64>().ok().filter(|number| number.is_finite());
+        Some(SlopeOfFile {
+            file: file.into(),
+            slope: OcvSlope {
+                v_per_coulomb: number(v_per_coulomb)?,
+                sigma_v_per_coulomb: number(sigma)?,
+            },
+        })
+    };
+    parsed().ok_or_else(|| format!("expected FILE=V/C,SIGMA, found {text:?}"))
+}
+
+/// The slopes of files that arguments or run folders state; each run is named once.
+#[derive(Debug, Default)]
+pub struct KnownSlopes {
+    told: BTreeSet<PathBuf>,
+}
+
+impl KnownSlopes {
+    /// Returns the slope of a file, unless the arguments request another treatment.
+    pub fn of(&mut self, args: &SlopeArgs, file: &Path) -> Option<OcvSlope> {
+        if args.ocv.is_some() || args.ocv_slope.is_some() {
+            return None;
+        }
+        let of_file = args.slope_of.iter().find(|one| one.file == file);
+        if let Some(one) = of_file {
+            return Some(one.slope);
+        }
+        let found = slope_of_spectrum(file)?;
+        let SlopeAtRest { rest_v, slope } = found.at;
+        if self.told.insert(found.run.clone()) {
+            remark!(
+                "{}: slope of the open-circuit voltage {} ± {} µV/C, from [ocv] of its cell at \
+                {rest_v:.4} V",
+                found.run.display(),
+                significant(1.0e6 * slope.v_per_coulomb, 3),
+                significant(1.0e6 * slope.sigma_v_per_coulomb, 2)
+            );
+        }
+        Some(slope)
+    }
 }
 
 /// Returns the slope that the arguments request.
@@ -76,12 +144,20 @@ pub fn in_words(storage: &ChargeStorage) -> String {
     let sigma = storage
         .sigma_v_per_coulomb
         .map_or_else(String::new, |sigma| format!(" ± {}", micro(sigma)));
+    let given = format!(
+        "{} ± {}",
+        micro(storage.given.v_per_coulomb),
+        micro(storage.given.sigma_v_per_coulomb)
+    );
+    let source = if storage.given.is_prior() {
+        format!("no slope was given: prior {given}; give --ocv or --ocv-slope")
+    } else {
+        format!("given {given}")
+    };
     format!(
-        "without charge storage: slope of the open-circuit voltage {}{sigma} µV/C (given {} ± {}); \
+        "without charge storage: slope of the open-circuit voltage {}{sigma} µV/C ({source}); \
         apparent DC resistance with it left in {} mΩ",
         micro(storage.v_per_coulomb),
-        micro(storage.given.v_per_coulomb),
-        micro(storage.given.sigma_v_per_coulomb),
         significant(1.0e3 * storage.apparent_dc_resistance_ohm, 5)
     )
 }

@@ -2,13 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
-use analysis::run_folder::{INDEX, MODEL, REPORT};
+use analysis::run_folder::{self, INDEX, REPORT};
 
 use crate::command::diagnose;
 use bench_core::safety::failure::Failure;
 use bench_evaluate::run::{Finished, Session};
 use bench_plan::{
     config::{Experiment, load_experiment},
+    files,
+    run::{Finished, Session},
+    safety::failure::Failure,
     support::terminal::say,
 };
 
@@ -26,8 +29,8 @@ pub struct RunArgs {
     /// A seed instead of the experiment's, for the simulation and the fits' searches.
     #[arg(long)]
     pub seed: Option<u64>,
-    /// Print JSON: the folder, its files with the results of the run, and the number of points that
-    /// the quality gate refused.
+    /// Print JSON: the folder, its files with the results of the run (`model` is the recommended
+    /// one), and the number of points that the quality gate refused.
     #[arg(long)]
     pub json: bool,
 }
@@ -46,11 +49,13 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         .unwrap_or_else(|| free_folder(&experiment.name));
     let finished = run_experiment(&experiment, &folder)?;
     if args.json {
+        let recommended = files::recommended_order(&folder);
         let there = |name: &str| Some(folder.join(name)).filter(|path| path.exists());
         let told = serde_json::json!({
             "folder": folder,
             "report": there(REPORT),
-            "model": there(MODEL),
+            "model": recommended.and_then(|rc| there(&run_folder::model(rc))),
+            "recommended_rc": recommended,
             "index": there(INDEX),
             "refused_points": finished.measured.refused(),
         });

@@ -226,6 +226,9 @@ fn a_run_its_plan_its_replay_and_its_check_are_told_as_json() {
     assert!(plan["expected_s"].as_f64().unwrap() <= plan["longest_s"].as_f64().unwrap());
     let run = json_of(&["run", &experiment, "--out", &out, "--json"]);
     assert_eq!(run["refused_points"], 0);
+    assert_eq!(run["recommended_rc"], 1);
+    assert!(run["model"].as_str().unwrap().ends_with("model_1rc.json"));
+    assert!(Path::new(run["model"].as_str().unwrap()).is_file());
     assert!(Path::new(run["report"].as_str().unwrap()).is_file());
     let verified = json_of(&["verify", &out, "--json"]);
     assert_eq!(verified[0]["good"], true);

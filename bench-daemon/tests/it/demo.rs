@@ -19,7 +19,7 @@ use bench_plan::config::load_experiment;
 use fixtures::SimulatedBench;
 use instruments::transcript::Direction;
 
-use crate::support::{demo, files_below, json, program, sent, transcript, truth};
+use crate::support::{Ended, demo, files_below, json, program, sent, transcript, truth};
 
 const ROLES: [&str; 8] = [
     "supply4q",
@@ -37,7 +37,7 @@ const RECORD_POINTS: usize = 10_000;
 const SHUNT_OHM: f64 = 9.96e-3;
 
 /// Runs the demo as another process.
-fn run_program(out: &Path, more: &[&str]) {
+fn run_program(out: &Path, more: &[&str]) -> Ended {
     let experiment = demo();
     let mut arguments = vec![
         "run".as_ref(),
@@ -46,7 +46,9 @@ fn run_program(out: &Path, more: &[&str]) {
         out.as_os_str(),
     ];
     arguments.extend(more.iter().map(std::ffi::OsStr::new));
-    program(&arguments).expect_code(0);
+    let ended = program(&arguments);
+    ended.expect_code(0);
+    ended
 }
 
 /// Runs the demo in this process, where its truth is accessible; with one fit, because the fits
@@ -64,7 +66,8 @@ fn run_here(seed: u64) -> (Finished, tempfile::TempDir) {
 fn the_run_folder_is_complete_and_everything_in_it_is_readable() {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run");
-    run_program(&run, &[]);
+    let told = run_program(&run, &[]);
+    assert_recommended(&run, &told.stdout);
     assert_spectra(&run);
     assert_captures(&run);
     assert_models(&run);
@@ -209,6 +212,58 @@ fn assert_models(run: &Path) {
         let ocv = model.ocv.unwrap();
         assert!(ocv.capacity_ah == 4.5 && ocv.ocv_v.len() > 2, "{ocv:?}");
     }
+}
+
+/// Asserts that the model of the simulated cell is recommended, in the run and in a later fit of
+/// its spectrum, which uses the slope of the open-circuit voltage as the run does.
+fn assert_recommended(run: &Path, told: &str) {
+    let order = json(&run.join("order.json"));
+    assert_eq!(order["recommended"], 4);
+    for part in ["\n→ 4 RC: R 6.4", "\n  3 RC: R ", "\nrecommended: 4 RC: "] {
+        assert!(told.contains(part), "{part}: {told}");
+    }
+    let report = fs::read_to_string(run.join("report.html")).unwrap();
+    assert!(report.contains("4 (recommended)"));
+    let spectrum = run.join("spectrum.csv");
+    let fitted = program(&["fit".as_ref(), spectrum.as_os_str(), "--json".as_ref()]);
+    let found: serde_json::Value = serde_json::from_str(&fitted.expect_code(0).stdout).unwrap();
+    let said = &fitted.stderr;
+    for part in [
+        "slope of the open-circuit voltage ",
+        "from [ocv] of its cell at 3.",
+    ] {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+    let fits = found["fits"].as_array().unwrap();
+    assert_eq!((fits.len(), &fits[0]["rc"]), (1, &4.into()));
+    let ended = json(&run.join("model_4rc.json"));
+    let of = |value: &serde_json::Value| value["dc_resistance_ohm"].as_f64().unwrap();
+    assert!((of(&fits[0]) - of(&ended)).abs() < 1.0e-5, "{found:#}");
+    // A copy has the slope that is stated for it, or none.
+    let copy = run.with_file_name("copy.csv");
+    fs::copy(&spectrum, &copy).unwrap();
+    let given = &ended["fit"]["charge_storage"]["given"];
+    let [slope, sigma] = ["v_per_c", "sigma_v_per_c"].map(|key| given[key].as_f64().unwrap());
+    let stated = format!("--slope-of={}={slope},{sigma}", copy.display());
+    let fitted = program(&["fit", "--json", &stated, copy.to_str().unwrap()].map(AsRef::as_ref));
+    let copied: serde_json::Value = serde_json::from_str(&fitted.expect_code(0).stdout).unwrap();
+    assert!(
+        (of(&copied["fits"][0]) - of(&ended)).abs() < 1.0e-5,
+        "{copied:#}"
+    );
+    assert_eq!(fitted.stderr, "");
+    // An argument comes first.
+    let other = program(&[
+        "fit".as_ref(),
+        spectrum.as_os_str(),
+        "--ocv-slope".as_ref(),
+        "fit".as_ref(),
+    ]);
+    assert!(
+        other.stdout.contains("no slope was given: prior "),
+        "{}",
+        other.stdout
+    );
 }
 
 /// Asserts that the budget belongs to the spectrum: its totals are the spectrum's standard

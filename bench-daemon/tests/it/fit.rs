@@ -236,6 +236,51 @@ fn a_folder_of_models_plots_and_a_report_is_written() {
 }
 
 #[test]
+fn many_spectra_are_one_table_with_uncertainties_and_a_recommendation() {
+    let folder = tempfile::tempdir().unwrap();
+    let all = std::fs::read_to_string(thesis_sweeps()).unwrap();
+    let is_kept = |line: &str| {
+        let cells: Vec<&str> = line.split(',').collect();
+        cells[0] == "fixture" || (cells[0] == "cell" && cells[2] == "0" && cells[3] == "0")
+    };
+    let lines: Vec<&str> = all.lines().filter(|line| is_kept(line)).collect();
+    let file = folder.path().join("five.csv");
+    std::fs::write(&file, lines.join("\n")).unwrap();
+    let output = eis_bench(&["fit", file.to_str().unwrap()]);
+    let told = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success(), "{told}");
+    let table: Vec<&str> = told.lines().take(7).collect();
+    assert!(
+        table[0].starts_with("5 groups of spectra, objective complex"),
+        "{told}"
+    );
+    assert!(
+        table[1].contains("R / mΩ") && table[1].contains("DC resistance / mΩ"),
+        "{told}"
+    );
+    assert!(table[2..].iter().all(|row| row.contains(" ± ")), "{told}");
+    assert_eq!(told.matches("recommended for all: ").count(), 1, "{told}");
+    assert!(!told.contains("given"), "{told}");
+    assert!(told.lines().count() < 25, "{told}");
+    // One of them is told in full, with the choice and what was not given.
+    let is_first = |line: &&str| !line.starts_with("cell,") || line.starts_with("cell,0,");
+    let one: Vec<&str> = lines.into_iter().filter(is_first).collect();
+    std::fs::write(&file, one.join("\n")).unwrap();
+    let output = eis_bench(&["fit", file.to_str().unwrap()]);
+    let told = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        told.contains("no slope was given: prior ") && !told.contains("(given "),
+        "{told}"
+    );
+    assert!(told.contains("recommended: "), "{told}");
+    let fit = told
+        .lines()
+        .find(|line| line.contains(" RC: objective "))
+        .unwrap();
+    assert_eq!(fit.matches(" ± ").count(), 2, "{fit}");
+}
+
+#[test]
 fn bad_input_is_refused_with_exit_code_2_and_a_reason() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("broken.csv");

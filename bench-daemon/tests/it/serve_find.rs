@@ -86,6 +86,10 @@ fn a_run_is_found_by_what_is_known_and_written_of_it() {
 fn a_spectrum_shows_its_models_and_the_record_behind_each_point() {
     let (_files, served) = with_a_run();
     let models = served.get("/runs/demo-1/models?spectrum=spectrum");
+    let recommended: Vec<_> = (models.as_array().unwrap().iter())
+        .map(|model| &model["recommended"])
+        .collect();
+    assert_eq!(recommended, [true, false, false, false]);
     assert_eq!(models[0]["name"], "ERM, 4 RC");
     // The scenario has the order of the model: the residual is noise at every frequency.
     let residuals = models[0]["residuals"].as_array().unwrap();
@@ -339,7 +343,7 @@ fn analyses_run_beside_and_give_the_results_of_the_command() {
         .expect(200);
     // The result equals that on a terminal.
     let out = files.path("by-hand");
-    let spectrum = files.path("data/runs/demo-1/spectrum.csv");
+    let spectrum = files.path("data/runs/demo-1/shared/spectrum.csv");
     program(&[
         "fit".as_ref(),
         spectrum.as_os_str(),

@@ -462,12 +462,7 @@ fn nothing_that_starts_a_current_starts_at_one_click() {
     browser.click("#submit [type=submit]");
     browser.wait("#ask", "On the bench demo a current will flow.");
     let words = browser.text("#ask");
-    for part in [
-        "For about ",
-        "Charge moved: ",
-        "A left",
-        "Not now",
-    ] {
+    for part in ["For about ", "Charge moved: ", "A left", "Not now"] {
         assert!(words.contains(part), "{part}: {words}");
     }
     let held = browser.script("return document.activeElement.textContent");

@@ -89,9 +89,14 @@ impl ChargeStorage {
         let off = (self.v_per_coulomb - self.given.v_per_coulomb) / self.given.sigma_v_per_coulomb;
         (off.abs() > CONTRADICTED && off.is_finite()).then(|| {
             let micro = |v: f64| format_significant(1.0e6 * v, 3);
+            let source = if self.given.is_prior() {
+                "of the prior (no slope was given)"
+            } else {
+                "given"
+            };
             format!(
                 "these data want {} µV/C as the slope of the open-circuit voltage, {} times its \
-                uncertainty from the {} ± {} µV/C given: \
+                uncertainty from the {} ± {} µV/C {source}: \
                  the curve, the state of charge or the prior is another, and the slow branches and \
                  the misfit depend on it; give the slope that holds here",
                 micro(self.v_per_coulomb),

@@ -38,6 +38,12 @@ impl OcvSlope {
         })
     }
 
+    /// Checks whether it is a [`Self::prior`] and not a measured slope: its uncertainty is as large
+    /// as the slope itself.
+    pub fn is_prior(&self) -> bool {
+        self.sigma_v_per_coulomb >= self.v_per_coulomb
+    }
+
     /// Returns the share of the slope in an impedance, −j·(dU/dQ)/ω, Ω.
     pub fn impedance(&self, freq_hz: f64) -> Complex64 {
         Complex64::new(0.0, -self.v_per_coulomb / (std::f64::consts::TAU * freq_hz))
@@ -184,6 +190,16 @@ mod tests {
             amplitude_a: 1.0,
         };
         Spectrum::new("s", vec![point(1.0), point(0.1)])
+    }
+
+    #[test]
+    fn a_prior_is_told_from_a_slope_that_was_given() {
+        assert!(OcvSlope::prior(&spectrum()).unwrap().is_prior());
+        let given = OcvSlope {
+            v_per_coulomb: 5e-5,
+            sigma_v_per_coulomb: 2e-6,
+        };
+        assert!(!given.is_prior());
     }
 
     #[test]

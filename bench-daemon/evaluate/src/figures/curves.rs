@@ -50,6 +50,8 @@ pub struct ModelOver {
     pub file: String,
     /// Number of RC pairs.
     pub order: usize,
+    /// Whether it is recommended among the models of the run.
+    pub recommended: bool,
     /// Name of the spectrum.
     #[serde(rename = "spectrum")]
     pub curve: String,
@@ -113,10 +115,26 @@ impl ModelOver {
             name: format!("ERM, {order} RC"),
             file: file.to_owned(),
             order,
+            recommended: false,
             curve: curve.to_owned(),
             line: line().unwrap_or_default(),
             residuals: points.iter().filter_map(residual).collect(),
         }
+    }
+
+    /// Returns the model with the mark whether it is recommended.
+    #[must_use]
+    pub fn marked(self, recommended: bool) -> Self {
+        Self {
+            recommended,
+            ..self
+        }
+    }
+
+    /// Returns its place among the models of a run: the recommended one first, then the highest
+    /// order.
+    pub fn place(&self) -> (bool, std::cmp::Reverse<usize>) {
+        (!self.recommended, std::cmp::Reverse(self.order))
     }
 }
 

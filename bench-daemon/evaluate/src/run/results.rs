@@ -5,6 +5,7 @@ mod campaign;
 mod condition;
 mod multisine_and_trace;
 mod ocv;
+mod order;
 mod ranges;
 mod records;
 mod report;
@@ -13,7 +14,7 @@ mod validity;
 
 use analysis::{
     budget::Budget,
-    fit::{Bounds, CellSweeps, ErmFit, FitOptions, ModelFile, PackModel, RefusedPoint, fit_cells},
+    fit::{Bounds, CellSweeps, FitOptions, ModelFile, PackModel, RefusedPoint, fit_cells},
     pack::Pack,
     run_folder,
     spectrum::Spectrum,
@@ -24,8 +25,7 @@ use super::Measured;
 use crate::doctor::fixture_check;
 pub(crate) use alike::every_sweep;
 use alike::{alike, alike_sweeps, linearity_in_words};
-use bench_core::{record::Recorder, safety::failure::Failure};
-use bench_plan::{config::Experiment, measure::SweepPoint};
+use order::FittedOrders;
 
 /// Writes everything that follows from the measurement into the run folder; returns the summary.
 ///
@@ -78,9 +78,14 @@ fn evaluate(
 ) -> Result<String, Failure> {
     if measured.spectrum.points.is_empty() {
         report::without_sweeps(recorder, experiment, measured, shown)?;
-        return Ok(summary(recorder, experiment, measured, &[], None, None));
+        let none = FittedOrders::default();
+        return Ok(summary(recorder, experiment, measured, &none, None, None));
     }
-    let fits = fit_orders(recorder, experiment, measured);
+    let fitted = fit_orders(recorder, experiment, measured);
+    let fits = &fitted.fits;
+    if let Some(selection) = &fitted.selection {
+        recorder.json(run_folder::ORDER, selection)?;
+    }
     let pack = Pack::new(experiment.cell.series, experiment.cell.parallel, 0.0)
         .map_err(|error| Failure::Analysis(error.to_string()))?;
     let named: Vec<RefusedPoint> =
@@ -88,7 +93,7 @@ fn evaluate(
             .into_iter()
             .map(|(_, point)| point)
             .collect();
-    for fit in &fits {
+    for fit in fits {
         let mapped =
             PackModel::new(&fit.erm, pack).map_err(|error| Failure::Analysis(error.to_string()))?;
         let mut model = ModelFile::new(
@@ -125,7 +130,7 @@ fn evaluate(
     let judged = validity::judge(measured, experiment.bench.wiring.shunt.r_ohm);
     let campaign = experiment.campaign.as_ref();
     let told = campaign
-        .map(|campaign| campaign::write(recorder, experiment, campaign, measured, &fits, &judged))
+        .map(|campaign| campaign::write(recorder, experiment, campaign, measured, fits, &judged))
         .transpose()?;
     let mut text = told.as_ref().map(|told| told.text.clone());
     if judged.len() > 1 {
@@ -137,7 +142,7 @@ fn evaluate(
         experiment,
         measured,
         report::SweepFindings {
-            fits: &fits,
+            fitted: &fitted,
             budget: &budget,
             judged: &judged,
             told,
@@ -148,7 +153,7 @@ fn evaluate(
         recorder,
         experiment,
         measured,
-        &fits,
+        &fitted,
         Some(&budget),
         text.as_deref(),
     ))
@@ -160,7 +165,7 @@ fn fit_orders(
     recorder: &mut Recorder,
     experiment: &Experiment,
     measured: &Measured,
-) -> Vec<ErmFit> {
+) -> FittedOrders {
     let chosen = alike(measured);
     let mut spectra = storage::less_charge_storage(recorder, experiment, alike_sweeps(measured));
     let refused = refused_points(measured, &chosen, experiment.fit.refused_points);
@@ -178,7 +183,7 @@ fn fit_orders(
         spectra.retain(|spectrum| !spectrum.points.is_empty());
         if left == 0 {
             recorder.warning("no model: the quality gate has refused every point");
-            return Vec::new();
+            return FittedOrders::default();
         }
     }
     let cells = by_cell(experiment, &spectra);
@@ -205,7 +210,9 @@ fn fit_orders(
             Err(error) => recorder.warning(&format!("no model with {rc} RC: {error}")),
         }
     }
-    fits
+    let (fitted, warning) = FittedOrders::choose(fits, &cells, experiment);
+    warning.iter().for_each(|text| recorder.warning(text));
+    fitted
 }
 
 /// Removes points that are not to be fitted from sweeps, which are identified by their index
@@ -279,7 +286,7 @@ fn summary(
     recorder: &Recorder,
     experiment: &Experiment,
     measured: &Measured,
-    fits: &[ErmFit],
+    fitted: &FittedOrders,
     budget: Option<&Budget>,
     campaign: Option<&str>,
 ) -> String {
@@ -334,12 +341,13 @@ fn summary(
     );
     lines.extend(campaign.map(str::to_owned));
     lines.push(String::new());
-    for fit in fits {
+    for fit in &fitted.fits {
         let chi2 = fit
             .reduced_chi2
             .map_or_else(String::new, |chi2| format!(", reduced χ² {chi2:.2}"));
         lines.push(format!(
-            "{} RC: R {:.4} mΩ, DC resistance {:.4} mΩ{}, rms residual {:.2} µΩ{chi2}",
+            "{}{} RC: R {:.4} mΩ, DC resistance {:.4} mΩ{}, rms residual {:.2} µΩ{chi2}",
+            fitted.mark(fit),
             fit.erm.branches.len(),
             1.0e3 * fit.erm.r_ohm,
             1.0e3 * fit.erm.dc_resistance_ohm(),
@@ -347,6 +355,7 @@ fn summary(
             1.0e6 * fit.rms_ohm
         ));
     }
+    lines.extend(fitted.in_words());
     for trace in &recorder.index().traces {
         let (file, ocv_v, steps) = (&trace.file, trace.start_ocv_v, trace.steps_s.len());
         lines.push(format!(

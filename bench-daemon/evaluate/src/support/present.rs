@@ -71,8 +71,20 @@ pub fn titled(what: &str, name: &str) -> String {
     }
 }
 
-/// One row per order.
-pub fn models_table(fits: &[ErmFit]) -> Table {
+/// Returns R of a fit with its standard deviation, mΩ.
+pub fn r_mohm(fit: &ErmFit) -> String {
+    let sigma = fit.sigma.r_ohm.map(|sigma| 1.0e3 * sigma);
+    number(1.0e3 * fit.erm.r_ohm, sigma)
+}
+
+/// Returns the DC resistance of a fit with its standard deviation, mΩ.
+pub fn dc_resistance_mohm(fit: &ErmFit) -> String {
+    let sigma = fit.sigma.dc_resistance_ohm.map(|sigma| 1.0e3 * sigma);
+    number(1.0e3 * fit.erm.dc_resistance_ohm(), sigma)
+}
+
+/// One row per order; the recommended one is marked.
+pub fn models_table(fits: &[ErmFit], recommended: Option<usize>) -> Table {
     let header = [
         "RC",
         "objective",
@@ -83,16 +95,13 @@ pub fn models_table(fits: &[ErmFit]) -> Table {
     ];
     let row = |fit: &ErmFit| {
         vec![
-            fit.erm.branches.len().to_string(),
+            match fit.erm.branches.len() {
+                rc if Some(rc) == recommended => format!("{rc} (recommended)"),
+                rc => rc.to_string(),
+            },
             objective(fit),
-            number(
-                1.0e3 * fit.erm.r_ohm,
-                fit.sigma.r_ohm.map(|sigma| 1.0e3 * sigma),
-            ),
-            number(
-                1.0e3 * fit.erm.dc_resistance_ohm(),
-                fit.sigma.dc_resistance_ohm.map(|sigma| 1.0e3 * sigma),
-            ),
+            r_mohm(fit),
+            dc_resistance_mohm(fit),
             format!("{:.2}", 1.0e6 * fit.rms_ohm),
             fit.reduced_chi2
                 .map_or_else(|| "–".to_owned(), |chi2| format!("{chi2:.2}")),

@@ -14,8 +14,12 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::{error::AnalysisError, joined::joined};
-use crate::{find, jobs, settings::Settings, spectra, submission};
-use bench_plan::support::confined_path;
+use crate::{
+    files,
+    run::slope_of_spectrum,
+    serve::{find, jobs, settings::Settings, spectra, submission},
+    support::confined_path,
+};
 
 /// Most runs of an analysis.
 const MOST_RUNS: usize = 50;
@@ -61,7 +65,8 @@ pub struct Options {
     /// For a test: whether to compute the distribution of relaxation times.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drt: Option<bool>,
-    /// For a diagnosis: number of RC pairs of the run's model. Left out: the highest.
+    /// For a diagnosis: number of RC pairs of the run's model. Left out: that of the recommended model, or the
+    /// highest.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub order: Option<u8>,
     /// For a diagnosis: one cell of a campaign. Left out: each cell separately.
@@ -118,15 +123,22 @@ pub(super) fn arguments(
             ));
         }
     }
+    if request.kind == AnalysisKind::Diagnose {
+        return diagnose(settings, request, out);
+    }
     let mut arguments = vec![request.kind.name().to_owned()];
+    let inputs = inputs(settings, request, out)?;
     match request.kind {
-        AnalysisKind::Fit => fit(&request.options, &mut arguments)?,
+        AnalysisKind::Fit => {
+            fit(&request.options, &mut arguments)?;
+            arguments.extend(inputs.iter().filter_map(Input::slope));
+        }
         AnalysisKind::Kk => kk(&request.options, &mut arguments)?,
-        AnalysisKind::Diagnose => return diagnose(settings, request, out),
+        AnalysisKind::Diagnose => {}
     }
     arguments.push(format!("--out={}", out.display()));
     arguments.push("--".to_owned());
-    arguments.extend(inputs(settings, request, out)?);
+    arguments.extend(inputs.iter().map(|input| input.read.display().to_string()));
     Ok(arguments)
 }
 
@@ -235,11 +247,13 @@ fn diagnose(
     Ok(arguments)
 }
 
-/// The run's model of an order, or of the highest.
+/// The run's model of an order; without one, the recommended model, or that of the highest order.
 fn model_of(folder: &Path, order: Option<u8>) -> Result<PathBuf, AnalysisError> {
+    let given = order.map(usize::from);
+    let wanted = given.or_else(|| files::recommended_order(folder));
     let all = (1..=MAX_RC)
         .rev()
-        .filter(|rc| order.is_none_or(|order| usize::from(order) == *rc));
+        .filter(|rc| wanted.is_none_or(|wanted| wanted == *rc));
     let path = all
         .map(|rc| folder.join(run_folder::model(rc)))
         .find(|path| path.is_file());
@@ -267,32 +281,56 @@ fn only(options: &Options, allowed: &[&str]) -> Result<(), AnalysisError> {
     }
 }
 
+/// A spectrum that an analysis reads.
+struct Input {
+    /// The file that is read: the one of the run, or its copy.
+    read: PathBuf,
+    /// The file of the run.
+    of_run: PathBuf,
+}
+
+impl Input {
+    /// Returns the argument with the slope of the open-circuit voltage, which a copy does not
+    /// have.
+    fn slope(&self) -> Option<String> {
+        let slope = slope_of_spectrum(&self.of_run).filter(|_| self.read != self.of_run)?;
+        let slope = slope.at.slope;
+        Some(format!(
+            "--slope-of={}={},{}",
+            self.read.display(),
+            slope.v_per_coulomb,
+            slope.sigma_v_per_coulomb
+        ))
+    }
+}
+
 /// Returns the input spectra. Those of one run are read in place; those of several runs are
 /// copied to file names that contain the run.
-fn inputs(
-    settings: &Settings,
-    request: &Request,
-    out: &Path,
-) -> Result<Vec<String>, AnalysisError> {
+fn inputs(settings: &Settings, request: &Request, out: &Path) -> Result<Vec<Input>, AnalysisError> {
     let mut found = Vec::new();
     for run in &request.runs {
         let folder = settings.runs().join(run);
-        let files = files(&folder, &request.spectra)?;
+        let files = chosen_files(&folder, &request.spectra)?;
         if files.is_empty() {
             return unfit(format!(
                 "runs: expected runs with a corrected spectrum of a cell, found none in {run}"
             ));
         }
-        found.extend(
-            files
-                .into_iter()
-                .map(|file| (run, folder.join(&file), file)),
-        );
+        // A fit uses the errors that points share.
+        let read = |file: &str| {
+            let shared = folder.join(run_folder::shared_spectrum(file));
+            let is_shared = request.kind == AnalysisKind::Fit && shared.is_file();
+            if is_shared { shared } else { folder.join(file) }
+        };
+        found.extend(files.into_iter().map(|file| (run, read(&file), file)));
     }
     if request.runs.len() == 1 {
         return Ok(found
             .into_iter()
-            .map(|(_, path, _)| path.display().to_string())
+            .map(|(_, path, _)| Input {
+                read: path.clone(),
+                of_run: path,
+            })
             .collect());
     }
     let copies = out.with_file_name("in");
@@ -301,14 +339,17 @@ fn inputs(
     let copy = |(run, path, file): (&String, PathBuf, String)| {
         let name = file.replace('/', "-");
         let to = copies.join(format!("{run}-{name}"));
-        std::fs::copy(path, &to).map_err(failed)?;
-        Ok(to.display().to_string())
+        std::fs::copy(&path, &to).map_err(failed)?;
+        Ok(Input {
+            read: to,
+            of_run: path,
+        })
     };
     found.into_iter().map(copy).collect()
 }
 
 /// The files of the spectra that are meant, else of all corrected ones of cells.
-fn files(folder: &Path, wanted: &[String]) -> Result<Vec<String>, AnalysisError> {
+fn chosen_files(folder: &Path, wanted: &[String]) -> Result<Vec<String>, AnalysisError> {
     let known = spectra::stamps(folder);
     if !wanted.is_empty() {
         let file = |name: &String| {

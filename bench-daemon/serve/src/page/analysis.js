@@ -41,7 +41,7 @@ const WORDS = {
   drt: "Distribution of relaxation times (DRT)",
   drtHelp: "Adds the DRT with the band of its noise, and start values for a fit.",
   order: "Order of the model (may be empty)",
-  orderHelp: "Number of RC branches of the model that is judged, 1 to 8. Empty: as the program chooses.",
+  orderHelp: "Number of RC branches of the model that is judged, 1 to 8. Empty: the recommended one.",
   orderWrong: "Order: write a whole number from 1 to 8, or nothing.",
   runs: "Runs",
   search: "Search the runs",
@@ -56,7 +56,13 @@ const WORDS = {
     `${c.experiment} on ${c.bench}, ${when(c.submitted_unix_s)}; ` +
     `${c.cells.map((one) => one.name).join(", ") || "no cell"}; ` +
     `${c.spectra} ${c.spectra === 1 ? "spectrum" : "spectra"}`,
-  verdicts: { good: "✓ good", doubtful: "▲ doubtful", stopped: "■ stopped", failed: "✕ failed", "in work": "▶ in work" },
+  verdicts: {
+    good: "✓ good",
+    doubtful: "▲ doubtful",
+    stopped: "■ stopped",
+    failed: "✕ failed",
+    "in work": "▶ in work",
+  },
   spectra: "Only some of the spectra",
   spectraHelp: "None ticked: all spectra of the chosen runs.",
   spectraNone: "The chosen runs have no spectra.",
@@ -505,7 +511,7 @@ function tick(label, help, control) {
 // The options of each kind; those of other kinds are hidden, and keep their values.
 function optionFields(query) {
   const typed = { type: "text", autocomplete: "off", spellcheck: "false" };
-  const rc = el("input", { ...typed, value: query.get("rc") || "all" });
+  const rc = el("input", { ...typed, value: query.get("rc") || "auto" });
   const circuit = el("input", { ...typed, value: query.get("circuit") || "" });
   const objective = el(
     "select",

@@ -214,8 +214,10 @@
     s.shown = s.curves.filter((one) => !s.hidden.has(one.id));
     const offered = s.models.filter((one) => s.shown.some((curve) => curve.id === one.curve));
     s.names = [...new Set(offered.map((one) => one.name))];
-    const highest = offered.reduce((best, one) => (best && best.order >= one.order ? best : one), null);
-    s.model = s.wanted === "" || s.names.includes(s.wanted) ? s.wanted : highest ? highest.name : "";
+    // The recommended model is shown first, or else the highest order.
+    const rank = (one) => (one.recommended ? Infinity : one.order);
+    const preferred = offered.reduce((best, one) => (best && rank(best) >= rank(one) ? best : one), null);
+    s.model = s.wanted === "" || s.names.includes(s.wanted) ? s.wanted : preferred ? preferred.name : "";
     s.fitted = offered.filter((one) => one.name === s.model);
     const second = curveOf(s, s.against);
     const first = curveOf(s, s.base) || s.shown.find((one) => one !== second);

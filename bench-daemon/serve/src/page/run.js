@@ -130,7 +130,7 @@ const WORDS = {
 
 const ANALYSES = {
   diagnose: {},
-  fit: { rc: "1,2,3" },
+  fit: { rc: "auto" },
   kk: { drt: false },
 };
 const REPORT = "report.html";

@@ -411,7 +411,9 @@ export function drawResults(parent, ctx, analysis, opened) {
   if (!found.length) return;
   const all = found.map((one) => results(ctx, analysis.id, one));
   parent.append(el("h3", {}, WORDS.numbers), ...all);
-  if (opened) all[0].open = true;
+  // A fit that has chosen an order has one model.
+  const models = found.flatMap((one, place) => (/(^|\/)model_\d+rc\.json$/.test(one.path) ? [place] : []));
+  if (opened) all[models.length === 1 ? models[0] : 0].open = true;
 }
 
 // ---- the story ----------------------------------------------------------------------------------

@@ -9,8 +9,9 @@ use analysis::spectrum::SourcedSpectrum;
 
 use super::paths;
 use super::work::Items;
-use bench_core::safety::failure::Failure;
-use bench_evaluate::support::present::refused_in_words;
+use crate::run::slope_of_spectrum;
+use crate::safety::failure::Failure;
+use crate::support::present::refused_in_words;
 
 /// Spectra of everything that was named, in its order; the files of a folder by name.
 pub(super) struct Source {
@@ -33,6 +34,9 @@ pub struct Choice {
     pub refused_points: bool,
     /// Spectra of controls and under direct current are left out.
     pub cells_only: bool,
+    /// Subtract the share of the open-circuit voltage from spectra in a run folder whose cell has
+    /// one.
+    pub run_slopes: bool,
 }
 
 impl Source {
@@ -86,7 +90,19 @@ impl Items for Source {
                 let opened = LongForm::open(file);
                 self.table = Some(opened.map_err(|error| Failure::Usage(error.to_string()))?);
             } else {
-                self.ready.extend(spectra_of(file));
+                let mut spectra = spectra_of(file);
+                if self.choice.run_slopes
+                    && let Some(found) = slope_of_spectrum(file)
+                {
+                    let measured = spectra
+                        .iter_mut()
+                        .filter_map(|one| one.spectrum.as_mut().ok());
+                    measured.for_each(|sourced| {
+                        let left = sourced.spectrum.less_charge_storage(found.at.slope);
+                        sourced.spectrum = left;
+                    });
+                }
+                self.ready.extend(spectra);
             }
         }
     }

@@ -40,7 +40,7 @@ pub struct FitArgs {
     pub pool: bool,
     /// Orders: a number of RC pairs, several separated by commas, `all` for 1 to 4, or `auto` for
     /// the order that the data support.
-    #[arg(long, default_value = "all", value_name = "N|all|auto")]
+    #[arg(long, default_value = "auto", value_name = "N|all|auto")]
     pub rc: String,
     /// Objective to minimise: `sum-abs` (Σ|Z_model − Z_data|, as the thesis), `modulus` (|Z| only)
     /// or `complex` (least squares).
@@ -75,7 +75,11 @@ pub(crate) fn read(args: &FitArgs) -> Result<(Vec<SourcedSpectrum>, Vec<Spectrum
     let mut cells = Vec::new();
     let mut others = Vec::new();
     let mut passed_over = Vec::new();
+    let mut slopes = command::ocv_slope::KnownSlopes::default();
     for file in &args.files {
+        // The elements of a circuit define what stores charge.
+        let is_erm = args.circuit.circuit.is_none();
+        let slope = is_erm.then(|| slopes.of(&args.slope, file)).flatten();
         for mut sourced in files::read_spectra(file)? {
             sourced
                 .spectrum
@@ -92,6 +96,9 @@ pub(crate) fn read(args: &FitArgs) -> Result<(Vec<SourcedSpectrum>, Vec<Spectrum
             }
             if sourced.origin.is_unbiased_cell() {
                 files::leave_out_refused(&mut sourced, args.refused_points)?;
+                if let Some(slope) = slope {
+                    sourced.spectrum = sourced.spectrum.less_charge_storage(slope);
+                }
                 cells.push(sourced);
             } else {
                 let SourcedSpectrum {

@@ -75,6 +75,9 @@ fn rows(args: &FitArgs, table: &Path, call: &str, kind: &impl ResultRows) -> Res
         to_hz: args.to_hz,
         refused_points: args.refused_points,
         cells_only: true,
+        run_slopes: args.circuit.circuit.is_none()
+            && args.slope.ocv.is_none()
+            && args.slope.ocv_slope.is_none(),
     };
     let batch = Batch {
         files: &args.files,

@@ -14,6 +14,7 @@ use super::{
     campaign::CampaignResults,
     condition,
     multisine_and_trace::{Shown, draw},
+    order::FittedOrders,
     records,
     validity::{self, Judged},
 };
@@ -36,7 +37,7 @@ const GOOD_CHI2: f64 = 2.0;
 /// Findings from the sweeps of the cell.
 pub(super) struct SweepFindings<'a> {
     /// Models of all sweeps together.
-    pub(super) fits: &'a [ErmFit],
+    pub(super) fitted: &'a FittedOrders,
     /// The uncertainty of the first sweep.
     pub(super) budget: &'a Budget,
     /// Verdict on each sweep.
@@ -55,12 +56,13 @@ pub(super) fn write(
     found: SweepFindings<'_>,
 ) -> Result<(), Failure> {
     let SweepFindings {
-        fits,
+        fitted,
         budget,
         judged,
         told,
         shown,
     } = found;
+    let fits = &fitted.fits;
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     tables.extend(validity::table(experiment.campaign.as_ref(), judged));
     if let Some(CampaignResults { figure, table, .. }) = told {
@@ -95,7 +97,7 @@ pub(super) fn write(
         &records::records(points, experiment.bench.wiring.shunt.r_ohm),
         &of,
     );
-    let tables = model_tables(experiment, fits)
+    let tables = model_tables(experiment, fitted)
         .into_iter()
         .chain(tables)
         .chain([
@@ -105,7 +107,7 @@ pub(super) fn write(
             records,
         ])
         .chain(shown.tables);
-    let scripted = Some(looked_into(measured, fits));
+    let scripted = Some(looked_into(measured, fitted));
     page(
         recorder,
         experiment,
@@ -120,7 +122,7 @@ pub(super) fn write(
 
 /// Returns the corrected spectra with the models that were fitted to all of them, for interactive
 /// inspection.
-fn looked_into(measured: &Measured, fits: &[ErmFit]) -> Scripted {
+fn looked_into(measured: &Measured, fitted: &FittedOrders) -> Scripted {
     let named = measured
         .names()
         .into_iter()
@@ -152,15 +154,14 @@ fn looked_into(measured: &Measured, fits: &[ErmFit]) -> Scripted {
         };
     let curves: Vec<Curve> = named.enumerate().map(curve).collect();
     let over = |curve: &Curve| {
-        let mut models: Vec<ModelOver> = fits
-            .iter()
-            .map(|fit| {
-                let file = run_folder::model(fit.erm.branches.len());
-                ModelOver::new(fit, &file, &curve.id, &curve.points)
-            })
-            .collect();
-        // The highest order is shown first.
-        models.reverse();
+        let model = |fit: &ErmFit| {
+            let order = fit.erm.branches.len();
+            let file = run_folder::model(order);
+            let recommended = fitted.recommended() == Some(order);
+            ModelOver::new(fit, &file, &curve.id, &curve.points).marked(recommended)
+        };
+        let mut models: Vec<ModelOver> = fitted.fits.iter().map(model).collect();
+        models.sort_by_key(ModelOver::place);
         models
     };
     let models: Vec<ModelOver> = curves.iter().flat_map(over).collect();
@@ -563,7 +564,8 @@ fn strings(strings: &[&str]) -> Vec<String> {
     strings.iter().map(|word| (*word).to_owned()).collect()
 }
 
-fn model_tables(experiment: &Experiment, fits: &[ErmFit]) -> [Table; 3] {
+fn model_tables(experiment: &Experiment, fitted: &FittedOrders) -> [Table; 3] {
+    let fits = &fitted.fits;
     let (series, parallel) = (experiment.cell.series, experiment.cell.parallel);
     let ratio = f64::from(series) / f64::from(parallel);
     let row = |fit: &ErmFit| {
@@ -582,7 +584,11 @@ fn model_tables(experiment: &Experiment, fits: &[ErmFit]) -> [Table; 3] {
         header: strings(&["RC", "R / mΩ", "DC resistance / mΩ"]),
         rows: fits.iter().map(row).collect(),
     };
-    [models_table(fits), branches_table(fits), pack]
+    [
+        models_table(fits, fitted.recommended()),
+        branches_table(fits),
+        pack,
+    ]
 }
 
 /// Returns a table of the spectrum; `of` names it if there are several.

@@ -1,14 +1,13 @@
 //! Removes the charge storage of the cell before models are fitted: the slope of its open-circuit
 //! voltage at the voltage at rest before each sweep.
 
-use analysis::{
-    fit::ErmFit,
-    ocv::{REST_SIGMA_V, SLOPE_SHARE},
-    spectrum::Spectrum,
-};
+use analysis::{fit::ErmFit, spectrum::Spectrum};
 
-use bench_core::record::Recorder;
-use bench_plan::config::Experiment;
+use crate::{
+    config::Experiment,
+    record::Recorder,
+    run::slope::{rest_voltages, slope_before},
+};
 
 /// Returns the spectra without the share of the open-circuit voltage. If it is unknown, returns
 /// them unchanged with a note.
@@ -24,28 +23,16 @@ pub(super) fn less_charge_storage(
         );
         return spectra.into_iter().cloned().collect();
     };
-    let rests_v: Vec<Option<f64>> = recorder
-        .index()
-        .sweeps
-        .iter()
-        .filter(|sweep| sweep.fixture == "cell")
-        .map(|sweep| sweep.start_ocv_v)
-        .collect();
+    let rests_v = rest_voltages(recorder.index());
     let mut outside = 0;
-    let mut one = |(number, spectrum): (usize, &Spectrum)| {
-        let rest_v = rests_v
-            .get(number)
-            .copied()
-            .flatten()
-            .or_else(|| rests_v.iter().flatten().next().copied());
-        match rest_v.and_then(|rest_v| curve.charge_slope(rest_v, REST_SIGMA_V, SLOPE_SHARE)) {
-            Some(slope) => spectrum.less_charge_storage(slope),
+    let mut one =
+        |(number, spectrum): (usize, &Spectrum)| match slope_before(curve, &rests_v, number) {
+            Some(at) => spectrum.less_charge_storage(at.slope),
             None => {
                 outside += 1;
                 spectrum.clone()
             }
-        }
-    };
+        };
     let left: Vec<Spectrum> = spectra.into_iter().enumerate().map(&mut one).collect();
     if outside > 0 {
         recorder.warning(&format!(
