@@ -45,6 +45,9 @@ pub struct Live {
     /// True if nothing runs and current readings show every output off, or if the bench is
     /// simulated within a run's process and no run is in progress.
     pub verified: bool,
+    /// True if a person must inspect the outputs: nothing runs, and the last run left them without
+    /// a known reading, or an output was not read as off.
+    pub needs_look: bool,
     /// The command that switches the bench off on the server's machine.
     pub safe_command: String,
     /// Interval at which the server reads the outputs of the idle bench, s; null if it does not.
@@ -57,17 +60,18 @@ impl Live {
         self.run.as_ref().is_some_and(|run| run.pausing)
     }
 
-    /// Returns whether a person must inspect the outputs: nothing runs, and the last run left
-    /// them without a known reading, or an output was not read as off.
-    pub fn needs_look(&self) -> bool {
-        match self.state {
+    /// Returns the state with the judgement whether a person must inspect the outputs.
+    #[must_use]
+    pub fn judged(self) -> Self {
+        let needs_look = match self.state {
             BenchState::Unknown => true,
             BenchState::Idle | BenchState::Latched => self.outputs.is_alarming(),
             BenchState::Running
             | BenchState::Paused
             | BenchState::Asking
             | BenchState::Stopping => false,
-        }
+        };
+        Self { needs_look, ..self }
     }
 }
 

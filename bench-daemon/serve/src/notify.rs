@@ -256,7 +256,7 @@ impl Seen {
                 self.trips.remove(&bench.bench);
             }
             fresh.extend(self.question(server, &bench));
-            if !bench.needs_look() {
+            if !bench.needs_look {
                 self.unread.remove(&bench.bench);
                 continue;
             }

@@ -477,7 +477,9 @@ impl SupervisedBench {
             safe_command: outputs::safe_command(&self.bench),
             read_idle_s: server.settings.read_idle_s.filter(|_| self.state.is_some()),
             stop,
+            ..Live::default()
         }
+        .judged()
     }
 
     fn instruments(&self, server: &Server, outputs: &OutputsState) -> Vec<InstrumentNow> {

@@ -105,7 +105,7 @@ pub(super) const METRICS: &[Metric] = &[
         "outputs_need_look",
         "",
         "Nothing runs, and the outputs were not read since a run, or not read as off.",
-        |now| now.benches(|live| flag(live.needs_look())),
+        |now| now.benches(|live| flag(live.needs_look)),
     ),
     counter(
         "trips_total",

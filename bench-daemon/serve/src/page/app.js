@@ -16,7 +16,6 @@ import {
   duration,
   el,
   fill,
-  isLoud,
   outcome,
   person,
   saveBlob,
@@ -262,7 +261,7 @@ function stopLabel(all) {
 }
 
 // On such a bench a current may flow.
-const loud = (bench) => bench.state === "running" || isLoud(bench) || (bench.state === "latched" && !bench.verified);
+const loud = (bench) => bench.state === "running" || bench.needs_look || (bench.state === "latched" && !bench.verified);
 
 // Benches that are as they were after a stop of another one.
 function miss(reports) {
@@ -400,25 +399,13 @@ function drawQueue() {
     ...(items.length ? items : [null]).map((item) => {
       if (!item) return el("li", { class: "quiet" }, WORDS.empty);
       const words = WORDS.inQueue(item, duration(item.expected_s), person(item.by));
-      const cancel =
-        !item.process && may("operate")
-          ? el(
-              "button",
-              {
-                type: "button",
-                onclick: () =>
-                  attempt(
-                    () => remove(`/queue/${item.id}`),
-                    () => WORDS.takenOut(item.run),
-                  ),
-              },
-              WORDS.takeOut,
-            )
-          : null;
-      const first =
-        cancel && waiting[0] !== item
-          ? el("button", { type: "button", onclick: () => attempt(() => move(item)) }, WORDS.first)
-          : null;
+      const button = (words, onclick) => el("button", { type: "button", onclick }, words);
+      const takenOut = () => WORDS.takenOut(item.run);
+      const takeOut = () => attempt(() => remove(`/queue/${item.id}`), takenOut);
+      const isMovable = !item.process && may("operate");
+      const cancel = isMovable ? button(WORDS.takeOut, takeOut) : null;
+      const isBehind = isMovable && waiting[0] !== item;
+      const first = isBehind ? button(WORDS.first, () => attempt(() => move(item))) : null;
       return el("li", {}, item.process ? el("b", {}, WORDS.atWork) : "", words, " ", first, cancel);
     }),
   );

@@ -223,19 +223,13 @@ const stateOf = (state) => WORDS.states[state] || [WORDS.noState, state];
 // Returns whether the bench is idle. The state of its outputs is then shown only from a reading, with its time.
 export const rests = (live) => ["idle", "latched", "unknown"].includes(live.state);
 
-// Returns whether a person must inspect the outputs: a run left them without a reading, or they were not read as off.
-export const isLoud = (live) =>
-  live.state === "unknown" ||
-  (rests(live) && ["on", "unreachable"].includes(live.outputs.state)) ||
-  (rests(live) && live.outputs.state === "stale" && live.outputs.outputs.some((one) => one.state !== "off"));
-
 export function drawNow(live) {
   const [sign, plain] = live.state === "running" ? running(live) : stateOf(live.state);
   const { run } = live;
   const left = run && run.step_left_s !== null ? duration(run.step_left_s) : "";
   const doing = run && run.pausing ? WORDS.pausing(plain, left) : plain;
   const words = rests(live) ? WORDS.withOutputs(plain, live.outputs.words) : doing;
-  $("state").className = `state ${rests(live) && isLoud(live) ? "latched" : live.state}`;
+  $("state").className = `state ${live.needs_look ? "latched" : live.state}`;
   text($("state"), WORDS.state(sign, words));
   const reading = live.reading;
   const fresh = reading && reading.fresh;
@@ -428,13 +422,13 @@ const WORST = ["latched", "unknown", "stopping", "asking", "running", "paused", 
 // All benches in a line, each with its address.
 export function drawOverview(benches, chosen) {
   const rank = (one) =>
-    one.state === "idle" && isLoud(one) ? 1 : (WORST.indexOf(one.state) + WORST.length + 1) % (WORST.length + 1);
+    one.state === "idle" && one.needs_look ? 1 : (WORST.indexOf(one.state) + WORST.length + 1) % (WORST.length + 1);
   const item = (one) => {
     const [sign] = stateOf(one.state);
     const hasEnd = one.run && one.run.going && one.run.left_s !== null;
     const left = hasEnd ? WORDS.overviewLeft(duration(one.run.left_s)) : "";
     // While a run or a stop is active, no statement about the outputs is shown.
-    const proof = rests(one) ? WORDS.overviewOutputs(one.outputs.words, isLoud(one)) : "";
+    const proof = rests(one) ? WORDS.overviewOutputs(one.outputs.words, one.needs_look) : "";
     const plain = one.state === "asking" ? WORDS.overviewAsking : one.state;
     const state = one.trip ? WORDS.overviewTrip(one.trip.cause) : plain;
     const words = WORDS.overview(sign, one.bench, state, left, proof);
@@ -446,7 +440,7 @@ export function drawOverview(benches, chosen) {
         "a",
         {
           href: `#${encodeURIComponent(one.bench)}`,
-          class: `bench ${rests(one) && isLoud(one) ? "latched" : one.state}`,
+          class: `bench ${one.needs_look ? "latched" : one.state}`,
           "aria-current": here ? "page" : null,
         },
         words,
@@ -461,13 +455,13 @@ export function drawOverview(benches, chosen) {
 export function drawOthers(others, choose) {
   const loud = others.filter(
     (one) =>
-      one.trip || isLoud(one) || (one.stop && one.stop.over && !one.stop.verified && !one.stop.simulated),
+      one.trip || one.needs_look || (one.stop && one.stop.over && !one.stop.verified && !one.stop.simulated),
   );
   const words = loud.map((one) => [
     one.bench,
     one.trip
       ? WORDS.otherTrip(one.bench, one.trip.cause)
-      : isLoud(one)
+      : one.needs_look
         ? WORDS.otherOutputs(one.bench, one.outputs.words)
         : WORDS.otherStop(one.bench),
   ]);
