@@ -282,8 +282,8 @@ class Catalog:
 
     Conditions of a query, all of which must hold: ``cell`` (name or serial number), ``serial``,
     ``batch``, ``bench``, ``experiment``, ``from_`` and ``to`` (a date in UTC, a time, or s since
-    1970), ``verdict`` (``good``, ``doubtful``, ``failed``, ``unfinished``, ``damaged``), ``trip``
-    (runs that the interlock has ended), ``text`` (words of the run), ``most`` (maximum number of
+    1970), ``verdict`` (``good``, ``doubtful``, ``stopped``, ``failed``, ``unfinished``, ``damaged``),
+    ``trip`` (runs that the interlock has ended), ``text`` (words of the run), ``most`` (maximum number of
     answers; all of them if it is left out).
 
     ``started_unix_s`` is the time in s since 1970; a data frame has ``started`` too, in UTC.
