@@ -26,7 +26,7 @@ use bench_plan::{
 
 /// Returns the order of the recommended model of a folder: the one that was chosen, or that of the
 /// only model. `None` if the folder does not state it.
-pub(crate) fn recommended_order(folder: &Path) -> Option<usize> {
+pub fn recommended_order(folder: &Path) -> Option<usize> {
     if let Ok(text) = std::fs::read_to_string(folder.join(run_folder::ORDER)) {
         let selection: OrderSelection = serde_json::from_str(&text).ok()?;
         return Some(selection.recommended);

@@ -211,7 +211,7 @@ mod tests {
 
     #[test]
     fn a_run_that_a_person_stopped_is_stopped_and_any_other_is_not() {
-        use crate::{executor::ExecuteError, safety::failure::Failure};
+        use bench_core::{executor::ExecuteError, safety::failure::Failure};
         let early = |failure: Failure| format!("{}{failure}", run_folder::ENDED_EARLY);
         let interrupted = || Failure::Interrupted("runs/a".to_owned());
         let ann = || Some("ann".to_owned());

@@ -9,10 +9,9 @@ use utoipa::ToSchema;
 use super::queue::HeldBy;
 use bench_core::{
     bench::{Output, outputs::OutputsState},
-    interlock::{CURRENT_MARGIN, Limits},
     safety::state::Latched,
 };
-use bench_plan::interlock::Limits;
+use bench_plan::interlock::{CURRENT_MARGIN, Limits};
 
 /// Current state of a bench.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]

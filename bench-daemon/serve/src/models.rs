@@ -3,10 +3,9 @@
 use std::path::Path;
 
 use super::spectra;
-pub use crate::figures::curves::ModelOver;
-use crate::{files, support::confined_path};
 use analysis::{fit::ModelFile, run_folder};
 pub use bench_evaluate::figures::curves::ModelOver;
+use bench_evaluate::files;
 use bench_plan::support::confined_path;
 
 /// Returns all models of a run over the spectrum of this name, the recommended one first and then

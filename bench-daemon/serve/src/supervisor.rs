@@ -42,6 +42,8 @@ use bench_core::{
     safety::failure::{Failure, GATE_REFUSED, REFUSED_CODE},
     safety::state::{Holder, State},
 };
+use bench_evaluate::support::telemetry::CONTEXT_VARIABLE;
+use bench_plan::{config, support::locks};
 pub use identity::{Answer, Asked, Identity};
 
 /// Interval between two polls, s.

@@ -21,12 +21,11 @@ use super::{
     live::{PointNow, QuestionNow, ReadingNow, RunNow, Soc},
     transcript_monitor::TranscriptMonitor,
 };
-use crate::{
-    config::Experiment,
+use bench_core::{
     journal::{Entry, Line},
     operator::run_control::RunAction,
-    plan::Step,
 };
+use bench_plan::{config::Experiment, plan::Step};
 
 /// A run folder that is watched.
 #[derive(Debug)]

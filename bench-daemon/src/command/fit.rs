@@ -11,8 +11,9 @@ use self::{
     group::Group,
     more::{More, other_minima_note, print_selection},
 };
-use crate::{
-    command::batch::Plots,
+use crate::command::batch::Plots;
+use bench_core::safety::failure::Failure;
+use bench_evaluate::{
     figures::impedance::bode_plot,
     files,
     support::present::{self, branches_table, fit_warnings, models_table},

@@ -10,10 +10,9 @@ use std::path::Path;
 use found::IdentifiedInstrument;
 use instruments::transport::Address;
 
-use crate::{
-    command::printed::say_json, config::load_any_bench, safety::failure::Failure,
-    support::terminal::say,
-};
+use crate::command::printed::say_json;
+use bench_core::safety::failure::Failure;
+use bench_plan::{config::load_any_bench, support::terminal::say};
 
 /// Arguments of `identify`.
 #[derive(Debug, clap::Args)]

@@ -2,7 +2,7 @@
 //! commands that fit.
 
 use crate::command::units;
-use crate::config::quantity::Voltage;
+use bench_plan::config::quantity::Voltage;
 use std::{
     collections::BTreeSet,
     path::{Path, PathBuf},
@@ -14,13 +14,13 @@ use analysis::{
     spectrum::OcvSlope,
 };
 
-use crate::{
+use bench_core::safety::failure::Failure;
+use bench_evaluate::{
     files,
     run::{SlopeAtRest, slope_of_spectrum},
-    safety::failure::Failure,
     support::present::significant,
-    support::terminal::remark,
 };
+use bench_plan::support::terminal::remark;
 
 /// Arguments that define the slope.
 #[derive(Debug, clap::Args)]

@@ -6,12 +6,12 @@ use analysis::run_folder::{self, INDEX, REPORT};
 
 use crate::command::diagnose;
 use bench_core::safety::failure::Failure;
-use bench_evaluate::run::{Finished, Session};
-use bench_plan::{
-    config::{Experiment, load_experiment},
+use bench_evaluate::{
     files,
     run::{Finished, Session},
-    safety::failure::Failure,
+};
+use bench_plan::{
+    config::{Experiment, load_experiment},
     support::terminal::say,
 };
 

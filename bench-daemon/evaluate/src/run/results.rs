@@ -25,6 +25,8 @@ use super::Measured;
 use crate::doctor::fixture_check;
 pub(crate) use alike::every_sweep;
 use alike::{alike, alike_sweeps, linearity_in_words};
+use bench_core::{record::Recorder, safety::failure::Failure};
+use bench_plan::{config::Experiment, measure::SweepPoint};
 use order::FittedOrders;
 
 /// Writes everything that follows from the measurement into the run folder; returns the summary.

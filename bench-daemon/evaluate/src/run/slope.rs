@@ -17,20 +17,20 @@ const DEPTH: usize = 2;
 
 /// Slope at a voltage at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct SlopeAtRest {
+pub struct SlopeAtRest {
     /// The voltage, V.
     pub(crate) rest_v: f64,
     /// The slope.
-    pub(crate) slope: OcvSlope,
+    pub slope: OcvSlope,
 }
 
 /// Slope of a spectrum in a run folder.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct RunSlope {
+pub struct RunSlope {
     /// The run folder.
-    pub(crate) run: PathBuf,
+    pub run: PathBuf,
     /// The slope before the sweep.
-    pub(crate) at: SlopeAtRest,
+    pub at: SlopeAtRest,
 }
 
 /// Returns the voltages at rest before the sweeps of the cell, V, in the order of the index.
@@ -55,7 +55,7 @@ pub(crate) fn slope_before(
 
 /// Returns the slope of a spectrum of a cell that lies in a run folder. `None` if it does not, or
 /// if the cell of the run has no open-circuit voltage at the voltage before the sweep.
-pub(crate) fn slope_of_spectrum(path: &Path) -> Option<RunSlope> {
+pub fn slope_of_spectrum(path: &Path) -> Option<RunSlope> {
     let path = std::path::absolute(path).ok()?;
     let is_run = |folder: &&Path| folder.join(JOURNAL).is_file() && folder.join(INDEX).is_file();
     let run = path.ancestors().skip(1).take(DEPTH).find(is_run)?;

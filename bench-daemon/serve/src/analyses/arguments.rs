@@ -14,12 +14,9 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::{error::AnalysisError, joined::joined};
-use crate::{
-    files,
-    run::slope_of_spectrum,
-    serve::{find, jobs, settings::Settings, spectra, submission},
-    support::confined_path,
-};
+use crate::{find, jobs, settings::Settings, spectra, submission};
+use bench_evaluate::{files, run::slope_of_spectrum};
+use bench_plan::support::confined_path;
 
 /// Most runs of an analysis.
 const MOST_RUNS: usize = 50;

@@ -14,17 +14,13 @@ use super::{
     problem::Refusal,
 };
 use crate::{
-    config,
-    safety::state,
-    serve::{
-        audit::{By, Deed},
-        capabilities::Capabilities,
-        live::{Live, StopReport, TripNow},
-        stop::{self, Stopper},
-        token::Scope,
-    },
+    audit::{By, Deed},
+    capabilities::Capabilities,
+    live::{Live, StopReport, TripNow},
+    stop::{self, Stopper},
+    token::Scope,
 };
-use bench_core::{bench::outputs::OutputsState, safety::state};
+use bench_core::safety::state;
 use bench_plan::config;
 
 /// Identity of the caller.

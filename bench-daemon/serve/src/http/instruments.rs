@@ -13,13 +13,11 @@ use super::{
     problem::Refusal,
 };
 use crate::{
-    bench::outputs::{OutputReading, OutputsState},
-    serve::{
-        live::InstrumentNow,
-        outputs::{self, ReadError},
-        supervisor::Asked,
-    },
+    live::InstrumentNow,
+    outputs::{self, ReadError},
+    supervisor::Asked,
 };
+use bench_core::bench::outputs::{OutputReading, OutputsState};
 
 /// Returns the instruments of a bench and their health.
 #[utoipa::path(

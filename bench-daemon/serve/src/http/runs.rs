@@ -21,6 +21,7 @@ use super::{
     problem::Refusal,
     sent::sent,
 };
+use crate::watch::Watch;
 use crate::{
     find::Card,
     jobs::{self, Job},
@@ -29,7 +30,6 @@ use crate::{
     spectra::{self, Spectrum},
     timeline::{Part, Readings},
     traced::Traced,
-    watch::Watch,
 };
 use bench_plan::support::{
     confined_path::{self, plain},

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::bench::outputs::OutputReading;
+use bench_core::bench::outputs::OutputReading;
 
 /// Identity of an instrument.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -8,10 +8,8 @@ use std::{
 
 use analysis::run_folder::{ENVELOPE, EnvelopeRow, JOURNAL, READINGS, RUN_CONTROL};
 
-use crate::{
-    operator::run_control::{RunAction, RunControl},
-    serve::follow::Follow,
-};
+use crate::follow::Follow;
+use bench_core::operator::run_control::{RunAction, RunControl};
 
 /// A run folder, and how far its journal and readings were read.
 #[derive(Debug)]

@@ -9,9 +9,9 @@ use analysis::spectrum::SourcedSpectrum;
 
 use super::paths;
 use super::work::Items;
-use crate::run::slope_of_spectrum;
-use crate::safety::failure::Failure;
-use crate::support::present::refused_in_words;
+use bench_core::safety::failure::Failure;
+use bench_evaluate::run::slope_of_spectrum;
+use bench_evaluate::support::present::refused_in_words;
 
 /// Spectra of everything that was named, in its order; the files of a folder by name.
 pub(super) struct Source {

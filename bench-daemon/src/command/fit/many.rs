@@ -5,10 +5,8 @@ use std::collections::BTreeMap;
 use analysis::fit::ErmFit;
 
 use super::{group::Group, input::FitArgs};
-use crate::support::{
-    present::{dc_resistance_mohm, r_mohm, significant},
-    terminal::say,
-};
+use bench_evaluate::support::present::{dc_resistance_mohm, r_mohm, significant};
+use bench_plan::support::terminal::say;
 
 const HEADER: [&str; 6] = [
     "spectrum",

@@ -3,7 +3,7 @@
 use instruments::{exchange::Identity, transport::Address};
 use serde::Serialize;
 
-use crate::{
+use bench_core::{
     bench::outputs::OutputReading,
     bench::survey::{InstrumentReport, KnownDialect},
 };

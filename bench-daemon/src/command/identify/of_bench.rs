@@ -10,16 +10,17 @@ use instruments::{
 };
 
 use super::found::{IdentifiedInstrument, forcing, web};
-use crate::{
+use bench_core::{
     bench::outputs::{DRIVES, OutputReading, OutputState},
     bench::survey::{AnyInstrument, InstrumentReport},
     bench::{Bench, BenchError, Connections, state_readback},
-    config, doctor,
     operator::progress::Waiting,
     safety::failure::Failure,
     safety::state::State,
     sim::Simulation,
 };
+use bench_evaluate::doctor;
+use bench_plan::config;
 
 /// Longest time for all answers of one instrument.
 const ANSWERS: Duration = Duration::from_secs(15);

@@ -10,7 +10,7 @@ use instruments::{
 };
 
 use super::found::{IdentifiedInstrument, forcing, web};
-use crate::{
+use bench_core::{
     bench::survey::{InstrumentReport, KnownDialect},
     safety::failure::Failure,
 };

@@ -2,7 +2,7 @@
 
 use analysis::fit::{Bounds, CellSweeps, ErmFit, OrderOptions, OrderSelection, select_order};
 
-use crate::config::Experiment;
+use bench_plan::config::Experiment;
 
 /// The fitted models, and the choice of the order among several.
 #[derive(Debug, Default)]

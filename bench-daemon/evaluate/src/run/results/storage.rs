@@ -3,11 +3,9 @@
 
 use analysis::{fit::ErmFit, spectrum::Spectrum};
 
-use crate::{
-    config::Experiment,
-    record::Recorder,
-    run::slope::{rest_voltages, slope_before},
-};
+use crate::run::slope::{rest_voltages, slope_before};
+use bench_core::record::Recorder;
+use bench_plan::config::Experiment;
 
 /// Returns the spectra without the share of the open-circuit voltage. If it is unknown, returns
 /// them unchanged with a note.
