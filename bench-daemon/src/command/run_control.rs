@@ -37,25 +37,44 @@ pub struct ReorderArgs {
 /// # Errors
 /// A folder without an active run.
 pub fn send_action(args: &FolderArgs, action: RunAction) -> Result<(), Failure> {
-    send_request(
-        args,
-        &RunControl {
-            action,
-            ..RunControl::read(&args.folder)
-        },
-    )?;
-    say!(
-        "{}",
-        match action {
-            RunAction::Pause =>
-                "pauses after the step in work, every output off; `eis-bench go-on` lets it go on",
-            RunAction::GoOn => "goes on",
-            RunAction::Abort =>
-                "ends in safe state: at the next point of a sweep, behind a trace, within seconds \
-                of anything else; then `eis-bench resume` can take it up again",
+    let replay = going_on(&args.folder)?;
+    let request = RunControl {
+        action,
+        ..RunControl::read(&args.folder)
+    };
+    request
+        .write(&args.folder)
+        .map_err(|error| Failure::Usage(format!("{}: {error}", args.folder.display())))?;
+    match action {
+        RunAction::Pause => {
+            let takes = step_s(&args.folder, &replay).map_or_else(String::new, |step_s| {
+                format!(", which takes about {step_s:.0} s of bench time in all")
+            });
+            say!(
+                "pauses after the step in work{takes}, every output off; `eis-bench go-on` lets it \
+                go on"
+            );
         }
-    );
+        RunAction::GoOn => say!("goes on"),
+        RunAction::Abort => say!(
+            "ends in safe state: at the next point of a sweep, behind a trace, within seconds of \
+            anything else; then `eis-bench resume` can take it up again"
+        ),
+    }
     Ok(())
+}
+
+/// Returns the expected bench time of the step in work, s.
+fn step_s(folder: &Path, replay: &JournalReplay) -> Option<f64> {
+    let lines = journal::read(folder).ok()?.lines;
+    let in_work = |line: &Line| match line.entry {
+        Entry::Intent { stage, step, .. } => Some((stage, step)),
+        _ => None,
+    };
+    let (stage, step) = lines.iter().rev().find_map(in_work)?;
+    let experiment = begun_experiment(folder, &replay.started).ok()?;
+    let plan = procedure::plan(&experiment);
+    Some(plan.stages.get(stage)?.steps.get(step)?.expected_s())
 }
 
 /// Sets which runs of a campaign come next. Replaces any earlier order.
@@ -125,13 +144,6 @@ fn run_statuses(folder: &Path, replay: &JournalReplay) -> Result<Vec<(usize, Run
         .iter()
         .flat_map(|campaign| campaign.runs());
     Ok(runs.map(|run| (run.number, status(run.number))).collect())
-}
-
-fn send_request(args: &FolderArgs, request: &RunControl) -> Result<(), Failure> {
-    going_on(&args.folder)?;
-    request
-        .write(&args.folder)
-        .map_err(|error| Failure::Usage(format!("{}: {error}", args.folder.display())))
 }
 
 /// Returns the progress of an active run that accepts requests.

@@ -576,7 +576,7 @@ fn a_run_waits_and_goes_on_as_it_is_told() {
         reply["said"]
             .as_str()
             .unwrap()
-            .starts_with("pauses after the step in work"),
+            .starts_with("pauses after the step in work, which takes about "),
         "{reply}"
     );
     let live = poll("a pause", || {
