@@ -12,7 +12,7 @@ use crate::{
 };
 
 /// Starts a server with a finished run of the demo in virtual time.
-fn with_a_run() -> (Files, Served) {
+pub(crate) fn with_a_run() -> (Files, Served) {
     let files = Files::demo();
     config(&files, "");
     let served = Served::start(&files);

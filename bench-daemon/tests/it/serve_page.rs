@@ -490,6 +490,30 @@ fn nothing_that_starts_a_current_starts_at_one_click() {
     browser.wait("#state", "Running");
 }
 
+#[test]
+#[ignore = "drill"]
+fn an_order_that_no_fit_has_is_refused_and_the_order_is_chosen_by_default() {
+    let Some(browser) = Browser::start(false) else {
+        return;
+    };
+    let (_files, served) = crate::serve_find::with_a_run();
+    browser.go(
+        &format!("{}#/analyses?kind=fit&runs=demo-1&rc=9", served.url()),
+        DESKTOP,
+    );
+    browser.wait("#view", "Numbers from 1 to 8");
+    browser.click("#view form button[type=submit]");
+    browser.wait("#view", "write numbers from 1 to 8");
+    assert_eq!(served.get("/analyses").as_array().map_or(0, Vec::len), 0);
+    browser.go(&format!("{}#/run/demo-1", served.url()), DESKTOP);
+    browser.take("Fit", false);
+    let order = poll("the fit", || {
+        let answer = served.ask("GET", "/api/v1/analyses/fit-1/files/order.json", ("", ""));
+        (answer.status == 200).then(|| answer.json())
+    });
+    assert_eq!(order["recommended"], 4);
+}
+
 /// Draws with the mouse over a stretch of the first strip, 100 to 160 pixels from its left.
 const DRAW_OVER: &str = "
     const over = document.querySelector('#strips .u-over');
