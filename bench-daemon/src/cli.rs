@@ -281,7 +281,7 @@ pub fn main() -> ExitCode {
         return ExitCode::SUCCESS;
     };
     let verbosity = match cli.verbose {
-        0 if matches!(cli.command, Some(Command::Identify(_))) => Verbosity::Quiet,
+        0 if matches!(command, Command::Identify(_)) => Verbosity::Quiet,
         0 => Verbosity::Normal,
         1 => Verbosity::Verbose,
         _ => Verbosity::Debug,

@@ -19,7 +19,7 @@ const DEPTH: usize = 2;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SlopeAtRest {
     /// The voltage, V.
-    pub(crate) rest_v: f64,
+    pub rest_v: f64,
     /// The slope.
     pub slope: OcvSlope,
 }
