@@ -3,7 +3,7 @@
 /// Mark of a catalogue in the head of an SQLite file: `EISC`.
 pub(crate) const APPLICATION: i32 = 0x4549_5343;
 /// Version of the tables. A reader refuses a newer one; a scan builds an older one again.
-pub const VERSION: i32 = 3;
+pub const VERSION: i32 = 4;
 
 /// Tables and indexes. `run_key` finds runs by the name, a serial number or the batch of a cell,
 /// `run_text` by words; both repeat the columns that queries filter by, so that no other table is

@@ -62,7 +62,15 @@ impl Ended {
     /// A trip or outputs that were not verified off during a stop are a failure.
     #[must_use]
     pub fn stopped(self, stopper: Option<String>) -> Self {
-        let is_by_stop = stopper.is_some() && self.code.is_none_or(|code| code == STOPPED);
+        // Without a code, as after a restart of the server, the journal says how the run ended.
+        let is_no_failure = match self.code {
+            Some(code) => code == STOPPED,
+            None => {
+                !self.how.starts_with(run_folder::ENDED_EARLY)
+                    && !self.how.contains("LOOK AT THE BENCH")
+            }
+        };
+        let is_by_stop = stopper.is_some() && is_no_failure;
         let stopped = !self.finished && (is_by_stop || run_folder::is_stopped(&self.how));
         Self {
             stopped,

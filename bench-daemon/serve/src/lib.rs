@@ -160,7 +160,9 @@ async fn until_stopped(settings: Settings, mut lock: std::fs::File) -> Result<()
     beside("investigator", &server, investigator::work)?;
     beside("notices", &server, notify::work)?;
     beside("idle benches", &server, outputs::read_idle_benches)?;
-    writeln!(lock, "process {} at {}", std::process::id(), listener.url())?;
+    if let Err(error) = writeln!(lock, "process {} at {}", std::process::id(), listener.url()) {
+        tracing::warn!("the data folder does not state who serves it: {error}");
+    }
     say!("listening on {}", listener.url());
     notify.say("READY=1");
     let refresh = async {

@@ -137,7 +137,8 @@ impl Server {
                 Live {
                     bench: bench.name.clone(),
                     ..Live::default()
-                },
+                }
+                .judged(),
             )
         });
         let started_unix_s = clock::unix_time_s();

@@ -506,7 +506,13 @@ impl SupervisedBench {
                 ..self.by_transcript(role)
             };
             let mut now = self.by_reading(now, outputs);
-            if let Some(why) = asked.and_then(|asked| asked.failure.as_ref()) {
+            // A later reading of the output shows that the instrument answers again.
+            let is_last =
+                |asked: &&Asked| now.output_unix_s.is_none_or(|read| read <= asked.unix_s);
+            if let Some(why) = asked
+                .filter(is_last)
+                .and_then(|asked| asked.failure.as_ref())
+            {
                 now.trouble = Some(format!("no answer: {why}"));
             }
             now

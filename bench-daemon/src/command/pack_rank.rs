@@ -28,9 +28,9 @@ CELLS is a table of comma-separated values with a header. Columns:
   v_min, v_max     lowest and highest voltage, V
   discharge_max_a  largest discharge current, A; an empty field or no such column: no limit
 
-Every cell is taken in every size, as an ideal source behind its DC resistance (see `pack size`). \
-Packs that meet all
-requirements come first: with --power-w the lightest first, otherwise the strongest.
+Every cell is taken in every size, as an ideal source behind its DC resistance (see `pack size`).
+Packs that meet all requirements come first: with --power-w the lightest first, otherwise the \
+strongest.
 
 Example:
   eis-bench pack rank CELLS.csv --series 14..18 --parallel 2..4 --power-w 5000 --bus-v 40,68";
@@ -61,7 +61,6 @@ pub struct RankArgs {
     #[arg(
         long,
         value_name = "LOW,HIGH",
-        num_args = 2,
         value_delimiter = ',',
         value_parser = units::of::<Voltage>
     )]

@@ -69,7 +69,8 @@ pub struct RankedPack {
     pub peak_power_w: f64,
     /// What limits it.
     pub limited_by: PowerLimit,
-    /// Distance of a cell's voltage from its lower limit under the required power, V.
+    /// Distance of a cell's voltage from its lower limit, or from that of the bus, under the required
+    /// power, V.
     pub margin_v: Option<f64>,
     /// Distance of a cell's current from its limit under the required power, A.
     pub margin_a: Option<f64>,
@@ -194,8 +195,13 @@ impl CellKind {
             return Ok(ranked);
         }
         let ir = SimpleIr::new(&input)?;
-        if let Some((peak, limit)) = self.peak(&ir, &Sizing::new(&input)?) {
-            (ranked.peak_power_w, ranked.limited_by) = (peak.power_w, limit);
+        match self.peak(&ir, &Sizing::new(&input)?) {
+            Some((peak, limit)) => {
+                (ranked.peak_power_w, ranked.limited_by) = (peak.power_w, limit);
+            }
+            None => ranked
+                .unmet
+                .push("at rest below its lower limit".to_owned()),
         }
         self.judge(&mut ranked, &ir, needs);
         Ok(ranked)
@@ -221,13 +227,15 @@ impl CellKind {
             if let Some(voltage_v) = ir.voltage_v(power_w) {
                 let point = ir.at_voltage(voltage_v);
                 let cell_v = self.ocv_v - point.cell_current_a * self.dcir_ohm;
-                ranked.margin_v = Some(cell_v - self.window_v.0);
+                let bus_low_v = needs.bus_v.map_or(0.0, |(low, _)| low);
+                let bus_margin_v = (voltage_v - bus_low_v) / f64::from(ranked.pack.series);
+                ranked.margin_v = Some(bus_margin_v.min(cell_v - self.window_v.0));
                 ranked.margin_a = Some(self.discharge_max_a - point.cell_current_a)
                     .filter(|margin| margin.is_finite());
             }
             if ranked.peak_power_w < power_w {
-                let least = 1.0e-3 * (power_w - ranked.peak_power_w);
-                ranked.unmet.push(format!("{least:.2} kW too weak"));
+                let missing_w = power_w - ranked.peak_power_w;
+                ranked.unmet.push(format!("{missing_w:.0} W too weak"));
             }
         }
         if let Some(most_kg) = needs.cells_kg.filter(|most| ranked.cells_kg > *most) {
@@ -313,11 +321,11 @@ mod tests {
         let heavy = met("P45B 16S4P");
         assert_eq!(heavy.unmet, ["0.48 kg too heavy"], "{heavy:?}");
         assert_eq!(met("P45B 18S3P").unmet, ["full at 75.6 V"]);
-        assert!(met("P45B 14S2P").unmet[0].ends_with("kW too weak"));
+        assert!(met("P45B 14S2P").unmet[0].ends_with(" W too weak"));
         let margin = met("P45B 16S3P");
+        // The bus at 40 V binds before the cell at 2.5 V.
         let point_v = 0.5 * (57.6 + (57.6_f64.powi(2) - 4.0 * 6000.0 * 0.11).sqrt());
-        let cell_a = (57.6 - point_v) / 0.11 / 3.0;
-        assert!((margin.margin_v.unwrap() - (3.6 - 0.015 * cell_a - 2.5)).abs() < 1e-9);
+        assert!((margin.margin_v.unwrap() - (point_v - 40.0) / 16.0).abs() < 1e-9);
         assert_eq!(margin.margin_a, None);
     }
 
@@ -368,5 +376,11 @@ mod tests {
         };
         let ranked = rank_packs(&[p45b()], 4..=4, 1..=1, &bus).unwrap();
         assert_eq!(ranked[0].unmet[0], "cannot reach 40.0 V", "{ranked:?}");
+        // 40 V are 3.64 V for each of 11 cells, above their OCV.
+        let ranked = rank_packs(&[p45b()], 11..=11, 1..=1, &bus).unwrap();
+        assert_eq!(
+            ranked[0].unmet[0], "at rest below its lower limit",
+            "{ranked:?}"
+        );
     }
 }

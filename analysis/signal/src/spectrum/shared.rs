@@ -38,10 +38,10 @@ impl OcvSlope {
         })
     }
 
-    /// Checks whether it is a [`Self::prior`] and not a measured slope: its uncertainty is as large
-    /// as the slope itself.
+    /// Checks whether it is a [`Self::prior`] and not a measured slope: its uncertainty equals the
+    /// slope itself in every bit. The slope of a flat curve may have a larger uncertainty.
     pub fn is_prior(&self) -> bool {
-        self.sigma_v_per_coulomb >= self.v_per_coulomb
+        self.sigma_v_per_coulomb == self.v_per_coulomb
     }
 
     /// Returns the share of the slope in an impedance, −j·(dU/dQ)/ω, Ω.

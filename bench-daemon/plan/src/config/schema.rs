@@ -39,6 +39,7 @@ impl Kind {
         let table: toml::Table = text.parse().ok()?;
         let has = |key: &str| table.contains_key(key);
         let kinds = [
+            (has("cell") && has("bench"), Self::Experiment),
             (has("instruments"), Self::Bench),
             (has("listen"), Self::Server),
             (has("experiment") && has("benches"), Self::Campaign),

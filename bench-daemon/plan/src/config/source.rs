@@ -234,7 +234,7 @@ impl Source {
         self.parse().map_err(|error| {
             let found = match Kind::of(&self.text) {
                 Some(found) if found != kind => found.phrase(),
-                None if !self.is_toml() => "another file",
+                None if kind == Kind::Dataset && !self.is_toml() => "another file",
                 _ => return error,
             };
             ConfigError::Kind {

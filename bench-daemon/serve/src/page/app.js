@@ -22,7 +22,7 @@ import {
   text,
   when,
 } from "./bench.js";
-import { ask as askFirst, close } from "./energise.js";
+import { ask as askFirst, close, together } from "./energise.js";
 import { tellHere } from "./notices.js";
 import { drawQuestion } from "./question.js";
 import { drawTime, fitTime } from "./time.js";
@@ -435,16 +435,27 @@ function drawQueue() {
 
 // ---- what starts a current ----------------------------------------------------------------------
 
-// Asks beside a part of the page before a current flows. `path` has the text of the experiment. A run that goes on has
-// its own frozen files, so its plan is only shown.
-async function energise(beside, path, question) {
+// Number of questions so far: the plan of an earlier one that arrives late opens nothing.
+let questions = 0;
+
+// Closes the question, and the one whose plan is on its way.
+function dropQuestion() {
+  questions += 1;
+  close($("ask"));
+}
+
+// Asks beside a part of the page before a current flows. `paths` have the texts of the experiments. A run that goes on
+// has its own frozen files, so its plan is only shown.
+async function energise(beside, paths, question) {
   const back = document.activeElement;
-  const plan = async () => {
+  const number = ++questions;
+  const plan = async (path) => {
     const { text } = await get(path);
     return post("/drafts", { text, bench: question.bench });
   };
-  const draft = question.goesOn ? await plan().catch(() => null) : await attempt(plan);
-  if (!draft && !question.goesOn) return;
+  const all = () => Promise.all(paths.map(plan)).then(together);
+  const draft = question.goesOn ? await all().catch(() => null) : await attempt(all);
+  if (number !== questions || (!draft && !question.goesOn)) return;
   beside.after($("ask"));
   askFirst($("ask"), { ...question, draft, back });
 }
@@ -455,14 +466,14 @@ function resume({ item: { run, bench } }) {
   const send = () => post(`/runs/${run}/resume`);
   const done = () => say(WORDS.waitsToGoOn(run));
   const [title, go] = [WORDS.resumes(run), WORDS.yesGoOn(run)];
-  energise($("runs").closest(".scroll"), experimentOf(run), { bench, title, go, send, done, goesOn: true });
+  energise($("runs").closest(".scroll"), [experimentOf(run)], { bench, title, go, send, done, goesOn: true });
 }
 
 function unpause(bench, run, title = WORDS.unpauses(run)) {
   const send = () => post(`/runs/${run}/go-on`);
   const done = ({ said }) => say(said);
   const go = WORDS.yesGoOn(run);
-  energise($("runacts"), experimentOf(run), { bench, title, go, send, done, goesOn: true });
+  energise($("runacts"), [experimentOf(run)], { bench, title, go, send, done, goesOn: true });
 }
 
 // Releases the queue of a bench. It asks if a run waits, because that run starts.
@@ -472,7 +483,9 @@ function releaseQueue(bench, why) {
   if (!waiting.length) return attempt(send, () => WORDS.released);
   const runs = waiting.map((item) => item.run);
   const [title, go, done] = [WORDS.releases(runs), WORDS.yesRelease, () => say(WORDS.released)];
-  return energise($("held"), experimentOf(runs[0]), { bench, title, go, send, done, goesOn: true });
+  // Only a run that has begun has frozen files of its own.
+  const goesOn = waiting.every((item) => item.kind === "resume");
+  return energise($("held"), runs.map(experimentOf), { bench, title, go, send, done, goesOn });
 }
 
 function submit() {
@@ -482,7 +495,7 @@ function submit() {
   const done = (item) => say(WORDS.queued(item.run));
   const path = `/files/experiments/${encodeURIComponent(body.experiment)}`;
   const [title, go] = [WORDS.submits(body.experiment), WORDS.yesSubmit(body.bench)];
-  return energise($("plan"), path, { bench: body.bench, title, go, send, done });
+  return energise($("plan"), [path], { bench: body.bench, title, go, send, done });
 }
 
 function drawHistory() {
@@ -724,7 +737,7 @@ async function show() {
     else if (known.asked && location.hash.length > 1 && location.hash !== "#/")
       say(WORDS.noAddress(location.hash, known.bench), true, "address");
     $("stopped").hidden = true;
-    close($("ask"));
+    dropQuestion();
     // The stop means this bench from now on, and says so.
     draw();
     // Navigation from another part starts at the top of this one.
@@ -922,7 +935,7 @@ onSession(recognise);
 // A plan belongs to its experiment.
 $("experiment").addEventListener("change", () => {
   $("plan").hidden = true;
-  close($("ask"));
+  dropQuestion();
   drawRights();
 });
 $("login").addEventListener("submit", async (event) => {

@@ -20,6 +20,7 @@ const WORDS = {
   noPlan: "The duration, the charge and the margins are not known.",
   mistake: ({ field, message }) => `▲ The experiment has a mistake: ${field ? `${field}: ` : ""}${message}`,
   beyondLimit: "▲ This plan goes beyond a limit. It is not started from here.",
+  beyondNow: "▲ The whole plan goes beyond a limit of today's files. The run goes on with its own frozen files.",
   not: "Not now",
   sending: "Being sent …",
   refused: (why) => `✕ Not started: ${why}`,
@@ -53,9 +54,25 @@ export function marginWords({ unit, margin, least, greatest }) {
 }
 
 // Returns why a plan is not started; empty if nothing prevents it.
-function whyNot(draft) {
+function whyNot(draft, goesOn) {
   if (draft && draft.mistakes.length) return WORDS.mistake(draft.mistakes[0]);
-  return draft && draft.margins.some(isBeyond) ? WORDS.beyondLimit : "";
+  if (!draft || !draft.margins.some(isBeyond)) return "";
+  return goesOn ? WORDS.beyondNow : WORDS.beyondLimit;
+}
+
+// Returns one draft for runs that follow each other: sums, all mistakes, and the smallest margin of each quantity.
+export function together(drafts) {
+  const margins = new Map();
+  for (const one of drafts.flatMap((draft) => draft.margins)) {
+    const before = margins.get(one.quantity);
+    const isSmaller = !before || !known(one.margin) || (known(before.margin) && one.margin < before.margin);
+    if (isSmaller) margins.set(one.quantity, one);
+  }
+  const plans = drafts.map((draft) => draft.plan);
+  const sum = (key) => (plans.every((plan) => known(plan[key])) ? plans.reduce((all, plan) => all + plan[key], 0) : null);
+  const keys = ["expected_s", "longest_s", "charge_c", "discharge_c"];
+  const plan = plans.every(Boolean) ? Object.fromEntries(keys.map((key) => [key, sum(key)])) : null;
+  return { plan, mistakes: drafts.flatMap((draft) => draft.mistakes), margins: [...margins.values()] };
 }
 
 // What a plan does, as text.
@@ -83,8 +100,10 @@ export function close(place) {
 // the label `go`; `send` starts it, `done` gets its answer, and `back` gets the focus afterwards. A plan
 // with a mistake or beyond a limit can only be started if `goesOn`: it is part of a run that began before.
 export function ask(place, { bench, draft, title, go, send, done, back, goesOn }) {
+  // The answer to an earlier question is on its way.
+  if (place.dataset.sending) return;
   const said = el("p", { role: "alert", class: "bad" });
-  const why = whyNot(draft);
+  const why = whyNot(draft, goesOn);
   said.textContent = why;
   const not = el("button", { type: "button" }, WORDS.not);
   not.addEventListener("click", () => {
@@ -94,14 +113,19 @@ export function ask(place, { bench, draft, title, go, send, done, back, goesOn }
   const yes = el("button", { type: "button", class: "go" }, go);
   yes.addEventListener("click", async () => {
     yes.disabled = true;
+    place.dataset.sending = "yes";
     said.textContent = WORDS.sending;
     try {
       const answer = await send();
+      delete place.dataset.sending;
       close(place);
       if (back) back.focus();
       done(answer);
     } catch (error) {
       said.textContent = (error instanceof Refused ? WORDS.refused : WORDS.lost)(error.message);
+      not.focus();
+    } finally {
+      delete place.dataset.sending;
     }
   });
   const head = el("strong", {}, WORDS.head(bench));

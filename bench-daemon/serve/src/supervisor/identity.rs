@@ -1,5 +1,6 @@
 //! Identity of an instrument by its own last answer.
 
+use instruments::clock;
 use serde::{Deserialize, Serialize};
 
 use bench_core::bench::outputs::OutputReading;
@@ -37,4 +38,7 @@ pub struct Asked {
     pub output: Option<OutputReading>,
     /// Reason why it did not answer.
     pub failure: Option<String>,
+    /// Time at which the answers were received, s since 1970.
+    #[serde(default = "clock::unix_time_s")]
+    pub unix_s: f64,
 }

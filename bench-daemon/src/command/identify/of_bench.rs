@@ -5,13 +5,13 @@ use std::{collections::BTreeMap, time::Duration};
 
 use futures_util::future::join_all;
 use instruments::{
-    clock::{Clock, TimeMode, unix_time_s},
+    clock::{Clock, TimeMode},
     transport::{Adapter, Address, MemoryHub},
 };
 
 use super::found::{IdentifiedInstrument, forcing, web};
 use bench_core::{
-    bench::outputs::{DRIVES, OutputReading, OutputState},
+    bench::outputs::{DRIVES, OutputReading},
     bench::survey::{AnyInstrument, InstrumentReport},
     bench::{Bench, BenchError, Connections, state_readback},
     operator::progress::Waiting,
@@ -142,7 +142,8 @@ async fn ask(
     let took_s = clock.machine_s() - start_s;
     let (report, output, failure) = match answers {
         Ok((report, output)) => (Some(report), output, None),
-        Err(failure) => (None, unreached(role, instrument), Some(failure)),
+        // The output may never have been asked; an earlier reading of it stays, with its age.
+        Err(failure) => (None, None, Some(failure)),
     };
     let unknown = report.as_ref().filter(|report| !report.recognised);
     let could_be_forced = unknown.map_or_else(Vec::new, |report| {
@@ -191,17 +192,4 @@ async fn answers(
     let found = state_readback::look_each(&mut same).await;
     let output = state_readback::readings(&same, &found, "read").pop();
     Ok((report, output))
-}
-
-/// Returns the reading of an output that was not reached.
-fn unreached(role: &'static str, instrument: &config::Instrument) -> Option<OutputReading> {
-    DRIVES.contains(&role).then(|| OutputReading {
-        role: role.to_owned(),
-        model: instrument.model.clone(),
-        state: OutputState::Unreachable,
-        volts: None,
-        amps: None,
-        unix_s: unix_time_s(),
-        by: "read".to_owned(),
-    })
 }
