@@ -26,7 +26,7 @@ pub use capture::{
     CAPTURE_COLUMNS, Capture, CaptureMeta, ChannelMeta, read_capture, write_capture,
 };
 pub use disk::{write_atomically, write_private};
-pub use index::{Commanded, CurrentPositive, RunIndex, SweepEntry, TraceEntry};
+pub use index::{Commanded, CurrentPositive, PointConditions, RunIndex, SweepEntry, TraceEntry};
 pub use stored::{CaptureFile, open_capture};
 pub use trace::write_trace_parquet;
 
@@ -34,7 +34,8 @@ use analysis_numeric::Covariance2;
 use analysis_signal::spectrum::{ImpedancePoint, Spectrum};
 use columns::FLAGS_COLUMN;
 pub use columns::{
-    ColumnSpec, FLAGS, LEG_COLUMNS, SERIES_COLUMNS, SPECTRUM_COLUMNS, TRACE_COLUMNS,
+    CONDITION_COLUMNS, ColumnSpec, FLAGS, LEG_COLUMNS, SERIES_COLUMNS, SPECTRUM_COLUMNS,
+    TRACE_COLUMNS,
 };
 pub use error::DatasetError;
 use num_complex::Complex64;
@@ -287,6 +288,51 @@ pub fn write_whole_spectrum_csv(
             .zip(flags)
             .for_each(|(row, flag)| row.push_str(&flag_field(flag)));
     }
+    rows::write_csv_with(path, &spectrum.points, &header, &rows)
+}
+
+/// Writes a spectrum that was measured under a direct current as CSV: behind [`SPECTRUM_COLUMNS`]
+/// the conditions of each point, [`CONDITION_COLUMNS`], then as [`write_whole_spectrum_csv`].
+///
+/// # Errors
+/// [`DatasetError::Io`].
+pub fn write_biased_spectrum_csv(
+    path: &Path,
+    spectrum: &Spectrum,
+    conditions: &[PointConditions],
+    flags: &[String],
+) -> Result<(), DatasetError> {
+    let names = CONDITION_COLUMNS
+        .iter()
+        .map(|spec| format!(",{}", spec.name));
+    let (shared_header, shared_rows) = shared::columns(spectrum);
+    let mut header = names.collect::<String>() + &shared_header;
+    let flagged = is_flagged(flags);
+    if flagged {
+        header.push_str(FLAGS);
+    }
+    // A point without conditions has empty fields, which no reader takes for a current of zero.
+    let fields = |point: &PointConditions| -> String {
+        let values = [
+            point.bias_a,
+            point.bias_met_a,
+            point.sigma_bias_a,
+            point.charge_coulomb,
+            point.temperature_degc.unwrap_or(f64::NAN),
+        ];
+        values.iter().map(|value| format!(",{value:?}")).collect()
+    };
+    let row = |k: usize| {
+        let mut row = conditions
+            .get(k)
+            .map_or_else(|| ",".repeat(CONDITION_COLUMNS.len()), fields);
+        row.push_str(shared_rows.get(k).map_or("", String::as_str));
+        if flagged {
+            row.push_str(&flag_field(flags.get(k).map_or("", String::as_str)));
+        }
+        row
+    };
+    let rows: Vec<String> = (0..spectrum.points.len()).map(row).collect();
     rows::write_csv_with(path, &spectrum.points, &header, &rows)
 }
 

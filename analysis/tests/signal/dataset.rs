@@ -5,14 +5,15 @@ use std::path::Path;
 
 use analysis::{
     dataset::{
-        CAPTURE_COLUMNS, Capture, CaptureMeta, ChannelMeta, SERIES_COLUMNS, SPECTRUM_COLUMNS,
-        SeriesRow, append_spectrum_csv, open_capture, read_capture, read_series_parquet,
-        read_spectrum_csv, read_spectrum_parquet, write_atomically, write_capture,
-        write_series_parquet, write_spectrum_csv, write_spectrum_parquet,
+        CAPTURE_COLUMNS, CONDITION_COLUMNS, Capture, CaptureMeta, ChannelMeta, PointConditions,
+        SERIES_COLUMNS, SPECTRUM_COLUMNS, SeriesRow, append_spectrum_csv, open_capture,
+        read_capture, read_series_parquet, read_spectrum_csv, read_spectrum_parquet,
+        write_atomically, write_biased_spectrum_csv, write_capture, write_series_parquet,
+        write_spectrum_csv, write_spectrum_parquet,
     },
     numeric::Covariance2,
     sine::{CodeScale, FitOptions, Record, fit_free_frequency, fit_known_frequency},
-    spectrum::ImpedancePoint,
+    spectrum::{ImpedancePoint, Spectrum},
 };
 use num_complex::Complex64;
 
@@ -200,6 +201,57 @@ fn a_spectrum_comes_back_to_the_bit() {
             .unwrap()
             .starts_with(&format!("{HEADER}\n0.1,"))
     );
+}
+
+#[test]
+fn a_spectrum_under_a_direct_current_states_it_at_each_point_and_reads_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("biased.csv");
+    let point = |freq_hz: f64| ImpedancePoint {
+        freq_hz,
+        z_ohm: Complex64::new(0.02, -0.003),
+        covariance: Covariance2 {
+            re_re: 1.0e-5 * 1.0e-5,
+            re_im: 0.0,
+            im_im: 1.0e-5 * 1.0e-5,
+        },
+        amplitude_a: 1.0,
+    };
+    let spectrum = Spectrum::new("s".to_owned(), vec![point(1.0), point(2.0)]);
+    let conditions = PointConditions {
+        bias_a: -2.0,
+        bias_met_a: -1.97,
+        sigma_bias_a: 0.02,
+        charge_coulomb: -100.5,
+        temperature_degc: None,
+    };
+    let flags = ["".to_owned(), "noise".to_owned()];
+    write_biased_spectrum_csv(&path, &spectrum, &[conditions; 2], &flags).unwrap();
+    let text = fs::read_to_string(&path).unwrap();
+    assert_eq!(
+        text.lines().next().unwrap(),
+        format!("{HEADER},bias_a,bias_met_a,sigma_bias_a,charge_c,temperature_c,flags")
+    );
+    assert!(
+        text.lines()
+            .nth(2)
+            .unwrap()
+            .ends_with(",1.0,-2.0,-1.97,0.02,-100.5,NaN,noise"),
+        "{text}"
+    );
+    assert_eq!(
+        bits(&read_spectrum_csv(&path).unwrap()),
+        bits(&spectrum.points)
+    );
+    let read = analysis::formats::read_sourced(&path).unwrap();
+    assert_eq!((read.len(), read[0].origin.bias_a), (1, Some(-2.0)));
+    assert!(!read[0].origin.is_unbiased_cell());
+    // A point whose conditions are missing is never read as one at rest.
+    write_biased_spectrum_csv(&path, &spectrum, &[conditions], &flags).unwrap();
+    let error = analysis::formats::read_sourced(&path)
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("bias_a") && error.contains(":3"), "{error}");
 }
 
 #[test]
@@ -450,6 +502,7 @@ fn every_column_says_its_unit() {
     for spec in CAPTURE_COLUMNS
         .iter()
         .chain(SPECTRUM_COLUMNS)
+        .chain(CONDITION_COLUMNS)
         .chain(SERIES_COLUMNS)
     {
         let suffix = match spec.unit {
@@ -459,7 +512,7 @@ fn every_column_says_its_unit() {
             "A" => "_a",
             "V" => "_v",
             "s" => "_s",
-            "°C" => "_c",
+            "°C" | "C" => "_c",
             "1" => "",
             other => panic!("unit {other} of {} is new here", spec.name),
         };

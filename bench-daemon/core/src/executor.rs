@@ -3,6 +3,7 @@
 
 mod ask;
 mod bath;
+mod bias;
 mod burst;
 mod crest;
 mod cross_check;
@@ -36,6 +37,7 @@ use std::sync::Arc;
 use analysis_signal::calibration::Correction;
 use instruments::fixture::Fixture;
 
+use bias::BiasState;
 pub use error::ExecuteError;
 pub use multisine::{BandFit, fit_band};
 use point_overlap::{NextPoint, SweepState};
@@ -140,7 +142,13 @@ impl<'a> Executor<'a> {
             if self.direct.reset.accepted || !resume_point.plays(stage, index, step) {
                 continue;
             }
-            self.handle_request(stage, index, fixture).await?;
+            if let Err(error) = self.handle_request(stage, index, fixture).await {
+                self.report_moved_charge();
+                return Err(error);
+            }
+            if matches!(step, Step::Sine { .. }) {
+                self.check_bias(stage.bias_at(index))?;
+            }
             tracing::info!("step: {step}");
             let allowance = self.rig.allowance(fixture, step);
             if !self.sweep.was_announced(index) {
@@ -206,7 +214,11 @@ impl<'a> Executor<'a> {
                 }
                 Ok::<(), ExecuteError>(())
             };
-            traced::within(span, work).await?;
+            let outcome = traced::within(span, work).await;
+            if outcome.is_err() {
+                self.report_moved_charge();
+            }
+            outcome?;
             self.person.progress.end(step);
         }
         if let Some(first) = resume_point.points.first() {
@@ -249,7 +261,15 @@ impl<'a> Executor<'a> {
             Step::Pause { span_s } => self.rig.pause(span_s).await?,
             Step::Zero(ref trace) => self.zero(trace).await?,
             Step::Trace(ref trace) => self.trace(trace).await?,
-            Step::PowerDown => self.rig.power_down().await?,
+            Step::BiasZero(ref bias) => self.bias_zero(bias).await?,
+            Step::Bias(ref bias) => self.bias(bias).await?,
+            Step::Recharge(ref recharge) => self.recharge(recharge).await?,
+            Step::PowerDown => {
+                self.rig.power_down().await?;
+                // What a recharge has left counts as the charge of a trace does.
+                self.direct.charge_coulomb += self.moved_coulomb();
+                self.rig.driving.bias = BiasState::default();
+            }
         }
         Ok(None)
     }

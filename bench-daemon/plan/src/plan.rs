@@ -1,6 +1,8 @@
 //! Plan of a run, as data: stages of steps, each with an upper bound in time. The plan is checked
 //! before anything is energised.
 
+mod bias;
+mod bias_course;
 mod check;
 mod crash;
 mod display;
@@ -17,6 +19,7 @@ use std::sync::Arc;
 
 use instruments::{fixture::Fixture, supply4q::Holds};
 
+pub use bias::{Bias, RAMP_STEP_S, Recharge, ramp_steps};
 pub use crash::AfterCrash;
 pub use display::fixture_name;
 use display::minutes;
@@ -148,6 +151,12 @@ pub enum Step {
         /// Settings that it shares with the other points.
         settings: Arc<SweepSettings>,
     },
+    /// Records the channels with every output off, before a direct current is driven.
+    BiasZero(Bias),
+    /// Changes the direct current under the sinusoids.
+    Bias(Bias),
+    /// Brings back the charge that a direct current has moved.
+    Recharge(Recharge),
     /// Drives and captures many sinusoids at once.
     Multisine(Arc<Band>),
     /// Checks the finished sweep for consistency. Points that do not fit are measured again.

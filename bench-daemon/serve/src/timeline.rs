@@ -734,6 +734,7 @@ mod tests {
                 spent: Spent::default(),
                 measures: Measures::default(),
                 failing: Vec::new(),
+                conditions: None,
             },
         }))
     }

@@ -78,7 +78,11 @@ fn endings(experiment: &Experiment, plan: &Plan) -> Vec<String> {
             ));
         }
         Some(_) => {
+            let biased = plan.stages.iter().any(|stage| stage.bias_a() != 0.0);
             let why = match generator.map(|dialect| dialect.most_periods()) {
+                _ if biased => {
+                    "a burst ends a sinusoid, but not the direct current under it".to_owned()
+                }
                 Some(Some(_)) if !bench.wiring.bursts => "wiring.bursts is false".to_owned(),
                 Some(Some(most)) => format!(
                     "a point has more than the {most} periods of a burst, or a trace goes step by \

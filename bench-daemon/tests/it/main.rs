@@ -17,6 +17,7 @@ mod bath_runaway;
 mod bath_safe;
 mod bench_lease;
 mod benches;
+mod bias;
 mod book;
 mod campaign;
 mod campaign_benches;

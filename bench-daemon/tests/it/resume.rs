@@ -9,7 +9,7 @@ use crate::support::{
 };
 
 /// Runs the experiment with a crash drill; it must die by SIGKILL.
-fn die(files: &Files, run: &Path, drill: &str) {
+pub(crate) fn die(files: &Files, run: &Path, drill: &str) {
     let experiment = files.experiment();
     let mut command = command(&[
         "run".as_ref(),

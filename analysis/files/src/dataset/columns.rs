@@ -50,6 +50,35 @@ pub const SPECTRUM_COLUMNS: &[ColumnSpec] = &[
     },
 ];
 
+/// Columns behind those of a spectrum that was measured under a direct current.
+pub const CONDITION_COLUMNS: &[ColumnSpec] = &[
+    ColumnSpec {
+        name: "bias_a",
+        unit: "A",
+        doc: "commanded direct current under the sinusoid, charge positive",
+    },
+    ColumnSpec {
+        name: "bias_met_a",
+        unit: "A",
+        doc: "measured direct current",
+    },
+    ColumnSpec {
+        name: "sigma_bias_a",
+        unit: "A",
+        doc: "standard deviation of the measured direct current",
+    },
+    ColumnSpec {
+        name: "charge_c",
+        unit: "C",
+        doc: "charge that the direct current has moved since the rest before the sweep",
+    },
+    ColumnSpec {
+        name: "temperature_c",
+        unit: "°C",
+        doc: "temperature of the cell's surface; NaN if not measured",
+    },
+];
+
 /// Columns of a time series.
 pub const SERIES_COLUMNS: &[ColumnSpec] = &[
     ColumnSpec {

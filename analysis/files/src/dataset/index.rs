@@ -20,6 +20,24 @@ pub struct RunIndex {
     pub traces: Vec<TraceEntry>,
 }
 
+/// Conditions of one point of a sweep under a direct current.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct PointConditions {
+    /// Commanded direct current, A, charge positive.
+    pub bias_a: f64,
+    /// Measured direct current, A.
+    pub bias_met_a: f64,
+    /// Standard deviation of the measured direct current, A.
+    pub sigma_bias_a: f64,
+    /// Charge that the direct current has moved since the rest before the sweep, C, at the middle of
+    /// the point's record.
+    #[serde(rename = "charge_c")]
+    pub charge_coulomb: f64,
+    /// Temperature of the cell's surface, °C; `None` if it was not measured.
+    #[serde(rename = "temperature_c")]
+    pub temperature_degc: Option<f64>,
+}
+
 /// One spectrum.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SweepEntry {
@@ -36,6 +54,9 @@ pub struct SweepEntry {
     pub corrected: bool,
     /// Commanded amplitude of the current, A.
     pub amplitude_a: f64,
+    /// Commanded direct current under the sinusoids, A, charge positive.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub bias_a: f64,
     /// Number of the repeat, from 1.
     pub repeat: usize,
     /// Place among all sweeps and traces of the run, from 0.
@@ -72,6 +93,13 @@ pub struct SweepEntry {
     /// Time of each point's record since the start of the sweep, in the order of the file, s.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub elapsed_s: Vec<f64>,
+    /// Conditions of each point, in the order of the file; empty without a direct current.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub conditions: Vec<PointConditions>,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// One time series.

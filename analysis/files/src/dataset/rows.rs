@@ -10,6 +10,9 @@ use super::disk::{append_line, io_error, write_atomically};
 use super::frame::{parquet_error, read_frame, write_frame};
 use super::{ColumnSpec, DatasetError, FLAGS, shared};
 
+/// Begin of the conditions of a point, in a CSV header.
+const BIAS: &str = ",bias_a";
+
 /// A row of numbers.
 pub(super) trait Row: Sized {
     /// Its columns, in order.
@@ -45,8 +48,9 @@ pub(super) fn read_csv<R: Row>(path: &Path) -> Result<Vec<R>, DatasetError> {
     let text = String::from_utf8_lossy(&bytes[..whole]);
     let mut lines = text.split('\n').map(|line| line.trim_end_matches('\r'));
     let (expected, found) = (header::<R>(), lines.next().unwrap_or(""));
-    // Errors that rows share follow the columns of every row; another reader parses them.
-    let own = [&format!(",{}", shared::RE), FLAGS]
+    // Conditions of a point and errors that rows share follow the columns of every row; another
+    // reader parses them.
+    let own = [&format!(",{}", shared::RE), FLAGS, BIAS]
         .into_iter()
         .filter_map(|more| found.find(more))
         .min()

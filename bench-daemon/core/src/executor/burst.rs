@@ -80,6 +80,17 @@ impl Rig<'_> {
         Ok(())
     }
 
+    /// Leaves the burst mode, in which the generator may ignore a change of its offset.
+    pub(super) async fn end_burst(&mut self) -> Result<(), ExecuteError> {
+        if self.driving.burst.on {
+            let error = self.bench.error("generator");
+            let generator = require(&mut self.bench.instruments.generator, "generator")?;
+            generator.burst(None).await.map_err(error)?;
+        }
+        self.no_burst();
+        Ok(())
+    }
+
     /// Resets the burst state, because the generator is set to its smallest sine and has no signal
     /// that could end.
     pub(super) fn no_burst(&mut self) {
@@ -114,20 +125,28 @@ mod tests {
             on: true,
             ..Burst::default()
         };
-        let read = |burst: &Burst, time_s, amps| {
+        let under = |burst: &Burst, time_s, amps, steady_a| {
             burst
-                .over(&Reading {
-                    time_s,
-                    current_a: amps,
-                    ..Reading::default()
-                })
+                .over(
+                    &Reading {
+                        time_s,
+                        current_a: amps,
+                        ..Reading::default()
+                    },
+                    steady_a,
+                )
                 .map_err(|error| error.to_string())
         };
+        let read = |burst: &Burst, time_s, amps| under(burst, time_s, amps, 0.0);
         for (time_s, amps) in [(100.5, Some(1.0)), (103.5, Some(-0.25)), (103.5, None)] {
             assert_eq!(read(&burst, time_s, amps), Ok(()));
         }
         let text = "generator: expected its burst to have ended 2.5 s ago, measured -0.500 A";
         assert_eq!(read(&burst, 103.5, Some(-0.5)), Err(text.to_owned()));
+        // The burst stays at a direct current of 5 A: its end is no end of the current.
+        assert_eq!(under(&burst, 103.5, Some(5.2), 5.0), Ok(()));
+        assert!(under(&burst, 103.5, Some(6.0), 5.0).is_err());
+        assert!(under(&burst, 103.5, Some(0.0), 5.0).is_err());
         // A signal without an end is not over.
         assert_eq!(read(&Burst::default(), 103.5, Some(1.0)), Ok(()));
     }

@@ -20,6 +20,9 @@ const SMOOTH: f64 = 0.5;
 /// to 1 %, and 1 mV).
 const OFFSET_SHARE: f64 = 0.01;
 const OFFSET_V: f64 = 1.0e-3;
+/// Gain error of a scope's offset, by which the cell's voltage is brought to the centre (data
+/// sheets of 12-bit scopes: 1 % to 1.5 %).
+pub(super) const OFFSET_GAIN: f64 = 0.015;
 
 /// Share of the samples that noise may move beyond a crest: 0.1 % of normal noise lies beyond 3.3
 /// standard deviations, and a current that flows for a shorter time is a spike.
@@ -57,10 +60,15 @@ impl Rig<'_> {
         let current = difference(above, below);
         let mean_a = mean(whole_periods(&current, below.interval_s * freq_hz))
             / self.setup.wiring.shunt.r_ohm;
-        let unsure_v: f64 = [below, above]
+        let mut unsure_v: f64 = [below, above]
             .iter()
             .map(|waveform| self.offset_error_v(waveform))
             .sum();
+        let biased = self.driving.bias.is_on();
+        if biased {
+            let offset_v = |waveform: &Waveform| waveform.preamble.offset_v.abs();
+            unsure_v += OFFSET_GAIN * (offset_v(below) + offset_v(above));
+        }
         let greatest = 0.1 * amplitude_a + NO_CURRENT_A + unsure_v / self.setup.wiring.shunt.r_ohm;
         let time_s = self.clock.now_s();
         let volts_per_div = [below, above].map(|waveform| waveform.preamble.volts_per_div);
@@ -93,6 +101,7 @@ impl Rig<'_> {
             ));
         let balance = Balance {
             mean_a,
+            expected_a: self.driving.bias.met.base_a,
             greatest_a: greatest,
             first,
             amplitude_a,
@@ -112,12 +121,21 @@ impl Rig<'_> {
             return Err(trip.because(self.cause().await).into());
         }
         self.driving.mean_change_a = mean_a - first.zero_a;
+        if biased {
+            // The offsets of the channels are the same in the record before the first sinusoid.
+            let base_a = self.driving.bias.met.base_a;
+            let met_a = first
+                .channels_a
+                .map_or(base_a, |channels_a| base_a + mean_a - channels_a);
+            self.driving.bias.meet(time_s, met_a);
+        }
         if fixture != Fixture::Cell {
             return Ok(());
         }
         let cell = difference(high, low);
         // The scope may be wrong: the voltmeter shows the voltage of the cell between the crests.
-        let agreed = self.cross_check_scope(waveforms, amplitude_a * MOST_OHM);
+        let most_a = amplitude_a + self.driving.bias.commanded_a.abs();
+        let agreed = self.cross_check_scope(waveforms, most_a * MOST_OHM);
         let (least_v, greatest_v) = cell
             .iter()
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), v| {
@@ -182,6 +200,10 @@ impl Executor<'_> {
         freq_hz: f64,
         peak_a: f64,
     ) -> Result<(), ExecuteError> {
+        if self.rig.driving.bias.is_on() {
+            // The ramp was refused unless every crest about the direct current is allowed.
+            return Ok(());
+        }
         let Some(rest_v) = self
             .known
             .idle
@@ -207,7 +229,9 @@ impl Executor<'_> {
 /// The mean of the current in a record, and its limits.
 struct Balance {
     mean_a: f64,
-    /// Greatest allowed mean, A.
+    /// Direct current under the sinusoid, A.
+    expected_a: f64,
+    /// Greatest allowed distance of the mean from it, A.
     greatest_a: f64,
     /// The mean of the first record on the same scales.
     first: FirstMean,
@@ -234,7 +258,7 @@ impl Balance {
         });
         let whole = (
             "mean of the cell current in a record",
-            self.mean_a,
+            self.mean_a - self.expected_a,
             self.greatest_a,
         );
         [whole, change]
@@ -323,9 +347,10 @@ mod tests {
 
     #[test]
     fn a_direct_current_shows_in_the_mean_and_earlier_in_its_change() {
-        let what = |mean_a, zero_a| {
+        let under = |expected_a, mean_a, zero_a| {
             Balance {
                 mean_a,
+                expected_a,
                 greatest_a: 0.7,
                 first: FirstMean {
                     volts_per_div: [0.02; 2],
@@ -337,6 +362,16 @@ mod tests {
             .direct()
             .map(|(what, ..)| what.split(' ').next().unwrap_or_default())
         };
+        let what = |mean_a, zero_a| under(0.0, mean_a, zero_a);
+        // A direct current that is commanded is expected; beside it the same limits hold.
+        assert_eq!(
+            [
+                under(5.0, 5.5, 5.5),
+                under(5.0, 5.71, 5.71),
+                under(5.0, 0.0, 0.0)
+            ],
+            [None, Some("mean"), Some("mean")]
+        );
         // The zeros of the channels may correspond to half an ampere.
         assert_eq!(
             [what(0.5, 0.5), what(0.5, 0.45), what(-0.5, -0.41)],

@@ -6,7 +6,7 @@ use instruments::scope::Waveform;
 
 use super::{
     ExecuteError, Rig,
-    crest::{difference, mean},
+    crest::{OFFSET_GAIN, difference, mean},
 };
 use bench_plan::interlock::{NO_CURRENT_A, Quantity, Stuck};
 
@@ -14,9 +14,6 @@ use bench_plan::interlock::{NO_CURRENT_A, Quantity, Stuck};
 /// supplies: 0.05 % and 0.02 % of the range of 36 V, and more for their leads).
 const VOLTMETER_V: f64 = 0.02;
 const VOLTMETER_GAIN: f64 = 0.005;
-/// Gain error of a scope's offset, by which the cell's voltage is brought to the centre (data
-/// sheets of 12-bit scopes: 1 % to 1.5 %).
-const OFFSET_GAIN: f64 = 0.015;
 /// Leads of a charger without sense leads, Ω: 2 m of 1.5 mm², two contacts and a fuse.
 const LEADS_OHM: f64 = 0.1;
 /// How far the effective value by the supply's readings may be from that by the shunt, as a share:

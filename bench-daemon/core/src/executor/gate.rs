@@ -272,6 +272,7 @@ mod tests {
             },
             measures: bench_plan::measure::quality::Measures::default(),
             failing: Vec::new(),
+            conditions: None,
         }
     }
 

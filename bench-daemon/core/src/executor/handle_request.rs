@@ -80,7 +80,13 @@ impl Executor<'_> {
             .find(|step| matches!(step, Step::PowerUp { .. } | Step::PowerDown));
         if let Some(power @ Step::PowerUp { .. }) = power {
             self.rig.begin(fixture, power);
+            let idle = self.known.idle;
             self.power(fixture, power).await?;
+            if stage.bias_a() != 0.0 {
+                // The charge so far counts from the rest before the sweep.
+                self.known.idle = idle;
+                self.resume_bias(before).await?;
+            }
         }
         Ok(())
     }
@@ -95,6 +101,7 @@ impl Executor<'_> {
             .made_safe()
             .await
             .map_err(crate::bench::BenchError::from)?;
+        self.rig.driving.bias.cut(self.rig.clock.now_s());
         self.rig.recorder.journal(Entry::Safe)?;
         self.rig.recorder.journal(Entry::Paused)?;
         self.rig

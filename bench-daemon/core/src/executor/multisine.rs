@@ -172,6 +172,7 @@ impl Rig<'_> {
             spent: bench_plan::measure::Spent::default(),
             measures: measures(k),
             failing: Vec::new(),
+            conditions: None,
         };
         Ok(phasors
             .iter()

@@ -82,6 +82,7 @@ impl Rig<'_> {
 
     pub(super) async fn power_down(&mut self) -> Result<(), ExecuteError> {
         self.driving.powered_a = None;
+        self.driving.bias.cut(self.clock.now_s());
         Ok(self.bench.drive_off().await?)
     }
 }
@@ -103,6 +104,7 @@ impl Executor<'_> {
             return Ok(());
         };
         self.rig.driving.powered_a = Some(limit_a);
+        self.rig.driving.bias.cut(self.rig.clock.now_s());
         (self.rig.driving.first_mean, self.rig.driving.mean_change_a) = (None, 0.0);
         self.power_up(
             fixture,

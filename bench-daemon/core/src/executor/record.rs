@@ -160,6 +160,7 @@ pub fn analyse(
         spent: bench_plan::measure::Spent::default(),
         measures,
         failing: Vec::<Failing>::new(),
+        conditions: None,
     })
 }
 

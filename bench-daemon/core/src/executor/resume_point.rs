@@ -64,6 +64,7 @@ mod tests {
             spent: bench_plan::measure::Spent::default(),
             measures: bench_plan::measure::quality::Measures::default(),
             failing: Vec::new(),
+            conditions: None,
         };
         PointDone {
             stage: 0,

@@ -2,7 +2,7 @@
 
 use instruments::clock::Clock;
 
-use super::{burst::Burst, setup::Setup};
+use super::{bias::BiasState, burst::Burst, setup::Setup};
 use crate::{
     bench::{Bench, BenchError},
     executor::thermostat::Thermostat,
@@ -150,6 +150,8 @@ pub(super) struct Driving {
     pub(super) zeros: Zeros,
     /// Records that the scope has sent so far.
     pub(super) records: SeenRecords,
+    /// The direct current under the sinusoids.
+    pub(super) bias: BiasState,
 }
 
 /// Seconds between two readings while current flows.

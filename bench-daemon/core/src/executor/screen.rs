@@ -60,13 +60,40 @@ impl Screen {
 
     /// Sets the wanted scales, V per division, with the cell's voltage in the centre of channel 4.
     pub(super) fn centre(&mut self, per_div_v: [f64; 4], cell_v: f64, scope: &Capabilities) {
-        for ((slot, per_div_v), channel) in self.verticals.iter_mut().zip(per_div_v).zip(1..=4_u8) {
-            let offset = Volts(if channel == 4 { -cell_v } else { 0.0 });
-            *slot = Some(Vertical {
+        // The offset is the negative: the messages of earlier versions have a zero without a sign
+        // for the channels of the shunt.
+        self.centre_on(per_div_v, [-0.0, -0.0, -0.0, cell_v], scope);
+    }
+
+    /// Sets the wanted scales, V per division, with these voltages in the centres of the channels.
+    pub(super) fn centre_on(
+        &mut self,
+        per_div_v: [f64; 4],
+        middle_v: [f64; 4],
+        scope: &Capabilities,
+    ) {
+        for (index, channel) in (1..=4_u8).enumerate() {
+            let offset = Volts(-middle_v[index]);
+            self.verticals[index] = Some(Vertical {
                 channel,
-                per_div: scope.scale_for_offset(Volts(per_div_v), offset),
+                per_div: scope.scale_for_offset(Volts(per_div_v[index]), offset),
                 offset,
             });
+        }
+    }
+
+    /// Sets the trigger to the mean of its channel.
+    pub(super) fn trigger_at(&mut self, means_v: [f64; 4]) {
+        self.trigger_v = Volts(means_v[usize::from(TRIGGER_CHANNEL) - 1]);
+    }
+
+    /// Brings the mean of a channel's record into the centre of the channel on the same scale: under
+    /// a direct current the voltage of the cell moves from record to record.
+    pub(super) fn follow(&mut self, waveform: &Waveform) {
+        let (least_v, greatest_v) = waveform.extremes_v();
+        let slot = usize::from(waveform.channel).saturating_sub(1);
+        if let Some(vertical) = self.verticals.get_mut(slot).and_then(Option::as_mut) {
+            vertical.offset = Volts(-0.5 * (greatest_v + least_v));
         }
     }
 

@@ -33,10 +33,11 @@ impl Rig<'_> {
         let supply = require(&mut self.bench.instruments.supply4q, "supply4q")?.capabilities();
         let wiring = &self.setup.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
+        let amplitude = Volts(tone.amplitude_a * volts_per_amp * wiring.command_trim);
         let sine = Sine {
             freq: Hertz(tone.freq_hz),
-            amplitude: Volts(tone.amplitude_a * volts_per_amp * wiring.command_trim),
-            offset: Volts(wiring.command_offset_v),
+            amplitude,
+            offset: Volts(self.offset_v(self.driving.bias.commanded_a)?),
         };
         let error = self.bench.error("generator");
         require(&mut self.bench.instruments.generator, "generator")?
@@ -200,9 +201,15 @@ impl Executor<'_> {
                 check_channels(&point, &request, &self.known.controls)?;
                 let met_a = self.rig.check_current(&point, amplitude_a)?;
                 self.rig.cross_check_supply(effective_a, met_a)?;
+                let last_degc = self.rig.temperatures.last_degc;
+                let conditions = self.rig.driving.bias.conditions(time_s, last_degc);
+                if conditions.is_some() {
+                    self.scope.follow(&waveforms[3]);
+                }
                 return Ok(SweepPoint {
                     time_s,
                     captures: attempt_in_all + 1,
+                    conditions,
                     ..point
                 });
             }

@@ -136,12 +136,8 @@ impl Rig<'_> {
     }
 
     /// Commands a direct current, A, charge positive.
-    async fn command(&mut self, current_a: f64) -> Result<(), ExecuteError> {
-        let supply = require(&mut self.bench.instruments.supply4q, "supply4q")?.capabilities();
-        let wiring = &self.setup.wiring;
-        let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
-        let offset =
-            Volts(current_a * volts_per_amp * wiring.command_trim + wiring.command_offset_v);
+    pub(super) async fn command(&mut self, current_a: f64) -> Result<(), ExecuteError> {
+        let offset = Volts(self.offset_v(current_a)?);
         let error = self.bench.error("generator");
         let generator = require(&mut self.bench.instruments.generator, "generator")?;
         Ok(generator.direct(offset).await.map_err(error)?)

@@ -8,8 +8,8 @@ use instruments::{fixture::Fixture, link::LinkError};
 use super::{ExecuteError, POLL_S, Rig, require};
 use crate::{executor::thermostat::Action, watch::Envelope};
 use bench_plan::{
-    interlock::{Allowance, Drive, Mean, NO_CURRENT_A, Reading, ThermometerReadings, Trip},
-    plan::{Flow, Step},
+    interlock::{Allowance, Drive, Limits, Mean, NO_CURRENT_A, Reading, ThermometerReadings, Trip},
+    plan::{Flow, IDLE_CURRENT_A, Step},
 };
 
 /// Standard deviations that random noise does not exceed in a night of readings.
@@ -124,9 +124,15 @@ impl Rig<'_> {
                 ..
             } => {
                 let swing_coulomb = amplitude_a / (std::f64::consts::PI * freq_hz);
-                let (limits, mean) = (
-                    powered.bounded(drawn(amplitude_a), drawn(amplitude_a)),
-                    mean(1.0 / freq_hz, amplitude_a),
+                let bias = &self.driving.bias;
+                let mean = mean(1.0 / freq_hz, amplitude_a).map(|mean| Mean {
+                    around_a: bias.meter_a,
+                    ..mean
+                });
+                let limits = drawn_within(
+                    &powered,
+                    bias.commanded_a - amplitude_a,
+                    bias.commanded_a + amplitude_a,
                 );
                 Allowance {
                     continues: true,
@@ -155,6 +161,29 @@ impl Rig<'_> {
                     ..live(limits, sweep_coulomb(swing_coulomb))
                 }
             }
+            // A ramp begins and ends at the zero error of the drive.
+            Step::Bias(ref bias) => Allowance {
+                continues: true,
+                ..live(
+                    drawn_within(
+                        &powered,
+                        bias.from_a.min(bias.to_a).min(-IDLE_CURRENT_A),
+                        bias.from_a.max(bias.to_a).max(IDLE_CURRENT_A),
+                    ),
+                    sweep_coulomb(0.0),
+                )
+            },
+            Step::Recharge(ref recharge) => Allowance {
+                continues: true,
+                ..live(
+                    drawn_within(
+                        &powered,
+                        recharge.current_a.min(-IDLE_CURRENT_A),
+                        recharge.current_a.max(IDLE_CURRENT_A),
+                    ),
+                    sweep_coulomb(0.0),
+                )
+            },
             Step::PowerDown | Step::Recheck(_) => Allowance {
                 continues: true,
                 ..live(powered, idle.charge_coulomb)
@@ -186,6 +215,7 @@ impl Rig<'_> {
             | Step::Mount(_)
             | Step::Accept { .. }
             | Step::Pause { .. }
+            | Step::BiasZero(_)
             | Step::Zero(_)
             | Step::Rest { .. } => idle,
         };
@@ -259,7 +289,9 @@ impl Rig<'_> {
         }
         self.interlock
             .silent(self.clock.now_s() >= self.driving.burst.ends_s);
-        self.driving.burst.over(&reading)?;
+        self.driving
+            .burst
+            .over(&reading, self.driving.bias.meter_a)?;
         // A late answer belongs to another moment of the period.
         if self
             .interlock
@@ -279,6 +311,9 @@ impl Rig<'_> {
                 .into())
             }
             None => {
+                if let Some(trip) = self.driving.bias.judge(reading.time_s) {
+                    return Err(trip.into());
+                }
                 self.settle();
                 self.look_back().await?;
                 // The load was read as a voltmeter.
@@ -677,11 +712,17 @@ pub(super) fn drawn(amps: f64) -> f64 {
     METER_GAIN * amps + NO_CURRENT_A
 }
 
+/// Returns the limits of readings while the requested current lies between two values, A.
+fn drawn_within(limits: &Limits, least_a: f64, greatest_a: f64) -> Limits {
+    limits.bounded(drawn(greatest_a.max(0.0)), drawn((-least_a).max(0.0)))
+}
+
 /// Returns the allowed mean of a sinusoid: the zero errors of supply and meter, and a share of its
 /// amplitude.
 fn mean(period_s: f64, amplitude_a: f64) -> Option<Mean> {
     Some(Mean {
         period_s,
+        around_a: 0.0,
         greatest_a: (METER_GAIN - 1.0) * amplitude_a + NO_CURRENT_A,
         amplitude_a: Some(amplitude_a),
     })

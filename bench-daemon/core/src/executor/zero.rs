@@ -14,7 +14,7 @@ use super::{
 use bench_plan::{
     measure::{
         repeated::digest_record,
-        zero::{ChannelMeans, allowed_since_zero_a},
+        zero::{ChannelMeans, Zeros, allowed_since_zero_a},
     },
     plan::{Frame, SweepSettings, fixture_name},
 };
@@ -88,7 +88,12 @@ impl Rig<'_> {
             channels_a: None,
         };
         let means = means_of_record(asked).filter(|_| fixture == Fixture::Cell);
-        let zero = means.and_then(|means| self.driving.zeros.on(&means).copied());
+        let zeros = if self.driving.bias.is_on() {
+            &self.driving.bias.zeros
+        } else {
+            &self.driving.zeros
+        };
+        let zero = means.and_then(|means| zeros.on(&means).copied());
         let Some((means, zero)) = means.zip(zero) else {
             return by_itself;
         };
@@ -126,6 +131,14 @@ impl Rig<'_> {
     pub(super) fn keep_zero(&mut self, asked: &Drawn<'_>) {
         if let Some(means) = means_of_record(asked) {
             self.driving.zeros.keep_of_control(means);
+        }
+    }
+
+    /// Stores the means of a record at a direct current without a sinusoid.
+    pub(super) fn keep_bias_zero(&mut self, waveforms: &[Waveform]) {
+        self.driving.bias.zeros = Zeros::default();
+        if let Some(means) = steady_means(waveforms) {
+            self.driving.bias.zeros.keep(means);
         }
     }
 
@@ -170,7 +183,8 @@ impl Executor<'_> {
         settings: &SweepSettings,
     ) -> Result<(), ExecuteError> {
         let driving = &self.rig.driving;
-        let due = driving.first_mean.is_none() && driving.zeros.lacks_controls();
+        let due =
+            driving.first_mean.is_none() && driving.zeros.lacks_controls() && !driving.bias.is_on();
         if fixture != Fixture::Cell || !due {
             return Ok(());
         }
@@ -179,37 +193,61 @@ impl Executor<'_> {
             self.first_ranges(fixture, settings.amplitude_a, &capabilities)
                 .await?;
         }
-        let memory_points = self.scope.memory_points.unwrap_or(settings.record_points);
+        let waveforms = self.record_steady(fixture, settings.record_points).await?;
+        if let Some(means) = steady_means(&waveforms) {
+            self.rig.driving.zeros.keep(means);
+        }
+        Ok(())
+    }
+
+    /// Records the channels while no sinusoid is driven.
+    pub(super) async fn record_steady(
+        &mut self,
+        fixture: Fixture,
+        record_points: u64,
+    ) -> Result<Vec<Waveform>, ExecuteError> {
+        let memory_points = self.scope.memory_points.unwrap_or(record_points);
         self.arm(&Frame {
             start_s: 0.0,
             span_s: ZERO_S,
             memory_points,
-            record_points: settings.record_points,
+            record_points,
         })
         .await?;
+        let phase = if self.rig.driving.bias.is_on() {
+            "bias"
+        } else {
+            "idle"
+        };
         self.rig
-            .wait_watching(ZERO_S + FILL_S, "idle", fixture)
+            .wait_watching(ZERO_S + FILL_S, phase, fixture)
             .await?;
         self.rig.freeze().await?;
         let error = self.rig.bench.error("scope");
         let mut waveforms = Vec::with_capacity(4);
         for channel in 1..=4 {
             let scope = require(&mut self.rig.bench.instruments.scope, "scope")?;
-            let waveform = scope.download(channel, settings.record_points).await;
+            let waveform = scope.download(channel, record_points).await;
             waveforms.push(waveform.map_err(&error)?);
         }
-        let driving = &mut self.rig.driving;
         if let [below, above, low, high] = waveforms.as_slice() {
             let codes = [below, above, low, high].map(|waveform| waveform.codes.as_slice());
             let name = "the zero of the channels".to_owned();
-            let _ = driving.records.remember(digest_record(codes), name);
-            let channels = [below, above, low].map(ChannelSamples::of);
-            if let Some(means) = means_of(&channels, 0.0) {
-                driving.zeros.keep(means);
-            }
+            let records = &mut self.rig.driving.records;
+            let _ = records.remember(digest_record(codes), name);
         }
-        Ok(())
+        // The time base and the trigger are those of this record now.
+        self.scope.armed = None;
+        Ok(waveforms)
     }
+}
+
+/// Returns the means of C1 to C3 in a record without a sinusoid; `None` if a channel clips.
+fn steady_means(waveforms: &[Waveform]) -> Option<ChannelMeans> {
+    let [below, above, low, _] = waveforms else {
+        return None;
+    };
+    means_of(&[below, above, low].map(ChannelSamples::of), 0.0)
 }
 
 /// Returns the effective value of the alternating part.

@@ -190,7 +190,13 @@ impl JournalReplay {
         });
         if unknown && !accept_charge {
             let repeated_reset = last_reset(plan, number, stage);
-            let (step, what) = crashed.map_or((0, String::new()), |(index, step)| {
+            let moved = || {
+                moves.iter().rfind(|(index, step)| {
+                    done(*index, step) && step.after_crash() == AfterCrash::Unknown
+                })
+            };
+            let blamed = crashed.or_else(moved);
+            let (step, what) = blamed.map_or((0, String::new()), |(index, step)| {
                 (index + 1, step.to_string())
             });
             return match repeated_reset {
@@ -415,6 +421,74 @@ mod tests {
                 repeated_reset: None,
                 open: Some((2, 4))
             })
+        );
+    }
+
+    #[test]
+    fn a_crash_under_a_direct_current_repeats_the_sweep_after_a_reset_or_stops() {
+        let bias = |from_a, to_a| {
+            Step::Bias(bench_plan::plan::Bias {
+                from_a,
+                to_a,
+                settle_s: 30.0,
+                amplitude_a: 1.0,
+                resistance_ohm: 0.03,
+                most_coulomb: 810.0,
+                capacity_coulomb: 16_200.0,
+            })
+        };
+        let back = Step::Recharge(bench_plan::plan::Recharge {
+            current_a: -2.0,
+            charge_coulomb: 100.0,
+            within_coulomb: 8.0,
+            max_s: 200.0,
+        });
+        // 1 power up, 2 ramp up, 3 and 4 points, 5 ramp down, 6 recharge, 7 power down.
+        let sweep = vec![
+            UP,
+            bias(0.0, 2.0),
+            sine(0),
+            sine(1),
+            bias(2.0, 0.0),
+            back,
+            Step::PowerDown,
+        ];
+        let stages = |reset: bool| Plan {
+            stages: vec![
+                plan(reset).stages[0].clone(),
+                stage(Purpose::Sweep(Fixture::Cell, 1), sweep.clone()),
+            ],
+        };
+        let begun = "S0 F S1 i0 d0 i1 d1";
+        for (text, reset, from) in [
+            ("", false, 0),
+            (" i2", true, 0),
+            (" i2 d2", true, 0),
+            (" i2 d2 i3 d3 i4", true, 0),
+            (" i2 d2 i3 d3 i4 d4 i5 d5", true, 0),
+            (" i2 d2 i3 d3 i4 d4 i5 d5 i6", true, 0),
+            // The charge is back.
+            (" i2 d2 i3 d3 i4 d4 i5 d5 i6 d6 i7", false, 7),
+        ] {
+            let replay = replay(&format!("{begun}{text}"));
+            assert_eq!(
+                replay.next(&stages(true), |_| false, false),
+                Ok(ResumeDecision {
+                    repeated_reset: reset.then_some(0),
+                    open: Some((1, from)),
+                }),
+                "{text}"
+            );
+            let without = replay.next(&stages(false), |_| false, false);
+            assert_eq!(without.is_err(), reset, "{text}");
+        }
+        let message = replay(&format!("{begun} i2 d2 i3"))
+            .next(&stages(false), |_| false, false)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.starts_with("stage 2, step 3 (ramp the direct current to +2 A"),
+            "{message}"
         );
     }
 

@@ -3,7 +3,7 @@
 use std::fs;
 
 use analysis_files::{
-    dataset::{self, Capture, LegRow, RunIndex, SweepEntry, TraceEntry, TraceRow},
+    dataset::{self, Capture, LegRow, PointConditions, RunIndex, SweepEntry, TraceEntry, TraceRow},
     run_folder::{self, CAPTURES, INDEX},
 };
 use analysis_signal::spectrum::{ImpedancePoint, Spectrum};
@@ -173,6 +173,28 @@ impl Recorder {
             &self.path(name),
             points,
             flags,
+        )?)
+    }
+
+    /// Writes a spectrum that was measured under a direct current, with the conditions of each point
+    /// and the refusals of the quality gate.
+    ///
+    /// # Errors
+    /// Fails if a file cannot be written.
+    pub fn biased_spectrum(
+        &self,
+        name: &str,
+        spectrum: &Spectrum,
+        conditions: &[PointConditions],
+        flags: &[String],
+    ) -> Result<(), RecordError> {
+        let path = self.path(name);
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder).map_err(io(folder, "cannot be made"))?;
+        }
+        self.folder.room(name)?;
+        Ok(dataset::write_biased_spectrum_csv(
+            &path, spectrum, conditions, flags,
         )?)
     }
 

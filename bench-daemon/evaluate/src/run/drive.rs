@@ -139,7 +139,7 @@ impl<'a, 'b> Drive<'a, 'b> {
                 .stages
                 .get(&number)
                 .map_or_else(Vec::new, |replay| replay.points.values().collect());
-            let sweep_writer = self.accumulator.sweep_writer(fixture, repeat);
+            let sweep_writer = self.accumulator.sweep_writer(stage, fixture, repeat);
             sweep_writer.restore(self.executor.rig.recorder, &points)?;
             let settled = sweep_writer.settle(
                 self.executor.rig.recorder,
@@ -195,7 +195,7 @@ impl<'a, 'b> Drive<'a, 'b> {
                     open,
                     ResumePoint {
                         from,
-                        points: self.known(open),
+                        points: self.known(open, from),
                     },
                 )
                 .await?;
@@ -230,8 +230,13 @@ impl<'a, 'b> Drive<'a, 'b> {
         Ok(self.executor.hold_again(stage, waits).await?)
     }
 
-    /// Returns the points of an interrupted stage.
-    fn known(&self, number: usize) -> Vec<&'b PointDone> {
+    /// Returns the points of an interrupted stage that continues at a step. A sweep under a direct
+    /// current that begins anew begins without points: they belong to another charge.
+    fn known(&self, number: usize, from: usize) -> Vec<&'b PointDone> {
+        let stage = self.plan.stages.get(number);
+        if from == 0 && stage.is_some_and(|stage| stage.bias_a() != 0.0) {
+            return Vec::new();
+        }
         self.context
             .and_then(|context| context.replay.stages.get(&number))
             .map_or_else(Vec::new, |replay| replay.points.values().collect())
@@ -316,7 +321,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         repeat: usize,
         resume_point: &ResumePoint<'_>,
     ) -> Result<(), Failure> {
-        let sweep_writer = self.accumulator.sweep_writer(fixture, repeat);
+        let sweep_writer = self.accumulator.sweep_writer(stage, fixture, repeat);
         let start_time_s = self
             .context
             .filter(|_| !resume_point.points.is_empty())

@@ -48,16 +48,27 @@ impl Measured {
             .filter(|spectrum| !spectrum.points.is_empty())
     }
 
-    /// Returns the name of each spectrum among the others; empty if there is only one.
+    /// Returns the commanded direct current under a spectrum, by its place, A.
+    pub(crate) fn bias_a(&self, place: usize) -> f64 {
+        let point = self.points.get(place).and_then(|points| points.first());
+        let conditions = point.and_then(|point| point.conditions);
+        conditions.map_or(0.0, |conditions| conditions.bias_a)
+    }
+
+    /// Returns the name of each spectrum among the others; empty if there is only one at rest.
     pub fn names(&self) -> Vec<String> {
         let several = self
             .repeats
             .iter()
             .any(|spectrum| !spectrum.points.is_empty());
-        let name = |(number, spectrum): (usize, &Spectrum)| match (several, self.campaign) {
-            (_, true) => spectrum.name.clone(),
-            (true, false) => format!("sweep {number}"),
-            (false, false) => String::new(),
+        let name = |(number, spectrum): (usize, &Spectrum)| {
+            let bias_a = self.bias_a(number - 1);
+            match (several, self.campaign) {
+                (_, true) => spectrum.name.clone(),
+                _ if bias_a != 0.0 => format!("sweep {number}, {bias_a:+} A"),
+                (true, false) => format!("sweep {number}"),
+                (false, false) => String::new(),
+            }
         };
         (1..).zip(self.spectra()).map(name).collect()
     }

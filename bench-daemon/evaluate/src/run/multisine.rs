@@ -224,6 +224,8 @@ fn entry(
         fixture_ohm: None,
         corrected: measured.correction.reduced_chi2.is_some(),
         amplitude_a: stage.steps.iter().find_map(driven).unwrap_or(f64::NAN),
+        bias_a: 0.0,
+        conditions: Vec::new(),
         repeat,
         order: executor.rig.recorder.measured(),
         start_time_s,

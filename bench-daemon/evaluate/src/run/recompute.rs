@@ -269,7 +269,7 @@ impl Recorded {
             let Some((fixture, repeat)) = self.swept(number) else {
                 continue;
             };
-            let sweep_writer = accumulator.sweep_writer(fixture, repeat);
+            let sweep_writer = accumulator.sweep_writer(stage, fixture, repeat);
             let own: Vec<SweepPoint> = points
                 .iter()
                 .filter(|(stage, _)| *stage == number)
@@ -402,6 +402,7 @@ impl Recorded {
             captures,
             rechecked,
             spent,
+            conditions,
             ..
         } = known.point;
         let samples = 4 * channels[0].len() as u64;
@@ -412,6 +413,7 @@ impl Recorded {
                 rechecked,
                 spent,
                 failing,
+                conditions,
                 ..point
             },
             file: file.to_owned(),

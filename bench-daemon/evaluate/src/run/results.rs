@@ -111,7 +111,12 @@ fn evaluate(
             .map_err(|error| Failure::Analysis(error.to_string()))?;
         recorder.text(&run_folder::model(model.rc), &text)?;
     }
+    // Parquet has no columns for a direct current.
+    let at_rest = |points: &[SweepPoint]| points.iter().all(|point| point.conditions.is_none());
     for (name, points) in &measured.sweeps {
+        if !at_rest(points) {
+            continue;
+        }
         let raw = fixture_check::raw_points(&experiment.bench, points);
         recorder.flagged_parquet(
             &run_folder::raw_parquet(name),

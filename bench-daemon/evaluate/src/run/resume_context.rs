@@ -159,7 +159,12 @@ impl ResumeContext {
     pub(super) fn moved(&self, volts: f64) -> Option<String> {
         let (open, _) = self.next.open?;
         let points = &self.replay.stages.get(&open)?.points;
-        let before_v = points.values().next()?.idle.voltage_v?;
+        let first = points.values().next()?;
+        if first.point.conditions.is_some() {
+            // A sweep under a direct current is repeated as a whole.
+            return None;
+        }
+        let before_v = first.idle.voltage_v?;
         if self.next.repeated_reset.is_some() || (volts - before_v).abs() <= MOVED_V {
             return None;
         }

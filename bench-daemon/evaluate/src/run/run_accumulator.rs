@@ -23,7 +23,11 @@ use bench_core::{
     record::{Event, RecordError, Recorder},
     safety::failure::Failure,
 };
-use bench_plan::{config::Experiment, measure::SweepPoint, plan::fixture_name};
+use bench_plan::{
+    config::Experiment,
+    measure::SweepPoint,
+    plan::{Stage, fixture_name},
+};
 
 /// Results of the finished stages so far.
 pub(super) struct RunAccumulator<'a> {
@@ -62,8 +66,15 @@ impl<'a> RunAccumulator<'a> {
         }
     }
 
-    pub(super) fn sweep_writer(&self, fixture: Fixture, repeat: usize) -> SweepWriter<'a> {
-        SweepWriter::new(self.experiment, fixture, repeat, &self.measured)
+    /// Returns the writer of the sweep of a stage.
+    pub(super) fn sweep_writer(
+        &self,
+        stage: &Stage,
+        fixture: Fixture,
+        repeat: usize,
+    ) -> SweepWriter<'a> {
+        let writer = SweepWriter::new(self.experiment, fixture, repeat, &self.measured);
+        writer.under(stage.bias_a())
     }
 
     /// Evaluates a complete sweep. `restored` means that its results were already reported.
@@ -145,7 +156,8 @@ impl<'a> RunAccumulator<'a> {
             measured.files.push(file);
             measured.own_noise.push(own_noise);
         }
-        if !measured.spectrum.points.is_empty() {
+        // Parquet has no columns for a direct current.
+        if !measured.spectrum.points.is_empty() && measured.bias_a(0) == 0.0 {
             let flags = measured
                 .points
                 .first()

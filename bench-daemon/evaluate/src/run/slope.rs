@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    dataset::RunIndex,
+    dataset::{RunIndex, SweepEntry},
     ocv::{OcvCurve, REST_SIGMA_V, SLOPE_SHARE},
     run_folder::{self, INDEX, JOURNAL},
     spectrum::OcvSlope,
@@ -33,11 +33,16 @@ pub struct RunSlope {
     pub at: SlopeAtRest,
 }
 
-/// Returns the voltages at rest before the sweeps of the cell, V, in the order of the index.
-pub(crate) fn rest_voltages(index: &RunIndex) -> Vec<Option<f64>> {
-    let sweeps = index.sweeps.iter();
-    let of_cell = sweeps.filter(|sweep| sweep.fixture == "cell");
+/// Returns the voltages at rest before the sweeps of the cell under a direct current, V, in the
+/// order of the index.
+pub(crate) fn rest_voltages(index: &RunIndex, bias_a: f64) -> Vec<Option<f64>> {
+    let of_cell = sweeps_of_cell(index, bias_a);
     of_cell.map(|sweep| sweep.start_ocv_v).collect()
+}
+
+fn sweeps_of_cell(index: &RunIndex, bias_a: f64) -> impl Iterator<Item = &SweepEntry> {
+    let sweeps = index.sweeps.iter();
+    sweeps.filter(move |sweep| sweep.fixture == "cell" && sweep.bias_a == bias_a)
 }
 
 /// Returns the slope before a sweep of the cell, by its place in `rests_v`. A sweep without a
@@ -63,11 +68,13 @@ pub fn slope_of_spectrum(path: &Path) -> Option<RunSlope> {
     let file = file.to_str()?;
     let index: RunIndex =
         serde_json::from_str(&std::fs::read_to_string(run.join(INDEX)).ok()?).ok()?;
-    let mut of_cell = index.sweeps.iter().filter(|sweep| sweep.fixture == "cell");
-    let place = of_cell
-        .position(|sweep| sweep.file == file || run_folder::shared_spectrum(&sweep.file) == file)?;
+    let is_it = |sweep: &&SweepEntry| {
+        sweep.file == file || run_folder::shared_spectrum(&sweep.file) == file
+    };
+    let bias_a = index.sweeps.iter().find(is_it)?.bias_a;
+    let place = sweeps_of_cell(&index, bias_a).position(|sweep| is_it(&sweep))?;
     let recorded = Recorded::read(run).ok()?;
-    let at = slope_before(recorded.ocv()?, &rest_voltages(&index), place)?;
+    let at = slope_before(recorded.ocv()?, &rest_voltages(&index, bias_a), place)?;
     let run = run.to_owned();
     Some(RunSlope { run, at })
 }

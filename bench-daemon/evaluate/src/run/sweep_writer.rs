@@ -3,7 +3,7 @@
 use analysis::{
     calibration::{Correction, CorrectionModes},
     contract::CommonModeImpedance,
-    dataset::SweepEntry,
+    dataset::{PointConditions, SweepEntry},
     run_folder,
     series::Role,
     spectrum::{ChannelPhasors, FlaggedPoint, ImpedancePoint, Spectrum, at_one_time},
@@ -36,6 +36,8 @@ pub(super) struct SweepWriter<'a> {
     jig: Vec<ChannelPhasors>,
     /// The run of the campaign that it belongs to.
     run: Option<CampaignRun>,
+    /// Commanded direct current, A.
+    bias_a: f64,
     /// Name in file names.
     pub(super) name: String,
     raw: String,
@@ -86,10 +88,16 @@ impl<'a> SweepWriter<'a> {
             shunt,
             jig,
             run,
+            bias_a: 0.0,
             name,
             raw,
             file,
         }
+    }
+
+    /// Sets the direct current under the sinusoids, A.
+    pub(super) fn under(self, bias_a: f64) -> Self {
+        Self { bias_a, ..self }
     }
 
     /// Returns the file that the index names.
@@ -107,12 +115,16 @@ impl<'a> SweepWriter<'a> {
         }
     }
 
-    /// Appends a point to the tables.
+    /// Appends a point to the tables. Those of a sweep under a direct current appear when it is
+    /// complete, because their columns differ: until then the journal holds the points.
     pub(super) fn record(
         &self,
         recorder: &Recorder,
         point: &SweepPoint,
     ) -> Result<(), RecordError> {
+        if self.bias_a != 0.0 {
+            return Ok(());
+        }
         recorder.spectrum_point(&self.raw, &self.as_read(point))?;
         let Some(file) = &self.file else {
             return Ok(());
@@ -168,15 +180,27 @@ impl<'a> SweepWriter<'a> {
             judge_sweep(&mut points, &corrected);
         }
         let flags = flag_texts(&points);
-        recorder.flagged_spectrum(&self.raw, &as_read, &flags)?;
-        if let Some(file) = &self.file {
-            recorder.flagged_spectrum(file, &corrected, &flags)?;
-        }
         let named = |points| Spectrum::new(self.spectrum_name(), points);
+        let biased = (self.bias_a != 0.0).then(|| self.conditions(&points));
+        let table = |file: &str, points: &[ImpedancePoint]| match &biased {
+            None => recorder.flagged_spectrum(file, points, &flags),
+            Some(conditions) => {
+                recorder.biased_spectrum(file, &named(points.to_vec()), conditions, &flags)
+            }
+        };
+        table(&self.raw, &as_read)?;
+        if let Some(file) = &self.file {
+            table(file, &corrected)?;
+        }
         let phasors: Vec<ChannelPhasors> = points.iter().map(|point| point.phasors).collect();
         let spectrum = self.with_shared(named(corrected), &phasors);
-        if let Some(file) = &self.file {
-            write_shared(recorder, file, &spectrum, &flags)?;
+        match (&self.file, &biased) {
+            (Some(file), None) => write_shared(recorder, file, &spectrum, &flags)?,
+            (Some(file), Some(conditions)) if !spectrum.shared.is_empty() => {
+                let file = run_folder::shared_spectrum(file);
+                recorder.biased_spectrum(&file, &spectrum, conditions, &flags)?;
+            }
+            _ => {}
         }
         Ok(Settled {
             points,
@@ -184,6 +208,19 @@ impl<'a> SweepWriter<'a> {
             own_noise: named(own),
             file: self.indexed().to_owned(),
         })
+    }
+
+    /// Returns the conditions of each point.
+    fn conditions(&self, points: &[SweepPoint]) -> Vec<PointConditions> {
+        let unknown = PointConditions {
+            bias_a: self.bias_a,
+            bias_met_a: f64::NAN,
+            sigma_bias_a: f64::NAN,
+            charge_coulomb: f64::NAN,
+            temperature_degc: None,
+        };
+        let of = |point: &SweepPoint| point.conditions.unwrap_or(unknown);
+        points.iter().map(of).collect()
     }
 
     /// Adds the shared errors of the correction to a spectrum of the cell; these errors are the
@@ -202,8 +239,9 @@ impl<'a> SweepWriter<'a> {
         known: &[&PointDone],
     ) -> Result<(), RecordError> {
         recorder.check_captures(known)?;
+        let biased = self.bias_a != 0.0;
         let settle = |recorder: &Recorder, file: &str, points: &[ImpedancePoint]| {
-            if points.is_empty() && !recorder.path(file).exists() {
+            if biased || (points.is_empty() && !recorder.path(file).exists()) {
                 Ok(())
             } else {
                 recorder.settle_spectrum(file, points)
@@ -266,6 +304,12 @@ impl<'a> SweepWriter<'a> {
         } else {
             group.to_owned()
         };
+        let (group, conditions) = if self.bias_a == 0.0 {
+            (group, Vec::new())
+        } else {
+            let group = format!("{group}_bias{:+}A", self.bias_a);
+            (group, self.conditions(&settled.points))
+        };
         let corrected = self.correction.reduced_chi2.is_some();
         let phasors: Vec<ChannelPhasors> =
             settled.points.iter().map(|point| point.phasors).collect();
@@ -278,6 +322,7 @@ impl<'a> SweepWriter<'a> {
                 .then_some(fixture_check::known(&experiment.bench, self.fixture).r_ohm),
             corrected,
             amplitude_a,
+            bias_a: self.bias_a,
             repeat: self.run.as_ref().map_or(self.repeat, |run| run.repeat),
             order: executor.rig.recorder.measured(),
             start_time_s,
@@ -306,6 +351,7 @@ impl<'a> SweepWriter<'a> {
                 .iter()
                 .map(|point| point.time_s - start_time_s)
                 .collect(),
+            conditions,
         }
     }
 }

@@ -70,6 +70,12 @@ impl Check<'_> {
                 "expected one amplitude beside [campaign]: its runs are one sweep each",
             ));
         }
+        if eis.is_some_and(|eis| eis.bias.is_some()) {
+            return Err(self.complain(
+                "eis.bias",
+                "expected none beside [campaign]: its runs are one sweep at rest each",
+            ));
+        }
         self.within(
             "campaign.cells",
             raw.cells.len() as f64,

@@ -26,6 +26,9 @@ pub const LOAD_CUT_OFF_V: f64 = 0.05;
 const SIMULATED_SLACK_PERIODS: f64 = 3.0;
 /// Number of samples per period below which a fitted sinusoid is unreliable.
 const MIN_SAMPLES_PER_PERIOD: f64 = 8.0;
+/// Rest before each sweep beside a direct current, if it is not stated, s: the charge of the sweep
+/// before it has been brought back, but the voltage still relaxes.
+const BIAS_REST_S: f64 = 300.0;
 
 /// Frequencies that the instruments of a sweep reach.
 #[derive(Clone, Copy)]
@@ -388,6 +391,8 @@ impl Check<'_> {
         if raw.fixture != raw::SweptFixture::Shunt {
             self.half_period("eis.start", &freqs_hz, amplitude_a)?;
         }
+        let bias = self.eis_bias(raw)?;
+        let rest_s = if bias.is_some() { BIAS_REST_S } else { 0.0 };
         let eis = Eis {
             fixture: if raw.fixture == raw::SweptFixture::Shunt {
                 Fixture::Shunt
@@ -395,7 +400,7 @@ impl Check<'_> {
                 Fixture::Cell
             },
             repeat: raw.repeat,
-            rest_s: raw.rest_first.map_or(Ok(0.0), |rest| {
+            rest_s: raw.rest_first.map_or(Ok(rest_s), |rest| {
                 self.within("eis.rest_first", rest.si, 0.0..=86_400.0, "s")
             })?,
             freqs_hz,
@@ -424,6 +429,7 @@ impl Check<'_> {
                 .as_ref()
                 .map(|quality| self.quality(quality, "eis"))
                 .transpose()?,
+            bias,
         };
         self.within(
             "eis.memory_points",

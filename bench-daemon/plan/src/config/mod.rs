@@ -7,6 +7,7 @@ use std::sync::Arc;
 use crate::plan::Specimen;
 
 mod bench;
+mod bias;
 mod campaign;
 mod check;
 pub mod erm_text;

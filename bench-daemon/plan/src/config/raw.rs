@@ -218,6 +218,18 @@ pub(super) struct Eis {
     pub(super) overlap: Option<bool>,
     /// Quality gate that every point must pass. Left out: no point is judged.
     pub(super) quality: Option<super::raw_quality::Raw>,
+    /// Direct currents under the sinusoids, all different, positive for a charge: 0 A, or from 0.1 A
+    /// to the limits of cell, supply and generator minus `amplitude`. Each round has a sweep at each,
+    /// that at 0 A first, and every second round is reversed. Left out: no direct current.
+    pub(super) bias: Option<Vec<Quantity<Current>>>,
+    /// Largest charge that a direct current may move, as a share of the capacity, 0.1 % to 20 %; then
+    /// it is brought back. Left out: 5 %.
+    pub(super) bias_charge: Option<Quantity<Share>>,
+    /// Highest resistance of the cell, leads to the voltmeter included, 0.1 mΩ to 1 Ω. It bounds
+    /// voltage and heat under a direct current. Left out: `bias` may only be 0 A.
+    pub(super) resistance_max: Option<Quantity<Resistance>>,
+    /// Wait at a direct current before the first point, 5 s to 3600 s. Left out: 30 s.
+    pub(super) bias_settle: Option<Quantity<Duration>>,
 }
 
 /// Fixture that the sweeps of `[eis]` measure.

@@ -94,6 +94,13 @@ pub fn resolve_experiment(
         .as_ref()
         .map(|section| check.eis(section))
         .transpose()?;
+    if let Some((eis, bias)) = eis
+        .as_ref()
+        .and_then(|eis| eis.bias.as_ref().map(|b| (eis, b)))
+    {
+        let setpoint_degc = temperature.as_ref().map(|held| held.setpoint_degc);
+        check.check_bias(bias, eis.amplitude_a, setpoint_degc)?;
+    }
     let multisine = raw
         .multisine
         .as_ref()

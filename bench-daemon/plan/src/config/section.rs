@@ -139,6 +139,23 @@ pub struct Eis {
     pub overlap: Option<bool>,
     /// Limits that a point must keep to be stored without a flag, where they are asked for.
     pub quality: Option<Quality>,
+    /// Direct currents under the sinusoids; `None` if there is none.
+    pub bias: Option<EisBias>,
+}
+
+/// Direct currents under the sinusoids of the sweeps.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EisBias {
+    /// The currents, A, charge positive; each round has a sweep at each, at rest first.
+    pub levels_a: Vec<f64>,
+    /// Charge that a group of points may move before it is brought back, C.
+    pub most_coulomb: f64,
+    /// Greatest resistance of the cell, leads included, Ω.
+    pub resistance_ohm: f64,
+    /// Wait after a ramp, s.
+    pub settle_s: f64,
+    /// Capacity of the cell, C.
+    pub capacity_coulomb: f64,
 }
 
 /// In which order the frequencies of a sweep come.

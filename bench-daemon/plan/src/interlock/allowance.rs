@@ -39,7 +39,9 @@ pub struct Settings {
 pub struct Mean {
     /// Its period, s.
     pub period_s: f64,
-    /// Greatest magnitude of the mean over a period, A.
+    /// Direct current under it, A, as the meter shows it.
+    pub around_a: f64,
+    /// Greatest distance of the mean over a period from the direct current, A.
     pub greatest_a: f64,
     /// Amplitude of the sinusoid, A; `None` for a current of several sinusoids.
     pub amplitude_a: Option<f64>,
@@ -80,11 +82,12 @@ impl Mean {
             (std::f64::consts::PI * unsure_s / self.period_s).min(std::f64::consts::FRAC_PI_2);
         let greatest = self.greatest_a + self.amplitude_a.unwrap_or(0.0) * phase.sin();
         let what = "mean of the cell current";
-        (!(-greatest..=greatest).contains(&value)).then_some(Trip::Limit {
+        let (least, greatest) = (self.around_a - greatest, self.around_a + greatest);
+        (!(least..=greatest).contains(&value)).then_some(Trip::Limit {
             what,
             value,
             unit: "A",
-            least: -greatest,
+            least,
             greatest,
             time_s,
         })

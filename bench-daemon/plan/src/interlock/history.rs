@@ -97,6 +97,12 @@ impl Interlock {
         self.charge.zero(zero_a);
     }
 
+    /// Sets the direct current that is commanded from now on, A: the charge that it moves is
+    /// expected.
+    pub fn steady(&mut self, steady_a: f64) {
+        self.charge.steady(steady_a);
+    }
+
     /// Returns the allowance of the present step.
     pub fn allowance(&self) -> &Allowance {
         &self.allowance
@@ -123,10 +129,13 @@ impl Interlock {
         self.allowance.mean.filter(|_| !self.silent)
     }
 
-    /// Returns the effective current over the last period, A, if readings follow it.
+    /// Returns the effective value of the alternating current over the last period, A, if readings
+    /// follow it.
     pub fn effective_a(&self) -> Option<f64> {
         let mean = self.allowed_mean().filter(Mean::followed)?;
-        let square = self.period.mean_of(&mean, |amps| amps * amps);
+        let square = self
+            .period
+            .mean_of(&mean, |amps| (amps - mean.around_a).powi(2));
         square.map(f64::sqrt)
     }
 

@@ -29,7 +29,7 @@ impl Period {
 
     /// Returns the mean of a function of the current over the last period, by the trapezoidal
     /// rule, as soon as a complete period was read.
-    pub(super) fn mean_of(&self, mean: &Mean, of: fn(f64) -> f64) -> Option<f64> {
+    pub(super) fn mean_of(&self, mean: &Mean, of: impl Fn(f64) -> f64) -> Option<f64> {
         let pairs = || self.0.iter().zip(self.0.iter().skip(1));
         let from_s = self.0.back()?.0 - mean.period_s;
         // Readings that are too rare do not define a mean.

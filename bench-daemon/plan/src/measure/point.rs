@@ -1,5 +1,6 @@
 //! A finished point of a sweep.
 
+use analysis_files::dataset::PointConditions;
 use analysis_signal::spectrum::ChannelPhasors;
 use instruments::fixture::Fixture;
 
@@ -42,6 +43,9 @@ pub struct SweepPoint {
     pub measures: Measures,
     /// Limits of the quality gate that it exceeds.
     pub failing: Vec<Failing>,
+    /// Direct current under the sinusoid, charge and temperature; `None` without a direct current.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub conditions: Option<PointConditions>,
 }
 
 /// Effort of retries: of a point, or of all points of a sweep.

@@ -4,7 +4,7 @@
 
 use instruments::{fixture::Fixture, supply4q::Holds};
 
-use super::{Checked, Plan, PlanError, Purpose, Step};
+use super::{Checked, Plan, PlanError, Purpose, Step, bias::check_sine, bias_course::BiasCourse};
 use crate::interlock::Limits;
 
 /// Allowed distance of the bipolar supply's compliance above the cell's greatest voltage, V: large
@@ -19,7 +19,7 @@ impl Plan {
     /// The first such step.
     pub fn check(self, limits: &Limits) -> Result<Checked, PlanError> {
         for (stage_index, stage) in self.stages.iter().enumerate() {
-            let mut powered = false;
+            let (mut powered, mut course) = (false, BiasCourse::default());
             for (step_index, step) in stage.steps.iter().enumerate() {
                 let fail = |reason: String| PlanError {
                     stage: stage_index + 1,
@@ -28,6 +28,10 @@ impl Plan {
                     reason,
                 };
                 step.check(limits, powered).map_err(fail)?;
+                course.take(step, step.expected_s()).map_err(fail)?;
+                if let Step::Sine { amplitude_a, .. } = *step {
+                    check_sine(course.bias_a, amplitude_a, limits).map_err(fail)?;
+                }
                 if matches!(stage.purpose, Purpose::Sweep(Fixture::Short, _))
                     && matches!(
                         step,
@@ -95,6 +99,7 @@ impl Step {
             | Self::Mount(_)
             | Self::HoldTemperature { .. }
             | Self::Pause { .. }
+            | Self::BiasZero(_)
             | Self::Zero(_) => needs_off()?,
             Self::Trace(ref trace) => {
                 if trace.bipolar() != powered {
@@ -178,6 +183,18 @@ impl Step {
                         "expected a frequency above 0 Hz, found {freq_hz} Hz"
                     ));
                 }
+            }
+            Self::Bias(_) | Self::Recharge(_) if !powered => {
+                return Err("expected the bipolar supply to be up".to_owned());
+            }
+            Self::Bias(ref bias) => bias.check(limits)?,
+            Self::Recharge(recharge) => {
+                let (limit, what) = if recharge.current_a > 0.0 {
+                    (limits.charge_a, "charge current")
+                } else {
+                    (limits.discharge_a, "discharge current")
+                };
+                current(recharge.current_a.abs(), limit, what)?;
             }
             Self::Multisine(ref band) => {
                 if !powered {
@@ -305,6 +322,112 @@ mod tests {
             .is_ok()
         );
     }
+
+    fn bias(from_a: f64, to_a: f64) -> Step {
+        Step::Bias(crate::plan::Bias {
+            from_a,
+            to_a,
+            settle_s: 30.0,
+            amplitude_a: 1.0,
+            resistance_ohm: 0.03,
+            most_coulomb: 810.0,
+            capacity_coulomb: 16_200.0,
+        })
+    }
+
+    fn slow(wait_s: f64) -> Step {
+        Step::Sine {
+            index: 0,
+            freq_hz: 0.1,
+            amplitude_a: 1.0,
+            wait_s,
+            settings: test_settings(),
+        }
+    }
+
+    #[test]
+    fn a_direct_current_is_ramped_bounded_and_brought_back() {
+        let back = Step::Recharge(crate::plan::Recharge {
+            current_a: -5.0,
+            charge_coulomb: 500.0,
+            within_coulomb: 8.0,
+            max_s: 200.0,
+        });
+        let high = Step::PowerUp {
+            compliance_v: 5.0,
+            limit_a: 20.0,
+            held: Holds::CurrentAndVoltage,
+            idle_a: 0.2,
+            depth: None,
+        };
+        let whole = |steps: Vec<Step>| check([vec![high.clone()], steps].concat());
+        let sound = vec![
+            bias(0.0, 5.0),
+            slow(50.0),
+            bias(5.0, 0.0),
+            back,
+            Step::PowerDown,
+        ];
+        let plan = whole(sound.clone()).unwrap().plan().clone();
+        let extent = plan.extent();
+        assert_eq!((extent.charge_a, extent.discharge_a), (6.0, 5.0));
+        assert!((extent.into_coulomb - 5.0 * (37.0 + 52.0)).abs() < 1.0e-9);
+        assert_eq!(extent.out_coulomb, 500.0);
+        // A burst ends the sinusoid only.
+        assert_eq!(plan.plays_on_s(Some(1_000_000)), Some(f64::INFINITY));
+        let stage = &plan.stages[0];
+        let met: Vec<f64> = (0..6).map(|step| stage.bias_at(step)).collect();
+        assert_eq!(met, [0.0, 0.0, 5.0, 5.0, 0.0, 0.0]);
+        assert_eq!(stage.bias_a(), 5.0);
+        let without = |index: usize| {
+            let mut steps = sound.clone();
+            steps.remove(index);
+            steps
+        };
+        for (steps, reason) in [
+            (without(0), "expected a ramp from 0 A, found one from 5 A"),
+            (without(2), "expected no direct current, found 5 A"),
+            (
+                without(3),
+                "expected a ramp to 0 A and a recharge before the supply",
+            ),
+            (
+                vec![bias(0.0, 5.0), slow(50.0), Step::PowerDown],
+                "expected a ramp to 0 A and a recharge before the supply",
+            ),
+            (
+                vec![bias(0.0, 5.0), slow(150.0)],
+                "at most 810 C before a recharge (eis.bias_charge), found 945 C",
+            ),
+            (
+                vec![bias(0.0, 13.0)],
+                "within -45 A to 13.5 A, the limits of the cell, found 12 A to 14 A",
+            ),
+            (
+                vec![bias(0.0, 5.0), Step::Recheck(QUALITY)],
+                "expected no direct current, found 5 A",
+            ),
+        ] {
+            let message = whole(steps).map(|_| ()).unwrap_err().to_string();
+            assert!(message.contains(reason), "{message}");
+        }
+        let message = check(vec![bias(0.0, 5.0)]).unwrap_err().to_string();
+        assert!(
+            message.contains("expected the bipolar supply to be up"),
+            "{message}"
+        );
+    }
+
+    const QUALITY: crate::measure::quality::Quality = crate::measure::quality::Quality {
+        noise: 0.01,
+        distortion: 0.01,
+        drift: 0.01,
+        repeatability: 0.01,
+        kramers_kronig: 0.01,
+        again: 1,
+        time_s: 60.0,
+        charge_coulomb: 60.0,
+    };
 
     #[test]
     fn each_way_out_of_the_limits_is_refused_with_its_reason() {

@@ -27,15 +27,17 @@ impl Step {
             | Self::PowerUp { .. }
             | Self::Pause { .. }
             | Self::Zero(_)
+            | Self::BiasZero(_)
             | Self::PowerDown => AfterCrash::Repeat,
-            // A sinusoid moves no net charge.
+            // A sinusoid moves no net charge; one about a direct current lies between two steps
+            // that do.
             Self::Sine { .. } | Self::Multisine(_) | Self::Recheck(_) => AfterCrash::Repeat,
             // The state of a cell is judged only after the rest in which it was reached; legs
             // begin with a full cell.
             Self::Discharge { .. } | Self::Charge { .. } | Self::Accept { .. } | Self::Leg(_) => {
                 AfterCrash::Absolute
             }
-            Self::Trace(_) => AfterCrash::Unknown,
+            Self::Trace(_) | Self::Bias(_) | Self::Recharge(_) => AfterCrash::Unknown,
         }
     }
 }

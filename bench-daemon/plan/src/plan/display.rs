@@ -134,6 +134,9 @@ impl fmt::Display for Step {
                     index + 1
                 )
             }
+            Self::BiasZero(_) => f.write_str("record the zeros of the channels, every output off"),
+            Self::Bias(ref bias) => bias.fmt(f),
+            Self::Recharge(ref recharge) => recharge.fmt(f),
             Self::Multisine(ref band) => band.fmt(f),
             Self::Recheck(Quality {
                 time_s,

@@ -16,6 +16,8 @@ impl Step {
             },
             Self::PowerUp { .. }
             | Self::Sine { .. }
+            | Self::Bias(_)
+            | Self::Recharge(_)
             | Self::Multisine(_)
             | Self::Recheck(_)
             | Self::PowerDown => Drives::SUPPLY4Q,
@@ -27,6 +29,7 @@ impl Step {
             | Self::Rest { .. }
             | Self::Accept { .. }
             | Self::Pause { .. }
+            | Self::BiasZero(_)
             | Self::Zero(_) => Drives::default(),
         }
     }

@@ -26,7 +26,8 @@ impl Extent {
         self.discharge_a = self.discharge_a.max(out_a);
     }
 
-    fn step(&mut self, step: &Step) {
+    /// Takes a step under a direct current, A.
+    fn step(&mut self, step: &Step, bias_a: f64) {
         let span_s = step.expected_s();
         match step {
             Step::Discharge {
@@ -44,7 +45,19 @@ impl Extent {
                 self.into_coulomb += current_a * span_s;
             }
             Step::Leg(leg) => self.leg(leg, span_s),
-            Step::Sine { amplitude_a, .. } => self.current(*amplitude_a, *amplitude_a),
+            Step::Sine { amplitude_a, .. } => {
+                self.current(amplitude_a + bias_a, amplitude_a - bias_a);
+                self.direct(bias_a, span_s);
+            }
+            Step::Bias(bias) => {
+                self.current(bias.to_a, -bias.to_a);
+                self.direct(bias.to_a, span_s);
+            }
+            Step::Recharge(recharge) => {
+                self.current(recharge.current_a, -recharge.current_a);
+                let span_s = recharge.charge_coulomb / recharge.current_a.abs();
+                self.direct(recharge.current_a, span_s);
+            }
             Step::Multisine(band) => self.current(band.peak_a, band.peak_a),
             Step::Trace(trace) => {
                 let (least_a, greatest_a) = trace.extremes_a();
@@ -58,6 +71,12 @@ impl Extent {
             }
             _ => {}
         }
+    }
+
+    /// Adds the charge of a direct current, A.
+    fn direct(&mut self, bias_a: f64, span_s: f64) {
+        self.into_coulomb += bias_a.max(0.0) * span_s;
+        self.out_coulomb += (-bias_a).max(0.0) * span_s;
     }
 
     fn leg(&mut self, leg: &Leg, span_s: f64) {
@@ -94,8 +113,11 @@ impl Plan {
     /// Returns the extremes of the plan.
     pub fn extent(&self) -> Extent {
         let mut extent = Extent::default();
-        let steps = self.stages.iter().flat_map(|stage| &stage.steps);
-        steps.for_each(|step| extent.step(step));
+        for stage in &self.stages {
+            for (index, step) in stage.steps.iter().enumerate() {
+                extent.step(step, stage.bias_at(index));
+            }
+        }
         extent
     }
 }

@@ -56,6 +56,10 @@ impl Plan {
     /// infinite without bursts; `None` if they drive nothing.
     pub fn plays_on_s(&self, most_periods: Option<u32>) -> Option<f64> {
         let steps = self.stages.iter().flat_map(|stage| &stage.steps);
+        if steps.clone().any(|step| matches!(step, Step::Bias(_))) {
+            // After a burst the generator stays at its offset, which is the direct current.
+            return Some(f64::INFINITY);
+        }
         let whole_s = |freq_hz: f64, needed_s: f64| {
             let periods = ((needed_s + LEEWAY_S) * freq_hz).ceil();
             if most_periods.is_some_and(|most| periods <= f64::from(most)) {
@@ -121,6 +125,11 @@ impl Step {
             Self::Accept { .. } => 0.0,
             Self::Leg(ref leg) => leg.expected_s(),
             Self::Sine { wait_s, .. } => wait_s + OVERHEAD_S,
+            Self::BiasZero(_) => 2.0 * OVERHEAD_S,
+            Self::Bias(ref bias) => bias.expected_s(),
+            Self::Recharge(ref recharge) => {
+                recharge.charge_coulomb / recharge.current_a.abs() + 2.0 * OVERHEAD_S
+            }
             Self::Multisine(ref band) => band.expected_s() + 2.0 * OVERHEAD_S,
             Self::Recheck(_) => OVERHEAD_S,
             Self::Pause { span_s } => span_s,
@@ -142,6 +151,9 @@ impl Step {
             Self::Recheck(quality) => quality.time_s,
             Self::Multisine(ref band) => (band.expected_s() + 60.0) * (MAX_RANGING + 1) as f64,
             Self::Sine { wait_s, .. } => (wait_s + 60.0) * (MAX_RANGING + 1) as f64,
+            Self::BiasZero(_) => 60.0,
+            Self::Bias(ref bias) => bias.expected_s() + 60.0,
+            Self::Recharge(ref recharge) => recharge.max_s + 60.0,
             Self::Pause { span_s } => span_s + 60.0,
             Self::Zero(ref trace) => trace.rest_s + 60.0,
             Self::Trace(ref trace) => trace.length_s() + 60.0,

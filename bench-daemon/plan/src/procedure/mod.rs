@@ -33,12 +33,13 @@ pub fn plan(experiment: &Experiment) -> Plan {
         .fixture_check
         .as_ref()
         .map_or(&[][..], |check| &check.beyond_hz);
-    let sweep = |fixture, repeat, amplitude_a| {
+    let sweep = |fixture, repeat, [bias_a, amplitude_a]: [f64; 2]| {
         let (eis, settings) = experiment.eis.as_ref().zip(settings.as_ref())?;
         let sweep = eis_sweep::Sweep {
             fixture,
             repeat,
             amplitude_a,
+            bias_a,
             power,
             beyond_hz,
             seed: experiment.seed,
@@ -52,7 +53,7 @@ pub fn plan(experiment: &Experiment) -> Plan {
         .iter()
         .flat_map(|check| &check.controls)
     {
-        stages.extend(sweep(*control, 0, amplitude_a));
+        stages.extend(sweep(*control, 0, [0.0, amplitude_a]));
     }
     let temperature = experiment.temperature.as_ref().map(temperature);
     if let Some(campaign) = &experiment.campaign {
@@ -76,7 +77,7 @@ pub fn plan(experiment: &Experiment) -> Plan {
                 .chain(reset.clone());
             let parts = reset
                 .chain(temperature.clone())
-                .chain(sweep(Fixture::Cell, run.number, amplitude_a))
+                .chain(sweep(Fixture::Cell, run.number, [0.0, amplitude_a]))
                 .chain(traces);
             stages.extend(parts.map(|stage| campaign::of_run(stage, &run)));
         }
@@ -101,14 +102,13 @@ pub fn plan(experiment: &Experiment) -> Plan {
         .fold(sweeps, usize::max);
     for round in 1..=rounds {
         for eis in experiment.eis.iter().filter(|eis| round <= eis.repeat) {
-            let before = (round - 1) * eis.steps_a.len();
+            let sweeps = eis.sweeps_of(round);
+            let before = (round - 1) * sweeps.len();
             stages.extend(
-                eis.steps_a
-                    .iter()
+                sweeps
+                    .into_iter()
                     .enumerate()
-                    .filter_map(|(k, amplitude_a)| {
-                        sweep(eis.fixture, before + k + 1, *amplitude_a)
-                    }),
+                    .filter_map(|(k, currents_a)| sweep(eis.fixture, before + k + 1, currents_a)),
             );
         }
         let due = experiment

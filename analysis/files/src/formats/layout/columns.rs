@@ -15,6 +15,8 @@ const TIDY: [&str; 7] = [
     "z_abs_ohm",
     "z_phase_rad",
 ];
+/// Column of the direct current under a sinusoid.
+const BIAS: &str = "bias_a";
 const OPTIONAL: [&str; 4] = [
     "sigma_re_ohm",
     "sigma_im_ohm",
@@ -113,6 +115,7 @@ impl Layout {
                 sigma: header.sigma()?,
                 cov: header.find(OPTIONAL[2]),
                 amplitude: header.find(OPTIONAL[3]),
+                bias: header.find(BIAS),
                 ..base
             }
         } else {

@@ -33,15 +33,15 @@ impl Default for Burst {
 }
 
 impl Burst {
-    /// Checks that no current is read after the signal must have ended.
+    /// Checks that nothing but the direct current is read after the signal must have ended.
     ///
     /// # Errors
     /// [`ExecuteError::Disobeyed`].
-    pub(crate) fn over(&self, reading: &Reading) -> Result<(), ExecuteError> {
+    pub(crate) fn over(&self, reading: &Reading, steady_a: f64) -> Result<(), ExecuteError> {
         let nothing_a = IDLE_CURRENT_A + NO_CURRENT_A;
         let Some(amps) = reading
             .current_a
-            .filter(|amps| reading.time_s > self.ended_s && amps.abs() > nothing_a)
+            .filter(|amps| reading.time_s > self.ended_s && (amps - steady_a).abs() > nothing_a)
         else {
             return Ok(());
         };

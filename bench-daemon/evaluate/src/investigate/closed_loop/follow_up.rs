@@ -190,6 +190,7 @@ fn sweep(
     eis.fixture = fixture(first, &run.fixture)?;
     (eis.repeat, eis.rest_s) = (run.repeat, run.settle_s.min(600.0));
     (eis.amplitude_a, eis.steps_a) = (amplitude_a, vec![amplitude_a]);
+    eis.bias = None;
     if freq_hz.first().is_some_and(|f| *f < SLOW_HZ) {
         (eis.periods, eis.periods_on_screen) = SLOW_PERIODS;
     }

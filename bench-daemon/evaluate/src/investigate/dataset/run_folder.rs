@@ -414,8 +414,10 @@ impl Reader<'_> {
             return Ok(None);
         }
         Ok(spectra.first().map(|one| {
+            let bias_a = one.origin.bias_a.unwrap_or(0.0);
             (
-                RunData::Eis(files::sweep(&one.spectrum, 0.0, None)),
+                // The diagnosis counts a discharge as positive.
+                RunData::Eis(files::sweep(&one.spectrum, 0.0 - bias_a, None)),
                 one.flagged.clone(),
             )
         }))

@@ -1,4 +1,5 @@
-//! The sweeps of a run at one amplitude, and a comparison of several amplitudes.
+//! The sweeps of a run at one amplitude and one direct current, and a comparison of several
+//! amplitudes.
 
 use analysis::{
     spectrum::Spectrum,
@@ -15,8 +16,8 @@ pub(crate) fn every_sweep(measured: &Measured) -> impl Iterator<Item = &Spectrum
     std::iter::once(&measured.spectrum).chain(&measured.repeats)
 }
 
-/// Returns the indices of the sweeps of the cell at the amplitude of the first: at another
-/// amplitude the cell may behave differently.
+/// Returns the indices of the sweeps of the cell at the amplitude and the direct current of the
+/// first: at others the cell may behave differently. The first sweep is at rest if any is.
 pub(super) fn alike(measured: &Measured) -> Vec<usize> {
     let amplitude_a = |spectrum: &Spectrum| {
         spectrum
@@ -26,7 +27,8 @@ pub(super) fn alike(measured: &Measured) -> Vec<usize> {
     };
     let first_a = amplitude_a(&measured.spectrum);
     let same = |place: usize, spectrum: &Spectrum| {
-        place == 0 || (amplitude_a(spectrum) / first_a - 1.0).abs() < SAME_AMPLITUDE
+        let amplitude = (amplitude_a(spectrum) / first_a - 1.0).abs() < SAME_AMPLITUDE;
+        place == 0 || (amplitude && measured.bias_a(place) == measured.bias_a(0))
     };
     every_sweep(measured)
         .enumerate()
@@ -45,16 +47,23 @@ pub(super) fn alike_sweeps(measured: &Measured) -> Vec<&Spectrum> {
         .collect()
 }
 
-/// Compares sweeps at several amplitudes, as text; returns `None` if there is one amplitude. Each
-/// is judged by the noise of its own records.
+/// Compares sweeps at several amplitudes and the direct current of the first, as text; returns
+/// `None` if there is one amplitude. Each is judged by the noise of its own records.
 pub(super) fn linearity_in_words(measured: &Measured) -> Option<(bool, String)> {
-    let noises: Vec<Noise> = measured
+    let same = |(place, _): &(usize, &Spectrum)| measured.bias_a(*place) == measured.bias_a(0);
+    let own_noise: Vec<Spectrum> = measured
         .own_noise
+        .iter()
+        .enumerate()
+        .filter(same)
+        .map(|(_, spectrum)| spectrum.clone())
+        .collect();
+    let noises: Vec<Noise> = own_noise
         .iter()
         .map(|spectrum| Noise::of(spectrum, &[]))
         .collect::<Result<_, _>>()
         .ok()?;
-    let found = linearity(&measured.own_noise, &noises)?;
+    let found = linearity(&own_noise, &noises)?;
     let (least_a, greatest_a) = found.amplitudes_a;
     let worst = found
         .points
@@ -74,4 +83,89 @@ pub(super) fn linearity_in_words(measured: &Measured) -> Option<(bool, String)> 
         ),
     };
     Some((worst.is_none(), text))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use analysis::{
+        dataset::PointConditions,
+        spectrum::{ChannelPhasors, ImpedancePoint, PhasorVariance},
+    };
+    use instruments::fixture::Fixture;
+    use num_complex::Complex64;
+
+    use super::*;
+    use crate::run::run_accumulator::RunAccumulator;
+    use bench_plan::{
+        config::load_experiment,
+        measure::{HarmonicsAndDrift, Spent, SweepPoint, quality::Measures},
+    };
+
+    fn point(bias_a: f64) -> SweepPoint {
+        let conditions = PointConditions {
+            bias_a,
+            bias_met_a: bias_a,
+            sigma_bias_a: 0.01,
+            charge_coulomb: 1.0,
+            temperature_degc: None,
+        };
+        SweepPoint {
+            fixture: Fixture::Cell,
+            index: 0,
+            phasors: ChannelPhasors {
+                freq_hz: 1.0,
+                volts: [Complex64::ONE; 4],
+                variance: [PhasorVariance::circular(1.0e-12); 4],
+            },
+            volts_per_div: [1.0; 4],
+            free_freq_hz: 1.0,
+            residual_lag1: 0.0,
+            harmonics_and_drift: HarmonicsAndDrift::default(),
+            warnings: Vec::new(),
+            time_s: 0.0,
+            captures: 1,
+            rechecked: 0,
+            spent: Spent::default(),
+            measures: Measures::default(),
+            failing: Vec::new(),
+            conditions: (bias_a != 0.0).then_some(conditions),
+        }
+    }
+
+    #[test]
+    fn sweeps_under_another_direct_current_are_not_alike_and_are_named() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/experiments/demo.toml");
+        let experiment = load_experiment(&file, None).unwrap();
+        let of = |biases_a: &[f64]| {
+            let mut measured = RunAccumulator::new(&experiment, None).measured;
+            let impedance = ImpedancePoint {
+                freq_hz: 1.0,
+                z_ohm: Complex64::ONE,
+                covariance: analysis::numeric::Covariance2::UNKNOWN,
+                amplitude_a: 1.0,
+            };
+            let spectrum = || Spectrum::new("s".to_owned(), vec![impedance]);
+            measured.spectrum = spectrum();
+            measured.repeats = biases_a.iter().skip(1).map(|_| spectrum()).collect();
+            measured.points = biases_a.iter().map(|bias_a| vec![point(*bias_a)]).collect();
+            (alike(&measured), measured.names())
+        };
+        let (chosen, names) = of(&[0.0, 2.0, -2.0, -2.0, 2.0, 0.0]);
+        assert_eq!(chosen, [0, 5]);
+        assert_eq!(
+            names,
+            [
+                "sweep 1",
+                "sweep 2, +2 A",
+                "sweep 3, -2 A",
+                "sweep 4, -2 A",
+                "sweep 5, +2 A",
+                "sweep 6"
+            ]
+        );
+        let (chosen, names) = of(&[2.0]);
+        assert_eq!((chosen, names), (vec![0], vec!["sweep 1, +2 A".to_owned()]));
+    }
 }

@@ -177,6 +177,7 @@ mod tests {
             spent: bench_plan::measure::Spent::default(),
             measures: bench_plan::measure::quality::Measures::default(),
             failing: Vec::new(),
+            conditions: None,
         };
         let mut points = vec![point(0, 1.0, 0.020), point(1, 4.0, 0.010)];
         let third = (0.020 - 0.010 * 3.0_f64.ln() / 4.0_f64.ln()) * 0.1;

@@ -21,7 +21,10 @@ pub(super) fn less_charge_storage(
         );
         return spectra.into_iter().cloned().collect();
     };
-    let rests_v = rest_voltages(recorder.index());
+    // The spectra are those at the direct current of the first sweep.
+    let index = recorder.index();
+    let first = index.sweeps.iter().find(|sweep| sweep.fixture == "cell");
+    let rests_v = rest_voltages(index, first.map_or(0.0, |sweep| sweep.bias_a));
     let mut outside = 0;
     let mut one =
         |(number, spectrum): (usize, &Spectrum)| match slope_before(curve, &rests_v, number) {

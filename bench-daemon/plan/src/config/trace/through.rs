@@ -212,7 +212,7 @@ impl Check<'_> {
 
     /// Returns the largest current that the bipolar supply and its generator can drive, A. The
     /// load contains the voltmeter that measures the voltage at rest.
-    fn driven_a(&self) -> Result<(f64, String), String> {
+    pub(in crate::config) fn driven_a(&self) -> Result<(f64, String), String> {
         let instruments = &self.bench.instruments;
         self.present(instruments.supply4q.is_some(), "supply4q")?;
         self.present(instruments.generator.is_some(), "generator")?;

@@ -391,6 +391,7 @@ fn a_chiller_that_stopped_or_has_an_alarm_trips() {
 fn a_signal_that_begins_anew_has_no_mean_of_what_was_before_and_one_with_an_offset_still_trips() {
     let mean = Some(Mean {
         period_s: 10.0,
+        around_a: 0.0,
         greatest_a: 0.2,
         amplitude_a: Some(1.0),
     });
@@ -433,10 +434,68 @@ fn a_signal_that_begins_anew_has_no_mean_of_what_was_before_and_one_with_an_offs
     ));
 }
 
+/// A sine of 1 A and 10 s about 5 A.
+#[test]
+fn a_sine_about_a_direct_current_has_its_mean_and_its_charge_there() {
+    let mean = Some(Mean {
+        period_s: 10.0,
+        around_a: 5.0,
+        greatest_a: 0.2,
+        amplitude_a: Some(1.0),
+    });
+    let about = |direct_a: f64| {
+        move |t: f64| {
+            (
+                3.8 + 1.0e-3 * t.sin() + 1.0e-4 * t,
+                direct_a + (std::f64::consts::TAU * 0.1 * t).sin(),
+                Some(25.0 + 0.01 * t),
+            )
+        }
+    };
+    let begun = |steady_a: f64, mean: Option<Mean>| {
+        let most_coulomb = if mean.is_some() { 1.0e4 } else { 20.0 };
+        let mut interlock = live(FREE);
+        interlock.begin(
+            Allowance {
+                live: true,
+                charge_coulomb: (-most_coulomb, most_coulomb),
+                mean,
+                ..Allowance::idle(LIMITS)
+            },
+            0.0,
+        );
+        interlock.steady(steady_a);
+        interlock
+    };
+    let mut sound = begun(5.0, mean);
+    assert_eq!(play(&mut sound, course(100, about(5.0))), None);
+    // Only the alternating part counts.
+    let effective_a = sound.effective_a().unwrap_or(f64::NAN);
+    assert!((effective_a - 0.5_f64.sqrt()).abs() < 0.02, "{effective_a}");
+    // A current that is missing or too large is found within a period.
+    for direct_a in [0.0, 4.7, 5.3] {
+        let tripped = play(&mut begun(5.0, mean), course(60, about(direct_a)));
+        assert!(
+            tripped.is_some_and(
+                |(text, time_s)| text.starts_with("mean of the cell current ")
+                    && text.contains("4.8")
+                    && time_s <= 12.0
+            ),
+            "{direct_a} A"
+        );
+    }
+    assert_eq!(play(&mut begun(5.0, None), course(100, about(5.0))), None);
+    // A charge that was not commanded counts against the limits of a sinusoid.
+    let tripped = play(&mut begun(4.5, None), course(100, about(5.0)));
+    let (text, _) = tripped.unwrap_or_default();
+    assert!(text.starts_with("net charge of the step 2"), "{text}");
+}
+
 #[test]
 fn a_pair_of_readings_at_unsure_times_is_judged_by_what_the_times_may_do() {
     let mean = Mean {
         period_s: 0.4,
+        around_a: 0.0,
         greatest_a: 0.2,
         amplitude_a: Some(1.0),
     };

@@ -1,0 +1,378 @@
+//! A direct current under the sinusoids of a sweep: ramps it by the generator's offset, measures it
+//! and the zero error of the drive, sets the scope for records about it, and brings back the charge
+//! that it has moved.
+//!
+//! The shunt measures the current: the channels are recorded with every output off, with the output
+//! on at zero, and at the direct current, on the same ranges. The error of a gain is then the same in
+//! both directions, so that the returned charge is free of it.
+
+mod state;
+
+use instruments::fixture::Fixture;
+
+use super::{
+    ExecuteError, Executor, POLL_S, Rig,
+    crest::{channel_volts, mean},
+    require,
+};
+use crate::record::Event;
+use bench_plan::plan::{Bias, RAMP_STEP_S, Recharge, Step, ramp_steps};
+pub(super) use state::BiasState;
+
+/// Points per channel of a record at one direct current.
+const RECORD_POINTS: u64 = 10_000;
+/// Greatest deviation of the direct current from its command, as a share and in A.
+const FOLLOWS: (f64, f64) = (0.05, 0.1);
+/// Greatest deviation of a reading of the supply's meter from the command, as a share and in A.
+const METER_FOLLOWS: (f64, f64) = (0.1, 0.3);
+/// Standard deviations of a gain of a channel on a range that the controls have not measured, after
+/// the correction and without one (data sheets of 12-bit scopes: 0.5 % to 1 %).
+const GAIN_SIGMA: (f64, f64) = (0.003, 0.006);
+/// Standard deviation of the mean of a record, A.
+const MEAN_SIGMA_A: f64 = 2.0e-3;
+/// Standard deviations within which the current must follow its command.
+const CERTAIN: f64 = 3.0;
+/// Shortest time for which a recharge drives its current, s.
+const SHORTEST_RECHARGE_S: f64 = 30.0;
+/// Time for which a recharge settles before its current is measured, s.
+const RECHARGE_SETTLE_S: f64 = 5.0;
+
+impl Rig<'_> {
+    /// Returns the generator's offset for a direct current, V: trimmed, without the zero error of the
+    /// drive.
+    pub(super) fn offset_v(&mut self, current_a: f64) -> Result<f64, ExecuteError> {
+        let supply = require(&mut self.bench.instruments.supply4q, "supply4q")?.capabilities();
+        let wiring = &self.setup.wiring;
+        let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
+        let needed_a = current_a - self.driving.bias.zero_a;
+        Ok(needed_a * volts_per_amp * wiring.command_trim + wiring.command_offset_v)
+    }
+
+    /// Ramps the direct current and watches each step.
+    async fn ramp(&mut self, to_a: f64) -> Result<(), ExecuteError> {
+        let from_a = self.driving.bias.commanded_a;
+        let (now_s, flowing_a) = (self.clock.now_s(), self.driving.bias.met.current_a);
+        self.driving.bias.count(now_s, flowing_a);
+        // The last sinusoid ends first, then the burst that it was.
+        self.command(from_a).await?;
+        self.end_burst().await?;
+        let steps = ramp_steps(from_a, to_a);
+        for step in 1..=steps {
+            let level_a = if step == steps {
+                to_a
+            } else {
+                from_a + (to_a - from_a) * step as f64 / steps as f64
+            };
+            self.command_bias(level_a).await?;
+            self.clock.sleep_s(RAMP_STEP_S).await;
+            self.watch("bias", Fixture::Cell).await?;
+        }
+        Ok(())
+    }
+
+    /// Commands a direct current. The charge so far counts with the current so far.
+    async fn command_bias(&mut self, level_a: f64) -> Result<(), ExecuteError> {
+        self.command(level_a).await?;
+        let (now_s, flowing_a) = (self.clock.now_s(), self.driving.bias.met.current_a);
+        let bias = &mut self.driving.bias;
+        bias.count(now_s, flowing_a);
+        (bias.commanded_a, bias.met.current_a, bias.meter_a) = (level_a, level_a, level_a);
+        self.interlock.steady(level_a);
+        Ok(())
+    }
+
+    /// Waits at the direct current and checks every reading against the command. The mean of the
+    /// readings becomes the current by the supply's meter.
+    async fn hold(&mut self, seconds: f64) -> Result<(), ExecuteError> {
+        let end_s = self.clock.now_s() + seconds;
+        let (mut sum_a, mut count) = (0.0, 0.0);
+        while self.clock.now_s() < end_s {
+            let left_s = end_s - self.clock.now_s();
+            self.clock.sleep_s(left_s.min(POLL_S)).await;
+            let reading = self.watch("bias", Fixture::Cell).await?;
+            let Some(amps) = reading.current_a else {
+                continue;
+            };
+            let followed = self.meter_follows(amps);
+            self.explained(followed).await?;
+            (sum_a, count) = (sum_a + amps, count + 1.0);
+        }
+        if count > 0.0 {
+            self.driving.bias.meter_a = sum_a / count;
+            self.interlock.steady(sum_a / count);
+        }
+        Ok(())
+    }
+
+    fn meter_follows(&self, amps: f64) -> Result<(), ExecuteError> {
+        let (commanded_a, (share, least_a)) = (self.driving.bias.commanded_a, METER_FOLLOWS);
+        if (amps - commanded_a).abs() <= share * commanded_a.abs() + least_a {
+            return Ok(());
+        }
+        Err(ExecuteError::Disobeyed {
+            what: "direct current by the supply's meter".to_owned(),
+            expected: format!("{commanded_a:.3} A"),
+            met: format!("{amps:.3} A"),
+        })
+    }
+}
+
+impl Executor<'_> {
+    /// Records the channels with every output off.
+    pub(super) async fn bias_zero(&mut self, plan: &Bias) -> Result<(), ExecuteError> {
+        let now_s = self.rig.clock.now_s();
+        let range_a = plan.from_a.abs().max(plan.to_a.abs()) + plan.amplitude_a;
+        self.rig.driving.bias = BiasState::begin(plan.most_coulomb, range_a, now_s);
+        let off_v = self.record_means().await?;
+        self.rig.driving.bias.off_v = Some(off_v);
+        Ok(())
+    }
+
+    /// Changes the direct current. At a new one, measures it and sets the scope for records about it.
+    pub(super) async fn bias(&mut self, plan: &Bias) -> Result<(), ExecuteError> {
+        if plan.from_a == 0.0 {
+            self.bias_headroom(plan)?;
+            self.cancel_zero().await?;
+        }
+        self.rig.ramp(plan.to_a).await?;
+        if plan.to_a == 0.0 {
+            return Ok(());
+        }
+        self.rig.hold(plan.settle_s).await?;
+        self.measure_bias().await?;
+        self.centre_on_bias(plan.amplitude_a).await
+    }
+
+    /// Refuses a direct current under which the cell could leave its voltage limits, from its voltage
+    /// at rest.
+    fn bias_headroom(&self, plan: &Bias) -> Result<(), ExecuteError> {
+        let Some(rest_v) = self.known.idle.voltage_v else {
+            return Ok(());
+        };
+        let limits = &self.rig.setup.limits;
+        let (down_v, up_v) = plan.swing_v(limits);
+        let (least_v, greatest_v) = (rest_v + down_v, rest_v + up_v);
+        if least_v >= limits.min_v && greatest_v <= limits.max_v {
+            return Ok(());
+        }
+        Err(ExecuteError::Disobeyed {
+            what: format!("cell before a direct current of {:+} A", plan.to_a),
+            expected: format!(
+                "a voltage at rest from which {} V to {} V cannot be left",
+                limits.min_v, limits.max_v
+            ),
+            met: format!("{rest_v:.3} V, at worst {least_v:.3} V to {greatest_v:.3} V"),
+        })
+    }
+
+    /// Measures the current at a command of zero, and cancels it from now on.
+    async fn cancel_zero(&mut self) -> Result<(), ExecuteError> {
+        let (zero_a, _) = self.record_current().await?;
+        let now_s = self.rig.clock.now_s();
+        let bias = &mut self.rig.driving.bias;
+        bias.count(now_s, zero_a);
+        bias.zero_a += zero_a;
+        let text = format!("direct current with the command at zero: {zero_a:+.4} A, cancelled");
+        Ok(self.rig.recorder.event(Event::Check, &text)?)
+    }
+
+    /// Measures the direct current and refuses one that does not follow its command.
+    async fn measure_bias(&mut self) -> Result<(), ExecuteError> {
+        let (met_a, sigma_a) = self.record_current().await?;
+        let commanded_a = self.rig.driving.bias.commanded_a;
+        let (share, least_a) = FOLLOWS;
+        let allowed_a = share * commanded_a.abs() + least_a + CERTAIN * sigma_a;
+        if (met_a - commanded_a).abs() > allowed_a {
+            let disobeyed = Err(ExecuteError::Disobeyed {
+                what: "direct current by the shunt".to_owned(),
+                expected: format!("{commanded_a} A within {allowed_a:.3} A"),
+                met: format!("{met_a:.3} A: adjust wiring.command_trim"),
+            });
+            return self.rig.explained(disobeyed).await;
+        }
+        let now_s = self.rig.clock.now_s();
+        let bias = &mut self.rig.driving.bias;
+        bias.met.base_a = met_a;
+        bias.met.sigma_a = sigma_a;
+        bias.meet(now_s, met_a);
+        let text = format!("direct current {commanded_a:+} A: {met_a:+.4} A ± {sigma_a:.4} A");
+        Ok(self.rig.recorder.event(Event::Check, &text)?)
+    }
+
+    /// Sets the ranges of the sinusoids with the means of the channels in their centres, and records
+    /// the channels on them: a direct current that starts with a sinusoid shows as a change.
+    async fn centre_on_bias(&mut self, amplitude_a: f64) -> Result<(), ExecuteError> {
+        let means_v = self.record_means().await?;
+        let scope = require(&mut self.rig.bench.instruments.scope, "scope")?.capabilities();
+        let scales = self.rig.setup.wiring.scale_per_ampere_v;
+        let per_div_v = scales.map(|scale_v| scale_v * amplitude_a);
+        self.scope.centre_on(per_div_v, means_v, &scope);
+        self.scope.trigger_at(means_v);
+        let waveforms = self.record_steady(Fixture::Cell, RECORD_POINTS).await?;
+        self.rig.keep_bias_zero(&waveforms);
+        (self.rig.driving.first_mean, self.rig.driving.mean_change_a) = (None, 0.0);
+        Ok(())
+    }
+
+    /// Returns the direct current since every output was off, A, and its standard deviation.
+    async fn record_current(&mut self) -> Result<(f64, f64), ExecuteError> {
+        let means_v = self.record_means().await?;
+        let off_v = self.rig.driving.bias.off_v.unwrap_or([f64::NAN; 4]);
+        let changed_v = [0, 1, 2, 3].map(|slot: usize| means_v[slot] - off_v[slot]);
+        let correction = &self.known.correction;
+        let (current_a, _) = correction.direct(changed_v);
+        let gain_sigma = if correction.reduced_chi2.is_some() {
+            GAIN_SIGMA.0
+        } else {
+            GAIN_SIGMA.1
+        };
+        let gains_a =
+            gain_sigma * changed_v[0].hypot(changed_v[1]) / self.rig.setup.wiring.shunt.r_ohm;
+        if !current_a.is_finite() {
+            return Err(ExecuteError::Disobeyed {
+                what: "direct current by the shunt".to_owned(),
+                expected: "a record of the channels with every output off before".to_owned(),
+                met: "none".to_owned(),
+            });
+        }
+        Ok((current_a, gains_a.hypot(MEAN_SIGMA_A)))
+    }
+
+    /// Records the channels on ranges that hold the direct current and a sinusoid; returns their
+    /// means, V.
+    async fn record_means(&mut self) -> Result<[f64; 4], ExecuteError> {
+        let scope = require(&mut self.rig.bench.instruments.scope, "scope")?.capabilities();
+        let range_a = self.rig.driving.bias.range_a;
+        self.first_ranges(Fixture::Cell, range_a, &scope).await?;
+        let waveforms = self.record_steady(Fixture::Cell, RECORD_POINTS).await?;
+        if let Some(waveform) = waveforms
+            .iter()
+            .find(|waveform| waveform.clipped_share() > 0.0)
+        {
+            let per_div_v = waveform.preamble.volts_per_div;
+            return Err(ExecuteError::Disobeyed {
+                what: format!("channel {} at a direct current", waveform.channel),
+                expected: format!("a signal within its range at {per_div_v} V/div"),
+                met: "one that clips: expected a coarser wiring.scale_per_ampere".to_owned(),
+            });
+        }
+        let means_v: Vec<f64> = waveforms
+            .iter()
+            .map(|waveform| mean(&channel_volts(waveform)))
+            .collect();
+        means_v.try_into().map_err(|_| ExecuteError::Signal {
+            freq_hz: 0.0,
+            reason: "not four channels".to_owned(),
+        })
+    }
+
+    /// Brings back the charge that the direct current has moved.
+    pub(super) async fn recharge(&mut self, plan: &Recharge) -> Result<(), ExecuteError> {
+        let moved_coulomb = self.moved_coulomb();
+        if moved_coulomb.abs() <= plan.within_coulomb {
+            return Ok(());
+        }
+        if moved_coulomb * plan.current_a > 0.0 {
+            return Err(not_back(plan, moved_coulomb));
+        }
+        let most_a = plan
+            .current_a
+            .abs()
+            .min(moved_coulomb.abs() / SHORTEST_RECHARGE_S);
+        let current_a = most_a.copysign(plan.current_a);
+        self.cancel_zero().await?;
+        self.rig.ramp(current_a).await?;
+        self.rig.hold(RECHARGE_SETTLE_S).await?;
+        self.measure_bias().await?;
+        let down_coulomb = self.ramp_down_coulomb();
+        let left_s = -(self.moved_coulomb() + down_coulomb) / self.rig.driving.bias.met.current_a;
+        if left_s > plan.max_s {
+            return Err(ExecuteError::Bound {
+                step: plan.to_string(),
+                max_s: plan.max_s,
+                state: format!("{left_s:.0} s are needed at {current_a:.3} A"),
+            });
+        }
+        self.rig.hold(left_s.max(0.0)).await?;
+        self.rig.ramp(0.0).await?;
+        let left_coulomb = self.moved_coulomb();
+        let text = format!(
+            "charge moved by the direct current: {moved_coulomb:+.1} C, {left_coulomb:+.2} C after \
+            its return"
+        );
+        self.rig.recorder.event(Event::Check, &text)?;
+        if left_coulomb.abs() <= plan.within_coulomb {
+            Ok(())
+        } else {
+            Err(not_back(plan, left_coulomb))
+        }
+    }
+
+    /// Returns the charge that a direct current has moved up to now, C.
+    pub(super) fn moved_coulomb(&self) -> f64 {
+        self.rig.driving.bias.moved_coulomb(self.rig.clock.now_s())
+    }
+
+    /// Returns the charge that the ramp from the present direct current to zero moves, C.
+    fn ramp_down_coulomb(&self) -> f64 {
+        let (current_a, steps) = (
+            self.rig.driving.bias.met.current_a,
+            ramp_steps(self.rig.driving.bias.commanded_a, 0.0),
+        );
+        // Each step takes a reading, too.
+        let step_s = RAMP_STEP_S + self.rig.watching.read_s;
+        0.5 * current_a * step_s * (steps as f64 - 1.0)
+    }
+
+    /// Ramps up again after a pause, if a direct current was in force at a step.
+    pub(super) async fn resume_bias(&mut self, before: &[Step]) -> Result<(), ExecuteError> {
+        let last = before.iter().rev().find_map(|step| match step {
+            Step::Bias(bias) => Some(*bias),
+            _ => None,
+        });
+        let Some(bias) = last.filter(|bias| bias.to_a != 0.0) else {
+            return Ok(());
+        };
+        let step = Step::Bias(Bias {
+            from_a: 0.0,
+            ..bias
+        });
+        self.rig.begin(Fixture::Cell, &step);
+        if let Step::Bias(bias) = step {
+            self.bias(&bias).await?;
+        }
+        Ok(())
+    }
+
+    /// Refuses to measure a point while another direct current is in force than the plan states.
+    pub(super) fn check_bias(&self, planned_a: f64) -> Result<(), ExecuteError> {
+        let commanded_a = self.rig.driving.bias.commanded_a;
+        if commanded_a == planned_a {
+            return Ok(());
+        }
+        Err(ExecuteError::Disobeyed {
+            what: "direct current under a point".to_owned(),
+            expected: format!("{planned_a} A"),
+            met: format!("{commanded_a} A as commanded"),
+        })
+    }
+
+    /// Reports the charge that a sweep leaves in the cell, or misses, because it ended early.
+    pub(super) fn report_moved_charge(&mut self) {
+        let moved_coulomb = self.moved_coulomb();
+        if self.rig.driving.bias.off_v.is_some() && moved_coulomb != 0.0 {
+            self.rig.recorder.warning(&format!(
+                "the direct current of the sweep has moved {moved_coulomb:+.1} C, which were not \
+                brought back"
+            ));
+        }
+    }
+}
+
+fn not_back(plan: &Recharge, left_coulomb: f64) -> ExecuteError {
+    ExecuteError::Disobeyed {
+        what: "recharge".to_owned(),
+        expected: format!("the charge back within {:.1} C", plan.within_coulomb),
+        met: format!("{left_coulomb:+.1} C"),
+    }
+}

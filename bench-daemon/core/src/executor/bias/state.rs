@@ -1,0 +1,165 @@
+//! The direct current under the sinusoids of a sweep: what is commanded, what flows, and the charge
+//! that it has moved.
+
+use analysis_files::dataset::PointConditions;
+
+use bench_plan::{interlock::Trip, measure::zero::Zeros};
+
+/// Factor on the planned charge at which the run ends.
+const MOST_MOVED: f64 = 1.25;
+/// Time for which the direct current may flow beyond that, s: its ramps and records.
+const MORE_S: f64 = 60.0;
+
+/// The direct current under the sinusoids of a sweep.
+#[derive(Debug, Default)]
+pub(crate) struct BiasState {
+    /// Commanded direct current, A, charge positive.
+    pub(crate) commanded_a: f64,
+    /// The current that flows.
+    pub(crate) met: MetCurrent,
+    /// Direct current by the meter of the bipolar supply, A.
+    pub(crate) meter_a: f64,
+    /// Zero error of the drive that the command cancels, A.
+    pub(crate) zero_a: f64,
+    /// Means of the channels with every output off, V; `None` outside a sweep with a direct current.
+    pub(crate) off_v: Option<[f64; 4]>,
+    /// Means of the channels at the direct current, without a sinusoid.
+    pub(crate) zeros: Zeros,
+    /// Current for which the ranges of its records are made, A.
+    pub(crate) range_a: f64,
+    /// Charge so far.
+    pub(crate) charge: MovedCharge,
+}
+
+/// A measured direct current.
+#[derive(Debug, Default, Clone, Copy)]
+pub(crate) struct MetCurrent {
+    /// Before the first sinusoid, A.
+    pub(crate) base_a: f64,
+    /// By the last record, A.
+    pub(crate) current_a: f64,
+    /// Standard deviation, A.
+    pub(crate) sigma_a: f64,
+}
+
+/// The charge that a direct current has moved.
+#[derive(Debug, Default, Clone, Copy)]
+pub(crate) struct MovedCharge {
+    coulomb: f64,
+    /// Bench time up to which it is counted, s.
+    since_s: f64,
+    /// Charge that the plan allows, C.
+    most_coulomb: f64,
+}
+
+impl BiasState {
+    /// Returns the state at the beginning of a sweep that may move `most_coulomb` with currents up to
+    /// `range_a`.
+    pub(crate) fn begin(most_coulomb: f64, range_a: f64, now_s: f64) -> Self {
+        Self {
+            range_a,
+            charge: MovedCharge {
+                coulomb: 0.0,
+                since_s: now_s,
+                most_coulomb,
+            },
+            ..Self::default()
+        }
+    }
+
+    /// Checks whether a direct current flows.
+    pub(crate) fn is_on(&self) -> bool {
+        self.commanded_a != 0.0
+    }
+
+    /// Counts the charge up to now, during which `current_a` has flowed.
+    pub(crate) fn count(&mut self, now_s: f64, current_a: f64) {
+        self.charge.coulomb += current_a * (now_s - self.charge.since_s);
+        self.charge.since_s = now_s;
+    }
+
+    /// Takes the current that a record shows.
+    pub(crate) fn meet(&mut self, now_s: f64, current_a: f64) {
+        self.met.current_a = current_a;
+        self.count(now_s, current_a);
+    }
+
+    /// Counts the charge, because no current flows from now on.
+    pub(crate) fn cut(&mut self, now_s: f64) {
+        self.count(now_s, self.met.current_a);
+        (self.commanded_a, self.meter_a, self.zero_a) = (0.0, 0.0, 0.0);
+        self.met = MetCurrent::default();
+    }
+
+    /// Returns the charge at a bench time, C.
+    pub(crate) fn moved_coulomb(&self, at_s: f64) -> f64 {
+        self.charge.coulomb + self.met.current_a * (at_s - self.charge.since_s)
+    }
+
+    /// Returns the conditions of a point whose record has its middle at `at_s`; `None` without a
+    /// direct current.
+    pub(crate) fn conditions(
+        &self,
+        at_s: f64,
+        temperature_degc: Option<f64>,
+    ) -> Option<PointConditions> {
+        self.is_on().then(|| PointConditions {
+            bias_a: self.commanded_a,
+            bias_met_a: self.met.current_a,
+            sigma_bias_a: self.met.sigma_a,
+            charge_coulomb: self.moved_coulomb(at_s),
+            temperature_degc: temperature_degc.filter(|degc| degc.is_finite()),
+        })
+    }
+
+    /// Judges the charge so far.
+    pub(crate) fn judge(&self, now_s: f64) -> Option<Trip> {
+        let value = self.moved_coulomb(now_s);
+        let greatest = MOST_MOVED * self.charge.most_coulomb + MORE_S * self.commanded_a.abs();
+        (self.off_v.is_some() && value.abs() > greatest).then_some(Trip::Limit {
+            what: "charge moved by the direct current",
+            value,
+            unit: "C",
+            least: -greatest,
+            greatest,
+            time_s: now_s,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_charge_counts_each_current_up_to_its_end() {
+        let mut bias = BiasState::begin(100.0, 3.0, 10.0);
+        bias.off_v = Some([0.0; 4]);
+        bias.count(11.0, 1.0);
+        bias.commanded_a = 2.0;
+        bias.met.current_a = 2.1;
+        assert!((bias.moved_coulomb(12.0) - 3.1).abs() < 1.0e-12);
+        // A record shows what has flowed since the last count.
+        bias.meet(21.0, 2.0);
+        assert!((bias.moved_coulomb(21.0) - 21.0).abs() < 1.0e-12);
+        let at = bias.conditions(20.0, Some(f64::NAN)).unwrap();
+        assert_eq!(
+            (at.bias_a, at.bias_met_a, at.temperature_degc),
+            (2.0, 2.0, None)
+        );
+        assert!((at.charge_coulomb - 19.0).abs() < 1.0e-12);
+        // 1.25 · 100 C and a minute of 2 A.
+        assert_eq!(bias.judge(132.9), None);
+        let trip = bias.judge(133.1).map(|trip| trip.to_string());
+        assert!(
+            trip.as_deref()
+                .is_some_and(|text| text.starts_with("charge moved by the direct current 245.2")),
+            "{trip:?}"
+        );
+        bias.cut(31.0);
+        assert!((bias.moved_coulomb(1000.0) - 41.0).abs() < 1.0e-12 && !bias.is_on());
+        assert_eq!(bias.conditions(0.0, None), None);
+        // Outside such a sweep nothing is judged.
+        assert_eq!(BiasState::default().judge(1.0e9), None);
+    }
+}

@@ -1,0 +1,190 @@
+//! The direct current under the sinusoids of `[eis]`: its keys, checked against bench and cell.
+
+use instruments::fixture::Fixture;
+
+use super::{ConfigError, Eis, check::Check, raw, section::EisBias};
+use crate::plan::Bias;
+
+/// Charge that a group of points may move, if it is not stated, as a share of the capacity.
+const CHARGE: f64 = 0.05;
+/// Least direct current, A: a smaller one is of the size of a zero error.
+const LEAST_A: f64 = 0.1;
+/// Wait after a ramp, if it is not stated, s.
+const SETTLE_S: f64 = 30.0;
+
+impl Check<'_> {
+    /// Returns the direct currents of `[eis]`; `None` if there is none.
+    pub(super) fn eis_bias(&self, raw: &raw::Eis) -> Result<Option<EisBias>, ConfigError> {
+        let Some(list) = &raw.bias else {
+            return self.refuse_alone(raw).map(|()| None);
+        };
+        let levels_a = self.levels(list)?;
+        if levels_a == [0.0] {
+            return self.refuse_alone(raw).map(|()| None);
+        }
+        if raw.fixture != raw::SweptFixture::Cell {
+            return Err(self.complain(
+                "eis.bias",
+                "expected a sweep of the cell: a direct current through a shunt changes nothing",
+            ));
+        }
+        if raw.compensate_drift {
+            return Err(self.complain(
+                "eis.compensate_drift",
+                "expected false beside a bias: the charge of the cell differs between both ways",
+            ));
+        }
+        if raw
+            .quality
+            .as_ref()
+            .is_some_and(|quality| quality.again > 0)
+        {
+            return Err(self.complain(
+                "eis.quality.again",
+                "expected 0 beside a bias: a point that is measured again moves charge that is not \
+                planned",
+            ));
+        }
+        let Some(resistance) = raw.resistance_max else {
+            return Err(self.complain(
+                "eis.resistance_max",
+                "expected it beside a bias other than 0 A: it bounds voltage and heat",
+            ));
+        };
+        let charge = raw.bias_charge.map_or(CHARGE, |share| share.si);
+        let charge = self.within("eis.bias_charge", charge, 0.001..=0.2, "(share)")?;
+        let settle_s = raw.bias_settle.map_or(SETTLE_S, |settle| settle.si);
+        Ok(Some(EisBias {
+            levels_a,
+            most_coulomb: charge * self.cell.capacity_coulomb,
+            resistance_ohm: self.within("eis.resistance_max", resistance.si, 1.0e-4..=1.0, "Ω")?,
+            settle_s: self.within("eis.bias_settle", settle_s, 5.0..=3600.0, "s")?,
+            capacity_coulomb: self.cell.capacity_coulomb,
+        }))
+    }
+
+    /// Returns the listed currents, the rest first: the fits use the first ones.
+    fn levels(
+        &self,
+        list: &[super::quantity::Quantity<super::quantity::Current>],
+    ) -> Result<Vec<f64>, ConfigError> {
+        // −0 and 0 are one current.
+        let mut levels_a: Vec<f64> = list.iter().map(|level| level.si + 0.0).collect();
+        let differ = levels_a
+            .iter()
+            .enumerate()
+            .all(|(k, level)| !levels_a[..k].contains(level));
+        if levels_a.is_empty() || !differ || levels_a.iter().any(|level| !level.is_finite()) {
+            return Err(self.complain(
+                "eis.bias",
+                format!("expected currents that differ, found {levels_a:?} A"),
+            ));
+        }
+        if let Some(small) = levels_a
+            .iter()
+            .find(|level| **level != 0.0 && level.abs() < LEAST_A)
+        {
+            return Err(self.complain(
+                "eis.bias",
+                format!(
+                    "expected 0 A, or at least {LEAST_A} A in either direction, found {small} A"
+                ),
+            ));
+        }
+        levels_a.sort_by_key(|level| *level != 0.0);
+        Ok(levels_a)
+    }
+
+    /// Refuses keys that have no effect without a direct current.
+    fn refuse_alone(&self, raw: &raw::Eis) -> Result<(), ConfigError> {
+        let given = [
+            ("eis.bias_charge", raw.bias_charge.is_some()),
+            ("eis.resistance_max", raw.resistance_max.is_some()),
+            ("eis.bias_settle", raw.bias_settle.is_some()),
+        ];
+        match given.iter().find(|(_, given)| *given) {
+            None => Ok(()),
+            Some((field, _)) => Err(self.complain(
+                field,
+                "expected eis.bias beside it, with a current other than 0 A",
+            )),
+        }
+    }
+
+    /// Checks the direct currents with the greatest amplitude against cell, supply and generator.
+    pub(super) fn check_bias(
+        &self,
+        bias: &EisBias,
+        amplitude_a: f64,
+        setpoint_degc: Option<f64>,
+    ) -> Result<(), ConfigError> {
+        let limits = &self.cell.limits;
+        let (driven_a, what) = self
+            .driven_a()
+            .map_err(|reason| self.complain("eis.bias", reason))?;
+        for bias_a in bias.levels_a.iter().copied() {
+            let (least_a, greatest_a) = (bias_a - amplitude_a, bias_a + amplitude_a);
+            if -least_a > limits.discharge_a || greatest_a > limits.charge_a {
+                let reason = format!(
+                    "expected {bias_a} A ± {amplitude_a} A within -{} A to {} A, the limits of the \
+                    cell",
+                    limits.discharge_a, limits.charge_a
+                );
+                return Err(self.complain("eis.bias", reason));
+            }
+            if bias_a.abs() + amplitude_a > driven_a {
+                let reason = format!(
+                    "expected {bias_a} A ± {amplitude_a} A within ±{driven_a:.3} A, the limits of \
+                    {what} and its generator"
+                );
+                return Err(self.complain("eis.bias", reason));
+            }
+            let rise_k = bias.plan(bias_a, amplitude_a).rise_k();
+            let warmest_degc = setpoint_degc.map(|degc| degc + rise_k);
+            if let Some(warmest_degc) = warmest_degc.filter(|degc| *degc > limits.max_degc) {
+                let reason = format!(
+                    "expected the cell to stay below {} °C, found up to {warmest_degc:.1} °C: \
+                    {bias_a} A warm it by {rise_k:.1} K at worst",
+                    limits.max_degc
+                );
+                return Err(self.complain("eis.bias", reason));
+            }
+        }
+        Ok(())
+    }
+}
+
+impl EisBias {
+    /// Returns the ramp from zero to a direct current, A.
+    pub fn plan(&self, bias_a: f64, amplitude_a: f64) -> Bias {
+        Bias {
+            from_a: 0.0,
+            to_a: bias_a,
+            settle_s: self.settle_s,
+            amplitude_a,
+            resistance_ohm: self.resistance_ohm,
+            most_coulomb: self.most_coulomb,
+            capacity_coulomb: self.capacity_coulomb,
+        }
+    }
+}
+
+impl Eis {
+    /// Returns the sweeps of a round: direct current and amplitude of each, A. Every second round is
+    /// reversed, so that a linear drift of the cell cancels in the means over two rounds.
+    pub fn sweeps_of(&self, round: usize) -> Vec<[f64; 2]> {
+        let levels_a = match &self.bias {
+            Some(bias) if self.fixture == Fixture::Cell => bias.levels_a.as_slice(),
+            _ => &[0.0],
+        };
+        let all = levels_a.iter().flat_map(|bias_a| {
+            let with = |amplitude_a: &f64| [*bias_a, *amplitude_a];
+            self.steps_a.iter().map(with)
+        });
+        let mut sweeps: Vec<[f64; 2]> = all.collect();
+        if levels_a.len() > 1 && round.is_multiple_of(2) {
+            sweeps.reverse();
+        }
+        sweeps
+    }
+}
