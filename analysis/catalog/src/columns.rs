@@ -77,6 +77,7 @@ pub(crate) fn spectrum_of(row: &Row<'_>) -> rusqlite::Result<CatalogSpectrum> {
         started_unix_s: row.get("started_unix_s")?,
         time_source: source(row)?,
         amplitude_a: row.get("amplitude_a")?,
+        bias_a: row.get("bias_a")?,
         ocv_v: row.get("ocv_v")?,
         temperature_degc: row.get("temperature_c")?,
         points: row.get("points")?,

@@ -353,5 +353,6 @@ pub(crate) fn point_columns(rows: &[Points]) -> Vec<TableColumn> {
         }),
         circumstance("ocv_v", &|one| one.ocv_v),
         circumstance("temperature_c", &|one| one.temperature_degc),
+        circumstance("bias_a", &|one| Some(one.bias_a)),
     ]
 }

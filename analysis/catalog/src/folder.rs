@@ -285,6 +285,7 @@ impl<'a> Reading<'a> {
             ),
             time_source: self.time_source(),
             amplitude_a: sweep.amplitude_a,
+            bias_a: sweep.bias_a,
             ocv_v: sweep.start_ocv_v,
             temperature_degc: sweep.temperature_degc,
             points: ends.points,

@@ -207,6 +207,8 @@ pub struct CatalogSpectrum {
     pub time_source: TimeSource,
     /// Amplitude of the current as commanded, A.
     pub amplitude_a: f64,
+    /// Direct current under the sinusoids as commanded, A; 0 at rest.
+    pub bias_a: f64,
     /// Voltage at rest before it, V.
     pub ocv_v: Option<f64>,
     /// Temperature of the cell's surface, °C.

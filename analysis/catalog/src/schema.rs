@@ -53,7 +53,8 @@ CREATE TABLE spectrum (
   run TEXT NOT NULL, file TEXT NOT NULL, name TEXT NOT NULL, bench TEXT NOT NULL,
   cell TEXT NOT NULL, serial TEXT, batch TEXT, chemistry TEXT, fixture TEXT NOT NULL,
   corrected INTEGER NOT NULL, repeat INTEGER NOT NULL,
-  started_unix_s REAL NOT NULL, time_source TEXT NOT NULL, amplitude_a REAL NOT NULL, ocv_v REAL,
+  started_unix_s REAL NOT NULL, time_source TEXT NOT NULL, amplitude_a REAL NOT NULL,
+  bias_a REAL NOT NULL, ocv_v REAL,
   temperature_c REAL, points INTEGER NOT NULL, refused_points INTEGER NOT NULL, low_hz REAL,
   high_hz REAL, r_high_ohm REAL, r_high_sigma_ohm REAL, r_low_ohm REAL, r_low_sigma_ohm REAL,
   PRIMARY KEY (run, file)

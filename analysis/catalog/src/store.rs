@@ -196,7 +196,8 @@ fn put_spectrum(connection: &Connection, one: &CatalogSpectrum) -> rusqlite::Res
     let mut into = connection.prepare_cached(
         "INSERT OR REPLACE INTO spectrum VALUES (:run, :file, :name, :bench, :cell, :serial, :batch, \
          :chemistry, :fixture, \
-         :corrected, :repeat, :started_unix_s, :time_source, :amplitude_a, :ocv_v, \
+         :corrected, :repeat, :started_unix_s, :time_source, :amplitude_a, :bias_a, \
+         :ocv_v, \
          :temperature_c, :points, :refused_points, :low_hz, :high_hz, :r_high_ohm, \
          :r_high_sigma_ohm, :r_low_ohm, :r_low_sigma_ohm)",
     )?;
@@ -215,6 +216,7 @@ fn put_spectrum(connection: &Connection, one: &CatalogSpectrum) -> rusqlite::Res
         ":started_unix_s": one.started_unix_s,
         ":time_source": one.time_source.label(),
         ":amplitude_a": one.amplitude_a,
+        ":bias_a": one.bias_a,
         ":ocv_v": one.ocv_v,
         ":temperature_c": one.temperature_degc,
         ":points": one.points,

@@ -498,7 +498,8 @@ fn moments(data: &Path, card: &Card, cell: &str) -> Vec<Moment> {
     };
     let of_cell = index.sweeps.iter().filter(|sweep| {
         let name = sweep.cell.as_ref().unwrap_or(only);
-        sweep.fixture == "cell" && sweep.corrected && name == cell
+        let at_rest = sweep.bias_a == 0.0;
+        sweep.fixture == "cell" && sweep.corrected && at_rest && name == cell
     });
     let moment = |sweep: &analysis::dataset::SweepEntry| {
         let spectrum = spectra::read(&folder, &sweep.file)?;

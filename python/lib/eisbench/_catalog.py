@@ -73,6 +73,7 @@ _SPECTRUM = {
     "started_unix_s": "number",
     "time_source": "text",
     "amplitude_a": "number",
+    "bias_a": "number",
     "ocv_v": "number",
     "temperature_c": "number",
     "points": "count",
