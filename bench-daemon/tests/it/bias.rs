@@ -1,7 +1,7 @@
 //! Sweeps under a direct current on the simulated bench: impedance, current and charge against the
 //! truth, the order of the sweeps, and what ends such a run.
 
-use std::{fs, path::Path};
+use std::{collections::BTreeMap, fs, path::Path};
 
 use analysis::dataset::{RunIndex, SweepEntry};
 use bench_daemon::command::run::run_experiment;
@@ -536,4 +536,49 @@ fn the_scope_follows_the_cell_while_its_charge_moves() {
         "{}",
         finished.summary
     );
+}
+
+/// Ten benches with their own harness, sweeps from 0.1 Hz to 300 Hz under three currents.
+#[test]
+#[ignore = "drill"]
+fn the_uncertainty_of_a_point_under_a_direct_current_covers_the_truth() {
+    let bias = "bias = [\"2 A\", \"-5 A\", \"5 A\"]\nbias_charge = \"6 %\"\n\
+        resistance_max = \"20 mΩ\"\norder = \"descending\"";
+    let files = biased(0.1, 12, bias).edit(EXPERIMENT, "periods = 11", "periods = 7");
+    let mut covered: BTreeMap<i32, [usize; 2]> = BTreeMap::new();
+    for seed in 1..=10 {
+        let mut experiment = files.load();
+        experiment.seed = seed;
+        let out = files.path(&format!("run{seed}"));
+        let finished = run_experiment(&experiment, &out).unwrap();
+        let index = fs::read_to_string(out.join("traces.json")).unwrap();
+        let index: RunIndex = serde_json::from_str(&index).unwrap();
+        let world = finished.simulation.as_ref().unwrap().world();
+        let world = world.lock().unwrap();
+        for (entry, spectrum) in index.sweeps.iter().zip(finished.measured.spectra()) {
+            for (k, point) in spectrum.points.iter().enumerate() {
+                let conditions = entry.conditions.get(k);
+                let moved_coulomb = conditions.map_or(0.0, |at| at.charge_coulomb);
+                let soc = 0.6 + moved_coulomb / (4.5 * 3600.0);
+                let truth = world.truth_impedance_under(point.freq_hz, entry.bias_a, soc);
+                let off_ohm = point.z_ohm - truth;
+                for (off_ohm, variance) in [
+                    (off_ohm.re, point.covariance.re_re),
+                    (off_ohm.im, point.covariance.im_im),
+                ] {
+                    let [within, all] = covered.entry(entry.bias_a as i32).or_default();
+                    *within += usize::from(off_ohm.abs() <= 1.96 * variance.sqrt());
+                    *all += 1;
+                }
+            }
+        }
+        let left = world.truth_soc() - 0.6;
+        eprintln!("seed {seed}: {:+.3} % of the charge", 100.0 * left);
+        assert!(left.abs() < 1.0e-3, "seed {seed}: {left}");
+    }
+    eprintln!("within 1.96 σ, by current: {covered:?}");
+    for (bias_a, [within, all]) in covered {
+        let share = within as f64 / all as f64;
+        assert!(share >= 0.9, "{bias_a} A: {within} of {all}");
+    }
 }
