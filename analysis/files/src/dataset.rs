@@ -315,7 +315,7 @@ pub fn write_biased_spectrum_csv(
     let fields = |point: &PointConditions| -> String {
         let values = [
             point.bias_a,
-            point.bias_met_a,
+            point.bias_measured_a,
             point.sigma_bias_a,
             point.charge_coulomb,
             point.temperature_degc.unwrap_or(f64::NAN),

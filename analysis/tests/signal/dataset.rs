@@ -220,7 +220,7 @@ fn a_spectrum_under_a_direct_current_states_it_at_each_point_and_reads_back() {
     let spectrum = Spectrum::new("s".to_owned(), vec![point(1.0), point(2.0)]);
     let conditions = PointConditions {
         bias_a: -2.0,
-        bias_met_a: -1.97,
+        bias_measured_a: -1.97,
         sigma_bias_a: 0.02,
         charge_coulomb: -100.5,
         temperature_degc: None,
@@ -230,7 +230,7 @@ fn a_spectrum_under_a_direct_current_states_it_at_each_point_and_reads_back() {
     let text = fs::read_to_string(&path).unwrap();
     assert_eq!(
         text.lines().next().unwrap(),
-        format!("{HEADER},bias_a,bias_met_a,sigma_bias_a,charge_c,temperature_c,flags")
+        format!("{HEADER},bias_a,bias_measured_a,sigma_bias_a,charge_c,temperature_c,flags")
     );
     assert!(
         text.lines()

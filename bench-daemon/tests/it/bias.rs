@@ -102,7 +102,7 @@ fn a_sweep_under_a_direct_current_meets_the_cell_at_its_charge_and_brings_it_bac
         assert_eq!(entry.conditions.len(), count);
         for point in &entry.conditions {
             // The drive is two per cent weak, the zero error is cancelled, and the sinusoid adds none.
-            let off_a = point.bias_met_a - 0.98 * entry.bias_a;
+            let off_a = point.bias_measured_a - 0.98 * entry.bias_a;
             eprintln!("{point:?}: off by {off_a:.4} A");
             assert!(
                 off_a.abs() < 3.0 * point.sigma_bias_a,
@@ -146,7 +146,7 @@ fn a_sweep_under_a_direct_current_meets_the_cell_at_its_charge_and_brings_it_bac
     assert!(
         text.starts_with(
             "freq_hz,z_re_ohm,z_im_ohm,sigma_re_ohm,sigma_im_ohm,cov_re_im_ohm2,amplitude_a,bias_a,\
-            bias_met_a,sigma_bias_a,charge_c,temperature_c"
+            bias_measured_a,sigma_bias_a,charge_c,temperature_c"
         ),
         "{text}"
     );

@@ -58,7 +58,7 @@ pub const CONDITION_COLUMNS: &[ColumnSpec] = &[
         doc: "commanded direct current under the sinusoid, charge positive",
     },
     ColumnSpec {
-        name: "bias_met_a",
+        name: "bias_measured_a",
         unit: "A",
         doc: "measured direct current",
     },

@@ -26,7 +26,7 @@ pub struct PointConditions {
     /// Commanded direct current, A, charge positive.
     pub bias_a: f64,
     /// Measured direct current, A.
-    pub bias_met_a: f64,
+    pub bias_measured_a: f64,
     /// Standard deviation of the measured direct current, A.
     pub sigma_bias_a: f64,
     /// Charge that the direct current has moved since the rest before the sweep, C, at the middle of

@@ -214,7 +214,7 @@ impl<'a> SweepWriter<'a> {
     fn conditions(&self, points: &[SweepPoint]) -> Vec<PointConditions> {
         let unknown = PointConditions {
             bias_a: self.bias_a,
-            bias_met_a: f64::NAN,
+            bias_measured_a: f64::NAN,
             sigma_bias_a: f64::NAN,
             charge_coulomb: f64::NAN,
             temperature_degc: None,

@@ -105,7 +105,7 @@ impl BiasState {
     ) -> Option<PointConditions> {
         self.is_on().then(|| PointConditions {
             bias_a: self.commanded_a,
-            bias_met_a: self.met.current_a,
+            bias_measured_a: self.met.current_a,
             sigma_bias_a: self.met.sigma_a,
             charge_coulomb: self.moved_coulomb(at_s),
             temperature_degc: temperature_degc.filter(|degc| degc.is_finite()),
@@ -144,7 +144,7 @@ mod tests {
         assert!((bias.moved_coulomb(21.0) - 21.0).abs() < 1.0e-12);
         let at = bias.conditions(20.0, Some(f64::NAN)).unwrap();
         assert_eq!(
-            (at.bias_a, at.bias_met_a, at.temperature_degc),
+            (at.bias_a, at.bias_measured_a, at.temperature_degc),
             (2.0, 2.0, None)
         );
         assert!((at.charge_coulomb - 19.0).abs() < 1.0e-12);

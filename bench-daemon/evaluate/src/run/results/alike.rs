@@ -106,7 +106,7 @@ mod tests {
     fn point(bias_a: f64) -> SweepPoint {
         let conditions = PointConditions {
             bias_a,
-            bias_met_a: bias_a,
+            bias_measured_a: bias_a,
             sigma_bias_a: 0.01,
             charge_coulomb: 1.0,
             temperature_degc: None,
