@@ -251,7 +251,10 @@ fn a_spectrum_under_a_direct_current_states_it_at_each_point_and_reads_back() {
     let error = analysis::formats::read_sourced(&path)
         .unwrap_err()
         .to_string();
-    assert!(error.contains("bias_a") && error.contains(":3"), "{error}");
+    assert!(
+        error.contains("bias_a") && error.contains("line 3"),
+        "{error}"
+    );
 }
 
 #[test]

@@ -69,7 +69,8 @@ export function together(drafts) {
     if (isSmaller) margins.set(one.quantity, one);
   }
   const plans = drafts.map((draft) => draft.plan);
-  const sum = (key) => (plans.every((plan) => known(plan[key])) ? plans.reduce((all, plan) => all + plan[key], 0) : null);
+  const isKnown = (key) => plans.every((plan) => known(plan[key]));
+  const sum = (key) => (isKnown(key) ? plans.reduce((all, plan) => all + plan[key], 0) : null);
   const keys = ["expected_s", "longest_s", "charge_c", "discharge_c"];
   const plan = plans.every(Boolean) ? Object.fromEntries(keys.map((key) => [key, sum(key)])) : null;
   return { plan, mistakes: drafts.flatMap((draft) => draft.mistakes), margins: [...margins.values()] };

@@ -136,7 +136,8 @@ mod tests {
 
     #[test]
     fn sweeps_under_another_direct_current_are_not_alike_and_are_named() {
-        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/experiments/demo.toml");
+        let file =
+            Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/experiments/demo.toml");
         let experiment = load_experiment(&file, None).unwrap();
         let of = |biases_a: &[f64]| {
             let mut measured = RunAccumulator::new(&experiment, None).measured;
