@@ -6,9 +6,10 @@
 //! demand and a state to a current, also beyond the available power (tangent of thesis 4.2.1);
 //! `step` advances the state; [`simulate`] runs a profile with error control and returns a
 //! [`Trace`] and a [`Summary`]; [`CellWindow`] judges voltages; [`step_with_jacobian`] and
-//! [`sensitivity`] differentiate; [`simulate_batch`] runs many cells in lockstep; [`largest_scale`]
-//! determines how much of a profile fits into the window. `additions` contains the parts of
-//! [`analysis_effects::effects`] that no linear branch can represent.
+//! [`sensitivity`] differentiate; [`HeldStep`] steps without memory allocation; [`simulate_batch`]
+//! runs many cells in lockstep; [`largest_scale`] determines how much of a profile fits into the
+//! window. `additions` contains the parts of [`analysis_effects::effects`] that no linear branch can
+//! represent.
 //!
 //! `mapped` simulates a model whose resistances follow state of charge and temperature.
 //!
@@ -19,6 +20,7 @@ mod additions;
 mod batch;
 mod error;
 mod halving;
+mod held;
 mod law;
 mod limits;
 mod mapped;
@@ -35,6 +37,7 @@ mod trace;
 
 pub use batch::{BatchCell, BatchOptions, BatchOutcome, MAX_BATCH_RC, simulate_batch};
 pub use error::ForwardError;
+pub use held::{HeldStep, Instant};
 pub use law::{Beyond, Demand, Drive, Reply};
 pub use limits::CellWindow;
 pub use model::{OcvSource, SimModel, SimState};

@@ -227,7 +227,7 @@ pub fn sensitivity(
 }
 
 impl StepOptions {
-    fn check(&self) -> Result<(), ForwardError> {
+    pub(super) fn check(&self) -> Result<(), ForwardError> {
         let bad = |what, expected, met| {
             Err(ForwardError::Value {
                 what,
@@ -304,16 +304,16 @@ fn row(
 }
 
 /// Voltage and current of an instant, with their derivatives.
-struct Look {
-    ccv_v: f64,
-    current_a: f64,
-    infeasible: bool,
+pub(super) struct Look {
+    pub(super) ccv_v: f64,
+    pub(super) current_a: f64,
+    pub(super) infeasible: bool,
     ocv_slope_v: f64,
     reply: super::law::Reply,
 }
 
 impl Look {
-    fn at(
+    pub(super) fn at(
         integrator: &Integrator<'_>,
         asked: DemandPoint,
         state: &SimState,

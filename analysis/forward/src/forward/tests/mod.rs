@@ -4,6 +4,7 @@
 mod additions;
 mod batch;
 mod exactness;
+mod held;
 mod law;
 mod mapped;
 mod profile;
