@@ -39,7 +39,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
     for path in &args.profiles {
         let profile = read_profile(path, &args.read.options()).map_err(usage)?;
         check_euler(args, &model, &profile)?;
-        let options = options(args, &profile, window);
+        let options = options(args, &profile, window)?;
         let case =
             Case::run(&file, &model, &state, profile, options, args.dcir_ohm).map_err(|error| {
                 match error {

@@ -152,6 +152,55 @@ fn too_much_power_is_a_result_and_the_tangent_goes_on() {
 }
 
 #[test]
+fn the_share_at_which_the_tangent_begins_is_an_option() {
+    let folder = fitted();
+    let jump = "0 100\n0.5 600\n0.500001 100\n1 0\n";
+    std::fs::write(folder.path().join("jump.txt"), jump).unwrap();
+    let base = [
+        "simulate",
+        "--model",
+        "p45b/model_4rc.json",
+        "--profile",
+        "jump.txt",
+        "--ocv-v",
+        "3.72",
+        "--json",
+        "--beyond",
+        "extrapolate",
+    ];
+    let with = |share: &[&str]| json(folder.path(), &[&base[..], share].concat());
+    let default = with(&[]);
+    assert_eq!(
+        default["min_ccv_v"],
+        with(&["--p0-share", "0.95"])["min_ccv_v"]
+    );
+    for (share, found) in [(0.95, &default), (0.7, &with(&["--p0-share", "0.7"]))] {
+        // E²/4R is the available power; R is that of appendix A.
+        let most_w = number(&found["first_infeasible"], "available_w");
+        let e_v = (4.0 * 6.4286e-3 * most_w).sqrt();
+        let c = (1.0_f64 - share).sqrt();
+        let ccv_v = 0.5 * e_v * (1.0 + c - (600.0 / most_w - share) / (2.0 * c));
+        assert!(
+            (number(found, "min_ccv_v") - ccv_v).abs() < 2e-3,
+            "{share}: {found}"
+        );
+    }
+    for (beyond, share, reason) in [
+        ("extrapolate", "1", "above 0 and below 1, met 1"),
+        ("extrapolate", "-0.2", "above 0 and below 1, met -0.2"),
+        ("stop", "0.9", "met --beyond stop"),
+    ] {
+        let call = [&base[..9], &[beyond, "--p0-share", share]].concat();
+        let output = eis_bench(folder.path(), &call);
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(
+            output.status.code() == Some(2) && error.contains(reason),
+            "{error}"
+        );
+    }
+}
+
+#[test]
 fn the_robot_profiles_run_and_the_transient_model_frees_power() {
     let Some(profiles) = robot_profiles() else {
         eprintln!("skipped: no shared data");

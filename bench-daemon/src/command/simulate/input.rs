@@ -80,10 +80,14 @@ pub struct SimulateArgs {
     /// a quarter of the shortest time constant or by --step-s.
     #[arg(long, value_enum, default_value_t = Steps::Exact)]
     pub method: Steps,
-    /// Treatment of power that cannot be had: `stop`, or `extrapolate` along the tangent from 95 %
-    /// of it (thesis 4.2.1), which ends at 0 V.
+    /// Treatment of power that cannot be had: `stop`, or `extrapolate` along the tangent from
+    /// --p0-share of it (thesis 4.2.1), which ends at 0 V.
     #[arg(long, value_enum, default_value_t = Policy::Stop)]
     pub beyond: Policy,
+    /// P₀, at which the tangent of --beyond extrapolate leaves the curve, as a share of the largest
+    /// power, above 0 and below 1 [default: 0.95]
+    #[arg(long, value_name = "X", allow_negative_numbers = true)]
+    pub p0_share: Option<f64>,
     /// Longest distance of two rows of the trace, and step of `thesis`, s [default: a 2000th of the
     /// profile]
     #[arg(long, value_name = "S", allow_hyphen_values = true, value_parser = units::of::<Duration>)]
@@ -198,27 +202,46 @@ pub(super) fn window(args: &SimulateArgs) -> Result<CellWindow, Failure> {
     )))
 }
 
-/// Options of a simulation of a profile.
-pub(super) fn options(args: &SimulateArgs, profile: &Profile, window: CellWindow) -> SimOptions {
-    let beyond = match args.beyond {
-        Policy::Stop => Beyond::Stop,
-        Policy::Extrapolate => Beyond::Extrapolate {
-            fraction: Beyond::FRACTION,
+/// Treatment of power that cannot be had, from --beyond and --p0-share.
+pub(super) fn beyond(args: &SimulateArgs) -> Result<Beyond, Failure> {
+    let beyond = match (args.beyond, args.p0_share) {
+        (Policy::Stop, None) => Beyond::Stop,
+        (Policy::Stop, Some(_)) => {
+            let expected = "--p0-share: expected with --beyond extrapolate, met --beyond stop";
+            return Err(Failure::Usage(expected.to_owned()));
+        }
+        (Policy::Extrapolate, share) => Beyond::Extrapolate {
+            fraction: share.unwrap_or(Beyond::FRACTION),
         },
     };
+    match (beyond.is_valid(), args.p0_share) {
+        (false, Some(met)) => Err(Failure::Usage(format!(
+            "--p0-share: expected a number above 0 and below 1, met {met}"
+        ))),
+        _ => Ok(beyond),
+    }
+}
+
+/// Options of a simulation of a profile.
+pub(super) fn options(
+    args: &SimulateArgs,
+    profile: &Profile,
+    window: CellWindow,
+) -> Result<SimOptions, Failure> {
+    let beyond = beyond(args)?;
     let method = match args.method {
         Steps::Exact => Method::Exact,
         Steps::Thesis => Method::Thesis,
     };
     let max_step_s = args.step_s.unwrap_or_else(|| profile.duration_s() / 2000.0);
-    SimOptions {
+    Ok(SimOptions {
         method,
         beyond,
         window,
         max_step_s,
         thesis_step_s: args.step_s,
         ..SimOptions::default()
-    }
+    })
 }
 
 /// Explicit Euler steps by a quarter of the shortest time constant, which for a circuit's ladder

@@ -15,7 +15,9 @@ use analysis::{
     rows::{Cell, ResultColumn, ResultRow},
 };
 
-use super::input::{SimulateArgs, check_euler, options, source_of_ocv, state, usage, window};
+use super::input::{
+    SimulateArgs, beyond, check_euler, options, source_of_ocv, state, usage, window,
+};
 use crate::command::batch::{Items, Job, paths, work};
 use bench_core::safety::failure::Failure;
 use bench_evaluate::files;
@@ -98,6 +100,7 @@ pub(super) fn table(args: &SimulateArgs, table: &Path) -> Result<(), Failure> {
         }
     }
     let window = window(args)?;
+    beyond(args)?;
     let paths = paths::files_of(&args.profiles, "profiles")?;
     let mut profiles = Vec::new();
     for path in &paths {
@@ -148,7 +151,7 @@ pub(super) fn table(args: &SimulateArgs, table: &Path) -> Result<(), Failure> {
         // The figures come from the steps of the solver, so rows of a trace are not needed.
         let options = SimOptions {
             max_step_s: args.step_s.unwrap_or(f64::INFINITY),
-            ..options(args, profile, window)
+            ..options(args, profile, window)?
         };
         let run = simulate(&model, &state, profile, &options).map_err(usage)?;
         let scale = ScaleOptions {
