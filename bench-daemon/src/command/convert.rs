@@ -110,7 +110,7 @@ pub enum To {
     C,
     /// A model as a PyBaMM parameter file.
     Pybamm,
-    /// A model as a CasADi function of one step.
+    /// A model as CasADi functions of one step, under a current or a power.
     Casadi,
     /// A model as the project's JSON: a circuit as its ladder, a typed model as a file.
     Model,

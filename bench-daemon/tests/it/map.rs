@@ -112,7 +112,7 @@ fn a_task_of_one_point_says_so_or_refuses_a_map() {
         to.to_str().unwrap(),
     ]);
     assert!(
-        code != 0 && error.contains("the C header takes it"),
+        code != 0 && error.contains("C and CasADi take it"),
         "{error}"
     );
     let (code, _, error) =

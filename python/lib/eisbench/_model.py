@@ -319,11 +319,27 @@ class Model:
         """
         return self._model.code(to, window_v[0], window_v[1], temperature_c)
 
-    def to_casadi(self) -> Any:
-        """A ``casadi.Function`` of one step: (state, current in A, step in s) → (next state, voltage
-        at the terminals in V), with derivatives. Needs CasADi.
+    def to_casadi(
+        self, function: str = "step", *, window_v: tuple[float, float] = (2.5, 4.2), **options: int
+    ) -> Any:
+        """A ``casadi.Function`` with derivatives. Needs CasADi.
+
+        ``step``: (state, current in A, step in s) → (next state, voltage at the terminals in V).
+        ``look``: (state, power in W, P₀) → (voltage at the terminals in V, current in A, margins in V
+        above the lower and below the upper end of ``window_v``). ``power_step``: (state, power in W,
+        step in s, P₀) → (next state, and those of ``look`` at the start of the step).
+
+        P₀ is the share of the most power from which the voltage follows its tangent, by default
+        0.95. ``order``, 1 or 2, is the number of continuous derivatives there, and ``parts`` the
+        number of equal parts of a ``power_step``. A model with a map has the temperature in °C as
+        second state, and that of the surroundings as last input of the steps.
+
+        Raises EisError for another function, and as :meth:`code`.
         """
-        return self._module("casadi")["step"]()
+        if function not in ("step", "look", "power_step"):
+            expected = "expected step, look or power_step"
+            raise EisError(f"to_casadi: {expected}, met {function!r}")
+        return self._module("casadi", window_v=window_v)[function](**options)
 
     def to_pybamm(self, **options: Any) -> Any:
         """``pybamm.ParameterValues`` for ``pybamm.equivalent_circuit.Thevenin``. Needs PyBaMM."""

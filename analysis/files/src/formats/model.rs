@@ -2,9 +2,9 @@
 //!
 //! All contain the same: a series resistance, RC branches, and the open-circuit voltage over the
 //! state of charge as knots of a cubic Hermite curve, as evaluated by [`OcvCurve::at`]. Currents
-//! are positive for discharge. The C header also takes a map over state of charge and temperature.
-//! These formats cannot represent effects that a diagnosis has added to a model; such models are
-//! refused.
+//! are positive for discharge. The C header and the CasADi module also take a power, with the
+//! tangent beyond P₀, and a map over state of charge and temperature. These formats cannot represent
+//! effects that a diagnosis has added to a model; such models are refused.
 
 mod map;
 mod text;
@@ -23,6 +23,11 @@ use analysis_model::{
 
 /// Points of the curve for a program that interpolates linearly.
 const DENSE: u32 = 400;
+/// Voltage below which the law of power takes a higher one, as a share of the greatest open-circuit
+/// voltage.
+const FLOOR_SHARE: f64 = 0.125;
+/// The same at least, V.
+const LEAST_FLOOR_V: f64 = 0.1;
 /// Kelvin at 0 °C.
 const KELVIN: f64 = 273.15;
 
@@ -34,7 +39,7 @@ pub enum ModelFormat {
     CHeader,
     /// A Python module whose `get_parameter_values` PyBaMM's `equivalent_circuit.Thevenin` takes.
     PyBamm,
-    /// A Python module that builds a CasADi function of one step.
+    /// A Python module that builds CasADi functions of one step.
     CasAdi,
 }
 
@@ -71,7 +76,7 @@ pub enum ModelExportError {
     /// A map.
     #[error(
         "model {name}: expected a model of one point for this format, met a map over the state of \
-        charge and the temperature; the C header takes it"
+        charge and the temperature; C and CasADi take it"
     )]
     Map {
         /// The model.
@@ -146,25 +151,20 @@ impl CellModel {
     /// Returns the text of the file.
     ///
     /// # Errors
-    /// [`ModelExportError::Map`] for a map in a format other than C.
+    /// [`ModelExportError::Map`] for a map for PyBaMM.
     pub fn text(&self, format: ModelFormat) -> Result<String, ModelExportError> {
-        let (template, comment) = match (format, &self.map) {
-            (ModelFormat::CHeader, None) => (C_HEADER.replace("@OCV@", C_OCV), " *"),
-            (ModelFormat::CHeader, Some(map)) => (map::template(map, C_OCV), " *"),
-            (_, Some(_)) => {
-                let name = self.name.clone();
-                return Err(ModelExportError::Map { name });
-            }
-            (ModelFormat::PyBamm, None) => (PYBAMM.to_owned(), "#"),
-            (ModelFormat::CasAdi, None) => (CASADI.to_owned(), "#"),
+        let template = self.template(format)?;
+        let comment = match format {
+            ModelFormat::CHeader => " *",
+            ModelFormat::PyBamm | ModelFormat::CasAdi => "#",
         };
         let list = |values: &mut dyn Iterator<Item = f64>| {
             rows(
                 values,
-                if format == ModelFormat::CHeader {
-                    "    "
-                } else {
+                if format == ModelFormat::PyBamm {
                     "        "
+                } else {
+                    "    "
                 },
             )
         };
@@ -217,6 +217,8 @@ impl CellModel {
             ("@DENSE@", DENSE.to_string()),
             ("@LOW_V@", format!("{:?}", self.window_v.start())),
             ("@HIGH_V@", format!("{:?}", self.window_v.end())),
+            ("@FLOOR_V@", format!("{:?}", self.floor_v())),
+            ("@AMBIENT_DEGC@", format!("{:?}", self.temperature_degc)),
             (
                 "@TEMPERATURE_K@",
                 format!("{:?}", self.temperature_degc + KELVIN),
@@ -227,6 +229,28 @@ impl CellModel {
             .iter()
             .fold(template, |text, (mark, value)| text.replace(mark, value));
         Ok(text)
+    }
+
+    /// Returns the text with marks, those of the parts of the file and of the map filled.
+    fn template(&self, format: ModelFormat) -> Result<String, ModelExportError> {
+        let parts = match (format, &self.map) {
+            (ModelFormat::PyBamm, None) => return Ok(PYBAMM.to_owned()),
+            (ModelFormat::PyBamm, Some(_)) => {
+                let name = self.name.clone();
+                return Err(ModelExportError::Map { name });
+            }
+            (ModelFormat::CHeader, map) => c_parts(map.as_ref()),
+            (ModelFormat::CasAdi, map) => casadi_parts(map.as_ref()),
+        };
+        let fill = |text: String, (mark, value): &(&str, String)| text.replace(mark, value);
+        Ok(parts.iter().fold("@WHOLE@".to_owned(), fill))
+    }
+
+    /// Returns the voltage below which the law of power takes a higher one, V: far below those of
+    /// the cell.
+    fn floor_v(&self) -> f64 {
+        let greatest_v = self.curve.ocv_v.last().copied().unwrap_or_default();
+        (greatest_v * FLOOR_SHARE).max(LEAST_FLOOR_V)
     }
 
     fn pybamm_elements(&self) -> String {
@@ -247,107 +271,61 @@ impl CellModel {
     }
 }
 
+/// Parts of a C header and their marks, in the order in which they are filled.
+fn c_parts(map: Option<&CellMap>) -> Vec<(&'static str, String)> {
+    let (whole, ambient, given_ambient) = match map {
+        None => (C_CELL.to_owned(), "", ""),
+        Some(map) => {
+            let whole = map::fill(map::HEADER, map, "    0.0");
+            (whole, "double ambient_degc, ", "ambient_degc, ")
+        }
+    };
+    vec![
+        ("@WHOLE@", whole),
+        ("@OCV@", C_OCV.to_owned()),
+        ("@LAW@", C_LAW.to_owned()),
+        ("@STEP@", C_STEP.to_owned()),
+        ("@AMBIENT@", ambient.to_owned()),
+        ("@GIVEN_AMBIENT@", given_ambient.to_owned()),
+    ]
+}
+
+/// Parts of a CasADi module and their marks, in the order in which they are filled.
+fn casadi_parts(map: Option<&CellMap>) -> Vec<(&'static str, String)> {
+    let (cell, state, input, accuracy) = match map {
+        None => (
+            CASADI_CELL.to_owned(),
+            "The state is (state of charge, voltages over the RC branches).",
+            "",
+            "exact",
+        ),
+        Some(map) => (
+            map::fill(map::CASADI, map, ""),
+            "The state is (state of charge, temperature in degrees Celsius, voltages over the RC \
+                branches).",
+            ", ambient_degc",
+            "of second order in the step",
+        ),
+    };
+    vec![
+        ("@WHOLE@", CASADI.to_owned()),
+        ("@CELL@", cell),
+        ("@STATE@", state.to_owned()),
+        ("@INPUT@", input.to_owned()),
+        ("@ACCURACY@", accuracy.to_owned()),
+    ]
+}
+
+const C_CELL: &str = include_str!("model/cell.h.in");
 /// The open-circuit voltage of both C headers.
-const C_OCV: &str = r"/* Knots of a cubic Hermite curve: state of charge, voltage, slope over the state of charge. */
-static const double eis_knot_soc[EIS_KNOTS] = {
-@SOC@
-};
-static const double eis_knot_ocv_v[EIS_KNOTS] = {
-@OCV_V@
-};
-static const double eis_knot_slope_v[EIS_KNOTS] = {
-@SLOPE_V@
-};
-
-/* Open-circuit voltage, V. */
-static inline double eis_ocv_v(double soc)
-{
-    const int last = EIS_KNOTS - 1;
-    if (soc <= eis_knot_soc[0])
-        return eis_knot_ocv_v[0] + eis_knot_slope_v[0] * (soc - eis_knot_soc[0]);
-    if (soc >= eis_knot_soc[last])
-        return eis_knot_ocv_v[last] + eis_knot_slope_v[last] * (soc - eis_knot_soc[last]);
-    int low = 0, high = last;
-    while (high - low > 1) {
-        const int middle = (low + high) / 2;
-        if (eis_knot_soc[middle] <= soc)
-            low = middle;
-        else
-            high = middle;
-    }
-    const double width = eis_knot_soc[high] - eis_knot_soc[low];
-    const double t = (soc - eis_knot_soc[low]) / width;
-    const double m0 = width * eis_knot_slope_v[low], m1 = width * eis_knot_slope_v[high];
-    const double rise = eis_knot_ocv_v[high] - eis_knot_ocv_v[low];
-    return eis_knot_ocv_v[low] + t * (m0 + t * (3.0 * rise - 2.0 * m0 - m1 + t * (m0 + m1 - 2.0 * rise)));
-}
-";
-
-const C_HEADER: &str = concat!(
-    "/* Model of a lithium-ion cell: @NAME@\n",
-    " *\n",
-    " * A series resistance, RC branches, and the open-circuit voltage over the state of charge. ",
-    "Currents in A are positive for discharge, times in s,\n",
-    " * voltages in V. eis_step() is exact for a current that is constant over the step. ",
-    "No memory is allocated and no state is kept here. C99; link with -lm.\n",
-    r#"@NOTES@ */
-#ifndef EIS_BENCH_MODEL_H
-#define EIS_BENCH_MODEL_H
-
-#include <math.h>
-
-#define EIS_RC @RC@
-/* An array in C has at least one element. */
-#define EIS_RC_SIZE (EIS_RC > 0 ? EIS_RC : 1)
-#define EIS_KNOTS @KNOTS@
-
-static const double eis_r_ohm = @R_OHM@;
-static const double eis_branch_r_ohm[EIS_RC_SIZE] = {
-@BRANCH_R_OHM@
-};
-static const double eis_branch_c_f[EIS_RC_SIZE] = {
-@BRANCH_C_F@
-};
-static const double eis_capacity_c = @CAPACITY_C@;
-static const double eis_least_v = @LOW_V@;
-static const double eis_greatest_v = @HIGH_V@;
-@OCV@
-typedef struct {
-    double soc;
-    double branch_v[EIS_RC_SIZE];
-} eis_state;
-
-/* A cell at rest. */
-static inline void eis_rest(eis_state *state, double soc)
-{
-    state->soc = soc;
-    for (int k = 0; k < EIS_RC; ++k)
-        state->branch_v[k] = 0.0;
-}
-
-/* Voltage at the terminals under a current, V. */
-static inline double eis_terminal_v(const eis_state *state, double current_a)
-{
-    double v = eis_ocv_v(state->soc) - eis_r_ohm * current_a;
-    for (int k = 0; k < EIS_RC; ++k)
-        v -= state->branch_v[k];
-    return v;
-}
-
-/* Moves the state by dt_s under a constant current; returns the voltage at the terminals at the end of the step, V. */
-static inline double eis_step(eis_state *state, double current_a, double dt_s)
-{
-    for (int k = 0; k < EIS_RC; ++k) {
-        const double decay = exp(-dt_s / (eis_branch_r_ohm[k] * eis_branch_c_f[k]));
-        state->branch_v[k] = decay * state->branch_v[k] + (1.0 - decay) * eis_branch_r_ohm[k] * current_a;
-    }
-    state->soc -= current_a * dt_s / eis_capacity_c;
-    return eis_terminal_v(state, current_a);
-}
-
-#endif
-"#
-);
+const C_OCV: &str = include_str!("model/ocv.h.in");
+/// The law of power of both.
+const C_LAW: &str = include_str!("model/law.h.in");
+/// The steps of both.
+const C_STEP: &str = include_str!("model/step.h.in");
+/// What the CasADi modules of a point and of a map share.
+const CASADI: &str = include_str!("model/casadi.py.in");
+const CASADI_CELL: &str = include_str!("model/casadi_cell.py.in");
 
 const PYBAMM: &str = r#"# Parameters of a lithium-ion cell for PyBaMM: @NAME@
 #
@@ -390,70 +368,6 @@ def get_parameter_values():
         "RCR lookup limit [A]": 340,
     }
 "#;
-
-const CASADI: &str = concat!(
-    "# Model of a lithium-ion cell for trajectory optimisation with CasADi: @NAME@\n",
-    "#\n",
-    "# Currents in A are positive for discharge, times in s, voltages in V. ",
-    "The state is (state of charge, voltages over the RC branches).\n",
-    r#"@NOTES@import casadi
-
-R_OHM = @R_OHM@
-BRANCH_R_OHM = [
-@BRANCH_R_OHM@
-]
-BRANCH_C_F = [
-@BRANCH_C_F@
-]
-CAPACITY_C = @CAPACITY_C@
-LEAST_V, GREATEST_V = @LOW_V@, @HIGH_V@
-# Knots of a cubic Hermite curve: state of charge, voltage, slope over the state of charge.
-KNOT_SOC = [
-@SOC@,
-]
-KNOT_OCV_V = [
-@OCV_V@,
-]
-KNOT_SLOPE_V = [
-@SLOPE_V@,
-]
-
-
-def ocv_v(soc):
-    """Open-circuit voltage, as an expression with two continuous derivatives but at the knots."""
-    last = len(KNOT_SOC) - 1
-    value = KNOT_OCV_V[0] + KNOT_SLOPE_V[0] * (soc - KNOT_SOC[0])
-    for k in range(last):
-        width = KNOT_SOC[k + 1] - KNOT_SOC[k]
-        t = (soc - KNOT_SOC[k]) / width
-        m0, m1 = width * KNOT_SLOPE_V[k], width * KNOT_SLOPE_V[k + 1]
-        rise = KNOT_OCV_V[k + 1] - KNOT_OCV_V[k]
-        piece = KNOT_OCV_V[k] + t * (m0 + t * (3 * rise - 2 * m0 - m1 + t * (m0 + m1 - 2 * rise)))
-        value = casadi.if_else(soc > KNOT_SOC[k], piece, value)
-    beyond = KNOT_OCV_V[last] + KNOT_SLOPE_V[last] * (soc - KNOT_SOC[last])
-    return casadi.if_else(soc >= KNOT_SOC[last], beyond, value)
-
-
-def rest(soc):
-    """The state of a cell at rest."""
-    return casadi.DM([soc] + [0.0] * len(BRANCH_R_OHM))
-
-
-def step():
-    """Function (state, current_a, dt_s) -> (next state, voltage at the terminals at the end): "#,
-    r#"exact for a constant current over the step."""
-    state = casadi.SX.sym("state", 1 + len(BRANCH_R_OHM))
-    current_a, dt_s = casadi.SX.sym("current_a"), casadi.SX.sym("dt_s")
-    following = [state[0] - current_a * dt_s / CAPACITY_C]
-    for k, (r_ohm, c_f) in enumerate(zip(BRANCH_R_OHM, BRANCH_C_F)):
-        decay = casadi.exp(-dt_s / (r_ohm * c_f))
-        following.append(decay * state[1 + k] + (1 - decay) * r_ohm * current_a)
-    following = casadi.vertcat(*following)
-    terminal_v = ocv_v(following[0]) - R_OHM * current_a - casadi.sum1(following[1:])
-    return casadi.Function("step", [state, current_a, dt_s], [following, terminal_v], "#,
-    r#"["state", "current_a", "dt_s"], ["next", "terminal_v"])
-"#
-);
 
 #[cfg(test)]
 mod tests;

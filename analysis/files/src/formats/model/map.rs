@@ -1,17 +1,21 @@
-//! The C header of a map.
+//! The C header and the CasADi module of a map.
 
 use super::text::rows;
 use analysis_model::map::{CellMap, GAS_J_PER_MOL_K, Surface};
 
-const HEADER: &str = include_str!("map.h.in");
+/// The C header.
+pub(super) const HEADER: &str = include_str!("map.h.in");
+/// The part of the CasADi module that a map has of its own.
+pub(super) const CASADI: &str = include_str!("casadi_map.py.in");
 
-/// Returns the header with the numbers of the map; marks of other numbers stay.
-pub(super) fn template(map: &CellMap, ocv: &str) -> String {
+/// Returns a template with the numbers of the map; marks of other numbers stay. `none` stands for a list without
+/// numbers.
+pub(super) fn fill(template: &str, map: &CellMap, none: &str) -> String {
     let surfaces: Vec<&Surface> = std::iter::once(&map.series)
         .chain(map.branches.iter().map(|branch| &branch.resistance))
         .collect();
     let list = |values: Vec<f64>| match values.is_empty() {
-        true => "    0.0".to_owned(),
+        true => none.to_owned(),
         false => rows(&mut values.into_iter(), "    "),
     };
     let activation = surfaces
@@ -25,7 +29,6 @@ pub(super) fn template(map: &CellMap, ocv: &str) -> String {
         .thermal
         .map_or((0.0, 0.0), |t| (t.capacity_j_per_k, t.resistance_k_per_w));
     let pairs = [
-        ("@OCV@", ocv.to_owned()),
         ("@MAP_SOC@", map.soc.len().to_string()),
         ("@MAP_DEGC@", map.temperature_degc.len().to_string()),
         ("@LIST_MAP_SOC@", list(map.soc.clone())),
@@ -41,5 +44,5 @@ pub(super) fn template(map: &CellMap, ocv: &str) -> String {
         ("@RC@", map.branches.len().to_string()),
     ];
     let fill = |text: String, (mark, value): &(&str, String)| text.replace(mark, value);
-    pairs.iter().fold(HEADER.to_owned(), fill)
+    pairs.iter().fold(template.to_owned(), fill)
 }
