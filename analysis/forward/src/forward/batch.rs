@@ -12,7 +12,7 @@ mod lanes;
 mod plan;
 
 use super::error::ForwardError;
-use super::law::Demand;
+use super::law::{Beyond, Demand};
 use super::model::OcvSource;
 use super::options::SimOptions;
 use super::profile::Profile;
@@ -42,6 +42,13 @@ pub fn simulate_batch(
         ..SimOptions::default()
     };
     checked.check(profile)?;
+    if let Beyond::Bend { fraction } = options.beyond {
+        return Err(ForwardError::Value {
+            what: "batch, power beyond P₀",
+            expected: "the tangent (Extrapolate), not the bend",
+            met: fraction,
+        });
+    }
     for cell in cells {
         cell.model.check(cell.state)?;
         cell.model.linear_only("batch")?;

@@ -37,15 +37,31 @@ pub enum Beyond {
         /// P₀/P*, above 0 and below 1.
         fraction: f64,
     },
+    /// As [`Beyond::Extrapolate`] with two continuous derivatives at P₀, for solvers: the curvature
+    /// falls to zero along a straight line between P₀ and P*, and the line behind P* is 1.25 times as
+    /// steep as the tangent.
+    Bend {
+        /// P₀/P*, above 0 and below 1.
+        fraction: f64,
+    },
 }
 
 impl Beyond {
     /// Default point at which the tangent leaves the curve, as a fraction of P*.
     pub const FRACTION: f64 = 0.95;
 
+    /// Returns P₀/P*, where the voltage continues beyond it to any power.
+    pub fn fraction(self) -> Option<f64> {
+        match self {
+            Self::Stop | Self::Clamp => None,
+            Self::Extrapolate { fraction } | Self::Bend { fraction } => Some(fraction),
+        }
+    }
+
     /// True for a fraction within (0, 1).
     pub fn is_valid(self) -> bool {
-        !matches!(self, Self::Extrapolate { fraction } if !(fraction > 0.0 && fraction < 1.0))
+        self.fraction()
+            .is_none_or(|fraction| fraction > 0.0 && fraction < 1.0)
     }
 }
 
@@ -111,6 +127,9 @@ impl Drive {
                 Beyond::Extrapolate { fraction } if demand > fraction * self.available_w(e_v) => {
                     self.tangent(e_v, demand, fraction)
                 }
+                Beyond::Bend { fraction } if demand > fraction * self.available_w(e_v) => {
+                    self.bend(e_v, demand, fraction)
+                }
                 _ => self.root(e_v, demand),
             },
         }
@@ -121,7 +140,7 @@ impl Drive {
     /// its slope is −R/(cE).
     pub(super) fn is_past_tangent(&self, e_v: f64, reply: &Reply) -> bool {
         self.demand == Demand::Power
-            && matches!(self.beyond, Beyond::Extrapolate { .. })
+            && self.beyond.fraction().is_some()
             && reply.infeasible
             && e_v <= self.r_ohm * reply.current_a
     }
@@ -173,6 +192,26 @@ impl Drive {
             d_demand: 1.0 / (c * e),
             d_r: w * e / r,
             infeasible: p > self.available_w(e),
+        }
+    }
+
+    /// On the bend: with x = P/P*, y = (x − f)/(1 − f) and b = min(y, 1), i = E(1 − s)/2R, where s =
+    /// c(1 − y/2 − b²(3 − b)/24 − (y − b)/8) and ds/dx = −(1/2 + b/4 − b²/8)/c.
+    fn bend(&self, e: f64, p: f64, fraction: f64) -> Reply {
+        let r = self.r_ohm;
+        let c = (1.0 - fraction).sqrt();
+        let x = p / self.available_w(e);
+        let y = (x - fraction) / (1.0 - fraction);
+        let b = y.min(1.0);
+        let s = c * (1.0 - 0.5 * y - b * b * (3.0 - b) / 24.0 - 0.125 * (y - b));
+        let slope = -(0.5 + 0.25 * b - 0.125 * b * b) / c;
+        let current_a = 0.5 * e * (1.0 - s) / r;
+        Reply {
+            current_a,
+            d_e: current_a / e + slope * x / r,
+            d_demand: -2.0 * slope / e,
+            d_r: -current_a / r - 0.5 * e * slope * x / (r * r),
+            infeasible: x > 1.0,
         }
     }
 }

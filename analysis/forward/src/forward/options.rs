@@ -60,7 +60,7 @@ impl SimOptions {
                 met,
             })
         };
-        if let (false, Beyond::Extrapolate { fraction }) = (self.beyond.is_valid(), self.beyond) {
+        if let (false, Some(fraction)) = (self.beyond.is_valid(), self.beyond.fraction()) {
             return bad(
                 "fraction of the available power",
                 "a number above 0 and below 1",

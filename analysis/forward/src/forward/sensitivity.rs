@@ -241,8 +241,8 @@ impl StepOptions {
         if self.parts == 0 {
             return bad("parts of a step", "at least 1", 0.0);
         }
-        match self.beyond {
-            Beyond::Extrapolate { fraction } if !self.beyond.is_valid() => bad(
+        match self.beyond.fraction() {
+            Some(fraction) if !self.beyond.is_valid() => bad(
                 "fraction of the available power",
                 "a number above 0 and below 1",
                 fraction,

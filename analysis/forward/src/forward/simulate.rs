@@ -358,7 +358,9 @@ impl Run<'_> {
             && match self.options.beyond {
                 Beyond::Stop => true,
                 Beyond::Clamp => false,
-                Beyond::Extrapolate { .. } => power && ends.iter().any(|e| e.least_ccv_v <= 0.0),
+                Beyond::Extrapolate { .. } | Beyond::Bend { .. } => {
+                    power && ends.iter().any(|e| e.least_ccv_v <= 0.0)
+                }
             };
         let ocv = |s: &SimState| integrator.model.ocv_v(s.soc).0;
         let apart: f64 = end

@@ -43,8 +43,8 @@ pub struct Infeasible {
     pub available_w: f64,
 }
 
-/// End of the tangent of [`super::Beyond::Extrapolate`], where its voltage reached zero. The run
-/// ended there.
+/// End of the tangent of [`super::Beyond::Extrapolate`], or of the line of [`super::Beyond::Bend`],
+/// where its voltage reached zero. The run ended there.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct TangentEnd {
     /// When, s.
@@ -234,7 +234,7 @@ impl<'m> TraceRecorder<'m> {
             .infeasible
             .last()
             .map(|last| last.power_w)
-            .filter(|_| matches!(beyond, Beyond::Extrapolate { .. }));
+            .filter(|_| beyond.fraction().is_some());
         if let (Some(power_w), None) = (open, self.summary.tangent_end) {
             self.summary.tangent_end = Some(TangentEnd {
                 time_s,

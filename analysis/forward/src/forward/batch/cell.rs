@@ -22,7 +22,7 @@ pub struct BatchCell<'a> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BatchOptions {
     /// Treatment of power that cannot be delivered. [`Beyond::Stop`] continues as [`Beyond::Clamp`]
-    /// and reports when it would have stopped.
+    /// and reports when it would have stopped; [`Beyond::Bend`] is refused.
     pub beyond: Beyond,
     /// Longest step, s; infinite for the rows of the profile.
     pub max_step_s: f64,

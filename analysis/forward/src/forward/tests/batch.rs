@@ -166,7 +166,7 @@ fn refuses_what_does_not_fit() {
     let model = SimModel::cell(&erm(9, 1.0), OcvSource::Constant(3.7)).unwrap();
     let state = model.rest(0.5).unwrap();
     let profile = Profile::constant(Demand::Power, 10.0, 1.0).unwrap();
-    let run = |scale| {
+    let run = |scale, beyond| {
         simulate_batch(
             &[BatchCell {
                 model: &model,
@@ -174,12 +174,20 @@ fn refuses_what_does_not_fit() {
                 scale,
             }],
             &profile,
-            &BatchOptions::default(),
+            &BatchOptions {
+                beyond,
+                ..BatchOptions::default()
+            },
         )
     };
     assert_eq!(
-        run(1.0).unwrap_err().to_string(),
+        run(1.0, Beyond::Stop).unwrap_err().to_string(),
         "batch: expected at most 8 RC branches, met 9"
+    );
+    let bend = Beyond::Bend { fraction: 0.9 };
+    assert_eq!(
+        run(1.0, bend).unwrap_err().to_string(),
+        "batch, power beyond P₀: expected the tangent (Extrapolate), not the bend, met 0.9"
     );
 }
 

@@ -63,18 +63,44 @@ proptest! {
     }
 
     #[test]
+    fn the_bend_joins_with_its_curvature_and_ends_as_a_line_at_the_most_power(
+        e in 0.5..70.0f64,
+        r in 1e-3..0.1f64,
+        fraction in 0.3..0.99f64,
+    ) {
+        let d = drive(Beyond::Bend { fraction }, r);
+        let most = d.available_w(e);
+        // CCV in half E over the power in P*, and its derivative.
+        let ccv = |x: f64| 2.0 - 2.0 * r / e * d.reply(e, x * most).current_a;
+        let slope = |x: f64| -2.0 * r / e * d.reply(e, x * most).d_demand * most;
+        let c = (1.0 - fraction).sqrt();
+        prop_assert!((ccv(fraction * (1.0 + 1e-12)) - 1.0 - c).abs() < 1e-9);
+        let step = 1e-4 * (1.0 - fraction);
+        let curvature = (slope(fraction + step) - slope(fraction - step)) / (2.0 * step);
+        prop_assert!((curvature * 4.0 * c.powi(3) + 1.0).abs() < 1e-3, "{}", curvature);
+        prop_assert!((ccv(1.0) - 1.0 - 5.0 * c / 12.0).abs() < 1e-9);
+        for x in [1.0, 1.0 + 1e-9, 2.0, 50.0] {
+            prop_assert!((slope(x) * 8.0 * c + 5.0).abs() < 1e-6, "{}", slope(x));
+        }
+    }
+
+    #[test]
     fn derivatives_are_difference_quotients(
         e in 1.0..60.0f64,
         r in 2e-3..0.1f64,
         share in -2.0..3.0f64,
-        kind in 0..3usize,
+        kind in 0..4usize,
     ) {
+        let (tangent, bend) = (
+            Beyond::Extrapolate { fraction: 0.9 },
+            Beyond::Bend { fraction: 0.9 },
+        );
         let d = Drive {
-            demand: [Demand::Power, Demand::Current, Demand::Resistance][kind],
-            ..drive(Beyond::Extrapolate { fraction: 0.9 }, r)
+            demand: [Demand::Power, Demand::Current, Demand::Resistance, Demand::Power][kind],
+            ..drive([tangent, tangent, tangent, bend][kind], r)
         };
         let demand = match kind {
-            0 => share * d.available_w(e),
+            0 | 3 => share * d.available_w(e),
             1 => 100.0 * share,
             _ => share.abs() + 0.01,
         };
