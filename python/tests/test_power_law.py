@@ -29,7 +29,7 @@ def mapped(tmp_path_factory):
         return {"activation_j_per_mol": 25e3, "r_ohm": ohms}
 
     branches = [(3e-3, 2.0), (6e-3, 60.0)]
-    told = {
+    tables = {
         "soc": [0.1, 0.5, 1.0],
         "temperature_degc": [0.0, 25.0],
         "series": surface(7e-3),
@@ -41,7 +41,7 @@ def mapped(tmp_path_factory):
     }
     ocv = {"capacity_ah": 4.5, "soc": [0, 0.5, 1], "ocv_v": [3, 3.7, 4.2], "slope_v": [2, 1.1, 1]}
     file = tmp_path_factory.mktemp("map") / "map.json"
-    plain = {"r_ohm": 7e-3, "branches": [], "map": told, "ocv": ocv}
+    plain = {"r_ohm": 7e-3, "branches": [], "map": tables, "ocv": ocv}
     file.write_text(json.dumps({"name": "map", **plain}))
     return eb.Model.read(file)
 
@@ -269,10 +269,10 @@ def test_mx_maps_share_their_horizon(cell):
 
 def test_p0_has_a_default_and_other_functions_are_refused(cell):
     step = cell.to_casadi("power_step")
-    told = {"state": cell_at_rest(0.5), "dt_s": 0.01, "power_w": 700}
-    default, given = step(**told), step(**told, p0_share=0.95)
+    call = {"state": cell_at_rest(0.5), "dt_s": 0.01, "power_w": 700}
+    default, given = step(**call), step(**call, p0_share=0.95)
     assert float(default["terminal_v"]) == float(given["terminal_v"])
-    assert float(step(**told, p0_share=0.8)["terminal_v"]) > float(given["terminal_v"])
+    assert float(step(**call, p0_share=0.8)["terminal_v"]) > float(given["terminal_v"])
     with pytest.raises(eb.EisError, match="to_casadi: expected step, look or power_step, met 'law'"):
         cell.to_casadi("law")
     look = eb.Model(0.01).with_ocv(4.5, [0, 1], [3, 4.2]).to_casadi("look")
