@@ -3,6 +3,7 @@
 use std::{future::poll_fn, io, os::fd::AsFd, pin::Pin, task::Poll, time::Duration};
 
 use instruments_scpi::decode::{DecodeError, DecoderOptions, Expect, Response, ResponseDecoder};
+use nix::errno::Errno;
 use tokio::{
     io::{AsyncRead, AsyncReadExt, ReadBuf},
     net::TcpStream,
@@ -197,14 +198,36 @@ fn read_socket(socket: &TcpStream, buffer: &mut [u8]) -> io::Result<Option<usize
     }
 }
 
-/// Classifies an error. A pulled plug shows as an error on some systems and as the end of the
-/// stream on others.
+/// Classifies an error. A pulled plug shows as the end of the stream, as a closed connection, or, on
+/// a serial port, as an error of the device.
 fn broken(error: io::Error) -> Broken {
+    let is_unplugged = |code: i32| {
+        matches!(
+            Errno::from_raw(code),
+            Errno::EIO | Errno::ENXIO | Errno::ENODEV
+        )
+    };
     match error.kind() {
+        _ if error.raw_os_error().is_some_and(is_unplugged) => Broken::Closed,
         io::ErrorKind::BrokenPipe
         | io::ErrorKind::ConnectionReset
         | io::ErrorKind::ConnectionAborted
         | io::ErrorKind::UnexpectedEof => Broken::Closed,
         _ => Broken::Io(error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_unplugged_device_is_a_closed_connection_and_a_full_disk_is_not() {
+        for errno in [Errno::EIO, Errno::ENXIO, Errno::ENODEV, Errno::EPIPE] {
+            let error = io::Error::from_raw_os_error(errno as i32);
+            assert!(matches!(broken(error), Broken::Closed), "{errno}");
+        }
+        let full = io::Error::from_raw_os_error(Errno::ENOSPC as i32);
+        assert!(matches!(broken(full), Broken::Io(_)));
     }
 }
