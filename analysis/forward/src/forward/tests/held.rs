@@ -28,8 +28,17 @@ proptest! {
         let e_v = model.ocv_v(soc).0 - 0.04;
         let power_w = share * e_v * e_v / (4.0 * model.erm.r_ohm);
         let options = options(fraction, 2e-3, parts);
-        let jacobian = step_with_jacobian(&model, &state, power_w, &options).unwrap();
         let mut step = HeldStep::new(&model, &options, CellWindow::THESIS).unwrap();
+        let jacobian = match step_with_jacobian(&model, &state, power_w, &options) {
+            Ok(jacobian) => jacobian,
+            // Far beyond the available power the voltage may collapse within the step.
+            Err(error) => {
+                let found = step.advance(&mut state, power_w).unwrap_err();
+                prop_assert!(share > 1.0, "{}", error);
+                prop_assert_eq!(found.to_string(), error.to_string());
+                return Ok(());
+            }
+        };
         let seen = step.look(&state, power_w).unwrap();
         let start = step.advance(&mut state, power_w).unwrap();
         prop_assert_eq!(&state, &jacobian.next);
