@@ -1,6 +1,6 @@
 //! Writes the measurements of a run: captures, spectra, traces, readings of legs, and their index.
 
-use std::fs;
+use std::{fs, path::PathBuf};
 
 use analysis_files::{
     dataset::{self, Capture, LegRow, PointConditions, RunIndex, SweepEntry, TraceEntry, TraceRow},
@@ -137,11 +137,7 @@ impl Recorder {
     /// # Errors
     /// Fails if a file cannot be written.
     pub fn spectrum_point(&self, name: &str, point: &ImpedancePoint) -> Result<(), RecordError> {
-        let path = self.path(name);
-        if let Some(folder) = path.parent() {
-            fs::create_dir_all(folder).map_err(io(folder, "cannot be made"))?;
-        }
-        self.folder.room(name)?;
+        let path = self.writable_path(name)?;
         Ok(dataset::append_spectrum_csv(&path, point)?)
     }
 
@@ -176,6 +172,16 @@ impl Recorder {
         )?)
     }
 
+    /// Returns the path of a file to write: its folder exists, and the disk has room.
+    fn writable_path(&self, name: &str) -> Result<PathBuf, RecordError> {
+        let path = self.path(name);
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder).map_err(io(folder, "cannot be made"))?;
+        }
+        self.folder.room(name)?;
+        Ok(path)
+    }
+
     /// Writes a spectrum that was measured under a direct current, with the conditions of each point
     /// and the refusals of the quality gate.
     ///
@@ -188,11 +194,7 @@ impl Recorder {
         conditions: &[PointConditions],
         flags: &[String],
     ) -> Result<(), RecordError> {
-        let path = self.path(name);
-        if let Some(folder) = path.parent() {
-            fs::create_dir_all(folder).map_err(io(folder, "cannot be made"))?;
-        }
-        self.folder.room(name)?;
+        let path = self.writable_path(name)?;
         Ok(dataset::write_biased_spectrum_csv(
             &path, spectrum, conditions, flags,
         )?)
@@ -226,11 +228,7 @@ impl Recorder {
         spectrum: &Spectrum,
         flags: &[String],
     ) -> Result<(), RecordError> {
-        let path = self.path(name);
-        if let Some(folder) = path.parent() {
-            fs::create_dir_all(folder).map_err(io(folder, "cannot be made"))?;
-        }
-        self.folder.room(name)?;
+        let path = self.writable_path(name)?;
         Ok(dataset::write_whole_spectrum_csv(&path, spectrum, flags)?)
     }
 }
