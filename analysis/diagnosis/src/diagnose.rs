@@ -1,85 +1,35 @@
 //! The workflow from a data set to a verdict.
 
-use super::block::{DataSetError, Kind, Workspace};
+use super::block::{DataSetError, Workspace};
+use super::compose::{Composed, curves, measured, quality, refitted, search};
 use super::consistency::inconsistencies;
 use super::data::{DataSet, Role};
-use super::experiment::{Advice, BenchLimits, PlannedRun, Playable, recommend};
-use super::findings::FindingKind;
-use super::gap::{Fits, gaps, rms_mv, sample_floor, samples, spectrum_gaps};
-use super::given::{self, ByHand};
+use super::experiment::{Advice, PlannedRun, recommend};
+use super::gap::{Fits, gaps, rms_mv, spectrum_gaps};
+use super::given;
 use super::guards::Guards;
 use super::intervals::named;
 use super::judge::{Doubts, judge};
 use super::localise::localise;
+use super::mechanisms::judge_mechanisms;
 use super::noise::TERMS;
+use super::options::DiagnosisOptions;
 use super::outcome::{
-    ByHandGap, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Gap, NoiseReport,
-    NoiseTerm, Predictive, Quality, Rival, RunCurves, Verdict,
+    ByHandGap, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, NoiseReport, NoiseTerm,
+    Rival, RunCurves, Verdict,
 };
-use super::predictive::{described, terms};
+use super::predictive::terms;
 use super::prepare::{BaseModel, Prepared, prepare};
 use super::problem::{Fit, Problem};
-use super::progress::Progress;
-use super::search::{Search, excess_z};
+use super::search::excess_z;
 use super::select::Selection;
 use super::structure::Structure;
 use super::whitening::dot;
-use crate::thresholds::{FEWEST_REPEATS, MISFIT_Z, OTHER_STARTS, SENTINEL_Z};
-use analysis_effects::{
-    contract::{Effect, Facts},
-    effects::catalogue,
-};
-use analysis_fit::fit::{Addition, PROGRAM};
+use crate::thresholds::{MISFIT_Z, OTHER_STARTS, SENTINEL_Z};
+use analysis_effects::contract::Facts;
+use analysis_fit::fit::PROGRAM;
 use analysis_model::model::Erm;
 use analysis_numeric::linalg::{cholesky, cholesky_substitute};
-use num_complex::Complex64;
-
-/// Options of a diagnosis.
-#[derive(Clone)]
-pub struct DiagnosisOptions {
-    /// Candidates; by default all effects of the catalogue.
-    pub candidates: Vec<&'static dyn Effect>,
-    /// Limits of a recommended run; by default those of the data.
-    pub limits: Option<BenchLimits>,
-    /// Filter of the planned runs that may be recommended; by default all.
-    pub playable: Option<Playable>,
-    /// Whether a recommended run will be measured at once, so that no prediction is made without it.
-    pub next_run_first: bool,
-    /// Receives progress reports; by default they are discarded.
-    pub progress: Progress,
-    /// Findings whose correction replaces the raw data; by default none.
-    pub accept: Vec<FindingKind>,
-    /// Additions of the judged model, which belong to its base; by default none.
-    pub given: Vec<Addition>,
-    /// Effects put in or left out by hand; by default none.
-    pub by_hand: ByHand,
-}
-
-impl DiagnosisOptions {
-    /// Returns the options whose candidates lack what is left out by hand.
-    fn without_left_out(&self) -> Self {
-        let mut options = self.clone();
-        let without = &self.by_hand.without;
-        let candidates = &mut options.candidates;
-        candidates.retain(|effect| !without.contains(&effect.card().name));
-        options
-    }
-}
-
-impl Default for DiagnosisOptions {
-    fn default() -> Self {
-        Self {
-            candidates: catalogue().to_vec(),
-            limits: None,
-            playable: None,
-            next_run_first: false,
-            progress: Progress::default(),
-            accept: Vec::new(),
-            given: Vec::new(),
-            by_hand: ByHand::default(),
-        }
-    }
-}
 
 /// A diagnosis and the curves behind its pictures.
 #[derive(Debug, Clone)]
@@ -205,6 +155,7 @@ pub(crate) fn diagnose_with(
         base: Some(base.decode(problem.branches()).0),
         augmented: Some(fit.decode(problem.branches()).0),
         predictive: None,
+        shares: Vec::new(),
         given: terms(problem, base),
         by_hand: by_hand(judged, base, model, options),
     };
@@ -220,6 +171,7 @@ pub(crate) fn diagnose_with(
     } else {
         Vec::new()
     };
+    let has_moved = moved.is_some();
     judge(
         &mut d,
         &selection,
@@ -229,7 +181,7 @@ pub(crate) fn diagnose_with(
             differs,
         },
     );
-    let curves = curves(judged, &model.erm, fits, &mut workspace);
+    let mut curves = curves(judged, &model.erm, fits, &mut workspace);
     options.progress.tell("planning the next run");
     let advice = recommend(
         &prepared,
@@ -242,7 +194,22 @@ pub(crate) fn diagnose_with(
     let Advice { next, inseparable } = advice;
     d.inseparable = inseparable;
     if d.verdict.is_open() && (next.is_none() || !options.next_run_first) {
-        d.predictive = predictive(&prepared, model, &selection, options, guards);
+        options.progress.tell("choosing terms that predict");
+        let refit_mv = rms_mv(&d.gap, |gap| gap.base_mv);
+        let fit = predictive(&prepared, &selection, options, guards);
+        let composed = fit.and_then(|fit| {
+            let mut tries = Composed::under_both_noises(&prepared, &selection.base, fit, guards);
+            tries.find_map(|composed| composed.tested(model, options, guards, refit_mv))
+        });
+        if let Some((composed, found)) = composed {
+            d.shares = composed.shares(model, options, guards);
+            // Noise that seemed to have moved may have been the missing mechanisms.
+            let is_steady = !has_moved || moved_floor(&composed.prepared).is_none();
+            if selection.outside.is_none() && is_steady && judge_mechanisms(&mut d) {
+                curves = composed.describe(&mut d, model);
+            }
+            d.predictive = Some(found);
+        }
     }
     if next.is_none() && d.verdict.is_open() {
         d.notes
@@ -258,47 +225,16 @@ pub(crate) fn diagnose_with(
     })
 }
 
-/// Refits base and named effects under noise computed about the cell with its effects: a scatter of
-/// all resistances does not affect a contact, and the effect of a current error on the voltage
-/// depends on the missing parts of the base.
-pub(super) fn refitted(
-    prepared: &Prepared,
-    [base, fit]: [&Fit; 2],
-    guards: Guards,
-) -> Option<(Prepared, [Fit; 2])> {
-    let prepared = prepared.clone().again(fit, guards).ok()?;
-    let mut workspace = Workspace::default();
-    let again = [base, fit].map(|fit| {
-        prepared.problem.fit_from(
-            &fit.structure,
-            fit.x.clone(),
-            fit.axes.clone(),
-            &mut workspace,
-        )
-    });
-    Some((prepared, again))
-}
-
-/// Returns the best prediction beside the names, or `None` if nothing helps, or if no held-out
-/// record has tested it. It keeps the noise with which it was tested.
+/// Returns the terms that predict best beside the names, or `None` if nothing helps, or if no
+/// held-out record can test it.
 fn predictive(
     prepared: &Prepared,
-    model: &BaseModel,
     selection: &Selection,
     options: &DiagnosisOptions,
     guards: Guards,
-) -> Option<Predictive> {
+) -> Option<Fit> {
     prepared.problem.of_role(Role::HeldOut).next()?;
-    let fit = search(prepared, options, guards).predictive(selection)?;
-    let fits = Fits {
-        base: &selection.base,
-        augmented: &fit,
-    };
-    let found = described(prepared, &model.erm, fits, &mut Workspace::default())?;
-    // A model that is no better over all records than the refit is not worth its terms.
-    let [before, after] =
-        [|gap: &Gap| gap.base_mv, |gap: &Gap| gap.augmented_mv].map(|of| rms_mv(&found.gap, of));
-    (after < before).then_some(found)
+    search(prepared, options, guards).predictive(selection)
 }
 
 /// Returns the base that the search starts from: the model's, less what is left out by hand, with
@@ -421,29 +357,6 @@ fn overruled(prepared: &Prepared) -> Option<String> {
     })
 }
 
-fn search<'a>(prepared: &'a Prepared, options: &'a DiagnosisOptions, guards: Guards) -> Search<'a> {
-    let (problem, candidates) = (&prepared.problem, &options.candidates);
-    Search {
-        problem,
-        candidates,
-        guards,
-        measured: measured(prepared),
-        progress: &options.progress,
-        workspace: Workspace::default(),
-    }
-}
-
-fn quality(problem: &Problem, base: &Fit, after: &Fit) -> Quality {
-    let dof = problem.degrees_of_freedom(base);
-    Quality {
-        base_chi2: base.chi2,
-        degrees_of_freedom: dof,
-        base_z: excess_z(base.chi2, dof),
-        augmented_chi2: after.chi2,
-        augmented_z: excess_z(after.chi2, problem.degrees_of_freedom(after)),
-    }
-}
-
 fn rivals(selection: &Selection) -> Vec<Rival> {
     let taken = selection
         .selected
@@ -504,68 +417,4 @@ fn noise_report(prepared: &Prepared) -> NoiseReport {
         from_repeats: measured(prepared),
         terms,
     }
-}
-
-/// Returns whether repeats have measured the noise.
-fn measured(prepared: &Prepared) -> bool {
-    prepared.estimate.repeats >= FEWEST_REPEATS
-}
-
-fn curves(
-    prepared: &Prepared,
-    erm: &Erm,
-    fits: Fits<'_>,
-    workspace: &mut Workspace,
-) -> Vec<RunCurves> {
-    let problem = &prepared.problem;
-    let given = &problem.given;
-    let start = given.encode(erm);
-    let all = [given.at(&start), fits.base.at(), fits.augmented.at()];
-    let complex = |rows: &[f64]| {
-        rows.chunks_exact(2)
-            .map(|z| Complex64::new(z[0], z[1]))
-            .collect::<Vec<Complex64>>()
-    };
-    problem
-        .blocks
-        .iter()
-        .enumerate()
-        .map(|(k, block)| {
-            let curves = match &block.kind {
-                Kind::Eis { points, .. } => {
-                    let [eis_only_ohm, base_ohm, augmented_ohm] =
-                        all.map(|at| complex(&problem.predict(at, k, 1, workspace)));
-                    Curves::Eis {
-                        freq_hz: points.iter().map(|p| p.freq_hz).collect(),
-                        measured_ohm: complex(&block.measured),
-                        eis_only_ohm,
-                        base_ohm,
-                        augmented_ohm,
-                        floor_ohm: problem.floors[k]
-                            .chunks_exact(2)
-                            .map(|f| f[0].hypot(f[1]))
-                            .collect(),
-                    }
-                }
-                Kind::Time(time) => {
-                    let [eis_only_v, base_v, augmented_v] =
-                        all.map(|at| samples(problem, at, k, workspace));
-                    Curves::Time {
-                        time_s: time.time_s[time.compared()].to_vec(),
-                        current_a: time.current_a[time.compared()].to_vec(),
-                        measured_v: time.voltage_v[time.compared()].to_vec(),
-                        eis_only_v,
-                        base_v,
-                        augmented_v,
-                        floor_v: sample_floor(prepared, k, time),
-                    }
-                }
-            };
-            RunCurves {
-                name: block.name.clone(),
-                held_out: block.role == Role::HeldOut,
-                curves,
-            }
-        })
-        .collect()
 }

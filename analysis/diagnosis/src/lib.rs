@@ -7,6 +7,7 @@ mod attempts;
 mod block;
 mod charge;
 mod codes;
+mod compose;
 mod consistency;
 mod current_filter;
 mod current_noise_propagation;
@@ -29,8 +30,10 @@ mod intermittent;
 mod intervals;
 mod judge;
 mod localise;
+mod mechanisms;
 mod median;
 mod noise;
+mod options;
 pub mod oracle;
 mod outcome;
 mod periodic;
@@ -45,6 +48,7 @@ mod rivals;
 mod search;
 mod select;
 mod shared;
+mod shares;
 mod simpler;
 mod stepped;
 mod structure;
@@ -60,17 +64,19 @@ pub use block::DataSetError;
 pub use data::{
     DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord, assumed_history,
 };
-pub use diagnose::{DiagnosisOptions, Outcome};
+pub use diagnose::Outcome;
 pub use distinguish::distinguish;
 pub use experiment::{BenchLimits, Planned, PlannedRun, Playable};
 pub use findings::{Finding, FindingKind};
 pub use gap::rms_mv;
 pub use gate::diagnose;
 pub use given::ByHand;
+pub use options::DiagnosisOptions;
 pub use outcome::{
     Block, ByHandGap, Candidate, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis,
     Evidence, FittedParameter, Gap, NamedEffect, NextExperiment, NoiseReport, NoiseTerm,
-    PREDICTION_ONLY, Predictive, PredictiveTerm, Quality, Rival, RunCurves, SpectrumGap, Verdict,
+    PREDICTION_ONLY, Predictive, PredictiveTerm, Quality, Rival, RunCurves, Share, SpectrumGap,
+    Verdict,
 };
 pub use prepare::BaseModel;
 pub use progress::Progress;

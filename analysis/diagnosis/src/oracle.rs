@@ -4,8 +4,9 @@
 //! Nothing here is used by a diagnosis.
 
 use super::block::{DataSetError, Workspace};
+use super::compose::refitted;
 use super::data::DataSet;
-use super::diagnose::{base_fit, refitted};
+use super::diagnose::base_fit;
 use super::gap::{Fits, gaps};
 use super::guards::Guards;
 use super::outcome::Gap;

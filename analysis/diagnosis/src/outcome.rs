@@ -1,7 +1,11 @@
 //! Result of a diagnosis: `diagnosis.json`, and the curves behind its pictures.
 
 use super::findings::{Finding, FindingKind};
-use analysis_effects::contract::{Facts, Group};
+use crate::thresholds::{NAMED_SHARE, SHARE_ERROR};
+use analysis_effects::{
+    contract::{Facts, Group},
+    effects::Mechanism,
+};
 use analysis_model::model::Erm;
 use num_complex::Complex64;
 use serde::Serialize;
@@ -110,12 +114,40 @@ pub struct Diagnosis {
     pub augmented: Option<Erm>,
     /// The best prediction if no name is certain.
     pub predictive: Option<Predictive>,
+    /// Shares of the mechanisms that explain the data together, the largest first.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub shares: Vec<Share>,
     /// Effects that the base had from the start, fitted again; the named ones come on top.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub given: Vec<PredictiveTerm>,
     /// What was put in or left out by hand; `None` if nothing was requested.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub by_hand: Option<ByHandGap>,
+}
+
+impl Diagnosis {
+    /// Returns the mechanisms that are named in place of effects, the largest share first; empty
+    /// unless the verdict names mechanisms.
+    pub fn mechanisms(&self) -> Vec<&Share> {
+        if self.verdict != Verdict::Mostly || !self.effects.is_empty() {
+            return Vec::new();
+        }
+        self.large_shares()
+    }
+
+    /// Returns the shares that are large enough to name, on held-out and on fitted runs.
+    pub(super) fn large_shares(&self) -> Vec<&Share> {
+        let shares = self.shares.iter();
+        shares
+            .filter(|share| share.held_out.min(share.fitted) >= NAMED_SHARE)
+            .collect()
+    }
+
+    /// Returns whether effects or mechanisms are named, so that the augmented model is another one
+    /// than the base.
+    pub fn has_additions(&self) -> bool {
+        !self.effects.is_empty() || !self.mechanisms().is_empty()
+    }
 }
 
 /// Effects put into the base or left out of it by hand, and the change that this makes.
@@ -154,6 +186,48 @@ pub struct Predictive {
     pub range: Facts,
     /// The base model refitted together with them.
     pub model: Erm,
+}
+
+/// Share of a mechanism in what the refitted base lacks, among the additions that were fitted
+/// together.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Share {
+    /// The mechanism.
+    pub mechanism: Mechanism,
+    /// The mechanism as text.
+    pub title: &'static str,
+    /// Effects of the catalogue that stand for it.
+    pub effects: Vec<&'static str>,
+    /// Part of the mean square of the gap beyond noise on the held-out runs that it removes.
+    pub held_out: f64,
+    /// Least and greatest part that it removes, over the orders in which the mechanisms are added.
+    pub held_out_range: (f64, f64),
+    /// Part of the excess of χ² in the fitted runs that it removes.
+    pub fitted: f64,
+    /// Gap over the held-out records with it switched off and all else fitted again, mV.
+    pub without_mv: f64,
+    /// The same gap with all mechanisms, mV.
+    pub with_mv: f64,
+    /// Other mechanisms, or laws outside the catalogue, that would do as well in its place.
+    pub partners: Vec<&'static str>,
+}
+
+impl Share {
+    /// Returns the mechanism, those that would do as well, and its share.
+    pub fn in_words(&self) -> String {
+        let others: String = self.partners.iter().map(|p| format!(" or {p}")).collect();
+        format!("{}{others} ({} of the gap)", self.title, self.percents())
+    }
+
+    /// Returns the range of the share as text, 0 to 100 %.
+    pub fn percents(&self) -> String {
+        let percent = |part: f64| (100.0 * part).clamp(0.0, 100.0).round();
+        let [low, high] = [-SHARE_ERROR, SHARE_ERROR].map(|error| percent(self.held_out + error));
+        if high == 0.0 {
+            return "none".to_owned();
+        }
+        format!("{low:.0} to {high:.0} %")
+    }
 }
 
 /// One term of a [`Predictive`], or of a base.

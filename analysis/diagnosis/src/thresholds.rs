@@ -883,6 +883,22 @@ thresholds! {
     MOSTLY_LEFT: f64 = 0.1, "1",
         "Part of what the base leaves of χ² over noise that may be left where a verdict is mostly.",
         Convention "Three times `FORMULA_SHARE`: a third of the residual in millivolts.";
+    NAMED_SHARE: f64 = 0.15, "1",
+        "Share of the gap, and of the excess of χ² in the fitted runs, from which on a mechanism is \
+        named.",
+        Study "`eis-study --porous 12 --shares --seed 7777`: no true share of a mechanism that \
+        stayed below it was larger.";
+    MOSTLY_SHARE: f64 = 0.7, "1",
+        "Share of the gap that the named mechanisms must remove together for a verdict of mostly.",
+        Convention "Two thirds of the mean square and a little more: what stays is less than half \
+        of the residual in millivolts plus its floor.";
+    SHARE_ERROR: f64 = 0.15, "1",
+        "Half the width of the interval of a share.",
+        Study "`eis-study --porous 12 --shares --seed 7777`: distance of the shares from the true \
+        ones.";
+    PARTNER_SHARE: f64 = 0.9, "1",
+        "Part of what a mechanism removes that another one must bring back to do as well.",
+        Convention "As much as `MOSTLY_LEFT` leaves.";
     OUTSIDE_LEAD: f64 = 6.0, "1",
         "Score by which a law outside the catalogue must lead a name to withdraw it.",
         Quantile "Normal distribution, one-sided probability 0.7 % of w above √6. With one \

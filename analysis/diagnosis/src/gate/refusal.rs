@@ -132,6 +132,7 @@ fn refused(set: &DataSet, model: &BaseModel, reasons: &[Reason], notes: Vec<Stri
         base: None,
         augmented: None,
         predictive: None,
+        shares: Vec::new(),
         given: Vec::new(),
         by_hand: None,
     }

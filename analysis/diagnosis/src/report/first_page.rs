@@ -5,7 +5,7 @@
 use super::numbers::{plain, times, with_values};
 use super::page::{Item, Section};
 use super::pictures::Kind;
-use super::{by_hand, counted, findings, is_significant, misfit, named_title, predictive};
+use super::{by_hand, counted, findings, is_significant, misfit, named_title, predictive, shares};
 use crate::outcome::{Block, Diagnosis, Gap, SpectrumGap, Verdict};
 use analysis_effects::contract::Group;
 
@@ -55,7 +55,7 @@ fn disagreement(d: &Diagnosis) -> Vec<String> {
             places.join(", and ")
         ),
     });
-    if !d.effects.is_empty() {
+    if d.has_additions() {
         sentences.push(match outstanding(&d.where_after).as_slice() {
             [] => format!("With {} nothing stands out any more.", titles(d)),
             places => format!(
@@ -136,6 +136,7 @@ fn missing(d: &Diagnosis) -> Vec<String> {
             vec!["Nothing that these runs could show; a weaker effect stays hidden.".to_owned()]
         }
         Verdict::Explained => vec![format!("{named}.")],
+        Verdict::Mostly if d.effects.is_empty() => shares::sentences(d),
         Verdict::Mostly => {
             let mut sentences = vec![format!("Mostly {named}.")];
             sentences.extend(as_well(d));
@@ -305,7 +306,7 @@ impl Row {
             self.value(self.alone),
             self.value(self.base)
         );
-        if !d.effects.is_empty() {
+        if d.has_additions() {
             let added = format!(", with what was added by {}", self.value(self.augmented));
             text.push_str(&added);
         }
@@ -318,10 +319,10 @@ impl Row {
             "; {noise} alone makes {}.",
             self.value(self.floor)
         ));
-        let last = if d.effects.is_empty() {
-            self.base
-        } else {
+        let last = if d.has_additions() {
             self.augmented
+        } else {
+            self.base
         };
         if last > self.floor && self.floor > 0.0 {
             text.push_str(&format!(
@@ -364,7 +365,7 @@ fn held_out(d: &Diagnosis) -> Section {
         "With additions",
         noise,
     ];
-    if d.effects.is_empty() {
+    if !d.has_additions() {
         header.remove(4);
     }
     if !edges {
@@ -380,7 +381,7 @@ fn held_out(d: &Diagnosis) -> Section {
             });
         }
         cells.extend([row.value(row.alone), row.value(row.base)]);
-        if !d.effects.is_empty() {
+        if d.has_additions() {
             cells.push(row.value(row.augmented));
         }
         cells.push(row.value(row.floor));
@@ -407,9 +408,11 @@ fn held_out(d: &Diagnosis) -> Section {
     )
 }
 
-/// Returns the named effects as text.
+/// Returns the named effects, or mechanisms, as text.
 pub(super) fn titles(d: &Diagnosis) -> String {
-    let titles: Vec<&str> = d.effects.iter().map(|e| e.title).collect();
+    let effects = d.effects.iter().map(|e| e.title);
+    let mechanisms = d.mechanisms().into_iter().map(|share| share.title);
+    let titles: Vec<&str> = effects.chain(mechanisms).collect();
     titles.join(" and ")
 }
 

@@ -15,6 +15,7 @@ mod pictures;
 mod predictive;
 mod reserve;
 mod sections;
+mod shares;
 #[cfg(test)]
 mod tests;
 mod words;

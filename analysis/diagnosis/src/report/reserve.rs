@@ -65,10 +65,10 @@ pub(super) fn next_experiment(d: &Diagnosis) -> Section {
 }
 
 pub(super) fn unexplained(d: &Diagnosis) -> Section {
-    let (blocks, z) = if d.effects.is_empty() {
-        (&d.blocks, d.quality.base_z)
-    } else {
+    let (blocks, z) = if d.has_additions() {
         (&d.where_after, d.quality.augmented_z)
+    } else {
+        (&d.blocks, d.quality.base_z)
     };
     let remaining: Vec<&Block> = blocks.iter().filter(|b| is_significant(b)).collect();
     let mut points: Vec<String> = remaining
@@ -136,7 +136,12 @@ pub(super) fn not_claimed(d: &Diagnosis) -> Section {
     if d.verdict == Verdict::Unexplained {
         points.push("A name for what is missing.".to_owned());
     }
-    if d.verdict == Verdict::Mostly {
+    if !d.mechanisms().is_empty() {
+        points.push(
+            "That the cell follows one of the formulas, nor a value of their parameters."
+                .to_owned(),
+        );
+    } else if d.verdict == Verdict::Mostly {
         points.push("A name for what is left, nor that the cell follows the formula.".to_owned());
     }
     let rivals = d.rivals.iter().map(|r| {

@@ -5,7 +5,8 @@ use super::numbers::{Unit, percent, plain, probability, times};
 use super::page::{Item, Page, Section};
 use super::pictures::Kind;
 use super::{
-    after, counted, findings, first_page, is_significant, misfit, predictive, reserve, titled,
+    after, counted, findings, first_page, is_significant, misfit, predictive, reserve, shares,
+    titled,
 };
 use crate::{
     attempts::is_outside,
@@ -98,7 +99,7 @@ fn location(d: &Diagnosis) -> Section {
 /// Returns the number of blocks outside the noise with the named effects, and why it may be more
 /// than before.
 fn left_over(d: &Diagnosis, before: &[&Block]) -> String {
-    if d.effects.is_empty() {
+    if !d.has_additions() {
         return String::new();
     }
     let left: Vec<&Block> = d.where_after.iter().filter(|b| is_significant(b)).collect();
@@ -138,10 +139,10 @@ fn block_table(d: &Diagnosis, blocks: &[&Block]) -> Item {
         "Misfit after",
         "p after",
     ];
-    header.truncate(if d.effects.is_empty() { 5 } else { 7 });
+    header.truncate(if d.has_additions() { 7 } else { 5 });
     let row = |b: &&Block| {
         let part = format!("{}: {}", b.dimension, b.part);
-        let later = after(d, b).filter(|_| !d.effects.is_empty());
+        let later = after(d, b).filter(|_| d.has_additions());
         let unit = if b.dimension == "frequency" {
             "‰ of |Z|"
         } else {
@@ -186,6 +187,10 @@ fn what(d: &Diagnosis) -> Section {
             "Something is missing. The best representative of what fits, not the only one \
             (see \"What else it could be\"):"
         }
+        Verdict::Mostly if d.effects.is_empty() => {
+            "Mechanisms are named, not formulas: formulas of the catalogue predict the runs together, \
+            and no single one does."
+        }
         Verdict::Mostly => {
             "Missing in the base model and added; what is left is far smaller, and has no name:"
         }
@@ -196,6 +201,7 @@ fn what(d: &Diagnosis) -> Section {
     if !d.effects.is_empty() {
         items.push(Item::List(d.effects.iter().map(one).collect()));
     }
+    items.extend(shares::table(d));
     Section::new("What", items)
 }
 
@@ -215,7 +221,7 @@ fn how_sure(d: &Diagnosis) -> Section {
     }
     let q = &d.quality;
     let mut fit = format!("Fit to the training runs: χ² {}", plain(q.base_chi2));
-    if !d.effects.is_empty() {
+    if d.has_additions() {
         fit.push_str(&format!(
             " without and {} with the named effects",
             plain(q.augmented_chi2)
@@ -226,7 +232,7 @@ fn how_sure(d: &Diagnosis) -> Section {
         plain(q.degrees_of_freedom),
         times(q.base_z)
     ));
-    if !d.effects.is_empty() {
+    if d.has_additions() {
         fit.push_str(&format!(" and {} σ", times(q.augmented_z)));
     }
     fit.push_str(" above what noise alone would give.");
@@ -449,7 +455,7 @@ fn gap_table(d: &Diagnosis, rows: &[GapRow<'_>], unit: &str) -> Item {
         "Assumed noise"
     };
     let value = |v: f64| format!("{} {unit}", plain(v));
-    if d.effects.is_empty() {
+    if !d.has_additions() {
         let row = |r: &GapRow<'_>| {
             vec![
                 r.run.to_owned(),
@@ -499,7 +505,7 @@ fn gap_sentence(d: &Diagnosis, rows: &[GapRow<'_>], unit: &str) -> Option<Item> 
     };
     let (alone, augmented) = (together(&|r| r.alone), together(&|r| r.augmented));
     let runs = counted(rows.len(), "run", "runs");
-    (!d.effects.is_empty() && rows.len() > 1).then(|| {
+    (d.has_additions() && rows.len() > 1).then(|| {
         let (before, later, part) = (plain(alone), plain(augmented), closed(alone, augmented));
         Item::Text(format!(
             "The {runs} together: {before} → {later} {unit}, {part} of the gap of \

@@ -29,6 +29,7 @@ mod inductance;
 mod inductance_lossy;
 mod insufficient_rest;
 mod ladder;
+mod mechanism;
 mod ocv_curvature;
 mod ocv_slope;
 mod outside;
@@ -47,5 +48,6 @@ mod voltage_gain;
 mod warburg;
 
 pub use catalogue::{GROUPS, catalogue, find, title};
+pub use mechanism::Mechanism;
 pub use outside::outside;
 pub use resistance_spread::resistance_spread;

@@ -267,6 +267,7 @@ pub(super) fn explained() -> Diagnosis {
         given: Vec::new(),
         by_hand: None,
         predictive: None,
+        shares: Vec::new(),
     }
 }
 
