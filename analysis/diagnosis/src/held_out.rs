@@ -19,6 +19,16 @@ struct Worse {
     z: f64,
 }
 
+/// How much of a predicted change held-out runs show.
+struct FoundChange {
+    /// Part of the predicted change, 1 if all of it is there.
+    times: f64,
+    /// Its standard deviation.
+    sigma: f64,
+    /// Distance from 1, beyond the error of a formula, in standard deviations.
+    z: f64,
+}
+
 impl Search<'_> {
     /// Returns the change of the held-out χ², or an error if one run becomes worse.
     pub(super) fn held_out(&mut self, before: &Fit, after: &Fit) -> Result<f64, String> {
@@ -38,11 +48,13 @@ impl Search<'_> {
         if self.guards.held_out {
             self.no_record_worse(before, after)?;
         }
-        let z = self.contradiction(before, after);
-        if self.guards.held_out && z.abs() > HELD_OUT_Z {
+        if let Some(found) = self.found_change(before, after)
+            && self.guards.held_out
+            && found.z > HELD_OUT_Z
+        {
             return Err(format!(
-                "held-out runs contradict the size of what it predicts for them by {z:.1} standard \
-                deviations"
+                "held-out runs show {:.2} ± {:.2} times the change that it predicts for them",
+                found.times, found.sigma
             ));
         }
         Ok(change)
@@ -157,29 +169,31 @@ impl Search<'_> {
         })
     }
 
-    /// Returns the residual of the held-out runs along the change that the addition makes to their
-    /// prediction, in standard deviations of noise and parameters: u·r/√(1 + uᵀJΣJᵀu) with u the
-    /// direction of the change. A true effect leaves only noise there.
-    fn contradiction(&mut self, before: &Fit, after: &Fit) -> f64 {
+    /// Returns how much of the change that the addition makes to the prediction of the held-out runs
+    /// is found there, or `None` if it changes nothing.
+    ///
+    /// With u the direction of the change and r the residual after it, u·r is left of noise and
+    /// parameters if the addition is true: its variance is 1 + uᵀJΣJᵀu.
+    fn found_change(&mut self, before: &Fit, after: &Fit) -> Option<FoundChange> {
         let problem = self.problem;
         let old = problem.whitened_of(Role::HeldOut, before.at(), &mut self.workspace);
         let new = problem.whitened_of(Role::HeldOut, after.at(), &mut self.workspace);
         let mut u: Vec<f64> = new.iter().zip(&old).map(|(n, o)| n - o).collect();
         let size = dot(&u, &u).sqrt();
         let n = after.x.len();
-        let (Some(covariance), true) = (after.covariance(), size > 1e-6) else {
-            return 0.0;
-        };
+        let covariance = after.covariance().filter(|_| size > 1e-6)?;
         u.iter_mut().for_each(|u| *u /= size);
         let (residual, columns) = problem.held_out(after, &mut self.workspace);
         let along: Vec<f64> = columns.iter().map(|c| dot(&u, c)).collect();
         let spread: f64 = (0..n * n)
             .map(|ij| along[ij / n] * along[ij % n] * covariance[ij])
             .sum();
+        let sigma = (1.0 + spread.max(0.0)).sqrt();
         let along = dot(&u, &residual);
-        let beyond = (along.abs() - FORMULA_SHARE * size)
-            .max(0.0)
-            .copysign(along);
-        beyond / (1.0 + spread.max(0.0)).sqrt()
+        Some(FoundChange {
+            times: 1.0 + along / size,
+            sigma: sigma / size,
+            z: (along.abs() - FORMULA_SHARE * size).max(0.0) / sigma,
+        })
     }
 }

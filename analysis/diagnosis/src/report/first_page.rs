@@ -192,7 +192,12 @@ fn distrust(d: &Diagnosis) -> Vec<String> {
         .iter()
         .filter(|e| e.parameters.iter().any(|p| p.sigma.is_none()));
     sentences.extend(open.map(|e| format!("One value of {}: these runs leave it open.", e.title)));
-    if d.verdict.leaves_a_rest() {
+    if !d.mechanisms().is_empty() {
+        sentences.push(
+            "Values of the formulas: several formulas describe one mechanism, and none exactly."
+                .to_owned(),
+        );
+    } else if d.verdict.leaves_a_rest() {
         sentences.push(
             "Predictions of the model for other runs: what it lacks is not known.".to_owned(),
         );
