@@ -202,10 +202,13 @@ pub(crate) fn diagnose_with(
             tries.find_map(|composed| composed.tested(model, options, guards, refit_mv))
         });
         if let Some((composed, found)) = composed {
-            d.shares = composed.shares(model, options, guards);
+            // A law outside the catalogue that leads may be any mechanism.
+            if selection.outside.is_none() {
+                d.shares = composed.shares(model, options, guards);
+            }
             // Noise that seemed to have moved may have been the missing mechanisms.
             let is_steady = !has_moved || moved_floor(&composed.prepared).is_none();
-            if selection.outside.is_none() && is_steady && judge_mechanisms(&mut d) {
+            if is_steady && judge_mechanisms(&mut d) {
                 curves = composed.describe(&mut d, model);
             }
             d.predictive = Some(found);
