@@ -972,6 +972,12 @@ thresholds! {
     POINT_S: f64 = 20.0, "s",
         "Time of a point beside its periods, in which the step of frequency dies away.",
         Convention "An estimate of the bench's own sweeps, for the time of a plan only.";
+    BIAS_PART: f64 = 0.5, "1",
+        "Part of the limit beside the amplitude that a planned direct current uses.",
+        Convention "Far from the limits, so that a drift of the cell ends no sweep.";
+    BIAS_CHARGE: f64 = 0.03, "1",
+        "Part of the capacity that the slowest point under a planned direct current moves at most.",
+        Convention "Below the 5 % that an experiment allows a group of points by default.";
     BETWEEN_REPEATS_S: f64 = 600.0, "s",
         "Longest rest between repeats of a planned run.",
         Convention "The value of `SETTLE_S`. No study of the value is on record.";

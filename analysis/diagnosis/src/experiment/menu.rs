@@ -1,11 +1,11 @@
 //! Menu of planned runs that can separate effects, generated for the cell, the currents and the
 //! frequencies of a campaign.
 
-use super::planned::{BenchLimits, Planned, PlannedRun};
+use super::planned::{BenchLimits, Planned, PlannedRun, point_s};
 use crate::thresholds::{
-    BURST_S, HALVES_S, MENU_REPEATS, MIRRORED_PARTS, SETTLE_ELSEWHERE_S, SETTLE_JIG_S, SETTLE_S,
-    SLOW_POINTS, SLOW_REPEATS, SLOWEST_HZ, SOC_WITHIN, SWEEP_BAND_HZ, SWEEP_POINTS, TOP_POINTS,
-    WALK_REST_S, WALK_SOC,
+    BIAS_CHARGE, BIAS_PART, BURST_S, HALVES_S, MENU_REPEATS, MIRRORED_PARTS, SETTLE_ELSEWHERE_S,
+    SETTLE_JIG_S, SETTLE_S, SLOW_POINTS, SLOW_REPEATS, SLOWEST_HZ, SOC_WITHIN, SWEEP_BAND_HZ,
+    SWEEP_POINTS, TOP_POINTS, WALK_REST_S, WALK_SOC,
 };
 use crate::{
     block::{Block, Kind},
@@ -115,6 +115,7 @@ impl<'a> Campaign<'a> {
                 Kind::Eis { points, .. } => Some(Planned::Eis {
                     freq_hz: points.iter().map(|p| p.freq_hz).collect(),
                     amplitude_a: points[0].amplitude_a.unwrap_or(1.0),
+                    bias_a: 0.0,
                 }),
                 Kind::Time(_) => None,
             });
@@ -129,6 +130,7 @@ impl<'a> Campaign<'a> {
             sweep: swept.unwrap_or_else(|| Planned::Eis {
                 freq_hz: frequencies(SWEEP_BAND_HZ.0, SWEEP_BAND_HZ.1, SWEEP_POINTS),
                 amplitude_a: 1.0,
+                bias_a: 0.0,
             }),
         }
     }
@@ -200,6 +202,30 @@ impl<'a> Campaign<'a> {
         }
     }
 
+    /// Returns the size of a direct current under the sweep, A, or `None` if it would not exceed the
+    /// amplitude: half of what the limits leave beside the amplitude, and as much as its slowest
+    /// point may move of the charge.
+    fn direct_a(&self, sign: f64) -> Option<f64> {
+        let Planned::Eis {
+            freq_hz,
+            amplitude_a,
+            ..
+        } = &self.sweep
+        else {
+            return None;
+        };
+        let slowest_s = freq_hz.iter().copied().map(point_s).fold(0.0, f64::max);
+        let capacity_coulomb = 3600.0 * self.problem.base.ocv.capacity_ah;
+        let limit_a = if sign > 0.0 {
+            self.limits.discharge_a
+        } else {
+            self.limits.charge_a
+        };
+        let current_a =
+            (BIAS_PART * (limit_a - amplitude_a)).min(BIAS_CHARGE * capacity_coulomb / slowest_s);
+        (current_a > *amplitude_a).then_some(current_a)
+    }
+
     /// Returns the lesser of both limits.
     fn both_ways_a(&self) -> f64 {
         self.limits.discharge_a.min(self.limits.charge_a)
@@ -258,6 +284,7 @@ fn sweeps(campaign: &Campaign<'_>) -> Vec<MenuItem> {
     let top = |low_hz: f64, high_hz: f64| Planned::Eis {
         freq_hz: frequencies(low_hz, high_hz, TOP_POINTS),
         amplitude_a: campaign.amplitude_a(),
+        bias_a: 0.0,
     };
     if campaign.limits.highest_hz > 1.5 * highest_hz {
         let words = format!(
@@ -326,6 +353,21 @@ fn sweeps(campaign: &Campaign<'_>) -> Vec<MenuItem> {
             },
         ));
     }
+    for (name, sign, way) in [
+        ("eis_under_discharge", 1.0, "discharge"),
+        ("eis_under_charge", -1.0, "charge"),
+    ] {
+        if let Some(current_a) = campaign.direct_a(sign) {
+            let words = format!(
+                "the same sweep under a {way} of {current_a:.1} A; its charge is brought back"
+            );
+            items.push(campaign.swept(name, words, |run| {
+                if let Planned::Eis { bias_a, .. } = &mut run.what {
+                    *bias_a = sign * current_a;
+                }
+            }));
+        }
+    }
     let lowest_hz = campaign
         .problem
         .base
@@ -343,6 +385,7 @@ fn sweeps(campaign: &Campaign<'_>) -> Vec<MenuItem> {
                 run.what = Planned::Eis {
                     freq_hz: frequencies(slowest_hz, lowest_hz, SLOW_POINTS),
                     amplitude_a: campaign.amplitude_a(),
+                    bias_a: 0.0,
                 };
                 run.repeat = SLOW_REPEATS;
             },

@@ -62,7 +62,19 @@ pub enum Planned {
         freq_hz: Vec<f64>,
         /// Amplitude of the current, A.
         amplitude_a: f64,
+        /// Direct current under the sine, A, discharge positive; its charge is brought back.
+        bias_a: f64,
     },
+}
+
+/// Returns the time of a point of a sweep, s.
+pub(super) fn point_s(freq_hz: f64) -> f64 {
+    let periods = if freq_hz < SLOW_HZ {
+        SLOW_SWEEP_PERIODS
+    } else {
+        SWEEP_PERIODS
+    };
+    periods / freq_hz + POINT_S
 }
 
 impl Planned {
@@ -70,10 +82,17 @@ impl Planned {
     pub fn span_s(&self) -> f64 {
         match self {
             Self::Trace(segments) => segments.iter().map(|(span_s, _)| span_s).sum(),
-            Self::Eis { freq_hz, .. } => freq_hz
-                .iter()
-                .map(|f| if *f < SLOW_HZ { SLOW_SWEEP_PERIODS } else { SWEEP_PERIODS } / f + POINT_S)
-                .sum(),
+            Self::Eis {
+                freq_hz, bias_a, ..
+            } => {
+                let sweep_s: f64 = freq_hz.iter().map(|f| point_s(*f)).sum();
+                // The way back takes as long.
+                if *bias_a == 0.0 {
+                    sweep_s
+                } else {
+                    2.0 * sweep_s
+                }
+            }
         }
     }
 
@@ -84,10 +103,12 @@ impl Planned {
                 .iter()
                 .map(|(span_s, amps)| span_s * amps.abs())
                 .sum(),
-            // The mean of |sin| is 2/π.
-            Self::Eis { amplitude_a, .. } => {
-                std::f64::consts::FRAC_2_PI * amplitude_a * self.span_s()
-            }
+            // The mean of |sin| is 2/π, and less than the direct current if that is larger.
+            Self::Eis {
+                amplitude_a,
+                bias_a,
+                ..
+            } => bias_a.abs().max(std::f64::consts::FRAC_2_PI * amplitude_a) * self.span_s(),
         }
     }
 }
@@ -145,6 +166,7 @@ impl PlannedRun {
             Planned::Eis {
                 freq_hz,
                 amplitude_a,
+                bias_a,
             } => {
                 let point = |f: &f64| SweepPoint {
                     freq_hz: *f,
@@ -153,7 +175,7 @@ impl PlannedRun {
                     amplitude_a: Some(*amplitude_a),
                 };
                 RunData::Eis(Sweep {
-                    bias_a: 0.0,
+                    bias_a: *bias_a,
                     common_mode: CommonModeImpedance::default(),
                     elapsed_s: Vec::new(),
                     points: freq_hz.iter().map(point).collect(),

@@ -298,6 +298,8 @@ fn the_menu_keeps_to_limits_and_range() {
             "eis_higher_soc",
             "eis_other_temperature",
             "eis_larger_amplitude",
+            "eis_under_discharge",
+            "eis_under_charge",
             "eis_low_frequency",
             "eis_low_frequency",
             "eis_low_frequency",
@@ -349,6 +351,26 @@ fn the_menu_keeps_to_limits_and_range() {
                 "{item:?}"
             );
             for run in &item.runs {
+                if let Planned::Eis {
+                    freq_hz,
+                    amplitude_a,
+                    bias_a,
+                } = &run.what
+                    && *bias_a != 0.0
+                {
+                    assert!(
+                        amplitude_a + bias_a <= discharge_a && amplitude_a - bias_a <= charge_a,
+                        "{} within {discharge_a} A and {charge_a} A",
+                        item.name
+                    );
+                    // The charge is moved twice: under the sweep, and back.
+                    let sweep_s = 0.5 * run.what.span_s();
+                    let moved = run.what.charge_coulomb() - 2.0 * bias_a.abs() * sweep_s;
+                    assert!(
+                        moved.abs() < 1e-6 && sweep_s > 4.0 / freq_hz[0],
+                        "{moved} C"
+                    );
+                }
                 let Planned::Trace(segments) = &run.what else {
                     continue;
                 };

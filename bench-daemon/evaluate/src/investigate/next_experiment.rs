@@ -64,7 +64,7 @@ pub fn experiment_file(
         .iter()
         .find(|run| matches!(run.what, Planned::Eis { .. }))
     {
-        out.push_str(&sweep(run));
+        out.push_str(&sweep(run, setting));
     }
     runs.iter()
         .for_each(|run| out.push_str(&trace(run, setting)));
@@ -93,10 +93,11 @@ fn circumstances(run: &PlannedRun, setting: &Setting<'_>) -> String {
     )
 }
 
-fn sweep(run: &PlannedRun) -> String {
+fn sweep(run: &PlannedRun, setting: &Setting<'_>) -> String {
     let Planned::Eis {
         freq_hz,
         amplitude_a,
+        bias_a,
     } = &run.what
     else {
         return String::new();
@@ -109,12 +110,28 @@ fn sweep(run: &PlannedRun) -> String {
         ),
         _ => format!("rest_first = \"{:.0} s\"\n", run.settle_s),
     };
+    let bias = if *bias_a == 0.0 {
+        "periods_on_screen = 2\nextra_wait = \"20 s\"\n".to_owned()
+    } else {
+        // Files count charging positive. The fastest points come first: they move the least charge.
+        format!(
+            "periods_on_screen = 4\nextra_wait = \"1 s\"\norder = \"descending\"\n\
+            bias = [\"{:.3} A\"]\nresistance_max = \"{:.0} mΩ\"\n",
+            0.0 - bias_a,
+            resistance_max_mohm(setting)
+        )
+    };
     format!(
-        "\n[eis]\nfrequencies = [{}]\namplitude = \"{amplitude_a:.3} A\"\nperiods = 2\n\
-        periods_on_screen = 2\nextra_wait = \"20 s\"\nrepeat = {}\n{place}",
+        "\n[eis]\nfrequencies = [{}]\namplitude = \"{amplitude_a:.3} A\"\nperiods = 2\n{bias}\
+        repeat = {}\n{place}",
         frequencies.join(", "),
         run.repeat
     )
+}
+
+/// Returns the greatest resistance that a run expects, leads included, mΩ.
+fn resistance_max_mohm(setting: &Setting<'_>) -> f64 {
+    (1e3 * (1.5 * setting.resistance_ohm + LEADS_OHM)).ceil()
 }
 
 fn trace(run: &PlannedRun, setting: &Setting<'_>) -> String {
@@ -132,7 +149,7 @@ fn trace(run: &PlannedRun, setting: &Setting<'_>) -> String {
         run.settle_s,
         rest_v - START_WITHIN_V,
         rest_v + START_WITHIN_V,
-        (1e3 * (1.5 * setting.resistance_ohm + LEADS_OHM)).ceil(),
+        resistance_max_mohm(setting),
     );
     for (span_s, amps) in timed(segments) {
         // Files count charging positive; zero stays free of a sign.
@@ -274,6 +291,7 @@ mod tests {
         let what = Planned::Eis {
             freq_hz: vec![0.1, 1.0, 10.0, 50.0, 100.0, 300.0],
             amplitude_a: 5.0,
+            bias_a: 0.0,
         };
         let mut elsewhere = run(cell(), what.clone());
         (elsewhere.soc, elsewhere.temperature_degc) = (0.7, 35.0);
@@ -301,6 +319,19 @@ mod tests {
                 && on_shunt.soc_reset.is_none()
                 && on_shunt.traces.is_empty()
         );
+    }
+
+    #[test]
+    fn a_direct_current_under_a_sweep_comes_back_with_its_sign() {
+        let what = Planned::Eis {
+            freq_hz: vec![1.0, 10.0, 100.0],
+            amplitude_a: 1.0,
+            bias_a: 2.5,
+        };
+        let bias = read_back(&[run(cell(), what)]).eis.unwrap().bias.unwrap();
+        // A discharge is negative in a file.
+        assert_eq!(bias.levels_a, [-2.5]);
+        assert!((bias.resistance_ohm - 31e-3).abs() < 1e-9);
     }
 
     #[test]

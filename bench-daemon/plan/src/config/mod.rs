@@ -44,7 +44,7 @@ pub use resolve::{load_experiment, resolve_experiment};
 pub use resolve_bench::resolve_bench;
 pub use resolve_bench::{load_any_bench, load_bench};
 pub use section::{
-    Acceptance, Cell, Eis, Fit, FixtureCheck, Order, SocReset, Temperature, Tolerance,
+    Acceptance, Cell, Eis, EisBias, Fit, FixtureCheck, Order, SocReset, Temperature, Tolerance,
 };
 pub use source::{ConfigError, Copies, Fence, Source};
 pub use trace::{AFTER_WAVE_S, BEFORE_S};

@@ -9,7 +9,7 @@ use analysis::{
 use instruments::fixture;
 
 use bench_plan::{
-    config::{Eis, Experiment, Segment, Trace, check_frames},
+    config::{Eis, EisBias, Experiment, Order, Segment, Trace, check_frames},
     plan::Through,
     procedure,
 };
@@ -29,6 +29,11 @@ const SLOW_HZ: f64 = 0.05;
 /// Number of periods that are waited for, and number that are recorded: a screen may be two and a
 /// half times as long as requested, and must fill.
 const SLOW_PERIODS: (f64, f64) = (6.0, 2.5);
+
+/// Share of the capacity that a group of points under a direct current may move.
+const BIAS_CHARGE: f64 = 0.05;
+/// Wait after a ramp of the direct current, s.
+const BIAS_SETTLE_S: f64 = 30.0;
 
 /// Start of a planned run: the campaign, and the state in which it left the cell.
 #[derive(Debug, Clone)]
@@ -104,10 +109,7 @@ impl Site {
                         .traces
                         .push(trace(first, run, &self.ocv, segments)?);
                 }
-                Planned::Eis {
-                    freq_hz,
-                    amplitude_a,
-                } => experiment.eis = Some(sweep(first, run, freq_hz, *amplitude_a)?),
+                Planned::Eis { .. } => experiment.eis = Some(sweep(first, run)?),
             }
         }
         let plan = procedure::plan(&experiment)
@@ -180,23 +182,51 @@ fn moved_coulomb(run: &PlannedRun) -> f64 {
         * run.repeat as f64
 }
 
-fn sweep(
-    first: &Experiment,
-    run: &PlannedRun,
-    freq_hz: &Vec<f64>,
-    amplitude_a: f64,
-) -> Result<Eis, String> {
+fn sweep(first: &Experiment, run: &PlannedRun) -> Result<Eis, String> {
+    let Planned::Eis {
+        freq_hz,
+        amplitude_a,
+        bias_a,
+    } = &run.what
+    else {
+        return Err("expected a sweep, found a trace".to_owned());
+    };
     let mut eis = first.eis.clone().ok_or("the campaign sweeps nothing")?;
     eis.fixture = fixture(first, &run.fixture)?;
     (eis.repeat, eis.rest_s) = (run.repeat, run.settle_s.min(600.0));
-    (eis.amplitude_a, eis.steps_a) = (amplitude_a, vec![amplitude_a]);
-    eis.bias = None;
+    (eis.amplitude_a, eis.steps_a) = (*amplitude_a, vec![*amplitude_a]);
+    eis.bias = (*bias_a != 0.0).then(|| bias(first, *bias_a)).transpose()?;
+    if eis.bias.is_some() {
+        // As a file with a bias must be; the fastest points, which move the least charge, come first.
+        (eis.compensate_drift, eis.order) = (false, Order::Descending);
+        if let Some(quality) = &mut eis.quality {
+            quality.again = 0;
+        }
+    }
     if freq_hz.first().is_some_and(|f| *f < SLOW_HZ) {
         (eis.periods, eis.periods_on_screen) = SLOW_PERIODS;
     }
     eis.freqs_hz.clone_from(freq_hz);
     check_frames(&first.bench, &eis)?;
     Ok(eis)
+}
+
+/// Returns the direct current under a planned sweep; its charge is bounded as in a file without
+/// `bias_charge`.
+fn bias(first: &Experiment, bias_a: f64) -> Result<EisBias, String> {
+    let like = first
+        .traces
+        .first()
+        .ok_or("the campaign has no trace to take the greatest resistance from")?;
+    let capacity_coulomb = first.cell.capacity_coulomb;
+    Ok(EisBias {
+        // An experiment counts charging positive.
+        levels_a: vec![0.0 - bias_a],
+        most_coulomb: BIAS_CHARGE * capacity_coulomb,
+        resistance_ohm: like.resistance_max_ohm,
+        settle_s: BIAS_SETTLE_S,
+        capacity_coulomb,
+    })
 }
 
 fn trace(
@@ -270,36 +300,28 @@ mod tests {
     use super::*;
     use bench_plan::{config::load_experiment, plan::Step};
 
-    /// Checks that every point of a planned sweep has the planned amplitude, not that of the
-    /// campaign.
-    #[test]
-    fn a_planned_sweep_is_driven_as_planned() {
+    /// Returns amplitude and direct current of each point of a planned sweep.
+    fn driven(amplitude_a: f64, bias_a: f64) -> Vec<(f64, f64)> {
         let file = Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("../../configs/experiments/investigate.toml");
         let first = load_experiment(&file, None).unwrap();
         let run = PlannedRun {
-            name: "larger".to_owned(),
+            name: "other".to_owned(),
             fixture: Fixture::Cell("cell".to_owned()),
             soc: 0.5,
             temperature_degc: 25.0,
             repeat: 2,
-            repeat_group: "larger".to_owned(),
+            repeat_group: "other".to_owned(),
             order: 20,
             settle_s: 600.0,
             start_s: 1e5,
             what: Planned::Eis {
                 freq_hz: vec![1.0, 10.0],
-                amplitude_a: 4.5,
+                amplitude_a,
+                bias_a,
             },
         };
-        let Planned::Eis {
-            freq_hz,
-            amplitude_a,
-        } = &run.what
-        else {
-            unreachable!()
-        };
-        let eis = sweep(&first, &run, freq_hz, *amplitude_a).unwrap();
+        let eis = sweep(&first, &run).unwrap();
         let experiment = Experiment {
             fixture_check: None,
             soc_reset: None,
@@ -307,19 +329,27 @@ mod tests {
             eis: Some(eis),
             ..first
         };
-        let steps = procedure::plan(&experiment)
-            .stages
-            .into_iter()
-            .flat_map(|stage| stage.steps);
-        let driven: Vec<f64> = steps
-            .filter_map(|step| {
+        let plan = procedure::plan(&experiment)
+            .check(&experiment.cell.limits)
+            .unwrap();
+        let mut driven = Vec::new();
+        for stage in &plan.plan().stages {
+            for (at, step) in stage.steps.iter().enumerate() {
                 if let Step::Sine { amplitude_a, .. } = step {
-                    Some(amplitude_a)
-                } else {
-                    None
+                    driven.push((*amplitude_a, stage.bias_at(at)));
                 }
-            })
-            .collect();
-        assert_eq!(driven, [4.5; 4]);
+            }
+        }
+        driven
+    }
+
+    #[test]
+    fn a_planned_sweep_is_driven_as_planned_and_not_as_the_campaign() {
+        assert_eq!(driven(4.5, 0.0), [(4.5, 0.0); 4]);
+    }
+
+    #[test]
+    fn a_discharge_under_a_planned_sweep_is_negative_on_the_bench() {
+        assert_eq!(driven(1.0, 2.0), [(1.0, -2.0); 4]);
     }
 }
