@@ -70,7 +70,7 @@ Examples:
   Identify the instruments at the configured addresses; changes nothing:
     eis-bench identify configs/benches/thesis.toml
   Examine a bench before its first use, with the fake cell instead of the cell:
-    eis-bench doctor configs/benches/thesis.toml --fixture fake_cell
+    eis-bench doctor configs/benches/thesis-network.toml --fixture fake_cell
   Read the state of its outputs; changes nothing:
     eis-bench outputs configs/benches/thesis.toml
   Switch a bench off, no matter who runs it; without a file all benches that run or ran here:

@@ -25,6 +25,7 @@ use instruments::{
     instrument::Instrument,
     jig::Jig,
     link::{Link, LinkError},
+    units::Volts,
 };
 
 use error::wrap;
@@ -38,12 +39,21 @@ pub struct Bench {
     pub instruments: Instruments,
     models: BTreeMap<&'static str, config::Instrument>,
     clock: Clock,
-    command_offset_v: f64,
+    command: Command,
     /// Roles whose output was reported as off while a current flowed, and the method that brought
     /// the current to zero.
     lied: BTreeMap<String, String>,
     /// Report of the last shutdown of all outputs.
     last_safe: Option<SafeReport>,
+}
+
+/// The generator's command to the bipolar supply.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Command {
+    /// Its offset for no current.
+    zero: Volts,
+    /// Whether the supply is analog: no message switches it, so that the command must stay at zero.
+    unswitched: bool,
 }
 
 /// Identity of an instrument, for the manifest.
@@ -120,7 +130,10 @@ impl Bench {
                 .map(|(role, instrument)| (role, instrument.clone()))
                 .collect(),
             clock: connections.clock.clone(),
-            command_offset_v: config.wiring.command_offset_v,
+            command: Command {
+                zero: Volts(config.wiring.command_offset_v),
+                unswitched: config.wiring.analog.is_some(),
+            },
             lied: BTreeMap::new(),
             last_safe: None,
         }
@@ -136,7 +149,7 @@ impl Bench {
             instruments: self.instruments.share(clock),
             models: self.models.clone(),
             clock: clock.clone(),
-            command_offset_v: self.command_offset_v,
+            command: self.command,
             lied: self.lied.clone(),
             last_safe: None,
         }
@@ -239,6 +252,17 @@ impl Bench {
         Ok(())
     }
 
+    /// Returns what the units of this bench do not know or do otherwise, each with its consequence.
+    pub fn peculiarities(&mut self) -> Vec<String> {
+        let found = std::cell::RefCell::new(Vec::new());
+        self.each_link(|link| {
+            let of_link = link.notes().into_iter();
+            let named = of_link.map(|text| format!("{}: {text}", link.name()));
+            found.borrow_mut().extend(named);
+        });
+        found.into_inner()
+    }
+
     /// Queries the identity of every instrument without changing anything. An instrument that is
     /// not the configured model is marked but not rejected.
     ///
@@ -292,9 +316,30 @@ impl Bench {
 
     /// Returns the configured model of a role.
     pub fn model(&self, role: &str) -> &str {
-        self.models
-            .get(role)
-            .map_or("", |instrument| instrument.model.as_str())
+        let model = self.models.get(role);
+        match model {
+            Some(instrument) => &instrument.model,
+            None if role == "supply4q" && self.is_unswitched() => config::ANALOG,
+            None => "",
+        }
+    }
+
+    /// Queries whether the generator of an analog supply is at its zero command; changes nothing. A
+    /// generator that does not answer is not.
+    pub(crate) async fn commands_zero(&mut self) -> bool {
+        let zero = self.command.zero;
+        match self.instruments.generator.as_mut() {
+            Some(generator) if self.command.unswitched => {
+                let answers = generator.look_at_zero(zero).await;
+                answers.is_ok_and(|answers| answers.iter().all(|answer| answer.as_scripted))
+            }
+            _ => false,
+        }
+    }
+
+    /// Checks whether its bipolar supply is analog, so that the program cannot switch it.
+    pub fn is_unswitched(&self) -> bool {
+        self.command.unswitched
     }
 
     /// Returns a function that wraps a link error with the role.

@@ -1,6 +1,7 @@
 //! Executes the steps of a checked plan with the instruments, and writes readings and records. The
 //! caller must bring the bench into a safe state afterwards, whatever the outcome.
 
+mod analog;
 mod ask;
 mod bath;
 mod bias;
@@ -221,6 +222,9 @@ impl<'a> Executor<'a> {
             outcome?;
             self.person.progress.end(step);
         }
+        for text in self.rig.bench.peculiarities() {
+            self.rig.recorder.warning(&text);
+        }
         if let Some(first) = resume_point.points.first() {
             // The sweep began when its first point did.
             self.known.idle = first.idle;
@@ -265,7 +269,11 @@ impl<'a> Executor<'a> {
             Step::Bias(ref bias) => self.bias(bias).await?,
             Step::Recharge(ref recharge) => self.recharge(recharge).await?,
             Step::PowerDown => {
-                self.rig.power_down().await?;
+                if self.rig.setup.wiring.analog.is_some() {
+                    self.end_analog(fixture).await?;
+                } else {
+                    self.rig.power_down().await?;
+                }
                 // What a recharge has left counts as the charge of a trace does.
                 self.direct.charge_coulomb += self.moved_coulomb();
                 self.rig.driving.bias = BiasState::default();
@@ -306,6 +314,9 @@ impl<'a> Executor<'a> {
             self.rig.refuse_a_cell("before mounting the short").await?;
         }
         self.rig.bench.off_again().await?;
+        if self.rig.setup.wiring.analog.is_some() {
+            self.rig.hold_zero().await?;
+        }
         match self.rig.bench.instruments.jig.as_mut() {
             Some(jig) => {
                 let mounted = jig.mount(fixture).await;

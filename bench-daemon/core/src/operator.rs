@@ -97,8 +97,8 @@ pub async fn on_terminal(question: &Question) -> Result<(), OperatorError> {
     let ask = move || {
         let mut line = String::new();
         remark!(
-            "\n{text}\nAll outputs are off, but an output that is off is not an open switch: mind \
-            the terminals. Type `done` when it is done:"
+            "\n{text}\nAll outputs that the program switches are off, but an output that is off is not \
+            an open switch: mind the terminals. Type `done` when it is done:"
         );
         // The end of the input also ends the wait: the person has left.
         while std::io::stdin()

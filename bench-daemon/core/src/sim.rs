@@ -54,6 +54,9 @@ pub enum SimError {
     },
 }
 
+/// Voltage limit that is set at the panel of a simulated analog supply, V.
+const ANALOG_V: f64 = 5.0;
+
 /// A simulated world; clones share the same world.
 #[derive(Clone)]
 pub struct Simulation {
@@ -161,6 +164,7 @@ impl Simulation {
         clock: &Clock,
         hub: &MemoryHub,
     ) -> Result<(), SimError> {
+        self.connect_analog(bench, clock);
         for (role, instrument) in bench.instruments.addressed() {
             let device = self.device(role, &instrument.model)?;
             let Address::Memory { name } = &instrument.address else {
@@ -193,6 +197,7 @@ impl Simulation {
         over: &[Over],
         clock: &Clock,
     ) -> Result<Vec<Served>, SimError> {
+        self.connect_analog(bench, clock);
         let mut served = Vec::new();
         for (role, instrument) in bench.instruments.addressed() {
             let device = self.device(role, &instrument.model)?;
@@ -223,6 +228,14 @@ impl Simulation {
             });
         }
         Ok(served)
+    }
+
+    /// Switches an analog supply of the bench on, as a person does before a run.
+    fn connect_analog(&self, bench: &Bench, clock: &Clock) {
+        if bench.wiring.analog.is_some() {
+            let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
+            world.connect_analog(clock.now_s(), ANALOG_V);
+        }
     }
 
     fn device(&self, role: &'static str, model: &str) -> Result<Box<dyn mocks::Device>, SimError> {

@@ -1,6 +1,6 @@
 //! Properties of a bench by its file, from which a client can see whether an experiment fits it.
 
-use instruments::{chiller, fixture::Fixture, instrument::by_key, load, supply, supply4q};
+use instruments::{chiller, fixture::Fixture, instrument::by_key, load, supply};
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -40,9 +40,7 @@ fn current_a(bench: &Bench) -> f64 {
         Some(instrument.model.clone())
     };
     let instruments = &bench.instruments;
-    let bipolar = model(&instruments.supply4q)
-        .and_then(|key| by_key(supply4q::DIALECTS, &key))
-        .map(|dialect| dialect.capabilities().full_scale.value());
+    let bipolar = bench.bipolar().map(|can| can.full_scale.value());
     let load = model(&instruments.load)
         .and_then(|key| by_key(load::DIALECTS, &key))
         .map(|dialect| dialect.capabilities().max_current.value());

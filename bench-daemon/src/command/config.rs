@@ -32,6 +32,7 @@ const FILES: &[(&str, &str)] = configs![
     "benches/demo.toml",
     "experiments/thesis.toml",
     "benches/thesis.toml",
+    "benches/thesis-network.toml",
     "cells/p45b.toml",
     "scenarios/p45b.toml",
     "serve.toml",

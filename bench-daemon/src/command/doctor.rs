@@ -111,6 +111,13 @@ pub fn doctor(args: &DoctorArgs) -> Result<(), Failure> {
         return runtime
             .block_on(async { doctor::hold(&config, sha256, &Clock::start(mode), &folder).await });
     }
+    if config.wiring.analog.is_some() && fixture.is_some() {
+        return Err(Failure::Usage(
+            "expected no --fixture: the bipolar supply is analog, without a link, and the doctor \
+            applies no current through it; each power-up of a run tests its gain and its sign"
+                .to_owned(),
+        ));
+    }
     confirmed(&config, args)?;
     if fixture == Some(Fixture::FakeCell) && config.fake_cell.is_none() {
         return Err(Failure::Usage(
@@ -482,11 +489,15 @@ impl Visit<'_> {
         } = examination;
         let read = bench.close();
         if safe.is_ok() {
+            let met = match (&read, self.config.wiring.analog) {
+                (Some(report), Some(_)) => report.message.as_str(),
+                _ => "it is so",
+            };
             findings.add(
                 "safe.end",
                 Texts {
                     expected: "every output off and read back, no current",
-                    met: "it is so",
+                    met,
                 },
                 Verdict::Ok,
                 "",
@@ -505,7 +516,11 @@ impl Visit<'_> {
         examination
             .examine(
                 self.fixture,
-                "no fixture in the jig: --fixture fake_cell, or shunt, proves it",
+                if self.config.wiring.analog.is_some() {
+                    "the bipolar supply is analog, without a link: each power-up of a run tests it"
+                } else {
+                    "no fixture in the jig: --fixture fake_cell, or shunt, proves it"
+                },
             )
             .await;
         Ok(())

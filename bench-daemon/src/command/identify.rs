@@ -12,7 +12,10 @@ use instruments::transport::Address;
 
 use crate::command::printed::say_json;
 use bench_core::safety::failure::Failure;
-use bench_plan::{config::load_any_bench, support::terminal::say};
+use bench_plan::{
+    config::{ANALOG, load_any_bench},
+    support::terminal::say,
+};
 
 /// Arguments of `identify`.
 #[derive(Debug, clap::Args)]
@@ -33,10 +36,12 @@ pub struct IdentifyArgs {
 /// A mistake in a file; a bench that a process runs, whose instruments are not queried; after all
 /// queries, an instrument that does not answer or whose model is unknown.
 pub fn identify(args: &IdentifyArgs) -> Result<(), Failure> {
-    let mut found = Vec::new();
+    let (mut found, mut unlinked) = (Vec::new(), Vec::new());
     for of in &args.of {
         if Path::new(of).is_file() {
-            found.extend(of_bench::identify(&load_any_bench(Path::new(of))?)?);
+            let bench = load_any_bench(Path::new(of))?;
+            found.extend(of_bench::identify(&bench)?);
+            unlinked.extend(bench.wiring.analog);
         } else {
             let address = of.parse::<Address>().map_err(|error| {
                 Failure::Usage(format!("expected a file or an address: {error}"))
@@ -54,6 +59,14 @@ pub fn identify(args: &IdentifyArgs) -> Result<(), Failure> {
         say_json(&found)?;
     } else {
         found.iter().for_each(print);
+        for supply in unlinked {
+            say!(
+                "supply4q   {ANALOG:<20} no link: {} A/V, rated {} A; the program cannot switch, \
+                limit or read it",
+                supply.amps_per_volt,
+                supply.rated_a
+            );
+        }
     }
     match found.iter().filter(|found| !found.good()).count() {
         0 => Ok(()),

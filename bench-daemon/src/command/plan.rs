@@ -14,7 +14,7 @@ use bench_core::{
     watch::{Pace, unwatched},
 };
 use bench_plan::{
-    config::{Experiment, Instrument, Instruments, Jig, load_experiment},
+    config::{Bench, Experiment, Instrument, Jig, load_experiment},
     interlock::Limits,
     plan::{Flow, Leg, Plan, Step, Through},
     procedure,
@@ -99,7 +99,7 @@ fn endings(experiment: &Experiment, plan: &Plan) -> Vec<String> {
     }
     let moves = |of: fn(&Step) -> bool| plan.stages.iter().flat_map(|stage| &stage.steps).any(of);
     if moves(|step| matches!(step, Step::PowerUp { .. })) {
-        texts.extend(one_way(&bench.instruments));
+        texts.extend(one_way(bench));
     }
     if moves(|step| {
         matches!(
@@ -207,8 +207,16 @@ fn unattended(role: &str, instrument: &Instrument, how: Unattended, limits: &Lim
 }
 
 /// Describes a bipolar supply without a second path to zero.
-fn one_way(instruments: &Instruments) -> Option<String> {
-    let supply = instruments.supply4q.as_ref()?;
+fn one_way(bench: &Bench) -> Option<String> {
+    if bench.wiring.analog.is_some() {
+        return Some(
+            "the bipolar supply (analog) is not switched by the program: \"down\" means that the \
+            generator commands zero. Where the generator cannot be reached, only the supply's own \
+            switch, or the one in series with the cell, ends its current"
+                .to_owned(),
+        );
+    }
+    let supply = bench.instruments.supply4q.as_ref()?;
     let none = by_key(supply4q::DIALECTS, &supply.model)?.zero().is_empty();
     none.then(|| {
         format!(

@@ -8,6 +8,7 @@
 
 mod accuracy;
 mod additions;
+mod analog;
 mod architecture;
 mod attack_matrix;
 mod bad_day;

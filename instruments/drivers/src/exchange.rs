@@ -6,10 +6,12 @@
 
 mod expect;
 mod identity;
+mod optional;
 mod setting_text;
 
 pub use expect::{Expect, after_header, field, hex_word, leading_number, plain};
 pub use identity::{Identity, fold};
+pub use optional::NOT_KNOWN;
 pub use setting_text::{CHOSEN, ON_OFF, Says, Setting, Shows};
 
 use instruments_link::link::{Link, LinkError};
@@ -183,14 +185,38 @@ pub async fn play(
                         reason,
                     });
                 }
-                let outcome = link
-                    .set(message, read_back, |answer| expect.judge(answer))
-                    .await;
                 let question = Question {
                     text: read_back,
                     expect,
                     settings,
                 };
+                let without = Setting::missing(settings, read_back);
+                if without.is_some() && link.lacks(read_back) {
+                    optional::send_unread(link, message).await?;
+                    continue;
+                }
+                let mut outcome = link
+                    .set(message, read_back, |answer| expect.judge(answer))
+                    .await;
+                if let (Err(error), Some(without)) = (&outcome, without)
+                    && optional::may_be_missing(error, read_back)
+                {
+                    match optional::ask_again(link, read_back, without).await? {
+                        None => continue,
+                        Some(answer) => {
+                            outcome =
+                                expect
+                                    .judge(&answer)
+                                    .map_err(|expected| LinkError::ReadBack {
+                                        link: link.name().to_owned(),
+                                        sent: message.clone(),
+                                        asked: read_back.clone(),
+                                        answered: answer,
+                                        expected,
+                                    });
+                        }
+                    }
+                }
                 question.believe(link, outcome).await?;
             }
             Exchange::Data { head, data } => link.send_data(head, data).await?,
@@ -336,27 +362,83 @@ pub struct Answer {
 ///
 /// # Errors
 /// The link's errors.
-pub async fn look(link: &mut Link, script: &[Exchange]) -> Result<Vec<Answer>, LinkError> {
+pub async fn look(
+    link: &mut Link,
+    settings: &[Setting],
+    script: &[Exchange],
+) -> Result<Vec<Answer>, LinkError> {
     let mut answers = Vec::new();
-    for exchange in script {
-        let (Exchange::Set {
-            read_back, expect, ..
-        }
-        | Exchange::Ask {
-            read_back: Some((read_back, expect)),
-            ..
-        }) = exchange
-        else {
-            continue;
+    for (read_back, expect) in read_backs(script) {
+        let without = Setting::missing(settings, read_back);
+        let answer = if without.is_some() && link.lacks(read_back) {
+            None
+        } else {
+            match (link.query(read_back).await, without) {
+                (Err(error), Some(without)) if optional::may_be_missing(&error, read_back) => {
+                    optional::ask_again(link, read_back, without).await?
+                }
+                (answer, _) => Some(answer?),
+            }
         };
-        let answer = link.query(read_back).await?;
         answers.push(Answer {
-            question: read_back.clone(),
+            question: read_back.to_owned(),
+            as_scripted: answer
+                .as_ref()
+                .is_none_or(|answer| expect.judge(answer).is_ok()),
+            answer: answer.unwrap_or_else(|| NOT_KNOWN.to_owned()),
+        });
+    }
+    Ok(answers)
+}
+
+/// Number of queries without an answer after which [`survey`] sends no further one: each takes a
+/// timeout.
+const MOST_UNKNOWN: usize = 4;
+
+/// As [`look`], for an instrument of which only the identity is known: a query without an
+/// answer is answered by [`NOT_KNOWN`]. After some of them the rest is not asked.
+///
+/// # Errors
+/// The link's errors, except a timeout of a query while the instrument answers otherwise.
+pub async fn survey(link: &mut Link, script: &[Exchange]) -> Result<Vec<Answer>, LinkError> {
+    let (mut answers, mut unknown): (Vec<Answer>, usize) = (Vec::new(), 0);
+    for (question, expect) in read_backs(script) {
+        if answers.iter().any(|known| known.question == question) {
+            continue;
+        }
+        let answer = if unknown >= MOST_UNKNOWN {
+            "not asked".to_owned()
+        } else {
+            match link.query(question).await {
+                Err(LinkError::Timeout { .. }) => {
+                    unknown += 1;
+                    optional::prove_alive(link).await?;
+                    NOT_KNOWN.to_owned()
+                }
+                answer => answer?,
+            }
+        };
+        answers.push(Answer {
+            question: question.to_owned(),
             as_scripted: expect.judge(&answer).is_ok(),
             answer,
         });
     }
     Ok(answers)
+}
+
+/// Returns the queries of a script, each with the condition that its answer must meet.
+fn read_backs(script: &[Exchange]) -> impl Iterator<Item = (&str, &Expect)> {
+    script.iter().filter_map(|exchange| match exchange {
+        Exchange::Set {
+            read_back, expect, ..
+        }
+        | Exchange::Ask {
+            read_back: Some((read_back, expect)),
+            ..
+        } => Some((read_back.as_str(), expect)),
+        _ => None,
+    })
 }
 
 /// The questions of scripts, each with the last thing that it must show.
@@ -373,19 +455,9 @@ impl ExpectedAnswers {
 
     /// Adds the settings of a later script, which replace those of an earlier one.
     pub fn add(&mut self, script: &[Exchange]) {
-        for exchange in script {
-            let (Exchange::Set {
-                read_back, expect, ..
-            }
-            | Exchange::Ask {
-                read_back: Some((read_back, expect)),
-                ..
-            }) = exchange
-            else {
-                continue;
-            };
+        for (read_back, expect) in read_backs(script) {
             self.0.retain(|(question, _)| question != read_back);
-            self.0.push((read_back.clone(), expect.clone()));
+            self.0.push((read_back.to_owned(), expect.clone()));
         }
     }
 
@@ -455,6 +527,9 @@ impl ExpectedAnswers {
         settings: &[Setting],
     ) -> Result<Option<String>, LinkError> {
         for (question, expect) in self.0.get(range).unwrap_or_default() {
+            if link.lacks(question) {
+                continue;
+            }
             let first = link.query(question).await?;
             if expect.judge(&first).is_ok() {
                 continue;

@@ -75,13 +75,22 @@ pub fn by_key<D: Model + ?Sized>(dialects: &[&'static D], key: &str) -> Option<&
         .find(|dialect| dialect.key() == key)
 }
 
+/// How one instrument is used on its bench.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Setup {
+    /// The channels in use, if a model has several.
+    pub(crate) channels: Vec<u16>,
+    /// Part of the identity of another model that is accepted as this one.
+    accepted: Option<String>,
+    /// Whether a load measures at its sense terminals; `None` to leave it as it is.
+    pub(crate) remote_sense: Option<bool>,
+}
+
 /// Instrument on its link, driven by a role's dialect `D`.
 pub struct Instrument<D: Model + ?Sized + 'static> {
     pub(crate) link: Link,
     pub(crate) dialect: &'static D,
-    pub(crate) channels: Vec<u16>,
-    /// Part of the identity of another model that is accepted as this one.
-    accepted: Option<String>,
+    pub(crate) setup: Setup,
     /// Settings that were made last and must stay so while current flows. It is locked while a
     /// script changes them, so that a second handle never compares a setting that is being made.
     pub(crate) expected: Arc<tokio::sync::Mutex<ExpectedAnswers>>,
@@ -121,8 +130,7 @@ impl<D: Model + ?Sized> Instrument<D> {
         Self {
             link,
             dialect,
-            channels: Vec::new(),
-            accepted: None,
+            setup: Setup::default(),
             expected: Arc::default(),
             measured: Arc::default(),
             identified: Arc::default(),
@@ -137,8 +145,7 @@ impl<D: Model + ?Sized> Instrument<D> {
         Self {
             link: self.link.share(clock),
             dialect: self.dialect,
-            channels: self.channels.clone(),
-            accepted: self.accepted.clone(),
+            setup: self.setup.clone(),
             expected: self.expected.clone(),
             measured: self.measured.clone(),
             identified: self.identified.clone(),
@@ -155,21 +162,29 @@ impl<D: Model + ?Sized> Instrument<D> {
     /// list.
     #[must_use]
     pub fn on_channels(self, channels: Vec<u16>) -> Self {
-        Self { channels, ..self }
+        let setup = Setup {
+            channels,
+            ..self.setup
+        };
+        Self { setup, ..self }
     }
 
     /// Accepts an instrument as this model if its identity contains this text.
     #[must_use]
     pub fn accepting(self, accepted: Option<String>) -> Self {
-        Self { accepted, ..self }
+        let setup = Setup {
+            accepted,
+            ..self.setup
+        };
+        Self { setup, ..self }
     }
 
     /// Returns whether an identity is that of the expected instrument.
     pub fn recognises(&self, identity: &Identity) -> bool {
-        let accepted = self
-            .accepted
-            .as_deref()
-            .is_some_and(|text| !text.is_empty() && identity.folded().raw.contains(&fold(text)));
+        let accepted =
+            self.setup.accepted.as_deref().is_some_and(|text| {
+                !text.is_empty() && identity.folded().raw.contains(&fold(text))
+            });
         accepted || self.dialect.recognises(identity)
     }
 

@@ -23,6 +23,7 @@ mod profile;
 mod recovery;
 
 use std::{
+    collections::BTreeSet,
     sync::{
         Arc, PoisonError,
         atomic::{AtomicU64, Ordering},
@@ -44,7 +45,11 @@ use tokio::sync::{Mutex, MutexGuard, Notify};
 
 use conversation::Conversation;
 
-use crate::{clock::Clock, transport::Address};
+use crate::{
+    clock::Clock,
+    transcript::{Direction, Payload, Record},
+    transport::Address,
+};
 
 /// How long an exchange may go on after another handle has taken over: an answer that is on its way
 /// is faster than a new connection.
@@ -72,6 +77,10 @@ struct Shared {
     handles: AtomicU64,
     /// How long the last two questions for a line took, s, the later one first.
     answer_times_s: std::sync::Mutex<[f64; 2]>,
+    /// Queries that the unit does not answer although it answers others.
+    lacking: std::sync::Mutex<BTreeSet<String>>,
+    /// Peculiarities of the unit, in words.
+    notes: std::sync::Mutex<BTreeSet<String>>,
 }
 
 /// One exchange, given up shortly after another handle has taken over.
@@ -109,6 +118,8 @@ impl Link {
             speaker_changed: Notify::new(),
             handles: AtomicU64::new(1),
             answer_times_s: std::sync::Mutex::default(),
+            lacking: std::sync::Mutex::default(),
+            notes: std::sync::Mutex::default(),
         };
         Self {
             options,
@@ -145,6 +156,47 @@ impl Link {
     /// Returns the instrument's name on this bench.
     pub fn name(&self) -> &str {
         &self.options.name
+    }
+
+    /// Returns whether the unit does not know a query, as far as [`Self::note_lacking`] was called.
+    pub fn lacks(&self, question: &str) -> bool {
+        let lacking = &self.shared.lacking;
+        let lacking = lacking.lock().unwrap_or_else(PoisonError::into_inner);
+        lacking.contains(question)
+    }
+
+    /// Remembers a query that the unit does not know, for every handle, with the consequence in
+    /// words.
+    pub fn note_lacking(&self, question: &str, words: &str) {
+        let lacking = &self.shared.lacking;
+        lacking
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .insert(question.to_owned());
+        self.note(&format!("`{question}` is {words}"));
+    }
+
+    /// Remembers a peculiarity of the unit that a report must name.
+    pub fn note(&self, text: &str) {
+        let notes = &self.shared.notes;
+        let mut notes = notes.lock().unwrap_or_else(PoisonError::into_inner);
+        if !notes.insert(text.to_owned()) {
+            return;
+        }
+        tracing::warn!(link = self.name(), "{text}");
+        self.options.tap.record(&Record {
+            time_s: self.options.clock.now_s(),
+            link: self.link(),
+            direction: Direction::Remark,
+            payload: Payload::Text(text.to_owned()),
+        });
+    }
+
+    /// Returns the peculiarities of the unit so far.
+    pub fn notes(&self) -> Vec<String> {
+        let notes = &self.shared.notes;
+        let notes = notes.lock().unwrap_or_else(PoisonError::into_inner);
+        notes.iter().cloned().collect()
     }
 
     /// Returns the clock that timestamps the tap.
@@ -195,6 +247,9 @@ impl Link {
     /// [`LinkError::Refused`] if there was an error in the queue; otherwise as [`Link::query`].
     pub async fn send(&mut self, message: &str) -> Result<(), LinkError> {
         self.send_unchecked(message).await?;
+        if self.options.profile.errors_on_demand {
+            return Ok(());
+        }
         let mut entries = self.drain_errors().await?.into_iter();
         match entries.next() {
             None => Ok(()),
@@ -302,7 +357,30 @@ impl Link {
     /// As [`Link::query`], and [`LinkError::ErrorQueue`], which drops the link, if the reply is not
     /// an error entry.
     pub async fn drain_errors(&mut self) -> Result<Vec<ErrorEntry>, LinkError> {
-        exchange!(self, |conversation| conversation.drain_errors())
+        let question = self.options.profile.error_query.unwrap_or_default();
+        if self.lacks(question) {
+            return Ok(Vec::new());
+        }
+        let entries = exchange!(self, |conversation| conversation.drain_errors());
+        if !(self.options.profile.errors_on_demand
+            && matches!(entries, Err(LinkError::Timeout { .. })))
+        {
+            return entries;
+        }
+        // Older firmware has no queue; an answer may also have been lost.
+        self.reconnect().await?;
+        self.query("*IDN?").await?;
+        let entries = exchange!(self, |conversation| conversation.drain_errors());
+        if !matches!(entries, Err(LinkError::Timeout { .. })) {
+            return entries;
+        }
+        self.reconnect().await?;
+        self.query("*IDN?").await?;
+        self.note_lacking(
+            question,
+            "not known on this unit: only read-backs show what it refuses",
+        );
+        Ok(Vec::new())
     }
 
     /// Waits until this handle may speak.

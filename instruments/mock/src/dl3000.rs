@@ -85,6 +85,8 @@ pub(super) struct Dl3000 {
     measured_end: bool,
     /// The function query returns another keyword than the one that sets it.
     function_word: bool,
+    /// Resistance of the leads, Ω.
+    lead_ohm: f64,
 }
 
 impl Dl3000 {
@@ -99,6 +101,7 @@ impl Dl3000 {
             serial_number,
             settings: Settings::default(),
             measured_end: options.quirks.is("measured_end"),
+            lead_ohm: options.quirks.number("lead_ohm"),
             function_word: options.quirks.is("function_word"),
         };
         load.act();
@@ -209,10 +212,14 @@ impl Dl3000 {
     }
 
     fn measure(&self, show: fn(f64, f64) -> f64) -> Fallible<Answer> {
-        decimals(show(
-            self.world.read(Meter::LoadVolts),
-            self.world.read(Meter::LoadAmps),
-        ))
+        let amps = self.world.read(Meter::LoadAmps);
+        // Only remote sense leaves out the drop of the leads.
+        let drop_v = if self.settings.sense {
+            0.0
+        } else {
+            self.lead_ohm * amps
+        };
+        decimals(show(self.world.read(Meter::LoadVolts) - drop_v, amps))
     }
 
     fn reset(&mut self, _: &mut Arguments) -> Fallible {

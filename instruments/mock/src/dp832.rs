@@ -15,6 +15,7 @@ use super::{
     MockOptions,
     machine::scpi_device,
     plant::{Action, Meter, SharedPlant, SupplyState},
+    spd::nearest,
     tree::{Answer, Arguments, Fallible, Span, Status, both, common, get, set, text},
     world::World,
 };
@@ -71,6 +72,8 @@ pub(super) struct Dp832 {
     serial_number: String,
     channels: [Channel; CHANNELS],
     selected: usize,
+    /// Smallest step of voltage and current, V and A.
+    step: f64,
 }
 
 impl Dp832 {
@@ -81,6 +84,7 @@ impl Dp832 {
             serial_number: options.serial_number.clone(),
             channels: std::array::from_fn(Channel::new),
             selected: 0,
+            step: options.quirks.number("step"),
         };
         supply.act();
         supply
@@ -111,7 +115,7 @@ impl Dp832 {
                 default: 0.0,
             },
         )?;
-        self.status.bounded(value, 0.0..=max)
+        Ok(nearest(self.status.bounded(value, 0.0..=max)?, self.step))
     }
 
     fn set_volts(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {

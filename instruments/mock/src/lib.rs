@@ -177,7 +177,7 @@ pub const MODELS: &[Model] = &[
             &[":TIMebase:MAIN:SCALe 1E-3"],
             &[":RUN"],
         ],
-        own_quirks: &[quirks::DHO, quirks::BLOCKS],
+        own_quirks: &[quirks::DHO, quirks::BLOCKS, quirks::QUEUE],
         make: |plant, options| Box::new(dho::Dho::new(plant, options)),
     },
     Model {
@@ -205,7 +205,7 @@ pub const MODELS: &[Model] = &[
             &["CH1:VOLT 5", "CH1:CURR 1", "OUTP CH1,ON"],
             &["OUTP CH1,OFF"],
         ],
-        own_quirks: &[quirks::QUEUE, quirks::CLAMPS],
+        own_quirks: &[quirks::QUEUE, quirks::CLAMPS, quirks::STEPS],
         make: |plant, options| Box::new(spd::Spd::new(plant, options)),
     },
     Model {
@@ -253,7 +253,7 @@ pub const MODELS: &[Model] = &[
             &[":SOUR1:VOLT 5", ":SOUR1:CURR 1", ":OUTP CH1,ON"],
             &[":OUTP CH1,OFF"],
         ],
-        own_quirks: &[quirks::QUEUE, quirks::REFUSES],
+        own_quirks: &[quirks::QUEUE, quirks::REFUSES, quirks::STEPS],
         make: |plant, options| Box::new(dp832::Dp832::new(plant, options)),
     },
     Model {

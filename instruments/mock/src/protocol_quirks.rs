@@ -57,6 +57,13 @@ impl QuirkyDevice {
     }
 }
 
+/// Returns whether a message holds a text, in any case.
+fn contains(message: &[u8], text: &[u8]) -> bool {
+    message
+        .windows(text.len())
+        .any(|part| part.eq_ignore_ascii_case(text))
+}
+
 /// Returns whether there is a byte behind the payload of the block.
 fn ends_behind_block(reply: &[u8]) -> bool {
     let digits = reply
@@ -116,7 +123,16 @@ impl Device for QuirkyDevice {
         if gap_s < self.quirks.number("min_gap") {
             return Vec::new();
         }
-        let reply = self.device.handle(now_s, message);
+        let lacks = self.quirks.word("lacks");
+        if !lacks.is_empty() && contains(message, lacks.as_bytes()) {
+            return Vec::new();
+        }
+        let identity = self.quirks.word("identity");
+        let reply = if !identity.is_empty() && message.trim_ascii().eq_ignore_ascii_case(b"*IDN?") {
+            format!("{identity}\n").into_bytes()
+        } else {
+            self.device.handle(now_s, message)
+        };
         let reply = self.dressed(reply);
         let first = !reply.is_empty() && std::mem::take(&mut self.fresh);
         self.first_s = if first {

@@ -26,6 +26,8 @@ pub enum Kind {
     Number(f64, (f64, f64)),
     /// One of these keywords; the first is the default.
     Word(&'static [&'static str]),
+    /// Any text; empty by default.
+    Text,
 }
 
 /// State of a quirk.
@@ -84,6 +86,17 @@ pub(super) const COMMON: &[Quirk] = &[
         "digits",
         "significant digits of an answer of one number; 0: as the model prints it",
         Kind::Number(0.0, (0.0, 12.0)),
+    ),
+    quirk(
+        "lacks",
+        "a text, such as `BTWV?`: a message that holds it gets no answer, as with firmware that does \
+        not know it; empty: none",
+        Kind::Text,
+    ),
+    quirk(
+        "identity",
+        "the answer to `*IDN?` of another unit or firmware; empty: the model's own",
+        Kind::Text,
     ),
     quirk(
         "second_client",
@@ -184,8 +197,20 @@ pub(super) const SDG: &[Quirk] = &[
         Kind::Word(&["text", "signed", "silence"]),
     ),
 ];
+/// Of supplies whose cheaper variants have coarser steps.
+pub(super) const STEPS: &[Quirk] = &[quirk(
+    "step",
+    "smallest step of voltage and current, V and A: 0.01 in an SPD3303X-E and in a DP832 without A",
+    Kind::Number(0.001, (0.001, 0.01)),
+)];
+const LEADS: Quirk = quirk(
+    "lead_ohm",
+    "resistance of the leads of the load, whose drop it measures without remote sense, Ω",
+    Kind::Number(0.0, (0.0, 1.0)),
+);
 pub(super) const SDL: &[Quirk] = &[
     FUNCTION,
+    LEADS,
     quirk(
         "unknown",
         "what an unknown question gets: nothing, or `**ERROR**`",
@@ -270,6 +295,7 @@ pub(super) const DHO: &[Quirk] = &[
     ),
 ];
 pub(super) const DL3000: &[Quirk] = &[
+    LEADS,
     quirk(
         "measured_end",
         "two line ends behind a measurement",
@@ -408,6 +434,7 @@ impl Kind {
             Self::Switch(on) => on.into(),
             Self::Number(number, _) => number.into(),
             Self::Word(words) => words.first().copied().unwrap_or("").into(),
+            Self::Text => "".into(),
         }
     }
 
@@ -418,6 +445,7 @@ impl Kind {
                 (least..=greatest).contains(number)
             }
             (Self::Word(words), Value::Word(word)) => words.contains(&word.as_str()),
+            (Self::Text, Value::Word(_)) => true,
             _ => false,
         }
     }
@@ -436,6 +464,7 @@ impl Kind {
                     .collect()
             }
             Self::Word(words) => words.iter().skip(1).map(|word| (*word).into()).collect(),
+            Self::Text => Vec::new(),
         }
     }
 }
@@ -446,6 +475,7 @@ impl fmt::Display for Kind {
             Self::Switch(_) => f.write_str("true or false"),
             Self::Number(_, (least, greatest)) => write!(f, "a number from {least} to {greatest}"),
             Self::Word(words) => write!(f, "one of {}", words.join(", ")),
+            Self::Text => f.write_str("a text"),
         }
     }
 }

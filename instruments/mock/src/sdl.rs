@@ -260,8 +260,8 @@ impl Sdl {
     }
 
     fn measure(&self, what: Quantity) -> Fallible<Answer> {
-        let volts = self.world.read(Meter::LoadVolts);
         let amps = self.world.read(Meter::LoadAmps);
+        let volts = self.world.read(Meter::LoadVolts) - self.drop_v(amps);
         text(fixed(match what {
             Quantity::Volts => volts,
             Quantity::Amps => amps,
@@ -269,6 +269,15 @@ impl Sdl {
             Quantity::Ohms if amps > 1e-3 => volts / amps,
             Quantity::Ohms => MAX_LEVELS[3],
         }))
+    }
+
+    /// Returns the drop of the leads, which only remote sense leaves out, V.
+    fn drop_v(&self, amps: f64) -> f64 {
+        if self.settings.remote_sense {
+            0.0
+        } else {
+            self.quirks.number("lead_ohm") * amps
+        }
     }
 
     fn reset(&mut self, _: &mut Arguments) -> Fallible {

@@ -37,6 +37,8 @@ pub(super) struct Spd {
     channels: [SupplyState; 2],
     selected: usize,
     tracking: u16,
+    /// Smallest step of voltage and current, V and A.
+    step: f64,
 }
 
 impl Spd {
@@ -48,6 +50,7 @@ impl Spd {
             channels: [SupplyState::default(); 2],
             selected: 0,
             tracking: 0,
+            step: options.quirks.number("step"),
         };
         spd.act();
         spd
@@ -82,6 +85,7 @@ impl Spd {
             arguments.number_in("V", VOLT_SPAN)?,
             VOLT_SPAN.min..=VOLT_SPAN.max,
         )?;
+        self.channels[index].voltage_v = nearest(self.channels[index].voltage_v, self.step);
         self.act();
         Ok(())
     }
@@ -91,6 +95,7 @@ impl Spd {
             arguments.number_in("A", AMP_SPAN)?,
             AMP_SPAN.min..=AMP_SPAN.max,
         )?;
+        self.channels[index].current_a = nearest(self.channels[index].current_a, self.step);
         self.act();
         Ok(())
     }
@@ -184,6 +189,15 @@ impl Spd {
         self.channels = [SupplyState::default(); 2];
         self.act();
         Ok(())
+    }
+}
+
+/// Rounds to the nearest step.
+pub(super) fn nearest(value: f64, step: f64) -> f64 {
+    if step > 0.0 {
+        (value / step).round() * step
+    } else {
+        value
     }
 }
 

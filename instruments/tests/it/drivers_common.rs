@@ -183,7 +183,7 @@ impl Rig {
         lines
             .iter()
             .filter_map(|line| line.strip_prefix("dev > "))
-            .filter(|line| *line != "SYST:ERR?")
+            .filter(|line| !["SYST:ERR?", ":SYSTem:ERRor?"].contains(line))
             .map(str::to_owned)
             .collect()
     }

@@ -102,7 +102,7 @@ fn the_mock_does_lose_what_comes_too_soon() {
         let lost = chiller.start(Celsius(12.5)).await.unwrap_err().to_string();
         assert_eq!(
             lost,
-            "dev: expected an answer to `IN_MODE_04` within 500ms, found none"
+            "dev: expected an answer to `IN_SP_00` within 500ms, found none"
         );
     });
 }

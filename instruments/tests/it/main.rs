@@ -11,6 +11,7 @@ mod conformance;
 mod device;
 mod drivers_common;
 mod drivers_confirming;
+mod drivers_firmware;
 mod drivers_generator;
 mod drivers_power;
 mod drivers_scope;

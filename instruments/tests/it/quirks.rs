@@ -146,7 +146,7 @@ async fn exercise(rig: &Rig, model: &str, role: &str, judge: &Judge) -> Result<(
             }
         }
         "load" => {
-            let mut load = driver!(load);
+            let mut load = driver!(load).sensing(Some(true));
             load.prepare(&load::Discharge {
                 draw: load::Draw::Current(Amps(3.5)),
                 stop_below: Volts(2.75),
@@ -297,7 +297,7 @@ fn a_switch_that_a_model_does_not_have_is_refused_with_those_that_it_has() {
             "siglent-sdm3065x",
             Quirks::default().with("page_points", 1.0),
             "quirk page_points: expected one of echo, min_gap, first_answer, late_end, digits, \
-            second_client, unit, open_thermocouple, unknown, \
+            lacks, identity, second_client, unit, open_thermocouple, unknown, \
              found `page_points`",
         ),
         (

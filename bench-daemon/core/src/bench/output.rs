@@ -41,6 +41,11 @@ pub struct Output {
 
 /// Setting of a generator whose supply is not known to be off.
 pub(super) const LEAST_SINE: &str = "its least sine";
+/// Setting of a generator that commands an analog supply.
+pub(super) const ZERO_COMMAND: &str = "its zero command";
+/// What the program does with an analog supply.
+pub(super) const UNSWITCHED: &str = "not switched by this program";
+const SWITCH_IT_OFF: &str = "SWITCH IT OFF AT ITS PANEL";
 /// The roles that measure their own current.
 pub(super) const METERED: [&str; 3] = ["supply4q", "load", "supply"];
 
@@ -48,6 +53,9 @@ impl Output {
     /// Checks whether the output is reported as off and no current flows according to its meter,
     /// if any.
     pub fn verified(&self) -> bool {
+        if self.commands_zero() || self.is_unswitched() {
+            return self.trouble.is_none();
+        }
         let metered = METERED.contains(&self.role.as_str());
         self.off
             && !self.lied
@@ -58,7 +66,11 @@ impl Output {
     /// Converts the state into a reading to be stored.
     fn reading(&self, unix_s: f64, by: &str) -> OutputReading {
         let is_metered = METERED.contains(&self.role.as_str());
-        let state = if self.verified() {
+        let state = if self.is_unswitched() {
+            OutputState::Unswitched
+        } else if self.commands_zero() {
+            OutputState::Zero
+        } else if self.verified() {
             OutputState::Off
         } else if self.lied || (!self.off && (self.amps.is_some() || self.holds())) {
             OutputState::On
@@ -82,6 +94,17 @@ impl Output {
     /// supply's zero error. Nothing tried to switch it off.
     fn holds(&self) -> bool {
         self.role == "generator" && self.by.is_some() && self.trouble.is_none()
+    }
+
+    /// Checks whether the output stays on at the command for no current, because no message
+    /// switches the supply behind it.
+    fn commands_zero(&self) -> bool {
+        self.role == "generator" && self.by.as_deref() == Some(ZERO_COMMAND)
+    }
+
+    /// Checks whether this is an analog supply, of which only the command is known.
+    fn is_unswitched(&self) -> bool {
+        self.by.as_deref() == Some(UNSWITCHED)
     }
 
     /// Returns why the output is not verified, and what to do: one clause of the sentence.
@@ -175,7 +198,7 @@ impl Output {
             "supply4q" => "UNPLUG THE BIPOLAR SUPPLY FROM THE CELL",
             "load" => "UNPLUG THE LOAD FROM THE CELL",
             "supply" => "UNPLUG THE CHARGER FROM THE CELL",
-            "generator" => "SWITCH IT OFF AT ITS PANEL",
+            "generator" => SWITCH_IT_OFF,
             _ => "PULL THE PLUGS OF HEATER AND COOLER",
         }
     }
@@ -187,6 +210,8 @@ impl Output {
             _ => String::new(),
         };
         let state = match &self.by {
+            _ if self.is_unswitched() => format!("{UNSWITCHED}: {SWITCH_IT_OFF}"),
+            _ if self.commands_zero() => format!("on at {ZERO_COMMAND}, read back"),
             _ if self.verified() => "off, read back".to_owned(),
             Some(by) if self.holds() => {
                 format!("left on at {by}: the supply that it commands is not known to be off")
@@ -269,10 +294,11 @@ impl SafeReport {
 
     /// Builds the report from the outputs.
     pub(super) fn of(bench: &str, outputs: Vec<Output>) -> Self {
+        let unswitched = outputs.iter().find(|output| output.is_unswitched());
         let drive_off = outputs
             .iter()
             .filter(|output| output.role == "supply4q")
-            .all(Output::verified);
+            .all(|output| output.verified() && !output.is_unswitched());
         let verified = outputs.iter().all(Output::verified);
         // A generator that holds the supply's command at zero is not a danger of its own.
         let mut wrong: Vec<&Output> = outputs
@@ -284,6 +310,14 @@ impl SafeReport {
         let silent = |output: &&Output| output.amps.is_none() && !output.off && !output.out_of_step;
         let message = if outputs.is_empty() {
             "the bench has nothing that could drive a current".to_owned()
+        } else if wrong.is_empty() && unswitched.is_some() {
+            let zero = outputs.iter().any(Output::commands_zero);
+            let others = if zero {
+                "the generator commands zero and every other output"
+            } else {
+                "every output that the program switches"
+            };
+            format!("{others} is off, read back")
         } else if wrong.is_empty() {
             "every output is off and was read back, and no current flows".to_owned()
         } else if wrong
@@ -308,6 +342,13 @@ impl SafeReport {
                 .map(|output| output.clause(drive_off))
                 .collect::<Vec<_>>()
                 .join("; ")
+        };
+        let message = match unswitched {
+            Some(supply) => format!(
+                "{message}; {} is {UNSWITCHED}, and no meter shows its current: {SWITCH_IT_OFF}",
+                supply.name()
+            ),
+            None => message,
         };
         let mut report = Self {
             bench: bench.to_owned(),
@@ -460,6 +501,47 @@ mod tests {
             "generator  m                    left on at its least sine: the supply that it \
             commands is not known to be off"
         );
+    }
+
+    #[test]
+    fn an_analog_supply_is_never_told_to_be_off() {
+        let analog = Output {
+            model: "analog".to_owned(),
+            by: Some(UNSWITCHED.to_owned()),
+            ..output("supply4q", false, None)
+        };
+        let zero = Output {
+            by: Some(ZERO_COMMAND.to_owned()),
+            ..output("generator", false, None)
+        };
+        let report = SafeReport::of("thesis", vec![analog.clone(), zero.clone()]);
+        let tail = "the bipolar supply (analog) is not switched by this program, and no meter \
+        shows its current: SWITCH IT OFF AT ITS PANEL";
+        let words = "the generator commands zero and every other output is off, read back";
+        assert_eq!(
+            (report.verified, report.message.as_str()),
+            (true, format!("{words}; {tail}").as_str())
+        );
+        let states: Vec<OutputState> = report.readings("run").iter().map(|one| one.state).collect();
+        assert_eq!(states, [OutputState::Unswitched, OutputState::Zero]);
+        assert!(!OutputsState::just_read(&report.readings("run")).is_off());
+        // A generator that does not answer may command anything, and the supply follows it.
+        let lost = Output {
+            trouble: Some("timeout".to_owned()),
+            ..output("generator", false, None)
+        };
+        let report = SafeReport::of("thesis", vec![analog.clone(), lost]);
+        let words = "the generator (m) is not known to be off, and it commands the bipolar supply: \
+        SWITCH IT OFF AT ITS PANEL";
+        assert_eq!(
+            (report.verified, report.message.as_str()),
+            (false, format!("{words}; {tail}").as_str())
+        );
+        let refused = Output {
+            trouble: Some("clamped".to_owned()),
+            ..zero
+        };
+        assert!(!SafeReport::of("thesis", vec![analog, refused]).verified);
     }
 
     #[test]

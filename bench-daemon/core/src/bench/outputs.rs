@@ -24,6 +24,11 @@ pub enum OutputState {
     On,
     /// The instrument reports the output off, but its meter shows a current.
     Current,
+    /// The generator is on at its zero command, because the supply behind it is not switched by
+    /// the program.
+    Zero,
+    /// An analog supply, which the program can neither switch nor read.
+    Unswitched,
     /// The instrument did not answer, or its answers do not match the questions.
     Unreachable,
 }
@@ -35,6 +40,8 @@ impl OutputState {
             Self::Off => "off",
             Self::On => "on",
             Self::Current => "current",
+            Self::Zero => "on at its zero command",
+            Self::Unswitched => "not switched by this program",
             Self::Unreachable => "unreachable",
         }
     }
@@ -64,6 +71,14 @@ impl OutputReading {
     /// Checks whether the output is off and carries no current.
     pub fn is_off(&self) -> bool {
         self.state == OutputState::Off
+    }
+
+    /// Checks whether the output is neither off nor in the state in which it is to stay.
+    fn is_wrong(&self) -> bool {
+        !matches!(
+            self.state,
+            OutputState::Off | OutputState::Zero | OutputState::Unswitched
+        )
     }
 
     /// Returns the state and the readings of its meter, as text.
@@ -96,6 +111,9 @@ pub enum OutputsKind {
     Off,
     /// At least one output was read as on, or carries a current.
     On,
+    /// All outputs that the program switches were read as off, or at their zero command, but an
+    /// analog bipolar supply is not switched by the program.
+    Unswitched,
     /// At least one output was not reached; the others were read as off.
     Unreachable,
     /// The reading is out of date, or the machine's clock has been set since.
@@ -220,7 +238,7 @@ impl OutputsState {
     /// Checks whether a person must inspect what was read.
     pub fn is_alarming(&self) -> bool {
         matches!(self.state, OutputsKind::On | OutputsKind::Unreachable)
-            || self.state == OutputsKind::Stale && self.outputs.iter().any(|one| !one.is_off())
+            || self.state == OutputsKind::Stale && self.outputs.iter().any(OutputReading::is_wrong)
     }
 
     /// Returns the reading of a role.
@@ -246,6 +264,8 @@ fn kind(readings: &[OutputReading], missing: &[&str]) -> OutputsKind {
         OutputsKind::On
     } else if any(OutputState::Unreachable) {
         OutputsKind::Unreachable
+    } else if missing.is_empty() && (any(OutputState::Zero) || any(OutputState::Unswitched)) {
+        OutputsKind::Unswitched
     } else if missing.is_empty() {
         OutputsKind::Off
     } else {
@@ -287,6 +307,9 @@ fn clause(reading: &OutputReading) -> String {
         (OutputState::On, None) => format!("{name} on"),
         (OutputState::Current, flows) => {
             format!("{name} off but {} flow", flows.unwrap_or_default())
+        }
+        (OutputState::Zero | OutputState::Unswitched, _) => {
+            format!("{name} {}", reading.state.name())
         }
         (OutputState::Unreachable, _) => format!("{name} not reached"),
     }

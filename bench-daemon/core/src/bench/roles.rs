@@ -100,7 +100,7 @@ impl Instruments {
             supply4q: open(
                 connections,
                 "supply4q",
-                supply4q::DIALECTS,
+                &rated(instruments.supply4q.as_ref()),
                 instruments.supply4q.as_ref(),
             )
             .await?,
@@ -125,7 +125,8 @@ impl Instruments {
                 load::DIALECTS,
                 instruments.load.as_ref(),
             )
-            .await?,
+            .await?
+            .map(|load| load.sensing(senses(instruments))),
             supply: open(
                 connections,
                 "supply",
@@ -173,7 +174,7 @@ impl Instruments {
             supply4q: unconnected(
                 connections,
                 "supply4q",
-                supply4q::DIALECTS,
+                &rated(instruments.supply4q.as_ref()),
                 instruments.supply4q.as_ref(),
             )?,
             generator: unconnected(
@@ -189,7 +190,8 @@ impl Instruments {
                 "load",
                 load::DIALECTS,
                 instruments.load.as_ref(),
-            )?,
+            )?
+            .map(|load| load.sensing(senses(instruments))),
             supply: unconnected(
                 connections,
                 "supply",
@@ -206,6 +208,19 @@ impl Instruments {
             jig: None,
         })
     }
+}
+
+/// Returns where the load measures, if the bench file states it.
+fn senses(instruments: &config::Instruments) -> Option<bool> {
+    instruments.load.as_ref()?.remote_sense
+}
+
+/// Returns the dialect of a bipolar supply with its rating, or none for an unknown model.
+fn rated(supply: Option<&config::Instrument>) -> Vec<&'static dyn supply4q::Dialect> {
+    supply
+        .and_then(|supply| supply4q::dialect(&supply.model, supply.rating).ok())
+        .into_iter()
+        .collect()
 }
 
 /// Connects the instrument of a role, if the bench has one; sends nothing.

@@ -10,9 +10,9 @@ use instruments::{
 };
 
 use super::{
-    Bench,
+    Bench, Command,
     error::{BenchError, wrap},
-    output::{LEAST_SINE, Output, SafeReport, Unsafe},
+    output::{LEAST_SINE, Output, SafeReport, UNSWITCHED, Unsafe, ZERO_COMMAND},
     roles::{Instruments, fresh},
 };
 use bench_plan::interlock::{Drive, NO_CURRENT_A};
@@ -197,13 +197,12 @@ impl Bench {
     /// # Errors
     /// Fails at the first output that could not be read back as off.
     pub async fn off_again(&mut self) -> Result<(), BenchError> {
-        let offset = Volts(self.command_offset_v);
         let clock = self.clock.clone();
         let driven = off(
             &mut self.instruments.generator,
             &mut self.instruments.supply4q,
             &clock,
-            offset,
+            self.command,
         );
         let ((supply4q, generator, _), load, supply) = tokio::join!(
             driven,
@@ -227,12 +226,11 @@ impl Bench {
     /// # Errors
     /// Fails at the first output that could not be read back as off.
     pub async fn drive_off(&mut self) -> Result<(), BenchError> {
-        let offset = Volts(self.command_offset_v);
         let ((supply4q, _), generator, _) = off(
             &mut self.instruments.generator,
             &mut self.instruments.supply4q,
             &self.clock,
-            offset,
+            self.command,
         )
         .await;
         supply4q.map_err(|source| wrap("supply4q", self.model("supply4q"), source))?;
@@ -284,8 +282,7 @@ impl Bench {
     }
 
     async fn try_safe(&mut self) -> Vec<Output> {
-        let offset = Volts(self.command_offset_v);
-        let clock = self.clock.clone();
+        let (clock, command) = (self.clock.clone(), self.command);
         let Instruments {
             generator,
             supply4q,
@@ -296,7 +293,7 @@ impl Bench {
         } = &mut self.instruments;
         // Instruments that move charge do not wait for a bath.
         let driven = async {
-            let driven = off(generator, supply4q, &clock, offset);
+            let driven = off(generator, supply4q, &clock, command);
             let ((drive, commands, held), loaded, charged) =
                 tokio::join!(driven, end(load, &clock), end(supply, &clock));
             let found = tokio::join!(
@@ -317,13 +314,24 @@ impl Bench {
         };
         let commands = |ended| match held {
             true => Output {
-                by: Some(LEAST_SINE.to_owned()),
+                by: Some(
+                    if command.unswitched {
+                        ZERO_COMMAND
+                    } else {
+                        LEAST_SINE
+                    }
+                    .to_owned(),
+                ),
                 ..Output::default()
             },
             false => plain(ended),
         };
+        let unswitched = command.unswitched.then(|| Output {
+            by: Some(UNSWITCHED.to_owned()),
+            ..Output::default()
+        });
         let outputs = [
-            ("supply4q", supply4q),
+            ("supply4q", supply4q.or(unswitched)),
             (
                 "generator",
                 self.instruments
@@ -518,6 +526,32 @@ async fn open_relays(bath: Option<&mut Chiller>) -> Option<Output> {
     })
 }
 
+/// Sets the generator of an analog supply to its zero command and leaves its output as it is:
+/// without the offset the zero error of the supply would flow, and nothing may be switched on here.
+/// A generator that does not accept the command is switched off, because the zero error is less
+/// than an unknown command; the error remains. Returns the result, and whether its output is on.
+async fn hold_zero(
+    generator: Option<&mut Generator>,
+    zero: Volts,
+) -> (Result<(), LinkError>, bool) {
+    let Some(generator) = generator else {
+        return (Ok(()), false);
+    };
+    fresh(generator).await;
+    let outcome = match generator.quiet(zero).await {
+        Ok(()) => generator.look().await,
+        Err(error) => Err(error),
+    };
+    match outcome {
+        Ok(answers) => (Ok(()), !answers.iter().all(|answer| answer.as_scripted)),
+        Err(error) => {
+            fresh(generator).await;
+            let _ = generator.safe().await;
+            (Err(error), false)
+        }
+    }
+}
+
 /// Switches off the bipolar supply and its command in the only safe order: the least sine, the
 /// supply with its output open, the generator. Returns the results for supply and generator, and
 /// whether the generator was left at its least sine because the supply is not known to be off.
@@ -525,14 +559,18 @@ async fn off(
     generator: &mut Option<Generator>,
     supply4q: &mut Option<Supply4q>,
     clock: &Clock,
-    offset: Volts,
+    command: Command,
 ) -> (Ended, Result<(), LinkError>, bool) {
+    if command.unswitched {
+        let (ended, held) = hold_zero(generator.as_mut(), command.zero).await;
+        return ((Ok(()), None), ended, held);
+    }
     let quiet = match generator.as_mut() {
         // Not worth a long wait, because the supply drives the cell.
         Some(generator) => {
             let quiet = async {
                 fresh(generator).await;
-                generator.quiet(offset).await
+                generator.quiet(command.zero).await
             };
             clock
                 .deadline(QUIET_DEADLINE, quiet)

@@ -18,6 +18,9 @@ pub struct InstrumentReadback {
     pub role: String,
     /// Whether its output is off, or open so that no current can flow.
     pub off: bool,
+    /// Whether it is a generator at its zero command for an analog supply.
+    #[serde(default)]
+    pub at_zero: bool,
     /// Answers of the instrument.
     pub answers: Vec<Answer>,
     /// Voltage that it measures, V; `None` if it has no voltmeter.
@@ -52,6 +55,7 @@ pub fn readings(
                 let state = match (found.off, found.is_quiet()) {
                     (true, true) => OutputState::Off,
                     (true, false) => OutputState::Current,
+                    (false, _) if found.at_zero => OutputState::Zero,
                     (false, _) => OutputState::On,
                 };
                 (found.role.as_str(), state, (found.volts, found.amps))
@@ -68,7 +72,19 @@ pub fn readings(
             by: by.to_owned(),
         })
     };
-    found.iter().filter_map(one).collect()
+    let analog = bench.is_unswitched().then(|| OutputReading {
+        role: "supply4q".to_owned(),
+        model: bench.model("supply4q").to_owned(),
+        state: OutputState::Unswitched,
+        volts: None,
+        amps: None,
+        unix_s,
+        by: by.to_owned(),
+    });
+    analog
+        .into_iter()
+        .chain(found.iter().filter_map(one))
+        .collect()
 }
 
 /// Queries everything that can move charge, and the bath.
@@ -95,6 +111,7 @@ pub async fn look_bath(bench: &mut Bench) -> Option<Result<InstrumentReadback, B
         InstrumentReadback {
             role: "chiller".to_owned(),
             off,
+            at_zero: false,
             answers,
             volts: None,
             amps: None,
@@ -122,6 +139,7 @@ pub async fn look_each(bench: &mut Bench) -> Vec<Result<InstrumentReadback, Benc
                     Ok(InstrumentReadback {
                         role: $role.to_owned(),
                         off,
+                        at_zero: false,
                         answers,
                         volts,
                         amps,
@@ -145,6 +163,12 @@ pub async fn look_each(bench: &mut Bench) -> Vec<Result<InstrumentReadback, Benc
         generator,
         async |_: &mut instruments::generator::Generator| Ok((None, None))
     );
+    if let Some(Ok(found)) = all.last_mut()
+        && found.role == "generator"
+        && !found.off
+    {
+        found.at_zero = bench.commands_zero().await;
+    }
     look!("load", load, async |i: &mut instruments::load::Load| {
         i.measure()
             .await
@@ -172,7 +196,11 @@ impl std::fmt::Display for InstrumentReadback {
             f,
             "found {} {}{measured}",
             self.role,
-            if self.off { "off" } else { "ON" }
+            match (self.off, self.at_zero) {
+                (true, _) => "off",
+                (false, true) => "on at its zero command",
+                (false, false) => "ON",
+            }
         )
     }
 }

@@ -6,7 +6,7 @@
 
 use instruments::{
     chiller::{self, Chiller},
-    exchange::{Answer, Exchange, Identity, Setting, fold, look},
+    exchange::{Answer, Exchange, Identity, NOT_KNOWN, Setting, fold, survey},
     generator::{self, Generator},
     instrument::{Instrument, Model},
     jig::{self, Jig},
@@ -185,26 +185,22 @@ impl AnyInstrument {
         }
         let capabilities = self.capabilities();
         let questions = self.questions();
-        let mut programmed: Vec<Answer> = Vec::new();
-        for answer in look(self.link(), &questions).await? {
-            if !programmed
-                .iter()
-                .any(|known| known.question == answer.question)
-            {
-                programmed.push(answer);
-            }
-        }
-        let mut health: Vec<String> = self
-            .link()
-            .drain_errors()
-            .await?
+        let mut health = self.errors().await?;
+        let programmed = survey(self.link(), &questions).await?;
+        let missing = programmed
             .iter()
-            .map(ToString::to_string)
-            .collect();
+            .filter(|answer| answer.answer == NOT_KNOWN);
+        health.extend(missing.map(|answer| self.depends(&answer.question)));
         if let Self::Chiller(chiller) = self {
-            let status = chiller.status().await?;
-            health.extend(status.alarm);
-            health.extend((!status.remote).then(|| format!("not in remote mode: {}", status.raw)));
+            match chiller.status().await {
+                Ok(status) => {
+                    health.extend(status.alarm);
+                    let local = format!("not in remote mode: {}", status.raw);
+                    health.extend((!status.remote).then_some(local));
+                }
+                Err(LinkError::Timeout { message, .. }) => health.push(self.depends(&message)),
+                Err(error) => return Err(error),
+            }
         }
         Ok(InstrumentReport {
             identity,
@@ -213,6 +209,40 @@ impl AnyInstrument {
             programmed,
             health,
         })
+    }
+
+    /// Returns the entries of the error queue; a unit without one is told as that.
+    async fn errors(&mut self) -> Result<Vec<String>, LinkError> {
+        let link = self.link();
+        match link.drain_errors().await {
+            Ok(entries) => Ok(entries.iter().map(ToString::to_string).collect()),
+            Err(LinkError::Timeout { message, .. }) => {
+                link.reconnect().await?;
+                Ok(vec![self.depends(&message)])
+            }
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Describes what depends on a query that the unit does not know.
+    fn depends(&self, question: &str) -> String {
+        let settings = self.settings();
+        match Setting::missing(settings, question) {
+            Some(without) => format!("`{question}` is {NOT_KNOWN}: {without} is not known"),
+            None => format!("`{question}` is {NOT_KNOWN}: a run needs it, and ends without it"),
+        }
+    }
+
+    fn settings(&self) -> &'static [Setting] {
+        macro_rules! of {
+            ($($module:ident $variant:ident,)+) => {
+                match self {
+                    $(Self::$variant(instrument) => instrument.dialect().settings(),)+
+                    Self::Jig(_) => &[],
+                }
+            };
+        }
+        for_roles!(of)
     }
 
     async fn identify(&mut self) -> Result<(Identity, bool), LinkError> {

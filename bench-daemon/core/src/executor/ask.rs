@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use instruments::{clock::TimeMode, fixture::Fixture};
 use tokio::task::JoinHandle;
 
-use super::{ExecuteError, Executor, Rig, handle_request::PAUSE_POLL_S, require};
+use super::{ExecuteError, Executor, Rig, analog::BY_HAND, handle_request::PAUSE_POLL_S, require};
 use crate::{
     journal::Entry,
     operator::{
@@ -29,6 +29,9 @@ impl Executor<'_> {
         let certain = self.position.specimen.as_deref();
         let specimen = certain.or(self.rig.setup.specimen.as_deref());
         let mut question = Question::new(fixture, specimen, &self.rig.setup.cell);
+        if self.rig.setup.wiring.analog.is_some() {
+            question.text.push_str(BY_HAND);
+        }
         question.on_terminal = operator == Operator::Terminal;
         self.rig.recorder.journal(Entry::Safe)?;
         let number = self.rig.recorder.numbered(Entry::Asked(question.clone()))?;

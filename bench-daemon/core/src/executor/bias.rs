@@ -40,12 +40,9 @@ const RECHARGE_SETTLE_S: f64 = 5.0;
 impl Rig<'_> {
     /// Returns the generator's offset for a direct current, V: trimmed, without the zero error of the
     /// drive.
-    pub(super) fn offset_v(&mut self, current_a: f64) -> Result<f64, ExecuteError> {
-        let supply = require(&mut self.bench.instruments.supply4q, "supply4q")?.capabilities();
+    pub(super) fn offset_v(&self, current_a: f64) -> f64 {
         let wiring = &self.setup.wiring;
-        let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
-        let needed_a = current_a - self.driving.bias.zero_a;
-        Ok(needed_a * volts_per_amp * wiring.command_trim + wiring.command_offset_v)
+        wiring.command_v(current_a - self.driving.bias.zero_a) + wiring.command_offset_v
     }
 
     /// Ramps the direct current and watches each step.

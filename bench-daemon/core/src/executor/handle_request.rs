@@ -104,13 +104,16 @@ impl Executor<'_> {
         self.rig.driving.bias.cut(self.rig.clock.now_s());
         self.rig.recorder.journal(Entry::Safe)?;
         self.rig.recorder.journal(Entry::Paused)?;
-        self.rig
-            .recorder
-            .event(Event::Request, "paused on request: every output is off")?;
-        self.person.progress.say(
-            "paused on request: every output is off; `eis-bench go-on` with the run \
-        folder lets it go on",
-        );
+        let outputs = if self.rig.setup.wiring.analog.is_some() {
+            "the generator commands zero, and the program does not switch the bipolar supply"
+        } else {
+            "every output is off"
+        };
+        let text = format!("paused on request: {outputs}");
+        self.rig.recorder.event(Event::Request, &text)?;
+        self.person.progress.say(&format!(
+            "{text}; `eis-bench go-on` with the run folder lets it go on"
+        ));
         self.rig.begin(fixture, &Step::Pause { span_s: 0.0 });
         while self.rig.paused(true)? {
             self.rig.clock.sleep_s(PAUSE_POLL_S).await;

@@ -87,12 +87,10 @@ fn excited(band: &Band) -> Excited<'_> {
 
 impl Rig<'_> {
     async fn play_wave(&mut self, band: &Band) -> Result<(), ExecuteError> {
-        let supply = require(&mut self.bench.instruments.supply4q, "supply4q")?.capabilities();
         let wiring = &self.setup.wiring;
-        let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
         let sine = Sine {
             freq: Hertz(band.base_hz),
-            amplitude: Volts(band.peak_a * volts_per_amp * wiring.command_trim),
+            amplitude: Volts(wiring.command_v(band.peak_a).abs()),
             offset: Volts(wiring.command_offset_v),
         };
         let wave = Wave::named("eis", band.design.samples(band.steps), sine);

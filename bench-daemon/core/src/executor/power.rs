@@ -125,6 +125,14 @@ impl Executor<'_> {
         allowed_a: f64,
         depth: Option<Depth>,
     ) -> Result<(), ExecuteError> {
+        if self.rig.setup.wiring.analog.is_some() {
+            self.rig.hold_zero().await?;
+            self.read_idle(fixture).await?;
+            self.deepen(depth).await?;
+            self.rig.recorder.event(Event::OutputOn, OUTPUT_ON)?;
+            let limit_a = limits.current.value();
+            return self.test_analog(fixture, limit_a, allowed_a, depth).await;
+        }
         let error = self.rig.bench.error("generator");
         let offset = Volts(self.rig.setup.wiring.command_offset_v);
         let generator = require(&mut self.rig.bench.instruments.generator, "generator")?;
@@ -135,39 +143,8 @@ impl Executor<'_> {
         let supply = require(&mut self.rig.bench.instruments.supply4q, "supply4q")?;
         supply.prepare(limits).await.map_err(&error)?;
         self.rig.tell_own_limits(limits).await?;
-        if fixture == Fixture::Cell {
-            // A cell that is missing, reversed, damaged or too hot must not be driven: read it
-            // while the output is still off.
-            let mut reading = self.rig.read_supply4q().await?;
-            reading.temperature_degc = self.rig.cell_temperature().await?;
-            self.known.idle = reading;
-            self.rig.judge("idle", reading)?;
-            let zero_a = self
-                .rig
-                .zero_of_supply(reading.current_a.unwrap_or(0.0))
-                .await?;
-            self.rig.interlock.zero(zero_a);
-        } else {
-            self.rig
-                .refuse_a_cell(&format!("driving the {}", fixture_name(fixture)))
-                .await?;
-        }
-        let scope_error = self.rig.bench.error("scope");
-        if let Some(depth) = depth {
-            let scope = require(&mut self.rig.bench.instruments.scope, "scope")?;
-            // If the scope cannot thin out its data before sending, limit the number of samples
-            // that it takes.
-            let memory_points = if scope.capabilities().thins_out {
-                depth.memory_points
-            } else {
-                depth.record_points
-            };
-            scope
-                .set(&instruments::scope::Intent::Session { memory_points })
-                .await
-                .map_err(scope_error)?;
-            self.scope.memory_points = Some(memory_points);
-        }
+        self.read_idle(fixture).await?;
+        self.deepen(depth).await?;
         // The generator provides the offset that compensates the supply's zero error to zero
         // current before the output is switched on.
         let generator_error = self.rig.bench.error("generator");
@@ -192,6 +169,49 @@ impl Executor<'_> {
                 expected: format!("less than {allowed_a} A"),
                 met: format!("{idle_a:.3} A: adjust wiring.command_offset"),
             });
+        }
+        Ok(())
+    }
+
+    /// Reads what is in the jig before the bipolar supply drives it: a cell must be within its
+    /// limits, and a control must not be one.
+    async fn read_idle(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
+        if fixture == Fixture::Cell {
+            // A cell that is missing, reversed, damaged or too hot must not be driven: read it
+            // while the output is still off.
+            let mut reading = self.rig.read_supply4q().await?;
+            reading.temperature_degc = self.rig.cell_temperature().await?;
+            self.known.idle = reading;
+            self.rig.judge("idle", reading)?;
+            if let Some(amps) = reading.current_a {
+                let zero_a = self.rig.zero_of_supply(amps).await?;
+                self.rig.interlock.zero(zero_a);
+            }
+        } else {
+            self.rig
+                .refuse_a_cell(&format!("driving the {}", fixture_name(fixture)))
+                .await?;
+        }
+        Ok(())
+    }
+
+    /// Sets the memory depth of the scope.
+    async fn deepen(&mut self, depth: Option<Depth>) -> Result<(), ExecuteError> {
+        let scope_error = self.rig.bench.error("scope");
+        if let Some(depth) = depth {
+            let scope = require(&mut self.rig.bench.instruments.scope, "scope")?;
+            // If the scope cannot thin out its data before sending, limit the number of samples
+            // that it takes.
+            let memory_points = if scope.capabilities().thins_out {
+                depth.memory_points
+            } else {
+                depth.record_points
+            };
+            scope
+                .set(&instruments::scope::Intent::Session { memory_points })
+                .await
+                .map_err(scope_error)?;
+            self.scope.memory_points = Some(memory_points);
         }
         Ok(())
     }

@@ -30,14 +30,12 @@ const CURRENT_TOLERANCE: f64 = 0.2;
 impl Rig<'_> {
     /// Sets the generator so that the supply drives `amplitude_a`, for at least `wait_s`.
     pub(super) async fn drive(&mut self, tone: &Tone) -> Result<(), ExecuteError> {
-        let supply = require(&mut self.bench.instruments.supply4q, "supply4q")?.capabilities();
-        let wiring = &self.setup.wiring;
-        let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
-        let amplitude = Volts(tone.amplitude_a * volts_per_amp * wiring.command_trim);
+        // The polarity of a sinusoid is its phase, which starts anywhere.
+        let amplitude = Volts(self.setup.wiring.command_v(tone.amplitude_a).abs());
         let sine = Sine {
             freq: Hertz(tone.freq_hz),
             amplitude,
-            offset: Volts(self.offset_v(self.driving.bias.commanded_a)?),
+            offset: Volts(self.offset_v(self.driving.bias.commanded_a)),
         };
         let error = self.bench.error("generator");
         require(&mut self.bench.instruments.generator, "generator")?

@@ -45,6 +45,8 @@ pub(super) struct Direct {
     pub(super) legs: Legs,
     /// Progress of the reset of the state of charge.
     pub(super) reset: Reset,
+    /// Current of an analog supply by the scope, while its command was zero at power-up.
+    pub(super) analog_zero: Option<Level>,
 }
 
 /// Knowledge of harness and cell beside the points.
@@ -109,4 +111,12 @@ pub(super) struct Zero {
     pub(super) scatter: (f64, f64),
     /// Temperature of the cell, °C.
     pub(super) temperature_degc: Option<f64>,
+}
+
+/// Mean current by the scope.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Level {
+    pub(super) amps: f64,
+    /// Possible error of the zeros of the two channels, A.
+    pub(super) unsure_a: f64,
 }

@@ -137,7 +137,7 @@ impl Rig<'_> {
 
     /// Commands a direct current, A, charge positive.
     pub(super) async fn command(&mut self, current_a: f64) -> Result<(), ExecuteError> {
-        let offset = Volts(self.offset_v(current_a)?);
+        let offset = Volts(self.offset_v(current_a));
         let error = self.bench.error("generator");
         let generator = require(&mut self.bench.instruments.generator, "generator")?;
         Ok(generator.direct(offset).await.map_err(error)?)

@@ -54,19 +54,21 @@ impl Rig<'_> {
         step_s: f64,
         steps: usize,
     ) -> Result<f64, ExecuteError> {
-        let supply = require(&mut self.bench.instruments.supply4q, "supply4q")?.capabilities();
         let wiring = &self.setup.wiring;
-        let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
         let peak_a = currents
             .iter()
             .fold(f64::MIN_POSITIVE, |peak, amps| peak.max(amps.abs()));
         let offset = Volts(wiring.command_offset_v);
-        let amplitude = Volts(peak_a * volts_per_amp * wiring.command_trim);
+        let peak_v = wiring.command_v(peak_a);
+        let (amplitude, polarity) = (Volts(peak_v.abs()), peak_v.signum());
         let error = self.bench.error("generator");
         let generator = require(&mut self.bench.instruments.generator, "generator")?;
         let grid_hz = generator.capabilities().freq_step.value();
         let freq_hz = (1.0 / (step_s * steps as f64) / grid_hz).round() * grid_hz;
-        let mut shape: Vec<f64> = currents.iter().map(|amps| amps / peak_a).collect();
+        let mut shape: Vec<f64> = currents
+            .iter()
+            .map(|amps| polarity * amps / peak_a)
+            .collect();
         shape.resize(steps, 0.0);
         generator.quiet(offset).await.map_err(&error)?;
         let sine = Sine {

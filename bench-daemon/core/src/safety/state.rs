@@ -59,6 +59,8 @@ pub struct State {
     places: Vec<PathBuf>,
     outputs: Vec<OutputPlace>,
     mocked: bool,
+    /// Whether the bipolar supply is analog, of which no reading can be kept.
+    unswitched: bool,
 }
 
 /// Files of an open run, held open so that the end of the run can be recorded even if no file can
@@ -101,6 +103,7 @@ impl State {
             places,
             outputs,
             mocked: bench.is_mocked(),
+            unswitched: bench.wiring.analog.is_some(),
         };
         // Any fault of a folder must be found before an output is energised.
         state

@@ -203,7 +203,8 @@ impl<'a> Watched<'a> {
         let (mut judged_s, mut next) = (None, first);
         loop {
             let (answer_s, late_s) = (meter.answer_time_s(), self.pace.late_s(drive));
-            if answer_s > late_s && self.envelope(self.clock.machine_s()).uses(drive) {
+            let envelope = self.envelope(self.clock.machine_s());
+            if answer_s > late_s && self.is_needed(drive, &envelope) {
                 return Alarm::Slow {
                     role: drive.role(),
                     answer_s,
@@ -422,7 +423,7 @@ impl<'a> Watched<'a> {
                 let age_s = state.age_s.get() + passed_s;
                 state.age_s.set(age_s);
                 let limit_s = self.pace.blind_s(drive);
-                if envelope.uses(drive) && age_s > limit_s {
+                if self.is_needed(drive, &envelope) && age_s > limit_s {
                     return Alarm::Blind {
                         role: drive.role(),
                         age_s,
@@ -436,6 +437,14 @@ impl<'a> Watched<'a> {
                 return Alarm::Trip(trip);
             }
         }
+    }
+
+    /// Checks whether a current may flow that nothing but this meter watches. For an analog supply
+    /// that is the voltmeter of the load.
+    fn is_needed(&self, drive: Drive, envelope: &Envelope) -> bool {
+        let is_analog = !self.drives[Drive::Supply4q as usize].present;
+        envelope.uses(drive)
+            || (drive == Drive::Load && is_analog && envelope.uses(Drive::Supply4q))
     }
 
     fn sees_every_drive(&self) -> bool {

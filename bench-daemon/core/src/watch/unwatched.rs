@@ -1,5 +1,7 @@
 //! Reports what the watch cannot detect on a bench, so that a person knows it before the run.
 
+use instruments::{instrument::by_key, load};
+
 use bench_plan::config::{Bench, Jig};
 
 /// Returns the quantities that no second instrument on this bench measures, as lines that begin
@@ -14,8 +16,25 @@ pub fn unwatched(bench: &Bench) -> Vec<String> {
                 .to_owned(),
         );
     }
-    if instruments.load.is_some() {
+    if let Some(load) = &instruments.load {
         lines.push("the load's current: only its own meter measures it".to_owned());
+        let usual = by_key(load::DIALECTS, &load.model).and_then(|dialect| dialect.usual_sense());
+        if load.remote_sense.or(usual).is_none() {
+            lines.push(
+                "where the load measures the voltage: instruments.load.remote_sense is not set, \
+                and without remote sense the drop of its leads is in every reading under current"
+                    .to_owned(),
+            );
+        }
+    }
+    if bench.wiring.analog.is_some() {
+        lines.push(
+            "the bipolar supply's current between two records of the scope: it is analog, without \
+            a link, and nothing but the generator's command, which is read back, and the load's \
+            voltmeter watch the cell meanwhile. The program cannot switch it: switch it on after \
+            the run has asked for it, and off before a hand reaches into the jig"
+                .to_owned(),
+        );
     }
     if instruments.load.is_none() && instruments.supply4q.is_some() {
         lines.push(

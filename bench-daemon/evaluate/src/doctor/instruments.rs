@@ -75,7 +75,7 @@ impl Examination<'_> {
     /// Switches everything off, then checks limits and thermometers.
     pub(super) async fn off(&mut self) -> Result<(), BenchError> {
         let safe = self.bench.safe_state().await;
-        let met = if safe.verified {
+        let met = if safe.verified && !self.bench.is_unswitched() {
             "every output off and read back, no current".to_owned()
         } else {
             safe.message

@@ -497,9 +497,8 @@ impl Examination<'_> {
 
     /// Returns the command per ampere from the bench file, V.
     fn volts_per_amp(&mut self) -> Result<f64, BenchError> {
-        let supply = self.supply4q()?.capabilities();
-        Ok(supply.analog_full_scale.value() / supply.full_scale.value()
-            * self.config.wiring.command_trim)
+        self.supply4q()?;
+        Ok(self.config.wiring.command_v(1.0))
     }
 
     fn supply4q(&mut self) -> Result<&mut instruments::supply4q::Supply4q, BenchError> {

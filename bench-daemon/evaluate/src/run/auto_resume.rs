@@ -202,6 +202,8 @@ impl Session {
             // An output that another program has switched on is not this run's to report as off.
             let outputs = if unreached(failure) {
                 "this run has switched nothing on since"
+            } else if experiment.bench.wiring.analog.is_some() {
+                "the generator commands zero, and the bipolar supply is not switched"
             } else {
                 "every output is off"
             };

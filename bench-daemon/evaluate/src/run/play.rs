@@ -87,6 +87,12 @@ impl Run<'_> {
             self.recorder
                 .warning("nothing watches the cell's temperature: the bench has no logger");
         }
+        if self.experiment.bench.wiring.analog.is_some() {
+            self.recorder.warning(
+                "the bipolar supply (analog) is not switched by this program: switch it off at its \
+                panel when the run has ended",
+            );
+        }
         self.experiment
             .cell
             .wide

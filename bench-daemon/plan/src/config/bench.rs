@@ -4,7 +4,12 @@ use std::{collections::BTreeMap, path::PathBuf};
 
 use analysis_signal::calibration::{KnownImpedance, StrayAdmittance};
 use analysis_signal::history::BenchHistory;
-use instruments::{clock::TimeMode, transport::Address};
+use instruments::{
+    clock::TimeMode,
+    supply4q::{self, AnalogSelect, Capabilities, Holds, Rating},
+    transport::Address,
+    units::{Amps, Hertz, Volts},
+};
 
 use crate::{
     mocks::{Quirks, Schedule},
@@ -110,7 +115,7 @@ pub struct Doctor {
 /// The instruments by role.
 #[derive(Debug, Clone, Default)]
 pub struct Instruments {
-    /// Bipolar supply.
+    /// Bipolar supply with a link; [`Wiring::analog`] is one without.
     pub supply4q: Option<Instrument>,
     /// Signal generator.
     pub generator: Option<Instrument>,
@@ -187,6 +192,10 @@ pub struct Instrument {
     pub accept: Option<String>,
     /// Longest usual time until it answers a question, s.
     pub answer_s: f64,
+    /// Rating of a bipolar supply, if the bench file states it.
+    pub rating: Option<Rating>,
+    /// Whether a load measures at its sense terminals; `None` to leave it as it is.
+    pub remote_sense: Option<bool>,
 }
 
 /// How the fixture is changed.
@@ -203,6 +212,11 @@ pub enum Jig {
 pub struct Wiring {
     /// Output of the generator in use.
     pub generator_channel: u8,
+    /// A bipolar supply without a link, if the bench has one.
+    pub analog: Option<Analog>,
+    /// Voltage at the input of the bipolar supply for one ampere of charge, V, without trim;
+    /// negative if a positive voltage discharges.
+    pub volts_per_amp: f64,
     /// Factor on the generator's amplitude that makes the current right.
     pub command_trim: f64,
     /// Offset of the generator that brings the mean current to zero, V.
@@ -213,6 +227,62 @@ pub struct Wiring {
     pub shunt: KnownImpedance,
     /// Vertical scale of channels 1…4 for one ampere of amplitude, V per division.
     pub scale_per_ampere_v: [f64; 4],
+}
+
+impl Wiring {
+    /// Voltage of the generator that changes the current by `amps`, A, charge positive: the command
+    /// without the offset that cancels the zero error of the supply.
+    pub fn command_v(&self, amps: f64) -> f64 {
+        amps * self.volts_per_amp * self.command_trim
+    }
+}
+
+/// Name of the model of a supply without a link.
+pub const ANALOG: &str = "analog";
+
+/// A bipolar supply without a link: the generator commands it, and no message switches or reads it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Analog {
+    /// Current per volt at its input, A/V, charge positive: negative if a positive voltage
+    /// discharges.
+    pub amps_per_volt: f64,
+    /// Rated current of either sign, A.
+    pub rated_a: f64,
+    /// Greatest frequency that it follows within a few per cent, Hz.
+    pub follows_hz: f64,
+}
+
+impl Analog {
+    /// Properties for a plan.
+    pub fn capabilities(&self) -> Capabilities {
+        Capabilities {
+            analog_select: AnalogSelect::Wiring,
+            holds: Holds::NoLink,
+            full_scale: Amps(self.rated_a),
+            max_freq: Hertz(self.follows_hz),
+            analog_full_scale: Volts(self.rated_a / self.amps_per_volt.abs()),
+        }
+    }
+}
+
+impl Bench {
+    /// Model of its bipolar supply, with a link or without.
+    pub fn bipolar_model(&self) -> Option<&str> {
+        match &self.instruments.supply4q {
+            Some(supply) => Some(&supply.model),
+            None => self.wiring.analog.map(|_| ANALOG),
+        }
+    }
+
+    /// Capabilities of its bipolar supply, with a link or without.
+    pub fn bipolar(&self) -> Option<Capabilities> {
+        match &self.instruments.supply4q {
+            Some(supply) => supply4q::dialect(&supply.model, supply.rating)
+                .ok()
+                .map(|dialect| dialect.capabilities()),
+            None => self.wiring.analog.map(|analog| analog.capabilities()),
+        }
+    }
 }
 
 /// A simulation behind the addresses.

@@ -6,8 +6,7 @@ use std::ops::RangeInclusive;
 use analysis_fit::fit::{MAX_RC, Objective};
 use analysis_signal::calibration::ControlTolerance;
 use instruments::{
-    chiller, fixture::Fixture, generator, instrument::by_key, load, scope, supply, supply4q,
-    units::Seconds,
+    chiller, fixture::Fixture, generator, instrument::by_key, load, scope, supply, units::Seconds,
 };
 
 use super::{
@@ -114,6 +113,16 @@ impl Check<'_> {
         })
     }
 
+    /// Refuses a section that needs the ammeter of the bipolar supply.
+    pub(super) fn refuse_analog(&self, field: &str) -> Result<(), ConfigError> {
+        if self.bench.wiring.analog.is_none() {
+            return Ok(());
+        }
+        let reason = "expected none: it needs a bipolar supply that measures its current, and \
+        the bench has an analog one without a link";
+        Err(self.complain(field, reason))
+    }
+
     pub(super) fn temperature(
         &self,
         raw: &raw::TemperatureSection,
@@ -204,23 +213,15 @@ impl Check<'_> {
             1.0e-4..=0.1,
             "(share)",
         )?;
-        let supply = self
+        let driven_hz = self
             .bench
-            .instruments
-            .supply4q
-            .as_ref()
-            .and_then(|supply| by_key(supply4q::DIALECTS, &supply.model));
-        let driven_hz = supply.map_or(1.0e5, |dialect| dialect.capabilities().max_freq.value());
+            .bipolar()
+            .map_or(1.0e5, |can| can.max_freq.value());
         let mut beyond_hz = Vec::new();
         for frequency in &raw.beyond {
             let asked_hz = microhertz(frequency.si);
             if asked_hz > driven_hz {
-                let model = self
-                    .bench
-                    .instruments
-                    .supply4q
-                    .as_ref()
-                    .map_or("", |supply| supply.model.as_str());
+                let model = self.bench.bipolar_model().unwrap_or_default();
                 let reason = format!(
                     "expected at most {driven_hz} Hz, up to which the bipolar supply {model} \
                     follows its command, found {asked_hz} Hz"
@@ -355,9 +356,15 @@ impl Check<'_> {
 
     pub(super) fn eis(&self, raw: &raw::Eis) -> Result<Eis, ConfigError> {
         let instruments = &self.bench.instruments;
-        let supply4q = self.needs(instruments.supply4q.as_ref(), "supply4q", "eis")?;
+        let bipolar = self.bench.bipolar();
+        self.needs(bipolar.as_ref(), "supply4q", "eis")?;
         let generator = self.needs(instruments.generator.as_ref(), "generator", "eis")?;
         self.needs(instruments.scope.as_ref(), "scope", "eis")?;
+        if self.bench.wiring.analog.is_some() && instruments.load.is_none() {
+            let reason = "expected a section [instruments.load]: an analog supply has no meter, and \
+            the load's voltmeter watches the cell between the scope's records";
+            return Err(self.bench_source.complain("instruments.load", reason));
+        }
         let generator_dialect = by_key(generator::DIALECTS, &generator.model);
         let (least_hz, greatest_hz) = generator_dialect.map_or((1.0e-3, 1.0e4), |d| {
             (
@@ -365,9 +372,7 @@ impl Check<'_> {
                 d.capabilities().freq_range.1.value().min(1.0e4),
             )
         });
-        let supply4q_capabilities =
-            by_key(supply4q::DIALECTS, &supply4q.model).map(|d| d.capabilities());
-        let driven_hz = supply4q_capabilities.map_or(greatest_hz, |capabilities| {
+        let driven_hz = bipolar.map_or(greatest_hz, |capabilities| {
             capabilities.max_freq.value().min(greatest_hz)
         });
         let freqs_hz = self.frequencies(
@@ -382,8 +387,7 @@ impl Check<'_> {
             self.needs(instruments.jig.as_ref(), "jig", "eis")?;
         }
         self.within("eis.repeat", raw.repeat as f64, 0.0..=1000.0, "sweeps")?;
-        let full_scale =
-            supply4q_capabilities.map_or(0.0, |capabilities| capabilities.full_scale.value());
+        let full_scale = bipolar.map_or(0.0, |capabilities| capabilities.full_scale.value());
         let greatest_a = full_scale
             .min(self.cell.limits.charge_a)
             .min(self.cell.limits.discharge_a);
@@ -392,6 +396,9 @@ impl Check<'_> {
             self.half_period("eis.start", &freqs_hz, amplitude_a)?;
         }
         let bias = self.eis_bias(raw)?;
+        if bias.is_some() {
+            self.refuse_analog("eis.bias")?;
+        }
         let rest_s = if bias.is_some() { BIAS_REST_S } else { 0.0 };
         let eis = Eis {
             fixture: if raw.fixture == raw::SweptFixture::Shunt {
@@ -443,11 +450,22 @@ impl Check<'_> {
         self.within(
             "eis.record_points",
             raw.record_points as f64,
-            least_points..=raw.memory_points as f64,
+            least_points..=self.most_record_points().min(raw.memory_points as f64),
             "points",
         )?;
         self.check_grid(&eis)?;
         Ok(eis)
+    }
+
+    /// Greatest record of the scope: one that cannot thin out its memory before sending takes no
+    /// more samples than it sends.
+    fn most_record_points(&self) -> f64 {
+        let scope = self.bench.instruments.scope.as_ref();
+        let can = scope
+            .and_then(|scope| by_key(scope::DIALECTS, &scope.model))
+            .map(|dialect| dialect.capabilities());
+        can.filter(|can| !can.thins_out)
+            .map_or(f64::INFINITY, |can| can.most_points as f64)
     }
 
     /// Half a period of the slowest sine must not move the state of charge by much: amplitude/(π·f)

@@ -29,10 +29,12 @@ pub mod schema;
 mod section;
 mod simulation;
 mod source;
+mod supply4q;
 mod trace;
 
 pub use bench::{
-    ANSWER_S, Bench, Doctor, Guardian, Instrument, Instruments, Jig, Simulation, Thermostat, Wiring,
+    ANALOG, ANSWER_S, Analog, Bench, Doctor, Guardian, Instrument, Instruments, Jig, Simulation,
+    Thermostat, Wiring,
 };
 pub use campaign::Campaign;
 pub use check::{LOAD_CUT_OFF_V, check_frames};

@@ -1,7 +1,7 @@
 //! The multisine: the section `[multisine]` against bench and cell.
 
 use analysis_signal::multisine::odd_grid;
-use instruments::{generator, instrument::by_key, scope, supply4q, units::Seconds};
+use instruments::{generator, instrument::by_key, scope, units::Seconds};
 
 use super::{
     ConfigError,
@@ -63,7 +63,8 @@ const SHORTEST_SPAN_S: f64 = 0.5;
 impl Check<'_> {
     pub(super) fn multisine(&self, raw: &Raw) -> Result<Multisine, ConfigError> {
         let instruments = &self.bench.instruments;
-        let supply = self.needs(instruments.supply4q.as_ref(), "supply4q", "multisine")?;
+        self.refuse_analog("multisine")?;
+        self.needs(instruments.supply4q.as_ref(), "supply4q", "multisine")?;
         let generator = self.needs(instruments.generator.as_ref(), "generator", "multisine")?;
         self.needs(instruments.scope.as_ref(), "scope", "multisine")?;
         let Some(most_steps) =
@@ -77,8 +78,7 @@ impl Check<'_> {
                 .bench_source
                 .complain("instruments.generator.model", reason));
         };
-        let supply =
-            by_key(supply4q::DIALECTS, &supply.model).map(|dialect| dialect.capabilities());
+        let supply = self.bench.bipolar();
         let full_scale = supply.map_or(0.0, |capabilities| capabilities.full_scale.value());
         let greatest_a = full_scale
             .min(self.cell.limits.charge_a)

@@ -124,6 +124,9 @@ dimension!(
     /// Power.
     Power, "a power", "-40 W", [("W", 1.0), ("kW", 1.0e3)]);
 dimension!(
+    /// Current per voltage.
+    Transconductance, "a current per volt", "-2 A/V", [("A/V", 1.0), ("mA/V", 1.0e-3)]);
+dimension!(
     /// Frequency.
     Frequency, "a frequency", "0.1 Hz", [("Hz", 1.0), ("mHz", 1.0e-3), ("kHz", 1.0e3)]);
 dimension!(

@@ -7,7 +7,8 @@ use analysis_signal::history::BenchHistory;
 use serde::Deserialize;
 
 use super::quantity::{
-    Capacitance, Duration, Inductance, Quantity, Resistance, TemperatureDifference, Voltage,
+    Capacitance, Current, Duration, Frequency, Inductance, Quantity, Resistance,
+    TemperatureDifference, Transconductance, Voltage,
 };
 use crate::mocks::{Fault, Value};
 
@@ -87,13 +88,13 @@ pub(super) struct Guardian {
 pub(super) struct Instruments {
     /// Bipolar supply, which drives sweeps, multisines, pulses and waves. Left out: the bench has
     /// none.
-    pub(super) supply4q: Option<Instrument>,
+    pub(super) supply4q: Option<Supply4q>,
     /// Function generator, which commands the bipolar supply. Left out: the bench has none.
     pub(super) generator: Option<Instrument>,
     /// Scope with four channels, on shunt and cell. Left out: the bench has none.
     pub(super) scope: Option<Instrument>,
     /// DC load, which discharges the cell and measures its voltage. Left out: the bench has none.
-    pub(super) load: Option<Instrument>,
+    pub(super) load: Option<Load>,
     /// DC supply, which charges the cell. Left out: the bench has none.
     pub(super) supply: Option<Instrument>,
     /// Chiller, which holds the temperature. Left out: the bench has none.
@@ -102,6 +103,35 @@ pub(super) struct Instruments {
     pub(super) logger: Option<Logger>,
     /// Jig, in which the fixture is changed. Left out: the bench has none.
     pub(super) jig: Option<Jig>,
+}
+
+/// Bipolar supply with a link, or an analog one, which the generator alone commands.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Supply4q {
+    /// Model as `eis-bench identify` names it, or `analog`: a supply without a link, which the
+    /// program cannot switch, limit or read.
+    pub(super) model: String,
+    /// Address, such as `tcp://192.0.2.20:5025`; no two instruments share one. Left out: the model
+    /// is `analog`.
+    pub(super) address: Option<String>,
+    /// Text in the identity of another model that is accepted as this one. Left out: the identity
+    /// must be that of the model.
+    pub(super) accept: Option<String>,
+    /// Longest usual time to the answer to a question, 0.05 s to 5 s, on which the watch relies.
+    /// Left out: 0.3 s.
+    pub(super) answer: Option<Quantity<Duration>>,
+    /// Volts, amperes and option of a Kepco BOP, such as `36-12M` or `20-50MG`. Left out: 20 A.
+    pub(super) rating: Option<String>,
+    /// Current per volt at the input of an `analog` supply, such as `-2 A/V`, 0.01 A/V to 100 A/V;
+    /// negative if a positive voltage discharges the cell. Left out: the model is not `analog`.
+    pub(super) gain: Option<Quantity<Transconductance>>,
+    /// Rated current of an `analog` supply, above 0 A, at most 400 A. Left out: the model is not
+    /// `analog`.
+    pub(super) full_scale: Option<Quantity<Current>>,
+    /// Frequency up to which an `analog` supply follows its input within a few per cent, 1 Hz to
+    /// 100 kHz. Left out: 300 Hz.
+    pub(super) max_frequency: Option<Quantity<Frequency>>,
 }
 
 /// Model and address of an instrument.
@@ -118,6 +148,25 @@ pub(super) struct Instrument {
     /// Longest usual time to the answer to a question, 0.05 s to 5 s, on which the watch relies.
     /// Left out: 0.3 s.
     pub(super) answer: Option<Quantity<Duration>>,
+}
+
+/// DC load, and where it measures the voltage.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Load {
+    /// Model as `eis-bench identify` names it.
+    pub(super) model: String,
+    /// Address, such as `tcp://192.0.2.20:5025`; no two instruments share one.
+    pub(super) address: String,
+    /// Text in the identity of another model that is accepted as this one. Left out: the identity
+    /// must be that of the model.
+    pub(super) accept: Option<String>,
+    /// Longest usual time to the answer to a question, 0.05 s to 5 s, on which the watch relies.
+    /// Left out: 0.3 s.
+    pub(super) answer: Option<Quantity<Duration>>,
+    /// Whether it measures the voltage at its sense terminals, which must then be connected to the
+    /// cell, or at its input, with the drop of its leads. Left out: it stays as it is.
+    pub(super) remote_sense: Option<bool>,
 }
 
 /// Logger of temperatures and its channels.

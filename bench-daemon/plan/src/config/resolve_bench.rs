@@ -8,18 +8,18 @@ use instruments::{
     clock::TimeMode,
     generator,
     instrument::{Model, by_key},
-    jig, load, logger, scope, supply, supply4q,
+    jig, load, logger, scope, supply,
     transport::Address,
 };
 
 use super::{
     Bench, ConfigError, Doctor, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring,
     bench::{ANSWER_S, is_local},
-    quantity::{Duration, Quantity},
     raw_bench,
     schema::Kind,
     simulation,
     source::in_field,
+    supply4q,
 };
 use crate::support::{addresses::meet, hash};
 
@@ -53,7 +53,9 @@ pub fn load_any_bench(path: &Path) -> Result<Bench, ConfigError> {
 /// A bench, checked.
 pub fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
     let raw: raw_bench::Bench = source.parse_as(Kind::Bench)?;
-    let instruments = resolve_instruments(source, &raw.instruments)?;
+    let bipolar = supply4q::resolve(source, raw.instruments.supply4q.as_ref())?;
+    let volts_per_amp = bipolar.volts_per_amp();
+    let instruments = resolve_instruments(source, &raw.instruments, bipolar.linked)?;
     check_addresses(source, &instruments)?;
     let wiring = &raw.wiring;
     if !(0.1..=10.0).contains(&wiring.command_trim) {
@@ -66,10 +68,11 @@ pub fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
         ));
     }
     // The offset drives a current into the cell as soon as the output is on, before any reading.
-    if !(-MOST_OFFSET_V..=MOST_OFFSET_V).contains(&wiring.command_offset.si) {
+    let most_v = most_offset_v(volts_per_amp);
+    if !(-most_v..=most_v).contains(&wiring.command_offset.si) {
         let reason = format!(
-            "expected {} V to {MOST_OFFSET_V} V, the zero error of a supply, found {} V",
-            -MOST_OFFSET_V, wiring.command_offset.si
+            "expected {} V to {most_v} V, the zero error of a supply, found {} V",
+            -most_v, wiring.command_offset.si
         );
         return Err(source.complain("wiring.command_offset", reason));
     }
@@ -97,6 +100,8 @@ pub fn resolve_bench(source: &Source) -> Result<Bench, ConfigError> {
         instruments,
         wiring: Wiring {
             generator_channel: wiring.generator_channel,
+            analog: bipolar.analog,
+            volts_per_amp,
             command_trim: wiring.command_trim,
             command_offset_v: wiring.command_offset.si,
             bursts: wiring.bursts.unwrap_or(true),
@@ -246,8 +251,14 @@ fn shares_adapter(one: &Address, other: &Address) -> bool {
     matches!((one, other), (Address::Gpib { .. }, Address::Gpib { .. })) && meet(one, other)
 }
 
-/// Greatest offset of the command, V: with the usual 2 A per volt it is an ampere.
-const MOST_OFFSET_V: f64 = 0.5;
+/// Greatest offset of the command, V, and the current that it may drive, A.
+const MOST_OFFSET: (f64, f64) = (0.5, 1.0);
+
+/// Greatest offset of the command, V, for a supply with this command per ampere.
+fn most_offset_v(volts_per_amp: f64) -> f64 {
+    let (most_v, most_a) = MOST_OFFSET;
+    most_v.min(most_a * volts_per_amp.abs())
+}
 
 fn resolve_simulation(
     source: &Source,
@@ -333,6 +344,7 @@ fn known(
 fn resolve_instruments(
     source: &Source,
     raw: &raw_bench::Instruments,
+    supply4q: Option<Instrument>,
 ) -> Result<Instruments, ConfigError> {
     let resolve = |role: &str, instrument: &Option<raw_bench::Instrument>, keys: &[&str]| {
         let resolve = |raw: &raw_bench::Instrument| {
@@ -347,7 +359,7 @@ fn resolve_instruments(
             )?;
             Ok(Instrument {
                 accept: raw.accept.clone(),
-                answer_s: resolve_answer(source, role, raw.answer)?,
+                answer_s: supply4q::resolve_answer(source, role, raw.answer)?,
                 ..resolved
             })
         };
@@ -405,14 +417,31 @@ fn resolve_instruments(
         .map(|raw| resolve_jig(source, raw))
         .transpose()?;
     Ok(Instruments {
-        supply4q: resolve("supply4q", &raw.supply4q, &keys(supply4q::DIALECTS))?,
+        supply4q,
         generator: resolve("generator", &raw.generator, &keys(generator::DIALECTS))?,
         scope: resolve("scope", &raw.scope, &keys(scope::DIALECTS))?,
-        load: resolve("load", &raw.load, &keys(load::DIALECTS))?,
+        load: raw
+            .load
+            .as_ref()
+            .map(|raw| resolve_load(source, raw))
+            .transpose()?,
         supply: resolve("supply", &raw.supply, &keys(supply::DIALECTS))?,
         chiller: resolve("chiller", &raw.chiller, &keys(chiller::DIALECTS))?,
         logger,
         jig,
+    })
+}
+
+fn resolve_load(source: &Source, raw: &raw_bench::Load) -> Result<Instrument, ConfigError> {
+    let typed = Typed {
+        model: &raw.model,
+        address: &raw.address,
+    };
+    Ok(Instrument {
+        accept: raw.accept.clone(),
+        answer_s: supply4q::resolve_answer(source, "load", raw.answer)?,
+        remote_sense: raw.remote_sense,
+        ..resolve_instrument(source, "load", typed, &keys(load::DIALECTS))?
     })
 }
 
@@ -447,22 +476,9 @@ fn resolve_instrument(
         address,
         accept: None,
         answer_s: ANSWER_S,
+        rating: None,
+        remote_sense: None,
     })
-}
-
-fn resolve_answer(
-    source: &Source,
-    role: &str,
-    typed: Option<Quantity<Duration>>,
-) -> Result<f64, ConfigError> {
-    let answer_s = typed.map_or(ANSWER_S, |quantity| quantity.si);
-    if (0.05..=5.0).contains(&answer_s) {
-        return Ok(answer_s);
-    }
-    Err(source.complain(
-        &format!("instruments.{role}.answer"),
-        format!("expected 0.05 s to 5 s, found {answer_s} s"),
-    ))
 }
 
 fn resolve_jig(source: &Source, raw: &raw_bench::Jig) -> Result<Jig, ConfigError> {

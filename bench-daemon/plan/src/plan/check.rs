@@ -36,7 +36,7 @@ impl Plan {
                     && matches!(
                         step,
                         Step::PowerUp {
-                            held: Holds::Voltage | Holds::Nothing,
+                            held: Holds::Voltage | Holds::Nothing | Holds::NoLink,
                             ..
                         }
                     )

@@ -114,6 +114,14 @@ impl fmt::Display for Step {
                 follows the generator up to its ratings, and only the \
                  daemon's readings and a fuse hold it",
             ),
+            Self::PowerUp {
+                held: Holds::NoLink,
+                ..
+            } => f.write_str(
+                "bipolar supply commanded: the program cannot switch, limit or read it; the \
+                generator commands zero, the scope and the load's voltmeter show what flows, and \
+                a step of the command tests gain and sign",
+            ),
             Self::PowerUp { compliance_v, .. } => {
                 write!(
                     f,

@@ -1,9 +1,6 @@
 //! Power-up of the bipolar supply, which all stages of an experiment share.
 
-use instruments::{
-    instrument::by_key,
-    supply4q::{self, Holds},
-};
+use instruments::supply4q::Holds;
 
 use crate::{
     config::Experiment,
@@ -26,16 +23,13 @@ impl Power {
     /// Returns the power-up of an experiment: the requirements of its sweeps apply to its other
     /// stages, too.
     pub(super) fn of(experiment: &Experiment) -> Self {
-        let supply = experiment
-            .bench
-            .instruments
-            .supply4q
-            .as_ref()
-            .and_then(|supply| by_key(supply4q::DIALECTS, &supply.model));
         let eis = experiment.eis.as_ref();
         let half_a = eis.map_or(f64::INFINITY, |eis| 0.5 * eis.amplitude_a);
         Self {
-            held: supply.map_or(Holds::Nothing, |dialect| dialect.capabilities().holds),
+            held: experiment
+                .bench
+                .bipolar()
+                .map_or(Holds::Nothing, |can| can.holds),
             idle_a: IDLE_CURRENT_A.min(half_a).max(NO_CURRENT_A),
             depth: eis.map(|eis| Depth {
                 memory_points: eis.memory_points,

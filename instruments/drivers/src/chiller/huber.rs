@@ -38,6 +38,7 @@ const SETTINGS: &[Setting] = &[
         name: "set-point",
         says: Says::Hundredths("°C"),
         is_switch: false,
+        without: None,
     },
     Setting::switch(
         "{M14****",

@@ -27,7 +27,8 @@ const SETTINGS: &[Setting] = &[
             (Shows::Word("0"), "its own"),
             (Shows::Word("1"), "an external one"),
         ]),
-    ),
+    )
+    .optional("which sensor controls the bath"),
 ];
 
 impl Model for Julabo {

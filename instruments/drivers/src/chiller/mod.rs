@@ -131,7 +131,12 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The link's errors.
     pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
-        look(&mut self.link, &self.dialect.run(None)).await
+        look(
+            &mut self.link,
+            self.dialect.settings(),
+            &self.dialect.run(None),
+        )
+        .await
     }
 
     /// Registers that another process started it at this set-point, which must still apply. Sends

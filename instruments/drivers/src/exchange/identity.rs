@@ -22,6 +22,8 @@ impl Identity {
     /// give maker and model by their first blank, `#VER:model:firmware` is CAENels', and `{S00`
     /// with four digits is Huber's set-point.
     pub fn parse(raw: &str) -> Self {
+        // Older Siglent firmware repeats the header of the query.
+        let raw = without_prefix(raw.trim(), "*IDN ").unwrap_or(raw.trim());
         let raw = raw.trim().to_owned();
         if let Some((model, firmware)) =
             without_prefix(&raw, "#VER:").map(|rest| rest.split_once(':').unwrap_or((rest, "")))
@@ -78,7 +80,7 @@ impl Identity {
     pub fn folded(&self) -> Self {
         Self {
             raw: fold(&self.raw),
-            maker: fold(&self.maker),
+            maker: canonical(fold(&self.maker)),
             model: fold(&self.model),
             serial: fold(&self.serial),
             firmware: fold(&self.firmware),
@@ -110,6 +112,17 @@ impl Identity {
     pub fn is_web_server(&self) -> bool {
         self.raw.starts_with("HTTP/1.")
     }
+}
+
+/// Makers by other names than their own: the families by which older Siglent firmware names itself.
+const MAKERS: &[(&str, &[&str])] = &[("SIGLENT", &["SDG", "SDS", "SPD", "SDL", "SDM"])];
+
+/// Returns the maker's own name.
+fn canonical(maker: String) -> String {
+    let known = MAKERS
+        .iter()
+        .find(|(_, names)| names.contains(&maker.as_str()));
+    known.map_or(maker, |(name, _)| (*name).to_owned())
 }
 
 /// Converts a text to capitals, with single spaces and none beside a comma.
@@ -168,6 +181,45 @@ mod tests {
             assert_eq!(first.is_same_instrument(&second), same, "{one} | {other}");
             assert_eq!(second.is_same_instrument(&first), same, "{other} | {one}");
         }
+    }
+
+    #[test]
+    fn spellings_of_a_maker_fold() {
+        for (answer, maker, model) in [
+            (
+                "*IDN SDG,SDG1032X,SDG1XABC,1.01.01.33R1B6",
+                "SIGLENT",
+                "SDG1032X",
+            ),
+            (
+                "*idn SDS,SDS824X HD,SDS08A0X,4.8.12",
+                "SIGLENT",
+                "SDS824X HD",
+            ),
+            (
+                "Siglent,SDL1020X-E,SDL13G,1.1.1.22",
+                "SIGLENT",
+                "SDL1020X-E",
+            ),
+            (
+                "siglent technologies,SPD3303X,SPD3X,1.01",
+                "SIGLENT TECHNOLOGIES",
+                "SPD3303X",
+            ),
+            (
+                "Rigol Technologies,dho804,DHO8A,00.01.03",
+                "RIGOL TECHNOLOGIES",
+                "DHO804",
+            ),
+        ] {
+            let identity = Identity::parse(answer).folded();
+            assert_eq!(
+                (identity.maker.as_str(), identity.model.as_str()),
+                (maker, model)
+            );
+        }
+        let (one, other) = ("*IDN SDG,SDG1032X,7,1.0", "Siglent,SDG1032X,7,1.0");
+        assert!(Identity::parse(one).is_same_instrument(&Identity::parse(other)));
     }
 
     #[test]

@@ -17,6 +17,8 @@ pub struct Setting {
     /// The setting reports whether the instrument's output or input is on, or whether a bath is
     /// controlled.
     pub is_switch: bool,
+    /// What is not known on a unit that does not answer the query; `None` if every unit must.
+    pub without: Option<&'static str>,
 }
 
 /// How the answers of a setting are to be read.
@@ -78,6 +80,7 @@ impl Setting {
             name,
             says: Says::Number(unit),
             is_switch: false,
+            without: None,
         }
     }
 
@@ -88,6 +91,7 @@ impl Setting {
             name,
             says,
             is_switch: false,
+            without: None,
         }
     }
 
@@ -99,7 +103,22 @@ impl Setting {
             name,
             says,
             is_switch: true,
+            without: None,
         }
+    }
+
+    /// Marks a setting whose query some firmware does not know; `without` is what is not known then.
+    pub const fn optional(self, without: &'static str) -> Self {
+        Self {
+            without: Some(without),
+            ..self
+        }
+    }
+
+    /// Returns what is not known without the answer to a query, or `None` if it must be answered.
+    pub fn missing(settings: &[Self], question: &str) -> Option<&'static str> {
+        let mut asked = settings.iter().filter(|setting| setting.answers(question));
+        asked.find_map(|setting| setting.without)
     }
 
     /// Returns whether a reply shows that a switch is on, or `None` if the query was another one.
@@ -342,6 +361,7 @@ mod tests {
             name: "set-point",
             says: Says::Hundredths("°C"),
             is_switch: false,
+            without: None,
         },
     ];
 

@@ -8,7 +8,7 @@ use instruments_domain::units::Volts;
 use instruments_link::link::LinkError;
 
 use crate::{
-    exchange::{Answer, forget_errors, look},
+    exchange::{Answer, Exchange, NOT_KNOWN, forget_errors, look},
     instrument::Instrument,
 };
 pub use contract::{Capabilities, Dialect, Sine, Wave};
@@ -71,7 +71,27 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::sine`].
     pub async fn burst(&mut self, periods: Option<u32>) -> Result<(), LinkError> {
         let script = self.dialect.burst(self.output_channel(), periods);
-        self.tell(&script).await
+        self.refuse_unread(&script, periods)?;
+        self.tell(&script).await?;
+        self.refuse_unread(&script, periods)
+    }
+
+    /// Refuses a burst on a unit that does not answer what it has taken: an end of the signal that
+    /// cannot be read back must not be relied on.
+    fn refuse_unread(&self, script: &[Exchange], periods: Option<u32>) -> Result<(), LinkError> {
+        let unread = script.iter().find_map(|exchange| match exchange {
+            Exchange::Set { read_back, .. } if self.link.lacks(read_back) => Some(read_back),
+            _ => None,
+        });
+        match (unread, periods) {
+            (Some(question), Some(_)) => Err(LinkError::unexpected(
+                self.link.name(),
+                question,
+                NOT_KNOWN,
+                "the settings of the burst",
+            )),
+            _ => Ok(()),
+        }
     }
 
     /// Sets the closest approximation of a steady offset: the smallest sine, never another waveform
@@ -122,7 +142,16 @@ impl Instrument<dyn Dialect> {
     /// The link's errors.
     pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
         let script = self.dialect.output(self.output_channel(), false);
-        look(&mut self.link, &script).await
+        look(&mut self.link, self.dialect.settings(), &script).await
+    }
+
+    /// Queries whether the generator is at its least sine around an offset, and changes nothing.
+    ///
+    /// # Errors
+    /// The link's errors.
+    pub async fn look_at_zero(&mut self, offset: Volts) -> Result<Vec<Answer>, LinkError> {
+        let script = self.dialect.quiet(self.output_channel(), offset);
+        look(&mut self.link, self.dialect.settings(), &script).await
     }
 
     /// Forgets the known state of the signal, but not that of the output.
@@ -133,7 +162,8 @@ impl Instrument<dyn Dialect> {
 
     /// Returns the first of the channels in use, or 1 if none was named.
     fn output_channel(&self) -> u8 {
-        self.channels
+        self.setup
+            .channels
             .first()
             .and_then(|channel| u8::try_from(*channel).ok())
             .unwrap_or(1)

@@ -80,7 +80,8 @@ const SETTINGS: &[Setting] = &[
             (Shows::Text("STATE,ON"), "on"),
             (Shows::Text("STATE,OFF"), "off"),
         ]),
-    ),
+    )
+    .optional("whether a burst of an earlier client is on; no burst is used, and"),
     Setting::state(
         "C#:BTWV?",
         "end of a burst",

@@ -51,6 +51,12 @@ pub trait Dialect: Model {
     /// Sets another level of the prepared function, within its range; the input state does not
     /// change.
     fn level(&self, draw: Draw) -> Vec<Exchange>;
+    /// Where the model measures unless the bench file states it; `None` to leave it as it is.
+    fn usual_sense(&self) -> Option<bool> {
+        None
+    }
+    /// Selects whether the voltage is measured at the sense terminals or at the input.
+    fn sense(&self, remote: bool) -> Vec<Exchange>;
     /// Selects the finest range for a cell's voltage; assumes the input is off.
     fn watch(&self) -> Vec<Exchange>;
     /// Queries for voltage and current.

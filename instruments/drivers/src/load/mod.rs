@@ -8,7 +8,7 @@ use instruments_domain::units::{Amps, Volts};
 use instruments_link::link::LinkError;
 
 use crate::{
-    exchange::{Answer, ExpectedAnswers, Way, look},
+    exchange::{Answer, Exchange, ExpectedAnswers, Way, look},
     instrument::Instrument,
 };
 pub use contract::{Capabilities, Dialect, Discharge, Draw};
@@ -33,8 +33,11 @@ impl Instrument<dyn Dialect> {
         let mut expected = self.expected.clone().lock_owned().await;
         *expected = ExpectedAnswers::default();
         self.play(&self.dialect.input(false)).await?;
+        let sense = self.sense();
+        self.play(&sense).await?;
         let script = self.dialect.prepare(discharge);
         self.play(&script).await?;
+        expected.add(&sense);
         expected.add_bounds(&script, self.dialect.bounds());
         expected.add(&self.dialect.level(discharge.draw));
         Ok(())
@@ -53,7 +56,21 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn watch(&mut self) -> Result<(), LinkError> {
+        self.play(&self.sense()).await?;
         self.play(&self.dialect.watch()).await
+    }
+
+    /// Sets where it measures the voltage: at its sense terminals or at its input. `None` leaves it
+    /// as it is.
+    #[must_use]
+    pub fn sensing(mut self, remote: Option<bool>) -> Self {
+        self.setup.remote_sense = remote;
+        self
+    }
+
+    fn sense(&self) -> Vec<Exchange> {
+        let remote = self.setup.remote_sense.or(self.dialect.usual_sense());
+        remote.map_or_else(Vec::new, |remote| self.dialect.sense(remote))
     }
 
     /// Switches the input on.
@@ -88,7 +105,12 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The link's errors.
     pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
-        look(&mut self.link, &self.dialect.input(false)).await
+        look(
+            &mut self.link,
+            self.dialect.settings(),
+            &self.dialect.input(false),
+        )
+        .await
     }
 
     /// Returns the voltage at the sense terminals and the current drawn.

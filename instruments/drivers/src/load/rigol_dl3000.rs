@@ -75,12 +75,14 @@ impl Model for Dl3000 {
     }
 }
 
-/// Selects the finest range for a cell's voltage, and the sense leads.
-fn voltmeter() -> [Exchange; 2] {
-    [
-        Exchange::number(":SOUR:VOLT:RANG 15", ":SOUR:VOLT:RANG?", 15.0, 0.1),
-        Exchange::switch(":SOUR:SENS", true),
-    ]
+/// Selects the finest range for a cell's voltage.
+fn voltmeter() -> [Exchange; 1] {
+    [Exchange::number(
+        ":SOUR:VOLT:RANG 15",
+        ":SOUR:VOLT:RANG?",
+        15.0,
+        0.1,
+    )]
 }
 
 impl Dialect for Dl3000 {
@@ -127,7 +129,6 @@ impl Dialect for Dl3000 {
     }
 
     fn prepare(&self, discharge: &Discharge) -> Vec<Exchange> {
-        let [volts, sense] = voltmeter();
         let mut script = vec![Exchange::word(
             ":SOUR:FUNC:MODE FIX",
             ":SOUR:FUNC:MODE?",
@@ -159,7 +160,7 @@ impl Dialect for Dl3000 {
             }
             Draw::Power(_) => script.push(Exchange::word(":SOUR:FUNC POW", ":SOUR:FUNC?", &["CP"])),
         }
-        script.extend([volts, sense]);
+        script.extend(voltmeter());
         script.extend(self.level(discharge.draw));
         // The load does not start to sink below this voltage. The guide does not state whether it
         // also stops there, so nothing relies on it.
@@ -179,6 +180,14 @@ impl Dialect for Dl3000 {
             }
             Draw::Power(power) => Exchange::fixed(":SOUR:POW:LEV:IMM", power.value(), 3, 1.0e-2),
         }]
+    }
+
+    fn usual_sense(&self) -> Option<bool> {
+        Some(true)
+    }
+
+    fn sense(&self, remote: bool) -> Vec<Exchange> {
+        vec![Exchange::switch(":SOUR:SENS", remote)]
     }
 
     fn watch(&self) -> Vec<Exchange> {

@@ -43,6 +43,7 @@ const SETTINGS: &[Setting] = &[
     Setting::number(":CURR:PROT:LEV?", "over-current protection", "A"),
     Setting::state(":CURR:PROT:STAT?", "over-current protection", ON_OFF),
     Setting::state(":VOLT:LATC?", "latch", ON_OFF),
+    Setting::state("SYST:SENS?", "remote sense", ON_OFF),
 ];
 
 impl Model for Sdl {
@@ -177,6 +178,10 @@ impl Dialect for Sdl {
             Draw::Current(current) => Exchange::fixed(":CURR:LEV:IMM", current.value(), 4, 2.0e-3),
             Draw::Power(power) => Exchange::fixed(":POW:LEV:IMM", power.value(), 3, 1.0e-2),
         }]
+    }
+
+    fn sense(&self, remote: bool) -> Vec<Exchange> {
+        vec![Exchange::switch("SYST:SENS", remote)]
     }
 
     fn watch(&self) -> Vec<Exchange> {

@@ -57,7 +57,8 @@ impl Instrument<dyn Dialect> {
                         .filter(|reading: &f64| reading.is_finite())
                         .map(Celsius)
                 };
-                let scanned: Vec<Option<Celsius>> = self.channels.iter().map(celsius).collect();
+                let scanned: Vec<Option<Celsius>> =
+                    self.setup.channels.iter().map(celsius).collect();
                 *self.scanned.lock().unwrap_or_else(PoisonError::into_inner) = Some(Scan {
                     cell: scanned.first().copied().flatten(),
                     answered_s: self.link.clock().machine_s(),
@@ -82,7 +83,7 @@ impl Instrument<dyn Dialect> {
     }
 
     fn ascending(&self) -> Vec<u16> {
-        let mut channels = self.channels.clone();
+        let mut channels = self.setup.channels.clone();
         channels.sort_unstable();
         // A channel that is listed twice is scanned once.
         channels.dedup();

@@ -40,6 +40,8 @@ pub struct Capabilities {
     /// The scope can send every n-th point. If it cannot, the driver fetches all points and
     /// decimates them, and requests every page by its ends.
     pub thins_out: bool,
+    /// Greatest memory depth with four channels on, points.
+    pub most_points: u64,
 }
 
 impl Capabilities {

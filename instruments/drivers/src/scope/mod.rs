@@ -38,7 +38,16 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The error of the first message that was refused or whose read-back was wrong.
     pub async fn set(&mut self, intent: &Intent) -> Result<(), LinkError> {
-        self.play(&self.dialect.script(intent)).await
+        self.play(&self.dialect.script(intent)).await?;
+        // The level of the trigger and the run have no read-back. An entry may also be of an earlier
+        // client, so that it is a remark; a record that is not of this acquisition is refused.
+        let unread = matches!(intent, Intent::Arm | Intent::Roll);
+        if unread && self.link.profile().errors_on_demand {
+            for entry in self.link.drain_errors().await? {
+                self.link.note(&format!("its error queue held: {entry}"));
+            }
+        }
+        Ok(())
     }
 
     /// Stops the scope and waits until it reports that it has stopped.

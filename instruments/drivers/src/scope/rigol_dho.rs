@@ -2,15 +2,16 @@
 //! left-justified, and points are counted from one. Every point must be fetched; the driver
 //! discards the unwanted ones.
 //!
-//! It accepts only bare numbers, without units. Its guide lists no error queue, so every setting is
-//! read back.
+//! It accepts only bare numbers, without units. Every setting is read back. Its guide of April 2025
+//! has an error queue (3.24.3, page 268); older firmware may lack it, so that it is read once per
+//! acquisition, for the messages that no query reads back, and may be missing.
 
 use instruments_domain::units::{Seconds, Volts};
 use instruments_link::link::LinkProfile;
 
 use super::{Capabilities, Dialect, Intent, Preamble, Queries};
 use crate::{
-    exchange::{Exchange, Expect, Identity},
+    exchange::{Exchange, Expect, Identity, ON_OFF, Setting},
     instrument::{Model, ms},
 };
 
@@ -24,6 +25,8 @@ const CENTRE: u16 = 1 << 15;
 /// From one step of the 12-bit converter to the next: its calibrated values are spread over 16
 /// bits, about 433 of them to a division.
 const CODE_STEP: u16 = 17;
+/// Greatest memory depth that every member has with four channels on: DHO802 and DHO804 refuse 10 M.
+const MOST_POINTS: u64 = 1_000_000;
 /// Points in one page.
 const PAGE: u64 = 250_000;
 /// Greatest |offset| by scale at the 1× probe. Data sheet of the DHO1000 family, taken for this
@@ -38,6 +41,12 @@ const OFFSET_LIMITS: &[(Volts, Volts)] = &[
 
 pub(super) struct Dho;
 
+/// A setting that some firmware does not know.
+const SETTINGS: &[Setting] = &[
+    Setting::state(":CHAN#:INV?", "inversion of a channel", ON_OFF)
+        .optional("whether a channel is inverted at the panel, which the controls show,"),
+];
+
 impl Model for Dho {
     fn key(&self) -> &'static str {
         "rigol-dho800"
@@ -46,9 +55,14 @@ impl Model for Dho {
     fn profile(&self) -> LinkProfile {
         LinkProfile {
             min_gap: ms(10),
-            error_query: None,
+            error_query: Some(":SYSTem:ERRor?"),
+            errors_on_demand: true,
             ..LinkProfile::scpi()
         }
+    }
+
+    fn settings(&self) -> &'static [Setting] {
+        SETTINGS
     }
 
     fn recognises_folded(&self, identity: &Identity) -> bool {
@@ -65,12 +79,21 @@ impl Dialect for Dho {
             horizontal_div: 10.0,
             max_time_per_div: Seconds(500.0),
             thins_out: false,
+            most_points: MOST_POINTS,
         }
     }
 
     fn script(&self, intent: &Intent) -> Vec<Exchange> {
         match intent {
             Intent::Session { memory_points } => {
+                if *memory_points > MOST_POINTS {
+                    let reason = format!(
+                        "expected at most {MOST_POINTS} points, the depth of a DHO802 or DHO804 with \
+                        four channels, found {memory_points}"
+                    );
+                    let message = ":ACQ:MDEP".to_owned();
+                    return vec![Exchange::Refuse { message, reason }];
+                }
                 let (word, points) = depth(*memory_points);
                 vec![
                     Exchange::word(":ACQ:TYPE NORM", ":ACQ:TYPE?", &["NORM"]),
@@ -268,8 +291,7 @@ fn depth(points: u64) -> (&'static str, f64) {
         0..=1_000 => ("1k", 1.0e3),
         1_001..=10_000 => ("10k", 1.0e4),
         10_001..=100_000 => ("100k", 1.0e5),
-        100_001..=1_000_000 => ("1M", 1.0e6),
-        _ => ("10M", 1.0e7),
+        _ => ("1M", 1.0e6),
     }
 }
 

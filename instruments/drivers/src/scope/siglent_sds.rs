@@ -9,7 +9,7 @@ use instruments_link::link::LinkProfile;
 
 use super::{Capabilities, Dialect, Intent, Preamble, Queries};
 use crate::{
-    exchange::{Exchange, Expect, Identity},
+    exchange::{CHOSEN, Exchange, Expect, Identity, Setting},
     instrument::{Model, ms},
 };
 
@@ -37,6 +37,19 @@ const OFFSET_LIMITS: &[(Volts, Volts)] = &[
 
 pub(super) struct Sds;
 
+/// Settings that some firmware does not know. No impedance depends on them: the phase of a point is
+/// that between two channels of one record.
+const SETTINGS: &[Setting] = &[
+    Setting::state(":TIMebase:REFerence?", "reference of the delay", CHOSEN)
+        .optional("where the trigger lies in a record"),
+    Setting::number(
+        ":TIMebase:REFerence:POSition?",
+        "position of the reference",
+        "%",
+    )
+    .optional("where the trigger lies in a record"),
+];
+
 impl Model for Sds {
     fn key(&self) -> &'static str {
         "siglent-sds800x-hd"
@@ -48,6 +61,10 @@ impl Model for Sds {
             error_query: None,
             ..LinkProfile::scpi()
         }
+    }
+
+    fn settings(&self) -> &'static [Setting] {
+        SETTINGS
     }
 
     fn recognises_folded(&self, identity: &Identity) -> bool {
@@ -66,6 +83,7 @@ impl Dialect for Sds {
             horizontal_div: 10.0,
             max_time_per_div: Seconds(1000.0),
             thins_out: true,
+            most_points: 10_000_000,
         }
     }
 

@@ -43,6 +43,11 @@ pub trait Dialect: Model {
     fn prepare(&self, charge: &Charge) -> Vec<Exchange>;
     /// Sets another current limit; the output state does not change.
     fn level(&self, current: Amps) -> Vec<Exchange>;
+    /// Coarsest steps of voltage and current among the units of this model, V and A, if they are
+    /// coarser than a millivolt and a milliampere.
+    fn coarse_step(&self) -> Option<f64> {
+        None
+    }
     /// Queries for voltage and current.
     fn measure(&self) -> [&'static str; 2];
 }

@@ -9,7 +9,7 @@ use instruments_domain::units::{Amps, Volts};
 use instruments_link::link::LinkError;
 
 use crate::{
-    exchange::{Answer, Way, forget_errors, look},
+    exchange::{Answer, Exchange, Way, forget_errors, look},
     instrument::Instrument,
 };
 pub use contract::{Capabilities, Charge, Dialect};
@@ -20,6 +20,13 @@ pub const DIALECTS: &[&dyn Dialect] = &[
     &keysight_e36312a::E36312A,
     &rigol_dp832::DP832,
 ];
+
+/// Returns the greatest multiple of a step that is not above a value.
+fn below(value: f64, step: f64) -> f64 {
+    /// Part of a step that rounding may take from a value.
+    const SLACK: f64 = 1.0e-6;
+    (value / step + SLACK).floor() * step
+}
 
 /// Channel 1 of a DC supply on its link.
 pub type Supply = Instrument<dyn Dialect>;
@@ -38,7 +45,37 @@ impl Instrument<dyn Dialect> {
         self.expect_nothing().await;
         forget_errors(&mut self.link).await?;
         self.play(&self.dialect.output(false)).await?;
-        self.tell(&self.dialect.prepare(charge)).await
+        let script = self.dialect.prepare(charge);
+        let coarser = self.dialect.coarse_step().map(|step| Charge {
+            voltage: Volts(below(charge.voltage.value(), step)),
+            current: Amps(below(charge.current.value(), step)),
+        });
+        let coarser = coarser.filter(|coarser| coarser != charge && coarser.current.value() > 0.0);
+        let coarser = coarser.map(|coarser| {
+            let words = format!("{} and {}", coarser.voltage, coarser.current);
+            (self.dialect.prepare(&coarser), words)
+        });
+        self.tell_or_coarser(&script, coarser).await
+    }
+
+    /// Sets a script; if it does not read back, sets that of coarser values below, and says so. A
+    /// unit that rounds would round up as well as down.
+    async fn tell_or_coarser(
+        &mut self,
+        script: &[Exchange],
+        coarser: Option<(Vec<Exchange>, String)>,
+    ) -> Result<(), LinkError> {
+        match (self.tell(script).await, coarser) {
+            (Err(LinkError::ReadBack { answered, .. }), Some((coarser, words))) => {
+                self.tell(&coarser).await?;
+                self.link.note(&format!(
+                    "the unit has coarser steps (it answered {answered}): set to {words}, rounded \
+                    down"
+                ));
+                Ok(())
+            }
+            (outcome, _) => outcome,
+        }
     }
 
     /// Sets another current limit, read back, whether the output is on or off.
@@ -46,7 +83,14 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn level(&mut self, current: Amps) -> Result<(), LinkError> {
-        self.tell(&self.dialect.level(current)).await
+        let script = self.dialect.level(current);
+        let coarser = self
+            .dialect
+            .coarse_step()
+            .map(|step| Amps(below(current.value(), step)));
+        let coarser = coarser.filter(|coarser| *coarser != current && coarser.value() > 0.0);
+        let coarser = coarser.map(|amps| (self.dialect.level(amps), amps.to_string()));
+        self.tell_or_coarser(&script, coarser).await
     }
 
     /// Switches the output on.
@@ -81,7 +125,12 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The link's errors.
     pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
-        look(&mut self.link, &self.dialect.output(false)).await
+        look(
+            &mut self.link,
+            self.dialect.settings(),
+            &self.dialect.output(false),
+        )
+        .await
     }
 
     /// Returns the voltage at the terminals and the current delivered.

@@ -135,6 +135,11 @@ impl Dialect for Dp832 {
         )]
     }
 
+    /// The SPD3303X-E and the DP832 without an A have steps of 10 mV and 10 mA.
+    fn coarse_step(&self) -> Option<f64> {
+        Some(0.01)
+    }
+
     fn measure(&self) -> [&'static str; 2] {
         [":MEAS:VOLT? CH1", ":MEAS:CURR? CH1"]
     }

@@ -29,6 +29,37 @@ pub enum Holds {
     /// None: the output follows the generator up to its rated current, at any voltage up to its
     /// rating.
     Nothing,
+    /// None, and no message reaches the supply: it is neither switched nor read.
+    NoLink,
+}
+
+/// Rated voltage and current of a member of a family.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Rating {
+    /// Rated voltage of either sign, V.
+    pub volts: f64,
+    /// Rated current of either sign, A.
+    pub amps: f64,
+}
+
+impl Rating {
+    /// Reads the volts, the amperes and the option in a model's name: `36-12`, `20-50MG`.
+    pub fn parse(word: &str) -> Option<Self> {
+        let (volts, amps) = word.trim().split_once('-')?;
+        let digits = amps
+            .find(|c: char| !(c.is_ascii_digit() || c == '.'))
+            .unwrap_or(amps.len());
+        let (number, option) = amps.split_at(digits);
+        let (volts, amps): (f64, f64) = (volts.parse().ok()?, number.parse().ok()?);
+        let named = option.chars().all(|c| c.is_ascii_alphanumeric());
+        (volts > 0.0 && amps > 0.0 && volts.is_finite() && amps.is_finite() && named)
+            .then_some(Self { volts, amps })
+    }
+
+    /// Rated power, W.
+    pub fn watts(self) -> f64 {
+        self.volts * self.amps
+    }
 }
 
 /// Limits that a model enforces itself, regardless of what is sent to it.
@@ -72,6 +103,10 @@ pub trait Dialect: Model {
     /// the cell unconnected, not shorted by an output that holds zero volts: if the instrument can
     /// do either, the script selects the former first.
     fn output(&self, on: bool) -> Vec<Exchange>;
+    /// Takes the control from the panel, on a serial line.
+    fn remote(&self) -> Vec<Exchange> {
+        Vec::new()
+    }
     /// Returns methods to drive no current if the output does not switch off, the gentlest first. A
     /// model with an analog input as its only command has none; the generator's smallest sine
     /// serves instead.
@@ -86,6 +121,17 @@ pub trait Dialect: Model {
     fn analog(&self, on: bool) -> Vec<Exchange>;
     /// Queries for terminal voltage and current.
     fn measure(&self) -> [&'static str; 2];
+    /// Returns the member of the family with another rating.
+    ///
+    /// # Errors
+    /// Why the family has no such member.
+    fn rated(&self, rating: Rating) -> Result<&'static dyn Dialect, String> {
+        let Rating { volts, amps } = rating;
+        Err(format!(
+            "expected no rating: {} has only one, found {volts}-{amps}",
+            self.key()
+        ))
+    }
     /// Returns the query for its own limits: least and greatest voltage, least and greatest
     /// current, separated by `:`.
     fn own_limits(&self) -> Option<&'static str> {

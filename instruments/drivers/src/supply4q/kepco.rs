@@ -1,14 +1,16 @@
-//! Kepco BOP. Two families differ in how the analog input is selected: BOP-MG/-GL select it by
+//! Kepco BOP of any rating. Two families differ in how the analog input is selected: BOP-MG/-GL select it by
 //! command (`CURR:MODE EXT`, manual BOP 1KW-MG, section 3.5.6), the linear BOP 20-20 with a BIT
 //! card by switches and wiring, and there `EXT` is an unknown keyword.
 //!
 //! Numbers are sent as plain `%.4f`: the parser of the instrument drops digits silently if there
 //! are more than four before the point.
 
+use std::sync::{Mutex, PoisonError};
+
 use instruments_domain::units::{Amps, Hertz, Volts};
 use instruments_link::link::LinkProfile;
 
-use super::{AnalogSelect, Capabilities, Dialect, Holds, Limits};
+use super::{AnalogSelect, Capabilities, Dialect, Holds, Limits, Rating};
 use crate::{
     exchange::{Bound, Exchange, Expect, Identity, ON_OFF, Says, Setting, Shows, Way},
     instrument::{Model, ms},
@@ -18,26 +20,57 @@ use crate::{
 pub(super) const BOP_MG: Kepco = Kepco {
     key: "kepco-bop-mg",
     analog_select: AnalogSelect::Command,
+    rating: None,
 };
 /// Kepco BOP 20-20M/D/ML, linear, with a BIT card.
 pub(super) const BOP_LINEAR: Kepco = Kepco {
     key: "kepco-bop-linear",
     analog_select: AnalogSelect::Wiring,
+    rating: None,
 };
+/// Members with a rating from a bench file. A dialect lives as long as the process.
+static MEMBERS: Mutex<Vec<&'static Kepco>> = Mutex::new(Vec::new());
 
 /// Decimals of sent numbers.
 const DECIMALS: usize = 4;
-/// Tolerance of read-backs: the display of a 20 A instrument rounds to a milliampere.
-const READ_BACK: f64 = 5.0e-3;
+/// Tolerance of read-backs, as a share of the rated value and at least, V or A: the display of a
+/// 20 A instrument rounds to a milliampere.
+const READ_BACK: (f64, f64) = (2.5e-4, 5.0e-3);
 
 /// The linear units end at 400 W, the switching ones have 1 kW.
 const SWITCHING_FROM_W: f64 = 1000.0;
-/// Full scale of the models that this driver supports.
+/// Full scale of the models unless the bench file states a rating.
 const FULL_SCALE: Amps = Amps(20.0);
+/// Greatest difference between a rating in the bench file and in the identity, as a share.
+const SAME: f64 = 1.0e-3;
 
 pub(super) struct Kepco {
     key: &'static str,
     analog_select: AnalogSelect,
+    rating: Option<Rating>,
+}
+
+impl Kepco {
+    fn full_scale(&self) -> Amps {
+        self.rating.map_or(FULL_SCALE, |rating| Amps(rating.amps))
+    }
+
+    fn read_back_a(&self) -> f64 {
+        (READ_BACK.0 * self.full_scale().value()).max(READ_BACK.1)
+    }
+
+    fn read_back_v(&self) -> f64 {
+        (READ_BACK.0 * self.rating.map_or(0.0, |rating| rating.volts)).max(READ_BACK.1)
+    }
+
+    /// Checks the rating in an identity.
+    fn is_rated(&self, found: Rating) -> bool {
+        let same = |one: f64, other: f64| (one - other).abs() <= SAME * other;
+        match self.rating {
+            Some(rating) => same(found.volts, rating.volts) && same(found.amps, rating.amps),
+            None => (found.amps - FULL_SCALE.value()).abs() < 0.5,
+        }
+    }
 }
 
 /// Source of a command or a limit.
@@ -78,6 +111,7 @@ const SETTINGS: &[Setting] = &[
         ]),
     ),
     Setting::state("CURR:MODE?", "command", FOLLOWS),
+    Setting::state("SYST:REM?", "remote control", ON_OFF),
     Setting::state("VOLT:PROT:MODE?", "limit of the voltage", FOLLOWS),
     Setting::state("CURR:PROT:MODE?", "limit of the current", FOLLOWS),
     Setting::number("CURR:LIM?", "limit of the current", "A"),
@@ -105,11 +139,11 @@ impl Model for Kepco {
     fn recognises_folded(&self, identity: &Identity) -> bool {
         let raw = &identity.raw;
         let rating = rating(&identity.model);
-        let switching = raw.contains("1KW")
-            || rating.is_some_and(|(volts, amps)| volts * amps >= SWITCHING_FROM_W);
+        let switching =
+            raw.contains("1KW") || rating.is_some_and(|rating| rating.watts() >= SWITCHING_FROM_W);
         // The family spans 10 V / 75 A to 200 V / 1 A: volts at the analog input mean other amperes
         // on another member.
-        let rated = rating.map(|(_, amps)| (amps - FULL_SCALE.value()).abs() < 0.5);
+        let rated = rating.map(|rating| self.is_rated(rating));
         match self.analog_select {
             AnalogSelect::Command => raw.starts_with("KEPCO") && switching && rated == Some(true),
             // Old cards name themselves instead of their unit; no linear unit has more than 20 A.
@@ -128,7 +162,7 @@ impl Dialect for Kepco {
             } else {
                 Holds::Voltage
             },
-            full_scale: FULL_SCALE,
+            full_scale: self.full_scale(),
             // The bandwidth is 5 kHz to 10 kHz: at 3 kHz at most a seventh of the amplitude is
             // lost.
             max_freq: Hertz(3000.0),
@@ -157,6 +191,11 @@ impl Dialect for Kepco {
         }
     }
 
+    /// On RS-232 the card takes commands of the output only in remote mode.
+    fn remote(&self) -> Vec<Exchange> {
+        vec![Exchange::switch("SYST:REM", true)]
+    }
+
     fn zero(&self) -> Vec<Way> {
         match self.analog_select {
             AnalogSelect::Command => {
@@ -164,7 +203,7 @@ impl Dialect for Kepco {
                     name: "its own command, 0 A, instead of the generator's",
                     script: [
                         self.analog(false),
-                        vec![Exchange::fixed("CURR", 0.0, DECIMALS, READ_BACK)],
+                        vec![Exchange::fixed("CURR", 0.0, DECIMALS, self.read_back_a())],
                     ]
                     .concat(),
                 }]
@@ -198,12 +237,12 @@ impl Dialect for Kepco {
                 &["FIX", "FIXED"],
             ));
         }
-        script.push(Exchange::fixed("CURR", 0.0, DECIMALS, READ_BACK));
+        script.push(Exchange::fixed("CURR", 0.0, DECIMALS, self.read_back_a()));
         script.push(Exchange::fixed(
             "VOLT",
             limits.compliance.value(),
             DECIMALS,
-            READ_BACK,
+            self.read_back_v(),
         ));
         if self.analog_select == AnalogSelect::Command {
             // Left at EXT, pins of the analog port would set the limits and the digital ones have
@@ -220,7 +259,11 @@ impl Dialect for Kepco {
             ));
             // In current mode the protection channel is the voltage; only the software limit bounds
             // the current.
-            script.push(both_signs("CURR:LIM", limits.current.value()));
+            script.push(both_signs(
+                "CURR:LIM",
+                limits.current.value(),
+                self.read_back_a(),
+            ));
         }
         script
     }
@@ -244,29 +287,52 @@ impl Dialect for Kepco {
     fn measure(&self) -> [&'static str; 2] {
         ["MEAS:VOLT?", "MEAS:CURR?"]
     }
+
+    fn rated(&self, rating: Rating) -> Result<&'static dyn Dialect, String> {
+        let switching = rating.watts() >= SWITCHING_FROM_W;
+        if switching != (self.analog_select == AnalogSelect::Command) {
+            let other = if switching {
+                BOP_MG.key
+            } else {
+                BOP_LINEAR.key
+            };
+            return Err(format!(
+                "expected model = {other:?} for a BOP {}-{} ({:.0} W), found {:?}",
+                rating.volts,
+                rating.amps,
+                rating.watts(),
+                self.key
+            ));
+        }
+        let mut members = MEMBERS.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = members
+            .iter()
+            .find(|member| member.key == self.key && member.rating == Some(rating))
+        {
+            return Ok(*known);
+        }
+        let member: &'static Kepco = Box::leak(Box::new(Kepco {
+            key: self.key,
+            analog_select: self.analog_select,
+            rating: Some(rating),
+        }));
+        members.push(member);
+        Ok(member)
+    }
 }
 
-/// Returns the rated volts and amperes in a model such as `BOP1KW 50-20` or `BOP 20-20M`.
-fn rating(model: &str) -> Option<(f64, f64)> {
-    model.split_whitespace().find_map(|word| {
-        let (volts, amps) = word.split_once('-')?;
-        let digits = amps
-            .find(|c: char| !c.is_ascii_digit())
-            .unwrap_or(amps.len());
-        Some((volts.parse().ok()?, amps.get(..digits)?.parse().ok()?))
-    })
+/// Returns the rating in a model such as `BOP1KW 50-20` or `BOP 20-20M`.
+fn rating(model: &str) -> Option<Rating> {
+    model.split_whitespace().find_map(Rating::parse)
 }
 
 /// Returns a limit of both signs: its reply is `pos, neg`.
-fn both_signs(header: &str, value: f64) -> Exchange {
+fn both_signs(header: &str, value: f64, tolerance: f64) -> Exchange {
     match Exchange::command(header, |command| command.fixed(value, DECIMALS)) {
         Exchange::Send(message) => Exchange::Set {
             message,
             read_back: format!("{header}?"),
-            expect: Expect::Magnitude {
-                value,
-                tolerance: READ_BACK,
-            },
+            expect: Expect::Magnitude { value, tolerance },
         },
         refused => refused,
     }
@@ -350,6 +416,56 @@ mod tests {
                 (switching, linear),
                 "{answer}"
             );
+        }
+    }
+
+    #[test]
+    fn a_unit_of_another_rating_is_described_by_its_volts_and_amperes() {
+        let of = |key: &str, rating: &str| super::super::dialect(key, Rating::parse(rating));
+        for (key, rating, own, other) in [
+            (
+                "kepco-bop-linear",
+                "36-12M",
+                "KEPCO,BOP 36-12M,E1,2.6",
+                "KEPCO,BOP 20-20M,E1,2.6",
+            ),
+            (
+                "kepco-bop-linear",
+                "20-10",
+                "KEPCO,BOP 20-10M,E1,2.6",
+                "KEPCO,BOP 50-8M,E1,2.6",
+            ),
+            (
+                "kepco-bop-mg",
+                "20-50MG",
+                "KEPCO,BOP1KW 20-50 ,E1, 2.01",
+                "KEPCO,BOP1KW 50-20,E1,1",
+            ),
+        ] {
+            let dialect = of(key, rating).unwrap();
+            let amps = Rating::parse(rating).unwrap().amps;
+            assert_eq!(dialect.capabilities().full_scale, Amps(amps), "{rating}");
+            assert!(dialect.recognises(&Identity::parse(own)), "{rating}: {own}");
+            assert!(
+                !dialect.recognises(&Identity::parse(other)),
+                "{rating}: {other}"
+            );
+            // One dialect for one rating, however often a bench file is read.
+            assert!(
+                std::ptr::addr_eq(dialect, of(key, rating).unwrap()),
+                "{rating}"
+            );
+        }
+        assert_eq!(
+            of("kepco-bop-linear", "20-50MG").err().as_deref(),
+            Some(
+                "expected model = \"kepco-bop-mg\" for a BOP 20-50 (1000 W), found \
+                \"kepco-bop-linear\""
+            )
+        );
+        assert!(of("caenels-fast-ps", "20-20").is_err());
+        for wrong in ["36", "36-", "-12", "36-12 M", "0-12", "36-x", "36/12"] {
+            assert_eq!(Rating::parse(wrong), None, "{wrong}");
         }
     }
 

@@ -10,16 +10,28 @@ mod contract;
 mod kepco;
 
 use instruments_domain::units::{Amps, Volts};
-use instruments_link::link::LinkError;
+use instruments_link::{link::LinkError, transport::Address};
 
 use crate::{
-    exchange::{Answer, ExpectedAnswers, Way, after_header, forget_errors, look},
-    instrument::Instrument,
+    exchange::{Answer, Exchange, ExpectedAnswers, Way, after_header, forget_errors, look},
+    instrument::{Instrument, by_key},
 };
-pub use contract::{AnalogSelect, Capabilities, Dialect, Holds, Limits, OwnLimits};
+pub use contract::{AnalogSelect, Capabilities, Dialect, Holds, Limits, OwnLimits, Rating};
 
 /// Every known model.
 pub const DIALECTS: &[&dyn Dialect] = &[&kepco::BOP_MG, &kepco::BOP_LINEAR, &caenels::FAST_PS];
+
+/// Finds the model of this name, or the member of its family with a rating.
+///
+/// # Errors
+/// An unknown name; a rating that the family does not have.
+pub fn dialect(key: &str, rating: Option<Rating>) -> Result<&'static dyn Dialect, String> {
+    let model = by_key(DIALECTS, key).ok_or_else(|| {
+        let keys: Vec<&str> = DIALECTS.iter().map(|dialect| dialect.key()).collect();
+        format!("expected one of {}, found {key:?}", keys.join(", "))
+    })?;
+    rating.map_or(Ok(model), |rating| model.rated(rating))
+}
 
 /// A bipolar supply on its link.
 pub type Supply4q = Instrument<dyn Dialect>;
@@ -39,6 +51,7 @@ impl Instrument<dyn Dialect> {
         let mut expected = self.expected.clone().lock_owned().await;
         *expected = ExpectedAnswers::default();
         forget_errors(&mut self.link).await?;
+        self.play(&self.remote()).await?;
         self.play(&self.dialect.output(false)).await?;
         let script = self.dialect.prepare(limits);
         self.play(&script).await?;
@@ -63,9 +76,18 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::prepare`]; everything is sent whatever fails in between.
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         self.expect_nothing().await;
+        let remote = self.play_all(&self.remote()).await;
         let off = self.play_all(&self.dialect.output(false)).await;
         let digital = self.play_all(&self.dialect.analog(false)).await;
-        off.and(digital)
+        off.and(digital).and(remote)
+    }
+
+    /// Returns the messages that take the control from the panel; on a network there is none.
+    fn remote(&self) -> Vec<Exchange> {
+        match self.link.address() {
+            Address::Serial(_) => self.dialect.remote(),
+            _ => Vec::new(),
+        }
     }
 
     /// Ways to drive nothing while the output does not go off, the gentlest first.
@@ -83,7 +105,12 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The link's errors.
     pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
-        look(&mut self.link, &self.dialect.output(false)).await
+        look(
+            &mut self.link,
+            self.dialect.settings(),
+            &self.dialect.output(false),
+        )
+        .await
     }
 
     /// Queries the limits that the supply enforces itself, if it can report them; changes nothing.

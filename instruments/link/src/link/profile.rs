@@ -37,6 +37,9 @@ pub struct LinkProfile {
     pub quiet: Duration,
     /// Sent after every write; `None` if the instrument has no error queue.
     pub error_query: Option<&'static str>,
+    /// The error query is sent when it is asked for, not after every write, and some firmware does
+    /// not know it.
+    pub errors_on_demand: bool,
     /// XON and XOFF are taken out of the answers.
     pub strip_flow_bytes: bool,
     /// Longest line, bytes.
@@ -60,6 +63,7 @@ impl LinkProfile {
             block_timeout: Duration::from_secs(30),
             quiet: Duration::from_millis(100),
             error_query: Some("SYST:ERR?"),
+            errors_on_demand: false,
             strip_flow_bytes: false,
             max_line: 64 << 10,
             max_block: 64 << 20,

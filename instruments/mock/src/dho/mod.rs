@@ -1,5 +1,5 @@
 //! Rigol DHO824 oscilloscope: unsigned 16-bit codes that are not left-justified, a preamble of ten
-//! numbers in text, points counted from one, no error queue.
+//! numbers in text, points counted from one, an error queue (guide of April 2025, 3.24.3).
 //!
 //! The panel is here, the command tree in `tree`, the download in `waveform`; the timing of a frame
 //! is shared with the other models. Assumed without a source: an unknown query gets no reply; a
@@ -17,7 +17,7 @@ use super::{
     number::short_nr3,
     plant::SharedPlant,
     quirks::Quirks,
-    tree::{Answer, Argument, Arguments, Fallible, fail, text},
+    tree::{Answer, Argument, Arguments, Fallible, HasStatus, Status, fail, text},
     world::World,
 };
 
@@ -51,6 +51,9 @@ const DEPTHS: [(&str, f64); 6] = [
 /// Maximum number of points in the screen's format.
 const SCREEN_POINTS: f64 = 1000.0;
 
+/// Entries of the error queue; assumed.
+const QUEUE_DEPTH: usize = 20;
+
 /// The oscilloscope.
 pub(super) struct Dho {
     world: World,
@@ -60,6 +63,7 @@ pub(super) struct Dho {
     panel: Panel,
     acquisition: Acquisition<Panel>,
     transfer: Transfer,
+    status: Status,
 }
 
 /// Everything that decides how a frame is taken.
@@ -218,6 +222,7 @@ impl Dho {
             panel: Panel::power_on(),
             acquisition: Acquisition::power_on(options.quirks.number("stop_delay")),
             transfer: Transfer::default(),
+            status: Status::new(QUEUE_DEPTH).quirky(&options.quirks),
         }
     }
 
@@ -402,4 +407,9 @@ fn real(value: f64) -> Fallible<Answer> {
     } else {
         short_nr3(value)
     })
+}
+impl HasStatus for Dho {
+    fn status(&mut self) -> &mut Status {
+        &mut self.status
+    }
 }

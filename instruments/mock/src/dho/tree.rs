@@ -122,8 +122,16 @@ fn point(value: f64) -> u64 {
 pub(super) const TREE: Node<'static, Dho> = Root! {
     Leaf! {b"*IDN" => &get(|s: &mut Dho, _| text(format!("RIGOL TECHNOLOGIES,DHO824,{},00.01.03", s.serial_number)))},
     Leaf! {b"*RST" => &set(Dho::reset)},
-    Leaf! {b"*CLS" => &set(common::ignore)},
-    Leaf! {b"*OPC" => &both(common::ignore, common::opc_query)},
+    Leaf! {b"*CLS" => &set(common::cls)},
+    Leaf! {b"*OPC" => &both(common::opc, common::opc_query)},
+    Leaf! {b"*ESR" => &get(common::esr_query)},
+    Leaf! {b"*ESE" => &both(common::ese, common::ese_query)},
+    Leaf! {b"*STB" => &get(common::stb_query)},
+    Leaf! {b"*SRE" => &both(common::sre, common::sre_query)},
+    Branch! {b"SYSTem";
+        Branch! {b"ERRor" => &get(common::error_query); Leaf! {b"NEXT" => &get(common::error_query)}},
+        Leaf! {b"VERSion" => &get(|_: &mut Dho, _| text("1999.0"))}
+    },
     Leaf! {b"RUN" => &set(|s, _| settle(s, |s| s.acquisition.run(s.world.now_s)))},
     Leaf! {b"STOP" => &set(|s, _| settle(s, |s| s.acquisition.stop(s.world.now_s)))},
     Leaf! {b"SINGle" => &set(|s, _| settle(s, |s| s.acquisition.set_mode(Mode::Single, s.world.now_s)))},
@@ -139,7 +147,11 @@ pub(super) const TREE: Node<'static, Dho> = Root! {
 };
 
 impl scpi::Device for Dho {
-    fn handle_error(&mut self, _: Error) {}
+    fn handle_error(&mut self, error: Error) {
+        // Only the number and its text are queued, without the detail that the parser adds.
+        self.status
+            .push(Error::custom(error.get_code(), error.get_message()));
+    }
 }
 
 impl Device for Dho {

@@ -80,6 +80,8 @@ struct Settings {
     output_on: bool,
     off_mode: &'static str,
     pin_mode: &'static str,
+    /// Commands come from messages, not from the panel.
+    remote: bool,
 }
 
 impl Settings {
@@ -102,6 +104,7 @@ impl Settings {
             output_on: false,
             off_mode: "BATTERY",
             pin_mode: "OFF",
+            remote: false,
         }
     }
 }
@@ -197,6 +200,7 @@ impl Kepco {
         self.settings = Settings {
             off_mode: old.off_mode,
             pin_mode: old.pin_mode,
+            remote: old.remote,
             ..Settings::power_on(rated(self.family))
         };
         self.act();

@@ -13,8 +13,8 @@ use crate::{
     number::short_nr3,
     plant::Meter,
     tree::{
-        Answer, Argument, Arguments, Fallible, Span, both, common, exchange, fail, get, set, text,
-        to_number,
+        Answer, Argument, Arguments, Fallible, Span, bit, both, common, exchange, fail, get, set,
+        text, to_number,
     },
 };
 
@@ -174,6 +174,11 @@ fn reset(kepco: &mut Kepco, _: &mut Arguments) -> Fallible {
     Ok(())
 }
 
+fn set_remote(k: &mut Kepco, arguments: &mut Arguments) -> Fallible {
+    k.settings.remote = arguments.switch()?;
+    Ok(())
+}
+
 /// The only supported operation of this memory is to store the limits.
 fn update_memory(_: &mut Kepco, arguments: &mut Arguments) -> Fallible {
     arguments
@@ -268,8 +273,8 @@ pub(super) const TREE: Node<'static, Kepco> = Root! {
     },
     Branch! {b"SYSTem";
         Branch! {b"ERRor" => &get(common::error_query); Leaf! {b"NEXT" => &get(common::error_query)}},
-        Branch! {b"REMote" => &set(|_, arguments| arguments.switch().map(|_| ()));
-            Leaf! {b"STATe" => &set(|_, arguments| arguments.switch().map(|_| ()))}
+        Branch! {b"REMote" => &both(set_remote, |k, _| bit(k.settings.remote));
+            Leaf! {b"STATe" => &both(set_remote, |k, _| bit(k.settings.remote))}
         }
     }
 };

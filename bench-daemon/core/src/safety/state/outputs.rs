@@ -13,8 +13,11 @@ use nix::{
 };
 
 use super::{Lock, State, StateError, files::open, io, output_place::OutputPlace};
-use crate::bench::outputs::{KnownReading, OutputReading, OutputsState};
-use bench_plan::support::{locks, moment::Moment};
+use crate::bench::outputs::{KnownReading, OutputReading, OutputState, OutputsState};
+use bench_plan::{
+    config::ANALOG,
+    support::{locks, moment::Moment},
+};
 
 const READER_LOCK: &str = "reader.lock";
 
@@ -43,7 +46,25 @@ impl State {
     pub fn outputs(&self) -> OutputsState {
         let now = Moment::now();
         let each = self.outputs.iter().filter_map(|place| place.known(&now));
-        let known: Vec<KnownReading> = each.collect();
+        let mut known: Vec<KnownReading> = each.collect();
+        if let Some(oldest) = known.first().filter(|_| self.unswitched) {
+            let analog = OutputReading {
+                role: "supply4q".to_owned(),
+                model: ANALOG.to_owned(),
+                state: OutputState::Unswitched,
+                volts: None,
+                amps: None,
+                ..oldest.reading.clone()
+            };
+            let age_s = oldest.age_s;
+            known.insert(
+                0,
+                KnownReading {
+                    reading: analog,
+                    age_s,
+                },
+            );
+        }
         let drives: Vec<&str> = self
             .outputs
             .iter()

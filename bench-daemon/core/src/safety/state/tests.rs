@@ -9,6 +9,7 @@ fn state(folder: &Path) -> State {
         places: vec![folder.to_owned()],
         outputs: Vec::new(),
         mocked: true,
+        unswitched: false,
     }
 }
 
@@ -36,6 +37,7 @@ fn sharing(root: &Path, benches: [(&str, &[&'static str]); 3]) -> [State; 3] {
                 .collect(),
             places,
             mocked: true,
+            unswitched: false,
         }
     })
 }

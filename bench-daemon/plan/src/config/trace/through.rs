@@ -3,7 +3,7 @@
 
 use std::ops::RangeInclusive;
 
-use instruments::{generator, instrument::by_key, load, scope, supply, supply4q, units::Seconds};
+use instruments::{generator, instrument::by_key, load, scope, supply, units::Seconds};
 
 use super::{
     super::{ConfigError, check::Check, raw},
@@ -214,16 +214,19 @@ impl Check<'_> {
     /// load contains the voltmeter that measures the voltage at rest.
     pub(in crate::config) fn driven_a(&self) -> Result<(f64, String), String> {
         let instruments = &self.bench.instruments;
+        if self.bench.wiring.analog.is_some() {
+            return Err(
+                "expected a bipolar supply that measures its current, and the bench has an \
+                analog one without a link: leave the trace out, or drive it through load and \
+                charger"
+                    .to_owned(),
+            );
+        }
         self.present(instruments.supply4q.is_some(), "supply4q")?;
         self.present(instruments.generator.is_some(), "generator")?;
         self.present(instruments.scope.is_some(), "scope")?;
-        let (supply, generator) = (
-            instruments.supply4q.as_ref(),
-            instruments.generator.as_ref(),
-        );
-        let can = supply
-            .and_then(|supply| by_key(supply4q::DIALECTS, &supply.model))
-            .map(|dialect| dialect.capabilities());
+        let generator = instruments.generator.as_ref();
+        let can = self.bench.bipolar();
         let peak_v = generator.and_then(|generator| by_key(generator::DIALECTS, &generator.model));
         let peak_v = peak_v.map_or(0.0, |dialect| dialect.capabilities().max_peak.value());
         let greatest_a = can.map_or(0.0, |can| {
@@ -237,7 +240,7 @@ impl Check<'_> {
             greatest_a,
             format!(
                 "the bipolar supply {}",
-                supply.map_or("", |supply| supply.model.as_str())
+                self.bench.bipolar_model().unwrap_or_default()
             ),
         ))
     }
