@@ -92,6 +92,40 @@ fn a_sweep_takes_little_more_than_its_periods_and_every_step_is_in_the_journal_f
     );
 }
 
+/// Messages to an instrument for each point of a sweep, without those before and after it.
+fn messages_per_point(role: &str, bench: &str) -> f64 {
+    let count = |points: usize| {
+        let files = overlapping(points);
+        let text = fs::read_to_string(crate::configuration::configs().join(bench)).unwrap();
+        files.write(BENCH, &text);
+        run_experiment(&files.load(), &files.path("run")).unwrap();
+        sent(&files.path("run"), role).len() as f64
+    };
+    (count(14) - count(6)) / 8.0
+}
+
+#[test]
+fn settings_that_stand_are_not_sent_again_and_are_read_back_in_turn() {
+    for (bench, role, most) in [
+        ("benches/demo.toml", "scope", 26.0),
+        ("benches/mixed.toml", "scope", 30.0),
+    ] {
+        let found = messages_per_point(role, bench);
+        println!("{bench}: {found} messages to the {role} for each point");
+        assert!(
+            found <= most,
+            "{bench}: {found} messages to the {role} for each point"
+        );
+    }
+    let files = overlapping(14);
+    run_experiment(&files.load(), &files.path("run")).unwrap();
+    let messages = sent(&files.path("run"), "scope");
+    let count = |text: &str| messages.iter().filter(|message| *message == text).count();
+    // Sent once for a channel, and read back later.
+    assert_eq!(count(":CHANnel3:COUPling DC"), 1);
+    assert!(count(":CHANnel3:COUPling?") + count(":CHANnel2:COUPling?") >= 3);
+}
+
 #[test]
 fn a_record_that_is_taken_again_brings_the_generator_back() {
     let scales = "scale_per_ampere = [\"20 mV\", \"20 mV\", \"40 mV\", \"80 mV\"]";

@@ -8,11 +8,13 @@ mod expect;
 mod identity;
 mod optional;
 mod setting_text;
+mod standing;
 
 pub use expect::{Expect, after_header, field, hex_word, leading_number, plain};
 pub use identity::{Identity, fold};
 pub use optional::NOT_KNOWN;
 pub use setting_text::{CHOSEN, ON_OFF, Says, Setting, Shows};
+pub use standing::Standing;
 
 use instruments_link::link::{Link, LinkError};
 use instruments_scpi::message::Command;
@@ -439,6 +441,52 @@ fn read_backs(script: &[Exchange]) -> impl Iterator<Item = (&str, &Expect)> {
         } => Some((read_back.as_str(), expect)),
         _ => None,
     })
+}
+
+/// Returns the part of a script that does not stand yet. Commands without arguments act, and are
+/// always sent.
+pub fn changes(standing: &Standing, script: &[Exchange]) -> Vec<Exchange> {
+    let is_new = |exchange: &&Exchange| match exchange {
+        Exchange::Set {
+            read_back, expect, ..
+        } => !standing.has(read_back, expect),
+        Exchange::Send(command) => !(command.contains(' ') && standing.said(command)),
+        _ => true,
+    };
+    script.iter().filter(is_new).cloned().collect()
+}
+
+/// Remembers the settings of a script that was played, to be read back in turn or not.
+pub fn keep(standing: &mut Standing, script: &[Exchange], in_turn: bool) {
+    for exchange in script {
+        match exchange {
+            Exchange::Set {
+                read_back, expect, ..
+            } => standing.set(read_back, expect, in_turn),
+            Exchange::Send(command) if command.contains(' ') => standing.say(command),
+            _ => {}
+        }
+    }
+}
+
+/// Reads one of the settings that stand, in turn. Returns a description of a difference.
+///
+/// # Errors
+/// The link's errors.
+pub async fn check_in_turn(
+    link: &mut Link,
+    settings: &[Setting],
+    standing: &mut Standing,
+) -> Result<Option<String>, LinkError> {
+    let Some((question, expect)) = standing.next() else {
+        return Ok(None);
+    };
+    let one = ExpectedAnswers(vec![(question, expect)]);
+    let differs = one.differs(link, settings).await?;
+    if differs.is_some() {
+        standing.clear();
+    }
+    Ok(differs)
 }
 
 /// The questions of scripts, each with the last thing that it must show.

@@ -13,8 +13,8 @@ use instruments_link::{
 };
 
 use crate::exchange::{
-    Bound, Exchange, ExpectedAnswers, Identity, Setting, Way, fold, leading_number, plain, play,
-    play_all,
+    Bound, Exchange, ExpectedAnswers, Identity, Setting, Standing, Way, fold, leading_number,
+    plain, play, play_all,
 };
 
 /// A model of instrument, whatever its role.
@@ -100,6 +100,8 @@ pub struct Instrument<D: Model + ?Sized + 'static> {
     identified: Arc<std::sync::Mutex<Option<Identity>>>,
     /// The last scan of its thermometers, by whichever handle.
     pub(crate) scanned: Arc<std::sync::Mutex<Option<Scan>>>,
+    /// Settings of a scope that need not be sent again.
+    pub(crate) standing: Standing,
 }
 
 /// A scan of the thermometers.
@@ -135,6 +137,7 @@ impl<D: Model + ?Sized> Instrument<D> {
             measured: Arc::default(),
             identified: Arc::default(),
             scanned: Arc::default(),
+            standing: Standing::default(),
         }
     }
 
@@ -150,6 +153,7 @@ impl<D: Model + ?Sized> Instrument<D> {
             measured: self.measured.clone(),
             identified: self.identified.clone(),
             scanned: self.scanned.clone(),
+            standing: Standing::default(),
         }
     }
 

@@ -130,6 +130,55 @@ fn an_error_in_the_queue_of_a_scope_is_told() {
 }
 
 #[test]
+fn a_setting_of_a_scope_that_stands_is_not_sent_again_and_a_change_by_a_hand_is_found_in_turn() {
+    in_virtual_time(async |clock| {
+        for (model, hand, question) in [
+            ("siglent-sds800x-hd", ":CHANnel1:COUPling AC", "`:CHANnel1:COUPling?`"),
+            ("rigol-dho800", ":CHAN1:COUP AC", "`:CHAN1:COUP?`"),
+        ] {
+            let rig = Rig::new(clock.clone(), model);
+            let dialect = dialect!(scope, model);
+            let mut scope: Scope = Instrument::new(rig.link(dialect.profile()).await, dialect);
+            let vertical = Intent::Vertical(scope::Vertical {
+                channel: 1,
+                per_div: Volts(0.02),
+                offset: Volts(0.0),
+            });
+            let level = |level| {
+                Intent::Trigger(scope::Trigger {
+                    channel: 2,
+                    level: Volts(level),
+                })
+            };
+            scope.set(&vertical).await.unwrap();
+            scope.set(&level(0.001)).await.unwrap();
+            let before = rig.sent().len();
+            scope.set_changes(&level(0.001)).await.unwrap();
+            scope.set_changes(&vertical).await.unwrap();
+            assert_eq!(rig.sent().len(), before, "{model}: nothing has changed");
+            scope.set_changes(&level(0.002)).await.unwrap();
+            assert_eq!(rig.sent().len(), before + 1, "{model}: only the level has");
+            for _ in 0..12 {
+                assert_eq!(scope.check_in_turn().await.unwrap(), None, "{model}");
+            }
+            rig.earlier_user(instruments::scpi::decode::Terminator::Lf, &[hand])
+                .await;
+            scope.link_mut().reconnect().await.unwrap();
+            let mut found = None;
+            for _ in 0..12 {
+                found = found.or(scope.check_in_turn().await.unwrap());
+            }
+            let found = found.unwrap_or_default();
+            assert!(found.contains(question), "{model}: {found}");
+            // Then everything is sent again.
+            let before = rig.sent().len();
+            scope.set_changes(&vertical).await.unwrap();
+            assert!(rig.sent().len() > before + 10, "{model}");
+        }
+    });
+}
+
+#[test]
 fn a_charger_of_coarser_steps_is_set_below_what_was_asked_and_says_so() {
     in_virtual_time(async |clock| {
         let charge = Charge {

@@ -96,6 +96,9 @@ impl Executor<'_> {
         // used its panel.
         self.sweep.fall_back();
         self.scope.armed = None;
+        if let Some(scope) = self.rig.bench.instruments.scope.as_mut() {
+            scope.forget_settings();
+        }
         self.rig
             .bench
             .made_safe()

@@ -129,15 +129,24 @@ impl Screen {
             scope.capabilities().time_per_div(span),
             scope.capabilities().horizontal_div,
         );
-        // If points overlap, settings that are unchanged since the previous point are not sent
-        // again, because that would reduce the time for settling.
         let same = self.armed.replace((per_div, trigger)).filter(|_| overlaps);
         let timebase =
             (same.map(|armed| armed.0) != Some(per_div)).then_some(Intent::Timebase(per_div));
-        let trigger =
-            (same.map(|armed| armed.1) != Some(trigger)).then_some(Intent::Trigger(trigger));
-        for intent in timebase.into_iter().chain(trigger).chain([Intent::Arm]) {
-            scope.set(&intent).await.map_err(&error)?;
+        if let Some(timebase) = timebase {
+            scope.set(&timebase).await.map_err(&error)?;
+        }
+        let trigger = Intent::Trigger(trigger);
+        if overlaps {
+            // Settings that are unchanged since the previous point are not sent again, because that
+            // would reduce the time for settling. One of them is read back instead, in turn.
+            scope.set_changes(&trigger).await.map_err(&error)?;
+        } else {
+            scope.set(&trigger).await.map_err(&error)?;
+        }
+        scope.set(&Intent::Arm).await.map_err(&error)?;
+        if overlaps && let Some(met) = scope.check_in_turn().await.map_err(&error)? {
+            let role = "scope";
+            return Err(ExecuteError::Meddled { role, met });
         }
         Ok(per_div.value() * scope_divisions)
     }

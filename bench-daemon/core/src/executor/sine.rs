@@ -60,6 +60,7 @@ impl Rig<'_> {
             let waveform = match (waveforms.last().filter(|_| overlaps), chosen) {
                 (Some(before), _) => scope.download_beside(channel, points, before).await,
                 (None, Some(chosen)) => scope.download_chosen(chosen, points).await,
+                (None, None) if overlaps => scope.download_again(channel, points).await,
                 (None, None) => scope.download(channel, points).await,
             };
             waveforms.push(waveform.map_err(&error)?);

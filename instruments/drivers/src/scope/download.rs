@@ -79,7 +79,7 @@ impl Instrument<dyn Dialect> {
     async fn try_choose(&mut self, channel: u8, points: u64) -> Result<Chosen, LinkError> {
         let in_memory = self.points_in_memory().await?;
         let stride = stride_of(in_memory, points);
-        self.play(&self.dialect.script(&Intent::Transfer { channel, stride }))
+        self.set_changes(&Intent::Transfer { channel, stride })
             .await?;
         Ok(Chosen {
             channel,
@@ -134,6 +134,9 @@ impl Instrument<dyn Dialect> {
         let in_memory = before.preamble.points;
         let stride = stride_of(in_memory, points);
         let whole = before.codes.len() as u64 >= in_memory.div_ceil(stride);
+        if !self.dialect.capabilities().thins_out && stride == 1 {
+            return self.download_unchanged(channel, in_memory).await;
+        }
         // A record that was decimated here left the scope at another stride and page.
         if !(self.dialect.capabilities().thins_out && whole && !before.thinned_here) {
             return self.download(channel, points).await;
@@ -159,6 +162,42 @@ impl Instrument<dyn Dialect> {
         }
     }
 
+    /// Downloads one channel as [`Self::download`], with the transfer settings of the record before
+    /// it, if the memory is as deep and sends every point.
+    ///
+    /// # Errors
+    /// As [`Self::download`].
+    pub async fn download_again(
+        &mut self,
+        channel: u8,
+        points: u64,
+    ) -> Result<Waveform, LinkError> {
+        let in_memory = self.points_in_memory().await?;
+        let same =
+            self.standing.sent_points == Some(in_memory) && stride_of(in_memory, points) == 1;
+        if same {
+            self.download_unchanged(channel, in_memory).await
+        } else {
+            self.download(channel, points).await
+        }
+    }
+
+    /// Downloads another channel of a record that is sent whole; only the channel is chosen. The
+    /// descriptor shows whether format and mode are still those that were set.
+    async fn download_unchanged(
+        &mut self,
+        channel: u8,
+        in_memory: u64,
+    ) -> Result<Waveform, LinkError> {
+        let script = self.dialect.beside(channel, 1);
+        let chosen = Chosen {
+            channel,
+            stride: 1,
+            in_memory,
+        };
+        self.chosen(chosen, &script).await
+    }
+
     /// Downloads one channel with a stride; with a stride above 1, one page of it.
     async fn transfer(&mut self, chosen: Chosen) -> Result<Waveform, LinkError> {
         let script = self.dialect.script(&Intent::Transfer {
@@ -174,11 +213,13 @@ impl Instrument<dyn Dialect> {
             stride,
             in_memory,
         } = chosen;
-        self.play(script).await?;
+        self.standing.sent_points = None;
+        let transfer = Intent::Transfer { channel, stride };
+        self.play_and_keep(script, &transfer).await?;
         let preamble = self.preamble(in_memory).await?;
         let total = preamble.points.div_ceil(stride);
         if !self.dialect.capabilities().thins_out {
-            self.set(&Intent::Page { start: 0, total }).await?;
+            self.set_changes(&Intent::Page { start: 0, total }).await?;
         }
         let mut codes = self.page(0, total).await?;
         while stride == 1 && (codes.len() as u64) < total {
@@ -187,6 +228,7 @@ impl Instrument<dyn Dialect> {
             codes.extend(self.page(start, total).await?);
         }
         codes.truncate(usize::try_from(total).unwrap_or(usize::MAX));
+        self.standing.sent_points = Some(in_memory);
         Ok(Waveform {
             channel,
             codes,

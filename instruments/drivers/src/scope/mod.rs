@@ -13,7 +13,10 @@ pub use download::Chosen;
 
 use instruments_link::link::LinkError;
 
-use crate::instrument::Instrument;
+use crate::{
+    exchange::{Exchange, changes, check_in_turn, keep},
+    instrument::Instrument,
+};
 pub use contract::{Capabilities, Dialect, Intent, Preamble, Queries, Trigger, Vertical, Waveform};
 
 /// Every known model.
@@ -38,7 +41,8 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The error of the first message that was refused or whose read-back was wrong.
     pub async fn set(&mut self, intent: &Intent) -> Result<(), LinkError> {
-        self.play(&self.dialect.script(intent)).await?;
+        self.play_and_keep(&self.dialect.script(intent), intent)
+            .await?;
         // The level of the trigger and the run have no read-back. An entry may also be of an earlier
         // client, so that it is a remark; a record that is not of this acquisition is refused.
         let unread = matches!(intent, Intent::Arm | Intent::Roll);
@@ -48,6 +52,49 @@ impl Instrument<dyn Dialect> {
             }
         }
         Ok(())
+    }
+
+    /// As [`Self::set`], but sends only the settings that do not stand already. Those that stand are
+    /// read back in turn by [`Self::check_in_turn`].
+    ///
+    /// # Errors
+    /// As [`Self::set`].
+    pub async fn set_changes(&mut self, intent: &Intent) -> Result<(), LinkError> {
+        let script = changes(&self.standing, &self.dialect.script(intent));
+        self.play_and_keep(&script, intent).await
+    }
+
+    /// Reads back one of the settings that stand, in turn, and changes nothing. Returns a
+    /// description of a difference; after it all settings are sent again.
+    ///
+    /// # Errors
+    /// The link's errors.
+    pub async fn check_in_turn(&mut self) -> Result<Option<String>, LinkError> {
+        let settings = self.dialect.settings();
+        check_in_turn(&mut self.link, settings, &mut self.standing).await
+    }
+
+    /// Forgets the settings that stand, so that all are sent again: a person may have used the panel.
+    pub fn forget_settings(&mut self) {
+        self.standing.clear();
+    }
+
+    async fn play_and_keep(
+        &mut self,
+        script: &[Exchange],
+        intent: &Intent,
+    ) -> Result<(), LinkError> {
+        let played = self.play(script).await;
+        match intent {
+            // What starts and stops an acquisition is no setting.
+            Intent::Arm | Intent::Roll | Intent::Stop => {}
+            _ if played.is_ok() => {
+                let transfer = matches!(intent, Intent::Transfer { .. } | Intent::Page { .. });
+                keep(&mut self.standing, script, !transfer);
+            }
+            _ => self.standing.clear(),
+        }
+        played
     }
 
     /// Stops the scope and waits until it reports that it has stopped.

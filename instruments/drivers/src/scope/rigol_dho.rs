@@ -207,6 +207,15 @@ impl Dialect for Dho {
         }
     }
 
+    fn beside(&self, channel: u8, _: u64) -> Vec<Exchange> {
+        let source = format!("CHAN{channel}");
+        vec![Exchange::Set {
+            message: format!(":WAV:SOUR {source}"),
+            read_back: ":WAV:SOUR?".to_owned(),
+            expect: Expect::Contains(source),
+        }]
+    }
+
     fn queries(&self) -> Queries {
         Queries {
             status: ":TRIG:STAT?",
