@@ -459,8 +459,8 @@ fn quirks_are_checked_against_what_the_model_has_and_a_logger_against_its_inputs
         (
             "[simulation.quirks.scope]\npage_byte = 1",
             "rigol-dho800: quirk page_byte: expected one of echo, min_gap, first_answer, late_end, \
-            digits, lacks, identity, second_client, page_points, sticky_transfer, stop_delay, \
-            busy_opc, unit_after_probe, flash, double_end, block_prefix, unknown, found \
+            digits, lacks, identity, latency, second_client, page_points, sticky_transfer, \
+            stop_delay, busy_opc, unit_after_probe, flash, double_end, block_prefix, unknown, found \
             `page_byte`",
         ),
         (

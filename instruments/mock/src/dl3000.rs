@@ -309,6 +309,10 @@ const TREE: Node<'static, Dl3000> = Root! {
     Leaf! {b"*CLS" => &set(common::cls)},
     Leaf! {b"*OPC" => &both(common::opc, common::opc_query)},
     Leaf! {b"*ESR" => &get(common::esr_query)},
+    Leaf! {b"*ESE" => &both(common::ese, common::ese_query)},
+    Leaf! {b"*SRE" => &both(common::sre, common::sre_query)},
+    Leaf! {b"*STB" => &get(common::stb_query)},
+    Leaf! {b"*WAI" => &set(common::ignore)},
     CURRENT, VOLTAGE, RESISTANCE, POWER, FUNCTION, INPUT, SENSE,
     Branch! {b"SOURce"; CURRENT, VOLTAGE, RESISTANCE, POWER, FUNCTION, INPUT, SENSE},
     Branch! {b"MEASure";
@@ -317,7 +321,10 @@ const TREE: Node<'static, Dl3000> = Root! {
         measured!(b"POWer", |volts, amps| volts * amps),
         measured!(b"RESistance", |volts, amps| if amps > 1e-3 { volts / amps } else { 15_000.0 })
     },
-    Branch! {b"SYSTem"; Branch! {b"ERRor" => &get(common::error_query); Leaf! {b"NEXT" => &get(common::error_query)}}}
+    Branch! {b"SYSTem";
+        Leaf! {b"VERSion" => &get(|_: &mut Dl3000, _| text("1999.0"))},
+        Branch! {b"ERRor" => &get(common::error_query); Leaf! {b"NEXT" => &get(common::error_query)}}
+    }
 };
 
 impl HasStatus for Dl3000 {

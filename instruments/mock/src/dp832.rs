@@ -99,6 +99,10 @@ impl Dp832 {
         if arguments.is_empty() {
             return Ok(self.selected);
         }
+        // The channel may be left out (guide 2-35): then the state is the first argument.
+        if arguments.begins_with(&["ON", "OFF"]) {
+            return Ok(self.selected);
+        }
         let name = arguments.word(&NAMES)?;
         NAMES
             .iter()
@@ -334,13 +338,37 @@ macro_rules! source {
     (volts $index:literal) => {
         both(
             |supply: &mut Dp832, arguments| supply.set_volts($index, arguments),
-            |supply, _| text(format!("{:.3}", supply.channels[$index].state.voltage_v)),
+            |supply, arguments| {
+                text(format!(
+                    "{:.3}",
+                    arguments.value_or_named(
+                        supply.channels[$index].state.voltage_v,
+                        Span {
+                            min: 0.0,
+                            max: MAX_VOLTS[$index],
+                            default: 0.0
+                        },
+                    )?
+                ))
+            },
         )
     };
     (amps $index:literal) => {
         both(
             |supply: &mut Dp832, arguments| supply.set_amps($index, arguments),
-            |supply, _| text(format!("{:.3}", supply.channels[$index].state.current_a)),
+            |supply, arguments| {
+                text(format!(
+                    "{:.3}",
+                    arguments.value_or_named(
+                        supply.channels[$index].state.current_a,
+                        Span {
+                            min: 0.0,
+                            max: MAX_AMPS[$index],
+                            default: 1.0
+                        },
+                    )?
+                ))
+            },
         )
     };
 }
@@ -353,6 +381,10 @@ const TREE: Node<'static, Dp832> = Root! {
     Leaf! {b"*CLS" => &set(common::cls)},
     Leaf! {b"*OPC" => &both(common::opc, common::opc_query)},
     Leaf! {b"*ESR" => &get(common::esr_query)},
+    Leaf! {b"*ESE" => &both(common::ese, common::ese_query)},
+    Leaf! {b"*SRE" => &both(common::sre, common::sre_query)},
+    Leaf! {b"*STB" => &get(common::stb_query)},
+    Leaf! {b"*WAI" => &set(common::ignore)},
     source! {b"SOURce", 0},
     source! {b"SOURce1", 0},
     source! {b"SOURce2", 1},
@@ -380,6 +412,7 @@ const TREE: Node<'static, Dp832> = Root! {
     },
     Branch! {b"SYSTem";
         Branch! {b"ERRor" => &get(common::error_query); Leaf! {b"NEXT" => &get(common::error_query)}},
+        Leaf! {b"VERSion" => &get(|_: &mut Dp832, _| text("1999.0"))},
         Leaf! {b"REMote" => &set(common::ignore)},
         Leaf! {b"LOCal" => &set(common::ignore)}
     }

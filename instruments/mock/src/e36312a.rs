@@ -325,6 +325,7 @@ const TREE: Node<'static, Keysight> = Root! {
     }}},
     Branch! {b"SYSTem";
         Branch! {b"ERRor" => &get(common::signed_error_query); Leaf! {b"NEXT" => &get(common::signed_error_query)}},
+        Leaf! {b"VERSion" => &get(|_: &mut Keysight, _| text("1999.0"))},
         Leaf! {b"REMote" => &set(common::ignore)},
         Leaf! {b"LOCal" => &set(common::ignore)}
     }

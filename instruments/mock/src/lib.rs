@@ -22,6 +22,7 @@ mod huber;
 mod jig;
 mod julabo;
 mod kepco;
+mod latency;
 mod machine;
 mod messages;
 mod number;
@@ -41,6 +42,7 @@ mod world;
 pub use faults::{
     Armed, Fault, FaultLog, FaultSwitch, Happened, Remote, Schedule, Trouble, make_troubled,
 };
+pub use latency::{Latency, MEASURED};
 pub use messages::Messages;
 use plant::SharedPlant;
 use quirks::{Quirk, QuirkError, Quirks};
@@ -396,9 +398,8 @@ pub fn make(
         ..options.clone()
     };
     let device = (model(key)?.make)(plant.clone(), &options);
-    Ok(Box::new(protocol_quirks::QuirkyDevice::new(
-        device,
-        plant,
-        options.quirks,
-    )))
+    let latency = Latency::of(key).filter(|_| options.quirks.word("latency") == "measured");
+    Ok(Box::new(
+        protocol_quirks::QuirkyDevice::new(device, plant, options.quirks).with_latency(latency),
+    ))
 }

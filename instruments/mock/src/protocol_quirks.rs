@@ -3,7 +3,7 @@
 
 use instruments_scpi::decode::Terminator;
 
-use super::{Device, Trouble, plant::SharedPlant, quirks::Quirks};
+use super::{Device, Trouble, latency::Latency, plant::SharedPlant, quirks::Quirks};
 
 /// A text such as some send before a block.
 const PREFIX: &[u8] = b"C1:WF ALL,";
@@ -19,6 +19,9 @@ pub(super) struct QuirkyDevice {
     fresh: bool,
     /// Additional time of the first answer, s; 0 for the others.
     first_s: f64,
+    latency: Option<&'static Latency>,
+    /// Time that the answer to the last message takes, s.
+    answer_s: f64,
 }
 
 impl QuirkyDevice {
@@ -30,7 +33,14 @@ impl QuirkyDevice {
             last_message_s: f64::NEG_INFINITY,
             fresh: true,
             first_s: 0.0,
+            latency: None,
+            answer_s: 0.0,
         }
+    }
+
+    /// Sets the times that it takes to answer.
+    pub(super) fn with_latency(self, latency: Option<&'static Latency>) -> Self {
+        Self { latency, ..self }
     }
 
     /// Returns the form of a block, or the digits of numbers.
@@ -123,6 +133,9 @@ impl Device for QuirkyDevice {
         if gap_s < self.quirks.number("min_gap") {
             return Vec::new();
         }
+        self.answer_s = self
+            .latency
+            .map_or(0.0, |latency| latency.of_message(message));
         let lacks = self.quirks.word("lacks");
         if !lacks.is_empty() && contains(message, lacks.as_bytes()) {
             return Vec::new();
@@ -157,6 +170,7 @@ impl Device for QuirkyDevice {
             .unwrap_or_else(std::sync::PoisonError::into_inner)
             .late_s(now_s)
             + self.first_s
+            + self.answer_s
     }
 
     fn end_late_s(&self) -> f64 {

@@ -99,6 +99,11 @@ pub(super) const COMMON: &[Quirk] = &[
         Kind::Text,
     ),
     quirk(
+        "latency",
+        "how long it takes to answer: no time, or as owners measured it, where that is known",
+        Kind::Word(&["none", "measured"]),
+    ),
+    quirk(
         "second_client",
         "a client that connects while another is served waits, or is refused",
         Kind::Word(&["starve", "refuse"]),

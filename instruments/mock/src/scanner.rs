@@ -345,6 +345,7 @@ const TREE: Node<'static, Scanner> = Root! {
     }},
     Branch! {b"SYSTem";
         Branch! {b"ERRor" => &get(common::signed_error_query); Leaf! {b"NEXT" => &get(common::signed_error_query)}},
+        Leaf! {b"VERSion" => &get(|_: &mut Scanner, _| text("1994.0"))},
         Leaf! {b"CTYPe" => &get(Scanner::card)},
         Leaf! {b"REMote" => &set(common::ignore)},
         Leaf! {b"LOCal" => &set(common::ignore)}

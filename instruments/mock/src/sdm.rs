@@ -166,6 +166,9 @@ const TREE: Node<'static, Sdm> = Root! {
     })},
     Leaf! {b"*CLS" => &set(common::cls)},
     Leaf! {b"*ESR" => &get(common::esr_query)},
+    Leaf! {b"*ESE" => &both(common::ese, common::ese_query)},
+    Leaf! {b"*SRE" => &both(common::sre, common::sre_query)},
+    Leaf! {b"*STB" => &get(common::stb_query)},
     Leaf! {b"*OPC" => &both(common::opc, common::opc_query)},
     Branch! {b"CONFigure" => &get(Sdm::function);
         Leaf! {b"TEMPerature" => &set(Sdm::configure_temperature)},

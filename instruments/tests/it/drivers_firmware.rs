@@ -133,7 +133,11 @@ fn an_error_in_the_queue_of_a_scope_is_told() {
 fn a_setting_of_a_scope_that_stands_is_not_sent_again_and_a_change_by_a_hand_is_found_in_turn() {
     in_virtual_time(async |clock| {
         for (model, hand, question) in [
-            ("siglent-sds800x-hd", ":CHANnel1:COUPling AC", "`:CHANnel1:COUPling?`"),
+            (
+                "siglent-sds800x-hd",
+                ":CHANnel1:COUPling AC",
+                "`:CHANnel1:COUPling?`",
+            ),
             ("rigol-dho800", ":CHAN1:COUP AC", "`:CHAN1:COUP?`"),
         ] {
             let rig = Rig::new(clock.clone(), model);

@@ -26,6 +26,7 @@ mod fuzz_usbtmc;
 mod link;
 mod link_broken;
 mod link_shared;
+mod mocks_clients;
 mod mocks_devices;
 mod mocks_plant;
 mod mocks_ports;

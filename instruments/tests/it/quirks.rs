@@ -297,7 +297,7 @@ fn a_switch_that_a_model_does_not_have_is_refused_with_those_that_it_has() {
             "siglent-sdm3065x",
             Quirks::default().with("page_points", 1.0),
             "quirk page_points: expected one of echo, min_gap, first_answer, late_end, digits, \
-            lacks, identity, second_client, unit, open_thermocouple, unknown, \
+            lacks, identity, latency, second_client, unit, open_thermocouple, unknown, \
              found `page_points`",
         ),
         (

@@ -111,7 +111,8 @@ const SETTINGS: &[Setting] = &[
         ]),
     ),
     Setting::state("CURR:MODE?", "command", FOLLOWS),
-    Setting::state("SYST:REM?", "remote control", ON_OFF),
+    Setting::state("SYST:REM?", "remote control", ON_OFF)
+        .optional("whether messages or the panel control it"),
     Setting::state("VOLT:PROT:MODE?", "limit of the voltage", FOLLOWS),
     Setting::state("CURR:PROT:MODE?", "limit of the current", FOLLOWS),
     Setting::number("CURR:LIM?", "limit of the current", "A"),

@@ -35,10 +35,9 @@ macro_rules! modifier {
     };
 }
 
-macro_rules! source {
-    ($name:literal, $index:literal) => {
-        Branch! {$name;
-            Branch! {b"FUNCtion" => &both(
+macro_rules! node_function {
+    ($index:literal) => {
+        Branch! {b"FUNCtion" => &both(
                 |device: &mut Keysight, arguments| device.set_function($index, arguments),
                 |device, _| text(match &device.channels[$index] {
                     Channel { constant: true, .. } => "DC",
@@ -59,60 +58,121 @@ macro_rules! source {
                         |device, _| text(device.channels[$index].filter.trim_end_matches(char::is_lowercase)),
                     )}
                 }
-            },
-            Branch! {b"DATA"; Branch! {b"VOLatile";
+            }
+    };
+}
+
+macro_rules! node_data {
+    ($index:literal) => {
+        Branch! {b"DATA"; Branch! {b"VOLatile";
                 Leaf! {b"CLEar" => &set(|device: &mut Keysight, arguments| device.clear_waves($index, arguments))}
-            }},
-            Leaf! {b"FREQuency" => &both(
-                |device: &mut Keysight, arguments| device.set_frequency($index, arguments),
-                |device, _| number(device.channels[$index].freq_hz),
+            }}
+    };
+}
+
+macro_rules! node_frequency {
+    ($index:literal) => {
+        Leaf! {b"FREQuency" => &both(
+            |device: &mut Keysight, arguments| device.set_frequency($index, arguments),
+            |device, _| number(device.channels[$index].freq_hz),
+        )}
+    };
+}
+
+macro_rules! node_voltage {
+    ($index:literal) => {
+        Branch! {b"VOLTage" => &both(
+            |device: &mut Keysight, arguments| device.set_amplitude($index, arguments),
+            |device, _| device.at_load($index, |channel| channel.amplitude_vpp),
+        );
+            Leaf! {b"UNIT" => &both(only_vpp, |_, _| text("VPP"))},
+            Leaf! {b"OFFSet" => &both(
+                |device: &mut Keysight, arguments| device.set_offset($index, arguments),
+                |device, _| device.at_load($index, |channel| channel.offset_v),
             )},
-            Branch! {b"VOLTage" => &both(
-                |device: &mut Keysight, arguments| device.set_amplitude($index, arguments),
-                |device, _| device.at_load($index, |channel| channel.amplitude_vpp),
-            );
-                Leaf! {b"UNIT" => &both(only_vpp, |_, _| text("VPP"))},
-                Leaf! {b"OFFSet" => &both(
-                    |device: &mut Keysight, arguments| device.set_offset($index, arguments),
-                    |device, _| device.at_load($index, |channel| channel.offset_v),
-                )},
-                Leaf! {b"HIGH" => &get(|device: &mut Keysight, _| {
-                    device.at_load($index, |channel| channel.offset_v + channel.amplitude_vpp / 2.0)
-                })},
-                Leaf! {b"LOW" => &get(|device: &mut Keysight, _| {
-                    device.at_load($index, |channel| channel.offset_v - channel.amplitude_vpp / 2.0)
-                })}
-            },
-            Branch! {b"PHASe" => &both(
-                |device: &mut Keysight, arguments| device.set_phase($index, arguments),
-                |device, _| number(device.channels[$index].phase_deg),
-            ); Leaf! {b"SYNChronize" => &set(Keysight::align_phases)}},
-            Branch! {b"APPLy";
-                Leaf! {b"SINusoid" => &set(|device: &mut Keysight, arguments| {
-                    device.apply($index, arguments)
-                })}
-            },
-            Branch! {b"BURSt";
-                Leaf! {b"STATe" => &both(
-                    |device: &mut Keysight, arguments| device.set_burst_state($index, arguments),
-                    |device, _| text(if device.channels[$index].burst.on { "1" } else { "0" }),
-                )},
-                Leaf! {b"MODE" => &both(
-                    |device: &mut Keysight, arguments| device.set_burst_mode($index, arguments),
-                    |_, _| text("TRIG"),
-                )},
-                Leaf! {b"NCYCles" => &both(
-                    |device: &mut Keysight, arguments| device.set_burst_periods($index, arguments),
-                    |device, _| number(f64::from(device.channels[$index].burst.periods)),
-                )},
-                Leaf! {b"PHASe" => &both(
-                    |device: &mut Keysight, arguments| device.set_burst_phase($index, arguments),
-                    |device, _| number(device.channels[$index].burst.start_deg),
-                )}
-            },
-            modifier! {b"SWEep"},
-            modifier! {b"AM"},
-            modifier! {b"FM"}
+            Leaf! {b"HIGH" => &get(|device: &mut Keysight, _| {
+                device.at_load($index, |channel| channel.offset_v + channel.amplitude_vpp / 2.0)
+            })},
+            Leaf! {b"LOW" => &get(|device: &mut Keysight, _| {
+                device.at_load($index, |channel| channel.offset_v - channel.amplitude_vpp / 2.0)
+            })}
+        }
+    };
+}
+
+macro_rules! node_phase {
+    ($index:literal) => {
+        Branch! {b"PHASe" => &both(
+            |device: &mut Keysight, arguments| device.set_phase($index, arguments),
+            |device, _| number(device.channels[$index].phase_deg),
+        ); Leaf! {b"SYNChronize" => &set(Keysight::align_phases)}}
+    };
+}
+
+macro_rules! node_apply {
+    ($index:literal) => {
+        Branch! {b"APPLy";
+            Leaf! {b"SINusoid" => &set(|device: &mut Keysight, arguments| {
+                device.apply($index, arguments)
+            })}
+        }
+    };
+}
+
+macro_rules! node_burst {
+    ($index:literal) => {
+        Branch! {b"BURSt";
+            Leaf! {b"STATe" => &both(
+                |device: &mut Keysight, arguments| device.set_burst_state($index, arguments),
+                |device, _| text(if device.channels[$index].burst.on { "1" } else { "0" }),
+            )},
+            Leaf! {b"MODE" => &both(
+                |device: &mut Keysight, arguments| device.set_burst_mode($index, arguments),
+                |_, _| text("TRIG"),
+            )},
+            Leaf! {b"NCYCles" => &both(
+                |device: &mut Keysight, arguments| device.set_burst_periods($index, arguments),
+                |device, _| number(f64::from(device.channels[$index].burst.periods)),
+            )},
+            Leaf! {b"PHASe" => &both(
+                |device: &mut Keysight, arguments| device.set_burst_phase($index, arguments),
+                |device, _| number(device.channels[$index].burst.start_deg),
+            )}
+        }
+    };
+}
+
+macro_rules! node_sweep {
+    ($index:literal) => {
+        modifier! {b"SWEep"}
+    };
+}
+
+macro_rules! node_am {
+    ($index:literal) => {
+        modifier! {b"AM"}
+    };
+}
+
+macro_rules! node_fm {
+    ($index:literal) => {
+        modifier! {b"FM"}
+    };
+}
+
+macro_rules! source {
+    ($name:literal, $index:literal) => {
+        Branch! {$name;
+            node_function!($index),
+            node_data!($index),
+            node_frequency!($index),
+            node_voltage!($index),
+            node_phase!($index),
+            node_apply!($index),
+            node_burst!($index),
+            node_sweep!($index),
+            node_am!($index),
+            node_fm!($index)
         }
     };
 }
@@ -165,6 +225,17 @@ pub(super) const TREE: Node<'static, Keysight> = Root! {
     Leaf! {b"*ESE" => &both(common::ese, common::ese_query)},
     Leaf! {b"*SRE" => &both(common::sre, common::sre_query)},
     Leaf! {b"*STB" => &get(common::stb_query)},
+    // The node `SOURce` may be left out.
+    node_function!(0),
+    node_data!(0),
+    node_frequency!(0),
+    node_voltage!(0),
+    node_phase!(0),
+    node_apply!(0),
+    node_burst!(0),
+    node_sweep!(0),
+    node_am!(0),
+    node_fm!(0),
     source! {b"SOURce", 0},
     source! {b"SOURce1", 0},
     source! {b"SOURce2", 1},
@@ -174,7 +245,9 @@ pub(super) const TREE: Node<'static, Keysight> = Root! {
     output! {b"OUTPut", 0},
     output! {b"OUTPut1", 0},
     output! {b"OUTPut2", 1},
+    Leaf! {b"*WAI" => &set(common::ignore)},
     Branch! {b"SYSTem";
+        Leaf! {b"VERSion" => &get(|_: &mut Keysight, _| text("1999.0"))},
         Branch! {b"ERRor" => &get(common::signed_error_query);
             Leaf! {b"NEXT" => &get(common::signed_error_query)}
         }

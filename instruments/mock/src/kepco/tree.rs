@@ -273,6 +273,7 @@ pub(super) const TREE: Node<'static, Kepco> = Root! {
     },
     Branch! {b"SYSTem";
         Branch! {b"ERRor" => &get(common::error_query); Leaf! {b"NEXT" => &get(common::error_query)}},
+        Leaf! {b"VERSion" => &get(|_: &mut Kepco, _| text("1997.0"))},
         Branch! {b"REMote" => &both(set_remote, |k, _| bit(k.settings.remote));
             Leaf! {b"STATe" => &both(set_remote, |k, _| bit(k.settings.remote))}
         }

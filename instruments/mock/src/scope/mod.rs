@@ -20,6 +20,7 @@
 mod acquisition;
 mod control;
 mod descriptor;
+mod kept;
 mod tree;
 mod waveform;
 
@@ -70,6 +71,8 @@ pub(super) struct Scope {
     number_format: String,
     /// Kept for `:SYSTem:REMote?` alone.
     remote: bool,
+    /// Settings without an effect, by their names.
+    kept: std::collections::BTreeMap<&'static str, String>,
 }
 
 /// Everything that decides how a frame is taken.
@@ -222,6 +225,7 @@ impl Scope {
             digits: 3,
             number_format: "CUSTom,3".to_owned(),
             remote: false,
+            kept: std::collections::BTreeMap::new(),
         }
     }
 

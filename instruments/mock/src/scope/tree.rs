@@ -7,7 +7,14 @@ use scpi::{
     tree::Node,
 };
 
-use super::{Scope, Transfer, control::points};
+use super::{
+    Scope, Transfer,
+    control::points,
+    kept::{
+        EDGE_COUPLING, EDGE_EVENTS, EDGE_HOLDOFF, EDGE_IMPEDANCE, EDGE_NOISE, EDGE_START,
+        EDGE_TIME, FAST, INTERPOLATION, MEASURE, PLOT, RESOLUTION, SEQUENCE, WINDOW,
+    },
+};
 use crate::{
     Device,
     tree::{Answer, Fallible, WRONG_FORM, both, common, exchange, get, set, text},
@@ -56,7 +63,13 @@ macro_rules! channel {
             Leaf! {b"UNIT" => &both(
                 |s: &mut Scope, a| s.set_unit($index, a),
                 |s, _| text(s.panel.channels[$index].unit),
-            )}
+            )},
+            // Stored nowhere: what is on is shown, and nothing is inverted.
+            Leaf! {b"VISible" => &both(
+                |_: &mut Scope, a| a.switch().map(|_| ()),
+                |s, _| on_off(s.panel.channels[$index].on),
+            )},
+            Leaf! {b"INVert" => &both(|_: &mut Scope, a| a.word(&["OFF"]).map(|_| ()), |_, _| text("OFF"))}
         }
     };
 }
@@ -72,7 +85,8 @@ const TIMEBASE: Node<'static, Scope> = Branch! {b"TIMebase";
             Scope::set_reference_position,
             |s, _| text(format!("{}", s.panel.reference_percent)),
         )}
-    }
+    },
+    WINDOW
 };
 
 const ACQUIRE: Node<'static, Scope> = Branch! {b"ACQuire";
@@ -81,7 +95,8 @@ const ACQUIRE: Node<'static, Scope> = Branch! {b"ACQuire";
     Leaf! {b"MDEPth" => &both(Scope::set_depth, |s, _| text(s.panel.depth))},
     Leaf! {b"POINts" => &get(|s: &mut Scope, _| s.real(s.panel.sampling().0))},
     Leaf! {b"SRATe" => &get(|s: &mut Scope, _| s.real(s.sample_rate()))},
-    Leaf! {b"TYPE" => &both(Scope::set_acquisition_type, |_, _| text("NORMal"))}
+    Leaf! {b"TYPE" => &both(Scope::set_acquisition_type, |_, _| text("NORMal"))},
+    FAST, INTERPOLATION, PLOT, RESOLUTION, SEQUENCE
 };
 
 const TRIGGER: Node<'static, Scope> = Branch! {b"TRIGger";
@@ -89,8 +104,11 @@ const TRIGGER: Node<'static, Scope> = Branch! {b"TRIGger";
     Branch! {b"EDGE";
         Leaf! {b"SOURce" => &both(Scope::set_trigger_source, |s, _| text(s.panel.trigger.source))},
         Leaf! {b"SLOPe" => &both(Scope::set_slope, |s, _| text(s.panel.trigger.slope))},
-        Leaf! {b"LEVel" => &both(Scope::set_level, |s, _| s.real(s.panel.trigger.level))}
+        Leaf! {b"LEVel" => &both(Scope::set_level, |s, _| s.real(s.panel.trigger.level))},
+        EDGE_COUPLING, EDGE_NOISE, EDGE_IMPEDANCE, EDGE_EVENTS, EDGE_TIME, EDGE_HOLDOFF, EDGE_START
     },
+    // Nothing counts the triggers; the guide shows three digits.
+    Leaf! {b"FREQuency" => &get(|_: &mut Scope, _| text("0.00E+00"))},
     Leaf! {b"MODE" => &both(Scope::set_trigger_mode, Scope::trigger_mode)},
     Leaf! {b"RUN" => &set(|s, _| settle(s, |s| s.acquisition.run(s.world.now_s)))},
     Leaf! {b"STOP" => &set(|s, _| settle(s, |s| s.acquisition.stop(s.world.now_s)))},
@@ -129,7 +147,12 @@ pub(super) const TREE: Node<'static, Scope> = Root! {
     HD,{},4.8.12.1.1.6.5", s.serial_number)))},
     Leaf! {b"*RST" => &set(|s, _| settle(s, Scope::reset))},
     Leaf! {b"*CLS" => &set(common::cls)},
-    Leaf! {b"*OPC" => &both(common::ignore, common::opc_query)},
+    Leaf! {b"*OPC" => &both(common::opc, common::opc_query)},
+    Leaf! {b"*ESR" => &get(common::esr_query)},
+    Leaf! {b"*ESE" => &both(common::ese, common::ese_query)},
+    Leaf! {b"*SRE" => &both(common::sre, common::sre_query)},
+    Leaf! {b"*STB" => &get(common::stb_query)},
+    MEASURE,
     Leaf! {b"INR" => &get(|s: &mut Scope, _| text(if s.acquisition.take_new() { "1" } else { "0" }))},
     channel! {b"CHANnel1", 0},
     channel! {b"CHANnel2", 1},

@@ -78,6 +78,16 @@ impl Arguments {
         self.0.is_empty()
     }
 
+    /// Returns whether the next parameter is one of these words.
+    pub(crate) fn begins_with(&self, words: &[&str]) -> bool {
+        match self.0.front() {
+            Some(Argument::Word(word)) => {
+                words.iter().any(|known| known.eq_ignore_ascii_case(word))
+            }
+            _ => false,
+        }
+    }
+
     fn required(&mut self) -> Fallible<Argument> {
         self.next()
             .ok_or_else(|| Error::new(ErrorCode::MissingParameter))
