@@ -314,7 +314,8 @@ impl Seen {
         }
         let title = format!("{} waits for a person", bench.bench);
         let text = format!(
-            "{} Every output is off. Answer on the page of the bench, or with `eis-bench answer`.",
+            "{} Every output that the program switches is off. Answer on the page of the bench, or \
+            with `eis-bench answer`.",
             question.text
         );
         let notices = &server.notices;

@@ -56,7 +56,7 @@ pub fn answer(args: &AnswerArgs) -> Result<(), Failure> {
     if !args.done {
         say!("question {number}: {}", question.text);
         let folder = args.folder.display();
-        say!("every output is off; when it is changed as asked:");
+        say!("every output that the program switches is off; when it is changed as asked:");
         say!("eis-bench answer {folder} --done --question {number}");
         return Ok(());
     }

@@ -171,7 +171,7 @@ fn persons(experiment: &Experiment, plan: &Plan) -> Option<String> {
     (!asked.is_empty()).then(|| {
         format!(
             "beside that a person changes the fixture ({}): each change lasts until the person \
-            confirms it, every output off; `eis-bench abort` ends that wait",
+            confirms it, in safe state; `eis-bench abort` ends that wait",
             asked.join(", ")
         )
     })

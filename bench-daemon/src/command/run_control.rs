@@ -51,7 +51,7 @@ pub fn send_action(args: &FolderArgs, action: RunAction) -> Result<(), Failure> 
                 format!(", which takes about {step_s:.0} s of bench time in all")
             });
             say!(
-                "pauses after the step in work{takes}, every output off; `eis-bench go-on` lets it \
+                "pauses after the step in work{takes}, in safe state; `eis-bench go-on` lets it \
                 go on"
             );
         }

@@ -28,6 +28,7 @@ mod collector;
 mod commands;
 mod configuration;
 mod convert;
+mod corpus;
 mod coverage;
 mod crash;
 mod crash_ahead;

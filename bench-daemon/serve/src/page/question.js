@@ -6,7 +6,7 @@ import { $, el, fill, text } from "./bench.js";
 
 const WORDS = {
   title: (bench, isReader) => `${bench} waits for ${isReader ? "a person at the jig" : "you"}`,
-  safe: "Every output is off. An output that is off can still conduct: do not short the terminals.",
+  safe: "Every output that the program switches is off. It can still conduct: do not short the terminals.",
   terminal: "The question is asked on the terminal where the run was started: answer it there.",
   serial: (known) => `Serial number or code on the cell, typed or scanned (asked for: ${known.join(" or ")})`,
   optional: "If empty, the cell is not checked.",
