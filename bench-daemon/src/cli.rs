@@ -18,8 +18,8 @@ const GROUPS: [(&str, &[&str]); 7] = [
     (
         "A bench",
         &[
-            "run", "resume", "pause", "go-on", "abort", "reorder", "answer", "plan", "identify",
-            "doctor", "outputs", "safe", "clear", "mock",
+            "run", "resume", "pause", "go-on", "abort", "reorder", "answer", "plan", "devices",
+            "identify", "doctor", "outputs", "safe", "clear", "mock",
         ],
     ),
     (
@@ -171,6 +171,9 @@ enum Command {
     Plan(command::plan::PlanArgs),
     /// Serve the simulated instruments of a bench on real ports until stopped.
     Mock(command::mock::MockArgs),
+    /// List the instruments on USB and on serial ports of this machine by their addresses. Sends
+    /// nothing.
+    Devices(command::devices::DevicesArgs),
     /// Identify instruments, and print their abilities and programmed settings. Changes nothing on
     /// any of them.
     Identify(command::identify::IdentifyArgs),
@@ -305,6 +308,7 @@ pub fn main() -> ExitCode {
         Command::ReadSpectra(args) => bench_serve::imported::command(&args),
         Command::Plan(args) => command::plan::plan(&args),
         Command::Mock(args) => command::mock::mock(&args),
+        Command::Devices(args) => command::devices::devices(&args),
         Command::Identify(args) => command::identify::identify(&args),
         Command::Doctor(args) => command::doctor::doctor(&args),
         Command::Outputs(args) => command::outputs::outputs(&args),

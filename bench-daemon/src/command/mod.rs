@@ -9,6 +9,7 @@ pub mod config;
 pub mod convert;
 pub mod dataset;
 pub mod demo;
+pub mod devices;
 pub mod diagnose;
 pub mod doctor;
 pub mod effects;

@@ -36,3 +36,4 @@ mod ports;
 mod quirks;
 mod replay;
 mod transports;
+mod usbtmc_pieces;

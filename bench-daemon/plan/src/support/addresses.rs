@@ -9,7 +9,7 @@ use std::{
     net::{IpAddr, ToSocketAddrs},
 };
 
-use instruments::transport::{Adapter, Address, Socket, Vxi11Port};
+use instruments::transport::{Adapter, Address, Socket, Vxi11Port, usb_file};
 
 use crate::support::loopback::is_loopback;
 
@@ -38,7 +38,16 @@ pub fn keys(address: &Address) -> Vec<String> {
         }
         Address::HiSlip { socket, .. } => named(&socket.host, socket.port),
         Address::Serial(settings) => file("serial", &settings.path),
-        Address::UsbTmc { path } => file("usbtmc", path),
+        // A name of a device and its present file are one instrument.
+        Address::UsbTmc { path } => {
+            let mut names = file("usbtmc", path);
+            names.extend(
+                usb_file(path)
+                    .iter()
+                    .flat_map(|at| file("usbtmc", &at.display().to_string())),
+            );
+            names
+        }
         // It addresses one instrument at a time, the one that was set last, so a process that
         // uses one of its instruments needs the whole adapter.
         Address::Gpib { adapter, .. } => match adapter {

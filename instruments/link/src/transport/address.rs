@@ -6,6 +6,8 @@
 //!   port mapper is queried for the port, or the port is known
 //! * `hislip:HOST/hislip0`, `hislip:HOST:PORT/hislip0`: HiSLIP
 //! * `usbtmc:/dev/usbtmc0`: USBTMC
+//! * `usb:VID:PID:SERIAL`: the same, wherever the device is plugged in; written as
+//!   `usbtmc:/dev/usbtmc-VID-PID-SERIAL`
 //! * `gpib:tcp:HOST:1234/ADDRESS`, `gpib:serial:/dev/ttyUSB0/ADDRESS?baud=…`: GPIB behind an
 //!   adapter of the Prologix type
 //! * `memory:NAME`: a pipe inside this process
@@ -19,6 +21,7 @@ use std::{fmt, str::FromStr};
 
 pub use serial::{DataBits, Flow, Parity, SerialSettings, StopBits};
 
+use super::usb::UsbName;
 use crate::wire::{hislip, prologix, rpc};
 pub use error::AddressError;
 
@@ -145,7 +148,7 @@ impl Address {
 }
 
 const FORMS: &str = "tcp://HOST:PORT, serial:/dev/PORT?baud=9600&parity=none, vxi11:HOST/inst0, \
-hislip:HOST/hislip0, usbtmc:/dev/usbtmc0, \
+hislip:HOST/hislip0, usbtmc:/dev/usbtmc0, usb:VID:PID:SERIAL, \
      gpib:tcp:HOST:PORT/ADDRESS, gpib:serial:/dev/PORT/ADDRESS or memory:NAME";
 
 impl FromStr for Address {
@@ -172,6 +175,15 @@ impl FromStr for Address {
                 false => Err(AddressError::new(
                     "path",
                     "the absolute path of a device such as /dev/usbtmc0",
+                    rest,
+                )),
+            },
+            "usb" => match rest.parse::<UsbName>() {
+                Ok(name) => Ok(Self::UsbTmc { path: name.alias() }),
+                Err(()) => Err(AddressError::new(
+                    "usb device",
+                    "vendor and product in four hexadecimal digits and a serial number, such as \
+                    f4ec:1017:SDS08A0X000001",
                     rest,
                 )),
             },

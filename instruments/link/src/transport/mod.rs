@@ -15,6 +15,7 @@ mod memory;
 mod pty;
 mod serial;
 mod tcp;
+mod usb;
 mod usbtmc;
 mod vxi11;
 
@@ -38,6 +39,7 @@ pub use error::TransportError;
 pub use memory::{MemoryHub, MemoryListener};
 pub use pty::Pty;
 pub use serial::SerialConnection;
+pub use usb::{UsbDevice, UsbName, may_open, usb_devices, usb_file};
 pub use usbtmc::TRANSFER;
 
 /// An open connection.

@@ -1,8 +1,10 @@
 //! USBTMC through the kernel's driver: a separate thread reads and writes `/dev/usbtmcN` as a file,
 //! because the driver blocks.
 //!
-//! A read that returns fewer bytes than requested ends a message. The driver's device clear is an
-//! ioctl, which requires unsafe code and is therefore missing here. A datagram socket in place of
+//! The header of a transfer, with its mark of the end, and the device clear are ioctls, which
+//! require unsafe code and are therefore missing here. So a reply ends as IEEE 488.2 has it: with a
+//! NL, or with the last byte that the head of a block counts; a read that returns fewer bytes than
+//! requested ends a transfer only, since instruments send replies in pieces. A datagram socket in place of
 //! the device file is a simulated instrument.
 
 use std::{
@@ -22,7 +24,10 @@ use std::{
 
 use tokio::sync::mpsc;
 
-use super::Arrival;
+use super::{
+    Arrival,
+    usb::{explained, usb_file},
+};
 
 /// Bytes in a full transfer through the socket in place of a device file; a shorter one ends a
 /// message.
@@ -40,6 +45,55 @@ pub struct UsbTmc {
     results: mpsc::UnboundedReceiver<io::Result<Arrival>>,
     /// Outstanding orders: their results have not arrived.
     under_way: usize,
+    /// The reply that is being read.
+    reply: Reply,
+}
+
+/// As much of a reply as is needed to find its end.
+#[derive(Debug, Default)]
+struct Reply {
+    head: Vec<u8>,
+    length: usize,
+    last: Option<u8>,
+}
+
+impl Reply {
+    /// Takes a transfer, and returns whether it may be the last one.
+    fn take(&mut self, bytes: &[u8]) -> bool {
+        let room = BLOCK_HEAD.saturating_sub(self.head.len());
+        self.head.extend(bytes.iter().take(room));
+        self.length += bytes.len();
+        self.last = bytes.last().copied().or(self.last);
+        match block_length(&self.head) {
+            Some(length) => self.length >= length,
+            // A transfer without data, as behind a full one, ends as well.
+            None => bytes.is_empty() || self.last == Some(b'\n'),
+        }
+    }
+
+    fn is_begun(&self) -> bool {
+        self.length > 0
+    }
+}
+
+/// Most bytes before the data of a block: `#`, a digit, nine digits.
+const BLOCK_HEAD: usize = 11;
+
+/// Returns the length of a block with its head, if a reply begins with a complete head.
+fn block_length(reply: &[u8]) -> Option<usize> {
+    let (b'#', rest) = reply.split_first()? else {
+        return None;
+    };
+    let (digits, rest) = rest.split_first()?;
+    let digits = usize::from(
+        digits
+            .checked_sub(b'0')
+            .filter(|digit| (1..=9).contains(digit))?,
+    );
+    let count = std::str::from_utf8(rest.get(..digits)?).ok()?;
+    let is_number = count.bytes().all(|byte| byte.is_ascii_digit());
+    let count: usize = count.parse().ok().filter(|_| is_number)?;
+    count.checked_add(digits + 2)
 }
 
 enum Order {
@@ -49,7 +103,7 @@ enum Order {
 
 impl UsbTmc {
     pub(super) fn open(path: &str) -> io::Result<Self> {
-        let mut device = Device::open(Path::new(path))?;
+        let mut device = Device::open(&usb_file(path)?)?;
         let (orders, to_do) = blocking::channel();
         let (done, results) = mpsc::unbounded_channel();
         std::thread::Builder::new()
@@ -72,23 +126,42 @@ impl UsbTmc {
             orders,
             results,
             under_way: 0,
+            reply: Reply::default(),
         })
     }
 
     pub(super) async fn send(&mut self, message: &[u8]) -> io::Result<()> {
+        self.reply = Reply::default();
         self.order(Order::Write(message.to_vec())).await.map(drop)
     }
 
     pub(super) async fn receive(&mut self) -> io::Result<Arrival> {
         loop {
             match self.order(Order::Read).await {
-                // The driver's own time is over; the caller has a deadline.
+                // The driver's own time is over. What has come is a reply without a NL; before it,
+                // the caller has a deadline.
                 Err(error)
                     if matches!(
                         error.kind(),
                         io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock
-                    ) => {}
-                other => return other,
+                    ) =>
+                {
+                    if std::mem::take(&mut self.reply).is_begun() {
+                        return Ok(Arrival {
+                            bytes: Vec::new(),
+                            end: true,
+                        });
+                    }
+                }
+                Ok(arrival) => {
+                    let is_whole = self.reply.take(&arrival.bytes);
+                    let end = arrival.end && is_whole;
+                    if end {
+                        self.reply = Reply::default();
+                    }
+                    return Ok(Arrival { end, ..arrival });
+                }
+                Err(error) => return Err(error),
             }
         }
     }
@@ -96,6 +169,7 @@ impl UsbTmc {
     /// Waits until the driver has completed all orders, and discards their results.
     pub(super) async fn settle(&mut self) -> io::Result<()> {
         while self.under_way > 0 {
+            self.reply = Reply::default();
             let _ = self.result().await?;
         }
         Ok(())
@@ -132,13 +206,12 @@ impl Device {
         /// Numbers the clients of this process.
         static CLIENTS: AtomicU32 = AtomicU32::new(0);
         if !std::fs::metadata(path)?.file_type().is_socket() {
-            return Ok(Self::File(
-                File::options()
-                    .read(true)
-                    .write(true)
-                    .custom_flags(nix::libc::O_NOCTTY)
-                    .open(path)?,
-            ));
+            let file = File::options()
+                .read(true)
+                .write(true)
+                .custom_flags(nix::libc::O_NOCTTY)
+                .open(path);
+            return file.map(Self::File).map_err(|error| explained(path, error));
         }
         let number = CLIENTS.fetch_add(1, Ordering::Relaxed);
         let own_path = path.with_extension(format!("client-{}-{number}", std::process::id()));
@@ -193,5 +266,29 @@ impl Drop for Device {
         if let Self::Socket { own_path, .. } = self {
             let _ = std::fs::remove_file(own_path);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reply_ends_with_its_line_or_its_count_and_not_with_a_piece() {
+        let table: [(&[&[u8]], &[bool]); 6] = [
+            (&[b"SIGLENT,SDS8", b"24X HD,1\n"], &[false, true]),
+            (&[b"1.0\n"], &[true]),
+            (&[b"#210abc\n", b"efghij\n"], &[false, true]),
+            (&[b"#", b"14ab\nd", b""], &[false, true, true]),
+            (&[b"1.0", b""], &[false, true]),
+            (&[b"#0abc\n"], &[true]),
+        ];
+        for (transfers, ends) in table {
+            let mut reply = Reply::default();
+            let found: Vec<bool> = transfers.iter().map(|piece| reply.take(piece)).collect();
+            assert_eq!(found, ends, "{transfers:?}");
+        }
+        assert_eq!(block_length(b"#9999999999"), Some(999_999_999 + 11));
+        assert_eq!(block_length(b"#2+1"), None);
     }
 }

@@ -19,7 +19,8 @@ impl AddressError {
     }
 
     /// Returns the invalid part of the address: `address`, `host`, `port`, `path`, `baud`,
-    /// `parity`, `data`, `stop`, `flow`, `option`, `name`, `device` or `gpib address`.
+    /// `parity`, `data`, `stop`, `flow`, `option`, `name`, `device`, `usb device` or
+    /// `gpib address`.
     pub fn field(&self) -> &'static str {
         self.field
     }

@@ -97,6 +97,12 @@ fn addresses_are_read() {
             },
         ),
         (
+            "usb:F4EC:1017:SDS08A0X000001",
+            Address::UsbTmc {
+                path: "/dev/usbtmc-f4ec-1017-SDS08A0X000001".to_owned(),
+            },
+        ),
+        (
             "gpib:tcp:10.0.0.9:1234/7",
             Address::Gpib {
                 adapter: Adapter::Tcp(at("10.0.0.9", 1234)),
