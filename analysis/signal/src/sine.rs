@@ -4,8 +4,8 @@
 //!
 //! Model of channel c, with t = 0 at sample 0 and tₘ the middle of the record: x(t) = Re{p ·
 //! exp(jωt)} + Σ Re{pₖ · exp(jωₖt)} + offset + drift · (t − tₘ) + curvature · (t − tₘ)² + Σ aₖ ·
-//! exp(−t/τₖ), with ωₖ harmonics of ω or given frequencies, and τₖ given time constants
-//! ([`relaxations`]). [`fit_known_frequency`] solves for all but ω, which are linear;
+//! exp(−t/τₖ), where p may be p + slope · (t − tₘ), with ωₖ harmonics of ω or given frequencies, and
+//! τₖ given time constants ([`relaxations`]). [`fit_known_frequency`] solves for all but ω, which are linear;
 //! [`fit_free_frequency`] also finds ω by Gauss–Newton steps on the linear solution.
 //!
 //! The samples are read once, in place, by all cores: blocks of ADC codes are summed over the
@@ -17,6 +17,7 @@
 mod amplitudes;
 mod basis;
 mod block;
+mod change;
 mod code_scale;
 mod error;
 mod guess;
@@ -37,10 +38,33 @@ mod table;
 pub use amplitudes::amplitudes;
 pub use code_scale::CodeScale;
 pub use error::SineError;
-pub use options::{Drift, FitOptions, RELAXATION_LEFT, relaxations};
+pub use options::{Drift, FitOptions, RELAXATION_LEFT, Varying, relaxations};
 pub use record::{Channel, MIN_PERIODS, MIN_SAMPLES, Record};
 pub use result::{ChannelFit, Distortion, LeftOut, Note, Phasor, SineFit, Tone, ToneKind};
 pub use stored::{Samples, Stored};
+
+/// Fits sinusoids of a known frequency as [`fit_known_frequency`], and lets their phasors move along a
+/// straight line if the residual shows that they do. The phasors are then those of the middle of the
+/// record, and [`SineFit::varying`] is true.
+///
+/// # Errors
+/// As [`fit_known_frequency`].
+pub fn fit_with_change(
+    record: &Record<'_>,
+    freq_hz: f64,
+    options: &FitOptions,
+) -> Result<SineFit, SineError> {
+    let with = |varying| FitOptions {
+        varying,
+        ..options.clone()
+    };
+    let constant = fit_known_frequency(record, freq_hz, &with(Varying::None))?;
+    let changing = fit_known_frequency(record, freq_hz, &with(Varying::Linear));
+    Ok(match changing {
+        Ok(changing) if change::is_shown(&constant, &changing) => changing,
+        _ => constant,
+    })
+}
 
 /// Fits sinusoids of a known frequency: amplitude and phase, offset and optionally drift of each
 /// channel.

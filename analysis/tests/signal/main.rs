@@ -16,6 +16,7 @@ mod noise;
 mod short_open;
 mod sine;
 mod sine_bound;
+mod sine_change;
 mod sine_errors;
 mod sine_model;
 mod spectrum;

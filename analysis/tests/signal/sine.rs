@@ -3,7 +3,8 @@
 use std::f64::consts::TAU;
 
 use analysis::sine::{
-    Channel, CodeScale, Drift, FitOptions, Record, SineFit, fit_free_frequency, fit_known_frequency,
+    Channel, CodeScale, Drift, FitOptions, Record, SineFit, Varying, fit_free_frequency,
+    fit_known_frequency,
 };
 use num_complex::Complex64;
 use proptest::prelude::*;
@@ -19,6 +20,7 @@ const fn with_drift(drift: Drift) -> FitOptions {
         harmonics: Vec::new(),
         also_hz: Vec::new(),
         decays_s: Vec::new(),
+        varying: Varying::None,
         exclude_clipped: true,
     }
 }

@@ -4,8 +4,8 @@
 use std::f64::consts::TAU;
 
 use analysis::sine::{
-    Channel, CodeScale, Drift, FitOptions, Note, Record, SineFit, ToneKind, fit_free_frequency,
-    fit_known_frequency,
+    Channel, CodeScale, Drift, FitOptions, Note, Record, SineFit, ToneKind, Varying,
+    fit_free_frequency, fit_known_frequency,
 };
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
@@ -88,6 +88,7 @@ fn with(drift: Drift, harmonics: &[u32], also_hz: &[f64]) -> FitOptions {
         harmonics: harmonics.to_vec(),
         also_hz: also_hz.to_vec(),
         decays_s: Vec::new(),
+        varying: Varying::None,
         exclude_clipped: true,
     }
 }

@@ -1,8 +1,9 @@
 //! The columns of the model, and how their sums move along the record.
 //!
 //! Columns in order: cos θ and −sin θ of each tone, the fundamental first; 1, t, t² as far as drift
-//! is fitted; exp(−t/τ) of each relaxation; and, for a free frequency, t·cos θ and −t·sin θ of the
-//! tones that move with it. t runs from −1 to 1 over the record.
+//! is fitted; exp(−t/τ) of each relaxation; then t·cos θ and −t·sin θ, for a sinusoid that changes of
+//! the fundamental, and for a free frequency of the tones that move with it. t runs from −1 to 1 over
+//! the record.
 //!
 //! Seen from another sample, all columns are a small linear map of themselves ([`Shift`]). Sums
 //! over a block relative to its first sample are therefore worth as much as sums relative to the
@@ -44,6 +45,8 @@ pub(super) struct Basis {
     /// Relaxation rates, 1 per sample.
     rates: Vec<f64>,
     timed: usize,
+    /// True if the columns of the first tone that are multiplied by time are fitted.
+    varying: bool,
     samples: usize,
     centre: f64,
     /// Normalised time per sample: the record spans −1…1.
@@ -61,6 +64,8 @@ pub(super) struct Make<'a> {
     pub(super) decays_s: &'a [f64],
     /// Number of first tones that also get columns multiplied by time.
     pub(super) timed: usize,
+    /// True if those of the first tone are fitted.
+    pub(super) varying: bool,
 }
 
 impl Basis {
@@ -77,7 +82,8 @@ impl Basis {
                 .iter()
                 .map(|tau_s| interval_s / tau_s)
                 .collect(),
-            timed: make.timed,
+            timed: make.timed.max(usize::from(make.varying)),
+            varying: make.varying,
             samples,
             centre: 0.5 * (samples as f64 - 1.0),
             time_step: 2.0 / samples as f64,
@@ -99,14 +105,19 @@ impl Basis {
         2 * self.tones.len() + self.powers
     }
 
+    /// First column that is multiplied by time.
+    pub(super) fn first_timed(&self) -> usize {
+        self.first_decay() + self.rates.len()
+    }
+
     /// Returns the number of columns that are fitted: the first ones.
     pub(super) fn fitted(&self) -> usize {
-        self.first_decay() + self.rates.len()
+        self.first_timed() + 2 * usize::from(self.varying)
     }
 
     /// Returns the number of columns.
     pub(super) fn columns(&self) -> usize {
-        self.fitted() + 2 * self.timed
+        self.first_timed() + 2 * self.timed
     }
 
     /// Returns the number of samples of the record.
@@ -128,6 +139,7 @@ impl Basis {
             powers: self.powers,
             fades,
             timed: self.timed,
+            varying: self.varying,
         }
     }
 
@@ -143,7 +155,7 @@ impl Basis {
             let turn = tone.turn(offset);
             (row[2 * j], row[2 * j + 1]) = (turn.re, -turn.im);
             if j < self.timed {
-                let at = self.fitted() + 2 * j;
+                let at = self.first_timed() + 2 * j;
                 (row[at], row[at + 1]) = (time * turn.re, -time * turn.im);
             }
         }
@@ -173,6 +185,7 @@ pub(super) struct Shift {
     /// Factor that remains of each relaxation.
     fades: Vec<f64>,
     timed: usize,
+    varying: bool,
 }
 
 impl Shift {
@@ -211,6 +224,12 @@ impl Shift {
     /// Maps coefficients of the fitted columns back: the model does not change if it is counted
     /// from another sample.
     pub(super) fn pull_back(&self, beta: &mut [f64]) {
+        if self.varying {
+            let first_timed = 2 * self.turns.len() + self.powers + self.fades.len();
+            beta[0] += self.time * beta[first_timed];
+            beta[1] += self.time * beta[first_timed + 1];
+            rotate(beta, first_timed, self.turns[0].conj());
+        }
         for (j, turn) in self.turns.iter().enumerate() {
             rotate(beta, 2 * j, turn.conj());
         }

@@ -13,6 +13,8 @@ pub struct FitOptions {
     /// Time constants of the fitted relaxations, s: the remainder of a change of the current before
     /// the record. See [`relaxations`].
     pub decays_s: Vec<f64>,
+    /// Change of the sinusoid over the record, fitted besides it. Only for a known frequency.
+    pub varying: Varying,
     /// Leaves clipped samples out; otherwise they are fitted as valid samples and only counted.
     pub exclude_clipped: bool,
 }
@@ -24,6 +26,7 @@ impl Default for FitOptions {
             harmonics: Vec::new(),
             also_hz: Vec::new(),
             decays_s: Vec::new(),
+            varying: Varying::None,
             exclude_clipped: true,
         }
     }
@@ -54,6 +57,16 @@ pub fn relaxations(length_s: f64) -> Vec<f64> {
 
 /// Greatest share of a relaxation that [`relaxations`] leave in a phasor.
 pub const RELAXATION_LEFT: f64 = 8.0e-4;
+
+/// Change of the amplitude and phase of the sinusoid over the record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Varying {
+    /// The sinusoid is the same throughout.
+    None,
+    /// The phasor moves along a straight line. The fitted phasor is that of the middle of the record.
+    /// Needs 3 periods, or it is left out.
+    Linear,
+}
 
 /// Slow change of a channel, as a polynomial of time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! Choice of the columns: those of the options that the record can separate.
 
-use super::{Drift, FitOptions, LeftOut, Note, ToneKind};
+use super::{Drift, FitOptions, LeftOut, Note, ToneKind, Varying};
 
 /// Minimum number of periods in a record to separate a parabola from a slow sinusoid.
 const MIN_PERIODS_QUADRATIC: f64 = 2.0;
@@ -9,6 +9,10 @@ const MIN_PERIODS_QUADRATIC: f64 = 2.0;
 /// 2 periods it would be 24 %.
 const MIN_PERIODS_RELAXATION: f64 = 4.0;
 
+/// Periods that a record must have for a sinusoid that changes: with fewer its columns are close to
+/// those of the drift and of the harmonics.
+const MIN_PERIODS_VARYING: f64 = 3.0;
+
 /// Terms that are fitted besides the fundamental.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Plan {
@@ -16,6 +20,8 @@ pub(super) struct Plan {
     pub(super) degree: usize,
     /// Time constants of relaxations, s.
     pub(super) decays_s: Vec<f64>,
+    /// True for a sinusoid that changes over the record.
+    pub(super) varying: bool,
     /// Orders of the harmonics.
     pub(super) harmonics: Vec<u32>,
     /// Frequencies of the others, Hz.
@@ -32,6 +38,7 @@ impl Plan {
         let mut plan = Self {
             degree: options.drift.degree(),
             decays_s: options.decays_s.clone(),
+            varying: options.varying == Varying::Linear,
             harmonics: Vec::new(),
             others_hz: Vec::new(),
             notes: Vec::new(),
@@ -41,6 +48,13 @@ impl Plan {
             plan.notes.push(Note::RelaxationLeftOut {
                 periods: freq_hz * duration_s,
                 needed: MIN_PERIODS_RELAXATION,
+            });
+        }
+        if plan.varying && freq_hz * duration_s < MIN_PERIODS_VARYING {
+            plan.varying = false;
+            plan.notes.push(Note::VaryingLeftOut {
+                periods: freq_hz * duration_s,
+                needed: MIN_PERIODS_VARYING,
             });
         }
         if options.drift == Drift::Quadratic && freq_hz * duration_s < MIN_PERIODS_QUADRATIC {
@@ -95,6 +109,9 @@ impl Plan {
         if !self.decays_s.is_empty() {
             notes.push(Note::RelaxationUndetermined { channel });
         }
+        if self.varying {
+            notes.push(Note::VaryingUndetermined { channel });
+        }
         let why = LeftOut::Undetermined { channel };
         notes.extend(
             self.tones(freq_hz)
@@ -104,6 +121,7 @@ impl Plan {
         (notes.len() > self.notes.len()).then_some(Self {
             degree,
             decays_s: Vec::new(),
+            varying: false,
             harmonics: Vec::new(),
             others_hz: Vec::new(),
             notes,

@@ -22,6 +22,9 @@ pub struct SineFit {
     /// True if relaxations were fitted.
     #[serde(default)]
     pub relaxed: bool,
+    /// True if a change of the sinusoid over the record was fitted.
+    #[serde(default)]
+    pub varying: bool,
     /// Tones at other frequencies: first the harmonics, then the rest.
     pub tones: Vec<Tone>,
     /// Notes on terms left out and on limits that the numbers do not show.
@@ -100,6 +103,19 @@ pub enum Note {
     },
     /// Relaxations were not fitted, for the usable samples of a channel do not determine them.
     RelaxationUndetermined {
+        /// Channel, counted from 1.
+        channel: usize,
+    },
+    /// The sinusoid was fitted as constant, because the record is too short to show a change.
+    VaryingLeftOut {
+        /// Periods in the record.
+        periods: f64,
+        /// Periods needed.
+        needed: f64,
+    },
+    /// The sinusoid was fitted as constant, for the usable samples of a channel do not determine a
+    /// change.
+    VaryingUndetermined {
         /// Channel, counted from 1.
         channel: usize,
     },
@@ -189,6 +205,20 @@ impl std::fmt::Display for Note {
                     f,
                     "no relaxation is fitted: the usable samples of channel {channel} do not \
                     determine one"
+                )
+            }
+            Self::VaryingLeftOut { periods, needed } => {
+                write!(
+                    f,
+                    "the sinusoid is fitted as constant: a change needs {needed} periods, the record \
+                    has {periods:.2}"
+                )
+            }
+            Self::VaryingUndetermined { channel } => {
+                write!(
+                    f,
+                    "the sinusoid is fitted as constant: the usable samples of channel {channel} do \
+                    not determine a change"
                 )
             }
             Self::DriftUndetermined { channel } => {
@@ -300,7 +330,8 @@ impl SineFit {
         let from_middle_s = time_s - 0.5 * self.interval_s * (self.samples as f64 - 1.0);
         let slow = fit.offset_v
             + from_middle_s * (fit.drift_v_per_s + from_middle_s * fit.curvature_v_per_s2);
-        Some(turned(fit.phasor, self.freq_hz) + tones + slow)
+        let phasor = fit.phasor + fit.phasor_slope * from_middle_s;
+        Some(turned(phasor, self.freq_hz) + tones + slow)
     }
 
     /// Returns the distortion of a channel by the fitted harmonics, or `None` without harmonics or
@@ -338,6 +369,9 @@ pub struct ChannelFit {
     /// rotates the phasors of all channels by the same angle and cancels in their ratios;
     /// [`SineFit::absolute_covariance`] includes it.
     pub variance: Covariance2,
+    /// Change of the phasor per second, V/s, against time zero at sample 0; zero unless fitted.
+    #[serde(default)]
+    pub phasor_slope: Complex64,
     /// Offset in the middle of the record, V.
     pub offset_v: f64,
     /// Drift in the middle of the record, V/s; zero unless fitted.

@@ -238,6 +238,8 @@ impl Task<'_> {
         let freqs_hz: Vec<f64> = std::iter::once(freq_hz)
             .chain(extras.iter().map(|(_, freq_hz)| *freq_hz))
             .collect();
+        // A fitted change of the sinusoid contains that by its frequency.
+        let varying = self.plan.varying && !self.free;
         let timed = if self.free {
             1 + self.plan.harmonics.len()
         } else {
@@ -248,6 +250,7 @@ impl Task<'_> {
             degree: self.plan.degree,
             decays_s: &self.plan.decays_s,
             timed,
+            varying,
         };
         let basis = Basis::new(&make, self.record.interval_s, samples(self.record));
         let stage = Stage::new(basis, self.record, self.exclude_clipped);
@@ -417,7 +420,7 @@ impl State {
         let mut derivative = vec![0.0; self.basis.columns()];
         let orders = std::iter::once(1).chain(plan.harmonics.iter().copied());
         for (tone, order) in orders.enumerate() {
-            let at = self.basis.fitted() + 2 * tone;
+            let at = self.basis.first_timed() + 2 * tone;
             derivative[at] = -f64::from(order) * beta[2 * tone + 1];
             derivative[at + 1] = f64::from(order) * beta[2 * tone];
         }
@@ -480,6 +483,7 @@ impl State {
             interval_s,
             iterations,
             relaxed,
+            varying: task.plan.varying && !task.free,
             tones,
             notes,
         }
@@ -511,7 +515,7 @@ impl State {
     /// Returns the sum of the relaxations, taken apart into the straight line through its ends and
     /// the rest.
     fn relaxed(&self, beta: &[f64]) -> Relaxed {
-        let (first, last) = (self.basis.first_decay(), self.basis.fitted());
+        let (first, last) = (self.basis.first_decay(), self.basis.first_timed());
         if first == last {
             return Relaxed::default();
         }
@@ -558,9 +562,16 @@ impl State {
         };
         let relaxed = self.relaxed(&solved.beta);
         let seconds_per_unit = record.interval_s / self.basis.time_step;
+        let timed = self.basis.first_timed();
+        let slope = match solved.beta.get(timed..timed + 2) {
+            Some([re, im]) => Complex64::new(*re, *im),
+            _ => Complex64::ZERO,
+        };
+        let to_sample_0 = self.basis.place(0).turn(0) * scale;
         ChannelFit {
             phasor,
             variance,
+            phasor_slope: slope * to_sample_0 / seconds_per_unit,
             offset_v: (power(0) + relaxed.middle + pivot(channel)) * scale + zero_v,
             drift_v_per_s: (power(1) + relaxed.slope) * scale / seconds_per_unit,
             curvature_v_per_s2: power(2) * scale / (seconds_per_unit * seconds_per_unit),

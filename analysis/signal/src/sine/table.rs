@@ -132,7 +132,7 @@ fn fixed(basis: &Basis, column: usize, exact: &[f64; BLOCK]) -> Option<Box<Fixed
             9,
             basis.time_step * basis.time_step,
         ))),
-        None if column < basis.fitted() => Some(Box::new(scaled(1.0))),
+        None if column < basis.first_timed() => Some(Box::new(scaled(1.0))),
         None => Some(Box::new(scaled(BLOCK as f64 * basis.time_step))),
     }
 }

@@ -63,7 +63,9 @@ impl ChannelPhasors {
     /// itself over the record (one standard deviation), as that of a relaxation with a time
     /// constant of one record does. The curvature d/T then adds (−1)ⁿ·d·T/(2π²n²) to the phasor of
     /// a record of n whole periods, in phase with a cosine about its middle. Fitted relaxations
-    /// remove the curvature except for [`RELAXATION_LEFT`] of it.
+    /// remove the curvature except for [`RELAXATION_LEFT`] of it. The same holds for a fitted change of
+    /// the phasor: if its slope changes by itself over a record of length T, the phasor of the middle is
+    /// wrong by slope·T/24.
     ///
     /// # Errors
     /// [`SpectrumError::Channels`] unless the fit has four channels.
@@ -91,7 +93,7 @@ impl ChannelPhasors {
                     Covariance2::circular(0.5 * (RELAXATION_LEFT * channel.relaxation_v).powi(2))
                 } else {
                     Covariance2::along(curve * channel.drift_v_per_s)
-                },
+                } + bent_change(fit, channel),
             }
         };
         Ok(Self {
@@ -104,6 +106,16 @@ impl ChannelPhasors {
     /// Returns the covariance of each phasor, V².
     pub fn totals(&self) -> [Covariance2; 4] {
         self.variance.map(|variance| variance.total())
+    }
+}
+
+/// Returns the variance by a change of the phasor that is not straight; zero unless a change was fitted.
+fn bent_change(fit: &SineFit, channel: &ChannelFit) -> Covariance2 {
+    let length_s = fit.interval_s * fit.samples as f64;
+    if fit.varying {
+        Covariance2::along(channel.phasor_slope * (length_s / 24.0))
+    } else {
+        Covariance2::ZERO
     }
 }
 

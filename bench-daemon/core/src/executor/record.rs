@@ -2,10 +2,11 @@
 //! samples give the same point, from the scope or later from a run folder.
 
 use analysis_signal::{
-    sine::{self, Channel, Distortion, FitOptions, LeftOut, Note, Record, SineFit},
+    sine::{self, Channel, ChannelFit, Distortion, FitOptions, LeftOut, Note, Record, SineFit},
     spectrum::ChannelPhasors,
 };
 use instruments::{fixture::Fixture, scope::Waveform};
+use num_complex::Complex64;
 
 use super::ExecuteError;
 use crate::record::code_scale;
@@ -114,8 +115,13 @@ pub fn analyse(
     if let Some(mains_hz) = mains_hz {
         options = options.with_mains(mains_hz, MAINS_ORDERS);
     }
-    let fit = sine::fit_known_frequency(&record, freq_hz, &options)
-        .map_err(|error| fail(error.to_string()))?;
+    // The impedance of a cell moves with its charge and temperature; a control has none.
+    let fit = if fixture == Fixture::Cell {
+        sine::fit_with_change(&record, freq_hz, &options)
+    } else {
+        sine::fit_known_frequency(&record, freq_hz, &options)
+    }
+    .map_err(|error| fail(error.to_string()))?;
     let free = sine::fit_free_frequency(&record, Some(freq_hz), &options)
         .map_err(|error| fail(error.to_string()))?;
     if (free.freq_hz / freq_hz - 1.0).abs() > FREQ_TOLERANCE {
@@ -139,12 +145,14 @@ pub fn analyse(
         ..fit_harmonics_and_drift(&record, freq_hz)
     };
     warnings.extend(unsteady(&fit, &harmonics_and_drift));
+    let change = impedance_change(&fit);
+    warnings.extend(change.map(change_in_words));
     let clipped = fit
         .channels
         .iter()
         .map(|channel| channel.clipped_samples as f64 / fit.samples as f64)
         .fold(0.0, f64::max);
-    let measures = measure(&record, &phasors, &harmonics_and_drift, clipped);
+    let measures = measure(&record, &phasors, &harmonics_and_drift, clipped).less_change(change);
     Ok(SweepPoint {
         fixture,
         index,
@@ -190,6 +198,28 @@ pub fn check_channels(
             cause,
         })
     })
+}
+
+/// Returns the change of the impedance over the record, relative to it, if the fit contains one.
+fn impedance_change(fit: &SineFit) -> Option<Complex64> {
+    let [c1, c2, c3, c4] = fit.channels.as_slice() else {
+        return None;
+    };
+    let length_s = fit.interval_s * fit.samples as f64;
+    let relative = |high: &ChannelFit, low: &ChannelFit| {
+        (high.phasor_slope - low.phasor_slope) / (high.phasor - low.phasor)
+    };
+    let change = (relative(c4, c3) - relative(c2, c1)) * length_s;
+    (fit.varying && change.is_finite()).then_some(change)
+}
+
+pub(super) fn change_in_words(change: Complex64) -> String {
+    // Round the size to its decade, so that a change of many records is reported once.
+    let least = 10.0_f64.powf((100.0 * change.norm()).log10().floor());
+    format!(
+        "the impedance changes by {least} % to {} % over the record: the point is that of its middle",
+        10.0 * least
+    )
 }
 
 /// Describes a relaxation that the record shows.

@@ -137,6 +137,28 @@ impl std::fmt::Display for Failing {
     }
 }
 
+/// Greatest change of the impedance over a record that the fit may explain. A larger one remains a
+/// difference of the halves: it need not be a straight line.
+const MOST_CHANGE: f64 = 0.05;
+
+impl Measures {
+    /// Returns the same without the difference of the halves that a fitted change of the impedance over
+    /// the record, relative to it, explains: half of it, because the middles of the halves lie half a
+    /// record apart.
+    #[must_use]
+    pub fn less_change(self, change: Option<Complex64>) -> Self {
+        let explained = change.map_or(0.0, Complex64::norm);
+        if explained > MOST_CHANGE {
+            return self;
+        }
+        let less = |(value, sigma): (f64, f64)| ((value - 0.5 * explained).abs(), sigma);
+        Self {
+            repeatability: self.repeatability.map(less),
+            ..self
+        }
+    }
+}
+
 impl Quality {
     /// Returns the limits that a record exceeds.
     pub fn judge(&self, measures: &Measures) -> Vec<Failing> {
@@ -456,6 +478,22 @@ mod tests {
             residual.to_string(),
             "Kramers–Kronig residual: expected at most 1.0 %, found 2.0 %"
         );
+    }
+
+    #[test]
+    fn a_small_change_that_the_fit_contains_is_no_difference_of_the_halves() {
+        let measures = Measures {
+            repeatability: Some((0.02, 0.001)),
+            ..Measures::default()
+        };
+        let left = |change: f64| {
+            let less = measures.less_change(Some(Complex64::new(0.0, change)));
+            less.repeatability.unwrap()
+        };
+        assert!((left(0.04).0).abs() < 1e-12 && (left(0.04).1 - 0.001).abs() < 1e-12);
+        assert!((left(0.01).0 - 0.015).abs() < 1e-12);
+        assert_eq!(left(0.3), (0.02, 0.001));
+        assert_eq!(measures.less_change(None), measures);
     }
 
     #[test]
