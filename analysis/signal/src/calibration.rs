@@ -279,6 +279,19 @@ impl Correction {
         }
     }
 
+    /// Returns the phasor of the current through the shunt, A.
+    pub fn current(&self, phasors: &ChannelPhasors) -> Complex64 {
+        Harness::new(&self.values, phasors).current().value
+    }
+
+    /// Returns the voltage across the jig, V, without what an impedance in it makes of the current, with
+    /// the covariance by the noise of the phasors and by the correction.
+    pub fn rest(&self, phasors: &ChannelPhasors, z_ohm: Complex64) -> (Complex64, Covariance2) {
+        let rest = Harness::new(&self.values, phasors).rest(z_ohm);
+        let covariance = rest.noise(&phasors.totals()) + rest.carried(&self.covariance);
+        (rest.value, covariance)
+    }
+
     /// Returns the direct current through the shunt, A, and the direct voltage across the jig, V,
     /// from the four channels, V, less their readings without a current: offsets do not belong to
     /// the harness. A gain that all channels share affects both and is not detected.

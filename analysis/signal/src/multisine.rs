@@ -11,6 +11,7 @@
 //! Numbers in, numbers out: contains no generator and no scope.
 
 mod analyse;
+mod changing;
 mod crest;
 mod grid;
 mod images;
@@ -18,9 +19,10 @@ mod measured_images;
 mod placement;
 
 pub use analyse::{
-    Line, MultisineError, MultisineFit, analyse, analyse_played, clock_offset, nonlinear,
-    with_distortion,
+    Line, MultisineError, MultisineFit, analyse, analyse_changing, analyse_played, clock_offset,
+    nonlinear, with_distortion,
 };
+pub use changing::Change;
 pub use crest::{Design, design};
 pub use grid::odd_grid;
 pub use images::{Excited, Image, Sampling, images};

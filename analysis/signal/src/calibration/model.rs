@@ -175,6 +175,18 @@ impl<'a> Harness<'a> {
         (v2 - v1) / self.impedance_of(SHUNT_R, SHUNT_L)
     }
 
+    /// Returns the voltage across the jig, V, without what an impedance `z_ohm` in it makes of the current.
+    pub(super) fn rest(&self, z_ohm: Complex64) -> Slope {
+        let [.., v3, v4] = self.tips;
+        let i = self.current();
+        let u = v4 - v3 - self.reactance(MUTUAL_JIG) * i;
+        let z = Slope {
+            value: z_ohm,
+            slopes: [Complex64::default(); SLOPES],
+        };
+        u - z * (i - self.stray() * u)
+    }
+
     /// Returns the impedance of the fixture in the jig, Ω.
     pub(super) fn impedance(&self) -> Slope {
         let [.., v3, v4] = self.tips;

@@ -11,6 +11,7 @@ use rustfft::FftPlanner;
 use serde::{Deserialize, Serialize};
 
 use super::{
+    changing::{Bins, Change, take_out_change},
     images::{Excited, Sampling},
     measured_images::{MeasuredImages, Pairs, Proof},
 };
@@ -149,7 +150,49 @@ pub fn analyse_played(
     excited: Excited<'_>,
     steps: usize,
 ) -> Result<MultisineFit, MultisineError> {
-    let (mut fit, bins) = analysed(channels, interval_s, excited)?;
+    let (fit, bins) = analysed(channels, interval_s, excited)?;
+    Ok(with_images(fit, &bins, excited, steps))
+}
+
+/// Analyses a record of a system that may change over it, as a cell under a direct current does. If the
+/// bins between the harmonics show a change, it is taken out, and the phasors are those of the middle
+/// of the record; otherwise the result is that of [`analyse`] or, with the generator's steps of a
+/// period, of [`analyse_played`].
+///
+/// # Errors
+/// [`MultisineError`] for an invalid record.
+pub fn analyse_changing(
+    channels: [&[f64]; 4],
+    interval_s: f64,
+    excited: Excited<'_>,
+    steps: Option<usize>,
+) -> Result<(MultisineFit, Option<Change>), MultisineError> {
+    let (mut fit, mut bins) = analysed(channels, interval_s, excited)?;
+    let change = take_out_change(&mut bins, fit.periods, excited).map(|(change, variances)| {
+        let drift_v = fit.drift_v;
+        fit = MultisineFit {
+            drift_v,
+            ..collected(&bins, excited, fit.periods)
+        };
+        for (phasors, variance) in fit.excited.iter_mut().zip(variances) {
+            phasors.variance = variance;
+        }
+        change
+    });
+    let fit = match steps {
+        Some(steps) => with_images(fit, &bins, excited, steps),
+        None => fit,
+    };
+    Ok((fit, change))
+}
+
+/// Adds what images of the generator's steps put onto the lines to their noise.
+fn with_images(
+    mut fit: MultisineFit,
+    bins: &[Bins],
+    excited: Excited<'_>,
+    steps: usize,
+) -> MultisineFit {
     let difference = |high: usize, low: usize| {
         bins[high]
             .0
@@ -165,7 +208,7 @@ pub fn analyse_played(
     let sampling = Sampling {
         steps,
         periods: fit.periods,
-        samples: channels[0].len(),
+        samples: bins[0].0.len(),
     };
     let seen = MeasuredImages::new(&pairs, excited, sampling);
     for phasors in [&mut fit.excited, &mut fit.even, &mut fit.odd] {
@@ -181,11 +224,8 @@ pub fn analyse_played(
     }
     fit.images_v2 = seen.onto(excited.harmonics);
     fit.proof = Some(seen.proof);
-    Ok(fit)
+    fit
 }
-
-/// Amplitudes of all bins of a channel, V, and its drift, V.
-type Bins = (Vec<Complex64>, f64);
 
 fn analysed(
     channels: [&[f64]; 4],
@@ -214,6 +254,12 @@ fn analysed(
         .iter()
         .map(|samples| transformed(samples, whole))
         .collect();
+    Ok((collected(&bins, excited, whole), bins))
+}
+
+/// Returns the phasors at the excited lines and beside them.
+fn collected(bins: &[Bins], excited: Excited<'_>, whole: usize) -> MultisineFit {
+    let Excited { base_hz, harmonics } = excited;
     let phasors = |harmonic: &usize| ChannelPhasors {
         freq_hz: *harmonic as f64 * base_hz,
         volts: [0, 1, 2, 3].map(|slot: usize| bins[slot].0[harmonic * whole]),
@@ -236,7 +282,7 @@ fn analysed(
         found.dedup();
         found.iter().map(phasors).collect()
     };
-    let fit = MultisineFit {
+    MultisineFit {
         base_hz,
         periods: whole,
         excited: harmonics.iter().map(phasors).collect(),
@@ -245,8 +291,7 @@ fn analysed(
         drift_v: [0, 1, 2, 3].map(|slot: usize| bins[slot].1),
         images_v2: vec![0.0; harmonics.len()],
         proof: None,
-    };
-    Ok((fit, bins))
+    }
 }
 
 /// Amplitudes of all bins (t = 0 at sample 0), V, and the drift over the record, V.
