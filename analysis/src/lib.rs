@@ -8,7 +8,7 @@
 //!   significant digits.
 //! * `analysis-plot` – [`plot`]: charts; [`report`]: pages.
 //! * `analysis-signal` – [`sine`]: fits of sinusoids to samples; [`spectrum`]: impedances with
-//!   uncertainty; [`calibration`]: harness; [`budget`]: uncertainty by cause; [`multisine`],
+//!   uncertainty; [`calibration`]: harness; [`budget`]: uncertainty by cause; [`nonlinear`]: harmonics; [`multisine`],
 //!   [`staircase`], [`series`]: records.
 //! * `analysis-model` – [`model`]: extended Randles model (ERM) and circuits; [`ocv`]: open-circuit
 //!   voltage; [`map`]: over state of charge and temperature; [`pack`].
@@ -17,7 +17,8 @@
 //! * `analysis-fit` – [`validity`]: tests of a spectrum; [`fit`]; [`drt`]: time constants;
 //!   [`joint`]: spectra and pulses; [`loads`]: rests and loads of a log; [`hppc`]: pulse resistances;
 //!   [`given`]: a model from a file or from text; [`rows`]: tables of
-//!   many results.
+//!   many results; [`under_current`]: sweeps under a direct current; [`usage`]: records of
+//!   ordinary use.
 //! * `analysis-forward` – [`forward`]: simulation under a load; [`sop`]: state of power.
 //! * `analysis-files` – [`run_folder`] and [`dataset`]: files of a run; [`formats`]: files of
 //!   other programs; [`batch`]: tables of many spectra; [`table`]: tables that a person writes;
@@ -81,7 +82,7 @@ pub use analysis_diagnosis as diagnosis;
 pub use analysis_effects::{augmented, contract, effects};
 #[cfg(feature = "files")]
 pub use analysis_files::{batch, dataset, formats, run_folder, table, thinning};
-pub use analysis_fit::{drt, fit, given, hppc, joint, loads, rows, validity};
+pub use analysis_fit::{drt, fit, given, hppc, joint, loads, rows, under_current, usage, validity};
 pub use analysis_forward::{forward, sop};
 pub use analysis_model::{model, ocv, pack};
 /// Resistances over state of charge and temperature.
@@ -92,7 +93,9 @@ pub mod map {
 pub use analysis_numeric::mixed;
 pub use analysis_numeric::{self as numeric, significant};
 pub use analysis_plot::report;
-pub use analysis_signal::{budget, calibration, multisine, series, sine, spectrum, staircase};
+pub use analysis_signal::{
+    budget, calibration, multisine, nonlinear, series, sine, spectrum, staircase,
+};
 
 /// Charts and plots.
 pub mod plot {

@@ -6,6 +6,8 @@ mod input;
 mod many;
 pub mod more;
 mod table;
+mod under_current;
+mod usage;
 
 use self::{
     group::Group,
@@ -44,6 +46,13 @@ const MOST_IN_FULL: usize = 3;
 /// A file or an argument that is not as expected; a fit that fails; a folder that cannot be
 /// written.
 pub fn fit(args: &FitArgs) -> Result<(), Failure> {
+    if args.usage {
+        return usage::evaluate(args);
+    }
+    if args.under_current {
+        under_current::refuse_others(args)?;
+        return under_current::compare(args);
+    }
     if let Some(circuit) = &args.circuit.circuit {
         return crate::command::fit::circuit::fit_circuit(args, circuit);
     }

@@ -312,3 +312,84 @@ fn bad_input_is_refused_with_exit_code_2_and_a_reason() {
         "{message}"
     );
 }
+
+#[test]
+fn sweeps_of_the_thesis_under_current_change_less_than_its_cells_differ() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let sweeps = thesis_sweeps();
+    let output = eis_bench(&[
+        "fit",
+        sweeps.to_str().unwrap(),
+        "--under-current",
+        "--same-cell",
+        "--out",
+        out,
+    ]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    let json = std::fs::read(folder.path().join("under_current.json")).unwrap();
+    let found: Value = serde_json::from_slice(&json).unwrap();
+    assert!(page.contains("Change of each resistance") && page.contains("Kramers–Kronig of"));
+    let changes = found["changes"].as_array().unwrap();
+    let currents: Vec<f64> = changes
+        .iter()
+        .map(|change| number(change, "bias_a"))
+        .collect();
+    assert_eq!(currents, [-2.0, 2.0, 5.0]);
+    // Between cells nothing is certain, because the cell of the three is not known.
+    assert_eq!(
+        text.matches("no change that is certain").count(),
+        4,
+        "{text}"
+    );
+    // The record under +5 A drifts: its lowest points are no impedance.
+    let left_out = |change: &Value| {
+        let points = change["flagged"].as_array().cloned().unwrap_or_default();
+        points
+            .iter()
+            .map(|point| number(point, "freq_hz"))
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(left_out(&changes[0]), [0.0; 0]);
+    assert_eq!(left_out(&changes[1]), [0.1]);
+    assert_eq!(left_out(&changes[2]).len(), 3);
+    // Taken as one cell, series resistance and arc fall with the sign of the current.
+    let plus_minus = &found["pairs"][0]["branches"];
+    for (index, share, sigma) in [(0, -0.023, 0.0035), (1, -0.057, 0.014)] {
+        let branch = &plus_minus[index];
+        assert!((number(branch, "share") - share).abs() < 0.002, "{branch}");
+        assert!((number(branch, "sigma") - sigma).abs() < 0.002, "{branch}");
+        assert!(number(branch, "p_adjusted") < 0.05, "{branch}");
+    }
+    let plus_plus = &found["pairs"][2]["branches"];
+    assert!(number(&plus_plus[0], "p_adjusted") > 0.3, "{plus_plus}");
+}
+
+#[test]
+fn a_comparison_under_current_refuses_what_it_does_not_do() {
+    let sweeps = thesis_sweeps();
+    for (more, expected) in [
+        (
+            &["--pool"][..],
+            "--pool: expected no --under-current beside it",
+        ),
+        (
+            &["--rc", "1,2"],
+            "--rc: expected `auto` or one number from 1 to 8",
+        ),
+    ] {
+        let words = [&["fit", sweeps.to_str().unwrap(), "--under-current"], more].concat();
+        let output = eis_bench(&words);
+        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(
+            !output.status.success() && error.contains(expected),
+            "{error}"
+        );
+    }
+}

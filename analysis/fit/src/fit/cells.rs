@@ -316,7 +316,7 @@ fn with_shared(mut mean: Spectrum, sweeps: &[Spectrum]) -> Spectrum {
 
 /// Returns the standard deviation of repeats over |Z|, averaged over neighbouring frequencies,
 /// because a variance with few degrees of freedom is a poor weight.
-fn smooth_relative(
+pub(crate) fn smooth_relative(
     spread: &[FrequencySpread],
     part: fn(&FrequencySpread) -> &Components,
 ) -> Vec<f64> {

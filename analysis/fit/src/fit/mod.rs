@@ -44,6 +44,7 @@ mod zero;
 
 pub(crate) use addition::augmented;
 pub use addition::{Addition, AdditionEvidence, AdditionParameter};
+pub(crate) use cells::smooth_relative;
 pub use cells::{CellSweeps, Components, FrequencySpread, components, frequency_spread};
 pub use circuit::{
     CircuitFit, CircuitFitError, CircuitOptions, MAX_STARTS, Search, State, Weight, fit_circuit,

@@ -38,6 +38,18 @@ pub struct FitArgs {
     /// Fit one model to all spectra instead of one to each.
     #[arg(long)]
     pub pool: bool,
+    /// Compare spectra with a direct current with those without: the change of each resistance, and
+    /// how certain it is. --rc is one number, or `auto`.
+    #[arg(long)]
+    pub under_current: bool,
+    /// The spectra with a direct current are of one cell: compare them with each other as well.
+    #[arg(long, requires = "under_current")]
+    pub same_cell: bool,
+    /// The files are logs of ordinary use: time, current and voltage of a cell, or a table with the
+    /// columns `time_s`, `current_a` and a voltage `NAME_v` of each cell of a string. Prints impedance,
+    /// model and the weak cell of a string.
+    #[arg(long, conflicts_with_all = ["under_current", "pool", "circuit", "table"])]
+    pub usage: bool,
     /// Orders: a number of RC pairs, several separated by commas, `all` for 1 to 4, or `auto` for
     /// the order that the data support.
     #[arg(long, default_value = "auto", value_name = "N|all|auto")]
@@ -69,50 +81,31 @@ pub struct FitArgs {
     pub json: bool,
 }
 
+/// The spectra of the files.
+pub(super) struct Spectra {
+    /// Cells without a direct current.
+    pub(super) cells: Vec<SourcedSpectrum>,
+    /// Cells with one.
+    pub(super) biased: Vec<SourcedSpectrum>,
+    /// Control impedances.
+    pub(super) controls: Vec<Spectrum>,
+}
+
 /// The spectra to be fitted, and the control impedances that came with them. Sweeps with a bias
 /// belong to neither.
 pub(crate) fn read(args: &FitArgs) -> Result<(Vec<SourcedSpectrum>, Vec<Spectrum>), Failure> {
-    let mut cells = Vec::new();
-    let mut others = Vec::new();
-    let mut passed_over = Vec::new();
-    let mut slopes = command::ocv_slope::KnownSlopes::default();
-    for file in &args.files {
-        // The elements of a circuit define what stores charge.
-        let is_erm = args.circuit.circuit.is_none();
-        let slope = is_erm.then(|| slopes.of(&args.slope, file)).flatten();
-        for mut sourced in files::read_spectra(file)? {
-            sourced
-                .spectrum
-                .keep(|p| (args.from_hz..=args.to_hz).contains(&p.freq_hz));
-            sourced
-                .flagged
-                .retain(|p| (args.from_hz..=args.to_hz).contains(&p.freq_hz));
-            if sourced.spectrum.points.is_empty() {
-                let met = format!("none from {} Hz to {} Hz", args.from_hz, args.to_hz);
-                return Err(Failure::Usage(format!(
-                    "{}: expected frequencies to be fitted, found {met}",
-                    file.display()
-                )));
-            }
-            if sourced.origin.is_unbiased_cell() {
-                files::leave_out_refused(&mut sourced, args.refused_points)?;
-                if let Some(slope) = slope {
-                    sourced.spectrum = sourced.spectrum.less_charge_storage(slope);
-                }
-                cells.push(sourced);
-            } else {
-                let SourcedSpectrum {
-                    origin, spectrum, ..
-                } = sourced;
-                passed_over.push(spectrum.name.clone());
-                if origin.fixture.as_deref() != Some("cell")
-                    && origin.bias_a.is_none_or(|bias| bias == 0.0)
-                {
-                    others.push(spectrum);
-                }
-            }
-        }
-    }
+    let Spectra {
+        cells,
+        biased,
+        controls,
+    } = read_all(args)?;
+    let controls_passed_over = controls.iter().map(|spectrum| &spectrum.name);
+    let passed_over: Vec<&str> = biased
+        .iter()
+        .map(|one| &one.spectrum.name)
+        .chain(controls_passed_over)
+        .map(String::as_str)
+        .collect();
     if !passed_over.is_empty() {
         remark!(
             "not fitted, because they are controls or carry a direct current: {}",
@@ -128,5 +121,58 @@ pub(crate) fn read(args: &FitArgs) -> Result<(Vec<SourcedSpectrum>, Vec<Spectrum
                 .to_owned(),
         ));
     }
-    Ok((cells, others))
+    Ok((cells, controls))
+}
+
+/// Reads the files, in the band of the fit and without refused points.
+pub(super) fn read_all(args: &FitArgs) -> Result<Spectra, Failure> {
+    let mut spectra = Spectra {
+        cells: Vec::new(),
+        biased: Vec::new(),
+        controls: Vec::new(),
+    };
+    let mut slopes = command::ocv_slope::KnownSlopes::default();
+    for file in &args.files {
+        // The elements of a circuit define what stores charge. A comparison leaves it in both.
+        let is_erm = args.circuit.circuit.is_none() && !args.under_current;
+        let slope = is_erm.then(|| slopes.of(&args.slope, file)).flatten();
+        for mut sourced in files::read_spectra(file)? {
+            sourced
+                .spectrum
+                .keep(|p| (args.from_hz..=args.to_hz).contains(&p.freq_hz));
+            sourced
+                .flagged
+                .retain(|p| (args.from_hz..=args.to_hz).contains(&p.freq_hz));
+            if sourced.spectrum.points.is_empty() {
+                let met = format!("none from {} Hz to {} Hz", args.from_hz, args.to_hz);
+                return Err(Failure::Usage(format!(
+                    "{}: expected frequencies to be fitted, found {met}",
+                    file.display()
+                )));
+            }
+            let is_cell = sourced
+                .origin
+                .fixture
+                .as_deref()
+                .is_none_or(|f| f == "cell");
+            let is_biased = sourced.origin.bias_a.is_some_and(|bias| bias != 0.0);
+            match (is_cell, is_biased) {
+                (true, false) => {
+                    files::leave_out_refused(&mut sourced, args.refused_points)?;
+                    if let Some(slope) = slope {
+                        sourced.spectrum = sourced.spectrum.less_charge_storage(slope);
+                    }
+                    spectra.cells.push(sourced);
+                }
+                (true, true) => {
+                    if args.under_current {
+                        files::leave_out_refused(&mut sourced, args.refused_points)?;
+                    }
+                    spectra.biased.push(sourced);
+                }
+                (false, _) => spectra.controls.push(sourced.spectrum),
+            }
+        }
+    }
+    Ok(spectra)
 }
