@@ -123,6 +123,20 @@ pub const ZERO_FRAME: &str = "zero";
 /// Prefix of the names of files and folders that were recorded beside the sweeps.
 pub const RECORDED: [&str; 3] = ["series_", "ocv_", CAPTURES];
 
+/// Impedance, second and third harmonic of the cell in each sweep, [`HARMONIC_COLUMNS`].
+pub const HARMONICS: &str = "harmonics.csv";
+/// Their picture.
+pub const HARMONICS_FIGURE: &str = "harmonics";
+/// Columns of [`HARMONICS`].
+pub const HARMONIC_COLUMNS: &str = "sweep,bias_a,amplitude_a,freq_hz,order,z_re,z_im,sigma_re,\
+    sigma_im,cov_re_im,unit";
+/// The impedance over frequency and charge along a charge or discharge, [`OPERANDO_COLUMNS`].
+pub const OPERANDO: &str = "operando.csv";
+/// Its picture.
+pub const OPERANDO_FIGURE: &str = "operando";
+/// Columns of [`OPERANDO`].
+pub const OPERANDO_COLUMNS: &str = "number,charge_c,soc,bias_measured_a,temperature_c,freq_hz,\
+    z_re_ohm,z_im_ohm,sigma_re_ohm,sigma_im_ohm,cov_re_im_ohm2";
 /// Columns of the lines of a multisine.
 pub const LINE_COLUMNS: &str = "freq_hz,noise,even,odd,sigma,images";
 /// Columns of [`OCV`].

@@ -147,7 +147,7 @@ impl<'a> Executor<'a> {
                 self.report_moved_charge();
                 return Err(error);
             }
-            if matches!(step, Step::Sine { .. }) {
+            if matches!(step, Step::Sine { .. } | Step::Multisine(_)) {
                 self.check_bias(stage.bias_at(index))?;
             }
             tracing::info!("step: {step}");

@@ -582,3 +582,34 @@ fn the_uncertainty_of_a_point_under_a_direct_current_covers_the_truth() {
         assert!(share >= 0.9, "{bias_a} A: {within} of {all}");
     }
 }
+
+/// A symmetric charge transfer is odd about rest and curved about a direct current.
+#[test]
+fn the_second_harmonic_of_a_symmetric_charge_transfer_appears_under_a_direct_current() {
+    let bias = "bias = [\"0 A\", \"-10 A\"]\nbias_charge = \"20 %\"\nresistance_max = \"20 mΩ\"";
+    let files = biased(5.0, 7, bias)
+        .edit(EXPERIMENT, "amplitude = \"1 A\"", "amplitude = \"5 A\"")
+        .append(SCENARIO, BUTLER_VOLMER);
+    run(&files);
+    let table = fs::read_to_string(files.path("run").join("harmonics.csv")).unwrap();
+    // Weighted mean of the real part of the second harmonic, in its standard deviations.
+    let second = |sweep: &str| {
+        let (mut sum, mut weight) = (0.0, 0.0);
+        for line in table.lines().skip(1) {
+            let fields: Vec<&str> = line.split(',').collect();
+            let number = |column: usize| fields[column].parse::<f64>().unwrap();
+            if fields[0] == sweep && fields[4] == "2" {
+                assert_eq!(fields[10], "V/A2");
+                sum += number(5) / number(7).powi(2);
+                weight += number(7).powi(-2);
+            }
+        }
+        assert!(weight > 0.0, "{table}");
+        sum / weight.sqrt()
+    };
+    let (rest, biased) = (second("1"), second("2"));
+    eprintln!("second harmonic at rest {rest} σ, under -10 A {biased} σ");
+    assert!(rest.abs() < 4.0, "{rest}");
+    // The law flattens with the current.
+    assert!(biased > 5.0, "{biased}");
+}

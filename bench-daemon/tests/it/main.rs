@@ -53,6 +53,7 @@ mod multisine;
 mod observe;
 mod ocv_joint;
 mod ocv_soc;
+mod operando;
 #[cfg(feature = "otlp")]
 mod otlp;
 mod outputs_state;

@@ -616,3 +616,29 @@ fn steps_that_follow_each_other_fast_do_not_keep_the_cell_from_being_watched() {
         "{longest_s} s without a reading: {flowing:?}"
     );
 }
+
+#[test]
+fn a_direct_current_is_added_to_every_row_of_currents_and_not_to_powers() {
+    let currents = |files: &Files| -> Vec<f64> {
+        let experiment = files.load();
+        let segments = experiment.traces[0].segments.iter();
+        segments.map(|segment| segment.current_a).collect()
+    };
+    let key =
+        |bias: &str| trace_only().edit(EXPERIMENT, "segments = [", &format!("{bias}segments = ["));
+    assert_eq!(currents(&key("")), [-5.0, 0.0, 3.0, 0.0]);
+    assert_eq!(
+        currents(&key("bias = \"-1.5 A\"\n")),
+        [-6.5, -1.5, 1.5, -1.5]
+    );
+    let powers = key("bias = \"1 A\"\n").edit(EXPERIMENT, "current = \"3 A\"", "power = \"3 W\"");
+    let message = load_experiment(&powers.experiment(), None)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.contains(
+            "traces.pulses.bias: expected rows of currents beside it, found a power in row 3"
+        ),
+        "{message}"
+    );
+}

@@ -4,10 +4,10 @@
 use analysis_files::run_folder;
 use analysis_signal::{
     multisine::{
-        Excited, Line, MultisineFit, analyse, analyse_played, clock_offset, nonlinear,
-        with_distortion,
+        Change, Excited, Line, MultisineFit, analyse, analyse_changing, analyse_played,
+        clock_offset, nonlinear, with_distortion,
     },
-    spectrum::{ChannelPhasors, ImpedancePoint, raw_impedance},
+    spectrum::{ChannelPhasors, ImpedancePoint, PhasorVariance, raw_impedance},
 };
 use instruments::{
     fixture::Fixture,
@@ -16,7 +16,11 @@ use instruments::{
     units::{Hertz, Seconds, Volts},
 };
 
-use super::{ExecuteError, Executor, Rig, burst::MOST_LONGER, crest::Drawn, require};
+use super::{
+    ExecuteError, Executor, Rig, burst::MOST_LONGER, crest::Drawn, record::change_in_words, require,
+};
+use num_complex::Complex64;
+
 use crate::record::{capture_of, code_scale};
 use bench_plan::{
     measure::{
@@ -55,8 +59,8 @@ impl BandFit {
     }
 }
 
-/// Converts a record of one band, in volts, to its lines. The function is pure: an old record
-/// gives the same lines.
+/// Converts a record of one band, in volts, to its lines; `changing` under a direct current, where the
+/// cell may change over the record. The function is pure: an old record gives the same lines.
 ///
 /// # Errors
 /// Fails if the record cannot be analysed.
@@ -64,17 +68,30 @@ pub fn fit_band(
     band: &Band,
     channels: [&[f64]; 4],
     interval_s: f64,
+    changing: bool,
 ) -> Result<BandFit, ExecuteError> {
-    fit_of(band, channels, interval_s).map(|fit| BandFit::of(&fit))
+    fit_of(band, channels, interval_s, changing).map(|(fit, _)| BandFit::of(&fit))
 }
 
 fn fit_of(
     band: &Band,
     channels: [&[f64]; 4],
     interval_s: f64,
-) -> Result<MultisineFit, ExecuteError> {
-    analyse_played(channels, interval_s, excited(band), band.steps)
-        .map_err(|error| failed(band, error))
+    changing: bool,
+) -> Result<(MultisineFit, Option<Change>), ExecuteError> {
+    let fit = if changing {
+        analyse_changing(channels, interval_s, excited(band), Some(band.steps))
+    } else {
+        analyse_played(channels, interval_s, excited(band), band.steps).map(|fit| (fit, None))
+    };
+    fit.map_err(|error| failed(band, error))
+}
+
+/// One screen of whole periods.
+struct Rolled {
+    waveforms: [Waveform; 4],
+    /// Bench time of its middle, s.
+    middle_s: f64,
 }
 
 /// Returns the lines of a band.
@@ -87,16 +104,17 @@ fn excited(band: &Band) -> Excited<'_> {
 
 impl Rig<'_> {
     async fn play_wave(&mut self, band: &Band) -> Result<(), ExecuteError> {
+        let offset_v = self.offset_v(self.driving.bias.commanded_a);
         let wiring = &self.setup.wiring;
         let sine = Sine {
             freq: Hertz(band.base_hz),
             amplitude: Volts(wiring.command_v(band.peak_a).abs()),
-            offset: Volts(wiring.command_offset_v),
+            offset: Volts(offset_v),
         };
         let wave = Wave::named("eis", band.design.samples(band.steps), sine);
         let error = self.bench.error("generator");
         let generator = require(&mut self.bench.instruments.generator, "generator")?;
-        // A wave is loaded while the least sine is active, never while a current flows.
+        // A wave is loaded while the least sine is active: at most the direct current flows.
         generator.quiet(wave.offset).await.map_err(&error)?;
         generator.wave(&wave).await.map_err(error)?;
         self.no_burst();
@@ -106,11 +124,12 @@ impl Rig<'_> {
     fn lines(
         &mut self,
         band: &Band,
-        waveforms: &[Waveform; 4],
+        rolled: &Rolled,
         first: usize,
         captures: usize,
         mut warnings: Vec<String>,
     ) -> Result<Vec<(SweepPoint, Line)>, ExecuteError> {
+        let waveforms = &rolled.waveforms;
         let volts = waveforms.each_ref().map(|waveform| {
             let scale = code_scale(waveform);
             waveform
@@ -122,8 +141,9 @@ impl Rig<'_> {
         let excited = excited(band);
         let (channels, interval_s) = (volts.each_ref().map(Vec::as_slice), waveforms[0].interval_s);
         warnings.extend(self.judge_clocks(band, clock_offset(channels, interval_s, excited))?);
-        let fit = fit_of(band, channels, interval_s)?;
+        let (fit, change) = fit_of(band, channels, interval_s, self.driving.bias.is_on())?;
         warnings.extend(judge_images(&fit));
+        warnings.extend(greatest(change.as_ref()).map(change_in_words));
         let commanded_a = band.design.amplitude * band.peak_a;
         for phasors in &fit.excited {
             self.check_loop(phasors, commanded_a)?;
@@ -145,10 +165,17 @@ impl Rig<'_> {
                 clipped,
                 noise,
                 distortion: (line.even.max(line.odd), line.sigma),
-                drift: 0.0,
+                drift: drift_share(&fit.excited[k]),
                 repeatability,
             }
+            .less_change(
+                change
+                    .as_ref()
+                    .and_then(|change| change.relative.get(k).copied()),
+            )
         };
+        let last_degc = self.temperatures.last_degc;
+        let conditions = self.driving.bias.conditions(rolled.middle_s, last_degc);
         let (time_s, volts_per_div) = (
             self.clock.now_s(),
             waveforms
@@ -170,7 +197,7 @@ impl Rig<'_> {
             spent: bench_plan::measure::Spent::default(),
             measures: measures(k),
             failing: Vec::new(),
-            conditions: None,
+            conditions,
         };
         Ok(phasors
             .iter()
@@ -267,22 +294,26 @@ impl Executor<'_> {
         }
         let mut warnings = Vec::new();
         for attempt in 0..=MAX_RANGING {
-            let waveforms = self.settled_roll(band, attempt, taken).await?;
+            let rolled = self.settled_roll(band, attempt, taken).await?;
+            let waveforms = &rolled.waveforms;
             let drawn = Drawn {
-                waveforms: &waveforms,
+                waveforms,
                 freq_hz: band.base_hz,
                 amplitude_a: band.peak_a,
             };
             self.rig.crest(Fixture::Cell, &drawn).await?;
-            let ranged = self.scope.range_again(&waveforms, &scope);
+            let ranged = self.scope.range_again(waveforms, &scope);
             let clipped = waveforms
                 .iter()
                 .any(|waveform| waveform.clipped_share() > 0.0);
             if ranged.is_empty() || (attempt == MAX_RANGING && !clipped) {
                 warnings.extend(ranged);
+                if self.rig.driving.bias.is_on() {
+                    self.scope.follow(&waveforms[3]);
+                }
                 return self
                     .rig
-                    .lines(band, &waveforms, first, taken + attempt + 1, warnings);
+                    .lines(band, &rolled, first, taken + attempt + 1, warnings);
             }
             warnings.push(format!("measured again: {}", ranged.join("; ")));
         }
@@ -299,7 +330,7 @@ impl Executor<'_> {
         band: &Band,
         attempt: usize,
         taken: usize,
-    ) -> Result<[Waveform; 4], ExecuteError> {
+    ) -> Result<Rolled, ExecuteError> {
         let needed_s = band.settle_s + band.span_s + FILL_S;
         for longer in 0..=MOST_LONGER {
             // A signal without an end continues, and has settled.
@@ -309,8 +340,8 @@ impl Executor<'_> {
                     .wait_watching(band.settle_s, "sine", Fixture::Cell)
                     .await?;
             }
-            if let Some(waveforms) = self.roll(band, taken + attempt).await? {
-                return Ok(waveforms);
+            if let Some(rolled) = self.roll(band, taken + attempt).await? {
+                return Ok(rolled);
             }
         }
         Err(failed(
@@ -321,11 +352,7 @@ impl Executor<'_> {
 
     /// Records one screen of whole periods, which is on disk when this returns. Returns nothing if
     /// the signal has ended, or would end, before the record does.
-    async fn roll(
-        &mut self,
-        band: &Band,
-        attempt: usize,
-    ) -> Result<Option<[Waveform; 4]>, ExecuteError> {
+    async fn roll(&mut self, band: &Band, attempt: usize) -> Result<Option<Rolled>, ExecuteError> {
         self.scope.apply(self.rig.bench).await?;
         let error = self.rig.bench.error("scope");
         let level = self.scope.out_of_reach();
@@ -386,7 +413,10 @@ impl Executor<'_> {
             &run_folder::band_capture(band.number, attempt),
             &capture,
         )?;
-        Ok(Some(waveforms))
+        Ok(Some(Rolled {
+            waveforms,
+            middle_s: end_s - 0.5 * band.span_s,
+        }))
     }
 }
 
@@ -408,6 +438,25 @@ fn judge_images(fit: &MultisineFit) -> Option<String> {
     Some(format!(
         "{missing}; {strange}: the images on the measured lines are not known"
     ))
+}
+
+/// Returns the change of the line that changes most, relative to its impedance.
+fn greatest(change: Option<&Change>) -> Option<Complex64> {
+    let all = change?.relative.iter().copied();
+    all.max_by(|a, b| a.norm().total_cmp(&b.norm()))
+}
+
+/// Returns the possible error of Z due to a change that is not straight, relative to |Z|.
+fn drift_share(phasors: &ChannelPhasors) -> f64 {
+    let only = phasors.variance.map(|all| PhasorVariance {
+        noise: all.drift,
+        ..PhasorVariance::circular(0.0)
+    });
+    let drift = ChannelPhasors {
+        variance: only,
+        ..*phasors
+    };
+    noise_share(&drift)
 }
 
 /// Returns the standard deviation of Z due to noise, relative to |Z|.

@@ -75,10 +75,8 @@ impl Rig<'_> {
         // The charge in a piece of copper is not judged.
         let sweep_coulomb = |swing_coulomb: f64| {
             if idle.cell {
-                (
-                    -drift_coulomb - swing_coulomb,
-                    drift_coulomb + swing_coulomb,
-                )
+                let most = drift_coulomb + swing_coulomb + self.driving.bias.unsure_coulomb();
+                (-most, most)
             } else {
                 idle.charge_coulomb
             }
@@ -150,9 +148,15 @@ impl Rig<'_> {
                         .first()
                         .map_or(1.0, |line| *line as f64);
                 let swing_s = swing_s(slowest_hz, band.design.amplitude * band.peak_a);
-                let (limits, mean) = (
-                    powered.bounded(drawn(band.peak_a), drawn(band.peak_a)),
-                    multisine_mean(1.0 / band.base_hz, band.peak_a),
+                let bias = &self.driving.bias;
+                let mean = multisine_mean(1.0 / band.base_hz, band.peak_a).map(|mean| Mean {
+                    around_a: bias.meter_a,
+                    ..mean
+                });
+                let limits = drawn_within(
+                    &powered,
+                    bias.commanded_a - band.peak_a,
+                    bias.commanded_a + band.peak_a,
                 );
                 Allowance {
                     continues: true,

@@ -123,13 +123,11 @@ impl<'a, 'b> Drive<'a, 'b> {
             .filter(|(number, _)| context.replay.finished(*number))
         {
             if let Purpose::Multisine(repeat) = stage.purpose {
-                self.accumulator
-                    .measured
-                    .multisines
-                    .push(multisine::restore(
-                        self.executor.rig.recorder.folder(),
-                        repeat,
-                    )?);
+                for number in multisine::numbers(self.experiment, stage, repeat) {
+                    let folder = self.executor.rig.recorder.folder();
+                    let run = multisine::restore(folder, number)?;
+                    self.accumulator.measured.multisines.push(run);
+                }
             }
             let Purpose::Sweep(fixture, repeat) = stage.purpose else {
                 continue;
@@ -287,7 +285,7 @@ impl<'a, 'b> Drive<'a, 'b> {
                     .await?;
             }
             Purpose::Multisine(repeat) => {
-                let run = multisine::measure(
+                let runs = multisine::measure(
                     &mut self.executor,
                     self.experiment,
                     number,
@@ -296,7 +294,7 @@ impl<'a, 'b> Drive<'a, 'b> {
                     &self.accumulator.measured,
                 )
                 .await?;
-                self.accumulator.measured.multisines.push(run);
+                self.accumulator.measured.multisines.extend(runs);
             }
             Purpose::Temperature | Purpose::SocReset | Purpose::OcvSoc | Purpose::Trace => {
                 self.executor

@@ -3,12 +3,12 @@
 
 mod result;
 
-use std::{fmt::Write as _, path::Path};
+use std::{fmt::Write as _, ops::Range, path::Path};
 
 use analysis::{
-    dataset::SweepEntry,
+    dataset::{PointConditions, SweepEntry},
     multisine::Line,
-    run_folder::{LINE_COLUMNS, Multisine},
+    run_folder::{self, LINE_COLUMNS, Multisine},
     series::Role,
     spectrum::{ChannelPhasors, FlaggedPoint, ImpedancePoint, Spectrum, raw_impedance},
 };
@@ -22,6 +22,7 @@ use bench_core::{
 };
 use bench_plan::{
     config::Experiment,
+    measure::SweepPoint,
     plan::{Stage, Step, fixture_name},
 };
 pub use result::MultisineRun;
@@ -35,9 +36,26 @@ pub(super) struct MultisineFigures {
     pub(super) flagged: Vec<FlaggedPoint>,
     /// Bench time that it took, including everything that belongs to it, s.
     pub(super) took_s: f64,
+    /// Direct current, charge and temperature of each line; empty without a direct current.
+    pub(super) conditions: Vec<PointConditions>,
+    /// Voltage of the cell at rest before the direct current, V.
+    pub(super) rest_v: Option<f64>,
 }
 
-/// Measures a multisine and writes its files: `multisine.csv`, `raw_multisine.csv`,
+/// Returns the numbers of the multisines of a stage, after which their files are named: one, or along a
+/// charge or discharge one for each time that its bands are repeated.
+pub(super) fn numbers(experiment: &Experiment, stage: &Stage, repeat: usize) -> Range<usize> {
+    let is_band = |step: &&Step| matches!(step, Step::Multisine(_));
+    let bands = stage.steps.iter().filter(is_band).count();
+    let once = experiment
+        .multisine
+        .as_ref()
+        .map_or(1, |multisine| multisine.bands.len());
+    let screens = (bands / once.max(1)).max(1);
+    (repeat - 1) * screens + 1..repeat * screens + 1
+}
+
+/// Measures the multisines of a stage and writes the files of each: `multisine.csv`, `raw_multisine.csv`,
 /// `multisine_lines.csv`, and a description in `multisine.json`; `shared/multisine.csv` contains
 /// the errors that its points share.
 pub(super) async fn measure(
@@ -47,17 +65,21 @@ pub(super) async fn measure(
     stage: &Stage,
     repeat: usize,
     measured: &Measured,
-) -> Result<MultisineRun, Failure> {
+) -> Result<Vec<MultisineRun>, Failure> {
     let start_s = executor.rig.clock.now_s();
-    executor
-        .rig
-        .recorder
-        .forget_sweep(&Multisine::Spectrum.file(repeat));
-    // An interrupted multisine is repeated completely: it moves no net charge.
+    let numbers = numbers(experiment, stage, repeat);
+    for number in numbers.clone() {
+        executor
+            .rig
+            .recorder
+            .forget_sweep(&Multisine::Spectrum.file(number));
+    }
+    // An interrupted multisine is repeated completely: it moves no net charge, and one about a direct
+    // current begins at a known charge.
     let points = executor
         .stage(number, stage, &ResumePoint::default(), &mut |_, _| Ok(()))
         .await?;
-    let took_s = executor.rig.clock.now_s() - start_s;
+    let took_s = (executor.rig.clock.now_s() - start_s) / numbers.len() as f64;
     for point in &points {
         for warning in &point.warnings {
             executor
@@ -66,28 +88,67 @@ pub(super) async fn measure(
                 .point_warning("multisine", point.phasors.freq_hz, warning);
         }
     }
+    let lines = std::mem::take(&mut executor.known.lines);
+    let of_one = points.len().div_ceil(numbers.len()).max(1);
+    let mut runs = Vec::new();
+    for (number, (points, lines)) in numbers.zip(points.chunks(of_one).zip(lines.chunks(of_one))) {
+        let first_s = points.first().filter(|_| !runs.is_empty());
+        let begun = Begun {
+            experiment,
+            stage,
+            number,
+            start_s: first_s.map_or(start_s, |point| point.time_s),
+        };
+        runs.push(finish(executor, &begun, points, lines, measured, took_s)?);
+    }
+    Ok(runs)
+}
+
+/// A multisine whose lines are measured.
+struct Begun<'a> {
+    experiment: &'a Experiment,
+    stage: &'a Stage,
+    number: usize,
+    start_s: f64,
+}
+
+/// Writes the files of one multisine and its entry in the index.
+fn finish(
+    executor: &mut Executor<'_>,
+    begun: &Begun<'_>,
+    points: &[SweepPoint],
+    lines: &[Line],
+    measured: &Measured,
+    took_s: f64,
+) -> Result<MultisineRun, Failure> {
+    let rest_v = executor.known.idle.voltage_v;
     let recorder = &mut *executor.rig.recorder;
-    let flagged = sweep_writer::flags(&points, &mut |freq_hz, text| {
+    let flagged = sweep_writer::flags(points, &mut |freq_hz, text| {
         recorder.point_warning("multisine", freq_hz, text);
     });
-    let lines = std::mem::take(&mut executor.known.lines);
     let found: Vec<MeasuredLine> = points
         .iter()
         .zip(lines)
-        .map(|(point, line)| (point.phasors, point.volts_per_div, line))
+        .map(|(point, line)| (point.phasors, point.volts_per_div, *line))
         .collect();
     let run = write(
         executor.rig.recorder,
-        experiment,
-        stage,
-        repeat,
+        begun.experiment,
+        begun.stage,
+        begun.number,
         &found,
         measured,
-        MultisineFigures { flagged, took_s },
+        MultisineFigures {
+            flagged,
+            took_s,
+            conditions: points.iter().filter_map(|point| point.conditions).collect(),
+            rest_v,
+        },
     )?;
     let corrected = measured.correction.reduced_chi2.is_some();
     let phasors: Vec<ChannelPhasors> = found.iter().map(|(phasors, ..)| *phasors).collect();
-    let common_mode = sweep_writer::common_mode(&phasors, experiment.bench.wiring.shunt.r_ohm);
+    let shunt_ohm = begun.experiment.bench.wiring.shunt.r_ohm;
+    let common_mode = sweep_writer::common_mode(&phasors, shunt_ohm);
     let entry = SweepEntry {
         flagged: run.flagged.clone(),
         own_sigma_ohm: if corrected {
@@ -104,7 +165,8 @@ pub(super) async fn measure(
         },
         below_ohm: common_mode.map(|common_mode| common_mode.r_ohm),
         below_h: common_mode.map(|common_mode| common_mode.l_h),
-        ..entry(executor, stage, repeat, start_s, measured)
+        conditions: run.conditions.clone(),
+        ..entry(executor, begun, measured)
     };
     executor.rig.recorder.sweep(entry)?;
     Ok(run)
@@ -120,7 +182,12 @@ pub(super) fn write(
     measured: &Measured,
     figures: MultisineFigures,
 ) -> Result<MultisineRun, Failure> {
-    let MultisineFigures { flagged, took_s } = figures;
+    let MultisineFigures {
+        flagged,
+        took_s,
+        conditions,
+        rest_v,
+    } = figures;
     let correction = &measured.correction;
     let corrected: Vec<ImpedancePoint> = found
         .iter()
@@ -135,10 +202,25 @@ pub(super) fn write(
         .iter()
         .map(|(phasors, ..)| reasons(&flagged, phasors.freq_hz))
         .collect();
-    recorder.flagged_spectrum(&Multisine::Raw.file(repeat), &raw, &flags)?;
-    recorder.flagged_spectrum(&Multisine::Spectrum.file(repeat), &corrected, &flags)?;
+    let (raw_file, file) = (
+        Multisine::Raw.file(repeat),
+        Multisine::Spectrum.file(repeat),
+    );
+    let name = &experiment.name;
+    if conditions.is_empty() {
+        recorder.flagged_spectrum(&raw_file, &raw, &flags)?;
+        recorder.flagged_spectrum(&file, &corrected, &flags)?;
+        recorder.flagged_parquet(&Multisine::SpectrumParquet.file(repeat), &corrected, &flags)?;
+    } else {
+        // Parquet has no columns for a direct current.
+        let table = |file: &str, points: &[ImpedancePoint]| {
+            let spectrum = Spectrum::new(name.clone(), points.to_vec());
+            recorder.biased_spectrum(file, &spectrum, &conditions, &flags)
+        };
+        table(&raw_file, &raw)?;
+        table(&file, &corrected)?;
+    }
     recorder.text(&Multisine::Lines.file(repeat), &table(&lines))?;
-    recorder.flagged_parquet(&Multisine::SpectrumParquet.file(repeat), &corrected, &flags)?;
     let own = |((phasors, ..), point): (&MeasuredLine, &ImpedancePoint)| {
         let covariance = correction.measured_parts(phasors).into_iter().sum();
         ImpedancePoint {
@@ -159,12 +241,12 @@ pub(super) fn write(
         correction,
         &sweep_writer::jig_phasors(measured),
     );
-    sweep_writer::write_shared(
-        recorder,
-        &Multisine::Spectrum.file(repeat),
-        &spectrum,
-        &flags,
-    )?;
+    if conditions.is_empty() {
+        sweep_writer::write_shared(recorder, &file, &spectrum, &flags)?;
+    } else if !spectrum.shared.is_empty() {
+        let shared = run_folder::shared_spectrum(&file);
+        recorder.biased_spectrum(&shared, &spectrum, &conditions, &flags)?;
+    }
     let volts_per_div = found
         .iter()
         .map(|(_, volts_per_div, _)| *volts_per_div)
@@ -177,6 +259,8 @@ pub(super) fn write(
         lines,
         volts_per_div,
         took_s,
+        rest_v: rest_v.filter(|_| !conditions.is_empty()),
+        conditions,
     };
     recorder.json(&Multisine::Whole.file(repeat), &run)?;
     Ok(run)
@@ -203,19 +287,31 @@ pub(super) fn restore(folder: &Path, repeat: usize) -> Result<MultisineRun, Fail
 }
 
 /// Returns the multisine's entry for the index.
-fn entry(
-    executor: &Executor<'_>,
-    stage: &Stage,
-    repeat: usize,
-    start_time_s: f64,
-    measured: &Measured,
-) -> SweepEntry {
+fn entry(executor: &Executor<'_>, begun: &Begun<'_>, measured: &Measured) -> SweepEntry {
+    let Begun {
+        stage,
+        number: repeat,
+        start_s: start_time_s,
+        ..
+    } = *begun;
     let driven = |step: &Step| {
         if let Step::Multisine(band) = step {
             Some(band.design.amplitude * band.peak_a)
         } else {
             None
         }
+    };
+    let bias_a = stage.bias_a();
+    let operando = begun
+        .experiment
+        .multisine
+        .as_ref()
+        .is_some_and(|m| m.operando);
+    let repeat_group = match (bias_a != 0.0, operando) {
+        (false, _) => "multisine".to_owned(),
+        (true, false) => format!("multisine_bias{bias_a:+}A"),
+        // Each is at another charge.
+        (true, true) => format!("operando_{repeat}"),
     };
     SweepEntry {
         file: Multisine::Spectrum.file(repeat),
@@ -224,7 +320,7 @@ fn entry(
         fixture_ohm: None,
         corrected: measured.correction.reduced_chi2.is_some(),
         amplitude_a: stage.steps.iter().find_map(driven).unwrap_or(f64::NAN),
-        bias_a: 0.0,
+        bias_a,
         conditions: Vec::new(),
         repeat,
         order: executor.rig.recorder.measured(),
@@ -232,7 +328,7 @@ fn entry(
         start_ocv_v: executor.known.idle.voltage_v,
         temperature_degc: executor.known.idle.temperature_degc,
         role: Role::Train,
-        repeat_group: "multisine".to_owned(),
+        repeat_group,
         flagged: Vec::new(),
         own_sigma_ohm: Vec::new(),
         common_error: None,
@@ -272,6 +368,21 @@ fn table(lines: &[Line]) -> String {
     text
 }
 
+/// Returns the direct current and the mean charge of a multisine, as part of a sentence.
+fn under(run: &MultisineRun) -> String {
+    let Some(first) = run.conditions.first() else {
+        return String::new();
+    };
+    let count = run.conditions.len() as f64;
+    let charge = run
+        .conditions
+        .iter()
+        .map(|at| at.charge_coulomb)
+        .sum::<f64>()
+        / count;
+    format!(" under {:+} A at {charge:+.1} C", first.bias_a)
+}
+
 /// Returns a sentence for the summary and the report.
 pub(super) fn in_words(run: &MultisineRun) -> String {
     let (Some(first), Some(last)) = (run.spectrum.points.first(), run.spectrum.points.last())
@@ -297,8 +408,9 @@ pub(super) fn in_words(run: &MultisineRun) -> String {
     );
     let noise = run.lines.iter().map(|line| line.noise).fold(0.0, f64::max);
     format!(
-        "multisine: {} lines from {:.4} Hz to {:.4} Hz in {:.0} s; noise at most {:.3} %; \
+        "multisine{}: {} lines from {:.4} Hz to {:.4} Hz in {:.0} s; noise at most {:.3} %; \
         {distortion}",
+        under(run),
         run.lines.len(),
         first.freq_hz,
         last.freq_hz,

@@ -240,22 +240,26 @@ impl Recorded {
                 continue;
             };
             if let Purpose::Multisine(repeat) = stage.purpose {
-                let (found, kept) = self.multisine(stage, repeat)?;
-                others.lines += found.len();
-                let figures = multisine::MultisineFigures {
-                    flagged: kept.flagged,
-                    took_s: kept.took_s,
-                };
-                let run = multisine::write(
-                    &recorder,
-                    &self.experiment,
-                    stage,
-                    repeat,
-                    &found,
-                    &accumulator.measured,
-                    figures,
-                )?;
-                accumulator.measured.multisines.push(run);
+                for number in multisine::numbers(&self.experiment, stage, repeat) {
+                    let (found, kept) = self.multisine(stage, repeat, number)?;
+                    others.lines += found.len();
+                    let figures = multisine::MultisineFigures {
+                        flagged: kept.flagged,
+                        took_s: kept.took_s,
+                        conditions: kept.conditions,
+                        rest_v: kept.rest_v,
+                    };
+                    let run = multisine::write(
+                        &recorder,
+                        &self.experiment,
+                        stage,
+                        number,
+                        &found,
+                        &accumulator.measured,
+                        figures,
+                    )?;
+                    accumulator.measured.multisines.push(run);
+                }
             }
             for step in &stage.steps {
                 let Step::Trace(trace) = step else { continue };

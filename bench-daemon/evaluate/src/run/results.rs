@@ -3,8 +3,10 @@
 mod alike;
 mod campaign;
 mod condition;
+mod harmonics;
 mod multisine_and_trace;
 mod ocv;
+mod operando;
 mod order;
 mod ranges;
 mod records;
@@ -39,7 +41,8 @@ pub(super) fn write(
     measured: &Measured,
 ) -> Result<String, Failure> {
     tell_controls(recorder, measured);
-    let mut shown = multisine_and_trace::write(recorder, measured)?;
+    let mut shown = multisine_and_trace::write(recorder, experiment, measured)?;
+    harmonics::write(recorder, measured, &mut shown)?;
     let ocv = ocv::write(recorder, experiment, &mut shown)?;
     ranges::warn(recorder, measured)?;
     let text = evaluate(recorder, experiment, measured, shown)?;

@@ -1,8 +1,15 @@
-//! The direct current under the sinusoids of `[eis]`: its keys, checked against bench and cell.
+//! The direct current under the signals of `[eis]` and `[multisine]`: its keys, checked against bench
+//! and cell.
 
 use instruments::fixture::Fixture;
 
-use super::{ConfigError, Eis, check::Check, raw, section::EisBias};
+use super::{
+    ConfigError, Eis,
+    check::Check,
+    quantity::{Current, Duration, Quantity, Resistance, Share},
+    raw,
+    section::EisBias,
+};
 use crate::plan::Bias;
 
 /// Charge that a group of points may move, if it is not stated, as a share of the capacity.
@@ -12,15 +19,74 @@ const LEAST_A: f64 = 0.1;
 /// Wait after a ramp, if it is not stated, s.
 const SETTLE_S: f64 = 30.0;
 
+/// Greatest charge of a group of points, as a share of the capacity.
+const MOST_CHARGE: f64 = 0.2;
+
+/// The keys of a section.
+pub(super) struct RawBias<'a> {
+    /// Its name.
+    pub(super) section: &'static str,
+    pub(super) list: Option<&'a [Quantity<Current>]>,
+    pub(super) charge: Option<Quantity<Share>>,
+    /// Greatest charge that may be stated, as a share of the capacity.
+    pub(super) most_charge: f64,
+    pub(super) resistance: Option<Quantity<Resistance>>,
+    pub(super) settle: Option<Quantity<Duration>>,
+}
+
+impl RawBias<'_> {
+    fn field(&self, key: &str) -> String {
+        format!("{}.{key}", self.section)
+    }
+}
+
 impl Check<'_> {
-    /// Returns the direct currents of `[eis]`; `None` if there is none.
-    pub(super) fn eis_bias(&self, raw: &raw::Eis) -> Result<Option<EisBias>, ConfigError> {
-        let Some(list) = &raw.bias else {
+    /// Returns the direct currents of a section; `None` if there is none.
+    pub(super) fn bias_of(&self, raw: &RawBias<'_>) -> Result<Option<EisBias>, ConfigError> {
+        let Some(list) = raw.list else {
             return self.refuse_alone(raw).map(|()| None);
         };
-        let levels_a = self.levels(list)?;
+        let levels_a = self.levels(raw, list)?;
         if levels_a == [0.0] {
             return self.refuse_alone(raw).map(|()| None);
+        }
+        let Some(resistance) = raw.resistance else {
+            return Err(self.complain(
+                &raw.field("resistance_max"),
+                "expected it beside a bias other than 0 A: it bounds voltage and heat",
+            ));
+        };
+        let charge = raw.charge.map_or(CHARGE, |share| share.si);
+        let charges = 0.001..=raw.most_charge;
+        let charge = self.within(&raw.field("bias_charge"), charge, charges, "(share)")?;
+        let settle_s = raw.settle.map_or(SETTLE_S, |settle| settle.si);
+        let resistance_ohm = self.within(
+            &raw.field("resistance_max"),
+            resistance.si,
+            1.0e-4..=1.0,
+            "Ω",
+        )?;
+        Ok(Some(EisBias {
+            levels_a,
+            most_coulomb: charge * self.cell.capacity_coulomb,
+            resistance_ohm,
+            settle_s: self.within(&raw.field("bias_settle"), settle_s, 5.0..=3600.0, "s")?,
+            capacity_coulomb: self.cell.capacity_coulomb,
+        }))
+    }
+
+    /// Returns the direct currents of `[eis]`; `None` if there is none.
+    pub(super) fn eis_bias(&self, raw: &raw::Eis) -> Result<Option<EisBias>, ConfigError> {
+        let bias = self.bias_of(&RawBias {
+            section: "eis",
+            list: raw.bias.as_deref(),
+            charge: raw.bias_charge,
+            most_charge: MOST_CHARGE,
+            resistance: raw.resistance_max,
+            settle: raw.bias_settle,
+        })?;
+        if bias.is_none() {
+            return Ok(None);
         }
         if raw.fixture != raw::SweptFixture::Cell {
             return Err(self.complain(
@@ -45,28 +111,14 @@ impl Check<'_> {
                 planned",
             ));
         }
-        let Some(resistance) = raw.resistance_max else {
-            return Err(self.complain(
-                "eis.resistance_max",
-                "expected it beside a bias other than 0 A: it bounds voltage and heat",
-            ));
-        };
-        let charge = raw.bias_charge.map_or(CHARGE, |share| share.si);
-        let charge = self.within("eis.bias_charge", charge, 0.001..=0.2, "(share)")?;
-        let settle_s = raw.bias_settle.map_or(SETTLE_S, |settle| settle.si);
-        Ok(Some(EisBias {
-            levels_a,
-            most_coulomb: charge * self.cell.capacity_coulomb,
-            resistance_ohm: self.within("eis.resistance_max", resistance.si, 1.0e-4..=1.0, "Ω")?,
-            settle_s: self.within("eis.bias_settle", settle_s, 5.0..=3600.0, "s")?,
-            capacity_coulomb: self.cell.capacity_coulomb,
-        }))
+        Ok(bias)
     }
 
     /// Returns the listed currents, the rest first: the fits use the first ones.
     fn levels(
         &self,
-        list: &[super::quantity::Quantity<super::quantity::Current>],
+        raw: &RawBias<'_>,
+        list: &[Quantity<Current>],
     ) -> Result<Vec<f64>, ConfigError> {
         // −0 and 0 are one current.
         let mut levels_a: Vec<f64> = list.iter().map(|level| level.si + 0.0).collect();
@@ -76,7 +128,7 @@ impl Check<'_> {
             .all(|(k, level)| !levels_a[..k].contains(level));
         if levels_a.is_empty() || !differ || levels_a.iter().any(|level| !level.is_finite()) {
             return Err(self.complain(
-                "eis.bias",
+                &raw.field("bias"),
                 format!("expected currents that differ, found {levels_a:?} A"),
             ));
         }
@@ -85,7 +137,7 @@ impl Check<'_> {
             .find(|level| **level != 0.0 && level.abs() < LEAST_A)
         {
             return Err(self.complain(
-                "eis.bias",
+                &raw.field("bias"),
                 format!(
                     "expected 0 A, or at least {LEAST_A} A in either direction, found {small} A"
                 ),
@@ -96,17 +148,20 @@ impl Check<'_> {
     }
 
     /// Refuses keys that have no effect without a direct current.
-    fn refuse_alone(&self, raw: &raw::Eis) -> Result<(), ConfigError> {
+    fn refuse_alone(&self, raw: &RawBias<'_>) -> Result<(), ConfigError> {
         let given = [
-            ("eis.bias_charge", raw.bias_charge.is_some()),
-            ("eis.resistance_max", raw.resistance_max.is_some()),
-            ("eis.bias_settle", raw.bias_settle.is_some()),
+            ("bias_charge", raw.charge.is_some()),
+            ("resistance_max", raw.resistance.is_some()),
+            ("bias_settle", raw.settle.is_some()),
         ];
         match given.iter().find(|(_, given)| *given) {
             None => Ok(()),
-            Some((field, _)) => Err(self.complain(
-                field,
-                "expected eis.bias beside it, with a current other than 0 A",
+            Some((key, _)) => Err(self.complain(
+                &raw.field(key),
+                format!(
+                    "expected {} beside it, with a current other than 0 A",
+                    raw.field("bias")
+                ),
             )),
         }
     }
@@ -114,6 +169,7 @@ impl Check<'_> {
     /// Checks the direct currents with the greatest amplitude against cell, supply and generator.
     pub(super) fn check_bias(
         &self,
+        field: &str,
         bias: &EisBias,
         amplitude_a: f64,
         setpoint_degc: Option<f64>,
@@ -121,7 +177,7 @@ impl Check<'_> {
         let limits = &self.cell.limits;
         let (driven_a, what) = self
             .driven_a()
-            .map_err(|reason| self.complain("eis.bias", reason))?;
+            .map_err(|reason| self.complain(field, reason))?;
         for bias_a in bias.levels_a.iter().copied() {
             let (least_a, greatest_a) = (bias_a - amplitude_a, bias_a + amplitude_a);
             if -least_a > limits.discharge_a || greatest_a > limits.charge_a {
@@ -130,14 +186,14 @@ impl Check<'_> {
                     cell",
                     limits.discharge_a, limits.charge_a
                 );
-                return Err(self.complain("eis.bias", reason));
+                return Err(self.complain(field, reason));
             }
             if bias_a.abs() + amplitude_a > driven_a {
                 let reason = format!(
                     "expected {bias_a} A ± {amplitude_a} A within ±{driven_a:.3} A, the limits of \
                     {what} and its generator"
                 );
-                return Err(self.complain("eis.bias", reason));
+                return Err(self.complain(field, reason));
             }
             let rise_k = bias.plan(bias_a, amplitude_a).rise_k();
             let warmest_degc = setpoint_degc.map(|degc| degc + rise_k);
@@ -147,7 +203,7 @@ impl Check<'_> {
                     {bias_a} A warm it by {rise_k:.1} K at worst",
                     limits.max_degc
                 );
-                return Err(self.complain("eis.bias", reason));
+                return Err(self.complain(field, reason));
             }
         }
         Ok(())

@@ -5,8 +5,10 @@ use instruments::{generator, instrument::by_key, scope, units::Seconds};
 
 use super::{
     ConfigError,
+    bias::RawBias,
     check::Check,
     raw_multisine::{Raw, RawBand},
+    section::EisBias,
 };
 use crate::{measure::quality::Quality, plan::LONGEST_FRAME_S};
 
@@ -27,6 +29,10 @@ pub struct Multisine {
     pub record_points: u64,
     /// The gate that every line passes, or none.
     pub quality: Option<Quality>,
+    /// Direct currents under it; `None` if there is none.
+    pub bias: Option<EisBias>,
+    /// The bands are repeated under one direct current until it has moved its charge.
+    pub operando: bool,
 }
 
 /// A band of frequencies.
@@ -47,6 +53,11 @@ pub struct Band {
     /// Up to here the bipolar supply follows, Hz.
     pub followed_hz: f64,
 }
+
+/// Greatest charge that a direct current may move before it is brought back, as a share of the
+/// capacity, and the greatest along a charge or discharge.
+const MOST_CHARGE: f64 = 0.2;
+const MOST_OPERANDO: f64 = 0.4;
 
 /// Minimum number of generator steps in a period of the fastest line. The images of the steps lie
 /// outside the record's band. The scope folds them back into it; the plan chooses rates and lines
@@ -112,7 +123,10 @@ impl Check<'_> {
             1_000.0..=raw.memory_points as f64,
             "points",
         )?;
+        let bias = self.multisine_bias(raw)?;
         Ok(Multisine {
+            bias,
+            operando: raw.operando,
             peak_a: self.within("multisine.peak", raw.peak.si, 0.01..=greatest_a, "A")?,
             repeat: self
                 .within("multisine.repeat", raw.repeat as f64, 1.0..=1000.0, "times")
@@ -129,6 +143,42 @@ impl Check<'_> {
                 .map(|quality| self.quality(quality, "multisine"))
                 .transpose()?,
         })
+    }
+
+    /// Returns the direct currents; `None` if there is none.
+    fn multisine_bias(&self, raw: &Raw) -> Result<Option<EisBias>, ConfigError> {
+        let bias = self.bias_of(&RawBias {
+            section: "multisine",
+            list: raw.bias.as_deref(),
+            charge: raw.bias_charge,
+            most_charge: if raw.operando {
+                MOST_OPERANDO
+            } else {
+                MOST_CHARGE
+            },
+            resistance: raw.resistance_max,
+            settle: raw.bias_settle,
+        })?;
+        let again = raw
+            .quality
+            .as_ref()
+            .is_some_and(|quality| quality.again > 0);
+        if bias.is_some() && again {
+            return Err(self.complain(
+                "multisine.quality.again",
+                "expected 0 beside a bias: a band that is measured again moves charge that is not \
+                planned",
+            ));
+        }
+        let one = bias.as_ref().is_some_and(|bias| bias.levels_a.len() == 1);
+        if raw.operando && !one {
+            return Err(self.complain(
+                "multisine.operando",
+                "expected one bias other than 0 A beside it: the impedance is measured along one \
+                charge or discharge",
+            ));
+        }
+        Ok(bias)
     }
 
     fn band(
@@ -225,5 +275,19 @@ impl Check<'_> {
             steps,
             followed_hz: driven_hz,
         })
+    }
+}
+
+impl Multisine {
+    /// Returns the direct currents of a round, A, as those of the sweeps.
+    pub fn levels_of(&self, round: usize) -> Vec<f64> {
+        let mut levels_a = self
+            .bias
+            .as_ref()
+            .map_or_else(|| vec![0.0], |bias| bias.levels_a.clone());
+        if round.is_multiple_of(2) {
+            levels_a.reverse();
+        }
+        levels_a
     }
 }

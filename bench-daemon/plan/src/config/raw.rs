@@ -314,6 +314,9 @@ pub(super) struct Trace {
     /// Factor on every row, −1000 to 1000 and not 0, for example to scale a pack's profile to one
     /// cell. Left out: 1.
     pub(super) scale: Option<f64>,
+    /// Direct current that is added to every row, positive for a charge; the rows must be currents. Left
+    /// out: 0 A.
+    pub(super) bias: Option<Quantity<Current>>,
     /// Instruments that drive the trace.
     #[serde(default)]
     pub(super) through: Through,

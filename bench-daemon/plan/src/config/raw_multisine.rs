@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use super::quantity::{Current, Duration, Frequency, Quantity};
+use super::quantity::{Current, Duration, Frequency, Quantity, Resistance, Share};
 
 /// Records of many frequencies at once; the bench needs a generator that plays waves.
 #[derive(Debug, Deserialize)]
@@ -26,6 +26,21 @@ pub(super) struct Raw {
     pub(super) record_points: u64,
     /// Quality gate that every line must pass. Left out: no line is judged.
     pub(super) quality: Option<super::raw_quality::Raw>,
+    /// Direct currents under the multisine, all different, positive for a charge, as `bias` of `[eis]`.
+    /// Left out: no direct current.
+    pub(super) bias: Option<Vec<Quantity<Current>>>,
+    /// Largest charge that a direct current may move, as a share of the capacity, 0.1 % to 20 %, with
+    /// `operando` to 40 %; then it is brought back. Left out: 5 %.
+    pub(super) bias_charge: Option<Quantity<Share>>,
+    /// Highest resistance of the cell, leads to the voltmeter included, 0.1 mΩ to 1 Ω. It bounds
+    /// voltage and heat under a direct current. Left out: `bias` may only be 0 A.
+    pub(super) resistance_max: Option<Quantity<Resistance>>,
+    /// Wait at a direct current before the first band, 5 s to 3600 s. Left out: 30 s.
+    pub(super) bias_settle: Option<Quantity<Duration>>,
+    /// Whether all bands are repeated under one direct current until it has moved `bias_charge`: the
+    /// impedance along a charge or discharge.
+    #[serde(default)]
+    pub(super) operando: bool,
 }
 
 /// Band of frequencies, recorded at once.

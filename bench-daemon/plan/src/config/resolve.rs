@@ -99,13 +99,17 @@ pub fn resolve_experiment(
         .and_then(|eis| eis.bias.as_ref().map(|b| (eis, b)))
     {
         let setpoint_degc = temperature.as_ref().map(|held| held.setpoint_degc);
-        check.check_bias(bias, eis.amplitude_a, setpoint_degc)?;
+        check.check_bias("eis.bias", bias, eis.amplitude_a, setpoint_degc)?;
     }
     let multisine = raw
         .multisine
         .as_ref()
         .map(|section| check.multisine(section))
         .transpose()?;
+    if let Some((multisine, bias)) = multisine.as_ref().and_then(|m| Some((m, m.bias.as_ref()?))) {
+        let setpoint_degc = temperature.as_ref().map(|held| held.setpoint_degc);
+        check.check_bias("multisine.bias", bias, multisine.peak_a, setpoint_degc)?;
+    }
     if fixture_check.is_some() && eis.is_none() {
         let reason = "expected a section [eis], whose frequencies the controls are measured at; \
         with repeat = 0 the cell is left out";

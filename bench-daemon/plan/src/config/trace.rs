@@ -72,6 +72,23 @@ impl Check<'_> {
         Ok((traces, sources))
     }
 
+    /// Adds the direct current to every row. It has no rest in between: what flows is checked as the rows
+    /// are.
+    fn with_bias(&self, raw: &raw::Trace, mut rows: Vec<Row>) -> Result<Vec<Row>, ConfigError> {
+        let Some(bias) = raw.bias else {
+            return Ok(rows);
+        };
+        if let Some(row) = rows.iter().position(|row| row.power) {
+            let reason = format!(
+                "expected rows of currents beside it, found a power in row {}",
+                row + 1
+            );
+            return Err(self.complain(&format!("traces.{}.bias", raw.name), reason));
+        }
+        rows.iter_mut().for_each(|row| row.value += bias.si);
+        Ok(rows)
+    }
+
     fn trace(&self, raw: &raw::Trace) -> Result<(Trace, Option<Source>), ConfigError> {
         if raw.name.is_empty()
             || !raw
@@ -89,6 +106,7 @@ impl Check<'_> {
         }
         let field = |part: &str| format!("traces.{}.{part}", raw.name);
         let (rows, source) = self.rows(raw)?;
+        let rows = self.with_bias(raw, rows)?;
         let part = if source.is_some() { "file" } else { "segments" };
         let (rows, averaged) = match raw.step {
             Some(step) => {

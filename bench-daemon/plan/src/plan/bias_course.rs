@@ -29,7 +29,9 @@ impl BiasCourse {
                 self.moved_coulomb += bias.to_a.abs() * expected_s;
                 (self.bias_a, self.most_coulomb) = (bias.to_a, bias.most_coulomb);
             }
-            Step::Sine { .. } => self.moved_coulomb += self.bias_a.abs() * expected_s,
+            Step::Sine { .. } | Step::Multisine(_) => {
+                self.moved_coulomb += self.bias_a.abs() * expected_s;
+            }
             Step::Recharge(_) if self.bias_a != 0.0 => {
                 return Err(format!(
                     "expected no direct current, found {} A",
@@ -43,7 +45,7 @@ impl BiasCourse {
                         .to_owned(),
                 );
             }
-            Step::Multisine(_) | Step::Trace(_) | Step::Recheck(_) if self.bias_a != 0.0 => {
+            Step::Trace(_) | Step::Recheck(_) if self.bias_a != 0.0 => {
                 return Err(format!(
                     "expected no direct current, found {} A",
                     self.bias_a
@@ -54,7 +56,7 @@ impl BiasCourse {
         if self.moved_coulomb > self.most_coulomb {
             return Err(format!(
                 "expected a direct current to move at most {:.0} C before a recharge \
-                (eis.bias_charge), found {:.0} C: fewer periods, a higher frequency or a smaller \
+                (bias_charge), found {:.0} C: fewer periods, a higher frequency or a smaller \
                 current",
                 self.most_coulomb, self.moved_coulomb
             ));

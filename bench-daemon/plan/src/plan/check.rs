@@ -29,7 +29,12 @@ impl Plan {
                 };
                 step.check(limits, powered).map_err(fail)?;
                 course.take(step, step.expected_s()).map_err(fail)?;
-                if let Step::Sine { amplitude_a, .. } = *step {
+                let amplitude_a = match step {
+                    Step::Sine { amplitude_a, .. } => Some(*amplitude_a),
+                    Step::Multisine(band) => Some(band.peak_a),
+                    _ => None,
+                };
+                if let Some(amplitude_a) = amplitude_a {
                     check_sine(course.bias_a, amplitude_a, limits).map_err(fail)?;
                 }
                 if matches!(stage.purpose, Purpose::Sweep(Fixture::Short, _))
@@ -397,7 +402,7 @@ mod tests {
             ),
             (
                 vec![bias(0.0, 5.0), slow(150.0)],
-                "at most 810 C before a recharge (eis.bias_charge), found 945 C",
+                "at most 810 C before a recharge (bias_charge), found 945 C",
             ),
             (
                 vec![bias(0.0, 13.0)],

@@ -58,7 +58,10 @@ impl Extent {
                 let span_s = recharge.charge_coulomb / recharge.current_a.abs();
                 self.direct(recharge.current_a, span_s);
             }
-            Step::Multisine(band) => self.current(band.peak_a, band.peak_a),
+            Step::Multisine(band) => {
+                self.current(band.peak_a + bias_a, band.peak_a - bias_a);
+                self.direct(bias_a, span_s);
+            }
             Step::Trace(trace) => {
                 let (least_a, greatest_a) = trace.extremes_a();
                 self.current(greatest_a, -least_a);

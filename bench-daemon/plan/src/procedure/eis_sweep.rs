@@ -8,10 +8,10 @@ use instruments::fixture::Fixture;
 use crate::{
     config::{Eis, Order},
     interlock::Limits,
-    plan::{Bias, Purpose, Recharge, Stage, Step, SweepSettings},
+    plan::{Purpose, Stage, Step, SweepSettings},
 };
 
-use super::power::Power;
+use super::{biased, power::Power};
 
 /// Resistance of the loop outside the cell that the compliance must allow for, Ω: leads, shunt,
 /// contacts.
@@ -91,7 +91,7 @@ pub(super) fn stage(
         });
     }
     match &bias {
-        Some(bias) => steps.extend(in_groups(points, bias)),
+        Some(bias) => steps.extend(biased::in_groups(points, bias)),
         None => steps.extend(points),
     }
     if let Some(quality) = eis
@@ -105,48 +105,6 @@ pub(super) fn stage(
         purpose: Purpose::Sweep(fixture, repeat),
         steps,
     }
-}
-
-/// Share of the capacity within which a recharge brings the charge back.
-const BACK_WITHIN: f64 = 5.0e-4;
-/// Time beyond the expected one that a recharge may take, as a share and in s.
-const RECHARGE_MORE: (f64, f64) = (0.5, 60.0);
-
-/// Puts points under a direct current, in groups that move no more charge than allowed. After each
-/// group the charge is brought back.
-fn in_groups(points: Vec<Step>, bias: &Bias) -> Vec<Step> {
-    let coulomb = |step: &Step| bias.to_a.abs() * step.expected_s();
-    let first_coulomb = coulomb(&Step::Bias(*bias));
-    let mut groups: Vec<(f64, Vec<Step>)> = Vec::new();
-    for point in points {
-        let more_coulomb = coulomb(&point);
-        match groups.last_mut() {
-            Some((moved, group)) if *moved + more_coulomb <= bias.most_coulomb => {
-                *moved += more_coulomb;
-                group.push(point);
-            }
-            _ => groups.push((first_coulomb + more_coulomb, vec![point])),
-        }
-    }
-    let around = |(moved_coulomb, group): (f64, Vec<Step>)| {
-        let down = Bias {
-            from_a: bias.to_a,
-            to_a: 0.0,
-            ..*bias
-        };
-        let (share, more_s) = RECHARGE_MORE;
-        let recharge = Recharge {
-            current_a: -bias.to_a,
-            charge_coulomb: moved_coulomb,
-            within_coulomb: BACK_WITHIN * bias.capacity_coulomb,
-            max_s: (1.0 + share) * moved_coulomb / bias.to_a.abs() + more_s,
-        };
-        let mut steps = vec![Step::Bias(*bias)];
-        steps.extend(group);
-        steps.extend([Step::Bias(down), Step::Recharge(recharge)]);
-        steps
-    };
-    groups.into_iter().flat_map(around).collect()
 }
 
 /// Returns the frequencies in their order. A control does not change, and is swept upwards. In a
@@ -280,45 +238,6 @@ mod tests {
             Step::PowerUp { compliance_v, limit_a, .. }
                 if (compliance_v - 4.5).abs() < 1e-9 && limit_a == 2.0
         ));
-    }
-
-    #[test]
-    fn points_under_a_direct_current_come_in_groups_that_move_no_more_charge_than_allowed() {
-        let bias = Bias {
-            from_a: 0.0,
-            to_a: -2.0,
-            settle_s: 30.0,
-            amplitude_a: 1.0,
-            resistance_ohm: 0.03,
-            most_coulomb: 200.0,
-            capacity_coulomb: 16_200.0,
-        };
-        let point = |index| Step::Sine {
-            index,
-            freq_hz: 1.0,
-            amplitude_a: 1.0,
-            wait_s: 18.0,
-            settings: test_settings(),
-        };
-        // The ramp and its records take 36.4 s, a point 20 s: three points move 192.8 C.
-        let steps = in_groups((0..5).map(point).collect(), &bias);
-        let kinds: String = steps
-            .iter()
-            .map(|step| match step {
-                Step::Bias(bias) if bias.to_a == -2.0 => 'd',
-                Step::Bias(_) => 'u',
-                Step::Sine { .. } => 's',
-                Step::Recharge(_) => 'r',
-                _ => '?',
-            })
-            .collect();
-        assert_eq!(kinds, "dsssurdssur");
-        let Step::Recharge(recharge) = steps[5] else {
-            panic!("{:?}", steps[5]);
-        };
-        assert!((recharge.charge_coulomb - 192.8).abs() < 1.0e-9 && recharge.current_a == 2.0);
-        assert!((recharge.within_coulomb - 8.1).abs() < 1.0e-9);
-        assert!((recharge.max_s - (1.5 * 96.4 + 60.0)).abs() < 1.0e-9);
     }
 
     #[test]

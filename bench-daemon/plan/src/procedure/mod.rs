@@ -1,5 +1,6 @@
 //! The procedures of the thesis, each a pure function from parameters to stages of a plan.
 
+mod biased;
 mod campaign;
 mod eis_sweep;
 mod multisine;
@@ -115,9 +116,19 @@ pub fn plan(experiment: &Experiment) -> Plan {
             .multisine
             .iter()
             .filter(|multisine| round <= multisine.repeat);
-        stages.extend(
-            due.map(|multisine| multisine::stage(multisine, round, limits, power, experiment.seed)),
-        );
+        for multisine in due {
+            let levels_a = multisine.levels_of(round);
+            let before = (round - 1) * levels_a.len();
+            stages.extend(levels_a.into_iter().enumerate().map(|(k, bias_a)| {
+                let asked = multisine::Asked {
+                    multisine,
+                    repeat: before + k + 1,
+                    bias_a,
+                    seed: experiment.seed,
+                };
+                multisine::stage(&asked, limits, power)
+            }));
+        }
         let due = experiment
             .traces
             .iter()

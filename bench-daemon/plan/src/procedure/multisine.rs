@@ -12,7 +12,7 @@ use crate::{
     plan::{Band, Depth, Purpose, Stage, Step},
 };
 
-use super::power::Power;
+use super::{biased, power::Power};
 
 /// Distance of the compliance above the cell's limit: a least value, V, and the resistance of the
 /// loop, Ω.
@@ -111,23 +111,65 @@ fn record_sizes(wanted: Depth, periods: usize) -> Vec<usize> {
     found
 }
 
-pub(super) fn stage(
-    multisine: &Multisine,
-    repeat: usize,
-    limits: &Limits,
-    power: Power,
-    seed: u64,
-) -> Stage {
-    let peak_a = multisine.peak_a;
+/// One stage.
+pub(super) struct Asked<'a> {
+    pub(super) multisine: &'a Multisine,
+    /// Its number among the stages, from 1.
+    pub(super) repeat: usize,
+    /// Direct current under it, A.
+    pub(super) bias_a: f64,
+    /// Seed of the phases.
+    pub(super) seed: u64,
+}
+
+pub(super) fn stage(asked: &Asked<'_>, limits: &Limits, power: Power) -> Stage {
+    let Asked {
+        multisine,
+        repeat,
+        bias_a,
+        seed,
+    } = *asked;
+    let bias = multisine.bias.as_ref().filter(|_| bias_a != 0.0);
+    let bias = bias.map(|bias| bias.plan(bias_a, multisine.peak_a));
+    let peak_a = bias_a.abs() + multisine.peak_a;
     let mut steps = vec![Step::Mount(Fixture::Cell)];
     if multisine.rest_s > 0.0 {
         steps.push(Step::Pause {
             span_s: multisine.rest_s,
         });
     }
+    steps.extend(bias.map(Step::BiasZero));
     let compliance_v = limits.max_v + (COMPLIANCE.1 * peak_a).max(COMPLIANCE.0);
     steps.push(power.up(compliance_v, LIMIT.0 * peak_a + LIMIT.1));
-    for (number, band) in (1..).zip(&multisine.bands) {
+    let bands = bands(multisine, seed);
+    // Every band has a number of its own, after which its captures are named.
+    let round = |round: usize| {
+        let numbered = |band: &Band| {
+            Step::Multisine(Arc::new(Band {
+                number: round * bands.len() + band.number,
+                ..band.clone()
+            }))
+        };
+        bands.iter().map(numbered).collect::<Vec<Step>>()
+    };
+    match &bias {
+        None => steps.extend(round(0)),
+        Some(bias) if multisine.operando => steps.extend(biased::along(round, bias)),
+        Some(bias) => steps.extend(biased::in_groups(round(0), bias)),
+    }
+    if let Some(quality) = multisine.quality.filter(|quality| quality.again > 0) {
+        steps.push(Step::Recheck(quality));
+    }
+    steps.push(Step::PowerDown);
+    Stage {
+        purpose: Purpose::Multisine(repeat),
+        steps,
+    }
+}
+
+/// Returns the bands with rates and lines.
+fn bands(multisine: &Multisine, seed: u64) -> Vec<Band> {
+    let of = |(number, band): (usize, &Wanted)| {
         let Placement {
             harmonics,
             sampling,
@@ -141,12 +183,12 @@ pub(super) fn stage(
             .zip(harmonics.iter().copied())
             .filter(|(from, to)| from != to)
             .collect();
-        steps.push(Step::Multisine(Arc::new(Band {
+        Band {
             number,
             base_hz: band.base_hz,
             design: design(&harmonics, seed.wrapping_add(number as u64)),
             steps: sampling.steps,
-            peak_a,
+            peak_a: multisine.peak_a,
             settle_s: band.settle_s,
             span_s: band.span_s,
             memory_points: multisine.memory_points,
@@ -154,16 +196,9 @@ pub(super) fn stage(
             moved,
             disturbed: worst,
             quality: multisine.quality,
-        })));
-    }
-    if let Some(quality) = multisine.quality.filter(|quality| quality.again > 0) {
-        steps.push(Step::Recheck(quality));
-    }
-    steps.push(Step::PowerDown);
-    Stage {
-        purpose: Purpose::Multisine(repeat),
-        steps,
-    }
+        }
+    };
+    (1..).zip(&multisine.bands).map(of).collect()
 }
 
 #[cfg(test)]
@@ -189,6 +224,8 @@ mod tests {
             memory_points,
             record_points,
             quality,
+            bias: None,
+            operando: false,
         }
     }
 

@@ -7,6 +7,8 @@ use bench_plan::{interlock::Trip, measure::zero::Zeros};
 
 /// Factor on the planned charge at which the run ends.
 const MOST_MOVED: f64 = 1.25;
+/// Possible error of the charge by the supply's meter, as a share of what flowed in both directions.
+const METER_SHARE: f64 = 0.1;
 /// Time for which the direct current may flow beyond that, s: its ramps and records.
 const MORE_S: f64 = 60.0;
 
@@ -46,6 +48,8 @@ pub(crate) struct MetCurrent {
 #[derive(Debug, Default, Clone, Copy)]
 pub(crate) struct MovedCharge {
     coulomb: f64,
+    /// In both directions together, C.
+    passed_coulomb: f64,
     /// Bench time up to which it is counted, s.
     since_s: f64,
     /// Charge that the plan allows, C.
@@ -60,6 +64,7 @@ impl BiasState {
             range_a,
             charge: MovedCharge {
                 coulomb: 0.0,
+                passed_coulomb: 0.0,
                 since_s: now_s,
                 most_coulomb,
             },
@@ -74,7 +79,9 @@ impl BiasState {
 
     /// Counts the charge up to now, during which `current_a` has flowed.
     pub(crate) fn count(&mut self, now_s: f64, current_a: f64) {
-        self.charge.coulomb += current_a * (now_s - self.charge.since_s);
+        let coulomb = current_a * (now_s - self.charge.since_s);
+        self.charge.coulomb += coulomb;
+        self.charge.passed_coulomb += coulomb.abs();
         self.charge.since_s = now_s;
     }
 
@@ -89,6 +96,12 @@ impl BiasState {
         self.count(now_s, self.met.current_a);
         (self.commanded_a, self.meter_a, self.zero_a) = (0.0, 0.0, 0.0);
         self.met = MetCurrent::default();
+    }
+
+    /// Returns how far the supply's meter may be from the charge that the shunt counts, C: its mean at the
+    /// direct current is of few readings, and is kept for hours.
+    pub(crate) fn unsure_coulomb(&self) -> f64 {
+        METER_SHARE * self.charge.passed_coulomb
     }
 
     /// Returns the charge at a bench time, C.
@@ -156,6 +169,8 @@ mod tests {
                 .is_some_and(|text| text.starts_with("charge moved by the direct current 245.2")),
             "{trip:?}"
         );
+        // 21 C by records; a tenth may be the meter's.
+        assert!((bias.unsure_coulomb() - 2.1).abs() < 1.0e-12);
         bias.cut(31.0);
         assert!((bias.moved_coulomb(1000.0) - 41.0).abs() < 1.0e-12 && !bias.is_on());
         assert_eq!(bias.conditions(0.0, None), None);

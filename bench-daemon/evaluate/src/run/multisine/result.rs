@@ -1,6 +1,7 @@
 //! Result of one multisine.
 
 use analysis::{
+    dataset::PointConditions,
     multisine::Line,
     spectrum::{FlaggedPoint, Spectrum},
 };
@@ -23,4 +24,10 @@ pub struct MultisineRun {
     pub volts_per_div: Vec<[f64; 4]>,
     /// Bench time that it took, including everything that belongs to it, s.
     pub took_s: f64,
+    /// Direct current, charge and temperature of each line; empty without a direct current.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub conditions: Vec<PointConditions>,
+    /// Voltage of the cell at rest before the direct current, V.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rest_v: Option<f64>,
 }

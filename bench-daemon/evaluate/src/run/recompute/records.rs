@@ -40,26 +40,32 @@ pub struct OtherResults {
 }
 
 impl Recorded {
-    /// Recomputes a multisine from its captures. Uses the record of every line that the run kept,
-    /// or the latest if none matches. Also returns the run's own result.
+    /// Recomputes the multisine with this number of a stage from its captures. Uses the record of every
+    /// line that the run kept, or the latest if none matches. Also returns the run's own result.
     pub(super) fn multisine(
         &self,
         stage: &Stage,
         repeat: usize,
+        number: usize,
     ) -> Result<(Vec<MeasuredLine>, MultisineRun), Failure> {
-        let kept = multisine::restore(&self.folder, repeat)?;
-        let raw = dataset::read_spectrum_csv(&self.folder.join(Multisine::Raw.file(repeat)))
+        let kept = multisine::restore(&self.folder, number)?;
+        let raw = dataset::read_spectrum_csv(&self.folder.join(Multisine::Raw.file(number)))
             .map_err(RecordError::from)?;
         let shunt_ohm = self.experiment.bench.wiring.shunt.r_ohm;
         let mut found: Vec<MeasuredLine> = Vec::new();
-        for band in stage.steps.iter().filter_map(|step| {
-            if let Step::Multisine(band) = step {
-                Some(band.as_ref())
-            } else {
-                None
-            }
-        }) {
-            let attempts = self.attempts(band, repeat)?;
+        let bands: Vec<&Band> = stage
+            .steps
+            .iter()
+            .filter_map(|step| match step {
+                Step::Multisine(band) => Some(band.as_ref()),
+                _ => None,
+            })
+            .collect();
+        let numbers = multisine::numbers(&self.experiment, stage, repeat);
+        let of_one = bands.len() / numbers.len();
+        let own = bands.chunks(of_one.max(1)).nth(number - numbers.start);
+        for band in own.unwrap_or_default() {
+            let attempts = self.attempts(band, repeat, stage.bias_a() != 0.0)?;
             for line in 0..band.design.harmonics.len() {
                 let stored = raw.get(found.len()).map(|point| point.z_ohm);
                 let same = |attempt: &&Vec<MeasuredLine>| {
@@ -71,7 +77,7 @@ impl Recorded {
                 let attempt = attempts.iter().find(same).or_else(|| attempts.first());
                 let missing = || {
                     self.failed(&format!(
-                        "multisine {repeat}, band {}: expected line {}, found none",
+                        "multisine {number}, band {}: expected line {}, found none",
                         band.number,
                         line + 1
                     ))
@@ -88,7 +94,12 @@ impl Recorded {
 
     /// Returns the lines of all records of a band, the latest first. A record that cannot be
     /// analysed was not kept, unless it is the only one.
-    fn attempts(&self, band: &Band, repeat: usize) -> Result<Vec<Vec<MeasuredLine>>, Failure> {
+    fn attempts(
+        &self,
+        band: &Band,
+        repeat: usize,
+        changing: bool,
+    ) -> Result<Vec<Vec<MeasuredLine>>, Failure> {
         let (mut attempts, mut wrong) = (Vec::new(), None);
         for attempt in 0_usize.. {
             let path = self.folder.join(run_folder::capture(
@@ -111,6 +122,7 @@ impl Recorded {
                 band,
                 volts.each_ref().map(Vec::as_slice),
                 capture.meta.interval_s,
+                changing,
             ) {
                 Ok(BandFit { phasors, lines }) => {
                     let volts_per_div = capture.meta.channels.map(|channel| channel.volts_per_div);

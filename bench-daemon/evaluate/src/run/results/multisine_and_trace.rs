@@ -9,6 +9,7 @@ use analysis::{
     spectrum::ImpedancePoint,
 };
 
+use super::operando;
 use crate::{
     files,
     run::{Measured, MultisineRun},
@@ -18,6 +19,7 @@ use bench_core::{
     record::{RecordError, Recorder},
     safety::failure::Failure,
 };
+use bench_plan::config::Experiment;
 
 /// Pictures and tables of a report.
 #[derive(Default)]
@@ -30,11 +32,24 @@ pub(super) struct Shown {
 ///
 /// # Errors
 /// Fails if a trace cannot be read or a picture cannot be drawn.
-pub(super) fn write(recorder: &Recorder, measured: &Measured) -> Result<Shown, Failure> {
+pub(super) fn write(
+    recorder: &Recorder,
+    experiment: &Experiment,
+    measured: &Measured,
+) -> Result<Shown, Failure> {
     let mut shown = Shown::default();
+    let along = experiment
+        .multisine
+        .as_ref()
+        .is_some_and(|multisine| multisine.operando);
+    if along {
+        shown
+            .figures
+            .extend(operando::write(recorder, experiment, measured)?);
+    }
     for (number, run) in (1..)
         .zip(&measured.multisines)
-        .filter(|(_, run)| !run.spectrum.points.is_empty())
+        .filter(|(_, run)| !along && !run.spectrum.points.is_empty())
     {
         let title = if number == 1 {
             "Multisine".to_owned()
