@@ -1,6 +1,8 @@
 //! `eis-bench convert`: spectra, time series and models as the files of other programs, and theirs
 //! as the project's.
 
+mod nleis;
+
 use crate::command::units;
 use bench_plan::config::quantity::{Charge, Temperature, Voltage};
 use std::path::{Path, PathBuf};
@@ -98,6 +100,9 @@ pub enum To {
     Biologic,
     /// Spectra as ZPlot's and ZView's z.
     Zview,
+    /// The `harmonics.csv` of a run folder as columns of frequency, Z1 and Z2 for nleis.py, one file for
+    /// each sweep.
+    Nleis,
     /// All spectra as one CSV in long form, `spectra.csv`, as `fit --table` reads it.
     TableCsv,
     /// All spectra as one Parquet in long form, `spectra.parquet`.
@@ -155,6 +160,7 @@ pub fn convert(args: &ConvertArgs) -> Result<(), Failure> {
         To::Biologic => format_of(Some(SpectrumFormat::BioLogic)),
         To::Zview => format_of(Some(SpectrumFormat::ZView)),
         To::BdfCsv | To::BdfParquet => each(&|file| bdf(args, file)),
+        To::Nleis => each(&|file| harmonics(args, file)),
         To::C | To::Pybamm | To::Casadi | To::Model => each(&|file| {
             let band_hz = args
                 .ladder_band_hz
@@ -239,6 +245,20 @@ fn spectra(args: &ConvertArgs, file: &Path, format: Option<SpectrumFormat>) -> R
             }
         }
         say!("{}: {} points", path.display(), spectrum.points.len());
+    }
+    Ok(())
+}
+
+/// The harmonics of each sweep of a run.
+fn harmonics(args: &ConvertArgs, file: &Path) -> Result<(), Failure> {
+    for (sweep, text) in nleis::texts(file)? {
+        let path = free(args, &format!("nleis_{sweep}"), ".csv")?;
+        write(&path, &text)?;
+        say!(
+            "{}: {} frequencies",
+            path.display(),
+            text.lines().count() - 1
+        );
     }
     Ok(())
 }

@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 use analysis::run_folder::{
     CAPTURES, EVENTS, JOURNAL, LOG, MANIFEST, READINGS, REPORT, SUMS, TRANSCRIPTS, moved_captures,
+    sums::Sums,
 };
 use clap::Args;
 use rayon::prelude::*;
@@ -257,7 +258,10 @@ fn recomputed(folder: &Path, verified: &mut Verified) -> Result<Vec<Difference>,
         .map(|(known, recomputed)| (known.stage, recomputed.point))
         .collect();
     let others = recorded.settle(&points, scratch.path(), true)?;
-    let files = made(scratch.path(), Path::new(""))?;
+    let (files, unknown) = written(folder, made(scratch.path(), Path::new(""))?);
+    verified.notes.extend(unknown.iter().map(|file| {
+        format!("{file}: neither stored nor in {SUMS}: the version that wrote the folder did not write it")
+    }));
     let compared: Vec<Vec<Difference>> = files
         .par_iter()
         .map(|file| match compare(folder, scratch.path(), file) {
@@ -290,6 +294,16 @@ fn recomputed(folder: &Path, verified: &mut Verified) -> Result<Vec<Difference>,
         ));
     }
     Ok(differences)
+}
+
+/// Divides computed files into those that the run wrote, and those that its version did not write: they
+/// are neither stored nor in the list of hashes, which is written last.
+fn written(folder: &Path, files: Vec<String>) -> (Vec<String>, Vec<String>) {
+    let text = std::fs::read_to_string(folder.join(SUMS)).unwrap_or_default();
+    let listed = Sums::of(&text).files;
+    files.into_iter().partition(|file| {
+        listed.is_empty() || listed.contains_key(file.as_str()) || folder.join(file).exists()
+    })
 }
 
 /// Returns the computed files of a folder, without input files and links to them.
