@@ -456,3 +456,40 @@ fn uncertainties_are_kept_where_the_target_has_a_place() {
         "{message}"
     );
 }
+
+#[test]
+fn harmonics_of_a_run_become_the_columns_of_nleis() {
+    let folder = tempfile::tempdir().unwrap();
+    let (table, out) = (
+        folder.path().join("harmonics.csv"),
+        folder.path().join("out"),
+    );
+    let head = analysis::run_folder::HARMONIC_COLUMNS;
+    let rows = "1,0,1,0.5,1,9e-3,-1e-3,1e-6,2e-6,0,V/A\n1,0,1,0.5,2,4e-6,-1e-6,3e-7,3e-7,0,V/A2\n\
+        1,0,1,0.5,3,1e-6,0,1e-7,1e-7,0,V/A3\n1,0,1,200,1,7e-3,0,1e-6,1e-6,0,V/A\n";
+    let convert = |text: &str| {
+        fs::write(&table, text).unwrap();
+        let (table, out) = (table.to_str().unwrap(), out.to_str().unwrap());
+        eis_bench(&["convert", table, "--to", "nleis", "--out", out]).1
+    };
+    let written = convert(&format!("{head}\n{rows}"));
+    assert!(written.contains("1 frequencies"), "{written}");
+    let text = fs::read_to_string(out.join("nleis_1.csv")).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!(
+        lines.len(),
+        2,
+        "only the frequency with both orders: {text}"
+    );
+    assert_eq!(lines[1], "0.5,9e-3,-1e-3,4e-6,-1e-6,1e-6,2e-6,3e-7,3e-7");
+    let wrong = convert(&format!("{head}\n{}", rows.replacen("9e-3", "x", 1)));
+    assert!(
+        wrong.contains("line 2, column z_re: expected a number, found \"x\""),
+        "{wrong}"
+    );
+    let other = convert("f,re,im\n1,2,3\n");
+    assert!(
+        other.contains("expected the file harmonics.csv of a run folder"),
+        "{other}"
+    );
+}

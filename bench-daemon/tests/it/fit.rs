@@ -393,3 +393,72 @@ fn a_comparison_under_current_refuses_what_it_does_not_do() {
         );
     }
 }
+
+/// A log of six cells under steps of a load, the fourth with 8 % more resistance.
+fn string_log() -> String {
+    let cells = 6;
+    let names: Vec<String> = (1..=cells).map(|cell| format!("c{cell}_v")).collect();
+    let mut text = format!("time_s,current_a,{}\n", names.join(","));
+    let (mut slow, mut level_a) = (0.0, 0.0);
+    for row in 0..8000_u32 {
+        // A stride that is not periodic replaces chance.
+        let chance = |k: u32| (f64::from(k) * 0.618_034).fract();
+        if row % 37 == 0 {
+            level_a = 30.0 * chance(row / 37 * 7);
+        }
+        slow += 0.02 * (0.003 * level_a - slow);
+        text += &format!(
+            "{:.4},{level_a:.3}",
+            0.01 * f64::from(row) + 0.001 * chance(row)
+        );
+        for cell in 0..cells {
+            let factor = if cell == 3 {
+                1.08
+            } else {
+                1.0 + 0.002 * f64::from(cell % 3)
+            };
+            let noise_v = 0.001 * (chance(row * 13 + cell) - 0.5);
+            let volts = 3.7 - factor * (0.008 * level_a + slow) - 1e-6 * f64::from(row) + noise_v;
+            text += &format!(",{volts:.3}");
+        }
+        text.push('\n');
+    }
+    text
+}
+
+#[test]
+fn a_log_of_a_string_gives_impedances_and_names_the_weak_cell() {
+    let folder = tempfile::tempdir().unwrap();
+    let (log, out) = (folder.path().join("robot.csv"), folder.path().join("out"));
+    std::fs::write(&log, string_log()).unwrap();
+    let (log, folder) = (log.to_str().unwrap(), out.to_str().unwrap());
+    let output = eis_bench(&["fit", log, "--usage", "--out", folder]);
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    assert!(
+        text.contains("c4 is weak: it answers the current"),
+        "{text}"
+    );
+    assert_eq!(text.matches("is weak").count(), 1, "{text}");
+    let found: Value =
+        serde_json::from_slice(&std::fs::read(out.join("usage.json")).unwrap()).unwrap();
+    let excess = number(&found["string"][3], "excess");
+    assert!((0.05..0.08).contains(&excess), "{excess}");
+    // 8 mΩ, and 3 mΩ that follow in half a second.
+    let dc_ohm = number(&found["cells"][0]["model"]["erm"], "r_ohm");
+    assert!((0.007..0.010).contains(&dc_ohm), "{dc_ohm}");
+    assert!(out.join("report.html").exists() && out.join("c1.csv").exists());
+    // A row without a number is named.
+    let broken = string_log().replacen("\n0.01", "\nno", 1);
+    std::fs::write(log, broken).unwrap();
+    let error = eis_bench(&["fit", log, "--usage"]).stderr;
+    let error = String::from_utf8_lossy(&error).into_owned();
+    assert!(
+        error.contains("column time_s: expected a number, found \"no"),
+        "{error}"
+    );
+}
