@@ -44,6 +44,7 @@ fn a_reply_in_pieces_is_whole_and_the_next_question_gets_its_own() {
         let path = socket_file();
         let socket = UnixDatagram::bind(&path).unwrap();
         let address = format!("usbtmc:{}", path.display());
+        let pause = clock.clone();
         let instrument = tokio::spawn(async move {
             let mut buffer = [0; 4096];
             loop {
@@ -55,7 +56,7 @@ fn a_reply_in_pieces_is_whole_and_the_next_question_gets_its_own() {
                     .enumerate()
                 {
                     if number == 1 {
-                        clock_pause().await;
+                        pause.sleep(MOMENT).await;
                     }
                     let _ = socket.send_to(piece, sender.as_pathname().unwrap()).await;
                 }
@@ -77,9 +78,4 @@ fn a_reply_in_pieces_is_whole_and_the_next_question_gets_its_own() {
         instrument.abort();
         let _ = std::fs::remove_file(path);
     });
-}
-
-/// A pause between two pieces.
-async fn clock_pause() {
-    tokio::time::sleep(MOMENT).await;
 }
