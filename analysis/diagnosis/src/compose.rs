@@ -89,7 +89,9 @@ impl Composed {
         let (prepared, fits) = (&self.prepared, self.fits());
         let problem = &prepared.problem;
         let mut workspace = Workspace::default();
+        d.blocks = localise(problem, fits.base, true, &mut workspace);
         d.where_after = localise(problem, fits.augmented, true, &mut workspace);
+        d.base = Some(fits.base.decode(problem.branches()).0);
         d.gap = gaps(prepared, &model.erm, fits, &mut workspace);
         d.gap_spectra = spectrum_gaps(problem, &model.erm, fits, &mut workspace);
         d.quality = quality(problem, fits.base, fits.augmented);

@@ -172,6 +172,7 @@ pub(crate) fn diagnose_with(
         Vec::new()
     };
     let has_moved = moved.is_some();
+    let has_contact = differs.iter().any(|one| one.is_contact);
     judge(
         &mut d,
         &selection,
@@ -208,8 +209,9 @@ pub(crate) fn diagnose_with(
             }
             // Noise that seemed to have moved may have been the missing mechanisms.
             let is_steady = !has_moved || moved_floor(&composed.prepared).is_none();
-            if is_steady && judge_mechanisms(&mut d) {
+            if is_steady && !has_contact && judge_mechanisms(&mut d) {
                 curves = composed.describe(&mut d, model);
+                d.noise = noise_report(&composed.prepared);
             }
             d.predictive = Some(found);
         }

@@ -219,10 +219,13 @@ impl Share {
         format!("{}{others} ({} of the gap)", self.title, self.percents())
     }
 
-    /// Returns the range of the share as text, 0 to 100 %.
+    /// Returns the range of the share as text, 0 to 100 %: its error about the mean over the orders
+    /// in which the mechanisms are added, and what the orders themselves leave open.
     pub fn percents(&self) -> String {
         let percent = |part: f64| (100.0 * part).clamp(0.0, 100.0).round();
-        let [low, high] = [-SHARE_ERROR, SHARE_ERROR].map(|error| percent(self.held_out + error));
+        let (least, greatest) = self.held_out_range;
+        let low = percent(least.min(self.held_out - SHARE_ERROR));
+        let high = percent(greatest.max(self.held_out + SHARE_ERROR));
         if high == 0.0 {
             return "none".to_owned();
         }

@@ -66,7 +66,8 @@ impl Search<'_> {
             let does_as_well = |other: &Fit| {
                 let left = left(prepared, erm, base, other);
                 let brings_back = |of: fn(&Left) -> f64| {
-                    of(&others.1) - of(&left) >= PARTNER_SHARE * (of(&others.1) - of(&all[last]))
+                    let removed = of(&others.1) - of(&all[last]);
+                    removed > 0.0 && of(&others.1) - of(&left) >= PARTNER_SHARE * removed
                 };
                 brings_back(|l| l.chi2) && brings_back(|l| l.missed)
             };

@@ -978,6 +978,9 @@ thresholds! {
     BIAS_CHARGE: f64 = 0.03, "1",
         "Part of the capacity that the slowest point under a planned direct current moves at most.",
         Convention "Below the 5 % that an experiment allows a group of points by default.";
+    BIAS_RAMP_S: f64 = 40.0, "s",
+        "Time of ramp, settling and first records under a planned direct current.",
+        Convention "The 30 s that an experiment settles by default, and the ramp.";
     BETWEEN_REPEATS_S: f64 = 600.0, "s",
         "Longest rest between repeats of a planned run.",
         Convention "The value of `SETTLE_S`. No study of the value is on record.";

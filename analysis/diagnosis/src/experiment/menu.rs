@@ -3,9 +3,9 @@
 
 use super::planned::{BenchLimits, Planned, PlannedRun, point_s};
 use crate::thresholds::{
-    BIAS_CHARGE, BIAS_PART, BURST_S, HALVES_S, MENU_REPEATS, MIRRORED_PARTS, SETTLE_ELSEWHERE_S,
-    SETTLE_JIG_S, SETTLE_S, SLOW_POINTS, SLOW_REPEATS, SLOWEST_HZ, SOC_WITHIN, SWEEP_BAND_HZ,
-    SWEEP_POINTS, TOP_POINTS, WALK_REST_S, WALK_SOC,
+    BIAS_CHARGE, BIAS_PART, BIAS_RAMP_S, BURST_S, HALVES_S, MENU_REPEATS, MIRRORED_PARTS,
+    SETTLE_ELSEWHERE_S, SETTLE_JIG_S, SETTLE_S, SLOW_POINTS, SLOW_REPEATS, SLOWEST_HZ, SOC_WITHIN,
+    SWEEP_BAND_HZ, SWEEP_POINTS, TOP_POINTS, WALK_REST_S, WALK_SOC,
 };
 use crate::{
     block::{Block, Kind},
@@ -203,8 +203,8 @@ impl<'a> Campaign<'a> {
     }
 
     /// Returns the size of a direct current under the sweep, A, or `None` if it would not exceed the
-    /// amplitude: half of what the limits leave beside the amplitude, and as much as its slowest
-    /// point may move of the charge.
+    /// amplitude: half of what the limits leave beside the amplitude, as much as its slowest point and
+    /// the ramp may move of the charge, and one capacity per hour, so that it heats the cell little.
     fn direct_a(&self, sign: f64) -> Option<f64> {
         let Planned::Eis {
             freq_hz,
@@ -215,14 +215,15 @@ impl<'a> Campaign<'a> {
             return None;
         };
         let slowest_s = freq_hz.iter().copied().map(point_s).fold(0.0, f64::max);
-        let capacity_coulomb = 3600.0 * self.problem.base.ocv.capacity_ah;
+        let capacity_ah = self.problem.base.ocv.capacity_ah;
         let limit_a = if sign > 0.0 {
             self.limits.discharge_a
         } else {
             self.limits.charge_a
         };
-        let current_a =
-            (BIAS_PART * (limit_a - amplitude_a)).min(BIAS_CHARGE * capacity_coulomb / slowest_s);
+        let current_a = (BIAS_PART * (limit_a - amplitude_a))
+            .min(BIAS_CHARGE * 3600.0 * capacity_ah / (slowest_s + BIAS_RAMP_S))
+            .min(capacity_ah);
         (current_a > *amplitude_a).then_some(current_a)
     }
 

@@ -188,8 +188,8 @@ fn what(d: &Diagnosis) -> Section {
             (see \"What else it could be\"):"
         }
         Verdict::Mostly if d.effects.is_empty() => {
-            "Mechanisms are named, not formulas: formulas of the catalogue predict the runs together, \
-            and no single one does."
+            "Mechanisms are named, not formulas: those of the catalogue that stand for them predict the \
+            runs, and the form of none is certain."
         }
         Verdict::Mostly => {
             "Missing in the base model and added; what is left is far smaller, and has no name:"

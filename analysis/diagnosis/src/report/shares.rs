@@ -18,9 +18,7 @@ pub(super) fn sentences(d: &Diagnosis) -> Vec<String> {
         )
     }));
     sentences.push(
-        "Formulas of the catalogue predict the runs together; no single one does, so that no value \
-        is certain."
-            .to_owned(),
+        "The form of no formula of the catalogue is certain, so that no value is.".to_owned(),
     );
     sentences
 }

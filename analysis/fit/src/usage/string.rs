@@ -18,14 +18,14 @@ const CERTAIN: f64 = 0.01;
 /// Standard uncertainties of the record that the excess must exceed as well.
 const BEYOND_NOISE: f64 = 4.0;
 
-/// Compares every cell with the mean of all: in each block the cell's difference from the mean follows the
-/// mean's own response to the current, as far as its impedance is larger. The scatter of the blocks is the
+/// Compares every cell with the mean of the others: in each block the cell's difference from it follows
+/// its response to the current, as far as the cell's impedance is larger. The scatter of the blocks is the
 /// uncertainty. Empty for few cells or a short record.
 pub(super) fn string(names: &[&str], pieces: &[Piece], interval_s: f64) -> Vec<StringCell> {
     let block = ((BLOCK_S / interval_s).round() as usize).max(16);
     let cells = names.len();
     let mut products = vec![Vec::new(); cells];
-    let mut squares = Vec::new();
+    let mut squares = vec![Vec::new(); cells];
     for piece in pieces {
         for from in (0..(piece.current_a.len() + 1).saturating_sub(block)).step_by(block) {
             let own: Vec<Vec<f64>> = piece
@@ -36,21 +36,24 @@ pub(super) fn string(names: &[&str], pieces: &[Piece], interval_s: f64) -> Vec<S
             let mean: Vec<f64> = (0..block)
                 .map(|k| own.iter().map(|cell| cell[k]).sum::<f64>() / cells as f64)
                 .collect();
-            squares.push(mean.iter().map(|m| m * m).sum::<f64>());
-            for (cell, products) in own.iter().zip(&mut products) {
-                products.push(
-                    cell.iter()
-                        .zip(&mean)
-                        .map(|(u, m)| (u - m) * m)
-                        .sum::<f64>(),
-                );
+            // The mean of the others: a cell's own noise would correlate with itself.
+            let count = cells as f64;
+            for ((cell, products), squares) in own.iter().zip(&mut products).zip(&mut squares) {
+                let others = || {
+                    let each = cell.iter().zip(&mean);
+                    each.map(|(u, m)| (u, (count * m - u) / (count - 1.0)))
+                };
+                products.push(others().map(|(u, m)| (u - m) * m).sum::<f64>());
+                squares.push(others().map(|(_, m)| m * m).sum::<f64>());
             }
         }
     }
-    if cells < FEWEST_CELLS || squares.len() < FEWEST_BLOCKS {
+    let blocks = squares.first().map_or(0, Vec::len);
+    if cells < FEWEST_CELLS || blocks < FEWEST_BLOCKS {
         return Vec::new();
     }
-    let found: Vec<[f64; 2]> = products.iter().map(|own| excess(own, &squares)).collect();
+    let each = products.iter().zip(&squares);
+    let found: Vec<[f64; 2]> = each.map(|(own, squares)| excess(own, squares)).collect();
     names
         .iter()
         .enumerate()

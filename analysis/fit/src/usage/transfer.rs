@@ -14,8 +14,7 @@ use super::{
     string::string,
 };
 
-/// Shortest window, samples: its highest frequency is a fifth of the sampling rate, up to which the
-/// interpolation between jittered stamps changes nothing.
+/// Shortest window, samples: its highest frequency is a fifth of the sampling rate.
 const SHORTEST: usize = 32;
 /// Pairs of bins of a window that are evaluated, in periods over the window; the next longer window
 /// begins an octave below.
@@ -27,6 +26,9 @@ const FEWEST_WINDOWS: usize = 8;
 const INDEPENDENT: f64 = 1.3;
 /// Greatest relative uncertainty of an impedance that is stated.
 const GREATEST: f64 = 0.1;
+/// Least relative uncertainty: what the interpolation between jittered stamps and the load within an
+/// interval leave.
+const LEAST: f64 = 0.01;
 
 /// Sums of spectra over windows and a pair of bins.
 #[derive(Debug, Clone, Copy, Default)]
@@ -102,13 +104,13 @@ fn impedance(
             let sums = sums(pieces, cell, length, bins);
             let freq_hz = 0.5 * (bins[0] + bins[1]) as f64 / (length as f64 * interval_s);
             let coherence = sums.cross.norm_sqr() / (sums.current * sums.voltage);
-            if sums.windows < FEWEST_WINDOWS || !coherence.is_finite() {
+            if sums.windows == 0 {
                 continue;
             }
-            let count = INDEPENDENT * sums.windows as f64;
             let z_ohm = sums.cross / sums.current;
-            let uncertainty = ((1.0 - coherence).max(0.0) / (coherence * count)).sqrt();
-            if uncertainty > GREATEST {
+            let uncertainty = uncertainty(coherence, sums.windows);
+            // Also where it is not a number: a current that is zero throughout.
+            if sums.windows < FEWEST_WINDOWS || !(uncertainty <= GREATEST) {
                 refused.push(RefusedBand {
                     freq_hz,
                     uncertainty,
@@ -124,6 +126,16 @@ fn impedance(
         }
     }
     (Spectrum::new(name.to_owned(), points), refused)
+}
+
+/// Returns the relative standard uncertainty of an impedance: its scatter over the windows, and its bias.
+///
+/// Noise of the current sensor lowers the impedance by its share of the current's power, noise of the
+/// voltage does not; the coherence does not tell the two apart, so all of what it lacks counts as bias.
+fn uncertainty(coherence: f64, windows: usize) -> f64 {
+    let lacking = (1.0 - coherence).max(0.0);
+    let scatter = (lacking / (coherence * INDEPENDENT * windows as f64)).sqrt();
+    scatter.hypot(lacking).max(LEAST)
 }
 
 /// Sums over all windows of a length that overlap by half, without a straight line in each.

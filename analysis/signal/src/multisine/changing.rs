@@ -53,6 +53,18 @@ struct Terms {
     after: f64,
 }
 
+/// The harmonics that are excited, and the periods of the record.
+#[derive(Clone, Copy)]
+struct Lines<'a> {
+    harmonics: &'a [usize],
+    periods: usize,
+}
+
+/// Returns the skirt of a unit change over half the record, over j, at a distance in bins.
+fn skirt(offset: f64, count: usize) -> f64 {
+    1.0 / ((std::f64::consts::PI * offset / count as f64).tan() * count as f64)
+}
+
 impl Local {
     /// The bins beside a harmonic, in a record of `periods` periods and `count` samples.
     fn new(harmonic: usize, periods: usize, count: usize) -> Option<Self> {
@@ -64,11 +76,8 @@ impl Local {
             .collect();
         let row = |bin: &usize| {
             let offset = *bin as f64 - centre as f64;
-            let (turn, near) = (
-                std::f64::consts::PI * offset / count as f64,
-                offset / periods as f64,
-            );
-            [1.0 / (turn.tan() * count as f64), 1.0, near, near * near]
+            let near = offset / periods as f64;
+            [skirt(offset, count), 1.0, near, near * near]
         };
         let rows: Vec<[f64; TERMS]> = bins.iter().map(row).collect();
         let mut normal = vec![0.0; TERMS * TERMS];
@@ -122,8 +131,9 @@ impl Local {
         }
     }
 
-    /// Takes the terms off the bins, and what the parabola has on the harmonic off the harmonic.
-    fn subtract(&self, terms: &Terms, bins: &mut [Complex64]) {
+    /// Takes the terms off the bins, and what the parabola has on the harmonic off the harmonic; the
+    /// skirt alone off the harmonics beside it that are not excited, where it would look like distortion.
+    fn subtract(&self, terms: &Terms, bins: &mut [Complex64], lines: Lines<'_>) {
         for (row, bin) in self.rows.iter().zip(&self.bins) {
             let explained: Complex64 = row
                 .iter()
@@ -133,6 +143,14 @@ impl Local {
             bins[*bin] -= explained;
         }
         bins[self.centre] -= terms.values[1];
+        for apart in [-2.0, -1.0, 1.0, 2.0] {
+            let offset = apart * lines.periods as f64;
+            let bin = (self.centre as f64 + offset) as usize;
+            let is_excited = lines.harmonics.contains(&(bin / lines.periods));
+            if offset + self.centre as f64 > 0.0 && bin < bins.len() && !is_excited {
+                bins[bin] -= terms.values[0] * skirt(offset, bins.len());
+            }
+        }
     }
 
     /// Returns the probability of such terms by chance.
@@ -184,7 +202,11 @@ pub(super) fn take_out_change(
                 drift: Covariance2::along(slopes[slot] / 12.0),
                 ..PhasorVariance::circular(noise)
             };
-            local.subtract(&terms, &mut bins[slot].0);
+            let lines = Lines {
+                harmonics: excited.harmonics,
+                periods,
+            };
+            local.subtract(&terms, &mut bins[slot].0, lines);
         }
         let [c1, c2, c3, c4] = [0, 1, 2, 3].map(|slot: usize| bins[slot].0[local.centre]);
         let change = (slopes[3] - slopes[2]) / (c4 - c3) - (slopes[1] - slopes[0]) / (c2 - c1);

@@ -96,6 +96,7 @@ impl Executor<'_> {
         // used its panel.
         self.sweep.fall_back();
         self.scope.armed = None;
+        self.scope.forget_verticals();
         if let Some(scope) = self.rig.bench.instruments.scope.as_mut() {
             scope.forget_settings();
         }

@@ -97,6 +97,11 @@ impl Screen {
         }
     }
 
+    /// Sends the settings of all channels again before the next record.
+    pub(super) fn forget_verticals(&mut self) {
+        self.applied = [None; 4];
+    }
+
     /// Sends the settings of the channels that must change.
     pub(super) async fn apply(&mut self, bench: &mut Bench) -> Result<(), ExecuteError> {
         let error = bench.error("scope");

@@ -127,6 +127,7 @@ impl Session {
             .for_each(|text| remark!("note: {text}"));
         let operator = Operator::detect();
         refuse_without_person(experiment, operator)?;
+        refuse_unswitched(experiment)?;
         let Some(runtime) = &self.runtime else {
             return Err(ended());
         };
@@ -217,6 +218,21 @@ fn simulated(experiment: &Experiment) -> Result<Option<Simulation>, Failure> {
         simulation
             .with_faults(section.faults.clone())
             .with_quirks(section.quirks.clone()),
+    ))
+}
+
+/// Returns an error for real instruments with a supply that the program cannot switch. Safe state and
+/// watch cannot yet end its zero error in every situation (docs/safety.md).
+fn refuse_unswitched(experiment: &Experiment) -> Result<(), Failure> {
+    let bench = &experiment.bench;
+    if bench.wiring.analog.is_none() || bench.is_mocked() || bench.in_process() {
+        return Ok(());
+    }
+    Err(Failure::Usage(
+        "expected a bipolar supply with a link, found `analog`: this version drives an analog supply on \
+        simulated benches only, because it cannot end the supply's zero error in every situation; \
+        `plan`, `identify` and `safe` take this bench"
+            .to_owned(),
     ))
 }
 

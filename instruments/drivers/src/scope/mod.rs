@@ -86,13 +86,14 @@ impl Instrument<dyn Dialect> {
     ) -> Result<(), LinkError> {
         let played = self.play(script).await;
         match intent {
+            // After a failure the scope may have restarted: nothing is known to stand.
+            _ if played.is_err() => self.standing.clear(),
             // What starts and stops an acquisition is no setting.
             Intent::Arm | Intent::Roll | Intent::Stop => {}
-            _ if played.is_ok() => {
+            _ => {
                 let transfer = matches!(intent, Intent::Transfer { .. } | Intent::Page { .. });
                 keep(&mut self.standing, script, !transfer);
             }
-            _ => self.standing.clear(),
         }
         played
     }
