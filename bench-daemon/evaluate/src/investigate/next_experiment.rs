@@ -324,7 +324,7 @@ mod tests {
     #[test]
     fn a_direct_current_under_a_sweep_comes_back_with_its_sign() {
         let what = Planned::Eis {
-            freq_hz: vec![1.0, 10.0, 100.0],
+            freq_hz: vec![1.0, 3.0, 10.0, 30.0, 100.0, 300.0],
             amplitude_a: 1.0,
             bias_a: 2.5,
         };

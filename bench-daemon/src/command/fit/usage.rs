@@ -73,6 +73,15 @@ pub(super) fn evaluate(args: &FitArgs) -> Result<(), Failure> {
         .map(|file| logged(file, rc, args.seed))
         .collect::<Result<Vec<Logged>, Failure>>()?;
     if let Some(folder) = &args.out {
+        for (k, log) in logs.iter().enumerate() {
+            if logs[..k].iter().any(|other| other.log == log.log) {
+                return Err(Failure::Usage(format!(
+                    "--out: expected logs of different names, found two of {:?}: each has a folder of \
+                    its name",
+                    log.log
+                )));
+            }
+        }
         for log in &logs {
             let folder = if logs.len() == 1 {
                 folder.clone()
