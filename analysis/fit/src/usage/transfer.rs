@@ -109,8 +109,7 @@ fn impedance(
             }
             let z_ohm = sums.cross / sums.current;
             let uncertainty = uncertainty(coherence, sums.windows);
-            // Also where it is not a number: a current that is zero throughout.
-            if sums.windows < FEWEST_WINDOWS || !(uncertainty <= GREATEST) {
+            if sums.windows < FEWEST_WINDOWS || uncertainty > GREATEST {
                 refused.push(RefusedBand {
                     freq_hz,
                     uncertainty,
@@ -133,6 +132,10 @@ fn impedance(
 /// Noise of the current sensor lowers the impedance by its share of the current's power, noise of the
 /// voltage does not; the coherence does not tell the two apart, so all of what it lacks counts as bias.
 fn uncertainty(coherence: f64, windows: usize) -> f64 {
+    if !coherence.is_finite() {
+        // A current that is zero throughout.
+        return f64::INFINITY;
+    }
     let lacking = (1.0 - coherence).max(0.0);
     let scatter = (lacking / (coherence * INDEPENDENT * windows as f64)).sqrt();
     scatter.hypot(lacking).max(LEAST)
