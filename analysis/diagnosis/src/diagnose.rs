@@ -25,7 +25,7 @@ use super::search::excess_z;
 use super::select::Selection;
 use super::structure::Structure;
 use super::whitening::dot;
-use crate::thresholds::{MISFIT_Z, OTHER_STARTS, SENTINEL_Z};
+use crate::thresholds::{LEAST_BLOCK_P, MISFIT_Z, OTHER_STARTS, SENTINEL_Z};
 use analysis_effects::contract::Facts;
 use analysis_fit::fit::PROGRAM;
 use analysis_model::model::Erm;
@@ -172,7 +172,9 @@ pub(crate) fn diagnose_with(
         Vec::new()
     };
     let has_moved = moved.is_some();
-    let has_contact = differs.iter().any(|one| one.is_contact);
+    let has_contact = differs
+        .first()
+        .is_some_and(|one| one.is_contact && one.p_value <= LEAST_BLOCK_P);
     judge(
         &mut d,
         &selection,
