@@ -184,7 +184,7 @@ pub(crate) fn diagnose_with(
             differs,
         },
     );
-    let mut curves = curves(judged, &model.erm, fits, &mut workspace);
+    let mut composed_curves = None;
     options.progress.tell("planning the next run");
     let advice = recommend(
         &prepared,
@@ -212,7 +212,7 @@ pub(crate) fn diagnose_with(
             // Noise that seemed to have moved may have been the missing mechanisms.
             let is_steady = !has_moved || moved_floor(&composed.prepared).is_none();
             if is_steady && !has_contact && judge_mechanisms(&mut d) {
-                curves = composed.describe(&mut d, model);
+                composed_curves = Some(composed.describe(&mut d, model));
                 d.noise = noise_report(&composed.prepared);
             }
             d.predictive = Some(found);
@@ -226,7 +226,7 @@ pub(crate) fn diagnose_with(
     d.next_experiment = next_experiment;
     Ok(Outcome {
         diagnosis: d,
-        curves,
+        curves: composed_curves.unwrap_or_else(|| curves(judged, &model.erm, fits, &mut workspace)),
         facts: Some(prepared.problem.base.facts),
         next_runs: next_runs.unwrap_or_default(),
     })

@@ -143,11 +143,14 @@ fn fitted(volts: &[Vec<f64>; 4]) -> SineFit {
         channels: &channels,
         interval_s: INTERVAL_S,
     };
-    let options = FitOptions {
+    fit_with_change(&record, 2.5, &options()).unwrap()
+}
+
+fn options() -> FitOptions {
+    FitOptions {
         decays_s: relaxations(8.0),
         ..FitOptions::default()
-    };
-    fit_with_change(&record, 2.5, &options).unwrap()
+    }
 }
 
 #[test]
@@ -189,11 +192,8 @@ fn a_constant_cell_keeps_the_simple_fit_bit_by_bit() {
                 channels: &channels,
                 interval_s: INTERVAL_S,
             };
-            let options = FitOptions {
-                decays_s: relaxations(8.0),
-                ..FitOptions::default()
-            };
-            assert_eq!(fit_known_frequency(&record, 2.5, &options).unwrap(), fit);
+            let known = fit_known_frequency(&record, 2.5, &options()).unwrap();
+            assert_eq!(known, fit);
         }
     }
 }

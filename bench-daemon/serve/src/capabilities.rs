@@ -28,7 +28,7 @@ impl Capabilities {
             current_a: current_a(bench),
             temperature_degc: temperature_degc(bench),
             fixtures: fixtures(bench).into_iter().map(name).collect(),
-            simulated: bench.in_process() || bench.is_mocked(),
+            simulated: bench.is_simulated(),
         }
     }
 }

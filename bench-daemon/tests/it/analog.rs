@@ -8,9 +8,8 @@ use bench_plan::{
     config::{load_bench, load_experiment},
     procedure,
 };
-use instruments::transcript::{Direction, Payload};
 
-use crate::support::{BENCH, EXPERIMENT, Files, SCENARIO, program, transcript};
+use crate::support::{BENCH, EXPERIMENT, Files, SCENARIO, program, sent};
 
 const LINKED: &str = "model = \"kepco-bop-mg\"\naddress = \"memory:supply4q\"";
 const ANALOG: &str =
@@ -34,18 +33,6 @@ fn failure(files: &Files) -> String {
     outcome.map(|_| ()).unwrap_err().to_string()
 }
 
-fn sent_to_generator(files: &Files) -> Vec<String> {
-    transcript(&files.path("run"), "generator")
-        .records
-        .into_iter()
-        .filter(|record| record.direction == Direction::Sent)
-        .map(|record| match record.payload {
-            Payload::Text(text) => text,
-            Payload::Block(block) => block.prefix,
-        })
-        .collect()
-}
-
 #[test]
 fn a_sweep_on_an_analog_supply_of_negative_gain_measures_the_impedances_of_a_linked_one() {
     let files = analog(3, TRUE_SUPPLY);
@@ -64,7 +51,7 @@ fn a_sweep_on_an_analog_supply_of_negative_gain_measures_the_impedances_of_a_lin
         "{events}"
     );
     // −0.28 V − A/2: the step of 0.25 A, charge positive, and the amplitude of 1 A.
-    let sent = sent_to_generator(&files);
+    let sent = sent(&files.path("run"), "generator");
     assert!(
         sent.iter().any(|text| text.contains("OFST,-0.4050")),
         "{sent:#?}"
@@ -110,7 +97,7 @@ fn another_sign_or_gain_or_a_supply_that_is_off_is_found_before_anything_is_driv
         let files = analog(2, supply);
         let failure = failure(&files);
         assert!(failure.contains(expected), "{supply}: {failure}");
-        let driven: Vec<String> = sent_to_generator(&files)
+        let driven: Vec<String> = sent(&files.path("run"), "generator")
             .into_iter()
             .filter(|text| text.contains("AMP,1.0"))
             .collect();

@@ -211,7 +211,7 @@ impl AnyInstrument {
         })
     }
 
-    /// Returns the entries of the error queue; a unit without one is told as that.
+    /// Returns the entries of the error queue; a note in their place for a unit without one.
     async fn errors(&mut self) -> Result<Vec<String>, LinkError> {
         let link = self.link();
         match link.drain_errors().await {

@@ -225,7 +225,7 @@ fn simulated(experiment: &Experiment) -> Result<Option<Simulation>, Failure> {
 /// watch cannot yet end its zero error in every situation (docs/safety.md).
 fn refuse_unswitched(experiment: &Experiment) -> Result<(), Failure> {
     let bench = &experiment.bench;
-    if bench.wiring.analog.is_none() || bench.is_mocked() || bench.in_process() {
+    if bench.wiring.analog.is_none() || bench.is_simulated() {
         return Ok(());
     }
     Err(Failure::Usage(

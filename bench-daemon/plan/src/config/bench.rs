@@ -70,6 +70,11 @@ impl Bench {
                 .all(|(_, instrument)| is_local(&instrument.address))
     }
 
+    /// Whether every instrument is simulated: in this process, or by mocks on this machine.
+    pub fn is_simulated(&self) -> bool {
+        self.in_process() || self.is_mocked()
+    }
+
     /// How bench time runs.
     pub fn time(&self) -> TimeMode {
         self.simulation

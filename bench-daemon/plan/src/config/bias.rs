@@ -12,13 +12,8 @@ use super::{
 };
 use crate::plan::Bias;
 
-/// Charge that a group of points may move, if it is not stated, as a share of the capacity.
-const CHARGE: f64 = 0.05;
 /// Least direct current, A: a smaller one is of the size of a zero error.
 const LEAST_A: f64 = 0.1;
-/// Wait after a ramp, if it is not stated, s.
-const SETTLE_S: f64 = 30.0;
-
 /// Greatest charge of a group of points, as a share of the capacity.
 const MOST_CHARGE: f64 = 0.2;
 
@@ -56,10 +51,10 @@ impl Check<'_> {
                 "expected it beside a bias other than 0 A: it bounds voltage and heat",
             ));
         };
-        let charge = raw.charge.map_or(CHARGE, |share| share.si);
+        let charge = raw.charge.map_or(EisBias::CHARGE, |share| share.si);
         let charges = 0.001..=raw.most_charge;
         let charge = self.within(&raw.field("bias_charge"), charge, charges, "(share)")?;
-        let settle_s = raw.settle.map_or(SETTLE_S, |settle| settle.si);
+        let settle_s = raw.settle.map_or(EisBias::SETTLE_S, |settle| settle.si);
         let resistance_ohm = self.within(
             &raw.field("resistance_max"),
             resistance.si,

@@ -158,6 +158,13 @@ pub struct EisBias {
     pub capacity_coulomb: f64,
 }
 
+impl EisBias {
+    /// Charge that a group of points may move if it is not stated, as a share of the capacity.
+    pub const CHARGE: f64 = 0.05;
+    /// Wait after a ramp if it is not stated, s.
+    pub const SETTLE_S: f64 = 30.0;
+}
+
 /// In which order the frequencies of a sweep come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -30,11 +30,6 @@ const SLOW_HZ: f64 = 0.05;
 /// half times as long as requested, and must fill.
 const SLOW_PERIODS: (f64, f64) = (6.0, 2.5);
 
-/// Share of the capacity that a group of points under a direct current may move.
-const BIAS_CHARGE: f64 = 0.05;
-/// Wait after a ramp of the direct current, s.
-const BIAS_SETTLE_S: f64 = 30.0;
-
 /// Start of a planned run: the campaign, and the state in which it left the cell.
 #[derive(Debug, Clone)]
 pub(super) struct Site {
@@ -222,9 +217,9 @@ fn bias(first: &Experiment, bias_a: f64) -> Result<EisBias, String> {
     Ok(EisBias {
         // An experiment counts charging positive.
         levels_a: vec![0.0 - bias_a],
-        most_coulomb: BIAS_CHARGE * capacity_coulomb,
+        most_coulomb: EisBias::CHARGE * capacity_coulomb,
         resistance_ohm: like.resistance_max_ohm,
-        settle_s: BIAS_SETTLE_S,
+        settle_s: EisBias::SETTLE_S,
         capacity_coulomb,
     })
 }
