@@ -8,7 +8,12 @@
 //! query states how far it lies outside ([`Outside`]).
 //!
 //! The voltage of a branch is continuous when its resistance moves, as that of a capacitor is:
-//! τ·dv/dt = R(z, T)·i − v.
+//! τ·dv/dt = R(z, T)·g(i) − v. Where the data show that the resistance falls under current, g bends the
+//! current of the fast branches by Butler–Volmer's law ([`ChargeTransfer`]); otherwise g(i) = i.
+
+mod charge_transfer;
+
+pub use charge_transfer::{ChargeTransfer, Drive};
 
 use crate::model::{Erm, RcBranch};
 use serde::{Deserialize, Serialize};
@@ -44,6 +49,10 @@ pub struct CellMap {
     pub ocv_v_per_k: Vec<f64>,
     /// Temperature of the OCV curve, °C.
     pub ocv_temperature_degc: f64,
+    /// Fall of the fast branches' resistance under current; without it resistances do not depend on
+    /// current.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub charge_transfer: Option<ChargeTransfer>,
     /// Heat capacity and path to the surroundings; without them the cell stays at the temperature
     /// of the surroundings.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -273,6 +282,14 @@ impl CellMap {
             finite(field, list)?;
         }
         finite("ocv_temperature_degc", &[self.ocv_temperature_degc])?;
+        if let Some(law) = self.charge_transfer {
+            positive("charge_transfer.exchange_current_a", law.exchange_current_a)?;
+            positive("charge_transfer.slowest_s", law.slowest_s)?;
+            finite(
+                "charge_transfer.activation_j_per_mol",
+                &[law.activation_j_per_mol],
+            )?;
+        }
         if let Some(thermal) = self.thermal {
             for (field, met) in [
                 ("thermal.capacity_j_per_k", thermal.capacity_j_per_k),
@@ -397,6 +414,16 @@ impl CellMap {
         at.soc.pairs(self.soc.len())
     }
 
+    /// Returns how a current drives a branch at a SOC and a temperature, °C.
+    pub fn drive(&self, branch: &MapBranch, soc: f64, temperature_degc: f64) -> Drive {
+        let law = self
+            .charge_transfer
+            .filter(|law| branch.tau_s <= law.slowest_s);
+        Drive {
+            exchange_a: law.map(|law| law.exchange_a(soc, temperature_degc)),
+        }
+    }
+
     /// Returns the model at one SOC and temperature, for tasks that know one point only. A branch
     /// without resistance there keeps 1 nΩ.
     pub fn model_at(&self, soc: f64, temperature_degc: f64) -> Erm {
@@ -474,133 +501,4 @@ fn rising(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn surface(rows: &[[f64; 3]]) -> Surface {
-        Surface {
-            activation_j_per_mol: 30e3,
-            r_ohm: rows.iter().map(|row| row.to_vec()).collect(),
-            sigma_ohm: Vec::new(),
-        }
-    }
-
-    fn map() -> CellMap {
-        CellMap {
-            soc: vec![0.1, 0.5, 0.9],
-            temperature_degc: vec![0.0, 25.0],
-            series: surface(&[[0.04, 0.03, 0.032], [0.02, 0.015, 0.016]]),
-            branches: vec![MapBranch {
-                tau_s: 10.0,
-                resistance: surface(&[[0.02, 0.01, 0.0], [0.01, 0.005, 0.0]]),
-            }],
-            ocv_offset_v: vec![0.01, 0.0, -0.01],
-            ocv_v_per_k: vec![0.0, 1e-4, 2e-4],
-            ocv_temperature_degc: 25.0,
-            thermal: None,
-        }
-    }
-
-    #[test]
-    fn a_map_meets_its_nodes_and_is_linear_in_soc_between_them() {
-        let map = map();
-        map.validate().unwrap();
-        let series = |soc, degc| map.resistance_ohm(&map.series, &map.place(soc, degc));
-        for (j, degc) in [0.0, 25.0].into_iter().enumerate() {
-            for (k, soc) in [0.1, 0.5, 0.9].into_iter().enumerate() {
-                assert!((series(soc, degc) - map.series.r_ohm[j][k]).abs() < 1e-15);
-            }
-        }
-        assert!((series(0.3, 25.0) - 0.0175).abs() < 1e-15);
-    }
-
-    /// Expected values by hand: exp(30000/8.314462618·(1/263.15 − 1/273.15)) = 1.651980.
-    #[test]
-    fn beyond_the_nodes_a_resistance_follows_arrhenius_and_the_distance_is_stated() {
-        let map = map();
-        let at = map.place(0.05, -10.0);
-        assert!((map.resistance_ohm(&map.series, &at) / 0.04 - 1.651_980).abs() < 1e-5);
-        assert!((at.outside.soc - 0.05).abs() < 1e-12);
-        assert!((at.outside.temperature_k - 10.0).abs() < 1e-12);
-        let inside = map.place(0.4, 12.0);
-        assert_eq!(inside.outside, Outside::default());
-    }
-
-    #[test]
-    fn weights_are_the_resistance() {
-        let map = map();
-        for (soc, degc) in [(0.3, 12.0), (0.95, 30.0), (0.0, -20.0), (0.5, 25.0)] {
-            let at = map.place(soc, degc);
-            let sum: f64 = map
-                .weights(&at, 30e3)
-                .iter()
-                .map(|(j, k, w)| w * map.series.r_ohm[*j][*k])
-                .sum();
-            assert!((sum - map.resistance_ohm(&map.series, &at)).abs() < 1e-15);
-        }
-    }
-
-    #[test]
-    fn one_temperature_is_a_map_by_arrhenius_alone() {
-        let mut one = map();
-        one.temperature_degc = vec![25.0];
-        for s in [&mut one.series, &mut one.branches[0].resistance] {
-            s.r_ohm.remove(0);
-        }
-        one.validate().unwrap();
-        let r = |degc| one.resistance_ohm(&one.series, &one.place(0.5, degc));
-        assert!((r(25.0) - 0.015).abs() < 1e-15 && r(0.0) > 0.03 && r(40.0) < 0.01);
-    }
-
-    #[test]
-    fn the_correction_of_the_ocv_follows_soc_and_temperature() {
-        let map = map();
-        let at = map.place(0.7, 15.0);
-        assert!((map.ocv_correction_v(&at, 15.0) - (-0.005 - 10.0 * 1.5e-4)).abs() < 1e-15);
-    }
-
-    #[test]
-    fn what_is_no_map_is_refused_by_field() {
-        type Break = fn(&mut CellMap);
-        let cases: [(Break, &str); 9] = [
-            (|m| m.soc = vec![0.5], "soc: expected 2 values"),
-            (|m| m.soc[1] = 0.1, "soc[1]"),
-            (
-                |m| m.temperature_degc = vec![273.15, 298.15],
-                "temperature_degc[0]: expected temperatures from -60 to 120 °C that rise (not kelvin), met 273.15",
-            ),
-            (
-                |m| m.temperature_degc = vec![25.0, 25.0],
-                "temperature_degc[1]",
-            ),
-            (
-                |m| m.series.r_ohm[0][1] = -0.01,
-                "series.r_ohm[0]: expected ohms, zero or more",
-            ),
-            (
-                |m| m.series.r_ohm[0][1] = 0.0,
-                "series.r_ohm: expected ohms above zero",
-            ),
-            (
-                |m| m.branches[0].resistance.r_ohm[1].truncate(2),
-                "branches[0].resistance.r_ohm[1]: expected 3",
-            ),
-            (|m| m.branches[0].tau_s = 0.0, "branches[0].tau_s"),
-            (
-                |m| {
-                    m.thermal = Some(Thermal {
-                        capacity_j_per_k: 0.0,
-                        resistance_k_per_w: 1.0,
-                    });
-                },
-                "thermal.capacity_j_per_k",
-            ),
-        ];
-        for (damage, text) in cases {
-            let mut broken = map();
-            damage(&mut broken);
-            let message = broken.validate().unwrap_err().to_string();
-            assert!(message.contains(text), "{text}: {message}");
-        }
-    }
-}
+mod tests;

@@ -175,6 +175,117 @@ fn bad_input_is_named() {
     assert!(!out.exists());
 }
 
+/// A data set of one spectrum and two pulses of the Panasonic cell.
+fn data_set(folder: &Path, second: &str) -> String {
+    let (spectrum, pulses, ocv) = (
+        cells("panasonic_18650pf_25C/eis_07.csv"),
+        cells("panasonic_18650pf_25C/pulses.bdf.csv"),
+        cells("panasonic_18650pf_25C/ocv.json"),
+    );
+    let text = format!(
+        "name = \"set\"\nocv = \"{ocv}\"\n
+        [[runs]]\nname = \"z\"\nfile = \"{spectrum}\"\nkind = \"eis\"\nsoc = 0.49\ntemperature_c = 26.8\n\
+        from_hz = 0.01\ncell = \"A\"\n
+        [[runs]]\nname = \"4C\"\nfile = \"{pulses}\"\nkind = \"time\"\nocv_v = 3.6564\nfrom_s = 49041.8\n\
+        to_s = 49171.9\ncell = \"A\"\n
+        [[runs]]\nname = \"2C\"\nfile = \"{pulses}\"\nkind = \"time\"\nocv_v = 3.6609\nfrom_s = 47831.7\n\
+        to_s = 47961.8\nrole = \"held_out\"\ncell = \"{second}\"\n"
+    );
+    let set = folder.join(format!("set_{second}"));
+    fs::create_dir(&set).unwrap();
+    fs::write(set.join("dataset.toml"), text).unwrap();
+    set.to_str().unwrap().to_owned()
+}
+
+#[test]
+fn a_data_set_brings_spectra_pulses_roles_and_its_curve() {
+    let folder = tempfile::tempdir().unwrap();
+    let set = data_set(folder.path(), "A");
+    let out = folder.path().join("map");
+    let (code, text, error) = eis_bench(&["map", &set, "--out", out.to_str().unwrap()]);
+    assert_eq!(code, 0, "{error}");
+    assert!(text.contains("error on held-out logs:"), "{text}");
+    assert!(
+        text.contains("error on fitted spectra (none was held out):"),
+        "{text}"
+    );
+    assert!(
+        text.contains("  2C (held out)") && text.contains("  z (fitted)"),
+        "{text}"
+    );
+    let spectra = fs::read_to_string(out.join("map_spectra.csv")).unwrap();
+    let row: Vec<&str> = spectra.lines().nth(1).unwrap().split(',').collect();
+    assert_eq!(row[..4], ["z", "fitted", "0.4900", "26.80"], "{spectra}");
+    // One spectrum and one pulse at one state: the map must describe both to a few percent.
+    let percent: f64 = row[4].parse().unwrap();
+    assert!(percent > 0.0 && percent < 10.0, "{spectra}");
+    let logs = fs::read_to_string(out.join("map_logs.csv")).unwrap();
+    let rms_mv: Vec<f64> = logs
+        .lines()
+        .skip(1)
+        .map(|l| l.split(',').nth(3).unwrap().parse().unwrap())
+        .collect();
+    assert!(
+        rms_mv.len() == 2 && rms_mv.iter().all(|mv| *mv < 15.0),
+        "{logs}"
+    );
+    let two = data_set(folder.path(), "B");
+    let (code, _, error) = eis_bench(&["map", &two]);
+    assert!(
+        code == 2
+            && error.contains("expected runs of one cell; --specimen chooses one, found A, B"),
+        "{error}"
+    );
+    assert_eq!(eis_bench(&["map", &two, "--specimen", "A"]).0, 0);
+    let pulses = cells("panasonic_18650pf_25C/pulses.bdf.csv");
+    let (code, _, error) = eis_bench(&["map", &pulses]);
+    assert!(
+        code == 2 && error.contains("expected an OCV curve of the cell"),
+        "{error}"
+    );
+}
+
+#[test]
+fn the_next_measurements_lower_the_predicted_error_of_a_load() {
+    let folder = tempfile::tempdir().unwrap();
+    let walking = format!(
+        "{}/../fixtures/data/profiles/walking.csv",
+        env!("CARGO_MANIFEST_DIR")
+    );
+    let pack = [
+        "--under",
+        &walking,
+        "--series",
+        "16",
+        "--parallel",
+        "3",
+        "--json",
+    ];
+    let out = folder.path().join("map");
+    let (code, text, error) = map(&out, &[&["--next", "3"][..], &pack].concat());
+    assert_eq!(code, 0, "{error}");
+    let report: Value = serde_json::from_str(&text).unwrap();
+    let plan = &report["next"];
+    let errors: Vec<f64> = [&plan["error_v"]]
+        .into_iter()
+        .chain(
+            plan["next"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .map(|next| &next["error_v"]),
+        )
+        .map(|value| value.as_f64().unwrap())
+        .collect();
+    assert_eq!(errors.len(), 4, "{text}");
+    assert!(errors.windows(2).all(|w| w[1] < w[0]), "{errors:?}");
+    // The data are pulses at half charge: the first place lies away from it.
+    let soc = plan["next"][0]["soc"].as_f64().unwrap();
+    assert!((soc - 0.48).abs() > 0.05, "{plan}");
+    let (code, _, error) = map(&out, &["--next", "3"]);
+    assert!(code == 2 && error.contains("--under"), "{error}");
+}
+
 /// Full drive cycles of a Panasonic 18650PF (Kollmeyer, Mendeley Data 10.17632/wykht8y7tg).
 #[test]
 fn drive_cycles_at_three_temperatures_predict_another_cycle() {
@@ -209,12 +320,12 @@ fn drive_cycles_at_three_temperatures_predict_another_cycle() {
         .iter()
         .map(|log| 1e3 * log["rms_v"].as_f64().unwrap())
         .collect();
-    // As measured once: 9.0, 7.3, 14.8; 15.7, 15.6 mV. A model of three branches per temperature
+    // As measured once: 9.0, 6.2, 14.6; 13.4, 12.6 mV. A model of three branches per temperature
     // without Arrhenius' law has 25 and 23 mV on the last two.
     assert!(rms_mv[..3].iter().all(|rms| *rms < 16.0), "{rms_mv:?}");
-    assert!(rms_mv[3..].iter().all(|rms| *rms < 17.0), "{rms_mv:?}");
+    assert!(rms_mv[3..].iter().all(|rms| *rms < 14.5), "{rms_mv:?}");
     let series = &fit["map"]["series"]["r_ohm"];
-    let at_half = |node: usize| series[node][6].as_f64().unwrap();
+    let at_half = |node: usize| series[node][7].as_f64().unwrap();
     assert!(
         at_half(0) > 1.8 * at_half(1) && at_half(1) > 1.1 * at_half(2),
         "{series}"

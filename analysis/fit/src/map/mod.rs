@@ -1,42 +1,54 @@
 //! Fits a [`CellMap`]: resistances over state of charge and temperature, from logs of a cycler or
-//! of the bench.
+//! of the bench, and from spectra.
 //!
 //! With time constants that are fixed over the range, the voltage is linear in all resistances and
 //! in the correction of the OCV, so that one bounded least-squares problem has one optimum and no
 //! start: V = U(z) + δ(z) + (T − T_U)·s(z) − R·i − Σ vₖ. The branches' voltages vₖ are sums of the
-//! current filtered through the surfaces' weights ([`CellMap::weights`]). Resistances are zero or
+//! current filtered through the surfaces' weights ([`CellMap::weights`]). The impedance is linear in
+//! the same resistances: Z = R + Σ Rₖ/(1 + jωτₖ) + jωL + U′/(jωQ). Resistances are zero or
 //! more. Two priors hold what the data do not determine: a surface bends little over SOC, and
 //! between two temperatures it follows Arrhenius' law. The activation energies, one of the series
-//! resistance and one of the branches, are found by their effect on the same cost.
+//! resistance and one of the branches, and the exchange current of the branches are found by their
+//! effect on the same cost.
 
 mod design;
+mod kinetics;
+mod lag;
+mod left_out;
+mod log;
+mod next;
+mod nodes;
+mod notes;
 mod options;
+mod prior;
+mod rows;
 mod score;
 mod solve;
+mod sweep;
 mod thermal;
+mod train;
 
-pub use options::{MapFitError, MapLog, MapOptions};
-pub use score::LogScore;
+pub use next::{Choices, Fitted, Load, Measurement, Next, NextPlan, plan_next};
+pub use options::{MapFitError, MapLog, MapOptions, MapPoint, MapSpectrum};
+pub use score::{LogScore, SpectrumScore};
 
 use analysis_model::{map::CellMap, ocv::OcvCurve};
 use analysis_signal::series::Role;
-use design::{Design, Log};
+use design::Design;
+use log::Log;
 use serde::Serialize;
-use solve::{Energies, Solved};
+use sweep::Sweep;
+pub use train::Scales;
+use train::Train;
 
-/// Start and prior of the activation energies, J/mol: ionic conduction, and charge transfer with
-/// diffusion (Arrhenius slopes of lithium-ion cells; Waldmann et al., J. Power Sources 262 (2014)
-/// 129, and the sources there).
-const ENERGIES: Energies = Energies {
-    series: 15e3,
-    branches: 35e3,
-};
-/// Standard deviation of both about their prior, J/mol.
-const ENERGY_SIGMA: f64 = 12e3;
-/// Step of the search of the energies, J/mol; one move is at most twice as long.
-const ENERGY_STEP: f64 = 5e3;
-/// Rounds of the search over both energies.
-const ENERGY_ROUNDS: usize = 2;
+/// Data of one cell.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MapData {
+    /// Logs of current, voltage and temperature.
+    pub logs: Vec<MapLog>,
+    /// Spectra without a direct current.
+    pub spectra: Vec<MapSpectrum>,
+}
 
 /// A fitted map and what it is worth.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -45,100 +57,97 @@ pub struct MapFit {
     pub map: CellMap,
     /// Error on each log, in the order of the logs.
     pub logs: Vec<LogScore>,
+    /// Error on each spectrum, in the order of the spectra.
+    pub spectra: Vec<SpectrumScore>,
     /// Time over which the residuals of the fitted logs are correlated, s: the standard deviations
-    /// of the map count one sample per such time.
+    /// of the map count one sample per such time. Zero without logs.
     pub correlation_s: f64,
+    /// Time by which the voltage of the logs lags their current, s: a property of the recorder, which
+    /// the errors of all logs take into account and the map does not contain.
+    pub lag_s: f64,
+    /// Factors on the errors that the weights of a first fit assume; the standard deviations of the
+    /// map follow from them.
+    pub scales: Scales,
     /// Remarks, in sentences.
     pub notes: Vec<String>,
 }
 
-/// Fits a map to the logs with [`Role::Train`], and predicts all of them.
+/// Fits a map to the data with [`Role::Train`], and predicts all of them.
 ///
 /// # Errors
-/// [`MapFitError`] for logs, a curve or options that cannot be used.
+/// [`MapFitError`] for data, a curve or options that cannot be used.
 pub fn fit_map(
-    logs: &[MapLog],
+    data: &MapData,
     ocv: &OcvCurve,
     options: &MapOptions,
 ) -> Result<MapFit, MapFitError> {
     options.check(ocv)?;
-    let logs = logs
+    let logs = data
+        .logs
         .iter()
         .map(|log| Log::new(log, ocv))
         .collect::<Result<Vec<_>, _>>()?;
-    let train: Vec<&Log> = logs.iter().filter(|log| log.role == Role::Train).collect();
-    let design = Design::new(&train, options)?;
-    let (energies, solved) = search_energies(&design, &train, ocv)?;
-    let mut map = design.map(energies, &solved);
-    map.thermal = thermal::fit(&train);
-    let residuals: Vec<Vec<f64>> = logs.iter().map(|log| score::residuals(&map, log)).collect();
-    let fitted: Vec<_> = logs
+    let sweeps = data
+        .spectra
         .iter()
-        .zip(&residuals)
-        .filter(|(log, _)| log.role == Role::Train)
-        .collect();
-    let correlation_s = score::correlation_s(&fitted);
-    let scale = score::sigma_scale(&fitted, correlation_s);
-    design.write_sigma(&mut map, &solved, scale);
+        .map(|spectrum| Sweep::new(spectrum, ocv));
+    let sweeps = sweeps.collect::<Result<Vec<_>, _>>()?;
+    let mut train = Train {
+        logs: logs.iter().filter(|log| log.role == Role::Train).collect(),
+        sweeps: sweeps
+            .iter()
+            .filter(|sweep| sweep.role == Role::Train)
+            .collect(),
+        lag_s: 0.0,
+        scales: Scales::default(),
+        ocv,
+    };
+    let design = Design::new(&train, &[], options)?;
+    let (kinetics, first) = kinetics::search(&design, &mut train)?;
+    let residuals_of = |map: &CellMap, train: &Train| -> Vec<Vec<f64>> {
+        logs.iter()
+            .map(|log| score::residuals(map, log, train.lag_s))
+            .collect()
+    };
+    // The errors that remain are those of the final weights.
+    let map = design.map(kinetics, &first);
+    let residuals = residuals_of(&map, &train);
+    let fitted = fitted(&logs, &residuals);
+    train.scales = score::scales(&map, &train, &fitted, design.inductance_h(&first));
+    let solved = design.solve(&train, kinetics)?;
+    let mut map = design.map(kinetics, &solved);
+    map.thermal = thermal::fit(&train.logs);
+    design.write_sigma(&mut map, &solved);
+    map.validate()
+        .map_err(|error| MapFitError::Series(error.to_string()))?;
+    let residuals = residuals_of(&map, &train);
+    let left_out = left_out::LeftOut::new(&design, &train, kinetics, &solved);
+    let spectra = score::spectra(&map, &sweeps, design.inductance_h(&solved), &left_out);
     let scores = logs
         .iter()
         .zip(&residuals)
         .map(|(log, r)| LogScore::new(&map, log, r));
     Ok(MapFit {
         logs: scores.collect(),
-        notes: design.notes(&map, &train, ocv.capacity_ah),
+        notes: [design.notes(&map, &train), left_out.notes()].concat(),
+        correlation_s: score::correlation_s(&train.logs, &self::fitted(&logs, &residuals)),
+        spectra,
         map,
-        correlation_s,
+        lag_s: train.lag_s,
+        scales: train.scales,
     })
 }
 
-/// Finds both activation energies by parabolas through the cost, one after the other.
-fn search_energies(
-    design: &Design,
-    train: &[&Log],
-    ocv: &OcvCurve,
-) -> Result<(Energies, Solved), MapFitError> {
-    let cost = |energies: Energies| -> Result<(f64, Solved), MapFitError> {
-        let solved = design.solve(train, ocv, energies)?;
-        let prior = |energy: f64, expected: f64| ((energy - expected) / ENERGY_SIGMA).powi(2);
-        let beside =
-            prior(energies.series, ENERGIES.series) + prior(energies.branches, ENERGIES.branches);
-        Ok((solved.cost + beside, solved))
-    };
-    let mut best = ENERGIES;
-    let (mut least, mut solved) = cost(best)?;
-    for _ in 0..ENERGY_ROUNDS {
-        for of_series in [true, false] {
-            let moved = |by: f64| {
-                let mut energies = best;
-                let energy = if of_series {
-                    &mut energies.series
-                } else {
-                    &mut energies.branches
-                };
-                *energy = (*energy + by).max(0.0);
-                energies
-            };
-            let (below, _) = cost(moved(-ENERGY_STEP))?;
-            let (above, _) = cost(moved(ENERGY_STEP))?;
-            let bend = below + above - 2.0 * least;
-            let by = if bend > 0.0 {
-                (0.5 * ENERGY_STEP * (below - above) / bend)
-                    .clamp(-2.0 * ENERGY_STEP, 2.0 * ENERGY_STEP)
-            } else if below < above {
-                -ENERGY_STEP
-            } else {
-                ENERGY_STEP
-            };
-            let tried = moved(by);
-            let (met, there) = cost(tried)?;
-            if met < least {
-                (best, least, solved) = (tried, met, there);
-            }
-        }
-    }
-    Ok((best, solved))
+/// Residuals of the fitted logs.
+fn fitted<'a>(logs: &[Log], residuals: &'a [Vec<f64>]) -> Vec<&'a Vec<f64>> {
+    let both = logs
+        .iter()
+        .zip(residuals)
+        .filter(|(log, _)| log.role == Role::Train);
+    both.map(|(_, residuals)| residuals).collect()
 }
 
+#[cfg(test)]
+mod next_tests;
 #[cfg(test)]
 mod tests;

@@ -2,6 +2,7 @@
 
 use analysis_model::ocv::OcvCurve;
 use analysis_signal::series::{Role, TimeSeries};
+use num_complex::Complex64;
 
 /// A log, and its circumstances.
 #[derive(Debug, Clone, PartialEq)]
@@ -10,10 +11,39 @@ pub struct MapLog {
     pub series: TimeSeries,
     /// SOC at the first sample; `None` if the log begins at rest, so that the OCV gives it.
     pub soc_start: Option<f64>,
+    /// Charge that went into the cell less charge that came out at each sample, Ah, by a counter of
+    /// the recorder. It serves across gaps of the log.
+    pub net_ah: Option<Vec<f64>>,
     /// Temperature of a log without a column for it, °C.
     pub temperature_degc: Option<f64>,
     /// Whether the log is fitted or predicted only.
     pub role: Role,
+}
+
+/// A spectrum at one state of the cell, without a direct current.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MapSpectrum {
+    /// Name for reports.
+    pub name: String,
+    /// Whether it is fitted or predicted only.
+    pub role: Role,
+    /// State of charge, 0…1.
+    pub soc: f64,
+    /// Temperature of the cell, °C.
+    pub temperature_degc: f64,
+    /// Its points, in any order.
+    pub points: Vec<MapPoint>,
+}
+
+/// A point of a spectrum.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MapPoint {
+    /// Frequency, Hz.
+    pub freq_hz: f64,
+    /// Impedance, Ω.
+    pub z_ohm: Complex64,
+    /// Standard uncertainty of its real and imaginary part, Ω, if it is stated.
+    pub sigma_ohm: Option<f64>,
 }
 
 /// Form of the map.
@@ -21,7 +51,7 @@ pub struct MapLog {
 pub struct MapOptions {
     /// SOC knots, rising, 0…1.
     pub soc: Vec<f64>,
-    /// Time constants of the branches, s, rising.
+    /// Time constants of the branches, s, rising. One that no log and no spectrum shows is left out.
     pub time_constants_s: Vec<f64>,
     /// Logs whose mean temperatures differ by less than this share a node, K.
     pub node_distance_k: f64,
@@ -35,7 +65,9 @@ impl Default for MapOptions {
             soc: vec![
                 0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0,
             ],
-            time_constants_s: vec![0.3, 2.0, 10.0, 50.0, 300.0, 1500.0],
+            time_constants_s: vec![
+                0.002, 0.01, 0.05, 0.3, 2.0, 10.0, 50.0, 300.0, 1500.0, 6000.0,
+            ],
             node_distance_k: 6.0,
             ocv_temperature_degc: 25.0,
         }
@@ -55,6 +87,27 @@ impl MapOptions {
                 expected: "at least two from 0 to 1 that rise",
                 met: format!("{:?}", self.soc),
             });
+        }
+        for (what, met, fits) in [
+            (
+                "distance of two nodes, K",
+                self.node_distance_k,
+                self.node_distance_k > 0.0,
+            ),
+            (
+                "temperature of the OCV curve, °C",
+                self.ocv_temperature_degc,
+                true,
+            ),
+        ] {
+            if !(fits && met.is_finite()) {
+                let met = met.to_string();
+                return Err(MapFitError::Option {
+                    what,
+                    expected: "a finite number, a distance above zero",
+                    met,
+                });
+            }
         }
         let taus = &self.time_constants_s;
         if taus.iter().any(|tau| !(tau.is_finite() && *tau > 0.0)) || !rises(taus) {
@@ -86,8 +139,37 @@ pub enum MapFitError {
         met: String,
     },
     /// No log to fit.
-    #[error("expected at least one log to fit, found none")]
+    #[error("expected at least one log or spectrum to fit, found none")]
     NoLogs,
+    /// A spectrum at a state of charge that no cell has.
+    #[error("{name}: expected a state of charge from 0 to 1, met {met}")]
+    Soc {
+        /// Name of the spectrum.
+        name: String,
+        /// Value found.
+        met: f64,
+    },
+    /// An impedance or an uncertainty that is not a number above zero.
+    #[error("{name}: expected a finite impedance and uncertainty at {freq_hz} Hz, met another")]
+    Impedance {
+        /// Name of the spectrum.
+        name: String,
+        /// Frequency of the point, Hz.
+        freq_hz: f64,
+    },
+    /// A series that is not one.
+    #[error("{0}")]
+    Series(String),
+    /// A spectrum with too few points.
+    #[error("{name}: expected at least {expected} points without an inductive part, met {met}")]
+    FewPoints {
+        /// Name of the spectrum.
+        name: String,
+        /// Points at least.
+        expected: usize,
+        /// Points found.
+        met: usize,
+    },
     /// A log without temperatures.
     #[error(
         "{log}: expected a column of temperatures, or one temperature for the log, found neither"
@@ -119,18 +201,32 @@ pub enum MapFitError {
     },
     /// A rest voltage that the curve does not have.
     #[error(
-        "{log}: begins at rest at {met_v:.4} V, expected a voltage of the OCV curve, {low_v:.4} to \
-        {high_v:.4} V; give the state of charge at its start"
+        "{log}: rests at {time_s:.0} s at {met_v:.4} V, expected a voltage of the OCV curve, \
+        {low_v:.4} to {high_v:.4} V; give the state of charge at its start"
     )]
     RestVoltage {
         /// Name of the log.
         log: String,
-        /// Voltage of the first sample, V.
+        /// Time of the rest, s.
+        time_s: f64,
+        /// Voltage there, V.
         met_v: f64,
         /// Lowest voltage of the curve, V.
         low_v: f64,
         /// Highest voltage of the curve, V.
         high_v: f64,
+    },
+    /// A gap after which the charge is not known.
+    #[error(
+        "{log}: has a gap before {time_s:.0} s, and a current flows after it, so that its charge is \
+        not known; expected a rest after the gap, or a counter of the charge (a column of the net \
+        capacity)"
+    )]
+    Gap {
+        /// Name of the log.
+        log: String,
+        /// Time of the first sample after the gap, s.
+        time_s: f64,
     },
     /// Charge that does not fit into the cell.
     #[error(

@@ -1,8 +1,12 @@
 //! Error of a map on a log.
 
-use super::design::Log;
+use super::left_out::LeftOut;
+use super::log::Log;
+use super::sweep::{Sweep, SweepPoint};
+use super::train::{CORRELATION_S, Scales, Train};
 use analysis_model::map::{BranchStep, CellMap, Outside};
 use analysis_signal::series::Role;
+use num_complex::Complex64;
 use serde::Serialize;
 
 /// Lowest SOC that counts for the error of a log: below it the OCV is steep, and an error of charge
@@ -37,7 +41,7 @@ impl LogScore {
         let rms =
             |rows: &[f64]| (rows.iter().map(|e| e * e).sum::<f64>() / rows.len() as f64).sqrt();
         let chosen = |low: f64, high: f64| -> Vec<f64> {
-            let rows = log.soc.iter().zip(residuals);
+            let rows = log.samples.soc.iter().zip(residuals);
             rows.filter(|(z, _)| **z > low && **z <= high)
                 .map(|(_, e)| *e)
                 .collect()
@@ -51,7 +55,7 @@ impl LogScore {
             .filter(|(_, rows)| rows.len() >= LEAST_ROWS)
             .map(|(low, rows)| (low, rms(&rows)))
             .max_by(|a, b| a.1.total_cmp(&b.1));
-        let places = log.soc.iter().zip(&log.temperature_degc);
+        let places = log.samples.soc.iter().zip(&log.samples.temperature_degc);
         let outside = places
             .map(|(soc, degc)| map.place(*soc, *degc).outside)
             .fold(Outside::default(), Outside::farther);
@@ -67,36 +71,164 @@ impl LogScore {
     }
 }
 
-/// Measured less predicted voltage, V, at each sample.
-pub(super) fn residuals(map: &CellMap, log: &Log) -> Vec<f64> {
+/// Error of the predicted impedance of one spectrum.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SpectrumScore {
+    /// Name of the spectrum.
+    pub name: String,
+    /// Whether it was fitted.
+    pub role: Role,
+    /// State of charge.
+    pub soc: f64,
+    /// Temperature, °C.
+    pub temperature_degc: f64,
+    /// Root of the mean squared error over its points, as a part of the modulus.
+    pub rms_part: f64,
+    /// The same of a map that is fitted to everything but this spectrum.
+    pub left_out_part: Option<f64>,
+    /// Distance from the measured range.
+    pub outside: Outside,
+}
+
+/// Returns the errors on all spectra.
+pub(super) fn spectra(
+    map: &CellMap,
+    sweeps: &[Sweep],
+    inductance_h: f64,
+    left_out: &LeftOut,
+) -> Vec<SpectrumScore> {
+    let score = |sweep: &Sweep| SpectrumScore {
+        name: sweep.name.clone(),
+        role: sweep.role,
+        soc: sweep.soc,
+        temperature_degc: sweep.temperature_degc,
+        rms_part: error_part(map, sweep, inductance_h),
+        left_out_part: left_out.part(&sweep.name),
+        outside: map.place(sweep.soc, sweep.temperature_degc).outside,
+    };
+    sweeps.iter().map(score).collect()
+}
+
+/// Root of the mean squared error of the impedance over the points of a spectrum, as a part of the
+/// modulus.
+pub(super) fn error_part(map: &CellMap, sweep: &Sweep, inductance_h: f64) -> f64 {
+    let squares = errors(map, sweep, inductance_h)
+        .map(|(point, error)| error.norm_sqr() / point.z_ohm.norm_sqr());
+    (squares.sum::<f64>() / sweep.points.len() as f64).sqrt()
+}
+
+/// Measured less predicted impedance of each point of a spectrum, Ω.
+fn errors<'a>(
+    map: &CellMap,
+    sweep: &'a Sweep,
+    inductance_h: f64,
+) -> impl Iterator<Item = (&'a SweepPoint, Complex64)> {
+    let at = map.place(sweep.soc, sweep.temperature_degc);
+    let branches: Vec<(f64, f64)> = map
+        .branches
+        .iter()
+        .map(|branch| (map.resistance_ohm(&branch.resistance, &at), branch.tau_s))
+        .collect();
+    let series_ohm = map.resistance_ohm(&map.series, &at);
+    sweep.points.iter().map(move |point| {
+        let own = Complex64::new(series_ohm, point.omega * inductance_h);
+        let of = |(r_ohm, tau_s): &(f64, f64)| r_ohm / Complex64::new(1.0, point.omega * tau_s);
+        (
+            point,
+            point.z_ohm - own - branches.iter().map(of).sum::<Complex64>(),
+        )
+    })
+}
+
+/// Least factor on the error of a spectrum: fixed time constants describe none better.
+const LEAST_OF_SPECTRA: f64 = 0.5;
+/// Least factor on the error of a log.
+const LEAST_OF_LOGS: f64 = 0.02;
+
+/// Factors on the errors that the weights assume, from what the map leaves.
+pub(super) fn scales(
+    map: &CellMap,
+    train: &Train,
+    residuals: &[&Vec<f64>],
+    inductance_h: f64,
+) -> Scales {
+    let correlation_s = correlation_s(&train.logs, residuals);
+    let (mut square, mut count) = (0.0, 0.0);
+    for (log, residuals) in train.logs.iter().zip(residuals) {
+        // The weights count a row for its time up to the correlation time that they assume; it counts
+        // for the correlation time that is found, and at most once.
+        let step_s = log.step_s() * log.every() as f64;
+        let counted = correlation_s.max(step_s) / CORRELATION_S.max(step_s);
+        let errors = log.samples.soc.iter().map(|soc| train.error_v(*soc));
+        let own: f64 = residuals
+            .iter()
+            .zip(errors)
+            .map(|(r, e)| (r / e).powi(2))
+            .sum();
+        square += counted * own;
+        count += log.len() as f64;
+    }
+    let logs = if count > 0.0 {
+        (square / count).sqrt().max(LEAST_OF_LOGS)
+    } else {
+        1.0
+    };
+    let squares = train.sweeps.iter().map(|sweep| {
+        let errors = errors(map, sweep, inductance_h);
+        errors
+            .map(|(point, error)| (error.norm_sqr() / 2.0) / point.error_ohm.powi(2))
+            .sum::<f64>()
+    });
+    let points = train
+        .sweeps
+        .iter()
+        .map(|sweep| sweep.points.len())
+        .sum::<usize>();
+    let spectra = if points > 0 {
+        (squares.sum::<f64>() / points as f64)
+            .sqrt()
+            .max(LEAST_OF_SPECTRA)
+    } else {
+        1.0
+    };
+    Scales { logs, spectra }
+}
+
+/// Measured less predicted voltage, V, at each sample of a log whose voltage lags its current.
+pub(super) fn residuals(map: &CellMap, log: &Log, lag_s: f64) -> Vec<f64> {
+    let samples = &log.samples;
+    let current_a = log.lagged_a(lag_s);
     let mut v = vec![0.0; map.branches.len()];
     let mut before = vec![0.0; map.branches.len()];
     let mut residuals = Vec::with_capacity(log.len());
     for k in 0..log.len() {
-        let (soc, degc, i) = (log.soc[k], log.temperature_degc[k], log.current_a[k]);
+        let (soc, degc, i) = (samples.soc[k], samples.temperature_degc[k], current_a[k]);
         let at = map.place(soc, degc);
         for ((v, before), branch) in v.iter_mut().zip(&mut before).zip(&map.branches) {
-            let driven = map.resistance_ohm(&branch.resistance, &at) * i;
-            if k > 0 {
-                let step = BranchStep::new(log.time_s[k] - log.time_s[k - 1], branch.tau_s);
-                *v = step.end_v(*v, *before, driven);
+            let drive = map.drive(branch, soc, degc);
+            let driven = map.resistance_ohm(&branch.resistance, &at) * drive.driven_a(i);
+            if log.begins_at(k) {
+                *v = 0.0;
+            } else {
+                let step_s = samples.time_s[k] - samples.time_s[k - 1];
+                *v = BranchStep::new(step_s, branch.tau_s).end_v(*v, *before, driven);
             }
             *before = driven;
         }
-        let ocv_v = log.ocv_v[k] + map.ocv_correction_v(&at, degc);
+        let ocv_v = samples.ocv_v[k] + map.ocv_correction_v(&at, degc);
         let series_v = map.resistance_ohm(&map.series, &at) * i;
-        residuals.push(log.voltage_v[k] - (ocv_v - series_v - v.iter().sum::<f64>()));
+        residuals.push(samples.voltage_v[k] - (ocv_v - series_v - v.iter().sum::<f64>()));
     }
     residuals
 }
 
 /// Time over which residuals are correlated, s: twice the integral of their autocorrelation up to
 /// its first zero, the mean over the logs.
-pub(super) fn correlation_s(fitted: &[(&Log, &Vec<f64>)]) -> f64 {
-    let times = fitted.iter().map(|(log, residuals)| {
+pub(super) fn correlation_s(logs: &[&Log], residuals: &[&Vec<f64>]) -> f64 {
+    let times = logs.iter().zip(residuals).map(|(log, residuals)| {
         let n = residuals.len();
         let mean = residuals.iter().sum::<f64>() / n as f64;
-        let step_s = (log.time_s[n - 1] - log.time_s[0]) / (n - 1) as f64;
+        let step_s = (log.samples.time_s[n - 1] - log.samples.time_s[0]) / (n - 1) as f64;
         let product = |lag: usize| {
             let pairs = residuals.iter().zip(&residuals[lag..]);
             pairs.map(|(a, b)| (a - mean) * (b - mean)).sum::<f64>()
@@ -119,14 +251,5 @@ pub(super) fn correlation_s(fitted: &[(&Log, &Vec<f64>)]) -> f64 {
         }
         2.0 * integral_s
     });
-    times.sum::<f64>() / fitted.len() as f64
-}
-
-/// Factor on the standard deviations of the fit, whose weights assume an error and a correlation.
-pub(super) fn sigma_scale(fitted: &[(&Log, &Vec<f64>)], correlation_s: f64) -> f64 {
-    let all = fitted.iter().flat_map(|(_, r)| r.iter());
-    let (count, square) = all.fold((0.0, 0.0), |(n, s), e| (n + 1.0, s + e * e));
-    let rms: f64 = f64::sqrt(square / count);
-    let assumed = super::design::ERROR_V;
-    (rms / assumed).max(1e-3) * (correlation_s / super::design::CORRELATION_S).sqrt()
+    times.sum::<f64>() / logs.len().max(1) as f64
 }

@@ -7,14 +7,20 @@ use nalgebra::{DMatrix, DVector};
 /// Shift of free unknowns, in which a bound at zero never acts, in their own unit.
 const SHIFT: f64 = 10.0;
 
-/// Activation energies, J/mol.
+/// How resistances follow temperature and current.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Energies {
+pub(super) struct Kinetics {
+    /// Activation energy of the series resistance, J/mol.
     pub(super) series: f64,
+    /// That of the branches and of their exchange current, J/mol.
     pub(super) branches: f64,
+    /// Exchange current of the branches of charge transfer at half charge and 25 °C, A; `None` if
+    /// the data do not show it.
+    pub(super) exchange_a: Option<f64>,
 }
 
 /// Normal equations of weighted rows and priors.
+#[derive(Clone)]
 pub(super) struct Normal {
     pub(super) matrix: DMatrix<f64>,
     pub(super) right: DVector<f64>,
@@ -31,6 +37,8 @@ pub(super) struct Solved {
     pub(super) cost: f64,
     /// Variance of each unknown.
     pub(super) variance: Vec<f64>,
+    /// Unknowns that are not at their bound.
+    above_zero: Vec<usize>,
 }
 
 impl Normal {
@@ -50,6 +58,24 @@ impl Normal {
         self.square += y.norm_squared();
     }
 
+    /// Returns the covariance of the unknowns; `None` if the rows and priors leave one open.
+    pub(super) fn covariance(&self) -> Option<DMatrix<f64>> {
+        let n = self.right.len();
+        let unit = DVector::from_fn(n, |k, _| self.matrix[(k, k)].max(1e-300).sqrt().recip());
+        let scaled = DMatrix::from_fn(n, n, |i, j| self.matrix[(i, j)] * unit[i] * unit[j]);
+        let inverse = nalgebra::Cholesky::new(scaled)?.inverse();
+        Some(DMatrix::from_fn(n, n, |i, j| {
+            inverse[(i, j)] * unit[i] * unit[j]
+        }))
+    }
+
+    /// Removes the rows that have been added to another set of equations.
+    pub(super) fn remove(&mut self, other: &Self) {
+        self.matrix -= &other.matrix;
+        self.right -= &other.right;
+        self.square -= other.square;
+    }
+
     /// Adds the prior that a weighted sum of unknowns is zero.
     pub(super) fn expect_zero(&mut self, terms: &[(usize, f64)]) {
         for (i, a) in terms {
@@ -59,15 +85,17 @@ impl Normal {
         }
     }
 
-    /// Minimises; unknowns from `free` on have no bound.
-    pub(super) fn solve(&self, free: usize) -> Result<Solved, MapFitError> {
+    /// Minimises; unknowns from `free` on have no bound. `guess` is a solution of nearly the same
+    /// equations.
+    pub(super) fn solve(&self, free: usize, guess: Option<&Solved>) -> Result<Solved, MapFitError> {
         let singular = || MapFitError::Singular("too few different states in the logs");
         let n = self.right.len();
         let unit = DVector::from_fn(n, |k, _| self.matrix[(k, k)].max(1e-300).sqrt().recip());
         let scaled = DMatrix::from_fn(n, n, |i, j| self.matrix[(i, j)] * unit[i] * unit[j]);
         let shift = DVector::from_fn(n, |k, _| if k < free { 0.0 } else { SHIFT / unit[k] });
         let right = self.right.component_mul(&unit) + &scaled * &shift;
-        let guess: Vec<usize> = (0..n).collect();
+        let guess: Vec<usize> =
+            guess.map_or_else(|| (0..n).collect(), |solved| solved.above_zero.clone());
         let solution = nonnegative::solve(&scaled, &right, &guess).ok_or_else(singular)?;
         let x = (&solution.x - &shift).component_mul(&unit);
         let inverse = solution.factor.inverse();
@@ -77,6 +105,11 @@ impl Normal {
             variance[*k] = inverse[(place, place)] * unit[*k] * unit[*k];
         }
         let cost = self.square - 2.0 * self.right.dot(&x) + x.dot(&(&self.matrix * &x));
-        Ok(Solved { x, cost, variance })
+        Ok(Solved {
+            x,
+            cost,
+            variance,
+            above_zero: solution.free,
+        })
     }
 }

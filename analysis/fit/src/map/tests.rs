@@ -1,9 +1,12 @@
+use super::log::Counts;
 use super::*;
+use crate::loads::Counted;
 use analysis_signal::series::TimeSeries;
+use num_complex::Complex64;
 
 const CAPACITY_AH: f64 = 3.0;
 
-fn curve() -> OcvCurve {
+pub(super) fn curve() -> OcvCurve {
     let soc: Vec<f64> = (0..=20).map(|k| f64::from(k) / 20.0).collect();
     let ocv_v = soc.iter().map(|z| 3.0 + z + 0.1 * z * z).collect();
     OcvCurve::monotone(CAPACITY_AH, soc, ocv_v).unwrap()
@@ -19,7 +22,7 @@ fn noise(state: &mut u64) -> f64 {
 
 /// Truth by explicit Euler in steps of 10 ms: R = 20 mΩ·(1 + 0.5(1 − z)²) and one branch of 15 mΩ,
 /// 50 s, both with 30 kJ/mol from 25 °C. The temperature rises by 4 K over the log.
-fn log(name: &str, degc: f64, seed: u64, role: Role) -> MapLog {
+pub(super) fn log(name: &str, degc: f64, seed: u64, role: Role) -> MapLog {
     let mut state = seed;
     let (mut soc, mut v_rc, mut current_a) = (1.0, 0.0, 0.0);
     let (mut time_s, mut current, mut voltage, mut temperature) =
@@ -56,12 +59,20 @@ fn log(name: &str, degc: f64, seed: u64, role: Role) -> MapLog {
             temperature_degc: Some(temperature),
         },
         soc_start: Some(1.0),
+        net_ah: None,
         temperature_degc: None,
         role,
     }
 }
 
-fn options() -> MapOptions {
+pub(super) fn of_logs(logs: impl Into<Vec<MapLog>>) -> MapData {
+    MapData {
+        logs: logs.into(),
+        spectra: Vec::new(),
+    }
+}
+
+pub(super) fn options() -> MapOptions {
     MapOptions {
         time_constants_s: vec![5.0, 50.0, 500.0],
         ..MapOptions::default()
@@ -75,7 +86,7 @@ fn the_map_of_a_known_cell_is_found_and_predicts_a_temperature_that_it_has_not_s
         log("cold", 0.0, 2, Role::Train),
         log("between", 12.0, 3, Role::HeldOut),
     ];
-    let fit = fit_map(&logs, &curve(), &options()).unwrap();
+    let fit = fit_map(&of_logs(logs), &curve(), &options()).unwrap();
     let map = &fit.map;
     map.validate().unwrap();
     assert_eq!(map.temperature_degc.len(), 2);
@@ -103,7 +114,7 @@ fn the_map_of_a_known_cell_is_found_and_predicts_a_temperature_that_it_has_not_s
 fn what_cannot_be_fitted_is_refused_with_the_reason() {
     let good = || log("log", 25.0, 1, Role::Train);
     let fails = |log: MapLog| {
-        fit_map(&[log], &curve(), &options())
+        fit_map(&of_logs([log]), &curve(), &options())
             .unwrap_err()
             .to_string()
     };
@@ -130,12 +141,12 @@ fn what_cannot_be_fitted_is_refused_with_the_reason() {
         role: Role::HeldOut,
         ..good()
     };
-    assert!(fails(held_out).contains("at least one log to fit"));
+    assert!(fails(held_out).contains("at least one log or spectrum to fit"));
     let falling = MapOptions {
         time_constants_s: vec![10.0, 5.0],
         ..options()
     };
-    let error = fit_map(&[good()], &curve(), &falling)
+    let error = fit_map(&of_logs([good()]), &curve(), &falling)
         .unwrap_err()
         .to_string();
     assert!(error.contains("time constants: expected seconds above zero that rise"));
@@ -147,7 +158,7 @@ fn a_log_at_rest_gives_its_own_start_and_short_logs_lose_slow_branches() {
     rests.soc_start = None;
     rests.series.current_a[0] = 0.0;
     rests.series.voltage_v[0] = 4.1;
-    let cut = 6000;
+    let cut = 4000;
     for list in [
         &mut rests.series.time_s,
         &mut rests.series.current_a,
@@ -156,7 +167,7 @@ fn a_log_at_rest_gives_its_own_start_and_short_logs_lose_slow_branches() {
     ] {
         list.truncate(cut);
     }
-    let fit = fit_map(&[rests], &curve(), &options()).unwrap();
+    let fit = fit_map(&of_logs([rests]), &curve(), &options()).unwrap();
     assert_eq!(fit.map.branches.len(), 2);
     assert!(
         fit.notes
@@ -170,4 +181,175 @@ fn a_log_at_rest_gives_its_own_start_and_short_logs_lose_slow_branches() {
             .iter()
             .any(|note| note.contains("one temperature"))
     );
+}
+
+/// Spectrum of the truth of [`log`] at one state, with an inductance of 50 nH.
+fn spectrum(soc: f64, degc: f64, factor: f64) -> MapSpectrum {
+    let hotter = (30e3 / 8.314_462_618 * (1.0 / (degc + 273.15) - 1.0 / 298.15)).exp();
+    let r0 = 0.02 * (1.0 + 0.5 * (1.0 - soc) * (1.0 - soc)) * hotter;
+    let slope_v = 1.0 + 0.2 * soc;
+    let points = (0..12).map(|k| {
+        let freq_hz = 0.001 * 2.5f64.powi(k);
+        let s = Complex64::new(0.0, std::f64::consts::TAU * freq_hz);
+        let stored = slope_v / (s * 3600.0 * CAPACITY_AH);
+        let z_ohm = factor * (r0 + 0.015 * hotter / (1.0 + 50.0 * s)) + 50e-9 * s + stored;
+        MapPoint {
+            freq_hz,
+            z_ohm,
+            sigma_ohm: None,
+        }
+    });
+    MapSpectrum {
+        name: format!("z{soc}_{degc}"),
+        role: Role::Train,
+        soc,
+        temperature_degc: degc,
+        points: points.collect(),
+    }
+}
+
+#[test]
+fn spectra_alone_give_the_map_and_one_that_contradicts_its_neighbours_is_named() {
+    let states = [0.1, 0.3, 0.5, 0.7, 0.9]
+        .into_iter()
+        .flat_map(|z| [(z, 5.0), (z, 25.0)]);
+    let mut data = MapData {
+        logs: Vec::new(),
+        spectra: states.map(|(z, degc)| spectrum(z, degc, 1.0)).collect(),
+    };
+    let fit = fit_map(&data, &curve(), &options()).unwrap();
+    let at = fit.map.place(0.6, 15.0);
+    let hotter: f64 = (30e3 / 8.314_462_618 * (1.0 / 288.15 - 1.0 / 298.15_f64)).exp();
+    let series = fit.map.resistance_ohm(&fit.map.series, &at);
+    let expected = 0.02 * (1.0 + 0.5 * 0.4 * 0.4) * hotter;
+    assert!(
+        (series / expected - 1.0).abs() < 0.03,
+        "{series} {expected}"
+    );
+    for score in &fit.spectra {
+        assert!(
+            score.rms_part < 0.01 && score.left_out_part.unwrap() < 0.1,
+            "{score:?}"
+        );
+    }
+    assert!(
+        fit.notes.iter().all(|note| !note.contains("contradicts")),
+        "{:?}",
+        fit.notes
+    );
+    data.spectra[4] = spectrum(0.5, 5.0, 2.0);
+    let fit = fit_map(&data, &curve(), &options()).unwrap();
+    let named: Vec<_> = fit
+        .notes
+        .iter()
+        .filter(|note| note.contains("contradicts"))
+        .collect();
+    assert_eq!(named.len(), 1, "{:?}", fit.notes);
+    assert!(named[0].contains("z0.5_5"), "{named:?}");
+}
+
+#[test]
+fn a_resistance_that_falls_under_current_is_found_and_one_that_does_not_is_straight() {
+    // The truth of `log` with a further branch of 40 mΩ and 0.5 s that current bends: i₀ is 1.5 A at
+    // half charge and 25 °C, with 30 kJ/mol.
+    let mut bend = log("bent", 25.0, 7, Role::Train);
+    let series = &mut bend.series;
+    let (mut v, mut soc) = (0.0, 1.0f64);
+    for k in 0..series.len() {
+        series.voltage_v[k] -= v;
+        let kelvin = series.temperature_degc.as_ref().unwrap()[k] + 273.15;
+        let hotter = (30e3 / 8.314_462_618 * (1.0 / kelvin - 1.0 / 298.15)).exp();
+        let share = (2.0 * (soc * (1.0 - soc)).max(0.0).sqrt()).max(0.1);
+        let twice_a = 3.0 * share / hotter * kelvin / 298.15;
+        let i = series.current_a[k];
+        let driven = 0.04 * hotter * twice_a * (i / twice_a).asinh();
+        for _ in 0..10 {
+            v += 0.01 / 0.5 * (driven - v);
+        }
+        soc -= 0.1 * i / (3600.0 * CAPACITY_AH);
+    }
+    let data = MapData {
+        logs: vec![bend],
+        spectra: Vec::new(),
+    };
+    let options = MapOptions {
+        time_constants_s: vec![0.5, 50.0],
+        ..MapOptions::default()
+    };
+    let fit = fit_map(&data, &curve(), &options).unwrap();
+    let law = fit
+        .map
+        .charge_transfer
+        .expect("a resistance that falls under current");
+    assert!((law.exchange_current_a - 1.5).abs() < 0.3, "{law:?}");
+    let straight = MapData {
+        logs: vec![log("straight", 25.0, 7, Role::Train)],
+        spectra: Vec::new(),
+    };
+    let fit = fit_map(&straight, &curve(), &options).unwrap();
+    assert_eq!(fit.map.charge_transfer, None);
+}
+
+#[test]
+fn a_recorder_that_reads_the_voltage_before_the_current_is_found() {
+    let mut late = log("late", 25.0, 3, Role::Train);
+    let (time_s, current_a) = (late.series.time_s.clone(), late.series.current_a.clone());
+    // Each row has the current as it is 40 ms after its voltage.
+    for k in 0..time_s.len() - 1 {
+        late.series.current_a[k] = current_a[k] + 0.4 * (current_a[k + 1] - current_a[k]);
+    }
+    let fit = fit_map(&of_logs([late]), &curve(), &options()).unwrap();
+    assert!((fit.lag_s - 0.04).abs() < 0.02, "{}", fit.lag_s);
+    let punctual = fit_map(
+        &of_logs([log("punctual", 25.0, 3, Role::Train)]),
+        &curve(),
+        &options(),
+    );
+    assert_eq!(punctual.unwrap().lag_s, 0.0);
+}
+
+#[test]
+fn charge_goes_on_after_a_gap_by_the_counter_or_by_the_rest() {
+    let whole = log("whole", 25.0, 4, Role::Train);
+    let gapped = |rest: bool| {
+        let mut cut = whole.clone();
+        let series = &mut cut.series;
+        // Half an hour of the log is lost.
+        let lost = 9000..27_000;
+        for list in [
+            &mut series.time_s,
+            &mut series.current_a,
+            &mut series.voltage_v,
+            series.temperature_degc.as_mut().unwrap(),
+        ] {
+            list.drain(lost.clone());
+        }
+        if rest {
+            series.current_a[lost.start] = 0.0;
+        }
+        cut
+    };
+    let error = fit_map(&of_logs([gapped(false)]), &curve(), &options())
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("whole: has a gap before 2700 s"), "{error}");
+    let drawn = Counted::of(&whole.series).charge_ah;
+    let mut counted = gapped(false);
+    counted.net_ah = Some(
+        [&drawn[..9000], &drawn[27_000..]]
+            .concat()
+            .iter()
+            .map(|q| -q)
+            .collect(),
+    );
+    let fit = fit_map(&of_logs([counted]), &curve(), &options()).unwrap();
+    assert!(fit.logs[0].rms_v < 4e-3, "{:?}", fit.logs);
+    let Counts { soc, begins, .. } = counted_soc(&gapped(true));
+    assert_eq!(begins, [0, 9000]);
+    let rest_v = gapped(true).series.voltage_v[9000];
+    assert!((soc[9000] - curve().soc_at(rest_v).unwrap()).abs() < 1e-12);
+}
+
+fn counted_soc(log: &MapLog) -> Counts {
+    log::counted(log, &curve()).unwrap()
 }

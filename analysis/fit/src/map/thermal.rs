@@ -1,8 +1,9 @@
 //! Heat capacity of the cell and its path to the surroundings, from the temperatures of the logs.
 
-use super::design::Log;
+use super::log::Log;
 use analysis_model::map::Thermal;
 use nalgebra::{DMatrix, DVector};
+use std::ops::Range;
 
 /// Time constants that are tried, s: their ends and their number.
 const TRIED_S: (f64, f64, usize) = (60.0, 6000.0, 40);
@@ -12,11 +13,11 @@ const LEAST_RISE_K: f64 = 1.0;
 const MOST_REMAINING: f64 = 0.5;
 
 /// Fits T = T_s + (T₀ − T_s)·exp(−t/τ) + R·(heat through a filter of τ) to all logs, with T_s of
-/// each log and R in common; `None` if the temperatures do not follow the heat.
+/// each part of a log and R in common; `None` if the temperatures do not follow the heat.
 pub(super) fn fit(logs: &[&Log]) -> Option<Thermal> {
     let measured: Vec<&&Log> = logs.iter().filter(|log| log.temperature_measured).collect();
     let rise = |log: &Log| {
-        let t = &log.temperature_degc;
+        let t = &log.samples.temperature_degc;
         t.iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b))
             - t.iter().fold(f64::INFINITY, |a, b| a.min(*b))
     };
@@ -41,22 +42,29 @@ pub(super) fn fit(logs: &[&Log]) -> Option<Thermal> {
 
 /// Share of the squares that remains with a time constant, and the thermal resistance, K/W.
 fn at(logs: &[&&Log], tau_s: f64) -> Option<(f64, f64)> {
-    let n = logs.len() + 1;
+    let parts: Vec<(&Log, Range<usize>)> = logs
+        .iter()
+        .flat_map(|log| log.parts().map(move |part| (**log, part)))
+        .collect();
+    let n = parts.len() + 1;
     let (mut matrix, mut right) = (DMatrix::<f64>::zeros(n, n), DVector::<f64>::zeros(n));
     let (mut square, mut spread) = (0.0, 0.0);
-    for (number, log) in logs.iter().enumerate() {
-        let start = log.temperature_degc[0];
+    for (number, (log, part)) in parts.into_iter().enumerate() {
+        let (time_s, degc) = (
+            &log.samples.time_s,
+            &log.samples.temperature_degc[part.clone()],
+        );
+        let (start, mean) = (degc[0], degc.iter().sum::<f64>() / degc.len() as f64);
         let (mut heated, mut left) = (0.0, 1.0);
-        let mean = log.temperature_degc.iter().sum::<f64>() / log.len() as f64;
-        for k in 0..log.len() {
-            if k > 0 {
-                let h = log.time_s[k] - log.time_s[k - 1];
-                let decay = (-h / tau_s).exp();
+        for k in part.clone() {
+            if k > part.start {
+                let decay = (-(time_s[k] - time_s[k - 1]) / tau_s).exp();
                 heated = decay * heated + (1.0 - decay) * 0.5 * (log.heat_w(k - 1) + log.heat_w(k));
                 left *= decay;
             }
-            // Unknowns: R, and the surroundings of this log less its first temperature.
-            let (y, a, b) = (log.temperature_degc[k] - start, heated, 1.0 - left);
+            // Unknowns: R, and the surroundings of this part less its first temperature.
+            let met = degc[k - part.start];
+            let (y, a, b) = (met - start, heated, 1.0 - left);
             let place = number + 1;
             matrix[(0, 0)] += a * a;
             matrix[(0, place)] += a * b;
@@ -65,8 +73,10 @@ fn at(logs: &[&&Log], tau_s: f64) -> Option<(f64, f64)> {
             right[0] += a * y;
             right[place] += b * y;
             square += y * y;
-            spread += (log.temperature_degc[k] - mean).powi(2);
+            spread += (met - mean).powi(2);
         }
+        // A part of one sample says nothing of its surroundings.
+        matrix[(number + 1, number + 1)] += 1e-9;
     }
     let x = matrix.clone().cholesky()?.solve(&right);
     let left = square - 2.0 * right.dot(&x) + x.dot(&(&matrix * &x));

@@ -2,7 +2,7 @@
 //!
 //! All cells are equal, so that one is integrated, at I/P, and the terminals follow: E = S·(U(z, T)
 //! − Σv), R = S/P·R₀(z, T) + interconnect. The time constants are fixed, and the voltage that
-//! drives a branch, R(z, T)·i, is taken as linear over a step, so that a branch is exact for it.
+//! drives a branch, R(z, T)·g(i), is taken as linear over a step, so that a branch is exact for it.
 //! The state at the end of a step enters its own resistances and is found by iteration. The cell
 //! warms by its own heat, if the map has a heat capacity. The whole run is repeated with halved
 //! steps until no row moves by more than the tolerance.
@@ -18,8 +18,6 @@ use analysis_model::map::{BranchStep, CellMap, Outside};
 
 /// Two runs, one with half the steps of the other, must agree at every row within this, V per cell.
 const AGREE_V: f64 = 5e-6;
-/// Smallest resistance of a branch in its heat, Ω: below it, the voltage belongs to another state.
-const LEAST_OHM: f64 = 1e-5;
 /// Evaluations of the end of a step at most.
 const MOST_LOOKS: usize = 12;
 
@@ -58,7 +56,7 @@ struct Look {
     point: Point,
     /// Current of one cell, A.
     current_a: f64,
-    /// R·i of each branch of one cell, V.
+    /// R·g(i) of each branch of one cell, V.
     driven_v: Vec<f64>,
     /// Heat of one cell, W.
     heat_w: f64,
@@ -295,9 +293,9 @@ impl<'a> Run<'a> {
         let mut driven_v = Vec::with_capacity(cell.v.len());
         for (branch, v) in self.map.branches.iter().zip(&cell.v) {
             let r_ohm = self.map.resistance_ohm(&branch.resistance, &place);
-            driven_v.push(r_ohm * current_a);
-            // A branch that the fit has switched off here still loses the voltage that it has.
-            heat_w += v * v / r_ohm.max(LEAST_OHM);
+            let drive = self.map.drive(branch, cell.soc, cell.temperature_degc);
+            driven_v.push(r_ohm * drive.driven_a(current_a));
+            heat_w += drive.lost_w(*v, r_ohm);
         }
         Ok(Look {
             point,

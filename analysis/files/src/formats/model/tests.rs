@@ -165,6 +165,7 @@ fn mapped() -> CellModel {
             ocv_offset_v: vec![0.002, 0.0, -0.003],
             ocv_v_per_k: vec![1e-4, 0.0, -1e-4],
             ocv_temperature_degc: 25.0,
+            charge_transfer: None,
             thermal: Some(Thermal {
                 capacity_j_per_k: 60.0,
                 resistance_k_per_w: 6.0,

@@ -1,7 +1,7 @@
 //! Models whose resistances follow state of charge and temperature.
 
 use super::*;
-use analysis_model::map::{CellMap, MapBranch, Surface, Thermal};
+use analysis_model::map::{CellMap, ChargeTransfer, MapBranch, Surface, Thermal};
 
 /// The thesis' cell as a map, its resistances times `factor` of SOC and node.
 fn map(factor: impl Fn(f64, usize) -> f64, thermal: Option<Thermal>) -> CellMap {
@@ -30,6 +30,7 @@ fn map(factor: impl Fn(f64, usize) -> f64, thermal: Option<Thermal>) -> CellMap 
         soc,
         temperature_degc: vec![0.0, 25.0],
         ocv_temperature_degc: 25.0,
+        charge_transfer: None,
         thermal,
     }
 }
@@ -94,10 +95,15 @@ fn resistances_follow_charge_and_heat_as_the_equations_say() {
         capacity_j_per_k: 30.0,
         resistance_k_per_w: 5.0,
     };
-    let map = map(
+    let mut map = map(
         |z, node| (2.0 - z) * if node == 0 { 2.5 } else { 1.0 },
         Some(thermal),
     );
+    map.charge_transfer = Some(ChargeTransfer {
+        exchange_current_a: 4.0,
+        activation_j_per_mol: 40e3,
+        slowest_s: 1.0,
+    });
     let model = SimModel::mapped(map.clone(), curve(), Pack::new(1, 1, 0.0).unwrap(), 5.0).unwrap();
     let load = rows(
         Demand::Current,
@@ -129,8 +135,9 @@ fn resistances_follow_charge_and_heat_as_the_equations_say() {
         let mut heat_w = r0 * i * i;
         for (v, branch) in v.iter_mut().zip(&map.branches) {
             let r = map.resistance_ohm(&branch.resistance, &at);
-            heat_w += *v * *v / r;
-            *v += (1.0 - (-h / branch.tau_s).exp()) * (r * i - *v);
+            let drive = map.drive(branch, soc, degc);
+            heat_w += drive.lost_w(*v, r);
+            *v += (1.0 - (-h / branch.tau_s).exp()) * (r * drive.driven_a(i) - *v);
         }
         degc += h * (heat_w - (degc - 5.0) / 5.0) / 30.0;
         soc -= h * i / (3600.0 * curve().capacity_ah);

@@ -1,0 +1,121 @@
+//! What a map says of a spectrum that it has not seen.
+
+use super::design::Design;
+use super::score::error_part;
+use super::solve::{Kinetics, Normal, Solved};
+use super::sweep::Sweep;
+use super::train::Train;
+use nalgebra::DMatrix;
+
+/// Spectra at least of which each can be left out.
+const LEAST_SPECTRA: usize = 3;
+/// Error of a spectrum that contradicts its neighbours: as a part of its modulus, over the median of
+/// all, and over the standard deviation of the prediction without it.
+const CONTRADICTS_PART: f64 = 0.1;
+const CONTRADICTS_RATIO: f64 = 4.0;
+const CONTRADICTS_SIGMAS: f64 = 2.0;
+
+/// The fitted spectra, each left out of a fit of its own.
+pub(super) struct LeftOut<'a> {
+    spectra: Vec<(&'a Sweep, Option<Error>)>,
+}
+
+/// Error on a spectrum and its standard deviation, as parts of the modulus.
+#[derive(Clone, Copy)]
+struct Error {
+    part: f64,
+    sigma_part: f64,
+}
+
+impl<'a> LeftOut<'a> {
+    /// Fits the map once without each fitted spectrum, if there are three or more.
+    pub(super) fn new(
+        design: &Design,
+        train: &Train<'a>,
+        kinetics: Kinetics,
+        solved: &Solved,
+    ) -> Self {
+        if train.sweeps.len() < LEAST_SPECTRA {
+            return Self {
+                spectra: Vec::new(),
+            };
+        }
+        let all = design.equations(train, kinetics);
+        let covariance = all.covariance();
+        let spectra = train.sweeps.iter().map(|sweep| {
+            let error = covariance.as_ref().and_then(|covariance| {
+                let mut own = (Normal::new(design.count()), DMatrix::zeros(0, 0));
+                design.add_sweep(sweep, train.scales.spectra, kinetics, &mut |rows, y| {
+                    own.0.add(rows, y);
+                    own.1 = rows.clone();
+                });
+                let mut others = all.clone();
+                others.remove(&own.0);
+                let without = others.solve(design.resistances(), Some(solved)).ok()?;
+                let map = design.map(kinetics, &without);
+                let part = error_part(&map, sweep, design.inductance_h(&without));
+                let sigma_part = sigma_part(covariance, &own.1, sweep, train.scales.spectra)?;
+                Some(Error { part, sigma_part })
+            });
+            (*sweep, error)
+        });
+        Self {
+            spectra: spectra.collect(),
+        }
+    }
+
+    /// Returns the error on a spectrum as a part of its modulus.
+    pub(super) fn part(&self, name: &str) -> Option<f64> {
+        let found = self.spectra.iter().find(|(sweep, _)| sweep.name == name);
+        found.and_then(|(_, error)| Some(error.as_ref()?.part))
+    }
+
+    /// Names the spectra that contradict their neighbours.
+    pub(super) fn notes(&self) -> Vec<String> {
+        let mut parts: Vec<f64> = self
+            .spectra
+            .iter()
+            .filter_map(|s| Some(s.1?.part))
+            .collect();
+        parts.sort_by(f64::total_cmp);
+        let Some(median) = parts.get(parts.len() / 2).copied() else {
+            return Vec::new();
+        };
+        let most = CONTRADICTS_PART.max(CONTRADICTS_RATIO * median);
+        let named = self.spectra.iter().filter_map(|(sweep, error)| {
+            let Error { part, sigma_part } = (*error)?;
+            (part > most.max(CONTRADICTS_SIGMAS * sigma_part)).then(|| {
+                format!(
+                    "{} (SOC {:.2}, {:.1} °C) contradicts its neighbours: without it, the map misses it \
+                    by {:.0} % (expected {:.0} %, median of all {:.1} %)",
+                    sweep.name,
+                    sweep.soc,
+                    sweep.temperature_degc,
+                    100.0 * part,
+                    100.0 * sigma_part,
+                    100.0 * median
+                )
+            })
+        });
+        named.collect()
+    }
+}
+
+/// Standard deviation of the prediction of a spectrum without its own rows X, as a part of the modulus:
+/// with H = X·Σ·Xᵀ of all rows it is H·(1 − H)⁻¹ in units of the errors.
+fn sigma_part(
+    covariance: &DMatrix<f64>,
+    rows: &DMatrix<f64>,
+    sweep: &Sweep,
+    scale: f64,
+) -> Option<f64> {
+    let seen = rows * covariance * rows.transpose();
+    let n = seen.nrows();
+    let left = (DMatrix::identity(n, n) - &seen).try_inverse()?;
+    let predicted = seen * left;
+    let parts = sweep.points.iter().enumerate().map(|(k, point)| {
+        let variance = (predicted[(2 * k, 2 * k)] + predicted[(2 * k + 1, 2 * k + 1)]).max(0.0);
+        variance * (scale * point.error_ohm).powi(2) / point.z_ohm.norm_sqr()
+    });
+    Some((parts.sum::<f64>() / sweep.points.len() as f64).sqrt())
+}

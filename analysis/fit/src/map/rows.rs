@@ -1,0 +1,152 @@
+//! Logs and spectra as linear equations of the unknowns.
+
+use super::design::Design;
+use super::log::Log;
+use super::solve::Kinetics;
+use super::sweep::Sweep;
+use analysis_model::map::{BranchStep, Drive};
+use nalgebra::{DMatrix, DVector};
+use num_complex::Complex64;
+
+/// Rows that are added at once.
+const CHUNK: usize = 512;
+/// Unit of the inductance, H: nothing but its size in the equations depends on it.
+pub(super) const INDUCTANCE_H: f64 = 1e-7;
+
+impl Design {
+    /// Adds the rows of a log: its overpotential is the sum of the unknowns times their columns.
+    ///
+    /// `weight` is that of a row from the time that it stands for, s, and its SOC.
+    pub(super) fn add_log(
+        &self,
+        log: &Log,
+        lag_s: f64,
+        kinetics: Kinetics,
+        weight: impl Fn(f64, f64) -> f64,
+        add: &mut impl FnMut(&DMatrix<f64>, &DVector<f64>),
+    ) {
+        let map = self.empty_map(kinetics);
+        let (resistances, count) = (self.resistances(), self.count());
+        let per_surface = self.nodes() * self.soc.len();
+        let mut filtered = vec![0.0; per_surface * self.taus_s.len()];
+        let every = log.every();
+        let samples = &log.samples;
+        let current_a = log.lagged_a(lag_s);
+        let mut last_s = samples.time_s[0];
+        let mut rows = DMatrix::<f64>::zeros(CHUNK, count);
+        let mut right = DVector::<f64>::zeros(CHUNK);
+        let mut filled = 0;
+        // Currents of the fast and of the slow branches, by surface node.
+        let mut before = [[(0, 0, 0.0); 4]; 2];
+        for k in 0..log.len() {
+            let (soc, degc, i) = (samples.soc[k], samples.temperature_degc[k], current_a[k]);
+            let at = map.place(soc, degc);
+            let bent_a = map.charge_transfer.map_or(i, |law| {
+                let exchange_a = Some(law.exchange_a(soc, degc));
+                Drive { exchange_a }.driven_a(i)
+            });
+            let weights = map.weights(&at, kinetics.branches);
+            let driven = [bent_a, i].map(|a| weights.map(|(node, knot, w)| (node, knot, w * a)));
+            if log.begins_at(k) {
+                filtered.fill(0.0);
+            } else {
+                let step_s = samples.time_s[k] - samples.time_s[k - 1];
+                let parts = filtered.chunks_exact_mut(per_surface).zip(&self.taus_s);
+                for (number, (states, tau_s)) in parts.enumerate() {
+                    let step = BranchStep::new(step_s, *tau_s);
+                    let side = usize::from(number >= self.transfers());
+                    advance(states, self.soc.len(), step, [before[side], driven[side]]);
+                }
+            }
+            before = driven;
+            if k % every != 0 {
+                continue;
+            }
+            let w = weight(samples.time_s[k] - last_s, soc);
+            last_s = samples.time_s[k];
+            let mut row = rows.row_mut(filled);
+            row.fill(0.0);
+            for (node, knot, share) in map.weights(&at, kinetics.series) {
+                row[self.index(0, node, knot)] -= w * share * i;
+            }
+            for (place, state) in filtered.iter().enumerate() {
+                row[per_surface + place] = -w * state;
+            }
+            for (knot, share) in map.soc_weights(&at) {
+                row[resistances + knot] += w * share;
+                row[resistances + self.soc.len() + knot] +=
+                    w * share * (degc - self.ocv_temperature_degc);
+            }
+            right[filled] = w * (samples.voltage_v[k] - samples.ocv_v[k]);
+            filled += 1;
+            if filled == CHUNK {
+                add(&rows, &right);
+                filled = 0;
+            }
+        }
+        if filled > 0 {
+            add(
+                &rows.rows(0, filled).into_owned(),
+                &right.rows(0, filled).into_owned(),
+            );
+        }
+    }
+
+    /// Adds the rows of a spectrum: its impedance without that of the OCV is the sum of the unknowns
+    /// times their columns.
+    pub(super) fn add_sweep(
+        &self,
+        sweep: &Sweep,
+        scale: f64,
+        kinetics: Kinetics,
+        add: &mut impl FnMut(&DMatrix<f64>, &DVector<f64>),
+    ) {
+        let map = self.empty_map(kinetics);
+        let at = map.place(sweep.soc, sweep.temperature_degc);
+        let (series, branch) = (
+            map.weights(&at, kinetics.series),
+            map.weights(&at, kinetics.branches),
+        );
+        let points = &sweep.points;
+        let mut rows = DMatrix::<f64>::zeros(2 * points.len(), self.count());
+        let mut right = DVector::<f64>::zeros(2 * points.len());
+        for (k, point) in points.iter().enumerate() {
+            let w = 1.0 / (scale * point.error_ohm);
+            let mut put = |column: usize, factor: Complex64| {
+                rows[(2 * k, column)] += w * factor.re;
+                rows[(2 * k + 1, column)] += w * factor.im;
+            };
+            for (node, knot, share) in series {
+                put(self.index(0, node, knot), share.into());
+            }
+            for (number, tau_s) in self.taus_s.iter().enumerate() {
+                let response = Complex64::new(1.0, point.omega * tau_s).inv();
+                for (node, knot, share) in branch {
+                    put(self.index(1 + number, node, knot), share * response);
+                }
+            }
+            put(
+                self.inductance(),
+                Complex64::new(0.0, point.omega * INDUCTANCE_H),
+            );
+            right[2 * k] = w * point.z_ohm.re;
+            right[2 * k + 1] = w * point.z_ohm.im;
+        }
+        add(&rows, &right);
+    }
+}
+
+/// Moves the filtered columns of one branch over a step.
+fn advance(
+    states: &mut [f64],
+    knots: usize,
+    step: BranchStep,
+    driven: [[(usize, usize, f64); 4]; 2],
+) {
+    states.iter_mut().for_each(|state| *state *= step.decay);
+    for (list, gain) in driven.into_iter().zip([step.start, step.end]) {
+        for (node, knot, value) in list {
+            states[node * knots + knot] += gain * value;
+        }
+    }
+}

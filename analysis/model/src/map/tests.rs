@@ -1,0 +1,177 @@
+use super::*;
+
+fn surface(rows: &[[f64; 3]]) -> Surface {
+    Surface {
+        activation_j_per_mol: 30e3,
+        r_ohm: rows.iter().map(|row| row.to_vec()).collect(),
+        sigma_ohm: Vec::new(),
+    }
+}
+
+fn map() -> CellMap {
+    CellMap {
+        soc: vec![0.1, 0.5, 0.9],
+        temperature_degc: vec![0.0, 25.0],
+        series: surface(&[[0.04, 0.03, 0.032], [0.02, 0.015, 0.016]]),
+        branches: vec![MapBranch {
+            tau_s: 10.0,
+            resistance: surface(&[[0.02, 0.01, 0.0], [0.01, 0.005, 0.0]]),
+        }],
+        ocv_offset_v: vec![0.01, 0.0, -0.01],
+        ocv_v_per_k: vec![0.0, 1e-4, 2e-4],
+        ocv_temperature_degc: 25.0,
+        charge_transfer: None,
+        thermal: None,
+    }
+}
+
+#[test]
+fn a_map_meets_its_nodes_and_is_linear_in_soc_between_them() {
+    let map = map();
+    map.validate().unwrap();
+    let series = |soc, degc| map.resistance_ohm(&map.series, &map.place(soc, degc));
+    for (j, degc) in [0.0, 25.0].into_iter().enumerate() {
+        for (k, soc) in [0.1, 0.5, 0.9].into_iter().enumerate() {
+            assert!((series(soc, degc) - map.series.r_ohm[j][k]).abs() < 1e-15);
+        }
+    }
+    assert!((series(0.3, 25.0) - 0.0175).abs() < 1e-15);
+}
+
+/// Expected values by hand: exp(30000/8.314462618·(1/263.15 − 1/273.15)) = 1.651980.
+#[test]
+fn beyond_the_nodes_a_resistance_follows_arrhenius_and_the_distance_is_stated() {
+    let map = map();
+    let at = map.place(0.05, -10.0);
+    assert!((map.resistance_ohm(&map.series, &at) / 0.04 - 1.651_980).abs() < 1e-5);
+    assert!((at.outside.soc - 0.05).abs() < 1e-12);
+    assert!((at.outside.temperature_k - 10.0).abs() < 1e-12);
+    let inside = map.place(0.4, 12.0);
+    assert_eq!(inside.outside, Outside::default());
+}
+
+#[test]
+fn weights_are_the_resistance() {
+    let map = map();
+    for (soc, degc) in [(0.3, 12.0), (0.95, 30.0), (0.0, -20.0), (0.5, 25.0)] {
+        let at = map.place(soc, degc);
+        let sum: f64 = map
+            .weights(&at, 30e3)
+            .iter()
+            .map(|(j, k, w)| w * map.series.r_ohm[*j][*k])
+            .sum();
+        assert!((sum - map.resistance_ohm(&map.series, &at)).abs() < 1e-15);
+    }
+}
+
+#[test]
+fn one_temperature_is_a_map_by_arrhenius_alone() {
+    let mut one = map();
+    one.temperature_degc = vec![25.0];
+    for s in [&mut one.series, &mut one.branches[0].resistance] {
+        s.r_ohm.remove(0);
+    }
+    one.validate().unwrap();
+    let r = |degc| one.resistance_ohm(&one.series, &one.place(0.5, degc));
+    assert!((r(25.0) - 0.015).abs() < 1e-15 && r(0.0) > 0.03 && r(40.0) < 0.01);
+}
+
+#[test]
+fn the_correction_of_the_ocv_follows_soc_and_temperature() {
+    let map = map();
+    let at = map.place(0.7, 15.0);
+    assert!((map.ocv_correction_v(&at, 15.0) - (-0.005 - 10.0 * 1.5e-4)).abs() < 1e-15);
+}
+
+#[test]
+fn what_is_no_map_is_refused_by_field() {
+    type Break = fn(&mut CellMap);
+    let cases: [(Break, &str); 9] = [
+        (|m| m.soc = vec![0.5], "soc: expected 2 values"),
+        (|m| m.soc[1] = 0.1, "soc[1]"),
+        (
+            |m| m.temperature_degc = vec![273.15, 298.15],
+            "temperature_degc[0]: expected temperatures from -60 to 120 °C that rise (not kelvin), met 273.15",
+        ),
+        (
+            |m| m.temperature_degc = vec![25.0, 25.0],
+            "temperature_degc[1]",
+        ),
+        (
+            |m| m.series.r_ohm[0][1] = -0.01,
+            "series.r_ohm[0]: expected ohms, zero or more",
+        ),
+        (
+            |m| m.series.r_ohm[0][1] = 0.0,
+            "series.r_ohm: expected ohms above zero",
+        ),
+        (
+            |m| m.branches[0].resistance.r_ohm[1].truncate(2),
+            "branches[0].resistance.r_ohm[1]: expected 3",
+        ),
+        (|m| m.branches[0].tau_s = 0.0, "branches[0].tau_s"),
+        (
+            |m| {
+                m.thermal = Some(Thermal {
+                    capacity_j_per_k: 0.0,
+                    resistance_k_per_w: 1.0,
+                });
+            },
+            "thermal.capacity_j_per_k",
+        ),
+    ];
+    for (damage, text) in cases {
+        let mut broken = map();
+        damage(&mut broken);
+        let message = broken.validate().unwrap_err().to_string();
+        assert!(message.contains(text), "{text}: {message}");
+    }
+}
+
+/// Expected values by hand: 25 °C and half charge are the reference; at 5 °C the exchange current is
+/// 3·exp(−40000/8.314462618·(1/278.15 − 1/298.15))·278.15/298.15 = 0.8772 A, at SOC 0.1 it is 0.6 of
+/// that at half charge; 2·3·asinh(10/6) = 7.702.
+#[test]
+fn charge_transfer_bends_the_current_of_fast_branches() {
+    let law = ChargeTransfer {
+        exchange_current_a: 3.0,
+        activation_j_per_mol: 40e3,
+        slowest_s: 5.0,
+    };
+    assert!((law.exchange_a(0.5, 25.0) - 3.0).abs() < 1e-12);
+    assert!(
+        (law.exchange_a(0.5, 5.0) - 0.8772).abs() < 1e-4,
+        "{}",
+        law.exchange_a(0.5, 5.0)
+    );
+    assert!((law.exchange_a(0.1, 25.0) - 1.8).abs() < 1e-12);
+    let mut map = map();
+    map.charge_transfer = Some(law);
+    map.validate().unwrap();
+    let slow = map.drive(&map.branches[0], 0.5, 25.0);
+    assert_eq!(slow.driven_a(10.0), 10.0);
+    map.branches[0].tau_s = 0.5;
+    let fast = map.drive(&map.branches[0], 0.5, 25.0);
+    assert!(
+        (fast.driven_a(10.0) - 7.7016).abs() < 5e-4,
+        "{}",
+        fast.driven_a(10.0)
+    );
+    assert!((fast.driven_a(1e-3) - 1e-3).abs() < 1e-9);
+    assert_eq!(fast.driven_a(-10.0), -fast.driven_a(10.0));
+    // At steady current a branch loses its voltage times the current.
+    let v = 0.01 * fast.driven_a(10.0);
+    assert!((fast.lost_w(v, 0.01) - 10.0 * v).abs() < 1e-9);
+    let v = 0.01 * fast.driven_a(3000.0);
+    assert!((fast.lost_w(v, 0.01) / (3000.0 * v) - 1.0).abs() < 1e-9);
+    assert!((slow.lost_w(0.1, 0.01) - 1.0).abs() < 1e-12);
+    map.charge_transfer = Some(ChargeTransfer {
+        exchange_current_a: 0.0,
+        ..law
+    });
+    let message = map.validate().unwrap_err().to_string();
+    assert!(
+        message.contains("charge_transfer.exchange_current_a"),
+        "{message}"
+    );
+}

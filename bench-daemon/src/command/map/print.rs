@@ -1,0 +1,215 @@
+//! Prints a map and what it is worth.
+
+use analysis::{
+    map::{LogScore, MapFit, SpectrumScore},
+    series::Role,
+};
+use bench_plan::support::terminal::say;
+
+/// States of charge whose resistances are printed, if the map has them as knots.
+const SHOWN_SOC: [f64; 5] = [0.1, 0.2, 0.5, 0.8, 1.0];
+
+/// Prints the errors, the resistances and the remarks.
+pub(super) fn print(fit: &MapFit) {
+    let map = &fit.map;
+    say!("{}", headline(fit));
+    print_logs(&fit.logs);
+    print_spectra(&fit.spectra);
+    say!("");
+    say!("  series resistance / mΩ (± standard deviation), and with all branches");
+    let shown = |soc: f64| SHOWN_SOC.iter().any(|z| (z - soc).abs() < 1e-9);
+    let all = !map.soc.iter().any(|soc| shown(*soc));
+    for (j, degc) in map.temperature_degc.iter().enumerate() {
+        for (k, soc) in map.soc.iter().enumerate() {
+            if !all && !shown(*soc) {
+                continue;
+            }
+            let sigma = map.series.sigma_ohm.get(j).map_or(f64::NAN, |row| row[k]);
+            say!(
+                "  {degc:>6.1} °C  SOC {soc:.2}  {:>7.2} ± {:.2}  {:>7.2}",
+                1e3 * map.series.r_ohm[j][k],
+                1e3 * sigma,
+                1e3 * map.model_at(*soc, *degc).dc_resistance_ohm()
+            );
+        }
+    }
+    let of_branches = map.branches.first().map_or_else(String::new, |branch| {
+        let energy = 1e-3 * branch.resistance.activation_j_per_mol;
+        format!(", {energy:.1} of the branches")
+    });
+    say!(
+        "  activation energy: {:.1} kJ/mol of the series resistance{of_branches}",
+        1e-3 * map.series.activation_j_per_mol
+    );
+    if let Some(thermal) = map.thermal {
+        say!(
+            "  heat capacity {:.1} J/K, {:.2} K/W to the surroundings",
+            thermal.capacity_j_per_k,
+            thermal.resistance_k_per_w
+        );
+    }
+    if !fit.logs.is_empty() {
+        say!("  residuals are correlated over {:.0} s", fit.correlation_s);
+    }
+    if fit.lag_s != 0.0 {
+        say!(
+            "  the voltage of the logs lags their current by {:.0} ms; the errors allow for it",
+            1e3 * fit.lag_s
+        );
+    }
+    for note in &fit.notes {
+        say!("note: {note}");
+    }
+}
+
+fn print_logs(logs: &[LogScore]) {
+    if logs.is_empty() {
+        return;
+    }
+    say!("");
+    say!(
+        "  {:>7}  {:>7}  {:>8}  {:>22}  log",
+        "rms/mV",
+        "bias/mV",
+        "T/°C",
+        "worst band"
+    );
+    for score in logs {
+        let worst = score.worst.map_or_else(String::new, |(low, v)| {
+            format!("SOC {low:.1}–{:.1}: {:.1} mV", low + 0.1, 1e3 * v)
+        });
+        say!(
+            "  {:>7.1}  {:>7.1}  {:>8.1}  {worst:>22}  {} ({})",
+            1e3 * score.rms_v,
+            1e3 * score.bias_v,
+            score.temperature_degc,
+            score.name,
+            role(score.role)
+        );
+        let outside = score.outside;
+        if outside.soc > 0.02 || outside.temperature_k > 2.0 {
+            say!(
+                "           leaves the measured range by up to {:.2} of charge and {:.1} K",
+                outside.soc,
+                outside.temperature_k
+            );
+        }
+    }
+}
+
+fn print_spectra(spectra: &[SpectrumScore]) {
+    if spectra.is_empty() {
+        return;
+    }
+    say!("");
+    say!(
+        "  {:>5}  {:>6}  {:>8}  {:>10}  spectrum",
+        "SOC",
+        "T/°C",
+        "error/%",
+        "left out/%"
+    );
+    for score in spectra {
+        let left_out = score
+            .left_out_part
+            .map_or_else(String::new, |part| format!("{:.1}", 100.0 * part));
+        say!(
+            "  {:>5.2}  {:>6.1}  {:>8.1}  {left_out:>10}  {} ({})",
+            score.soc,
+            score.temperature_degc,
+            100.0 * score.rms_part,
+            score.name,
+            role(score.role)
+        );
+    }
+}
+
+/// What the map is worth: on logs in mV, on spectra as a part of the impedance.
+fn headline(fit: &MapFit) -> String {
+    let of_spectra = headline_of_spectra(&fit.spectra);
+    match (fit.logs.is_empty(), of_spectra) {
+        (true, Some(of_spectra)) => of_spectra,
+        (false, Some(of_spectra)) => {
+            format!("{}; {of_spectra}", headline_of_logs(&fit.logs))
+        }
+        (_, None) => headline_of_logs(&fit.logs),
+    }
+}
+
+/// Error on spectra that the fit has not seen, else on those that each fit leaves out, else on the
+/// fitted ones.
+fn headline_of_spectra(spectra: &[SpectrumScore]) -> Option<String> {
+    let held_out: Vec<(&SpectrumScore, f64)> = spectra
+        .iter()
+        .filter(|score| score.role == Role::HeldOut)
+        .map(|score| (score, score.rms_part))
+        .collect();
+    let left_out: Vec<(&SpectrumScore, f64)> = spectra
+        .iter()
+        .filter_map(|score| Some((score, score.left_out_part?)))
+        .collect();
+    let (mut chosen, what) = match (held_out.is_empty(), left_out.is_empty()) {
+        (false, _) => (held_out, "held-out spectra"),
+        (true, false) => (left_out, "spectra, each left out of a fit"),
+        (true, true) => {
+            let all = spectra
+                .iter()
+                .map(|score| (score, score.rms_part))
+                .collect();
+            (all, "fitted spectra (none was held out)")
+        }
+    };
+    chosen.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let (worst, most) = chosen.last()?;
+    Some(format!(
+        "error on {what}: {:.1} % of the impedance in the median; weakest at SOC {:.2} and {:.0} °C: \
+        {:.1} %",
+        100.0 * chosen[chosen.len() / 2].1,
+        worst.soc,
+        worst.temperature_degc,
+        100.0 * most
+    ))
+}
+
+/// What the map is worth on logs, and where it is weakest.
+fn headline_of_logs(logs: &[LogScore]) -> String {
+    let held_out: Vec<&LogScore> = logs.iter().filter(|l| l.role == Role::HeldOut).collect();
+    let (chosen, what) = if held_out.is_empty() {
+        (logs.iter().collect(), "fitted logs (none was held out)")
+    } else {
+        (held_out, "held-out logs")
+    };
+    let rms_v = || {
+        chosen
+            .iter()
+            .map(|l| l.rms_v)
+            .filter(|rms_v| rms_v.is_finite())
+    };
+    let Some(most) = rms_v().max_by(f64::total_cmp) else {
+        return format!("error on {what}: none reaches a state of charge above 0.1");
+    };
+    let least = rms_v().fold(most, f64::min);
+    let worst = chosen
+        .iter()
+        .filter_map(|l| l.worst.map(|(soc, v)| (soc, v, l.temperature_degc)))
+        .max_by(|a, b| a.1.total_cmp(&b.1));
+    let weakest = worst.map_or_else(String::new, |(soc, v, degc)| {
+        format!(
+            "; weakest at SOC {soc:.1}–{:.1} and {degc:.0} °C: {:.1} mV",
+            soc + 0.1,
+            1e3 * v
+        )
+    });
+    format!(
+        "error on {what}: {:.1} to {:.1} mV rms{weakest}",
+        1e3 * least,
+        1e3 * most
+    )
+}
+
+pub(super) fn role(role: Role) -> &'static str {
+    match role {
+        Role::Train => "fitted",
+        Role::HeldOut => "held out",
+    }
+}
