@@ -42,6 +42,7 @@ impl Wanted {
             to_unix_s: self.to_s,
             verdict,
             trip: self.trip,
+            tag: None,
             text: self.text,
             after: self.after,
             most: self.most,

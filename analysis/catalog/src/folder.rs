@@ -32,6 +32,19 @@ pub(crate) const CELL: &str = "cell";
 pub struct Beside {
     /// Operator who requested the run.
     pub operator: Option<String>,
+    /// How the run ended; counts if the journal has no end entry.
+    pub how: Option<String>,
+    /// Tags of the run.
+    pub tags: Vec<String>,
+    /// Texts of the notes about the run.
+    pub notes: Vec<String>,
+}
+
+impl Beside {
+    /// Returns a digest of all facts.
+    fn digest(&self) -> String {
+        hex(&Sha256::digest(format!("{self:?}"))[..8])
+    }
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -160,8 +173,7 @@ pub(crate) fn stamp(folder: &Path, beside: &Beside) -> String {
         )
     };
     let files = [MANIFEST, SUMS, JOURNAL, INDEX].map(|name| of(&folder.join(name)));
-    let operator = beside.operator.as_deref().unwrap_or_default();
-    format!("{} {} {operator}", of(folder), files.join(" "))
+    format!("{} {} {}", of(folder), files.join(" "), beside.digest())
 }
 
 /// Reads a run folder.
@@ -174,6 +186,7 @@ pub(crate) fn read(folder: &Path, stamp: String, beside: Beside) -> Folder {
         run,
         stamp,
         instruments: reading.manifest.instruments,
+        notes: reading.beside.notes,
         spectra,
         fits,
         events: reading.told.events,
@@ -188,14 +201,14 @@ struct Reading<'a> {
     told: Told,
     index: RunIndex,
     cells: Vec<CatalogCell>,
-    operator: Option<String>,
+    beside: Beside,
     damage: Vec<String>,
 }
 
 impl<'a> Reading<'a> {
     fn of(folder: &'a Path, beside: Beside) -> Self {
         let mut damage = Vec::new();
-        let told = journal::read(folder).unwrap_or_else(|reason| {
+        let mut told = journal::read(folder).unwrap_or_else(|reason| {
             damage.push(reason);
             Told::default()
         });
@@ -203,13 +216,14 @@ impl<'a> Reading<'a> {
         if manifest.is_none() && damage.is_empty() && told.how.is_some() {
             damage.push(format!("{MANIFEST}: expected of an ended run, found none"));
         }
+        told.how = told.how.or_else(|| beside.how.clone());
         let index: RunIndex = json(folder, INDEX, &mut damage).unwrap_or_default();
         let manifest = manifest.unwrap_or_default();
         let cells = cells(folder, &manifest, &told, &index);
         Self {
             folder,
             run: identity(folder),
-            operator: beside.operator.or_else(|| told.by.clone()),
+            beside,
             manifest,
             told,
             index,
@@ -293,6 +307,7 @@ impl<'a> Reading<'a> {
             low_hz: ends.low.map(|point| point.freq_hz),
             high_hz: ends.high_hz,
             r_high_ohm: ends.crossing.map(|point| point.r_ohm),
+            r_high_hz: ends.crossing.map(|point| point.freq_hz),
             r_high_sigma_ohm: ends.crossing.and_then(|point| point.sigma_ohm),
             r_low_ohm: ends.low.map(|point| point.r_ohm),
             r_low_sigma_ohm: ends.low.and_then(|point| point.sigma_ohm),
@@ -360,7 +375,12 @@ impl<'a> Reading<'a> {
     }
 
     fn run(&self, spectra: &[CatalogSpectrum], fits: usize) -> CatalogRun {
-        let Self { manifest, told, .. } = self;
+        let Self {
+            manifest,
+            told,
+            beside,
+            ..
+        } = self;
         let or = |one: &str, other: &str| if one.is_empty() { other } else { one }.to_owned();
         let corrected =
             |spectrum: &&CatalogSpectrum| spectrum.fixture == CELL && spectrum.corrected;
@@ -374,7 +394,9 @@ impl<'a> Reading<'a> {
             experiment: or(&manifest.experiment, &told.experiment),
             bench: manifest.bench.clone(),
             cells: self.cells.clone(),
-            operator: self.operator.clone(),
+            operator: beside.operator.clone().or_else(|| told.by.clone()),
+            tags: beside.tags.clone(),
+            notes: count(beside.notes.len()),
             seed: if manifest.seed == 0 {
                 told.seed
             } else {
@@ -587,4 +609,28 @@ fn crossing(points: &[ImpedancePoint]) -> Option<Resistance> {
         })
     });
     between.or_else(|| points.last().map(Resistance::of))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn resistance_at_the_change_of_sign_lies_between_its_points() {
+        let point = |freq_hz: f64, re: f64, im: f64| {
+            let value = serde_json::json!({
+                "freq_hz": freq_hz, "z_ohm": [re, im], "amplitude_a": 1.0,
+                "covariance": { "re_re": 1e-12, "im_im": 1e-12, "re_im": 0.0 },
+            });
+            serde_json::from_value::<ImpedancePoint>(value).unwrap()
+        };
+        let points = [
+            point(1.0, 3.0, -1.0),
+            point(100.0, 2.0, -0.25),
+            point(10_000.0, 1.0, 0.75),
+        ];
+        let found = crossing(&points).unwrap();
+        assert!((found.r_ohm - 1.75).abs() < 1e-12 && (found.freq_hz - 316.227_766).abs() < 1e-3);
+        assert_eq!(crossing(&points[..2]).unwrap().freq_hz, 100.0);
+    }
 }

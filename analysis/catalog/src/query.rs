@@ -31,6 +31,18 @@ pub struct RunsFound {
     pub after: Option<String>,
 }
 
+/// What a person can choose from in a search.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
+pub struct Choices {
+    /// Names of all cells.
+    pub cells: Vec<String>,
+    /// Names of all benches.
+    pub benches: Vec<String>,
+    /// All tags.
+    pub tags: Vec<String>,
+}
+
 /// Spectra that were found, the latest first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[cfg_attr(feature = "openapi", derive(utoipa::ToSchema))]
@@ -330,6 +342,19 @@ impl Catalog {
             Cursor::of(0.0, &"0".repeat(DIGITS), &place)
         });
         Ok(CellsFound { cells, after })
+    }
+
+    /// Returns the cells, benches and tags of all runs, each by name.
+    ///
+    /// # Errors
+    /// [`CatalogError`].
+    pub fn choices(&self) -> Result<Choices, CatalogError> {
+        let all = |text| self.ask(text, &[], |row| row.get(0));
+        Ok(Choices {
+            cells: all("SELECT DISTINCT name FROM cell ORDER BY name")?,
+            benches: all("SELECT DISTINCT bench FROM run ORDER BY bench")?,
+            tags: all("SELECT DISTINCT t.value FROM run r, json_each(r.tags) t ORDER BY t.value")?,
+        })
     }
 
     /// Creates a query for cells of runs, with every condition but the cursor. If few runs match,

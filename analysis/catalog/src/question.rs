@@ -34,7 +34,10 @@ pub struct Filter {
     pub verdict: Option<CatalogVerdict>,
     /// The interlock has ended the run, even if it continued afterwards.
     pub trip: bool,
-    /// Words that occur in the name, bench, experiment, operator, end or cells of the run.
+    /// A tag of the run.
+    pub tag: Option<String>,
+    /// Words that occur in the name, bench, experiment, operator, end, cells, tags or notes of the
+    /// run.
     pub text: Option<String>,
     /// Position of the next part: `after` of the previous answer.
     pub after: Option<String>,
@@ -63,7 +66,7 @@ impl Filter {
 
     /// Returns whether a condition applies to runs rather than to what is measured in them.
     pub(crate) fn asks_of_runs(&self) -> bool {
-        let texts = [&self.batch, &self.experiment, &self.text];
+        let texts = [&self.batch, &self.experiment, &self.tag, &self.text];
         self.trip || self.verdict.is_some() || texts.into_iter().any(Option::is_some)
     }
 
@@ -81,6 +84,8 @@ impl Filter {
 
 /// A text is a serial number or the barcode of a row `c` of `run_cell`.
 pub(crate) const IS_CODE: &str = "? IN (c.serial, c.scanned_serial, c.barcode)";
+/// A text is a tag of a run `r`.
+const HAS_TAG: &str = "? IN (SELECT value FROM json_each(r.tags))";
 /// Join with the words of a run `r`.
 const WORDS: &str = "run_text t ON t.started_unix_s = r.started_unix_s AND t.run = r.run";
 
@@ -150,6 +155,10 @@ impl Question {
         self.add_text("c.bench = ?", filter.bench.as_ref());
         self.add_text("c.experiment = ?", filter.experiment.as_ref());
         self.add_facts('c', filter);
+        if let Some(tag) = &filter.tag {
+            let condition = format!("c.run IN (SELECT r.run FROM run r WHERE {HAS_TAG})");
+            self.add(&condition, &[Value::Text(tag.clone())]);
+        }
         let words = filter.words();
         if !words.is_empty() {
             let mut runs = Self::of("run_text t", &[]);
@@ -192,6 +201,7 @@ impl Question {
         };
         let mut run = Self::of(&from, &[]);
         run.add_text("r.experiment = ?", filter.experiment.as_ref());
+        run.add_text(HAS_TAG, filter.tag.as_ref());
         run.add_facts('r', filter);
         run.add_words(&words);
         if !run.conditions.is_empty() {
@@ -268,6 +278,7 @@ impl RunsQuestion {
         }
         question.add_text(&format!("{of}.bench = ?"), filter.bench.as_ref());
         question.add_text("r.experiment = ?", filter.experiment.as_ref());
+        question.add_text(HAS_TAG, filter.tag.as_ref());
         question.add_facts(*of, filter);
         asked
     }

@@ -140,6 +140,12 @@ pub struct CatalogRun {
     pub cells: Vec<CatalogCell>,
     /// Person who submitted it or answered its questions; null if unnamed.
     pub operator: Option<String>,
+    /// Tags that people gave it on a server.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub tags: Vec<String>,
+    /// Number of notes that people wrote about it on a server.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub notes: u32,
     /// Seed of simulation and searches.
     pub seed: u64,
     /// Course of bench time.
@@ -173,6 +179,14 @@ pub struct CatalogRun {
     pub content_sha256: Option<String>,
     /// Files that cannot be read, with the reason.
     pub damage: Vec<String>,
+}
+
+#[expect(
+    clippy::trivially_copy_pass_by_ref,
+    reason = "serde passes a reference"
+)]
+fn is_zero(number: &u32) -> bool {
+    *number == 0
 }
 
 /// A spectrum of a run.
@@ -224,6 +238,8 @@ pub struct CatalogSpectrum {
     pub high_hz: Option<f64>,
     /// Real part where the imaginary part changes its sign, otherwise at the highest frequency, Ω.
     pub r_high_ohm: Option<f64>,
+    /// Frequency at which that holds, Hz.
+    pub r_high_hz: Option<f64>,
     /// Its standard uncertainty, Ω.
     pub r_high_sigma_ohm: Option<f64>,
     /// Real part at the lowest frequency, Ω.
@@ -391,6 +407,8 @@ pub(crate) struct Folder {
     pub(crate) run: CatalogRun,
     /// State of its files, for the next scan.
     pub(crate) stamp: String,
+    /// Texts of the notes about the run.
+    pub(crate) notes: Vec<String>,
     /// Identities of the instruments, as the manifest has them.
     pub(crate) instruments: serde_json::Value,
     /// Its spectra.

@@ -3,7 +3,7 @@
 /// Mark of a catalogue in the head of an SQLite file: `EISC`.
 pub(crate) const APPLICATION: i32 = 0x4549_5343;
 /// Version of the tables. A reader refuses a newer one; a scan builds an older one again.
-pub const VERSION: i32 = 4;
+pub const VERSION: i32 = 5;
 
 /// Tables and indexes. `run_key` finds runs by the name, a serial number or the batch of a cell,
 /// `run_text` by words; both repeat the columns that queries filter by, so that no other table is
@@ -19,7 +19,8 @@ CREATE TABLE run (
   started_unix_s REAL NOT NULL, time_source TEXT NOT NULL, bench_time_s REAL NOT NULL, how TEXT,
   verdict TEXT NOT NULL, trip TEXT, resumed INTEGER NOT NULL, spectra INTEGER NOT NULL,
   refused_points INTEGER NOT NULL, fits INTEGER NOT NULL, config_sha256 TEXT, content_sha256 TEXT,
-  damage TEXT NOT NULL, cells TEXT NOT NULL, instruments TEXT NOT NULL
+  damage TEXT NOT NULL, cells TEXT NOT NULL, instruments TEXT NOT NULL, tags TEXT NOT NULL,
+  notes INTEGER NOT NULL
 );
 CREATE INDEX run_started ON run (started_unix_s, run);
 CREATE INDEX run_bench ON run (bench, started_unix_s, run);
@@ -56,7 +57,8 @@ CREATE TABLE spectrum (
   started_unix_s REAL NOT NULL, time_source TEXT NOT NULL, amplitude_a REAL NOT NULL,
   bias_a REAL NOT NULL, ocv_v REAL,
   temperature_c REAL, points INTEGER NOT NULL, refused_points INTEGER NOT NULL, low_hz REAL,
-  high_hz REAL, r_high_ohm REAL, r_high_sigma_ohm REAL, r_low_ohm REAL, r_low_sigma_ohm REAL,
+  high_hz REAL, r_high_ohm REAL, r_high_hz REAL, r_high_sigma_ohm REAL, r_low_ohm REAL,
+  r_low_sigma_ohm REAL,
   PRIMARY KEY (run, file)
 ) WITHOUT ROWID;
 CREATE INDEX spectrum_started ON spectrum (started_unix_s, run, file);

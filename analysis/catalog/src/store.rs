@@ -47,7 +47,7 @@ pub(crate) fn put(connection: &Connection, folder: &Folder, known: bool) -> rusq
         remove(connection, &folder.run.run)?;
     }
     put_run(connection, folder)?;
-    put_words(connection, &folder.run)?;
+    put_words(connection, &folder.run, &folder.notes)?;
     put_keys(connection, &folder.run)?;
     for spectrum in &folder.spectra {
         put_spectrum(connection, spectrum)?;
@@ -72,7 +72,7 @@ fn put_run(connection: &Connection, folder: &Folder) -> rusqlite::Result<()> {
         "INSERT INTO run VALUES (:run, :folder, :name, :stamp, :missing, :version, :experiment, \
          :bench, :operator, :seed, :time, :simulated, :started_unix_s, :time_source, \
          :bench_time_s, :how, :verdict, :trip, :resumed, :spectra, :refused_points, :fits, \
-         :config_sha256, :content_sha256, :damage, :cells, :instruments)",
+         :config_sha256, :content_sha256, :damage, :cells, :instruments, :tags, :notes)",
     )?;
     into.execute(named_params! {
         ":run": run.run,
@@ -102,6 +102,8 @@ fn put_run(connection: &Connection, folder: &Folder) -> rusqlite::Result<()> {
         ":damage": json(&run.damage),
         ":cells": json(&run.cells),
         ":instruments": instruments.to_string(),
+        ":tags": json(&run.tags),
+        ":notes": run.notes,
     })?;
     Ok(())
 }
@@ -112,7 +114,7 @@ fn json(value: &impl serde::Serialize) -> String {
 }
 
 /// Returns the text to search for words beside the name, in lower case: many runs share it.
-fn phrase(run: &CatalogRun) -> String {
+fn phrase(run: &CatalogRun, notes: &[String]) -> String {
     let own = [&run.bench, &run.experiment].map(String::as_str);
     let more = [&run.operator, &run.how].map(|text| text.as_deref().unwrap_or_default());
     let cells = run.cells.iter().flat_map(|cell| {
@@ -124,13 +126,19 @@ fn phrase(run: &CatalogRun) -> String {
             .map(|text| text.as_deref().unwrap_or_default())
             .chain([cell.name.as_str()])
     });
-    let all: Vec<&str> = own.into_iter().chain(more).chain(cells).collect();
+    let people = run.tags.iter().chain(notes).map(String::as_str);
+    let all: Vec<&str> = own
+        .into_iter()
+        .chain(more)
+        .chain(cells)
+        .chain(people)
+        .collect();
     all.join("\n").to_lowercase()
 }
 
 /// Inserts the words of a run.
-fn put_words(connection: &Connection, run: &CatalogRun) -> rusqlite::Result<()> {
-    let phrase = phrase(run);
+fn put_words(connection: &Connection, run: &CatalogRun, notes: &[String]) -> rusqlite::Result<()> {
+    let phrase = phrase(run, notes);
     let mut phrases =
         connection.prepare_cached("INSERT OR IGNORE INTO phrase (text) VALUES (?1)")?;
     phrases.execute([&phrase])?;
@@ -199,7 +207,7 @@ fn put_spectrum(connection: &Connection, one: &CatalogSpectrum) -> rusqlite::Res
          :corrected, :repeat, :started_unix_s, :time_source, :amplitude_a, :bias_a, \
          :ocv_v, \
          :temperature_c, :points, :refused_points, :low_hz, :high_hz, :r_high_ohm, \
-         :r_high_sigma_ohm, :r_low_ohm, :r_low_sigma_ohm)",
+         :r_high_hz, :r_high_sigma_ohm, :r_low_ohm, :r_low_sigma_ohm)",
     )?;
     into.execute(named_params! {
         ":run": one.run,
@@ -224,6 +232,7 @@ fn put_spectrum(connection: &Connection, one: &CatalogSpectrum) -> rusqlite::Res
         ":low_hz": one.low_hz,
         ":high_hz": one.high_hz,
         ":r_high_ohm": one.r_high_ohm,
+        ":r_high_hz": one.r_high_hz,
         ":r_high_sigma_ohm": one.r_high_sigma_ohm,
         ":r_low_ohm": one.r_low_ohm,
         ":r_low_sigma_ohm": one.r_low_sigma_ohm,

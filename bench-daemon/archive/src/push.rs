@@ -104,6 +104,7 @@ fn waiting(source: &RunSource, in_use: bool) -> ArchiveError {
 fn rows(source: &RunSource, now: &Now) -> RunRows {
     let beside = Beside {
         operator: now.operator.clone(),
+        ..Beside::default()
     };
     RunRows::read(&source.folder, beside, &source.diagnoses)
 }

@@ -5,21 +5,27 @@ use std::{
     fs,
     path::{Path, PathBuf},
     sync::{
-        Mutex, PoisonError,
+        Arc, Mutex, PoisonError,
         atomic::{AtomicBool, Ordering},
         mpsc::{Receiver, RecvTimeoutError, Sender, channel},
     },
     time::Duration,
 };
 
-use analysis::catalog::{
-    Catalog, CatalogError,
-    scan::{Beside, ScanOptions, Scanned},
+use analysis::{
+    catalog::{
+        Catalog, CatalogError,
+        scan::{Beside, ScanOptions, Scanned},
+    },
+    run_folder,
 };
 
 use instruments::clock;
 
-use super::jobs;
+use super::{
+    jobs::{self, Ended},
+    notebook::{About, Notebook},
+};
 
 /// The catalogue in the data folder.
 const FILE: &str = "catalog.sqlite";
@@ -33,6 +39,7 @@ const AGAIN: Duration = Duration::from_secs(60);
 #[derive(Debug)]
 pub struct CatalogKeeper {
     data: PathBuf,
+    notebook: Arc<Notebook>,
     wake: Sender<PathBuf>,
     wakes: Mutex<Option<Receiver<PathBuf>>>,
     stop: AtomicBool,
@@ -52,10 +59,11 @@ pub struct ScanState {
 
 impl CatalogKeeper {
     /// Creates the catalogue keeper of a data folder. Does not scan yet.
-    pub fn of(data: &Path) -> Self {
+    pub fn of(data: &Path, notebook: Arc<Notebook>) -> Self {
         let (wake, wakes) = channel();
         Self {
             data: data.to_path_buf(),
+            notebook,
             wake,
             wakes: Mutex::new(Some(wakes)),
             stop: AtomicBool::new(false),
@@ -123,8 +131,9 @@ impl CatalogKeeper {
         &self.data
     }
 
-    /// Scans everything now, and single folders on request, until the end.
-    pub fn work(&self) {
+    /// Scans everything now, and single folders on request, until the end. Calls `changed` after
+    /// each scan that succeeded.
+    pub fn work(&self, changed: impl Fn()) {
         let taken = self
             .wakes
             .lock()
@@ -133,6 +142,9 @@ impl CatalogKeeper {
         let Some(wakes) = taken else { return };
         let mut done = self.told(|| self.scan());
         loop {
+            if done {
+                changed();
+            }
             let woken = match done {
                 true => wakes.recv().map_err(|_| RecvTimeoutError::Disconnected),
                 false => wakes.recv_timeout(AGAIN),
@@ -198,24 +210,45 @@ impl CatalogKeeper {
         Ok(())
     }
 
-    /// Returns who requested a run, as its record states.
+    /// Returns the facts of the record and of the notebook about a run.
     fn beside(&self, folder: &Path) -> Beside {
-        let run = folder.file_name().and_then(|name| name.to_str());
-        let job = run.and_then(|run| jobs::read(&self.data, run));
+        let Some(run) = folder.file_name().and_then(|name| name.to_str()) else {
+            return Beside::default();
+        };
+        let job = jobs::read(&self.data, run);
+        let entries = self.notebook.read(About::Run(run));
         Beside {
+            how: job
+                .as_ref()
+                .and_then(|job| job.ended.as_ref())
+                .map(end_in_words),
             operator: job.map(|job| job.item.by),
+            tags: entries.tags,
+            notes: entries.notes.into_iter().map(|note| note.text).collect(),
         }
+    }
+}
+
+/// Describes the end of a run as its journal would; the process of a stopped run may have died
+/// without an entry.
+fn end_in_words(ended: &Ended) -> String {
+    match ended.stopped && !run_folder::is_stopped(&ended.how) {
+        true => format!("stopped on request: {}", ended.how),
+        false => ended.how.clone(),
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use analysis::catalog::query::Filter;
+
     use super::*;
 
     fn keeper() -> (tempfile::TempDir, CatalogKeeper) {
         let data = tempfile::tempdir().unwrap();
         fs::create_dir(data.path().join(RUNS)).unwrap();
-        let keeper = CatalogKeeper::of(data.path());
+        let notebook = Arc::new(Notebook::of(data.path()));
+        let keeper = CatalogKeeper::of(data.path(), notebook);
         (data, keeper)
     }
 
@@ -233,5 +266,55 @@ mod tests {
             keeper.scan().unwrap();
             assert!(keeper.open().unwrap().roots().unwrap().len() == 1);
         }
+    }
+
+    #[test]
+    fn a_run_whose_process_died_ended_as_its_record_states_and_has_its_notes() {
+        let (data, keeper) = keeper();
+        let folder = data.path().join(RUNS).join("demo-1");
+        fs::create_dir(&folder).unwrap();
+        let started = r#"{"started":{"version":"0","experiment":"demo","seed":1,"time":"real"}}"#;
+        let line = format!("{{\"number\":1,\"time_s\":0.0,\"entry\":{started}}}\n");
+        fs::write(folder.join(run_folder::JOURNAL), line).unwrap();
+        let verdict = |stopped: bool| {
+            let how = "its process was killed or died";
+            let item = r#"{"id":1,"run":"demo-1","kind":"run","experiment":"demo","bench":"demo",
+                "seed":null,"expected_s":1.0,"by":"ann","submitted_unix_s":1.0,"process":null}"#;
+            let ended = format!(
+                r#"{{"code":null,"finished":false,"stopped":{stopped},"how":"{how}","unix_s":1.0}}"#
+            );
+            fs::create_dir_all(data.path().join("jobs")).unwrap();
+            let job = format!("{{\"item\":{item},\"ended\":{ended}}}");
+            fs::write(data.path().join("jobs/demo-1.json"), job).unwrap();
+            keeper.scan().unwrap();
+            let run = keeper.open().unwrap().show("demo-1").unwrap().run;
+            (run.verdict.label(), run.tags, run.notes)
+        };
+        assert_eq!(verdict(false), ("failed", vec![], 0));
+        assert_eq!(verdict(true), ("stopped", vec![], 0));
+        let about = About::Run("demo-1");
+        keeper.notebook.note(about, "ann", "Swollen").unwrap();
+        let tags = ["aged".to_owned()];
+        keeper.notebook.tag(about, "ann", &tags).unwrap();
+        assert_eq!(verdict(true), ("stopped", tags.to_vec(), 1));
+        let catalog = keeper.open().unwrap();
+        let found = |tag: Option<&str>, text: Option<&str>| {
+            let [tag, text] = [tag, text].map(|text| text.map(str::to_owned));
+            let filter = Filter {
+                tag,
+                text,
+                ..Filter::default()
+            };
+            catalog.runs(&filter).unwrap().runs.len()
+        };
+        assert_eq!(
+            (found(Some("aged"), None), found(Some("age"), None)),
+            (1, 0)
+        );
+        assert_eq!(
+            (found(None, Some("swollen AGED")), found(None, Some("bent"))),
+            (1, 0)
+        );
+        assert_eq!(catalog.choices().unwrap().tags, tags);
     }
 }

@@ -155,7 +155,9 @@ async fn until_stopped(settings: Settings, mut lock: std::fs::File) -> Result<()
     beside("health", &server, async |server| {
         server.health.work(&server.clock).await;
     })?;
-    beside("catalog", &server, async |server| server.catalog.work())?;
+    beside("catalog", &server, async |server| {
+        server.catalog.work(|| server.hub.tell("catalog", &()));
+    })?;
     beside("analyst", &server, analyst::work)?;
     beside("investigator", &server, investigator::work)?;
     beside("notices", &server, notify::work)?;

@@ -15,7 +15,6 @@ use super::{
     analyses::Analyses,
     audit::Audit,
     catalog::CatalogKeeper,
-    find::{Finder, Places},
     health::Health,
     hub::Hub,
     jobs::Jobs,
@@ -68,9 +67,7 @@ pub struct Server {
     /// Runs that were begun here.
     pub jobs: Arc<Jobs>,
     /// Notes and tags.
-    pub notebook: Notebook,
-    /// Cards of runs that have ended.
-    pub finder: Finder,
+    pub notebook: Arc<Notebook>,
     /// The catalogue of runs and diagnoses.
     pub catalog: Arc<CatalogKeeper>,
     queue: Mutex<Queue>,
@@ -143,6 +140,7 @@ impl Server {
         });
         let started_unix_s = clock::unix_time_s();
         let jobs = Arc::new(Jobs::of(&settings.data));
+        let notebook = Arc::new(Notebook::of(&settings.data));
         Ok(Self {
             hub: Hub::new((started_unix_s * 1.0e3) as u64),
             audit: Audit::open(&settings.data)?,
@@ -164,10 +162,9 @@ impl Server {
             last_model: LastModel::default(),
             notices: Notices::default(),
             sessions: Sessions::default(),
-            notebook: Notebook::of(&settings.data),
+            catalog: Arc::new(CatalogKeeper::of(&settings.data, notebook.clone())),
+            notebook,
             jobs,
-            finder: Finder::default(),
-            catalog: Arc::new(CatalogKeeper::of(&settings.data)),
             queue: Mutex::new(queue),
             shelf: Mutex::default(),
             live: Mutex::new(live.collect()),
@@ -212,15 +209,6 @@ impl Server {
         self.identities
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Returns the locations of runs, their records and their notes.
-    pub fn places(&self) -> Places<'_> {
-        Places {
-            data: &self.settings.data,
-            jobs: &self.jobs,
-            notebook: &self.notebook,
-        }
     }
 
     /// Folder of the runs.

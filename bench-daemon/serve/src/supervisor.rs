@@ -346,10 +346,18 @@ impl SupervisedBench {
         }
         if let Some((name, watch)) = &mut self.watch {
             watch.look();
-            if self.manifest.is_empty() {
+            let is_new = self.manifest.is_empty();
+            if is_new {
                 self.manifest = identities(watch.folder());
             }
             let stamps = spectra::stamps(watch.folder());
+            let is_begun = is_new && !self.manifest.is_empty();
+            if let Some(name) = name
+                .as_ref()
+                .filter(|_| is_begun || stamps.len() > self.stamps.len())
+            {
+                server.catalog.refresh_run(name);
+            }
             for file in stamps
                 .iter()
                 .filter(|(file, stamp)| self.stamps.get(*file) != Some(*stamp))

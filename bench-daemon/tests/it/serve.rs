@@ -334,6 +334,13 @@ fn a_stop_ends_the_run_reads_every_output_back_and_holds_the_queue() {
             && live["limits"][0]["margin"].as_f64().unwrap() > 0.0,
         "{live}"
     );
+    // The catalogue has the run while it is in work.
+    poll("the unfinished run in the catalogue", || {
+        let path = "/api/v1/catalog/runs?verdict=unfinished&bench=demo";
+        let answer = served.ask("GET", path, ("", ""));
+        let found = (answer.status == 200).then(|| answer.json())?;
+        (found["runs"][0]["name"] == run.as_str()).then_some(())
+    });
     // The sweep allows far less current than the cell, and the margin is that to its limit.
     let sweep = poll("the limits of a sweep", || {
         let live = served.get("/benches/demo");
@@ -366,13 +373,8 @@ fn a_stop_ends_the_run_reads_every_output_back_and_holds_the_queue() {
         (&true.into(), &"local".into())
     );
     assert_eq!(served.get("/benches/demo")["run"]["stopped"], true);
-    let cards = served.get("/runs/find");
-    let card = cards["found"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .find(|card| card["run"] == run.as_str());
-    assert_eq!(card.unwrap()["verdict"], "stopped", "{cards}");
+    let card = &served.get(&format!("/runs/{run}"))["card"];
+    assert_eq!(card["verdict"], "stopped", "{card}");
     let metrics = crate::observe::metrics(&served);
     for (name, value) in [("stopped", 1), ("failed", 0)] {
         let line = format!("eis_bench_runs_{name}_total{{bench=\"demo\"}} {value}");

@@ -81,6 +81,7 @@ _SPECTRUM = {
     "low_hz": "number",
     "high_hz": "number",
     "r_high_ohm": "number",
+    "r_high_hz": "number",
     "r_high_sigma_ohm": "number",
     "r_low_ohm": "number",
     "r_low_sigma_ohm": "number",
@@ -441,6 +442,8 @@ def _run_row(run: dict[str, Any]) -> dict[str, Any]:
         told = [str(cell[name]) for cell in cells if cell.get(name) is not None]
         row[_OF_CELLS.get(name, name)] = "; ".join(told) or None
     row["damage"] = "; ".join(row["damage"]) or None
+    if "tags" in row:
+        row["tags"] = "; ".join(row["tags"])
     return row
 
 

@@ -6,7 +6,8 @@ use analysis::catalog::{
     Catalog, CatalogError,
     ageing::Ageing,
     query::{
-        CellsFound, DiagnosesFound, Filter, FitsFound, MOST, RunShown, RunsFound, SpectraFound,
+        CellsFound, Choices, DiagnosesFound, Filter, FitsFound, MOST, RunShown, RunsFound,
+        SpectraFound,
     },
     record::CatalogVerdict,
 };
@@ -47,7 +48,9 @@ pub struct CatalogWanted {
     /// Runs that the interlock ended, also if they were resumed afterwards.
     #[serde(default)]
     trip: bool,
-    /// Words in the name, bench, experiment, operator, end or cells of the run.
+    /// A tag of the run.
+    tag: Option<String>,
+    /// Words in the name, bench, experiment, operator, end, cells, tags or notes of the run.
     text: Option<String>,
     /// Position of the next part: `after` of the previous answer.
     after: Option<String>,
@@ -97,6 +100,7 @@ impl CatalogWanted {
             to_unix_s: time("to", self.to)?,
             verdict: self.verdict,
             trip: self.trip,
+            tag: self.tag,
             text: self.text,
             after: self.after,
             most: self.most.map_or(MOST, usize::from),
@@ -112,20 +116,27 @@ async fn ask<T: Send + 'static>(
     aside(move || {
         let catalog = app.server.catalog.open();
         let answer = catalog.and_then(|catalog| question(&catalog));
-        answer.map(Json).map_err(|error| match error {
-            CatalogError::Cursor { .. } => Refusal::of(StatusCode::BAD_REQUEST, error.to_string()),
-            CatalogError::Run { found, number, .. } => Refusal::of(
-                StatusCode::NOT_FOUND,
-                format!("run: expected the identity or the name of one run, found {number} for {found:?}"),
-            ),
-            CatalogError::Absent { .. } => Refusal::of(
-                StatusCode::SERVICE_UNAVAILABLE,
-                "the catalogue is being built: ask again",
-            ),
-            error => Refusal::machine(&error),
-        })
+        answer.map(Json).map_err(|error| refused(&error))
     })
     .await
+}
+
+/// Returns the refusal of a question that the catalogue cannot answer.
+pub(super) fn refused(error: &CatalogError) -> Refusal {
+    match error {
+        CatalogError::Cursor { .. } => Refusal::of(StatusCode::BAD_REQUEST, error.to_string()),
+        CatalogError::Run { found, number, .. } => Refusal::of(
+            StatusCode::NOT_FOUND,
+            format!(
+                "run: expected the identity or the name of one run, found {number} for {found:?}"
+            ),
+        ),
+        CatalogError::Absent { .. } => Refusal::of(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "the catalogue is being built: ask again",
+        ),
+        error => Refusal::machine(error),
+    }
 }
 
 /// Returns a folder relative to the data folder, because the path of the data folder is not
@@ -266,6 +277,18 @@ pub async fn cells(
 ) -> Result<Json<CellsFound>, Refusal> {
     let filter = wanted.filter()?;
     ask(app, move |catalog| catalog.cells(&filter)).await
+}
+
+/// Returns the cells, benches and tags of all runs: what a person can choose from in a search.
+#[utoipa::path(
+    get,
+    path = "/api/v1/catalog/choices",
+    tag = "catalog",
+    responses((status = 200, body = Choices)),
+    security(("token" = ["read"]))
+)]
+pub async fn choices(_caller: Reader, State(app): State<App>) -> Result<Json<Choices>, Refusal> {
+    ask(app, Catalog::choices).await
 }
 
 /// Returns a cell over its runs: resistances and diffusion over time, with uncertainty.

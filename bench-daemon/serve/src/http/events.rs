@@ -47,9 +47,9 @@ impl Drop for Listener {
 }
 
 /// Streams all changes: `live` (a bench), `spectrum`, `run`, `queue`, `stop`, `analysis`,
-/// `investigation`, `notice`. The first event is `hello`; `lost` means that events were missed, so
-/// that the client must request the present state. With the header `Last-Event-ID` the stream
-/// continues after that event.
+/// `investigation`, `notice`, `catalog` (it was scanned). The first event is `hello`; `lost` means
+/// that events were missed, so that the client must request the present state. With the header
+/// `Last-Event-ID` the stream continues after that event.
 #[utoipa::path(
     get,
     path = "/api/v1/events",

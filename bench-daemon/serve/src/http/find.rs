@@ -1,5 +1,6 @@
-//! Routes that find runs and cells, and what people and models say of them.
+//! Routes of what people write about runs and cells, and of models and records over a spectrum.
 
+use analysis::catalog::query::Filter;
 use axum::{
     Json,
     extract::{Path, Query, State},
@@ -12,12 +13,13 @@ use super::{
     App,
     aside::aside,
     caller::{Operator, Reader},
+    catalog,
     problem::Refusal,
     runs::folder,
 };
 use crate::{
     capture::{self, CaptureView},
-    find::{self, CellHistory, Found, KnownCell, Matrix, Wanted},
+    find::{self, Matrix},
     jobs,
     models::{self, ModelOver},
     notebook::{About, LONGEST_NOTE, LONGEST_TAG, MOST_TAGS, Note},
@@ -115,32 +117,22 @@ fn known_run(app: &App, run: &str) -> Result<(), Refusal> {
         .ok_or_else(|| Refusal::not_found("a run", run))
 }
 
-fn known_cell(app: &App, cell: &str) -> Result<CellHistory, Refusal> {
-    let found = (cell.chars().count() <= LONGEST_CELL)
-        .then(|| app.server.finder.cell(app.server.places(), cell))
-        .flatten();
-    found.ok_or_else(|| Refusal::not_found("a cell that a run has measured", cell))
-}
-
-/// Returns the runs that meet all conditions, the latest first.
-#[utoipa::path(
-    get,
-    path = "/api/v1/runs/find",
-    tag = "runs",
-    params(Wanted),
-    responses((status = 200, body = Found)),
-    security(("token" = ["read"]))
-)]
-pub async fn runs(
-    _caller: Reader,
-    State(app): State<App>,
-    Query(wanted): Query<Wanted>,
-) -> Result<Json<Found>, Refusal> {
-    if let Some(most) = wanted.most.filter(|most| !(1..=1000).contains(most)) {
-        let expected = format!("most: expected 1 to 1000, found {most}");
-        return Err(Refusal::of(StatusCode::BAD_REQUEST, expected));
-    }
-    aside(move || Ok(Json(app.server.finder.find(app.server.places(), &wanted)))).await
+/// A cell that a run of the catalogue has measured.
+fn known_cell(app: &App, cell: &str) -> Result<(), Refusal> {
+    let filter = Filter {
+        cell: Some(cell.to_owned()),
+        ..Filter::default()
+    };
+    let asked = cell.chars().count() <= LONGEST_CELL;
+    let found = asked && {
+        let catalog = app.server.catalog.open();
+        let found = catalog.and_then(|catalog| catalog.cells(&filter));
+        let found = found.map_err(|error| catalog::refused(&error))?;
+        found.cells.iter().any(|one| one.cell == cell)
+    };
+    found
+        .then_some(())
+        .ok_or_else(|| Refusal::not_found("a cell that a run has measured", cell))
 }
 
 /// Returns the notes about a run, the latest last.
@@ -188,6 +180,7 @@ pub async fn note_run(
             .notebook
             .note(About::Run(&run), &caller.name, &text);
         let note = note.map_err(|error| Refusal::machine(&error))?;
+        app.server.catalog.refresh_run(&run);
         Ok((StatusCode::CREATED, Json(note)))
     })
     .await
@@ -217,6 +210,7 @@ pub async fn tag_run(
             .notebook
             .tag(About::Run(&run), &caller.name, &tags);
         kept.map_err(|error| Refusal::machine(&error))?;
+        app.server.catalog.refresh_run(&run);
         Ok(Json(Tags { tags }))
     })
     .await
@@ -297,38 +291,6 @@ pub async fn capture(
             .map_err(|words| Refusal::of(StatusCode::NOT_FOUND, words))
     })
     .await
-}
-
-/// Returns all measured cells.
-#[utoipa::path(
-    get,
-    path = "/api/v1/cells",
-    tag = "cells",
-    responses((status = 200, body = [KnownCell])),
-    security(("token" = ["read"]))
-)]
-pub async fn cells(
-    _caller: Reader,
-    State(app): State<App>,
-) -> Result<Json<Vec<KnownCell>>, Refusal> {
-    aside(move || Ok(Json(app.server.finder.cells(app.server.places())))).await
-}
-
-/// Returns a cell: its spectra over time, its runs, and the notes about it.
-#[utoipa::path(
-    get,
-    path = "/api/v1/cells/{cell}",
-    tag = "cells",
-    params(("cell" = String, Path)),
-    responses((status = 200, body = CellHistory)),
-    security(("token" = ["read"]))
-)]
-pub async fn cell(
-    _caller: Reader,
-    State(app): State<App>,
-    Path(cell): Path<String>,
-) -> Result<Json<CellHistory>, Refusal> {
-    aside(move || known_cell(&app, &cell).map(Json)).await
 }
 
 /// Returns the notes about a cell, the latest last.

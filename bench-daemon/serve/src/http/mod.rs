@@ -87,7 +87,6 @@ pub fn router(app: &App) -> Router {
         .route("/queue/order", post(queue::reorder))
         .route("/queue/{id}", delete(queue::cancel))
         .route("/runs", get(runs::list))
-        .route("/runs/find", get(find::runs))
         .route("/runs/{run}", get(runs::detail))
         .route("/runs/{run}/experiment", get(shelf::of_run))
         .route(
@@ -106,9 +105,8 @@ pub fn router(app: &App) -> Router {
         .route("/catalog/diagnoses", get(catalog::diagnoses))
         .route("/catalog/cells", get(catalog::cells))
         .route("/catalog/ageing", get(catalog::ageing))
+        .route("/catalog/choices", get(catalog::choices))
         .route("/archive", get(archive::now))
-        .route("/cells", get(find::cells))
-        .route("/cells/{cell}", get(find::cell))
         .route(
             "/cells/{cell}/notes",
             get(find::cell_notes).post(find::note_cell),

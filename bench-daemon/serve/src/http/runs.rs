@@ -23,7 +23,7 @@ use super::{
 };
 use crate::watch::Watch;
 use crate::{
-    find::Card,
+    find::{self, Card},
     jobs::{self, Job},
     live::RunNow,
     queue::{Item, Kind, Wanted},
@@ -159,9 +159,8 @@ pub async fn detail(
         let mut watch = Watch::new(&folder);
         watch.look();
         let resumable = !going && watch.experiment().is_some() && watch.ended() != Some("finished");
-        let card = job
-            .as_ref()
-            .map(|job| app.server.finder.of(app.server.places(), job));
+        let (data, notebook) = (&app.server.settings.data, &app.server.notebook);
+        let card = job.as_ref().map(|job| find::card(data, notebook, job));
         Ok(Json(Run {
             content_sha256: hash::sha256_of(&folder.join(SUMS)).ok(),
             card,

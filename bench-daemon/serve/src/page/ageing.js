@@ -157,7 +157,6 @@ export function ageing(name, serial, ctx) {
   return {
     node: part.node,
     refresh: () => refresh(part),
-    isEmpty: () => !part.got || !part.got.points.length,
     close: () => close(part),
   };
 }

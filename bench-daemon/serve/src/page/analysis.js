@@ -52,16 +52,17 @@ const WORDS = {
   none: "No run is chosen yet.",
   chosen: (n) => `${n} ${n === 1 ? "run" : "runs"} chosen:`,
   drop: "Remove",
-  card: (c) =>
-    `${c.experiment} on ${c.bench}, ${when(c.submitted_unix_s)}; ` +
-    `${c.cells.map((one) => one.name).join(", ") || "no cell"}; ` +
-    `${c.spectra} ${c.spectra === 1 ? "spectrum" : "spectra"}`,
+  run: (run) =>
+    `${run.experiment} on ${run.bench}, ${when(run.started_unix_s)}; ` +
+    `${run.cells.map((one) => one.name).join(", ") || "no cell"}; ` +
+    `${run.spectra} ${run.spectra === 1 ? "spectrum" : "spectra"}`,
   verdicts: {
     good: "✓ good",
     doubtful: "▲ doubtful",
     stopped: "■ stopped",
     failed: "✕ failed",
-    "in work": "▶ in work",
+    unfinished: "… unfinished",
+    damaged: "✕ damaged",
   },
   spectra: "Only some of the spectra",
   spectraHelp: "None ticked: all spectra of the chosen runs.",
@@ -584,12 +585,12 @@ function runChooser(mine, chosen) {
     drawChosen();
     self.changed();
   };
-  const box = (card) => {
-    const tickBox = el("input", { type: "checkbox", checked: chosen.has(card.run) });
-    tickBox.dataset.run = card.run;
-    tickBox.addEventListener("change", () => choose(card.run, tickBox.checked));
-    const verdict = WORDS.verdicts[card.verdict] || card.verdict;
-    const words = el("span", {}, el("b", {}, card.run), ` ${verdict}`, el("small", {}, WORDS.card(card)));
+  const box = (run) => {
+    const tickBox = el("input", { type: "checkbox", checked: chosen.has(run.name) });
+    tickBox.dataset.run = run.name;
+    tickBox.addEventListener("change", () => choose(run.name, tickBox.checked));
+    const verdict = WORDS.verdicts[run.verdict] || run.verdict;
+    const words = el("span", {}, el("b", {}, run.name), ` ${verdict}`, el("small", {}, WORDS.run(run)));
     return el("li", {}, el("label", { class: "an-check" }, tickBox, words));
   };
   const remove = (run, place) => {
@@ -615,12 +616,12 @@ function runChooser(mine, chosen) {
     if (after) query.set("after", after);
     text(said, WORDS.searching);
     try {
-      const answer = await mine.ctx.get(`/runs/find?${query}`);
+      const answer = await mine.ctx.get(`/catalog/runs?${query}`);
       if (mark !== asked || view !== mine) return;
-      const boxes = answer.found.map(box);
+      const boxes = answer.runs.map(box);
       if (after) list.append(...boxes);
       else list.replaceChildren(...boxes);
-      cursor = answer.more;
+      cursor = answer.after;
       list.hidden = !list.children.length;
       const held = document.activeElement === more;
       more.hidden = !cursor;

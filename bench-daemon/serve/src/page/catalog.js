@@ -1,9 +1,8 @@
 // View `#/catalog?of=…`: runs, spectra and cells across all measurements, found by common conditions. Ticked runs or
-// spectra are overlaid. Runs are found with their tags and notes, including active runs; spectra, cells and damaged
-// folders come from the catalogue.
+// spectra are overlaid.
 "use strict";
 
-import { el, fill, text, when } from "./bench.js";
+import { el, text, when } from "./bench.js";
 import { address, begin, calmly, cell, curve, keyed, named, names, runCells, runHeads, shelf, table } from "./find.js";
 import { comparing } from "./run.js";
 
@@ -38,8 +37,6 @@ const WORDS = {
   found: (count, more, shown, kind) =>
     `${more ? "More than " : ""}${count} ${kind[count === 1 && !more ? 0 : 1]} found, ${shown} shown.`,
   nouns: { runs: ["run", "runs"], spectra: ["spectrum", "spectra"], cells: ["cell", "cells"] },
-  damaged: "Folders of runs that cannot be read:",
-  damagedRun: (run) => `${run.name}: ${run.damage.join("; ") || "no reason is given"}`,
   compare: "Compare",
   compareOne: (name) => `Compare ${name}`,
   hints: {
@@ -87,19 +84,14 @@ const WORDS = {
   hertz: (low, high) => `${low} to ${high} Hz`,
 };
 
-// Conditions that apply, by kind: the catalogue contains no tags.
 const FIELDS = Object.keys(WORDS.fields);
-const CATALOGUED = FIELDS.filter((field) => field !== "tag");
-const COUNTS = { runs: FIELDS, spectra: CATALOGUED, cells: CATALOGUED };
-const ENDED = ["good", "doubtful", "stopped", "failed", "unfinished", "damaged"];
-const VERDICTS = { runs: ["good", "doubtful", "stopped", "failed", "in work"], spectra: ENDED, cells: ENDED };
+const VERDICTS = ["good", "doubtful", "stopped", "failed", "unfinished", "damaged"];
 const MOST_TICKED = { runs: 12, spectra: 24 };
 // Maximum number of curves that can be distinguished.
 const MOST_CURVES = 24;
 // Number of rows that are added at a time, and number of rows that are requested.
 const ROWS = 20;
 const ASKED = 100;
-const DAMAGED = 20;
 const TYPING_MS = 300;
 
 let view = null;
@@ -164,21 +156,17 @@ function cellCells(one) {
   ];
 }
 
-// Each kind with its route, the name of its list in the reply, the heads and cells of its rows, its key, and, if its
-// rows can be ticked, their display name.
+// Each kind with the heads and cells of its rows, its key, and, if its rows can be ticked, their display name. Its
+// name is that of its route and of the list in the reply.
 const KINDS = {
   runs: {
-    path: "/runs/find",
-    take: (got) => ({ found: got.found, more: got.more, number: got.number }),
     heads: runHeads,
     cells: runCells,
-    key: (card) => card.run,
-    name: (card) => card.run,
-    run: (card) => card.run,
+    key: (run) => run.run,
+    name: (run) => run.name,
+    run: (run) => run.name,
   },
   spectra: {
-    path: "/catalog/spectra",
-    take: (got) => ({ found: got.spectra, more: got.after }),
     heads: () => Object.values(WORDS.spectra),
     cells: spectrumCells,
     key: (one) => JSON.stringify([one.run, one.file]),
@@ -186,8 +174,6 @@ const KINDS = {
     run: (one) => one.name,
   },
   cells: {
-    path: "/catalog/cells",
-    take: (got) => ({ found: got.cells, more: got.after }),
     heads: () => Object.values(WORDS.cells),
     cells: cellCells,
     key: (one) => JSON.stringify([one.cell, one.serial]),
@@ -221,19 +207,10 @@ function choices(select, values, chosen = select.value) {
   select.value = chosen;
 }
 
-// Only conditions that apply are shown and sent.
-function drawFields() {
-  for (const label of view.form.querySelectorAll("[data-field]"))
-    label.hidden = !COUNTS[view.kind].includes(label.dataset.field);
-  const { verdict } = view.form.elements;
-  const known = VERDICTS[view.kind] || [];
-  choices(verdict, known, known.includes(verdict.value) ? verdict.value : "");
-}
-
 // Returns the conditions of the form in the format of the address.
 function asked() {
   const value = (name) => view.form.elements[name].value.trim();
-  const filled = COUNTS[view.kind].filter(value);
+  const filled = FIELDS.filter(value);
   return new URLSearchParams(filled.map((name) => [name, value(name)]));
 }
 
@@ -323,9 +300,8 @@ function form(query) {
 
 // Searches for another kind of object, with the present conditions as far as they apply.
 function become(name) {
-  Object.assign(view, { kind: name, found: [], more: null, number: null, shown: ROWS });
+  Object.assign(view, { kind: name, found: [], more: null, shown: ROWS });
   view.ticked.clear();
-  drawFields();
   makeTable();
   compare();
   search();
@@ -336,22 +312,23 @@ function become(name) {
 // Requests pages until there are `least` rows or no more; starts at a cursor, if given.
 async function collect(least, after) {
   const mine = view;
-  const { path, take } = kind();
   const query = request();
+  const name = mine.kind;
   const all = { found: [], more: after };
   do {
     if (all.more) query.set("after", all.more);
-    const got = await mine.ctx.get(`${path}?${query}`);
-    // The view may have been left meanwhile.
-    if (view === mine && got.cells && got.tags) offer(got);
-    const part = take(got);
-    Object.assign(all, part, { found: [...all.found, ...part.found] });
+    const got = await mine.ctx.get(`/catalog/${name}?${query}`);
+    Object.assign(all, { more: got.after, found: [...all.found, ...got[name]] });
   } while (all.more && all.found.length < least);
   return all;
 }
 
-// Cells, benches and tags that can be chosen.
-function offer({ cells, benches, tags }) {
+// Offers the cells, benches and tags that can be chosen.
+async function offer() {
+  const mine = view;
+  const got = await mine.ctx.get("/catalog/choices").catch(() => null);
+  if (!got || view !== mine) return;
+  const { cells, benches, tags } = got;
   const { elements } = view.form;
   choices(elements.cell, cells);
   choices(elements.bench, benches);
@@ -375,28 +352,9 @@ async function search() {
     }),
   );
   if (view !== mine || turn !== mine.turn) return;
-  askDamaged();
   if (!got) return;
   mine.shown = ROWS;
   take(got, []);
-}
-
-// Unreadable folders appear in no other list, because their content may be unknown.
-async function askDamaged() {
-  const mine = view;
-  mine.damaged.hidden = true;
-  if (mine.kind !== "runs") return;
-  const { turn } = mine;
-  const query = request();
-  query.delete("tag");
-  query.set("verdict", "damaged");
-  query.set("most", DAMAGED);
-  const wanted = mine.form.elements.verdict.value;
-  const got = wanted ? { runs: [] } : await mine.ctx.get(`/catalog/runs?${query}`).catch(() => ({ runs: [] }));
-  if (view !== mine || turn !== mine.turn) return;
-  mine.damaged.hidden = !got.runs.length;
-  const list = el("ul", {}, ...got.runs.map((run) => el("li", {}, WORDS.damagedRun(run))));
-  fill(mine.damaged, el("b", {}, WORDS.damaged), list);
 }
 
 // Repeats the search after an event, with the present number of rows.
@@ -404,7 +362,9 @@ async function again() {
   const mine = view;
   const turn = (mine.turn += 1);
   const got = await collect(mine.found.length, null).catch(() => null);
-  if (got && view === mine && turn === mine.turn) take(got, []);
+  if (!got || view !== mine || turn !== mine.turn) return;
+  take(got, []);
+  await offer();
 }
 
 async function more() {
@@ -427,16 +387,13 @@ function take(got, before) {
   const there = new Set(before.map(key));
   view.found = [...before, ...got.found.filter((one) => !there.has(key(one)))];
   view.more = got.more;
-  view.number = got.number;
   drawFound();
 }
 
 function told(shown) {
   const { from, to } = view.form.elements;
   const nouns = WORDS.nouns[view.kind];
-  // If the server does not report the total, it follows from the request.
-  const number = view.number ?? view.found.length;
-  if (view.found.length) return WORDS.found(number, view.more && number === view.found.length, shown, nouns);
+  if (view.found.length) return WORDS.found(view.found.length, view.more, shown, nouns);
   if (from.value && to.value && from.value > to.value) return WORDS.daysSwapped;
   return String(asked()) ? WORDS.none : WORDS.nothingYet;
 }
@@ -549,7 +506,6 @@ function overlay(ticked, got) {
 
 function build(parent, query) {
   view.said = el("p", { role: "status" }, WORDS.looking);
-  view.damaged = el("div", { class: "note", hidden: true });
   view.full = el("p", { class: "quiet", id: "fd-full" });
   view.moreButton = el("button", { type: "button", hidden: true, onclick: more }, WORDS.more);
   view.tableHolder = el("div", {});
@@ -569,7 +525,7 @@ function build(parent, query) {
     parent,
     WORDS.title,
     form(query),
-    el("section", {}, view.said, view.damaged, view.results, el("div", { class: "acts" }, view.moreButton)),
+    el("section", {}, view.said, view.results, el("div", { class: "acts" }, view.moreButton)),
     view.compared,
   );
 }
@@ -581,19 +537,15 @@ export async function open(parent, { query }, ctx) {
   Object.assign(view, { calm: calmly(again), calmCurves: calmly(compare) });
   const mine = view;
   build(parent, query);
-  // A link may ask for a verdict.
-  choices(view.form.elements.verdict, VERDICTS[view.kind] || []);
-  drawFields();
+  choices(view.form.elements.verdict, VERDICTS);
   makeTable();
   await search();
-  if (view !== mine || mine.kind === "runs") return;
-  const got = await ctx.get("/runs/find?most=1").catch(() => null);
-  if (got && view === mine) offer(got);
+  if (view === mine) await offer();
 }
 
 export function heard(event, data) {
   if (!view) return;
-  if (["run", "hello", "lost"].includes(event)) view.calm.now();
+  if (["catalog", "hello", "lost"].includes(event)) view.calm.now();
   // The curve of a run that is compared grows, or is corrected in the end.
   const run = event === "spectrum" ? data.run : event === "run" ? data.item.run : "";
   if (run && [...view.ticked.values()].some((one) => kind().run(one) === run)) {

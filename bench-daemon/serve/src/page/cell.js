@@ -29,7 +29,7 @@ const WORDS = {
   serials: (all) => `Serial ${all.length === 1 ? "number" : "numbers"}: ${all.join(", ")}.`,
   noSerial: "No serial number is known.",
   count: (n) => `${n} ${n === 1 ? "spectrum" : "spectra"} measured.`,
-  curve: (date, run, repeat) => `${date} ${run}${repeat === null ? "" : `, repeat ${repeat}`}`,
+  curve: (date, run, repeat) => `${date} ${run}, repeat ${repeat}`,
   history: "Resistance over time",
   high: "R high",
   low: "R low",
@@ -69,12 +69,14 @@ const WORDS = {
 };
 
 const MOST_CURVES = 12;
+// Number of rows that are requested at a time.
+const ASKED = 1000;
 // Initial number of spectra: first, latest, and evenly spaced ones between them.
 const AT_FIRST = 8;
 const LATE_MS = 300;
 const CHARTS = [
-  ["high", "r_high_ohm", "r_high_sigma_ohm", "at_high_hz", "--c0"],
-  ["low", "r_low_ohm", "r_low_sigma_ohm", "at_low_hz", "--c1"],
+  ["high", "r_high_ohm", "r_high_sigma_ohm", "r_high_hz", "--c0"],
+  ["low", "r_low_ohm", "r_low_sigma_ohm", "low_hz", "--c1"],
 ];
 
 let view = null;
@@ -119,7 +121,7 @@ function trend() {
 
 // Frequencies that differ by more than a rounding, the lowest first.
 function lowest() {
-  const all = view.history.map((one) => one.at_low_hz).filter(Number.isFinite);
+  const all = view.history.map((one) => one.low_hz).filter(Number.isFinite);
   return [...new Set([...all].sort((a, b) => a - b).map(hertz))];
 }
 
@@ -148,13 +150,13 @@ function drawTable() {
       cell(heads.show, box(one, full)),
       el("th", { scope: "row" }, when(one.unix_s)),
       cell(heads.run, el("a", { href: address("run", one.run) }, one.run)),
-      cell(heads.repeat, one.repeat === null ? WORDS.unknown : String(one.repeat)),
+      cell(heads.repeat, String(one.repeat)),
       cell(heads.bench, one.bench),
       cell(heads.verdict, verdict(one.verdict)),
       cell(heads.high, figure(one, CHARTS[0])),
-      cell(heads.atHigh, hertz(one.at_high_hz)),
+      cell(heads.atHigh, hertz(one.r_high_hz)),
       cell(heads.low, figure(one, CHARTS[1])),
-      cell(heads.atLow, hertz(one.at_low_hz)),
+      cell(heads.atLow, hertz(one.low_hz)),
     );
   // The latest entries come first, because they matter most.
   keyed(view.rows, [...view.history].reverse(), keyOf, row);
@@ -212,22 +214,24 @@ async function drawSpectra() {
 
 // ---- the view -----------------------------------------------------------------------------------
 
-function drawRuns(cards) {
+function drawRuns(runs) {
   keyed(
     view.runs,
-    cards,
-    (card) => card.run,
-    (card) => el("tr", {}, ...runCells(card)),
+    runs,
+    (run) => run.run,
+    (run) => el("tr", {}, ...runCells(run)),
   );
-  view.runTable.hidden = !cards.length;
-  view.noRun.hidden = cards.length > 0;
+  view.runTable.hidden = !runs.length;
+  view.noRun.hidden = runs.length > 0;
 }
 
 function take(got) {
-  view.history = [...got.history].sort((a, b) => a.unix_s - b.unix_s);
+  view.history = got.spectra.filter((one) => one.bias_a === 0 && one.cell === view.name).map(moment);
+  view.history.sort((a, b) => a.unix_s - b.unix_s);
   const there = new Set(view.history.map(keyOf));
   view.ticked = view.byHand ? new Set([...view.ticked].filter((key) => there.has(key))) : preferred();
-  const serials = got.serials.length ? WORDS.serials(got.serials) : WORDS.noSerial;
+  const known = got.cells.filter((one) => one.cell === view.name && one.serial).map((one) => one.serial);
+  const serials = known.length ? WORDS.serials(known) : WORDS.noSerial;
   text(view.said, `${serials} ${WORDS.count(view.history.length)}`);
   view.body.hidden = view.spectraSection.hidden = !view.history.length;
   view.none.hidden = view.history.length > 0;
@@ -240,11 +244,35 @@ function take(got) {
   drawSpectra();
 }
 
+// Returns all rows of the catalogue for this cell.
+async function ask(mine, kind) {
+  const query = new URLSearchParams({ cell: mine.name, most: ASKED });
+  const rows = [];
+  for (let after = ""; after !== null; ) {
+    if (after) query.set("after", after);
+    const got = await mine.ctx.get(`/catalog/${kind}?${query}`);
+    rows.push(...got[kind]);
+    after = got.after;
+  }
+  return rows;
+}
+
+// A spectrum of the catalogue as a moment of the history.
+function moment(one) {
+  return {
+    ...one,
+    run: one.name,
+    unix_s: one.started_unix_s,
+    spectrum: one.file.replace(/\.csv$/, ""),
+    verdict: one.refused_points ? "doubtful" : "good",
+  };
+}
+
 async function load() {
   const mine = view;
-  const got = await mine.ctx.get(path());
-  if (view === mine) take(got);
-  return true;
+  const rows = ["spectra", "cells", "runs"].map((kind) => ask(mine, kind));
+  const [spectra, cells, runs, said] = await Promise.all([...rows, mine.ctx.get(path("notes"))]);
+  if (view === mine) take({ spectra, cells, runs, notes: said });
 }
 
 // Refreshes after an event. The catalogue follows the end of a run automatically.
@@ -313,12 +341,8 @@ async function first() {
   } catch (error) {
     if (!(error instanceof mine.ctx.Refused) || error.status !== 404) throw error;
     if (view !== mine) return false;
-    // Data that were copied from other servers are in the catalogue only.
-    await mine.ageing.refresh();
-    if (view !== mine) return false;
-    const stays = mine.ageing.isEmpty() ? null : mine.ageing.node;
-    for (const one of [...mine.root.children].slice(1)) if (one !== stays) one.remove();
-    if (!stays) mine.root.append(el("p", { class: "bad", role: "alert" }, WORDS.missing(mine.name)));
+    for (const one of [...mine.root.children].slice(1)) one.remove();
+    mine.root.append(el("p", { class: "bad", role: "alert" }, WORDS.missing(mine.name)));
   }
   return true;
 }
@@ -340,14 +364,13 @@ export async function open(parent, where, ctx) {
   await ctx.attempt(first);
 }
 
-// Events of a run do not name its cells. The history is requested again whenever a run has begun or ended, and whenever
-// a spectrum is complete.
+// Events of a run do not name its cells. The history is requested again after each scan of the catalogue.
 export function heard(kind, data) {
   if (!view) return;
   const complete = kind === "spectrum" && data.spectrum.corrected;
   if (complete) view.shelf.forget(data.run);
   if (kind === "run") view.shelf.forget(data.item.run);
-  if (complete || ["run", "analysis", "hello", "lost"].includes(kind)) view.calm.now();
+  if (["catalog", "hello", "lost"].includes(kind)) view.calm.now();
 }
 
 export function close() {

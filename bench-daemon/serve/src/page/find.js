@@ -11,14 +11,14 @@ const WORDS = {
     bench: "Bench",
     experiment: "Experiment",
     cells: "Cells",
-    when: "Submitted",
+    when: "Started",
     by: "By",
     how: "How it ended",
     verdict: "Verdict",
     tags: "Tags",
     notes: "Notes",
   },
-  campaign: "campaign",
+  unnamed: "–",
   noPlots: "The part of the page that draws spectra is missing; reload the page.",
   serial: (cell) => `${cell.name}${cell.serial ? ` (${cell.serial})` : ""}`,
   lack: (scope, have) => `needs the scope ${scope}; your token has ${have.length ? have.join(", ") : "none"}`,
@@ -140,24 +140,24 @@ export function begin(parent, title, ...parts) {
 // The heads of a table of runs, and its rows.
 export const runHeads = () => Object.values(WORDS.columns).slice(1);
 
-export function runCells(card) {
+// A run as the catalogue has it.
+export function runCells(run) {
   const heads = WORDS.columns;
   return [
     el(
       "th",
       { scope: "row" },
-      el("div", { class: "fd-name" }, el("a", { href: address("run", card.run) }, card.run)),
-      card.campaign ? el("small", {}, WORDS.campaign) : null,
+      el("div", { class: "fd-name" }, el("a", { href: address("run", run.name) }, run.name)),
     ),
-    names(heads.bench, el("a", { href: `#${encodeURIComponent(card.bench)}` }, card.bench)),
-    names(heads.experiment, card.experiment),
-    names(heads.cells, ...cellLinks(card.cells)),
-    cell(heads.when, when(card.submitted_unix_s)),
-    names(heads.by, person(card.by)),
-    names(heads.how, card.how),
-    cell(heads.verdict, verdict(card.verdict)),
-    names(heads.tags, ...card.tags.map((tag) => el("span", { class: "fd-tag" }, tag))),
-    cell(heads.notes, String(card.notes)),
+    names(heads.bench, el("a", { href: `#${encodeURIComponent(run.bench)}` }, run.bench)),
+    names(heads.experiment, run.experiment),
+    names(heads.cells, ...cellLinks(run.cells)),
+    cell(heads.when, when(run.started_unix_s)),
+    names(heads.by, run.operator ? person(run.operator) : WORDS.unnamed),
+    names(heads.how, run.damage.join("; ") || run.how || WORDS.unnamed),
+    cell(heads.verdict, verdict(run.verdict)),
+    names(heads.tags, ...(run.tags || []).map((tag) => el("span", { class: "fd-tag" }, tag))),
+    cell(heads.notes, String(run.notes || 0)),
   ];
 }
 

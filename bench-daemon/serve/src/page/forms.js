@@ -1578,14 +1578,14 @@ async function openStart(mine) {
 }
 
 async function drawStart(mine) {
-  const [experiments, runs] = await lists(mine, "/files/experiments", "/runs/find?most=20");
+  const [experiments, runs] = await lists(mine, "/files/experiments", "/catalog/runs?most=20");
   if (view !== mine) return;
   mine.body.replaceChildren(
     orWhy(WORDS.start.experiments, experiments, (all) => all, ({ name }) =>
       el("li", {}, link(address("new", "experiment", name), name)),
     ),
-    orWhy(WORDS.start.runs, runs, ({ found }) => found, ({ run, experiment, submitted_unix_s }) =>
-      el("li", {}, link(address("new", "run", run), run), ` ${experiment}, ${when(submitted_unix_s)}`),
+    orWhy(WORDS.start.runs, runs, ({ runs: found }) => found, ({ name, experiment, started_unix_s }) =>
+      el("li", {}, link(address("new", "run", name), name), ` ${experiment}, ${when(started_unix_s)}`),
     ),
     otherStarts(mine),
   );

@@ -156,11 +156,11 @@ const orNone = (ctx, asked, none) =>
 
 // ---- properties of the run ----------------------------------------------------------------------
 
-// Fetches the search entry of this run: its cells, its verdict and its tags, together with all existing tags. No other
-// request returns them.
+// Fetches the summary of this run: its cells, its verdict and its tags, together with all existing tags.
 async function findCard(ctx, run) {
-  const [told, found] = await Promise.all([ctx.get(`/runs/${encodeURIComponent(run)}`), ctx.get("/runs/find?most=1")]);
-  return { card: told.card, tags: found.tags };
+  const choices = ctx.get("/catalog/choices").catch(() => ({ tags: [] }));
+  const [told, { tags }] = await Promise.all([ctx.get(`/runs/${encodeURIComponent(run)}`), choices]);
+  return { card: told.card, tags };
 }
 function state({ job, now }) {
   if (job && job.ended) return outcome(job.ended);

@@ -124,6 +124,7 @@ impl FilterArgs {
             to_unix_s: self.to,
             verdict: self.verdict.map(Verdict::of_catalog),
             trip: self.trip,
+            tag: None,
             text: self.text.clone(),
             after,
             most,
