@@ -1,36 +1,18 @@
 //! Commands on a model with additions: which ones take effect, which ones are omitted with a
 //! message, and which ones are refused.
 
-use std::{path::Path, process::Command};
-
 use serde_json::{Value, json};
 
-fn eis_bench(folder: &Path, arguments: &[&str]) -> (bool, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_eis-bench"))
-        .current_dir(folder)
-        .args(arguments)
-        .output()
-        .unwrap();
-    let text = if output.status.success() {
-        output.stdout
-    } else {
-        output.stderr
-    };
-    (
-        output.status.success(),
-        String::from_utf8_lossy(&text).into_owned(),
-    )
-}
+use crate::support::{program_in, project};
 
 /// Returns the thesis' 1-RC model with an OCV curve, once unchanged and once with a warming cell
 /// and a current channel that reads too little.
 fn models() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let sweeps =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/data/spectra/p45b_thesis.csv");
+    let sweeps = project("fixtures/data/spectra/p45b_thesis.csv");
     let fit = [
         "fit",
-        sweeps.to_str().unwrap(),
+        &sweeps,
         "--pool",
         "--rc",
         "1",
@@ -39,8 +21,7 @@ fn models() -> tempfile::TempDir {
         "--out",
         ".",
     ];
-    let (fitted, text) = eis_bench(folder.path(), &fit);
-    assert!(fitted, "{text}");
+    program_in(folder.path(), &fit).ok();
     let mut model: Value = serde_json::from_str(
         &std::fs::read_to_string(folder.path().join("model_1rc.json")).unwrap(),
     )
@@ -91,7 +72,13 @@ fn models() -> tempfile::TempDir {
 #[test]
 fn commands_honour_additions_or_say_that_they_do_not() {
     let folder = models();
-    let run = |arguments: &[&str]| eis_bench(folder.path(), arguments);
+    let run = |arguments: &[&str]| {
+        let ended = program_in(folder.path(), arguments);
+        match ended.code {
+            Some(0) => (true, ended.stdout),
+            _ => (false, ended.stderr),
+        }
+    };
     let lowest_v = |model: &str| {
         let (done, text) = run(&[
             "simulate",
@@ -174,44 +161,32 @@ fn a_typed_model_holds_additions_as_a_model_file_does() {
     });
     std::fs::write(folder.path().join("typed.json"), typed.to_string()).unwrap();
     let lowest_v = |model: &str| {
-        let (done, text) = eis_bench(
-            folder.path(),
-            &[
-                "simulate",
-                "--model",
-                model,
-                "--profile",
-                "pulse.csv",
-                "--soc",
-                "0.6",
-                "--json",
-            ],
-        );
-        assert!(done, "{text}");
-        serde_json::from_str::<Value>(&text).unwrap()["min_ccv_v"]
-            .as_f64()
-            .unwrap()
+        let words = [
+            "simulate",
+            "--model",
+            model,
+            "--profile",
+            "pulse.csv",
+            "--soc",
+            "0.6",
+            "--json",
+        ];
+        let found = program_in(folder.path(), &words).json();
+        found["min_ccv_v"].as_f64().unwrap()
     };
     assert_eq!(lowest_v("typed.json"), lowest_v("warm.json"));
     let lacking = json!({ "r_ohm": erm["r_ohm"], "branches": erm["branches"], "additions": additions, "facts": facts });
     std::fs::write(folder.path().join("lacking.json"), lacking.to_string()).unwrap();
-    let (done, text) = eis_bench(
-        folder.path(),
-        &[
-            "simulate",
-            "--model",
-            "lacking.json",
-            "--profile",
-            "pulse.csv",
-            "--ocv-v",
-            "3.7",
-        ],
-    );
-    assert!(
-        !done
-            && text.contains(
-                "additions: expected beside them ocv, the OCV curve of the model, met none"
-            ),
-        "{text}"
-    );
+    let words = [
+        "simulate",
+        "--model",
+        "lacking.json",
+        "--profile",
+        "pulse.csv",
+        "--ocv-v",
+        "3.7",
+    ];
+    let text = program_in(folder.path(), &words).refused();
+    let expected = "additions: expected beside them ocv, the OCV curve of the model, met none";
+    assert!(text.contains(expected), "{text}");
 }

@@ -3,32 +3,12 @@
 use std::{
     fmt::Write as _,
     path::{Path, PathBuf},
-    process::{Command, Output, Stdio},
+    process::Stdio,
 };
 
 use serde_json::Value;
 
-fn bench(arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_eis-bench"));
-    command.args(arguments);
-    command
-}
-
-fn run(arguments: &[&str]) -> Output {
-    bench(arguments).output().unwrap()
-}
-
-fn done(arguments: &[&str]) -> String {
-    let output = run(arguments);
-    assert!(output.status.success(), "{output:?}");
-    String::from_utf8(output.stdout).unwrap()
-}
-
-fn refusal(arguments: &[&str]) -> String {
-    let output = run(arguments);
-    assert_eq!(output.status.code(), Some(2), "{output:?}");
-    String::from_utf8(output.stderr).unwrap()
-}
+use crate::support::{Ended, command, program};
 
 /// Writes spectra of a resistance and one RC branch whose time constant grows with the number.
 fn long_form(file: &Path, spectra: usize) {
@@ -82,9 +62,8 @@ fn a_row_holds_what_a_single_fit_prints() {
     let (_kept, at) = folder();
     let spectra = "../fixtures/data/spectra/p45b_thesis.csv";
     let table = at.join("fits.csv");
-    done(&["fit", spectra, "--rc", "2", "--table", text(&table)]);
-    let printed: Value =
-        serde_json::from_str(&done(&["fit", spectra, "--rc", "2", "--json"])).unwrap();
+    program(&["fit", spectra, "--rc", "2", "--table", text(&table)]).ok();
+    let printed: Value = program(&["fit", spectra, "--rc", "2", "--json"]).json();
     let (table, fits) = (rows(&table), printed["fits"].as_array().unwrap());
     assert!(fits.len() > 20);
     let of_cells: Vec<usize> = (0..table.1.len())
@@ -110,7 +89,7 @@ fn circuits_and_tests_of_validity_make_tables_too() {
     let (spectra, fits) = (at.join("in.csv"), at.join("fits.csv"));
     long_form(&spectra, 3);
     let of = ["--circuit", "R0-p(R1,C1)", "--table"];
-    done(&["fit", text(&spectra), of[0], of[1], of[2], text(&fits)]);
+    program(&["fit", text(&spectra), of[0], of[1], of[2], text(&fits)]).ok();
     let table = rows(&fits);
     for row in 0..3 {
         assert!((number(&table, row, "R1") - 0.02).abs() < 1e-8);
@@ -122,7 +101,7 @@ fn circuits_and_tests_of_validity_make_tables_too() {
         write_spectra(&spectra, 3, per_decade);
         let judged = at.join(format!("{grade}.csv"));
         let judge = ["--drt", "--table", text(&judged)];
-        done(&["kk", text(&spectra), judge[0], judge[1], judge[2]]);
+        program(&["kk", text(&spectra), judge[0], judge[1], judge[2]]).ok();
         let table = rows(&judged);
         assert_eq!(value(&table, 1, "grade"), grade);
         assert!(number(&table, 1, "drt_polarisation_ohm") > 0.0);
@@ -137,7 +116,7 @@ fn a_row_that_cannot_be_used_costs_its_spectrum_alone() {
     let good = std::fs::read_to_string(&spectra).unwrap();
     let bad = good.replacen("cell 1,1,", "cell 1,one,", 1);
     std::fs::write(&spectra, bad).unwrap();
-    done(&["fit", text(&spectra), "--rc", "1", "--table", text(&table)]);
+    program(&["fit", text(&spectra), "--rc", "1", "--table", text(&table)]).ok();
     let table = std::fs::read_to_string(&table).unwrap();
     let lines: Vec<&str> = table.lines().collect();
     assert!(
@@ -156,7 +135,7 @@ fn a_folder_may_hold_files_that_are_no_spectra() {
     std::fs::create_dir(&input).unwrap();
     long_form(&input.join("a.csv"), 2);
     std::fs::write(input.join("b.txt"), "no spectrum at all\n").unwrap();
-    let told = done(&["fit", text(&input), "--rc", "1", "--table", text(&table)]);
+    let told = program(&["fit", text(&input), "--rc", "1", "--table", text(&table)]).ok();
     assert!(told.starts_with("3 spectra; 1 without a result"), "{told}");
     let met = std::fs::read_to_string(&table).unwrap();
     assert!(met.contains("\nb.txt,"), "{met}");
@@ -169,7 +148,7 @@ fn a_killed_call_goes_on_and_ends_as_if_it_had_not_been() {
     long_form(&spectra, 2600);
     let (whole, killed) = (at.join("whole.csv"), at.join("killed.csv"));
     let call = |table: &Path| {
-        let mut command = bench(&["fit", text(&spectra), "--rc", "1", "--table", text(table)]);
+        let mut command = command(&["fit", text(&spectra), "--rc", "1", "--table", text(table)]);
         command.stdout(Stdio::null()).stderr(Stdio::piped());
         command
     };
@@ -186,8 +165,8 @@ fn a_killed_call_goes_on_and_ends_as_if_it_had_not_been() {
     child.kill().unwrap();
     child.wait().unwrap();
     assert!(!killed.exists());
-    let output = call(&killed).output().unwrap();
-    let told = String::from_utf8(output.stderr).unwrap();
+    let output = Ended::of(call(&killed).output().unwrap());
+    let told = output.stderr;
     assert!(
         told.contains("were worked on by a call before this one"),
         "{told}"
@@ -209,16 +188,16 @@ fn parts_of_another_call_and_tables_that_are_there_are_left_alone() {
     let parts = at.join("out.csv.parts");
     std::fs::create_dir(&parts).unwrap();
     std::fs::write(parts.join("call.txt"), "fit of another kind").unwrap();
-    let told = refusal(&of("1"));
+    let told = program(&of("1")).refused();
     assert!(
         told.contains("the parts of `fit of another kind`"),
         "{told}"
     );
     std::fs::remove_dir_all(&parts).unwrap();
-    done(&of("1"));
-    let told = refusal(&of("1"));
+    program(&of("1")).ok();
+    let told = program(&of("1")).refused();
     assert!(told.contains("nothing is written over"), "{told}");
-    let told = refusal(&of("all")[..].iter().map(|a| a.trim()).collect::<Vec<_>>());
+    let told = program(&of("all")[..].iter().map(|a| a.trim()).collect::<Vec<_>>()).refused();
     assert!(
         told.contains("--rc: expected one number or `auto`"),
         "{told}"
@@ -233,7 +212,7 @@ fn rows_of_a_spectrum_in_two_places_are_refused() {
     let mut whole = std::fs::read_to_string(&spectra).unwrap();
     whole += "cell 0,1000000,0.01,0,nobody\n";
     std::fs::write(&spectra, whole).unwrap();
-    let told = refusal(&["fit", text(&spectra), "--rc", "1", "--table", text(&table)]);
+    let told = program(&["fit", text(&spectra), "--rc", "1", "--table", text(&table)]).refused();
     assert!(
         told.contains("line 14: expected the rows of each spectrum one after another")
             && told.contains("\"cell 0\" again"),
@@ -247,9 +226,9 @@ fn pictures_are_drawn_where_they_are_asked_for() {
     let (spectra, table, out) = (at.join("in.csv"), at.join("out.csv"), at.join("pictures"));
     long_form(&spectra, 2);
     let call = ["fit", text(&spectra), "--rc", "1", "--table", text(&table)];
-    let told = refusal(&[call.as_slice(), &["--plots", "all"]].concat());
+    let told = program(&[call.as_slice(), &["--plots", "all"]].concat()).refused();
     assert!(told.contains("--plots: expected --out"), "{told}");
-    done(&[call.as_slice(), &["--plots", "all", "--out", text(&out)]].concat());
+    program(&[call.as_slice(), &["--plots", "all", "--out", text(&out)]].concat()).ok();
     assert!(out.join("cell 1.svg").exists() && out.join("cell 1.png").exists());
 }
 
@@ -258,7 +237,7 @@ fn above_twenty_spectra_nothing_is_drawn_unasked() {
     let (_kept, at) = folder();
     let spectra = "../fixtures/data/spectra/p45b_thesis.csv";
     let out = at.join("fits");
-    done(&["fit", spectra, "--rc", "1", "--out", text(&out)]);
+    program(&["fit", spectra, "--rc", "1", "--out", text(&out)]).ok();
     let drawn = |folder: &Path| {
         let entries = std::fs::read_dir(folder).unwrap();
         entries
@@ -289,7 +268,7 @@ fn every_model_of_a_table_of_fits_carries_every_profile() {
     let mut told = std::fs::read_to_string(&spectra).unwrap();
     told += "broken,1,0.03,nonsense,nobody\n";
     std::fs::write(&spectra, told).unwrap();
-    done(&[
+    program(&[
         "fit",
         text(&spectra),
         "--rc",
@@ -298,13 +277,14 @@ fn every_model_of_a_table_of_fits_carries_every_profile() {
         "none",
         "--table",
         text(&fits),
-    ]);
+    ])
+    .ok();
     let profiles = folder.join("profiles");
     std::fs::create_dir(&profiles).unwrap();
     std::fs::write(profiles.join("a.csv"), "time_s,current_a\n0,10\n5,0\n6,0\n").unwrap();
     std::fs::write(profiles.join("b.csv"), "time_s,current_a\n0,50\n5,0\n6,0\n").unwrap();
     let table = folder.join("loads.csv");
-    let told = done(&[
+    let told = program(&[
         "simulate",
         "--model",
         text(&fits),
@@ -315,7 +295,8 @@ fn every_model_of_a_table_of_fits_carries_every_profile() {
         "--largest-factor",
         "--table",
         text(&table),
-    ]);
+    ])
+    .ok();
     assert!(
         told.contains("8 simulations; 2 without a result, 3 with warnings"),
         "{told}"
@@ -338,7 +319,7 @@ fn every_model_of_a_table_of_fits_carries_every_profile() {
     }
     let reason = found.1[6].join(",");
     assert!(reason.contains("spectra.csv, line 20"), "{reason}");
-    let again = refusal(&[
+    let again = program(&[
         "simulate",
         "--model",
         text(&fits),
@@ -348,7 +329,8 @@ fn every_model_of_a_table_of_fits_carries_every_profile() {
         "3.7",
         "--table",
         text(&table),
-    ]);
+    ])
+    .refused();
     assert!(again.contains("nothing is written over"), "{again}");
 }
 
@@ -361,14 +343,15 @@ fn data_sets_become_rows_of_their_held_out_runs() {
     std::fs::create_dir(&broken).unwrap();
     std::fs::write(broken.join("dataset.toml"), "name = 3\n").unwrap();
     let table = folder.join("gaps.csv");
-    let told = done(&[
+    let told = program(&[
         "diagnose",
         text(&set),
         text(&folder),
         "--base-only",
         "--table",
         text(&table),
-    ]);
+    ])
+    .ok();
     assert!(told.contains("2 data sets; 1 without a result"), "{told}");
     let found = rows(&table);
     assert_eq!(found.1.len(), 3);
@@ -389,6 +372,6 @@ fn data_sets_become_rows_of_their_held_out_runs() {
     }
     assert_eq!(value(&found, 2, "data_set"), "broken");
     assert!(found.1[2].join(",").contains("name"), "{:?}", found.1[2]);
-    let refused = refusal(&["diagnose", text(&set), text(&set)]);
+    let refused = program(&["diagnose", text(&set), text(&set)]).refused();
     assert!(refused.contains("expected one data set"), "{refused}");
 }

@@ -2,7 +2,6 @@
 //! completions, manual pages.
 
 use std::{
-    ffi::OsStr,
     fs,
     io::{Read, Write},
     net::TcpListener,
@@ -12,19 +11,7 @@ use std::{
 
 use serde_json::Value;
 
-use crate::support::{BENCH, EXPERIMENT, Files, program};
-
-fn eis_bench(arguments: &[&str]) -> (i32, String, String) {
-    let arguments: Vec<&OsStr> = arguments.iter().map(AsRef::as_ref).collect();
-    let ended = program(&arguments);
-    (ended.code.unwrap(), ended.stdout, ended.stderr)
-}
-
-fn json_of(arguments: &[&str]) -> Value {
-    let (code, out, err) = eis_bench(arguments);
-    assert_eq!(code, 0, "{arguments:?}: {err}");
-    serde_json::from_str(&out).unwrap_or_else(|error| panic!("{arguments:?}: {error}: {out}"))
-}
+use crate::support::{BENCH, EXPERIMENT, Files, program, program_in};
 
 fn text(path: &Path) -> String {
     path.display().to_string()
@@ -34,7 +21,7 @@ fn text(path: &Path) -> String {
 fn the_files_to_begin_with_are_right_and_are_not_written_over() {
     let folder = tempfile::tempdir().unwrap();
     let new = text(&folder.path().join("lab"));
-    let (code, out, _) = eis_bench(&["config", "new", &new]);
+    let (code, out, _) = program(&["config", "new", &new]).parts();
     assert_eq!(code, 0);
     let written: Vec<&str> = out.lines().collect();
     assert!(written.len() > 5 && written.iter().all(|path| Path::new(path).is_file()));
@@ -45,12 +32,12 @@ fn the_files_to_begin_with_are_right_and_are_not_written_over() {
         .collect();
     let mut words = vec!["config", "check"];
     words.extend(&checked);
-    let (code, out, err) = eis_bench(&words);
+    let (code, out, err) = program(&words).parts();
     assert_eq!(code, 0, "{out}{err}");
     for kind in ["experiment", "bench", "server"] {
         assert!(out.contains(&format!(" {kind} that is right")), "{out}");
     }
-    let (code, _, err) = eis_bench(&["config", "new", &new]);
+    let (code, _, err) = program(&["config", "new", &new]).parts();
     assert!(
         code == 2 && err.contains("expected no such file, found one"),
         "{err}"
@@ -59,9 +46,9 @@ fn the_files_to_begin_with_are_right_and_are_not_written_over() {
 
 #[test]
 fn a_call_without_a_command_names_the_ways_in() {
-    let (code, out, _) = eis_bench(&[]);
+    let (code, out, _) = program::<&str>(&[]).parts();
     assert!(code == 0 && out.lines().count() <= 14, "{out}");
-    let help = eis_bench(&["--help"]).1;
+    let help = program(&["--help"]).parts().1;
     for command in [
         "demo", "config", "identify", "doctor", "plan", "kk", "fit", "dataset", "map", "hppc",
         "ocv", "simulate", "sop", "pack", "convert",
@@ -105,7 +92,7 @@ fn a_file_of_another_kind_is_named_as_what_it_is() {
         if call[0] == "diagnose" {
             call.extend(["--erm", "10 mΩ; 2 mΩ, 1 s"]);
         }
-        let (code, _, err) = eis_bench(&call);
+        let (code, _, err) = program(&call).parts();
         let file = Path::new(call[1]).file_name().unwrap().to_str().unwrap();
         let found = format!("{file}: {found}");
         assert!(
@@ -142,14 +129,14 @@ fn packs_are_ranked_from_a_table_of_cells() {
         "--bus-v",
         "40,68",
     ];
-    let found = json_of(&[&base[..], &needs, &["--json"]].concat());
+    let found = program(&[&base[..], &needs, &["--json"]].concat()).json();
     let packs = found.as_array().unwrap();
     assert_eq!(packs.len(), 5);
     // 14S3P is too weak above 40 V; 15S3P is the lightest that is not, and the bus limits it.
     let first = (&packs[0]["series"], &packs[0]["limited_by"]);
     assert_eq!(first, (&15.into(), &"lower_voltage".into()));
     assert_eq!(packs[4]["unmet"][0], "full at 75.6 V");
-    let (_, out, _) = eis_bench(&[&base[..], &needs, &["--rows", "2"]].concat());
+    let (_, out, _) = program(&[&base[..], &needs, &["--rows", "2"]].concat()).parts();
     assert!(
         out.contains("15S3P") && out.contains("2 of 5 packs"),
         "{out}"
@@ -167,10 +154,11 @@ fn packs_are_ranked_from_a_table_of_cells() {
         ),
     ] {
         fs::write(&table, text).unwrap();
-        let (code, _, err) = eis_bench(&base);
+        let (code, _, err) = program(&base).parts();
         assert!(code == 2 && err.contains(message), "{err}");
     }
-    let (code, _, err) = eis_bench(&["pack", "rank", &table, "--series", "0", "--parallel", "1"]);
+    let (code, _, err) =
+        program(&["pack", "rank", &table, "--series", "0", "--parallel", "1"]).parts();
     assert!(code == 2 && err.contains("a range such as 14..18"), "{err}");
 }
 
@@ -178,7 +166,7 @@ fn packs_are_ranked_from_a_table_of_cells() {
 fn a_mistake_is_told_with_its_file_and_field() {
     let files = Files::demo().edit(EXPERIMENT, "\"5 A\"", "\"5 V\"");
     let (file, bench) = (text(&files.path(EXPERIMENT)), text(&files.path(BENCH)));
-    let (code, out, err) = eis_bench(&["config", "check", &file, &bench, "--json"]);
+    let (code, out, err) = program(&["config", "check", &file, &bench, "--json"]).parts();
     assert!(code == 2 && err.contains("1 of 2 files are wrong"), "{err}");
     let told: Value = serde_json::from_str(&out).unwrap();
     let mistake = told[0]["mistake"].as_str().unwrap();
@@ -187,7 +175,8 @@ fn a_mistake_is_told_with_its_file_and_field() {
         "{mistake}"
     );
     assert!(told[1]["mistake"].is_null() && told[1]["kind"] == "bench");
-    let (code, out, _) = eis_bench(&["config", "check", &text(&files.path("cells/p45b.toml"))]);
+    let (code, out, _) =
+        program(&["config", "check", &text(&files.path("cells/p45b.toml"))]).parts();
     assert!(
         code == 2 && out.contains("expected an experiment (key `cell`)"),
         "{out}"
@@ -196,7 +185,7 @@ fn a_mistake_is_told_with_its_file_and_field() {
 
 #[test]
 fn schemas_describe_the_files_that_are_there() {
-    let schema = json_of(&["config", "schema", "experiment"]);
+    let schema = program(&["config", "schema", "experiment"]).json();
     assert_eq!(
         schema["required"],
         serde_json::json!(["name", "bench", "cell"])
@@ -205,7 +194,7 @@ fn schemas_describe_the_files_that_are_there() {
     assert_eq!(eis["start"]["examples"][0], "0.1 Hz");
     assert!(eis["start"]["pattern"].as_str().unwrap().contains("mHz"));
     for kind in ["bench", "cell", "scenario", "server", "dataset"] {
-        let schema = json_of(&["config", "schema", kind]);
+        let schema = program(&["config", "schema", kind]).json();
         assert!(
             schema["properties"].as_object().unwrap().len() > 3,
             "{kind}"
@@ -218,25 +207,25 @@ fn schemas_describe_the_files_that_are_there() {
 fn a_run_its_plan_its_replay_and_its_check_are_told_as_json() {
     let files = Files::brief(3);
     let (experiment, out) = (text(&files.path(EXPERIMENT)), text(&files.path("out")));
-    let plan = json_of(&["plan", &experiment, "--json"]);
+    let plan = program(&["plan", &experiment, "--json"]).json();
     assert_eq!(plan["experiment"], "demo");
     assert!(plan["stages"].as_array().unwrap().len() > 2);
     assert!(plan["expected_s"].as_f64().unwrap() <= plan["longest_s"].as_f64().unwrap());
-    let run = json_of(&["run", &experiment, "--out", &out, "--json"]);
+    let run = program(&["run", &experiment, "--out", &out, "--json"]).json();
     assert_eq!(run["refused_points"], 0);
     assert_eq!(run["recommended_rc"], 1);
     assert!(run["model"].as_str().unwrap().ends_with("model_1rc.json"));
     assert!(Path::new(run["model"].as_str().unwrap()).is_file());
     assert!(Path::new(run["report"].as_str().unwrap()).is_file());
-    let verified = json_of(&["verify", &out, "--json"]);
+    let verified = program(&["verify", &out, "--json"]).json();
     assert_eq!(verified[0]["good"], true);
     assert!(verified[0]["recomputed"]["points"].as_u64().unwrap() >= 9);
-    let replayed = json_of(&["replay", &out, "--json"]);
+    let replayed = program(&["replay", &out, "--json"]).json();
     assert_eq!(replayed[0]["points"], replayed[0]["identical_points"]);
     assert_eq!(replayed[0]["spectra"], replayed[0]["identical_spectra"]);
     let report = Path::new(&out).join("report.html");
     fs::write(&report, "altered").unwrap();
-    let (code, told, _) = eis_bench(&["verify", &out, "--json"]);
+    let (code, told, _) = program(&["verify", &out, "--json"]).parts();
     let told: Value = serde_json::from_str(&told).unwrap();
     assert!(
         code == 10 && told[0]["good"] == false && told[0]["altered"][0]["file"] == "report.html"
@@ -247,9 +236,9 @@ fn a_run_its_plan_its_replay_and_its_check_are_told_as_json() {
 fn tokens_are_told_as_json() {
     let folder = tempfile::tempdir().unwrap();
     let new = text(&folder.path().join("lab"));
-    eis_bench(&["config", "new", &new]);
+    program(&["config", "new", &new]).parts();
     let server = new + "/serve.toml";
-    let made = json_of(&[
+    let made = program(&[
         "token",
         "add",
         &server,
@@ -257,25 +246,26 @@ fn tokens_are_told_as_json() {
         "--scope",
         "read,operate",
         "--json",
-    ]);
+    ])
+    .json();
     assert!(made["token"].as_str().unwrap().len() > 20);
-    let all = json_of(&["token", "list", &server, "--json"]);
+    let all = program(&["token", "list", &server, "--json"]).json();
     assert_eq!(all[0]["name"], "anna");
     assert_eq!(all[0]["scopes"], serde_json::json!(["read", "operate"]));
     assert_eq!(all[0]["expired"], false);
     let at = |key: &str| all[0][key].as_u64().unwrap();
     let valid_s = at("expires_unix_s") - at("made_unix_s");
     assert!(valid_s.abs_diff(365 * 86_400) <= 1, "{valid_s}");
-    let (code, _, err) = eis_bench(&["token", "add", &server, "bob", "--valid", "soon"]);
+    let (code, _, err) = program(&["token", "add", &server, "bob", "--valid", "soon"]).parts();
     assert!(code == 2 && err.contains("or `never`"), "{err}");
-    let gone = json_of(&["token", "revoke", &server, "anna", "--json"]);
+    let gone = program(&["token", "revoke", &server, "anna", "--json"]).json();
     assert_eq!(gone["left"], 0);
 }
 
 #[test]
 fn flags_take_units() {
     let size = |ocv: &str, dcir: &str| {
-        json_of(&[
+        program(&[
             "pack",
             "size",
             "--series",
@@ -288,9 +278,10 @@ fn flags_take_units() {
             dcir,
             "--json",
         ])
+        .json()
     };
     assert_eq!(size("3.6", "0.015"), size("3.6 V", "15 mΩ"));
-    let (code, _, err) = eis_bench(&[
+    let (code, _, err) = program(&[
         "pack",
         "size",
         "--series",
@@ -301,7 +292,8 @@ fn flags_take_units() {
         "3.6 A",
         "--dcir-ohm",
         "1",
-    ]);
+    ])
+    .parts();
     assert!(
         code == 2 && err.contains("expected a voltage in V, or with its unit, such as \"3.80 V\""),
         "{err}"
@@ -318,7 +310,7 @@ fn a_web_server_is_no_instrument() {
             let _ = client.write_all(b"HTTP/1.1 400 Bad Request\r\nConnection: close\r\n\r\n");
         }
     });
-    let (code, out, err) = eis_bench(&["identify", &address]);
+    let (code, out, err) = program(&["identify", &address]).parts();
     assert_eq!(code, 3, "{out}{err}");
     assert!(
         out.contains("expected an instrument, met a web server"),
@@ -364,14 +356,14 @@ fn mocks_write_a_bench_beside_one_in_the_working_folder() {
 #[test]
 fn shells_and_man_are_served_from_the_definition() {
     for shell in ["bash", "zsh", "fish"] {
-        let (code, out, _) = eis_bench(&["completions", shell]);
+        let (code, out, _) = program(&["completions", shell]).parts();
         assert!(
             code == 0 && out.contains("eis-bench") && out.contains("diagnose"),
             "{shell}"
         );
     }
     let folder = tempfile::tempdir().unwrap();
-    let (code, _, _) = eis_bench(&["man", &text(folder.path())]);
+    let (code, _, _) = program(&["man", &text(folder.path())]).parts();
     assert_eq!(code, 0);
     let page = fs::read_to_string(folder.path().join("eis-bench-fit.1")).unwrap();
     assert!(page.contains(".TH") && page.contains("spectra"));
@@ -380,17 +372,7 @@ fn shells_and_man_are_served_from_the_definition() {
 #[test]
 fn the_demo_runs_from_nothing() {
     let folder = tempfile::tempdir().unwrap();
-    let ended = Command::new(env!("CARGO_BIN_EXE_eis-bench"))
-        .args(["demo", "--seed", "3"])
-        .current_dir(folder.path())
-        .output()
-        .unwrap();
-    let out = String::from_utf8_lossy(&ended.stdout);
-    assert!(
-        ended.status.success(),
-        "{out}{}",
-        String::from_utf8_lossy(&ended.stderr)
-    );
+    let out = program_in(folder.path(), &["demo", "--seed", "3"]).ok();
     assert!(
         out.contains("next: open eis-bench-demo/run/report.html"),
         "{out}"
@@ -405,7 +387,7 @@ fn the_demo_runs_from_nothing() {
 
 #[test]
 fn the_help_shows_commands_in_groups() {
-    let (_, out, _) = eis_bench(&["--help"]);
+    let (_, out, _) = program(&["--help"]).parts();
     let begin = out.find(" To begin with:").unwrap();
     let model = out.find(" What a model lacks:").unwrap();
     assert!(begin < model && out[begin..model].contains("demo"));

@@ -5,16 +5,10 @@ use std::{fmt::Write as _, fs, path::PathBuf};
 use analysis::{dataset, formats::read_spectra};
 use num_complex::Complex64;
 
-use crate::support::program;
-
-fn eis_bench(arguments: &[&str]) -> (i32, String) {
-    let arguments: Vec<&std::ffi::OsStr> = arguments.iter().map(AsRef::as_ref).collect();
-    let ended = program(&arguments);
-    (ended.code.unwrap(), ended.stdout + &ended.stderr)
-}
+use crate::support::{program, project};
 
 fn fixture(name: &str) -> String {
-    concat!(env!("CARGO_MANIFEST_DIR"), "/../fixtures/data/").to_owned() + name
+    project(&format!("fixtures/data/{name}"))
 }
 
 #[test]
@@ -39,24 +33,24 @@ fn a_real_file_of_another_program_goes_through_every_format() {
         ("biologic", "gamry.mpt"),
         ("zview", "gamry.z"),
     ] {
-        let (code, message) = eis_bench(&["convert", &source, "--to", to, "--out", &out(to)]);
+        let (code, message) = program(&["convert", &source, "--to", to, "--out", &out(to)]).told();
         assert_eq!(code, 0, "{message}");
         assert_eq!(numbers(&format!("{}/{file}", out(to))), expected, "{to}");
-        let (code, message) = eis_bench(&["convert", &source, "--to", to, "--out", &out(to)]);
+        let (code, message) = program(&["convert", &source, "--to", to, "--out", &out(to)]).told();
         assert!(
             code == 2 && message.contains("expected no such file, found one"),
             "{message}"
         );
     }
     // Any command that reads a spectrum accepts them.
-    let (code, message) = eis_bench(&["fit", &source, "--rc", "1", "--json"]);
+    let (code, message) = program(&["fit", &source, "--rc", "1", "--json"]).told();
     assert!(
         code == 0 && message.contains("\"rc\": 1"),
         "{code} {message}"
     );
     // No relaxation fits an inductive one.
     let inductive = fixture("spectra/vendors/autolab.txt");
-    let (code, message) = eis_bench(&["fit", &inductive, "--rc", "1", "--json"]);
+    let (code, message) = program(&["fit", &inductive, "--rc", "1", "--json"]).told();
     let refused = "autolab: no model with 1 RC: R1 is at its lower bound of 0.000001 Ω";
     assert!(code == 2 && message.contains(refused), "{code} {message}");
 }
@@ -76,7 +70,7 @@ fn spectra_become_bdf_with_their_metadata_and_come_back() {
         ("bdf-csv", "biologic.bdf.csv"),
         ("bdf-parquet", "biologic.bdf.parquet"),
     ] {
-        let (code, message) = eis_bench(&["convert", &source, "--to", to, "--out", &out(to)]);
+        let (code, message) = program(&["convert", &source, "--to", to, "--out", &out(to)]).told();
         assert_eq!(code, 0, "{message}");
         let written = format!("{}/{file}", out(to));
         assert_eq!(points(&written), expected, "{to}");
@@ -88,7 +82,7 @@ fn spectra_become_bdf_with_their_metadata_and_come_back() {
         );
         // Once more, from BDF.
         let again = out(&format!("{to}-again"));
-        let (code, message) = eis_bench(&["convert", &written, "--to", to, "--out", &again]);
+        let (code, message) = program(&["convert", &written, "--to", to, "--out", &again]).told();
         assert_eq!(code, 0, "{message}");
         assert_eq!(points(&format!("{again}/{file}")), expected, "{to}");
     }
@@ -111,14 +105,15 @@ fn spectra_become_bdf_with_their_metadata_and_come_back() {
     }
     fs::write(&log, text).unwrap();
     let both = out("both");
-    let (code, message) = eis_bench(&[
+    let (code, message) = program(&[
         "convert",
         &log.display().to_string(),
         "--to",
         "bdf-csv",
         "--out",
         &both,
-    ]);
+    ])
+    .told();
     assert_eq!(code, 0, "{message}");
     assert_eq!(
         points(&format!("{both}/log.bdf.csv")).1.len(),
@@ -129,14 +124,15 @@ fn spectra_become_bdf_with_their_metadata_and_come_back() {
     assert_eq!(series.lines().count(), 26, "{message}");
     // A spectrum that is damaged is refused as one.
     fs::write(&log, "freq_hz,z_re_ohm,z_im_ohm\n1,x,0\n").unwrap();
-    let (code, message) = eis_bench(&[
+    let (code, message) = program(&[
         "convert",
         &log.display().to_string(),
         "--to",
         "bdf-csv",
         "--out",
         &both,
-    ]);
+    ])
+    .told();
     assert!(
         code == 2 && message.contains("log.csv, line 2, column 2 (z_re_ohm)"),
         "{message}"
@@ -147,14 +143,15 @@ fn spectra_become_bdf_with_their_metadata_and_come_back() {
 fn a_model_is_written_for_others_only_with_its_voltage() {
     let folder = tempfile::tempdir().unwrap();
     let out = |name: &str| folder.path().join(name).display().to_string();
-    let (code, message) = eis_bench(&[
+    let (code, message) = program(&[
         "fit",
         &fixture("spectra/vendors/impedance_py.csv"),
         "--rc",
         "1",
         "--out",
         &out("fit"),
-    ]);
+    ])
+    .told();
     assert_eq!(code, 0, "{message}");
     let model = fs::read_dir(out("fit"))
         .unwrap()
@@ -163,7 +160,7 @@ fn a_model_is_written_for_others_only_with_its_voltage() {
         .find(|p| p.to_string_lossy().ends_with("model_1rc.json"))
         .unwrap();
     let model = model.display().to_string();
-    let (code, message) = eis_bench(&["convert", &model, "--to", "c", "--out", &out("c")]);
+    let (code, message) = program(&["convert", &model, "--to", "c", "--out", &out("c")]).told();
     assert!(
         code == 2
             && message
@@ -175,7 +172,7 @@ fn a_model_is_written_for_others_only_with_its_voltage() {
         ("pybamm", "model_1rc_pybamm.py"),
         ("casadi", "model_1rc_casadi.py"),
     ] {
-        let (code, message) = eis_bench(&[
+        let (code, message) = program(&[
             "convert",
             &model,
             "--to",
@@ -186,7 +183,8 @@ fn a_model_is_written_for_others_only_with_its_voltage() {
             "3.7",
             "--capacity-ah",
             "4.5",
-        ]);
+        ])
+        .told();
         let text = fs::read_to_string(format!("{}/{ending}", out(to))).unwrap();
         assert!(
             code == 0 && text.contains("16200") | (to == "pybamm"),
@@ -209,7 +207,7 @@ fn a_model_is_written_for_others_only_with_its_voltage() {
         "--capacity-ah",
         "4.5",
     ];
-    let (code, message) = eis_bench(&[&["convert", &model], &flat[..]].concat());
+    let (code, message) = program(&[&["convert", &model], &flat[..]].concat()).told();
     assert!(
         code == 2 && message.contains("--ocv-v: expected a curve (--ocv) for --to model"),
         "{message}"
@@ -255,7 +253,7 @@ fn exported_captures_give_the_impedance_that_is_in_them() {
     let toml = folder.path().join("capture.toml");
     fs::write(&toml, &description).unwrap();
     let out = folder.path().join("out").display().to_string();
-    let (code, message) = eis_bench(&["replay", &toml.display().to_string(), "--out", &out]);
+    let (code, message) = program(&["replay", &toml.display().to_string(), "--out", &out]).told();
     assert!(
         code == 0 && message.contains("2 captures of a cell"),
         "{code} {message}"
@@ -294,7 +292,7 @@ fn exported_captures_give_the_impedance_that_is_in_them() {
         ),
     ] {
         fs::write(&toml, description.replacen(from, to, 1)).unwrap();
-        let (code, message) = eis_bench(&["replay", &toml.display().to_string()]);
+        let (code, message) = program(&["replay", &toml.display().to_string()]).told();
         assert!(code == 2 && message.contains(expected), "{code} {message}");
     }
 }
@@ -321,24 +319,25 @@ fn several_sweeps_of_a_file_are_told_and_never_made_one() {
     more): \
                 three.mpt#loop1 (29 points), three.mpt#loop2 (29 points), three.mpt#loop3 (29 \
                 points)";
-    let (code, message) = eis_bench(&["fit", &file, "--rc", "1"]);
+    let (code, message) = program(&["fit", &file, "--rc", "1"]).told();
     assert!(
         code == 0
             && message.contains(told)
             && message.contains("three.mpt#loop3: 1 spectrum, 29 points"),
         "{code} {message}"
     );
-    let (code, message) = eis_bench(&["kk", &file]);
+    let (code, message) = program(&["kk", &file]).told();
     assert!(code == 0 && message.contains(told), "{code} {message}");
     let out = folder.path().join("out");
-    let (code, message) = eis_bench(&[
+    let (code, message) = program(&[
         "convert",
         &file,
         "--to",
         "csv",
         "--out",
         &out.display().to_string(),
-    ]);
+    ])
+    .told();
     assert!(
         code == 0 && message.contains(told) && out.join("three.mpt#loop2.csv").exists(),
         "{code} {message}"
@@ -368,7 +367,7 @@ fn two_curves_of_one_measurement_are_told_and_not_pooled() {
     }
     fs::write(&file, text).unwrap();
     let file = file.display().to_string();
-    let (code, message) = eis_bench(&["fit", &file, "--rc", "1"]);
+    let (code, message) = program(&["fit", &file, "--rc", "1"]).told();
     let told = "two curves of one measurement, with and without correction of its drift";
     assert!(
         code == 0
@@ -376,7 +375,7 @@ fn two_curves_of_one_measurement_are_told_and_not_pooled() {
             && message.contains("drift.dta#uncorrected: 1 spectrum, 20 points"),
         "{code} {message}"
     );
-    let (code, message) = eis_bench(&["fit", &file, "--rc", "1", "--pool"]);
+    let (code, message) = program(&["fit", &file, "--rc", "1", "--pool"]).told();
     assert!(
         code == 2
             && message.contains(
@@ -410,7 +409,7 @@ fn uncertainties_are_kept_where_the_target_has_a_place() {
         ("impedance-py", "cell.csv"),
         ("table-csv", "spectra.csv"),
     ] {
-        let (code, message) = eis_bench(&["convert", &source, "--to", to, "--out", &out(to)]);
+        let (code, message) = program(&["convert", &source, "--to", to, "--out", &out(to)]).told();
         assert_eq!(code, 0, "{message}");
         let path = format!("{}/{written}", out(to));
         assert_eq!(points(&path), [1e-11, 0.0], "{to}");
@@ -420,14 +419,15 @@ fn uncertainties_are_kept_where_the_target_has_a_place() {
     let back = read_spectra(&PathBuf::from(out("csv") + "/cell.csv")).unwrap();
     assert_eq!(back[0].shared[0].name, "gain");
     assert_eq!(back[0].shared[0].at_ohm[1].re, 2e-6);
-    let (code, message) = eis_bench(&["convert", &source, "--to", "gamry", "--out", &out("g")]);
+    let (code, message) =
+        program(&["convert", &source, "--to", "gamry", "--out", &out("g")]).told();
     assert!(
         code == 0 && message.contains("no place for the uncertainties"),
         "{message}"
     );
     let table = out("fits.csv");
     let other = fixture("spectra/vendors/autolab.txt");
-    let (code, message) = eis_bench(&[
+    let (code, message) = program(&[
         "convert",
         &source,
         &other,
@@ -435,10 +435,11 @@ fn uncertainties_are_kept_where_the_target_has_a_place() {
         "table-parquet",
         "--out",
         &out("t"),
-    ]);
+    ])
+    .told();
     assert!(code == 0 && message.contains("2 spectra"), "{message}");
     let long = out("t") + "/spectra.parquet";
-    let (code, message) = eis_bench(&["fit", &long, "--rc", "1", "--table", &table]);
+    let (code, message) = program(&["fit", &long, "--rc", "1", "--table", &table]).told();
     assert_eq!(code, 0, "{message}");
     assert_eq!(fs::read_to_string(&table).unwrap().lines().count(), 3);
     let twice = [
@@ -450,7 +451,7 @@ fn uncertainties_are_kept_where_the_target_has_a_place() {
         "--out",
         &out("u"),
     ];
-    let (code, message) = eis_bench(&twice);
+    let (code, message) = program(&twice).told();
     assert!(
         code == 2 && message.contains("another name for each spectrum"),
         "{message}"
@@ -470,7 +471,9 @@ fn harmonics_of_a_run_become_the_columns_of_nleis() {
     let convert = |text: &str| {
         fs::write(&table, text).unwrap();
         let (table, out) = (table.to_str().unwrap(), out.to_str().unwrap());
-        eis_bench(&["convert", table, "--to", "nleis", "--out", out]).1
+        program(&["convert", table, "--to", "nleis", "--out", out])
+            .told()
+            .1
     };
     let written = convert(&format!("{head}\n{rows}"));
     assert!(written.contains("1 frequencies"), "{written}");

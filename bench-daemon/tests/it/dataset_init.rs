@@ -1,14 +1,13 @@
 //! `dataset init` on the tables of the Panasonic cell: it writes what a person wrote, and
 //! `diagnose` accepts it.
 
-use std::{
-    path::{Path, PathBuf},
-    process::{Command, Output},
-};
+use std::path::{Path, PathBuf};
 
 use analysis::diagnosis::{DataSet, Role, RunData, Start};
 use bench_evaluate::investigate::dataset::read_dataset;
 use serde_json::Value;
+
+use crate::support::{Ended, program};
 
 fn project(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(path)
@@ -18,15 +17,8 @@ fn tables(cell: &str) -> PathBuf {
     project("fixtures/data/cells").join(cell)
 }
 
-fn eis_bench(words: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_eis-bench"))
-        .args(words)
-        .output()
-        .unwrap()
-}
-
 /// Runs `dataset init` on the tables of a cell, with the conditions of its spectrum.
-fn init(cell: &str, at: &str, out: &Path, more: &[&str]) -> Output {
+fn init(cell: &str, at: &str, out: &Path, more: &[&str]) -> Ended {
     let file = |name: &str| tables(cell).join(name).to_str().unwrap().to_owned();
     let curve = tables("panasonic_18650pf_25C").join("ocv.json");
     let words = [
@@ -47,11 +39,7 @@ fn init(cell: &str, at: &str, out: &Path, more: &[&str]) -> Output {
         "--out",
         out.to_str().unwrap(),
     ];
-    eis_bench(&[&words, more].concat())
-}
-
-fn error(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
+    program(&[&words, more].concat())
 }
 
 fn ocv_v(set: &DataSet, run: usize) -> f64 {
@@ -118,7 +106,7 @@ fn the_tables_of_panasonic_become_the_data_sets_that_a_person_made() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("data");
         let output = init(known.cell, known.at, &out, &[]);
-        assert!(output.status.success(), "{}", error(&output));
+        output.expect_code(0);
         let read = read_dataset(&out).unwrap();
         assert!(read.problems.is_empty());
         assert_as_by_hand(&read.set, known.by_hand);
@@ -136,17 +124,17 @@ fn a_diagnosis_of_proposed_data_sets_is_that_of_the_data_sets_of_a_person() {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("data");
         let output = init(known.cell, known.at, &out, &[]);
-        assert!(output.status.success(), "{}", error(&output));
+        output.expect_code(0);
         let model = tables(known.cell).join("model_3rc.json");
-        let diagnosis = eis_bench(&[
+        let diagnosis = program(&[
             "diagnose",
             out.to_str().unwrap(),
             "--model",
             model.to_str().unwrap(),
             "--json",
         ]);
-        assert!(diagnosis.status.success(), "{}", error(&diagnosis));
-        let told: Value = serde_json::from_slice(&diagnosis.stdout).unwrap();
+        diagnosis.expect_code(0);
+        let told: Value = serde_json::from_str(&diagnosis.stdout).unwrap();
         assert_eq!(told["verdict"], "unexplained");
         // The gaps of the model file equal those with the data set of a person.
         for (gap, expected_mv) in told["gap"].as_array().unwrap().iter().zip(known.gaps_mv) {
@@ -163,7 +151,7 @@ fn nothing_is_written_over_and_a_dry_run_writes_nothing() {
     let out = folder.path().join("data");
     let (cell, at) = ("panasonic_18650pf_25C", "eis_07:temperature_c=25");
     let dry = init(cell, at, &out, &["--dry-run"]);
-    let printed = String::from_utf8(dry.stdout).unwrap();
+    let printed = dry.stdout;
     assert!(
         !out.exists() && printed.contains("role = \"held_out\""),
         "{printed}"
@@ -171,9 +159,7 @@ fn nothing_is_written_over_and_a_dry_run_writes_nothing() {
     std::fs::create_dir(&out).unwrap();
     std::fs::write(out.join("dataset.toml"), "name = \"mine\"\n").unwrap();
     let refused = init(cell, at, &out, &[]);
-    assert!(
-        refused.status.code() == Some(2) && error(&refused).contains("nothing is written over")
-    );
+    assert!(refused.code == Some(2) && refused.stderr.contains("nothing is written over"));
     let kept = std::fs::read_to_string(out.join("dataset.toml")).unwrap();
     assert_eq!(kept, "name = \"mine\"\n");
 }
@@ -189,9 +175,7 @@ fn files_that_cannot_be_read_are_told_and_a_spectrum_elsewhere_is_a_comment() {
     std::fs::write(&notes, "cell 7, new fixture\n").unwrap();
     let more = [repeats.to_str().unwrap(), notes.to_str().unwrap(), "--json"];
     let (cell, at) = ("panasonic_18650pf_25C", "eis_07:ocv_v=3.9,temperature_c=25");
-    let output = init(cell, at, &out, &more);
-    assert!(output.status.success(), "{}", error(&output));
-    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let found = init(cell, at, &out, &more).json();
     let kinds: Vec<&Value> = found["files"]
         .as_array()
         .unwrap()
@@ -259,9 +243,9 @@ fn a_log_without_a_temperature_is_written_with_the_key_as_a_comment() {
     let log = two_pulses(folder.path(), "");
     let (log, target) = (log.to_str().unwrap(), out.to_str().unwrap());
     let words = ["dataset", "init", log, "--out", target];
-    let lacking = eis_bench(&words);
-    let told = error(&lacking);
-    assert_eq!(lacking.status.code(), Some(2), "{told}");
+    let lacking = program(&words);
+    let told = lacking.stderr;
+    assert_eq!(lacking.code, Some(2), "{told}");
     assert!(
         told.contains("`temperature_c` of 2 runs (--temperature-c C)"),
         "{told}"
@@ -285,20 +269,20 @@ fn a_log_without_a_temperature_is_written_with_the_key_as_a_comment() {
     ];
     let diagnose = [&["diagnose", target][..], &given].concat();
     for command in [vec!["dataset", "check", target], diagnose] {
-        let refused = eis_bench(&command);
-        let told = error(&refused);
-        assert_eq!(refused.status.code(), Some(2), "{told}");
+        let refused = program(&command);
+        let told = refused.stderr;
+        assert_eq!(refused.code, Some(2), "{told}");
         assert!(told.contains("temperature_c"), "{command:?}: {told}");
     }
     // The unchanged file is written over.
-    let stated = eis_bench(&[&words[..], &["--temperature-c", "25"]].concat());
-    assert!(stated.status.success(), "{}", error(&stated));
-    let checked = eis_bench(&["dataset", "check", target]);
-    let told = String::from_utf8_lossy(&checked.stdout).into_owned();
+    let stated = program(&[&words[..], &["--temperature-c", "25"]].concat());
+    stated.expect_code(0);
+    let checked = program(&["dataset", "check", target]);
+    let told = checked.stdout;
     assert!(
         told.contains("2 runs: 2 in time, 0 spectra"),
         "{told}{}",
-        error(&checked)
+        checked.stderr
     );
 }
 
@@ -314,11 +298,11 @@ fn a_changed_file_that_lacks_something_is_kept() {
         "--out",
         out.to_str().unwrap(),
     ];
-    assert_eq!(eis_bench(&words).status.code(), Some(2));
+    assert_eq!(program(&words).code, Some(2));
     let file = out.join("dataset.toml");
     let changed = std::fs::read_to_string(&file).unwrap() + "# mine\n";
     std::fs::write(&file, &changed).unwrap();
-    assert!(error(&eis_bench(&words)).contains("nothing is written over"));
+    assert!(program(&words).stderr.contains("nothing is written over"));
     assert_eq!(std::fs::read_to_string(&file).unwrap(), changed);
 }
 
@@ -337,9 +321,9 @@ fn the_head_gives_capacity_and_temperature_and_an_option_overrides_them() {
         "--out",
         out.to_str().unwrap(),
     ];
-    let made = eis_bench(&[&words[..], &["--soc-start", "0.5", "--json"]].concat());
-    assert!(made.status.success(), "{}", error(&made));
-    let found: Value = serde_json::from_slice(&made.stdout).unwrap();
+    let made = program(&[&words[..], &["--soc-start", "0.5", "--json"]].concat());
+    made.expect_code(0);
+    let found: Value = serde_json::from_str(&made.stdout).unwrap();
     let loads = found["logs"][0]["loads"].as_array().unwrap();
     // 5 A for 10 s out of 2.5 Ah; the first row of a pulse counts half a step of it.
     let soc = |k: usize| loads[k]["soc"]["value"].as_f64().unwrap();
@@ -364,8 +348,8 @@ fn the_head_gives_capacity_and_temperature_and_an_option_overrides_them() {
         "--temperature-c",
         "25",
     ];
-    let made = eis_bench(&[&words[..], &more].concat());
-    let told = String::from_utf8_lossy(&made.stdout).into_owned();
+    let made = program(&[&words[..], &more].concat());
+    let told = made.stdout;
     assert!(
         told.contains("the capacity 5 Ah is used, and the head of the file has 2.5 Ah"),
         "{told}"
@@ -397,9 +381,9 @@ fn an_hppc_with_forty_seconds_of_rest_gives_its_pulses() {
         "--out",
         out.to_str().unwrap(),
     ];
-    let made = eis_bench(&words);
-    assert!(made.status.success(), "{}", error(&made));
-    let found: Value = serde_json::from_slice(&made.stdout).unwrap();
+    let made = program(&words);
+    made.expect_code(0);
+    let found: Value = serde_json::from_str(&made.stdout).unwrap();
     let loads = found["logs"][0]["loads"].as_array().unwrap();
     let first = &loads[0];
     assert!(first["refusal"].is_null(), "{first}");
@@ -420,8 +404,8 @@ fn an_hppc_with_forty_seconds_of_rest_gives_its_pulses() {
     let set = read_dataset(&out).unwrap().set;
     assert_eq!(set.runs.len(), 2);
     // It names its own curve and model, so that a verdict needs nothing else.
-    let diagnosis = eis_bench(&["diagnose", out.to_str().unwrap(), "--json"]);
-    assert!(diagnosis.status.success(), "{}", error(&diagnosis));
-    let told: Value = serde_json::from_slice(&diagnosis.stdout).unwrap();
+    let diagnosis = program(&["diagnose", out.to_str().unwrap(), "--json"]);
+    diagnosis.expect_code(0);
+    let told: Value = serde_json::from_str(&diagnosis.stdout).unwrap();
     assert!(told["verdict"].is_string(), "{told}");
 }

@@ -245,7 +245,7 @@ fn assert_recommended(run: &Path, told: &str) {
     let given = &ended["fit"]["charge_storage"]["given"];
     let [slope, sigma] = ["v_per_c", "sigma_v_per_c"].map(|key| given[key].as_f64().unwrap());
     let stated = format!("--slope-of={}={slope},{sigma}", copy.display());
-    let fitted = program(&["fit", "--json", &stated, copy.to_str().unwrap()].map(AsRef::as_ref));
+    let fitted = program(&["fit", "--json", &stated, copy.to_str().unwrap()]);
     let copied: serde_json::Value = serde_json::from_str(&fitted.expect_code(0).stdout).unwrap();
     assert!(
         (of(&copied["fits"][0]) - of(&ended)).abs() < 1.0e-5,

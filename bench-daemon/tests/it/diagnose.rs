@@ -1,9 +1,6 @@
 //! `diagnose` and `effects` as a user calls them.
 
-use std::{
-    path::Path,
-    process::{Command, Output},
-};
+use std::path::Path;
 
 use analysis::{
     fit::{Bounds, FitOptions, ModelFile, Objective, fit_erm},
@@ -13,12 +10,7 @@ use analysis::{
 use bench_evaluate::investigate::dataset::read_dataset;
 use study::hidden::{Case, Corruption, Spec};
 
-fn eis_bench(args: &[&Path]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_eis-bench"))
-        .args(args)
-        .output()
-        .unwrap()
-}
+use crate::support::{Ended, program};
 
 /// A campaign in `data`, a model of its first sweep beside it.
 pub(crate) fn campaign(folder: &Path, spec: &Spec) {
@@ -56,9 +48,9 @@ pub(crate) fn campaign(folder: &Path, spec: &Spec) {
     std::fs::write(folder.join("model.json"), model.to_json().unwrap()).unwrap();
 }
 
-fn diagnose(folder: &Path, model: &str) -> Output {
+fn diagnose(folder: &Path, model: &str) -> Ended {
     let [data, model, out] = ["data", model, "out"].map(|name| folder.join(name));
-    eis_bench(&[
+    program(&[
         Path::new("diagnose"),
         &data,
         Path::new("--model"),
@@ -85,8 +77,8 @@ fn damaged_data_are_a_verdict_with_an_exit_code_of_its_own() {
             },
         );
         let output = diagnose(folder.path(), "model.json");
-        assert_eq!(output.status.code(), Some(12), "{output:?}");
-        let printed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        output.expect_code(12);
+        let printed: serde_json::Value = serde_json::from_str(&output.stdout).unwrap();
         let summary = printed["summary"].as_str().unwrap();
         assert!(
             printed["verdict"] == "invalid" && summary.contains(text),
@@ -104,12 +96,8 @@ fn what_is_missing_is_told_and_ends_with_2() {
     let folder = tempfile::tempdir().unwrap();
     campaign(folder.path(), &Spec::null(3));
     let refused = |model: &str, text: &str| {
-        let output = diagnose(folder.path(), model);
-        let error = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(
-            output.status.code() == Some(2) && error.contains(text),
-            "{error}"
-        );
+        let error = diagnose(folder.path(), model).refused();
+        assert!(error.contains(text), "{error}");
     };
     refused(
         "bare.json",
@@ -147,14 +135,10 @@ fn a_data_set_may_name_its_model_and_its_curve() {
     };
     campaign(folder.path(), &spec);
     let data = folder.path().join("data");
-    let plain = || eis_bench(&[Path::new("diagnose"), &data]);
+    let plain = || program(&[Path::new("diagnose"), &data]);
     let refused = |text: &str| {
-        let output = plain();
-        let error = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(
-            output.status.code() == Some(2) && error.contains(text),
-            "{error}"
-        );
+        let error = plain().refused();
+        assert!(error.contains(text), "{error}");
     };
     refused("data: expected --model, --erm, or `model` in its dataset.toml, found none");
 
@@ -175,16 +159,16 @@ fn a_data_set_may_name_its_model_and_its_curve() {
     let curve = folder.path().join("ocv.json");
     std::fs::write(&curve, whole["ocv"].to_string()).unwrap();
     let words = [Path::new("diagnose"), &data, Path::new("--ocv"), &curve];
-    assert_eq!(eis_bench(&words).status.code(), Some(12));
+    assert_eq!(program(&words).code, Some(12));
     let words = [Path::new("diagnose"), &data, Path::new("--model"), &model];
-    assert_eq!(eis_bench(&words).status.code(), Some(12));
+    assert_eq!(program(&words).code, Some(12));
 
     std::fs::write(data.join("dataset.toml"), &toml).unwrap();
     let keys = "model = \"../bare.json\"\nocv = \"../ocv.json\"\n";
     name_in_data_set(folder.path(), keys);
     let out = folder.path().join("out");
     let words = [Path::new("diagnose"), &data, Path::new("--out"), &out];
-    assert_eq!(eis_bench(&words).status.code(), Some(12));
+    assert_eq!(program(&words).code, Some(12));
     let page = std::fs::read_to_string(out.join("diagnosis.html")).unwrap();
     for text in ["bare.json, SHA-256 ", "ocv.json, SHA-256 "] {
         assert!(page.contains(text), "{text}");
@@ -193,7 +177,7 @@ fn a_data_set_may_name_its_model_and_its_curve() {
 
 #[test]
 fn the_catalogue_is_printed() {
-    let text = String::from_utf8(eis_bench(&[Path::new("effects")]).stdout).unwrap();
+    let text = program(&[Path::new("effects")]).stdout;
     assert!(
         analysis::effects::catalogue()
             .iter()
@@ -204,8 +188,7 @@ fn the_catalogue_is_printed() {
         text.contains("additional relaxation") && text.contains("dv/dt = (R·i − v)/τ"),
         "{text}"
     );
-    let json = eis_bench(&[Path::new("effects"), Path::new("--json")]).stdout;
-    let cards: serde_json::Value = serde_json::from_slice(&json).unwrap();
+    let cards = program(&["effects", "--json"]).json();
     assert_eq!(
         cards["effects"].as_array().unwrap().len(),
         analysis::effects::catalogue().len()
@@ -214,12 +197,16 @@ fn the_catalogue_is_printed() {
 
 #[test]
 fn the_thresholds_are_printed() {
-    let (effects, thresholds) = (Path::new("effects"), Path::new("--thresholds"));
-    let text = String::from_utf8(eis_bench(&[effects, thresholds]).stdout).unwrap();
+    let text = program(&["effects", "--thresholds"]).ok();
     assert_eq!(text, analysis::diagnosis::thresholds::markdown());
-    let json = eis_bench(&[effects, thresholds, Path::new("--json")]).stdout;
-    let all: Vec<serde_json::Value> = serde_json::from_slice(&json).unwrap();
-    let of = |name: &str| all.iter().find(|t| t["name"] == name).unwrap();
+    let all = program(&["effects", "--thresholds", "--json"]).json();
+    let of = |name: &str| {
+        all.as_array()
+            .unwrap()
+            .iter()
+            .find(|t| t["name"] == name)
+            .unwrap()
+    };
     assert_eq!(of("LEAST_SCORE")["value"], 8.0);
     assert_eq!(of("LEAST_LAMBDA")["source"]["kind"], "quantile");
 }
@@ -230,7 +217,7 @@ fn the_curve_of_a_run_folder_is_that_of_its_cell() {
     files.run("run").expect_code(0);
     let (run, out) = (files.path("run"), files.path("out"));
     let model = run.join("model_1rc.json");
-    let output = eis_bench(&[
+    let output = program(&[
         Path::new("diagnose"),
         &run,
         Path::new("--model"),
@@ -238,11 +225,7 @@ fn the_curve_of_a_run_folder_is_that_of_its_cell() {
         Path::new("--out"),
         &out,
     ]);
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    output.expect_code(0);
     assert!(
         files
             .text("out/diagnosis.html")
@@ -276,7 +259,7 @@ fn what_is_asked_by_hand_must_fit_the_model() {
             "expected the name of an effect of the catalogue",
         ),
     ] {
-        let output = eis_bench(&[
+        let output = program(&[
             Path::new("diagnose"),
             &data,
             Path::new("--model"),
@@ -284,7 +267,7 @@ fn what_is_asked_by_hand_must_fit_the_model() {
             Path::new(word),
             Path::new(name),
         ]);
-        let error = String::from_utf8_lossy(&output.stderr);
-        assert!(!output.status.success() && error.contains(text), "{error}");
+        let error = output.stderr;
+        assert!(output.code != Some(0) && error.contains(text), "{error}");
     }
 }

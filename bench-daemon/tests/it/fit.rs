@@ -1,27 +1,13 @@
 //! `eis-bench fit` on the thesis' own sweeps and on spectra in every form that it reads.
 
-use std::{
-    path::{Path, PathBuf},
-    process::{Command, Output},
-};
+use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-fn eis_bench(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_eis-bench"))
-        .args(arguments)
-        .output()
-        .unwrap()
-}
+use crate::support::program;
 
 fn fits(arguments: &[&str]) -> Vec<Value> {
-    let output = eis_bench(arguments);
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let report = program(arguments).json();
     report["fits"].as_array().unwrap().clone()
 }
 
@@ -193,7 +179,7 @@ fn a_folder_of_models_plots_and_a_report_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let sweeps = thesis_sweeps();
-    let output = eis_bench(&[
+    let output = program(&[
         "fit",
         sweeps.to_str().unwrap(),
         "--pool",
@@ -204,11 +190,7 @@ fn a_folder_of_models_plots_and_a_report_is_written() {
         "--out",
         out.to_str().unwrap(),
     ]);
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    output.expect_code(0);
     let model: Value =
         serde_json::from_slice(&std::fs::read(out.join("model_2rc.json")).unwrap()).unwrap();
     assert_eq!(number(&model, "rc"), 2.0);
@@ -246,9 +228,9 @@ fn many_spectra_are_one_table_with_uncertainties_and_a_recommendation() {
     let lines: Vec<&str> = all.lines().filter(|line| is_kept(line)).collect();
     let file = folder.path().join("five.csv");
     std::fs::write(&file, lines.join("\n")).unwrap();
-    let output = eis_bench(&["fit", file.to_str().unwrap()]);
-    let told = String::from_utf8(output.stdout).unwrap();
-    assert!(output.status.success(), "{told}");
+    let output = program(&["fit", file.to_str().unwrap()]);
+    let told = output.stdout;
+    assert!(output.code == Some(0), "{told}");
     let table: Vec<&str> = told.lines().take(7).collect();
     assert!(
         table[0].starts_with("5 groups of spectra, objective complex"),
@@ -266,8 +248,8 @@ fn many_spectra_are_one_table_with_uncertainties_and_a_recommendation() {
     let is_first = |line: &&str| !line.starts_with("cell,") || line.starts_with("cell,0,");
     let one: Vec<&str> = lines.into_iter().filter(is_first).collect();
     std::fs::write(&file, one.join("\n")).unwrap();
-    let output = eis_bench(&["fit", file.to_str().unwrap()]);
-    let told = String::from_utf8(output.stdout).unwrap();
+    let output = program(&["fit", file.to_str().unwrap()]);
+    let told = output.stdout;
     assert!(
         told.contains("no slope was given: prior ") && !told.contains("(given "),
         "{told}"
@@ -301,12 +283,10 @@ fn bad_input_is_refused_with_exit_code_2_and_a_reason() {
         ),
         (vec!["fit", good, "--objective", "best"], "--objective: "),
     ] {
-        let output = eis_bench(&arguments);
-        let message = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{message}");
+        let message = program(&arguments).refused();
         assert!(message.contains(reason), "{message}");
     }
-    let message = String::from_utf8_lossy(&eis_bench(&["fit", broken]).stderr).into_owned();
+    let message = program(&["fit", broken]).stderr;
     assert!(
         message.contains("line 3") || message.contains(":3"),
         "{message}"
@@ -318,20 +298,15 @@ fn sweeps_of_the_thesis_under_current_change_less_than_its_cells_differ() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let sweeps = thesis_sweeps();
-    let output = eis_bench(&[
+    let text = program(&[
         "fit",
         sweeps.to_str().unwrap(),
         "--under-current",
         "--same-cell",
         "--out",
         out,
-    ]);
-    let text = String::from_utf8(output.stdout).unwrap();
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    ])
+    .ok();
     let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
     let json = std::fs::read(folder.path().join("under_current.json")).unwrap();
     let found: Value = serde_json::from_slice(&json).unwrap();
@@ -385,10 +360,10 @@ fn a_comparison_under_current_refuses_what_it_does_not_do() {
         ),
     ] {
         let words = [&["fit", sweeps.to_str().unwrap(), "--under-current"], more].concat();
-        let output = eis_bench(&words);
-        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        let output = program(&words);
+        let error = output.stderr;
         assert!(
-            !output.status.success() && error.contains(expected),
+            output.code != Some(0) && error.contains(expected),
             "{error}"
         );
     }
@@ -432,13 +407,7 @@ fn a_log_of_a_string_gives_impedances_and_names_the_weak_cell() {
     let (log, out) = (folder.path().join("robot.csv"), folder.path().join("out"));
     std::fs::write(&log, string_log()).unwrap();
     let (log, folder) = (log.to_str().unwrap(), out.to_str().unwrap());
-    let output = eis_bench(&["fit", log, "--usage", "--out", folder]);
-    let text = String::from_utf8(output.stdout).unwrap();
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    let text = program(&["fit", log, "--usage", "--out", folder]).ok();
     assert!(
         text.contains("c4 is weak: it answers the current"),
         "{text}"
@@ -455,8 +424,7 @@ fn a_log_of_a_string_gives_impedances_and_names_the_weak_cell() {
     // A row without a number is named.
     let broken = string_log().replacen("\n0.01", "\nno", 1);
     std::fs::write(log, broken).unwrap();
-    let error = eis_bench(&["fit", log, "--usage"]).stderr;
-    let error = String::from_utf8_lossy(&error).into_owned();
+    let error = program(&["fit", log, "--usage"]).stderr;
     assert!(
         error.contains("column time_s: expected a number, found \"no"),
         "{error}"

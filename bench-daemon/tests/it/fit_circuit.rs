@@ -1,25 +1,15 @@
 //! `eis-bench fit --circuit`.
 
-use std::{
-    path::{Path, PathBuf},
-    process::{Command, Output},
-};
+use std::path::{Path, PathBuf};
 
-use serde_json::Value;
+use crate::support::{Ended, program};
 
-fn fit(file: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_eis-bench"))
-        .arg("fit")
-        .arg(file)
-        .args(arguments)
-        .output()
-        .unwrap()
+fn fit(file: &Path, arguments: &[&str]) -> Ended {
+    program(&[&["fit", file.to_str().unwrap()], arguments].concat())
 }
 
 fn refusal(file: &Path, arguments: &[&str]) -> String {
-    let output = fit(file, arguments);
-    assert_eq!(output.status.code(), Some(2), "{output:?}");
-    String::from_utf8(output.stderr).unwrap()
+    fit(file, arguments).refused()
 }
 
 /// 10 mΩ + (5 mΩ ∥ CPE of 3 Ω⁻¹s^0.8), by real arithmetic.
@@ -48,9 +38,7 @@ fn a_circuit_is_fitted_told_and_drawn() {
     let folder = tempfile::tempdir().unwrap();
     let file = spectrum(folder.path());
     let circuit = "R0 - p(R1, CPE1)";
-    let output = fit(&file, &["--circuit", circuit, "--json"]);
-    assert!(output.status.success(), "{output:?}");
-    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let report = fit(&file, &["--circuit", circuit, "--json"]).json();
     let met = &report["fits"][0];
     assert_eq!(met["circuit"], "R0-p(R1,CPE1)");
     assert_eq!(
@@ -88,7 +76,7 @@ fn a_circuit_is_fitted_told_and_drawn() {
             out.to_str().unwrap(),
         ],
     );
-    let text = String::from_utf8(output.stdout).unwrap();
+    let text = output.stdout;
     for expected in [
         "R0-p(R1,CPE1)",
         "10.000 ±",
@@ -130,12 +118,11 @@ fn a_known_slope_of_the_open_circuit_voltage_is_taken_out_before_a_circuit_is_fi
     };
     std::fs::write(&file, (0..30).map(line).collect::<String>()).unwrap();
     let values = |arguments: &[&str]| {
-        let output = fit(
+        let report = fit(
             &file,
             &[&["--circuit", "R0-p(R1,C1)", "--json"], arguments].concat(),
-        );
-        assert!(output.status.success(), "{output:?}");
-        let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+        )
+        .json();
         let met = report["fits"][0].clone();
         let values: Vec<f64> = met["values"]
             .as_array()

@@ -1,18 +1,10 @@
 //! `eis-bench hppc`: pulse resistances of measured and constructed logs.
 
-use std::{
-    path::{Path, PathBuf},
-    process::{Command, Output},
-};
+use std::path::PathBuf;
 
 use serde_json::Value;
 
-use crate::support::shared_data;
-
-fn project(path: &str) -> String {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(path);
-    path.to_str().unwrap().to_owned()
-}
+use crate::support::{Ended, program, project, shared_data};
 
 /// A file of the measured data; `None` if it is not there.
 fn measured(name: &str) -> Option<String> {
@@ -20,23 +12,15 @@ fn measured(name: &str) -> Option<String> {
     Some(path.to_str().unwrap().to_owned())
 }
 
-fn hppc(words: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_eis-bench"))
-        .arg("hppc")
-        .args(words)
-        .output()
-        .unwrap()
-}
-
-fn error(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
+fn hppc(words: &[&str]) -> Ended {
+    program(&[&["hppc"], words].concat())
 }
 
 /// The table of one log.
 fn table(words: &[&str]) -> Value {
     let made = hppc(&[words, &["--json"]].concat());
-    assert!(made.status.success(), "{}", error(&made));
-    let mut all: Vec<Value> = serde_json::from_slice(&made.stdout).unwrap();
+    made.expect_code(0);
+    let mut all: Vec<Value> = serde_json::from_str(&made.stdout).unwrap();
     assert_eq!(all.len(), 1);
     all.remove(0)
 }
@@ -152,8 +136,8 @@ fn the_limits_come_from_the_file_of_the_cell_or_are_asked_for() {
     assert_eq!(states(&found)[1]["from"], "rest_voltage");
     let refused = |words: &[&str]| {
         let made = hppc(words);
-        assert_eq!(made.status.code(), Some(2));
-        error(&made)
+        assert_eq!(made.code, Some(2));
+        made.stderr
     };
     let met = refused(&[&log]);
     let expected = "expected the voltage limits of the cell for its power, by --v-min and --v-max or by \
@@ -180,8 +164,8 @@ fn the_limits_come_from_the_file_of_the_cell_or_are_asked_for() {
 fn a_log_without_pulses_and_a_folder_without_logs_are_refused_with_what_they_hold() {
     let slow = project("fixtures/data/cells/panasonic_18650pf_25C/c20_ocv.bdf.csv");
     let made = hppc(&[&slow, "--no-power"]);
-    let met = error(&made);
-    assert_eq!(made.status.code(), Some(2));
+    let met = made.stderr;
+    assert_eq!(made.code, Some(2));
     assert!(
         met.contains("c20_ocv.bdf.csv: expected at least one pulse"),
         "{met}"
@@ -192,21 +176,21 @@ fn a_log_without_pulses_and_a_folder_without_logs_are_refused_with_what_they_hol
     );
     let folder = tempfile::tempdir().unwrap();
     let made = hppc(&[folder.path().to_str().unwrap(), "--no-power"]);
-    let met = error(&made);
+    let met = made.stderr;
     assert!(
-        made.status.code() == Some(2) && met.contains("expected a run folder"),
+        made.code == Some(2) && met.contains("expected a run folder"),
         "{met}"
     );
     let (_kept, path) = written("x.csv", "a,b\n1,2\n");
     let made = hppc(&[&path, "--no-power"]);
-    assert!(made.status.code() == Some(2) && error(&made).contains("x.csv"));
+    assert!(made.code == Some(2) && made.stderr.contains("x.csv"));
 }
 
 #[test]
 fn the_text_names_why_cells_are_empty() {
     let log = project(PULSES);
     let made = hppc(&[&log, "--no-power", "--at", "0.1,1,20"]);
-    let met = String::from_utf8(made.stdout).unwrap();
+    let met = made.stdout;
     for text in [
         "pulses.bdf.csv: 5 pulses; R in mΩ ± one standard uncertainty",
         "no state of charge: the charge drawn since the first row",

@@ -123,13 +123,7 @@ fn an_address_alone_is_enough_and_one_that_is_silent_does_not_hide_the_others() 
             .local_addr()
             .unwrap()
     );
-    let asked = program(&[
-        "identify".as_ref(),
-        nobody.as_ref(),
-        scope.as_ref(),
-        chiller.as_ref(),
-        "--json".as_ref(),
-    ]);
+    let asked = program(&["identify", &nobody, &scope, &chiller, "--json"]);
     asked.expect_code(3);
     let found: serde_json::Value = serde_json::from_str(&asked.stdout).unwrap();
     assert!(
@@ -190,7 +184,7 @@ fn an_unknown_model_is_told_how_it_could_be_forced_and_the_line_does_it() {
             });
         }
     });
-    let asked = program(&["identify".as_ref(), address.as_ref()]);
+    let asked = program(&["identify", &address]);
     asked.expect_code(3);
     let line = asked
         .stdout

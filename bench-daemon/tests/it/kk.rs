@@ -1,11 +1,10 @@
 //! `eis-bench kk`.
 
-use std::{
-    path::{Path, PathBuf},
-    process::{Command, Output},
-};
+use std::path::{Path, PathBuf};
 
 use serde_json::Value;
+
+use crate::support::{Ended, program};
 
 /// The thesis' sweeps: five cells with five repeats, three at a bias, the shunt and the fake cell.
 const TABLE: &str = concat!(
@@ -13,26 +12,19 @@ const TABLE: &str = concat!(
     "/../fixtures/data/spectra/p45b_thesis.csv"
 );
 
-fn kk(file: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_eis-bench"))
-        .arg("kk")
-        .arg(file)
-        .args(arguments)
-        .output()
-        .unwrap()
+fn kk(file: &Path, arguments: &[&str]) -> Ended {
+    program(&[&["kk", file.to_str().unwrap()], arguments].concat())
 }
 
 fn judged(file: &Path, arguments: &[&str]) -> Value {
-    let output = kk(file, &[&["--json"], arguments].concat());
-    assert!(output.status.success(), "{output:?}");
-    serde_json::from_slice(&output.stdout).unwrap()
+    kk(file, &[&["--json"], arguments].concat()).json()
 }
 
 fn refusal(file: &Path, arguments: &[&str]) -> String {
     let output = kk(file, arguments);
-    assert_eq!(output.status.code(), Some(2), "{output:?}");
+    output.expect_code(2);
     assert!(output.stdout.is_empty(), "{output:?}");
-    String::from_utf8(output.stderr).unwrap()
+    output.stderr
 }
 
 /// Writes one sweep of the table, with its phase times a factor, to a separate file.
@@ -155,7 +147,7 @@ fn a_sign_that_is_swapped_is_named() {
         ),
         (Some("bad"), true)
     );
-    let text = String::from_utf8(kk(&file, &[]).stdout).unwrap();
+    let text = kk(&file, &[]).stdout;
     assert!(
         text.contains("sweep: bad: not valid: the imaginary part has the wrong sign"),
         "{text}"
@@ -186,7 +178,7 @@ fn pictures_are_drawn() {
         &sweep(folder.path(), "cell,1,1,0,", 1.0),
         &["--drt", "--out", out.to_str().unwrap()],
     );
-    assert!(output.status.success(), "{output:?}");
+    output.expect_code(0);
     for name in [
         "kk.json",
         "kk_sweep.svg",

@@ -1,27 +1,13 @@
 //! `eis-bench map`, and the commands that take its model.
 
-use std::{ffi::OsStr, fs, path::Path};
+use std::{fs, path::Path};
 
 use serde_json::Value;
 
-use crate::support::{Ended, json, program, shared_data};
-
-/// Runs the program. Returns its exit code, its output and its messages.
-fn eis_bench(words: &[&str]) -> (i32, String, String) {
-    let words: Vec<&OsStr> = words.iter().map(OsStr::new).collect();
-    let Ended {
-        code,
-        stdout,
-        stderr,
-    } = program(&words);
-    (code.unwrap(), stdout, stderr)
-}
+use crate::support::{json, program, project, shared_data};
 
 fn cells(name: &str) -> String {
-    format!(
-        "{}/../fixtures/data/cells/{name}",
-        env!("CARGO_MANIFEST_DIR")
-    )
+    project(&format!("fixtures/data/cells/{name}"))
 }
 
 /// Runs `map` on the pulses of both temperatures, with more words.
@@ -33,7 +19,7 @@ fn map(out: &Path, more: &[&str]) -> (i32, String, String) {
     );
     let out = out.to_str().unwrap();
     let words = ["map", &warm, &cold, "--ocv", &ocv, "--out", out];
-    eis_bench(&[&words[..], more].concat())
+    program(&[&words[..], more].concat()).parts()
 }
 
 #[test]
@@ -68,7 +54,8 @@ fn pulses_of_two_temperatures_become_a_model_that_sop_and_simulate_follow() {
             "10",
             "--json",
         ];
-        let (code, text, error) = eis_bench(&[&words[..], &["--ambient-degc", degc]].concat());
+        let (code, text, error) =
+            program(&[&words[..], &["--ambient-degc", degc]].concat()).parts();
         assert_eq!(code, 0, "{error}");
         let report: Value = serde_json::from_str(&text).unwrap();
         report["map"][0]["discharge_w"].as_f64().unwrap()
@@ -83,7 +70,7 @@ fn pulses_of_two_temperatures_become_a_model_that_sop_and_simulate_follow() {
     let call = ["simulate", "--model", model.to_str().unwrap(), "--profile"];
     let end = [profile.to_str().unwrap()];
     let (code, text, error) =
-        eis_bench(&[&call[..], &end, &words, &[simulated.to_str().unwrap()]].concat());
+        program(&[&call[..], &end, &words, &[simulated.to_str().unwrap()]].concat()).parts();
     assert_eq!(code, 0, "{error}");
     let report: Value = serde_json::from_str(&text).unwrap();
     let outside = report["outside_map"]["temperature_k"].as_f64().unwrap();
@@ -103,20 +90,21 @@ fn a_task_of_one_point_says_so_or_refuses_a_map() {
     let model = out.join("map.json");
     let model = model.to_str().unwrap();
     let to = folder.path().join("export");
-    let (code, _, error) = eis_bench(&[
+    let (code, _, error) = program(&[
         "convert",
         model,
         "--to",
         "pybamm",
         "--out",
         to.to_str().unwrap(),
-    ]);
+    ])
+    .parts();
     assert!(
         code != 0 && error.contains("C and CasADi take it"),
         "{error}"
     );
     let (code, _, error) =
-        eis_bench(&["convert", model, "--to", "c", "--out", to.to_str().unwrap()]);
+        program(&["convert", model, "--to", "c", "--out", to.to_str().unwrap()]).parts();
     let header = fs::read_to_string(to.join("map.h")).unwrap();
     assert!(
         code == 0 && header.contains("#define EIS_MAP_DEGC 2"),
@@ -126,12 +114,12 @@ fn a_task_of_one_point_says_so_or_refuses_a_map() {
         "{}/../configs/datasets/panasonic_50soc",
         env!("CARGO_MANIFEST_DIR")
     );
-    let (code, _, error) = eis_bench(&["diagnose", &set, "--model", model]);
+    let (code, _, error) = program(&["diagnose", &set, "--model", model]).parts();
     assert!(
         code != 0 && error.contains("expected a model of one point"),
         "{error}"
     );
-    let (code, _, error) = eis_bench(&[
+    let (code, _, error) = program(&[
         "sop",
         "--model",
         model,
@@ -139,7 +127,8 @@ fn a_task_of_one_point_says_so_or_refuses_a_map() {
         "3.7",
         "--duration-s",
         "1",
-    ]);
+    ])
+    .parts();
     assert!(
         code != 0 && error.contains("state of charge for a model with a map"),
         "{error}"
@@ -167,7 +156,7 @@ fn bad_input_is_named() {
     )
     .unwrap();
     let ocv = cells("panasonic_18650pf_25C/ocv.json");
-    let (code, _, error) = eis_bench(&["map", log.to_str().unwrap(), "--ocv", &ocv]);
+    let (code, _, error) = program(&["map", log.to_str().unwrap(), "--ocv", &ocv]).parts();
     assert!(
         code != 0 && error.contains("log.bdf.csv: expected a column of temperatures"),
         "{error}"
@@ -300,7 +289,7 @@ fn drive_cycles_at_three_temperatures_predict_another_cycle() {
     let text = |path: std::path::PathBuf| path.to_str().unwrap().to_owned();
     let curve = text(folder.path().join("ocv"));
     let slow = shared("25C/c20_ocv.bdf.csv");
-    let (code, _, error) = eis_bench(&["ocv", &slow, "--dcir-ohm", "0.04", "--out", &curve]);
+    let (code, _, error) = program(&["ocv", &slow, "--dcir-ohm", "0.04", "--out", &curve]).parts();
     assert_eq!(code, 0, "{error}");
     let cycles = ["25C", "10C", "m10C"].map(|t| shared(&format!("{t}/cycle_1.parquet")));
     let held_out = ["25C", "10C"].map(|t| shared(&format!("{t}/us06.parquet")));
@@ -311,7 +300,7 @@ fn drive_cycles_at_three_temperatures_predict_another_cycle() {
         words.extend(["--held-out", log]);
     }
     words.extend(["--ocv", &ocv, "--soc-start", "1", "--json"]);
-    let (code, text, error) = eis_bench(&words);
+    let (code, text, error) = program(&words).parts();
     assert_eq!(code, 0, "{error}");
     let fit: Value = serde_json::from_str(&text).unwrap();
     let rms_mv: Vec<f64> = fit["logs"]
@@ -358,7 +347,7 @@ fn the_correction_of_the_curve_is_in_every_voltage_at_rest() {
             "1",
             "--json",
         ];
-        let report: Value = serde_json::from_str(&eis_bench(&words).1).unwrap();
+        let report: Value = serde_json::from_str(&program(&words).parts().1).unwrap();
         report["map"][0]["ocv_v"].as_f64().unwrap()
     };
     let curve = json(Path::new(&cells("panasonic_18650pf_25C/ocv.json")));
@@ -384,7 +373,7 @@ fn the_correction_of_the_curve_is_in_every_voltage_at_rest() {
         "--out",
         simulated.to_str().unwrap(),
     ];
-    let (code, text, error) = eis_bench(&words);
+    let (code, text, error) = program(&words).parts();
     assert_eq!(code, 0, "{error}");
     let report: Value = serde_json::from_str(&text).unwrap();
     assert!(
@@ -401,7 +390,7 @@ fn the_correction_of_the_curve_is_in_every_voltage_at_rest() {
         "--soc",
         "0.5",
     ];
-    let (code, _, error) = eis_bench(&other);
+    let (code, _, error) = program(&other).parts();
     assert!(
         code != 0 && error.contains("--ocv: expected none for a model with a map"),
         "{error}"

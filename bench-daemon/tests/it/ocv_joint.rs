@@ -1,22 +1,14 @@
 //! `eis-bench ocv` and `joint` on files made here: a cell of one resistance and one branch, by its
 //! own formulas.
 
-use std::{
-    path::Path,
-    process::{Command, Output},
-};
+use std::path::Path;
 
 use serde_json::Value;
 
+use crate::support::program;
+
 const R: f64 = 0.010;
 const BRANCH: (f64, f64) = (0.005, 8.0);
-
-fn eis_bench(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_eis-bench"))
-        .args(arguments)
-        .output()
-        .unwrap()
-}
 
 /// Returns a cell of 1 Ah whose OCV is 3 V + SOC · 1 V.
 fn series(folder: &Path, name: &str, pulses: bool) -> String {
@@ -74,7 +66,7 @@ fn a_slow_discharge_gives_curve_table_and_picture() {
     let folder = tempfile::tempdir().unwrap();
     let discharge = series(folder.path(), "slow.bdf.csv", false);
     let out = folder.path().join("out");
-    let output = eis_bench(&[
+    let found = program(&[
         "ocv",
         &discharge,
         "--poly",
@@ -86,13 +78,8 @@ fn a_slow_discharge_gives_curve_table_and_picture() {
         "--json",
         "--out",
         out.to_str().unwrap(),
-    ]);
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    ])
+    .json();
     assert!(
         (found["capacity_ah"].as_f64().unwrap() - 3590.0 / 3600.0).abs() < 1e-3,
         "{}",
@@ -141,13 +128,9 @@ fn spectra_and_pulses_give_one_model_file() {
     ];
     arguments.extend(["--out", out.to_str().unwrap(), "--spectra"]);
     arguments.extend(spectra.iter().map(String::as_str));
-    let output = eis_bench(&arguments);
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    let text = String::from_utf8_lossy(&output.stdout);
+    let output = program(&arguments);
+    output.expect_code(0);
+    let text = output.stdout;
     assert!(
         text.contains("held out") && text.contains("joint model, 1 RC"),
         "{text}"
@@ -214,9 +197,7 @@ fn what_cannot_be_used_is_said_and_ends_with_2() {
             "slow.bdf.csv: expected a discharge of at least 100 samples, met 0",
         ),
     ] {
-        let output = eis_bench(&arguments);
-        let message = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(2), "{message}");
+        let message = program(&arguments).refused();
         assert!(message.contains(text), "{message}");
     }
 }

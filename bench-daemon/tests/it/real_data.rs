@@ -2,34 +2,11 @@
 //! files are part of the project (`fixtures/data/cells`). The full files are not. If they are in a
 //! folder `shared` beside the project, one test compares both.
 
-use std::{path::Path, process::Command};
+use std::path::Path;
 
 use serde_json::Value;
 
-use crate::support::shared_data;
-
-fn project(path: &str) -> String {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("..")
-        .join(path)
-        .to_str()
-        .unwrap()
-        .to_owned()
-}
-
-fn run(folder: &Path, words: &[&str]) -> Vec<u8> {
-    let output = Command::new(env!("CARGO_BIN_EXE_eis-bench"))
-        .current_dir(folder)
-        .args(words)
-        .output()
-        .unwrap();
-    assert!(
-        output.status.success(),
-        "{words:?}: {}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    output.stdout
-}
+use crate::support::{program, program_in, project, shared_data};
 
 /// Returns the diagnosis of a data set of `configs/datasets` with these arguments.
 fn diagnosis(set: &str, more: &[&str]) -> Value {
@@ -38,7 +15,7 @@ fn diagnosis(set: &str, more: &[&str]) -> Value {
 
 fn diagnosis_of(set: &str, more: &[&str]) -> Value {
     let words = [&["diagnose", set, "--json"], more].concat();
-    serde_json::from_slice(&run(Path::new("."), &words)).unwrap()
+    program(&words).json()
 }
 
 /// Arguments of `ocv` and `fit` that make the curves and models beside the tables: the folder of
@@ -103,7 +80,7 @@ fn make(folder: &Path, words: &[&str], table: impl Fn(&str) -> String) {
         .chain(["--out".to_owned(), "made".to_owned()])
         .collect();
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
-    run(folder, &words);
+    program_in(folder, &words).ok();
 }
 
 /// Numbers may differ by rounding, of another processor.

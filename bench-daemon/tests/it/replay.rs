@@ -1,24 +1,11 @@
 //! Recorded runs through the present pipeline, and run folders that have changed.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::{fs, path::PathBuf};
 
 use analysis::dataset;
 use bench_plan::support::sums;
 
-use crate::support::{Files, files_below, program};
-
-fn eis_bench(arguments: &[&str], folder: &Path) -> (i32, String) {
-    let arguments: Vec<&std::ffi::OsStr> = arguments
-        .iter()
-        .map(AsRef::as_ref)
-        .chain([folder.as_os_str()])
-        .collect();
-    let ended = program(&arguments);
-    (ended.code.unwrap(), ended.stdout + &ended.stderr)
-}
+use crate::support::{Files, files_below, program, program_in};
 
 /// Executes a small run: controls, and a sweep of five points.
 fn small_run(files: &Files) -> PathBuf {
@@ -30,13 +17,19 @@ fn small_run(files: &Files) -> PathBuf {
 fn a_run_comes_out_the_same_and_a_flipped_bit_in_any_file_is_found() {
     let files = Files::short(5);
     let run = small_run(&files);
-    let (code, text) = eis_bench(&["verify"], &run);
+    let (code, text) = program(&["verify", run.to_str().unwrap()]).told();
     assert!(
         code == 0 && text.contains("all as they were") && text.contains("every number as stored"),
         "{code} {text}"
     );
     let out = files.path("again");
-    let (code, text) = eis_bench(&["replay", "--out", out.to_str().unwrap()], &run);
+    let (code, text) = program(&[
+        "replay",
+        "--out",
+        out.to_str().unwrap(),
+        run.to_str().unwrap(),
+    ])
+    .told();
     assert_eq!(code, 0, "{text}");
     assert!(
         text.contains("bit by bit: 15 of 15") && text.contains("spectra bit-identical: 1 of 1"),
@@ -57,7 +50,13 @@ fn a_run_comes_out_the_same_and_a_flipped_bit_in_any_file_is_found() {
     }
     assert!(!out.join("journal.jsonl").exists() && !out.join("captures").exists());
     // Existing files are never overwritten.
-    let (code, text) = eis_bench(&["replay", "--out", out.to_str().unwrap()], &run);
+    let (code, text) = program(&[
+        "replay",
+        "--out",
+        out.to_str().unwrap(),
+        run.to_str().unwrap(),
+    ])
+    .told();
     assert!(
         code == 2 && text.contains("expected a new or empty folder"),
         "{code} {text}"
@@ -108,7 +107,7 @@ fn what_does_not_follow_from_the_captures_is_named_even_with_right_hashes() {
     )
     .unwrap();
     sums::write(&run).unwrap();
-    let (code, message) = eis_bench(&["verify"], &run);
+    let (code, message) = program(&["verify", run.to_str().unwrap()]).told();
     assert_eq!(code, 10, "{message}");
     assert!(
         message.contains(&format!(
@@ -117,7 +116,7 @@ fn what_does_not_follow_from_the_captures_is_named_even_with_right_hashes() {
         )),
         "{message}"
     );
-    let (code, message) = eis_bench(&["replay"], &run);
+    let (code, message) = program(&["replay", run.to_str().unwrap()]).told();
     assert_eq!(code, 0, "{message}");
     assert!(
         message.contains("spectrum.csv: changed; 5 points stored, 5 now; |ΔZ|/σ at most "),
@@ -134,7 +133,7 @@ fn what_does_not_follow_from_the_captures_is_named_even_with_right_hashes() {
     capture.meta.channels[3].scale.volts_per_code *= 1.01;
     dataset::write_capture(&captures[0], &capture).unwrap();
     sums::write(&run).unwrap();
-    let (code, message) = eis_bench(&["verify"], &run);
+    let (code, message) = program(&["verify", run.to_str().unwrap()]).told();
     assert!(
         code == 10
             && message
@@ -146,7 +145,7 @@ fn what_does_not_follow_from_the_captures_is_named_even_with_right_hashes() {
             && message.contains("model_1rc.json: "),
         "{message}"
     );
-    let (_, message) = eis_bench(&["replay"], &run);
+    let (_, message) = program(&["replay", run.to_str().unwrap()]).told();
     assert!(
         message.contains("bit by bit: 14 of 15")
             && message.contains("spectra bit-identical: 0 of 1"),
@@ -157,7 +156,7 @@ fn what_does_not_follow_from_the_captures_is_named_even_with_right_hashes() {
 #[test]
 fn a_folder_without_a_run_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let (code, message) = eis_bench(&["replay"], folder.path());
+    let (code, message) = program(&["replay", folder.path().to_str().unwrap()]).told();
     assert!(
         code == 2
             && message.contains(
@@ -186,7 +185,7 @@ fn a_run_that_was_stopped_is_no_damaged_one_and_its_finished_points_are_held_aga
             .status
             .success()
     );
-    let (code, message) = eis_bench(&["verify"], &run);
+    let (code, message) = program(&["verify", run.to_str().unwrap()]).told();
     assert_eq!(code, 0, "{message}");
     for text in [
         "the run was stopped (ended early: ",
@@ -195,7 +194,7 @@ fn a_run_that_was_stopped_is_no_damaged_one_and_its_finished_points_are_held_aga
     ] {
         assert!(message.contains(text), "{text}: {message}");
     }
-    let (code, message) = eis_bench(&["replay"], &run);
+    let (code, message) = program(&["replay", run.to_str().unwrap()]).told();
     assert_eq!(code, 0, "{message}");
     assert!(
         message.contains("bit by bit: 12 of 12")
@@ -217,15 +216,9 @@ fn a_run_of_a_relative_path_with_a_trace_of_load_and_supply_beside_controls_is_v
     let experiment = files.experiment();
     let (folder, run) = (experiment.parent().unwrap(), files.path("run"));
     let name = experiment.file_name().unwrap();
-    let mut command =
-        crate::support::command(&["run".as_ref(), name, "--out".as_ref(), run.as_os_str()]);
-    let output = command.current_dir(folder).output().unwrap();
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    let (code, message) = eis_bench(&["verify"], &run);
+    let words = ["run".as_ref(), name, "--out".as_ref(), run.as_os_str()];
+    program_in(folder, &words).ok();
+    let (code, message) = program(&["verify", run.to_str().unwrap()]).told();
     assert!(
         code == 0 && message.contains("every number as stored"),
         "{code} {message}"
@@ -254,7 +247,7 @@ fn multisines_and_traces_are_recomputed_from_their_captures_and_what_does_not_fo
                   periods = 10\nsettle = \"5 s\"\n";
     let files = Files::short(2).append(crate::support::EXPERIMENT, traces);
     let run = small_run(&files);
-    let (code, message) = eis_bench(&["verify"], &run);
+    let (code, message) = program(&["verify", run.to_str().unwrap()]).told();
     assert!(
         code == 0 && message.contains("every number as stored"),
         "{code} {message}"
@@ -265,7 +258,7 @@ fn multisines_and_traces_are_recomputed_from_their_captures_and_what_does_not_fo
         "{message}"
     );
     assert!(!message.contains("only its hash was checked"), "{message}");
-    let (code, message) = eis_bench(&["replay"], &run);
+    let (code, message) = program(&["replay", run.to_str().unwrap()]).told();
     assert!(
         code == 0
             && message.contains("spectra bit-identical: 2 of 2")
@@ -303,7 +296,7 @@ fn multisines_and_traces_are_recomputed_from_their_captures_and_what_does_not_fo
         altered.meta.channels[3].scale.volts_per_code *= 1.001;
         dataset::write_capture(&path, &altered).unwrap();
         sums::write(&run).unwrap();
-        let (code, message) = eis_bench(&["verify"], &run);
+        let (code, message) = program(&["verify", run.to_str().unwrap()]).told();
         assert!(
             code == 10 && told.iter().all(|told| message.contains(told)),
             "{capture}: {code} {message}"

@@ -3,33 +3,16 @@
 
 use std::{
     path::{Path, PathBuf},
-    process::{Command, Output},
+    process::Command,
 };
 
 use bench_daemon::command::run::run_experiment;
 use num_complex::Complex64;
 
-use crate::support::{Files, SCENARIO, truth};
+use crate::support::{Ended, Files, SCENARIO, program, truth};
 
 /// Standard uncertainty of the made spectra, Ω.
 const SIGMA_OHM: f64 = 1e-5;
-
-fn eis_bench(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_eis-bench"))
-        .args(arguments)
-        .output()
-        .unwrap()
-}
-
-fn told(arguments: &[&str]) -> String {
-    let output = eis_bench(arguments);
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    String::from_utf8(output.stdout).unwrap()
-}
 
 /// Returns a number of spread 1 and mean 0, from a counter.
 fn noise(seed: u64) -> f64 {
@@ -116,13 +99,9 @@ fn a_spectrum_of_100_000_points_is_judged_within_memory_and_says_by_how_many() {
         env!("CARGO_BIN_EXE_eis-bench"),
         file.display()
     );
-    let output = Command::new("sh").args(["-c", &command]).output().unwrap();
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    let text = String::from_utf8(output.stdout).unwrap();
+    let output = Ended::of(Command::new("sh").args(["-c", &command]).output().unwrap());
+    output.expect_code(0);
+    let text = output.stdout;
     assert!(
         text.contains("spectrum: good: valid from 0.01 Hz to 10000 Hz"),
         "{text}"
@@ -140,14 +119,15 @@ fn one_wrong_sign_is_no_noise_and_is_named() {
     wrong[9].1.re = -wrong[9].1.re;
     for sigma_ohm in [Some(SIGMA_OHM), None] {
         let file = write(folder.path(), &wrong, sigma_ohm);
-        let text = told(&[
+        let text = program(&[
             "fit",
             file.to_str().unwrap(),
             "--rc",
             "auto",
             "--objective",
             "complex",
-        ]);
+        ])
+        .ok();
         assert!(!text.contains("residuals look like noise"), "{text}");
         assert!(text.contains("the point at 5.45 Hz lies"), "{text}");
         assert!(text.contains("σ off the fit to the others"), "{text}");
@@ -158,14 +138,15 @@ fn one_wrong_sign_is_no_noise_and_is_named() {
         &points((0.05, 1000.0), 20, 0.0),
         Some(SIGMA_OHM),
     );
-    let text = told(&[
+    let text = program(&[
         "fit",
         file.to_str().unwrap(),
         "--rc",
         "auto",
         "--objective",
         "complex",
-    ]);
+    ])
+    .ok();
     assert!(
         text.contains("residuals look like noise") && !text.contains("off the fit to the others"),
         "{text}"
@@ -176,14 +157,15 @@ fn one_wrong_sign_is_no_noise_and_is_named() {
 fn a_sigma_of_zero_is_said_to_be_zero() {
     let folder = tempfile::tempdir().unwrap();
     let file = write(folder.path(), &points((0.05, 1000.0), 20, 0.0), Some(0.0));
-    let text = told(&[
+    let text = program(&[
         "fit",
         file.to_str().unwrap(),
         "--rc",
         "3",
         "--objective",
         "complex",
-    ]);
+    ])
+    .ok();
     assert!(
         text.contains(
             "σ is zero at all 20 points: expected a positive σ, or nothing where it is not known"
@@ -208,7 +190,7 @@ fn a_conjugated_spectrum_is_told_by_fit_as_by_kk() {
         vec!["fit", "--rc", "3", "--objective", "complex"],
         vec!["fit", "--rc", "3"],
     ] {
-        let text = told(&[&arguments[..], &[file.to_str().unwrap()]].concat());
+        let text = program(&[&arguments[..], &[file.to_str().unwrap()]].concat()).ok();
         assert!(text.contains(words), "{arguments:?}: {text}");
     }
     let file = write(
@@ -216,7 +198,11 @@ fn a_conjugated_spectrum_is_told_by_fit_as_by_kk() {
         &points((0.05, 1000.0), 20, 0.0),
         Some(SIGMA_OHM),
     );
-    assert!(!told(&["fit", "--rc", "3", file.to_str().unwrap()]).contains("wrong sign"));
+    assert!(
+        !program(&["fit", "--rc", "3", file.to_str().unwrap()])
+            .ok()
+            .contains("wrong sign")
+    );
 }
 
 #[test]
@@ -232,7 +218,7 @@ fn an_inductive_band_is_told_by_fit_and_by_kk() {
         vec!["kk"],
         vec!["fit", "--rc", "3", "--objective", "complex"],
     ] {
-        let text = told(&[&arguments[..], &[file.to_str().unwrap()]].concat());
+        let text = program(&[&arguments[..], &[file.to_str().unwrap()]].concat()).ok();
         assert!(
             text.contains("is inductive from 311 Hz on (Im Z > 0)"),
             "{arguments:?}: {text}"
@@ -243,6 +229,14 @@ fn an_inductive_band_is_told_by_fit_and_by_kk() {
         &points((0.05, 1000.0), 20, 0.0),
         Some(SIGMA_OHM),
     );
-    assert!(!told(&["fit", "--rc", "3", file.to_str().unwrap()]).contains("inductive"));
-    assert!(!told(&["kk", file.to_str().unwrap()]).contains("inductive"));
+    assert!(
+        !program(&["fit", "--rc", "3", file.to_str().unwrap()])
+            .ok()
+            .contains("inductive")
+    );
+    assert!(
+        !program(&["kk", file.to_str().unwrap()])
+            .ok()
+            .contains("inductive")
+    );
 }

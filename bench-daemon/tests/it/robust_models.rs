@@ -1,36 +1,11 @@
 //! Unusual loads and records in the commands that use a model: power that is not available, pulses
 //! that were not sampled, a slow discharge within a longer record, packs of named cells.
 
-use std::{
-    path::Path,
-    process::{Command, Output},
-};
+use std::path::Path;
 
 use serde_json::Value;
 
-fn eis_bench(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_eis-bench"))
-        .current_dir(folder)
-        .args(arguments)
-        .output()
-        .unwrap()
-}
-
-fn told(folder: &Path, arguments: &[&str]) -> String {
-    let output = eis_bench(folder, arguments);
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    String::from_utf8(output.stdout).unwrap()
-}
-
-fn refusal(folder: &Path, arguments: &[&str]) -> String {
-    let output = eis_bench(folder, arguments);
-    assert_eq!(output.status.code(), Some(2), "{output:?}");
-    String::from_utf8(output.stderr).unwrap()
-}
+use crate::support::{program_in, project};
 
 fn json(text: &str) -> Value {
     serde_json::from_str(text).unwrap()
@@ -39,11 +14,10 @@ fn json(text: &str) -> Value {
 /// Returns the thesis' 4-RC model as `model.json` in a separate folder.
 fn fitted() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let sweeps =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/data/spectra/p45b_thesis.csv");
+    let sweeps = project("fixtures/data/spectra/p45b_thesis.csv");
     let fit = [
         "fit",
-        sweeps.to_str().unwrap(),
+        &sweeps,
         "--pool",
         "--rc",
         "4",
@@ -52,7 +26,7 @@ fn fitted() -> tempfile::TempDir {
         "--out",
         "p45b",
     ];
-    assert!(eis_bench(folder.path(), &fit).status.success());
+    program_in(folder.path(), &fit).ok();
     std::fs::rename(
         folder.path().join("p45b/model_4rc.json"),
         folder.path().join("model.json"),
@@ -79,13 +53,9 @@ fn the_tangent_ends_where_no_voltage_is_left_and_says_when() {
             "extrapolate",
             "--json",
         ];
-        let output = eis_bench(folder.path(), &[&base[..], &more].concat());
-        assert!(
-            output.status.success(),
-            "{}",
-            String::from_utf8_lossy(&output.stderr)
-        );
-        let found = json(&String::from_utf8(output.stdout).unwrap());
+        let output = program_in(folder.path(), &[&base[..], &more].concat());
+        output.expect_code(0);
+        let found = json(&output.stdout);
         let number = |key: &str| {
             found[key]
                 .as_f64()
@@ -131,21 +101,24 @@ fn the_tangent_ends_where_no_voltage_is_left_and_says_when() {
     }
     // More than the tangent can answer from the first instant on.
     std::fs::write(folder.path().join("jump.txt"), "0 100\n1 2000\n2 0\n").unwrap();
-    let found = json(&told(
-        folder.path(),
-        &[
-            "simulate",
-            "--model",
-            "model.json",
-            "--profile",
-            "jump.txt",
-            "--ocv-v",
-            "3.72",
-            "--beyond",
-            "extrapolate",
-            "--json",
-        ],
-    ));
+    let found = json(
+        &program_in(
+            folder.path(),
+            &[
+                "simulate",
+                "--model",
+                "model.json",
+                "--profile",
+                "jump.txt",
+                "--ocv-v",
+                "3.72",
+                "--beyond",
+                "extrapolate",
+                "--json",
+            ],
+        )
+        .ok(),
+    );
     assert!(
         (found["tangent_end"]["time_s"].as_f64().unwrap() - 1.0).abs() < 1e-6,
         "{found}"
@@ -241,28 +214,19 @@ fn a_record_that_saw_no_edge_has_no_pulses() {
     let spectra = spectra(folder.path());
     let arguments = |series: &str, rc: &str| -> Vec<String> { joint(series, rc, &spectra) };
     let run = |arguments: &[String]| {
-        eis_bench(
+        program_in(
             folder.path(),
             &arguments.iter().map(String::as_str).collect::<Vec<_>>(),
         )
     };
     let refused = run(&arguments(&coarse, "1"));
-    let message = String::from_utf8_lossy(&refused.stderr);
-    assert_eq!(
-        refused.status.code(),
-        Some(2),
-        "{message}\n{}",
-        String::from_utf8_lossy(&refused.stdout)
-    );
+    let message = refused.stderr;
+    assert_eq!(refused.code, Some(2), "{message}\n{}", refused.stdout);
     let expected = "coarse.csv: expected samples at most 1 s apart around the edges of a pulse, \
     met 10 s at its 7 steps of the current";
     assert!(message.contains(expected), "{message}");
     let taken = run(&arguments(&fine, "1"));
-    assert!(
-        taken.status.success(),
-        "{}",
-        String::from_utf8_lossy(&taken.stderr)
-    );
+    taken.expect_code(0);
 }
 
 #[test]
@@ -273,10 +237,13 @@ fn an_order_that_the_data_do_not_bear_is_never_silent() {
     let fine = pulsed(folder.path(), "fine.csv", (0.2, 40.0));
     let mut arguments = joint(&fine, "3", &spectra(folder.path()));
     arguments.push("--json".to_owned());
-    let study = json(&told(
-        folder.path(),
-        &arguments.iter().map(String::as_str).collect::<Vec<_>>(),
-    ));
+    let study = json(
+        &program_in(
+            folder.path(),
+            &arguments.iter().map(String::as_str).collect::<Vec<_>>(),
+        )
+        .ok(),
+    );
     // The cell has one branch.
     let joint = &study["orders"][0]["joint"];
     let not_borne: Vec<&str> = joint["not_borne"]
@@ -335,7 +302,7 @@ fn a_slow_discharge_is_chosen_from_a_longer_record() {
         "--high-v",
         "4.0",
     ];
-    let found = |more: &[&str]| json(&told(folder.path(), &[&base[..], more].concat()));
+    let found = |more: &[&str]| json(&program_in(folder.path(), &[&base[..], more].concat()).ok());
     let number = |value: &Value, key: &str| value[key].as_f64().unwrap();
     // Alone, the one with the most charge is taken.
     assert!((number(&found(&[]), "current_a") - 0.3).abs() < 1e-6);
@@ -350,7 +317,7 @@ fn a_slow_discharge_is_chosen_from_a_longer_record() {
         (number(&half, "capacity_ah") - 0.374).abs() < 2e-3,
         "{half}"
     );
-    let refused = |more: &[&str]| refusal(folder.path(), &[&base[..], more].concat());
+    let refused = |more: &[&str]| program_in(folder.path(), &[&base[..], more].concat()).refused();
     let message = refused(&["--from", "6 h"]);
     assert!(
         message.contains(
@@ -400,7 +367,8 @@ fn outcome(text: &str) -> Value {
 fn drawn_cells_are_exported_and_give_the_same_packs_again() {
     let folder = fitted();
     std::fs::write(folder.path().join("pulse.csv"), "0 300\n2 0\n3 0\n").unwrap();
-    let run = |more: &[&str]| told(folder.path(), &[&PACK[..], &["--json"], more].concat());
+    let run =
+        |more: &[&str]| program_in(folder.path(), &[&PACK[..], &["--json"], more].concat()).ok();
     let drawn = run(&[
         "--draws",
         "7",
@@ -442,10 +410,11 @@ fn cells_with_names_stand_where_they_are_put_and_the_mean_is_told() {
         rows += &format!("{},{},{name},{r},\n", k / 3 + 1, k % 3 + 1);
     }
     std::fs::write(folder.path().join("named.csv"), &rows).unwrap();
-    let text = told(
+    let text = program_in(
         folder.path(),
         &[&PACK[..], &["--cells", "named.csv"]].concat(),
-    );
+    )
+    .ok();
     assert!(text.contains("in group 2"), "{text}");
     assert!(
         text.contains("identical: a pack of 6 cells as --model has them"),
@@ -474,18 +443,22 @@ fn cells_with_names_stand_where_they_are_put_and_the_mean_is_told() {
         .replace("B2,,", "B2,,,");
     std::fs::write(folder.path().join("models.csv"), models).unwrap();
     let run = |table: &str| {
-        outcome(&told(
-            folder.path(),
-            &[&PACK[..], &["--json", "--cells", table]].concat(),
-        ))
+        outcome(
+            &program_in(
+                folder.path(),
+                &[&PACK[..], &["--json", "--cells", table]].concat(),
+            )
+            .ok(),
+        )
     };
     assert_eq!(run("named.csv"), run("models.csv"));
     let refused = |text: &str| {
         std::fs::write(folder.path().join("bad.csv"), text).unwrap();
-        refusal(
+        program_in(
             folder.path(),
             &[&PACK[..], &["--cells", "bad.csv"]].concat(),
         )
+        .refused()
     };
     assert!(
         refused(&rows.replace("2,3,weak", "2,2,weak"))

@@ -1,30 +1,11 @@
 //! `eis-bench simulate` on a model of the thesis' sweeps: names of the fields, the table over the
 //! robot's profiles, and what is refused.
 
-use std::{
-    path::{Path, PathBuf},
-    process::{Command, Output},
-};
+use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-fn eis_bench(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_eis-bench"))
-        .current_dir(folder)
-        .args(arguments)
-        .output()
-        .unwrap()
-}
-
-fn json(folder: &Path, arguments: &[&str]) -> Value {
-    let output = eis_bench(folder, arguments);
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    serde_json::from_slice(&output.stdout).unwrap()
-}
+use crate::support::{program_in, project};
 
 fn number(value: &Value, key: &str) -> f64 {
     value[key]
@@ -35,11 +16,10 @@ fn number(value: &Value, key: &str) -> f64 {
 /// Returns the thesis' 4-RC model in a separate folder.
 fn fitted() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let sweeps =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/data/spectra/p45b_thesis.csv");
+    let sweeps = project("fixtures/data/spectra/p45b_thesis.csv");
     let fit = [
         "fit",
-        sweeps.to_str().unwrap(),
+        &sweeps,
         "--pool",
         "--rc",
         "4",
@@ -48,7 +28,7 @@ fn fitted() -> tempfile::TempDir {
         "--out",
         "p45b",
     ];
-    assert!(eis_bench(folder.path(), &fit).status.success());
+    program_in(folder.path(), &fit).ok();
     folder
 }
 
@@ -80,10 +60,11 @@ fn a_pulse_on_the_pack_has_the_fixed_fields_and_the_voltage_of_its_resistances()
         "--ocv-v",
         "3.72",
     ];
-    let found = json(
+    let found = program_in(
         folder.path(),
         &[&base[..], &["--interconnect-ohm", "0.01", "--json"]].concat(),
-    );
+    )
+    .json();
     // 10 A per cell for 20 of the longest time constants: the whole DC resistance of appendix
     // A, 13.78 mΩ.
     let cell_v = 3.72 - 10.0 * 0.013_78;
@@ -127,7 +108,7 @@ fn too_much_power_is_a_result_and_the_tangent_goes_on() {
         "3.72",
         "--json",
     ];
-    let stopped = json(folder.path(), &base);
+    let stopped = program_in(folder.path(), &base).json();
     assert_eq!(stopped["feasible"], Value::Bool(false));
     let first = &stopped["first_infeasible"];
     assert!(
@@ -139,10 +120,11 @@ fn too_much_power_is_a_result_and_the_tangent_goes_on() {
         (480.0..538.0).contains(&number(first, "available_w")),
         "{first}"
     );
-    let on = json(
+    let on = program_in(
         folder.path(),
         &[&base[..], &["--beyond", "extrapolate", "--out", "plots"]].concat(),
-    );
+    )
+    .json();
     assert!(
         (number(&on, "simulated_s") - 1.0).abs() < 1e-9 && on["feasible"] == Value::Bool(false)
     );
@@ -168,7 +150,7 @@ fn the_share_at_which_the_tangent_begins_is_an_option() {
         "--beyond",
         "extrapolate",
     ];
-    let with = |share: &[&str]| json(folder.path(), &[&base[..], share].concat());
+    let with = |share: &[&str]| program_in(folder.path(), &[&base[..], share].concat()).json();
     let default = with(&[]);
     assert_eq!(
         default["min_ccv_v"],
@@ -191,12 +173,8 @@ fn the_share_at_which_the_tangent_begins_is_an_option() {
         ("stop", "0.9", "met --beyond stop"),
     ] {
         let call = [&base[..9], &[beyond, "--p0-share", share]].concat();
-        let output = eis_bench(folder.path(), &call);
-        let error = String::from_utf8_lossy(&output.stderr);
-        assert!(
-            output.status.code() == Some(2) && error.contains(reason),
-            "{error}"
-        );
+        let error = program_in(folder.path(), &call).refused();
+        assert!(error.contains(reason), "{error}");
     }
 }
 
@@ -224,7 +202,7 @@ fn the_robot_profiles_run_and_the_transient_model_frees_power() {
     paths
         .iter()
         .for_each(|path| arguments.extend(["--profile", path.to_str().unwrap()]));
-    let found = json(folder.path(), &arguments);
+    let found = program_in(folder.path(), &arguments).json();
     let list = found.as_array().unwrap();
     assert_eq!(list.len(), 4);
     for (case, path) in list.iter().zip(&paths) {
@@ -262,12 +240,12 @@ fn says_what_is_missing() {
     std::fs::write(folder.path().join("ok.csv"), "0,1\n1,2\n").unwrap();
     std::fs::write(folder.path().join("bad.csv"), "0,1\n1,x\n").unwrap();
     let run = |more: &[&str]| {
-        let output = eis_bench(
+        let output = program_in(
             folder.path(),
             &[&["simulate", "--model", "p45b/model_4rc.json"], more].concat(),
         );
-        assert_eq!(output.status.code(), Some(2));
-        String::from_utf8_lossy(&output.stderr).into_owned()
+        assert_eq!(output.code, Some(2));
+        output.stderr
     };
     let text = run(&["--profile", "ok.csv", "--soc", "0.5"]);
     assert!(
@@ -319,10 +297,9 @@ fn the_last_row_is_no_peak_and_charging_has_one_and_the_thesis_method_runs() {
             "3.72",
             "--json",
         ];
-        eis_bench(folder.path(), &[&base[..], more].concat())
+        program_in(folder.path(), &[&base[..], more].concat())
     };
-    let found =
-        |profile: &str| -> Value { serde_json::from_slice(&run(profile, &[]).stdout).unwrap() };
+    let found = |profile: &str| run(profile, &[]).json();
     // The DC resistance of 13.78 mΩ holds 2.5 V at 2.5·1.22/0.013 78 = 221 W and 4.2 V at
     // −4.2·0.48/0.013 78 = −146 W.
     let last = found("last.csv");
@@ -340,11 +317,11 @@ fn the_last_row_is_no_peak_and_charging_has_one_and_the_thesis_method_runs() {
         number(&charge, "freed_peak_power_w") > 0.0 && number(&charge, "lowest_power_w") < -19.0,
         "{charge}"
     );
-    assert!(run("steps.csv", &["--method", "thesis"]).status.success());
+    assert!(run("steps.csv", &["--method", "thesis"]).code == Some(0));
     let refused = run("steps.csv", &["--method", "thesis", "--step-s", "0.002"]);
-    let text = String::from_utf8_lossy(&refused.stderr).into_owned();
+    let text = refused.stderr;
     assert!(
-        refused.status.code() == Some(2)
+        refused.code == Some(2)
             && text.contains("--step-s: explicit Euler: expected steps below 1.66"),
         "{text}"
     );

@@ -2,6 +2,7 @@
 //! simulated instruments on real ports whose world the test can inspect.
 
 use std::{
+    ffi::OsStr,
     fs,
     io::{BufRead, BufReader, Read, Write},
     net::{TcpListener, TcpStream},
@@ -152,6 +153,7 @@ impl Files {
 }
 
 /// How the program ended.
+#[derive(Debug)]
 pub(crate) struct Ended {
     pub(crate) code: Option<i32>,
     pub(crate) stdout: String,
@@ -159,7 +161,7 @@ pub(crate) struct Ended {
 }
 
 /// Returns a command of the program, without a person at the terminal.
-pub(crate) fn command(arguments: &[&std::ffi::OsStr]) -> Command {
+pub(crate) fn command<A: AsRef<OsStr>>(arguments: &[A]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_eis-bench"));
     command
         .args(arguments)
@@ -169,8 +171,20 @@ pub(crate) fn command(arguments: &[&std::ffi::OsStr]) -> Command {
     command
 }
 
-pub(crate) fn program(arguments: &[&std::ffi::OsStr]) -> Ended {
+/// Runs the program to its end.
+pub(crate) fn program<A: AsRef<OsStr>>(arguments: &[A]) -> Ended {
     Ended::of(command(arguments).output().unwrap())
+}
+
+/// Runs the program to its end in a folder.
+pub(crate) fn program_in<A: AsRef<OsStr>>(folder: &Path, arguments: &[A]) -> Ended {
+    Ended::of(command(arguments).current_dir(folder).output().unwrap())
+}
+
+/// Returns the path of a file of the project.
+pub(crate) fn project(path: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(path);
+    path.to_str().unwrap().to_owned()
 }
 
 /// Returns a file or folder of measured data, which stand in a folder `shared` beside the project,
@@ -204,6 +218,37 @@ impl Ended {
             self.stderr
         );
         self
+    }
+
+    /// Returns what a program that succeeded printed.
+    #[track_caller]
+    pub(crate) fn ok(self) -> String {
+        self.expect_code(0);
+        self.stdout
+    }
+
+    /// Returns the JSON that a program that succeeded printed.
+    #[track_caller]
+    pub(crate) fn json(self) -> serde_json::Value {
+        let text = self.ok();
+        serde_json::from_str(&text).unwrap_or_else(|error| panic!("{error}: {text}"))
+    }
+
+    /// Returns the message of a program that refused its arguments or files.
+    #[track_caller]
+    pub(crate) fn refused(self) -> String {
+        self.expect_code(2);
+        self.stderr
+    }
+
+    /// Returns the exit code, the output and the message.
+    pub(crate) fn parts(self) -> (i32, String, String) {
+        (self.code.unwrap(), self.stdout, self.stderr)
+    }
+
+    /// Returns the exit code, and the output with the message.
+    pub(crate) fn told(self) -> (i32, String) {
+        (self.code.unwrap(), self.stdout + &self.stderr)
     }
 
     /// Returns the message after `eis-bench:`.

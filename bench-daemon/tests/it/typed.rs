@@ -5,34 +5,22 @@ use std::{fs, path::Path};
 
 use serde_json::Value;
 
-use crate::support::json;
+use crate::support::{json, program_in};
 
 const ERM: &str = "6.43 mΩ; 1.51 mOhm, 0.553 F; 0.66 mΩ, 4.6 ms; 4.77 mohm, 1.084 kF";
 const PLAIN: &str = r#"{"r_ohm": 0.00643, "branches": [{"r_ohm": 0.00151, "c_f": 0.553},
     {"r_ohm": 0.00066, "c_f": 6.96969696969697}, {"r_ohm": 0.00477, "c_f": 1084.0}]}"#;
 
-/// Runs the program in a folder; returns its exit code and its complete output.
-fn eis_bench(folder: &Path, arguments: &[&str]) -> (i32, String) {
-    let output = std::process::Command::new(env!("CARGO_BIN_EXE_eis-bench"))
-        .current_dir(folder)
-        .args(arguments)
-        .output()
-        .unwrap();
-    let message =
-        String::from_utf8(output.stdout).unwrap() + &String::from_utf8(output.stderr).unwrap();
-    (output.status.code().unwrap(), message)
-}
-
 #[track_caller]
 fn done(folder: &Path, arguments: &[&str]) -> String {
-    let (code, message) = eis_bench(folder, arguments);
+    let (code, message) = program_in(folder, arguments).told();
     assert_eq!(code, 0, "{arguments:?}: {message}");
     message
 }
 
 #[track_caller]
 fn refused(folder: &Path, arguments: &[&str]) -> String {
-    let (code, message) = eis_bench(folder, arguments);
+    let (code, message) = program_in(folder, arguments).told();
     assert_eq!(code, 2, "{arguments:?}: {message}");
     message
 }

@@ -219,7 +219,7 @@ fn the_data_folder_of_every_version_is_served_with_all_that_people_left_in_it() 
         assert!(!trail.contains("is not as it was written"), "{trail}");
     }
     // The program under test has the version that the test assumes.
-    let told = command(&["--version".as_ref()]).output().unwrap();
+    let told = command(&["--version"]).output().unwrap();
     assert_eq!(
         String::from_utf8_lossy(&told.stdout).trim(),
         format!("eis-bench {THIS}")
