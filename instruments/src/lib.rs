@@ -5,7 +5,8 @@
 //! * `instruments-domain` – [`units`]; [`fixture`]: the test position.
 //! * `instruments-scpi` – [`scpi`]: the codec without I/O.
 //! * `instruments-link` – [`clock`]: bench time; [`wire`] and [`transport`]: bytes in and bytes out;
-//!   [`transcript`]: recorded conversations; [`link`]: one exchange at a time.
+//!   [`transcript`]: recorded conversations; [`link`]: one exchange at a time; [`loopback`]: hosts that
+//!   are this machine.
 //! * `instruments-drivers` – [`exchange`] and [`instrument`]: common parts of the roles; the roles
 //!   [`supply4q`], [`generator`], [`scope`], [`load`], [`supply`], [`chiller`], [`logger`] and
 //!   [`jig`], each with its dialects.
@@ -57,6 +58,6 @@ pub use instruments_domain::{fixture, units};
 pub use instruments_drivers::{
     chiller, exchange, generator, instrument, jig, load, logger, scope, supply, supply4q,
 };
-pub use instruments_link::{clock, link, transcript, transport, wire};
+pub use instruments_link::{clock, link, loopback, transcript, transport, wire};
 pub use instruments_mock as mock;
 pub use instruments_scpi as scpi;

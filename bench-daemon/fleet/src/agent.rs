@@ -15,7 +15,6 @@ mod metrics;
 mod openapi;
 mod page;
 mod pass;
-mod rate;
 mod refusal;
 mod router;
 mod routes;

@@ -6,12 +6,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use instruments_link::loopback::names_loopback;
 use serde::Deserialize;
 
 use crate::{
     failure::Failure,
     job::{LONGEST_NAME, is_plain},
-    loopback::names_loopback,
     quantity::typed_duration_s,
     settings::{Credentials, FleetSettings},
 };

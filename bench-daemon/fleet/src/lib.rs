@@ -28,7 +28,6 @@ pub mod intent;
 pub mod job;
 pub mod link;
 pub mod local;
-mod loopback;
 mod member;
 pub mod quantity;
 mod record;

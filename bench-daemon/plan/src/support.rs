@@ -8,7 +8,6 @@ pub mod crash_point;
 pub mod hash;
 pub mod locks;
 pub mod logging;
-pub mod loopback;
 pub mod moment;
 pub mod quoted;
 pub mod sums;

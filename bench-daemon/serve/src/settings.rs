@@ -7,6 +7,7 @@ use std::{
     process::Command,
 };
 
+use instruments::loopback::names_loopback;
 use jiff::civil::Time;
 use serde::Deserialize;
 
@@ -21,7 +22,7 @@ use bench_plan::{
         quantity::{Duration, Quantity},
         schema::Kind,
     },
-    support::{confined_path::plain, loopback::names_loopback},
+    support::confined_path::plain,
 };
 
 /// File of a server as it is typed.

@@ -3,9 +3,10 @@
 use std::sync::{Arc, OnceLock};
 
 use axum::http::StatusCode;
+use bench_http::Rate;
 use instruments_link::clock::Clock;
 
-use super::{rate::Rate, refusal::Refusal, server::BenchServer};
+use super::{refusal::Refusal, server::BenchServer};
 use crate::{client::Client, fleet::Fleet, settings::FleetSettings};
 
 /// Sustained rate of requests of one peer per second, and size of a burst.

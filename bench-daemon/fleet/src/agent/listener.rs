@@ -1,16 +1,16 @@
 //! Accepts connections for the routes, encrypted if a certificate is configured. It closes the
 //! connection of a peer that sends the head of a request too slowly.
 
-use std::{net::SocketAddr, path::Path, sync::Arc, time::Duration};
+use std::{net::SocketAddr, sync::Arc, time::Duration};
 
 use axum::{Router, extract::Request};
+use bench_http::acceptor;
 use hyper::{body::Incoming, server::conn::http1, service::service_fn};
 use hyper_util::{
     rt::{TokioIo, TokioTimer},
     service::TowerToHyperService,
 };
 use instruments_link::clock::Clock;
-use rustls::pki_types::{CertificateDer, PrivateKeyDer, pem::PemObject};
 use tokio::{
     io::{AsyncRead, AsyncWrite},
     net::{TcpListener, TcpStream},
@@ -19,10 +19,7 @@ use tokio::{
 use tokio_rustls::TlsAcceptor;
 
 use super::caller::Peer;
-use crate::{
-    config::{AgentFile, CertificateFiles},
-    failure::Failure,
-};
+use crate::{config::AgentFile, failure::Failure};
 
 /// Maximum number of concurrent connections.
 const CONNECTIONS: usize = 512;
@@ -46,7 +43,9 @@ impl Listener {
     /// # Errors
     /// The address is in use, or the certificate or key cannot be used.
     pub(crate) async fn bind(file: &AgentFile) -> Result<Self, Failure> {
-        let tls = file.tls.as_ref().map(acceptor).transpose()?;
+        let tls = file.tls.as_ref();
+        let tls = tls.map(|files| acceptor(&files.certificate, &files.key));
+        let tls = tls.transpose().map_err(Failure::Usage)?;
         let socket = TcpListener::bind(file.listen).await.map_err(|error| {
             let listen = file.listen;
             Failure::Usage(format!("cannot listen on {listen}: {error}"))
@@ -119,21 +118,4 @@ where
         .max_buf_size(HEAD_BYTES)
         .serve_connection(TokioIo::new(stream), service)
         .await;
-}
-
-fn acceptor(files: &CertificateFiles) -> Result<TlsAcceptor, Failure> {
-    let usage = |path: &Path, error: &dyn std::fmt::Display| {
-        Failure::Usage(format!("{}: expected PEM for TLS: {error}", path.display()))
-    };
-    let chain = CertificateDer::pem_file_iter(&files.certificate)
-        .and_then(Iterator::collect::<Result<Vec<_>, _>>)
-        .map_err(|error| usage(&files.certificate, &error))?;
-    let key = PrivateKeyDer::from_pem_file(&files.key);
-    let key = key.map_err(|error| usage(&files.key, &error))?;
-    let provider = Arc::new(rustls::crypto::ring::default_provider());
-    let config = rustls::ServerConfig::builder_with_provider(provider)
-        .with_safe_default_protocol_versions()
-        .and_then(|builder| builder.with_no_client_auth().with_single_cert(chain, key))
-        .map_err(|error| usage(&files.certificate, &error))?;
-    Ok(TlsAcceptor::from(Arc::new(config)))
 }

@@ -200,7 +200,7 @@ async fn stop_every(app: &App, who: &str, why: &str) -> FleetStopped {
     let (own, through) = tokio::join!(own, stop_through(app, who, why));
     let through = through.unwrap_or_else(|refusal| Through {
         outcomes: Vec::new(),
-        unreached: Some(refusal.message()),
+        unreached: Some(refusal.1.message),
     });
     let others = through.outcomes.into_iter();
     let mut all: Vec<FleetOutcome> = others.map(Into::into).collect();

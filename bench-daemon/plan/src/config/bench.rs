@@ -6,15 +6,13 @@ use analysis_signal::calibration::{KnownImpedance, StrayAdmittance};
 use analysis_signal::history::BenchHistory;
 use instruments::{
     clock::TimeMode,
+    loopback::names_loopback,
     supply4q::{self, AnalogSelect, Capabilities, Holds, Rating},
     transport::Address,
     units::{Amps, Hertz, Volts},
 };
 
-use crate::{
-    mocks::{Quirks, Schedule},
-    support::loopback::names_loopback,
-};
+use crate::mocks::{Quirks, Schedule};
 
 /// A bench.
 #[derive(Debug, Clone)]

@@ -9,9 +9,10 @@ use std::{
     net::{IpAddr, ToSocketAddrs},
 };
 
-use instruments::transport::{Adapter, Address, Socket, Vxi11Port, usb_file};
-
-use crate::support::loopback::is_loopback;
+use instruments::{
+    loopback::is_loopback,
+    transport::{Adapter, Address, Socket, Vxi11Port, usb_file},
+};
 
 /// Ports at which instruments offer their raw socket beside VXI-11 and HiSLIP.
 const RAW_PORTS: [u16; 2] = [5025, 5555];

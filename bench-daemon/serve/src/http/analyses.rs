@@ -6,12 +6,12 @@ use axum::{
     http::StatusCode,
     response::Response,
 };
+use bench_http::Refusal;
 
 use super::{
     App,
     aside::aside,
     caller::{Operator, Reader},
-    problem::Refusal,
     runs::Log,
     sent::sent,
 };

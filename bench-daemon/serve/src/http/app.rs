@@ -2,12 +2,14 @@
 
 use std::sync::Arc;
 
+use bench_http::Rate;
 use tokio::sync::Semaphore;
 
-use super::{
-    super::{Server, imported},
-    guard::{self, Rate},
-};
+use super::super::{Server, imported};
+
+/// Wrong tokens of one peer, and attempts of one without any that are written down, per second in
+/// the long run and at once.
+const GUESSES: (f64, f64) = (0.5, 20.0);
 
 /// State that every handler gets.
 #[derive(Clone)]
@@ -28,7 +30,7 @@ impl App {
     /// The handlers' share of a server.
     pub fn of(server: &Arc<Server>) -> Self {
         let limits = server.settings.limits;
-        let few = || Arc::new(Rate::new(guard::GUESSES.0, guard::GUESSES.1));
+        let few = || Arc::new(Rate::new(GUESSES.0, GUESSES.1));
         let rate = Arc::new(Rate::new(limits.requests_per_s, limits.burst));
         Self {
             server: server.clone(),

@@ -2,8 +2,9 @@
 
 use analysis::run_folder::archive_status::ArchiveStatus;
 use axum::{Json, extract::State, http::StatusCode};
+use bench_http::Refusal;
 
-use super::{App, caller::Reader, problem::Refusal};
+use super::{App, caller::Reader};
 
 /// State of the archive as `eis-archive` wrote it last: numbers of runs by state, sizes, troubles.
 #[utoipa::path(
@@ -14,7 +15,7 @@ use super::{App, caller::Reader, problem::Refusal};
         (status = 200, body = Object, description = "Numbers of runs by state, sizes and troubles."),
         (
             status = 404,
-            body = super::problem::Problem,
+            body = bench_http::Problem,
             description = "No archive has written its state into the data folder."
         )
     ),

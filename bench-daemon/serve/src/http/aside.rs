@@ -1,6 +1,6 @@
 //! Runs work that reads files outside the threads that serve requests.
 
-use super::problem::Refusal;
+use bench_http::Refusal;
 
 /// Runs blocking work on a thread for such work.
 ///

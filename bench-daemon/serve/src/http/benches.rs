@@ -5,13 +5,13 @@ use axum::{
     extract::{Path, Query, State},
     http::StatusCode,
 };
+use bench_http::Refusal;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
 use super::{
     App,
     caller::{Agent, Clearer, Known, Operator, Reader, Stopping},
-    problem::Refusal,
 };
 use crate::{
     audit::{By, Deed},

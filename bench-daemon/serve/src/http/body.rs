@@ -6,9 +6,8 @@ use axum::{
     body::{Body, Bytes, HttpBody, to_bytes},
     http::{Method, StatusCode, Uri},
 };
+use bench_http::Refusal;
 use instruments::clock::Clock;
-
-use super::problem::Refusal;
 
 /// Bounds of a body.
 #[derive(Debug, Clone, Copy)]

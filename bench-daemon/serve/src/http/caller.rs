@@ -10,17 +10,16 @@ use axum::{
     extract::FromRequestParts,
     http::{StatusCode, header, request::Parts},
 };
+use bench_http::Refusal;
+use instruments::loopback::{is_loopback, names_loopback};
 
-use super::{App, problem::Refusal};
+use super::App;
 use crate::{
     queue::HeldBy,
     session::{self, PROOF_HEADER},
     token::{Scope, Token, TokenError},
 };
-use bench_plan::support::{
-    hash,
-    loopback::{is_loopback, names_loopback},
-};
+use bench_plan::support::hash;
 
 /// Name of a caller without a token: any local process if no token exists, or a local process
 /// that stops a bench.

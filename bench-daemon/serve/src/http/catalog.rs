@@ -16,10 +16,11 @@ use axum::{
     extract::{self, Query, State},
     http::StatusCode,
 };
+use bench_http::Refusal;
 use serde::Deserialize;
 use utoipa::IntoParams;
 
-use super::{App, aside::aside, caller::Reader, problem::Refusal};
+use super::{App, aside::aside, caller::Reader};
 use bench_plan::support::calendar::unix_s;
 
 /// Conditions on the contents of the catalogue; all of them must hold.

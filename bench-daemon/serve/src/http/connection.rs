@@ -23,6 +23,7 @@ use axum::{
     http::{HeaderValue, StatusCode, header},
     response::IntoResponse,
 };
+use bench_http::{Problem, Refusal, acceptor, code_of};
 use hyper::{body::Incoming, server::conn::http1, service::service_fn};
 use hyper_util::{
     rt::{TokioIo, TokioTimer},
@@ -30,7 +31,6 @@ use hyper_util::{
 };
 use instruments::clock::Clock;
 use nix::sys::resource::{Resource, getrlimit};
-use rustls::pki_types::{CertificateDer, PrivateKeyDer, pem::PemObject};
 use tokio::{
     io::{AsyncRead, AsyncWrite, ReadBuf},
     net::{TcpListener, TcpStream},
@@ -38,13 +38,7 @@ use tokio::{
 };
 use tokio_rustls::TlsAcceptor;
 
-use super::{
-    App,
-    caller::Peer,
-    guard::is_stop,
-    problem::{Problem, Refusal, code_of},
-    router,
-};
+use super::{App, caller::Peer, guard::is_stop, router};
 use crate::Server;
 use bench_core::safety::failure::Failure;
 
@@ -89,7 +83,8 @@ impl Listener {
             .tls
             .as_ref()
             .map(|(certificate, key)| acceptor(certificate, key))
-            .transpose()?;
+            .transpose()
+            .map_err(Failure::Usage)?;
         let socket = TcpListener::bind(listen).await.map_err(|error| {
             let hint = if error.kind() == std::io::ErrorKind::AddrInUse {
                 "; another program listens there: give another `listen` in the server's file"
@@ -433,27 +428,6 @@ async fn requests<S>(
         .max_buf_size(HEAD_BYTES)
         .serve_connection(TokioIo::new(stream), service)
         .await;
-}
-
-/// The certificate chain and the key.
-fn acceptor(certificate: &std::path::Path, key: &std::path::Path) -> Result<TlsAcceptor, Failure> {
-    let usage = |path: &std::path::Path, error: &dyn std::fmt::Display| {
-        Failure::Usage(format!("{}: expected PEM for TLS: {error}", path.display()))
-    };
-    let chain = CertificateDer::pem_file_iter(certificate)
-        .and_then(Iterator::collect::<Result<Vec<_>, _>>)
-        .map_err(|error| usage(certificate, &error))?;
-    let key_der = PrivateKeyDer::from_pem_file(key).map_err(|error| usage(key, &error))?;
-    let provider = Arc::new(rustls::crypto::ring::default_provider());
-    let config = rustls::ServerConfig::builder_with_provider(provider)
-        .with_safe_default_protocol_versions()
-        .and_then(|builder| {
-            builder
-                .with_no_client_auth()
-                .with_single_cert(chain, key_der)
-        })
-        .map_err(|error| usage(certificate, &error))?;
-    Ok(TlsAcceptor::from(Arc::new(config)))
 }
 
 /// A stream that gives up a peer which does not accept what is sent to it. Replies that the HTTP

@@ -6,6 +6,7 @@ use axum::{
     extract::{Path, Query, State},
     http::StatusCode,
 };
+use bench_http::Refusal;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
@@ -14,7 +15,6 @@ use super::{
     aside::aside,
     caller::{Operator, Reader},
     catalog,
-    problem::Refusal,
     runs::folder,
 };
 use crate::{

@@ -1,32 +1,23 @@
 //! Guards every request: rates, the host that it names, the size of its body. Every answer gets one
 //! shape of refusal, headers that restrict browsers, and a line in the audit trail.
 
-mod rate;
-
 use std::net::IpAddr;
 
 use axum::{
     body::{Body, to_bytes},
     extract::{Request, State},
-    http::{HeaderMap, HeaderValue, Method, StatusCode, Uri, header},
+    http::{Method, StatusCode, Uri, header},
     middleware::Next,
     response::{IntoResponse, Response},
 };
+use bench_http::{Code, Hosts, Refusal, restrict};
 
 use super::{
     App,
     body::{self, BodyBounds},
     caller::{Named, Peer},
-    problem::{Code, Refusal},
 };
 use crate::{audit::By, traced};
-use bench_plan::support::loopback::names_loopback;
-pub use rate::{GUESSES, Rate};
-
-/// Forbids content from other origins, inline scripts and frames.
-const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; \
-img-src 'self' data:; form-action 'none'; \
-                      base-uri 'none'; frame-ancestors 'none'";
 
 /// A stop, of one bench or of all.
 pub fn is_stop(method: &Method, uri: &Uri) -> bool {
@@ -97,12 +88,11 @@ async fn admit(app: &App, peer: IpAddr, request: Request) -> Result<Request, Ref
             "expected a path of at most 2048 bytes, found a longer one",
         ));
     }
-    same_host(
-        request.headers(),
-        request.uri(),
-        app.server.settings.listen.ip().is_loopback(),
-        app.server.settings.proxy_host.as_deref(),
-    )?;
+    let hosts = Hosts {
+        is_local: app.server.settings.listen.ip().is_loopback(),
+        proxy: app.server.settings.proxy_host.as_deref(),
+    };
+    hosts.admit(request.headers(), request.uri())?;
     // A caller without a token must not send a body as large as a file.
     if body::is_file(request.method(), request.uri()) {
         return Ok(request);
@@ -114,42 +104,6 @@ async fn admit(app: &App, peer: IpAddr, request: Request) -> Result<Request, Ref
     };
     let bytes = body::whole(&app.server.clock, body, bounds).await?;
     Ok(Request::from_parts(parts, Body::from(bytes)))
-}
-
-/// Pages of elsewhere must not speak with this server through a browser: neither under a name of
-/// their own (DNS rebinding) nor from their own origin.
-fn same_host(
-    headers: &HeaderMap,
-    uri: &Uri,
-    loopback: bool,
-    proxy: Option<&str>,
-) -> Result<(), Refusal> {
-    let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
-    let host = text(header::HOST)
-        .or_else(|| uri.authority().map(|authority| authority.as_str()))
-        .unwrap_or_default();
-    let name = host
-        .rsplit_once(':')
-        .filter(|(_, port)| port.chars().all(|c| c.is_ascii_digit()))
-        .map_or(host, |(name, _)| name);
-    if loopback && !names_loopback(name) && proxy != Some(host) {
-        let message = format!("expected the host localhost, 127.0.0.1 or [::1], found {host:?}");
-        return Err(Refusal::new(StatusCode::FORBIDDEN, "other_host", message));
-    }
-    match text(header::ORIGIN) {
-        Some(origin)
-            if origin
-                .split_once("://")
-                .is_none_or(|(_, origin)| origin != host) =>
-        {
-            Err(Refusal::new(
-                StatusCode::FORBIDDEN,
-                "other_origin",
-                format!("expected a page of this server, found one of {origin:?}"),
-            ))
-        }
-        _ => Ok(()),
-    }
 }
 
 /// Headers for browsers, and the one shape of a refusal.
@@ -178,87 +132,6 @@ async fn dressed(response: Response) -> Response {
     } else {
         response
     };
-    let headers = response.headers_mut();
-    let fixed = [
-        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-        (header::REFERRER_POLICY, "no-referrer"),
-        (header::CONTENT_SECURITY_POLICY, POLICY),
-        (header::CACHE_CONTROL, "no-store"),
-    ];
-    for (name, value) in fixed {
-        headers
-            .entry(name)
-            .or_insert(HeaderValue::from_static(value));
-    }
+    restrict(response.headers_mut());
     response
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_bucket_refills_and_each_peer_has_its_own() {
-        let rate = Rate::new(2.0, 3.0);
-        let (a, b) = (IpAddr::from([10, 0, 0, 1]), IpAddr::from([10, 0, 0, 2]));
-        assert_eq!(
-            [0.0, 0.0, 0.0, 0.0, 0.4, 0.6].map(|now_s| rate.take(a, now_s)),
-            [true, true, true, false, false, true]
-        );
-        assert!(rate.take(b, 0.6) && !rate.take(a, 0.6));
-    }
-
-    #[test]
-    fn only_this_host_and_its_own_pages_are_heard() {
-        let check = |host: &str, origin: Option<&str>, loopback| {
-            let mut headers = HeaderMap::new();
-            headers.insert(header::HOST, host.parse().unwrap());
-            if let Some(origin) = origin {
-                headers.insert(header::ORIGIN, origin.parse().unwrap());
-            }
-            same_host(
-                &headers,
-                &Uri::from_static("/"),
-                loopback,
-                Some("proxy.example"),
-            )
-            .is_ok()
-        };
-        for host in [
-            "localhost",
-            "localhost:7420",
-            "127.0.0.1:7420",
-            "127.0.0.9",
-            "[::1]:7420",
-            "[::1]",
-        ] {
-            assert!(check(host, None, true), "{host}");
-            assert!(check(host, Some(&format!("http://{host}")), true), "{host}");
-        }
-        assert!(check("proxy.example", Some("https://proxy.example"), true));
-        assert!(!check("proxy.example", Some("https://evil.example"), true));
-        for host in [
-            "evil.example",
-            "proxy.example:1",
-            "evil.example:7420",
-            "127.0.0.1.evil.example",
-            "10.0.0.1",
-            "",
-            "localhost.evil.example",
-        ] {
-            assert!(!check(host, None, true), "{host}");
-        }
-        assert!(
-            check("bench.lab:7420", None, false)
-                && check("bench.lab:7420", Some("https://bench.lab:7420"), false)
-        );
-        for origin in [
-            "null",
-            "https://evil.example",
-            "http://localhost:1",
-            "https://bench.lab",
-        ] {
-            assert!(!check("bench.lab:7420", Some(origin), false), "{origin}");
-        }
-    }
 }

@@ -8,6 +8,7 @@ use axum::{
     http::{HeaderMap, StatusCode, header},
     response::{IntoResponse, Response},
 };
+use bench_http::{Problem, Refusal};
 use serde::Deserialize;
 use tokio::{io::AsyncWriteExt, sync::OwnedSemaphorePermit};
 use utoipa::IntoParams;
@@ -16,7 +17,6 @@ use super::{
     App,
     body::{self, BodyBounds},
     caller::Reader,
-    problem::{Problem, Refusal},
 };
 use crate::imported::{self, AT_ONCE, ImportedSpectra, LONGEST, WAIT_S};
 

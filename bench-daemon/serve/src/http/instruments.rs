@@ -4,13 +4,13 @@ use axum::{
     Json,
     extract::{Path, State},
 };
+use bench_http::Refusal;
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::{
     App, benches,
     caller::{Operator, Reader},
-    problem::Refusal,
 };
 use crate::{
     live::InstrumentNow,

@@ -5,12 +5,12 @@ use axum::{
     extract::{Path, State},
     http::StatusCode,
 };
+use bench_http::Refusal;
 
 use super::{
     App,
     aside::aside,
     caller::{Energiser, Operator, Reader},
-    problem::Refusal,
 };
 use crate::{
     investigations::{Investigation, InvestigationRequest},

@@ -20,7 +20,6 @@ pub mod notices;
 pub mod openapi;
 pub mod pack;
 mod page;
-pub mod problem;
 pub mod queue;
 pub mod runs;
 mod sent;

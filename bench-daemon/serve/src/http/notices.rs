@@ -1,13 +1,13 @@
 //! Routes of notifications to people away from the page.
 
 use axum::{Json, extract::State};
+use bench_http::Refusal;
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::{
     App,
     caller::{Operator, Reader},
-    problem::Refusal,
 };
 use crate::{notices::Notice, notify};
 

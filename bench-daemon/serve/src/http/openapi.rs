@@ -12,7 +12,7 @@ use utoipa::{
 
 use super::{
     analyses, archive, benches, catalog, events, find, imported, instruments, investigations,
-    metrics, notices, pack, problem, queue, runs, session, shelf,
+    metrics, notices, pack, queue, runs, session, shelf,
 };
 
 #[derive(OpenApi)]
@@ -98,7 +98,7 @@ use super::{
         events::events,
         metrics::metrics
     ),
-    components(schemas(problem::Problem)),
+    components(schemas(bench_http::Problem)),
     modifiers(&Common)
 )]
 struct Document;

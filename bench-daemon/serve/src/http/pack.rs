@@ -1,8 +1,9 @@
 //! Routes of the pack explorer.
 
 use axum::{Json, extract::State};
+use bench_http::Refusal;
 
-use super::{App, aside::aside, caller::Reader, problem::Refusal};
+use super::{App, aside::aside, caller::Reader};
 use crate::pack::{self, Load, RunModel, UnderLoad};
 
 /// Simulates a load on a pack of cells. Changes nothing.

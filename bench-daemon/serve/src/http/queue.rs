@@ -5,6 +5,7 @@ use axum::{
     extract::{Path, Query, State},
     http::StatusCode,
 };
+use bench_http::Refusal;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
@@ -13,7 +14,6 @@ use super::{
     aside::aside,
     benches::known,
     caller::{Energiser, Operator, Reader},
-    problem::Refusal,
 };
 use crate::{
     jobs,

@@ -9,6 +9,7 @@ use axum::{
     http::StatusCode,
     response::Response,
 };
+use bench_http::Refusal;
 use instruments::clock;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -18,7 +19,6 @@ use super::{
     aside::aside,
     benches::Most,
     caller::{Energiser, Operator, Reader},
-    problem::Refusal,
     sent::sent,
 };
 use crate::watch::Watch;

@@ -5,8 +5,7 @@ use axum::{
     http::header,
     response::{IntoResponse, Response},
 };
-
-use super::problem::Refusal;
+use bench_http::Refusal;
 
 /// A file as an answer.
 ///

@@ -6,13 +6,13 @@ use axum::{
     http::{HeaderMap, StatusCode, header},
     response::{IntoResponse, Response},
 };
+use bench_http::{Problem, Refusal};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::{
     App,
     caller::{Named, shown},
-    problem::{Problem, Refusal},
 };
 use crate::{
     session::{self, LONGEST_S, PROOF_HEADER},

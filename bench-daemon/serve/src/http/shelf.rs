@@ -4,6 +4,7 @@ use axum::{
     Json,
     extract::{Path, Query, State},
 };
+use bench_http::Refusal;
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
 
@@ -11,7 +12,6 @@ use super::{
     App,
     aside::aside,
     caller::{Energiser, Reader},
-    problem::Refusal,
     queue::Planned,
 };
 use crate::{

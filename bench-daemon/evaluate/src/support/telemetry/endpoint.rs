@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-use bench_plan::support::loopback::names_loopback;
+use instruments::loopback::names_loopback;
 
 /// Standard variables; a run inherits those of its server.
 const ENDPOINT_VARIABLE: &str = "OTEL_EXPORTER_OTLP_ENDPOINT";

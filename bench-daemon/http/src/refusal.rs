@@ -65,7 +65,7 @@ impl Refusal {
         tracing::error!("{error}");
         Self::of(
             StatusCode::SERVICE_UNAVAILABLE,
-            "the server cannot do that now; its log states the reason",
+            "the program cannot do that now; its log states the reason",
         )
     }
 }

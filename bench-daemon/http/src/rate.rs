@@ -6,10 +6,6 @@ use std::{
     sync::{Mutex, PoisonError},
 };
 
-/// Wrong tokens of one peer, and attempts of one without any that are written down, per second in
-/// the long run and at once.
-pub const GUESSES: (f64, f64) = (0.5, 20.0);
-
 /// Maximum number of peers that are remembered.
 const PEERS: usize = 10_000;
 
@@ -44,5 +40,21 @@ impl Rate {
         let enough = *left >= 1.0;
         *left -= if enough { 1.0 } else { 0.0 };
         enough
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bucket_refills_and_each_peer_has_its_own() {
+        let rate = Rate::new(2.0, 3.0);
+        let (a, b) = (IpAddr::from([10, 0, 0, 1]), IpAddr::from([10, 0, 0, 2]));
+        assert_eq!(
+            [0.0, 0.0, 0.0, 0.0, 0.4, 0.6].map(|now_s| rate.take(a, now_s)),
+            [true, true, true, false, false, true]
+        );
+        assert!(rate.take(b, 0.6) && !rate.take(a, 0.6));
     }
 }
