@@ -23,7 +23,7 @@ const DAEMON: [&str; 5] = [
 
 /// Size of the largest circle of files that use each other, and number of circles, for each crate.
 /// Both numbers may only fall. [`arrows`] defines what counts as use.
-const CIRCLES: [Circles; 26] = [
+const CIRCLES: [Circles; 27] = [
     Circles::of("analysis/numeric", 0, 0),
     Circles::of("analysis/plot", 0, 0),
     Circles::of("analysis/signal", 0, 0),
@@ -45,6 +45,7 @@ const CIRCLES: [Circles; 26] = [
     Circles::of("fixtures/study", 0, 0),
     Circles::of("bench-daemon/archive", 0, 0),
     Circles::of("bench-daemon/fleet", 0, 0),
+    Circles::of("bench-daemon/http", 0, 0),
     Circles::of("bench-daemon/plan", 0, 0),
     Circles::of("bench-daemon/core", 2, 1),
     Circles::of("bench-daemon/evaluate", 0, 0),

@@ -1,6 +1,6 @@
-//! The OpenAPI document, made from the handlers.
+//! The operations of the API: their routes, and the OpenAPI document, made from the handlers.
 
-use axum::Json;
+use axum::{Json, Router, routing::MethodRouter};
 use utoipa::{
     Modify, OpenApi,
     openapi::{
@@ -11,97 +11,102 @@ use utoipa::{
 };
 
 use super::{
-    analyses, archive, benches, catalog, events, find, imported, instruments, investigations,
-    metrics, notices, pack, queue, runs, session, shelf,
+    App, analyses, archive, benches, catalog, events, find, imported, instruments, investigations,
+    metrics, notices, openapi, pack, queue, runs, session, shelf,
 };
 
-#[derive(OpenApi)]
-#[openapi(
-    info(title = "eis-bench", description = "A battery test bench: queue, runs, live state, \
-    trips."),
-    paths(
-        document,
-        benches::whoami,
-        benches::list,
-        benches::detail,
-        instruments::instruments,
-        instruments::identify,
-        instruments::read_outputs,
-        benches::stop,
-        benches::stop_all,
-        benches::trips,
-        benches::clear,
-        benches::audit,
-        benches::enter,
-        queue::list,
-        queue::experiments,
-        queue::plan,
-        queue::submit,
-        queue::cancel,
-        queue::reorder,
-        queue::hold,
-        queue::release,
-        queue::notes,
-        runs::list,
-        runs::detail,
-        runs::spectra,
-        runs::fits,
-        runs::readings,
-        runs::log,
-        runs::files,
-        runs::file,
-        runs::pause,
-        runs::go_on,
-        runs::answer,
-        runs::order,
-        runs::resume,
-        find::run_notes,
-        find::note_run,
-        find::tag_run,
-        find::campaign,
-        find::models,
-        find::capture,
-        imported::read,
-        catalog::runs,
-        catalog::run,
-        catalog::spectra,
-        catalog::fits,
-        catalog::diagnoses,
-        catalog::cells,
-        catalog::ageing,
-        catalog::choices,
-        archive::now,
-        find::cell_notes,
-        find::note_cell,
-        analyses::list,
-        analyses::submit,
-        analyses::detail,
-        analyses::cancel,
-        analyses::log,
-        analyses::file,
-        investigations::list,
-        investigations::begin,
-        investigations::detail,
-        investigations::cancel,
-        notices::list,
-        notices::test,
-        pack::under_load,
-        pack::models,
-        session::begin,
-        session::end,
-        shelf::schema,
-        shelf::list,
-        shelf::read,
-        shelf::write,
-        shelf::draft,
-        shelf::of_run,
-        events::events,
-        metrics::metrics
-    ),
-    components(schemas(bench_http::Problem)),
-    modifiers(&Common)
-)]
-struct Document;
+/// Defines the routes below `/api/v1`, and the document of the same operations and of the
+/// metrics.
+macro_rules! operations {
+    ($($path:literal => $($method:ident $module:ident::$handler:ident),+;)+) => {
+        /// Returns the routes below `/api/v1`.
+        pub fn routes() -> Router<App> {
+            Router::new()$(.route($path, MethodRouter::new()$(.$method($module::$handler))+))+
+        }
+
+        #[derive(OpenApi)]
+        #[openapi(
+            info(
+                title = "eis-bench",
+                description = "A battery test bench: queue, runs, live state, trips."
+            ),
+            paths($($($module::$handler,)+)+ metrics::metrics),
+            components(schemas(bench_http::Problem)),
+            modifiers(&Common)
+        )]
+        struct Document;
+    };
+}
+
+operations! {
+    "/openapi.json" => get openapi::document;
+    "/stop" => post benches::stop_all;
+    "/session" => post session::begin, delete session::end;
+    "/whoami" => get benches::whoami;
+    "/benches" => get benches::list;
+    "/benches/{bench}" => get benches::detail;
+    "/benches/{bench}/instruments" => get instruments::instruments;
+    "/benches/{bench}/identify" => post instruments::identify;
+    "/benches/{bench}/outputs/read" => post instruments::read_outputs;
+    "/benches/{bench}/stop" => post benches::stop;
+    "/benches/{bench}/trips" => get benches::trips;
+    "/benches/{bench}/trips/clear" => post benches::clear;
+    "/benches/{bench}/hold" => post queue::hold;
+    "/benches/{bench}/release" => post queue::release;
+    "/benches/{bench}/notes" => get queue::notes;
+    "/experiments" => get queue::experiments;
+    "/experiments/{experiment}/plan" => get queue::plan;
+    "/analyses" => get analyses::list, post analyses::submit;
+    "/analyses/{id}" => get analyses::detail, delete analyses::cancel;
+    "/analyses/{id}/log" => get analyses::log;
+    "/analyses/{id}/files/{*path}" => get analyses::file;
+    "/investigations" => get investigations::list, post investigations::begin;
+    "/investigations/{id}" => get investigations::detail;
+    "/investigations/{id}/cancel" => post investigations::cancel;
+    "/notices" => get notices::list;
+    "/notices/test" => post notices::test;
+    "/pack" => post pack::under_load;
+    "/pack/models" => get pack::models;
+    "/schemas/{kind}" => get shelf::schema;
+    "/files/{kind}" => get shelf::list;
+    "/files/{kind}/{name}" => get shelf::read, put shelf::write;
+    "/drafts" => post shelf::draft;
+    "/queue" => get queue::list, post queue::submit;
+    "/queue/order" => post queue::reorder;
+    "/queue/{id}" => delete queue::cancel;
+    "/runs" => get runs::list;
+    "/runs/{run}" => get runs::detail;
+    "/runs/{run}/experiment" => get shelf::of_run;
+    "/runs/{run}/notes" => get find::run_notes, post find::note_run;
+    "/runs/{run}/tags" => put find::tag_run;
+    "/runs/{run}/campaign" => get find::campaign;
+    "/runs/{run}/models" => get find::models;
+    "/runs/{run}/capture" => get find::capture;
+    "/spectra/read" => post imported::read;
+    "/catalog/runs" => get catalog::runs;
+    "/catalog/runs/{run}" => get catalog::run;
+    "/catalog/spectra" => get catalog::spectra;
+    "/catalog/fits" => get catalog::fits;
+    "/catalog/diagnoses" => get catalog::diagnoses;
+    "/catalog/cells" => get catalog::cells;
+    "/catalog/ageing" => get catalog::ageing;
+    "/catalog/choices" => get catalog::choices;
+    "/archive" => get archive::now;
+    "/cells/{cell}/notes" => get find::cell_notes, post find::note_cell;
+    "/runs/{run}/spectra" => get runs::spectra;
+    "/runs/{run}/fits" => get runs::fits;
+    "/runs/{run}/readings" => get runs::readings;
+    "/runs/{run}/log" => get runs::log;
+    "/runs/{run}/files" => get runs::files;
+    "/runs/{run}/files/{*path}" => get runs::file;
+    "/runs/{run}/pause" => post runs::pause;
+    "/runs/{run}/go-on" => post runs::go_on;
+    "/runs/{run}/answer" => post runs::answer;
+    "/runs/{run}/order" => post runs::order;
+    "/runs/{run}/resume" => post runs::resume;
+    "/audit" => get benches::audit, post benches::enter;
+    "/events" => get events::events;
+}
 
 /// Parts common to all paths: how a token is shown, and how a request is refused.
 struct Common;
