@@ -16,7 +16,6 @@ use super::warnings::warnings;
 use crate::validity::sign_remarks;
 use analysis_numeric::Smooth;
 use analysis_signal::spectrum::Spectrum;
-use num_complex::Complex64;
 
 /// Fits one model to all points of all spectra together.
 ///
@@ -125,7 +124,7 @@ fn fit(
         points: problem.points,
         spectra: spectra.len(),
         cells: cells.filter(|_| rests_on_cells),
-        rms_ohm: rms_ohm(&problem, &x),
+        rms_ohm: problem.rms_ohm(&problem.seen(&x)),
         reduced_chi2: within_chi2.or(pooled_chi2),
         sigma: uncertainty.sigma,
         charge_storage,
@@ -155,22 +154,4 @@ fn fit(
         .extend(signs.into_iter().map(|words| WarningCode::Sign.says(words)));
     fit.warnings.extend(outliers);
     Ok(fit)
-}
-
-fn rms_ohm(problem: &Problem, x: &[f64]) -> f64 {
-    let square = |(g, seen): (&super::problem::Group, &Vec<Complex64>)| {
-        g.points
-            .iter()
-            .zip(seen)
-            .map(|(p, z)| (z - p.z).norm_sqr())
-            .sum::<f64>()
-    };
-    (problem
-        .groups
-        .iter()
-        .zip(&problem.seen(x))
-        .map(square)
-        .sum::<f64>()
-        / problem.points as f64)
-        .sqrt()
 }

@@ -11,6 +11,7 @@
 //! repeats, and over 25 sweeps of five cells half of the scatter of the cells.)
 
 use super::clusters::Clusters;
+use super::common::Sym2;
 use super::options::Objective;
 use num_complex::Complex64;
 use std::f64::consts::FRAC_PI_2;
@@ -26,9 +27,6 @@ pub(super) const NORM_CORNER: f64 = 0.25;
 /// simulated pools of six cells). Gradients are rounded with it, so that both are of one smooth
 /// norm.
 pub(super) const CELL_CORNER: f64 = 1.0;
-
-/// A symmetric 2×2 matrix over (Re, Im): xx, xy, yy.
-type Sym2 = [f64; 3];
 
 /// One point at the optimum.
 pub(super) struct PointShare {

@@ -25,6 +25,7 @@ mod minima;
 mod options;
 mod order;
 mod outliers;
+mod pooled;
 mod problem;
 mod profile;
 mod projection;

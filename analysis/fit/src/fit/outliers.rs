@@ -9,7 +9,8 @@ use std::iter;
 use num_complex::Complex64;
 
 use super::options::Objective;
-use super::problem::{Group, Problem, quadratic};
+use super::pooled::{Group, quadratic};
+use super::problem::Problem;
 use super::warning::{Warning, WarningCode};
 use crate::validity::{
     FEWEST_POINTS, KkOutcome, KkPoint, KramersKronig, Noise, NoiseSource, flaws, kramers_kronig,

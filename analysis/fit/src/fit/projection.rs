@@ -8,7 +8,8 @@
 
 use super::common::Sym2;
 use super::options::{Bounds, Objective};
-use super::problem::{Group, Problem};
+use super::pooled::{Group, apply};
+use super::problem::Problem;
 use analysis_numeric::linalg::{BoxQuadratic, MAX_UNKNOWNS};
 use num_complex::Complex64;
 use std::f64::consts::TAU;
@@ -125,12 +126,8 @@ impl<'a> Projection<'a> {
                 )
             }
             Objective::SumAbs | Objective::Complex => {
-                let [xx, xy, yy] = g.weight;
-                let m = g.mean;
-                (
-                    g.weight,
-                    Complex64::new(xx * m.re + xy * m.im, xy * m.re + yy * m.im),
-                )
+                let [x, y] = apply(&g.weight, g.mean);
+                (g.weight, Complex64::new(x, y))
             }
         }
     }
@@ -145,7 +142,7 @@ impl<'a> Projection<'a> {
             .zip(&mut self.model)
         {
             *z = basis[..n].iter().zip(r).map(|(b, r)| b * r).sum();
-            value += self.problem.group_value(g, *z);
+            value += self.problem.share_value(g, *z, self.problem.smoothing_ohm);
         }
         value
     }

@@ -4,7 +4,8 @@
 use super::clusters::Clusters;
 use super::evidence::{CELL_CORNER, Evidence, FrequencyShare, NORM_CORNER, Normal, PointShare};
 use super::options::{FitOptions, Objective};
-use super::problem::{Group, Problem, impedance, quadratic};
+use super::pooled::{DataPoint, Group, of_free, quadratic};
+use super::problem::{Problem, impedance};
 use super::search::log_bounds;
 use super::zero::is_r_zero;
 use analysis_model::model::Erm;
@@ -158,13 +159,7 @@ fn covariance(
         problem
             .smoothed(corner.max(1e-6 * problem.scale_ohm))
             .expand(x, &mut gradient, &mut hessian);
-        free.iter()
-            .flat_map(|i| {
-                free.iter()
-                    .map(|j| hessian[i * n + j])
-                    .collect::<Vec<f64>>()
-            })
-            .collect()
+        of_free(&hessian, n, free)
     };
     let Normal {
         bread,
@@ -201,11 +196,7 @@ pub(super) fn own_noise(
 fn taken(problem: &Problem, x: &[f64], free: &[usize]) -> Option<Vec<f64>> {
     let (common, n) = (problem.common.as_ref()?, x.len());
     let all = common.taken_from_hessian(&problem.mixed(x), n);
-    Some(
-        free.iter()
-            .flat_map(|i| free.iter().map(|j| all[i * n + j]).collect::<Vec<f64>>())
-            .collect(),
-    )
+    Some(of_free(&all, n, free))
 }
 
 /// Returns the shares of every frequency at the optimum; `None` for parameters that do not give a
@@ -215,11 +206,11 @@ fn shares(problem: &Problem, x: &[f64], free: &[usize]) -> Option<Vec<FrequencyS
     let seen = problem.seen(x);
     let of = |(group, g): (usize, &Group)| {
         let slopes = erm.log_gradient(g.freq_hz);
-        let point = |(p, z): (&super::problem::DataPoint, &Complex64)| PointShare {
+        let point = |(p, z): (&DataPoint, &Complex64)| PointShare {
             norm: quadratic(&p.weight, *z - p.z).sqrt(),
             size: z.norm(),
             weight: p.weight,
-            gradient: problem.point_gradient(p, *z),
+            gradient: problem.point_gradient(p, *z, problem.smoothing_ohm),
             spectrum: p.spectrum,
         };
         FrequencyShare {

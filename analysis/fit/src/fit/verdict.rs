@@ -1,6 +1,6 @@
 //! One recommended order out of the rows of [`super::order`], with reasons in words.
 
-use super::warnings::HIGH_CHI2;
+use super::warning::HIGH_CHI2;
 use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
 

@@ -65,6 +65,17 @@ impl WarningCode {
     }
 }
 
+/// Reduced χ² above which the model misses the data or the uncertainty is understated.
+pub(super) const HIGH_CHI2: f64 = 2.0;
+
+/// States a relative standard uncertainty in percent, up to where digits say nothing.
+pub(super) fn percent(relative: f64) -> String {
+    match relative < 10.0 {
+        true => format!("{:.0} %", relative * 100.0),
+        false => "more than 1000 %".to_owned(),
+    }
+}
+
 /// A warning to the user of a fit.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Warning {
@@ -107,6 +118,29 @@ impl Warnings {
         codes.sort_unstable();
         codes.dedup();
         codes
+    }
+
+    /// Creates the warnings of a fit whose polish has converged or not.
+    pub(super) fn of_polish(converged: bool) -> Self {
+        let mut found = Self::default();
+        if !converged {
+            found.push(WarningCode::NotConverged.says(
+                "the polish stopped before it converged: the parameters may differ in their \
+                last digits",
+            ));
+        }
+        found
+    }
+
+    /// Adds that the model misses the data or the stated uncertainty is too small.
+    pub(super) fn add_high_chi2(&mut self, reduced_chi2: Option<f64>) {
+        if let Some(chi2) = reduced_chi2.filter(|c| *c > HIGH_CHI2) {
+            self.push(WarningCode::HighChi2.says(format!(
+                "reduced χ² is {chi2:.3}: data and model differ by {:.2} times the stated \
+                uncertainty; the sigmas were widened by it",
+                chi2.sqrt()
+            )));
+        }
     }
 
     /// Adds a warning.

@@ -3,15 +3,13 @@
 use super::options::Objective;
 use super::problem::Problem;
 use super::result::ErmFit;
-use super::warning::{Warning, WarningCode, Warnings};
+use super::warning::{Warning, WarningCode, Warnings, percent};
 use super::zero::{NEAR_BOUND, is_r_zero};
 use analysis_signal::spectrum::Spectrum;
 use std::f64::consts::TAU;
 
 /// Relative sigma above which a parameter counts as not identified.
 const UNIDENTIFIED: f64 = 0.5;
-/// Reduced χ² above which the model misses the data or the uncertainty is understated.
-pub(super) const HIGH_CHI2: f64 = 2.0;
 
 pub(crate) fn warnings(
     fit: &ErmFit,
@@ -19,26 +17,14 @@ pub(crate) fn warnings(
     spectra: &[Spectrum],
     converged: bool,
 ) -> Warnings {
-    let mut found = Warnings::default();
-    if !converged {
-        found.push(WarningCode::NotConverged.says(
-            "the polish stopped before it converged: the parameters may differ in their \
-            last digits",
-        ));
-    }
+    let mut found = Warnings::of_polish(converged);
     at_bounds(fit, problem, &mut found);
     not_identified(fit, &mut found);
     outside_the_band(fit, problem, &mut found);
     if fit.objective_kind == Objective::Complex && !problem.absolute_weights {
         found.extend(no_weights(spectra));
     }
-    if let Some(chi2) = fit.reduced_chi2.filter(|c| *c > HIGH_CHI2) {
-        found.push(WarningCode::HighChi2.says(format!(
-            "reduced χ² is {chi2:.3}: data and model differ by {:.2} times the stated uncertainty; \
-            the sigmas were widened by it",
-            chi2.sqrt()
-        )));
-    }
+    found.add_high_chi2(fit.reduced_chi2);
     found
 }
 
@@ -166,11 +152,7 @@ fn not_identified(fit: &ErmFit, found: &mut Warnings) {
     } in parameters(fit)
     {
         if let Some(relative) = sigma.map(|s| s / value).filter(|s| *s > UNIDENTIFIED) {
-            let percent = if relative < 10.0 {
-                format!("{:.0} %", relative * 100.0)
-            } else {
-                "more than 1000 %".to_owned()
-            };
+            let percent = percent(relative);
             found.push(WarningCode::NotIdentified.says(format!(
                 "{name} is not identified by the data: its standard uncertainty is {percent}"
             )));

@@ -26,7 +26,6 @@ use analysis_numeric::Smooth;
 use analysis_signal::spectrum::Spectrum;
 use data::Data;
 pub use fitted::{CircuitFit, State};
-use num_complex::Complex64;
 use problem::{Problem, is_log};
 use starts::{Ranges, Starter};
 use std::ops::RangeInclusive;
@@ -188,7 +187,7 @@ fn check_values(circuit: &Circuit, options: &CircuitOptions) -> Result<(), Circu
 
 fn check_size(circuit: &Circuit, data: &Data, parameters: usize) -> Result<(), CircuitFitError> {
     let frequencies = data.groups.len();
-    let numbers = if data.objective == Objective::Modulus {
+    let numbers = if data.kind == Objective::Modulus {
         frequencies
     } else {
         2 * frequencies
@@ -212,7 +211,7 @@ fn check_size(circuit: &Circuit, data: &Data, parameters: usize) -> Result<(), C
         parameters,
         numbers,
         frequencies,
-        objective: data.objective,
+        objective: data.kind,
     })
 }
 
@@ -260,12 +259,12 @@ fn describe(problem: &Problem, values: Vec<f64>, bounds: &[(f64, f64)]) -> Circu
             .map(|i| (0..n).map(|j| entry(i, j)).collect())
             .collect(),
         objective,
-        objective_kind: data.objective,
+        objective_kind: data.kind,
         weight: data.weight,
         degrees_of_freedom: uncertainty.freedom,
         reduced_chi2: chi2.then(|| objective / uncertainty.freedom as f64),
         aicc: aicc(data, objective, problem.free.len()),
-        rms_ohm: rms_ohm(problem, &values),
+        rms_ohm: data.rms_ohm(&problem.seen(&values)),
         condition: uncertainty.condition,
         points: data.points,
         band_hz: band_hz(data),
@@ -285,25 +284,6 @@ fn band_hz(data: &Data) -> Option<(f64, f64)> {
         freqs().min_by(f64::total_cmp)?,
         freqs().max_by(f64::total_cmp)?,
     ))
-}
-
-fn rms_ohm(problem: &Problem, values: &[f64]) -> f64 {
-    let square = |(g, seen): (&data::Group, &Vec<Complex64>)| {
-        g.points
-            .iter()
-            .zip(seen)
-            .map(|(p, z)| (z - p.z).norm_sqr())
-            .sum::<f64>()
-    };
-    (problem
-        .data
-        .groups
-        .iter()
-        .zip(&problem.seen(values))
-        .map(square)
-        .sum::<f64>()
-        / problem.data.points as f64)
-        .sqrt()
 }
 
 fn state(problem: &Problem, i: usize, value: f64, bounds: RangeInclusive<f64>) -> State {
@@ -328,7 +308,7 @@ fn state(problem: &Problem, i: usize, value: f64, bounds: RangeInclusive<f64>) -
 /// a parameter.
 fn aicc(data: &Data, objective: f64, free: usize) -> Option<f64> {
     let n = data.numbers() as f64;
-    let (deviance, k) = match (data.objective, data.weight) {
+    let (deviance, k) = match (data.kind, data.weight) {
         (Objective::SumAbs, _) => (2.0 * n * (objective / n).ln(), free + 1),
         (_, Weight::Covariance) => (objective, free),
         _ => (n * (objective / n).ln(), free + 1),

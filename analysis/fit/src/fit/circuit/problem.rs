@@ -1,8 +1,8 @@
 //! The objective of a circuit's fit as a function of its free variables: logarithms of the
 //! parameters, but exponents as they are.
 
-use super::data::{Data, Share};
-use crate::fit::common::Common;
+use super::data::Data;
+use crate::fit::pooled::Expansion;
 use analysis_model::model::{Circuit, Role};
 use analysis_numeric::Smooth;
 use num_complex::Complex64;
@@ -68,23 +68,7 @@ impl Problem<'_> {
     /// Impedances of the circuit as each point of each frequency sees them, with the common errors
     /// at their best, Ω. `p` are all parameters.
     pub(super) fn seen(&self, p: &[f64]) -> Vec<Vec<Complex64>> {
-        let model = self.model(p);
-        let best = self
-            .data
-            .common
-            .as_ref()
-            .map(|common| (common, common.best(&model).0));
-        let off = |group: usize, point: usize| {
-            best.as_ref().map_or(Complex64::ZERO, |(common, best)| {
-                common.deviation(group, point, best)
-            })
-        };
-        let of = |(group, z): (usize, &Complex64)| {
-            (0..self.data.groups[group].points.len())
-                .map(|point| z + off(group, point))
-                .collect()
-        };
-        model.iter().enumerate().map(of).collect()
+        self.data.seen_of(&self.model(p))
     }
 
     /// Returns the part of the Hessian over the free variables that common errors remove, row by
@@ -149,71 +133,20 @@ pub(super) fn is_log(circuit: &Circuit, index: usize) -> bool {
 
 impl Smooth for Problem<'_> {
     fn value(&self, x: &[f64]) -> f64 {
-        let p = self.parameters(x);
-        let model = self.model(&p);
-        let apart: f64 = self
-            .data
-            .groups
-            .iter()
-            .zip(&model)
-            .map(|(g, z)| self.data.value(g, *z, self.corner))
-            .sum();
-        apart
-            - self
-                .data
-                .common
-                .as_ref()
-                .map_or(0.0, |common| common.best(&model).1)
+        let model = self.model(&self.parameters(x));
+        self.data.value_of(&model, self.corner)
     }
 
     fn expand(&self, x: &[f64], gradient: &mut [f64], hessian: &mut [f64]) -> f64 {
-        let n = x.len();
-        gradient.fill(0.0);
-        hessian.fill(0.0);
-        let mut value = 0.0;
-        let mut pulls = vec![[0.0; 2]; self.data.groups.len()];
-        let best = self
-            .data
-            .common
-            .as_ref()
-            .map(|common| (common, common.best(&self.model(&self.parameters(x)))));
-        let mut mixed = vec![0.0; self.data.common.as_ref().map_or(0, Common::count) * n];
+        let data = self.data;
+        let mut pulls = vec![[0.0; 2]; data.groups.len()];
+        let model = || self.model(&self.parameters(x));
+        let mut sums = Expansion::begin(data, model, gradient, hessian);
         self.sweep(x, |k, z, slopes| {
-            let share = self
-                .data
-                .share(&self.data.groups[k], z, self.corner, self.exact);
-            let Share {
-                value: v,
-                gradient: [mut gx, mut gy],
-                hessian: [xx, xy, yy],
-            } = share;
-            value += v;
-            if let Some((common, (best, _))) = &best {
-                let [x, y] = common.gradient(k, best);
-                (gx, gy) = (gx + x, gy + y);
-                common.add_mixed(k, slopes, &mut mixed);
-            }
-            pulls[k] = [gx, gy];
-            for (i, s) in slopes.iter().enumerate() {
-                gradient[i] += gx * s.re + gy * s.im;
-                let (hx, hy) = (xx * s.re + xy * s.im, xy * s.re + yy * s.im);
-                for (j, t) in slopes[..=i].iter().enumerate() {
-                    hessian[i * n + j] += hx * t.re + hy * t.im;
-                }
-            }
+            let share = data.share(&data.groups[k], z, self.corner, self.exact);
+            pulls[k] = sums.add(k, &share, slopes);
         });
-        if let Some((common, (_, taken))) = &best {
-            value -= taken;
-            hessian
-                .iter_mut()
-                .zip(common.taken_from_hessian(&mixed, n))
-                .for_each(|(h, taken)| *h -= taken);
-        }
-        for i in 0..n {
-            for j in 0..i {
-                hessian[j * n + i] = hessian[i * n + j];
-            }
-        }
+        let value = sums.end();
         if self.exact {
             self.add_model_curvature(x, &pulls, hessian);
         }

@@ -1,7 +1,6 @@
 //! The global optimum of a circuit's fit: local fits from many starts, or differential evolution,
 //! then a polish to full precision.
 
-use super::data::Data;
 use super::options::{CircuitOptions, Search, Weight};
 use super::problem::{Problem, is_log};
 use super::starts::{Ranges, Starter};
@@ -104,7 +103,7 @@ fn spread(problem: &Problem, bounds: &[(f64, f64)], side: impl Fn(&(f64, f64)) -
 fn explained(problem: &Problem, minima: &[Minimum]) -> bool {
     let freedom = problem.data.numbers().saturating_sub(problem.free.len()) as f64;
     let least_squares =
-        problem.data.objective != Objective::SumAbs && problem.data.weight == Weight::Covariance;
+        problem.data.kind != Objective::SumAbs && problem.data.weight == Weight::Covariance;
     least_squares && minima.iter().any(|m| m.value < EXPLAINED * freedom)
 }
 
@@ -141,13 +140,11 @@ impl Seeker<'_> {
             tolerance: 1e-12,
             longest_step: 1.5,
         };
-        if self.problem.data.objective != Objective::SumAbs {
+        if self.problem.data.kind != Objective::SumAbs {
             return minimise(self.problem, start, &self.bounds, &options);
         }
-        let data = Data {
-            objective: Objective::Complex,
-            ..self.problem.data.clone()
-        };
+        let mut data = self.problem.data.clone();
+        data.pooled.kind = Objective::Complex;
         minimise(
             &Problem {
                 data: &data,
@@ -274,7 +271,7 @@ impl Seeker<'_> {
         minima.retain(|m| m.value.is_finite());
         minima.sort_by(|a, b| a.value.total_cmp(&b.value));
         minima.dedup_by(|b, a| b.value <= a.value * (1.0 + SAME));
-        let least_squares = self.problem.data.objective != Objective::SumAbs;
+        let least_squares = self.problem.data.kind != Objective::SumAbs;
         minima.truncate(if least_squares { 3 } else { FINALISTS });
         let polished: Vec<Minimum> = minima.into_par_iter().map(|m| self.polish(m)).collect();
         polished
@@ -290,7 +287,7 @@ impl Seeker<'_> {
             ..self.problem.clone()
         };
         let options = LocalOptions::default();
-        if exact.data.objective != Objective::SumAbs {
+        if exact.data.kind != Objective::SumAbs {
             return if minimum.converged {
                 minimum
             } else {

@@ -5,7 +5,8 @@
 //! series at the top of the circuit is scaled, for which least squares within bounds has a closed
 //! form, so that chance has to find only time constants, exponents and the shares within a block.
 
-use super::data::{Data, apply, quadratic};
+use super::data::Data;
+use crate::fit::pooled::{apply, quadratic};
 use analysis_model::model::{Circuit, ElementKind, Node, ParameterKind, Role};
 use analysis_numeric::{
     Rng,

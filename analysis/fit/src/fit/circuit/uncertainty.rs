@@ -3,10 +3,10 @@
 //! eigenvectors. Where the data fix only combinations, the parameters in them get no sigma, and the
 //! others keep theirs.
 
-use super::data::quadratic;
 use super::options::Weight;
 use super::problem::Problem;
 use crate::fit::evidence::{Evidence, FrequencyShare, Normal, PointShare};
+use crate::fit::pooled::{of_free, quadratic};
 use analysis_numeric::Smooth;
 use nalgebra::DMatrix;
 
@@ -36,7 +36,7 @@ impl Uncertainty {
         let m = variables.len();
         let freedom = problem.data.numbers().saturating_sub(m);
         let evidence = Evidence {
-            kind: problem.data.objective,
+            kind: problem.data.kind,
             absolute_weights: problem.data.is_chi2(),
             value: problem.value(x),
             numbers: problem.data.numbers() as f64,
@@ -136,31 +136,12 @@ fn hessian(problem: &Problem, x: &[f64], variables: &[usize], corner: f64) -> Ve
         ..problem.clone()
     }
     .expand(x, &mut gradient, &mut hessian);
-    variables
-        .iter()
-        .flat_map(|i| {
-            variables
-                .iter()
-                .map(|j| hessian[i * n + j])
-                .collect::<Vec<f64>>()
-        })
-        .collect()
+    of_free(&hessian, n, variables)
 }
 
 /// Information on the variables that common errors remove, row by row; none without common errors.
 fn taken(problem: &Problem, x: &[f64], variables: &[usize]) -> Option<Vec<f64>> {
-    let (all, n) = (problem.taken(x)?, x.len());
-    Some(
-        variables
-            .iter()
-            .flat_map(|i| {
-                variables
-                    .iter()
-                    .map(|j| all[i * n + j])
-                    .collect::<Vec<f64>>()
-            })
-            .collect(),
-    )
+    Some(of_free(&problem.taken(x)?, x.len(), variables))
 }
 
 /// Every frequency at the optimum.
@@ -179,7 +160,7 @@ fn shares(problem: &Problem, x: &[f64], variables: &[usize]) -> Vec<FrequencySha
             norm: quadratic(&p.weight, z - p.z).sqrt(),
             size,
             weight: p.weight,
-            gradient: data.point_gradient(p, *z),
+            gradient: data.point_gradient(p, *z, 0.0),
             spectrum: p.spectrum,
         });
         let slopes = variables.iter().map(|i| slopes[*i]).collect();

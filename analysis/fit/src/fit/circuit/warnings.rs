@@ -4,21 +4,13 @@ use super::data::Data;
 use super::options::Weight;
 use super::{CircuitFit, State};
 use crate::fit::options::Objective;
-use crate::fit::warning::{WarningCode, Warnings};
+use crate::fit::warning::{WarningCode, Warnings, percent};
 
 /// Relative sigma above which a parameter counts as not identified.
 const UNIDENTIFIED: f64 = 1.0;
-/// Reduced χ² above which the model misses the data or the uncertainty is understated.
-const HIGH_CHI2: f64 = 2.0;
 
 pub(super) fn warnings(fit: &CircuitFit, data: &Data, converged: bool) -> Warnings {
-    let mut found = Warnings::default();
-    if !converged {
-        found.push(WarningCode::NotConverged.says(
-            "the polish stopped before it converged: the parameters may differ in their \
-        last digits",
-        ));
-    }
+    let mut found = Warnings::of_polish(converged);
     if fit.starts > 1 && fit.starts_at_optimum == 1 {
         found.push(WarningCode::FewStartsAgree.says(format!(
             "only 1 of {} starts ended at this optimum: a better one may have been \
@@ -38,13 +30,7 @@ pub(super) fn warnings(fit: &CircuitFit, data: &Data, converged: bool) -> Warnin
             data.known, data.points
         )));
     }
-    if let Some(chi2) = fit.reduced_chi2.filter(|c| *c > HIGH_CHI2) {
-        found.push(WarningCode::HighChi2.says(format!(
-            "reduced χ² is {chi2:.3}: data and model differ by {:.2} times the stated uncertainty; \
-            the sigmas were widened by it",
-            chi2.sqrt()
-        )));
-    }
+    found.add_high_chi2(fit.reduced_chi2);
     found
 }
 
@@ -95,11 +81,7 @@ fn not_identified(fit: &CircuitFit, data: &Data, found: &mut Warnings) {
             .map(|s| s / fit.values[i])
             .filter(|s| *s > UNIDENTIFIED)
         {
-            let percent = if relative < 10.0 {
-                format!("{:.0} %", relative * 100.0)
-            } else {
-                "more than 1000 %".to_owned()
-            };
+            let percent = percent(relative);
             found.push(WarningCode::NotIdentified.says(format!(
                 "{} is not identified by this band ({band}): its standard uncertainty is {percent}",
                 fit.names[i]
