@@ -46,12 +46,7 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
         let reason = format!("expected one data set, or several with --table, found {met}");
         return Err(Failure::Usage(reason));
     };
-    let mut judged = Judged::read(
-        data,
-        &ModelArgs::from(&args.model),
-        args.ocv.as_deref(),
-        args.refused_points,
-    )?;
+    let mut judged = Judged::read(data, &args.model, args.ocv.as_deref(), args.refused_points)?;
     accept(&mut judged.loaded, &args.accept);
     let judged = judged.asking(ByHand {
         add: args.add.clone(),

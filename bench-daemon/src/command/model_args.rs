@@ -3,11 +3,18 @@
 
 use std::path::{Path, PathBuf};
 
-use analysis::given::GivenModel;
+use analysis::{forward::CellWindow, given::GivenModel, pack::Pack};
 
+use crate::command::units;
 use bench_core::safety::failure::Failure;
 use bench_evaluate::{files, investigate::dataset::NamedFile};
-use bench_plan::{config::erm_text, support::quoted::quoted};
+use bench_plan::{
+    config::{
+        erm_text,
+        quantity::{Resistance, Voltage},
+    },
+    support::quoted::quoted,
+};
 
 /// Name of a model that was typed.
 pub(super) const TYPED: &str = "typed";
@@ -17,24 +24,6 @@ pub(super) const TYPED: &str = "typed";
 pub struct ModelArgs {
     /// The cell's model: a file of `fit`, `joint` or a run; JSON of `r_ohm` and `branches` alone;
     /// or `circuit.json` of `fit --circuit`, followed by RC branches.
-    #[arg(long, value_name = "FILE", required_unless_present = "erm")]
-    pub model: Option<PathBuf>,
-    /// The model typed: series resistance; then branches of resistance, capacitance or time
-    /// constant: "6.43 mΩ; 1.51 mΩ, 0.553 F; 0.66 mΩ, 4.6 ms".
-    #[arg(long, value_name = "TEXT", conflicts_with = "model")]
-    pub erm: Option<String>,
-    /// For circuit.json: lowest and highest frequency, Hz, at which the RC branches follow it
-    /// [default: the band of its data, a decade more on each side]
-    #[arg(long, value_name = "LOW,HIGH")]
-    pub ladder_band_hz: Option<String>,
-}
-
-/// Which model, for a data set that may name one.
-#[derive(Debug, Clone, Default, clap::Args)]
-pub struct DatasetModelArgs {
-    /// The cell's model: a file of `fit`, `joint` or a run; JSON of `r_ohm` and `branches` alone;
-    /// or `circuit.json` of `fit --circuit`, followed by RC branches [default: `model` of
-    /// dataset.toml]
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
     /// The model typed: series resistance; then branches of resistance, capacitance or time
@@ -47,12 +36,76 @@ pub struct DatasetModelArgs {
     pub ladder_band_hz: Option<String>,
 }
 
-impl From<&DatasetModelArgs> for ModelArgs {
-    fn from(args: &DatasetModelArgs) -> Self {
-        Self {
-            model: args.model.clone(),
-            erm: args.erm.clone(),
-            ladder_band_hz: args.ladder_band_hz.clone(),
+/// Cells of a pack and their connection.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct PackArgs {
+    /// Cells in series.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub series: u32,
+    /// Cells in parallel.
+    #[arg(long, value_name = "P", default_value_t = 1)]
+    pub parallel: u32,
+    /// Resistance of busbars, wires and connectors in series with the whole pack, Ω.
+    #[arg(
+        long,
+        value_name = "OHM",
+        default_value_t = 0.0,
+        allow_hyphen_values = true,
+        value_parser = units::of::<Resistance>
+    )]
+    pub interconnect_ohm: f64,
+}
+
+/// Makes the number of cells a required argument.
+pub(super) fn required_sizes(arg: clap::Arg) -> clap::Arg {
+    match arg.get_id().as_str() {
+        "series" | "parallel" => arg.required(true).default_value(None::<&'static str>),
+        _ => arg,
+    }
+}
+
+impl PackArgs {
+    /// Returns the pack.
+    ///
+    /// # Errors
+    /// Numbers that make no pack.
+    pub(super) fn pack(self) -> Result<Pack, Failure> {
+        Pack::new(self.series, self.parallel, self.interconnect_ohm)
+            .map_err(|error| Failure::Usage(error.to_string()))
+    }
+}
+
+/// Limits of the voltage of a cell.
+#[derive(Debug, Clone, Copy, clap::Args)]
+pub struct WindowArgs {
+    /// Lowest voltage of a cell, V.
+    #[arg(
+        long,
+        alias = "low-v",
+        value_name = "V",
+        default_value_t = CellWindow::THESIS.low_v,
+        allow_hyphen_values = true,
+        value_parser = units::of::<Voltage>
+    )]
+    pub v_min: f64,
+    /// Highest voltage of a cell, V.
+    #[arg(
+        long,
+        alias = "high-v",
+        value_name = "V",
+        default_value_t = CellWindow::THESIS.high_v,
+        allow_hyphen_values = true,
+        value_parser = units::of::<Voltage>
+    )]
+    pub v_max: f64,
+}
+
+impl WindowArgs {
+    /// Returns the window.
+    pub(super) fn window(self) -> CellWindow {
+        CellWindow {
+            low_v: self.v_min,
+            high_v: self.v_max,
         }
     }
 }

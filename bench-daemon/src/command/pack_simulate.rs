@@ -91,15 +91,11 @@ pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
     let setup = ScatterSetup {
         cell: &cell,
         ocv: &ocv,
-        pack: Pack::new(args.series, args.parallel, args.interconnect_ohm)
-            .map_err(|error| usage(&error))?,
+        pack: args.pack.pack()?,
         tab_ohm: args.tab_ohm,
         soc,
         profile: &profile,
-        window: CellWindow {
-            low_v: args.v_min,
-            high_v: args.v_max,
-        },
+        window: args.window.window(),
         thermal: args.thermal.mass(),
         max_step_s: args
             .max_step_s

@@ -1,6 +1,6 @@
 //! `eis-bench pack size`: peak, crossing and regeneration power of a pack by the simple-IR model.
 
-use super::model_args::{self, ModelArgs};
+use super::model_args::{self, ModelArgs, PackArgs, WindowArgs, required_sizes};
 use crate::command::units;
 use bench_core::safety::failure::Failure;
 use bench_evaluate::files;
@@ -10,8 +10,7 @@ use std::path::{Path, PathBuf};
 
 use analysis::{
     pack::{
-        HeldPower, Hold, OperatingPoint, Pack, PackError, SimpleIr, Sizing, SizingInput,
-        ThermalMass,
+        HeldPower, Hold, OperatingPoint, PackError, SimpleIr, Sizing, SizingInput, ThermalMass,
     },
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
 };
@@ -38,14 +37,11 @@ for 10 s:
 
 /// Arguments of `pack size`.
 #[derive(Debug, Args)]
-#[command(after_help = HELP)]
+#[command(after_help = HELP, mut_args(required_sizes))]
 pub struct SizeArgs {
-    /// Cells in series.
-    #[arg(long, value_name = "S")]
-    pub series: u32,
-    /// Cells in parallel.
-    #[arg(long, value_name = "P")]
-    pub parallel: u32,
+    /// The pack.
+    #[command(flatten)]
+    pub pack: PackArgs,
     /// Open-circuit voltage of a cell, V.
     #[arg(long, value_name = "V", value_parser = units::of::<Voltage>)]
     pub ocv_v: f64,
@@ -64,18 +60,12 @@ pub struct SizeArgs {
     /// The model as text: "6.43 mΩ; 1.51 mΩ, 0.553 F; 0.66 mΩ, 4.6 ms".
     #[arg(long, value_name = "TEXT", conflicts_with_all = ["dcir_ohm", "model"])]
     pub erm: Option<String>,
-    /// Resistance of busbars, wires and connectors over the whole pack, Ω.
-    #[arg(long, value_name = "OHM", default_value_t = 0.0, value_parser = units::of::<Resistance>)]
-    pub interconnect_ohm: f64,
     /// Bus voltage that the load needs per watt it draws, V/W.
     #[arg(long, value_name = "V/W", allow_negative_numbers = true)]
     pub required_v_per_w: Option<f64>,
-    /// Lowest voltage of a cell, V.
-    #[arg(long, value_name = "V", default_value_t = 2.5, value_parser = units::of::<Voltage>)]
-    pub v_min: f64,
-    /// Highest voltage of a cell, V.
-    #[arg(long, value_name = "V", default_value_t = 4.2, value_parser = units::of::<Voltage>)]
-    pub v_max: f64,
+    /// Limits of a cell.
+    #[command(flatten)]
+    pub window: WindowArgs,
     /// A power that is held, W, negative for charging; needs --hold-s.
     #[arg(
         long,
@@ -143,13 +133,13 @@ struct SizeReport {
 /// An argument that makes no sense; a folder that cannot be written.
 pub fn size(args: &SizeArgs) -> Result<(), Failure> {
     let usage = |error: PackError| Failure::Usage(error.to_string());
-    let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(usage)?;
+    let pack = args.pack.pack()?;
     let (dcir_ohm, model_notes) = dc_resistance(args)?;
     let input = SizingInput {
         pack,
         cell_ocv_v: args.ocv_v,
         dcir_ohm,
-        window_v: (args.v_min, args.v_max),
+        window_v: (args.window.v_min, args.window.v_max),
         required_v_per_w: args.required_v_per_w,
     };
     let sizing = Sizing::new(&input).map_err(usage)?;
@@ -355,6 +345,8 @@ fn write(out: &Path, json: &str, picture: &Chart) -> Result<(), Failure> {
 
 #[cfg(test)]
 mod tests {
+    use analysis::pack::Pack;
+
     use super::*;
 
     #[test]

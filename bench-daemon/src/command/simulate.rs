@@ -16,7 +16,6 @@ use analysis::{
     formats::read_profile,
     forward::{ForwardError, Infeasible, SimModel},
     given::GivenModel,
-    pack::Pack,
 };
 
 use case::{Case, Output};
@@ -71,7 +70,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
 fn model(args: &SimulateArgs) -> Result<(GivenModel, SimModel), Failure> {
     let file = args.model.read(args.ocv.as_deref())?;
     let ocv = source_of_ocv(args, &file, &args.model.told())?;
-    let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(usage)?;
+    let pack = args.pack.pack()?;
     let model = files::sim_model(&file, ocv, pack, args.ambient_degc)?;
     if let Some(folder) = &args.out {
         files::make_folder(folder)?;
@@ -128,8 +127,8 @@ fn print_text(
     say!(
         "cells within {} to {} V; simple IR is a DC resistance of {dcir_mohm:.2} mΩ per cell \
         alone, {source}",
-        args.low_v,
-        args.high_v
+        args.window.v_min,
+        args.window.v_max
     );
     for case in cases {
         say!("{}", taken(&case.profile));

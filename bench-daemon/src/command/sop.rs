@@ -1,7 +1,7 @@
 //! `eis-bench sop`: the most power that can be held, over duration and state of charge.
 
 use crate::command::units;
-use bench_plan::config::quantity::{Current, Resistance, Temperature, Voltage};
+use bench_plan::config::quantity::{Current, Temperature, Voltage};
 use std::path::{Path, PathBuf};
 
 use analysis::{
@@ -15,7 +15,7 @@ use analysis::{
 use clap::Args;
 use serde::Serialize;
 
-use super::model_args::{self, ModelArgs};
+use super::model_args::{self, ModelArgs, PackArgs, WindowArgs};
 use bench_core::safety::failure::Failure;
 use bench_evaluate::files::{self, AMBIENT_DEGC};
 use bench_plan::support::terminal::say;
@@ -50,21 +50,9 @@ pub struct SopArgs {
     /// The cell's OCV curve from `ocv --out` or a cell file, if the model has none or to replace it.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
-    /// Cells in series.
-    #[arg(long, value_name = "S", default_value_t = 1)]
-    pub series: u32,
-    /// Cells in parallel.
-    #[arg(long, value_name = "P", default_value_t = 1)]
-    pub parallel: u32,
-    /// Resistance in series with the whole pack, Ω.
-    #[arg(
-        long,
-        value_name = "OHM",
-        default_value_t = 0.0,
-        allow_hyphen_values = true,
-        value_parser = units::of::<Resistance>
-    )]
-    pub interconnect_ohm: f64,
+    /// The pack.
+    #[command(flatten)]
+    pub pack: PackArgs,
     /// Durations, s, separated by commas.
     #[arg(long, value_name = "LIST", default_value = "0.1,1,2,10")]
     pub duration_s: String,
@@ -89,26 +77,9 @@ pub struct SopArgs {
         value_parser = units::of::<Temperature>
     )]
     pub ambient_degc: f64,
-    /// Lowest voltage of a cell, V.
-    #[arg(
-        long,
-        alias = "low-v",
-        value_name = "V",
-        default_value_t = CellWindow::THESIS.low_v,
-        allow_hyphen_values = true,
-        value_parser = units::of::<Voltage>
-    )]
-    pub v_min: f64,
-    /// Highest voltage of a cell, V.
-    #[arg(
-        long,
-        alias = "high-v",
-        value_name = "V",
-        default_value_t = CellWindow::THESIS.high_v,
-        allow_hyphen_values = true,
-        value_parser = units::of::<Voltage>
-    )]
-    pub v_max: f64,
+    /// Limits of a cell.
+    #[command(flatten)]
+    pub window: WindowArgs,
     /// Largest discharge current of a cell, A [default: no limit]
     #[arg(long, value_name = "A", allow_hyphen_values = true, value_parser = units::of::<Current>)]
     pub max_discharge_a: Option<f64>,
@@ -159,13 +130,9 @@ pub fn sop(args: &SopArgs) -> Result<(), Failure> {
             )));
         }
     };
-    let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm)
-        .map_err(|error| usage(&error))?;
+    let pack = args.pack.pack()?;
     let model = files::sim_model(&file, ocv, pack, args.ambient_degc)?;
-    let window = CellWindow {
-        low_v: args.v_min,
-        high_v: args.v_max,
-    };
+    let window = args.window.window();
     analysis::pack::check_window(window.low_v..=window.high_v).map_err(|error| usage(&error))?;
     args.ocv_v
         .map_or(Ok(()), |ocv_v| check_ocv(ocv_v, &window, &file))?;

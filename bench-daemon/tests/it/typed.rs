@@ -553,10 +553,8 @@ fn what_is_no_model_is_refused_with_the_place() {
         folder.path(),
         &["simulate", "--profile", "pulse.csv", "--ocv-v", "3.72"],
     );
-    assert!(
-        text.contains("--model") && text.contains("required"),
-        "{text}"
-    );
+    let expected = "expected --model or --erm, found neither";
+    assert!(text.contains(expected), "{text}");
     let text = refused(
         folder.path(),
         &[

@@ -4,11 +4,16 @@ use std::path::PathBuf;
 
 use analysis::effects;
 
-use crate::command::model_args::DatasetModelArgs;
+use crate::command::model_args::ModelArgs;
 use bench_evaluate::investigate::dataset::Accept;
+
+const MODEL: &str = "The cell's model: a file of `fit`, `joint` or a run; JSON of `r_ohm` and \
+`branches` alone; or `circuit.json` of `fit --circuit`, followed by RC branches [default: `model` \
+of dataset.toml]";
 
 /// Arguments of `diagnose`.
 #[derive(Debug, clap::Args)]
+#[command(mut_arg("model", |model| model.help(MODEL)))]
 pub struct DiagnoseArgs {
     /// The data set: a folder with `dataset.toml`, or a run folder; several, or folders of them,
     /// for
@@ -17,7 +22,7 @@ pub struct DiagnoseArgs {
     pub data: Vec<PathBuf>,
     /// The model to be judged.
     #[command(flatten)]
-    pub model: DatasetModelArgs,
+    pub model: ModelArgs,
     /// The OCV curve, from `ocv --out` (`ocv.json`) or a cell file (.toml), if the model file has none or to
     /// replace it [default: `ocv` of dataset.toml]
     #[arg(long, value_name = "JSON")]

@@ -12,10 +12,7 @@ use serde::Serialize;
 
 use super::args::DiagnoseArgs;
 use super::judged::{Judged, accept};
-use crate::{
-    command::batch::{Items, Job, paths, work},
-    command::model_args::ModelArgs,
-};
+use crate::command::batch::{Items, Job, paths, work};
 use bench_core::safety::failure::Failure;
 use bench_evaluate::investigate::dataset::DATASET_FILE;
 
@@ -169,8 +166,12 @@ fn rows(args: &DiagnoseArgs, folder: &Path) -> Vec<ResultRow> {
 type OfCell = (String, Result<Diagnosis, Failure>);
 
 fn diagnoses(args: &DiagnoseArgs, folder: &Path) -> Result<Vec<OfCell>, Failure> {
-    let model = ModelArgs::from(&args.model);
-    let mut judged = Judged::read(folder, &model, args.ocv.as_deref(), args.refused_points)?;
+    let mut judged = Judged::read(
+        folder,
+        &args.model,
+        args.ocv.as_deref(),
+        args.refused_points,
+    )?;
     judged.base_only = args.base_only;
     judged.quiet = true;
     accept(&mut judged.loaded, &args.accept);

@@ -4,10 +4,13 @@ use crate::command::units;
 use bench_plan::config::quantity::{Duration, Resistance, Voltage};
 use std::path::PathBuf;
 
-use analysis::forward::CellWindow;
 use clap::Args;
 
-use super::super::{model_args::ModelArgs, pack_size::ThermalArgs, profile_args::ProfileArgs};
+use super::super::{
+    model_args::{ModelArgs, PackArgs, WindowArgs, required_sizes},
+    pack_size::ThermalArgs,
+    profile_args::ProfileArgs,
+};
 
 const HELP: &str = "\
 Draws many packs of cells that differ a little, runs the profile through each, and reports \
@@ -38,7 +41,7 @@ Example:
 
 /// Arguments of `pack simulate`.
 #[derive(Debug, Args)]
-#[command(after_help = HELP)]
+#[command(after_help = HELP, mut_args(required_sizes))]
 pub struct PackSimulateArgs {
     /// The nominal cell; the factors of all cells apply to it.
     #[command(flatten)]
@@ -52,21 +55,9 @@ pub struct PackSimulateArgs {
     /// How the file is read.
     #[command(flatten)]
     pub read: ProfileArgs,
-    /// Cells in series.
-    #[arg(long, value_name = "S")]
-    pub series: u32,
-    /// Cells in parallel.
-    #[arg(long, value_name = "P")]
-    pub parallel: u32,
-    /// Resistance in series with the whole pack, Ω.
-    #[arg(
-        long,
-        value_name = "OHM",
-        default_value_t = 0.0,
-        allow_hyphen_values = true,
-        value_parser = units::of::<Resistance>
-    )]
-    pub interconnect_ohm: f64,
+    /// The pack.
+    #[command(flatten)]
+    pub pack: PackArgs,
     /// Resistance between each cell and the busbar of its group, Ω.
     #[arg(
         long,
@@ -150,26 +141,9 @@ pub struct PackSimulateArgs {
     /// Longest step, s [default: a 2000th of the profile, at least 1 ms]
     #[arg(long, value_name = "S", allow_hyphen_values = true, value_parser = units::of::<Duration>)]
     pub max_step_s: Option<f64>,
-    /// Lowest voltage of a cell, V.
-    #[arg(
-        long,
-        alias = "low-v",
-        value_name = "V",
-        default_value_t = CellWindow::THESIS.low_v,
-        allow_hyphen_values = true,
-        value_parser = units::of::<Voltage>
-    )]
-    pub v_min: f64,
-    /// Highest voltage of a cell, V.
-    #[arg(
-        long,
-        alias = "high-v",
-        value_name = "V",
-        default_value_t = CellWindow::THESIS.high_v,
-        allow_hyphen_values = true,
-        value_parser = units::of::<Voltage>
-    )]
-    pub v_max: f64,
+    /// Limits of a cell.
+    #[command(flatten)]
+    pub window: WindowArgs,
     /// Mass and specific heat of a cell.
     #[command(flatten)]
     pub thermal: ThermalArgs,

@@ -9,7 +9,10 @@ use analysis::{
     given::GivenModel,
 };
 
-use crate::command::{model_args::ModelArgs, profile_args::ProfileArgs};
+use crate::command::{
+    model_args::{ModelArgs, PackArgs, WindowArgs},
+    profile_args::ProfileArgs,
+};
 use bench_core::safety::failure::Failure;
 use bench_evaluate::files::AMBIENT_DEGC;
 
@@ -37,21 +40,9 @@ pub struct SimulateArgs {
     /// a comparison of all.
     #[arg(long = "profile", required = true, value_name = "FILE")]
     pub profiles: Vec<PathBuf>,
-    /// Cells in series.
-    #[arg(long, default_value_t = 1, value_name = "N")]
-    pub series: u32,
-    /// Cells in parallel.
-    #[arg(long, default_value_t = 1, value_name = "N")]
-    pub parallel: u32,
-    /// Resistance of busbars, wires and connectors over the whole pack, Ω.
-    #[arg(
-        long,
-        default_value_t = 0.0,
-        value_name = "OHM",
-        allow_hyphen_values = true,
-        value_parser = units::of::<Resistance>
-    )]
-    pub interconnect_ohm: f64,
+    /// The pack.
+    #[command(flatten)]
+    pub pack: PackArgs,
     /// State of charge at the start, 0 to 1; needs a model with an OCV curve, or --ocv. This
     /// or --ocv-v is needed.
     #[arg(
@@ -95,24 +86,9 @@ pub struct SimulateArgs {
     /// DC resistance of a cell for the simple-IR model, Ω [default: that of the model]
     #[arg(long, value_name = "OHM", allow_hyphen_values = true, value_parser = units::of::<Resistance>)]
     pub dcir_ohm: Option<f64>,
-    /// Lowest voltage of a cell, V.
-    #[arg(
-        long,
-        default_value_t = CellWindow::THESIS.low_v,
-        value_name = "V",
-        allow_hyphen_values = true,
-        value_parser = units::of::<Voltage>
-    )]
-    pub low_v: f64,
-    /// Highest voltage of a cell, V.
-    #[arg(
-        long,
-        default_value_t = CellWindow::THESIS.high_v,
-        value_name = "V",
-        allow_hyphen_values = true,
-        value_parser = units::of::<Voltage>
-    )]
-    pub high_v: f64,
+    /// Limits of a cell.
+    #[command(flatten)]
+    pub window: WindowArgs,
     /// Folder for traces (Parquet) and plots. Without it nothing is written.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -189,16 +165,13 @@ pub(super) fn state(args: &SimulateArgs, model: &SimModel) -> Result<SimState, F
 
 /// Limits of a cell.
 pub(super) fn window(args: &SimulateArgs) -> Result<CellWindow, Failure> {
-    let window = CellWindow {
-        low_v: args.low_v,
-        high_v: args.high_v,
-    };
-    if args.low_v < args.high_v {
+    let window = args.window.window();
+    if window.low_v < window.high_v {
         return Ok(window);
     }
     Err(Failure::Usage(format!(
-        "--low-v, --high-v: expected a lower below a higher voltage, found {} and {} V",
-        args.low_v, args.high_v
+        "--v-min, --v-max: expected a lower below a higher voltage, found {} and {} V",
+        window.low_v, window.high_v
     )))
 }
 

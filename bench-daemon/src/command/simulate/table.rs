@@ -11,7 +11,6 @@ use analysis::{
     },
     given::GivenModel,
     map::Outside,
-    pack::Pack,
     rows::{Cell, ResultColumn, ResultRow},
 };
 
@@ -132,7 +131,7 @@ pub(super) fn table(args: &SimulateArgs, table: &Path) -> Result<(), Failure> {
         next: 0,
         identity: identity?,
     };
-    let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(usage)?;
+    let pack = args.pack.pack()?;
     let job = Job {
         table,
         call: format!("simulate {args:?}"),
