@@ -8,7 +8,6 @@ use analysis::{
     spectrum::{ImpedancePoint, Spectrum},
 };
 use num_complex::Complex64;
-use std::f64::consts::TAU;
 use std::hint::black_box;
 
 use crate::{Row, Unit};
@@ -118,7 +117,6 @@ fn run(case: &Case) -> (f64, f64) {
 /// independent normal noise of 0.5 % in each part.
 fn simulated(circuit: &Circuit, truth: &[f64], seed: u64) -> Spectrum {
     let mut rng = Rng::new(seed);
-    let mut normal = || (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (TAU * rng.uniform()).cos();
     let (low, high) = if truth.len() == 9 {
         (0.1, 300.0f64)
     } else {
@@ -128,7 +126,7 @@ fn simulated(circuit: &Circuit, truth: &[f64], seed: u64) -> Spectrum {
         let freq_hz = low * (high / low).powf(f64::from(k) / f64::from(POINTS - 1));
         let z = circuit.impedance(truth, freq_hz);
         let sigma = NOISE * z.norm();
-        let z_ohm = z + sigma * Complex64::new(normal(), normal());
+        let z_ohm = z + sigma * Complex64::new(rng.normal(), rng.normal());
         ImpedancePoint {
             freq_hz,
             z_ohm,

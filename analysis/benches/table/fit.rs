@@ -118,16 +118,13 @@ fn median(mut seconds: Vec<f64>) -> f64 {
 
 fn noisy(seed: u64) -> Spectrum {
     let mut rng = Rng::new(seed + 1_000_000);
-    let mut normal = move || {
-        (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (std::f64::consts::TAU * rng.uniform()).cos()
-    };
     let point = |k: i32| {
         let freq_hz = 0.1 * 3000f64.powf(f64::from(k) / 19.0);
         let one =
             |(r, c): &(f64, f64)| *r / Complex64::new(1.0, std::f64::consts::TAU * freq_hz * r * c);
         let z: Complex64 = CELL.1.iter().map(one).sum::<Complex64>() + CELL.0;
         let sigma = 0.005 * z.norm();
-        let z_ohm = z + sigma * Complex64::new(normal(), normal());
+        let z_ohm = z + sigma * Complex64::new(rng.normal(), rng.normal());
         ImpedancePoint {
             freq_hz,
             z_ohm,

@@ -21,7 +21,6 @@ const BATCHES: u32 = 15;
 fn spectrum(points: u32, band_hz: RangeInclusive<f64>, stated: bool, seed: u64) -> Spectrum {
     let (low, high) = band_hz.into_inner();
     let mut rng = Rng::new(seed);
-    let mut normal = || (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (TAU * rng.uniform()).cos();
     let point = |k: u32| {
         let freq_hz = low * (high / low).powf(f64::from(k) / f64::from(points - 1));
         let s = Complex64::new(0.0, TAU * freq_hz);
@@ -38,7 +37,7 @@ fn spectrum(points: u32, band_hz: RangeInclusive<f64>, stated: bool, seed: u64) 
         };
         ImpedancePoint {
             freq_hz,
-            z_ohm: z + Complex64::new(sigma * normal(), sigma * normal()),
+            z_ohm: z + Complex64::new(sigma * rng.normal(), sigma * rng.normal()),
             covariance,
             amplitude_a: 1.0,
         }

@@ -36,6 +36,12 @@ impl Rng {
         (self.next_u64() >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
     }
 
+    /// Normal with mean 0 and variance 1 (Box and Muller).
+    pub fn normal(&mut self) -> f64 {
+        let radius = (-2.0 * (1.0 - self.uniform()).ln()).sqrt();
+        radius * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+
     /// Uniform in 0…n−1; 0 for n = 0.
     pub fn below(&mut self, n: usize) -> usize {
         ((self.uniform() * n as f64) as usize).min(n.saturating_sub(1))
@@ -78,5 +84,16 @@ mod tests {
         assert!((mean - 0.5).abs() < 0.015, "{mean}");
         assert!((0..1000).all(|_| rng.below(3) < 3));
         assert_eq!(rng.below(0), 0);
+    }
+
+    #[test]
+    fn normal_numbers_have_their_moments() {
+        let mut rng = Rng::new(7);
+        let all: Vec<f64> = (0..20_000).map(|_| rng.normal()).collect();
+        let moment = |power: i32| all.iter().map(|x| x.powi(power)).sum::<f64>() / 20_000.0;
+        let moments = [1, 2, 3, 4].map(moment);
+        for (met, expected) in moments.into_iter().zip([0.0, 1.0, 0.0, 3.0]) {
+            assert!((met - expected).abs() < 0.15, "{moments:?}");
+        }
     }
 }

@@ -115,10 +115,6 @@ mod tests {
 
     const SHUNT_OHM: f64 = 0.01;
 
-    fn normal(rng: &mut Rng) -> f64 {
-        (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (TAU * rng.uniform()).cos()
-    }
-
     fn correction() -> Correction {
         Correction::none(KnownImpedance {
             r_ohm: SHUNT_OHM,
@@ -139,7 +135,7 @@ mod tests {
             let u = 0.010 * i + 1e-4 * i * i + 2e-5 * i * i * i;
             let shunt = SHUNT_OHM * i;
             for (channel, clean) in channels.iter_mut().zip([0.0, shunt, shunt, shunt + u]) {
-                channel.push(clean + noise_v * normal(&mut rng));
+                channel.push(clean + noise_v * rng.normal());
             }
         }
         let samples = channels.each_ref().map(|v| Channel::volts(v));

@@ -10,12 +10,11 @@ type Cell = fn(f64) -> Complex64;
 
 fn made(seed: u64, (points, low, high): (u32, f64, f64), sigma: f64, cell: Cell) -> Spectrum {
     let mut rng = Rng::new(seed);
-    let mut normal = || (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (TAU * rng.uniform()).cos();
     let points = (0..points).map(|k| {
         let freq_hz = low * (high / low).powf(f64::from(k) / f64::from(points - 1));
         let z = cell(TAU * freq_hz);
         let s = sigma * z.norm();
-        let z_ohm = z + Complex64::new(s * normal(), s * normal());
+        let z_ohm = z + Complex64::new(s * rng.normal(), s * rng.normal());
         ImpedancePoint {
             freq_hz,
             z_ohm,

@@ -336,10 +336,6 @@ mod tests {
     use super::*;
     use analysis_numeric::Rng;
 
-    fn normal(rng: &mut Rng) -> f64 {
-        (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (std::f64::consts::TAU * rng.uniform()).cos()
-    }
-
     #[test]
     fn file_and_name_tell_the_cell() {
         use analysis_signal::spectrum::Origin;
@@ -415,9 +411,9 @@ mod tests {
         for _ in 0..runs {
             let groups: Vec<Vec<f64>> = (0..5 + rng.below(3))
                 .map(|_| {
-                    let cell = 10.0 + between * normal(&mut rng);
+                    let cell = 10.0 + between * rng.normal();
                     (0..2 + rng.below(5))
-                        .map(|_| cell + within * normal(&mut rng))
+                        .map(|_| cell + within * rng.normal())
                         .collect()
                 })
                 .collect();

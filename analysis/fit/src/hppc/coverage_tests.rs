@@ -12,11 +12,6 @@ const CELLS: u64 = 100;
 /// Seed of the first cell; the others follow.
 const SEED: u64 = 20_261_129;
 
-fn normal(rng: &mut Rng) -> f64 {
-    let (u, v) = (1.0 - rng.uniform(), rng.uniform());
-    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
-}
-
 fn between(rng: &mut Rng, low: f64, high: f64) -> f64 {
     low * (high / low).powf(rng.uniform())
 }
@@ -80,10 +75,10 @@ fn distances(seed: u64, start_logged: bool) -> Vec<f64> {
         1e-6
     };
     for v in &mut series.voltage_v {
-        *v = ((*v + noise_v * normal(&mut rng)) / code_v).round() * code_v;
+        *v = ((*v + noise_v * rng.normal()) / code_v).round() * code_v;
     }
     for a in &mut series.current_a {
-        *a += noise_a * normal(&mut rng);
+        *a += noise_a * rng.normal();
     }
     let found = table_of(
         &series,

@@ -40,10 +40,6 @@ fn curve() -> OcvCurve {
     .unwrap()
 }
 
-fn normal(rng: &mut Rng) -> f64 {
-    (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (std::f64::consts::TAU * rng.uniform()).cos()
-}
-
 /// Voltage of the cell at 1 A with pulses of 2 A for 10 s every 600 s, integrated by Runge and
 /// Kutta's fourth order in steps of 1 ms: knows nothing of step responses. Sampled every 0.5 s, in
 /// pulses every 0.2 s, and 0.1 s before each edge; white noise.
@@ -80,7 +76,7 @@ fn pulsed(gain: f64, noise_v: f64, seed: u64) -> TimeSeries {
             s.time_s.push(t);
             s.current_a.push(i);
             s.voltage_v
-                .push(ocv - gain * i * R - state.iter().sum::<f64>() + noise_v * normal(&mut rng));
+                .push(ocv - gain * i * R - state.iter().sum::<f64>() + noise_v * rng.normal());
         }
         for (v, (r, tau)) in state.iter_mut().zip(BRANCHES) {
             let f = |v: f64| (gain * r * i - v) / tau;
@@ -108,8 +104,7 @@ fn sweeps(seed: u64) -> Vec<SourcedSpectrum> {
                 let w = std::f64::consts::TAU * freq_hz;
                 let branch = |(r, tau): &(f64, f64)| Complex64::new(1.0 / r, w * tau / r).inv();
                 let z = R + BRANCHES.iter().map(branch).sum::<Complex64>();
-                let scatter =
-                    Complex64::new(1.0 + 0.002 * normal(&mut rng), 0.002 * normal(&mut rng));
+                let scatter = Complex64::new(1.0 + 0.002 * rng.normal(), 0.002 * rng.normal());
                 ImpedancePoint {
                     freq_hz,
                     z_ohm: z * factor * scatter,

@@ -1,7 +1,5 @@
 //! Comparisons of simulated sweeps whose change is known.
 
-use std::f64::consts::TAU;
-
 use analysis_model::model::{Erm, RcBranch};
 use analysis_numeric::{Covariance2, Rng};
 use analysis_signal::spectrum::{ImpedancePoint, Origin, SourcedSpectrum, Spectrum};
@@ -13,12 +11,8 @@ const CELLS: usize = 6;
 const REPEATS: usize = 4;
 const NOISE: f64 = 0.002;
 
-fn normal(rng: &mut Rng) -> f64 {
-    (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (TAU * rng.uniform()).cos()
-}
-
 fn cell(rng: &mut Rng) -> Erm {
-    let mut about = |value: f64| value * (1.0 + 0.01 * normal(rng));
+    let mut about = |value: f64| value * (1.0 + 0.01 * rng.normal());
     let mut branch = |r_ohm: f64, c_f: f64| RcBranch {
         r_ohm: about(r_ohm),
         c_f,
@@ -40,7 +34,7 @@ fn sweep(
     let mut point = |k: i32| {
         let freq_hz = 0.1 * 3000_f64.powf(f64::from(k) / 19.0);
         let z = change(freq_hz, erm.impedance(freq_hz));
-        let noise = Complex64::new(normal(rng), normal(rng)) * NOISE * z.norm();
+        let noise = Complex64::new(rng.normal(), rng.normal()) * NOISE * z.norm();
         ImpedancePoint {
             freq_hz,
             z_ohm: z + noise,

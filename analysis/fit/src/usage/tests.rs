@@ -1,15 +1,9 @@
 //! Records of simulated cells whose impedance is known.
 
-use std::f64::consts::TAU;
-
 use analysis_model::model::{Erm, RcBranch};
 use analysis_numeric::Rng;
 
 use super::*;
-
-fn normal(rng: &mut Rng) -> f64 {
-    (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (TAU * rng.uniform()).cos()
-}
 
 fn cell(factor: f64) -> Erm {
     let branch = |r_ohm: f64, tau_s: f64| RcBranch {
@@ -63,12 +57,12 @@ fn record(cells: &[Erm], seconds: f64, logger: &Logger, load_a: f64, seed: u64) 
             }
         }
         time_s.push(row as f64 * logger.interval_s + jitter_s);
-        current_a.push(level_a + logger.noise_a * normal(&mut rng));
+        current_a.push(level_a + logger.noise_a * rng.normal());
         for (k, (erm, state)) in cells.iter().zip(&states).enumerate() {
             // Open-circuit voltages that differ and fall.
             let ocv_v = 3.7 + 0.003 * k as f64
                 - 1e-4 * (1.0 + 0.05 * k as f64) * row as f64 * logger.interval_s;
-            let v = ocv_v - erm.r_ohm * level_a - state[0] - state[1] + 2e-4 * normal(&mut rng);
+            let v = ocv_v - erm.r_ohm * level_a - state[0] - state[1] + 2e-4 * rng.normal();
             voltages[k].push((v / logger.lsb_v).round() * logger.lsb_v);
         }
     }
@@ -165,7 +159,7 @@ fn a_current_that_does_not_change_gives_no_impedance() {
 fn cells(excess: f64, rng: &mut Rng) -> Vec<Erm> {
     (0..16)
         .map(|k| {
-            let own = 1.0 + 0.005 * normal(rng);
+            let own = 1.0 + 0.005 * rng.normal();
             cell(if k == 5 { own * (1.0 + excess) } else { own })
         })
         .collect()

@@ -21,8 +21,7 @@ impl Noisy {
     }
 
     fn normal(&mut self) -> f64 {
-        let u = 1.0 - self.0.uniform();
-        (-2.0 * u.ln()).sqrt() * (TAU * self.0.uniform()).cos()
+        self.0.normal()
     }
 
     fn between(&mut self, lo: f64, hi: f64) -> f64 {

@@ -251,11 +251,6 @@ mod tests {
     use super::*;
     use analysis_numeric::Rng;
 
-    /// Normal deviates by Box and Muller.
-    fn normal(rng: &mut Rng) -> f64 {
-        (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (std::f64::consts::TAU * rng.uniform()).cos()
-    }
-
     #[test]
     fn smooths_to_below_the_noise_and_says_how_large_it_is() {
         let truth = |x: f64| {
@@ -264,7 +259,7 @@ mod tests {
         let mut rng = Rng::new(11);
         let points: Vec<(f64, f64)> = (0..8000)
             .map(|k| f64::from(k) / 7999.0)
-            .map(|x| (x, truth(x) + 4e-4 * normal(&mut rng)))
+            .map(|x| (x, truth(x) + 4e-4 * rng.normal()))
             .collect();
         let s = smooth(&points, 200).unwrap();
         assert!((s.noise / 4e-4 - 1.0).abs() < 0.05, "{}", s.noise);
@@ -300,7 +295,7 @@ mod tests {
         let mut rng = Rng::new(5);
         let points: Vec<(f64, f64)> = (0..3000)
             .map(|k| f64::from(k) / 2999.0)
-            .map(|x| (x, truth(x) + 2e-3 * normal(&mut rng)))
+            .map(|x| (x, truth(x) + 2e-3 * rng.normal()))
             .collect();
         let s = smooth(&points, 100).unwrap();
         assert!(s.value.windows(2).all(|w| w[1] >= w[0]) && s.slope.iter().all(|m| *m >= 0.0));

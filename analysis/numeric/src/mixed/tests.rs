@@ -4,11 +4,6 @@
 use super::*;
 use crate::Rng;
 
-fn normal(rng: &mut Rng) -> f64 {
-    let (u, v) = (1.0 - rng.uniform(), rng.uniform());
-    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
-}
-
 /// Cells that are each measured on every bench, so often.
 struct Crossed {
     values: Vec<f64>,
@@ -18,8 +13,8 @@ struct Crossed {
 
 fn crossed(cells: usize, benches: usize, sds: [f64; 3], seed: u64) -> Crossed {
     let mut rng = Rng::new(seed);
-    let of_cell: Vec<f64> = (0..cells).map(|_| sds[0] * normal(&mut rng)).collect();
-    let of_bench: Vec<f64> = (0..benches).map(|_| sds[1] * normal(&mut rng)).collect();
+    let of_cell: Vec<f64> = (0..cells).map(|_| sds[0] * rng.normal()).collect();
+    let of_bench: Vec<f64> = (0..benches).map(|_| sds[1] * rng.normal()).collect();
     let mut made = Crossed {
         values: Vec::new(),
         cells: Vec::new(),
@@ -28,7 +23,7 @@ fn crossed(cells: usize, benches: usize, sds: [f64; 3], seed: u64) -> Crossed {
     for (cell, shared) in of_cell.iter().enumerate() {
         for (bench, offset) in of_bench.iter().enumerate() {
             made.values
-                .push(10.0 + shared + offset + sds[2] * normal(&mut rng));
+                .push(10.0 + shared + offset + sds[2] * rng.normal());
             made.cells.push(cell);
             made.benches.push(bench);
         }
@@ -145,13 +140,13 @@ fn a_nested_unbalanced_table_with_a_covariate_finds_what_made_it() {
     let (mut batches, mut cells) = (Vec::new(), Vec::new());
     let mut rng = Rng::new(5);
     for batch in 0..60 {
-        let of_batch = 0.8 * normal(&mut rng);
+        let of_batch = 0.8 * rng.normal();
         for _ in 0..3 + batch % 4 {
             let cell = cells.last().map_or(0, |last| last + 1);
-            let of_cell = 0.5 * normal(&mut rng);
+            let of_cell = 0.5 * rng.normal();
             for _ in 0..2 + cell % 3 {
-                let x = 25.0 + 5.0 * normal(&mut rng);
-                values.push(3.0 - 0.1 * x + of_batch + of_cell + 0.2 * normal(&mut rng));
+                let x = 25.0 + 5.0 * rng.normal();
+                values.push(3.0 - 0.1 * x + of_batch + of_cell + 0.2 * rng.normal());
                 covariate.push(x);
                 batches.push(batch);
                 cells.push(cell);

@@ -238,10 +238,6 @@ mod tests {
         relaxes_v: f64,
     }
 
-    fn normal(rng: &mut Rng) -> f64 {
-        (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (TAU * rng.uniform()).cos()
-    }
-
     fn grid() -> Vec<usize> {
         odd_grid(BASE_HZ, 1.0..=60.0, 8)
     }
@@ -276,7 +272,7 @@ mod tests {
                 SHUNT_OHM * current + voltage,
             ];
             for (channel, value) in channels.iter_mut().zip(clean) {
-                channel.push(value + case.noise_v * normal(&mut rng));
+                channel.push(value + case.noise_v * rng.normal());
             }
         }
         channels

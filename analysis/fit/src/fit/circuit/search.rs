@@ -204,10 +204,6 @@ impl Seeker<'_> {
     /// The local fit from a place near x.
     fn around(&self, x: &[f64], k: usize) -> Minimum {
         let mut rng = self.chance(k);
-        let mut normal = || {
-            (-2.0 * (1.0 - rng.uniform()).ln()).sqrt()
-                * (std::f64::consts::TAU * rng.uniform()).cos()
-        };
         // Near ones and far ones.
         let far = 0.5 * HOP * (1 + k % 4) as f64;
         let step = |i: &usize| {
@@ -220,7 +216,7 @@ impl Seeker<'_> {
         let moved: Vec<f64> = x
             .iter()
             .zip(&self.problem.free)
-            .map(|(x, i)| x + step(i) * normal())
+            .map(|(x, i)| x + step(i) * rng.normal())
             .collect();
         self.descend(&moved)
     }

@@ -1,6 +1,6 @@
 //! Sigmas of pooled sweeps that share cells, against the scatter of the cells.
 
-use super::{noisy, normal};
+use super::noisy;
 use crate::fit::{
     CellSweeps, CircuitOptions, FitOptions, Objective, fit_cells, fit_circuit_cells, fit_erm,
     profiles,
@@ -94,7 +94,7 @@ fn the_thesis_sigmas_are_the_scatter_of_its_five_cells() {
 /// Cells that differ by a factor of 1 %, five sweeps each with noise of 0.2 %.
 fn drawn(count: usize, rng: &mut Rng) -> Vec<CellSweeps> {
     let cell = |k: usize, rng: &mut Rng| {
-        let factor = 1.0 + 0.01 * normal(rng);
+        let factor = 1.0 + 0.01 * rng.normal();
         let sweep = |rng: &mut Rng| -> Spectrum {
             let mut spectrum = noisy(
                 (0.007 * factor, &[(0.003 * factor, 10.0 / factor)]),
@@ -154,7 +154,7 @@ fn cells_differ_by_more_than_the_stated_noise_of_their_sweeps() {
     let mut rng = Rng::new(12);
     let pool = |rng: &mut Rng| {
         let mut cells = drawn(6, rng);
-        let gain = 1.0 + GAIN * normal(rng);
+        let gain = 1.0 + GAIN * rng.normal();
         for spectrum in cells.iter_mut().flat_map(|cell| &mut cell.sweeps) {
             for point in &mut spectrum.points {
                 let sigma = 0.002 * point.z_ohm.norm();

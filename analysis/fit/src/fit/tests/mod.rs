@@ -42,7 +42,7 @@ fn noisy(circuit: Circuit<'_>, count: u32, relative: f64, rng: &mut Rng) -> Spec
     let point = |freq_hz| {
         let z = true_impedance(circuit, freq_hz);
         let sigma = relative * z.norm();
-        let z_ohm = z + sigma * Complex64::new(normal(rng), normal(rng));
+        let z_ohm = z + sigma * Complex64::new(rng.normal(), rng.normal());
         let covariance = Covariance2 {
             re_re: sigma * sigma,
             re_im: 0.0,
@@ -69,9 +69,4 @@ fn exact(circuit: Circuit<'_>, count: u32) -> Spectrum {
         .iter_mut()
         .for_each(|p| p.covariance = Covariance2::UNKNOWN);
     spectrum
-}
-
-/// A standard normal number (Box and Muller).
-fn normal(rng: &mut Rng) -> f64 {
-    (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (std::f64::consts::TAU * rng.uniform()).cos()
 }

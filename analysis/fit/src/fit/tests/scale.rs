@@ -1,7 +1,7 @@
 //! Impedances of any size and range, and data that one row spoils: neither bounds nor weights may
 //! hang on the largest |Z|.
 
-use super::{Circuit, exact, normal, true_impedance};
+use super::{Circuit, exact, true_impedance};
 use crate::fit::{
     Bounds, CellSweeps, ErmFit, FitOptions, Objective, OrderOptions, fit_erm, select_order,
 };
@@ -17,7 +17,7 @@ fn wide(circuit: Circuit<'_>, relative: f64) -> Spectrum {
         let sigma = relative * z.norm();
         ImpedancePoint {
             freq_hz,
-            z_ohm: z + sigma * num_complex::Complex64::new(normal(&mut rng), normal(&mut rng)),
+            z_ohm: z + sigma * num_complex::Complex64::new(rng.normal(), rng.normal()),
             covariance: Covariance2::UNKNOWN,
             amplitude_a: 1.0,
         }

@@ -1,6 +1,6 @@
 //! Cells that differ by known amounts, swept several times.
 
-use super::{noisy, normal};
+use super::noisy;
 use crate::fit::{CellSweeps, FitOptions, Objective, cell_spread};
 use analysis_numeric::{Covariance2, Rng};
 
@@ -8,7 +8,7 @@ use analysis_numeric::{Covariance2, Rng};
 /// within 0.2 %.
 fn cells(count: usize, between: f64, rng: &mut Rng) -> Vec<CellSweeps> {
     let one = |k: usize, rng: &mut Rng| {
-        let r = 0.007 * (1.0 + between * normal(rng));
+        let r = 0.007 * (1.0 + between * rng.normal());
         let mut sweeps: Vec<_> = (0..3 + k % 3)
             .map(|_| noisy((r, &[(0.0017, 1.2), (0.0026, 200.0)]), 20, 0.002, rng))
             .collect();

@@ -28,7 +28,7 @@ fn noisy(
     let point = |freq_hz: &f64| {
         let z = truth(*freq_hz);
         let sigma = relative * z.norm();
-        let z_ohm = z + sigma * Complex64::new(normal(rng), normal(rng));
+        let z_ohm = z + sigma * Complex64::new(rng.normal(), rng.normal());
         let covariance = if relative > 0.0 {
             Covariance2::circular(sigma * sigma)
         } else {
@@ -59,9 +59,4 @@ fn untold(mut spectrum: Spectrum) -> Spectrum {
 
 fn parse(text: &str) -> Circuit {
     text.parse().unwrap()
-}
-
-/// A standard normal number (Box and Muller).
-fn normal(rng: &mut Rng) -> f64 {
-    (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (std::f64::consts::TAU * rng.uniform()).cos()
 }

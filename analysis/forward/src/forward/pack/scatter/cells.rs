@@ -98,9 +98,9 @@ impl PlacedCell {
 pub(super) fn draw(spread: &Spread, setup: &ScatterSetup<'_>, rng: &mut Rng) -> Vec<PlacedCell> {
     let mut cells = Vec::new();
     for group in 1..=setup.pack.series {
-        let soc = setup.soc + spread.soc * normal(rng);
+        let soc = setup.soc + spread.soc * rng.normal();
         for place in 1..=setup.pack.parallel {
-            let mut factor = |sigma: f64| (sigma * normal(rng)).exp();
+            let mut factor = |sigma: f64| (sigma * rng.normal()).exp();
             let (all, capacity) = (factor(spread.r), factor(spread.capacity));
             let branches = setup
                 .cell
@@ -164,10 +164,4 @@ pub(super) fn check_packs(
         pack.iter().try_for_each(|cell| cell.check(setup.cell))?;
     }
     Ok(())
-}
-
-/// Returns a number of the standard normal distribution (Box and Muller).
-fn normal(rng: &mut Rng) -> f64 {
-    let radius = (-2.0 * (1.0 - rng.uniform()).ln()).sqrt();
-    radius * (std::f64::consts::TAU * rng.uniform()).cos()
 }
