@@ -103,14 +103,22 @@ impl Link {
     /// [`LinkError::Connect`], [`LinkError::ConnectTimeout`], or [`LinkError::VirtualTime`] for a
     /// real port in virtual time.
     pub async fn open(options: LinkOptions) -> Result<Self, LinkError> {
-        let quiet = options.profile.quiet;
-        let link = Self::unconnected(options);
-        exchange!(link, |conversation| conversation.connect(quiet))?;
+        let mut link = Self::unconnected(options);
+        link.connect().await?;
         Ok(link)
     }
 
-    /// Creates a link without a connection, dropped until [`Link::reconnect`]: for an instrument
-    /// that another client still uses.
+    /// Connects for the first time, and sends nothing.
+    ///
+    /// # Errors
+    /// As [`Link::open`].
+    pub async fn connect(&mut self) -> Result<(), LinkError> {
+        let quiet = self.options.profile.quiet;
+        exchange!(self, |conversation| conversation.connect(quiet))
+    }
+
+    /// Creates a link without a connection, dropped until [`Link::connect`] or
+    /// [`Link::reconnect`]: for an instrument that another client still uses.
     pub fn unconnected(options: LinkOptions) -> Self {
         let shared = Shared {
             conversation: Mutex::new(Conversation::new(options.clone())),

@@ -79,72 +79,79 @@ impl Instruments {
         connections: &Connections,
     ) -> Result<Self, BenchError> {
         let instruments = &config.instruments;
-        let channel = config.wiring.generator_channel;
-        let logger_channels = instruments
-            .logger
-            .as_ref()
-            .map_or_else(Vec::new, |(_, cell, ambient)| {
-                std::iter::once(*cell).chain(*ambient).collect()
-            });
-        let jig = match &instruments.jig {
-            Some(config::Jig::Device(instrument)) => Some(Jig::new(
-                link(connections, "jig", instrument, Jig::profile()).await?,
-            )),
-            Some(config::Jig::Person) | None => None,
-        };
-        let logger = instruments
-            .logger
-            .as_ref()
-            .map(|(instrument, _, _)| instrument);
-        Ok(Self {
-            supply4q: open(
-                connections,
-                "supply4q",
-                &rated(instruments.supply4q.as_ref()),
-                instruments.supply4q.as_ref(),
-            )
-            .await?,
-            generator: open(
-                connections,
-                "generator",
-                generator::DIALECTS,
-                instruments.generator.as_ref(),
-            )
-            .await?
-            .map(|generator| generator.on_channels(vec![u16::from(channel)])),
-            scope: open(
+        let logger = instruments.logger.as_ref();
+        let channels = logger.map_or_else(Vec::new, |(_, cell, ambient)| {
+            std::iter::once(*cell).chain(*ambient).collect()
+        });
+        let logger = logger.map(|(instrument, _, _)| instrument);
+        let mut all = Self {
+            scope: role(
                 connections,
                 "scope",
                 scope::DIALECTS,
                 instruments.scope.as_ref(),
-            )
-            .await?,
-            load: open(
+            )?,
+            logger: role(connections, "logger", logger::DIALECTS, logger)?
+                .map(|logger| logger.on_channels(channels)),
+            jig: match &instruments.jig {
+                Some(config::Jig::Device(instrument)) => {
+                    let options = options(connections, "jig", instrument, Jig::profile());
+                    let opened = Link::open(options).await;
+                    let opened = opened.map_err(|source| wrap("jig", &instrument.model, source));
+                    Some(Jig::new(opened?))
+                }
+                Some(config::Jig::Person) | None => None,
+            },
+            ..Self::unconnected(config, connections)?
+        };
+        let addressed = instruments.addressed();
+        let model = |role: &str| {
+            let found = addressed.iter().find(|(name, _)| *name == role);
+            found.map_or("", |(_, instrument)| instrument.model.as_str())
+        };
+        macro_rules! connect_all {
+            ($($role:ident $variant:ident,)+) => {
+                $(if let Some(one) = &mut all.$role {
+                    let role = stringify!($role);
+                    let opened = one.link_mut().connect().await;
+                    opened.map_err(|source| wrap(role, model(role), source))?;
+                })+
+            };
+        }
+        for_roles!(connect_all);
+        Ok(all)
+    }
+
+    /// Creates the instruments that can move charge, and the bath, without connecting to them.
+    pub(super) fn unconnected(
+        config: &config::Bench,
+        connections: &Connections,
+    ) -> Result<Self, BenchError> {
+        let all = &config.instruments;
+        let senses = all.load.as_ref().and_then(|load| load.remote_sense);
+        let channel = u16::from(config.wiring.generator_channel);
+        let rated = rated(all.supply4q.as_ref());
+        Ok(Self {
+            supply4q: role(connections, "supply4q", &rated, all.supply4q.as_ref())?,
+            generator: role(
                 connections,
-                "load",
-                load::DIALECTS,
-                instruments.load.as_ref(),
-            )
-            .await?
-            .map(|load| load.sensing(senses(instruments))),
-            supply: open(
-                connections,
-                "supply",
-                supply::DIALECTS,
-                instruments.supply.as_ref(),
-            )
-            .await?,
-            chiller: open(
+                "generator",
+                generator::DIALECTS,
+                all.generator.as_ref(),
+            )?
+            .map(|generator| generator.on_channels(vec![channel])),
+            scope: None,
+            load: role(connections, "load", load::DIALECTS, all.load.as_ref())?
+                .map(|load| load.sensing(senses)),
+            supply: role(connections, "supply", supply::DIALECTS, all.supply.as_ref())?,
+            chiller: role(
                 connections,
                 "chiller",
                 chiller::DIALECTS,
-                instruments.chiller.as_ref(),
-            )
-            .await?,
-            logger: open(connections, "logger", logger::DIALECTS, logger)
-                .await?
-                .map(|logger| logger.on_channels(logger_channels)),
-            jig,
+                all.chiller.as_ref(),
+            )?,
+            logger: None,
+            jig: None,
         })
     }
 
@@ -162,57 +169,6 @@ impl Instruments {
             jig: None,
         }
     }
-
-    /// Creates the instruments that can move charge, and the bath, without connecting to them.
-    pub(super) fn unconnected(
-        config: &config::Bench,
-        connections: &Connections,
-    ) -> Result<Self, BenchError> {
-        let instruments = &config.instruments;
-        let channel = u16::from(config.wiring.generator_channel);
-        Ok(Self {
-            supply4q: unconnected(
-                connections,
-                "supply4q",
-                &rated(instruments.supply4q.as_ref()),
-                instruments.supply4q.as_ref(),
-            )?,
-            generator: unconnected(
-                connections,
-                "generator",
-                generator::DIALECTS,
-                instruments.generator.as_ref(),
-            )?
-            .map(|generator| generator.on_channels(vec![channel])),
-            scope: None,
-            load: unconnected(
-                connections,
-                "load",
-                load::DIALECTS,
-                instruments.load.as_ref(),
-            )?
-            .map(|load| load.sensing(senses(instruments))),
-            supply: unconnected(
-                connections,
-                "supply",
-                supply::DIALECTS,
-                instruments.supply.as_ref(),
-            )?,
-            chiller: unconnected(
-                connections,
-                "chiller",
-                chiller::DIALECTS,
-                instruments.chiller.as_ref(),
-            )?,
-            logger: None,
-            jig: None,
-        })
-    }
-}
-
-/// Returns where the load measures, if the bench file states it.
-fn senses(instruments: &config::Instruments) -> Option<bool> {
-    instruments.load.as_ref()?.remote_sense
 }
 
 /// Returns the dialect of a bipolar supply with its rating, or none for an unknown model.
@@ -223,8 +179,8 @@ fn rated(supply: Option<&config::Instrument>) -> Vec<&'static dyn supply4q::Dial
         .collect()
 }
 
-/// Connects the instrument of a role, if the bench has one; sends nothing.
-async fn open<D: Model + ?Sized>(
+/// Creates the instrument of a role, if the bench has one, without a connection.
+fn role<D: Model + ?Sized>(
     connections: &Connections,
     role: &'static str,
     dialects: &[&'static D],
@@ -233,50 +189,14 @@ async fn open<D: Model + ?Sized>(
     let Some(instrument) = instrument else {
         return Ok(None);
     };
-    let dialect = spoken(role, dialects, instrument)?;
-    let link = link(connections, role, instrument, dialect.profile()).await?;
-    Ok(Some(
-        Instrument::new(link, dialect).accepting(instrument.accept.clone()),
-    ))
-}
-
-/// Returns the dialect of an instrument's model.
-fn spoken<D: Model + ?Sized>(
-    role: &'static str,
-    dialects: &[&'static D],
-    instrument: &config::Instrument,
-) -> Result<&'static D, BenchError> {
-    by_key(dialects, &instrument.model).ok_or_else(|| BenchError::Dialect {
+    let dialect = by_key(dialects, &instrument.model).ok_or_else(|| BenchError::Dialect {
         role,
         model: instrument.model.clone(),
-    })
-}
-
-/// Creates the instrument of a role without a connection.
-fn unconnected<D: Model + ?Sized>(
-    connections: &Connections,
-    role: &'static str,
-    dialects: &[&'static D],
-    instrument: Option<&config::Instrument>,
-) -> Result<Option<Instrument<D>>, BenchError> {
-    let Some(instrument) = instrument else {
-        return Ok(None);
-    };
-    let dialect = spoken(role, dialects, instrument)?;
+    })?;
     let link = Link::unconnected(options(connections, role, instrument, dialect.profile()));
     Ok(Some(
         Instrument::new(link, dialect).accepting(instrument.accept.clone()),
     ))
-}
-
-async fn link(
-    connections: &Connections,
-    role: &'static str,
-    instrument: &config::Instrument,
-    profile: LinkProfile,
-) -> Result<Link, BenchError> {
-    let opened = Link::open(options(connections, role, instrument, profile)).await;
-    opened.map_err(|source| wrap(role, &instrument.model, source))
 }
 
 fn options(
