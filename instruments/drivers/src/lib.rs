@@ -14,6 +14,7 @@ pub mod instrument;
 pub mod jig;
 pub mod load;
 pub mod logger;
+mod power;
 pub mod scope;
 pub mod supply;
 pub mod supply4q;

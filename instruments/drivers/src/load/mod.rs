@@ -8,8 +8,9 @@ use instruments_domain::units::{Amps, Volts};
 use instruments_link::link::LinkError;
 
 use crate::{
-    exchange::{Answer, Exchange, ExpectedAnswers, Way, look},
+    exchange::{Exchange, ExpectedAnswers},
     instrument::Instrument,
+    power::moves_current,
 };
 pub use contract::{Capabilities, Dialect, Discharge, Draw};
 
@@ -19,12 +20,9 @@ pub const DIALECTS: &[&dyn Dialect] = &[&siglent_sdl::SDL1000X, &rigol_dl3000::D
 /// A DC load on its link.
 pub type Load = Instrument<dyn Dialect>;
 
-impl Instrument<dyn Dialect> {
-    /// Capabilities of the model.
-    pub fn capabilities(&self) -> Capabilities {
-        self.dialect.capabilities()
-    }
+moves_current!(input);
 
+impl Instrument<dyn Dialect> {
     /// Switches the input off, then sets constant current or power and reads the limits back.
     ///
     /// # Errors
@@ -88,46 +86,5 @@ impl Instrument<dyn Dialect> {
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         self.expect_nothing().await;
         self.play_all(&self.dialect.input(false)).await
-    }
-
-    /// Ways to sink nothing while the input does not open, the gentlest first.
-    pub fn zero(&self) -> Vec<Way> {
-        self.dialect.zero()
-    }
-
-    /// Limits of the current within the instrument, by its own answers.
-    pub async fn bounds(&mut self) -> Vec<String> {
-        self.bounded_by(self.dialect.bounds()).await
-    }
-
-    /// Queries whether the input is off, and changes nothing.
-    ///
-    /// # Errors
-    /// The link's errors.
-    pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
-        look(
-            &mut self.link,
-            self.dialect.settings(),
-            &self.dialect.input(false),
-        )
-        .await
-    }
-
-    /// Returns the voltage at the sense terminals and the current drawn.
-    ///
-    /// # Errors
-    /// The link's errors, including a reply that is not a number.
-    pub async fn measure(&mut self) -> Result<(Volts, Amps), LinkError> {
-        let queries = self.dialect.measure();
-        self.volts_and_amps(queries).await
-    }
-
-    /// Queries the current alone, in half the time.
-    ///
-    /// # Errors
-    /// As [`Self::measure`].
-    pub async fn measure_current(&mut self) -> Result<Amps, LinkError> {
-        let [_, amps] = self.dialect.measure();
-        self.keep_amps(None, amps).await
     }
 }

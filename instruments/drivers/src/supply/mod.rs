@@ -9,8 +9,9 @@ use instruments_domain::units::{Amps, Volts};
 use instruments_link::link::LinkError;
 
 use crate::{
-    exchange::{Answer, Exchange, Way, forget_errors, look},
+    exchange::{Exchange, forget_errors},
     instrument::Instrument,
+    power::moves_current,
 };
 pub use contract::{Capabilities, Charge, Dialect};
 
@@ -31,12 +32,9 @@ fn below(value: f64, step: f64) -> f64 {
 /// Channel 1 of a DC supply on its link.
 pub type Supply = Instrument<dyn Dialect>;
 
-impl Instrument<dyn Dialect> {
-    /// Capabilities of the model.
-    pub fn capabilities(&self) -> Capabilities {
-        self.dialect.capabilities()
-    }
+moves_current!(output);
 
+impl Instrument<dyn Dialect> {
     /// Switches the output off, then sets the limits and reads them back.
     ///
     /// # Errors
@@ -108,46 +106,5 @@ impl Instrument<dyn Dialect> {
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         self.expect_nothing().await;
         self.play_all(&self.dialect.output(false)).await
-    }
-
-    /// Ways to deliver nothing while the output does not go off, the gentlest first.
-    pub fn zero(&self) -> Vec<Way> {
-        self.dialect.zero()
-    }
-
-    /// Limits of the current within the instrument, by its own answers.
-    pub async fn bounds(&mut self) -> Vec<String> {
-        self.bounded_by(self.dialect.bounds()).await
-    }
-
-    /// Queries whether the output is off, and changes nothing.
-    ///
-    /// # Errors
-    /// The link's errors.
-    pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
-        look(
-            &mut self.link,
-            self.dialect.settings(),
-            &self.dialect.output(false),
-        )
-        .await
-    }
-
-    /// Returns the voltage at the terminals and the current delivered.
-    ///
-    /// # Errors
-    /// The link's errors, including a reply that is not a number.
-    pub async fn measure(&mut self) -> Result<(Volts, Amps), LinkError> {
-        let queries = self.dialect.measure();
-        self.volts_and_amps(queries).await
-    }
-
-    /// Queries the current alone, in half the time.
-    ///
-    /// # Errors
-    /// As [`Self::measure`].
-    pub async fn measure_current(&mut self) -> Result<Amps, LinkError> {
-        let [_, amps] = self.dialect.measure();
-        self.keep_amps(None, amps).await
     }
 }

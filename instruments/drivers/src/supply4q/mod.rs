@@ -13,8 +13,9 @@ use instruments_domain::units::{Amps, Volts};
 use instruments_link::{link::LinkError, transport::Address};
 
 use crate::{
-    exchange::{Answer, Exchange, ExpectedAnswers, Way, after_header, forget_errors, look},
+    exchange::{Exchange, ExpectedAnswers, after_header, forget_errors},
     instrument::{Instrument, by_key},
+    power::moves_current,
 };
 pub use contract::{AnalogSelect, Capabilities, Dialect, Holds, Limits, OwnLimits, Rating};
 
@@ -36,12 +37,9 @@ pub fn dialect(key: &str, rating: Option<Rating>) -> Result<&'static dyn Dialect
 /// A bipolar supply on its link.
 pub type Supply4q = Instrument<dyn Dialect>;
 
-impl Instrument<dyn Dialect> {
-    /// Capabilities of the model.
-    pub fn capabilities(&self) -> Capabilities {
-        self.dialect.capabilities()
-    }
+moves_current!(output);
 
+impl Instrument<dyn Dialect> {
     /// Switches the output off, then sets current mode with zero current and reads the limits back.
     /// At this point nothing drives the cell.
     ///
@@ -90,29 +88,6 @@ impl Instrument<dyn Dialect> {
         }
     }
 
-    /// Ways to drive nothing while the output does not go off, the gentlest first.
-    pub fn zero(&self) -> Vec<Way> {
-        self.dialect.zero()
-    }
-
-    /// Limits of the current within the instrument, by its own answers.
-    pub async fn bounds(&mut self) -> Vec<String> {
-        self.bounded_by(self.dialect.bounds()).await
-    }
-
-    /// Queries whether the output is off, and changes nothing.
-    ///
-    /// # Errors
-    /// The link's errors.
-    pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
-        look(
-            &mut self.link,
-            self.dialect.settings(),
-            &self.dialect.output(false),
-        )
-        .await
-    }
-
     /// Queries the limits that the supply enforces itself, if it can report them; changes nothing.
     ///
     /// # Errors
@@ -146,23 +121,5 @@ impl Instrument<dyn Dialect> {
                 "least and greatest voltage and current, around zero",
             )),
         }
-    }
-
-    /// Returns the terminal voltage and the current (charge positive).
-    ///
-    /// # Errors
-    /// The link's error, or a [`LinkError`] for a reply that is not a number.
-    pub async fn measure(&mut self) -> Result<(Volts, Amps), LinkError> {
-        let queries = self.dialect.measure();
-        self.volts_and_amps(queries).await
-    }
-
-    /// Queries the current alone, in half the time.
-    ///
-    /// # Errors
-    /// As [`Self::measure`].
-    pub async fn measure_current(&mut self) -> Result<Amps, LinkError> {
-        let [_, amps] = self.dialect.measure();
-        self.keep_amps(None, amps).await
     }
 }
