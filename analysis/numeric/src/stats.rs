@@ -1,6 +1,20 @@
-//! Tail probabilities and quantiles of the usual distributions, through the regularised incomplete
-//! beta function by its continued fraction (Lentz, 1976; DLMF 8.17.22) and the gamma function by
-//! Lanczos' sum. Good to about 1e-10; not for tails below 1e-200.
+//! Tail probabilities and quantiles of the normal, χ², F and t distributions, by the series and
+//! continued fractions of the incomplete gamma and beta functions (Abramowitz and Stegun 6.5.29,
+//! 6.5.31, 26.5.8). About ten digits; tails below 1e-300 are zero.
+
+const EPSILON: f64 = 1e-15;
+const TINY: f64 = 1e-300;
+const STEPS: u32 = 5000;
+
+/// Returns the probability that χ² of `dof` degrees of freedom exceeds `x`; 1 without degrees of
+/// freedom.
+pub fn chi2_tail(x: f64, dof: f64) -> f64 {
+    if x > 0.0 && dof > 0.0 {
+        gamma_tail(0.5 * dof, 0.5 * x)
+    } else {
+        1.0
+    }
+}
 
 /// An F distribution: of the ratio of two mean squares.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,7 +35,7 @@ impl FDistribution {
         if f <= 0.0 {
             return 1.0;
         }
-        beta(b / (b + a * f), b / 2.0, a / 2.0)
+        beta_lower(0.5 * b, 0.5 * a, b / (b + a * f))
     }
 }
 
@@ -36,8 +50,7 @@ fn square_tail(f: f64, freedom: f64) -> f64 {
 
 /// P(X ≥ z) for a standard normal X.
 pub fn normal_tail(z: f64) -> f64 {
-    // Student's t with this many degrees of freedom equals a normal number to nine digits.
-    let t = square_tail(z * z, 1e9) / 2.0;
+    let t = chi2_tail(z * z, 1.0) / 2.0;
     if z >= 0.0 { t } else { 1.0 - t }
 }
 
@@ -63,65 +76,84 @@ pub fn t_factor(level: f64, freedom: f64) -> f64 {
     0.5 * (lo + hi)
 }
 
-/// Regularised incomplete beta function Iₓ(a, b).
-fn beta(x: f64, a: f64, b: f64) -> f64 {
-    if x <= 0.0 {
-        return 0.0;
+/// ln Γ(x) for x > 0: Stirling's series after a shift beyond 10.
+fn ln_gamma(x: f64) -> f64 {
+    let mut shift = 0.0;
+    let mut y = x;
+    while y < 10.0 {
+        shift += y.ln();
+        y += 1.0;
     }
-    if x >= 1.0 {
-        return 1.0;
+    let z = 1.0 / (y * y);
+    let series = (1.0 / 12.0 - z * (1.0 / 360.0 - z * (1.0 / 1260.0 - z / 1680.0))) / y;
+    (y - 0.5) * y.ln() - y + 0.5 * std::f64::consts::TAU.ln() + series - shift
+}
+
+/// Γ(a, x)/Γ(a).
+fn gamma_tail(a: f64, x: f64) -> f64 {
+    let scale = (a * x.ln() - x - ln_gamma(a)).exp();
+    if x < a + 1.0 {
+        let mut term = 1.0 / a;
+        let mut sum = term;
+        for k in 1..STEPS {
+            term *= x / (a + f64::from(k));
+            sum += term;
+            if term < sum * EPSILON {
+                break;
+            }
+        }
+        return 1.0 - sum * scale;
+    }
+    let fraction = |k: f64| {
+        (
+            if k == 0.0 { 1.0 } else { -k * (k - a) },
+            x + 1.0 - a + 2.0 * k,
+        )
+    };
+    scale * continued(fraction)
+}
+
+/// I_x(a, b).
+fn beta_lower(a: f64, b: f64, x: f64) -> f64 {
+    if x <= 0.0 || x >= 1.0 {
+        return if x > 0.0 { 1.0 } else { 0.0 };
     }
     if x > (a + 1.0) / (a + b + 2.0) {
-        return 1.0 - beta(1.0 - x, b, a);
+        return 1.0 - beta_lower(b, a, 1.0 - x);
     }
-    let front =
+    let scale =
         (a * x.ln() + b * (-x).ln_1p() + ln_gamma(a + b) - ln_gamma(a) - ln_gamma(b)).exp() / a;
-    let tiny = 1e-300;
-    let guard = |v: f64| if v.abs() < tiny { tiny } else { v };
-    let (mut c, mut d) = (1.0, 1.0 / guard(1.0 - (a + b) * x / (a + 1.0)));
-    let mut sum = d;
-    for m in 1..5000 {
-        let m = f64::from(m);
-        let even = m * (b - m) * x / ((a + 2.0 * m - 1.0) * (a + 2.0 * m));
-        let odd = -(a + m) * (a + b + m) * x / ((a + 2.0 * m) * (a + 2.0 * m + 1.0));
-        let mut change = 1.0;
-        for term in [even, odd] {
-            d = 1.0 / guard(1.0 + term * d);
-            c = guard(1.0 + term / c);
-            change = c * d;
-            sum *= change;
-        }
-        if (change - 1.0f64).abs() < 1e-14 {
+    let fraction = |k: f64| {
+        let m = (0.5 * k).floor();
+        let numerator = if k == 0.0 {
+            1.0
+        } else if k % 2.0 == 0.0 {
+            m * (b - m) * x / ((a + k - 1.0) * (a + k))
+        } else {
+            -(a + m) * (a + b + m) * x / ((a + k - 1.0) * (a + k))
+        };
+        (numerator, 1.0)
+    };
+    scale * continued(fraction)
+}
+
+/// a₀/(b₀ + a₁/(b₁ + …)) by Lentz's method; the function gives (aₖ, bₖ).
+fn continued(term: impl Fn(f64) -> (f64, f64)) -> f64 {
+    let guard = |v: f64| if v.abs() < TINY { TINY } else { v };
+    let (first, b0) = term(0.0);
+    // The denominator b₀ + a₁/(b₁ + …) is what converges.
+    let (mut c, mut d) = (guard(b0), 0.0);
+    let mut value = c;
+    for k in 1..STEPS {
+        let (a, b) = term(f64::from(k));
+        d = 1.0 / guard(b + a * d);
+        c = guard(b + a / c);
+        value *= c * d;
+        if (c * d - 1.0).abs() < EPSILON {
             break;
         }
     }
-    (front * sum).min(1.0)
-}
-
-/// Returns ln Γ(x) for x > 0 (Lanczos, g = 7, nine terms; Stirling's series where that is exact).
-fn ln_gamma(x: f64) -> f64 {
-    if x > 1e3 {
-        return (x - 0.5) * x.ln() - x + 0.5 * std::f64::consts::TAU.ln() + 1.0 / (12.0 * x);
-    }
-    const COEFFICIENTS: [f64; 8] = [
-        676.520_368_121_885_1,
-        -1_259.139_216_722_402_8,
-        771.323_428_777_653_1,
-        -176.615_029_162_140_6,
-        12.507_343_278_686_905,
-        -0.138_571_095_265_720_12,
-        9.984_369_578_019_572e-6,
-        1.505_632_735_149_311_6e-7,
-    ];
-    let x = x - 1.0;
-    let series = COEFFICIENTS
-        .iter()
-        .zip(1..)
-        .fold(0.999_999_999_999_809_9, |s, (c, k)| {
-            s + c / (x + f64::from(k))
-        });
-    let t = x + 7.5;
-    0.5 * std::f64::consts::TAU.ln() + (x + 0.5) * t.ln() - t + series.ln()
+    first / value
 }
 
 #[cfg(test)]

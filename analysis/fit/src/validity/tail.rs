@@ -1,28 +1,12 @@
-//! Tail probabilities of the normal, χ², F and t distributions, by the series and continued
-//! fractions of the incomplete gamma and beta functions (Abramowitz and
-//! Stegun 6.5.29, 6.5.31, 26.5.8). About ten digits; tails below 1e-300 are zero.
+//! Tail probabilities of sums of squared deviates, of known or estimated variance.
 
 use analysis_numeric::stats::FDistribution;
+pub use analysis_numeric::stats::chi2_tail;
 
-const EPSILON: f64 = 1e-15;
-const TINY: f64 = 1e-300;
-const STEPS: u32 = 500;
-
-/// Returns the probability that χ² of `dof` degrees of freedom exceeds `x`; 1 without degrees of
-/// freedom.
-pub fn chi2_tail(x: f64, dof: f64) -> f64 {
-    if x > 0.0 && dof > 0.0 {
-        gamma_tail(0.5 * dof, 0.5 * x)
-    } else {
-        1.0
-    }
-}
-
-/// Probability that a ratio of two mean squares exceeds `x`.
+/// Probability that a ratio of two mean squares exceeds `x`; 1 without degrees of freedom above.
 pub(super) fn f_tail(x: f64, dof: FDistribution) -> f64 {
-    let FDistribution { above, below } = dof;
-    if x > 0.0 && above > 0.0 {
-        beta_lower(0.5 * below, 0.5 * above, below / (below + above * x))
+    if x > 0.0 && dof.above > 0.0 {
+        dof.tail(x)
     } else {
         1.0
     }
@@ -71,86 +55,6 @@ pub fn holm(p: &[f64]) -> Vec<f64> {
         adjusted[k] = least;
     }
     adjusted
-}
-
-/// ln Γ(x) for x > 0: Stirling's series after a shift beyond 10.
-fn ln_gamma(x: f64) -> f64 {
-    let mut shift = 0.0;
-    let mut y = x;
-    while y < 10.0 {
-        shift += y.ln();
-        y += 1.0;
-    }
-    let z = 1.0 / (y * y);
-    let series = (1.0 / 12.0 - z * (1.0 / 360.0 - z * (1.0 / 1260.0 - z / 1680.0))) / y;
-    (y - 0.5) * y.ln() - y + 0.5 * std::f64::consts::TAU.ln() + series - shift
-}
-
-/// Γ(a, x)/Γ(a).
-fn gamma_tail(a: f64, x: f64) -> f64 {
-    let scale = (a * x.ln() - x - ln_gamma(a)).exp();
-    if x < a + 1.0 {
-        let mut term = 1.0 / a;
-        let mut sum = term;
-        for k in 1..STEPS {
-            term *= x / (a + f64::from(k));
-            sum += term;
-            if term < sum * EPSILON {
-                break;
-            }
-        }
-        return 1.0 - sum * scale;
-    }
-    let fraction = |k: f64| {
-        (
-            if k == 0.0 { 1.0 } else { -k * (k - a) },
-            x + 1.0 - a + 2.0 * k,
-        )
-    };
-    scale * continued(fraction)
-}
-
-/// I_x(a, b).
-fn beta_lower(a: f64, b: f64, x: f64) -> f64 {
-    if x <= 0.0 || x >= 1.0 {
-        return if x > 0.0 { 1.0 } else { 0.0 };
-    }
-    if x > (a + 1.0) / (a + b + 2.0) {
-        return 1.0 - beta_lower(b, a, 1.0 - x);
-    }
-    let scale =
-        (a * x.ln() + b * (-x).ln_1p() + ln_gamma(a + b) - ln_gamma(a) - ln_gamma(b)).exp() / a;
-    let fraction = |k: f64| {
-        let m = (0.5 * k).floor();
-        let numerator = if k == 0.0 {
-            1.0
-        } else if k % 2.0 == 0.0 {
-            m * (b - m) * x / ((a + k - 1.0) * (a + k))
-        } else {
-            -(a + m) * (a + b + m) * x / ((a + k - 1.0) * (a + k))
-        };
-        (numerator, 1.0)
-    };
-    scale * continued(fraction)
-}
-
-/// a₀/(b₀ + a₁/(b₁ + …)) by Lentz's method; the function gives (aₖ, bₖ).
-fn continued(term: impl Fn(f64) -> (f64, f64)) -> f64 {
-    let guard = |v: f64| if v.abs() < TINY { TINY } else { v };
-    let (first, b0) = term(0.0);
-    // The denominator b₀ + a₁/(b₁ + …) is what converges.
-    let (mut c, mut d) = (guard(b0), 0.0);
-    let mut value = c;
-    for k in 1..STEPS {
-        let (a, b) = term(f64::from(k));
-        d = 1.0 / guard(b + a * d);
-        c = guard(b + a / c);
-        value *= c * d;
-        if (c * d - 1.0).abs() < EPSILON {
-            break;
-        }
-    }
-    first / value
 }
 
 #[cfg(test)]
