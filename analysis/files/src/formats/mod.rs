@@ -29,6 +29,7 @@
 //! and [`spectrum_text`] writes files for other programs.
 
 mod bdf;
+mod calendar;
 mod error;
 mod file_spectra;
 mod flags;

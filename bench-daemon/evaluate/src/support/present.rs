@@ -5,6 +5,7 @@ use analysis::{
     report::{Level, Table, Verdict},
     spectrum::FlaggedPoint,
 };
+use jiff::Timestamp;
 
 /// JSON of a result: of one alone itself, of several a list.
 ///
@@ -19,47 +20,9 @@ pub fn one_or_list<T: serde::Serialize>(all: &[T]) -> Result<String, serde_json:
 
 /// A time, s since 1970, as a date in UTC: `2026-11-22T06:07:06Z`.
 pub fn utc(unix_s: f64) -> String {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "it is not negative, and saturates"
-    )]
-    let seconds = unix_s.max(0.0) as u64;
-    let (mut day, second) = (seconds / 86_400, seconds % 86_400);
-    let leap =
-        |year: u64| year.is_multiple_of(4) && !year.is_multiple_of(100) || year.is_multiple_of(400);
-    let mut year = 1970;
-    while day >= 365 + u64::from(leap(year)) {
-        day -= 365 + u64::from(leap(year));
-        year += 1;
-    }
-    let mut month = 1;
-    for length in [
-        31,
-        28 + u64::from(leap(year)),
-        31,
-        30,
-        31,
-        30,
-        31,
-        31,
-        30,
-        31,
-        30,
-    ] {
-        if day < length {
-            break;
-        }
-        day -= length;
-        month += 1;
-    }
-    format!(
-        "{year:04}-{month:02}-{:02}T{:02}:{:02}:{:02}Z",
-        day + 1,
-        second / 3600,
-        second / 60 % 60,
-        second % 60
-    )
+    #[expect(clippy::cast_possible_truncation, reason = "it saturates")]
+    let time = Timestamp::from_second(unix_s.max(0.0) as i64).unwrap_or(Timestamp::MAX);
+    time.strftime("%Y-%m-%dT%H:%M:%SZ").to_string()
 }
 
 /// Returns the title of a picture or a page, with the name of the object if it has one.

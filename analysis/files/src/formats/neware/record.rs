@@ -1,5 +1,6 @@
 //! The rows of a record, common to all layouts, and their text.
 
+use super::super::calendar::days_since_1970;
 use super::fields::{i32_at, u8_at, u16_at};
 use std::fmt::Write as _;
 
@@ -74,20 +75,8 @@ pub(super) fn amperes_per_count(range: i32) -> Result<f64, Fault> {
 /// Converts a date (year (2 bytes), month, day, hour, minute, second) to seconds since 1970.
 pub(super) fn date_s(bytes: &[u8], at: usize) -> f64 {
     let part = |k: usize| f64::from(u8_at(bytes, at + k));
-    let (year, month) = (
-        i64::from(u16_at(bytes, at)),
-        i64::from(u8_at(bytes, at + 2)),
-    );
-    // Years that begin in March have the leap day at their end.
-    let (year, month) = if month > 2 {
-        (year, month - 3)
-    } else {
-        (year - 1, month + 9)
-    };
-    let days = 365 * year + year.div_euclid(4) - year.div_euclid(100)
-        + year.div_euclid(400)
-        + (153 * month + 2) / 5
-        - 719_469;
+    let (year, month) = (u16_at(bytes, at), u8_at(bytes, at + 2));
+    let days = days_since_1970(i64::from(year), i64::from(month), 0);
     #[expect(clippy::cast_precision_loss, reason = "days of some thousand years")]
     let days = days as f64 + part(3);
     ((days * 24.0 + part(4)) * 60.0 + part(5)) * 60.0 + part(6)

@@ -1,5 +1,6 @@
 //! Times of rows: numbers, clocks (`h:mm:ss`) and dates.
 
+use super::super::calendar::days_since_1970;
 use super::super::text;
 
 /// Seconds of a day.
@@ -114,21 +115,6 @@ fn time_of_day_s(time: &str) -> Option<f64> {
     let seconds = next().unwrap_or(0.0);
     let hours = if is_12 { hours % 12.0 } else { hours } + if half { 12.0 } else { 0.0 };
     Some((hours * 60.0 + minutes) * 60.0 + seconds)
-}
-
-/// Returns the days of the Gregorian calendar since 1970-01-01, counted in years that begin in
-/// March.
-fn days_since_1970(year: i64, month: i64, day: i64) -> i64 {
-    let (year, month) = if month > 2 {
-        (year, month - 3)
-    } else {
-        (year - 1, month + 9)
-    };
-    365 * year + year.div_euclid(4) - year.div_euclid(100)
-        + year.div_euclid(400)
-        + (153 * month + 2) / 5
-        + day
-        - 719_469
 }
 
 #[cfg(test)]
