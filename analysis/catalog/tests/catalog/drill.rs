@@ -13,7 +13,7 @@ use analysis_catalog::{Catalog, query::Filter, record::CatalogVerdict, scan::Sca
 
 use sha2::{Digest, Sha256};
 
-use crate::made::Made;
+use crate::made::{Made, filter};
 
 /// Default number of runs.
 const RUNS: usize = 100_000;
@@ -136,10 +136,7 @@ fn questions(path: &Path, number: usize) {
         runs(Filter::default())(catalog);
     });
     ask(path, "runs of a cell", |catalog, k| {
-        runs(Filter {
-            cell: text(cell(k)),
-            ..Filter::default()
-        })(catalog);
+        runs(filter(&[("cell", &cell(k))]))(catalog);
     });
     ask(path, "doubtful runs of a bench", |catalog, k| {
         let bench = text(format!("bench{}", k % 5));
@@ -160,29 +157,17 @@ fn questions(path: &Path, number: usize) {
         })(catalog);
     });
     ask(path, "a common word", |catalog, _| {
-        runs(Filter {
-            text: text("ageing".to_owned()),
-            ..Filter::default()
-        })(catalog);
+        runs(filter(&[("text", "ageing")]))(catalog);
     });
     ask(path, "a rare word", |catalog, k| {
         let name = Made::of(k * number / QUESTIONS).name();
-        runs(Filter {
-            text: text(name),
-            ..Filter::default()
-        })(catalog);
+        runs(filter(&[("text", &name)]))(catalog);
     });
     ask(path, "a word that is nowhere", |catalog, _| {
-        runs(Filter {
-            text: text("swollen".to_owned()),
-            ..Filter::default()
-        })(catalog);
+        runs(filter(&[("text", "swollen")]))(catalog);
     });
     ask(path, "spectra of a cell", |catalog, k| {
-        let filter = Filter {
-            cell: text(cell(k)),
-            ..Filter::default()
-        };
+        let filter = filter(&[("cell", &cell(k))]);
         drop(catalog.spectra(&filter).unwrap());
     });
     ask(path, "cells", |catalog, _| {
@@ -193,96 +178,25 @@ fn questions(path: &Path, number: usize) {
         assert_eq!(catalog.show(&name).unwrap().spectra.len(), 1);
     });
     ask(path, "ageing of a cell", |catalog, k| {
-        let filter = Filter {
-            cell: text(cell(k)),
-            ..Filter::default()
-        };
+        let filter = filter(&[("cell", &cell(k))]);
         assert!(!catalog.ageing(&filter, None).unwrap().points.is_empty());
     });
 }
 
 /// Questions for conditions that few runs meet, many, or none, and that no table is in the order of.
 fn questions_of_conditions(path: &Path) {
-    let text = |text: &str| Some(text.to_owned());
-    let all = Filter::default;
     let conditions = [
-        (
-            "a rare batch",
-            Filter {
-                batch: text(RARE),
-                ..all()
-            },
-        ),
-        (
-            "a common batch",
-            Filter {
-                batch: text("2026-03"),
-                ..all()
-            },
-        ),
-        (
-            "a serial number",
-            Filter {
-                serial: text("P45B-0042"),
-                ..all()
-            },
-        ),
-        (
-            "a rare experiment",
-            Filter {
-                experiment: text(RARE),
-                ..all()
-            },
-        ),
-        (
-            "a common experiment",
-            Filter {
-                experiment: text("ageing"),
-                ..all()
-            },
-        ),
-        (
-            "a verdict",
-            Filter {
-                verdict: Some(CatalogVerdict::Doubtful),
-                ..all()
-            },
-        ),
-        (
-            "a verdict that none has",
-            Filter {
-                verdict: Some(CatalogVerdict::Failed),
-                ..all()
-            },
-        ),
-        (
-            "a bench",
-            Filter {
-                bench: text("bench2"),
-                ..all()
-            },
-        ),
-        (
-            "trips, none",
-            Filter {
-                trip: true,
-                ..all()
-            },
-        ),
-        (
-            "a common word",
-            Filter {
-                text: text("ageing"),
-                ..all()
-            },
-        ),
-        (
-            "a rare word",
-            Filter {
-                text: text("run042"),
-                ..all()
-            },
-        ),
+        ("a rare batch", filter(&[("batch", RARE)])),
+        ("a common batch", filter(&[("batch", "2026-03")])),
+        ("a serial number", filter(&[("serial", "P45B-0042")])),
+        ("a rare experiment", filter(&[("experiment", RARE)])),
+        ("a common experiment", filter(&[("experiment", "ageing")])),
+        ("a verdict", filter(&[("verdict", "doubtful")])),
+        ("a verdict that none has", filter(&[("verdict", "failed")])),
+        ("a bench", filter(&[("bench", "bench2")])),
+        ("trips, none", filter(&[("trip", "")])),
+        ("a common word", filter(&[("text", "ageing")])),
+        ("a rare word", filter(&[("text", "run042")])),
     ];
     for (name, filter) in &conditions {
         ask(path, &format!("runs, {name}"), |catalog, _| {

@@ -8,6 +8,7 @@ use std::{
 use analysis_catalog::{
     Catalog,
     query::Filter,
+    record::CatalogVerdict,
     scan::{ScanOptions, Scanned},
 };
 use analysis_files::run_folder::{
@@ -245,6 +246,27 @@ impl Place {
         let found = self.open().runs(filter).unwrap();
         found.runs.into_iter().map(|run| run.name).collect()
     }
+}
+
+/// Returns a filter of these conditions.
+pub(crate) fn filter(conditions: &[(&str, &str)]) -> Filter {
+    let mut filter = Filter::default();
+    for (name, value) in conditions {
+        let text = Some((*value).to_owned());
+        match *name {
+            "cell" => filter.cell = text,
+            "serial" => filter.serial = text,
+            "batch" => filter.batch = text,
+            "bench" => filter.bench = text,
+            "experiment" => filter.experiment = text,
+            "text" => filter.text = text,
+            "verdict" => filter.verdict = CatalogVerdict::of_word(value),
+            "most" => filter.most = value.parse().unwrap(),
+            "trip" => filter.trip = true,
+            _ => panic!("{name}"),
+        }
+    }
+    filter
 }
 
 /// Returns every reply of a catalogue as text: equal texts mean equal replies.

@@ -4,7 +4,7 @@ use std::fs;
 
 use analysis_catalog::{query::Filter, record::CatalogVerdict};
 
-use crate::made::{Made, Place};
+use crate::made::{Made, Place, filter};
 
 fn place() -> Place {
     let mut runs: Vec<Made> = (0..230).map(Made::of).collect();
@@ -29,76 +29,18 @@ fn every_condition_counts() {
             .len()
     };
     let all = Filter::default;
-    let text = |text: &str| Some(text.to_owned());
     assert_eq!(number(all()), 230);
-    assert_eq!(
-        number(Filter {
-            cell: text("C07"),
-            ..all()
-        }),
-        3
-    );
-    assert_eq!(
-        number(Filter {
-            cell: text("P45B-0007"),
-            ..all()
-        }),
-        3
-    );
-    assert_eq!(
-        number(Filter {
-            serial: text("OTHER-1"),
-            ..all()
-        }),
-        1
-    );
+    assert_eq!(number(filter(&[("cell", "C07")])), 3);
+    assert_eq!(number(filter(&[("cell", "P45B-0007")])), 3);
+    assert_eq!(number(filter(&[("serial", "OTHER-1")])), 1);
     for (batch, runs) in [("2026-03", 229), ("2026-04", 1)] {
-        assert_eq!(
-            number(Filter {
-                batch: text(batch),
-                ..all()
-            }),
-            runs
-        );
+        assert_eq!(number(filter(&[("batch", batch)])), runs);
     }
-    assert_eq!(
-        number(Filter {
-            bench: text("bench2"),
-            ..all()
-        }),
-        46
-    );
-    assert_eq!(
-        number(Filter {
-            bench: text("bench2"),
-            cell: text("C07"),
-            ..all()
-        }),
-        3
-    );
-    assert_eq!(
-        number(Filter {
-            bench: text("bench3"),
-            cell: text("C07"),
-            ..all()
-        }),
-        0
-    );
-    assert_eq!(
-        number(Filter {
-            text: text("RUN00000 ann"),
-            ..all()
-        }),
-        10
-    );
-    assert_eq!(
-        number(Filter {
-            text: text("p45b-0007"),
-            cell: text("C07"),
-            ..all()
-        }),
-        3
-    );
+    assert_eq!(number(filter(&[("bench", "bench2")])), 46);
+    assert_eq!(number(filter(&[("bench", "bench2"), ("cell", "C07")])), 3);
+    assert_eq!(number(filter(&[("bench", "bench3"), ("cell", "C07")])), 0);
+    assert_eq!(number(filter(&[("text", "RUN00000 ann")])), 10);
+    assert_eq!(number(filter(&[("text", "p45b-0007"), ("cell", "C07")])), 3);
     let verdict = |verdict| Filter {
         verdict: Some(verdict),
         ..all()
@@ -150,24 +92,14 @@ fn pages_follow_each_other_without_gaps() {
         assert_eq!(names, whole);
     }
     let catalog = place.open();
-    let spectra = catalog
-        .all_spectra(&Filter {
-            most: 7,
-            ..Filter::default()
-        })
-        .unwrap();
+    let spectra = catalog.all_spectra(&filter(&[("most", "7")])).unwrap();
     assert_eq!(spectra.len(), 230);
     assert!(
         spectra
             .windows(2)
             .all(|pair| pair[0].started_unix_s > pair[1].started_unix_s)
     );
-    let first = catalog
-        .cells(&Filter {
-            most: 60,
-            ..Filter::default()
-        })
-        .unwrap();
+    let first = catalog.cells(&filter(&[("most", "60")])).unwrap();
     let rest = catalog
         .cells(&Filter {
             most: 60,
@@ -190,10 +122,7 @@ fn a_cell_ages_by_models_of_one_order() {
     let place = place();
     fs::remove_file(place.runs.join("run000107/model_2rc.json")).unwrap();
     place.scan();
-    let cell = Filter {
-        cell: Some("P45B-0007".to_owned()),
-        ..Filter::default()
-    };
+    let cell = filter(&[("cell", "P45B-0007")]);
     let ageing = place.open().ageing(&cell, None).unwrap();
     assert_eq!((ageing.rc, ageing.orders.clone()), (Some(1), vec![1, 2]));
     let r_ohm: Vec<f64> = ageing.points.iter().map(|one| one.fit.r_ohm).collect();
@@ -327,7 +256,7 @@ fn fits_and_diagnoses_are_told_page_by_page() {
     }
     place.scan();
     let catalog = place.open();
-    let (mut page, mut times, mut runs) = (Filter { most: 9, ..all() }, Vec::new(), Vec::new());
+    let (mut page, mut times, mut runs) = (filter(&[("most", "9")]), Vec::new(), Vec::new());
     loop {
         let found = catalog.fits(&page).unwrap();
         times.extend(found.fits.iter().map(|fit| fit.started_unix_s));
@@ -348,15 +277,9 @@ fn fits_and_diagnoses_are_told_page_by_page() {
     }
     runs.dedup();
     assert_eq!(runs.len(), 23);
-    let bench = Filter {
-        bench: text("bench0"),
-        ..all()
-    };
+    let bench = filter(&[("bench", "bench0")]);
     assert_eq!(catalog.all_diagnoses(&bench).unwrap().len(), 23);
-    let cell = Filter {
-        cell: text("C10"),
-        ..all()
-    };
+    let cell = filter(&[("cell", "C10")]);
     let found = catalog.all_diagnoses(&cell).unwrap();
     assert_eq!((found.len(), found[0].cell.as_deref()), (3, Some("C10")));
     let ageing = catalog.ageing(&cell, None).unwrap();
@@ -402,7 +325,7 @@ fn ageing_tells_serial_numbers_that_differ_and_leaves_models_of_several_cells_ou
 fn folders_are_told_in_the_order_of_the_runs() {
     let place = place();
     let catalog = place.open();
-    let runs = catalog.runs(&Filter { most: 3, ..all() }).unwrap().runs;
+    let runs = catalog.runs(&filter(&[("most", "3")])).unwrap().runs;
     let wanted: Vec<&str> = runs.iter().rev().map(|run| run.run.as_str()).collect();
     let folders = catalog
         .folders(&[wanted[0], "none", wanted[2], wanted[0]])
@@ -414,10 +337,7 @@ fn folders_are_told_in_the_order_of_the_runs() {
 #[test]
 fn tables_hold_what_was_asked_for() {
     let place = place();
-    let cell = Filter {
-        cell: Some("C07".to_owned()),
-        ..Filter::default()
-    };
+    let cell = filter(&[("cell", "C07")]);
     let out = place.catalog.with_file_name("spectra.csv");
     let exported = place.open().export_spectra(&out, &cell).unwrap();
     assert_eq!((exported.rows, exported.left_out.len()), (60, 0));
@@ -433,10 +353,7 @@ fn tables_hold_what_was_asked_for() {
             .rows,
         6
     );
-    let words = Filter {
-        text: Some("run00000".to_owned()),
-        ..all()
-    };
+    let words = filter(&[("text", "run00000")]);
     let exported = place.open().export_spectra(&rows("s.csv"), &words).unwrap();
     assert_eq!(exported.rows, 200);
     let exported = place.open().export_fits(&rows("f.csv"), &words).unwrap();

@@ -10,7 +10,7 @@ use analysis_catalog::{
 };
 use analysis_files::run_folder::{JOURNAL, MANIFEST, SPECTRUM};
 
-use crate::made::{Made, Place, answers};
+use crate::made::{Made, Place, answers, filter};
 
 fn few() -> Vec<Made> {
     (0..12).map(Made::of).collect()
@@ -143,10 +143,7 @@ fn damaged_folders_are_listed_with_their_reasons() {
     assert!(reason("run000002").starts_with("journal.jsonl:1: expected a line with the field"));
     assert!(reason("run000003").contains("schema: expected eis-bench/model version 1 to 2"));
     assert!(reason("run000004").starts_with("manifest.json: expected of an ended run"));
-    let damaged = Filter {
-        verdict: Some(CatalogVerdict::Damaged),
-        ..Filter::default()
-    };
+    let damaged = filter(&[("verdict", "damaged")]);
     assert_eq!(place.names(&damaged).len(), 5);
 }
 
@@ -177,10 +174,7 @@ fn a_diagnosis_finds_its_run_beside_it() {
     let shown = catalog.show("run000007").unwrap();
     assert_eq!(shown.diagnoses[0].verdict, "explained");
     assert_eq!(shown.diagnoses[0].cell.as_deref(), Some("C07"));
-    let cell = Filter {
-        cell: Some("C07".to_owned()),
-        ..Filter::default()
-    };
+    let cell = filter(&[("cell", "C07")]);
     let ageing = catalog.ageing(&cell, None).unwrap();
     assert_eq!(ageing.points[0].diffusion[0].sigma, Some(1e-4));
     let chart = analysis_plot::chart_svg(&ageing.chart()).unwrap();
