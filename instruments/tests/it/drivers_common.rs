@@ -14,7 +14,7 @@ use instruments::{
     load, logger,
     mock::{
         self, Device, MODELS, MockOptions,
-        plant::{Action, BipolarState},
+        plant::{Action, BipolarState, GeneratorState, LoadState, SupplyState},
     },
     scope,
     scpi::decode::Terminator,
@@ -84,9 +84,35 @@ impl Device for Liar {
     }
 }
 
+/// Defines functions of a rig that return the states of its instrument, in their order.
+macro_rules! states {
+    ($($name:ident: $action:ident($state:ident),)+) => {
+        impl Rig {
+            $(pub(crate) fn $name(&self) -> Vec<$state> {
+                let state = |action| match action {
+                    Action::$action(state) => state,
+                    other => panic!("expected a state of another instrument, found {other:?}"),
+                };
+                self.actions().into_iter().map(state).collect()
+            })+
+        }
+    };
+}
+states! {
+    loads: Load(LoadState),
+    supplies: Supply(SupplyState),
+    waves: Generator(GeneratorState),
+    drives: Bipolar(BipolarState),
+}
+
 impl Rig {
     pub(crate) fn new(clock: Clock, model: &str) -> Self {
-        Self::with(clock, model, &MockOptions::default(), &[])
+        Self::lying(clock, model, &[])
+    }
+
+    /// An instrument that answers some messages with these lies.
+    pub(crate) fn lying(clock: Clock, model: &str, lies: &[(&'static str, &'static [u8])]) -> Self {
+        Self::with(clock, model, &MockOptions::default(), lies)
     }
 
     pub(crate) fn with(
@@ -356,12 +382,7 @@ fn the_jig_changes_hands_and_says_when_it_does_not() {
             jig.mount(fixture).await.unwrap();
             assert_eq!(rig.plant.lock().unwrap().fixture, Some(fixture));
         }
-        let rig = Rig::with(
-            clock,
-            "mock-jig",
-            &MockOptions::default(),
-            &[("JIG:MOUNT?", b"CELL\n")],
-        );
+        let rig = Rig::lying(clock, "mock-jig", &[("JIG:MOUNT?", b"CELL\n")]);
         let stuck = Jig::new(rig.link(Jig::profile()).await)
             .mount(Fixture::Shunt)
             .await

@@ -7,7 +7,7 @@ use instruments::{
     logger,
     mock::{
         MockOptions,
-        plant::{Action, BathState, BipolarState},
+        plant::{Action, BathState},
         quirks::Quirks,
     },
     scpi::decode::Terminator,
@@ -28,17 +28,6 @@ async fn supply(rig: &Rig) -> Supply4q {
     Instrument::new(rig.link(dialect.profile()).await, dialect)
 }
 
-fn states(rig: &Rig) -> Vec<BipolarState> {
-    let state = |action| {
-        if let Action::Bipolar(state) = action {
-            state
-        } else {
-            panic!("a bipolar supply does not do {action:?}")
-        }
-    };
-    rig.actions().into_iter().map(state).collect()
-}
-
 #[test]
 fn a_supply_left_on_in_the_other_loop_is_off_before_it_is_changed_and_obeys_the_analog_input_alone()
 {
@@ -47,27 +36,27 @@ fn a_supply_left_on_in_the_other_loop_is_off_before_it_is_changed_and_obeys_the_
         rig.earlier_user(Terminator::Cr, &["LOOP:V", "MON", "MWV:12"])
             .await;
         assert!(matches!(
-            states(&rig).last(),
+            rig.drives().last(),
             Some(state) if state.output_on && !state.current_mode && state.setpoint == 12.0
         ));
-        let start = states(&rig).len();
+        let start = rig.drives().len();
         let mut supply = supply(&rig).await;
         supply.prepare(&LIMITS).await.unwrap();
         assert!(
-            states(&rig)[start..]
+            rig.drives()[start..]
                 .iter()
                 .all(|state| !state.output_on && !state.analog_input),
             "{:?}",
-            &states(&rig)[start..]
+            &rig.drives()[start..]
         );
         supply.energise().await.unwrap();
-        let on = *states(&rig).last().unwrap();
+        let on = *rig.drives().last().unwrap();
         assert!(on.output_on && on.current_mode && on.analog_input, "{on:?}");
         assert_eq!(supply.measure().await.unwrap(), (Volts(3.75), Amps(-2.5)));
-        let up = states(&rig).len();
+        let up = rig.drives().len();
         supply.safe().await.unwrap();
         supply.safe().await.unwrap();
-        let down = states(&rig);
+        let down = rig.drives();
         assert!(!down.last().unwrap().output_on && !down.last().unwrap().analog_input);
         // The analog input is released only when the output is off: before, the digital set-point
         // would take over.
@@ -118,12 +107,7 @@ fn what_it_holds_by_itself_is_asked_for_and_nothing_is_claimed() {
             b"#MLIMITS:5.0:20.0:-3.5:3.5\r\n",
             b"#NAK:01\r\n",
         ] {
-            let rig = Rig::with(
-                clock.clone(),
-                FAST_PS,
-                &MockOptions::default(),
-                &[("MLIMITS:?", answer)],
-            );
+            let rig = Rig::lying(clock.clone(), FAST_PS, &[("MLIMITS:?", answer)]);
             let refused = self::supply(&rig)
                 .await
                 .own_limits()
@@ -163,12 +147,7 @@ fn a_confirmation_that_the_state_belies_is_not_believed() {
                 "`MOFF` answered `#NAK:77`: expected #AK or #NAK:13",
             ),
         ] {
-            let rig = Rig::with(
-                clock.clone(),
-                FAST_PS,
-                &MockOptions::default(),
-                &[(query, answer)],
-            );
+            let rig = Rig::lying(clock.clone(), FAST_PS, &[(query, answer)]);
             let met = supply(&rig)
                 .await
                 .prepare(&LIMITS)
@@ -212,12 +191,7 @@ fn the_thermostat_board_pulses_one_relay_and_a_pulse_that_is_too_long_is_not_sen
         let none = board.pulse(f64::NAN).await.unwrap_err().to_string();
         assert!(none.ends_with("nothing was sent"), "{none}");
         drop(board);
-        let rig = Rig::with(
-            clock,
-            "relay-thermostat",
-            &MockOptions::default(),
-            &[("STATE", b"OFF\n")],
-        );
+        let rig = Rig::lying(clock, "relay-thermostat", &[("STATE", b"OFF\n")]);
         let mut board = Instrument::new(rig.link(dialect.profile()).await, dialect);
         let belied = board.pulse(5.0).await.unwrap_err().to_string();
         assert_eq!(

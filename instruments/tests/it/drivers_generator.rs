@@ -3,10 +3,7 @@
 use instruments::{
     generator::{self, Generator, Sine, Wave},
     instrument::Instrument,
-    mock::{
-        MockOptions,
-        plant::{Action, GeneratorState},
-    },
+    mock::plant::GeneratorState,
     scpi::decode::Terminator,
     transcript::Tap,
     transport::MemoryHub,
@@ -33,18 +30,8 @@ fn sine(freq_hz: f64, amplitude_v: f64, offset_v: f64) -> Sine {
     }
 }
 
-fn states(rig: &Rig) -> Vec<GeneratorState> {
-    rig.actions()
-        .into_iter()
-        .map(|action| match action {
-            Action::Generator(state) => state,
-            other => panic!("a generator does not do {other:?}"),
-        })
-        .collect()
-}
-
 fn last(rig: &Rig) -> GeneratorState {
-    *states(rig).last().unwrap()
+    *rig.waves().last().unwrap()
 }
 
 #[test]
@@ -55,7 +42,7 @@ fn a_sine_comes_as_asked_and_goes_when_told() {
         generator.output(false).await.unwrap();
         generator.quiet(Volts(-0.28)).await.unwrap();
         assert!(
-            states(&rig)
+            rig.waves()
                 .iter()
                 .all(|state| *state == GeneratorState::default()),
             "nothing comes before the output is on"
@@ -109,7 +96,8 @@ fn what_an_earlier_user_left_neither_doubles_nor_turns_the_volts() {
                 }
                 generator.sine(&sine(10.0, 0.5, 0.2)).await.unwrap();
                 generator.output(true).await.unwrap();
-                let on: Vec<_> = states(&rig)
+                let on: Vec<_> = rig
+                    .waves()
                     .into_iter()
                     .filter(|state| *state != GeneratorState::default())
                     .collect();
@@ -135,7 +123,7 @@ fn the_output_is_not_switched_on_with_a_load_that_makes_other_volts() {
         OFF,LOAD,50,PLRT,NOR`: expected `LOAD,HZ` in the answer";
         assert_eq!(generator.output(true).await.unwrap_err().to_string(), text);
         assert!(
-            states(&rig)
+            rig.waves()
                 .iter()
                 .all(|state| *state == GeneratorState::default())
         );
@@ -345,12 +333,7 @@ fn another_wave_or_a_switched_load_is_not_believed() {
     in_virtual_time(async |clock| {
         let square: &[u8] = b"C1:BSWV WVTP,SQUARE,FRQ,10HZ,PERI,0.1S,AMP,1V,OFST,0V,\
             HLEV,0.5V,LLEV,-0.5V,PHSE,0,DUTY,50\n";
-        let rig = Rig::with(
-            clock.clone(),
-            MODEL,
-            &MockOptions::default(),
-            &[("C1:BSWV?", square)],
-        );
+        let rig = Rig::lying(clock.clone(), MODEL, &[("C1:BSWV?", square)]);
         let mut generator = driver(&rig).await;
         let error = generator
             .sine(&sine(10.0, 0.5, 0.0))
@@ -358,10 +341,9 @@ fn another_wave_or_a_switched_load_is_not_believed() {
             .unwrap_err()
             .to_string();
         assert!(error.ends_with("expected WVTP,SINE"), "{error}");
-        let rig = Rig::with(
+        let rig = Rig::lying(
             clock,
             MODEL,
-            &MockOptions::default(),
             &[("C1:OUTP?", b"C1:OUTP ON,LOAD,50,PLRT,NOR\n")],
         );
         let mut generator = driver(&rig).await;

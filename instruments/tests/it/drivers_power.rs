@@ -5,7 +5,7 @@ use instruments::{
     load::{self, Discharge, Draw, Load},
     mock::{
         MockOptions,
-        plant::{Action, LoadState, SupplyState},
+        plant::{LoadState, SupplyState},
     },
     scpi::decode::Terminator,
     supply::{self, Charge, Supply},
@@ -35,35 +35,13 @@ async fn supply(rig: &Rig) -> Supply {
     Instrument::new(rig.link(dialect.profile()).await, dialect)
 }
 
-fn loads(rig: &Rig) -> Vec<LoadState> {
-    let state = |action| {
-        if let Action::Load(state) = action {
-            state
-        } else {
-            panic!("a load does not do {action:?}")
-        }
-    };
-    rig.actions().into_iter().map(state).collect()
-}
-
-fn supplies(rig: &Rig) -> Vec<SupplyState> {
-    let state = |action| {
-        if let Action::Supply(state) = action {
-            state
-        } else {
-            panic!("a supply does not do {action:?}")
-        }
-    };
-    rig.actions().into_iter().map(state).collect()
-}
-
 #[test]
 fn the_load_sinks_what_was_asked_and_stops_by_itself() {
     in_virtual_time(async |clock| {
         let rig = Rig::new(clock, LOAD);
         let mut load = load(&rig).await;
         load.prepare(&DISCHARGE).await.unwrap();
-        assert!(loads(&rig).iter().all(|state| !state.input_on));
+        assert!(rig.loads().iter().all(|state| !state.input_on));
         load.energise().await.unwrap();
         let expected = LoadState {
             input_on: true,
@@ -72,7 +50,7 @@ fn the_load_sinks_what_was_asked_and_stops_by_itself() {
             power_w: None,
         };
         assert_eq!(
-            loads(&rig)
+            rig.loads()
                 .into_iter()
                 .filter(|state| state.input_on)
                 .collect::<Vec<_>>(),
@@ -81,7 +59,7 @@ fn the_load_sinks_what_was_asked_and_stops_by_itself() {
         assert_eq!(load.measure().await.unwrap(), (Volts(3.7), Amps(1.5)));
         load.safe().await.unwrap();
         load.safe().await.unwrap();
-        assert!(!loads(&rig).last().unwrap().input_on);
+        assert!(!rig.loads().last().unwrap().input_on);
     });
 }
 
@@ -99,8 +77,8 @@ fn a_load_that_was_left_on_latched_in_another_function_and_range_is_off_before_i
             ":INP ON",
         ];
         rig.earlier_user(Terminator::Lf, &messages).await;
-        assert!(loads(&rig).last().unwrap().input_on);
-        let start = loads(&rig).len();
+        assert!(rig.loads().last().unwrap().input_on);
+        let start = rig.loads().len();
         let mut load = load(&rig).await;
         // More than the range in which it was left.
         load.prepare(&Discharge {
@@ -110,14 +88,14 @@ fn a_load_that_was_left_on_latched_in_another_function_and_range_is_off_before_i
         .await
         .unwrap();
         assert!(
-            loads(&rig)[start..].iter().all(|state| !state.input_on),
+            rig.loads()[start..].iter().all(|state| !state.input_on),
             "{:?}",
-            &loads(&rig)[start..]
+            &rig.loads()[start..]
         );
         load.energise().await.unwrap();
         // Latched, it would go on sinking below the stop voltage: nothing of the latch is left.
         assert_eq!(
-            *loads(&rig).last().unwrap(),
+            *rig.loads().last().unwrap(),
             LoadState {
                 input_on: true,
                 current_a: 6.0,
@@ -196,20 +174,15 @@ fn what_the_load_does_not_take_over_is_named() {
                 ON",
             ),
         ] {
-            let rig = Rig::with(
-                clock.clone(),
-                LOAD,
-                &MockOptions::default(),
-                &[(query, answer)],
-            );
+            let rig = Rig::lying(clock.clone(), LOAD, &[(query, answer)]);
             let mut load = self::load(&rig).await;
             assert_eq!(
                 load.prepare(&DISCHARGE).await.unwrap_err().to_string(),
                 text
             );
-            assert!(loads(&rig).iter().all(|state| !state.input_on));
+            assert!(rig.loads().iter().all(|state| !state.input_on));
         }
-        let rig = Rig::with(clock, LOAD, &MockOptions::default(), &[(":INP?", b"0\n")]);
+        let rig = Rig::lying(clock, LOAD, &[(":INP?", b"0\n")]);
         let refused = self::load(&rig)
             .await
             .energise()
@@ -239,10 +212,10 @@ fn the_supply_charges_with_what_was_asked() {
             ],
         )
         .await;
-        let start = supplies(&rig).len();
+        let start = rig.supplies().len();
         let mut supply = supply(&rig).await;
         supply.prepare(&CHARGE).await.unwrap();
-        let states = supplies(&rig);
+        let states = rig.supplies();
         assert_eq!(
             states[start],
             SupplyState {
@@ -258,7 +231,7 @@ fn the_supply_charges_with_what_was_asked() {
         );
         supply.energise().await.unwrap();
         assert_eq!(
-            *supplies(&rig).last().unwrap(),
+            *rig.supplies().last().unwrap(),
             SupplyState {
                 output_on: true,
                 voltage_v: 4.2,
@@ -268,7 +241,7 @@ fn the_supply_charges_with_what_was_asked() {
         assert_eq!(supply.measure().await.unwrap(), (Volts(4.0), Amps(1.25)));
         supply.safe().await.unwrap();
         supply.safe().await.unwrap();
-        assert!(!supplies(&rig).last().unwrap().output_on);
+        assert!(!rig.supplies().last().unwrap().output_on);
         drop(supply);
         // Another channel's business is left alone, and its bit is not taken for ours; the tracking
         // is gone.
@@ -338,12 +311,7 @@ fn what_the_supply_does_not_take_over_is_named() {
             );
         }
         // Only channel 2 is on.
-        let rig = Rig::with(
-            clock,
-            SUPPLY,
-            &MockOptions::default(),
-            &[("SYST:STAT?", b"0x0224\n")],
-        );
+        let rig = Rig::lying(clock, SUPPLY, &[("SYST:STAT?", b"0x0224\n")]);
         let mut supply = supply(&rig).await;
         supply.safe().await.unwrap();
         let text =
@@ -367,7 +335,7 @@ fn levels_change_while_load_and_supply_are_on() {
         load.energise().await.unwrap();
         load.level(Draw::Power(Watts(45.5))).await.unwrap();
         assert_eq!(
-            *loads(&rig).last().unwrap(),
+            *rig.loads().last().unwrap(),
             LoadState {
                 input_on: true,
                 current_a: 0.0,
@@ -389,7 +357,7 @@ fn levels_change_while_load_and_supply_are_on() {
         supply.prepare(&CHARGE).await.unwrap();
         supply.energise().await.unwrap();
         supply.level(Amps(0.5)).await.unwrap();
-        let last = supplies(&rig).last().copied().unwrap();
+        let last = rig.supplies().last().copied().unwrap();
         assert!(
             last.output_on && last.current_a == 0.5 && last.voltage_v == 4.2,
             "{last:?}"

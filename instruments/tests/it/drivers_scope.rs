@@ -175,12 +175,7 @@ fn what_was_chosen_before_the_stop_is_fetched_with_two_questions() {
 fn a_scope_that_takes_transfer_settings_only_when_stopped_is_told_nothing_before() {
     in_virtual_time(async |clock| {
         // It does not show that it has taken the stride.
-        let rig = Rig::with(
-            clock,
-            MODEL,
-            &MockOptions::default(),
-            &[(":WAVeform:INTerval?", b"1\n")],
-        );
+        let rig = Rig::lying(clock, MODEL, &[(":WAVeform:INTerval?", b"1\n")]);
         let mut scope = driver(&rig).await;
         arm(&mut scope).await;
         assert_eq!(scope.choose(4, 2_000).await.unwrap(), None);
@@ -428,12 +423,7 @@ fn clipping_shows_in_its_share_and_extremes() {
 #[test]
 fn the_samples_of_another_channel_are_never_taken() {
     in_virtual_time(async |clock| {
-        let rig = Rig::with(
-            clock.clone(),
-            MODEL,
-            &MockOptions::default(),
-            &[(":WAVeform:SOURce C4", b"")],
-        );
+        let rig = Rig::lying(clock.clone(), MODEL, &[(":WAVeform:SOURce C4", b"")]);
         let mut scope = capture(&rig).await;
         let text = "dev: after `:WAVeform:SOURce C4`, `:WAVeform:SOURce?` answered `C1`: expected \
         `C4` in the answer";
@@ -509,7 +499,7 @@ fn pages_that_do_not_fit_are_named() {
         ),
     ] {
         in_virtual_time(async |clock| {
-            let rig = Rig::with(clock, MODEL, &MockOptions::default(), &[(query, answer)]);
+            let rig = Rig::lying(clock, MODEL, &[(query, answer)]);
             let error = capture(&rig)
                 .await
                 .download(4, MEMORY_POINTS)
@@ -524,12 +514,7 @@ fn pages_that_do_not_fit_are_named() {
 #[test]
 fn a_scope_that_does_not_stop_is_polled_gently_and_given_up() {
     in_virtual_time(async |clock| {
-        let rig = Rig::with(
-            clock,
-            MODEL,
-            &MockOptions::default(),
-            &[(":TRIGger:STATus?", b"Auto\n")],
-        );
+        let rig = Rig::lying(clock, MODEL, &[(":TRIGger:STATus?", b"Auto\n")]);
         let mut scope = driver(&rig).await;
         let start_s = rig.clock.now_s();
         let error = scope.stop().await.unwrap_err().to_string();

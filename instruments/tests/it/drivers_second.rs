@@ -36,28 +36,6 @@ async fn load(rig: &Rig) -> Load {
     Instrument::new(rig.link(dialect.profile()).await, dialect)
 }
 
-fn supplies(rig: &Rig) -> Vec<SupplyState> {
-    let state = |action| {
-        if let Action::Supply(state) = action {
-            state
-        } else {
-            panic!("a supply does not do {action:?}")
-        }
-    };
-    rig.actions().into_iter().map(state).collect()
-}
-
-fn loads(rig: &Rig) -> Vec<LoadState> {
-    let state = |action| {
-        if let Action::Load(state) = action {
-            state
-        } else {
-            panic!("a load does not do {action:?}")
-        }
-    };
-    rig.actions().into_iter().map(state).collect()
-}
-
 #[test]
 fn a_supply_that_was_left_on_is_off_before_it_is_changed_and_charges_with_what_was_asked() {
     for (model, left) in [
@@ -85,17 +63,17 @@ fn a_supply_that_was_left_on_is_off_before_it_is_changed_and_charges_with_what_w
             let rig = Rig::new(clock, model);
             rig.earlier_user(Terminator::Lf, &[left, &["NONSENSE"]].concat())
                 .await;
-            let start = supplies(&rig).len();
+            let start = rig.supplies().len();
             let mut supply = supply(&rig, model).await;
             supply.prepare(&CHARGE).await.unwrap();
-            let states = supplies(&rig)[start..].to_vec();
+            let states = rig.supplies()[start..].to_vec();
             assert!(
                 states.iter().all(|state| !state.output_on),
                 "{model}: {states:?}"
             );
             supply.energise().await.unwrap();
             assert_eq!(
-                *supplies(&rig).last().unwrap(),
+                *rig.supplies().last().unwrap(),
                 SupplyState {
                     output_on: true,
                     voltage_v: 4.2,
@@ -109,10 +87,10 @@ fn a_supply_that_was_left_on_is_off_before_it_is_changed_and_charges_with_what_w
                 (Volts(4.0), Amps(1.25)),
                 "{model}"
             );
-            assert!(supplies(&rig).last().unwrap().output_on, "{model}");
+            assert!(rig.supplies().last().unwrap().output_on, "{model}");
             supply.safe().await.unwrap();
             supply.safe().await.unwrap();
-            assert!(!supplies(&rig).last().unwrap().output_on, "{model}");
+            assert!(!rig.supplies().last().unwrap().output_on, "{model}");
         });
     }
 }
@@ -141,7 +119,7 @@ fn the_protection_above_the_charge_is_armed_and_switches_off_by_itself() {
             // The terminals show 4.0 V.
             rig.earlier_user(Terminator::Lf, &[lower]).await;
             rig.ask("*IDN?").await;
-            assert!(!supplies(&rig).last().unwrap().output_on, "{model}");
+            assert!(!rig.supplies().last().unwrap().output_on, "{model}");
             // And a latched protection is a refusal, not a charge that never comes.
             let mut supply = self::supply(&rig, model).await;
             supply.prepare(&CHARGE).await.unwrap();
@@ -218,12 +196,7 @@ fn what_a_supply_does_not_take_over_is_named() {
                 "after `:OUTP:OVP CH1,ON`, `:OUTP:OVP? CH1` answered `OFF`: expected one of ON, 1",
             ),
         ] {
-            let rig = Rig::with(
-                clock.clone(),
-                model,
-                &MockOptions::default(),
-                &[(query, answer)],
-            );
+            let rig = Rig::lying(clock.clone(), model, &[(query, answer)]);
             let met = supply(&rig, model)
                 .await
                 .prepare(&CHARGE)
@@ -249,7 +222,7 @@ fn a_load_with_two_line_ends_is_read_and_one_left_on_in_another_mode_is_off_befo
             ],
         )
         .await;
-        let start = loads(&rig).len();
+        let start = rig.loads().len();
         let mut load = load(&rig).await;
         load.prepare(&Discharge {
             draw: Draw::Current(Amps(6.0)),
@@ -258,13 +231,13 @@ fn a_load_with_two_line_ends_is_read_and_one_left_on_in_another_mode_is_off_befo
         .await
         .unwrap();
         assert!(
-            loads(&rig)[start..].iter().all(|state| !state.input_on),
+            rig.loads()[start..].iter().all(|state| !state.input_on),
             "{:?}",
-            &loads(&rig)[start..]
+            &rig.loads()[start..]
         );
         load.energise().await.unwrap();
         assert_eq!(
-            *loads(&rig).last().unwrap(),
+            *rig.loads().last().unwrap(),
             LoadState {
                 input_on: true,
                 current_a: 6.0,
@@ -276,7 +249,7 @@ fn a_load_with_two_line_ends_is_read_and_one_left_on_in_another_mode_is_off_befo
             assert_eq!(load.measure().await.unwrap(), (Volts(3.7), Amps(1.5)));
         }
         load.safe().await.unwrap();
-        assert!(!loads(&rig).last().unwrap().input_on);
+        assert!(!rig.loads().last().unwrap().input_on);
         let refused = load
             .prepare(&Discharge {
                 draw: Draw::Current(Amps(50.0)),
@@ -323,12 +296,7 @@ fn a_circulator_that_confirms_every_write_is_believed_only_by_its_confirmation()
         chiller.stop().await.unwrap();
         assert!(!chiller.status().await.unwrap().running);
         drop(chiller);
-        let rig = Rig::with(
-            clock,
-            "huber-pb",
-            &MockOptions::default(),
-            &[("{M01****", b"{S017FFF\r\n")],
-        );
+        let rig = Rig::lying(clock, "huber-pb", &[("{M01****", b"{S017FFF\r\n")]);
         let mut chiller = Instrument::new(rig.link(dialect.profile()).await, dialect);
         let none = chiller.temperature().await.unwrap_err().to_string();
         assert_eq!(
@@ -336,17 +304,6 @@ fn a_circulator_that_confirms_every_write_is_believed_only_by_its_confirmation()
             "dev: `{M01****` answered `{S017FFF`: expected a temperature"
         );
     });
-}
-
-fn waves(rig: &Rig) -> Vec<GeneratorState> {
-    let state = |action| {
-        if let Action::Generator(state) = action {
-            state
-        } else {
-            panic!("a generator does not do {action:?}")
-        }
-    };
-    rig.actions().into_iter().map(state).collect()
 }
 
 #[test]
@@ -362,22 +319,22 @@ fn a_generator_set_for_fifty_ohms_and_inverted_gives_true_volts_and_is_off_befor
         rig.earlier_user(Terminator::Lf, &left).await;
         // A voltage set at 50 Ω doubles at an open input.
         assert!(
-            (waves(&rig).last().unwrap().amplitude_v - 2.0).abs() < 1e-9,
+            (rig.waves().last().unwrap().amplitude_v - 2.0).abs() < 1e-9,
             "{:?}",
-            waves(&rig).last()
+            rig.waves().last()
         );
         let dialect = dialect!(generator, "keysight-33500b");
         let mut generator = Instrument::new(rig.link(dialect.profile()).await, dialect);
         generator.output(false).await.unwrap();
-        let start = waves(&rig).len();
+        let start = rig.waves().len();
         generator.quiet(Volts(-0.05)).await.unwrap();
         assert!(
-            waves(&rig)[start..]
+            rig.waves()[start..]
                 .iter()
                 .all(|state| *state == GeneratorState::default())
         );
         generator.output(true).await.unwrap();
-        let quiet = *waves(&rig).last().unwrap();
+        let quiet = *rig.waves().last().unwrap();
         assert_eq!((quiet.amplitude_v, quiet.offset_v), (1e-3, -0.05));
         generator
             .sine(&Sine {
@@ -387,7 +344,7 @@ fn a_generator_set_for_fifty_ohms_and_inverted_gives_true_volts_and_is_off_befor
             })
             .await
             .unwrap();
-        let driven = *waves(&rig).last().unwrap();
+        let driven = *rig.waves().last().unwrap();
         assert_eq!(
             (
                 driven.freq_hz,
@@ -425,7 +382,7 @@ fn a_generator_set_for_fifty_ohms_and_inverted_gives_true_volts_and_is_off_befor
         );
         generator.safe().await.unwrap();
         generator.safe().await.unwrap();
-        assert_eq!(*waves(&rig).last().unwrap(), GeneratorState::default());
+        assert_eq!(*rig.waves().last().unwrap(), GeneratorState::default());
     });
 }
 
@@ -563,10 +520,9 @@ fn the_larger_load_answers_its_own_ranges_and_a_limit_left_low_is_lifted() {
             (3.0, b"4.0000\n", true),
             (3.0, b"60\n", false),
         ] {
-            let rig = Rig::with(
+            let rig = Rig::lying(
                 clock.clone(),
                 "rigol-dl3000",
-                &MockOptions::default(),
                 &[(":SOUR:CURR:RANG?", answer)],
             );
             rig.earlier_user(Terminator::Lf, &[":SOUR:CURR:ILIM 0.5"])
@@ -587,7 +543,7 @@ fn the_larger_load_answers_its_own_ranges_and_a_limit_left_low_is_lifted() {
             if taken {
                 load.energise().await.unwrap();
                 assert_eq!(
-                    loads(&rig).last().unwrap().current_a,
+                    rig.loads().last().unwrap().current_a,
                     current,
                     "its own limit does not hold it back"
                 );
@@ -693,7 +649,7 @@ fn a_load_draws_a_power_and_changes_its_level_while_it_draws() {
         load.energise().await.unwrap();
         load.level(Draw::Power(Watts(25.0))).await.unwrap();
         assert_eq!(
-            *loads(&rig).last().unwrap(),
+            *rig.loads().last().unwrap(),
             LoadState {
                 input_on: true,
                 current_a: 0.0,
@@ -718,7 +674,7 @@ fn a_load_draws_a_power_and_changes_its_level_while_it_draws() {
         .unwrap();
         load.level(Draw::Current(Amps(2.0))).await.unwrap();
         assert_eq!(
-            *loads(&rig).last().unwrap(),
+            *rig.loads().last().unwrap(),
             LoadState {
                 input_on: false,
                 current_a: 2.0,

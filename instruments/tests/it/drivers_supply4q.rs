@@ -5,10 +5,7 @@ use instruments::{
     exchange::{Exchange, play},
     instrument::Instrument,
     link::LinkProfile,
-    mock::{
-        MockOptions,
-        plant::{Action, BipolarState},
-    },
+    mock::{MockOptions, plant::BipolarState},
     scpi::decode::Terminator,
     supply4q::{self, Limits, Supply4q},
     transcript::Tap,
@@ -42,16 +39,6 @@ async fn driver(rig: &Rig, model: &str) -> Supply4q {
     Instrument::new(rig.link(dialect.profile()).await, dialect)
 }
 
-fn states(rig: &Rig) -> Vec<BipolarState> {
-    rig.actions()
-        .into_iter()
-        .map(|action| match action {
-            Action::Bipolar(state) => state,
-            other => panic!("a bipolar supply does not do {other:?}"),
-        })
-        .collect()
-}
-
 fn off_active(active: bool) -> MockOptions {
     MockOptions::quirk("off_active", active)
 }
@@ -77,9 +64,9 @@ fn the_switching_family_goes_up_and_down_in_the_safe_order_whatever_it_had_store
         in_virtual_time(async |clock| {
             let rig = Rig::with(clock, SWITCHING, &off_active(active), &[]);
             let mut supply = driver(&rig, SWITCHING).await;
-            assert_eq!(states(&rig)[0].off_is_open, !active);
+            assert_eq!(rig.drives()[0].off_is_open, !active);
             supply.prepare(&LIMITS).await.unwrap();
-            let prepared = *states(&rig).last().unwrap();
+            let prepared = *rig.drives().last().unwrap();
             let expected = BipolarState {
                 output_on: false,
                 current_mode: true,
@@ -90,14 +77,14 @@ fn the_switching_family_goes_up_and_down_in_the_safe_order_whatever_it_had_store
             };
             assert_eq!(prepared, expected);
             assert!(
-                states(&rig)
+                rig.drives()
                     .iter()
                     .all(|state| !state.output_on && !state.analog_input),
                 "preparing drives nothing"
             );
             supply.energise().await.unwrap();
             assert_eq!(
-                *states(&rig).last().unwrap(),
+                *rig.drives().last().unwrap(),
                 BipolarState {
                     output_on: true,
                     analog_input: true,
@@ -105,9 +92,9 @@ fn the_switching_family_goes_up_and_down_in_the_safe_order_whatever_it_had_store
                 }
             );
             assert_eq!(supply.measure().await.unwrap(), (Volts(3.75), Amps(-2.5)));
-            let on = states(&rig).len();
+            let on = rig.drives().len();
             supply.safe().await.unwrap();
-            let down = states(&rig);
+            let down = rig.drives();
             assert_eq!(*down.last().unwrap(), expected);
             // The analog input is released only when the output is off: before, the digital
             // set-point would take over.
@@ -120,7 +107,7 @@ fn the_switching_family_goes_up_and_down_in_the_safe_order_whatever_it_had_store
             );
             assert_never_dangerous(&down);
             supply.safe().await.unwrap();
-            assert_never_dangerous(&states(&rig));
+            assert_never_dangerous(&rig.drives());
         });
     }
 }
@@ -181,7 +168,7 @@ fn a_supply_that_was_left_on_is_opened_before_anything_else() {
     in_virtual_time(async |clock| {
         for prepares in [true, false] {
             let rig = after_an_unruly_user(clock.clone(), prepares).await;
-            let states = states(&rig);
+            let states = rig.drives();
             // First the choice of what off means, then off: neither mode nor set-point change while
             // it is on.
             assert!(
@@ -231,7 +218,7 @@ fn switching_off_does_not_stop_at_a_supply_that_will_not_choose_its_off_behaviou
         let expected = "dev: after `OUTP:MODE BATTERY`, `OUTP:MODE?` answered `ACTIVE`: expected \
         one of BATTERY, BATT";
         assert_eq!(supply.safe().await.unwrap_err().to_string(), expected);
-        let last = *states(&rig).last().unwrap();
+        let last = *rig.drives().last().unwrap();
         assert!(!last.output_on && !last.analog_input, "{last:?}");
         // Such a supply is neither prepared nor energised.
         assert_eq!(
@@ -256,7 +243,7 @@ fn switching_off_goes_on_over_a_new_connection_when_an_answer_stays_away() {
             error,
             "dev: expected an answer to `OUTP:MODE?` within 2s, found none"
         );
-        let last = *states(&rig).last().unwrap();
+        let last = *rig.drives().last().unwrap();
         assert!(
             !last.output_on && last.off_is_open && !last.analog_input,
             "{last:?}"
@@ -333,9 +320,9 @@ fn the_linear_family_is_never_told_what_it_does_not_know_and_obeys_its_wiring() 
             );
             let mut supply = driver(&rig, LINEAR).await;
             supply.prepare(&LIMITS).await.unwrap();
-            assert!(states(&rig).iter().all(|state| !state.output_on));
+            assert!(rig.drives().iter().all(|state| !state.output_on));
             supply.energise().await.unwrap();
-            let on = *states(&rig).last().unwrap();
+            let on = *rig.drives().last().unwrap();
             assert!(
                 on.output_on
                     && on.current_mode
@@ -345,7 +332,7 @@ fn the_linear_family_is_never_told_what_it_does_not_know_and_obeys_its_wiring() 
                 "{on:?}"
             );
             supply.safe().await.unwrap();
-            let all = states(&rig);
+            let all = rig.drives();
             assert!(
                 all.iter()
                     .all(|state| !state.output_on || state.current_mode),
@@ -372,14 +359,14 @@ fn a_linear_supply_that_was_left_holding_a_voltage_is_in_current_mode_before_it_
             .await;
         driver(&rig, LINEAR).await.safe().await.unwrap();
         assert!(
-            states(&rig)
+            rig.drives()
                 .iter()
                 .skip(4)
                 .all(|state| state.output_on || state.current_mode),
             "{:?}",
-            states(&rig)
+            rig.drives()
         );
-        assert!(!states(&rig).last().unwrap().output_on);
+        assert!(!rig.drives().last().unwrap().output_on);
     });
 }
 
@@ -396,7 +383,7 @@ fn the_wrong_family_is_refused_before_it_is_energised() {
             refused.to_string(),
             "dev: `OUTP:MODE BATTERY` was refused: -113, Undefined header"
         );
-        assert!(states(&rig).iter().all(|state| !state.output_on));
+        assert!(rig.drives().iter().all(|state| !state.output_on));
     });
 }
 
@@ -449,7 +436,7 @@ fn limits_that_the_instrument_cannot_hold_are_refused_by_name() {
             rig.earlier_user(Terminator::Lf, &[earlier]).await;
             let mut supply = driver(&rig, model).await;
             assert_eq!(supply.prepare(&limits).await.unwrap_err().to_string(), text);
-            assert!(states(&rig).iter().all(|state| !state.output_on));
+            assert!(rig.drives().iter().all(|state| !state.output_on));
         }
     });
 }
@@ -457,12 +444,7 @@ fn limits_that_the_instrument_cannot_hold_are_refused_by_name() {
 #[test]
 fn a_limit_that_came_out_on_one_side_only_is_not_believed() {
     in_virtual_time(async |clock| {
-        let rig = Rig::with(
-            clock,
-            SWITCHING,
-            &MockOptions::default(),
-            &[("CURR:LIM?", b"3.0E0, -2.0E1\n")],
-        );
+        let rig = Rig::lying(clock, SWITCHING, &[("CURR:LIM?", b"3.0E0, -2.0E1\n")]);
         let refused = driver(&rig, SWITCHING)
             .await
             .prepare(&LIMITS)

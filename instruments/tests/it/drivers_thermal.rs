@@ -240,12 +240,7 @@ fn an_alarm_keeps_the_chiller_from_starting_and_a_warning_does_not() {
             assert_eq!(started.err().map(|error| error.to_string()), expected);
             assert_eq!(bath(&rig).running, !alarm);
         }
-        let rig = Rig::with(
-            clock,
-            CHILLER,
-            &MockOptions::default(),
-            &[("IN_PV_00", b"---.--\r\n")],
-        );
+        let rig = Rig::lying(clock, CHILLER, &[("IN_PV_00", b"---.--\r\n")]);
         let error = chiller(&rig)
             .await
             .temperature()

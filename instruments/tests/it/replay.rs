@@ -4,7 +4,7 @@
 use instruments::{
     clock::Clock,
     instrument::Instrument,
-    mock::{self, Divergence, MockOptions, Outcome, Replay},
+    mock::{self, Divergence, Outcome, Replay},
     scpi::decode::Terminator,
     supply::{self, Charge},
     transcript::{Tap, Transcript},
@@ -66,7 +66,7 @@ fn serve(text: &str, clock: &Clock) -> (MemoryHub, Outcome, usize) {
 fn the_same_driver_gets_through_and_another_current_is_the_first_difference() {
     in_virtual_time(async |clock| {
         let (tape, again) = (SharedText::default(), SharedText::default());
-        let rig = Rig::with(clock.clone(), MODEL, &MockOptions::default(), &[]);
+        let rig = Rig::lying(clock.clone(), MODEL, &[]);
         charge(&tape, &clock, rig.hub(), 1.25).await.unwrap();
 
         let (hub, outcome, messages) = serve(&tape.text(), &clock);
