@@ -2,7 +2,7 @@
 // them. Values at another temperature are marked and joined to none.
 "use strict";
 
-import { el, fill, saveBlob, text, when } from "./bench.js";
+import { el, fill, isKnown, minus, saveBlob, text, when } from "./bench.js";
 import { address, cell, keyed, table } from "./find.js";
 import { bar, noCharts, overTime } from "./overtime.js";
 
@@ -58,7 +58,6 @@ const WORDS = {
 const WITHIN_K = 1;
 const MAX_PARAMETERS = 12;
 
-const known = (value) => Number.isFinite(value);
 const QUANTITIES = [
   ["r", "r_ohm", "r_sigma_ohm", 1e3, "mΩ", "--c0"],
   ["dc", "dc_resistance_ohm", "dc_resistance_sigma_ohm", 1e3, "mΩ", "--c1"],
@@ -97,7 +96,7 @@ function parameters(points) {
 
 // Groups temperatures that are equal within `within`, each with its points; the largest group first.
 function groups(points, within) {
-  const sorted = points.filter((one) => known(one.temperature_c)).sort((a, b) => a.temperature_c - b.temperature_c);
+  const sorted = points.filter((one) => isKnown(one.temperature_c)).sort((a, b) => a.temperature_c - b.temperature_c);
   const found = [];
   for (const point of sorted) {
     const last = found[found.length - 1];
@@ -237,7 +236,7 @@ function draw(part) {
   if (!part.got) return;
   part.shown = marked(part);
   part.quantities = [...QUANTITIES, ...parameters(part.shown)].filter((quantity) =>
-    part.shown.some((point) => known(quantity.of(point).value)),
+    part.shown.some((point) => isKnown(quantity.of(point).value)),
   );
   part.body.hidden = !part.shown.length;
   const others = part.shown.filter((point) => !point.isSame).length;
@@ -281,7 +280,7 @@ function drawFigures(part) {
       joined: one.isSame && !isMixed(part),
       href: address("run", one.name),
     });
-    const points = part.shown.filter((one) => known(quantity.of(one).value)).map(point);
+    const points = part.shown.filter((one) => isKnown(quantity.of(one).value)).map(point);
     part.charts.get(quantity.key).chart.show(points);
   }
 }
@@ -296,12 +295,12 @@ function figure(part, quantity) {
 
 // ---- the table ----------------------------------------------------------------------------------
 
-const digits = (value, count) => value.toPrecision(count).replace("-", "−");
+const digits = (value, count) => minus(value.toPrecision(count));
 
 function figureOf(quantity, point) {
   const { value, sigma } = quantity.of(point);
-  if (!known(value)) return WORDS.unknown;
-  const spread = known(sigma) ? ` ± ${digits(quantity.times * sigma, 2)}` : "";
+  if (!isKnown(value)) return WORDS.unknown;
+  const spread = isKnown(sigma) ? ` ± ${digits(quantity.times * sigma, 2)}` : "";
   return digits(quantity.times * value, 4) + spread;
 }
 
@@ -332,13 +331,13 @@ function drawTable(part) {
 function factsOf(point) {
   const { run, bench, temperature, ocv } = WORDS.columns;
   const other = point.isSame ? null : el("b", { class: "note" }, ` ${WORDS.other}`);
-  const celsius = known(point.temperature_c) ? WORDS.celsius(digits(point.temperature_c, 4)) : WORDS.unknown;
+  const celsius = isKnown(point.temperature_c) ? WORDS.celsius(digits(point.temperature_c, 4)) : WORDS.unknown;
   return [
     el("th", { scope: "row" }, when(point.started_unix_s)),
     cell(run, el("div", { class: "fd-name" }, el("a", { href: address("run", point.name) }, point.name))),
     cell(bench, point.bench),
     cell(temperature, celsius, other),
-    cell(ocv, known(point.ocv_v) ? WORDS.volts(point.ocv_v.toFixed(4)) : WORDS.unknown),
+    cell(ocv, isKnown(point.ocv_v) ? WORDS.volts(point.ocv_v.toFixed(4)) : WORDS.unknown),
   ];
 }
 

@@ -195,11 +195,38 @@ export function when(unix_s) {
   return new Date(at - 60000 * at.getTimezoneOffset()).toISOString().slice(0, 19).replace("T", " ");
 }
 
+// Writes numbers with the sign for minus, as tables and charts do.
+export const minus = (words) => words.replaceAll("-", "−");
+
+export const isKnown = (value) => Number.isFinite(value);
+
+// Returns a colour of the style sheet.
+export const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+// Look of an axis of a chart, with more options.
+export const axis = (more) => ({
+  stroke: () => ink("--quiet"),
+  grid: { stroke: () => ink("--grid"), width: 1 },
+  ticks: { stroke: () => ink("--grid"), width: 1 },
+  font: "12px system-ui, sans-serif",
+  labelFont: "12px system-ui, sans-serif",
+  labelSize: 18,
+  ...more,
+});
+
+const BYTES = ["B", "kB", "MB", "GB", "TB"];
+
+export function size(bytes) {
+  let [value, unit] = [bytes, 0];
+  while (value >= 999.5 && unit < BYTES.length - 1) [value, unit] = [value / 1000, unit + 1];
+  return `${unit && value < 99.5 ? value.toPrecision(2) : value.toFixed(0)} ${BYTES[unit]}`;
+}
+
 // Display name of a user. Without tokens, users have no names.
 export const person = (who) => (who === "local" ? WORDS.somebody : who);
 
 const fixed = (value, digits) =>
-  value === null || value === undefined ? WORDS.unknown : value.toFixed(digits).replace("-", "−");
+  value === null || value === undefined ? WORDS.unknown : minus(value.toFixed(digits));
 
 // Roles through which current can flow. A running bath does not count.
 const DRIVES = ["supply4q", "generator", "load", "supply"];

@@ -2,7 +2,7 @@
 // spectra are overlaid.
 "use strict";
 
-import { el, text, when } from "./bench.js";
+import { el, isKnown, minus, text, when } from "./bench.js";
 import { address, begin, calmly, cell, curve, keyed, named, names, runCells, runHeads, shelf, table } from "./find.js";
 import { comparing } from "./run.js";
 
@@ -96,9 +96,8 @@ const TYPING_MS = 300;
 
 let view = null;
 
-const known = (value) => Number.isFinite(value);
 const figure = (value, digits, words) =>
-  known(value) ? words(value.toFixed(digits).replace("-", "−")) : WORDS.unknown;
+  isKnown(value) ? words(minus(value.toFixed(digits))) : WORDS.unknown;
 // The name of a spectrum is that of its file.
 const stem = (file) => file.replace(/\.csv$/, "");
 
@@ -110,13 +109,13 @@ const cellLink = (name, serial) => {
 };
 
 function resistance(value, sigma) {
-  const spread = known(sigma) ? ` ± ${(1e3 * sigma).toPrecision(2)}` : "";
-  return known(value) ? WORDS.milliohm((1e3 * value).toPrecision(4) + spread) : WORDS.unknown;
+  const spread = isKnown(sigma) ? ` ± ${(1e3 * sigma).toPrecision(2)}` : "";
+  return isKnown(value) ? WORDS.milliohm((1e3 * value).toPrecision(4) + spread) : WORDS.unknown;
 }
 
 function spectrumCells(one) {
   const heads = WORDS.spectra;
-  const band = known(one.low_hz) && known(one.high_hz);
+  const band = isKnown(one.low_hz) && isKnown(one.high_hz);
   const hertz = (value) => String(Number(value.toPrecision(3)));
   const source = one.time_source === "file" ? el("small", {}, WORDS.fileTime) : null;
   return [

@@ -2,7 +2,7 @@
 // its notes.
 "use strict";
 
-import { el, fill, text, when } from "./bench.js";
+import { el, fill, minus, text, when } from "./bench.js";
 import {
   address,
   begin,
@@ -112,7 +112,7 @@ function trend() {
     const known = view.history.filter((one) => Number.isFinite(one[value]));
     if (known.length < 2) return "";
     const [first, last] = [known[0][value], known[known.length - 1][value]];
-    const percent = (100 * (last / first - 1)).toFixed(1).replace("-", "−");
+    const percent = minus((100 * (last / first - 1)).toFixed(1));
     const change = `${last > first ? "+" : ""}${percent} %`;
     return WORDS.trend(WORDS[name], `${milli(first)} mΩ`, `${milli(last)} mΩ`, change);
   });

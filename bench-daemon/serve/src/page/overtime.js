@@ -2,7 +2,7 @@
 // data; the chart is hidden from screen readers.
 "use strict";
 
-import { decimals } from "./bench.js";
+import { axis, decimals, ink, minus } from "./bench.js";
 
 const WORDS = {
   unknown: "–",
@@ -17,7 +17,6 @@ const LEAST_WIDTH = 220;
 const REACH = 16;
 const STILL = 4;
 
-const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 // Message if charts cannot be drawn, otherwise null.
 export const noCharts = () => (window.uPlot ? null : WORDS.noCharts);
@@ -94,14 +93,6 @@ function nearest(chart, points, event) {
 }
 
 function makeChart(holder, look, state) {
-  const axis = {
-    stroke: () => ink("--quiet"),
-    grid: { stroke: () => ink("--grid"), width: 1 },
-    ticks: { stroke: () => ink("--grid"), width: 1 },
-    font: "12px system-ui, sans-serif",
-    labelFont: "12px system-ui, sans-serif",
-    labelSize: 18,
-  };
   const day = window.uPlot.fmtDate(`${DATES} {HH}:{mm}`);
   const label = (_, value) => (value === null || value === undefined ? WORDS.unknown : value.toPrecision(4));
   const x = { range: (_, low, high) => zoomed(state.points, low, high) };
@@ -115,8 +106,8 @@ function makeChart(holder, look, state) {
       { label: look.name, paths: () => null, points: { show: false }, value: label },
     ],
     axes: [
-      { ...axis, space: 100, values: dates },
-      { ...axis, label: look.axis, size: 70, values: figures },
+      axis({ space: 100, values: dates }),
+      axis({ label: look.axis, size: 70, values: figures }),
     ],
     hooks: { draw: [(chart) => drawMarks(chart, state.points, look.colour)] },
   };
@@ -177,7 +168,7 @@ function zoomed(points, low, high) {
 }
 
 // Uses as many digits as distinguish adjacent ticks.
-const figures = (_, ticks, axis, space, step) => ticks.map((value) => value.toFixed(decimals(step)).replace("-", "−"));
+const figures = (_, ticks, axis, space, step) => ticks.map((value) => minus(value.toFixed(decimals(step))));
 
 // Formats dates, and hours below them if ticks are closer than a day.
 function dates(_, ticks, axis, space, step) {

@@ -1,7 +1,7 @@
 // The pack explorer: shows the effect of a load on the voltage of a pack of modelled cells while a slider moves.
 "use strict";
 
-import { el, fill, text } from "./bench.js";
+import { axis, el, fill, ink, minus, text } from "./bench.js";
 
 const WORDS = {
   title: "Pack explorer",
@@ -114,7 +114,6 @@ let view = null;
 let ids = 0;
 
 const newId = () => `an-pack-${(ids += 1)}`;
-const minus = (words) => words.replaceAll("-", "−");
 const rounded = (value, digits) => minus(String(Number(value.toFixed(digits))));
 const fixed = (value, digits) => (value === null || value === undefined ? WORDS.unknown : minus(value.toFixed(digits)));
 const percent = (share) => `${rounded(100 * share, 1)} %`;
@@ -623,12 +622,10 @@ function tableRow({ time_s, power_w, voltage_v, current_a }, place, marks) {
 
 // ---- plots --------------------------------------------------------------------------------------
 
-const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-
-function series(label, ink, digits, dash) {
+function series(label, colour, digits, dash) {
   return {
     label,
-    stroke: () => colour(ink),
+    stroke: () => ink(colour),
     width: dash ? 1.2 : 1.8,
     dash,
     points: { show: false },
@@ -637,13 +634,6 @@ function series(label, ink, digits, dash) {
 }
 
 function strip(holder, lines) {
-  const axis = (more) => ({
-    stroke: () => colour("--quiet"),
-    grid: { stroke: () => colour("--grid") },
-    ticks: { stroke: () => colour("--grid") },
-    font: "12px system-ui, sans-serif",
-    ...more,
-  });
   const options = {
     width: 300,
     height: HEIGHT,

@@ -2,7 +2,7 @@
 // and its notes.
 "use strict";
 
-import { $, decimals, duration, el, fill, outcome, person, saveBlob, text, when } from "./bench.js";
+import { $, axis, decimals, duration, el, fill, ink, outcome, person, saveBlob, size, text, when } from "./bench.js";
 import {
   address,
   begin,
@@ -434,14 +434,6 @@ function campaignSection() {
 
 // ---- files and log ------------------------------------------------------------------------------
 
-const UNITS = ["B", "kB", "MB", "GB", "TB"];
-
-function size(bytes) {
-  let [value, unit] = [bytes, 0];
-  while (value >= 999.5 && unit < UNITS.length - 1) [value, unit] = [value / 1000, unit + 1];
-  return `${unit && value < 99.5 ? value.toPrecision(2) : value.toFixed(0)} ${UNITS[unit]}`;
-}
-
 // A file of the run.
 async function save(file) {
   const mine = view;
@@ -776,8 +768,6 @@ function drawCapture(box, got) {
   box.charts.push({ destroy: () => watch.disconnect() });
 }
 
-const ink = (name) => () => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-
 // On a log axis most ticks have no label.
 function labels(log) {
   const power = (value) => (value < 1e-3 || value >= 1e5 ? value.toExponential(0) : String(value));
@@ -789,17 +779,10 @@ function labels(log) {
 // Lines of a log axis at whole decades only.
 const decades = (_, ticks) => ticks.map((value) => (Number.isInteger(Math.log10(value)) ? value : null));
 
-const axis = (label, log, size) => ({
-  label,
-  size,
-  values: labels(log),
-  labelSize: 18,
-  stroke: ink("--quiet"),
-  grid: { stroke: ink("--grid"), width: 1, ...(log ? { filter: decades } : {}) },
-  ticks: { stroke: ink("--grid"), width: 1 },
-  font: "12px system-ui, sans-serif",
-  labelFont: "12px system-ui, sans-serif",
-});
+const axisOf = (label, log, size) => {
+  const look = axis({ label, size, values: labels(log) });
+  return log ? { ...look, grid: { ...look.grid, filter: decades } } : look;
+};
 
 function chart(parent, height, { x, y, series, data, log = false }) {
   const value = (_, at) => (at === null || at === undefined ? WORDS.unknown : String(Number(at.toPrecision(5))));
@@ -810,7 +793,7 @@ function chart(parent, height, { x, y, series, data, log = false }) {
     cursor: { drag: { x: true, y: false } },
     scales: { x: { time: false, distr }, y: { distr } },
     series: [{ label: x, value }, ...series.map((one) => ({ width: 1.5, value, ...one }))],
-    axes: [axis(x, log, 30), axis(y, log, 62)],
+    axes: [axisOf(x, log, 30), axisOf(y, log, 62)],
   };
   return new window.uPlot(options, data, parent);
 }
@@ -824,15 +807,16 @@ function overTime(parent, height, title, one, columns, series) {
 }
 
 function timeChart(parent, one) {
+  const colour = () => ink("--c0");
   const series = [
-    { label: WORDS.measured, stroke: ink("--c0"), width: 0, points: { show: true, size: 4, fill: ink("--c0") } },
-    { label: WORDS.fit, stroke: ink("--c1"), dash: [7, 3], points: { show: false } },
+    { label: WORDS.measured, stroke: colour, width: 0, points: { show: true, size: 4, fill: colour } },
+    { label: WORDS.fit, stroke: () => ink("--c1"), dash: [7, 3], points: { show: false } },
   ];
   return overTime(parent, 190, WORDS.value, one, [one.value, one.fit], series);
 }
 
 function residualChart(parent, one) {
-  const series = [{ label: WORDS.residual, stroke: ink("--c3"), points: { show: false } }];
+  const series = [{ label: WORDS.residual, stroke: () => ink("--c3"), points: { show: false } }];
   return overTime(parent, 140, WORDS.residual, one, [one.residual], series);
 }
 
@@ -841,7 +825,7 @@ function spectrumChart(parent, one) {
   const kept = one.freq_hz.map((_, k) => k).filter((k) => one.freq_hz[k] > 0 && one.amplitude[k] > 0);
   const pick = (values) => kept.map((k) => values[k]);
   const shown = scaled(one.unit, pick(one.amplitude));
-  const series = [{ label: WORDS.amplitude, stroke: ink("--c2"), points: { show: false } }];
+  const series = [{ label: WORDS.amplitude, stroke: () => ink("--c2"), points: { show: false } }];
   const y = `${WORDS.amplitude} / ${shown.unit}`;
   return chart(parent, 170, { x: WORDS.frequency, y, series, data: [pick(one.freq_hz), ...shown.columns], log: true });
 }

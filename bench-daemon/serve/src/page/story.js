@@ -2,7 +2,7 @@
 // tables, and all files. Also an investigation, which runs these experiments automatically: its form and its steps.
 "use strict";
 
-import { duration, el, fill, person, saveBlob, text, when } from "./bench.js";
+import { duration, el, fill, minus, person, saveBlob, size, text, when } from "./bench.js";
 import { ask as askFirst, close, marginWords, placeOf } from "./energise.js";
 
 const WORDS = {
@@ -78,11 +78,6 @@ const isJson = (path) => /\.json$/i.test(path);
 const isReport = (path) => /(^|\/)(report|diagnosis)\.html$/i.test(path);
 const addressOf = (id, path) =>
   `/analyses/${encodeURIComponent(id)}/files/${path.split("/").map(encodeURIComponent).join("/")}`;
-
-function size(bytes) {
-  if (bytes < 1000) return `${bytes} B`;
-  return bytes < 1e6 ? `${(bytes / 1e3).toFixed(1)} kB` : `${(bytes / 1e6).toFixed(1)} MB`;
-}
 
 async function save(ctx, id, path) {
   const blob = await ctx.attempt(() => ctx.file(addressOf(id, path)));
@@ -233,7 +228,6 @@ function taken(key) {
 const unitOf = (key) => taken(key)[1];
 const labelOf = (key) => (taken(key)[0] || taken(key)[1]).replaceAll("_", " ");
 
-const minus = (words) => words.replaceAll("-", "−");
 
 function plain(value) {
   if (Number.isInteger(value)) return minus(String(value));

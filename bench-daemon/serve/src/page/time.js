@@ -2,7 +2,7 @@
 // of the step, and what happened. Drawn by uPlot; numbers are those of the server, thinned without losing a peak.
 "use strict";
 
-import { $, decimals, duration, el, fill } from "./bench.js";
+import { $, axis, decimals, duration, el, fill, ink as colour } from "./bench.js";
 
 const uPlot = window.uPlot;
 const RECENT_S = 300;
@@ -108,7 +108,6 @@ const BOUND_DASH = [2, 3];
 
 const shown = { run: "", part: "recent", zoom: null, asked: 0, told: null, times: new Map(), charts: [], limits: [] };
 
-const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const lastOf = (list) => list[list.length - 1];
 const isNumber = (value) => value !== null && value !== undefined;
 // Avoids −0.
@@ -311,12 +310,6 @@ const labels = (_chart, ticks, _axis, _space, step) => ticks.map((value) => minu
 function strip(parent, one, choose) {
   const holder = el("div", { class: "strip" });
   parent.append(holder);
-  const axis = () => ({
-    stroke: () => colour("--quiet"),
-    grid: { stroke: () => colour("--grid") },
-    ticks: { stroke: () => colour("--grid") },
-    font: "12px system-ui, sans-serif",
-  });
   const line = (label, ink) => ({
     label,
     stroke: () => colour(ink),
@@ -340,8 +333,8 @@ function strip(parent, one, choose) {
     scales: { x: { time: false }, y: { range: (_, low, high) => range(one, low, high) } },
     series,
     axes: [
-      { ...axis(), size: 32 },
-      { ...axis(), size: 60, values: labels },
+      axis({ size: 32 }),
+      axis({ size: 60, values: labels }),
     ],
     plugins: [signs(one)],
     hooks: {
