@@ -602,6 +602,28 @@ fn what_differs_between_circumstances_is_no_noise() {
     assert!(!differs(&with(&ranged(101, 0.0), Guards::default())));
 }
 
+/// Asserts that this much of something hidden is found in the repeats with a note, and taken for
+/// noise without the guard; and that nothing is found where nothing is hidden.
+fn assert_found_in_repeats(set: impl Fn(f64) -> DataSet, hidden: f64, note: &str) {
+    let told = |d: &Diagnosis| d.notes.iter().any(|n| n.contains(note));
+    let on = with(&set(hidden), Guards::default());
+    assert!(
+        on.quality.augmented_z < 5.0 && on.verdict == Verdict::Unexplained && told(&on),
+        "{:?} {:?}",
+        on.quality,
+        on.notes
+    );
+    let guards = Guards {
+        consistency: false,
+        ..Guards::default()
+    };
+    let off = with(&set(hidden), guards);
+    let floor = Verdict::AtNoiseFloor;
+    assert_eq!(off.verdict, floor, "{} {:?}", off.summary, off.notes);
+    let still = with(&set(0.0), Guards::default());
+    assert!(still.verdict == floor && !told(&still), "{:?}", still.notes);
+}
+
 /// A ripple over the charge is not an effect of the catalogue. In each record it is a third of the
 /// noise; the mean of three contains all of it.
 #[test]
@@ -613,38 +635,7 @@ fn what_all_repeats_have_in_common_is_no_noise() {
         };
         campaign(107, &hidden, &hidden)
     };
-    let told = |d: &Diagnosis| {
-        d.notes
-            .iter()
-            .any(|n| n.contains("have more in common than the model"))
-    };
-    let on = with(&set(4.5e-4), Guards::default());
-    assert!(
-        on.quality.augmented_z < 5.0 && on.verdict == Verdict::Unexplained && told(&on),
-        "{:?} {:?}",
-        on.quality,
-        on.notes
-    );
-    let off = with(
-        &set(4.5e-4),
-        Guards {
-            consistency: false,
-            ..Guards::default()
-        },
-    );
-    assert_eq!(
-        off.verdict,
-        Verdict::AtNoiseFloor,
-        "{} {:?}",
-        off.summary,
-        off.notes
-    );
-    let still = with(&set(0.0), Guards::default());
-    assert!(
-        still.verdict == Verdict::AtNoiseFloor && !told(&still),
-        "{:?}",
-        still.notes
-    );
+    assert_found_in_repeats(set, 4.5e-4, "have more in common than the model");
 }
 
 /// 15 µΩ at 20 to 60 A are 0.3 to 0.9 mV for some samples of some pulses, in another way in each
@@ -658,38 +649,7 @@ fn a_contact_that_comes_and_goes_is_no_noise() {
         };
         campaign(103, &hidden, &hidden)
     };
-    let told = |d: &Diagnosis| {
-        d.notes
-            .iter()
-            .any(|n| n.contains("what is left under current comes and goes"))
-    };
-    let on = with(&set(15e-6), Guards::default());
-    assert!(
-        on.quality.augmented_z < 5.0 && on.verdict == Verdict::Unexplained && told(&on),
-        "{:?} {:?}",
-        on.quality,
-        on.notes
-    );
-    let off = with(
-        &set(15e-6),
-        Guards {
-            consistency: false,
-            ..Guards::default()
-        },
-    );
-    assert_eq!(
-        off.verdict,
-        Verdict::AtNoiseFloor,
-        "{} {:?}",
-        off.summary,
-        off.notes
-    );
-    let still = with(&set(0.0), Guards::default());
-    assert!(
-        still.verdict == Verdict::AtNoiseFloor && !told(&still),
-        "{:?}",
-        still.notes
-    );
+    assert_found_in_repeats(set, 15e-6, "what is left under current comes and goes");
 }
 
 #[test]
