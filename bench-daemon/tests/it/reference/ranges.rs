@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 
 use syn::{
-    Expr, ItemFn, Local, Pat,
+    Expr, Ident, ItemFn, LitStr, Local, Pat, Token,
+    ext::IdentExt,
+    parse::{Parse, ParseStream},
     visit::{self, Visit},
 };
 
@@ -47,6 +49,37 @@ impl Ranges {
     }
 }
 
+/// Rows of the macro `ranges`: fields of a part, each with its range.
+struct Rows(Vec<(String, Range)>);
+
+impl Parse for Rows {
+    fn parse(input: ParseStream<'_>) -> syn::Result<Self> {
+        input.parse::<Expr>()?;
+        input.parse::<Token![,]>()?;
+        let part: LitStr = input.parse()?;
+        input.parse::<Token![;]>()?;
+        let mut rows = Vec::new();
+        while !input.is_empty() {
+            let mut name = input.call(Ident::parse_any)?.to_string();
+            if input.parse::<Option<Token![as]>>()?.is_some() {
+                name = input.parse::<LitStr>()?.value();
+            }
+            let bounds;
+            syn::bracketed!(bounds in input);
+            let (least, _, greatest) = (
+                bounds.parse::<Expr>()?,
+                bounds.parse::<Token![,]>()?,
+                bounds.parse::<Expr>()?,
+            );
+            input.parse::<LitStr>()?;
+            input.parse::<Token![;]>()?;
+            let range = (number(&least), number(&greatest));
+            rows.push((format!("{}.{name}", part.value()), range));
+        }
+        Ok(Self(rows))
+    }
+}
+
 /// Returns the path of a key: a literal, or a pattern without the numbers of elements.
 fn path_of(value: &Expr) -> Option<String> {
     match value {
@@ -72,6 +105,12 @@ impl<'ast> Visit<'ast> for Ranges {
     fn visit_item_fn(&mut self, function: &'ast ItemFn) {
         self.function = function.sig.ident.to_string();
         visit::visit_item_fn(self, function);
+    }
+
+    fn visit_macro(&mut self, made: &'ast syn::Macro) {
+        if made.path.is_ident("ranges") {
+            self.found.extend(made.parse_body::<Rows>().unwrap().0);
+        }
     }
 
     fn visit_local(&mut self, local: &'ast Local) {
