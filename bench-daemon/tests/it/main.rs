@@ -90,6 +90,7 @@ mod thermometers;
 mod thresholds;
 mod traces;
 mod typed;
+mod under_test;
 mod upgrade;
 mod verdicts;
 mod watch;

@@ -3,44 +3,24 @@
 
 use std::{
     fs,
-    io::{BufRead, BufReader, Read, Write},
+    io::{BufRead, BufReader, Write},
     net::TcpStream,
     path::PathBuf,
     process::{Command, Stdio},
     time::Duration,
 };
 
-use crate::support::{Files, Running, command, poll, program};
+use crate::{
+    support::{Files, Running, command, poll, program},
+    under_test::{ask, listening, send},
+};
+
+pub(crate) use crate::under_test::{Answer, answer};
 
 /// A server on a port of this machine.
 pub(crate) struct Served {
     pub(crate) process: Running,
     pub(crate) address: String,
-}
-
-/// An answer.
-#[derive(Debug)]
-pub(crate) struct Answer {
-    pub(crate) status: u16,
-    pub(crate) head: String,
-    pub(crate) body: Vec<u8>,
-}
-
-impl Answer {
-    pub(crate) fn json(&self) -> serde_json::Value {
-        serde_json::from_slice(&self.body)
-            .unwrap_or_else(|error| panic!("{error}: {}", self.text()))
-    }
-
-    pub(crate) fn text(&self) -> String {
-        format!("{} {}", self.status, String::from_utf8_lossy(&self.body))
-    }
-
-    #[track_caller]
-    pub(crate) fn expect(self, status: u16) -> Self {
-        assert_eq!(self.status, status, "{}", self.text());
-        self
-    }
 }
 
 /// Writes a server's file beside altered copies of the demo's, with more sections behind it.
@@ -98,17 +78,7 @@ impl Served {
 
     fn start_by(mut command: Command) -> Self {
         command.stderr(Stdio::inherit());
-        let mut process = Running(command.spawn().unwrap());
-        let mut line = String::new();
-        BufReader::new(process.0.stdout.as_mut().unwrap())
-            .read_line(&mut line)
-            .unwrap();
-        let address = line
-            .trim()
-            .rsplit_once("//")
-            .unwrap_or_else(|| panic!("the server said {line:?}"))
-            .1
-            .to_owned();
+        let (process, address) = listening(command);
         Self { process, address }
     }
 
@@ -126,30 +96,15 @@ impl Served {
 
     /// Sends bytes as they are and reads to the end of the connection.
     pub(crate) fn raw(&self, request: &[u8]) -> Answer {
-        let mut stream = self.connect();
-        // A server that has had enough answers before it has read everything.
-        let _ = stream.write_all(request);
-        read(stream)
+        send(&self.address, request)
     }
 
     pub(crate) fn ask(&self, method: &str, path: &str, (token, body): (&str, &str)) -> Answer {
-        let token = if token.is_empty() {
-            String::new()
-        } else {
-            format!("Authorization: Bearer {token}\r\n")
+        let token = match token {
+            "" => String::new(),
+            token => format!("Authorization: Bearer {token}\r\n"),
         };
-        let kind = if body.is_empty() {
-            String::new()
-        } else {
-            "Content-Type: application/json\r\n".to_owned()
-        };
-        let length = body.len();
-        let head = format!(
-            "{method} {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\
-            {token}{kind}Content-Length: {length}\r\n\r\n",
-            self.address
-        );
-        self.raw(format!("{head}{body}").as_bytes())
+        ask(&self.address, &format!("{method} {path}"), &token, body)
     }
 
     pub(crate) fn get(&self, path: &str) -> serde_json::Value {
@@ -229,75 +184,9 @@ impl Iterator for Events {
     }
 }
 
-/// Reads to the end of the answer, if its length is given, or of the connection.
-fn read(mut stream: TcpStream) -> Answer {
-    let (mut bytes, mut part) = (Vec::new(), [0; 16 * 1024]);
-    // A reset after the answer is an end too.
-    while let Ok(read @ 1..) = stream.read(&mut part) {
-        bytes.extend(&part[..read]);
-        let known = answer(&bytes);
-        let length = known
-            .head
-            .split_once("content-length:")
-            .and_then(|(_, rest)| rest.lines().next()?.trim().parse::<usize>().ok());
-        if known.status != 0 && length.is_some_and(|length| known.body.len() >= length) {
-            break;
-        }
-    }
-    answer(&bytes)
-}
-
 /// Sends one request over a separate connection and returns the answer.
 pub(crate) fn exchange(address: &str, method: &str, path: &str, body: &str) -> Answer {
-    let mut stream = TcpStream::connect(address).unwrap();
-    stream
-        .set_read_timeout(Some(Duration::from_secs(30)))
-        .unwrap();
-    let length = body.len();
-    let head = format!(
-        "{method} {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\
-        Content-Type: application/json\r\nContent-Length: {length}\r\n\r\n"
-    );
-    stream
-        .write_all(format!("{head}{body}").as_bytes())
-        .unwrap();
-    read(stream)
-}
-
-/// Takes an answer apart.
-pub(crate) fn answer(bytes: &[u8]) -> Answer {
-    let Some(end) = bytes.windows(4).position(|window| window == b"\r\n\r\n") else {
-        return Answer {
-            status: 0,
-            head: String::from_utf8_lossy(bytes).into_owned(),
-            body: Vec::new(),
-        };
-    };
-    let head = String::from_utf8_lossy(&bytes[..end]).to_lowercase();
-    let status = head
-        .split_whitespace()
-        .nth(1)
-        .and_then(|status| status.parse().ok())
-        .unwrap_or(0);
-    let mut body = bytes[end + 4..].to_vec();
-    if head.contains("transfer-encoding: chunked") {
-        body = unchunked(&body);
-    }
-    Answer { status, head, body }
-}
-
-fn unchunked(mut bytes: &[u8]) -> Vec<u8> {
-    let mut whole = Vec::new();
-    while let Some(end) = bytes.windows(2).position(|window| window == b"\r\n") {
-        let length =
-            usize::from_str_radix(String::from_utf8_lossy(&bytes[..end]).trim(), 16).unwrap_or(0);
-        if length == 0 || bytes.len() < end + 2 + length {
-            break;
-        }
-        whole.extend(&bytes[end + 2..end + 2 + length]);
-        bytes = bytes.get(end + 4 + length..).unwrap_or_default();
-    }
-    whole
+    ask(address, &format!("{method} {path}"), "", body)
 }
 
 /// Submits a run to this server and returns its name.

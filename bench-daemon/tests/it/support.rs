@@ -7,7 +7,7 @@ use std::{
     io::{BufRead, BufReader, Read, Write},
     net::{TcpListener, TcpStream},
     path::{Path, PathBuf},
-    process::{Child, Command, Output, Stdio},
+    process::{Command, Stdio},
     sync::{Arc, Mutex, mpsc},
     thread::JoinHandle,
     time::Duration,
@@ -22,7 +22,8 @@ use instruments::{
     fixture::Fixture,
     transcript::{Direction, Payload, Transcript},
 };
-use tempfile::TempDir;
+
+pub(crate) use crate::under_test::{Ended, Files, Running, files_below, poll};
 
 pub(crate) const EXPERIMENT: &str = "experiments/demo.toml";
 pub(crate) const BENCH: &str = "benches/demo.toml";
@@ -34,20 +35,10 @@ pub(crate) fn demo() -> PathBuf {
     crate::configuration::configs().join(EXPERIMENT)
 }
 
-/// A copy of the demo's files, to be altered.
-pub(crate) struct Files {
-    folder: TempDir,
-}
-
 impl Files {
     pub(crate) fn demo() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        for name in [EXPERIMENT, BENCH, CELL, SCENARIO] {
-            let path = folder.path().join(name);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::copy(crate::configuration::configs().join(name), path).unwrap();
-        }
-        Self { folder }
+        let configs = crate::configuration::configs();
+        Self::copies(&configs, &[EXPERIMENT, BENCH, CELL, SCENARIO])
     }
 
     /// Fixture check, SOC reset and sweep with a few points from 100 Hz to 300 Hz, one fit.
@@ -62,10 +53,6 @@ impl Files {
     /// Returns the demo without the reset: the cell keeps its charge.
     pub(crate) fn short(points: usize) -> Self {
         Self::brief(points).without(EXPERIMENT, "soc_reset")
-    }
-
-    pub(crate) fn text(&self, name: &str) -> String {
-        fs::read_to_string(self.path(name)).unwrap()
     }
 
     /// Puts a listener in front of an instrument on a TCP port; returns the instrument's original
@@ -91,48 +78,6 @@ impl Files {
         (instrument, listener)
     }
 
-    pub(crate) fn write(&self, name: &str, text: &str) {
-        fs::write(self.path(name), text).unwrap();
-    }
-
-    /// Replaces the first occurrence.
-    pub(crate) fn edit(self, name: &str, from: &str, to: &str) -> Self {
-        let text = self.text(name);
-        assert!(text.contains(from), "{name} does not contain {from:?}");
-        self.write(name, &text.replacen(from, to, 1));
-        self
-    }
-
-    pub(crate) fn append(self, name: &str, more: &str) -> Self {
-        self.write(name, &format!("{}\n{more}\n", self.text(name)));
-        self
-    }
-
-    /// Removes a section and its contents.
-    pub(crate) fn without(self, name: &str, section: &str) -> Self {
-        let mut inside = false;
-        let mut kept = String::new();
-        let mut found = false;
-        for line in self.text(name).lines() {
-            if line.starts_with('[') {
-                inside =
-                    line == format!("[{section}]") || line.starts_with(&format!("[{section}."));
-                found |= inside;
-            }
-            if !inside {
-                kept.push_str(line);
-                kept.push('\n');
-            }
-        }
-        assert!(found, "{name} has no section [{section}]");
-        self.write(name, &kept);
-        self
-    }
-
-    pub(crate) fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
     pub(crate) fn experiment(&self) -> PathBuf {
         self.path(EXPERIMENT)
     }
@@ -150,14 +95,6 @@ impl Files {
     pub(crate) fn load(&self) -> Experiment {
         load_experiment(&self.experiment(), None).unwrap()
     }
-}
-
-/// How the program ended.
-#[derive(Debug)]
-pub(crate) struct Ended {
-    pub(crate) code: Option<i32>,
-    pub(crate) stdout: String,
-    pub(crate) stderr: String,
 }
 
 /// Returns a command of the program, without a person at the terminal.
@@ -197,78 +134,6 @@ pub(crate) fn shared_data(name: &str) -> Option<PathBuf> {
     }
     eprintln!("skipped: no measured data in {}", path.display());
     None
-}
-
-impl Ended {
-    pub(crate) fn of(output: Output) -> Self {
-        Self {
-            code: output.status.code(),
-            stdout: String::from_utf8(output.stdout).unwrap(),
-            stderr: String::from_utf8(output.stderr).unwrap(),
-        }
-    }
-
-    #[track_caller]
-    pub(crate) fn expect_code(&self, code: i32) -> &Self {
-        assert_eq!(
-            self.code,
-            Some(code),
-            "standard output:\n{}\nstandard error:\n{}",
-            self.stdout,
-            self.stderr
-        );
-        self
-    }
-
-    /// Returns what a program that succeeded printed.
-    #[track_caller]
-    pub(crate) fn ok(self) -> String {
-        self.expect_code(0);
-        self.stdout
-    }
-
-    /// Returns the JSON that a program that succeeded printed.
-    #[track_caller]
-    pub(crate) fn json(self) -> serde_json::Value {
-        let text = self.ok();
-        serde_json::from_str(&text).unwrap_or_else(|error| panic!("{error}: {text}"))
-    }
-
-    /// Returns the message of a program that refused its arguments or files.
-    #[track_caller]
-    pub(crate) fn refused(self) -> String {
-        self.expect_code(2);
-        self.stderr
-    }
-
-    /// Returns the exit code, the output and the message.
-    pub(crate) fn parts(self) -> (i32, String, String) {
-        (self.code.unwrap(), self.stdout, self.stderr)
-    }
-
-    /// Returns the exit code, and the output with the message.
-    pub(crate) fn told(self) -> (i32, String) {
-        (self.code.unwrap(), self.stdout + &self.stderr)
-    }
-
-    /// Returns the message after `eis-bench:`.
-    pub(crate) fn message(&self) -> &str {
-        self.stderr
-            .lines()
-            .rev()
-            .find_map(|line| line.strip_prefix("eis-bench: "))
-            .unwrap_or_default()
-    }
-}
-
-/// A process that does not outlive the test.
-pub(crate) struct Running(pub(crate) Child);
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
 }
 
 /// The simulated instruments of a bench in another process.
@@ -453,25 +318,6 @@ pub(crate) fn ask(address: &str, question: &str) -> String {
     String::from_utf8(answer).unwrap().trim().to_owned()
 }
 
-/// Repeats a query until there is an answer, for at most one minute.
-pub(crate) fn poll<T>(what: &str, mut question: impl FnMut() -> Option<T>) -> T {
-    for _ in 0..3000 {
-        if let Some(answer) = question() {
-            return answer;
-        }
-        nap();
-    }
-    panic!("{what}: not within a minute");
-}
-
-#[expect(
-    clippy::disallowed_methods,
-    reason = "another process is waited for, which knows no bench time"
-)]
-fn nap() {
-    std::thread::sleep(Duration::from_millis(20));
-}
-
 /// Returns the impedance of the true cell at the present moment.
 pub(crate) fn truth(
     world: &Mutex<SimulatedBench>,
@@ -509,22 +355,4 @@ pub(crate) fn sent(run: &Path, role: &str) -> Vec<String> {
 pub(crate) fn json(path: &Path) -> serde_json::Value {
     serde_json::from_str(&fs::read_to_string(path).unwrap())
         .unwrap_or_else(|error| panic!("{}: {error}", path.display()))
-}
-
-/// Returns every file below a folder, relative to it, sorted.
-pub(crate) fn files_below(folder: &Path) -> Vec<PathBuf> {
-    fn walk(folder: &Path, root: &Path, found: &mut Vec<PathBuf>) {
-        for entry in fs::read_dir(folder).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                walk(&path, root, found);
-            } else {
-                found.push(path.strip_prefix(root).unwrap().to_owned());
-            }
-        }
-    }
-    let mut found = Vec::new();
-    walk(folder, folder, &mut found);
-    found.sort();
-    found
 }

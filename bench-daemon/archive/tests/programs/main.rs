@@ -9,6 +9,9 @@
 )]
 
 mod support;
+#[allow(dead_code, reason = "other test binaries use the rest")]
+#[path = "../../../tests/it/under_test.rs"]
+mod under_test;
 
 use std::{
     fs,
@@ -20,7 +23,8 @@ use std::{
 use analysis_files::run_folder::{ARCHIVED, CAPTURES};
 use serde_json::Value;
 
-use support::{Ended, Files, Running, Served, bench, files_below, poll};
+use support::{Files, Served, bench};
+use under_test::{Ended, Running, files_below, poll};
 
 /// File of the archive; the store is a folder beside the data folder.
 const ARCHIVE: &str = "data = \"data\"\nstore = \"store\"\nsite = \"north\"\n";
@@ -37,7 +41,8 @@ fn write_config(files: &Files, text: &str) {
 fn follow(files: &Files) -> Running {
     let mut command = archive();
     command.arg("follow").arg(files.path("archive.toml"));
-    Running::start(command.args(["--every", "1 s"]).stderr(Stdio::null()))
+    command.args(["--every", "1 s"]).stdin(Stdio::null());
+    Running(command.stderr(Stdio::null()).spawn().unwrap())
 }
 
 /// A run in the data folder of a server with an archive.
@@ -60,17 +65,12 @@ impl Archived {
     fn ask(&self, words: &[&str]) -> Ended {
         let (action, others) = words.split_first().unwrap();
         let mut command = archive();
-        Ended::of(
-            command
-                .arg(action)
-                .arg(self.files.path("archive.toml"))
-                .args(others),
-        )
+        command.arg(action).arg(self.files.path("archive.toml"));
+        Ended::of(command.args(others).stdin(Stdio::null()).output().unwrap())
     }
 
     fn json(&self, words: &[&str]) -> Value {
-        let ended = self.ask(&[words, &["--json"]].concat());
-        serde_json::from_str(&ended.expect_code(0).stdout).unwrap()
+        self.ask(&[words, &["--json"]].concat()).json()
     }
 
     fn captures(&self) -> usize {
@@ -130,7 +130,7 @@ fn captures_that_were_moved_are_told_from_captures_that_are_lost() {
     assert_eq!(at.captures(), captures, "dry");
     at.ask(&["thin", "--captures-after", "0 s"]).expect_code(0);
     assert_eq!(at.captures(), 0);
-    let told = at.on_run("verify").expect_code(0).stdout;
+    let told = at.on_run("verify").ok();
     assert!(told.contains("all as they were"), "{told}");
     assert!(told.contains("nothing was recomputed"), "{told}");
     assert!(
@@ -147,19 +147,19 @@ fn captures_that_were_moved_are_told_from_captures_that_are_lost() {
         catalog.as_os_str(),
         runs.as_os_str(),
     ]);
-    let told = &scanned.expect_code(0).stdout;
+    let told = &scanned.ok();
     assert!(told.contains("1 runs, 1 of them read, 0 damaged"), "{told}");
     assert_eq!(at.json(&["push"])["unchanged"], 1);
     assert!(at.json(&["status"])["moved_bytes"].as_u64() > Some(0));
     // A capture that is missing without having been moved is lost.
     let list = fs::read_to_string(at.run().join(ARCHIVED)).unwrap();
     fs::write(at.run().join(ARCHIVED), list.replace("point01", "paint01")).unwrap();
-    let told = at.on_run("verify").expect_code(10).stdout;
+    let told = at.on_run("verify").expect_code(10).stdout.clone();
     assert!(told.contains(": missing"), "{told}");
     fs::write(at.run().join(ARCHIVED), list).unwrap();
     at.ask(&["fetch", "first"]).expect_code(0);
     assert_eq!(at.captures(), captures);
-    let told = at.on_run("verify").expect_code(0).stdout;
+    let told = at.on_run("verify").ok();
     assert!(told.contains("every number as stored"), "{told}");
 }
 
@@ -251,15 +251,15 @@ fn a_follower_sends_runs_as_they_end_and_the_server_shows_its_state() {
         })
     };
     archived(1);
-    let (status, answer) = served.ask("POST", "/api/v1/queue", r#"{"experiment":"demo"}"#);
-    assert_eq!(status, 201, "{answer}");
+    let queued = served.ask("POST", "/api/v1/queue", r#"{"experiment":"demo"}"#);
+    queued.expect(201);
     let now = archived(2);
     assert_eq!(
         (&now["pending"], &now["trouble"]),
         (&0.into(), &Value::Null)
     );
     poll("the archive in the metrics", || {
-        let (_, text) = served.ask("GET", "/metrics", "");
+        let text = served.ask("GET", "/metrics", "").text();
         let has = |row: &str| text.lines().any(|line| line == row);
         let is_up_to_date = has("eis_bench_archive_runs{state=\"archived\"} 2");
         (is_up_to_date && has("eis_bench_archive_trouble 0")).then_some(())
@@ -284,7 +284,8 @@ fn a_follower_sends_runs_as_they_end_and_the_server_shows_its_state() {
 fn a_server_refuses_the_section_of_the_archive_and_shows_none() {
     let files = Files::new();
     let path = files.write_server("[archive]\nstore = \"store\"\nsite = \"north\"");
-    let ended = bench(&["serve".as_ref(), path.as_os_str()]).expect_code(2);
+    let ended = bench(&["serve".as_ref(), path.as_os_str()]);
+    ended.expect_code(2);
     let message = ended.message();
     assert!(
         message.contains("archive: the archive has a file of its own"),
@@ -292,9 +293,9 @@ fn a_server_refuses_the_section_of_the_archive_and_shows_none() {
     );
     files.write_server("");
     let served = Served::start(&files);
-    let (status, answer) = served.ask("GET", "/api/v1/archive", "");
-    assert!(status == 404 && answer.contains("no-archive"), "{answer}");
-    let (_, text) = served.ask("GET", "/metrics", "");
+    let refused = served.ask("GET", "/api/v1/archive", "").expect(404);
+    assert_eq!(refused.json()["code"], "no-archive");
+    let text = served.ask("GET", "/metrics", "").text();
     let has_value = text
         .lines()
         .any(|line| line.starts_with("eis_bench_archive"));

@@ -64,9 +64,7 @@ fn an_agent_with_a_token_that_lacks_a_scope_or_is_unknown_does_not_begin() {
     let config = files.path("fleet.toml");
     let begin = |secret: &str| {
         files.write_private("agent.token", secret);
-        run(&fleet_program(), &["agent", config.to_str().unwrap()])
-            .expect_code(2)
-            .stderr
+        run(&fleet_program(), &["agent", config.to_str().unwrap()]).refused()
     };
     let told = begin(&token(&files, "weak", "read,operate,energise"));
     assert!(
@@ -79,9 +77,7 @@ fn an_agent_with_a_token_that_lacks_a_scope_or_is_unknown_does_not_begin() {
     files.write("agent.token", "eb_0");
     let mode = std::os::unix::fs::PermissionsExt::from_mode(0o644);
     std::fs::set_permissions(files.path("agent.token"), mode).unwrap();
-    let told = run(&fleet_program(), &["agent", config.to_str().unwrap()])
-        .expect_code(2)
-        .stderr;
+    let told = run(&fleet_program(), &["agent", config.to_str().unwrap()]).refused();
     assert!(
         told.contains("expected a file that only its owner may read"),
         "{told}"
@@ -101,10 +97,10 @@ fn only_a_token_with_the_scope_fleet_acts_for_a_person_or_names_a_run() {
     let refused = hold(&person(&plain)).expect(403);
     assert!(
         refused
-            .body
+            .text()
             .contains("expected a token with the scope `fleet`"),
         "{}",
-        refused.body
+        refused.text()
     );
     // A stop without a token is a person's at the machine, and never one of the fleet.
     let stop = "POST /api/v1/benches/demo/stop";
@@ -190,10 +186,10 @@ fn the_agent_asks_the_server_who_somebody_is_and_hears_its_own_pages_only() {
     let lacks = agent.ask(fleet, &bearer(&anybody), "").expect(403);
     assert!(
         lacks
-            .body
+            .text()
             .contains("expected a token with the scope `read`"),
         "{}",
-        lacks.body
+        lacks.text()
     );
     agent.ask(fleet, &bearer(&reader), "").expect(200);
     agent.ask("GET /metrics", "", "").expect(401);
@@ -249,7 +245,7 @@ fn the_agent_asks_the_server_who_somebody_is_and_hears_its_own_pages_only() {
         assert_eq!(refused.json()["code"], code);
     }
     let page = agent.ask("GET /", "", "").expect(200);
-    assert!(page.body.contains("STOP FLEET") && page.head.contains("content-security-policy"));
+    assert!(page.text().contains("STOP FLEET") && page.head.contains("content-security-policy"));
     for path in [
         "shell.js",
         "fleet.js",

@@ -162,7 +162,7 @@ fn two_agents_on_one_folder_and_two_on_one_bench_never_run_a_job_twice() {
     let config = files.path("fleet.toml");
     let arguments = ["agent", config.to_str().unwrap()];
     let second = crate::processes::run(&crate::processes::fleet_program(), &arguments);
-    let second = second.expect_code(2).stderr;
+    let second = second.refused();
     assert!(
         second.contains("expected a data folder of its own"),
         "{second}"

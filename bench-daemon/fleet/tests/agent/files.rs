@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use tempfile::TempDir;
+pub(crate) use crate::under_test::Files;
 
 pub(crate) const EXPERIMENT: &str = "experiments/demo.toml";
 pub(crate) const BENCH: &str = "benches/demo.toml";
@@ -17,20 +17,10 @@ pub(crate) fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// A copy of the demo's files.
-pub(crate) struct Files {
-    folder: TempDir,
-}
-
 impl Files {
     fn demo() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        for name in [EXPERIMENT, BENCH, "cells/p45b.toml", SCENARIO] {
-            let path = folder.path().join(name);
-            fs::create_dir_all(path.parent().unwrap()).unwrap();
-            fs::copy(root().join("configs").join(name), path).unwrap();
-        }
-        Self { folder }
+        let names = [EXPERIMENT, BENCH, "cells/p45b.toml", SCENARIO];
+        Self::copies(&root().join("configs"), &names)
             .without(EXPERIMENT, "temperature")
             .without(EXPERIMENT, "soc_reset")
             .edit(EXPERIMENT, "rc = [1, 2, 3, 4]", "rc = [1]")
@@ -66,53 +56,11 @@ impl Files {
         self.edit(BENCH, "name = \"demo\"", "name = \"second\"")
     }
 
-    pub(crate) fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    pub(crate) fn text(&self, name: &str) -> String {
-        fs::read_to_string(self.path(name)).unwrap_or_default()
-    }
-
-    pub(crate) fn write(&self, name: &str, text: &str) {
-        fs::write(self.path(name), text).unwrap();
-    }
-
     /// Writes a file that only its owner may read.
     pub(crate) fn write_private(&self, name: &str, text: &str) {
         self.write(name, text);
         let mode = fs::Permissions::from_mode(0o600);
         fs::set_permissions(self.path(name), mode).unwrap();
-    }
-
-    /// Replaces the first occurrence.
-    pub(crate) fn edit(self, name: &str, from: &str, to: &str) -> Self {
-        let text = self.text(name);
-        assert!(text.contains(from), "{name} does not contain {from:?}");
-        self.write(name, &text.replacen(from, to, 1));
-        self
-    }
-
-    fn append(self, name: &str, more: &str) -> Self {
-        self.write(name, &format!("{}\n{more}", self.text(name)));
-        self
-    }
-
-    /// Removes a section and its contents.
-    fn without(self, name: &str, section: &str) -> Self {
-        let (mut inside, mut kept) = (false, String::new());
-        for line in self.text(name).lines() {
-            if line.starts_with('[') {
-                let is_below = line.starts_with(&format!("[{section}."));
-                inside = is_below || line == format!("[{section}]");
-            }
-            if !inside {
-                kept.push_str(line);
-                kept.push('\n');
-            }
-        }
-        self.write(name, &kept);
-        self
     }
 
     /// Returns the names of the run folders, sorted.
@@ -129,7 +77,8 @@ impl Files {
 
     /// Returns how often the run of a job was begun, by the journals.
     pub(crate) fn begins(&self, run: &str) -> usize {
-        let journal = self.text(&format!("data/runs/{run}/journal.jsonl"));
+        let journal = self.path(&format!("data/runs/{run}/journal.jsonl"));
+        let journal = fs::read_to_string(journal).unwrap_or_default();
         journal.matches("\"started\"").count()
     }
 }

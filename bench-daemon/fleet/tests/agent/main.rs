@@ -16,3 +16,6 @@ mod jobs;
 mod names;
 mod processes;
 mod stops;
+#[allow(dead_code, reason = "other test binaries use the rest")]
+#[path = "../../../tests/it/under_test.rs"]
+mod under_test;

@@ -31,7 +31,10 @@ fn dashboard_alerts_and_documentation_name_what_an_agent_measures() {
         return;
     };
     let north = Site::start(Files::tiny(), &broker, "north");
-    let metrics = || north.agent.ask("GET /metrics", "", "").expect(200).body;
+    let metrics = || {
+        let answer = north.agent.ask("GET /metrics", "", "").expect(200);
+        String::from_utf8(answer.body).unwrap()
+    };
     let wanted = "eis_bench_fleet_benches{fleet=\"lab\",state=\"idle\"} 1";
     let text = poll("a count", || {
         Some(metrics()).filter(|text| text.contains(wanted))

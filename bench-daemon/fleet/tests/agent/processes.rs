@@ -2,33 +2,22 @@
 
 use std::{
     ffi::OsStr,
-    io::{BufRead, BufReader, Read, Write},
-    net::{TcpListener, TcpStream},
+    fs,
+    net::TcpListener,
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
-    time::Duration,
 };
 
-use instruments_link::clock::{Clock, TimeMode};
 use serde_json::Value;
 
 use crate::files::{BENCH, Files};
-
-/// A process that does not outlive the test.
-pub(crate) struct Running(pub(crate) Child);
+pub(crate) use crate::under_test::{Answer, Ended, Running, ask, listening, poll};
 
 impl Running {
     /// Ends it with SIGKILL.
     pub(crate) fn kill(&mut self) {
         self.0.kill().unwrap();
         self.0.wait().unwrap();
-    }
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
     }
 }
 
@@ -48,52 +37,11 @@ pub(crate) fn bench_program() -> PathBuf {
     path
 }
 
-/// How a program ended.
-#[derive(Debug)]
-pub(crate) struct Ended {
-    pub(crate) code: Option<i32>,
-    pub(crate) stdout: String,
-    pub(crate) stderr: String,
-}
-
-impl Ended {
-    #[track_caller]
-    pub(crate) fn expect_code(self, code: i32) -> Self {
-        assert_eq!(self.code, Some(code), "{self:?}");
-        self
-    }
-
-    pub(crate) fn json(&self) -> Value {
-        serde_json::from_str(&self.stdout).unwrap()
-    }
-}
-
 /// Runs a program to its end.
 pub(crate) fn run<S: AsRef<OsStr>>(program: &Path, arguments: &[S]) -> Ended {
-    let output = Command::new(program)
-        .args(arguments)
-        .stdin(Stdio::null())
-        .output()
-        .unwrap();
-    Ended {
-        code: output.status.code(),
-        stdout: String::from_utf8(output.stdout).unwrap(),
-        stderr: String::from_utf8(output.stderr).unwrap(),
-    }
-}
-
-/// Repeats a query until there is an answer, for at most one minute.
-#[track_caller]
-pub(crate) fn poll<T>(what: &str, mut question: impl FnMut() -> Option<T>) -> T {
-    let runtime = Clock::runtime(TimeMode::Real).unwrap();
-    let clock = Clock::start(TimeMode::Real);
-    while clock.now_s() < 60.0 {
-        if let Some(answer) = question() {
-            return answer;
-        }
-        runtime.block_on(clock.sleep_s(0.05));
-    }
-    panic!("{what}: not within a minute");
+    let mut command = Command::new(program);
+    command.args(arguments).stdin(Stdio::null());
+    Ended::of(command.output().unwrap())
 }
 
 /// A broker, and its address.
@@ -154,7 +102,7 @@ impl Broker {
     /// Runs a command of `eis-fleet` and returns its answer.
     #[track_caller]
     pub(crate) fn fleet(&self, more: &[&str]) -> Value {
-        self.ask(more).expect_code(0).json()
+        self.ask(more).json()
     }
 
     /// Returns a job as it is on record.
@@ -203,78 +151,17 @@ pub(crate) struct Served {
     pub(crate) address: String,
 }
 
-/// An answer.
-#[derive(Debug)]
-pub(crate) struct Answer {
-    pub(crate) status: u16,
-    pub(crate) head: String,
-    pub(crate) body: String,
-}
-
-impl Answer {
-    #[track_caller]
-    pub(crate) fn expect(self, status: u16) -> Self {
-        assert_eq!(self.status, status, "{}", self.body);
-        self
-    }
-
-    pub(crate) fn json(&self) -> Value {
-        serde_json::from_str(&self.body).unwrap_or_else(|error| panic!("{error}: {}", self.body))
-    }
-}
-
 impl Served {
     fn start(program: &Path, arguments: &[&OsStr]) -> Self {
-        let mut process = Running(
-            Command::new(program)
-                .args(arguments)
-                .stdin(Stdio::null())
-                .stdout(Stdio::piped())
-                .spawn()
-                .unwrap(),
-        );
-        let mut line = String::new();
-        let stdout = process.0.stdout.as_mut().unwrap();
-        BufReader::new(stdout).read_line(&mut line).unwrap();
-        let address = line.trim().rsplit_once("//");
-        let address = address.unwrap_or_else(|| panic!("{} said {line:?}", program.display()));
-        Self {
-            address: address.1.to_owned(),
-            process,
-        }
+        let mut command = Command::new(program);
+        command.args(arguments);
+        let (process, address) = listening(command);
+        Self { process, address }
     }
 
     /// Sends a request with more lines in its head.
     pub(crate) fn ask(&self, request: &str, more: &str, body: &str) -> Answer {
-        let length = body.len();
-        let kind = match body {
-            "" => "",
-            _ => "Content-Type: application/json\r\n",
-        };
-        let host = match more.contains("Host: ") {
-            true => String::new(),
-            false => format!("Host: {}\r\n", self.address),
-        };
-        let head = format!(
-            "{request} HTTP/1.1\r\n{host}Connection: close\r\n{kind}{more}\
-            Content-Length: {length}\r\n\r\n"
-        );
-        let mut stream = TcpStream::connect(&self.address).unwrap();
-        let patience = Some(Duration::from_secs(150));
-        stream.set_read_timeout(patience).unwrap();
-        stream
-            .write_all(format!("{head}{body}").as_bytes())
-            .unwrap();
-        let mut bytes = Vec::new();
-        let _ = stream.read_to_end(&mut bytes);
-        let text = String::from_utf8_lossy(&bytes).into_owned();
-        let (head, body) = text.split_once("\r\n\r\n").unwrap_or((&text, ""));
-        let status = head.split_whitespace().nth(1);
-        Answer {
-            status: status.and_then(|word| word.parse().ok()).unwrap_or(0),
-            head: head.to_lowercase(),
-            body: body.to_owned(),
-        }
+        ask(&self.address, request, more, body)
     }
 
     #[track_caller]
@@ -296,7 +183,7 @@ pub(crate) fn serve(files: &Files) -> Served {
 
 /// Starts the server of these files, with more sections in its file.
 pub(crate) fn serve_with(files: &Files, more: &str) -> Served {
-    let port = files.text("port");
+    let port = fs::read_to_string(files.path("port")).unwrap_or_default();
     let listen = if port.is_empty() {
         "127.0.0.1:0"
     } else {

@@ -112,7 +112,8 @@ fn a_stop_and_a_hold_that_come_while_the_server_is_away_are_followed_once_it_is_
         "{away}"
     );
     assert_eq!(away["outputs_verified"], serde_json::Value::Null);
-    let stopped = broker.ask(&["stop", "north/demo"]).expect_code(6);
+    let stopped = broker.ask(&["stop", "north/demo"]);
+    stopped.expect_code(6);
     assert!(
         stopped.stderr.contains("not verified off: north/demo"),
         "{}",
