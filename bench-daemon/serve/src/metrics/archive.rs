@@ -3,7 +3,7 @@
 use analysis::run_folder::archive_status::ArchiveStatus;
 
 use super::{
-    metric::{Metric, gauge},
+    metric::{Metric, gauge, metrics},
     sample::Sample,
     snapshot::Snapshot,
 };
@@ -41,45 +41,18 @@ fn bytes(now: &ArchiveStatus) -> Vec<Sample> {
     labelled("kind", sizes)
 }
 
-/// All metrics of the archive.
-pub(super) const METRICS: &[Metric] = &[
-    gauge(
-        "archive_runs",
-        "{run}",
-        "Runs by their state in the archive.",
-        |now| of(now, runs),
-    ),
-    gauge(
-        "archive_bytes",
-        "By",
-        "Size of the archived runs, what was sent of it, and what is in the store only.",
-        |now| of(now, bytes),
-    ),
-    gauge(
-        "archive_last_verified_timestamp_seconds",
-        "s",
-        "When the latest run was verified, since 1970.",
-        |now| {
-            of(now, |now| {
-                now.last_verified_unix_s
-                    .map_or_else(Vec::new, Sample::plain)
-            })
-        },
-    ),
-    gauge(
-        "archive_written_timestamp_seconds",
-        "s",
-        "When `eis-archive` wrote its state last, since 1970.",
-        |now| of(now, |now| Sample::plain(now.written_unix_s)),
-    ),
-    gauge(
-        "archive_trouble",
-        "",
-        "The last push has ended before its work was done.",
-        |now| {
-            of(now, |now| {
-                Sample::plain(f64::from(u8::from(now.trouble.is_some())))
-            })
-        },
-    ),
-];
+metrics! {
+    /// All metrics of the archive.
+    gauge "archive_runs" ("{run}") "Runs by their state in the archive." = |now| of(now, runs);
+    gauge "archive_bytes" ("By")
+        "Size of the archived runs, what was sent of it, and what is in the store only."
+        = |now| of(now, bytes);
+    gauge "archive_last_verified_timestamp_seconds" ("s")
+        "When the latest run was verified, since 1970."
+        = |now| of(now, |now| now.last_verified_unix_s.map_or_else(Vec::new, Sample::plain));
+    gauge "archive_written_timestamp_seconds" ("s")
+        "When `eis-archive` wrote its state last, since 1970."
+        = |now| of(now, |now| Sample::plain(now.written_unix_s));
+    gauge "archive_trouble" ("") "The last push has ended before its work was done."
+        = |now| of(now, |now| Sample::plain(f64::from(now.trouble.is_some())));
+}

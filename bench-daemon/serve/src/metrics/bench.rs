@@ -1,7 +1,7 @@
 //! Quantities of each bench.
 
 use super::{
-    metric::{Metric, counter, gauge},
+    metric::{Metric, counter, gauge, metrics},
     sample::Sample,
     snapshot::Snapshot,
 };
@@ -75,169 +75,75 @@ fn oldest_s(now: &Snapshot<'_>, live: &Live) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// All metrics of benches.
-pub(super) const METRICS: &[Metric] = &[
-    gauge(
-        "state",
-        "",
-        "State of the bench: 1 for the state that it is in.",
-        states,
-    ),
-    gauge("running", "", "A run is in work.", |now| {
-        now.benches(|live| flag(live.run.as_ref().is_some_and(|run| run.going)))
-    }),
-    gauge("latched", "", "The bench is latched after a trip.", |now| {
-        now.benches(|live| flag(live.trip.is_some()))
-    }),
-    gauge("stopping", "", "The bench is being stopped.", |now| {
-        now.benches(|live| flag(live.state == BenchState::Stopping))
-    }),
-    gauge("held", "", "No run starts on the bench.", |now| {
-        now.benches(|live| flag(live.held.is_some()))
-    }),
-    gauge(
-        "outputs_verified",
-        "",
-        "Nothing runs, and every output was last read back as off, by a reading that is current.",
-        |now| now.benches(|live| flag(live.verified)),
-    ),
-    gauge(
-        "outputs_need_look",
-        "",
-        "Nothing runs, and the outputs were not read since a run, or not read as off.",
-        |now| now.benches(|live| flag(live.needs_look)),
-    ),
-    counter(
-        "trips_total",
-        "{trip}",
-        "Trips since the server was started.",
-        |now| now.noted(|health| Some(health.trips as f64)),
-    ),
-    counter(
-        "runs_finished_total",
-        "{run}",
-        "Runs of the queue that came to their end.",
-        |now| now.noted(|health| Some(health.finished as f64)),
-    ),
-    counter(
-        "runs_stopped_total",
-        "{run}",
-        "Runs of the queue that a person stopped.",
-        |now| now.noted(|health| Some(health.stopped as f64)),
-    ),
-    counter(
-        "runs_failed_total",
-        "{run}",
-        "Runs of the queue that did not come to their end and that no person stopped.",
-        |now| now.noted(|health| Some(health.failed as f64)),
-    ),
-    gauge(
-        "run_ended_timestamp_seconds",
-        "s",
-        "Time at which the last run of the queue ended, since 1970.",
-        |now| now.noted(|health| health.ended_unix_s),
-    ),
-    gauge(
-        "run_finished_timestamp_seconds",
-        "s",
-        "Time at which the last run of the queue came to its end, since 1970.",
-        |now| now.noted(|health| health.finished_unix_s),
-    ),
-    gauge(
-        "bench_queue_waiting",
-        "{run}",
-        "Runs that wait for the bench.",
-        |now| now.benches(|live| Some(now.waiting(&live.bench).count() as f64)),
-    ),
-    gauge(
-        "bench_queue_oldest_age_seconds",
-        "s",
-        "Time that the oldest of them has waited; 0 where none waits.",
-        |now| now.benches(|live| Some(oldest_s(now, live))),
-    ),
-    gauge(
-        "run_started_timestamp_seconds",
-        "s",
-        "Time at which the process of the run in work was started, since 1970.",
-        |now| now.benches(|live| Some(now.in_work(&live.bench)?.process.as_ref()?.started_unix_s)),
-    ),
-    gauge(
-        "run_expected_seconds",
-        "s",
-        "Expected duration of the run in work, in bench time.",
-        |now| now.benches(|live| Some(now.in_work(&live.bench)?.expected_s)),
-    ),
-    gauge(
-        "run_left_seconds",
-        "s",
-        "Time that the run in work has left, by the clock on the wall.",
-        |now| now.benches(|live| live.run.as_ref().filter(|run| run.going)?.left_s),
-    ),
-    gauge(
-        "run_bench_time_seconds",
-        "s",
-        "Bench time of the last entry or reading of the run in work, or of the last one.",
-        |now| now.benches(|live| Some(live.run.as_ref()?.bench_time_s)),
-    ),
-    gauge(
-        "run_points_done",
-        "{point}",
-        "Points of the run that are finished.",
-        |now| now.benches(|live| Some(live.run.as_ref()?.points_done as f64)),
-    ),
-    gauge(
-        "run_done_ratio",
-        "1",
-        "Share of the run that is done.",
-        |now| now.benches(|live| Some(live.run.as_ref()?.done)),
-    ),
-    gauge(
-        "cell_voltage_volts",
-        "V",
-        "Last reading of the run in work.",
-        |now| now.benches(|live| of_cell(live)?.voltage_v),
-    ),
-    gauge(
-        "cell_current_amperes",
-        "A",
-        "Last reading of the run in work; positive for charge.",
-        |now| now.benches(|live| of_cell(live)?.current_a),
-    ),
-    gauge(
-        "cell_temperature_celsius",
-        "Cel",
-        "Last reading of the run in work.",
-        |now| now.benches(|live| of_cell(live)?.temperature_degc),
-    ),
-    gauge(
-        "cell_soc_ratio",
-        "1",
-        "State of charge, while a run is in work.",
-        |now| now.benches(|live| of_cell(live).and(live.soc).map(|soc| soc.share)),
-    ),
-    gauge(
-        "control_impedance_ohms",
-        "{ohm}",
-        "Control impedance as read by the last run that has measured it, middle of its points.",
-        |now| controls(now, |control| vec![(None, control.as_read_ohm)]),
-    ),
-    gauge(
-        "control_certified_ohms",
-        "{ohm}",
-        "Certified resistance of the control impedance.",
-        |now| controls(now, |control| vec![(None, control.certified_ohm)]),
-    ),
-    gauge(
-        "control_deviation_ratio",
-        "1",
+metrics! {
+    /// All metrics of benches.
+    gauge "state" ("") "State of the bench: 1 for the state that it is in." = states;
+    gauge "running" ("") "A run is in work."
+        = |now| now.benches(|live| flag(live.run.as_ref().is_some_and(|run| run.going)));
+    gauge "latched" ("") "The bench is latched after a trip."
+        = |now| now.benches(|live| flag(live.trip.is_some()));
+    gauge "stopping" ("") "The bench is being stopped."
+        = |now| now.benches(|live| flag(live.state == BenchState::Stopping));
+    gauge "held" ("") "No run starts on the bench."
+        = |now| now.benches(|live| flag(live.held.is_some()));
+    gauge "outputs_verified" ("")
+        "Nothing runs, and every output was last read back as off, by a reading that is current."
+        = |now| now.benches(|live| flag(live.verified));
+    gauge "outputs_need_look" ("")
+        "Nothing runs, and the outputs were not read since a run, or not read as off."
+        = |now| now.benches(|live| flag(live.needs_look));
+    counter "trips_total" ("{trip}") "Trips since the server was started."
+        = |now| now.noted(|health| Some(health.trips as f64));
+    counter "runs_finished_total" ("{run}") "Runs of the queue that came to their end."
+        = |now| now.noted(|health| Some(health.finished as f64));
+    counter "runs_stopped_total" ("{run}") "Runs of the queue that a person stopped."
+        = |now| now.noted(|health| Some(health.stopped as f64));
+    counter "runs_failed_total" ("{run}")
+        "Runs of the queue that did not come to their end and that no person stopped."
+        = |now| now.noted(|health| Some(health.failed as f64));
+    gauge "run_ended_timestamp_seconds" ("s")
+        "Time at which the last run of the queue ended, since 1970."
+        = |now| now.noted(|health| health.ended_unix_s);
+    gauge "run_finished_timestamp_seconds" ("s")
+        "Time at which the last run of the queue came to its end, since 1970."
+        = |now| now.noted(|health| health.finished_unix_s);
+    gauge "bench_queue_waiting" ("{run}") "Runs that wait for the bench."
+        = |now| now.benches(|live| Some(now.waiting(&live.bench).count() as f64));
+    gauge "bench_queue_oldest_age_seconds" ("s")
+        "Time that the oldest of them has waited; 0 where none waits."
+        = |now| now.benches(|live| Some(oldest_s(now, live)));
+    gauge "run_started_timestamp_seconds" ("s")
+        "Time at which the process of the run in work was started, since 1970."
+        = |now| now.benches(|live| Some(now.in_work(&live.bench)?.process.as_ref()?.started_unix_s));
+    gauge "run_expected_seconds" ("s") "Expected duration of the run in work, in bench time."
+        = |now| now.benches(|live| Some(now.in_work(&live.bench)?.expected_s));
+    gauge "run_left_seconds" ("s") "Time that the run in work has left, by the clock on the wall."
+        = |now| now.benches(|live| live.run.as_ref().filter(|run| run.going)?.left_s);
+    gauge "run_bench_time_seconds" ("s")
+        "Bench time of the last entry or reading of the run in work, or of the last one."
+        = |now| now.benches(|live| Some(live.run.as_ref()?.bench_time_s));
+    gauge "run_points_done" ("{point}") "Points of the run that are finished."
+        = |now| now.benches(|live| Some(live.run.as_ref()?.points_done as f64));
+    gauge "run_done_ratio" ("1") "Share of the run that is done."
+        = |now| now.benches(|live| Some(live.run.as_ref()?.done));
+    gauge "cell_voltage_volts" ("V") "Last reading of the run in work."
+        = |now| now.benches(|live| of_cell(live)?.voltage_v);
+    gauge "cell_current_amperes" ("A") "Last reading of the run in work; positive for charge."
+        = |now| now.benches(|live| of_cell(live)?.current_a);
+    gauge "cell_temperature_celsius" ("Cel") "Last reading of the run in work."
+        = |now| now.benches(|live| of_cell(live)?.temperature_degc);
+    gauge "cell_soc_ratio" ("1") "State of charge, while a run is in work."
+        = |now| now.benches(|live| of_cell(live).and(live.soc).map(|soc| soc.share));
+    gauge "control_impedance_ohms" ("{ohm}")
+        "Control impedance as read by the last run that has measured it, middle of its points."
+        = |now| controls(now, |control| vec![(None, control.as_read_ohm)]);
+    gauge "control_certified_ohms" ("{ohm}") "Certified resistance of the control impedance."
+        = |now| controls(now, |control| vec![(None, control.certified_ohm)]);
+    gauge "control_deviation_ratio" ("1")
         "Deviation of the control impedance from its certified value, as read (middle of its \
-        points) and corrected (worst point).",
-        |now| deviations(now, |deviation| deviation.ratio),
-    ),
-    gauge(
-        "control_deviation_sigmas",
-        "",
-        "The same in standard deviations of certificate and noise.",
-        |now| deviations(now, |deviation| deviation.sigmas),
-    ),
-];
+        points) and corrected (worst point)."
+        = |now| deviations(now, |deviation| deviation.ratio);
+    gauge "control_deviation_sigmas" ("")
+        "The same in standard deviations of certificate and noise."
+        = |now| deviations(now, |deviation| deviation.sigmas);
+}

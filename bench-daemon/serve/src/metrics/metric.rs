@@ -56,3 +56,12 @@ pub(super) const fn counter(
         ..gauge(name, unit, help, read)
     }
 }
+
+/// Defines metrics: kind, name, unit, meaning, values now.
+macro_rules! metrics {
+    ($(#[$doc:meta])* $($kind:ident $name:literal ($unit:literal) $help:literal = $read:expr;)+) => {
+        $(#[$doc])*
+        pub(super) const METRICS: &[Metric] = &[$($kind($name, $unit, $help, $read)),+];
+    };
+}
+pub(super) use metrics;
