@@ -272,6 +272,18 @@ impl Browser {
         self.click("#ask .go");
     }
 
+    /// Takes pictures of the page and judges it.
+    fn inspect(&self, name: &str) {
+        self.pictures(name);
+        self.assert_accessible(name);
+    }
+
+    #[track_caller]
+    fn assert_text(&self, css: &str, words: &str) {
+        let text = self.text(css);
+        assert!(text.contains(words), "{words}: {text}");
+    }
+
     fn pictures(&self, name: &str) {
         self.picture(name, PHONE);
         self.picture(name, DESKTOP);
@@ -329,14 +341,12 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     browser.go(&served.url(), DESKTOP);
     browser.wait("#state", "Idle");
     browser.wait("#link", "connected");
-    browser.pictures("idle");
-    browser.assert_accessible("idle");
+    browser.inspect("idle");
     browser.click("#showplan");
     browser.wait("#plan", "EIS sweep of the cell");
     browser.click("#submit button[type=submit]");
     browser.wait("#ask", "On the bench demo a current will flow.");
-    browser.pictures("asking-current");
-    browser.assert_accessible("asking-current");
+    browser.inspect("asking-current");
     browser.click("#ask .go");
     browser.wait("#said", "demo-1 is in the queue");
     browser.wait("#state", "Running");
@@ -348,24 +358,11 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
         "Nyquist, |Z| and phase: {drawn}"
     );
     for words in ["EIS sweep of the cell", "of 12,", "about"] {
-        assert!(
-            browser.text("#runbody").contains(words),
-            "{words}: {}",
-            browser.text("#runbody")
-        );
+        browser.assert_text("#runbody", words);
     }
-    assert!(
-        browser.text("#instrumentrows").contains("● ON"),
-        "{}",
-        browser.text("#instrumentrows")
-    );
-    assert!(
-        browser.text("#limits").contains("V left to the "),
-        "{}",
-        browser.text("#limits")
-    );
-    browser.pictures("running");
-    browser.assert_accessible("running");
+    browser.assert_text("#instrumentrows", "● ON");
+    browser.assert_text("#limits", "V left to the ");
+    browser.inspect("running");
     // The first run comes to its end, the second is stopped.
     browser.wait("#runs", "✓ finished");
     browser.wait("#reading", "old reading");
@@ -373,8 +370,7 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
         browser.script("return document.querySelector('#reading').className"),
         "figures old"
     );
-    browser.pictures("finished");
-    browser.assert_accessible("finished");
+    browser.inspect("finished");
     browser.submit_in_panel();
     browser.wait_points(".cv-legend", "fake cell (", 2);
     browser.click("#stop");
@@ -389,8 +385,7 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     browser.click("#stopped summary");
     browser.wait("#state", "Idle");
     browser.wait("#held", "stopped by local");
-    browser.pictures("stopped");
-    browser.assert_accessible("stopped");
+    browser.inspect("stopped");
     // On a phone the actions for a run are within the window.
     browser.size(PHONE);
     let right = browser.script(
@@ -404,8 +399,7 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     browser.click("#runs tr:nth-child(2) input");
     browser.wait(".cv-legend", "demo-1: spectrum (12 points)");
     browser.wait(".cv-legend", "demo-2: ");
-    browser.pictures("compared");
-    browser.assert_accessible("compared");
+    browser.inspect("compared");
     // With the keyboard alone.
     browser.keys("#why", "looked at");
     browser.click("#held button");
@@ -571,8 +565,7 @@ fn a_run_is_seen_over_time_and_a_stretch_of_it_exactly() {
     ] {
         assert!(marks.contains(mark), "{mark}: {marks}");
     }
-    browser.pictures("time");
-    browser.assert_accessible("time");
+    browser.inspect("time");
     // A point is described in its own line, and stays selected when the plot is drawn again.
     browser.keys(".cv-area", "\u{e014}");
     browser.wait(".cv-status", "Hz; Re ");
@@ -790,8 +783,7 @@ fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     // The button is there before anything else, and stops: it is pressed on the bench's machine.
     browser.click("#stop");
     browser.wait("#stopsaid", "Stopped. demo: outputs read off at");
-    browser.pictures("login");
-    browser.assert_accessible("login");
+    browser.inspect("login");
     browser.keys("#token", "eb_wrong\u{e007}");
     browser.wait("#loginsaid", "expected a token of this server");
     browser.keys("#token", &format!("{clear}\u{e007}"));
@@ -816,8 +808,7 @@ fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     browser.submit_in_panel();
     browser.wait("#trip", "temperature");
     browser.wait("#runs", "✕");
-    browser.pictures("tripped");
-    browser.assert_accessible("tripped");
+    browser.inspect("tripped");
     // The latch cannot be cleared before a person has described the findings.
     browser.click("#trip button");
     assert!(browser.text("#trip").contains("demo is latched"));
@@ -828,8 +819,7 @@ fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     served.process.0.kill().unwrap();
     served.process.0.wait().unwrap();
     browser.wait("#link", "connection lost");
-    browser.pictures("lost");
-    browser.assert_accessible("lost");
+    browser.inspect("lost");
 }
 
 /// Marks the link or button that is shown under this name, or begins with it.
@@ -1061,8 +1051,7 @@ fn a_cell_is_followed_over_its_runs_and_spectra_of_several_runs_are_compared() {
     browser.wait("#view", "2 fitted models of 2 runs");
     let links = browser.script(AGEING_ROWS);
     assert_eq!(links, json!(["#/run/demo-2", "#/run/demo-1"]));
-    browser.pictures("ageing");
-    browser.assert_accessible("ageing");
+    browser.inspect("ageing");
     browser.click("#views a[href='#/catalog']");
     browser.wait("#view", "2 runs found");
     browser.click("#view input[value=spectra]");
@@ -1074,8 +1063,7 @@ fn a_cell_is_followed_over_its_runs_and_spectra_of_several_runs_are_compared() {
     browser.wait("#view", "2 spectra of 2 ticked");
     browser.wait(".cv-legend", "demo-1: spectrum (4 points)");
     browser.wait(".cv-legend", "demo-2: spectrum (4 points)");
-    browser.pictures("catalogue");
-    browser.assert_accessible("catalogue");
+    browser.inspect("catalogue");
 }
 
 #[test]
@@ -1137,8 +1125,7 @@ fn every_part_of_the_page_is_accessible_with_what_people_have_written_in_it() {
         };
         browser.wait(part, words);
         let name = format!("part-{place:02}");
-        browser.pictures(&name);
-        browser.assert_accessible(&name);
+        browser.inspect(&name);
         assert_ne!(
             browser.script("return document.title"),
             "run",
