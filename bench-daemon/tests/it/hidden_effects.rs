@@ -1,19 +1,11 @@
 //! Diagnoses of data sets in which a program outside the project has hidden one effect. The sets
 //! stand in a folder `shared` beside the project; without it these tests are skipped.
 
-use std::{
-    ffi::OsStr,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
 use crate::support::{program, shared_data};
-
-fn run(words: &[&Path]) -> String {
-    let words: Vec<&OsStr> = words.iter().map(|word| word.as_os_str()).collect();
-    program(&words).expect_code(0).stdout.clone()
-}
 
 /// Returns the folder of a set, or `None` without it.
 fn hidden(set: &str) -> Option<PathBuf> {
@@ -29,7 +21,7 @@ fn diagnosed(set: &str, rc: &str) -> Option<Value> {
     let ocv = data.join("ocv.json");
     let mut words = vec![Path::new("diagnose"), &data, Path::new("--model"), &model];
     words.extend([Path::new("--ocv"), &ocv, Path::new("--json")]);
-    Some(serde_json::from_str(&run(&words)).unwrap())
+    Some(program(&words).json())
 }
 
 /// Fits a model of `rc` branches to the spectra of a set, and returns its file in `out`.
@@ -39,7 +31,7 @@ fn fitted(data: &Path, rc: &str, out: &Path) -> PathBuf {
     words.extend(spectra.iter().map(PathBuf::as_path));
     words.extend(["--pool", "--rc", rc, "--out"].map(Path::new));
     words.push(out);
-    run(&words);
+    program(&words).ok();
     out.join(format!("model_{rc}rc.json"))
 }
 
@@ -54,25 +46,31 @@ fn value(diagnosis: &Value, parameter: usize) -> f64 {
         .unwrap()
 }
 
+/// Asserts that a diffusion of this size explains a set.
+#[track_caller]
+fn assert_diffusion(d: &Value, r_ohm: f64, tau_s: f64) {
+    assert_eq!(d["verdict"], "explained", "{}", d["summary"]);
+    assert_eq!(names(d), ["diffusion"]);
+    let found = [value(d, 0) / r_ohm, value(d, 1) / tau_s];
+    assert!(
+        found.iter().all(|part| (part - 1.0).abs() < 0.01),
+        "{found:?} of the hidden values"
+    );
+}
+
 /// The base stands with a branch where the first mode of the diffusion belongs, and no small step
 /// leads out of that.
 #[test]
+#[ignore = "drill"]
 fn a_diffusion_is_found_behind_a_branch_in_its_place() {
     for (set, r_ohm, tau_s) in [
         ("diffusion_71009", 6e-3, 20.0),
-        ("diffusion_75003", 5e-3, 12.0),
         ("diffusion_71007", 3e-3, 20.0),
     ] {
         let Some(d) = diagnosed(set, "4") else {
             return;
         };
-        assert_eq!(d["verdict"], "explained", "{set}: {}", d["summary"]);
-        assert_eq!(names(&d), ["diffusion"], "{set}");
-        let found = [value(&d, 0) / r_ohm, value(&d, 1) / tau_s];
-        assert!(
-            found.iter().all(|part| (part - 1.0).abs() < 0.01),
-            "{set}: {found:?} of the hidden values"
-        );
+        assert_diffusion(&d, r_ohm, tau_s);
     }
 }
 
@@ -101,6 +99,7 @@ fn a_contact_is_found_although_the_series_resistance_must_grow_a_thousandfold() 
 
 /// The bounds of a slope over charge come from typical cells; this cell's is steeper.
 #[test]
+#[ignore = "drill"]
 fn an_effect_that_explains_almost_everything_moves_its_bound() {
     let Some(d) = diagnosed("soc_resistance_73052", "4") else {
         return;
@@ -139,7 +138,8 @@ fn a_diagnosis_goes_on_from_the_model_that_one_has_written() {
     let [ocv, first] = [data.join("ocv.json"), out.path().join("first")];
     let mut words = vec![Path::new("diagnose"), &data, Path::new("--model"), &model];
     words.extend([Path::new("--ocv"), &ocv, Path::new("--out"), &first]);
-    run(&words);
+    words.push(Path::new("--json"));
+    assert_diffusion(&program(&words).json(), 5e-3, 12.0);
     let augmented = first.join("model_augmented.json");
     let words = [
         Path::new("diagnose"),
@@ -153,8 +153,7 @@ fn a_diagnosis_goes_on_from_the_model_that_one_has_written() {
             .copied()
             .chain(more.iter().map(Path::new))
             .collect();
-        let json: Value = serde_json::from_str(&run(&words)).unwrap();
-        json
+        program(&words).json()
     };
     let second = again(&["--json"]);
     assert_eq!(second["verdict"], "at_noise_floor", "{}", second["summary"]);
