@@ -8,6 +8,7 @@ mod archived;
 mod bath;
 mod envelope;
 mod events;
+mod map_points;
 mod readings;
 pub mod sums;
 
@@ -20,6 +21,9 @@ pub use archived::{
 pub use bath::{BATH_COLUMNS, BathRow};
 pub use envelope::{Between, ENVELOPE_COLUMNS, EnvelopeRow};
 pub use events::{EVENT_COLUMNS, Event, EventRow, OUTPUT_ON};
+pub use map_points::{
+    MAP_POINT_COLUMNS, MapPoint, MapPointsError, map_points_csv, read_map_points,
+};
 pub use readings::{READING_COLUMNS, ReadingRow};
 
 /// Intentions and actions of the run, line by line.
@@ -82,6 +86,8 @@ pub const OCV_FOUND: &str = "ocv_found.json";
 pub const OCV_DISCHARGE: &str = "ocv_discharge.bdf.csv";
 /// The readings of the charge.
 pub const OCV_CHARGE: &str = "ocv_charge.bdf.csv";
+/// The points of a map, [`MAP_POINT_COLUMNS`].
+pub const MAP_POINTS: &str = "map_points.csv";
 /// The choice of the order of the models.
 pub const ORDER: &str = "order.json";
 /// The one model of a command that fits one order.
@@ -121,7 +127,7 @@ pub const SHARED: &str = "shared";
 /// Frame of the zeros among the captures of a trace.
 pub const ZERO_FRAME: &str = "zero";
 /// Prefix of the names of files and folders that were recorded beside the sweeps.
-pub const RECORDED: [&str; 3] = ["series_", "ocv_", CAPTURES];
+pub const RECORDED: [&str; 4] = ["series_", "ocv_", "map_", CAPTURES];
 
 /// Impedance, second and third harmonic of the cell in each sweep, [`HARMONIC_COLUMNS`].
 pub const HARMONICS: &str = "harmonics.csv";
@@ -275,6 +281,16 @@ fn numbered(name: &str, repeat: usize) -> String {
 /// The rows of a repeat of a trace.
 pub fn series(trace: &str, repeat: usize) -> String {
     format!("series_{trace}_{repeat}.bdf.csv")
+}
+
+/// The readings of the full charge before a point of a map, by the number of the point.
+pub fn map_charge(point: usize) -> String {
+    format!("map_charge_{point}.bdf.csv")
+}
+
+/// The readings of the discharge to a point of a map, by its number.
+pub fn map_discharge(point: usize) -> String {
+    format!("map_discharge_{point}.bdf.csv")
 }
 
 /// Whether a file of this name holds the rows of a trace.
