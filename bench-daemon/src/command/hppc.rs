@@ -2,6 +2,7 @@
 
 mod args;
 mod columns;
+mod commanded;
 mod print;
 mod read;
 

@@ -3,13 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use analysis::{
+    dataset::RunIndex,
     formats::{ReadSeries, SeriesOptions, read_record},
     loads::{ChargeKnown, drawn_by_counter},
     ocv::OcvCurve,
-    run_folder,
+    run_folder::{self, MapPoint},
 };
 
-use super::args::HppcArgs;
+use super::{args::HppcArgs, commanded::subtract_residual};
 use bench_core::safety::failure::Failure;
 use bench_evaluate::investigate::proposal::fits_current;
 use bench_plan::{
@@ -23,6 +24,8 @@ pub(super) struct Read {
     pub(super) record: ReadSeries,
     /// The cell of its run folder.
     pub(super) cell: Option<Cell>,
+    /// The point of the map of its run folder.
+    pub(super) point: Option<MapPoint>,
 }
 
 /// What is known of the cells of all logs.
@@ -38,8 +41,27 @@ pub(super) fn read_all(args: &HppcArgs) -> Result<Vec<Read>, Failure> {
     for path in &args.files {
         if path.is_dir() {
             let cell = cell_of_run(path);
-            for file in logs_of_run(path)? {
-                all.push(one(args, &file, cell.clone())?);
+            let points = points_of_run(path)?;
+            let index = index_of_run(path);
+            let place = |file: &PathBuf| points.iter().position(|one| one.series.contains(file));
+            let mut files = logs_of_run(path)?;
+            files.sort_by_key(|file| place(file).unwrap_or(points.len()));
+            for file in files {
+                let point = place(&file).and_then(|place| points.get(place)).cloned();
+                let mut log = one(args, &file, cell.clone())?;
+                let trace = index
+                    .traces
+                    .iter()
+                    .find(|trace| path.join(&trace.file) == file);
+                let series = &mut log.record.series;
+                if let Some(left_a) = trace.and_then(|trace| subtract_residual(series, trace)) {
+                    remark!(
+                        "{}: {:+.1} mA at a command of zero count as a rest and are subtracted",
+                        log.name,
+                        1.0e3 * left_a
+                    );
+                }
+                all.push(Read { point, ..log });
             }
         } else {
             all.push(one(args, path, None)?);
@@ -60,6 +82,7 @@ fn one(args: &HppcArgs, path: &Path, cell: Option<Cell>) -> Result<Read, Failure
         name: record.series.name.clone(),
         record,
         cell,
+        point: None,
     })
 }
 
@@ -79,6 +102,20 @@ fn logs_of_run(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
         ));
     }
     Ok(found)
+}
+
+/// The index of a run folder; an empty one if it cannot be read.
+fn index_of_run(folder: &Path) -> RunIndex {
+    let text = std::fs::read_to_string(folder.join(run_folder::INDEX)).unwrap_or_default();
+    serde_json::from_str(&text).unwrap_or_default()
+}
+
+/// The points of the map of a run folder; none without a map.
+fn points_of_run(folder: &Path) -> Result<Vec<MapPoint>, Failure> {
+    if !folder.join(run_folder::MAP_POINTS).exists() {
+        return Ok(Vec::new());
+    }
+    run_folder::read_map_points(folder).map_err(|error| Failure::Usage(error.to_string()))
 }
 
 fn names(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
@@ -142,7 +179,15 @@ pub(super) fn charge<'a>(args: &HppcArgs, log: &'a Read, known: Known<'a>) -> Ch
         Some(_) => " by the net capacity of the log",
         None => "",
     };
-    let words = match (args.soc_start, capacity, column, known.curve) {
+    let of_map = log.point.as_ref().map(|point| point.soc);
+    let by_map = of_map.filter(|_| args.soc_start.is_none() && capacity.is_some());
+    let words = match (args.soc_start.or(by_map), capacity, column, known.curve) {
+        (Some(soc), Some((ah, source)), ..) if by_map.is_some() => format!(
+            "state of charge: counted{by} from {:.1} % of point {}, as {} says, {ah} Ah as {source} says",
+            100.0 * soc,
+            log.point.as_ref().map_or(0, |point| point.number),
+            run_folder::MAP_POINTS
+        ),
         (Some(soc), Some((ah, source)), ..) => format!(
             "state of charge: counted{by} from {:.1} % at the first row, {ah} Ah as {source} says",
             100.0 * soc
@@ -167,7 +212,7 @@ pub(super) fn charge<'a>(args: &HppcArgs, log: &'a Read, known: Known<'a>) -> Ch
     Charge {
         known: ChargeKnown {
             capacity_ah: capacity.map(|(ah, _)| ah),
-            soc_start: args.soc_start,
+            soc_start: args.soc_start.or(by_map),
             curve: known.curve,
             column,
         },
