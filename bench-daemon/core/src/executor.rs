@@ -6,6 +6,7 @@ mod ask;
 mod bath;
 mod bias;
 mod burst;
+mod counted;
 mod crest;
 mod cross_check;
 mod dc;
@@ -132,6 +133,9 @@ impl<'a> Executor<'a> {
         if matches!(stage.purpose, Purpose::SocReset | Purpose::OcvSoc) {
             // Such a stage sets the charge anew: the charge of earlier traces no longer counts.
             self.direct.charge_coulomb = 0.0;
+            if stage.point().is_some() {
+                self.journal_charge()?;
+            }
         }
         self.direct.reset = Reset::default();
         self.sweep.fall_back();
@@ -238,6 +242,20 @@ impl<'a> Executor<'a> {
         (self.position.specimen, self.direct.charge_coulomb) = (specimen, charge_coulomb);
     }
 
+    /// Returns the charge that was moved since the cell was brought to a state of charge or taken into
+    /// use, C, charge positive.
+    pub fn charge_coulomb(&self) -> f64 {
+        self.direct.charge_coulomb
+    }
+
+    /// Returns the voltage at rest, V, and the temperature of the cell, °C, as they were last read;
+    /// `None` before the first rest of a stage.
+    pub fn at_rest(&self) -> Option<(f64, Option<f64>)> {
+        let (ocv_v, _) = self.direct.reset.rested?;
+        let last_degc = self.rig.temperatures.last_degc;
+        Some((ocv_v, last_degc.filter(|degc| degc.is_finite())))
+    }
+
     /// Executes one step; a sine step returns a point.
     async fn play(
         &mut self,
@@ -254,8 +272,16 @@ impl<'a> Executor<'a> {
             Step::Discharge { .. } => self.rig.discharge(step).await?,
             Step::Charge { .. } => self.charge(step).await?,
             Step::Rest { .. } => self.rest(step).await?,
-            Step::PowerUp { .. } => self.power(fixture, step).await?,
-            Step::Accept { band_v, missed } => self.accept(band_v.0..=band_v.1, missed)?,
+            Step::PowerUp { .. } => {
+                self.power(fixture, step).await?;
+                self.begin_count().await?;
+            }
+            Step::Accept { band_v, missed } => {
+                if self.point().is_some() {
+                    self.rig.cell_temperature().await?;
+                }
+                self.accept(band_v.0..=band_v.1, missed)?;
+            }
             Step::Leg(leg) => self.leg(&leg).await?,
             Step::Sine { ref settings, .. } => {
                 return self.gated(fixture, step, settings).await.map(Some);
@@ -264,7 +290,11 @@ impl<'a> Executor<'a> {
             Step::Multisine(_) | Step::Recheck(_) => {}
             Step::Pause { span_s } => self.rig.pause(span_s).await?,
             Step::Zero(ref trace) => self.zero(trace).await?,
-            Step::Trace(ref trace) => self.trace(trace).await?,
+            Step::Trace(ref trace) => {
+                // Its rows count the charge.
+                self.direct.residual = None;
+                self.trace(trace).await?;
+            }
             Step::BiasZero(ref bias) => self.bias_zero(bias).await?,
             Step::Bias(ref bias) => self.bias(bias).await?,
             Step::Recharge(ref recharge) => self.recharge(recharge).await?,
@@ -274,6 +304,7 @@ impl<'a> Executor<'a> {
                 } else {
                     self.rig.power_down().await?;
                 }
+                self.end_count()?;
                 // What a recharge has left counts as the charge of a trace does.
                 self.direct.charge_coulomb += self.moved_coulomb();
                 self.rig.driving.bias = BiasState::default();

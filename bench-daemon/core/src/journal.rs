@@ -108,6 +108,12 @@ pub enum Entry {
         /// Its number.
         stage: usize,
     },
+    /// The charge of the cell that a map counts: since it was full, C, charge positive.
+    Charge {
+        /// The charge, C.
+        #[serde(rename = "charge_c")]
+        charge_coulomb: f64,
+    },
     /// A note for the report.
     Note(Note),
     /// The identities that the instruments reported: at the start of the run, and again if a

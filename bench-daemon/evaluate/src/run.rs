@@ -6,6 +6,7 @@
 mod auto_resume;
 mod drive;
 mod manifest;
+mod map_points;
 mod measured;
 mod multisine;
 mod play;

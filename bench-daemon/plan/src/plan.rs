@@ -9,6 +9,7 @@ mod display;
 mod drives;
 mod extent;
 mod leg;
+mod map_points;
 mod multisine;
 mod specimen;
 mod sweep;
@@ -25,8 +26,9 @@ pub use display::fixture_name;
 use display::minutes;
 pub use extent::Extent;
 pub use leg::{Flow, Leg, Log};
+pub use map_points::PointRow;
 pub use multisine::Band;
-pub use specimen::{CampaignRun, Specimen};
+pub use specimen::{CampaignRun, MapPoint, Specimen, percent};
 #[cfg(test)]
 pub use sweep::test_settings;
 pub use sweep::{Depth, IDLE_CURRENT_A, SweepSettings};
@@ -58,6 +60,8 @@ pub enum Purpose {
     Temperature,
     /// Brings the cell to its state of charge.
     SocReset,
+    /// Discharges a cell whose charge is counted to a point of a map.
+    MapPoint,
     /// Determines the open-circuit voltage over the state of charge.
     OcvSoc,
     /// A sweep of the fixture in the jig: 0 for a control, otherwise the number of the repeat.
@@ -212,24 +216,28 @@ impl Checked {
 impl Stage {
     /// Returns the cell of the stage, if there are several.
     pub fn specimen(&self) -> Option<&Arc<Specimen>> {
-        self.of_campaign().map(|run| &run.cell)
+        self.campaign_run().map(|run| &run.cell)
     }
 
     /// Returns the number of the campaign's run that it belongs to.
     pub fn run(&self) -> Option<usize> {
-        self.of_campaign().map(|run| run.number)
+        self.campaign_run().map(|run| run.number)
     }
 
     /// Returns the purpose of the stage; in a campaign also the run and the cell that it belongs
     /// to.
     pub fn title(&self) -> String {
-        let of_run = self
-            .of_campaign()
-            .map(|run| format!("run {}, cell {}: ", run.number, run.cell.name));
+        let of_run = self.campaign_run().map(|run| format!("{}: ", run.title()));
         format!("{}{}", of_run.unwrap_or_default(), self.purpose)
     }
 
-    fn of_campaign(&self) -> Option<&CampaignRun> {
+    /// Returns the point of the map that it belongs to.
+    pub fn point(&self) -> Option<MapPoint> {
+        self.campaign_run().and_then(|run| run.point)
+    }
+
+    /// Returns the run of the campaign, or the point of the map, that it belongs to.
+    pub fn campaign_run(&self) -> Option<&CampaignRun> {
         self.steps.iter().find_map(|step| {
             if let Step::Specimen(run) = step {
                 Some(run)

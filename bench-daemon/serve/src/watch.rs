@@ -126,6 +126,7 @@ impl Watch {
             | Entry::Ended { .. }
             | Entry::Safe
             | Entry::Note(_)
+            | Entry::Charge { .. }
             | Entry::Instruments(_)
             | Entry::Found(_) => {}
         }

@@ -16,7 +16,7 @@ use bench_core::{
 use bench_plan::{
     config::{Bench, Experiment, Instrument, Jig, load_experiment},
     interlock::Limits,
-    plan::{Flow, Leg, Plan, Step, Through},
+    plan::{Flow, Leg, Plan, PointRow, Step, Through},
     procedure,
     support::terminal::{remark, say},
 };
@@ -41,6 +41,9 @@ struct Told {
     bench: String,
     cell: String,
     stages: Vec<ToldStage>,
+    /// Points of a map.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    points: Vec<PointRow>,
     /// Bench time, s.
     expected_s: f64,
     longest_s: f64,
@@ -106,7 +109,7 @@ fn endings(experiment: &Experiment, plan: &Plan) -> Vec<String> {
             step,
             Step::Discharge { .. }
                 | Step::Leg(Leg {
-                    flow: Flow::Discharge { .. },
+                    flow: Flow::Discharge { .. } | Flow::DischargeTo { .. },
                     ..
                 })
         ) || metered(step)
@@ -148,6 +151,14 @@ fn watched(experiment: &Experiment) -> Vec<String> {
     let mut lines = vec![pace.describe(&experiment.bench.instruments)];
     lines.extend(unwatched(&experiment.bench));
     lines
+}
+
+/// Describes the pulses of a map that are left out.
+fn left_out(experiment: &Experiment) -> Vec<String> {
+    procedure::left_out_pulses(experiment)
+        .into_iter()
+        .map(|(point, reason)| format!("point {point}: {reason}"))
+        .collect()
 }
 
 /// Describes the waits that the plan does not bound: those for a person who changes what is in
@@ -247,16 +258,40 @@ fn told(experiment: &Experiment, plan: &Plan) -> Told {
         bench: experiment.bench.name.clone(),
         cell: experiment.cell.name.clone(),
         stages: plan.stages.iter().map(stage).collect(),
+        points: plan.points(&experiment.cell.limits),
         expected_s: plan.expected_s(),
         longest_s: plan.longest_s(),
         longest_pause_s: pause,
         longest_abort_s: abort,
         notes: wide
+            .chain(left_out(experiment))
             .chain(watched(experiment))
             .chain(endings(experiment, plan))
             .chain(persons(experiment, plan))
             .collect(),
     }
+}
+
+/// Prints the points of a map.
+fn points(experiment: &Experiment, plan: &Plan) {
+    let rows = plan.points(&experiment.cell.limits);
+    if rows.is_empty() {
+        return;
+    }
+    say!("\npoints of the map");
+    rows.iter().for_each(|row| say!("  {}", row.line()));
+    let (into_coulomb, out_coulomb) = rows.iter().fold((0.0, 0.0), |sum, row| {
+        (sum.0 + row.charge_coulomb.0, sum.1 + row.charge_coulomb.1)
+    });
+    say!(
+        "  {} points; {:.2} Ah out, {:.2} Ah in",
+        rows.len(),
+        out_coulomb / 3600.0,
+        into_coulomb / 3600.0
+    );
+    left_out(experiment)
+        .iter()
+        .for_each(|text| remark!("note: {text}"));
 }
 
 /// Prints the plan of an experiment.
@@ -284,6 +319,7 @@ pub fn plan(args: &PlanArgs) -> Result<(), Failure> {
             say!("  {step}");
         }
     }
+    points(&experiment, plan.plan());
     experiment
         .cell
         .wide

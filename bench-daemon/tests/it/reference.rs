@@ -23,13 +23,15 @@ use sources::Library;
 const WRITE: &str = "EIS_BENCH_WRITE_REFERENCE";
 
 /// Sources that hold the structures of the files, and the types that these refer to.
-const SOURCES: [&str; 28] = [
+const SOURCES: [&str; 30] = [
     "bench-daemon/evaluate/src/campaign/file.rs",
     "bench-daemon/plan/src/config/identity.rs",
     "bench-daemon/plan/src/config/raw.rs",
     "bench-daemon/plan/src/config/raw_bench.rs",
+    "bench-daemon/plan/src/config/raw_map.rs",
     "bench-daemon/plan/src/config/raw_multisine.rs",
     "bench-daemon/plan/src/config/raw_ocv_soc.rs",
+    "bench-daemon/plan/src/config/raw_pulses.rs",
     "bench-daemon/plan/src/config/raw_quality.rs",
     "bench-daemon/plan/src/config/section.rs",
     "bench-daemon/plan/src/config/interlock.rs",

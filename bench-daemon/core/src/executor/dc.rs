@@ -160,6 +160,10 @@ impl Executor<'_> {
         );
         let (low_v, high_v) = band_v.into_inner();
         let expected = format!("{low_v} V to {high_v} V at rest");
+        let (what, cell) = match self.point() {
+            Some(_) => ("counted charge", "cell at its counted charge"),
+            None => ("SOC reset", "cell after the SOC reset"),
+        };
         match missed {
             None => {
                 let shift_v = self.direct.reset.shift_v + 0.5 * (low_v + high_v) - volts;
@@ -177,7 +181,7 @@ impl Executor<'_> {
             }
             Some(Missed::Flag) => {
                 let text = format!(
-                    "SOC reset: expected {expected}, found {met}: the state of charge is not \
+                    "{what}: expected {expected}, found {met}: the state of charge is not \
                     the one that was asked for"
                 );
                 self.rig.recorder.note(Note {
@@ -187,7 +191,7 @@ impl Executor<'_> {
                 Ok(())
             }
             Some(Missed::Refuse) => Err(ExecuteError::Disobeyed {
-                what: self.of_run("cell after the SOC reset"),
+                what: self.of_run(cell),
                 expected,
                 met,
             }),

@@ -82,6 +82,7 @@ impl Executor<'_> {
             self.rig.begin(fixture, power);
             let idle = self.known.idle;
             self.power(fixture, power).await?;
+            self.begin_count().await?;
             if stage.bias_a() != 0.0 {
                 // The charge so far counts from the rest before the sweep.
                 self.known.idle = idle;
@@ -106,6 +107,7 @@ impl Executor<'_> {
             .await
             .map_err(crate::bench::BenchError::from)?;
         self.rig.driving.bias.cut(self.rig.clock.now_s());
+        self.end_count()?;
         self.rig.recorder.journal(Entry::Safe)?;
         self.rig.recorder.journal(Entry::Paused)?;
         let outputs = if self.rig.setup.wiring.analog.is_some() {

@@ -35,27 +35,52 @@ impl Executor<'_> {
             };
             self.rig.temperatures.last_degc = self.rig.cell_temperature().await?;
         }
+        let before_coulomb = self.direct.legs.charge_coulomb;
         match leg.flow {
-            Flow::Discharge { .. } => self.discharge_leg(leg).await?,
+            Flow::Discharge { .. } | Flow::DischargeTo { .. } => self.discharge_leg(leg).await?,
             Flow::Charge { .. } => self.charge_leg(leg).await?,
             Flow::Rest => self.rest_leg(leg).await?,
+        }
+        if let Flow::DischargeTo {
+            below_full_coulomb, ..
+        } = leg.flow
+        {
+            self.direct.charge_coulomb += self.direct.legs.charge_coulomb - before_coulomb;
+            self.journal_charge()?;
+            self.note_short(below_full_coulomb);
+            if self.direct.legs.rows.is_empty() {
+                return Ok(());
+            }
         }
         // All or nothing; the readings of a leg that ended early are in the readings file.
         Ok(self
             .rig
             .recorder
-            .legs(leg.log.file(), &self.direct.legs.rows)?)
+            .legs(&leg.log.file(), &self.direct.legs.rows)?)
     }
 
     async fn discharge_leg(&mut self, leg: &Leg) -> Result<(), ExecuteError> {
-        let Flow::Discharge {
-            current_a,
-            until_v,
-            charge_coulomb,
-        } = leg.flow
-        else {
-            return Ok(());
+        let (current_a, until_v, charge_coulomb) = match leg.flow {
+            Flow::Discharge {
+                current_a,
+                until_v,
+                charge_coulomb,
+            } => (current_a, until_v, charge_coulomb),
+            Flow::DischargeTo {
+                current_a,
+                until_v,
+                below_full_coulomb,
+                ..
+            } => {
+                let left_coulomb = below_full_coulomb + self.direct.charge_coulomb;
+                (current_a, until_v, Some(left_coulomb))
+            }
+            Flow::Charge { .. } | Flow::Rest => return Ok(()),
         };
+        if charge_coulomb.is_some_and(|left_coulomb| left_coulomb <= 0.0) {
+            tracing::info!("already at its charge: nothing to discharge");
+            return Ok(());
+        }
         if self.rig.idle_volts("discharge").await? <= until_v {
             tracing::info!("already below {until_v} V: nothing to discharge");
             return Ok(());

@@ -48,9 +48,9 @@ impl Rig<'_> {
         Ok(())
     }
 
-    /// Returns the reading of the bipolar supply's ammeter with its output off, A: the mean of
-    /// some readings, the first of which is `first_a`.
-    async fn zero_of_supply(&mut self, first_a: f64) -> Result<f64, ExecuteError> {
+    /// Returns the mean of some readings of the bipolar supply's ammeter, A, the first of which is
+    /// `first_a`.
+    pub(super) async fn mean_of_supply(&mut self, first_a: f64) -> Result<f64, ExecuteError> {
         let mut sum_a = first_a;
         for _ in 1..ZERO_READINGS {
             let error = self.bench.error("supply4q");
@@ -184,8 +184,9 @@ impl Executor<'_> {
             self.known.idle = reading;
             self.rig.judge("idle", reading)?;
             if let Some(amps) = reading.current_a {
-                let zero_a = self.rig.zero_of_supply(amps).await?;
+                let zero_a = self.rig.mean_of_supply(amps).await?;
                 self.rig.interlock.zero(zero_a);
+                self.direct.ammeter_zero_a = zero_a;
             }
         } else {
             self.rig

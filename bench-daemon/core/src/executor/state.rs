@@ -41,12 +41,25 @@ pub(super) struct Direct {
     pub(super) zero: Option<Zero>,
     /// Charge that traces have left in the cell, C.
     pub(super) charge_coulomb: f64,
+    /// Reading of the bipolar supply's ammeter with its output off, A.
+    pub(super) ammeter_zero_a: f64,
+    /// Current of the bipolar supply while its command is zero, in a map.
+    pub(super) residual: Option<Residual>,
     /// The readings of the legs so far.
     pub(super) legs: Legs,
     /// Progress of the reset of the state of charge.
     pub(super) reset: Reset,
     /// Current of an analog supply by the scope, while its command was zero at power-up.
     pub(super) analog_zero: Option<Level>,
+}
+
+/// A current that is not commanded.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Residual {
+    /// Current, A, charge positive.
+    pub(super) current_a: f64,
+    /// Bench time from which it flows, s.
+    pub(super) since_s: f64,
 }
 
 /// Knowledge of harness and cell beside the points.

@@ -5,6 +5,8 @@
 //! harness then gives current and voltage. The voltmeter at the jig gives the voltage at rest,
 //! from which the change of voltage is measured.
 
+use std::ops::RangeInclusive;
+
 use analysis_effects::augmented::Between;
 use analysis_files::{
     dataset::{Capture, Commanded, CurrentPositive, TraceEntry, TraceRow},
@@ -195,6 +197,10 @@ impl Executor<'_> {
         )?;
         let (low, high) = trace.start_v;
         if !(low..=high).contains(&ocv_v) {
+            if self.point().is_some() {
+                self.leave_out_pulses(ocv_v, low..=high);
+                return Ok(());
+            }
             return Err(ExecuteError::Disobeyed {
                 what: format!("cell before trace {}", trace.name),
                 expected: format!("{low} V to {high} V at rest"),
@@ -234,6 +240,19 @@ impl Executor<'_> {
             temperature_degc,
         });
         Ok(())
+    }
+
+    /// Leaves out the pulses of a point whose voltage at rest is not the one for which they are known
+    /// to stay within the limits of the cell.
+    fn leave_out_pulses(&mut self, ocv_v: f64, band_v: RangeInclusive<f64>) {
+        let (low_v, high_v) = band_v.into_inner();
+        let text = format!(
+            "pulses left out: expected {low_v} V to {high_v} V at rest, found {ocv_v:.4} V, from \
+            which they could exceed the limits of the cell"
+        );
+        let text = self.of_run(&text);
+        self.rig.recorder.warning(&text);
+        self.direct.reset.accepted = true;
     }
 
     /// Drives and records a trace.

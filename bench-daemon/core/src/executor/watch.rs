@@ -98,7 +98,7 @@ impl Rig<'_> {
             Step::Leg(leg) => {
                 let (charge_a, discharge_a) = leg.most_a();
                 match leg.flow {
-                    Flow::Discharge { .. } => live(
+                    Flow::Discharge { .. } | Flow::DischargeTo { .. } => live(
                         cell.bounded(NO_CURRENT_A, drawn(discharge_a)),
                         (-settings.charge_coulomb, drift_coulomb),
                     ),

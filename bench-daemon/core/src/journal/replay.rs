@@ -38,6 +38,8 @@ pub struct JournalReplay {
     pub stages: BTreeMap<usize, StageReplay>,
     /// Warnings of the run.
     pub notes: Vec<Note>,
+    /// The last charge that a map has counted, C, and its bench time, s.
+    pub counted: Option<(f64, f64)>,
     /// The stage that began last.
     pub latest: Option<usize>,
     /// How the process recorded its end, if it did.
@@ -101,6 +103,7 @@ impl JournalReplay {
             instruments: Vec::new(),
             stages: BTreeMap::new(),
             notes: Vec::new(),
+            counted: None,
             latest: None,
             ended: None,
         };
@@ -135,6 +138,9 @@ impl JournalReplay {
             Entry::StageDone { stage } => self.stages.entry(*stage).or_default().finished = true,
             Entry::Instruments(found) => self.instruments.clone_from(found),
             Entry::Note(note) => self.notes.push(note.clone()),
+            Entry::Charge { charge_coulomb } => {
+                self.counted = Some((*charge_coulomb, line.time_s));
+            }
             Entry::Ended { how } => self.ended = Some(how.clone()),
             Entry::Started(_)
             | Entry::Found(_)
@@ -185,8 +191,12 @@ impl JournalReplay {
         let left = moves.iter().any(|(index, step)| !done(*index, step));
         let unknown = moves.iter().any(|(index, step)| {
             let spent = done(*index, step) && left;
-            step.after_crash() == AfterCrash::Unknown
-                && (spent || crashed.is_some_and(|(at, _)| at == index))
+            let here = crashed.is_some_and(|(at, _)| at == index);
+            match step.after_crash() {
+                AfterCrash::Unknown => spent || here,
+                AfterCrash::Counted => here,
+                AfterCrash::Repeat | AfterCrash::Absolute => false,
+            }
         });
         if unknown && !accept_charge {
             let repeated_reset = last_reset(plan, number, stage);
@@ -251,6 +261,7 @@ pub fn test_started() -> Entry {
 mod tests {
     use super::*;
     use crate::test_plan::{test_settings, test_trace};
+    use bench_plan::plan::{Flow, Leg, Log};
     use instruments::{fixture::Fixture, supply4q::Holds};
 
     const DISCHARGE: Step = Step::Discharge {
@@ -490,6 +501,40 @@ mod tests {
             message.starts_with("stage 2, step 3 (ramp the direct current to +2 A"),
             "{message}"
         );
+    }
+
+    #[test]
+    fn a_crash_in_a_counted_discharge_repeats_the_full_charge_and_one_after_it_does_not() {
+        let leg = Step::Leg(Leg {
+            flow: Flow::DischargeTo {
+                current_a: 4.5,
+                until_v: 2.55,
+                below_full_coulomb: 4860.0,
+                expected_coulomb: 3240.0,
+            },
+            max_s: 2220.0,
+            log: Log::MapDischarge(2),
+        });
+        let accept = Step::Accept {
+            band_v: (3.8, 3.9),
+            missed: Some(bench_plan::plan::Missed::Flag),
+        };
+        let mut plan = plan(true);
+        plan.stages[1] = stage(Purpose::MapPoint, vec![leg, REST, accept]);
+        for (text, repeated_reset) in [
+            ("S0 F S1 i0 d0 i1", Some(0)),
+            ("S0 F S1 i0 d0 i1 d1 i2", None),
+            ("S0 F S1 i0 d0 i1 d1 i2 d2 i3", None),
+        ] {
+            assert_eq!(
+                replay(text).next(&plan, |_| false, false),
+                Ok(ResumeDecision {
+                    repeated_reset,
+                    open: Some((1, 0))
+                }),
+                "{text}"
+            );
+        }
     }
 
     #[test]

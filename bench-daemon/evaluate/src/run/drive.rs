@@ -12,7 +12,9 @@ use instruments::{
 };
 
 use super::{
-    Measured, ResumeContext, multisine,
+    Measured, ResumeContext,
+    map_points::{MapTable, Standing, Way},
+    multisine,
     run_accumulator::RunAccumulator,
     sweep_writer::{self, Settled},
     traced,
@@ -32,6 +34,7 @@ use bench_plan::{
     config::Experiment,
     measure::{SweepPoint, channels::ControlPotentials},
     plan::{Checked, Plan, Purpose, Stage},
+    procedure,
 };
 
 /// Earlier results: the correction of another run on the same bench, or the part of this run that
@@ -80,12 +83,20 @@ pub(super) async fn drive(
         executor.rig.recorder.json(CORRECTION, &correction)?;
         executor.known.correction = correction;
     }
+    let map = experiment
+        .map
+        .as_ref()
+        .map(|map| MapTable::of(map, executor.rig.recorder))
+        .transpose()?;
     let mut drive = Drive {
         executor,
         experiment,
         plan: plan.plan(),
         context,
         accumulator,
+        map,
+        held: None,
+        reached: None,
     };
     drive.restore()?;
     drive.play().await?;
@@ -98,6 +109,12 @@ struct Drive<'a, 'b> {
     plan: &'b Plan,
     context: Option<&'b ResumeContext>,
     accumulator: RunAccumulator<'a>,
+    /// The points of a map so far.
+    map: Option<MapTable<'a>>,
+    /// The stage whose temperature is held.
+    held: Option<usize>,
+    /// The point of a map that this process has brought the cell to, by its number.
+    reached: Option<usize>,
 }
 
 impl<'a, 'b> Drive<'a, 'b> {
@@ -181,6 +198,12 @@ impl<'a, 'b> Drive<'a, 'b> {
             .filter(|number| !finished(number))
             .collect();
         let mut run = None;
+        if self.context.is_none() {
+            for (point, reason) in procedure::left_out_pulses(self.experiment) {
+                let text = format!("point {point}: {reason}");
+                self.executor.rig.recorder.warning(&text);
+            }
+        }
         if let Some(ResumeContext { next, replay, .. }) = self.context {
             run = replay.latest.and_then(|latest| self.run_of(latest));
             self.hold_again().await?;
@@ -217,9 +240,10 @@ impl<'a, 'b> Drive<'a, 'b> {
         let held = |(number, stage): &(usize, &'b Stage)| {
             stage.purpose == Purpose::Temperature && context.replay.finished(*number)
         };
-        let Some((_, stage)) = self.plan.stages.iter().enumerate().rfind(held) else {
+        let Some((number, stage)) = self.plan.stages.iter().enumerate().rfind(held) else {
             return Ok(());
         };
+        self.held = Some(number);
         let open = (context.next.open).and_then(|(number, _)| self.plan.stages.get(number));
         let waits = !matches!(
             open.map(|stage| &stage.purpose),
@@ -266,6 +290,42 @@ impl<'a, 'b> Drive<'a, 'b> {
 
     /// Executes one stage and evaluates it.
     async fn stage(&mut self, number: usize, resume_point: ResumePoint<'_>) -> Result<(), Failure> {
+        for before in self.before(number) {
+            self.stage_alone(before, ResumePoint::default()).await?;
+        }
+        self.stage_alone(number, resume_point).await
+    }
+
+    /// Returns the stages that bring the cell to the charge and temperature of a stage of a map, if it
+    /// is not there: after a crash it may be full, or at another temperature.
+    fn before(&self, number: usize) -> Vec<usize> {
+        let stage = self.plan.stages.get(number);
+        let Some((way, stage)) = Way::to(self.plan, number).zip(stage) else {
+            return Vec::new();
+        };
+        let Some(point) = stage.point() else {
+            return Vec::new();
+        };
+        let measures = !matches!(stage.purpose, Purpose::SocReset | Purpose::MapPoint);
+        let beyond_coulomb = if measures && self.reached == stage.run() {
+            // Even if the discharge has ended before its charge.
+            0.0
+        } else {
+            self.executor.charge_coulomb() + point.below_full_coulomb
+        };
+        let at = Standing {
+            beyond_coulomb,
+            within_coulomb: point.within_coulomb,
+            held: self.held,
+        };
+        way.before(number, stage.purpose, &at)
+    }
+
+    async fn stage_alone(
+        &mut self,
+        number: usize,
+        resume_point: ResumePoint<'_>,
+    ) -> Result<(), Failure> {
         let Some(stage) = self.plan.stages.get(number) else {
             return Ok(());
         };
@@ -296,10 +356,26 @@ impl<'a, 'b> Drive<'a, 'b> {
                 .await?;
                 self.accumulator.measured.multisines.extend(runs);
             }
-            Purpose::Temperature | Purpose::SocReset | Purpose::OcvSoc | Purpose::Trace => {
+            Purpose::Temperature
+            | Purpose::SocReset
+            | Purpose::MapPoint
+            | Purpose::OcvSoc
+            | Purpose::Trace => {
                 self.executor
                     .stage(number, stage, &resume_point, &mut |_, _| Ok(()))
                     .await?;
+            }
+        }
+        match stage.purpose {
+            Purpose::Temperature => self.held = Some(number),
+            Purpose::SocReset => self.reached = None,
+            Purpose::MapPoint => self.reached = stage.run(),
+            _ => {}
+        }
+        if let Some((map, run)) = self.map.as_mut().zip(stage.campaign_run()) {
+            match stage.purpose {
+                Purpose::MapPoint => map.reach(run, &mut self.executor)?,
+                _ => map.write(self.executor.rig.recorder)?,
             }
         }
         Ok(self

@@ -30,7 +30,7 @@ pub struct Measured {
     pub own_noise: Vec<Spectrum>,
     /// The points of all spectra as read.
     pub points: Vec<Vec<SweepPoint>>,
-    /// Whether they are runs of a campaign, and named after cell and repeat.
+    /// Whether they are runs of a campaign or points of a map, and named after them.
     pub campaign: bool,
     /// The file of each spectrum.
     pub files: Vec<String>,

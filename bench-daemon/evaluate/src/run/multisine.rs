@@ -308,6 +308,8 @@ fn entry(executor: &Executor<'_>, begun: &Begun<'_>, measured: &Measured) -> Swe
         .as_ref()
         .is_some_and(|m| m.operando);
     let repeat_group = match (bias_a != 0.0, operando) {
+        // Each is at another charge or temperature.
+        _ if stage.point().is_some() => format!("multisine_point_{repeat}"),
         (false, _) => "multisine".to_owned(),
         (true, false) => format!("multisine_bias{bias_a:+}A"),
         // Each is at another charge.

@@ -86,7 +86,11 @@ fn evaluate(
         let none = FittedOrders::default();
         return Ok(summary(recorder, experiment, measured, &none, None, None));
     }
-    let fitted = fit_orders(recorder, experiment, measured);
+    // The spectra of a map belong to different states of the cell: no model describes them together.
+    let fitted = match experiment.map {
+        Some(_) => FittedOrders::default(),
+        None => fit_orders(recorder, experiment, measured),
+    };
     let fits = &fitted.fits;
     if let Some(selection) = &fitted.selection {
         recorder.json(run_folder::ORDER, selection)?;
@@ -350,6 +354,8 @@ fn summary(
             .map(|line| format!("{first_of}{line}")),
     );
     lines.extend(campaign.map(str::to_owned));
+    let map = experiment.map.as_ref();
+    lines.extend(map.and_then(|map| super::map_points::summary(recorder, map)));
     lines.push(String::new());
     for fit in &fitted.fits {
         let chi2 = fit

@@ -4,7 +4,7 @@
 use std::{path::Path, sync::Arc};
 
 use analysis::{
-    dataset::RunIndex,
+    dataset::{RunIndex, TraceEntry},
     run_folder::{self, INDEX},
 };
 use instruments::clock::{self, TimeMode};
@@ -193,7 +193,14 @@ impl ResumeContext {
         recorder: &Recorder,
         plan: &Plan,
     ) -> Result<f64, Failure> {
-        let Some(last) = recorder.index().traces.last() else {
+        let last = recorder.index().traces.last();
+        if let Some((charge_coulomb, time_s)) = self.replay.counted {
+            return match last.filter(|last| last.start_time_s >= time_s) {
+                None => Ok(charge_coulomb),
+                Some(last) => left_by(recorder, last),
+            };
+        }
+        let Some(last) = last else {
             return Ok(0.0);
         };
         let latest = self
@@ -214,9 +221,7 @@ impl ResumeContext {
         if !same_cell || reset.fold(f64::NEG_INFINITY, f64::max) > last.start_time_s {
             return Ok(0.0);
         }
-        let rows = analysis::dataset::read_trace_csv(&recorder.path(&last.file))
-            .map_err(bench_core::record::RecordError::from)?;
-        Ok(last.charge_before_coulomb + charge_of(&rows))
+        left_by(recorder, last)
     }
 
     /// Records in the run folder that the run continues, and where.
@@ -250,6 +255,13 @@ impl ResumeContext {
         recorder.event(Event::Resumed, &text)?;
         Ok(recorder.journal(Entry::Resumed { text })?)
     }
+}
+
+/// Returns the charge of the cell after a trace, C.
+fn left_by(recorder: &Recorder, trace: &TraceEntry) -> Result<f64, Failure> {
+    let rows = analysis::dataset::read_trace_csv(&recorder.path(&trace.file))
+        .map_err(bench_core::record::RecordError::from)?;
+    Ok(trace.charge_before_coulomb + charge_of(&rows))
 }
 
 /// Reads the experiment that a run began with, from the copies in its folder.

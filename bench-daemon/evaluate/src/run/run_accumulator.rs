@@ -56,7 +56,7 @@ impl<'a> RunAccumulator<'a> {
             points: Vec::new(),
             files: Vec::new(),
             refused_controls: Vec::new(),
-            campaign: experiment.campaign.is_some(),
+            campaign: experiment.campaign.is_some() || experiment.map.is_some(),
             multisines: Vec::new(),
         };
         Self {

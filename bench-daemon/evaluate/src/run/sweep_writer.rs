@@ -67,11 +67,7 @@ impl<'a> SweepWriter<'a> {
         let correction = measured.correction.clone();
         let (shunt, jig) = (shunt_phasors(measured), jig_phasors(measured));
         let cell = fixture == Fixture::Cell;
-        let run = experiment
-            .campaign
-            .as_ref()
-            .filter(|_| cell)
-            .and_then(|campaign| campaign.run(repeat));
+        let run = experiment.run(repeat).filter(|_| cell);
         let name = sweep_name(fixture, repeat);
         let corrected = cell || (repeat > 0 && correction.reduced_chi2.is_some());
         let file = match (cell, &run) {
@@ -329,10 +325,11 @@ impl<'a> SweepWriter<'a> {
             start_ocv_v: executor.known.idle.voltage_v.filter(|_| cell),
             temperature_degc: executor.known.idle.temperature_degc.filter(|_| cell),
             role: Role::Train,
-            repeat_group: self
-                .run
-                .as_ref()
-                .map_or(group, |run| format!("eis_{}", run.cell.name)),
+            repeat_group: self.run.as_ref().map_or(group, |run| match run.point {
+                // Each is at another charge or temperature.
+                Some(_) => format!("eis_{}", run.name()),
+                None => format!("eis_{}", run.cell.name),
+            }),
             flagged: Vec::new(),
             own_sigma_ohm: if corrected {
                 own_sigma_ohm(&settled.own_noise)

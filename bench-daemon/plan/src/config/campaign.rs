@@ -35,6 +35,7 @@ impl Campaign {
                 number: index + 1,
                 cell: self.cells[cell].clone(),
                 repeat: repeat + 1,
+                point: None,
             }
         })
     }

@@ -127,7 +127,7 @@ impl Check<'_> {
         &self,
         raw: &raw::TemperatureSection,
     ) -> Result<Temperature, ConfigError> {
-        let chiller = self.needs(
+        self.needs(
             self.bench.instruments.chiller.as_ref(),
             "chiller",
             "temperature",
@@ -137,23 +137,27 @@ impl Check<'_> {
             "logger",
             "temperature",
         )?;
-        let limits = &self.cell.limits;
-        let range = by_key(chiller::DIALECTS, &chiller.model).map(|dialect| dialect.range());
-        let (low, high) = range.map_or((limits.min_degc, limits.max_degc), |(low, high)| {
-            (
-                low.value().max(limits.min_degc),
-                high.value().min(limits.max_degc),
-            )
-        });
         Ok(Temperature {
             setpoint_degc: self.within(
                 "temperature.setpoint",
                 raw.setpoint.si,
-                low..=high,
+                self.temperatures_of_bench(),
                 "°C",
             )?,
             within_k: self.within("temperature.within", raw.within.si, 0.01..=5.0, "K")?,
             timeout_s: self.within("temperature.timeout", raw.timeout.si, 1.0..=86_400.0, "s")?,
+        })
+    }
+
+    /// Returns the temperatures within the range of the chiller and the limits of the cell, °C.
+    pub(super) fn temperatures_of_bench(&self) -> RangeInclusive<f64> {
+        let (limits, chiller) = (&self.cell.limits, &self.bench.instruments.chiller);
+        let range = chiller
+            .as_ref()
+            .and_then(|chiller| by_key(chiller::DIALECTS, &chiller.model))
+            .map(|dialect| dialect.range());
+        range.map_or(limits.min_degc..=limits.max_degc, |(low, high)| {
+            low.value().max(limits.min_degc)..=high.value().min(limits.max_degc)
         })
     }
 

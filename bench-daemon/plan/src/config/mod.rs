@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use crate::plan::Specimen;
+use crate::plan::{CampaignRun, Specimen};
 
 mod bench;
 mod bias;
@@ -14,14 +14,17 @@ pub mod erm_text;
 mod identity;
 mod interlock;
 mod limits;
+mod map;
 mod multisine;
 mod ocv_soc;
 mod quality;
 pub mod quantity;
 mod raw;
 mod raw_bench;
+mod raw_map;
 mod raw_multisine;
 mod raw_ocv_soc;
+mod raw_pulses;
 mod raw_quality;
 mod resolve;
 mod resolve_bench;
@@ -39,6 +42,7 @@ pub use bench::{
 pub use campaign::Campaign;
 pub use check::{LOAD_CUT_OFF_V, check_frames};
 pub use identity::Identity;
+pub use map::{MapLegs, MapProcedure, MapTemperature};
 pub use multisine::{Band, Multisine};
 pub use ocv_soc::OcvSoc;
 pub use resolve::resolve_cell;
@@ -77,6 +81,8 @@ pub struct Experiment {
     pub eis: Option<Eis>,
     /// Many frequencies at once, if asked for.
     pub multisine: Option<Multisine>,
+    /// Points of charge and temperature, if there are any.
+    pub map: Option<MapProcedure>,
     /// Several cells, each measured several times, if there are any.
     pub campaign: Option<Campaign>,
     /// Current steps, in the order in which each round runs them.
@@ -90,6 +96,14 @@ pub struct Experiment {
     pub auto_resume: AutoResume,
     /// The files that this was read from.
     pub sources: Vec<Source>,
+}
+
+impl Experiment {
+    /// A run of the campaign or a point of the map, by its number.
+    pub fn run(&self, number: usize) -> Option<CampaignRun> {
+        let of_map = self.map.as_ref().and_then(|map| map.run(number));
+        of_map.or_else(|| self.campaign.as_ref()?.run(number))
+    }
 }
 
 /// When an interrupted run continues automatically. It never continues after a limit of the cell

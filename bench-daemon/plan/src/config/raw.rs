@@ -4,6 +4,8 @@
 use analysis_signal::series::Role;
 use serde::Deserialize;
 
+pub(super) use super::raw_pulses::{Pulses, Through};
+
 use super::quantity::{
     Angle, Charge, Current, Duration, Frequency, Power, Quantity, Resistance, Share, Temperature,
     TemperatureDifference, Voltage, VoltageSlope,
@@ -40,6 +42,9 @@ pub(super) struct Experiment {
     /// The individual cell that is measured; refused beside `[campaign]`. Left out: any cell of the
     /// kind of the cell file.
     pub(super) specimen: Option<super::identity::RawSpecimen>,
+    /// Points of charge and temperature, at each of which the signals are measured; refused beside
+    /// `[soc_reset]`, `[ocv_soc]`, `[campaign]`, `[[traces]]` and `[diagnosis]`. Left out: no map.
+    pub(super) map: Option<super::raw_map::Raw>,
     /// Several cells, each measured several times; refused beside `[ocv_soc]` and `[multisine]`.
     /// Left out: one cell.
     pub(super) campaign: Option<Campaign>,
@@ -337,35 +342,6 @@ pub(super) struct Trace {
     pub(super) longest_interval: Quantity<Duration>,
 }
 
-/// Pulses of either sign, each followed by a relaxation: first discharge, then charge, amplitude by
-/// amplitude.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct Pulses {
-    /// Amplitudes of the pulses, 1 mA to 1000 A, in order.
-    pub(super) amplitudes: Vec<Quantity<Current>>,
-    /// Duration of each pulse, above 0 s.
-    #[serde(default = "five_seconds")]
-    pub(super) duration: Quantity<Duration>,
-    /// Rest after each pulse, above 0 s.
-    pub(super) relaxation: Quantity<Duration>,
-}
-
-/// Instruments that drive a trace.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub(super) enum Through {
-    /// The bipolar supply, one message for each step of 0.5 s or longer.
-    #[default]
-    Bipolar,
-    /// The bipolar supply, which follows a wave in the memory of the generator.
-    Wave,
-    /// The DC load and the DC supply, for steps of 1 s or longer.
-    LoadAndSupply,
-    /// The first of these that can drive the trace.
-    Auto,
-}
-
 /// A current or a power for a duration: one of the two is given.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -410,9 +386,6 @@ pub(super) struct Diagnosis {
     pub(super) rc: Option<usize>,
 }
 
-fn five_seconds() -> Quantity<Duration> {
-    Quantity::of(5.0)
-}
 fn three() -> usize {
     3
 }

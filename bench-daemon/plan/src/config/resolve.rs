@@ -8,7 +8,7 @@ use fixtures::Scenario;
 use instruments::transport::Address;
 
 use super::{
-    AutoResume, Cell, ConfigError, Experiment, Instruments, Source, check::Check, limits, raw,
+    AutoResume, Cell, ConfigError, Experiment, Instruments, Source, check::Check, limits, map, raw,
     resolve_bench::resolve_bench, schema::Kind, source::in_field,
 };
 use crate::interlock::Limits;
@@ -145,6 +145,26 @@ pub fn resolve_experiment(
         return Err(source.complain("specimen", reason));
     }
     let (specimen, identity) = specimen.unzip();
+    let beside = map::Beside {
+        eis: eis.as_ref(),
+        multisine: multisine.as_ref(),
+        temperature: temperature.as_ref(),
+        specimen: specimen.as_ref(),
+        refused: [
+            (campaign.is_some(), "campaign"),
+            (soc_reset.is_some(), "soc_reset"),
+            (ocv_soc.is_some(), "ocv_soc"),
+            (!traces.is_empty(), "[traces]"),
+            (raw.diagnosis.is_some(), "diagnosis"),
+        ]
+        .into_iter()
+        .find_map(|(there, section)| there.then_some(section)),
+    };
+    let map = raw
+        .map
+        .as_ref()
+        .map(|section| check.map(section, &beside))
+        .transpose()?;
     if let (Some(campaign), Some((file, scenario))) = (&campaign, &scenario) {
         check.specimens(campaign, file, scenario)?;
     }
@@ -152,15 +172,15 @@ pub fn resolve_experiment(
         && traces.is_empty()
         && ocv_soc.is_none()
         && multisine.is_none()
+        && map.is_none()
     {
         let reason = "expected a section [eis] with a repeat above 0, or a section [[traces]], \
-        [ocv_soc] or [multisine]";
+        [ocv_soc], [multisine] or [map]";
         return Err(source.complain("(whole file)", reason));
     }
-    let fit = check.fit(
-        &raw.fit,
-        eis.as_ref().map_or(usize::MAX, |eis| eis.freqs_hz.len()),
-    )?;
+    // The spectra of a map are not fitted.
+    let swept = eis.as_ref().filter(|_| map.is_none());
+    let fit = check.fit(&raw.fit, swept.map_or(usize::MAX, |eis| eis.freqs_hz.len()))?;
     let diagnosed_rc = raw
         .diagnosis
         .as_ref()
@@ -183,6 +203,7 @@ pub fn resolve_experiment(
         ocv_soc,
         eis,
         multisine,
+        map,
         campaign,
         traces,
         fit,

@@ -8,7 +8,7 @@ mod through;
 
 use analysis_signal::series::Role;
 
-use super::{ConfigError, Source, check::Check, raw};
+use super::{ConfigError, Source, check::Check, raw, raw_map};
 use crate::plan::{Averaged, Through};
 use rows::Row;
 pub use segment::Segment;
@@ -48,6 +48,12 @@ pub struct Trace {
     pub longest_s: f64,
 }
 
+/// Means per decade of the time since a step of these pulses: one is near any time that a table of pulse
+/// resistances asks for.
+const MAP_SAMPLES_PER_DECADE: f64 = 30.0;
+/// Rest before the pulses of a map that is recorded, s: pulse resistances are taken from its trend.
+const MAP_REST_S: f64 = 15.0;
+
 /// Time without current before the first row, s.
 pub const BEFORE_S: f64 = 0.5;
 
@@ -70,6 +76,48 @@ impl Check<'_> {
             sources.extend(source);
         }
         Ok((traces, sources))
+    }
+
+    /// The pulses of a map, if it has any, from a rest that is recorded. Voltages at the start and
+    /// resistance depend on the point.
+    pub(super) fn pulses_of_map(&self, raw: &raw_map::Raw) -> Result<Option<Trace>, ConfigError> {
+        let Some(pulses) = &raw.pulses else {
+            return Ok(None);
+        };
+        let rows = self.pulses("map.pulses", pulses)?;
+        if let Some(reason) = Row::first_wrong(&rows) {
+            return Err(self.complain("map.pulses", reason));
+        }
+        if rows.is_empty() {
+            return Err(self.complain("map.pulses", "expected at least one amplitude, found none"));
+        }
+        let through = self.through(raw.through, &rows, "map.pulses")?;
+        let least_v = self.cell.limits.min_v;
+        let rest = Segment {
+            current_a: 0.0,
+            duration_s: MAP_REST_S,
+            power_w: None,
+        };
+        Ok(Some(Trace {
+            name: "pulses".to_owned(),
+            role: Role::Train,
+            repeat_group: "pulses".to_owned(),
+            repeat: 1,
+            rest_s: 0.0,
+            start_v: (self.cell.limits.min_v, self.cell.limits.max_v),
+            resistance_max_ohm: 0.0,
+            segments: std::iter::once(rest)
+                .chain(rows.iter().map(|row| row.segment(least_v)))
+                .collect(),
+            through,
+            averaged: None,
+            lead_ohm: raw.lead_resistance.map_or(Ok(0.0), |lead| {
+                self.within("map.lead_resistance", lead.si, 0.0..=0.1, "Ω")
+            })?,
+            first_sample_s: 2.0e-3,
+            growth: 10.0_f64.powf(1.0 / MAP_SAMPLES_PER_DECADE) - 1.0,
+            longest_s: 10.0,
+        }))
     }
 
     /// Adds the direct current to every row. It has no rest in between: what flows is checked as the rows

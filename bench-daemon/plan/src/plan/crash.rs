@@ -1,7 +1,7 @@
 //! Effect of a crash in a step on a resumed run. This module alone determines it, for every kind
 //! of step.
 
-use super::Step;
+use super::{Flow, Leg, Step};
 
 /// Effect of a crash in a step on a resumed run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -11,6 +11,9 @@ pub enum AfterCrash {
     /// The step ends at a voltage, from any starting point: the stage is executed again from its
     /// beginning, and steps whose target is reached end at once.
     Absolute,
+    /// The step moves a charge that is counted and in the journal when it is done: a crash in it
+    /// moved an unknown charge, and one after it did not.
+    Counted,
     /// The step moved an unknown charge: it is executed again only after the cell was brought to a
     /// known state of charge.
     Unknown,
@@ -34,6 +37,10 @@ impl Step {
             Self::Sine { .. } | Self::Multisine(_) | Self::Recheck(_) => AfterCrash::Repeat,
             // The state of a cell is judged only after the rest in which it was reached; legs
             // begin with a full cell.
+            Self::Leg(Leg {
+                flow: Flow::DischargeTo { .. },
+                ..
+            }) => AfterCrash::Counted,
             Self::Discharge { .. } | Self::Charge { .. } | Self::Accept { .. } | Self::Leg(_) => {
                 AfterCrash::Absolute
             }

@@ -16,6 +16,7 @@ impl fmt::Display for Purpose {
         f.write_str(match self {
             Self::Temperature => "temperature",
             Self::SocReset => "SOC reset",
+            Self::MapPoint => "state of charge of the point",
             Self::OcvSoc => "OCV over SOC",
             Self::Sweep(Fixture::Cell, _) => "EIS sweep of the cell",
             Self::Sweep(Fixture::Shunt, 0) => "fixture check: shunt",
@@ -31,7 +32,10 @@ impl fmt::Display for Purpose {
 impl fmt::Display for Step {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
-            Self::Specimen(ref run) => write!(f, "run {}: take {}", run.number, run.cell),
+            Self::Specimen(ref run) => match run.point {
+                Some(point) => write!(f, "point {}: {point}", run.number),
+                None => write!(f, "run {}: take {}", run.number, run.cell),
+            },
             Self::Mount(fixture) => write!(f, "mount {}", fixture_name(fixture)),
             Self::HoldTemperature {
                 setpoint_degc,

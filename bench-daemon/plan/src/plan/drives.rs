@@ -10,7 +10,7 @@ impl Step {
             Self::Discharge { .. } => Drives::LOAD,
             Self::Charge { .. } => Drives::SUPPLY,
             Self::Leg(leg) => match leg.flow {
-                Flow::Discharge { .. } => Drives::LOAD,
+                Flow::Discharge { .. } | Flow::DischargeTo { .. } => Drives::LOAD,
                 Flow::Charge { .. } => Drives::SUPPLY,
                 Flow::Rest => Drives::default(),
             },

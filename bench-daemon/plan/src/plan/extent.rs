@@ -94,6 +94,14 @@ impl Extent {
                 widen(&mut self.voltage_v, until_v);
                 self.out_coulomb += charge_coulomb.unwrap_or(out_a * span_s);
             }
+            Flow::DischargeTo {
+                until_v,
+                expected_coulomb,
+                ..
+            } => {
+                widen(&mut self.voltage_v, until_v);
+                self.out_coulomb += expected_coulomb;
+            }
             Flow::Charge {
                 limit_v,
                 charge_coulomb,

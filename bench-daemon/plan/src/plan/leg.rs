@@ -1,9 +1,9 @@
 //! A leg as data: a section of direct current through load or supply, or of rest, whose readings
 //! are all stored in a file.
 
-use std::fmt;
+use std::{borrow::Cow, fmt};
 
-use analysis_files::run_folder::{OCV_CHARGE, OCV_DISCHARGE};
+use analysis_files::run_folder::{OCV_CHARGE, OCV_DISCHARGE, map_charge, map_discharge};
 
 use super::minutes;
 use crate::interlock::Limits;
@@ -31,6 +31,17 @@ pub enum Flow {
         /// Charge after which it ends earlier, C.
         charge_coulomb: Option<f64>,
     },
+    /// Out of the cell, by the load, until its counted charge is at a target.
+    DischargeTo {
+        /// Current, A, positive.
+        current_a: f64,
+        /// Earliest end, V under load.
+        until_v: f64,
+        /// Charge below that of the full cell at which it ends, C.
+        below_full_coulomb: f64,
+        /// The part of it that is expected to be left, C.
+        expected_coulomb: f64,
+    },
     /// Into the cell, by the supply: constant current, then constant voltage.
     Charge {
         /// Current, A.
@@ -53,14 +64,20 @@ pub enum Log {
     Discharge,
     /// The charge direction.
     Charge,
+    /// The full charge before a point of a map.
+    MapCharge(usize),
+    /// The discharge to a point of a map.
+    MapDischarge(usize),
 }
 
 impl Log {
     /// Returns the name of the file in the run folder.
-    pub fn file(self) -> &'static str {
+    pub fn file(self) -> Cow<'static, str> {
         match self {
-            Self::Discharge => OCV_DISCHARGE,
-            Self::Charge => OCV_CHARGE,
+            Self::Discharge => OCV_DISCHARGE.into(),
+            Self::Charge => OCV_CHARGE.into(),
+            Self::MapCharge(point) => map_charge(point).into(),
+            Self::MapDischarge(point) => map_discharge(point).into(),
         }
     }
 }
@@ -69,7 +86,9 @@ impl Leg {
     /// Returns the greatest requested currents into and out of the cell, A.
     pub fn most_a(&self) -> (f64, f64) {
         match self.flow {
-            Flow::Discharge { current_a, .. } => (0.0, current_a),
+            Flow::Discharge { current_a, .. } | Flow::DischargeTo { current_a, .. } => {
+                (0.0, current_a)
+            }
             Flow::Charge { current_a, .. } => (current_a, 0.0),
             Flow::Rest => (0.0, 0.0),
         }
@@ -88,6 +107,11 @@ impl Leg {
                 charge_coulomb: Some(charge_coulomb),
                 ..
             } => (charge_coulomb / current_a).min(self.max_s),
+            Flow::DischargeTo {
+                current_a,
+                expected_coulomb,
+                ..
+            } => (expected_coulomb / current_a).min(self.max_s),
             Flow::Discharge { .. } | Flow::Charge { .. } => 0.2 * self.max_s,
             Flow::Rest => self.max_s,
         }
@@ -113,6 +137,9 @@ impl Leg {
         };
         match self.flow {
             Flow::Discharge {
+                current_a, until_v, ..
+            }
+            | Flow::DischargeTo {
                 current_a, until_v, ..
             } => {
                 current(current_a, limits.discharge_a, "discharge")?;
@@ -159,6 +186,18 @@ impl fmt::Display for Leg {
                     part(charge_coulomb)
                 )
             }
+            Flow::DischargeTo {
+                current_a,
+                until_v,
+                below_full_coulomb,
+                ..
+            } => {
+                write!(
+                    f,
+                    "discharge at {current_a} A to {below_full_coulomb:.0} C below full or to \
+                    {until_v} V, at most {bound}, into {file}"
+                )
+            }
             Flow::Charge {
                 current_a,
                 limit_v,
@@ -203,7 +242,22 @@ mod tests {
             cut_off_a,
             charge_coulomb: None,
         };
+        let to = |current_a, until_v| Flow::DischargeTo {
+            current_a,
+            until_v,
+            below_full_coulomb: 8100.0,
+            expected_coulomb: 6480.0,
+        };
         let cases = [
+            (to(4.5, 2.55), ""),
+            (
+                to(50.0, 2.55),
+                "expected a discharge current above 0 A, at most 45 A, found 50 A",
+            ),
+            (
+                to(4.5, 2.4),
+                "expected the end of the discharge within 2.5 V to 4.2 V, found 2.4 V",
+            ),
             (down(1.0, 2.505), ""),
             (up(1.0, 4.195, 0.1), ""),
             (Flow::Rest, ""),

@@ -27,8 +27,8 @@ impl Specimen {
     }
 }
 
-/// One run of a campaign.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// One run of a campaign, or one point of a map.
+#[derive(Debug, Clone, PartialEq)]
 pub struct CampaignRun {
     /// Its number, from 1, in planned order.
     pub number: usize,
@@ -36,20 +36,65 @@ pub struct CampaignRun {
     pub cell: Arc<Specimen>,
     /// Number of the repeat of this cell, from 1.
     pub repeat: usize,
+    /// The point of the map that it measures.
+    pub point: Option<MapPoint>,
+}
+
+/// A point of a map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MapPoint {
+    /// State of charge.
+    pub soc: f64,
+    /// Temperature, °C.
+    pub temperature_degc: f64,
+    /// Charge below that of the full cell, C.
+    pub below_full_coulomb: f64,
+    /// Distance from this charge within which the cell counts as being there, C.
+    pub within_coulomb: f64,
+}
+
+impl fmt::Display for MapPoint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} % and {} °C",
+            percent(self.soc),
+            self.temperature_degc
+        )
+    }
+}
+
+/// A share in percent, without the error of its rounding.
+pub fn percent(share: f64) -> f64 {
+    (1.0e6 * share).round() / 1.0e4
 }
 
 impl CampaignRun {
     /// Returns the name for its files.
     pub fn name(&self) -> String {
-        format!("{}_{}", self.cell.name, self.repeat)
+        match self.point {
+            Some(_) => format!("point_{}", self.number),
+            None => format!("{}_{}", self.cell.name, self.repeat),
+        }
+    }
+
+    /// Returns what it is called in the title of a stage.
+    pub fn title(&self) -> String {
+        match self.point {
+            Some(point) => format!("point {}, {point}", self.number),
+            None => format!("run {}, cell {}", self.number, self.cell.name),
+        }
     }
 
     /// Returns the prefix of a note about it.
     pub fn prefix(&self) -> String {
-        format!(
-            "run {} (cell {}, repeat {}): ",
-            self.number, self.cell.name, self.repeat
-        )
+        match self.point {
+            Some(point) => format!("point {} ({point}): ", self.number),
+            None => format!(
+                "run {} (cell {}, repeat {}): ",
+                self.number, self.cell.name, self.repeat
+            ),
+        }
     }
 }
 

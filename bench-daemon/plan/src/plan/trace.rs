@@ -226,9 +226,13 @@ impl TracePlan {
                 {greatest_ah:.3} Ah"
             ));
         }
-        let (down_v, up_v) = self.drift_v(limits);
-        let lowest_v = self.start_v.0 + down_v + self.resistance_max_ohm * least_a;
-        let highest_v = self.start_v.1 + up_v + self.resistance_max_ohm * greatest_a;
+        self.check_voltage(limits)?;
+        self.check_frames()
+    }
+
+    /// Returns an error if the voltage could exceed the limits of the cell in the worst case.
+    pub(crate) fn check_voltage(&self, limits: &Limits) -> Result<(), String> {
+        let (lowest_v, highest_v) = self.worst_v(limits);
         if !(lowest_v >= limits.min_v && highest_v <= limits.max_v) {
             return Err(format!(
                 "expected a cell voltage within {} V to {} V at worst, found {lowest_v:.3} V to \
@@ -236,7 +240,16 @@ impl TracePlan {
                 limits.min_v, limits.max_v, self.start_v.0, self.start_v.1
             ));
         }
-        self.check_frames()
+        Ok(())
+    }
+
+    /// Returns the lowest and highest voltage in the worst case, V.
+    pub(crate) fn worst_v(&self, limits: &Limits) -> (f64, f64) {
+        let (least_a, greatest_a) = self.extremes_a();
+        let (down_v, up_v) = self.drift_v(limits);
+        let lowest_v = self.start_v.0 + down_v + self.resistance_max_ohm * least_a;
+        let highest_v = self.start_v.1 + up_v + self.resistance_max_ohm * greatest_a;
+        (lowest_v, highest_v)
     }
 
     fn check_frames(&self) -> Result<(), String> {

@@ -3,10 +3,12 @@
 mod biased;
 mod campaign;
 mod eis_sweep;
+mod map;
 mod multisine;
 mod ocv_soc;
 mod power;
 mod soc_reset;
+mod temperature;
 mod trace;
 
 use std::sync::Arc;
@@ -14,17 +16,18 @@ use std::sync::Arc;
 use instruments::{fixture::Fixture, instrument::by_key, scope, units::Seconds};
 
 use crate::{
-    config::{Eis, Experiment, Instrument, Temperature},
-    plan::{Plan, Purpose, Stage, Step, SweepSettings},
+    config::{Eis, Experiment, Instrument},
+    plan::{Plan, SweepSettings},
 };
 
 use power::Power;
 
 /// Returns the whole experiment as a plan: fixture check, temperature, OCV over SOC, SOC reset,
 /// then rounds of one sweep and each trace, as often as each is to be repeated. In a campaign
-/// every run has temperature, SOC reset, temperature again, sweep and traces. The controls come
-/// first, so that the cell is put into the jig once, after the last of them, and no fixture must
-/// be clamped in the place of the cell afterwards.
+/// every run has temperature, SOC reset, temperature again, sweep and traces; in a map every point
+/// has its charge, its temperature, sweep, multisine and pulses. The controls come first, so that the
+/// cell is put into the jig once, after the last of them, and no fixture must be clamped in the place
+/// of the cell afterwards.
 pub fn plan(experiment: &Experiment) -> Plan {
     let mut stages = Vec::new();
     let power = Power::of(experiment);
@@ -56,7 +59,7 @@ pub fn plan(experiment: &Experiment) -> Plan {
     {
         stages.extend(sweep(*control, 0, [0.0, amplitude_a]));
     }
-    let temperature = experiment.temperature.as_ref().map(temperature);
+    let temperature = experiment.temperature.as_ref().map(temperature::stage);
     if let Some(campaign) = &experiment.campaign {
         let reset = experiment.soc_reset.as_ref().map(soc_reset::stage);
         for run in campaign.runs() {
@@ -80,6 +83,29 @@ pub fn plan(experiment: &Experiment) -> Plan {
                 .chain(temperature.clone())
                 .chain(sweep(Fixture::Cell, run.number, [0.0, amplitude_a]))
                 .chain(traces);
+            stages.extend(parts.map(|stage| campaign::of_run(stage, &run)));
+        }
+        return Plan { stages };
+    }
+    if let Some(mapped) = mapped(experiment, power) {
+        for run in mapped.map.runs() {
+            let Some(point) = run.point else { continue };
+            let swept = experiment.eis.as_ref().filter(|eis| eis.repeat > 0);
+            let multisine = experiment.multisine.as_ref().map(|multisine| {
+                let asked = multisine::Asked {
+                    multisine,
+                    repeat: run.number,
+                    bias_a: 0.0,
+                    seed: experiment.seed,
+                };
+                multisine::stage(&asked, limits, power)
+            });
+            let parts = mapped
+                .approach(&run, &point)
+                .into_iter()
+                .chain(swept.and_then(|_| sweep(Fixture::Cell, run.number, [0.0, amplitude_a])))
+                .chain(multisine)
+                .chain(mapped.pulses(&run, &point, &time_base(experiment)).0);
             stages.extend(parts.map(|stage| campaign::of_run(stage, &run)));
         }
         return Plan { stages };
@@ -140,23 +166,21 @@ pub fn plan(experiment: &Experiment) -> Plan {
     Plan { stages }
 }
 
-fn temperature(temperature: &Temperature) -> Stage {
-    let (setpoint_degc, within_k, max_s) = (
-        temperature.setpoint_degc,
-        temperature.within_k,
-        temperature.timeout_s,
-    );
-    Stage {
-        purpose: Purpose::Temperature,
-        steps: vec![
-            Step::Mount(Fixture::Cell),
-            Step::HoldTemperature {
-                setpoint_degc,
-                within_k,
-                max_s,
-            },
-        ],
-    }
+fn mapped(experiment: &Experiment, power: Power) -> Option<map::Mapped<'_>> {
+    Some(map::Mapped {
+        map: experiment.map.as_ref()?,
+        cell: &experiment.cell,
+        temperature: experiment.temperature.as_ref()?,
+        power,
+    })
+}
+
+/// Returns the pulses of a map that could exceed the limits of the cell and are left out: the number
+/// of the point, and why.
+pub fn left_out_pulses(experiment: &Experiment) -> Vec<(usize, String)> {
+    mapped(experiment, Power::of(experiment)).map_or_else(Vec::new, |mapped| {
+        map::left_out(&mapped, &time_base(experiment))
+    })
 }
 
 /// Returns the settings that all points of the sweeps share.

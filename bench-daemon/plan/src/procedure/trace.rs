@@ -16,6 +16,8 @@ use super::power::Power;
 
 /// Least time from a step to the end of its frame, s.
 const AFTER_S: f64 = 2.0;
+/// Longest part of a rest before the first step that is recorded, s.
+const LEAD_S: f64 = 20.0;
 /// Time to read a frame and arm for the next, s.
 const GAP_S: f64 = 2.5;
 /// Length of a frame between steps, s: long enough to roll.
@@ -169,6 +171,9 @@ fn frames(
     let (mut free_s, mut first, mut stepped_s) = (0.0, 0, 0.0);
     while let Some(step) = levels.get(first) {
         let start_s = (step.at_s - BEFORE_S).max(free_s);
+        if first == 0 {
+            free_s = (start_s - LEAD_S).max(0.0);
+        }
         spots(
             free_s..=start_s - GAP_S - SPOT_S,
             stepped_s,
@@ -205,8 +210,7 @@ fn frames(
 
 fn spots(range_s: RangeInclusive<f64>, stepped_s: f64, trace: &Trace, frames: &mut Vec<Frame>) {
     let (mut at_s, latest_s) = range_s.into_inner();
-    // There is nothing to record before the first step.
-    while at_s <= latest_s && !frames.is_empty() {
+    while at_s <= latest_s {
         frames.push(Frame {
             start_s: at_s,
             span_s: SPOT_S,
@@ -272,6 +276,17 @@ mod tests {
             .map(|level| (level.at_s, level.current_a))
             .collect();
         assert_eq!(met, [(2.5, -5.0), (9.5, 3.0), (14.5, 0.0)]);
+    }
+
+    #[test]
+    fn the_end_of_a_rest_before_the_first_step_is_recorded() {
+        let starts = |rest_s: f64| -> Vec<f64> {
+            let (_, frames) = laid_out(&[(0.0, rest_s), (-5.0, 5.0)]);
+            frames.iter().take(6).map(|frame| frame.start_s).collect()
+        };
+        assert_eq!(starts(15.0), [0.0, 3.5, 7.0, 10.5, 15.0]);
+        assert_eq!(starts(100.0)[0], 80.0);
+        assert_eq!(starts(3.0), [3.0]);
     }
 
     #[test]

@@ -117,10 +117,10 @@ pub(super) fn write(
 
 /// Reads the legs of one direction; from here on, discharge counts positive.
 fn read(recorder: &Recorder, log: Log) -> Result<Interrupted, Failure> {
-    let rows = dataset::read_legs_csv(&recorder.path(log.file())).map_err(RecordError::from)?;
+    let rows = dataset::read_legs_csv(&recorder.path(&log.file())).map_err(RecordError::from)?;
     let of = |value: fn(&LegRow) -> f64| rows.iter().map(value).collect::<Vec<f64>>();
     let series = TimeSeries {
-        name: log.file().to_owned(),
+        name: log.file().into_owned(),
         time_s: of(|row| row.time_s),
         current_a: of(|row| -row.current_a),
         voltage_v: of(|row| row.voltage_v),

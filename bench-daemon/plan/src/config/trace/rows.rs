@@ -132,7 +132,7 @@ impl Check<'_> {
     }
 
     /// Each amplitude out of the cell and into it, with a relaxation behind either.
-    fn pulses(&self, field: &str, raw: &raw::Pulses) -> Result<Vec<Row>, ConfigError> {
+    pub(super) fn pulses(&self, field: &str, raw: &raw::Pulses) -> Result<Vec<Row>, ConfigError> {
         let row = |value: f64, duration_s: f64| Row {
             value,
             power: false,
