@@ -2,6 +2,7 @@
 //! properties of an effect, and the model that it acts upon.
 
 pub(crate) mod branch;
+mod equation;
 mod network;
 pub(crate) mod quantity;
 mod situation;
@@ -9,6 +10,7 @@ mod situation;
 use num_complex::Complex64;
 
 pub use branch::{Branch, Law, Ramp};
+pub use equation::{Equation, Relaxation};
 pub use network::Network;
 pub use quantity::{Parameter, Range, Scale, Usual};
 pub use situation::{Base, CommonModeImpedance, Facts, Instant, Modulation, Moved, Point, Record};
@@ -90,6 +92,12 @@ pub trait Effect: Sync {
         _base: &Base,
         _record: &Record<'_>,
     ) -> Option<Box<dyn Dynamics>> {
+        None
+    }
+
+    /// Returns the law of [`Effect::dynamics`] as numbers, for a record that starts at rest after
+    /// the campaign; `None` for an effect without dynamics, or with one that has no such form.
+    fn equation(&self, _p: &[f64], _base: &Base) -> Option<Equation> {
         None
     }
 

@@ -1,7 +1,8 @@
 //! The cell has changed at the end of the campaign.
 
 use crate::contract::{
-    Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Point, Range, Record,
+    Base, Card, Dynamics, Effect, Equation, Group, Instant, Modulation, Parameter, Point, Range,
+    Record,
 };
 use num_complex::Complex64;
 
@@ -74,6 +75,15 @@ impl Effect for Ageing {
 
     fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
         Some(Box::new(Aged::new(p, base, record.order, record.start_s)))
+    }
+
+    fn equation(&self, p: &[f64], base: &Base) -> Option<Equation> {
+        // By time, the factor would follow the age of the cell, which a prediction does not know.
+        (p[1] <= 0.5).then(|| Equation::Factor {
+            factor: Aged::new(p, base, base.facts.orders, base.facts.span_s)
+                .after(0.0)
+                .series,
+        })
     }
 }
 

@@ -1,7 +1,8 @@
 //! Resistances differ between charge and discharge.
 
 use crate::contract::{
-    Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Point, Range, Record,
+    Base, Card, Dynamics, Effect, Equation, Group, Instant, Modulation, Parameter, Point, Range,
+    Record,
 };
 use num_complex::Complex64;
 use std::f64::consts::FRAC_1_PI;
@@ -60,6 +61,10 @@ impl Effect for CurrentAsymmetry {
         Some(Box::new(Sign {
             charging: 1.0 + p[0],
         }))
+    }
+
+    fn equation(&self, p: &[f64], _base: &Base) -> Option<Equation> {
+        Some(Equation::FactorOfCharging { factor: 1.0 + p[0] })
     }
 }
 

@@ -2,7 +2,8 @@
 
 use super::charge_transfer::thermal_v;
 use crate::contract::{
-    Base, Card, Dynamics, Effect, Group, Instant, Parameter, Point, Range, Record,
+    Base, Card, Dynamics, Effect, Equation, Group, Instant, Parameter, Point, Range, Record,
+    Relaxation,
 };
 use num_complex::Complex64;
 
@@ -70,6 +71,17 @@ impl Effect for ElectrolyteDepletion {
             scale_v: scale_v(base.facts.temperature_degc),
             missing: 0.0,
         }))
+    }
+
+    fn equation(&self, p: &[f64], base: &Base) -> Option<Equation> {
+        Some(Equation::Depletion {
+            missing: Relaxation {
+                per_a: p[0],
+                tau_s: p[1],
+            },
+            scale_v: scale_v(base.facts.temperature_degc),
+            least: LEAST,
+        })
     }
 }
 

@@ -1,6 +1,9 @@
 //! The open-circuit voltage follows the temperature that the current makes.
 
-use crate::contract::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Range, Record};
+use crate::contract::{
+    Base, Card, Dynamics, Effect, Equation, Group, Instant, Parameter, Range, Record,
+};
+use analysis_model::map::ZERO_DEGC_K;
 
 static CARD: Card = Card {
     name: "entropic_heat",
@@ -81,11 +84,20 @@ impl Effect for EntropicHeat {
     fn dynamics(&self, p: &[f64], _base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
         Some(Box::new(Warmth {
             du_dt_v_per_k: p[0],
-            start_k: record.temperature_degc + 273.15,
+            start_k: record.temperature_degc + ZERO_DEGC_K,
             heat_capacity_j_per_k: p[1],
             cooling_s: p[2],
             rise_k: 0.0,
         }))
+    }
+
+    fn equation(&self, p: &[f64], base: &Base) -> Option<Equation> {
+        Some(Equation::Entropic {
+            v_per_k: p[0],
+            start_k: base.facts.temperature_degc + ZERO_DEGC_K,
+            heat_j_per_k: p[1],
+            tau_s: p[2],
+        })
     }
 }
 

@@ -1,7 +1,7 @@
 //! The open-circuit voltage depends on the direction from which the charge came.
 
 use crate::contract::{
-    Base, Card, Dynamics, Effect, Group, Instant, Moved, Parameter, Point, Range, Record,
+    Base, Card, Dynamics, Effect, Equation, Group, Instant, Moved, Parameter, Point, Range, Record,
     quantity::log_grid,
 };
 use num_complex::Complex64;
@@ -114,6 +114,14 @@ impl Effect for Hysteresis {
             soc_off,
             slope_v,
         }))
+    }
+
+    fn equation(&self, p: &[f64], base: &Base) -> Option<Equation> {
+        // A state that the charge before has made is not known in a prediction.
+        (p[2] <= 0.5).then(|| Equation::Hysteresis {
+            m_v: p[0],
+            per_coulomb: p[1] / (3600.0 * base.ocv.capacity_ah),
+        })
     }
 }
 

@@ -1,6 +1,8 @@
 //! The open-circuit voltage bends more or less than its curve.
 
-use crate::contract::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Range, Record};
+use crate::contract::{
+    Base, Card, Dynamics, Effect, Equation, Group, Instant, Parameter, Range, Record,
+};
 
 static CARD: Card = Card {
     name: "ocv_curvature",
@@ -59,6 +61,10 @@ impl Effect for OcvCurvature {
             half_v: 0.5 * p[0],
             start: record.soc,
         }))
+    }
+
+    fn equation(&self, p: &[f64], _base: &Base) -> Option<Equation> {
+        Some(Equation::Curvature { half_v: 0.5 * p[0] })
     }
 }
 

@@ -1,7 +1,8 @@
 //! The open-circuit voltage moves faster or slower with charge than stated.
 
 use crate::contract::{
-    Base, Card, Dynamics, Effect, Group, Instant, Parameter, Point, Range, Record, storage_ohm,
+    Base, Card, Dynamics, Effect, Equation, Group, Instant, Parameter, Point, Range, Record,
+    storage_ohm,
 };
 use analysis_model::ocv::OcvCurve;
 use num_complex::Complex64;
@@ -66,6 +67,10 @@ impl Effect for OcvSlope {
             start: record.soc,
             curve: base.ocv.clone(),
         }))
+    }
+
+    fn equation(&self, p: &[f64], _base: &Base) -> Option<Equation> {
+        Some(Equation::Slope { excess: p[0] })
     }
 }
 

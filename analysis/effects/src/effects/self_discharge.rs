@@ -1,6 +1,8 @@
 //! Charge leaks away inside the cell.
 
-use crate::contract::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Range, Record};
+use crate::contract::{
+    Base, Card, Dynamics, Effect, Equation, Group, Instant, Parameter, Range, Record,
+};
 use analysis_model::ocv::OcvCurve;
 
 static CARD: Card = Card {
@@ -54,6 +56,12 @@ impl Effect for SelfDischarge {
             rate_per_s: p[0] / (3600.0 * base.ocv.capacity_ah),
             curve: base.ocv.clone(),
         }))
+    }
+
+    fn equation(&self, p: &[f64], base: &Base) -> Option<Equation> {
+        Some(Equation::Leak {
+            per_s: p[0] / (3600.0 * base.ocv.capacity_ah),
+        })
     }
 }
 

@@ -1,8 +1,9 @@
 //! Joule heat warms the cell, warmth lowers its resistance.
 
 use crate::contract::{
-    Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Range, Record,
+    Base, Card, Dynamics, Effect, Equation, Group, Instant, Modulation, Parameter, Range, Record,
 };
+use analysis_model::map::ZERO_DEGC_K;
 
 static CARD: Card = Card {
     name: "self_heating",
@@ -30,8 +31,6 @@ static CARD: Card = Card {
     experiment: "bursts of ±100 A without net charge; a thermocouple",
 };
 
-/// 0 °C in K.
-const ZERO_C_K: f64 = 273.15;
 /// Heat capacity of a cell by its capacity, J/(K·Ah): that of a P45B; only the bend of Arrhenius'
 /// law hangs on it, a few percent of the effect.
 const HEAT_PER_AH: f64 = 14.8;
@@ -66,15 +65,26 @@ impl Effect for SelfHeating {
     }
 
     fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
-        let bend_per_j =
-            1.0 / (HEAT_PER_AH * base.ocv.capacity_ah * (record.temperature_degc + ZERO_C_K));
         Some(Box::new(Heat {
             g_per_j: p[0],
             tau_s: p[1],
-            bend_per_j,
+            bend_per_j: bend_per_j(base, record.temperature_degc),
             heat_j: 0.0,
         }))
     }
+
+    fn equation(&self, p: &[f64], base: &Base) -> Option<Equation> {
+        Some(Equation::FactorOfHeat {
+            per_j: p[0],
+            bend_per_j: bend_per_j(base, base.facts.temperature_degc),
+            tau_s: p[1],
+        })
+    }
+}
+
+/// Relative rise of the temperature per heat kept, 1/J.
+fn bend_per_j(base: &Base, start_degc: f64) -> f64 {
+    1.0 / (HEAT_PER_AH * base.ocv.capacity_ah * (start_degc + ZERO_DEGC_K))
 }
 
 struct Heat {

@@ -1,7 +1,8 @@
 //! Resistances depend on the state of charge.
 
 use crate::contract::{
-    Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Point, Range, Record,
+    Base, Card, Dynamics, Effect, Equation, Group, Instant, Modulation, Parameter, Point, Range,
+    Record,
 };
 use num_complex::Complex64;
 
@@ -71,6 +72,14 @@ impl Effect for SocResistance {
             k: p[0],
             reference: base.facts.soc,
         }))
+    }
+
+    fn equation(&self, p: &[f64], base: &Base) -> Option<Equation> {
+        Some(Equation::FactorOfCharge {
+            k: p[0],
+            reference: base.facts.soc,
+            least: LEAST,
+        })
     }
 }
 

@@ -2,8 +2,8 @@
 
 use super::ladder::{Rung, reflective};
 use crate::contract::{
-    Base, Card, Dynamics, Effect, Group, Instant, Parameter, Point, Range, Record,
-    quantity::log_grid,
+    Base, Card, Dynamics, Effect, Equation, Group, Instant, Parameter, Point, Range, Record,
+    Relaxation, quantity::log_grid,
 };
 use analysis_model::ocv::OcvCurve;
 use num_complex::Complex64;
@@ -91,6 +91,16 @@ impl Effect for SurfaceSoc {
             states,
             curve: base.ocv.clone(),
         }))
+    }
+
+    fn equation(&self, p: &[f64], _base: &Base) -> Option<Equation> {
+        let elements = reflective().iter().map(|rung| Relaxation {
+            per_a: p[0] * rung.part,
+            tau_s: p[1] * rung.time,
+        });
+        Some(Equation::Surface {
+            elements: elements.collect(),
+        })
     }
 }
 
