@@ -1,53 +1,15 @@
 //! The law of power of the C headers: against the project's own simulation, in its derivatives, and
 //! on random states.
 
-use std::io::Write as _;
-use std::process::Stdio;
-
 use analysis_forward::forward::Beyond;
 
 use super::*;
 
 /// Cells of the thesis' pack of 16S3P, over which the power of the robot is divided.
-const CELLS: f64 = 48.0;
-
-/// Compiles a program with a cell's header and runs it on an input; `None` without a compiler.
-fn run(cell: &CellModel, flags: &[&str], program: &str, input: &str) -> Option<Vec<Vec<f64>>> {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name);
-    std::fs::write(path("model.h"), cell.text(ModelFormat::CHeader).unwrap()).unwrap();
-    let program = format!("#include <stdio.h>\n#include \"model.h\"\n{program}");
-    std::fs::write(path("main.c"), program).unwrap();
-    let compiled = Command::new("cc")
-        .current_dir(folder.path())
-        .args(["-std=c99", "-Wall", "-Wextra", "-Werror", "-O1"])
-        .args(flags)
-        .args(["-o", "model", "main.c", "-lm"])
-        .output();
-    let Ok(compiled) = compiled else {
-        eprintln!("no C compiler: the header was not compiled");
-        return None;
-    };
-    let message = String::from_utf8_lossy(&compiled.stderr);
-    assert!(compiled.status.success(), "{message}");
-    let mut child = Command::new(path("model"))
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let mut stdin = child.stdin.take().unwrap();
-    let input = input.to_owned();
-    let writer = std::thread::spawn(move || stdin.write_all(input.as_bytes()));
-    let output = child.wait_with_output().unwrap();
-    writer.join().unwrap().unwrap();
-    assert!(output.status.success());
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    let row = |line: &str| line.split(' ').map(|word| word.parse().unwrap()).collect();
-    Some(text.lines().map(row).collect())
-}
+pub(super) const CELLS: f64 = 48.0;
 
 /// Times, s, and powers, W, of one cell of the pack.
-fn profile(name: &str) -> Vec<(f64, f64)> {
+pub(super) fn profile(name: &str) -> Vec<(f64, f64)> {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../../fixtures/data/profiles");
     let text = std::fs::read_to_string(format!("{root}/{name}.csv")).unwrap();
     let number = |word: &str| word.parse::<f64>().unwrap();
@@ -182,7 +144,7 @@ const RANDOM: &str = "static unsigned long long seed = 88172645463325252ULL;\n\
     double w = pow(10.0, any(-3.0, 5.0)) * (any(0.0, 1.0) < 0.3 ? -1.0 : 1.0);\n\
     double h = pow(10.0, any(-6.0, 2.0)), f = any(0.05, 0.9999);\n\
     TEMPERATURE\n\
-    const eis_source from = eis_source_of(&s);\n\
+    const eis_source from = eis_source_of(&s, w);\n\
     beyond += w > 0.25 * from.e_v * from.e_v / from.r_ohm; low += from.e_v <= 0.0;\n\
     const eis_node a = eis_power_step(&s, w, f, AMBIENT h), b = eis_look(&s, w, f);\n\
     int fine = isfinite(s.soc) && isfinite(a.current_a) && isfinite(a.terminal_v)\n\
