@@ -1,10 +1,10 @@
 //! `eis-bench convert`: spectra, time series and models as the files of other programs, and theirs
 //! as the project's.
 
+mod model;
 mod nleis;
+mod place;
 
-use crate::command::units;
-use bench_plan::config::quantity::{Charge, Temperature, Voltage};
 use std::path::{Path, PathBuf};
 
 use analysis::{
@@ -13,12 +13,9 @@ use analysis::{
     formats::{
         BdfMetadata, CurrentSign, FileSpectra, FormatError, SeriesOptions, SeriesReadError,
         SpectrumFormat, bdf_metadata_path, bdf_metadata_text, bdf_spectrum_text, bdf_text,
-        model::{CellModel, ModelFormat},
-        read_bdf_metadata, read_file, read_record, spectrum_text, write_bdf_parquet,
-        write_bdf_spectrum_parquet,
+        model::ModelFormat, read_bdf_metadata, read_file, read_record, spectrum_text,
+        write_bdf_parquet, write_bdf_spectrum_parquet,
     },
-    given::GivenModel,
-    ocv::OcvCurve,
     spectrum::{FlaggedPoint, ImpedancePoint, SourcedSpectrum, Spectrum},
 };
 use clap::Args;
@@ -30,18 +27,9 @@ use super::{
 use bench_core::{record::RecordError, safety::failure::Failure};
 use bench_evaluate::{files, support::present::refused_in_words};
 use bench_plan::support::terminal::{remark, say};
-
-/// Half the slope of a curve that stands for a constant voltage, V: knots must rise.
-const FLAT_V: f64 = 1.0e-9;
-
-/// The note of a model that is written with a constant open-circuit voltage, V.
-fn note_constant_ocv(ocv_v: f64) -> String {
-    format!(
-        "the open-circuit voltage is {ocv_v:.3} V at every state of charge (--ocv-v): the voltage \
-        does not fall as the cell empties, and energy and limits hold near this charge only; --ocv \
-        takes a curve"
-    )
-}
+pub use model::CellArgs;
+use model::{Given, Goal};
+use place::{free, stem, write};
 
 /// Arguments of `convert`.
 #[derive(Debug, Args)]
@@ -67,24 +55,9 @@ pub struct ConvertArgs {
     /// the voltage and the file's columns]
     #[arg(long, value_name = "DIRECTION")]
     pub positive: Option<CurrentSign>,
-    /// For a model: its open-circuit voltage from `ocv --out` or a cell file.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["ocv_v", "capacity_ah"])]
-    pub ocv: Option<PathBuf>,
-    /// For a model: a constant open-circuit voltage, V.
-    #[arg(long, value_name = "V", requires = "capacity_ah", value_parser = units::of::<Voltage>)]
-    pub ocv_v: Option<f64>,
-    /// For a model: its capacity, Ah.
-    #[arg(long, value_name = "AH", requires = "ocv_v", value_parser = units::of::<Charge>)]
-    pub capacity_ah: Option<f64>,
-    /// For a model: lowest voltage of the cell, V.
-    #[arg(long, value_name = "V", default_value_t = 2.5, value_parser = units::of::<Voltage>)]
-    pub low_v: f64,
-    /// For a model: highest voltage of the cell, V.
-    #[arg(long, value_name = "V", default_value_t = 4.2, value_parser = units::of::<Voltage>)]
-    pub high_v: f64,
-    /// For a model: temperature at which it was measured, °C.
-    #[arg(long = "temperature-c", value_name = "C", default_value_t = 25.0, value_parser = units::of::<Temperature>)]
-    pub temperature_degc: f64,
+    /// Numbers of a cell that a model lacks.
+    #[command(flatten)]
+    pub cell: CellArgs,
 }
 
 /// Kind of file that can be written.
@@ -113,10 +86,17 @@ pub enum To {
     BdfParquet,
     /// A model as a C header.
     C,
-    /// A model as a PyBaMM parameter file.
+    /// A model as a Python module with a model and parameters for PyBaMM.
     Pybamm,
     /// A model as CasADi functions of one step, under a current or a power.
     Casadi,
+    /// A model as a MATLAB script that fills the tables of Simscape Battery.
+    Simscape,
+    /// A model as an FMU (FMI 3.0) for model exchange and co-simulation, with its sources, and a library for Linux on
+    /// x86-64 if a C compiler (`cc`) is there.
+    Fmu,
+    /// A model as a Modelica package.
+    Modelica,
     /// A model as the project's JSON: a circuit as its ladder, a typed model as a file.
     Model,
 }
@@ -127,8 +107,8 @@ pub enum To {
 /// A file that is not what `--to` needs; a goal that is there already.
 pub fn convert(args: &ConvertArgs) -> Result<(), Failure> {
     if args.erm.is_some() {
-        let expected =
-            "--erm: expected with --to c, pybamm, casadi or model, met another goal: it is a model";
+        let expected = "--erm: expected with --to c, pybamm, casadi, simscape, fmu, modelica or model, met \
+            another goal: it is a model";
         let goal = args
             .to
             .of_model()
@@ -145,7 +125,7 @@ pub fn convert(args: &ConvertArgs) -> Result<(), Failure> {
             named: "--erm".to_owned(),
             stem: TYPED.to_owned(),
         };
-        return model(args, given, goal);
+        return model::write(&args.cell, &args.out, given, goal);
     }
     files::make_folder(&args.out)?;
     let each =
@@ -161,54 +141,41 @@ pub fn convert(args: &ConvertArgs) -> Result<(), Failure> {
         To::Zview => format_of(Some(SpectrumFormat::ZView)),
         To::BdfCsv | To::BdfParquet => each(&|file| bdf(args, file)),
         To::Nleis => each(&|file| harmonics(args, file)),
-        To::C | To::Pybamm | To::Casadi | To::Model => each(&|file| {
-            let band_hz = args
-                .ladder_band_hz
-                .as_deref()
-                .map(model_args::band)
-                .transpose()?;
-            let fail = |error: String| Failure::Usage(format!("{}: {error}", file.display()));
-            let read = files::read_model(file, band_hz).map_err(fail)?;
-            args.to.of_model().map_or(Ok(()), |goal| {
-                let given = Given {
-                    model: read,
-                    named: file.display().to_string(),
-                    stem: stem(file),
-                };
-                model(args, given, goal)
+        To::C | To::Pybamm | To::Casadi | To::Simscape | To::Fmu | To::Modelica | To::Model => {
+            each(&|file| {
+                let band_hz = args
+                    .ladder_band_hz
+                    .as_deref()
+                    .map(model_args::band)
+                    .transpose()?;
+                let fail = |error: String| Failure::Usage(format!("{}: {error}", file.display()));
+                let read = files::read_model(file, band_hz).map_err(fail)?;
+                args.to.of_model().map_or(Ok(()), |goal| {
+                    let given = Given {
+                        model: read,
+                        named: file.display().to_string(),
+                        stem: stem(file),
+                    };
+                    model::write(&args.cell, &args.out, given, goal)
+                })
             })
-        }),
+        }
     }
-}
-
-/// Format in which a model is written, and the end of the file's name.
-#[derive(Clone, Copy)]
-struct Goal {
-    /// `None` for the project's JSON.
-    format: Option<ModelFormat>,
-    ending: &'static str,
-}
-
-/// A model that was read.
-struct Given {
-    model: GivenModel,
-    /// Its file or option, for errors.
-    named: String,
-    /// Name of the file that is written, without its end.
-    stem: String,
 }
 
 impl To {
     /// Returns the target format of a model, or `None` if a model has no such format.
     fn of_model(self) -> Option<Goal> {
-        let (format, ending) = match self {
-            Self::C => (Some(ModelFormat::CHeader), ".h"),
-            Self::Pybamm => (Some(ModelFormat::PyBamm), "_pybamm.py"),
-            Self::Casadi => (Some(ModelFormat::CasAdi), "_casadi.py"),
-            Self::Model => (None, "_model.json"),
-            _ => return None,
-        };
-        Some(Goal { format, ending })
+        match self {
+            Self::C => Some(Goal::Text(ModelFormat::CHeader)),
+            Self::Pybamm => Some(Goal::Text(ModelFormat::PyBamm)),
+            Self::Casadi => Some(Goal::Text(ModelFormat::CasAdi)),
+            Self::Simscape => Some(Goal::Text(ModelFormat::Simscape)),
+            Self::Modelica => Some(Goal::Text(ModelFormat::Modelica)),
+            Self::Fmu => Some(Goal::Fmu),
+            Self::Model => Some(Goal::Json),
+            _ => None,
+        }
     }
 }
 
@@ -225,7 +192,7 @@ fn spectra(args: &ConvertArgs, file: &Path, format: Option<SpectrumFormat>) -> R
     } in files::read_spectra(file)?
     {
         let path = free(
-            args,
+            &args.out,
             &spectrum.name,
             format.map_or(".csv", SpectrumFormat::extension),
         )?;
@@ -252,7 +219,7 @@ fn spectra(args: &ConvertArgs, file: &Path, format: Option<SpectrumFormat>) -> R
 /// The harmonics of each sweep of a run.
 fn harmonics(args: &ConvertArgs, file: &Path) -> Result<(), Failure> {
     for (sweep, text) in nleis::texts(file)? {
-        let path = free(args, &format!("nleis_{sweep}"), ".csv")?;
+        let path = free(&args.out, &format!("nleis_{sweep}"), ".csv")?;
         write(&path, &text)?;
         say!(
             "{}: {} frequencies",
@@ -265,7 +232,7 @@ fn harmonics(args: &ConvertArgs, file: &Path) -> Result<(), Failure> {
 
 /// All spectra of all files as one table.
 fn table(args: &ConvertArgs, ending: &str) -> Result<(), Failure> {
-    let path = free(args, "spectra", ending)?;
+    let path = free(&args.out, "spectra", ending)?;
     let mut all = Vec::new();
     for file in &args.files {
         for sourced in files::read_spectra(file)? {
@@ -351,13 +318,13 @@ fn bdf_spectra(args: &ConvertArgs, file: &Path, read: &FileSpectra) -> Result<()
     let source = metadata(file)?;
     for one in &read.spectra {
         let (spectrum, name) = (&one.spectrum, &one.spectrum.name);
-        let beside = free(args, name, ".bdf.metadata.json")?;
+        let beside = free(&args.out, name, ".bdf.metadata.json")?;
         let path = if args.to == To::BdfCsv {
-            let path = free(args, name, ".bdf.csv")?;
+            let path = free(&args.out, name, ".bdf.csv")?;
             write(&path, &bdf_spectrum_text(one))?;
             path
         } else {
-            let path = free(args, name, ".bdf.parquet")?;
+            let path = free(&args.out, name, ".bdf.parquet")?;
             tell_left_out(spectrum, &one.flagged, true);
             write_bdf_spectrum_parquet(&path, spectrum).map_err(RecordError::from)?;
             path
@@ -377,7 +344,7 @@ fn series(args: &ConvertArgs, file: &Path, infix: &str) -> Result<(), Failure> {
         _ => ".bdf.parquet",
     };
     let path = free(
-        args,
+        &args.out,
         stem.trim_end_matches(".bdf"),
         &format!("{infix}{ending}"),
     )?;
@@ -387,68 +354,4 @@ fn series(args: &ConvertArgs, file: &Path, infix: &str) -> Result<(), Failure> {
     }
     say!("{}: {} rows", path.display(), series.time_s.len());
     Ok(())
-}
-
-fn model(args: &ConvertArgs, given: Given, goal: Goal) -> Result<(), Failure> {
-    let Given { model, named, stem } = given;
-    let usage = |error: &dyn std::fmt::Display| Failure::Usage(format!("{named}: {error}"));
-    let curve = match (&args.ocv, args.ocv_v, args.capacity_ah) {
-        (Some(path), ..) => Some(files::read_curve(path)?),
-        (None, Some(ocv_v), Some(capacity_ah)) => Some(
-            OcvCurve::monotone(
-                capacity_ah,
-                vec![0.0, 1.0],
-                vec![ocv_v - FLAT_V, ocv_v + FLAT_V],
-            )
-            .map_err(|error| usage(&error))?,
-        ),
-        _ => None,
-    };
-    let read = model.with_ocv(curve);
-    let constant = args.ocv_v.map(note_constant_ocv);
-    let text = match (goal.format, &constant) {
-        (Some(format), _) => CellModel::new(&read, args.low_v..=args.high_v, args.temperature_degc)
-            .map_err(|error| usage(&error))?
-            .with_notes(constant.clone())
-            .text(format)
-            .map_err(|error| usage(&error))?,
-        (None, None) => read.to_json().map_err(|error| usage(&error))?,
-        (None, Some(_)) => {
-            let expected = "--ocv-v: expected a curve (--ocv) for --to model, which holds one";
-            return Err(Failure::Usage(expected.to_owned()));
-        }
-    };
-    let path = free(args, &stem, goal.ending)?;
-    write(&path, &text)?;
-    say!("{}: {} RC", path.display(), read.erm.branches.len());
-    let notes = read.notes().into_iter().chain(constant);
-    notes.for_each(|note| say!("  note: {note}"));
-    Ok(())
-}
-
-fn stem(file: &Path) -> String {
-    file.file_stem().map_or_else(
-        || "file".to_owned(),
-        |stem| stem.to_string_lossy().into_owned(),
-    )
-}
-
-/// A file of the folder that is not there yet.
-fn free(args: &ConvertArgs, name: &str, ending: &str) -> Result<PathBuf, Failure> {
-    let safe: String = name
-        .chars()
-        .map(|c| if c == '/' || c.is_control() { '_' } else { c })
-        .collect();
-    let path = args.out.join(format!("{safe}{ending}"));
-    if path.exists() {
-        return Err(Failure::Usage(format!(
-            "{}: expected no such file, found one; choose another folder with --out",
-            path.display()
-        )));
-    }
-    Ok(path)
-}
-
-fn write(path: &Path, text: &str) -> Result<(), Failure> {
-    Ok(dataset::write_atomically(path, text.as_bytes()).map_err(RecordError::from)?)
 }

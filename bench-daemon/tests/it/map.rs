@@ -83,26 +83,27 @@ fn pulses_of_two_temperatures_become_a_model_that_sop_and_simulate_follow() {
 }
 
 #[test]
-fn a_task_of_one_point_says_so_or_refuses_a_map() {
+fn exports_take_a_map_and_a_task_of_one_point_says_so_or_refuses_it() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("map");
     assert_eq!(map(&out, &[]).0, 0);
     let model = out.join("map.json");
     let model = model.to_str().unwrap();
     let to = folder.path().join("export");
-    let (code, _, error) = program(&[
-        "convert",
-        model,
-        "--to",
-        "pybamm",
-        "--out",
-        to.to_str().unwrap(),
-    ])
-    .parts();
-    assert!(
-        code != 0 && error.contains("C and CasADi take it"),
-        "{error}"
-    );
+    for (format, ending, wanted) in [
+        ("pybamm", "map_pybamm.py", "def thevenin("),
+        ("simscape", "map_simscape.m", "T_vec = "),
+        ("modelica", "map.mo", "model Cell "),
+        ("fmu", "map.fmu", "modelDescription.xml"),
+    ] {
+        let out = to.to_str().unwrap();
+        let (code, _, error) = program(&["convert", model, "--to", format, "--out", out]).parts();
+        assert_eq!(code, 0, "{error}");
+        let bytes = fs::read(to.join(ending)).unwrap();
+        assert!(String::from_utf8_lossy(&bytes).contains(wanted), "{format}");
+    }
+    // The library of the FMU is in the archive only.
+    assert_eq!(fs::read_dir(&to).unwrap().count(), 4);
     let (code, _, error) =
         program(&["convert", model, "--to", "c", "--out", to.to_str().unwrap()]).parts();
     let header = fs::read_to_string(to.join("map.h")).unwrap();

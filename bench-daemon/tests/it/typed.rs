@@ -362,7 +362,9 @@ fn convert_writes_a_model_in_each_way_with_the_error_of_a_ladder() {
         &["convert", "--erm", ERM, "--to", "gamry", "--out", "x"],
     );
     assert!(
-        text.contains("--erm: expected with --to c, pybamm, casadi or model"),
+        text.contains(
+            "--erm: expected with --to c, pybamm, casadi, simscape, fmu, modelica or model"
+        ),
         "{text}"
     );
     let text = refused(
