@@ -197,15 +197,18 @@ impl Model {
         })
     }
 
-    /// Returns the text of the model for another program: `c`, `pybamm` or `casadi`.
+    /// Returns the text of the model for another program: `c`, `pybamm`, `casadi`, `simscape` or
+    /// `modelica`.
     fn code(&self, to: &str, low_v: f64, high_v: f64, temperature_degc: f64) -> PyResult<String> {
         let format = match to {
             "c" => ModelFormat::CHeader,
             "pybamm" => ModelFormat::PyBamm,
             "casadi" => ModelFormat::CasAdi,
+            "simscape" => ModelFormat::Simscape,
+            "modelica" => ModelFormat::Modelica,
             met => {
                 return Err(refused(&format!(
-                    "to: expected c, pybamm or casadi, met {met:?}"
+                    "to: expected c, pybamm, casadi, simscape or modelica, met {met:?}"
                 )));
             }
         };

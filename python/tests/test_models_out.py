@@ -16,18 +16,25 @@ def cell():
 
 
 @pytest.mark.parametrize(
-    ("to", "told"), [("c", "#"), ("pybamm", "get_parameter_values"), ("casadi", "def ")]
+    ("to", "told"),
+    [
+        ("c", "#"),
+        ("pybamm", "get_parameter_values"),
+        ("casadi", "def "),
+        ("simscape", "R0_mat = "),
+        ("modelica", "model Cell "),
+    ],
 )
 def test_the_text_of_a_model(cell, to, told):
     assert told in cell.code(to)
 
 
 def test_an_unknown_program(cell):
-    with pytest.raises(eb.EisError, match="to: expected c, pybamm or casadi, met \"matlab\""):
+    with pytest.raises(eb.EisError, match="to: expected c, pybamm, casadi, simscape or modelica, met \"matlab\""):
         cell.code("matlab")
 
 
-@pytest.mark.parametrize("to", ["c", "pybamm", "casadi"])
+@pytest.mark.parametrize("to", ["c", "pybamm", "casadi", "simscape", "modelica"])
 def test_a_text_needs_an_open_circuit_voltage(to):
     with pytest.raises(eb.EisError, match="open-circuit voltage"):
         eb.Model(0.01).code(to)
@@ -42,7 +49,7 @@ def test_texts_of_a_model_file_do_not_become_code(tmp_path, to):
     file.write_text(json.dumps(told))
     tree = ast.parse(eb.Model.read(file).code(to))
     names = [node.id for node in ast.walk(tree) if isinstance(node, ast.Name)]
-    assert "R_OHM" in names or "SOC" in names
+    assert "R_OHM" in names or "MAP_SOC" in names
     assert "EVIL" not in names
 
 

@@ -312,10 +312,12 @@ class Model:
         window_v: tuple[float, float] = (2.5, 4.2),
         temperature_c: float = 25.0,
     ) -> str:
-        """The model as the text of a C header (``c``) or of a Python module for PyBaMM
-        (``pybamm``) or CasADi (``casadi``), as ``eis-bench convert`` writes it.
+        """The model as the text of a C header (``c``), of a Python module for PyBaMM (``pybamm``)
+        or CasADi (``casadi``), of a script for Simscape (``simscape``) or of a package for
+        Modelica (``modelica``), as ``eis-bench convert`` writes it.
 
-        Raises EisError for a model without open-circuit voltage or with additions.
+        Raises EisError for a model without open-circuit voltage, and for additions that the format
+        cannot hold.
         """
         return self._model.code(to, window_v[0], window_v[1], temperature_c)
 
