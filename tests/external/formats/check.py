@@ -4,50 +4,10 @@ Prints a line per check and, last, how many passed and failed.
 """
 
 import csv
-import importlib.util
 import json
 import math
-import os
-import subprocess
-import sys
-import tempfile
-from pathlib import Path
 
-os.environ.setdefault("PYBAMM_DISABLE_TELEMETRY", "true")
-
-ROOT = Path(__file__).resolve().parents[3]
-PROGRAM = Path(sys.argv[1]).resolve()
-OUT = Path(tempfile.mkdtemp(prefix="eis-bench-formats-"))
-results = []
-
-
-def check(name):
-    def run(function):
-        try:
-            told = function()
-            results.append(True)
-            print(f"ok      {name}: {told}")
-        except Exception as error:  # noqa: BLE001 - whatever it is, it is told
-            results.append(False)
-            print(f"FAILED  {name}: {type(error).__name__}: {error}")
-        return function
-
-    return run
-
-
-def eis_bench(*words):
-    done = subprocess.run([str(PROGRAM), *map(str, words)], capture_output=True, text=True, cwd=OUT)
-    if done.returncode != 0:
-        raise RuntimeError(f"{words}: {done.stderr.strip()}")
-    return done.stdout
-
-
-def module(path):
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    loaded = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(loaded)
-    return loaded
-
+from harness import OUT, ROOT, check, eis_bench, end, module
 
 # A model and a curve: a fit of two RC to a spectrum of known branches, and a made curve.
 BRANCHES = [(0.0017, 1.2), (0.0033, 760.0)]
@@ -315,5 +275,4 @@ def _():
     raise AssertionError("a wrong model was taken")
 
 
-print(f"{sum(results)} passed, {len(results) - sum(results)} failed")
-sys.exit(0 if all(results) else 1)
+end()
