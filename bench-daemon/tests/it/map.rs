@@ -92,13 +92,39 @@ fn exports_take_a_map_and_a_task_of_one_point_says_so_or_refuses_it() {
     let to = folder.path().join("export");
     for (format, ending, wanted) in [
         ("pybamm", "map_pybamm.py", "def thevenin("),
-        ("simscape", "map_simscape.m", "T_vec = "),
         ("modelica", "map.mo", "model Cell "),
         ("fmu", "map.fmu", "modelDescription.xml"),
+        ("simscape", "map_simscape.m", "T_vec = "),
     ] {
-        let out = to.to_str().unwrap();
-        let (code, _, error) = program(&["convert", model, "--to", format, "--out", out]).parts();
-        assert_eq!(code, 0, "{error}");
+        let (code, _, error) = program(&[
+            "convert",
+            model,
+            "--to",
+            format,
+            "--out",
+            to.to_str().unwrap(),
+        ])
+        .parts();
+        if format == "simscape" {
+            // The pulses show resistances that fall under current, which tables do not hold.
+            assert!(
+                code == 2 && error.contains("do not depend on the current"),
+                "{error}"
+            );
+            let mut straight = json(Path::new(model));
+            straight["map"]
+                .as_object_mut()
+                .unwrap()
+                .remove("charge_transfer")
+                .unwrap();
+            let path = folder.path().join("map.json");
+            fs::write(&path, straight.to_string()).unwrap();
+            let words = ["convert", path.to_str().unwrap(), "--to", format, "--out"];
+            let words = [&words[..], &[to.to_str().unwrap()]].concat();
+            assert_eq!(program(&words).code, Some(0));
+        } else {
+            assert_eq!(code, 0, "{error}");
+        }
         let bytes = fs::read(to.join(ending)).unwrap();
         assert!(String::from_utf8_lossy(&bytes).contains(wanted), "{format}");
     }
@@ -192,7 +218,7 @@ fn a_data_set_brings_spectra_pulses_roles_and_its_curve() {
     let folder = tempfile::tempdir().unwrap();
     let set = data_set(folder.path(), "A");
     let out = folder.path().join("map");
-    let (code, text, error) = eis_bench(&["map", &set, "--out", out.to_str().unwrap()]);
+    let (code, text, error) = program(&["map", &set, "--out", out.to_str().unwrap()]).parts();
     assert_eq!(code, 0, "{error}");
     assert!(text.contains("error on held-out logs:"), "{text}");
     assert!(
@@ -220,15 +246,15 @@ fn a_data_set_brings_spectra_pulses_roles_and_its_curve() {
         "{logs}"
     );
     let two = data_set(folder.path(), "B");
-    let (code, _, error) = eis_bench(&["map", &two]);
+    let (code, _, error) = program(&["map", &two]).parts();
     assert!(
         code == 2
             && error.contains("expected runs of one cell; --specimen chooses one, found A, B"),
         "{error}"
     );
-    assert_eq!(eis_bench(&["map", &two, "--specimen", "A"]).0, 0);
+    assert_eq!(program(&["map", &two, "--specimen", "A"]).parts().0, 0);
     let pulses = cells("panasonic_18650pf_25C/pulses.bdf.csv");
-    let (code, _, error) = eis_bench(&["map", &pulses]);
+    let (code, _, error) = program(&["map", &pulses]).parts();
     assert!(
         code == 2 && error.contains("expected an OCV curve of the cell"),
         "{error}"

@@ -118,13 +118,23 @@ impl CellModel {
     /// Returns the text of the file.
     ///
     /// # Errors
-    /// [`ModelExportError::Additions`] for additions that the format cannot hold.
+    /// [`ModelExportError::Additions`] and [`ModelExportError::CurrentLaw`] for what the format cannot
+    /// hold.
     pub fn text(&self, format: ModelFormat) -> Result<String, ModelExportError> {
         let holds = matches!(format, ModelFormat::CHeader | ModelFormat::CasAdi);
         if let (false, Some(added)) = (holds, &self.added) {
             return Err(ModelExportError::Additions {
                 name: self.name.clone(),
                 additions: added.titles.clone(),
+            });
+        }
+        let falls = self
+            .map
+            .as_ref()
+            .is_some_and(|map| map.charge_transfer.is_some());
+        if format == ModelFormat::Simscape && falls {
+            return Err(ModelExportError::CurrentLaw {
+                name: self.name.clone(),
             });
         }
         let parts = parts::of(format, self.map.is_some(), self.added.is_some());

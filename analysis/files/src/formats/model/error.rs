@@ -31,6 +31,15 @@ pub enum ModelExportError {
         /// Their titles.
         additions: String,
     },
+    /// Resistances that depend on the current.
+    #[error(
+        "model {name}: expected resistances that do not depend on the current for this format, met a \
+        law of charge transfer; C, CasADi, PyBaMM, Modelica and an FMU hold it"
+    )]
+    CurrentLaw {
+        /// The model.
+        name: String,
+    },
     /// An addition without an equation.
     #[error(
         "model {name}: expected additions whose equation holds for a cell at rest, met {addition}"

@@ -140,8 +140,9 @@ pub(super) fn branches(format: ModelFormat, branches: &[MapBranch]) -> Vec<Mark>
             vec![("@SIMSCAPE_BRANCHES@", tables)]
         }
         ModelFormat::Modelica => {
-            let heat =
-                each(&|k, _| format!("\n      + branch_v[{k}] ^ 2 / max(branch_ohm[{k}], 1e-5)"));
+            let heat = each(&|k, _| {
+                format!("\n      + lost_w(twice_a[{k}], branch_v[{k}], branch_ohm[{k}])")
+            });
             let sum = each(&|k, _| format!(" + branch_v[{k}]"));
             let taus = style(format).list(branches.iter().map(|branch| branch.tau_s));
             let (sum, taus) = match branches.is_empty() {

@@ -32,6 +32,7 @@ pub(super) fn map_of(erm: &Erm, temperature_degc: f64) -> CellMap {
         ocv_offset_v: vec![0.0; 2],
         ocv_v_per_k: vec![0.0; 2],
         ocv_temperature_degc: temperature_degc,
+        charge_transfer: None,
         thermal: None,
     }
 }
@@ -50,6 +51,10 @@ pub(super) fn marks(map: &CellMap, style: Style) -> Vec<Mark> {
     let thermal = map
         .thermal
         .map_or((0.0, 0.0), |t| (t.capacity_j_per_k, t.resistance_k_per_w));
+    let exchange = map.charge_transfer.map_or([0.0; 3], |law| {
+        let activation_k = law.activation_j_per_mol / GAS_J_PER_MOL_K;
+        [law.exchange_current_a, activation_k, law.slowest_s]
+    });
     let nodes = &map.temperature_degc;
     let within = |degc: f64| {
         let (least, most) = TEMPERATURES_DEGC.into_inner();
@@ -78,6 +83,9 @@ pub(super) fn marks(map: &CellMap, style: Style) -> Vec<Mark> {
         ("@OCV_DEGC@", number(map.ocv_temperature_degc)),
         ("@HEAT@", number(thermal.0)),
         ("@THERMAL@", number(thermal.1)),
+        ("@EXCHANGE_A@", number(exchange[0])),
+        ("@EXCHANGE_K@", number(exchange[1])),
+        ("@EXCHANGE_SLOWEST_S@", number(exchange[2])),
         ("@RC@", map.branches.len().to_string()),
         ("@T_STEP_K@", number(step_k)),
         ("@T_LOW_K@", within(nodes[0] - TABLE_BEYOND_K)),

@@ -14,7 +14,7 @@ use analysis_forward::forward::{
     Demand, Interpolation, OcvSource, Profile, SimModel, SimOptions, simulate,
 };
 use analysis_model::{
-    map::{CellMap, MapBranch, Surface, Thermal},
+    map::{CellMap, ChargeTransfer, MapBranch, Surface, Thermal},
     model::{Erm, RcBranch},
     ocv::OcvCurve,
     pack::Pack,
@@ -177,7 +177,7 @@ fn the_python_modules_hold_every_number() {
     }
 }
 
-/// A map whose resistances change by a factor of four, with heat.
+/// A map whose resistances change by a factor of four, with heat and a branch that current bends.
 fn mapped() -> CellModel {
     let surface = |r_ohm: f64| Surface {
         activation_j_per_mol: 25e3,
@@ -199,7 +199,11 @@ fn mapped() -> CellModel {
             ocv_offset_v: vec![0.002, 0.0, -0.003],
             ocv_v_per_k: vec![1e-4, 0.0, -1e-4],
             ocv_temperature_degc: 25.0,
-            charge_transfer: None,
+            charge_transfer: Some(ChargeTransfer {
+                exchange_current_a: 3.0,
+                activation_j_per_mol: 40e3,
+                slowest_s: 5.0,
+            }),
             thermal: Some(Thermal {
                 capacity_j_per_k: 60.0,
                 resistance_k_per_w: 6.0,

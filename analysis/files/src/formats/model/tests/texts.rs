@@ -13,7 +13,17 @@ fn bare() -> CellModel {
 
 #[test]
 fn tables_for_simscape_hold_the_map() {
-    let text = mapped().text(ModelFormat::Simscape).unwrap();
+    let bent = mapped()
+        .text(ModelFormat::Simscape)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        bent.contains("expected resistances that do not depend on the current"),
+        "{bent}"
+    );
+    let mut straight = mapped();
+    straight.map.as_mut().unwrap().charge_transfer = None;
+    let text = straight.text(ModelFormat::Simscape).unwrap();
     for wanted in [
         "map_soc = [    0.1, 0.5, 1.0];",
         "map_K = [    0.0, 25.0] + 273.15;",
