@@ -9,7 +9,7 @@ use analysis_model::{
 };
 
 /// Distance of the temperatures of tables with straight lines between, K.
-const TABLE_STEP_K: f64 = 0.25;
+const TABLE_STEP_K: f64 = 0.1;
 /// Reach of these tables beyond the nodes, K.
 const TABLE_BEYOND_K: f64 = 20.0;
 
