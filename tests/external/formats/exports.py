@@ -416,14 +416,14 @@ def _():
     if not SHORT:
         return "left out: a loop in Octave takes long"
     told = []
-    # Octave is slow: long parts, and fewer watts for the cell that would need short ones beyond its P0.
+    # Octave is slow: longer parts, and fewer watts for the cell that would need short ones beyond its P0.
     for discharge in (Discharge("gentle", MODELS["point"][0], 0.7), DISCHARGES[1]):
         script, given, found = exported(discharge, "simscape"), OUT / "octave.csv", OUT / "octave.out"
         rows = range(min(discharge.count, 60000))
         lengths = numpy.diff(discharge.time_s)
         with given.open("w") as file:
             for row in rows:
-                parts = max(1, math.ceil(lengths[row] / (4 * STEP_S) - 1e-9))
+                parts = max(1, math.ceil(lengths[row] / (1.5 * STEP_S) - 1e-9))
                 file.write(f"{float(lengths[row])!r},{float(discharge.power_w[row])!r},{parts}\n")
         code = OCTAVE % (script, given, START, AMBIENT_DEGC, P0_SHARE, P0_SHARE, P0_SHARE, found)
         (OUT / "run.m").write_text(code)
