@@ -114,6 +114,14 @@ pub enum Entry {
         #[serde(rename = "charge_c")]
         charge_coulomb: f64,
     },
+    /// A crash has left the charge of the cell unknown: a SOC reset and then a stage are executed
+    /// again, and the charge is known when the reset is done.
+    ChargeUnknown {
+        /// The stage of the reset.
+        reset: usize,
+        /// The stage that was interrupted.
+        open: usize,
+    },
     /// A note for the report.
     Note(Note),
     /// The identities that the instruments reported: at the start of the run, and again if a

@@ -127,6 +127,7 @@ impl Watch {
             | Entry::Safe
             | Entry::Note(_)
             | Entry::Charge { .. }
+            | Entry::ChargeUnknown { .. }
             | Entry::Instruments(_)
             | Entry::Found(_) => {}
         }

@@ -38,6 +38,8 @@ pub(super) const CHARGER_CURRENT: &str = Drive::Supply.current();
 /// Amplitude below which the swing of the cell's voltage may be lost between two digits of a
 /// voltmeter, A.
 const SEEN_A: f64 = 0.5;
+/// Charge that a counted discharge may draw, as a multiple of the planned one.
+const LONGER: f64 = 1.1;
 /// Distance below the voltage limit of a supply within which its current falls and the voltage
 /// stands still, V.
 const HELD_V: f64 = 0.1;
@@ -98,9 +100,21 @@ impl Rig<'_> {
             Step::Leg(leg) => {
                 let (charge_a, discharge_a) = leg.most_a();
                 match leg.flow {
-                    Flow::Discharge { .. } | Flow::DischargeTo { .. } => live(
+                    Flow::Discharge { .. } => live(
                         cell.bounded(NO_CURRENT_A, drawn(discharge_a)),
                         (-settings.charge_coulomb, drift_coulomb),
+                    ),
+                    // From a full cell at most; more has lost count.
+                    Flow::DischargeTo {
+                        below_full_coulomb, ..
+                    } => live(
+                        cell.bounded(NO_CURRENT_A, drawn(discharge_a)),
+                        (
+                            -settings
+                                .charge_coulomb
+                                .min(LONGER * below_full_coulomb + drift_coulomb),
+                            drift_coulomb,
+                        ),
                     ),
                     Flow::Charge { limit_v, .. } => Allowance {
                         held_v: limit_v - HELD_V,

@@ -40,10 +40,21 @@ pub struct JournalReplay {
     pub notes: Vec<Note>,
     /// The last charge that a map has counted, C, and its bench time, s.
     pub counted: Option<(f64, f64)>,
+    /// What is still to be executed because a crash has left the charge of the cell unknown.
+    pub repeats: Option<Repeats>,
     /// The stage that began last.
     pub latest: Option<usize>,
     /// How the process recorded its end, if it did.
     pub ended: Option<String>,
+}
+
+/// Stages to execute again, because a crash has left the charge of the cell unknown.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Repeats {
+    /// The SOC reset.
+    pub reset: usize,
+    /// The stage that was interrupted.
+    pub open: usize,
 }
 
 /// Resume point of a run.
@@ -104,6 +115,7 @@ impl JournalReplay {
             stages: BTreeMap::new(),
             notes: Vec::new(),
             counted: None,
+            repeats: None,
             latest: None,
             ended: None,
         };
@@ -135,7 +147,16 @@ impl JournalReplay {
                 stage.done.insert(point.step);
                 stage.points.insert(point.step, (**point).clone());
             }
-            Entry::StageDone { stage } => self.stages.entry(*stage).or_default().finished = true,
+            Entry::StageDone { stage } => {
+                self.stages.entry(*stage).or_default().finished = true;
+                self.repeats = self.repeats.filter(|repeats| repeats.reset != *stage);
+            }
+            Entry::ChargeUnknown { reset, open } => {
+                self.repeats = Some(Repeats {
+                    reset: *reset,
+                    open: *open,
+                });
+            }
             Entry::Instruments(found) => self.instruments.clone_from(found),
             Entry::Note(note) => self.notes.push(note.clone()),
             Entry::Charge { charge_coulomb } => {
@@ -172,6 +193,13 @@ impl JournalReplay {
         recorded: impl Fn(&Step) -> bool,
         accept_charge: bool,
     ) -> Result<ResumeDecision, ResumeError> {
+        // A second crash, before the reset was done, has not made the charge known.
+        if let Some(Repeats { reset, open }) = self.repeats.filter(|_| !accept_charge) {
+            return Ok(ResumeDecision {
+                repeated_reset: Some(reset),
+                open: Some((open, 0)),
+            });
+        }
         let open = self.latest.filter(|stage| !self.finished(*stage));
         let Some((number, stage, replay)) = open
             .and_then(|number| Some((number, plan.stages.get(number)?, self.stages.get(&number)?)))
@@ -221,10 +249,17 @@ impl JournalReplay {
                 }),
             };
         }
-        let from = if left {
-            0
-        } else {
-            moves.last().map_or(0, |(index, _)| index + 1)
+        let from = match stage.purpose {
+            _ if left => 0,
+            // A point is not reached before the rest after its discharge is recorded.
+            Purpose::MapPoint => {
+                let discharge = stage
+                    .steps
+                    .iter()
+                    .position(|step| matches!(step, Step::Leg(_)));
+                discharge.map_or(0, |index| index + 1)
+            }
+            _ => moves.last().map_or(0, |(index, _)| index + 1),
         };
         Ok(ResumeDecision {
             repeated_reset: None,
@@ -351,6 +386,11 @@ mod tests {
                 "d" => Entry::Done {
                     stage,
                     step: number,
+                },
+                // The reset is stage 0 in all plans here.
+                "u" => Entry::ChargeUnknown {
+                    reset: 0,
+                    open: number,
                 },
                 _ => Entry::StageDone { stage },
             });
@@ -534,6 +574,25 @@ mod tests {
                 }),
                 "{text}"
             );
+        }
+    }
+
+    #[test]
+    fn the_charge_stays_unknown_until_the_reset_is_done() {
+        let plan = plan(true);
+        let crashed = "S0 i0 d0 F S1 i0 d0 i1";
+        for (text, repeated_reset) in [
+            // Killed before the reset began, in another stage that was played first, and in it.
+            (" u1", Some(0)),
+            (" u1 S2 i0", Some(0)),
+            (" u1 S2 i0 d0 F S0 i0 d0 i1", Some(0)),
+            // The reset is done; the interrupted stage begins again.
+            (" u1 S2 i0 d0 F S0 i0 d0 i1 d1 F S1 i0", None),
+        ] {
+            let replay = replay(&format!("{crashed}{text}"));
+            let next = replay.next(&plan, |_| false, false).unwrap();
+            assert_eq!(next.repeated_reset, repeated_reset, "{text}");
+            assert_eq!(next.open.map(|open| open.0), Some(1), "{text}");
         }
     }
 

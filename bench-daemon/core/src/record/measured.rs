@@ -99,6 +99,19 @@ impl Recorder {
     /// Fails if a file cannot be written.
     pub fn legs(&self, name: &str, rows: &[LegRow]) -> Result<(), RecordError> {
         self.folder.room(name)?;
+        let path = self.path(name);
+        if path.exists() {
+            // A leg that is executed again after a crash has moved another charge: both are kept.
+            let stem = name.strip_suffix(".bdf.csv").unwrap_or(name);
+            let kept = (1..).map(|pass| self.path(&format!("{stem}_pass_{pass}.bdf.csv")));
+            if let Some(kept) = kept.into_iter().find(|kept| !kept.exists()) {
+                std::fs::rename(&path, &kept).map_err(|source| RecordError::Io {
+                    path: kept,
+                    what: "rename",
+                    source,
+                })?;
+            }
+        }
         Ok(dataset::write_legs_csv(&self.path(name), rows)?)
     }
 

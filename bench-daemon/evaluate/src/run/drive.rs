@@ -131,6 +131,7 @@ impl<'a, 'b> Drive<'a, 'b> {
             .cloned();
         let left_coulomb = context.charge_left_coulomb(self.executor.rig.recorder, self.plan)?;
         self.executor.take_over(latest, left_coulomb);
+        self.reached = self.reached_before(context);
         self.recall_records(context);
         for (number, stage) in self
             .plan
@@ -174,6 +175,26 @@ impl<'a, 'b> Drive<'a, 'b> {
         Ok(())
     }
 
+    /// Returns the point of a map at which the cell still is: it was reached after the last full
+    /// charge, even if its discharge has ended before its charge.
+    fn reached_before(&self, context: &ResumeContext) -> Option<usize> {
+        if context.next.repeated_reset.is_some() {
+            return None;
+        }
+        let began = |number: &usize| context.replay.stages.get(number).map(|stage| stage.began_s);
+        let of = |purpose: Purpose| {
+            let numbered = self.plan.stages.iter().enumerate();
+            let begun = numbered.filter(move |(_, stage)| stage.purpose == purpose);
+            begun
+                .filter_map(|(number, _)| Some((began(&number)?, number)))
+                .max_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let (full_s, _) = of(Purpose::SocReset)?;
+        let (point_s, number) = of(Purpose::MapPoint)?;
+        let is_there = context.replay.finished(number) && point_s > full_s;
+        is_there.then(|| self.run_of(number)).flatten()
+    }
+
     /// Loads the records of finished points, which are needed only to recognise repeated records.
     /// A record that can no longer be read, or was moved to an archive, is omitted.
     fn recall_records(&mut self, context: &ResumeContext) {
@@ -206,6 +227,10 @@ impl<'a, 'b> Drive<'a, 'b> {
         }
         if let Some(ResumeContext { next, replay, .. }) = self.context {
             run = replay.latest.and_then(|latest| self.run_of(latest));
+            if let (Some(reset), Some((open, _))) = (next.repeated_reset, next.open) {
+                let unknown = Entry::ChargeUnknown { reset, open };
+                self.executor.rig.recorder.journal(unknown)?;
+            }
             self.hold_again().await?;
             if let Some(repeated_reset) = next.repeated_reset {
                 self.stage(repeated_reset, ResumePoint::default()).await?;

@@ -112,6 +112,8 @@ impl<'a> MapTable<'a> {
         executor: &mut Executor<'_>,
     ) -> Result<(), Failure> {
         let Some((ocv_v, temperature_degc)) = executor.at_rest() else {
+            let text = format!("{}no rest is recorded: the point has no row", run.prefix());
+            executor.rig.recorder.warning(&text);
             return Ok(());
         };
         let charge_coulomb = executor.charge_coulomb();

@@ -96,7 +96,14 @@ impl ResumeContext {
             _ => false,
         };
         // A world in virtual time is repeated from its beginning, so its charge is always known.
-        let accept_charge = accepted.charge || replay.started.time == TimeMode::Virtual.to_string();
+        // The charge of a map is counted, so that only a full charge makes an unknown one known.
+        let counts = plan
+            .plan()
+            .stages
+            .iter()
+            .any(|stage| stage.point().is_some());
+        let accept_charge =
+            (accepted.charge && !counts) || replay.started.time == TimeMode::Virtual.to_string();
         let next = replay
             .next(plan.plan(), recorded, accept_charge)
             .map_err(|error| usage(error.to_string()))?;

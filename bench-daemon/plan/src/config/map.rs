@@ -68,6 +68,11 @@ pub struct MapLegs {
     pub rest_slope_v_per_s: f64,
 }
 
+/// Distance from a point within which the cell counts as being there, as a part of the capacity.
+const AT_POINT: f64 = 0.005;
+/// Least temperature of a charge, °C: lithium plates below.
+pub const CHARGE_LEAST_DEGC: f64 = 0.0;
+
 impl MapProcedure {
     /// Its points as runs, in order: from the fullest to the emptiest at each temperature.
     pub fn runs(&self) -> impl Iterator<Item = CampaignRun> + '_ {
@@ -83,7 +88,7 @@ impl MapProcedure {
                 soc,
                 temperature_degc: at.degc,
                 below_full_coulomb: (1.0 - soc) * self.capacity_coulomb,
-                within_coulomb: self.acceptance.0 * self.capacity_coulomb,
+                within_coulomb: AT_POINT * self.capacity_coulomb,
             }),
         })
     }
@@ -135,6 +140,16 @@ impl Check<'_> {
                 and its within and timeout hold for every temperature of the map";
             return Err(self.complain("map", reason));
         }
+        if let Some(setpoint_degc) = beside.temperature.map(|held| held.setpoint_degc)
+            && setpoint_degc < CHARGE_LEAST_DEGC
+        {
+            let reason = format!(
+                "expected a temperature of at least {CHARGE_LEAST_DEGC} °C: the cell is charged at it, \
+                and a colder charge can plate lithium; found {setpoint_degc} °C"
+            );
+            return Err(self.complain("temperature.setpoint", reason));
+        }
+        self.refuse_analog("map")?;
         self.check_map_signals(raw, beside)?;
         let Some(ocv) = &self.cell.ocv else {
             let reason = "expected a section [ocv] in the cell file: the counted charge is checked \

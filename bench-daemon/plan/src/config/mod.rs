@@ -42,7 +42,7 @@ pub use bench::{
 pub use campaign::Campaign;
 pub use check::{LOAD_CUT_OFF_V, check_frames};
 pub use identity::Identity;
-pub use map::{MapLegs, MapProcedure, MapTemperature};
+pub use map::{CHARGE_LEAST_DEGC, MapLegs, MapProcedure, MapTemperature};
 pub use multisine::{Band, Multisine};
 pub use ocv_soc::OcvSoc;
 pub use resolve::resolve_cell;

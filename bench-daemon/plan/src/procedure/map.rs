@@ -6,7 +6,7 @@ use instruments::fixture::Fixture;
 
 use super::{power::Power, temperature, trace};
 use crate::{
-    config::{Cell, MapProcedure, Segment, Temperature, Trace},
+    config::{CHARGE_LEAST_DEGC, Cell, MapProcedure, Segment, Temperature, Trace},
     interlock::Limits,
     plan::{CampaignRun, Flow, Leg, Log, MapPoint, Missed, Purpose, Stage, Step},
 };
@@ -147,7 +147,15 @@ impl Mapped<'_> {
         let (mut kept, mut left_out) = (vec![*rest], Vec::new());
         for pair in pairs.chunks(2) {
             let with = [&kept[..], pair].concat();
-            match check_voltage(&of(with.clone()), &self.cell.limits) {
+            let charges = pair.first().is_some_and(|pulse| pulse.current_a > 0.0);
+            let checked = if charges && point.temperature_degc < CHARGE_LEAST_DEGC {
+                Err(format!(
+                    "a cell is charged at {CHARGE_LEAST_DEGC} °C or above"
+                ))
+            } else {
+                check_voltage(&of(with.clone()), &self.cell.limits)
+            };
+            match checked {
                 Ok(()) => kept = with,
                 Err(reason) => left_out.extend(pair.first().map(|pulse| {
                     let way = if pulse.current_a < 0.0 {
