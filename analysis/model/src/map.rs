@@ -12,17 +12,15 @@
 //! current of the fast branches by Butler–Volmer's law ([`ChargeTransfer`]); otherwise g(i) = i.
 
 mod charge_transfer;
+mod constants;
 
 pub use charge_transfer::{ChargeTransfer, Drive};
+pub use constants::{GAS_J_PER_MOL_K, ZERO_DEGC_K};
 
 use crate::model::{Erm, RcBranch};
 use serde::{Deserialize, Serialize};
 use std::ops::RangeInclusive;
 
-/// 0 °C, K.
-pub const ZERO_DEGC_K: f64 = 273.15;
-/// Molar gas constant, J/(mol·K) (CODATA 2018, exact).
-pub const GAS_J_PER_MOL_K: f64 = 8.314_462_618_153_24;
 /// Temperatures that a map accepts, °C: the range of lithium-ion cells, and a guard against kelvin.
 pub const TEMPERATURES_DEGC: RangeInclusive<f64> = -60.0..=120.0;
 /// Resistance of a branch that the fit has switched off at a point, Ω, for models that need a

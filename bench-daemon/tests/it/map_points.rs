@@ -109,6 +109,44 @@ fn the_plan_has_charge_temperature_margins_and_duration_of_each_point() {
     );
 }
 
+/// A cell of the data sheet that allows −20 °C is discharged there and charged at 0 °C or above.
+#[test]
+fn no_cell_is_charged_below_zero() {
+    let files = example();
+    let cell = fs::read_to_string(configs().join("cells/p45b.toml")).unwrap();
+    files.write(
+        CELL,
+        &cell.replace("temperature_min = \"0 °C\"", "temperature_min = \"-20 °C\""),
+    );
+    let experiment = fs::read_to_string(files.experiment()).unwrap();
+    let cold = experiment.replace("[\"25 °C\", \"10 °C\"]", "[\"25 °C\", \"-5 °C\"]");
+    files.write(EXPERIMENT, &cold);
+    let text = planned(&files);
+    for way in ["2.25", "4.5"] {
+        let left_out = format!(
+            "point 5: charge pulse of {way} A left out: a cell is charged at 0 °C or above"
+        );
+        assert!(text.contains(&left_out), "{text}");
+    }
+    assert!(
+        text.contains("5, 50 %, -5 °C: sweep of 12 frequencies, pulses of -2.25 A, -4.5 A; "),
+        "{text}"
+    );
+    files.write(
+        EXPERIMENT,
+        &cold.replace("setpoint = \"25 °C\"", "setpoint = \"-5 °C\""),
+    );
+    let refused = program(&["plan".as_ref(), files.experiment().as_os_str()]);
+    refused.expect_code(2);
+    assert!(
+        refused
+            .stderr
+            .contains("expected a temperature of at least 0 °C"),
+        "{}",
+        refused.stderr
+    );
+}
+
 #[test]
 fn a_map_that_cannot_be_is_refused() {
     let pulses = "pulses = { amplitudes = [\"2.25 A\", \"4.5 A\"], duration = \"10 s\", \

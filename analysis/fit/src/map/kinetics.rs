@@ -31,6 +31,10 @@ struct Found {
     solved: Solved,
 }
 
+/// Ratio of two exchange currents that are tried, and of those beside the lowest.
+const EXCHANGE_RATIO: f64 = 3.0;
+const FINE_RATIO: f64 = 1.4;
+
 /// Finds the lag of the logs, the activation energies and, if the data show one, the exchange current.
 pub(super) fn search(
     design: &Design,
@@ -124,11 +128,18 @@ fn find_exchange(
     let k = k.max(1);
     let share = lowest(tried[k - 1].cost, tried[k].cost, tried[k + 1].cost).clamp(-1.0, 1.0);
     // The rates are nearly equal steps of their logarithm.
-    let refined = at(EXCHANGE_C_RATES[k] * 3f64.powf(share))?;
-    Ok(tried
-        .into_iter()
-        .chain([refined])
-        .min_by(|a, b| a.cost.total_cmp(&b.cost)))
+    let coarse = at(EXCHANGE_C_RATES[k] * EXCHANGE_RATIO.powf(share))?;
+    let near = |factor: f64| at(coarse_c_rate(&coarse, train) * factor);
+    let (below, above) = (near(1.0 / FINE_RATIO)?, near(FINE_RATIO)?);
+    let share = lowest(below.cost, coarse.cost, above.cost).clamp(-2.0, 2.0);
+    let fine = near(FINE_RATIO.powf(share))?;
+    let all = tried.into_iter().chain([coarse, below, above, fine]);
+    Ok(all.min_by(|a, b| a.cost.total_cmp(&b.cost)))
+}
+
+/// The exchange current of a point of the search, as a multiple of the capacity per hour.
+fn coarse_c_rate(found: &Found, train: &Train) -> f64 {
+    found.kinetics.exchange_a.unwrap_or(0.0) / train.ocv.capacity_ah
 }
 
 /// Returns the lowest point of the parabola through three equidistant costs, in steps from the middle.

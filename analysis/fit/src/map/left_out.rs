@@ -9,22 +9,27 @@ use nalgebra::DMatrix;
 
 /// Spectra at least of which each can be left out.
 const LEAST_SPECTRA: usize = 3;
-/// Error of a spectrum that contradicts its neighbours: as a part of its modulus, over the median of
-/// all, and over the standard deviation of the prediction without it.
+/// Error of a spectrum that contradicts its neighbours, as a part of its modulus, and over the
+/// standard deviation of the prediction without it.
 const CONTRADICTS_PART: f64 = 0.1;
-const CONTRADICTS_RATIO: f64 = 4.0;
 const CONTRADICTS_SIGMAS: f64 = 2.0;
+/// Fall of the cost without it: over the median of all, and as a part of the largest. The neighbours
+/// of an outlier are missed as well, but it is the outlier whose absence reconciles the others.
+const CONTRADICTS_RATIO: f64 = 6.0;
+const CONTRADICTS_LARGEST: f64 = 0.5;
 
 /// The fitted spectra, each left out of a fit of its own.
 pub(super) struct LeftOut<'a> {
     spectra: Vec<(&'a Sweep, Option<Error>)>,
 }
 
-/// Error on a spectrum and its standard deviation, as parts of the modulus.
+/// Error on a spectrum and its standard deviation, as parts of the modulus, and what it costs.
 #[derive(Clone, Copy)]
 struct Error {
     part: f64,
     sigma_part: f64,
+    /// Fall of the cost of the fit without it.
+    fall: f64,
 }
 
 impl<'a> LeftOut<'a> {
@@ -55,7 +60,11 @@ impl<'a> LeftOut<'a> {
                 let map = design.map(kinetics, &without);
                 let part = error_part(&map, sweep, design.inductance_h(&without));
                 let sigma_part = sigma_part(covariance, &own.1, sweep, train.scales.spectra)?;
-                Some(Error { part, sigma_part })
+                Some(Error {
+                    part,
+                    sigma_part,
+                    fall: solved.cost - without.cost,
+                })
             });
             (*sweep, error)
         });
@@ -72,19 +81,23 @@ impl<'a> LeftOut<'a> {
 
     /// Names the spectra that contradict their neighbours.
     pub(super) fn notes(&self) -> Vec<String> {
-        let mut parts: Vec<f64> = self
-            .spectra
-            .iter()
-            .filter_map(|s| Some(s.1?.part))
-            .collect();
-        parts.sort_by(f64::total_cmp);
-        let Some(median) = parts.get(parts.len() / 2).copied() else {
+        let errors = || self.spectra.iter().filter_map(|(_, error)| *error);
+        let sorted = |of: fn(Error) -> f64| {
+            let mut values: Vec<f64> = errors().map(of).collect();
+            values.sort_by(f64::total_cmp);
+            values
+        };
+        let falls = sorted(|error| error.fall);
+        let (Some(largest), Some(middle)) = (falls.last(), falls.get(falls.len() / 2)) else {
             return Vec::new();
         };
-        let most = CONTRADICTS_PART.max(CONTRADICTS_RATIO * median);
+        let least_fall = (CONTRADICTS_RATIO * middle).max(CONTRADICTS_LARGEST * largest);
+        let parts = sorted(|error| error.part);
+        let median = parts[parts.len() / 2];
         let named = self.spectra.iter().filter_map(|(sweep, error)| {
-            let Error { part, sigma_part } = (*error)?;
-            (part > most.max(CONTRADICTS_SIGMAS * sigma_part)).then(|| {
+            let Error { part, sigma_part, fall } = (*error)?;
+            let is_missed = part > CONTRADICTS_PART.max(CONTRADICTS_SIGMAS * sigma_part);
+            (is_missed && fall >= least_fall).then(|| {
                 format!(
                     "{} (SOC {:.2}, {:.1} °C) contradicts its neighbours: without it, the map misses it \
                     by {:.0} % (expected {:.0} %, median of all {:.1} %)",

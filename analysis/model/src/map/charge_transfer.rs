@@ -1,6 +1,6 @@
 //! Fall of a resistance under current by charge transfer.
 
-use super::{GAS_J_PER_MOL_K, ZERO_DEGC_K};
+use super::constants::{GAS_J_PER_MOL_K, ZERO_DEGC_K};
 use serde::{Deserialize, Serialize};
 
 /// Temperature of the stated exchange current, °C.

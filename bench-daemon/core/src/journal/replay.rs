@@ -38,14 +38,21 @@ pub struct JournalReplay {
     pub stages: BTreeMap<usize, StageReplay>,
     /// Warnings of the run.
     pub notes: Vec<Note>,
-    /// The last charge that a map has counted, C, and its bench time, s.
-    pub counted: Option<(f64, f64)>,
-    /// What is still to be executed because a crash has left the charge of the cell unknown.
-    pub repeats: Option<Repeats>,
+    /// What is known of the charge of the cell.
+    pub charge: ChargeReplay,
     /// The stage that began last.
     pub latest: Option<usize>,
     /// How the process recorded its end, if it did.
     pub ended: Option<String>,
+}
+
+/// What a journal knows of the charge of the cell.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ChargeReplay {
+    /// The last charge that a map has counted, C, and its bench time, s.
+    pub counted: Option<(f64, f64)>,
+    /// What is still to be executed because a crash has left the charge unknown.
+    pub repeats: Option<Repeats>,
 }
 
 /// Stages to execute again, because a crash has left the charge of the cell unknown.
@@ -114,8 +121,7 @@ impl JournalReplay {
             instruments: Vec::new(),
             stages: BTreeMap::new(),
             notes: Vec::new(),
-            counted: None,
-            repeats: None,
+            charge: ChargeReplay::default(),
             latest: None,
             ended: None,
         };
@@ -149,10 +155,13 @@ impl JournalReplay {
             }
             Entry::StageDone { stage } => {
                 self.stages.entry(*stage).or_default().finished = true;
-                self.repeats = self.repeats.filter(|repeats| repeats.reset != *stage);
+                self.charge.repeats = self
+                    .charge
+                    .repeats
+                    .filter(|repeats| repeats.reset != *stage);
             }
             Entry::ChargeUnknown { reset, open } => {
-                self.repeats = Some(Repeats {
+                self.charge.repeats = Some(Repeats {
                     reset: *reset,
                     open: *open,
                 });
@@ -160,7 +169,7 @@ impl JournalReplay {
             Entry::Instruments(found) => self.instruments.clone_from(found),
             Entry::Note(note) => self.notes.push(note.clone()),
             Entry::Charge { charge_coulomb } => {
-                self.counted = Some((*charge_coulomb, line.time_s));
+                self.charge.counted = Some((*charge_coulomb, line.time_s));
             }
             Entry::Ended { how } => self.ended = Some(how.clone()),
             Entry::Started(_)
@@ -194,7 +203,7 @@ impl JournalReplay {
         accept_charge: bool,
     ) -> Result<ResumeDecision, ResumeError> {
         // A second crash, before the reset was done, has not made the charge known.
-        if let Some(Repeats { reset, open }) = self.repeats.filter(|_| !accept_charge) {
+        if let Some(Repeats { reset, open }) = self.charge.repeats.filter(|_| !accept_charge) {
             return Ok(ResumeDecision {
                 repeated_reset: Some(reset),
                 open: Some((open, 0)),

@@ -201,7 +201,7 @@ impl ResumeContext {
         plan: &Plan,
     ) -> Result<f64, Failure> {
         let last = recorder.index().traces.last();
-        if let Some((charge_coulomb, time_s)) = self.replay.counted {
+        if let Some((charge_coulomb, time_s)) = self.replay.charge.counted {
             return match last.filter(|last| last.start_time_s >= time_s) {
                 None => Ok(charge_coulomb),
                 Some(last) => left_by(recorder, last),

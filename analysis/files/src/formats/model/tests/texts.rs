@@ -49,7 +49,7 @@ fn a_modelica_package_has_all_branches() {
         "constant Integer n_rc = 2",
         "constant Real tau_s[n_rc] = {    2.0, 60.0}",
         "e_v = ocv_v(soc, temperature_degc) - (branch_v[1] + branch_v[2]);",
-        "      + branch_v[2] ^ 2 / max(branch_ohm[2], 1e-5);",
+        "      + lost_w(twice_a[2], branch_v[2], branch_ohm[2]);",
         "end a__cell____;",
     ] {
         assert!(text.contains(wanted), "{wanted}\n{text}");
