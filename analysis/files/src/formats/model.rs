@@ -2,7 +2,7 @@
 //! modules for PyBaMM and CasADi.
 //!
 //! All contain the same law: a series resistance, RC branches, and the open-circuit voltage over the
-//! state of charge as knots of a cubic Hermite curve, as evaluated by [`OcvCurve::at`]. Currents
+//! state of charge as knots of a cubic Hermite curve, as evaluated by `OcvCurve::at`. Currents
 //! are positive for discharge. All take a current or a power, with the tangent beyond P₀, and a map
 //! over state of charge and temperature. Additions of a diagnosis that are RC branches are branches
 //! of every format; C, CasADi and an FMU also hold the others.

@@ -2,8 +2,7 @@
 
 use super::nodes::{Wanted, nodes};
 use super::options::{MapFitError, MapOptions};
-use super::rows::INDUCTANCE_H;
-use super::solve::{Kinetics, Normal, Solved};
+use super::solve::{INDUCTANCE_H, Kinetics, Normal, Solved};
 use super::train::Train;
 use analysis_model::map::{CellMap, ChargeTransfer, MapBranch, Surface};
 
@@ -108,7 +107,7 @@ impl Design {
         for log in &train.logs {
             let weight = |stands_s: f64, soc: f64| train.weight(stands_s, soc);
             self.add_log(log, train.lag_s, kinetics, weight, &mut |rows, y| {
-                normal.add(rows, y)
+                normal.add(rows, y);
             });
         }
         for sweep in &train.sweeps {

@@ -3,17 +3,9 @@
 use super::design::Design;
 use super::lag;
 use super::options::MapFitError;
-use super::solve::{Kinetics, Solved};
+use super::solve::{Kinetics, START, Solved};
 use super::train::Train;
 
-/// Start and prior of the activation energies, J/mol: ionic conduction, and charge transfer with
-/// diffusion (Arrhenius slopes of lithium-ion cells; Waldmann et al., J. Power Sources 262 (2014)
-/// 129, and the sources there).
-pub(super) const START: Kinetics = Kinetics {
-    series: 15e3,
-    branches: 35e3,
-    exchange_a: None,
-};
 /// Standard deviation of both about their prior, J/mol.
 const ENERGY_SIGMA: f64 = 12e3;
 /// Step of the search of an energy, J/mol; one move is at most twice as long.

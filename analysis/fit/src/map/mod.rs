@@ -122,7 +122,8 @@ pub fn fit_map(
         .map_err(|error| MapFitError::Series(error.to_string()))?;
     let residuals = residuals_of(&map, &train);
     let left_out = left_out::LeftOut::new(&design, &train, kinetics, &solved);
-    let spectra = score::spectra(&map, &sweeps, design.inductance_h(&solved), &left_out);
+    let inductance_h = design.inductance_h(&solved);
+    let spectra = score::spectra(&map, &sweeps, inductance_h, |name| left_out.part(name));
     let scores = logs
         .iter()
         .zip(&residuals)

@@ -1,8 +1,8 @@
 //! Temperatures of a map.
 
-use super::kinetics::START;
 use super::log::Log;
 use super::options::MapFitError;
+use super::solve::START;
 use super::sweep::Sweep;
 use super::train::Train;
 use analysis_model::map::arrhenius;

@@ -1,8 +1,7 @@
 //! What is expected of a map where the data say little.
 
 use super::design::Design;
-use super::rows::INDUCTANCE_H;
-use super::solve::{Kinetics, Normal};
+use super::solve::{INDUCTANCE_H, Kinetics, Normal};
 use analysis_model::map::arrhenius;
 
 /// Standard deviations of the priors: bend over 0.1 SOC and difference between two temperatures of

@@ -2,7 +2,7 @@
 
 use super::design::Design;
 use super::log::Log;
-use super::solve::Kinetics;
+use super::solve::{INDUCTANCE_H, Kinetics};
 use super::sweep::Sweep;
 use analysis_model::map::{BranchStep, Drive};
 use nalgebra::{DMatrix, DVector};
@@ -10,8 +10,6 @@ use num_complex::Complex64;
 
 /// Rows that are added at once.
 const CHUNK: usize = 512;
-/// Unit of the inductance, H: nothing but its size in the equations depends on it.
-pub(super) const INDUCTANCE_H: f64 = 1e-7;
 
 impl Design {
     /// Adds the rows of a log: its overpotential is the sum of the unknowns times their columns.

@@ -1,6 +1,5 @@
 //! Error of a map on a log.
 
-use super::left_out::LeftOut;
 use super::log::Log;
 use super::sweep::{Sweep, SweepPoint};
 use super::train::{CORRELATION_S, Scales, Train};
@@ -90,12 +89,12 @@ pub struct SpectrumScore {
     pub outside: Outside,
 }
 
-/// Returns the errors on all spectra.
+/// Returns the errors on all spectra; `left_out` is that of a map without one, by its name.
 pub(super) fn spectra(
     map: &CellMap,
     sweeps: &[Sweep],
     inductance_h: f64,
-    left_out: &LeftOut,
+    left_out: impl Fn(&str) -> Option<f64>,
 ) -> Vec<SpectrumScore> {
     let score = |sweep: &Sweep| SpectrumScore {
         name: sweep.name.clone(),
@@ -103,7 +102,7 @@ pub(super) fn spectra(
         soc: sweep.soc,
         temperature_degc: sweep.temperature_degc,
         rms_part: error_part(map, sweep, inductance_h),
-        left_out_part: left_out.part(&sweep.name),
+        left_out_part: left_out(&sweep.name),
         outside: map.place(sweep.soc, sweep.temperature_degc).outside,
     };
     sweeps.iter().map(score).collect()

@@ -7,6 +7,9 @@ use nalgebra::{DMatrix, DVector};
 /// Shift of free unknowns, in which a bound at zero never acts, in their own unit.
 const SHIFT: f64 = 10.0;
 
+/// Unit of the inductance, H: nothing but its size in the equations depends on it.
+pub(super) const INDUCTANCE_H: f64 = 1e-7;
+
 /// How resistances follow temperature and current.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Kinetics {
@@ -18,6 +21,15 @@ pub(super) struct Kinetics {
     /// the data do not show it.
     pub(super) exchange_a: Option<f64>,
 }
+
+/// Start and prior of the activation energies, J/mol: ionic conduction, and charge transfer with
+/// diffusion (Arrhenius slopes of lithium-ion cells; Waldmann et al., J. Power Sources 262 (2014)
+/// 129, and the sources there).
+pub(super) const START: Kinetics = Kinetics {
+    series: 15e3,
+    branches: 35e3,
+    exchange_a: None,
+};
 
 /// Normal equations of weighted rows and priors.
 #[derive(Clone)]
