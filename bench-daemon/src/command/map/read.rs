@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::MapArgs;
+use super::args::MapArgs;
 use analysis::{
     diagnosis::{Fixture, Run, RunData, Start},
     formats::{SeriesOptions, read_record},
