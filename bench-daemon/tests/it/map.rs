@@ -336,7 +336,7 @@ fn drive_cycles_at_three_temperatures_predict_another_cycle() {
         .iter()
         .map(|log| 1e3 * log["rms_v"].as_f64().unwrap())
         .collect();
-    // As measured once: 9.0, 6.2, 14.6; 13.4, 12.6 mV. A model of three branches per temperature
+    // As measured once: 9.0, 6.2, 14.6; 13.4, 12.7 mV. A model of three branches per temperature
     // without Arrhenius' law has 25 and 23 mV on the last two.
     assert!(rms_mv[..3].iter().all(|rms| *rms < 16.0), "{rms_mv:?}");
     assert!(rms_mv[3..].iter().all(|rms| *rms < 14.5), "{rms_mv:?}");
