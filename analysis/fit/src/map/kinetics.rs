@@ -14,6 +14,9 @@ const ENERGY_STEP: f64 = 5e3;
 const ENERGY_ROUNDS: usize = 2;
 /// Exchange currents that are tried, as multiples of the capacity per hour.
 const EXCHANGE_C_RATES: [f64; 5] = [0.25, 0.75, 2.0, 6.0, 18.0];
+/// Ratio of two exchange currents that are tried, and of those beside the lowest.
+const EXCHANGE_RATIO: f64 = 3.0;
+const FINE_RATIO: f64 = 1.4;
 
 /// A point of the search, with its cost and its solution.
 #[derive(Clone)]
@@ -23,20 +26,16 @@ struct Found {
     solved: Solved,
 }
 
-/// Ratio of two exchange currents that are tried, and of those beside the lowest.
-const EXCHANGE_RATIO: f64 = 3.0;
-const FINE_RATIO: f64 = 1.4;
-
 /// Finds the lag of the logs, the activation energies and, if the data show one, the exchange current.
 pub(super) fn search(
     design: &Design,
     train: &mut Train,
 ) -> Result<(Kinetics, Solved), MapFitError> {
-    let start = look(design, train, START)?;
-    if let Some(lag_s) = lag::find(design, train, START, &start.solved)? {
-        train.lag_s = lag_s;
-    }
     let mut found = look(design, train, START)?;
+    if let Some(lag_s) = lag::find(design, train, START, &found.solved)? {
+        train.lag_s = lag_s;
+        found = look(design, train, START)?;
+    }
     for _ in 0..ENERGY_ROUNDS {
         found = improve_energies(design, train, found)?;
     }
@@ -96,8 +95,8 @@ fn find_exchange(
     if train.logs.is_empty() || design.transfers() == 0 {
         return Ok(None);
     }
-    let at = |c_rate: f64| {
-        let exchange_a = Some(c_rate * train.ocv.capacity_ah);
+    let at = |exchange_a: f64| {
+        let exchange_a = Some(exchange_a);
         look(
             design,
             train,
@@ -107,7 +106,8 @@ fn find_exchange(
             },
         )
     };
-    let tried = EXCHANGE_C_RATES.map(at);
+    let rates_a = EXCHANGE_C_RATES.map(|c_rate| c_rate * train.ocv.capacity_ah);
+    let tried = rates_a.map(at);
     let tried = tried.into_iter().collect::<Result<Vec<_>, _>>()?;
     let lowest_of = |a: &usize, b: &usize| tried[*a].cost.total_cmp(&tried[*b].cost);
     let Some(k) = (0..tried.len()).min_by(lowest_of) else {
@@ -120,18 +120,14 @@ fn find_exchange(
     let k = k.max(1);
     let share = lowest(tried[k - 1].cost, tried[k].cost, tried[k + 1].cost).clamp(-1.0, 1.0);
     // The rates are nearly equal steps of their logarithm.
-    let coarse = at(EXCHANGE_C_RATES[k] * EXCHANGE_RATIO.powf(share))?;
-    let near = |factor: f64| at(coarse_c_rate(&coarse, train) * factor);
+    let coarse_a = rates_a[k] * EXCHANGE_RATIO.powf(share);
+    let coarse = at(coarse_a)?;
+    let near = |factor: f64| at(coarse_a * factor);
     let (below, above) = (near(1.0 / FINE_RATIO)?, near(FINE_RATIO)?);
     let share = lowest(below.cost, coarse.cost, above.cost).clamp(-2.0, 2.0);
     let fine = near(FINE_RATIO.powf(share))?;
     let all = tried.into_iter().chain([coarse, below, above, fine]);
     Ok(all.min_by(|a, b| a.cost.total_cmp(&b.cost)))
-}
-
-/// The exchange current of a point of the search, as a multiple of the capacity per hour.
-fn coarse_c_rate(found: &Found, train: &Train) -> f64 {
-    found.kinetics.exchange_a.unwrap_or(0.0) / train.ocv.capacity_ah
 }
 
 /// Returns the lowest point of the parabola through three equidistant costs, in steps from the middle.

@@ -33,11 +33,13 @@ struct Error {
 }
 
 impl<'a> LeftOut<'a> {
-    /// Fits the map once without each fitted spectrum, if there are three or more.
+    /// Fits the map once without each fitted spectrum, if there are three or more. `all` are the
+    /// equations with every spectrum, and `solved` is their solution.
     pub(super) fn new(
         design: &Design,
         train: &Train<'a>,
         kinetics: Kinetics,
+        all: &Normal,
         solved: &Solved,
     ) -> Self {
         if train.sweeps.len() < LEAST_SPECTRA {
@@ -45,7 +47,6 @@ impl<'a> LeftOut<'a> {
                 spectra: Vec::new(),
             };
         }
-        let all = design.equations(train, kinetics);
         let covariance = all.covariance();
         let spectra = train.sweeps.iter().map(|sweep| {
             let error = covariance.as_ref().and_then(|covariance| {
@@ -74,8 +75,11 @@ impl<'a> LeftOut<'a> {
     }
 
     /// Returns the error on a spectrum as a part of its modulus.
-    pub(super) fn part(&self, name: &str) -> Option<f64> {
-        let found = self.spectra.iter().find(|(sweep, _)| sweep.name == name);
+    pub(super) fn part(&self, spectrum: &Sweep) -> Option<f64> {
+        let found = self
+            .spectra
+            .iter()
+            .find(|(sweep, _)| std::ptr::eq(*sweep, spectrum));
         found.and_then(|(_, error)| Some(error.as_ref()?.part))
     }
 

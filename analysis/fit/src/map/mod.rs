@@ -104,26 +104,29 @@ pub fn fit_map(
     };
     let design = Design::new(&train, &[], options)?;
     let (kinetics, first) = kinetics::search(&design, &mut train)?;
-    let residuals_of = |map: &CellMap, train: &Train| -> Vec<Vec<f64>> {
-        logs.iter()
-            .map(|log| score::residuals(map, log, train.lag_s))
-            .collect()
-    };
     // The errors that remain are those of the final weights.
     let map = design.map(kinetics, &first);
-    let residuals = residuals_of(&map, &train);
-    let fitted = fitted(&logs, &residuals);
-    train.scales = score::scales(&map, &train, &fitted, design.inductance_h(&first));
-    let solved = design.solve(&train, kinetics)?;
+    let of_train = train
+        .logs
+        .iter()
+        .map(|log| score::residuals(&map, log, train.lag_s));
+    let residuals: Vec<Vec<f64>> = of_train.collect();
+    let residuals: Vec<&Vec<f64>> = residuals.iter().collect();
+    train.scales = score::scales(&map, &train, &residuals, design.inductance_h(&first));
+    let equations = design.equations(&train, kinetics);
+    let solved = equations.solve(design.resistances(), None)?;
     let mut map = design.map(kinetics, &solved);
     map.thermal = thermal::fit(&train.logs);
     design.write_sigma(&mut map, &solved);
     map.validate()
         .map_err(|error| MapFitError::Series(error.to_string()))?;
-    let residuals = residuals_of(&map, &train);
-    let left_out = left_out::LeftOut::new(&design, &train, kinetics, &solved);
+    let of_logs = logs
+        .iter()
+        .map(|log| score::residuals(&map, log, train.lag_s));
+    let residuals: Vec<Vec<f64>> = of_logs.collect();
+    let left_out = left_out::LeftOut::new(&design, &train, kinetics, &equations, &solved);
     let inductance_h = design.inductance_h(&solved);
-    let spectra = score::spectra(&map, &sweeps, inductance_h, |name| left_out.part(name));
+    let spectra = score::spectra(&map, &sweeps, inductance_h, |sweep| left_out.part(sweep));
     let scores = logs
         .iter()
         .zip(&residuals)
@@ -131,7 +134,7 @@ pub fn fit_map(
     Ok(MapFit {
         logs: scores.collect(),
         notes: [design.notes(&map, &train), left_out.notes()].concat(),
-        correlation_s: score::correlation_s(&train.logs, &self::fitted(&logs, &residuals)),
+        correlation_s: score::correlation_s(&train.logs, &fitted(&logs, &residuals)),
         spectra,
         map,
         lag_s: train.lag_s,

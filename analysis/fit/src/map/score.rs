@@ -89,12 +89,12 @@ pub struct SpectrumScore {
     pub outside: Outside,
 }
 
-/// Returns the errors on all spectra; `left_out` is that of a map without one, by its name.
+/// Returns the errors on all spectra; `left_out` is that of a map without one.
 pub(super) fn spectra(
     map: &CellMap,
     sweeps: &[Sweep],
     inductance_h: f64,
-    left_out: impl Fn(&str) -> Option<f64>,
+    left_out: impl Fn(&Sweep) -> Option<f64>,
 ) -> Vec<SpectrumScore> {
     let score = |sweep: &Sweep| SpectrumScore {
         name: sweep.name.clone(),
@@ -102,7 +102,7 @@ pub(super) fn spectra(
         soc: sweep.soc,
         temperature_degc: sweep.temperature_degc,
         rms_part: error_part(map, sweep, inductance_h),
-        left_out_part: left_out(&sweep.name),
+        left_out_part: left_out(sweep),
         outside: map.place(sweep.soc, sweep.temperature_degc).outside,
     };
     sweeps.iter().map(score).collect()
