@@ -392,12 +392,12 @@ def _event(lines: list[str]) -> Optional[Event]:
 
 
 def _concerns(event: Event, run: str) -> bool:
-    """Whether an event is of a run; what is of none is of everybody."""
-    told = event.data
-    if told is None:
-        # A new scan of the catalogue is of no run.
+    """Whether an event concerns a run. An event without a run concerns every run."""
+    # The event of a new scan of the catalogue has `null` as its data.
+    data: Any = event.data
+    if data is None:
         return False
-    item: Any = told.get("item") or told.get("run")
+    item: Any = data.get("item") or data.get("run")
     of: Any = cast("dict[str, Any]", item).get("run") if isinstance(item, dict) else item
     return of is None or of == run
 
