@@ -13,9 +13,11 @@
 
 mod charge_transfer;
 mod constants;
+mod error;
 
 pub use charge_transfer::{ChargeTransfer, Drive};
 pub use constants::{GAS_J_PER_MOL_K, ZERO_DEGC_K};
+pub use error::{BAND_SIGMAS, ErrorSource, VoltageError};
 
 use crate::model::{Erm, RcBranch};
 use serde::{Deserialize, Serialize};
@@ -55,6 +57,9 @@ pub struct CellMap {
     /// of the surroundings.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub thermal: Option<Thermal>,
+    /// Error of the predicted voltage; without it the map does not state one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub voltage_error: Option<VoltageError>,
 }
 
 /// A resistance over SOC and temperature.
@@ -296,6 +301,9 @@ impl CellMap {
                 positive(field, met)?;
             }
         }
+        if let Some(error) = &self.voltage_error {
+            error.validate(self.temperature_degc.len())?;
+        }
         Ok(())
     }
 
@@ -458,6 +466,20 @@ fn finite(field: &str, list: &[f64]) -> Result<(), MapError> {
         Some(met) => Err(MapError::Value {
             field: field.to_owned(),
             expected: "finite numbers",
+            met: *met,
+        }),
+    }
+}
+
+fn zero_or_more(field: &str, list: &[f64]) -> Result<(), MapError> {
+    match list
+        .iter()
+        .find(|value| !(value.is_finite() && **value >= 0.0))
+    {
+        None => Ok(()),
+        Some(met) => Err(MapError::Value {
+            field: field.to_owned(),
+            expected: "zero or more",
             met: *met,
         }),
     }

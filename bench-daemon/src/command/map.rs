@@ -128,18 +128,21 @@ fn number(value: Option<f64>, factor: f64) -> String {
 }
 
 fn table_of_logs(logs: &[LogScore]) -> String {
-    let mut table = "log,role,temperature_degc,rms_mv,bias_mv,worst_soc,worst_mv\n".to_owned();
+    let mut table = "log,role,temperature_degc,rms_mv,bias_mv,worst_soc,worst_mv,left_out_rms_mv,in_band_percent\n"
+        .to_owned();
     for score in logs {
         let (soc, worst_v) = (score.worst.map(|w| w.0), score.worst.map(|w| w.1));
         table.push_str(&format!(
-            "{},{},{:.2},{},{},{},{}\n",
+            "{},{},{:.2},{},{},{},{},{},{}\n",
             score.name.replace(',', ";"),
             print::role(score.role),
             score.temperature_degc,
             number(Some(score.rms_v), 1e3),
             number(Some(score.bias_v), 1e3),
             number(soc, 1.0),
-            number(worst_v, 1e3)
+            number(worst_v, 1e3),
+            number(score.left_out_rms_v, 1e3),
+            number(score.covered, 100.0)
         ));
     }
     table
@@ -147,16 +150,18 @@ fn table_of_logs(logs: &[LogScore]) -> String {
 
 fn table_of_spectra(spectra: &[SpectrumScore]) -> String {
     let mut table =
-        "spectrum,role,soc,temperature_degc,error_percent,left_out_percent\n".to_owned();
+        "spectrum,role,soc,temperature_degc,error_percent,left_out_percent,expected_percent\n"
+            .to_owned();
     for score in spectra {
         table.push_str(&format!(
-            "{},{},{:.4},{:.2},{},{}\n",
+            "{},{},{:.4},{:.2},{},{},{}\n",
             score.name.replace(',', ";"),
             print::role(score.role),
             score.soc,
             score.temperature_degc,
             number(Some(score.rms_part), 100.0),
-            number(score.left_out_part, 100.0)
+            number(score.left_out_part, 100.0),
+            number(score.left_out_sigma_part, 100.0)
         ));
     }
     table

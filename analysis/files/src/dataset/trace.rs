@@ -91,6 +91,21 @@ pub fn write_trace_parquet(
             &trace.soc,
         ),
     ];
+    let of_map = [
+        (
+            spec("temperature_degc", "°C", "temperature of the cells"),
+            trace.temperature_degc.as_slice(),
+        ),
+        (
+            spec(
+                "cell_sigma_v",
+                "V",
+                "standard deviation of cell_v by the error of the map; 1.96 times holds 95 %",
+            ),
+            &trace.cell_sigma_v,
+        ),
+    ];
+    columns.extend(of_map.into_iter().filter(|(_, values)| !values.is_empty()));
     let branches = trace.v_rc_v.iter().zip(BRANCHES);
     columns.extend(branches.map(|(v, name)| {
         (

@@ -147,6 +147,7 @@ impl Design {
                     slowest_s: SLOWEST_TRANSFER_S,
                 }),
             thermal: None,
+            voltage_error: None,
         }
     }
 

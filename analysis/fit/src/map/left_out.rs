@@ -74,13 +74,13 @@ impl<'a> LeftOut<'a> {
         }
     }
 
-    /// Returns the error on a spectrum as a part of its modulus.
-    pub(super) fn part(&self, spectrum: &Sweep) -> Option<f64> {
+    /// Returns the error on a spectrum and its standard deviation, as parts of its modulus.
+    pub(super) fn part(&self, spectrum: &Sweep) -> Option<(f64, f64)> {
         let found = self
             .spectra
             .iter()
             .find(|(sweep, _)| std::ptr::eq(*sweep, spectrum));
-        found.and_then(|(_, error)| Some(error.as_ref()?.part))
+        found.and_then(|(_, error)| error.map(|error| (error.part, error.sigma_part)))
     }
 
     /// Names the spectra that contradict their neighbours.
@@ -118,8 +118,9 @@ impl<'a> LeftOut<'a> {
     }
 }
 
-/// Standard deviation of the prediction of a spectrum without its own rows X, as a part of the modulus:
-/// with H = X·Σ·Xᵀ of all rows it is H·(1 − H)⁻¹ in units of the errors.
+/// Standard deviation of a measured spectrum about its prediction without its own rows X, as a part of the
+/// modulus: with H = X·Σ·Xᵀ of all rows its variance is (1 − H)⁻¹ in units of the errors. One of these is
+/// the error of the spectrum itself, the rest that of the prediction.
 fn sigma_part(
     covariance: &DMatrix<f64>,
     rows: &DMatrix<f64>,
@@ -128,8 +129,7 @@ fn sigma_part(
 ) -> Option<f64> {
     let seen = rows * covariance * rows.transpose();
     let n = seen.nrows();
-    let left = (DMatrix::identity(n, n) - &seen).try_inverse()?;
-    let predicted = seen * left;
+    let predicted = (DMatrix::identity(n, n) - seen).try_inverse()?;
     let parts = sweep.points.iter().enumerate().map(|(k, point)| {
         let variance = (predicted[(2 * k, 2 * k)] + predicted[(2 * k + 1, 2 * k + 1)]).max(0.0);
         variance * (scale * point.error_ohm).powi(2) / point.z_ohm.norm_sqr()

@@ -12,6 +12,7 @@
 //! effect on the same cost.
 
 mod design;
+mod error;
 mod kinetics;
 mod lag;
 mod left_out;
@@ -36,6 +37,7 @@ use analysis_model::{map::CellMap, ocv::OcvCurve};
 use analysis_signal::series::Role;
 use design::Design;
 use log::Log;
+use score::LogErrors;
 use serde::Serialize;
 use sweep::Sweep;
 pub use train::Scales;
@@ -120,21 +122,31 @@ pub fn fit_map(
     design.write_sigma(&mut map, &solved);
     map.validate()
         .map_err(|error| MapFitError::Series(error.to_string()))?;
-    let of_logs = logs
-        .iter()
-        .map(|log| score::residuals(&map, log, train.lag_s));
-    let residuals: Vec<Vec<f64>> = of_logs.collect();
+    let of_logs = logs.iter().map(|log| LogErrors {
+        of_map: score::residuals(&map, log, train.lag_s),
+        left_out: None,
+    });
+    let mut errors: Vec<LogErrors> = of_logs.collect();
+    let is_held_out = logs.iter().any(|log| log.role == Role::HeldOut);
+    if !is_held_out {
+        let pieces = error::predict_left_out(&design, &train, kinetics, &equations, &solved);
+        for (errors, piece) in errors.iter_mut().zip(pieces) {
+            errors.left_out = Some(piece);
+        }
+    }
+    map.voltage_error = error::measure(&map, ocv, &logs, &errors);
     let left_out = left_out::LeftOut::new(&design, &train, kinetics, &equations, &solved);
     let inductance_h = design.inductance_h(&solved);
     let spectra = score::spectra(&map, &sweeps, inductance_h, |sweep| left_out.part(sweep));
-    let scores = logs
-        .iter()
-        .zip(&residuals)
-        .map(|(log, r)| LogScore::new(&map, log, r));
+    let both = || logs.iter().zip(&errors);
+    let fitted = both().filter(|(log, _)| log.role == Role::Train);
+    let fitted: Vec<&Vec<f64>> = fitted.map(|(_, errors)| &errors.of_map).collect();
     Ok(MapFit {
-        logs: scores.collect(),
+        logs: both()
+            .map(|(log, errors)| LogScore::new(&map, ocv, log, errors))
+            .collect(),
         notes: [design.notes(&map, &train), left_out.notes()].concat(),
-        correlation_s: score::correlation_s(&train.logs, &fitted(&logs, &residuals)),
+        correlation_s: score::correlation_s(&train.logs, &fitted),
         spectra,
         map,
         lag_s: train.lag_s,
@@ -142,15 +154,8 @@ pub fn fit_map(
     })
 }
 
-/// Residuals of the fitted logs.
-fn fitted<'a>(logs: &[Log], residuals: &'a [Vec<f64>]) -> Vec<&'a Vec<f64>> {
-    let both = logs
-        .iter()
-        .zip(residuals)
-        .filter(|(log, _)| log.role == Role::Train);
-    both.map(|(_, residuals)| residuals).collect()
-}
-
+#[cfg(test)]
+mod error_tests;
 #[cfg(test)]
 mod next_tests;
 #[cfg(test)]

@@ -1,16 +1,20 @@
 //! Error of a map on a log.
 
+use super::error;
 use super::log::Log;
 use super::sweep::{Sweep, SweepPoint};
 use super::train::{CORRELATION_S, Scales, Train};
-use analysis_model::map::{BranchStep, CellMap, Outside};
+use analysis_model::{
+    map::{BranchStep, CellMap, Outside},
+    ocv::OcvCurve,
+};
 use analysis_signal::series::Role;
 use num_complex::Complex64;
 use serde::Serialize;
 
 /// Lowest SOC that counts for the error of a log: below it the OCV is steep, and an error of charge
 /// of 1 % is some ten millivolts.
-const LEAST_SOC: f64 = 0.1;
+pub(super) const LEAST_SOC: f64 = 0.1;
 /// Width of the bands of SOC in which the error is stated.
 const BAND: f64 = 0.1;
 /// Rows of a band at least.
@@ -29,26 +33,37 @@ pub struct LogScore {
     pub rms_v: f64,
     /// Mean error (measured less predicted) above SOC 0.1, V.
     pub bias_v: f64,
+    /// Root of the mean squared error above SOC 0.1, V, of maps that are fitted without the piece of the
+    /// log that they predict; `None` if held-out logs show the error.
+    pub left_out_rms_v: Option<f64>,
+    /// Share of the samples above SOC 0.1 within the map's band of 95 %.
+    pub covered: Option<f64>,
     /// Band of 0.1 SOC with the largest error: its lower end and its error, V.
     pub worst: Option<(f64, f64)>,
     /// Farthest distance from the measured range.
     pub outside: Outside,
 }
 
+/// What maps miss of a log, V at each sample.
+pub(super) struct LogErrors {
+    /// Measured less predicted voltage of the map.
+    pub(super) of_map: Vec<f64>,
+    /// That of maps that are fitted without the piece that they predict.
+    pub(super) left_out: Option<Vec<f64>>,
+}
+
 impl LogScore {
-    pub(super) fn new(map: &CellMap, log: &Log, residuals: &[f64]) -> Self {
-        let rms =
-            |rows: &[f64]| (rows.iter().map(|e| e * e).sum::<f64>() / rows.len() as f64).sqrt();
-        let chosen = |low: f64, high: f64| -> Vec<f64> {
-            let rows = log.samples.soc.iter().zip(residuals);
-            rows.filter(|(z, _)| **z > low && **z <= high)
+    pub(super) fn new(map: &CellMap, ocv: &OcvCurve, log: &Log, errors: &LogErrors) -> Self {
+        let chosen = |errors_v: &[f64], low: f64, high: f64| -> Vec<f64> {
+            let rows = log.samples.soc.iter().zip(errors_v);
+            rows.filter(|(z, e)| **z > low && **z <= high && e.is_finite())
                 .map(|(_, e)| *e)
                 .collect()
         };
-        let counted = chosen(LEAST_SOC, f64::INFINITY);
+        let counted = chosen(&errors.of_map, LEAST_SOC, f64::INFINITY);
         let bands = (1..10).map(|k| {
             let low = BAND * f64::from(k);
-            (low, chosen(low, low + BAND))
+            (low, chosen(&errors.of_map, low, low + BAND))
         });
         let worst = bands
             .filter(|(_, rows)| rows.len() >= LEAST_ROWS)
@@ -58,16 +73,26 @@ impl LogScore {
         let outside = places
             .map(|(soc, degc)| map.place(*soc, *degc).outside)
             .fold(Outside::default(), Outside::farther);
+        let left_out = errors.left_out.as_deref();
         Self {
             name: log.name.clone(),
             role: log.role,
             temperature_degc: log.mean_degc(),
             rms_v: rms(&counted),
             bias_v: counted.iter().sum::<f64>() / counted.len() as f64,
+            left_out_rms_v: left_out
+                .map(|errors_v| rms(&chosen(errors_v, LEAST_SOC, f64::INFINITY)))
+                .filter(|rms_v| rms_v.is_finite()),
+            covered: error::covered(map, ocv, log, &errors.of_map),
             worst,
             outside,
         }
     }
+}
+
+/// Root of the mean square.
+fn rms(rows: &[f64]) -> f64 {
+    (rows.iter().map(|e| e * e).sum::<f64>() / rows.len() as f64).sqrt()
 }
 
 /// Error of the predicted impedance of one spectrum.
@@ -85,6 +110,8 @@ pub struct SpectrumScore {
     pub rms_part: f64,
     /// The same of a map that is fitted to everything but this spectrum.
     pub left_out_part: Option<f64>,
+    /// Standard deviation that the map without it states for that error.
+    pub left_out_sigma_part: Option<f64>,
     /// Distance from the measured range.
     pub outside: Outside,
 }
@@ -94,16 +121,20 @@ pub(super) fn spectra(
     map: &CellMap,
     sweeps: &[Sweep],
     inductance_h: f64,
-    left_out: impl Fn(&Sweep) -> Option<f64>,
+    left_out: impl Fn(&Sweep) -> Option<(f64, f64)>,
 ) -> Vec<SpectrumScore> {
-    let score = |sweep: &Sweep| SpectrumScore {
-        name: sweep.name.clone(),
-        role: sweep.role,
-        soc: sweep.soc,
-        temperature_degc: sweep.temperature_degc,
-        rms_part: error_part(map, sweep, inductance_h),
-        left_out_part: left_out(sweep),
-        outside: map.place(sweep.soc, sweep.temperature_degc).outside,
+    let score = |sweep: &Sweep| {
+        let (left_out_part, left_out_sigma_part) = left_out(sweep).unzip();
+        SpectrumScore {
+            name: sweep.name.clone(),
+            role: sweep.role,
+            soc: sweep.soc,
+            temperature_degc: sweep.temperature_degc,
+            rms_part: error_part(map, sweep, inductance_h),
+            left_out_part,
+            left_out_sigma_part,
+            outside: map.place(sweep.soc, sweep.temperature_degc).outside,
+        }
     };
     sweeps.iter().map(score).collect()
 }

@@ -6,10 +6,10 @@ use analysis_model::ocv::OcvCurve;
 use serde::Serialize;
 
 /// Error of the model that the weights assume, V, and the time over which it is correlated, s.
-const ERROR_V: f64 = 0.01;
+pub(super) const ERROR_V: f64 = 0.01;
 pub(super) const CORRELATION_S: f64 = 10.0;
 /// Error of the counted charge, as SOC: where the OCV is steep, the voltage says less.
-const SOC_ERROR: f64 = 0.005;
+pub(super) const SOC_ERROR: f64 = 0.005;
 
 /// Least fall of the cost by one more unknown, as a part of the cost and as a multiple of that of one
 /// independent value: the data must show it, and it must matter.

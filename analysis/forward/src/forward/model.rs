@@ -254,6 +254,16 @@ impl SimModel {
         }
     }
 
+    /// Returns the standard deviation of the mean voltage of a cell in a state, V, from that voltage and
+    /// the open-circuit voltage at the terminals, V.
+    pub(super) fn cell_sigma_v(&self, state: &SimState, cell_v: f64, ocv_v: f64) -> Option<f64> {
+        let map = self.map()?;
+        let series = f64::from(self.pack.series);
+        let at = map.place(state.soc, state.temperature_degc?);
+        let slope_v = self.curve_v(state.soc).1 / series;
+        map.sigma_v(&at, slope_v, ocv_v / series - cell_v)
+    }
+
     /// Returns the charge of the terminals between SOC 0 and 1, C; infinite for a constant OCV.
     pub fn capacity_coulomb(&self) -> f64 {
         match &self.ocv {

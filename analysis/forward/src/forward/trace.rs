@@ -28,6 +28,11 @@ pub struct Trace {
     pub soc: Vec<f64>,
     /// Voltages over the RC branches, V: one list per branch.
     pub v_rc_v: Vec<Vec<f64>>,
+    /// Temperature of the cells, °C; empty for a model that knows none.
+    pub temperature_degc: Vec<f64>,
+    /// Standard deviation of the mean voltage of a cell at the current of the row, V; empty for a model
+    /// that does not state its error. All cells of a pack share it.
+    pub cell_sigma_v: Vec<f64>,
 }
 
 /// A stretch of time in which the requested power exceeded the available power.
@@ -284,6 +289,9 @@ impl<'m> TraceRecorder<'m> {
             .iter_mut()
             .zip(&state.v_rc_v)
             .for_each(|(column, value)| column.push(*value));
+        t.temperature_degc.extend(state.temperature_degc);
+        t.cell_sigma_v
+            .extend(self.model.cell_sigma_v(state, cell_v, p.ocv_v));
     }
 
     /// Integrates over a sub-step from its start, middle and end (Simpson).

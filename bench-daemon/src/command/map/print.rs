@@ -1,7 +1,7 @@
 //! Prints a map and what it is worth.
 
 use analysis::{
-    map::{LogScore, MapFit, SpectrumScore},
+    map::{CellMap, ErrorSource, LogScore, MapFit, SpectrumScore},
     series::Role,
 };
 use bench_plan::support::terminal::say;
@@ -48,6 +48,7 @@ pub(super) fn print(fit: &MapFit) {
             thermal.resistance_k_per_w
         );
     }
+    print_error(map);
     if !fit.logs.is_empty() {
         say!("  residuals are correlated over {:.0} s", fit.correlation_s);
     }
@@ -62,15 +63,38 @@ pub(super) fn print(fit: &MapFit) {
     }
 }
 
+/// Prints the error that the map states for other loads.
+fn print_error(map: &CellMap) {
+    let Some(error) = &map.voltage_error else {
+        return;
+    };
+    let shares = map.temperature_degc.iter().zip(&error.share);
+    let shares: Vec<String> = shares
+        .map(|(degc, share)| format!("{:.1} % at {degc:.0} °C", 100.0 * share))
+        .collect();
+    let from = match error.from {
+        ErrorSource::HeldOut => "from held-out logs",
+        ErrorSource::LeftOut => "from left-out pieces; other loads may be farther off",
+    };
+    say!(
+        "  error of the voltage (1σ): {:.1} mV at rest, {:.2} % of charge, of the overpotential {} ({from})",
+        1e3 * error.rest_v,
+        100.0 * error.soc,
+        shares.join(", ")
+    );
+}
+
 fn print_logs(logs: &[LogScore]) {
     if logs.is_empty() {
         return;
     }
     say!("");
     say!(
-        "  {:>7}  {:>7}  {:>8}  {:>22}  log",
+        "  {:>7}  {:>10}  {:>7}  {:>9}  {:>8}  {:>22}  log",
         "rms/mV",
+        "unseen/mV",
         "bias/mV",
+        "in band/%",
         "T/°C",
         "worst band"
     );
@@ -79,9 +103,11 @@ fn print_logs(logs: &[LogScore]) {
             format!("SOC {low:.1}–{:.1}: {:.1} mV", low + 0.1, 1e3 * v)
         });
         say!(
-            "  {:>7.1}  {:>7.1}  {:>8.1}  {worst:>22}  {} ({})",
+            "  {:>7.1}  {:>10}  {:>7.1}  {:>9}  {:>8.1}  {worst:>22}  {} ({})",
             1e3 * score.rms_v,
+            number(unseen_v(score), 1e3),
             1e3 * score.bias_v,
+            number(score.covered, 100.0),
             score.temperature_degc,
             score.name,
             role(score.role)
@@ -95,6 +121,18 @@ fn print_logs(logs: &[LogScore]) {
             );
         }
     }
+}
+
+/// Error on a log that its fit has not seen, V: of the whole log, or piece by piece.
+fn unseen_v(score: &LogScore) -> Option<f64> {
+    match score.role {
+        Role::HeldOut => Some(score.rms_v),
+        Role::Train => score.left_out_rms_v,
+    }
+}
+
+fn number(value: Option<f64>, factor: f64) -> String {
+    value.map_or_else(|| "–".to_owned(), |v| format!("{:.1}", factor * v))
 }
 
 fn print_spectra(spectra: &[SpectrumScore]) {
@@ -120,6 +158,17 @@ fn print_spectra(spectra: &[SpectrumScore]) {
             100.0 * score.rms_part,
             score.name,
             role(score.role)
+        );
+    }
+    let stated = spectra
+        .iter()
+        .filter_map(|score| Some(score.left_out_part? <= 2.0 * score.left_out_sigma_part?));
+    let stated: Vec<bool> = stated.collect();
+    if !stated.is_empty() {
+        say!(
+            "  {} of {} spectra, each left out of a fit, lie within two standard deviations of its prediction",
+            stated.iter().filter(|within| **within).count(),
+            stated.len()
         );
     }
 }
@@ -173,17 +222,22 @@ fn headline_of_spectra(spectra: &[SpectrumScore]) -> Option<String> {
 
 /// What the map is worth on logs, and where it is weakest.
 fn headline_of_logs(logs: &[LogScore]) -> String {
-    let held_out: Vec<&LogScore> = logs.iter().filter(|l| l.role == Role::HeldOut).collect();
-    let (chosen, what) = if held_out.is_empty() {
-        (logs.iter().collect(), "fitted logs (none was held out)")
-    } else {
-        (held_out, "held-out logs")
+    let unseen: Vec<(&LogScore, f64)> = logs
+        .iter()
+        .filter_map(|log| Some((log, unseen_v(log)?)))
+        .collect();
+    let is_held_out = logs.iter().any(|log| log.role == Role::HeldOut);
+    let (chosen, what) = match (is_held_out, unseen.is_empty()) {
+        (true, _) => (unseen, "held-out logs"),
+        (false, false) => (unseen, "pieces of the logs, each left out of a fit"),
+        (false, true) => (
+            logs.iter().map(|log| (log, log.rms_v)).collect(),
+            "fitted logs (none was held out)",
+        ),
     };
     let rms_v = || {
-        chosen
-            .iter()
-            .map(|l| l.rms_v)
-            .filter(|rms_v| rms_v.is_finite())
+        let all = chosen.iter().map(|(_, rms_v)| *rms_v);
+        all.filter(|rms_v| rms_v.is_finite())
     };
     let Some(most) = rms_v().max_by(f64::total_cmp) else {
         return format!("error on {what}: none reaches a state of charge above 0.1");
@@ -191,7 +245,7 @@ fn headline_of_logs(logs: &[LogScore]) -> String {
     let least = rms_v().fold(most, f64::min);
     let worst = chosen
         .iter()
-        .filter_map(|l| l.worst.map(|(soc, v)| (soc, v, l.temperature_degc)))
+        .filter_map(|(l, _)| l.worst.map(|(soc, v)| (soc, v, l.temperature_degc)))
         .max_by(|a, b| a.1.total_cmp(&b.1));
     let weakest = worst.map_or_else(String::new, |(soc, v, degc)| {
         format!(

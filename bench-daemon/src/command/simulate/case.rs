@@ -10,7 +10,7 @@ use analysis::{
         simulate,
     },
     given::GivenModel,
-    map::Outside,
+    map::{BAND_SIGMAS, ErrorSource, Outside},
     model::Erm,
     ocv::OcvCurve,
 };
@@ -129,7 +129,9 @@ impl Case {
             pack: model.pack.name(),
             summary: full.clone(),
             first_infeasible: full.infeasible.first().copied(),
-            min_ccv_sigma_v: self.sigma_v(file.log_covariance.as_deref()),
+            min_ccv_sigma_v: self
+                .sigma_v(file.log_covariance.as_deref())
+                .or_else(|| self.map_sigma_v(model)),
             min_ccv_per_percent_v: per_percent.collect(),
             largest_factor: factor(0),
             largest_factor_bound: self.limits.map(|l| l[0].bound),
@@ -169,6 +171,7 @@ impl Case {
                 "{name}: {outside}; there the resistances are extrapolated"
             ));
         }
+        notes.extend(self.band_text(file));
         if let Some(degc) = self.full.end.temperature_degc {
             notes.push(format!("{name}: the cells end at {degc:.1} °C"));
         }
@@ -212,6 +215,34 @@ impl Case {
             ));
         }
         notes
+    }
+
+    /// Describes the band of the map's error, in mV per cell.
+    fn band_text(&self, file: &GivenModel) -> Option<String> {
+        let error = file.map.as_ref()?.voltage_error.as_ref()?;
+        let sigma_v = &self.full.trace.cell_sigma_v;
+        let most_v = sigma_v.iter().copied().fold(f64::NAN, f64::max);
+        let mean_v = sigma_v.iter().sum::<f64>() / sigma_v.len() as f64;
+        let shown = match error.from {
+            ErrorSource::HeldOut => "logs that the map has not seen",
+            ErrorSource::LeftOut => "left-out pieces of the fitted logs, which had other loads",
+        };
+        mean_v.is_finite().then(|| {
+            format!(
+                "{}: 95 % of the cell's voltages are expected within ± {:.0} mV of the prediction (mean;                 at most ± {:.0} mV), as {shown} show",
+                self.profile.name,
+                1e3 * BAND_SIGMAS * mean_v,
+                1e3 * BAND_SIGMAS * most_v
+            )
+        })
+    }
+
+    /// Standard deviation of the lowest voltage at the terminals by the error of the map, V.
+    fn map_sigma_v(&self, model: &SimModel) -> Option<f64> {
+        let trace = &self.full.trace;
+        let rows = trace.ccv_v.iter().zip(&trace.cell_sigma_v);
+        let (_, sigma_v) = rows.min_by(|a, b| a.0.total_cmp(b.0))?;
+        Some(f64::from(model.pack.series) * sigma_v)
     }
 
     /// √(gᵀΣg) with the covariance of the logarithms.
@@ -339,7 +370,7 @@ pub(super) fn sentence(o: &Output) -> String {
         _ => "the lower voltage",
     };
     let sigma = o.min_ccv_sigma_v.map_or_else(String::new, |s| {
-        format!("; lowest CCV ± {:.1} mV (1σ of the fit)", 1e3 * s)
+        format!("; lowest CCV ± {:.1} mV (1σ of the model)", 1e3 * s)
     });
     let freed = o.freed_peak_power_w.map_or_else(String::new, |w| {
         format!(": the transient model frees {w:.0} W of peak power")
@@ -370,8 +401,8 @@ pub(super) struct Output {
     pub(super) summary: Summary,
     /// Location of the first infeasible power; null if there is none.
     pub(super) first_infeasible: Option<Infeasible>,
-    /// Standard deviation of the lowest voltage due to the model's fit; null if the fit has no
-    /// covariance.
+    /// Standard deviation of the lowest voltage due to the model's fit or the error of its map; null if
+    /// the model states neither.
     min_ccv_sigma_v: Option<f64>,
     /// Change of the lowest terminal voltage when one parameter of the cell rises by 1 %, V.
     min_ccv_per_percent_v: Vec<Parameter>,

@@ -7,6 +7,7 @@ use std::path::Path;
 
 use analysis::{
     forward::{CellWindow, OcvSource, SimModel, Trace as Run},
+    map::BAND_SIGMAS,
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
 };
 
@@ -77,6 +78,16 @@ fn one(case: &Case, model: &SimModel, window: CellWindow) -> Chart {
         ),
         line("transient model", 0, points(full, |k| full.cell_v[k])),
     ];
+    if !full.cell_sigma_v.is_empty() {
+        let spread = full.cell_sigma_v.iter().map(|s| BAND_SIGMAS * s).collect();
+        let band = Trace::new(
+            "95 % by the error of the map",
+            0,
+            TraceStyle::Band,
+            points(full, |k| full.cell_v[k]),
+        );
+        volts.insert(0, band.with_spread(spread));
+    }
     volts.extend(limits(case, window));
     let mut panels = vec![
         Panel::new(time_axis(), AxisSpec::linear("Power / kW"), power),

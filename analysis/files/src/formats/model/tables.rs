@@ -34,6 +34,7 @@ pub(super) fn map_of(erm: &Erm, temperature_degc: f64) -> CellMap {
         ocv_temperature_degc: temperature_degc,
         charge_transfer: None,
         thermal: None,
+        voltage_error: None,
     }
 }
 

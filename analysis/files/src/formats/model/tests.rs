@@ -14,7 +14,7 @@ use analysis_forward::forward::{
     Demand, Interpolation, OcvSource, Profile, SimModel, SimOptions, simulate,
 };
 use analysis_model::{
-    map::{CellMap, ChargeTransfer, MapBranch, Surface, Thermal},
+    map::{CellMap, ChargeTransfer, ErrorSource, MapBranch, Surface, Thermal, VoltageError},
     model::{Erm, RcBranch},
     ocv::OcvCurve,
     pack::Pack,
@@ -207,6 +207,12 @@ fn mapped() -> CellModel {
             thermal: Some(Thermal {
                 capacity_j_per_k: 60.0,
                 resistance_k_per_w: 6.0,
+            }),
+            voltage_error: Some(VoltageError {
+                rest_v: 0.008,
+                soc: 0.004,
+                share: vec![0.1, 0.05],
+                from: ErrorSource::LeftOut,
             }),
         }),
         ..cell()

@@ -1,7 +1,9 @@
 //! Models whose resistances follow state of charge and temperature.
 
 use super::*;
-use analysis_model::map::{CellMap, ChargeTransfer, MapBranch, Surface, Thermal};
+use analysis_model::map::{
+    CellMap, ChargeTransfer, ErrorSource, MapBranch, Surface, Thermal, VoltageError,
+};
 
 /// The thesis' cell as a map, its resistances times `factor` of SOC and node.
 fn map(factor: impl Fn(f64, usize) -> f64, thermal: Option<Thermal>) -> CellMap {
@@ -32,6 +34,7 @@ fn map(factor: impl Fn(f64, usize) -> f64, thermal: Option<Thermal>) -> CellMap 
         ocv_temperature_degc: 25.0,
         charge_transfer: None,
         thermal,
+        voltage_error: None,
     }
 }
 
@@ -203,4 +206,54 @@ fn what_a_map_does_not_support_is_refused() {
     assert!(error.to_string().contains("series.r_ohm[0]"));
     let hot = SimModel::mapped(map(|_, _| 1.0, None), curve(), one, 300.0).unwrap_err();
     assert!(hot.to_string().contains("-60 to 120 °C"));
+}
+
+#[test]
+fn a_map_that_states_its_error_gives_each_row_a_standard_deviation() {
+    let stated = VoltageError {
+        rest_v: 0.004,
+        soc: 0.01,
+        share: vec![0.2, 0.1],
+        from: ErrorSource::HeldOut,
+    };
+    let mut map = map(|_, _| 1.0, None);
+    let run = |map: &CellMap, pack: Pack| {
+        let model = SimModel::mapped(map.clone(), curve(), pack, 0.0).unwrap();
+        let factor = f64::from(pack.parallel);
+        let rows = rows(
+            Demand::Current,
+            Interpolation::Hold,
+            &[(0.0, 0.0), (1.0, 6.0 * factor), (30.0, 0.0)],
+        );
+        simulate(
+            &model,
+            &model.rest(0.6).unwrap(),
+            &rows,
+            &SimOptions::default(),
+        )
+        .unwrap()
+        .trace
+    };
+    let cell = Pack::new(1, 1, 0.0).unwrap();
+    assert!(run(&map, cell).cell_sigma_v.is_empty());
+    map.voltage_error = Some(stated);
+    let trace = run(&map, cell);
+    assert_eq!(trace.cell_sigma_v.len(), trace.time_s.len());
+    assert_eq!(trace.temperature_degc, vec![0.0; trace.time_s.len()]);
+    for k in 0..trace.time_s.len() {
+        // At 0 °C, a node, the overpotential is wrong by 20 %.
+        let overpotential_v = trace.ocv_v[k] - trace.cell_v[k];
+        let expected = (0.004_f64.powi(2)
+            + (0.01 * curve().slope_v(trace.soc[k])).powi(2)
+            + (0.2 * overpotential_v).powi(2))
+        .sqrt();
+        assert!((trace.cell_sigma_v[k] - expected).abs() < 1e-12, "row {k}");
+    }
+    let most = trace.cell_sigma_v.iter().copied().fold(0.0, f64::max);
+    assert!(most > 0.015, "{most}");
+    // All cells of a pack are wrong in the same direction.
+    let pack = run(&map, Pack::new(16, 3, 0.0).unwrap());
+    for (one, many) in trace.cell_sigma_v.iter().zip(&pack.cell_sigma_v) {
+        assert!((one - many).abs() < 1e-9, "{one} {many}");
+    }
 }

@@ -1,0 +1,121 @@
+use super::design::Design;
+use super::error::*;
+use super::log::Log;
+use super::rows::CHUNK;
+use super::score::residuals;
+use super::solve::START;
+use super::tests::{curve, log, of_logs, options};
+use super::train::{Scales, Train};
+use super::{MapLog, fit_map};
+use analysis_model::map::{ErrorSource, VoltageError};
+use analysis_signal::series::Role;
+use nalgebra::{DMatrix, DVector};
+
+/// A voltage that misses the law of the map by 8 % of the overpotential, over and over in 90 s.
+fn bent(name: &str, degc: f64, seed: u64, role: Role) -> MapLog {
+    let mut log = log(name, degc, seed, role);
+    let (mut soc, mut last_s) = (1.0, 0.0);
+    for k in 0..log.series.len() {
+        let series = &mut log.series;
+        let (t, i) = (series.time_s[k], series.current_a[k]);
+        soc -= (t - last_s) * i / (3600.0 * 3.0);
+        last_s = t;
+        let overpotential_v = 3.0 + soc + 0.1 * soc * soc - series.voltage_v[k];
+        let phase = std::f64::consts::TAU * t / 90.0;
+        series.voltage_v[k] -= 0.08 * std::f64::consts::SQRT_2 * phase.sin() * overpotential_v;
+    }
+    log
+}
+
+#[test]
+fn the_error_of_one_held_out_log_covers_another() {
+    let logs = [
+        bent("warm", 25.0, 1, Role::Train),
+        bent("cold", 0.0, 2, Role::Train),
+        bent("warm too", 25.0, 3, Role::HeldOut),
+        bent("cold too", 0.0, 4, Role::HeldOut),
+    ];
+    let fit = fit_map(&of_logs(logs), &curve(), &options()).unwrap();
+    let error = fit.map.voltage_error.clone().unwrap();
+    assert_eq!(error.from, ErrorSource::HeldOut);
+    for share in &error.share {
+        assert!((0.07..0.09).contains(share), "{error:?}");
+    }
+    assert!(error.rest_v < 4e-3, "{error:?}");
+    let other = Log::new(&bent("other", 12.0, 5, Role::HeldOut), &curve()).unwrap();
+    let errors_v = residuals(&fit.map, &other, fit.lag_s);
+    let inside = covered(&fit.map, &curve(), &other, &errors_v).unwrap();
+    assert!((0.9..=1.0).contains(&inside), "{inside}");
+    // Half the error covers less: the band is not wide by its floor.
+    let mut narrow = fit.map.clone();
+    narrow.voltage_error = Some(VoltageError {
+        share: error.share.iter().map(|share| 0.5 * share).collect(),
+        ..error
+    });
+    let inside = covered(&narrow, &curve(), &other, &errors_v).unwrap();
+    assert!(inside < 0.85, "{inside}");
+}
+
+/// Predicted voltages in the last piece of a log: without that piece, and with it.
+fn last_piece(log: &MapLog) -> [Vec<f64>; 2] {
+    let (log, ocv) = (Log::new(log, &curve()).unwrap(), curve());
+    let train = Train {
+        logs: vec![&log],
+        sweeps: Vec::new(),
+        lag_s: 0.0,
+        scales: Scales::default(),
+        ocv: &ocv,
+    };
+    let design = Design::new(&train, &[], &options()).unwrap();
+    let all = design.equations(&train, START);
+    let solved = all.solve(design.resistances(), None).unwrap();
+    let without = predict_left_out(&design, &train, START, &all, &solved).remove(0);
+    let with = residuals(&design.map(START, &solved), &log, 0.0);
+    let voltage_v = &log.samples.voltage_v;
+    [without, with].map(|errors_v| {
+        let all = voltage_v.iter().zip(&errors_v).map(|(v, e)| v - e);
+        all.skip(last_piece_begins(&log)).collect()
+    })
+}
+
+fn last_piece_begins(log: &Log) -> usize {
+    let per_piece = log.rows().div_ceil(CHUNK).div_ceil(PIECES);
+    let samples = per_piece * CHUNK * log.every();
+    (log.len() - 1) / samples * samples
+}
+
+#[test]
+fn a_piece_is_predicted_without_its_own_samples() {
+    let good = log("log", 25.0, 1, Role::Train);
+    let mut wrong = good.clone();
+    let from = last_piece_begins(&Log::new(&good, &curve()).unwrap());
+    for v in &mut wrong.series.voltage_v[from..] {
+        *v -= 0.03;
+    }
+    let apart = |[a, b]: [&Vec<f64>; 2]| {
+        let both = a.iter().zip(b);
+        both.fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()))
+    };
+    let ([a, of_all_a], [b, of_all_b]) = (last_piece(&good), last_piece(&wrong));
+    assert!(
+        apart([&of_all_a, &of_all_b]) > 0.01,
+        "the fit to all follows"
+    );
+    assert!(apart([&a, &b]) < 0.001, "{}", apart([&a, &b]));
+    let fit = fit_map(&of_logs([wrong]), &curve(), &options()).unwrap();
+    assert_eq!(fit.map.voltage_error.unwrap().from, ErrorSource::LeftOut);
+}
+
+#[test]
+fn a_temperature_without_samples_has_the_share_of_its_neighbour() {
+    let rows = DMatrix::from_fn(400, 3, |i, j| match j {
+        0 => 1e-4,
+        1 => 1e-2 * (1 + i % 7) as f64,
+        _ => 0.0,
+    });
+    let truth = DVector::from_vec(vec![0.25, 0.04, 0.0]);
+    let found = variances(&rows, &(&rows * &truth), &DVector::from_element(400, 1.0)).unwrap();
+    for (met, expected) in found.iter().zip([0.25, 0.04, 0.04]) {
+        assert!((met / expected - 1.0).abs() < 1e-3, "{found}");
+    }
+}
