@@ -229,7 +229,8 @@ impl Case {
         };
         mean_v.is_finite().then(|| {
             format!(
-                "{}: 95 % of the cell's voltages are expected within ± {:.0} mV of the prediction (mean;                 at most ± {:.0} mV), as {shown} show",
+                "{}: 95 % of the cell's voltages are expected within ± {:.0} mV of the prediction (mean; \
+                at most ± {:.0} mV), as {shown} show",
                 self.profile.name,
                 1e3 * BAND_SIGMAS * mean_v,
                 1e3 * BAND_SIGMAS * most_v
